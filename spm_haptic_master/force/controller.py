@@ -77,7 +77,7 @@ class ForceController:
         self._obstacles = Obstacles(limits)
         # What each sample is compared with.
         self._figures = (
-            limits.speed, limits.protection_level, limits.noise, limits.torque, limits.slew,
+            limits.speed ** 2, limits.protection_level, limits.noise, limits.torque, limits.slew,
             limits.ramp, limits.damping, self._obstacles.earliest, self._obstacles.latest,
             self._obstacles.quiet)
         self._energy = EnergyBudget()
@@ -119,7 +119,7 @@ class ForceController:
         # One function: a call costs as much as the product of two vectors.
         (stamp, angles, quaternion, velocity, level, noise, wrench, sources, drives, measured,
          enabled, engaged, present, clutched, lock, weightless) = sample
-        (speed_limit, level_limit, noise_limit, torque_limit, slew, ramp, damping, earliest,
+        (square_of_speed, level_limit, noise_limit, torque_limit, slew, ramp, damping, earliest,
          latest, quiet) = self._figures
         energy, state, obstacles = self._energy, self._state, self._obstacles
         elapsed = stamp - self._stamp
@@ -138,7 +138,7 @@ class ForceController:
         wx, wy, wz = UNKNOWN if velocity is None else velocity
         whole, age = hypot(x, y, z), stamp - received
         if (state is ENGAGED and work is not None and quaternion is not None
-                and hypot(wx, wy, wz) <= speed_limit and level <= level_limit
+                and wx * wx + wy * wy + wz * wz <= square_of_speed and level <= level_limit
                 and noise <= noise_limit and whole < inf and earliest <= age <= latest
                 and sources <= 1 and drives is OPERATING and enabled and engaged and present
                 and (measured is None or dist(measured, commanded) <= quiet)
@@ -185,9 +185,11 @@ class ForceController:
                 part = step / way
                 wanted = x, y, z = (
                     px + part * (x - px), py + part * (y - py), pz + part * (z - pz))
-            self._asked = wanted
+            self._asked, share = wanted, energy.damping
             if velocity is not None:
-                damping = self._ramp * damping + energy.damping * HANDLE_DAMPING
+                damping *= self._ramp
+                if share > 0.0:
+                    damping += share * HANDLE_DAMPING
                 x, y, z = x - damping * wx, y - damping * wy, z - damping * wz
             if self._weight is None:
                 held = None
@@ -196,8 +198,8 @@ class ForceController:
                 gx, gy, gz = self._held(self._weight, weightless, dt)
                 held, _ = statics.render((gx, gy, gz))
                 torques, rendered = statics.render((x + gx, y + gy, z + gz))
-            if energy.damping > 0.0:
-                torques = self._within(torques, energy.damping)
+            if share > 0.0:
+                torques = self._within(torques, share)
                 rendered = statics.rendered(torques)
             counted = torques if held is None else tuple(map(sub, torques, held))
         elif state.condition is Condition.FADING:
@@ -255,7 +257,7 @@ class ForceController:
     # Torque -------------------------------------------------------------------------------------
 
     def _locked(self, torque: Vector[float], lock: Vector[float]) -> Vector[float]:
-        """Return a torque with that towards a locked orientation, within the limit, N m."""
+        """Add the torque towards a locked orientation, within the limit, N m."""
         part, most = self._ramp * self._energy.share, self._limits.torque
         (x, y, z), (lx, ly, lz) = torque, lock
         x, y, z = x + part * lx, y + part * ly, z + part * lz

@@ -89,10 +89,10 @@ class EnergyBudget:
 class JointMotion:
     """Differences and velocities of the raw angles of some motors: the first of a sample."""
 
-    __slots__ = ('_kept', '_last', '_motors', 'is_missing')
+    __slots__ = ('_has_four', '_kept', '_last', '_motors', 'is_missing')
 
     def __init__(self, motors: int) -> None:
-        self._motors = motors
+        self._motors, self._has_four = motors, motors == FOUR
         # Stamps and raw angles, and the latest of these.
         self._kept: deque[tuple[int, tuple[float, ...]]] = deque(maxlen=KEPT)
         self._last: tuple[float, ...] | None = None
@@ -115,7 +115,7 @@ class JointMotion:
             x, y, z = angles[0] - last[0], angles[1] - last[1], angles[2] - last[2]
             square = x * x + y * y + z * z
             usual = torques[0] * x + torques[1] * y + torques[2] * z
-            if self._motors == FOUR:
+            if self._has_four:
                 w = angles[3] - last[3]
                 square += w * w
                 usual += torques[3] * w

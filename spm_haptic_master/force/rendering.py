@@ -40,23 +40,11 @@ def make_statics(geometry: Geometry, working_mode: Sequence[int], motors: int,
 
 @dataclass(frozen=True, slots=True)
 class Rendered:
-    """
-    What the motors make of torques on the handle.
+    """What the motors make of torques on the handle."""
 
-    Attributes
-    ----------
-    motor_torque : ndarray, shape (..., motors)
-        th1A, th1B, th1C, and th3A of a fourth motor, N m, none above the limit.
-    rendered : ndarray, shape (..., 3)
-        Torque that the handle gets, N m in the base frame: G^T motor_torque.
-    fraction : ndarray, shape (...)
-        Length of `rendered` over that of the torque asked for; 1 where that is 0.
-
-    """
-
-    motor_torque: Array
-    rendered: Array
-    fraction: Array
+    motor_torque: Array  # (..., motors): th1A, th1B, th1C, and th3A of a fourth motor, N m
+    rendered: Array  # (..., 3): torque that the handle gets, N m in the base frame
+    fraction: Array  # (...): length of `rendered` over that asked for; 1 where that is 0
 
 
 def render(R: ArrayLike, torque: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
@@ -107,24 +95,20 @@ def render(R: ArrayLike, torque: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
     statics = make_statics(geometry, working_mode, motors, ForceLimits(
         motor_torque=motor_torque_limit, sigma_off=sigma_off, sigma_full=sigma_full))
     shape = check_broadcast('R, torque', matrices.shape[:-2], asked.shape[:-1])
-    single = not shape
     rotations: list[Any] = np.broadcast_to(matrices, (*shape, 3, 3)).reshape(-1, 9).tolist()
-    torques = np.broadcast_to(asked, (*shape, 3)).reshape(-1, 3).tolist()
-    found, felt = [], []
-    for rotation, (x, y, z) in zip(rotations, torques, strict=True):
+    asked = np.broadcast_to(asked, (*shape, 3))
+    found = []
+    for rotation, (x, y, z) in zip(rotations, asked.reshape(-1, 3).tolist(), strict=True):
         try:
             statics.place(rotation)
+            tau, given = statics.render((x, y, z))
+            found.append((*tau, *given))
         except SpmError:
-            if single:
+            if not shape:
                 raise
-            found.append((nan,) * int(motors))
-            felt.append((nan,) * 3)
-            continue
-        tau, given = statics.render((x, y, z))
-        found.append(tau)
-        felt.append(given)
-    rendered = np.array(felt).reshape(*shape, 3)
-    whole, part = np.linalg.norm(np.broadcast_to(asked, rendered.shape), axis=-1), np.linalg.norm(
-        rendered, axis=-1)
-    return Rendered(np.array(found).reshape(*shape, int(motors)), rendered, np.where(
-        whole > 0.0, part / np.where(whole > 0.0, whole, 1.0), 1.0 + 0.0 * part))
+            found.append((nan,) * (motors + 3))
+    both = np.array(found).reshape(*shape, motors + 3)
+    torques, rendered = both[..., :motors], both[..., motors:]
+    whole, part = np.linalg.norm(asked, axis=-1), np.linalg.norm(rendered, axis=-1)
+    return Rendered(torques, rendered, np.divide(
+        part, whole, out=np.asarray(1.0 + 0.0 * part), where=whole > 0.0))

@@ -24,7 +24,7 @@ Motor torques are continuous over the workspace. What the handle gets is G^T tau
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import inf, sqrt
+from math import copysign, inf, sqrt
 
 from spm_haptic_master.force.statics import (
     clipped,
@@ -96,7 +96,7 @@ class ThreeMotors(MotorRates):
         # those of G, here times m less its part along v, and (G (v x m)) x u.
         along, across = k * dot(v, m), cross(v, m)
         x, y, z = dot(row_a, across), dot(row_b, across), dot(row_c, across)
-        sign = 1.0 if determinant >= 0.0 else -1.0
+        sign = copysign(1.0, determinant)
         regular = determinant + sign * k
         sa = a = (fa - along * ua + sign * (y * uc - z * ub)) / regular
         sb = b = (fb - along * ub + sign * (z * ua - x * uc)) / regular

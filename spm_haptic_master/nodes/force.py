@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Force feedback in the process of the orientation: one call for each sample."""
+"""Force feedback in the process of the orientation: one call for each sample, and its topics."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from math import hypot, inf
 import threading
 import time
 
+from geometry_msgs.msg import WrenchStamped
+from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from spm_haptic_master.drives.drives import DriveReport
 from spm_haptic_master.drives.drives import Drives as MotorDrives
@@ -24,26 +26,33 @@ from spm_haptic_master.force import (
 from spm_haptic_master.force.energy import WINDOW
 from spm_haptic_master.force.samples import NOTHING
 from spm_haptic_master.kinematics.angular_velocity import AngularVelocity
-from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
+from spm_haptic_master.kinematics.number_backends import Quaternion, Rotation, Vector
 from spm_haptic_master.kinematics.rotations import (
     conjugate,
     multiply_quaternions,
+    rotation_from_quaternion,
     vector_from_quaternion,
 )
+from spm_haptic_master.nodes.force_factory import unrotated, WrenchFrames
 from spm_haptic_master.nodes.force_inputs import ForceInputs
-from spm_haptic_master.nodes.force_outputs import ForceOutputs
-from spm_haptic_master.nodes.wrench_frames import WrenchFrames
 from spm_haptic_master.parameters.force import BY_TELEOP
 from spm_haptic_master.parameters.limits import sigma_from
 from spm_haptic_master.parameters.setting import Values
-from spm_haptic_master.ros.diagnostic_status import STEADY
+from spm_haptic_master.ros.diagnostic_status import ERROR, OK, StatusPublisher, STEADY, WARN
+from spm_haptic_master.ros.qos import SAMPLES, STATE
 from spm_haptic_master.supervision.supervisor import Supervisor
 from spm_haptic_master.teleoperation.engaging import Phase
+from spm_haptic_master.timing import SECOND, StampGrid
+from std_msgs.msg import String
 
 # Period at which missing samples and changes are noticed (s), and after how many of them without
 # a sample force fades out. A process that stood still as a whole misses only one.
 WATCH_PERIOD = 0.005
 SILENT_PERIODS = 4
+# Levels of the states; the others are OK.
+LEVELS = {Condition.FADING: WARN, Condition.FAULT: ERROR}
+# States that are not left while there is an obstacle.
+WAITING = frozenset((Condition.OFF, Condition.READY))
 
 
 class Force:
@@ -65,21 +74,30 @@ class Force:
         self._report: DriveReport | None = None
         self._by_teleop = values['force.engaged_by'] == BY_TELEOP
         self._stiffness = values['force.lock_stiffness']
-        self._joints, self._sensors = values['force.motors'], values['sensors']
+        self._sensors = values['sensors']
         self._velocity = AngularVelocity(WINDOW)
         frames = WrenchFrames(values, frame_id)
         self._inputs = ForceInputs(
             node, values, frames, now, lambda: self._quaternion, lock)
-        self._outputs = ForceOutputs(node, values, frames)
         # Of the latest sample; None before the first. Samples have been missing for some periods.
         self._stamp: int | None = None
         self._angles: tuple[float, ...] = ()
         self._quaternion: Quaternion[float] | None = None
         self._missing, self._noise = 0, 1.0
-        self._output = ForceOutput(
-            ForceState(Condition.OFF), (0.0,) * self._joints, NOTHING, NOTHING, None, 0.0, 1.0)
+        self._output = ForceOutput(ForceState(Condition.OFF), (0.0,) * values['force.motors'],
+                                   NOTHING, NOTHING, None, 0.0, 1.0)
         # States entered since the last look.
         self._changes: list[ForceState] = [self._output.state]
+        # Publishers of the rendered torque, whether it has a subscriber, and its grid, which is
+        # that of the other CRTK topics.
+        self._matched = PublisherEventCallbacks(matched=lambda _: self._count_subscribers())
+        self._is_wanted, self._grid = False, StampGrid(values['crtk_rate'], values['rate'])
+        self._outs = [(frame, WrenchStamped(), node.create_publisher(
+            WrenchStamped, topic, SAMPLES, event_callbacks=self._matched))
+            for topic, frame in (('spatial/measured_cf', frames.spatial),
+                                 ('body/measured_cf', frames.body))]
+        self._state_out = node.create_publisher(String, 'force_state', STATE)
+        self._status = StatusPublisher(node, 'force', 'motors')
         node.create_timer(WATCH_PERIOD, self._watch, clock=STEADY)
 
     def take(self, stamp: int, angles: tuple[float, ...], quaternion: Quaternion[float] | None,
@@ -101,7 +119,7 @@ class Force:
         """Return the torque of each sensed joint, N m: as drives report it, else as commanded."""
         report = self._report
         torques = self._output.motor_torque if report is None else report.torques
-        return [*torques, *(0.0 for _ in range(self._sensors - len(torques)))]
+        return [*torques, *[0.0] * (self._sensors - len(torques))]
 
     def acknowledge(self) -> bool:
         """End a latched fault, that of the drives too; return whether there was one."""
@@ -124,11 +142,16 @@ class Force:
             self._velocity.add(stamp, quaternion)
             velocity = self._velocity.value()
             if inputs.target is not None:
-                pull = self._pull(inputs.target, quaternion)
+                x, y, z = vector_from_quaternion(
+                    *multiply_quaternions(inputs.target, conjugate(quaternion)))
+                pull = self._stiffness * x, self._stiffness * y, self._stiffness * z
         drives, felt = Drives.OPERATING, None
         if self._drives is not None:
-            drives = _condition(report)
-            felt = None if report is None else report.torques
+            drives = Drives.OFF
+            if report is not None:
+                felt = report.torques
+                drives = Drives.FAULT if report.fault is not None else (
+                    Drives.OPERATING if report.ready else Drives.OFF)
         phase, is_absent = inputs.phase, inputs.is_absent
         engaged = is_absent or phase is not Phase.DISENGAGED if self._by_teleop else \
             self._is_enabled()
@@ -136,29 +159,36 @@ class Force:
             stamp, angles, quaternion, velocity, level, self._noise, inputs.take(),
             inputs.sources, drives, felt, True, engaged, not is_absent,
             phase is Phase.CLUTCHED, pull, inputs.weightless))
-        state = output.state
         if self._drives is not None:
-            is_faulty = state.condition is Condition.FAULT
+            is_faulty = output.state.condition is Condition.FAULT
             self._report = self._drives.step(
                 None if is_faulty else output.motor_torque, time.monotonic())
         self._stamp, self._angles, self._quaternion = stamp, angles, quaternion
-        if state != before:
-            self._changes.append(state)
-        if self._outputs.wanted:
-            self._outputs.publish(stamp, output, quaternion)
+        if output.state != before:
+            self._changes.append(output.state)
+        if self._is_wanted and quaternion is not None and output.rendered is not None and (
+                self._grid.is_due(stamp)):
+            self._publish(stamp, output.rendered, rotation_from_quaternion(*quaternion))
 
-    def _pull(self, target: Quaternion[float], quaternion: Quaternion[float]) -> Vector[float]:
-        """Return the torque towards a locked orientation, N m in the base frame."""
-        x, y, z = vector_from_quaternion(*multiply_quaternions(target, conjugate(quaternion)))
-        stiffness = self._stiffness
-        return stiffness * x, stiffness * y, stiffness * z
+    def _publish(self, stamp: int, rendered: Vector[float], rotation: Rotation[float]) -> None:
+        """Publish the rendered torque, N m in the base frame, by R_base_platform."""
+        for frame, message, out in self._outs:
+            torque, header = message.wrench.torque, message.header
+            header.stamp.sec, header.stamp.nanosec = divmod(stamp, SECOND)
+            header.frame_id = frame.name
+            torque.x, torque.y, torque.z = frame.outwards(
+                unrotated(rotation, rendered) if frame.in_handle else rendered)
+            out.publish(message)
 
     # Watch --------------------------------------------------------------------------------------
+
+    def _count_subscribers(self) -> None:
+        self._is_wanted = any(out.get_subscription_count() for _, _, out in self._outs)
 
     def _watch(self) -> None:
         """Notice samples that do not come, and publish what has changed."""
         self._inputs.poll()
-        self._outputs.count_subscribers()
+        self._count_subscribers()
         with self._lock:
             self._missing += 1
             if self._missing >= SILENT_PERIODS and self._stamp is not None:
@@ -166,23 +196,28 @@ class Force:
             self._noise = max(noise / sigma for noise, sigma in zip(
                 self._supervisor.joints.noise(), self._sigma, strict=True))
             changes, self._changes = self._changes, []
-            output, quaternion = self._output, self._quaternion
-        self._outputs.announce(changes)
+            output, quaternion, report = self._output, self._quaternion, self._report
         for state in changes:
+            self._state_out.publish(String(data=state.text))
             if state.condition is Condition.FAULT:
                 self._warn(f'force feedback: {state.text}')
-        caution = self._caution()
-        if self._outputs.is_due(output, caution):
-            self._outputs.report(output, caution, self._figures(output, quaternion))
+        condition = output.state.condition
+        own_level, text = LEVELS.get(condition, OK), output.state.text
+        level, summary = own_level, text
+        if condition in WAITING and output.obstacle is not None:
+            summary = f'{text}; {output.obstacle.value}'
+        caution = report.fault if report is not None and report.fault else self._inputs.caution
+        if caution:
+            level, summary = max(level, WARN), f'{summary}; {caution}'
+        if self._status.is_due(level, summary):
+            self._status.publish(level, summary, self._figures(output, quaternion, report),
+                                 logged=(own_level, text))
 
-    def _caution(self) -> str:
-        report = self._report
-        return report.fault if report is not None and report.fault else self._inputs.caution
-
-    def _figures(self, output: ForceOutput,
-                 quaternion: Quaternion[float] | None) -> dict[str, object]:
-        asked, rendered, age = hypot(*output.asked), output.rendered, self._inputs.age()
+    def _figures(self, output: ForceOutput, quaternion: Quaternion[float] | None,
+                 report: DriveReport | None) -> dict[str, object]:
+        asked, rendered, inputs = hypot(*output.asked), output.rendered, self._inputs
         weakness = None if quaternion is None else self._controller.weakness(quaternion)
+        age = inputs.age()
         found: dict[str, object] = {
             'torque asked of the handle (N m)': asked,
             'rendered fraction': 'none' if rendered is None or not asked else (
@@ -192,22 +227,13 @@ class Force:
             'energy (mJ)': 1e3 * output.energy,
             'share of the wrench left by the energy': output.share,
             'age of the wrench (s)': 'none' if age is None else age,
-            'wrenches too old': self._inputs.stale,
-            'wrenches in an unknown frame': self._inputs.refused,
-            'sources of wrenches': self._inputs.sources,
-            'orientation locked': 'no' if self._inputs.target is None else 'yes',
+            'wrenches too old': inputs.stale,
+            'wrenches in an unknown frame': inputs.refused,
+            'sources of wrenches': inputs.sources,
+            'orientation locked': 'no' if inputs.target is None else 'yes',
         }
-        if self._report is not None:
-            found['drives'] = self._report.fault or (
-                'in operation' if self._report.ready else 'not in operation')
-            found['age of their status (s)'] = self._report.seconds_since_status
+        if report is not None:
+            found['drives'] = report.fault or (
+                'in operation' if report.ready else 'not in operation')
+            found['age of their status (s)'] = report.seconds_since_status
         return found
-
-
-def _condition(report: DriveReport | None) -> Drives:
-    """Return the state of the drives from their last report."""
-    if report is None:
-        return Drives.OFF
-    if report.fault is not None:
-        return Drives.FAULT
-    return Drives.OPERATING if report.ready else Drives.OFF

@@ -1,17 +1,26 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The controller of the force feedback and the drives that the settings of `fkm` describe."""
+"""Controller, drives and frames of the force feedback that the settings of `fkm` describe."""
 
 from __future__ import annotations
 
 from math import radians
+from typing import NamedTuple
 
 from spm_haptic_master.drives.drives import Drives, make_drives
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.force import ForceController, ForceLimits, Gravity
 from spm_haptic_master.force.controller import GAP
-from spm_haptic_master.parameters.geometry import geometry_from, WORKING_MODE_SETTING
+from spm_haptic_master.force.statics import rotated
+from spm_haptic_master.kinematics.mounting import IDENTITY, Mounting
+from spm_haptic_master.kinematics.number_backends import Rotation, Vector
+from spm_haptic_master.kinematics.rotations import conjugate, rotation_from_quaternion
+from spm_haptic_master.parameters.geometry import (
+    geometry_from,
+    mounting_from,
+    WORKING_MODE_SETTING,
+)
 from spm_haptic_master.parameters.setting import Values
 
 # Fewest samples within the longest gap after which torque goes on (unit 1).
@@ -78,3 +87,59 @@ def _check_drives(values: Values, count: int) -> None:
         # What the drives cut would be a torque off its command.
         raise SettingError('drives.torque_limit', cap,
                            f'at least force.motor_torque_limit ({most:g})')
+
+
+def unrotated(matrix: Rotation[float], vector: Vector[float]) -> Vector[float]:
+    """Return a vector, turned by the inverse of a rotation that is given row by row."""
+    a, b, c, d, e, f, g, h, i = matrix
+    return rotated((a, d, g, b, e, h, c, f, i), vector)
+
+
+class WrenchFrame(NamedTuple):
+    """A frame of torques on the handle."""
+
+    name: str  # frame_id
+    in_handle: bool  # turns with the platform; else in the base frame
+    rotation: Rotation[float]  # R_platform_frame or R_base_frame
+
+    def inwards(self, torque: Vector[float]) -> Vector[float]:
+        """Return a torque of this frame in the platform or base frame."""
+        return rotated(self.rotation, torque)
+
+    def outwards(self, torque: Vector[float]) -> Vector[float]:
+        """Return a torque of the platform or base frame in this frame."""
+        return unrotated(self.rotation, torque)
+
+
+class WrenchFrames:
+    """
+    The frames of a device; `reference` is that of `orientation`.
+
+    It is the table's where the base is mounted on it, or else the base's.
+    """
+
+    def __init__(self, values: Values, reference: str) -> None:
+        mounting = mounting_from(values) or Mounting()
+        base, platform, handle = (values[name] for name in (
+            'frame_id', 'mounting.platform_frame_id', 'mounting.handle_frame_id'))
+        same = rotation_from_quaternion(*IDENTITY)
+        is_mounted = tuple(map(abs, mounting.handle)) != IDENTITY
+        # Components in the table's frame to those in the base's: R_table_base^T.
+        self.spatial = WrenchFrame(
+            reference, False, rotation_from_quaternion(*conjugate(mounting.base)))
+        self.body = WrenchFrame(handle if is_mounted else platform, True,
+                                rotation_from_quaternion(*mounting.handle))
+        # CRTK clients leave the frame of a header empty: it is that of `orientation`.
+        self._by_name = {base: WrenchFrame(base, False, same),
+                         platform: WrenchFrame(platform, True, same),
+                         '': self.spatial, reference: self.spatial,
+                         handle: self.body._replace(name=handle)}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the frames that a header may have."""
+        return tuple(sorted(filter(None, self._by_name)))
+
+    def find(self, name: str) -> WrenchFrame | None:
+        """Return a frame by its frame_id; None where it is not one of the device."""
+        return self._by_name.get(name)

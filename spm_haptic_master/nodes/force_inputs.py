@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from math import isfinite
+from math import isfinite, nan
 import threading
 import time
 
@@ -16,8 +16,8 @@ from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 from spm_haptic_master.force import Wrench
 from spm_haptic_master.kinematics.mounting import Mounting
-from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
-from spm_haptic_master.nodes.wrench_frames import WrenchFrame, WrenchFrames
+from spm_haptic_master.kinematics.number_backends import Quaternion
+from spm_haptic_master.nodes.force_factory import WrenchFrame, WrenchFrames
 from spm_haptic_master.parameters.force import BY_TELEOP
 from spm_haptic_master.parameters.geometry import mounting_from
 from spm_haptic_master.parameters.setting import Values
@@ -51,8 +51,7 @@ class ForceInputs:
     def __init__(self, node: Node, values: Values, frames: WrenchFrames,
                  now: Callable[[], int], orientation: Callable[[], Quaternion[float] | None],
                  lock: threading.Lock) -> None:
-        self._node, self._frames, self._now = node, frames, now
-        self._orientation, self._lock = orientation, lock
+        self._node, self._frames, self._now, self._lock = node, frames, now, lock
         self._mounting = mounting_from(values) or Mounting()
         self._longest = values['force.wrench_timeout']
         self._timeout = round(self._longest * SECOND)
@@ -81,12 +80,14 @@ class ForceInputs:
         wrench(topic='body/servo_cf', callback=lambda message: self._take_wrench(
             message, frames.spatial if self._is_absolute else frames.body))
         event = partial(self._inputs.subscribe, qos=EVENTS, hears_both=True)
-        event(Bool, 'body/set_cf_orientation_absolute', self._on_absolute)
-        event(Bool, 'use_gravity_compensation', self._on_gravity)
+        event(Bool, 'body/set_cf_orientation_absolute',
+              lambda message: setattr(self, '_is_absolute', message.data))
+        event(Bool, 'use_gravity_compensation',
+              lambda message: setattr(self, 'weightless', message.data))
         event(Float64, 'force_scale', self._on_scale)
         event(QuaternionMessage, 'lock_orientation', self._on_lock)
-        event(Empty, 'unlock_orientation', self._on_unlock)
-        event(Empty, 'hold', self._on_hold)
+        event(Empty, 'unlock_orientation', lambda _: setattr(self, 'target', None))
+        event(Empty, 'hold', lambda _: setattr(self, 'target', orientation()))
         event(Empty, 'free', self._on_free)
         if values['force.engaged_by'] == BY_TELEOP:
             self._inputs.subscribe(String, 'teleop_state', self._on_teleop, STATE)
@@ -118,10 +119,7 @@ class ForceInputs:
             return
         self._count_at = now + RIVALS_PERIOD
         self._unheard = self._inputs.unheard()
-        self._count_sources()
-
-    def _count_sources(self) -> None:
-        """Count the nodes that publish wrenches: one may do so on all topics, as in CRTK."""
+        # The nodes that publish wrenches: one may do so on all topics, as in CRTK.
         counts = [self._node.count_publishers(topic) for topic in self._topics]
         self.sources, self._several = sum(counts), ''
         if self.sources > 1:
@@ -164,26 +162,15 @@ class ForceInputs:
             self._warned = True
             node_log.warning(self._node, 'the force of a wrench is ignored: this device renders '
                              'torque about its centre alone')
-        self._put(found if is_finite else (float('nan'),) * 3, now, frame.in_handle, is_finite)
-
-    def _put(self, torque: Vector[float], now: int, in_handle: bool, is_finite: bool) -> None:
         with self._lock:
-            last = self._wrench
-            # Each has its own time of arrival.
-            wrench = Wrench(now if last is None or now != last.received else now + 1, torque,
-                            in_handle)
+            if self._wrench is not None and now == self._wrench.received:
+                now += 1  # each has its own time of arrival
             if is_finite:
-                self._wrench = wrench
+                self._wrench = Wrench(now, found, frame.in_handle)
             else:
-                self._faulty = wrench
+                self._faulty = Wrench(now, (nan,) * 3, frame.in_handle)
 
     # Modes --------------------------------------------------------------------------------------
-
-    def _on_absolute(self, message: Bool) -> None:
-        self._is_absolute = message.data
-
-    def _on_gravity(self, message: Bool) -> None:
-        self.weightless = message.data
 
     def _on_scale(self, message: Float64) -> None:
         if not 0.0 <= message.data <= 1.0:
@@ -198,12 +185,6 @@ class ForceInputs:
             node_log.warning(self._node, 'lock_orientation is not a unit quaternion')
             return
         self.target = self._mounting.unmounted(target)
-
-    def _on_unlock(self, _: Empty) -> None:
-        self.target = None
-
-    def _on_hold(self, _: Empty) -> None:
-        self.target = self._orientation()
 
     def _on_free(self, _: Empty) -> None:
         self.target = None

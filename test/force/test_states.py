@@ -1,13 +1,13 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""When force begins, goes on and ends; and that no torque is commanded in other states."""
+"""When force begins, goes on and ends, what it renders, and no torque in other states."""
 
 from itertools import product
 import math
 import random
 
-from bench import ANGLES, Bench, MS, QUATERNION, STILL, TORQUE
+from bench import ANGLES, Bench, MS, POSE, STILL, TORQUE
 import numpy as np
 import pytest
 from spm_haptic_master.exceptions import InputError
@@ -25,7 +25,7 @@ from spm_haptic_master.force import (
 from spm_haptic_master.force.samples import EXPLAINED, LATCHED
 
 NAN = math.nan
-ZERO = (0.0, 0.0, 0.0)
+ZERO, LOCK = (0.0, 0.0, 0.0), (0.0, 0.1, 0.0)
 POWERED = (Condition.ENGAGED, Condition.HOLDING, Condition.FADING)
 # What ends force, and for what reason.
 ENDS = [
@@ -55,6 +55,12 @@ def texts(bench):
     return [text for before, text in zip([''] + found, found, strict=False) if text != before]
 
 
+def steps(bench, count):
+    """Return how far the torque on the handle went in each of the latest samples, N m."""
+    felt = np.array([output.rendered for output in bench.outputs[-count:]])
+    return np.linalg.norm(np.diff(felt, axis=0), axis=1)
+
+
 def test_the_way_to_force_and_back():
     bench = Bench()
     bench.engage()
@@ -75,22 +81,17 @@ def test_ready_needs_a_tenth_of_a_second_without_a_break():
     assert bench.run(10).state.text != 'off'
 
 
-def test_the_torque_of_the_wrench_is_rendered():
-    for motors in (3, 4):
-        output = Bench(motors).engage()
-        np.testing.assert_allclose(output.rendered, TORQUE, atol=1e-12)
-        np.testing.assert_allclose(output.asked, TORQUE, atol=1e-12)
-        assert len(output.motor_torque) == motors
-
-
-def test_a_wrench_in_the_handles_frame_turns_with_it():
-    bench = Bench()
-    bench.engage(ZERO)
-    from spm_haptic_master.kinematics import matrix_from_quaternion
-    R = matrix_from_quaternion(QUATERNION)
-    for _ in range(600):
+@pytest.mark.parametrize('motors', [3, 4])
+def test_the_torque_of_the_wrench_is_rendered(motors):
+    bench = Bench(motors)
+    output = bench.engage()
+    np.testing.assert_allclose(output.rendered, TORQUE, atol=1e-12)
+    np.testing.assert_allclose(output.asked, TORQUE, atol=1e-12)
+    assert len(output.motor_torque) == motors
+    # A wrench in the handle's frame turns with it.
+    for _ in range(50):
         output = bench.step(wrench=Wrench(bench.now, TORQUE, in_handle=True))
-    np.testing.assert_allclose(output.rendered, R @ TORQUE, atol=1e-12)
+    np.testing.assert_allclose(output.rendered, POSE @ TORQUE, atol=1e-12)
 
 
 def test_a_larger_torque_keeps_its_direction():
@@ -115,8 +116,7 @@ def test_engaging_with_a_torque_already_commanded():
     assert bench.run(1).state.condition is Condition.ENGAGED
     bench.torque = (0.18, 0.0, 0.24)
     assert bench.run(800).rendered == pytest.approx((0.18, 0.0, 0.24))
-    felt = np.array([output.rendered for output in bench.outputs])
-    assert np.linalg.norm(np.diff(felt, axis=0), axis=1).max() <= 0.01 + 1e-9
+    assert steps(bench, len(bench.outputs)).max() <= 0.01 + 1e-9
 
 
 def test_the_wrench_comes_up_in_half_a_second():
@@ -246,8 +246,7 @@ def test_the_clutch_lets_the_wrench_go_and_holds_the_weight():
     assert output.state.text == 'holding' and output.asked == ZERO
     weight = np.linalg.norm(output.rendered)
     assert 0.01 < weight < 0.05
-    felt = np.array([each.rendered for each in bench.outputs[-61:]])
-    assert np.linalg.norm(np.diff(felt, axis=0), axis=1).max() <= 0.01 + 1e-9
+    assert steps(bench, 61).max() <= 0.01 + 1e-9
     # The wrench may stop meanwhile, and has to be small when it comes back.
     bench.torque = None
     assert bench.run(100, clutched=True).state.text == 'holding'
@@ -384,3 +383,59 @@ def test_every_word_of_the_state_is_read_as_it_was_made():
     '', 'on', 'fault', 'fading: ', 'fading', 'ready: disabled', 'fault: bad luck', 'ready '])
 def test_other_words_are_no_state(text):
     assert read_force_state(text) is None
+
+
+def test_a_lock_is_rendered_beside_the_wrench_and_without_a_step():
+    bench = Bench()
+    bench.engage((0.1, 0.0, 0.0))
+    output = bench.run(60, lock=LOCK)
+    np.testing.assert_allclose(output.rendered, (0.1, 0.1, 0.0), atol=1e-12)
+    assert steps(bench, 61).max() <= 0.01 + 1e-9
+
+
+def test_a_lock_holds_while_the_clutch_is_pressed_and_after_it():
+    bench = Bench()
+    bench.engage((0.1, 0.0, 0.0))
+    bench.run(60, lock=LOCK)
+    output = bench.run(60, lock=LOCK, clutched=True)
+    assert output.state.text == 'holding'
+    np.testing.assert_allclose(output.rendered, LOCK, atol=1e-12)
+    bench.torque = STILL
+    bench.run(30, lock=LOCK)
+    assert bench.outputs[-1].state.text == 'engaged'
+    felt = np.array([output.rendered for output in bench.outputs[-40:]])
+    np.testing.assert_allclose(felt, np.tile(LOCK, (40, 1)), atol=1e-12)
+
+
+def test_lock_and_wrench_together_are_limited():
+    bench = Bench()
+    bench.engage((0.3, 0.0, 0.0))
+    output = bench.run(100, lock=(0.0, 4.0, 0.0))
+    assert np.linalg.norm(output.asked) == pytest.approx(0.3)
+    assert output.asked[1] > output.asked[0] > 0.0
+
+
+def test_a_lock_alone_engages_nothing():
+    bench = Bench()
+    bench.torque = None
+    bench.run(400, lock=LOCK)
+    assert bench.outputs[-1].state.text == 'ready'
+    assert not any(any(output.motor_torque) for output in bench.outputs)
+
+
+def test_without_a_velocity_a_lock_is_let_go():
+    bench = Bench()
+    bench.engage(STILL)
+    bench.run(60, lock=LOCK)
+    assert bench.run(60, lock=LOCK, velocity=None).asked == STILL
+
+
+def test_the_compensation_of_weight_goes_and_comes_over_the_ramp():
+    bench = Bench(gravity=Gravity(handle=(0.0, 0.0, 0.004)))
+    weight = np.linalg.norm(bench.engage(STILL).rendered)
+    assert weight > 0.01
+    half = np.linalg.norm(bench.run(250, weightless=False).rendered)
+    assert half == pytest.approx(0.5 * weight, rel=0.02)
+    assert bench.run(300, weightless=False).rendered == STILL
+    assert np.linalg.norm(bench.run(510).rendered) == pytest.approx(weight)
+    assert steps(bench, 1060).max() < 0.02 * weight

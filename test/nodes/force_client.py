@@ -115,18 +115,6 @@ class Client:
                 return True
         return False
 
-    def faults(self, text, cause, undo):
-        """Return whether a cause, undone afterwards, is a fault in these words."""
-        for _ in range(ATTEMPTS):
-            if not self.feels(TORQUE):
-                return False
-            cause()
-            found = self.awaits(Condition.FAULT) and self.state.text
-            undo()
-            if found == text:
-                return True
-        return False
-
     def entry(self):
         """Return message and values of the entry on /diagnostics."""
         found = status(self.health, self.name)

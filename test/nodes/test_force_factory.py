@@ -1,17 +1,22 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Force feedback as the parameters of fkm describe it."""
+"""Force feedback as the parameters of fkm describe it, and the frames of its torques."""
 
+import numpy as np
 import pytest
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.force import ForceLimits
-from spm_haptic_master.nodes.force_factory import limits_from, make_motors
+from spm_haptic_master.kinematics import matrix_from_zxz
+from spm_haptic_master.nodes.force_factory import limits_from, make_motors, WrenchFrames
 from spm_haptic_master.parameters.nodes import NODE_SETTINGS
 from spm_haptic_master.parameters.setting import complete
 
 DRIVES = {'force.without_drives': False, 'drives.interface': 'virtual',
           'drives.channel': 'bus_of_the_drives', 'drives.rated_torque': [0.5]}
+BASE_DEG, HANDLE_DEG = [90.0, 20.0, -30.0], [10.0, -40.0, 70.0]
+TORQUE = (0.1, -0.2, 0.3)
+MOUNTED = {'mounting.base_zxz_deg': BASE_DEG, 'mounting.handle_zxz_deg': HANDLE_DEG}
 
 
 def values(**given):
@@ -44,3 +49,45 @@ def test_the_motors_of_a_described_device(motors):
     _, drives = make_motors(values(**given, **DRIVES, **{
         'drives.node_id': list(range(11, 11 + motors))}))
     assert drives.motors == motors
+
+
+def frames(given, reference):
+    return WrenchFrames(values(**given), reference)
+
+
+def test_a_mounted_device_takes_torques_in_all_its_frames():
+    found = frames(MOUNTED, 'spm_table')
+    table_base = matrix_from_zxz(*np.radians(BASE_DEG))
+    platform_handle = matrix_from_zxz(*np.radians(HANDLE_DEG))
+    expected = {'spm_base': (False, np.eye(3)), 'spm_table': (False, table_base.T),
+                '': (False, table_base.T), 'spm_platform': (True, np.eye(3)),
+                'spm_handle': (True, platform_handle)}
+    for name, (in_handle, matrix) in expected.items():
+        frame = found.find(name)
+        assert frame.in_handle is in_handle
+        np.testing.assert_allclose(frame.inwards(TORQUE), matrix @ TORQUE, atol=1e-12)
+        np.testing.assert_allclose(frame.outwards(frame.inwards(TORQUE)), TORQUE, atol=1e-12)
+    assert (found.spatial.name, found.body.name) == ('spm_table', 'spm_handle')
+
+
+def test_the_same_torque_on_the_handle_in_two_frames():
+    """By way of R_table_handle, as `orientation` has it, and by way of R_base_platform."""
+    found = frames(MOUNTED, 'spm_table')
+    base_platform = matrix_from_zxz(2.0, 1.0, 0.5)
+    table_handle = matrix_from_zxz(*np.radians(BASE_DEG)) @ base_platform @ matrix_from_zxz(
+        *np.radians(HANDLE_DEG))
+    in_base = found.spatial.inwards(tuple(table_handle @ TORQUE))
+    np.testing.assert_allclose(in_base, base_platform @ found.body.inwards(TORQUE), atol=1e-12)
+
+
+@pytest.mark.parametrize('name', ['', 'spm_base', 'spm_handle', 'spm_platform'])
+def test_a_device_without_mounting_has_two_frames(name):
+    found = frames({}, 'spm_base')
+    assert found.find(name).inwards(TORQUE) == TORQUE == found.find(name).outwards(TORQUE)
+    assert found.find(name).in_handle is (name in ('spm_handle', 'spm_platform'))
+    assert found.body.name == 'spm_platform'
+
+
+def test_another_frame_is_none_of_the_device():
+    assert frames({}, 'spm_base').find('psm_base') is None
+    assert frames({}, 'spm_base').names == ('spm_base', 'spm_handle', 'spm_platform')

@@ -168,14 +168,6 @@ def test_the_frame_of_a_wrench(make, topic, frame, turned):
     np.testing.assert_allclose(output.rendered, expected, atol=1e-3)
 
 
-def test_a_mounted_device_takes_the_frame_of_its_orientation(make):
-    rig = make(**{'mounting.base_zxz_deg': '[90.0, 0.0, 0.0]'})
-    rig.engage()
-    output = rig.run(50, TORQUE, 'spatial/servo_cf')
-    table_base = matrix_from_zxz(math.radians(90.0), 0.0, 0.0)
-    np.testing.assert_allclose(output.rendered, table_base.T @ TORQUE, atol=1e-3)
-
-
 def test_dvrks_absolute_body_wrench_is_in_the_frame_of_the_orientation(make):
     rig = make()
     rig.deliver('body/set_cf_orientation_absolute', Bool(data=True))
@@ -203,16 +195,6 @@ def test_a_wrench_by_its_own_stamp(make):
     assert rig.text == 'ready' and rig.force._inputs.stale == 60
 
 
-def test_a_wrench_that_stops_is_let_go_within_50_ms(make):
-    rig = make()
-    rig.engage()
-    assert any(rig.run(50, TORQUE).motor_torque)
-    rig.run(32)
-    assert rig.text == 'fading: wrench missing or too old'
-    assert not any(rig.run(18).motor_torque)
-    assert rig.run(200, TORQUE) and rig.text == 'ready'
-
-
 def test_a_wrench_that_waited_while_this_process_stood_still_is_none(make):
     rig = make()
     rig.engage()
@@ -227,10 +209,12 @@ def test_a_wrench_that_waited_while_this_process_stood_still_is_none(make):
     assert rig.run(50, TORQUE).state.text == 'engaged' and inputs.stale == 2
 
 
-def test_a_wrench_that_is_not_finite_is_a_fault_even_between_two_samples(make):
+@pytest.mark.parametrize('broken', [
+    {'torque': (math.nan, 0.0, 0.0)}, {'torque': (0.0,) * 3, 'force': (math.inf, 0.0, 0.0)}])
+def test_a_wrench_that_is_not_finite_is_a_fault_even_between_two_samples(make, broken):
     rig = make()
     rig.engage()
-    rig.deliver('servo_cf', wrench((math.nan, 0.0, 0.0)))
+    rig.deliver('servo_cf', wrench(**broken))
     rig.run(1, TORQUE)
     assert rig.text == 'fading: wrench not finite'
     rig.run(30, TORQUE)
@@ -238,14 +222,6 @@ def test_a_wrench_that_is_not_finite_is_a_fault_even_between_two_samples(make):
     assert rig.acknowledge().success and not rig.acknowledge().success
     rig.engage()
     assert rig.text == 'engaged'
-
-
-def test_a_force_that_is_not_finite_is_a_fault_too(make):
-    rig = make()
-    rig.engage()
-    rig.deliver('servo_cf', wrench((0.0, 0.0, 0.0), force=(math.inf, 0.0, 0.0)))
-    rig.run(1)
-    assert rig.text == 'fading: wrench not finite'
 
 
 def test_a_second_node_that_publishes_wrenches_is_a_fault(make):

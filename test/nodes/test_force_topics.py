@@ -15,8 +15,6 @@ import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.kinematics import matrix_from_zxz
-from spm_haptic_master.ros.qos import STATE
-from std_msgs.msg import String
 
 pytestmark = pytest.mark.process
 
@@ -87,60 +85,6 @@ def test_a_best_effort_publisher_in_the_handles_frame_is_heard(arm, observer):
     assert body[-1][1].header.frame_id == 'spm_platform'
 
 
-def test_a_wrench_that_is_not_a_number(arm, observer):
-    client = Client(observer, arm)
-    found = []
-
-    def send():
-        client.torque = (float('nan'), 0.0, 0.0)
-
-    def look():
-        found.append(observer.spin_until(
-            lambda: client.entry()[0] == client.state.text, PATIENCE))
-        del client.felt[:]
-        found.append(observer.spin_until(lambda: len(client.felt) > 20, PATIENCE))
-        found.extend(each.wrench.torque.x == each.wrench.torque.y == 0.0
-                     for _, each in client.felt)
-
-    assert client.faults('fault: wrench not finite', send, look)
-    assert all(found)
-    # And it can begin again.
-    assert client.feels(TORQUE)
-
-
-def test_two_publishers_of_wrenches(arm, observer):
-    client, others = Client(observer, arm), []
-
-    def publish():
-        others.append(Observer())
-        others[-1].node.create_publisher(WrenchStamped, f'{arm}/body/servo_cf', 1)
-
-    try:
-        assert client.faults('fault: two sources of the wrench', publish,
-                             lambda: others.pop().close())
-    finally:
-        for other in others:
-            other.close()
-    assert client.feels(TORQUE)
-
-
-@pytest.mark.alone
-def test_torque_is_zero_50_ms_after_the_last_wrench(observer):
-    with running('/lost', **(FORCE | {'force.wrench_timeout': 0.03})):
-        client = Client(observer, '/lost')
-        assert client.feels(TORQUE)
-        del client.felt[:]
-        with Disturbance() as machine:
-            observer.spin(0.2)
-            client.torque = None
-            observer.spin(0.5)
-            lost = client.sent
-        after = [(stamp(each) - lost, each.wrench.torque) for _, each in client.felt]
-        powered = [age for age, torque in after if torque.x or torque.y or torque.z]
-        machine.expect(powered and 0 < powered[-1] <= 50_000_000, powered[-1:])
-        machine.expect(any(age > powered[-1] for age, _ in after), after[-1:])
-
-
 @pytest.mark.alone
 def test_a_wrench_is_rendered_a_period_and_3_ms_after_it_was_sent(observer):
     """By the stamp of the first sample that renders it: 99 % of a hundred changes."""
@@ -163,14 +107,6 @@ def test_a_wrench_is_rendered_a_period_and_3_ms_after_it_was_sent(observer):
         limit = 1e3 / MASTER['rate'] + 3.0
         machine.expect(len(late) == 100 and np.percentile(late, 99, method='lower') <= limit,
                        f'{len(late)} changes, p50, p99 {np.percentile(late, [50, 99])} ms')
-
-
-def test_without_force_no_topic_of_it_exists(observer):
-    with running('/plain'):
-        states = observer.collect(String, '/plain/state', STATE)
-        assert observer.spin_until(lambda: states, PATIENCE)
-        names = {name for name, _ in observer.node.get_topic_names_and_types()}
-        assert not {f'/plain/{topic}' for topic in FORCE_TOPICS} & names
 
 
 def test_the_status_of_master_has_the_state(master):
