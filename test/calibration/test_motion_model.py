@@ -34,7 +34,7 @@ def test_the_groups_fill_the_vector_and_zero_is_the_drawing(sensors):
 def test_every_vector_is_a_mechanism_in_its_usual_frames():
     model = model_of()
     found = model.layout.geometry(random_vector(model, 1))
-    usual, _, _ = in_usual_frames(found)
+    usual = in_usual_frames(found)
     assert np.allclose(usual.base_axes, found.base_axes, atol=1e-14)
     assert np.allclose(usual.platform_axes, found.platform_axes, atol=1e-14)
 

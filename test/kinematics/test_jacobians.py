@@ -124,8 +124,7 @@ def pose(psi, theta, phi):
 
 
 @pytest.mark.parametrize('zxz', [
-    (135.0, 54.7356, 40.0), (135.0, 54.7356, 49.0), (135.0, 54.7356, 55.0), (125.0, 50.0, 45.0),
-    (140.0, 60.0, 52.0)])
+    (135.0, 54.7356, 49.0), (125.0, 50.0, 45.0), (140.0, 60.0, 52.0)])
 def test_approach_ends_on_the_singular_surface_and_nothing_is_nearer(zxz):
     rotation, quaternion = pose(*zxz)
     got = approach(quaternion, PAPER, MODES[0])
