@@ -63,11 +63,6 @@ def angle_between(p, q):
     return 2.0 * math.asin(min(1.0, np.linalg.norm(np.asarray(p) - q) / math.sqrt(8.0)))
 
 
-def first_axes():
-    """Z1A, Z1B, Z1C in the base frame."""
-    return [np.linalg.matrix_power(LEG_TURN, k) @ [0.0, 0.0, 1.0] for k in range(3)]
-
-
 def second_axes(th1, g):
     """Z2A, Z2B, Z2C in the base frame."""
     return [np.linalg.matrix_power(LEG_TURN, k) @ about_z(th1[k]) @ about_x(g.alpha)
@@ -85,14 +80,6 @@ def closures(th1, R, g):
     return np.array([
         second @ third - math.cos(g.beta)
         for second, third in zip(second_axes(th1, g), third_axes(R, g), strict=True)])
-
-
-def working_mode(th1, R, g):
-    """Return the signs of B_kk = Z1k . (Z2k x Z3k)."""
-    return tuple(
-        int(np.sign(first @ np.cross(second, third)))
-        for first, second, third in zip(
-            first_axes(), second_axes(th1, g), third_axes(R, g), strict=True))
 
 
 def chain(th1a, th2a, th3a, g):

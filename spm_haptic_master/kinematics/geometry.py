@@ -40,7 +40,7 @@ from spm_haptic_master.kinematics.leg_constants import (
     leg_constants,
     leg_frame,
 )
-from spm_haptic_master.kinematics.number_backends import Array, Quaternion, Vector
+from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.kinematics.rotations import multiply_quaternions
 
 # Angle between neighbouring platform axes about Z_E (rad).
@@ -226,17 +226,15 @@ def check_geometry(geometry: object) -> Geometry:
 PAPER_GEOMETRY = Geometry()
 
 
-def in_usual_frames(geometry: Geometry,
-                    nominal: Geometry = PAPER_GEOMETRY) -> tuple[Geometry, Array, Array]:
+def in_usual_frames(geometry: Geometry, nominal: Geometry = PAPER_GEOMETRY) -> Geometry:
     """
     Return a mechanism with its axes in the frames that need no outside reference.
 
     Base: z = Z1A, and Z1B in the half plane of positive x of x and z. Platform: its three axes
     nearest, in the sum of squares, to their nominal directions.
 
-    Its joints' zeros are those of its new frames. With it are returned the rotations (3, 3) of the
-    base and the platform from components in the earlier frame to those in the new one: R_new =
-    base R platform^T. GeometryError if an axis is opposite to its nominal direction there.
+    Its joints' zeros are those of its new frames. GeometryError if an axis is opposite to its
+    nominal direction there.
     """
     check_geometry(geometry)
     check_geometry(nominal)
@@ -250,5 +248,4 @@ def in_usual_frames(geometry: Geometry,
     moved = axes @ base.T
     # Exactly so, and not to rounding.
     moved[0], moved[1, 1] = (0.0, 0.0, 1.0), 0.0
-    return (Geometry.from_axes(moved, built @ platform.T, geometry.alphas, geometry.betas),
-            base, platform)
+    return Geometry.from_axes(moved, built @ platform.T, geometry.alphas, geometry.betas)

@@ -39,12 +39,10 @@ class TrackedMode:
     """
     The assembly mode nearest to a last known orientation: R_base_platform, (3, 3).
 
-    `distance` is its angle from the last orientation, rad. It is `ambiguous` if another mode is
-    about as near, so that either may be the platform's.
+    It is `ambiguous` if another mode is about as near, so that either may be the platform's.
     """
 
     rotation: Array
-    distance: float
     ambiguous: bool
 
 
@@ -99,4 +97,4 @@ def track_mode(th1: ArrayLike, last: ArrayLike, geometry: Geometry = PAPER_GEOME
     ambiguous = abs(determinant) < math.sqrt(ROUNDING) or (
         len(modes) > 1 and modes[1][0] - distance < margin)
     rotation = np.array(rotation_from_quaternion(*quaternion)).reshape(3, 3)
-    return TrackedMode(rotation, distance, ambiguous)
+    return TrackedMode(rotation, ambiguous)

@@ -125,8 +125,7 @@ def random_rig(seed: int, tolerances: Tolerances, geometry: Geometry | None = No
 
     alphas, betas = angles(nominal.alphas), angles(nominal.betas)
     base, platform = axes(nominal.base_axes), axes(nominal.platform_axes)
-    built, _, _ = in_usual_frames(
-        Geometry.from_axes(base, platform, alphas, betas), nominal)
+    built = in_usual_frames(Geometry.from_axes(base, platform, alphas, betas), nominal)
     return Rig(built, tuple(
         SensorErrors(harmonic(tolerances.first_harmonic), harmonic(tolerances.second_harmonic),
                      noise=noise) for _ in range(sensors)))

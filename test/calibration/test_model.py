@@ -36,7 +36,7 @@ def test_the_parameters_are_independent_in_the_usual_frames():
             geometry.alphas, geometry.betas, geometry.base_axes, geometry.platform_axes)])
 
     found = layout.geometry(random_vector(model_of(), 1))
-    assert np.allclose(numbers(in_usual_frames(found)[0]), numbers(found), atol=1e-14)
+    assert np.allclose(numbers(in_usual_frames(found)), numbers(found), atol=1e-14)
     drawn, step = numbers(Geometry()), 1e-6 * np.eye(layout.count)
     rows = [numbers(layout.geometry(step[place])) - drawn for place in range(
         layout.slices['links'].start, layout.slices['platform axes'].stop)]

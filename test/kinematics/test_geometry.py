@@ -55,10 +55,7 @@ def test_a_mechanism_is_a_value():
 
 @pytest.mark.parametrize('angles, name, value', [
     ((0.0, 0.5, 0.3), 'alpha', '0.0'), ((0.7, math.pi, 0.3), 'beta', '3.14159'),
-    ((0.7, 0.6, -0.3), 'gamma', '-0.3'), ((39.3, 34.1, 18.2), 'alpha', '39.3'),
-    ((math.nan, 0.6, 0.3), 'alpha', 'nan'), ((0.7, math.inf, 0.3), 'beta', 'inf'),
-    ((0.7, '0.6', 0.3), 'beta', "'0.6'"), ((0.7, 0.6, None), 'gamma', 'None'),
-    ((True, 0.6, 0.3), 'alpha', 'True')])
+    ((0.7, 0.6, -0.3), 'gamma', '-0.3'), ((39.3, 34.1, 18.2), 'alpha', '39.3')])
 def test_impossible_geometries(angles, name, value):
     with pytest.raises(GeometryError) as caught:
         Geometry(*angles)
@@ -115,9 +112,7 @@ def test_axes_in_single_precision_are_normalised():
 
 
 def test_a_nominal_mechanism_is_in_them():
-    moved, base, platform = in_usual_frames(Geometry())
-    np.testing.assert_allclose(base, np.eye(3), atol=1e-15)
-    np.testing.assert_allclose(platform, np.eye(3), atol=1e-15)
+    moved = in_usual_frames(Geometry())
     np.testing.assert_allclose(moved.platform_axes, Geometry().platform_axes, atol=1e-15)
     assert moved.base_axes == Geometry().base_axes
 
@@ -126,33 +121,24 @@ def test_they_are_the_same_from_any_other_frames():
     rng = np.random.default_rng(300)
     for _ in range(20):
         built = random_built(rng)
-        there, base, platform = in_usual_frames(built.geometry)
+        there = in_usual_frames(built.geometry)
         assert there.base_axes[0] == (0.0, 0.0, 1.0)
         assert there.base_axes[1][1] == 0.0 < there.base_axes[1][0]
         # Where the sum of squares is least, no small turn reduces it.
         axes, drawn = np.array(there.platform_axes), np.array(Geometry().platform_axes)
         np.testing.assert_allclose(np.cross(axes, drawn).sum(0), 0.0, atol=1e-14)
         assert ((axes - drawn)**2).sum() < ((axes @ turn([0.1, 0.0, 0.2]).T - drawn)**2).sum()
-        assert np.linalg.det(base) == pytest.approx(1.0) == np.linalg.det(platform)
         outer, inner = turn(0.3 * rng.normal(size=3)), turn(0.3 * rng.normal(size=3))
-        again, _, _ = in_usual_frames(
+        again = in_usual_frames(
             Built(built.base @ outer.T, built.platform @ inner.T, built.alpha,
                   built.beta).geometry)
         np.testing.assert_allclose(again.base_axes, there.base_axes, atol=1e-14)
         np.testing.assert_allclose(again.platform_axes, there.platform_axes, atol=1e-14)
-
-
-def test_the_rotations_take_orientations_there():
-    rng = np.random.default_rng(301)
-    built = random_built(rng)
-    there, base, platform = in_usual_frames(built.geometry)
-    moved = []
-    for _ in range(10):
-        R = built.reachable_rotation(rng)
-        here, other = inverse(R, built.geometry), inverse(base @ R @ platform.T, there)
-        moved.append(np.append(other.theta1 - here.theta1, other.theta3a - here.theta3a))
-    # The same pose: each joint differs by the shift of its zero only.
-    np.testing.assert_allclose(np.sin(np.array(moved) - moved[0]), 0.0, atol=1e-9)
+        # Nothing between two of its axes changes, nor its handedness.
+        for found, drawn in ((there.base_axes, built.base), (there.platform_axes, built.platform)):
+            axes = np.array(found)
+            np.testing.assert_allclose(axes @ axes.T, drawn @ drawn.T, atol=1e-14)
+            assert np.linalg.det(axes) == pytest.approx(np.linalg.det(drawn))
 
 
 def test_axes_opposite_to_their_directions_there_are_refused():

@@ -12,7 +12,6 @@ import pytest
 from readings import all_angles
 from spm_haptic_master.exceptions import UnreachableError
 from spm_haptic_master.kinematics import Geometry, inverse, mechanism_angles
-from spm_haptic_master.kinematics.number_backends import ARRAYS, FLOATS
 
 
 @pytest.mark.parametrize('mode, th1, th2a, th3a', [
@@ -58,12 +57,3 @@ def test_third_joints_of_a_mechanism_as_built():
             seen = zero.T @ turn(-angles[3 + k] * third) @ at_zero
             np.testing.assert_allclose(R @ seen, second, atol=1e-12)
             assert np.linalg.norm(first) == pytest.approx(1.0)
-
-
-def test_root_of_a_squared_sine():
-    for square, root in ((2.25, 1.5), (1e-30, 1e-15), (0.0, 0.0), (-9e-13, 0.0), (-1e-12, 0.0)):
-        assert FLOATS.reach_root(square) == root
-        assert ARRAYS.reach_root(np.array([square]))[0] == root
-    with pytest.raises(UnreachableError, match='-1.1e-12'):
-        FLOATS.reach_root(-1.1e-12)
-    assert np.isnan(ARRAYS.reach_root(np.array([-1.1e-12]))[0])

@@ -20,7 +20,6 @@ from spm_haptic_master.kinematics import (
     quaternion_from_matrix,
 )
 from spm_haptic_master.kinematics.jacobians import approach, determinant_gradient, nearness
-from spm_haptic_master.kinematics.number_backends import ARRAYS, FLOATS
 
 
 @pytest.mark.parametrize('mode', MODES)
@@ -91,21 +90,12 @@ def test_up_to_the_boundary_of_a_working_mode(leg, size, inside):
         assert np.abs(jacobian(R)[leg]).max() > 1e4
         assert np.isfinite(rows).all()
     else:
-        for function in (jacobian, dexterity):
+        for function in (jacobian, dexterity, lambda R: nearness(
+                tuple(quaternion_from_matrix(R).tolist()), PAPER, MODES[0])):
             with pytest.raises(SingularityError, match='boundary'):
                 function(R)
         assert np.isnan(rows).all()
         assert np.isnan(dexterity(np.array([R]))[0])
-
-
-def test_reciprocal_up_to_the_boundary_of_a_working_mode():
-    for b in (0.5, 1e-6, -1e-6, -0.25):
-        assert FLOATS.mode_reciprocal(b) == 1.0 / b
-        assert ARRAYS.mode_reciprocal(np.array([b]))[0] == 1.0 / b
-    for b in (9e-7, 0.0, -9e-7):
-        with pytest.raises(SingularityError, match='boundary'):
-            FLOATS.mode_reciprocal(b)
-        assert np.isnan(ARRAYS.mode_reciprocal(np.array([b]))[0])
 
 
 def test_unreachable_rows_are_nan():
@@ -124,8 +114,7 @@ def pose(psi, theta, phi):
 
 
 @pytest.mark.parametrize('zxz', [
-    (135.0, 54.7356, 40.0), (135.0, 54.7356, 49.0), (135.0, 54.7356, 55.0), (125.0, 50.0, 45.0),
-    (140.0, 60.0, 52.0)])
+    (135.0, 54.7356, 49.0), (125.0, 50.0, 45.0), (140.0, 60.0, 52.0)])
 def test_approach_ends_on_the_singular_surface_and_nothing_is_nearer(zxz):
     rotation, quaternion = pose(*zxz)
     got = approach(quaternion, PAPER, MODES[0])

@@ -9,6 +9,7 @@ from device import run
 import numpy as np
 import pytest
 from rig import Rig
+from spm_haptic_master.kinematics.rotations import rotation_distance
 from spm_haptic_master.supervision.exposure import UNCONFIRMED
 from spm_haptic_master.supervision.symptom import Reason
 
@@ -42,6 +43,18 @@ def test_after_a_restart_the_level_falls_while_the_window_fills_and_no_sensor_is
     levels = [rig.sample().protection_level for _ in range(100)]
     assert levels[4] > 1.1 * before
     assert levels[-1] == pytest.approx(before, rel=0.01)
+
+
+def test_another_method_adds_its_distance_to_every_part():
+    usual, theta3a = settled(), settled(solver='theta3a')
+    apart = rotation_distance(usual.verdict.estimate.quaternion,
+                              theta3a.verdict.estimate.quaternion)
+    assert apart > radians(0.01)
+    # Beside its larger deviation.
+    deviations = [5.3 * sqrt(sum(rig.verdict.estimate.covariance[::4])) for rig in (
+        usual, theta3a)]
+    added = np.array(theta3a.supervisor.parts) - usual.supervisor.parts
+    assert added == pytest.approx(apart + deviations[1] - deviations[0], rel=1e-3)
 
 
 def test_the_alert_limit_is_live():

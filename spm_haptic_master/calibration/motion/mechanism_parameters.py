@@ -48,7 +48,7 @@ class Layout:
 
     def __post_init__(self) -> None:
         """Raise InputError if Z1B of the drawing has a component in y."""
-        usual, _, _ = in_usual_frames(self.nominal, self.nominal)
+        usual = in_usual_frames(self.nominal, self.nominal)
         if not np.allclose(usual.base_axes, self.nominal.base_axes, rtol=0.0, atol=1e-9):
             raise InputError('geometry.base_axes: expected axes of the drawing in the usual '
                              'frames, Z1A = z and Z1B in the half plane of positive x of x and z')
@@ -148,4 +148,4 @@ def _geometry(layout: Layout, numbers: bytes) -> Geometry:
     built = Geometry.from_axes(
         axes, np.array([axis / np.linalg.norm(axis) for axis in platform]),
         np.array(nominal.alphas) + proximal, np.array(nominal.betas) + distal)
-    return in_usual_frames(built, nominal)[0]
+    return in_usual_frames(built, nominal)
