@@ -67,6 +67,11 @@ def test_ramps_of_10_newton_metres_a_second_are_followed_as_late_as_two_periods(
     assert not any(follow(drive, (ramp + ramp[::-1]) * 3, late))
 
 
+@pytest.mark.parametrize('late', [0, 1, 2, 3])
+def test_a_command_that_is_reversed_between_status_frames_is_followed(drive, late):
+    assert not any(follow(drive, [200, -200] * 100, late))
+
+
 @pytest.mark.parametrize('sign', [1, -1])
 def test_a_torque_that_is_off_is_found_on_a_ramp_too(drive, sign):
     ramp = [sign * (400 + 5 * number) for number in range(100)]
