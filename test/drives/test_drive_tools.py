@@ -91,7 +91,6 @@ def test_nothing_is_written_while_a_master_runs(channel, setup):
 
 
 @pytest.mark.parametrize(('args', 'words'), [
-    (('-p', "drives.channel:=''"), "parameter 'drives.channel' is ''"),
     (('--joint', 'joint_3b'), '--joint joint_3b with --drives; expected one of joint_1a'),
     (('--lss', 'joint_1a'), '--lss with --drives'),
 ])

@@ -147,8 +147,8 @@ class Rig:
 
 def recording_of(rig, path, show=lambda text: None, poses=0):
     bring_up = force_record.BringUp(
-        rig, rig, Geometry(), (1, 1, 1), (np.radians(0.04),) * 4, 0.1)
-    force_record.record(path, bring_up, show, poses)
+        rig, rig, Geometry(), (1, 1, 1), (np.radians(0.04),) * 4, 0.1, show)
+    force_record.record(path, bring_up, poses)
     return str(path)
 
 
