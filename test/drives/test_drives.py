@@ -213,6 +213,18 @@ def test_no_torques_means_no_voltage(rig):
     assert rig.run(TORQUES, 0.02).torques == pytest.approx(TORQUES)
 
 
+def test_beside_a_combined_frame_controlwords_go_out_with_heartbeats_and_changes():
+    with Rig(plan=make_test_plan(drives__combined=True)) as rig:
+        rig.ready()
+        rig.run(TORQUES, 0.05)
+        began = rig.now
+        rig.run(TORQUES, 0.1)
+        assert [word for word, _ in rig.commands(began)] == [0x0F] * 3 * 5
+        began = rig.now
+        rig.run(None, MS)
+        assert [word for word, _ in rig.commands(began)] == [0x00] * 3
+
+
 @pytest.mark.parametrize('torques', [(nan, 0.0, 0.0), (0.0, inf, 0.0)])
 def test_a_torque_that_is_not_finite_is_a_fault(rig, torques):
     began = rig.now
