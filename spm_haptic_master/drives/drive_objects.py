@@ -63,8 +63,8 @@ def _milliseconds(seconds: float) -> int:
 
 
 def _entry(key: tuple[int, int], bits: int) -> int:
-    """Return the entry of a mapping for an object."""
-    return key[0] << 16 | key[1] << 8 | bits
+    """Return the entry of a mapping for an object, whose subindex is 0."""
+    return key[0] << 16 | bits
 
 
 def _pdo(index: int, name: str, identifier: int, entries: list[int], timer: float = 0.0,

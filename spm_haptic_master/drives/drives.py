@@ -64,8 +64,8 @@ class Drives:
             for identifier, handler in drive.handlers().items()}
         self._bus: can.BusABC | None = None
         self._now, self._retry_at = 0.0, -inf
-        # The start-up; None after it. In it frames without torque go out if `_sends`, to enable the
-        # operation if `_operate`, and faults are reset.
+        # The start-up; None after it. In it frames without torque go out if `_sends`, to enable
+        # the operation if `_operate`, and faults are reset.
         self._start_up: Steps | None = self._start()
         self._sends = self._operate = False
         self._fault: str | None = None

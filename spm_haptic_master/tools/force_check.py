@@ -145,9 +145,10 @@ def _record(path: Path, given: Values, values: dict[str, Any], poses: int) -> No
           'when asked', file=sys.stderr, flush=True)
     source = make_source(kind, settings)
     try:
-        record(path, BringUp(source, drives, geometry_from(values), values['working_mode'],
-                             sigma_from(values)[:4], settings['can.timeout']),
-               lambda text: print(f'force_check: {text}', file=sys.stderr, flush=True), poses)
+        record(path, BringUp(
+            source, drives, geometry_from(values), values['working_mode'],
+            sigma_from(values)[:4], settings['can.timeout'],
+            lambda text: print(f'force_check: {text}', file=sys.stderr, flush=True)), poses)
     finally:
         drives.close()
         source.close()

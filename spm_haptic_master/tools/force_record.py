@@ -53,12 +53,14 @@ class BringUp:
     """
     A device in a bring-up, sample by sample, and what is recorded of it.
 
-    `sigma` is the noise of the encoders, rad, `silence` the longest time without angles, s.
+    `sigma` is the noise of the encoders, rad, `silence` the longest time without angles, s; `show`
+    takes what a person has to know.
     """
 
     def __init__(self, source: EncoderSource, drives: Drives, geometry: Geometry,
-                 working_mode: WorkingMode, sigma: tuple[float, ...], silence: float) -> None:
-        self._source, self._drives, self._silence = source, drives, silence
+                 working_mode: WorkingMode, sigma: tuple[float, ...], silence: float,
+                 show: Callable[[str], None]) -> None:
+        self._source, self._drives, self._silence, self.show = source, drives, silence, show
         self._geometry, self._sensors = geometry, UsedSensors(sigma)
         self._statics = make_statics(geometry, working_mode, drives.motors, ForceLimits())
         self.nothing: Torques = (0.0,) * drives.motors
@@ -138,7 +140,7 @@ class BringUp:
         return sample.stamp, sample.angles
 
 
-def record(path: Path, bring_up: BringUp, show: Callable[[str], None], poses: int = 0) -> None:
+def record(path: Path, bring_up: BringUp, poses: int = 0) -> None:
     """
     Move the device through a bring-up, and write the recording.
 
@@ -148,16 +150,16 @@ def record(path: Path, bring_up: BringUp, show: Callable[[str], None], poses: in
     """
     bring_up.wait()
     motors = range(len(bring_up.nothing))
-    signs = [_step(bring_up, motor, show) for motor in motors]
+    signs = [_step(bring_up, motor) for motor in motors]
     if all(sign == 1 for sign in signs):
         for number, torque in enumerate(RELEASES, start=1):
-            _release(bring_up, f'release z {number}', torque, show)
+            _release(bring_up, f'release z {number}', torque)
         held: list[Torques] = []
         while len(held) < poses:
-            show(f'pose {len(held) + 1} of {poses}: bring the handle to a new pose, 10 deg or '
-                 'more from the others, and keep it still')
-            held.append(_pose(bring_up, held, show))
-        show('all is recorded: nothing holds the handle any more')
+            bring_up.show(f'pose {len(held) + 1} of {poses}: bring the handle to a new pose, 10 '
+                          'deg or more from the others, and keep it still')
+            held.append(_pose(bring_up, held))
+        bring_up.show('all is recorded: nothing holds the handle any more')
     try:
         with path.open('w', encoding='utf-8', newline='') as file:
             writer = csv.writer(file)
@@ -168,11 +170,10 @@ def record(path: Path, bring_up: BringUp, show: Callable[[str], None], poses: in
         raise InputError(f'{path}: cannot be written: {error}') from error
 
 
-def _step(bring_up: BringUp, motor: int, show: Callable[[str], None]) -> int:
+def _step(bring_up: BringUp, motor: int) -> int:
     """Turn one motor alone; return its sign."""
     name, before = f'step {ANGLES[motor][2:]}', len(bring_up.rows)
     push, nothing = bring_up.alone(motor, STEP), bring_up.nothing
-    show(name)
     # The opposite step takes the speed away again, whatever the sign.
     _move(bring_up, name, (SHOWN, lambda: nothing, False), (REST, lambda: nothing, True),
           (PUSH, lambda: push, True), (BACK, lambda: bring_up.alone(motor, -STEP), False),
@@ -182,9 +183,8 @@ def _step(bring_up: BringUp, motor: int, show: Callable[[str], None]) -> int:
                       np.array([angles[motor] for _, _, angles, _ in own]))
 
 
-def _release(bring_up: BringUp, name: str, torque: float, show: Callable[[str], None]) -> None:
+def _release(bring_up: BringUp, name: str, torque: float) -> None:
     """Turn the handle from rest for a moment, and let it go."""
-    show(name)
     _move(bring_up, name, (SHOWN, lambda: bring_up.spring(0.0, bring_up.angles, STEP), False),
           (REST, lambda: bring_up.nothing, True), (PUSH, lambda: bring_up.about_z(torque), True),
           (END, lambda: bring_up.nothing, True))
@@ -193,6 +193,7 @@ def _release(bring_up: BringUp, name: str, torque: float, show: Callable[[str], 
 def _move(bring_up: BringUp, part: str,
           *stages: tuple[float, Callable[[], Torques], bool]) -> None:
     """Do a part by stages: time of the end, s, torques of a sample, whether they are recorded."""
+    bring_up.show(part)
     bring_up.begin(part)
     first = bring_up.angles
     for end, torques, recorded in stages:
@@ -203,13 +204,13 @@ def _move(bring_up: BringUp, part: str,
                                  'degrees; is the device balanced, and nobody holds it?')
 
 
-def _pose(bring_up: BringUp, others: list[Torques], show: Callable[[str], None]) -> Torques:
+def _pose(bring_up: BringUp, others: list[Torques]) -> Torques:
     """Let the motors hold the handle where a hand brings it; return the angles of the pose."""
     name = f'pose {len(others) + 1}'
     bring_up.begin(name)
     while bring_up.still < SETTLED or any(bring_up.turn(each) <= APART for each in others):
         bring_up.step(bring_up.nothing)
-    show(f'{name}: let the handle go: the motors hold it')
+    bring_up.show(f'{name}: let the handle go: the motors hold it')
     held, began = bring_up.angles, bring_up.since
 
     def hold(until: Callable[[], bool], recorded: bool = False) -> None:
@@ -218,10 +219,10 @@ def _pose(bring_up: BringUp, others: list[Torques], show: Callable[[str], None])
             bring_up.step(bring_up.spring(STIFFNESS * rise, held, LARGEST), recorded)
 
     hold(lambda: bring_up.since - began >= LET_GO and bring_up.still >= QUIET)
-    show(f'{name}: at rest, is recorded')
+    bring_up.show(f'{name}: at rest, is recorded')
     pose, end = bring_up.angles, bring_up.since + RECORDED
     hold(lambda: bring_up.since >= end, recorded=True)
-    show(f'{name}: is recorded: take the handle again')
+    bring_up.show(f'{name}: is recorded: take the handle again')
     hold(lambda: bring_up.turn(pose) > TAKEN)
     bring_up.step(bring_up.nothing)
     return pose

@@ -61,10 +61,15 @@ def follow(drive, commands, late, share=1.0):
 
 
 @pytest.mark.parametrize('late', [0, 1, 4, 7])
-def test_a_ramp_of_10_newton_metres_a_second_is_followed_as_late_as_two_periods(drive, late):
+def test_ramps_of_10_newton_metres_a_second_are_followed_as_late_as_two_periods(drive, late):
     """With 0.5 N m rated 10 N m/s are 20 per mille a ms, for as long as the limit allows."""
     ramp = [20 * number for number in range(-50, 50)]
-    assert not any(follow(drive, ramp * 3, late))
+    assert not any(follow(drive, (ramp + ramp[::-1]) * 3, late))
+
+
+@pytest.mark.parametrize('late', [0, 1, 2, 3])
+def test_a_command_that_is_reversed_between_status_frames_is_followed(drive, late):
+    assert not any(follow(drive, [200, -200] * 100, late))
 
 
 @pytest.mark.parametrize('sign', [1, -1])

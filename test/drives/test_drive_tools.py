@@ -70,16 +70,6 @@ def test_drives_of_the_maker_are_set_up_stored_and_read_back(channel, setup):
         assert drives[1].objects.mapped(0x1600) == [0x60400010, 0x60710010]
 
 
-def test_one_frame_for_all_torques_maps_each_drives_own(channel, setup):
-    with simulated(channel, factory=True, drives__combined=True) as drives:
-        code, out, err = setup(*RATED, '-p', 'drives.combined:=true', '--write')
-    assert (code, err) == (0, ''), out
-    assert [drive.objects.mapped(0x1601) for drive in drives] == [
-        [0x60710010, 0x00030010, 0x00030010], [0x00030010, 0x60710010, 0x00030010],
-        [0x00030010, 0x00030010, 0x60710010]]
-    assert {drive.objects.value(0x1401, 1) for drive in drives} == {0x30B}
-
-
 def test_another_rated_torque_is_named_and_never_written(channel, setup):
     with simulated(channel) as drives:
         code, out, _ = setup('-p', 'drives.rated_torque:=[0.4]', '-p', 'drives.torque_limit:=0.4',
@@ -101,7 +91,6 @@ def test_nothing_is_written_while_a_master_runs(channel, setup):
 
 
 @pytest.mark.parametrize(('args', 'words'), [
-    (('-p', "drives.channel:=''"), "parameter 'drives.channel' is ''"),
     (('--joint', 'joint_3b'), '--joint joint_3b with --drives; expected one of joint_1a'),
     (('--lss', 'joint_1a'), '--lss with --drives'),
 ])

@@ -14,22 +14,19 @@ pytestmark = pytest.mark.process
 
 PATIENCE = 60.0
 TORQUES = (0.1, -0.2, 0.05)
-# Time-outs that other programs of this machine do not exhaust (s).
-PATIENT = {'drives.event_timer': 0.5, 'drives.status_timeout': 1.0,
-           'drives.heartbeat_timeout': 0.5}
-# Rated torque (N m): twice of it for a second is too much heat for a simulated drive.
+# Rated torque (N m): twice of it for a second is too much heat for a simulated drive. Time-outs
+# that other programs of this machine do not exhaust (s).
 RATED = 0.2
+SETTINGS = {'drives.rated_torque': [RATED], 'drives.event_timer': 0.5,
+            'drives.status_timeout': 1.0, 'drives.heartbeat_timeout': 0.5}
 
 
 @pytest.fixture
 def sim_bus(start, bus_channel):
     """Start sim_bus with drives alone on their bus; give a function for its arguments."""
     def run(*args):
-        bus = ['can.interface:=udp_multicast', f'can.channel:={bus_channel}',
-               f'drives.rated_torque:=[{RATED}]',
-               *(f'{name}:={value}' for name, value in PATIENT.items())]
-        program = start('sim_bus', '--drives', '3', *args,
-                        *(word for each in bus for word in ('-p', each)))
+        program = start('sim_bus', '--drives', '3', *args, parameters={
+            'can.interface': 'udp_multicast', 'can.channel': bus_channel, **SETTINGS})
         assert wait_until(lambda: 'sim_bus: 3 drives on udp_multicast' in program.stdout,
                           PATIENCE), program.stderr
         return program
@@ -39,10 +36,8 @@ def sim_bus(start, bus_channel):
 @pytest.fixture
 def drives(bus_channel):
     """Give drives on that bus."""
-    made = make_drives(drive_values(
-        drives__rated_torque=[RATED], drives__interface='udp_multicast',
-        drives__channel=bus_channel,
-        **{name.replace('.', '__'): value for name, value in PATIENT.items()}))
+    made = make_drives(drive_values(drives__interface='udp_multicast',
+                                    drives__channel=bus_channel, **SETTINGS))
     yield made
     made.close()
 

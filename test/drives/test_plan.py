@@ -49,6 +49,7 @@ def test_settings_that_contradict_each_other_are_refused(given, name, words):
 def test_times_and_limits_may_be_as_short_as_they_say():
     make_drives(drive_values(drives__event_timer=0.003, drives__status_timeout=0.008,
                              drives__heartbeat_timeout=0.04, drives__torque_limit=16.3835))
+    make_drives(drive_values(drives__torque_limit=0.001, drives__rated_torque=[1.0]))
 
 
 def test_torques_are_per_mille_of_the_rated_torque_within_the_cap():
