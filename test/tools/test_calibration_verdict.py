@@ -72,17 +72,6 @@ def test_a_refusal_begins_with_what_to_do_and_names_a_limit_that_is_accepted(cal
 
 
 @pytest.mark.evidence
-def test_six_sensors_have_a_verdict_too():
-    rig = random_rig(12, DEVIATIONS, sensors=6)
-    stamps, raw, direction, zeros = (each[::5] if len(each) > 6 else each for each in readings(
-        rig, Condition('motion', **QUIET), 41))
-    fkm = FkmValues({}, replace(ORIGIN, counts_per_turn=(16384,) * 6))
-    found, limit = supported(calibrated(stamps, raw, direction, zeros), fkm)
-    assert found.region == WORKSPACE and limit <= 1.0 and len(found.bias) == 6
-    assert published_share(found, (stamps, raw), fkm, silent) > 0.99
-
-
-@pytest.mark.evidence
 def test_what_no_motion_mends_is_no_advice_to_move(calibration):
     strict = FkmValues({'alert_limit_deg': 0.25}, ORIGIN)
     far = calibration.vector.copy()
