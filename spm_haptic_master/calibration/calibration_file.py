@@ -28,11 +28,7 @@ EXPECTED = {int: 'an integer', float: 'a number', bool: 'true or false'}
 
 def file_text(header: Iterable[str], parameters: Mapping[str, Any],
               record: Mapping[str, Any]) -> str:
-    """
-    Return the text of a parameter file with a record: lines of a comment, values by dotted name.
-
-    The record, what calibrate keeps for itself, has single values and flat lists.
-    """
+    """Return a parameter file: lines of a comment, values by dotted name, record for calibrate."""
     tree = {'/**': {PARAMETERS: _nested(parameters)}, RECORD: {PARAMETERS: _nested(record)}}
     return ''.join(f'# {ascii(line)[1:-1]}\n' for line in header) + yaml.dump(
         tree, Dumper=_Dumper, sort_keys=False, default_flow_style=False, width=LONGEST_LINE)
@@ -69,12 +65,7 @@ def _plain(value: Any) -> Any:
 
 
 def calibration_text(calibration: Calibration, mechanism: Mapping[str, Any]) -> str:
-    """
-    Return the text of the parameter file of a calibration in a jig.
-
-    With the parameters of the mechanism and the harmonics that it rests on and that are not the
-    defaults, by name.
-    """
+    """Return a jig's parameter file, with the mechanism's values that are not the defaults."""
     c = calibration
     joints = ALL_JOINT_NAMES[:len(c.zero_count)]
     unverified = [joint for joint, known in zip(joints, c.direction_verified, strict=True)

@@ -65,11 +65,7 @@ class Calibration:
 
     @property
     def sigma(self) -> tuple[float, ...]:
-        """
-        White noise of each sensor, rad, with that of its quantisation.
-
-        A quiet encoder at rest repeats its count; in motion its error is uniform over a count.
-        """
+        """Return each sensor's white noise, rad, with quantisation: at rest it repeats a count."""
         return tuple(
             max(hypot(*(station.sigma[index] for station in self.stations))
                 / len(self.stations) ** 0.5, TURN / per_turn / 12.0 ** 0.5)
@@ -111,11 +107,7 @@ def read_still(counts: NDArray[np.int64], counts_per_turn: Sequence[int], noise_
 
 def jig_bias(pose: Sequence[float], geometry: Geometry, working_mode: tuple[int, int, int],
              error: float, sensors: int) -> tuple[float, ...]:
-    """
-    Return by how much each joint angle of a pose, rad, is off at most, if the jig is off.
-
-    The error is the largest angle, rad, between the jig's pose and the stated one, about any axis.
-    """
+    """Return the largest error of each joint angle at a pose that is off by an angle, rad."""
     rotation = matrix_from_zxz(*pose)
     gains = jacobian(rotation, geometry, working_mode, sensors)
     return tuple(float(gain) * error for gain in np.linalg.norm(gains, axis=1))

@@ -79,11 +79,7 @@ class _Sets:
 
 
 def raw_counts(sensors: int) -> dict[str, object]:
-    """
-    Return the settings of a source of raw counts: its angles are 2 pi over the counts per turn.
-
-    A tool that needs no calibration takes them, too.
-    """
+    """Return the settings of a source whose angles are raw counts times 2 pi per turn."""
     return {'encoders.direction': (1,) * sensors, 'encoders.zero_count': (0,) * sensors,
             **{setting.name: (0.0,) * (setting.count or 1)
                for setting in for_sensors(HARMONIC_SETTINGS, sensors)}}

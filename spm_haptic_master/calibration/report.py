@@ -52,8 +52,7 @@ def check_report(output: Path, force: bool) -> None:
                              'expected --force to overwrite it')
 
 
-def write_report(output: Path, calibration: MotionCalibration, origin: Origin,
-                 verdict: Verdict) -> str:
+def write_report(output: Path, verdict: Verdict) -> str:
     """
     Write the report beside the parameter file, which is complete; return what was written.
 
@@ -68,9 +67,9 @@ def write_report(output: Path, calibration: MotionCalibration, origin: Origin,
         missing = str(error)
         picture = f'No picture: {missing}.'
     else:
-        drawn = report_picture.draw(calibration)
+        drawn = report_picture.draw(verdict.calibration)
         picture = f'![parity]({file.name})\n\n{report_picture.CAPTION}'
-    text = _text(calibration, origin, verdict, output, picture)
+    text = _text(verdict, output, picture)
     try:
         _write({file: drawn, report: text.encode()})
     except OSError as error:
@@ -99,10 +98,9 @@ def _write(content: dict[Path, bytes | None]) -> None:
         raise
 
 
-def _text(calibration: MotionCalibration, origin: Origin, verdict: Verdict, file: Path,
-          picture: str) -> str:
+def _text(verdict: Verdict, file: Path, picture: str) -> str:
     """Return one page of Markdown, with the verdict in its first line; the picture is Markdown."""
-    c = calibration
+    c, origin = verdict.calibration, verdict.origin
     cautions = ''.join(f'**CAUTION**: {caution}.\n\n' for caution in c.cautions)
     return f"""\
 # {verdict.text}

@@ -15,12 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from spm_haptic_master.calibration.calibration_file import check_output, write_text
-from spm_haptic_master.calibration.motion.calibration import (
-    motion_text,
-    MotionCalibration,
-    Origin,
-    Verdict,
-)
+from spm_haptic_master.calibration.motion.calibration import motion_text, Origin, Verdict
 from spm_haptic_master.calibration.motion.free_motion import calibrate_motion, Guide
 from spm_haptic_master.calibration.motion.mechanism_parameters import Layout
 from spm_haptic_master.calibration.recording import raw_counts, Recording
@@ -103,10 +98,9 @@ def run(options: argparse.Namespace) -> int:
     with ProgressBar('calibrate') as bar:
         found, limit = supported(found, fkm)
         share = published_share(found, (stamps, angles), fkm, bar.stage)
-    verdict = Verdict(limit, share, options.target, degrees(found.region_error), found.region)
-    write_text(output, motion_text(found, origin, verdict))
-    report = write_report(output, found, origin, verdict)
-    _print(output, found, report, verdict)
+    verdict = Verdict(found, origin, limit, share, options.target)
+    write_text(output, motion_text(verdict))
+    _print(output, write_report(output, verdict), verdict)
     if mounting is not None:
         print_mounting(mounting)
     return 0
@@ -162,10 +156,10 @@ def kept_settings(source: str, given: dict[str, object], values: dict[str, Any],
     return kept
 
 
-def _print(path: Path, found: MotionCalibration, report: str, verdict: Verdict) -> None:
+def _print(path: Path, report: str, verdict: Verdict) -> None:
     """Print what was written; what it is good for comes last."""
+    found, readings = verdict.calibration, verdict.calibration.readings
     print(f'{path}: written; {report}')
-    readings = found.readings
     print(f'  {readings.sets} sets in {readings.seconds[-1]:.1f} s, {readings.spikes} left out as '
           f'spikes, {100.0 * found.cut:.1f} % of the samples cut')
     for index, joint in enumerate(ALL_JOINT_NAMES[:found.layout.sensors]):

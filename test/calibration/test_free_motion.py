@@ -19,7 +19,6 @@ from spm_haptic_master.calibration.motion.calibration import (
     Verdict,
     zero_counts,
 )
-from spm_haptic_master.calibration.motion.coverage import WORKSPACE
 from spm_haptic_master.calibration.motion.free_motion import calibrate_motion, Guide
 from spm_haptic_master.calibration.motion.mechanism_parameters import Layout
 from spm_haptic_master.calibration.motion.outside_reference import mounted
@@ -40,7 +39,6 @@ RIG = random_rig(12, DEVIATIONS)
 SEED = 41
 ORIGIN = Origin('2026-01-02T03:04:05+00:00', 'motion.log', 'ab12', '1.2.3', (16384,) * 4,
                 {'can.channel': 'can1', 'source': 'can', 'encoders.id': (1, 2, 3, 4)})
-VERDICT = Verdict(0.5, 0.9987, 0.04, 0.031, WORKSPACE)
 
 
 @pytest.fixture(scope='module')
@@ -141,7 +139,7 @@ def test_what_is_far_from_the_drawing_is_named(motion):
 
 def test_the_file_is_what_was_found(calibration, tmp_path):
     path = tmp_path / 'calibration.yaml'
-    write_text(path, motion_text(calibration, ORIGIN, VERDICT))
+    write_text(path, motion_text(Verdict(calibration, ORIGIN, 0.5, 0.9987, 0.04)))
     values = read_parameters(path)
     geometry = geometry_from(command_line.checked(
         {name: value for name, value in values.items() if name.startswith('geometry.')},
@@ -176,13 +174,15 @@ def test_the_file_is_what_was_found(calibration, tmp_path):
         'region_error_deg': pytest.approx(degrees(calibration.region_error), abs=1e-6)} == record
     head = path.read_text().partition('/**')[0]
     assert 'alert limit of 0.5 deg or more, over the workspace' in head
-    assert '0.031 deg rms over the region, target 0.04 deg reached' in head
+    assert f'{degrees(calibration.region_error):.3f} deg rms over the region, target 0.04 deg ' \
+        'NOT reached' in head
 
 
 @pytest.mark.parametrize('name', ['a "b": \\ # c.log', '1e5', 'y', 'line\nbreak', '0x1f', 'größe'])
 def test_any_name_of_a_log_can_be_read_back(calibration, tmp_path, name):
     path = tmp_path / 'calibration.yaml'
-    write_text(path, motion_text(calibration, replace(ORIGIN, recording=name), VERDICT))
+    write_text(path, motion_text(Verdict(
+        calibration, replace(ORIGIN, recording=name), 0.5, 1.0, 0.04)))
     assert yaml.safe_load(path.read_text())['calibration_record']['ros__parameters'][
         'recording'] == name
     assert {section.values['recording'] for section in read_sections(path)

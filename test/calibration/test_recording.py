@@ -75,11 +75,6 @@ def test_what_came_before_the_end_of_the_source_is_kept(then, ended):
     assert notes == ended
 
 
-def test_an_error_of_the_source_ends_a_recording_that_is_needed_whole():
-    with pytest.raises(InputError, match='the interface is down'):
-        recorded(Device(300, DOWN), keep=False)
-
-
 @pytest.mark.parametrize('keep', [True, False])
 def test_what_came_before_ctrl_c_is_kept_where_the_caller_wants_it(keep):
     def interrupt():
@@ -100,13 +95,15 @@ def test_what_came_before_ctrl_c_is_kept_where_the_caller_wants_it(keep):
     assert time.monotonic() - begin < 4.0
 
 
-@pytest.mark.parametrize('then, text', (
-    (None, 'no set of the encoders came: no answer from joint_1a'),
-    (SourceEnded(), 'no set of the encoders came: no answer from joint_1a'),
-    (DOWN, 'can0: the interface is down')))
-def test_nothing_at_all_is_an_error(then, text):
-    with pytest.raises((CalibrationError, InputError), match=text):
-        recorded(Device(0, then))
+@pytest.mark.parametrize('sets, then, keep, text', (
+    (0, None, True, 'no set of the encoders came: no answer from joint_1a'),
+    (0, SourceEnded(), True, 'no set of the encoders came: no answer from joint_1a'),
+    (0, DOWN, True, 'can0: the interface is down'),
+    (300, DOWN, False, 'can0: the interface is down'),
+    (300, KeyError('of the code'), True, 'of the code')))
+def test_nothing_or_a_part_of_what_is_needed_whole_is_an_error(sets, then, keep, text):
+    with pytest.raises((CalibrationError, InputError, KeyError), match=text):
+        recorded(Device(sets, then), keep=keep)
 
 
 def test_the_recording_ends_when_it_is_enough_or_long_enough():

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from spm_haptic_master.calibration import report_picture
 from spm_haptic_master.calibration.motion.calibration import Origin, Verdict, zero_counts
-from spm_haptic_master.calibration.motion.coverage import Region, WORKSPACE
+from spm_haptic_master.calibration.motion.coverage import Region
 from spm_haptic_master.calibration.motion.mechanism_parameters import Layout
 from spm_haptic_master.calibration.motion.model import MotionModel
 from spm_haptic_master.calibration.report import check_report, report_paths, write_report
@@ -25,7 +25,6 @@ images = pytest.importorskip('matplotlib.image')
 
 # Zeros (rad) and directions of the simulated encoders, and noise of a reading (rad).
 ZEROS, DIRECTION, NOISE = (1.0, -2.0, 0.3, 2.5), (1, -1, 1, -1), 0.0007
-VERDICT = Verdict(0.5, 1.0, 0.02, 0.031, WORKSPACE)
 ORIGIN = Origin('2026-03-01T10:00:00+01:00', 'hand | motion.log', 'ab' * 32, '1.2.3',
                 (16384, 16384, 4096, 65536), {'encoders.can_id': (1, 2, 3, 4)})
 
@@ -60,9 +59,14 @@ def drawn(monkeypatch):
     monkeypatch.setattr(report_picture, 'draw', lambda calibration: b'the picture')
 
 
-def written(output, calibration, verdict=VERDICT):
+def verdict(calibration, target=0.02):
+    """Return the verdict on a calibration."""
+    return Verdict(calibration, ORIGIN, 0.5, 1.0, target)
+
+
+def written(output, calibration, target=0.02):
     """Write a report; return its text."""
-    assert write_report(output, calibration, ORIGIN, verdict) == 'report rig.md'
+    assert write_report(output, verdict(calibration, target)) == 'report rig.md'
     return output.with_suffix('.md').read_text(encoding='utf-8')
 
 
@@ -83,10 +87,10 @@ def test_the_report_begins_with_what_the_calibration_is_good_for(calibration, ou
                      '16 deg, self-rotation 0 to 80 deg.')
     assert 'deg rms over the region, target 0.02 deg NOT reached' in second
     assert len(lines) < 60
-    part = replace(VERDICT, region=Region(9.0, 30.0, 70.0), reached_deg=0.02)
-    first, _, second, *_ = written(output, calibration, part).splitlines()
+    part = replace(calibration, region=Region(9.0, 30.0, 70.0))
+    first, _, second, *_ = written(output, part, 2.0).splitlines()
     assert 'ONLY for the region moved: tilt to 9 deg, self-rotation 30 to 70 deg' in first
-    assert 'target 0.02 deg reached' in second
+    assert 'target 2 deg reached' in second
 
 
 def test_the_report_has_the_figures_of_the_calibration(calibration, output, drawn):
@@ -185,7 +189,7 @@ def test_without_matplotlib_a_line_says_so(calibration, output, monkeypatch):
         name = f'spm_haptic_master.{room}'
         monkeypatch.delitem(sys.modules, f'{name}.{module}', raising=False)
         monkeypatch.delattr(f'{name}.{module}', raising=False)
-    said = write_report(output, calibration, ORIGIN, VERDICT)
+    said = write_report(output, verdict(calibration))
     assert re.fullmatch('report rig.md without picture: drawing needs matplotlib .* sudo apt '
                         r"install .* pip install '\.\[validate\]'", said)
     assert {path.name for path in output.parent.iterdir()} == {'rig.yaml', 'rig.md'}
@@ -199,7 +203,7 @@ def test_a_report_that_cannot_be_written_leaves_nothing(calibration, output, dra
     output.with_name(blocked).mkdir()
     with pytest.raises(InputError, match='(?s)rig.md: the report cannot be written: .*'
                        'rig.yaml is complete') as caught:
-        write_report(output, calibration, ORIGIN, VERDICT)
+        write_report(output, verdict(calibration))
     assert '\n' not in str(caught.value)
     assert {path.name for path in output.parent.iterdir()} == {'rig.yaml', blocked}
     assert output.read_text() == 'the parameters'

@@ -32,9 +32,9 @@ def record(path, pose):
     """Write a log of the rig at rest in a pose, with noise of a count."""
     geometry = geometry_from(complete((*GEOMETRY_SETTINGS, WORKING_MODE_SETTING), mechanism()))
     angles = measured_angles(zxz_rotation(*map(radians, pose)), geometry, (1, 1, 1), 4)
-    as_built, ideal = (values(**{name.replace('.', '__'): tuple(value)
-                                    for name, value in parameters.items()})
-                          for parameters in (HARMONICS | ENCODERS, ENCODERS))
+    as_built, ideal = (
+        values(**{name.replace('.', '__'): tuple(value) for name, value in parameters.items()})
+        for parameters in (HARMONICS | ENCODERS, ENCODERS))
     readings = [each.readings(angle) for each, angle in zip(
         make_harmonics(as_built), angles, strict=True)]
     layouts = make_layouts(ideal)

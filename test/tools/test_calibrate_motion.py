@@ -76,10 +76,14 @@ def test_the_file_is_reported_checked_and_not_overwritten(path, capsys):
 
 
 @pytest.mark.slow
-def test_a_limit_above_that_of_fkm_is_said_to_be_needed(tmp_path, capsys):
+def test_a_motion_is_refused_or_said_to_need_a_limit_above_that_of_fkm(tmp_path, capsys):
     """The file does not set it: it is the task's, in rig.yaml."""
-    assert run(*MOTION, '--seconds', '12', '-p', 'alert_limit_deg:=30.0', '-o',
-               tmp_path / 'c.yaml') == 0
+    short = (*MOTION, '--seconds', '12', '-o', tmp_path / 'c.yaml')
+    assert run(*short) == 1
+    out, err = capsys.readouterr()
+    assert not out and 'does not support alert_limit_deg 1: ' in err.splitlines()[-1]
+    assert not list(tmp_path.iterdir())
+    assert run(*short, '-p', 'alert_limit_deg:=30.0') == 0
     *_, needed, _, verdict = capsys.readouterr().out.splitlines()
     limit = float(re.search(r'alert limit of ([\d.]+) deg', verdict)[1])
     assert limit > 1.0 and needed.startswith(f'fkm needs alert_limit_deg {limit:g} or more')

@@ -15,7 +15,6 @@ from spm_haptic_master.calibration.motion.calibration import Origin
 from spm_haptic_master.calibration.motion.coverage import region_of, WORKSPACE
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.simulation.rig import random_rig
-from spm_haptic_master.tools.calibrate import main
 from spm_haptic_master.tools.calibration_verdict import (
     FkmValues,
     least_alert_limit,
@@ -29,7 +28,6 @@ RIG = random_rig(12, DEVIATIONS)
 # Of a good encoder, which a short motion at 200 Hz determines enough.
 QUIET = {'seconds': 40.0, 'noise': 0.01}
 ORIGIN = Origin('', 'simulated', '', '', (16384,) * 4, {})
-MOTION = ('-p', 'source:=replay', '-p', 'replay.path:=test/data/rig/dev_motion.log.gz')
 
 
 def silent(text, share):
@@ -71,17 +69,6 @@ def test_a_refusal_begins_with_what_to_do_and_names_a_limit_that_is_accepted(cal
         supported(calibration, FkmValues({'alert_limit_deg': 0.25}, ORIGIN))
     named = float(re.search(r':=([\d.]+)', str(caught.value))[1])
     assert supported(calibration, FkmValues({'alert_limit_deg': named}, ORIGIN))[1] == named
-
-
-@pytest.mark.evidence
-def test_six_sensors_have_a_verdict_too():
-    rig = random_rig(12, DEVIATIONS, sensors=6)
-    stamps, raw, direction, zeros = (each[::5] if len(each) > 6 else each for each in readings(
-        rig, Condition('motion', **QUIET), 41))
-    fkm = FkmValues({}, replace(ORIGIN, counts_per_turn=(16384,) * 6))
-    found, limit = supported(calibrated(stamps, raw, direction, zeros), fkm)
-    assert found.region == WORKSPACE and limit <= 1.0 and len(found.bias) == 6
-    assert published_share(found, (stamps, raw), fkm, silent) > 0.99
 
 
 @pytest.mark.evidence
@@ -136,11 +123,3 @@ def test_a_part_of_the_workspace_is_for_its_region_only():
     part, limit = supported(found, FkmValues({'alert_limit_deg': least}, ORIGIN))
     assert (part.region, limit) == (region, least)
     assert part.region_error < found.region_error and (part.bias <= found.bias).all()
-
-
-def test_nothing_is_left_of_a_calibration_that_is_refused(tmp_path, capsys):
-    assert main(['calibrate', '--motion', *MOTION, '-p', 'alert_limit_deg:=0.2', '-o',
-                 str(tmp_path / 'c.yaml')]) == 1
-    out, err = capsys.readouterr()
-    assert not out and 'does not support alert_limit_deg 0.2' in err.splitlines()[-1]
-    assert not list(tmp_path.iterdir())

@@ -79,19 +79,3 @@ def test_an_earlier_motion_is_not_overwritten(calibrating, tmp_path):
     assert f'kept in {tmp_path / "c_motion_2.log"};' in program.stderr
     assert (tmp_path / 'c_motion.log').read_text() == 'mine'
     assert recorded(tmp_path / 'c_motion_2.log') > 0.5 * RATE
-
-
-def test_a_check_writes_nothing(start, bus_channel, tmp_path):
-    path = tmp_path / 'old.yaml'
-    path.write_text('/**:\n  ros__parameters:\n    sigma_deg: [0.04, 0.04, 0.04, 0.04]\n'
-                    '    bias_deg: [0.05, 0.05, 0.05, 0.05]\n    encoders:\n'
-                    '      zero_count: [1201, 15870, 8003, 4444]\n'
-                    '      direction: [1, 1, -1, 1]\n'
-                    '      direction_verified: [true, true, true, true]\n')
-    start('sim_bus', parameters={'can.interface': 'udp_multicast', 'can.channel': bus_channel,
-                                 'rate': RATE})
-    program = start('calibrate', '--motion', '--check', str(path), '--seconds', '1', '-p',
-                    'can.interface:=udp_multicast', '-p', f'can.channel:={bus_channel}', '-p',
-                    'can.sync:=produce', '-p', f'rate:={RATE}')
-    assert program.wait(PATIENCE) == 1
-    assert 'kept in' not in program.stderr and [*tmp_path.iterdir()] == [path]

@@ -136,25 +136,27 @@ class Origin:
 class Verdict:
     """What a calibration is good for."""
 
+    calibration: MotionCalibration
+    origin: Origin
     alert_limit_deg: float  # smallest one with which fkm publishes in the region, deg
     published: float  # share of the recorded motion that fkm publishes (unit 1)
     target_deg: float  # wanted error of the orientation, deg rms
-    reached_deg: float  # predicted error over the region, deg rms
-    region: Region  # where it holds
 
     @property
     def text(self) -> str:
         """Return for what it is good, in one line."""
-        where = 'over the workspace' if self.region == WORKSPACE else 'ONLY for the region moved'
+        region = self.calibration.region
+        where = 'over the workspace' if region == WORKSPACE else 'ONLY for the region moved'
         return (f'Good for an alert limit of {self.alert_limit_deg:g} deg or more, {where}: '
-                f'{self.region.text}.')
+                f'{region.text}.')
 
     @property
     def reached(self) -> str:
         """Return target and reached error, in one line."""
-        verb = 'reached' if self.reached_deg <= self.target_deg else 'NOT reached'
-        return (f'Predicted error of the orientation: {self.reached_deg:.3f} deg rms over the '
-                f'region, target {self.target_deg:g} deg {verb}.')
+        error = degrees(self.calibration.region_error)
+        verb = 'reached' if error <= self.target_deg else 'NOT reached'
+        return (f'Predicted error of the orientation: {error:.3f} deg rms over the region, target '
+                f'{self.target_deg:g} deg {verb}.')
 
 
 def zero_counts(calibration: MotionCalibration,
@@ -205,9 +207,9 @@ def motion_parameters(calibration: MotionCalibration, origin: Origin) -> dict[st
         'encoders.harmonic_sin_deg': rounded(first[:, 1]), **tables}
 
 
-def motion_text(calibration: MotionCalibration, origin: Origin, verdict: Verdict) -> str:
+def motion_text(verdict: Verdict) -> str:
     """Return the text of the parameter file."""
-    c, region = calibration, calibration.region
+    c, origin, region = verdict.calibration, verdict.origin, verdict.calibration.region
     left = '; '.join(f'{group}: {reason}' for group, reason in c.left.items()) or 'none'
     return file_text(
         (f'Calibration of {origin.date} from free motion, a parameter file for all nodes: '

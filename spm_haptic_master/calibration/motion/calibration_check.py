@@ -122,11 +122,7 @@ class CalibrationChecker:
     progress: Callable[[str, float], None] = lambda text, share: None
 
     def check(self, angles: Array) -> Check:
-        """
-        Return what joint angles by the calibration, (n, N), rad, say of it.
-
-        CalibrationError where the motion is too small to decide.
-        """
+        """Return the result for angles, (n, N), rad; CalibrationError if they decide nothing."""
         rows = np.unique(np.linspace(0, len(angles) - 1, SAMPLES).astype(np.intp))
         angles = angles[rows]
         self.progress('as calibrated', 0.0)

@@ -85,11 +85,7 @@ class Fit:
 
 def normal_equations(model: MotionModel, turned: Array, rotation: Array, vector: Array,
                      columns: tuple[int, ...], limit: float | None = None) -> Normal:
-    """
-    Return the normal equations of samples; arguments of `MotionModel.linearised`.
-
-    Without a limit of the parity, beyond which a sample is an outlier, the samples give it.
-    """
+    """Return the normal equations; without `limit` the samples give that of the outliers."""
     parts = [model.linearised(turned[at:at + SLICE], rotation[at:at + SLICE], vector, columns)
              for at in range(0, len(turned), SLICE)]
     usable = np.concatenate([part.usable for part in parts])
@@ -228,11 +224,7 @@ def choose(model: MotionModel, turned: Array, seconds: Array, first: Fit, factor
 
 
 def held_out_part(seconds: Array) -> NDArray[np.bool_]:
-    """
-    Return which samples, by their times, confirm the parameters that the others determine.
-
-    CalibrationError where the motion is too short to hold out a part of it.
-    """
+    """Return which samples, by their times, s, confirm the fit; CalibrationError without any."""
     held = np.floor(seconds / HELD_OUT_SECONDS).astype(int) % 3 == 2
     if held.all() or not held.any():
         raise CalibrationError(

@@ -186,11 +186,7 @@ class Guide:
 
 def _outlook(model: MotionModel, means: MotionReadings,
              start: Start) -> tuple[float, dict[str, float]]:
-    """
-    Return the error over the workspace that a motion leaves, rad rms, and `further_motions`.
-
-    The advice while the device moves and after it is the same: both are computed here.
-    """
+    """Return the error over the workspace that a motion leaves, rad rms, and `further_motions`."""
     chosen = np.arange(0, len(means.readings), max(1, len(means.readings) // OUTLOOK_SAMPLES))
     turned = means.readings[chosen] * np.array(start.direction)
     rotation = model.orientations(turned, start.vector)

@@ -120,11 +120,7 @@ class MotionModel:
         return Linearised(usable, parity, derivative, moved, spread / self.sigma)
 
     def orientation_changes(self, rotation: Array, vector: Array) -> Array:
-        """
-        Return how the orientations of given readings change with the parameters, (n, 3, P).
-
-        Rotation vectors in the base frame, rad/rad, at orientations within reach.
-        """
+        """Return the orientations' changes with the parameters, rad, base frame, (n, 3, P)."""
         angles = self.joint_angles(rotation, self.layout.geometry(vector))
         slope = self.layout.harmonic_deviation(angles, vector)[1]
         spread = self.linearised(self.readings(rotation, vector), rotation, vector).spread

@@ -267,11 +267,7 @@ def _cost(distance: Array) -> Array:
 
 
 def _distance(turned: Array, zeros: Array, nominal: Geometry) -> tuple[Array, Array]:
-    """
-    Return how far samples are from angles that fit together, and the derivatives by the zeros.
-
-    Shapes (m, n) and (m, n, 4), rad, for m sets of zeros and n samples.
-    """
+    """Return the distances from angles that fit, (m, n), rad, and their slopes by the zeros."""
     # Cosines and sines of the joint angles, by those of readings and zeros.
     readings = zip(np.cos(turned).T[:, None], np.sin(turned).T[:, None], strict=True)
     at_zero = zip(np.cos(zeros).T[:, :, None], np.sin(zeros).T[:, :, None], strict=True)
