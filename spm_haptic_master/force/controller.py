@@ -78,8 +78,7 @@ class ForceController:
         # What each sample is compared with.
         self._figures = (
             limits.speed ** 2, limits.protection_level, limits.noise, limits.torque, limits.slew,
-            limits.ramp, limits.damping, self._obstacles.earliest, self._obstacles.latest,
-            self._obstacles.quiet)
+            limits.ramp, limits.damping, self._obstacles.earliest, self._obstacles.latest)
         self._energy = EnergyBudget()
         self._motion = JointMotion(motors)
         self._zero = (0.0,) * motors
@@ -117,10 +116,10 @@ class ForceController:
     def take(self, sample: ForceSample) -> ForceOutput:
         """Return the motor torques for a sample: once for each, in the order of their stamps."""
         # One function: a call costs as much as the product of two vectors.
-        (stamp, angles, quaternion, velocity, level, noise, wrench, sources, drives, measured,
+        (stamp, angles, quaternion, velocity, level, noise, wrench, sources, drives,
          enabled, engaged, present, clutched, lock, weightless) = sample
         (square_of_speed, level_limit, noise_limit, torque_limit, slew, ramp, damping, earliest,
-         latest, quiet) = self._figures
+         latest) = self._figures
         energy, state, obstacles = self._energy, self._state, self._obstacles
         elapsed = stamp - self._stamp
         self._stamp = stamp
@@ -130,7 +129,7 @@ class ForceController:
             # The drives may have dropped the torque meanwhile: it begins from zero.
             self._motion.restart()
             self._asked, dt = NOTHING, 0.0
-        commanded, counted = self._before
+        counted = self._before
         work, generated = self._motion.take(stamp, angles, counted, dt), False
         if work is not None and (state is ENGAGED or state is HOLDING):
             generated = energy.take(work, self._asked, dt)
@@ -141,13 +140,12 @@ class ForceController:
                 and wx * wx + wy * wy + wz * wz <= square_of_speed and level <= level_limit
                 and noise <= noise_limit and whole < inf and earliest <= age <= latest
                 and sources <= 1 and drives is OPERATING and enabled and engaged and present
-                and (measured is None or dist(measured, commanded) <= quiet)
-                and not (clutched or generated or obstacles.off_time)):
+                and not (clutched or generated)):
             # The usual case: nothing is in the way.
             obstacle = None
         else:
             obstacle = obstacles.take(
-                sample, self._motion.is_missing, commanded, dt, generated, state is HOLDING)
+                sample, self._motion.is_missing, generated, state is HOLDING)
             if obstacle is not None or state is not ENGAGED or clutched:
                 self._change(sample, obstacle, dt)
                 state = self._state

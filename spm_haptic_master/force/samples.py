@@ -43,7 +43,6 @@ class Reason(Enum):
     UNPROTECTED = 'protection level above the limit of force'
     NOISY = 'encoder too noisy'
     SPEED = 'handle too fast'
-    TORQUE = 'torque of a motor off its command'
     NOT_FINITE = 'wrench not finite'
     SOURCES = 'two sources of the wrench'
     ENERGY = 'energy generated'
@@ -56,7 +55,7 @@ EXPLAINED = frozenset((Condition.FADING, Condition.FAULT))
 # Reasons after which somebody has to acknowledge; after the others force may begin again.
 LATCHED = frozenset((
     Reason.DRIVE, Reason.ANGLE, Reason.NO_ORIENTATION, Reason.UNPROTECTED, Reason.NOISY,
-    Reason.SPEED, Reason.TORQUE, Reason.NOT_FINITE, Reason.SOURCES, Reason.ENERGY))
+    Reason.SPEED, Reason.NOT_FINITE, Reason.SOURCES, Reason.ENERGY))
 # Time in which torque fades out (s); after a drive's fault the other motors alone pull askew.
 FADE, DRIVE_FADE = 0.02, 0.003
 
@@ -118,7 +117,6 @@ class ForceSample(NamedTuple):
     wrench: Wrench | None = None  # the latest one; None before the first
     sources: int = 1  # number of publishers of wrenches
     drives: Drives = Drives.OPERATING
-    motor_torque: tuple[float, ...] | None = None  # as drives report it, N m; None: they do not
     enabled: bool = True  # force is wanted
     engaged: bool = True  # teleoperation is engaged
     present: bool = True  # a hand is on the handle
