@@ -82,8 +82,8 @@ class ForceController:
         self._energy = EnergyBudget()
         self._motion = JointMotion(motors)
         self._zero = (0.0,) * motors
-        # Motor torques of the last two samples, N m: whole, and without gravity.
-        self._last = self._before = self._zero, self._zero
+        # Motor torques of the last sample, and of the last two without gravity, N m.
+        self._last = self._counted = self._before = self._zero
         # Torque asked of the handle, N m, and the motor torques from which a fade began.
         self._asked, self._from = NOTHING, self._zero
         self._stamp = LONG_AGO
@@ -129,8 +129,7 @@ class ForceController:
             # The drives may have dropped the torque meanwhile: it begins from zero.
             self._motion.restart()
             self._asked, dt = NOTHING, 0.0
-        counted = self._before
-        work, generated = self._motion.take(stamp, angles, counted, dt), False
+        work, generated = self._motion.take(stamp, angles, self._before, dt), False
         if work is not None and (state is ENGAGED or state is HOLDING):
             generated = energy.take(work, self._asked, dt)
         received, (x, y, z), in_handle = NO_WRENCH if wrench is None else wrench
@@ -205,7 +204,7 @@ class ForceController:
             state = self._state
         else:
             torques, counted, rendered = self._zero, self._zero, NOTHING
-        self._before, self._last = self._last, (torques, counted)
+        self._before, self._counted, self._last = self._counted, counted, torques
         return _output(ForceOutput, (state, torques, self._asked, rendered, obstacle,
                                      energy.energy, energy.share))
 
@@ -244,7 +243,7 @@ class ForceController:
         self._energy.restart()
         self._idle = self._wrench_ramp = 0.0
         if before is not Condition.FADING:
-            self._left, (self._from, _) = 1.0, self._last
+            self._left, self._from = 1.0, self._last
         if before not in (Condition.ENGAGED, Condition.HOLDING) or (
                 state.condition is Condition.FADING):
             # Between engaged and holding the torque follows the slew rate.

@@ -145,11 +145,10 @@ class Force:
                 x, y, z = vector_from_quaternion(
                     *multiply_quaternions(inputs.target, conjugate(quaternion)))
                 pull = self._stiffness * x, self._stiffness * y, self._stiffness * z
-        drives, felt = Drives.OPERATING, None
+        drives = Drives.OPERATING
         if self._drives is not None:
             drives = Drives.OFF
             if report is not None:
-                felt = report.torques
                 drives = Drives.FAULT if report.fault is not None else (
                     Drives.OPERATING if report.ready else Drives.OFF)
         phase, is_absent = inputs.phase, inputs.is_absent
@@ -157,7 +156,7 @@ class Force:
             self._is_enabled()
         output = self._output = self._controller.take(ForceSample(
             stamp, angles, quaternion, velocity, level, self._noise, inputs.take(),
-            inputs.sources, drives, felt, True, engaged, not is_absent,
+            inputs.sources, drives, True, engaged, not is_absent,
             phase is Phase.CLUTCHED, pull, inputs.weightless))
         if self._drives is not None:
             is_faulty = output.state.condition is Condition.FAULT

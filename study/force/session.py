@@ -168,11 +168,10 @@ class _Master:
             self._sample = self._sample._replace(
                 quaternion=self.quaternion, velocity=self._velocity.value())
 
-    def act(self, wrench: Wrench | None, drives: Drives, torques: tuple[float, ...],
-            clutched: bool) -> ForceOutput:
+    def act(self, wrench: Wrench | None, drives: Drives, clutched: bool) -> ForceOutput:
         """Return the force output of that sample."""
         return self.force.take(self._sample._replace(
-            wrench=wrench, drives=drives, motor_torque=torques, clutched=clutched))
+            wrench=wrench, drives=drives, clutched=clutched))
 
 
 def within(time: float, span: tuple[float, float]) -> bool:
@@ -223,7 +222,7 @@ def play(progress: Callable[[float], None] | None = None, seed: int = 1) -> Sess
             if any(abs(time - each) < 0.5 * DT for each in ACKNOWLEDGED):
                 master.force.acknowledge()
             output = master.act(
-                wrench, Drives.FAULT if within(time, DRIVE) else Drives.OPERATING, in_force,
+                wrench, Drives.FAULT if within(time, DRIVE) else Drives.OPERATING,
                 within(time, CLUTCH))
         elif time >= MASTER + EVENT_TIMER:
             torques = (0.0, 0.0, 0.0)

@@ -301,22 +301,6 @@ def test_a_gap_of_the_samples_leaves_nothing_to_fade():
     assert bench.step(quaternion=None).state.text == f'fault: {Reason.NO_ORIENTATION.value}'
 
 
-def test_a_motor_off_its_command_for_50_ms():
-    bench = Bench()
-    command = bench.engage().motor_torque
-    off = tuple(torque + 0.03 for torque in command)
-    assert bench.run(45, motor_torque=off).state.condition is Condition.ENGAGED
-    assert bench.run(10, motor_torque=command).state.condition is Condition.ENGAGED
-    assert bench.run(55, motor_torque=off).state.why is Reason.TORQUE
-
-
-def test_friction_is_no_deviation_of_a_small_torque():
-    bench = Bench()
-    bench.engage(ZERO)
-    near = (0.02, -0.02, 0.02)
-    assert bench.run(100, motor_torque=near).state.condition is Condition.ENGAGED
-
-
 def test_a_pose_beyond_the_reach_of_a_leg_ends_force():
     bench = Bench()
     bench.engage()
