@@ -17,7 +17,6 @@ from spm_haptic_master.force.energy import (
     JointMotion,
 )
 from spm_haptic_master.force.gravity import Gravity, Weight
-from spm_haptic_master.force.obstacles import LONG_AGO, NO_WRENCH, Obstacles
 from spm_haptic_master.force.rendering import make_statics
 from spm_haptic_master.force.samples import (
     Condition,
@@ -30,7 +29,10 @@ from spm_haptic_master.force.samples import (
     ForceState,
     HOLDING,
     LATCHED,
+    LONG_AGO,
+    NO_WRENCH,
     NOTHING,
+    Obstacles,
     OFF,
     READY,
     Reason,

@@ -18,7 +18,7 @@ from spm_haptic_master.force import Wrench
 from spm_haptic_master.kinematics.mounting import Mounting
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.nodes.force_factory import WrenchFrame, WrenchFrames
-from spm_haptic_master.parameters.force import BY_TELEOP
+from spm_haptic_master.parameters.fkm import BY_TELEOP
 from spm_haptic_master.parameters.geometry import mounting_from
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.ros import node_log
