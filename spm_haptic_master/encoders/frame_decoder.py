@@ -92,8 +92,9 @@ class FrameDecoder:
             return self._answer(*self._by_key[key], message)
         if key == self.sync_id:
             if self.is_sync(message):
+                self.sync_heard = message.timestamp
                 self._sync_rate.heard(message.timestamp)
-                return self.open_cycle(message.timestamp)
+                return self.assembler.begin(message.timestamp)
             self.counters['rejected: SYNC of wrong length'] += 1
         elif key in self._nodes:
             self._supervise(self._nodes[key], message)
@@ -110,11 +111,6 @@ class FrameDecoder:
         return message.arbitration_id == self.sync_id and not (
             _other_kind(message) or message.is_extended_id
             or len(message.data) > canopen.SYNC_MAXIMUM_LENGTH)
-
-    def open_cycle(self, stamp: float) -> JointSample | None:
-        """Open a cycle at its SYNC's time, s since the Unix epoch; return as `feed` does."""
-        self.sync_heard = stamp
-        return self.assembler.begin(stamp)
 
     def silent(self, now: float, timeout: float) -> tuple[int, ...]:
         """Return the indices of the joints without a good frame in the last `timeout` s."""
