@@ -8,7 +8,7 @@ import threading
 import time
 
 import can
-from encoder_frames import answer, sync, T0
+from encoder_frames import answer, sync, T0, values
 import pytest
 from scripted_bus import (
     cycles,
@@ -23,6 +23,7 @@ from scripted_bus import (
 )
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.can_source import open_bus
+from spm_haptic_master.simulation.source_factory import make_source
 
 # s; a busy machine may need so long for what takes a fraction of a second on an idle one.
 LIMIT = 20.0
@@ -32,9 +33,10 @@ def stamps(*times):
     return [pytest.approx((T0 + at) * 1e9, abs=1000) for at in times]
 
 
-def test_sync_is_made_here_until_a_second_master_makes_it(source, channel, encoders):
+def test_sync_is_made_here_until_a_second_master_makes_it(channel, encoders):
     encoders()
-    driver = source(can__sync='produce', rate=100.0)
+    driver = make_source('can', values(can__interface='virtual', can__channel=channel,
+                                       can__sync='produce', rate=100.0))
     end = time.monotonic() + LIMIT
 
     def read_until(condition):
@@ -66,6 +68,7 @@ def test_sync_is_made_here_until_a_second_master_makes_it(source, channel, encod
     # It takes SYNC up again when the other has gone.
     read_until(lambda: counted('SYNC sent') > sent + 10)
     assert 'another master' not in (driver.caution or '')
+    driver.close()
 
 
 def test_sets_arrive_with_syncs_receive_time(rig):
