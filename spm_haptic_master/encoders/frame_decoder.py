@@ -197,17 +197,15 @@ class FrameDecoder:
 
     def _answer(self, index: int, encoder: Encoder, message: can.Message) -> JointSample | None:
         """Take an encoder's frame; one without a reading also ends the wait for its answer."""
-        counts, stamp, reason = encoder.check(message), message.timestamp, None
-        if counts is None:
-            # The frame was rejected: there is a reason.
-            _, reason = encoder.refused  # type: ignore[misc]
-            if reason not in (STATUS_ERROR, UNCHANGED) \
-                    or reason == UNCHANGED and self.assembler.has_answered(index):
-                return None
-        else:
+        stamp = message.timestamp
+        counts, reason = encoder.check(message)
+        if reason is None:
             self.bus_error, self.bus_off = None, False
             reason = self._unfit(index, stamp)
-        if counts is None or reason:
+        elif reason not in (STATUS_ERROR, UNCHANGED) \
+                or reason == UNCHANGED and self.assembler.has_answered(index):
+            return None
+        if reason:
             return self.assembler.answer(index, nan, stamp, encoder.lost,
                                          f'{encoder.layout.joint}: {reason}')
         return self.assembler.answer(index, encoder.layout.angle(counts), stamp, encoder.lost)
