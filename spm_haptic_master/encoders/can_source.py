@@ -233,7 +233,7 @@ class CanSource(EncoderSource):
             self._ready.append(sample)
 
     def _poll(self, now: float) -> None:
-        """Start nodes that booted or are silent; close a bus that is silent for too long."""
+        """Start silent nodes, and close a bus that is silent for too long."""
         silent = self._decoder.silent(time.time(), self._timeout)
         if network := self._decoder.network:
             for node in network.to_start(time.time(), silent):

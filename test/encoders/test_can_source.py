@@ -170,13 +170,14 @@ def test_a_reopened_bus_may_count_from_another_start(rig):
 
 
 def test_silent_and_booting_nodes_are_started(rig):
-    driver = rig([*cycles(0.005, 120, without=(1,)), node_frame(0.3011, 0x703, b'\x00')])
+    driver = rig([*cycles(0.005, 25, without=(1,)), *cycles(0.255, 15, without=(1, 2)),
+                  *cycles(0.405, 80, without=(1,)), node_frame(0.3511, 0x703, b'\x00')])
     run(driver, 1.19)
     starts = driver.buses[0].starts()
     # All four before any was heard; node 2 every half second; node 3 when it has booted.
     assert starts[:4] == [(0.0, 1), (0.0, 2), (0.0, 3), (0.0, 4)]
     assert [node for _, node in starts[4:]] == [3, 2, 2]
-    assert 0.0 < starts[4][0].expected - 0.3011 <= POLL_PERIOD
+    assert 0.0 < starts[4][0].expected - 0.3511 <= POLL_PERIOD
     for place, expected in ((5, 0.5), (6, 1.0)):
         assert -1e-6 < starts[place][0].expected - expected < 3 * POLL_PERIOD
 
