@@ -210,31 +210,30 @@ class CanSource(EncoderSource):
         self._close_bus()
 
     def _take(self, message: can.Message) -> None:
-        """Decode a frame, its time mapped to ROS time."""
+        """Decode a frame, its time mapped to ROS time, and before it the SYNCs sent until then."""
         arrived = time.time()
         self._last_frame = time.monotonic()
         self._backoff = REOPEN_FIRST
         stamp = message.timestamp = self._clock.epoch(message.timestamp, arrived)
-        decoder = self._decoder
-        if self._sync and decoder.is_sync(message):
+        if self._sync and self._decoder.is_sync(message):
             self._sync.heard(stamp)
         elif self._sync:
             for sent in self._sync.openings(stamp):
-                if self._keep:
-                    sync = canopen.frame(decoder.sync_id or 0)
-                    sync.timestamp = sent
-                    self._keep(sync)
-                if (ended := decoder.open_cycle(sent)) is not None:
-                    self._ready.append(ended)
-        if self._keep:
-            self._keep(message)
-        if (sample := decoder.feed(message)) is not None:
-            self._ready.append(sample)
+                sync = canopen.frame(self._decoder.sync_id or 0)
+                sync.timestamp = sent
+                self._decode(sync)
+        self._decode(message)
         if self._ready:
             self._last_set = arrived
 
+    def _decode(self, message: can.Message) -> None:
+        if self._keep:
+            self._keep(message)
+        if (sample := self._decoder.feed(message)) is not None:
+            self._ready.append(sample)
+
     def _poll(self, now: float) -> None:
-        """Start nodes that booted or are silent; close a bus that is silent for too long."""
+        """Start silent nodes, and close a bus that is silent for too long."""
         silent = self._decoder.silent(time.time(), self._timeout)
         if network := self._decoder.network:
             for node in network.to_start(time.time(), silent):

@@ -232,23 +232,20 @@ def assign(network: Any, device: Device, selected: Identity | None, node_id: int
             lss.RESPONSE_TIMEOUT = LSS_TIMEOUT
             lss.send_switch_state_global(lss.WAITING_STATE)
 
-    old = device.node_id
-    if old is None:
+    if device.node_id is None:
         # It boots by itself when it has got its first node id.
         await_boot_up(network, node_id, configure)
-        if bit_rate is None:
-            Node(network, node_id).reset()
     else:
         configure()
-        if bit_rate is None:
-            await_boot_up(network, node_id, lambda: network.send_message(
-                protocol.NMT_ID, bytes((protocol.NMT_RESET_NODE, old))))
-    if bit_rate is None:
-        serial, _ = Node(network, node_id).read(*protocol.SERIAL_NUMBER)
-        if serial != device.identity[-1]:
-            shown = 'none' if serial is None else f'0x{serial:X}'
-            raise SetupError(f'node {node_id} has serial number {shown}; expected '
-                             f'0x{device.identity[-1]:X}')
+    if bit_rate is not None:
+        return
+    await_boot_up(network, node_id, lambda: network.send_message(
+        protocol.NMT_ID, bytes((protocol.NMT_RESET_NODE, device.node_id or node_id))))
+    serial, _ = Node(network, node_id).read(*protocol.SERIAL_NUMBER)
+    if serial != device.identity[-1]:
+        shown = 'none' if serial is None else f'0x{serial:X}'
+        raise SetupError(f'node {node_id} has serial number {shown}; expected '
+                         f'0x{device.identity[-1]:X}')
 
 
 def check_free(network: Any, device: Device, node_id: int, alone: bool) -> None:

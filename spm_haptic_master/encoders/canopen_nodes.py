@@ -33,8 +33,8 @@ class Node:
     emergency: str | None = None
     boot_ups: int = 0
     emergencies: int = 0
-    booted: bool = False  # and not started since
-    started_at: float = float('-inf')  # time of the latest NMT start, s
+    # Time of the latest NMT start, s; -inf before the first and after a boot-up.
+    started_at: float = float('-inf')
 
     def down(self) -> str | None:
         """Return the word for its NMT state by its latest message, None if it is operational."""
@@ -88,7 +88,7 @@ class Node:
         if self.state == canopen.BOOT_UP:
             self.boot_ups += 1
             self.heard = self.emergency = None
-            self.booted = True
+            self.started_at = float('-inf')
         return None
 
     def _lost(self, heard: float | None, now: float) -> bool:
@@ -114,17 +114,14 @@ class CanopenNodes:
 
     def to_start(self, now: float, silent: tuple[int, ...]) -> list[Node]:
         """
-        Return the nodes that need an NMT start now: those that booted, and silent joints'.
+        Return the nodes of the silent joints that need an NMT start now, and note that.
 
         `now`, s, is on the clock of the frames' stamps.
         """
-        due = [node for node in self.nodes if node.booted]
-        for index in silent:
-            node = self.nodes[index]
-            if node not in due and not 0.0 <= now - node.started_at < START_AGAIN:
-                due.append(node)
+        due = [node for index in silent
+               if not 0.0 <= now - (node := self.nodes[index]).started_at < START_AGAIN]
         for node in due:
-            node.started_at, node.booted = now, False
+            node.started_at = now
         return due
 
     def by_joint(self, reason: Callable[[Node], str | None]) -> dict[int, str]:

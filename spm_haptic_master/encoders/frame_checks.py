@@ -48,33 +48,31 @@ class Encoder:
         self.lost: int | None = None
         self._counter: int | None = None
 
-    def check(self, message: can.Message) -> int | None:
-        """Return the counts in a frame of this encoder, None if the frame is rejected."""
+    def check(self, message: can.Message) -> tuple[int, str | None]:
+        """Return the counts in a frame of this encoder, and None or why it is rejected."""
         layout, data = self.layout, message.data
-        counts, problem = None, None
         if len(data) != layout.data_length:
-            problem = f'{len(data)} bytes instead of {layout.data_length}'
-        elif (counts := layout.counts(data)) is None:
-            problem = 'counts beyond a turn'
-        elif self._is_unchanged(layout.counter(data)):
-            problem = UNCHANGED
-        elif not layout.healthy(data):
-            problem = STATUS_ERROR
-        if problem:
-            self.reject(message, problem)
-            return None
+            return 0, self.reject(message, f'{len(data)} bytes instead of {layout.data_length}')
+        counts = layout.counts(data)
+        if counts is None:
+            return 0, self.reject(message, 'counts beyond a turn')
+        if self._is_unchanged(layout.counter(data)):
+            return 0, self.reject(message, UNCHANGED)
+        if not layout.healthy(data):
+            return 0, self.reject(message, STATUS_ERROR)
         self.heard = message.timestamp
         self.frames.count += 1
-        return counts
+        return counts, None
 
     def restart(self) -> None:
         """Take the next value of the rolling counter as the first one."""
         self._counter = None
 
-    def reject(self, message: can.Message, reason: str) -> None:
-        """Count a rejected frame."""
+    def reject(self, message: can.Message, reason: str) -> str:
+        """Count a rejected frame; return the reason."""
         self.rejects[reason] += 1
         self.refused = message.timestamp, reason
+        return reason
 
     def _is_unchanged(self, counter: int | None) -> bool:
         """Note the rolling counter, if there is one; return whether it is that of before."""

@@ -92,8 +92,9 @@ class FrameDecoder:
             return self._answer(*self._by_key[key], message)
         if key == self.sync_id:
             if self.is_sync(message):
+                self.sync_heard = message.timestamp
                 self._sync_rate.heard(message.timestamp)
-                return self.open_cycle(message.timestamp)
+                return self.assembler.begin(message.timestamp)
             self.counters['rejected: SYNC of wrong length'] += 1
         elif key in self._nodes:
             self._supervise(self._nodes[key], message)
@@ -110,11 +111,6 @@ class FrameDecoder:
         return message.arbitration_id == self.sync_id and not (
             _other_kind(message) or message.is_extended_id
             or len(message.data) > canopen.SYNC_MAXIMUM_LENGTH)
-
-    def open_cycle(self, stamp: float) -> JointSample | None:
-        """Open a cycle at its SYNC's time, s since the Unix epoch; return as `feed` does."""
-        self.sync_heard = stamp
-        return self.assembler.begin(stamp)
 
     def silent(self, now: float, timeout: float) -> tuple[int, ...]:
         """Return the indices of the joints without a good frame in the last `timeout` s."""
@@ -201,17 +197,15 @@ class FrameDecoder:
 
     def _answer(self, index: int, encoder: Encoder, message: can.Message) -> JointSample | None:
         """Take an encoder's frame; one without a reading also ends the wait for its answer."""
-        counts, stamp, reason = encoder.check(message), message.timestamp, None
-        if counts is None:
-            # The frame was rejected: there is a reason.
-            _, reason = encoder.refused  # type: ignore[misc]
-            if reason not in (STATUS_ERROR, UNCHANGED) \
-                    or reason == UNCHANGED and self.assembler.has_answered(index):
-                return None
-        else:
+        stamp = message.timestamp
+        counts, reason = encoder.check(message)
+        if reason is None:
             self.bus_error, self.bus_off = None, False
             reason = self._unfit(index, stamp)
-        if counts is None or reason:
+        elif reason not in (STATUS_ERROR, UNCHANGED) \
+                or reason == UNCHANGED and self.assembler.has_answered(index):
+            return None
+        if reason:
             return self.assembler.answer(index, nan, stamp, encoder.lost,
                                          f'{encoder.layout.joint}: {reason}')
         return self.assembler.answer(index, encoder.layout.angle(counts), stamp, encoder.lost)

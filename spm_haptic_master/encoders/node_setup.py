@@ -19,7 +19,7 @@ TIME_MAXIMUM = 0xFFFF
 # Mask of a CiA 301 device type: the device profile.
 PROFILE_MASK = 0xFFFF
 # Bits of an object that all count.
-ALL = (1 << 32) - 1
+ALL = 0xFFFFFFFF
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,20 +19,19 @@ from spm_haptic_master.encoders import (
 )
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.simulation.bus_runner import BusRunner
-from spm_haptic_master.simulation.fault_injection import parse_fault
 from spm_haptic_master.simulation.noisy_motion import make_motion
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus
 from spm_haptic_master.simulation.source_factory import make_source
 
 
 @contextmanager
-def simulated(channel, *faults, factory=False, sync=False):
+def simulated(channel, factory=False, sync=False):
     """Run sim_bus's encoders, still or with SYNC, in a thread."""
     motion = make_motion(values('sim', sim__noise_deg=0.0))
     with can.Bus(interface='virtual', channel=channel) as bus:
         runner = BusRunner(bus, SimulatedBus(
-            LAYOUTS, (1, 2, 3, 4), motion, tuple(map(parse_fault, faults)), 0.1, 1,
-            factory=factory), 0x80, DeadlineGrid(0.01) if sync else None)
+            LAYOUTS, (1, 2, 3, 4), motion, (), 0.1, 1, factory=factory), 0x80,
+            DeadlineGrid(0.01) if sync else None)
         end = threading.Event()
 
         def loop():
@@ -56,26 +55,10 @@ def channel():
 
 
 @pytest.fixture
-def source(channel):
-    """Make a source on the channel; closed at the test's end."""
-    made = []
-
-    def make(**overrides):
-        made.append(make_source('can', values(
-            can__interface='virtual', can__channel=channel, **overrides)))
-        return made[-1]
-
-    yield make
-    for each in made:
-        each.close()
-
-
-@pytest.fixture
 def encoders(channel):
     """Make encoders on the channel; they leave it at the test's end."""
     with ExitStack() as stack:
-        yield lambda *faults, **options: stack.enter_context(
-            simulated(channel, *faults, **options))
+        yield lambda **options: stack.enter_context(simulated(channel, **options))
 
 
 @pytest.fixture

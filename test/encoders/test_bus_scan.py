@@ -110,18 +110,11 @@ def test_every_node_that_is_heard_is_started_until_it_is_operational(buses, monk
     assert sum(data[1] == 9 for data in started) > 2
 
 
-class EchoingBus(VirtualBus):
-    """A bus that returns the frames sent, as udp_multicast does."""
-
-    def __init__(self, channel):
-        super().__init__(channel, receive_own_messages=True)
-
-
 def test_echoes_are_not_in_the_table_and_others_are(buses):
     """As many frames as were sent are echoes; one more is another program's."""
     _, other = buses
     scan = BusScan()
-    with EchoingBus('scan') as bus:
+    with VirtualBus('scan', receive_own_messages=True) as bus:
         scanner(bus, scan, 20.0, echoes=True).listen(0.4, False, (5,))
         assert scan.own_sync.count > 4 and scan.frames == {}
         other.send(canopen.frame(0x80))

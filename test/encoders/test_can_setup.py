@@ -159,8 +159,6 @@ def test_four_simulated_encoders_from_their_makers_defaults(run, encoders):
         assert (code, err) == (0, ''), out + err
         assert out.endswith('stored; the device answers under it after a reset\n')
     assert run(*one)[0] == 0
-    _, _, err = run('--lss', 'joint_1a', *SIMULATED, 2, '--write')
-    assert 'node id 1 is taken by another node on the bus' in err
     code, out, _ = run()
     assert code == 1
     assert out.count('units per turn: 65536, wanted 16384') == 4
@@ -176,6 +174,14 @@ def test_nothing_is_written_while_a_master_runs(run, encoders):
         'anything is written\n'
     code, out, _ = run()
     assert code == 0 and out.endswith('4 of 4 encoders as configured\n')
+
+
+def test_a_node_id_of_another_node_is_not_given(run, encoders):
+    encoders()
+    code, out, err = run('--lss', 'joint_1a', *SIMULATED, 2, '--write')
+    assert code == 1
+    assert out == 'device 0x0 0x53504D 0x10001 0x2: node id 2, wanted 1 (joint_1a)\n'
+    assert 'node id 1 is taken by another node on the bus' in err
 
 
 @pytest.mark.slow

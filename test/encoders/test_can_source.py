@@ -8,7 +8,7 @@ import threading
 import time
 
 import can
-from encoder_frames import answer, sync, T0
+from encoder_frames import answer, sync, T0, values
 import pytest
 from scripted_bus import (
     cycles,
@@ -23,6 +23,7 @@ from scripted_bus import (
 )
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.can_source import open_bus
+from spm_haptic_master.simulation.source_factory import make_source
 
 # s; a busy machine may need so long for what takes a fraction of a second on an idle one.
 LIMIT = 20.0
@@ -32,9 +33,10 @@ def stamps(*times):
     return [pytest.approx((T0 + at) * 1e9, abs=1000) for at in times]
 
 
-def test_sync_is_made_here_until_a_second_master_makes_it(source, channel, encoders):
+def test_sync_is_made_here_until_a_second_master_makes_it(channel, encoders):
     encoders()
-    driver = source(can__sync='produce', rate=100.0)
+    driver = make_source('can', values(can__interface='virtual', can__channel=channel,
+                                       can__sync='produce', rate=100.0))
     end = time.monotonic() + LIMIT
 
     def read_until(condition):
@@ -66,6 +68,7 @@ def test_sync_is_made_here_until_a_second_master_makes_it(source, channel, encod
     # It takes SYNC up again when the other has gone.
     read_until(lambda: counted('SYNC sent') > sent + 10)
     assert 'another master' not in (driver.caution or '')
+    driver.close()
 
 
 def test_sets_arrive_with_syncs_receive_time(rig):
@@ -167,13 +170,14 @@ def test_a_reopened_bus_may_count_from_another_start(rig):
 
 
 def test_silent_and_booting_nodes_are_started(rig):
-    driver = rig([*cycles(0.005, 120, without=(1,)), node_frame(0.3011, 0x703, b'\x00')])
+    driver = rig([*cycles(0.005, 25, without=(1,)), *cycles(0.255, 15, without=(1, 2)),
+                  *cycles(0.405, 80, without=(1,)), node_frame(0.3511, 0x703, b'\x00')])
     run(driver, 1.19)
     starts = driver.buses[0].starts()
     # All four before any was heard; node 2 every half second; node 3 when it has booted.
     assert starts[:4] == [(0.0, 1), (0.0, 2), (0.0, 3), (0.0, 4)]
     assert [node for _, node in starts[4:]] == [3, 2, 2]
-    assert 0.0 < starts[4][0].expected - 0.3011 <= POLL_PERIOD
+    assert 0.0 < starts[4][0].expected - 0.3511 <= POLL_PERIOD
     for place, expected in ((5, 0.5), (6, 1.0)):
         assert -1e-6 < starts[place][0].expected - expected < 3 * POLL_PERIOD
 

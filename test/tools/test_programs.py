@@ -59,17 +59,6 @@ def test_the_tools_need_no_ros():
     assert program.stdout.strip() == '[]'
 
 
-def test_scan_of_a_bus_that_is_not_started(encoders, bus_channel):
-    encoders('-p', 'encoders.node_id:=[1, 2, 3, 9]')
-    code, out, err = run('can_scan', *bus(bus_channel), '--seconds', 1.5)
-    assert code == 1, err
-    assert 'joint_1a: 0x181 missing; its node 1 is pre-operational' in out
-    assert 'joint_3a: 0x184 missing; its node 4 was not heard either' in out
-    assert 'no SYNC 0x80' in out
-    assert re.search(r'unexpected: node 9 \(pre-operational, device type 0x00010196', out)
-    assert 's left' in err
-
-
 def test_scan_of_a_bus_started_for_it(encoders, bus_channel):
     encoders()
     code, out, err = run('can_scan', *bus(bus_channel), '--start', '--seconds', 2,
