@@ -69,7 +69,7 @@ def test_a_machine_that_was_busy_is_named(late, others, words):
 def test_the_observer_has_the_slice_of_the_nodes(tmp_path):
     slice_ = 0.05  # s; that of nothing else
     # The rate is none of the observer's parameters: it would refuse it.
-    parameters = {'rate': '100.0', 'realtime.slice': str(slice_)}
+    parameters = {'source': 'sim', 'rate': '100.0', 'realtime.slice': str(slice_)}
     with running(MASTER, parameters, tmp_path) as processes:
         assert set(processes) == {'observer', 'master'}
         for process in processes.values():
