@@ -50,8 +50,8 @@ AT_REST = 5
 POSES = 12
 # Largest residual of the weight (N m): more is felt.
 LARGEST_RESIDUAL = 2e-3
-# What the name of a part begins with.
-PART = re.compile(r'step (1[abc]|3a)\b|pose\b|release [xyz]\b')
+# First words of a part's name, with the motor of a step.
+PART = re.compile(r'(?:step (1[abc]|3a)|pose|release [xyz])(?!\S)')
 # Columns of the orientation about which a release turns the handle.
 DIRECTIONS = 'xyz'
 WORDS = {1: 'right', -1: 'wrong: turn its direction over', 0: 'not seen: its joint did not turn'}
@@ -198,7 +198,8 @@ def read(path: Path) -> list[Part]:
     if len(motors) < 3:
         raise InputError(f'{path}: torques of {len(motors)} motors: expected {", ".join(TORQUES)}')
     for name, numbers in groups:
-        if not PART.match(name):
+        part = PART.match(name)
+        if part is None or part[1] and f'tau{part[1]}' not in motors:
             raise InputError(f"{path}: part '{name}': expected 'step 1a', 'pose 1' or 'release z "
                              "1'")
         if not np.isfinite(numbers).all():
