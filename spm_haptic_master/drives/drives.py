@@ -62,7 +62,7 @@ class Drives:
         self._drives = tuple(Drive(own, plan, self._send) for own in plan.drives)
         self._handlers: dict[int, tuple[int, Handler]] = {
             identifier: handler for drive in self._drives
-            for identifier, handler in drive.handlers().items()}
+            for identifier, handler in drive.handlers.items()}
         self.motors = len(self._drives)
         self._bus: can.BusABC | None = None
         self._now, self._retry_at = 0.0, -inf
@@ -277,12 +277,7 @@ class Drives:
 
 
 def make_drives(values: Values) -> Drives | None:
-    """
-    Return the drives of checked values of DRIVE_SETTINGS and `rate`; None without a channel.
-
-    The bus is not opened before the first step. SettingError: settings contradict each other,
-    python-can has no such interface, or the bus cannot carry the frames.
-    """
+    """Return the drives by checked settings, None without a channel; a step opens the bus."""
     interface, channel = values['drives.interface'], values['drives.channel']
     if not channel:
         return None

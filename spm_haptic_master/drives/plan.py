@@ -22,9 +22,6 @@ from spm_haptic_master.parameters.setting import Values
 STATUS = Struct('<Hhb')
 # Fewest samples within the event timer of the torque frames.
 SAMPLES_WITHIN = 3
-# Times that objects have in whole ms.
-MILLISECONDS = ('drives.status_period', 'drives.heartbeat', 'drives.heartbeat_timeout',
-                'drives.event_timer')
 # Largest share of a bus with drives (unit 1): torque frames wait for all that has a smaller
 # identifier, and emergencies and SDO come beside them.
 MAXIMUM_LOAD = 0.7
@@ -82,11 +79,7 @@ def torque_frames(plan: Plan, controlwords: list[int], torques: list[int],
 
 
 def make_plan(values: Values) -> Plan:
-    """
-    Return what the drives are, by checked values of DRIVE_SETTINGS and `rate`.
-
-    SettingError: settings contradict each other.
-    """
+    """Return the drives by checked DRIVE_SETTINGS and `rate`; SettingError: they contradict."""
     node_ids, master_id = values['drives.node_id'], values['drives.master_id']
     count = len(node_ids)
     if len({*node_ids, master_id}) <= count:
@@ -133,7 +126,8 @@ def _each(values: Values, name: str, count: int) -> tuple[Any, ...]:
 
 
 def _check_times(values: Values) -> None:
-    for name in MILLISECONDS:
+    for name in ('drives.status_period', 'drives.heartbeat', 'drives.heartbeat_timeout',
+                 'drives.event_timer'):
         value = 1e3 * values[name]
         if abs(value - round(value)) > 1e-6:
             raise SettingError(name, values[name], 'whole milliseconds')
@@ -156,12 +150,7 @@ def is_shared(drives: Values, encoders: Values) -> bool:
 
 
 def check_shared_bus(drives: Values, encoders: Values) -> None:
-    """
-    Refuse drives that do not fit on the bus of the encoders; nothing where it is another bus.
-
-    Both are checked values, those of the drives with `rate`. SettingError: two nodes or frames
-    have one number, or the bus cannot carry all frames.
-    """
+    """Refuse drives that do not fit on the bus of the encoders, if it is theirs: SettingError."""
     if not is_shared(drives, encoders):
         return
     plan = make_plan(drives)
