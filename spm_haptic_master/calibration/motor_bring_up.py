@@ -64,18 +64,13 @@ class Friction:
     dry: float  # N m
 
     def stiffest(self, damping: float, period: float, latency: float) -> float:
-        """
-        Return the stiffness that is allowed, N m/rad: half of the passive one.
-
-        `damping` is what the control adds, N m s/rad; `period` and `latency` are the times between
-        two torques, and from an angle to its torque, s, above 0.
-        """
+        """Return the stiffness, N m/rad, that damping, N m s/rad, period and latency, s, allow."""
         return ALLOWED * max(0.0, self.viscous + damping) / (0.5 * period + latency)
 
 
 def identify_friction(releases: Sequence[Release]) -> Friction:
     """
-    Inertia and friction from releases: a torque for a moment, then none, on a free handle.
+    Return inertia and friction by releases: a torque for a moment, then none, on a free handle.
 
     The turn is from rest to before the handle stops; the torque is that of the motors less the
     weight. InputError: too few samples. CalibrationError: a release does not move, or two speeds

@@ -53,13 +53,12 @@ class State(Enum):
     UNKNOWN = 'no state of CiA 402'
 
 
-# Mask and value of the statusword in each state.
+# Mask and value of the statusword in each state, and the states by its bits 0 to 6.
 PATTERNS = (
     (0x4F, 0x00, State.NOT_READY), (0x4F, 0x40, State.DISABLED), (0x6F, 0x21, State.READY),
     (0x6F, 0x23, State.SWITCHED_ON), (0x6F, 0x27, State.ENABLED), (0x6F, 0x07, State.QUICK_STOP),
     (0x4F, 0x0F, State.REACTING), (0x4F, 0x08, State.FAULT),
 )
-# State by the bits of the statusword that count: 0 to 3, 5 and 6.
 STATES = {word: next((state for mask, value, state in PATTERNS if word & mask == value),
                      State.UNKNOWN) for word in range(0x80)}
 
@@ -77,11 +76,7 @@ def state_of(statusword: int) -> State:
 
 
 def controlword(state: State, operate: bool) -> int:
-    """
-    Return the command of the next transition, for 6040h: one transition a call.
-
-    `operate`: whether Operation enabled is wanted; otherwise the motor is to be without voltage.
-    """
+    """Return the command of the next transition, for 6040h: to Operation enabled, or off."""
     return ONWARDS.get(state, DISABLE_VOLTAGE) if operate else DISABLE_VOLTAGE
 
 

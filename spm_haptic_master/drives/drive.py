@@ -61,16 +61,12 @@ class Drive:
         self._off_since: float | None = None
         self._since: float | None = None
         self._reached = False
-
-    def handlers(self) -> dict[int, tuple[int, Handler]]:
-        """Return data length and handler of each of its frames by identifier."""
-        node_id = self.own.node_id
-        return {
-            self.own.status_id: (STATUS.size, self._on_status),
-            canopen.HEARTBEAT_BASE + node_id: (canopen.HEARTBEAT_LENGTH, self._on_heartbeat),
-            canopen.EMCY_BASE + node_id: (canopen.EMCY_LENGTH, self._on_emergency),
-            canopen.SDO_ANSWER_BASE + node_id: (canopen.SDO_LENGTH, self._on_answer),
-        }
+        # Data length and handler of each of its frames by identifier.
+        self.handlers: dict[int, tuple[int, Handler]] = {
+            own.status_id: (STATUS.size, self._on_status),
+            canopen.HEARTBEAT_BASE + own.node_id: (canopen.HEARTBEAT_LENGTH, self._on_heartbeat),
+            canopen.EMCY_BASE + own.node_id: (canopen.EMCY_LENGTH, self._on_emergency),
+            canopen.SDO_ANSWER_BASE + own.node_id: (canopen.SDO_LENGTH, self._on_answer)}
 
     def restart(self) -> None:
         """Forget what an acknowledgement clears."""

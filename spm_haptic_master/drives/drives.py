@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from math import inf, isfinite
 from typing import NamedTuple
@@ -61,7 +62,8 @@ class Drives:
         self._drives = tuple(Drive(own, plan, self._send) for own in plan.drives)
         self._handlers: dict[int, tuple[int, Handler]] = {
             identifier: handler for drive in self._drives
-            for identifier, handler in drive.handlers().items()}
+            for identifier, handler in drive.handlers.items()}
+        self.motors = len(self._drives)
         self._bus: can.BusABC | None = None
         self._now, self._retry_at = 0.0, -inf
         # The start-up; None after it. In it frames without torque go out if `_sends`, to enable
@@ -77,11 +79,6 @@ class Drives:
                                         bytes((canopen.OPERATIONAL,)))
         self._heartbeat_at = -inf
         self._controlwords: list[int] = []
-
-    @property
-    def motors(self) -> int:
-        """Return the number of drives: of torques that `step` takes."""
-        return len(self._drives)
 
     def step(self, torques: tuple[float, ...] | None, now: float) -> DriveReport:
         """
@@ -123,12 +120,11 @@ class Drives:
 
     def close(self) -> None:
         """Send zero torque, then disable voltage, and close the bus."""
-        if self._bus is None:
-            return
         if self._known:
             for operate in (True, False):
                 self._send_torques(operate, None)
-        self._close_bus()
+        if self._bus is not None:
+            self._close_bus(self._bus)
 
     def _starts(self, start_up: Steps) -> bool:
         """Take the start-up one step further; return whether it goes on."""
@@ -229,7 +225,7 @@ class Drives:
         except BUS_ERRORS as error:
             self._fail(f'{self._name}: {first_line(error)}')
             self._retry_at = self._now + REOPEN
-            self._close_bus()
+            self._close_bus(bus)
 
     def _send_torques(self, operate: bool, torques: tuple[float, ...] | None,
                       resets: bool = False) -> None:
@@ -274,22 +270,14 @@ class Drives:
         self._missing = None
         return self._bus
 
-    def _close_bus(self) -> None:
-        if self._bus is not None:
-            try:
-                self._bus.shutdown()
-            except BUS_ERRORS:
-                pass  # the failure that closes it is already reported
-            self._bus = None
+    def _close_bus(self, bus: can.BusABC) -> None:
+        self._bus = None
+        with suppress(*BUS_ERRORS):  # the failure that closes it is already reported
+            bus.shutdown()
 
 
 def make_drives(values: Values) -> Drives | None:
-    """
-    Return the drives of checked values of DRIVE_SETTINGS and `rate`; None without a channel.
-
-    The bus is not opened before the first step. SettingError: settings contradict each other,
-    python-can has no such interface, or the bus cannot carry the frames.
-    """
+    """Return the drives by checked settings, None without a channel; a step opens the bus."""
     interface, channel = values['drives.interface'], values['drives.channel']
     if not channel:
         return None

@@ -22,9 +22,6 @@ from spm_haptic_master.parameters.setting import Values
 STATUS = Struct('<Hhb')
 # Fewest samples within the event timer of the torque frames.
 SAMPLES_WITHIN = 3
-# Times that objects have in whole ms.
-MILLISECONDS = ('drives.status_period', 'drives.heartbeat', 'drives.heartbeat_timeout',
-                'drives.event_timer')
 # Largest share of a bus with drives (unit 1): torque frames wait for all that has a smaller
 # identifier, and emergencies and SDO come beside them.
 MAXIMUM_LOAD = 0.7
@@ -40,16 +37,8 @@ class DrivePlan:
     scale: float  # per mille of it for 1 N m at the joint, with sign
     cap: int  # largest torque, per mille
     speed_limit: int  # of the motor, 1/min; 0: the drive's own
-
-    @property
-    def status_id(self) -> int:
-        """Identifier of its status frame: TPDO1."""
-        return canopen.TPDO_BASES[0] + self.node_id
-
-    @property
-    def control_id(self) -> int:
-        """Identifier of its controlword, with its torque: RPDO1."""
-        return canopen.RPDO_BASES[0] + self.node_id
+    status_id: int  # identifier of its status frame: TPDO1
+    control_id: int  # identifier of its controlword, with its torque: RPDO1
 
     def per_mille(self, torque: float) -> int:
         """Return a joint's torque, N m, in per mille of the rated torque, within the cap."""
@@ -62,6 +51,7 @@ class Plan:
 
     drives: tuple[DrivePlan, ...]  # in the order of the motors
     combined: bool  # one frame has all torques, controlwords have their own
+    combined_id: int  # identifier of that frame: RPDO2 of the first drive
     mode: int  # of operation; 0: cyclic synchronous torque, else profile torque
     master_id: int  # node id in this master's heartbeat
     torque_unit: float  # of 6076h, N m; 0: the drives have no such object
@@ -71,11 +61,6 @@ class Plan:
     heartbeat: float  # between two, s
     heartbeat_timeout: float  # without one that is a fault, s
     event_timer: float  # without a torque frame until a motor is off, s; 0: none
-
-    @property
-    def combined_id(self) -> int:
-        """Identifier of the frame with all torques: RPDO2 of the first drive."""
-        return canopen.RPDO_BASES[1] + self.drives[0].node_id
 
 
 def torque_frames(plan: Plan, controlwords: list[int], torques: list[int],
@@ -94,11 +79,7 @@ def torque_frames(plan: Plan, controlwords: list[int], torques: list[int],
 
 
 def make_plan(values: Values) -> Plan:
-    """
-    Return what the drives are, by checked values of DRIVE_SETTINGS and `rate`.
-
-    SettingError: settings contradict each other.
-    """
+    """Return the drives by checked DRIVE_SETTINGS and `rate`; SettingError: they contradict."""
     node_ids, master_id = values['drives.node_id'], values['drives.master_id']
     count = len(node_ids)
     if len({*node_ids, master_id}) <= count:
@@ -124,12 +105,14 @@ def make_plan(values: Values) -> Plan:
                                f'N m for {joint}; it is {cap}')
         drives.append(DrivePlan(
             f'drive of {joint} (node {node_id})', node_id, torque, scale, cap,
-            round(values['drives.speed_limit'] * gear * 60.0 / (2.0 * pi))))
+            round(values['drives.speed_limit'] * gear * 60.0 / (2.0 * pi)),
+            canopen.TPDO_BASES[0] + node_id, canopen.RPDO_BASES[0] + node_id))
     return Plan(
-        tuple(drives), values['drives.combined'], values['drives.mode'], master_id,
-        values['drives.torque_unit'], 1.0 / values['rate'], values['drives.status_period'],
-        values['drives.status_timeout'], values['drives.heartbeat'],
-        values['drives.heartbeat_timeout'], values['drives.event_timer'])
+        tuple(drives), values['drives.combined'], canopen.RPDO_BASES[1] + node_ids[0],
+        values['drives.mode'], master_id, values['drives.torque_unit'], 1.0 / values['rate'],
+        values['drives.status_period'], values['drives.status_timeout'],
+        values['drives.heartbeat'], values['drives.heartbeat_timeout'],
+        values['drives.event_timer'])
 
 
 def _each(values: Values, name: str, count: int) -> tuple[Any, ...]:
@@ -143,7 +126,8 @@ def _each(values: Values, name: str, count: int) -> tuple[Any, ...]:
 
 
 def _check_times(values: Values) -> None:
-    for name in MILLISECONDS:
+    for name in ('drives.status_period', 'drives.heartbeat', 'drives.heartbeat_timeout',
+                 'drives.event_timer'):
         value = 1e3 * values[name]
         if abs(value - round(value)) > 1e-6:
             raise SettingError(name, values[name], 'whole milliseconds')
@@ -166,12 +150,7 @@ def is_shared(drives: Values, encoders: Values) -> bool:
 
 
 def check_shared_bus(drives: Values, encoders: Values) -> None:
-    """
-    Refuse drives that do not fit on the bus of the encoders; nothing where it is another bus.
-
-    Both are checked values, those of the drives with `rate`. SettingError: two nodes or frames
-    have one number, or the bus cannot carry all frames.
-    """
+    """Refuse drives that do not fit on the bus of the encoders, if it is theirs: SettingError."""
     if not is_shared(drives, encoders):
         return
     plan = make_plan(drives)

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from spm_haptic_master.encoders import canopen
@@ -94,29 +95,23 @@ def wanted_objects(layout: EncoderLayout, node_id: int, synchronised: bool, peri
     base = layout.can_id - node_id
     known = not layout.extended and base in canopen.TPDO_BASES
     number = canopen.TPDO_BASES.index(base) if known else 0
-    name = f'TPDO{number + 1}'
-    parameters = canopen.TPDO_PARAMETERS + number
-    identifier = layout.can_id | (canopen.TPDO_EXTENDED if layout.extended else 0)
+    name, parameters = f'TPDO{number + 1}', canopen.TPDO_PARAMETERS + number
     timer = 0 if synchronised else milliseconds('1 / rate', period)
+    # A frame with nothing but the 32 bits of the position has a known mapping.
+    plain = (layout.data_length, layout.byte_offset, layout.bit_length, layout.byte_order) \
+        == (4, 0, 32, 'little')
     return WantedObjects(
-        pdos=(WantedPdo(
-            identifier=WantedObject(
-                parameters, canopen.TPDO_IDENTIFIER, 4, f'{name} identifier', identifier,
-                canopen.TPDO_OFF | canopen.TPDO_EXTENDED | canopen.TPDO_ID_MASK,
-                hexadecimal=True),
-            parameters=(
-                WantedObject(parameters, canopen.TPDO_TYPE, 1, f'{name} transmission type',
-                             canopen.EVERY_SYNC if synchronised else canopen.EVENT_DRIVEN),
+        pdos=(wanted_pdo(
+            parameters, name,
+            layout.can_id | (canopen.TPDO_EXTENDED if layout.extended else 0),
+            canopen.EVERY_SYNC if synchronised else canopen.EVENT_DRIVEN, (
                 WantedObject(parameters, canopen.TPDO_INHIBIT_TIME, 2, f'{name} inhibit time', 0,
                              optional=True),
                 WantedObject(parameters, canopen.TPDO_EVENT_TIMER, 2, f'{name} event timer', 0,
                              optional=True)),
-            mapping=_mapping(layout, canopen.TPDO_MAPPING + number, name)),),
+            [POSITION_ENTRY] if plain else []),),
         others=(
-            *(WantedObject(canopen.TPDO_PARAMETERS + other, canopen.TPDO_IDENTIFIER, 4,
-                           f'TPDO{other + 1} off', canopen.TPDO_OFF, canopen.TPDO_OFF,
-                           optional=True, hexadecimal=True)
-              for other in range(len(canopen.TPDO_BASES)) if other != number),
+            *other_tpdos_off(number),
             WantedObject(*canopen.HEARTBEAT_TIME, 2, 'heartbeat time, ms',
                          milliseconds('--heartbeat', heartbeat)),
             WantedObject(*canopen.OPERATING_PARAMETERS, 2, 'scaling on (bit 2)',
@@ -138,13 +133,27 @@ def milliseconds(name: str, seconds: float) -> int:
     return round(value)
 
 
-def _mapping(layout: EncoderLayout, index: int, name: str) -> tuple[WantedObject, ...]:
-    """Return the mapping of a frame with nothing but the 32 bits of the position."""
-    if (layout.data_length, layout.byte_offset, layout.bit_length, layout.byte_order) \
-            != (4, 0, 32, 'little'):
-        return ()
-    return (WantedObject(index, 0, 1, f'{name} mapped objects', 1),
-            WantedObject(index, 1, 4, f'{name} mapping', POSITION_ENTRY, hexadecimal=True))
+def wanted_pdo(index: int, name: str, identifier: int, transmission: int,
+               times: Iterable[WantedObject], entries: list[int]) -> WantedPdo:
+    """Return a PDO by the index of its parameters and the entries of its mapping, if known."""
+    mapping = index - canopen.RPDO_PARAMETERS + canopen.RPDO_MAPPING
+    return WantedPdo(
+        WantedObject(index, canopen.TPDO_IDENTIFIER, 4, f'{name} identifier', identifier,
+                     canopen.TPDO_OFF | canopen.TPDO_EXTENDED | canopen.TPDO_ID_MASK,
+                     hexadecimal=True),
+        (WantedObject(index, canopen.TPDO_TYPE, 1, f'{name} transmission type', transmission),
+         *times),
+        (WantedObject(mapping, 0, 1, f'{name} mapped objects', len(entries)),
+         *(WantedObject(mapping, number, 4, f'{name} mapping', entry, hexadecimal=True)
+           for number, entry in enumerate(entries, start=1))) if entries else ())
+
+
+def other_tpdos_off(used: int) -> list[WantedObject]:
+    """Return the identifiers of all TPDOs but one, counted from 0: off."""
+    return [WantedObject(canopen.TPDO_PARAMETERS + number, canopen.TPDO_IDENTIFIER, 4,
+                         f'TPDO{number + 1} off', canopen.TPDO_OFF, canopen.TPDO_OFF,
+                         optional=True, hexadecimal=True)
+            for number in range(len(canopen.TPDO_BASES)) if number != used]
 
 
 def identity(node: Node, profile: int) -> str:

@@ -16,15 +16,13 @@ DRIVE_SETTINGS = (
     Setting('drives.bitrate', int, 'bit rate of the bus, bit/s, to set it (if the interface can) '
             'and to check the bus load; 0: unknown', default=0, minimum=0, maximum=1000000),
     Setting('drives.node_id', int, 'CANopen node ids of the drives of th1A, th1B, th1C and, with '
-            'four motors, th3A', default=(11, 12, 13), minimum=1,
-            maximum=127, count=ANY_COUNT),
+            'four motors, th3A', default=(11, 12, 13), minimum=1, maximum=127, count=ANY_COUNT),
     Setting('drives.master_id', int, 'node id of this master in its heartbeat', default=126,
             minimum=1, maximum=127),
     Setting('drives.combined', bool, 'one frame with all torques, and the controlwords apart: '
             'for a bus with the encoders', default=False),
     Setting('drives.mode', int, 'mode of operation 6060h: 10 cyclic synchronous torque, 4 profile '
-            'torque; 0: 10, or 4 where it is missing', default=0,
-            allowed=(0, 10, 4)),
+            'torque; 0: 10, or 4 where it is missing', default=0, allowed=(0, 10, 4)),
     Setting('drives.rated_torque', float, f'rated torque of the motor, N m: torques on the bus '
             f'are per mille of it; {EACH}; has to be given with drives.channel', default=(0.0,),
             minimum=0.0, maximum=100.0, count=ANY_COUNT),

@@ -20,7 +20,7 @@ from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.force import ForceLimits, Gravity, identify_gravity
 from spm_haptic_master.force.gravity import Weight
 from spm_haptic_master.force.rendering import make_statics
-from spm_haptic_master.kinematics import estimate, Geometry
+from spm_haptic_master.kinematics import estimate
 from spm_haptic_master.kinematics.number_backends import Array
 from spm_haptic_master.parameters.arguments import Parser, positive
 from spm_haptic_master.parameters.drives import DRIVE_SETTINGS
@@ -50,8 +50,8 @@ AT_REST = 5
 POSES = 12
 # Largest residual of the weight (N m): more is felt.
 LARGEST_RESIDUAL = 2e-3
-# What the name of a part begins with.
-PART = re.compile(r'step (1[abc]|3a)\b|pose\b|release [xyz]\b')
+# First words of a part's name, with the motor of a step.
+PART = re.compile(r'(?:step (1[abc]|3a)|pose|release [xyz])(?!\S)')
 # Columns of the orientation about which a release turns the handle.
 DIRECTIONS = 'xyz'
 WORDS = {1: 'right', -1: 'wrong: turn its direction over', 0: 'not seen: its joint did not turn'}
@@ -67,38 +67,6 @@ class Part:
     torque: Array  # (n, motors), N m
 
 
-class Device:
-    """Orientation, torque on the handle and weight of recorded parts."""
-
-    def __init__(self, values: dict[str, Any], motors: int) -> None:
-        self.geometry: Geometry = geometry_from(values)
-        self.mode, self._sigma = values['working_mode'], sigma_from(values)[:4]
-        self._statics = make_statics(self.geometry, self.mode, motors, ForceLimits())
-        self.gravity = Gravity()
-
-    def rotations(self, part: Part) -> Array:
-        """Return R_base_platform of each row, shape (n, 3, 3)."""
-        found = estimate(part.angles[:, :3], part.angles[:, 3], self._sigma,
-                         self.geometry).rotation
-        if not np.isfinite(found).all():
-            raise InputError(f"part '{' '.join(part.name)}': no orientation has these angles")
-        return found
-
-    def release(self, part: Part) -> Release:
-        """Return time, turn and net torque about the direction of a release."""
-        R = self.rotations(part)
-        axis = R[0, :, DIRECTIONS.index(part.name[1])]
-        weight, net = Weight(self.gravity, self._statics), []
-        poses: list[Any] = R.reshape(-1, 9).tolist()
-        for pose, tau in zip(poses, part.torque.tolist(), strict=True):
-            self._statics.place(pose)
-            net.append(np.subtract(self._statics.rendered(tau), weight.torque()))
-        torque = net @ axis
-        # At rest there is none, but for what the weight leaves.
-        torque -= np.mean(torque[:AT_REST])
-        return part.time, rotation_vectors(R @ R[0].T) @ axis, torque
-
-
 def main(args: list[str] | None = None) -> int:
     """Check a recorded bring-up; 1 if something does not hold."""
     return command_line.run('force_check', _run, args)
@@ -111,11 +79,12 @@ def _run(args: list[str]) -> int:
     if options.record:
         _record(options.recording, given, values, options.poses)
     parts = read(options.recording)
-    device = Device(values, parts[0].torque.shape[1])
-    failed = check_signs(parts) + check_weight(parts, device)
+    failed: list[str] = []
+    check_signs(parts, failed)
+    gravity = check_weight(parts, values, failed)
     releases: dict[str, list[Release]] = {}
     for part in _of(parts, 'release'):
-        releases.setdefault(part.name[1], []).append(device.release(part))
+        releases.setdefault(part.name[1], []).append(release_of(part, values, gravity))
     for direction, each in releases.items():
         found = identify_friction(each)
         stiffest = found.stiffest(options.damping, 1.0 / options.rate, options.latency)
@@ -154,33 +123,58 @@ def _record(path: Path, given: Values, values: dict[str, Any], poses: int) -> No
         source.close()
 
 
-def check_signs(parts: list[Part]) -> list[str]:
-    """Print the sign of each motor; return those that are not right."""
-    failed = []
+def check_signs(parts: list[Part], failed: list[str]) -> None:
+    """Print the sign of each motor; add those that are not right."""
     for part in _of(parts, 'step'):
         motor = ANGLES.index('th' + part.name[1])
         sign = motor_sign(part.torque[:, motor], part.angles[:, motor])
         print(text := f'motor on th{part.name[1].upper()}: sign {WORDS[sign]}')
         if sign != 1:
             failed.append(text)
-    return failed
 
 
-def check_weight(parts: list[Part], device: Device) -> list[str]:
-    """Print the weight, which the device gets; return what is wrong with it."""
+def check_weight(parts: list[Part], values: Values, failed: list[str]) -> Gravity:
+    """Print and return the weight by the poses, none without them; add what is wrong with it."""
     poses = _of(parts, 'pose')
     if not poses:
-        return []
-    left, _, right = np.linalg.svd([device.rotations(part).mean(axis=0) for part in poses])
-    device.gravity, residual = identify_gravity(
-        left @ right, [part.torque.mean(axis=0) for part in poses], device.geometry, device.mode)
-    handle, links = ('[' + ', '.join(f'{value:.4f}' for value in values) + ']'
-                     for values in (device.gravity.handle, device.gravity.proximal))
+        return Gravity()
+    left, _, right = np.linalg.svd([rotations(part, values).mean(axis=0) for part in poses])
+    gravity, residual = identify_gravity(
+        left @ right, [part.torque.mean(axis=0) for part in poses], geometry_from(values),
+        values['working_mode'])
+    handle, links = ('[' + ', '.join(f'{value:.4f}' for value in moments) + ']'
+                     for moments in (gravity.handle, gravity.proximal))
     print(f'weight from {len(poses)} poses: handle {handle}, proximal links {links} kg m; '
           f'{1e3 * residual:.1f} mN m left')
-    return [] if residual <= LARGEST_RESIDUAL else [
-        f'the weight leaves {1e3 * residual:.1f} mN m: expected {1e3 * LARGEST_RESIDUAL:g} or '
-        'less']
+    if residual > LARGEST_RESIDUAL:
+        failed.append(f'the weight leaves {1e3 * residual:.1f} mN m: expected '
+                      f'{1e3 * LARGEST_RESIDUAL:g} or less')
+    return gravity
+
+
+def rotations(part: Part, values: Values) -> Array:
+    """Return R_base_platform of each row, shape (n, 3, 3)."""
+    found: Array = estimate(part.angles[:, :3], part.angles[:, 3], sigma_from(values)[:4],
+                            geometry_from(values)).rotation
+    if not np.isfinite(found).all():
+        raise InputError(f"part '{' '.join(part.name)}': no orientation has these angles")
+    return found
+
+
+def release_of(part: Part, values: Values, gravity: Gravity) -> Release:
+    """Return time, turn and net torque about the direction of a release."""
+    R = rotations(part, values)
+    axis = R[0, :, DIRECTIONS.index(part.name[1])]
+    statics = make_statics(geometry_from(values), values['working_mode'], part.torque.shape[1],
+                           ForceLimits())
+    weight, net = Weight(gravity, statics), []
+    for pose, tau in zip(R.reshape(-1, 9), part.torque.tolist(), strict=True):
+        statics.place(tuple(pose.tolist()))
+        net.append(np.subtract(statics.rendered(tau), weight.torque()))
+    torque = net @ axis
+    # At rest there is none, but for what the weight leaves.
+    torque -= np.mean(torque[:AT_REST])
+    return part.time, rotation_vectors(R @ R[0].T) @ axis, torque
 
 
 def read(path: Path) -> list[Part]:
@@ -198,7 +192,8 @@ def read(path: Path) -> list[Part]:
     if len(motors) < 3:
         raise InputError(f'{path}: torques of {len(motors)} motors: expected {", ".join(TORQUES)}')
     for name, numbers in groups:
-        if not PART.match(name):
+        part = PART.match(name)
+        if part is None or part[1] and f'tau{part[1]}' not in motors:
             raise InputError(f"{path}: part '{name}': expected 'step 1a', 'pose 1' or 'release z "
                              "1'")
         if not np.isfinite(numbers).all():

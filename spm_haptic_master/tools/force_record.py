@@ -80,10 +80,11 @@ class BringUp:
             f'the drives are not ready after {READY:g} s: {report.fault}')
 
     def begin(self, part: str) -> None:
-        """Begin a part: `since` is the time of the latest sample in it, s."""
+        """Begin a part with the next sample."""
         self.part, self._motion = part, JointMotion(len(self.nothing))
         self._start, self.angles = self._read()
-        self.since = self._near_since = 0.0
+        # Times in the part, and since a joint has turned, s.
+        self.since = self.still = self._near_since = 0.0
         self._near = self.angles
         self._motion.take(self._start, self.angles, self.nothing, 0.0)
 
@@ -101,20 +102,12 @@ class BringUp:
         self._motion.take(stamp, self.angles, self.nothing, self.since - before)
         if self.turn(self._near) > STILL:
             self._near, self._near_since = self.angles, self.since
-
-    @property
-    def still(self) -> float:
-        """Time for which the joints have been at rest, s."""
-        return self.since - self._near_since
+        self.still = self.since - self._near_since
 
     def turn(self, angles: Torques) -> float:
         """Return the largest turn of a joint from given angles, rad."""
         return max(abs(remainder(a - b, 2.0 * pi))
                    for a, b in zip(self.angles, angles, strict=True))
-
-    def alone(self, motor: int, torque: float) -> Torques:
-        """Return the torques with one of one motor alone, N m."""
-        return tuple([torque if each == motor else 0.0 for each in range(len(self.nothing))])
 
     def about_z(self, torque: float) -> Torques:
         """Return the motor torques of a torque about the handle's z axis, N m."""
@@ -173,11 +166,11 @@ def record(path: Path, bring_up: BringUp, poses: int = 0) -> None:
 def _step(bring_up: BringUp, motor: int) -> int:
     """Turn one motor alone; return its sign."""
     name, before = f'step {ANGLES[motor][2:]}', len(bring_up.rows)
-    push, nothing = bring_up.alone(motor, STEP), bring_up.nothing
+    nothing = bring_up.nothing
+    push, back = ((*nothing[:motor], torque, *nothing[motor + 1:]) for torque in (STEP, -STEP))
     # The opposite step takes the speed away again, whatever the sign.
     _move(bring_up, name, (SHOWN, lambda: nothing, False), (REST, lambda: nothing, True),
-          (PUSH, lambda: push, True), (BACK, lambda: bring_up.alone(motor, -STEP), False),
-          (END, lambda: nothing, False))
+          (PUSH, lambda: push, True), (BACK, lambda: back, False), (END, lambda: nothing, False))
     own = bring_up.rows[before:]
     return motor_sign(np.array([torques[motor] for *_, torques in own]),
                       np.array([angles[motor] for _, _, angles, _ in own]))

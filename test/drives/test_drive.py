@@ -26,7 +26,7 @@ def drive():
 
 def send(drive, identifier, data, now):
     """Let a drive take a frame, as the bus does, s."""
-    length, handler = drive.handlers()[identifier]
+    length, handler = drive.handlers[identifier]
     assert length == len(data)
     drive.now = now
     handler(bytearray(data))

@@ -83,6 +83,7 @@ def test_the_weight_explains_the_torques_that_hold_the_poses(check, noise, fails
 
 @pytest.mark.parametrize(('rows', 'words'), [
     ([['hold', '0', *['0'] * 7]], "part 'hold'"), ([['step 9x', '0', *['0'] * 7]], 'step 9x'),
+    ([['step 3a', '0', *['0'] * 7]], "part 'step 3a'"), ([['step 1a-b', '0', *['0'] * 7]], '1a-b'),
     ([['pose 1', '0', *['x'] * 7]], 'cannot be read'), ([], 'torques of 0 motors'),
     ([['pose 1', '0', *['nan'] * 7]], "part 'pose 1': expected finite numbers"),
     ([['release z 1', '0', *['0'] * 7]], "part 'release z 1': no orientation has these angles"),
