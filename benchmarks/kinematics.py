@@ -198,8 +198,7 @@ def force(motors: int, gravity: Gravity | None = None) -> Measurement:
     joints, (x, y, z, w) = inverse(R), quaternion_from_matrix(R).tolist()
     angles = (*joints.theta1.tolist(), float(joints.theta3a))
     samples = [ForceSample(
-        stamp, angles, (x, y, z, w), (0.1, 0.02, 0.03), motor_torque=(0.0,) * motors,
-        wrench=Wrench(stamp, (0.0, 0.0, 0.02)))
+        stamp, angles, (x, y, z, w), (0.1, 0.02, 0.03), wrench=Wrench(stamp, (0.0, 0.0, 0.02)))
         for stamp in range(1, MOVING * 1_000_000, 1_000_000)]
 
     def run() -> float:
