@@ -17,10 +17,10 @@ from spm_haptic_master.force.rendering import render, Rendered
 from spm_haptic_master.force.samples import (
     Condition,
     Drives,
+    FORCE_STATES,
     ForceOutput,
     ForceSample,
     ForceState,
-    read_force_state,
     Reason,
     Wrench,
 )
@@ -29,6 +29,7 @@ from spm_haptic_master.force.statics import ForceLimits
 __all__ = [
     'Condition',
     'Drives',
+    'FORCE_STATES',
     'ForceController',
     'ForceLimits',
     'ForceOutput',
@@ -39,6 +40,5 @@ __all__ = [
     'Rendered',
     'Wrench',
     'identify_gravity',
-    'read_force_state',
     'render',
 ]
