@@ -21,7 +21,6 @@ from spm_haptic_master.force.samples import (
     ForceOutput,
     ForceSample,
     ForceState,
-    Reason,
     Wrench,
 )
 from spm_haptic_master.force.statics import ForceLimits
@@ -36,7 +35,6 @@ __all__ = [
     'ForceSample',
     'ForceState',
     'Gravity',
-    'Reason',
     'Rendered',
     'Wrench',
     'identify_gravity',

@@ -19,10 +19,9 @@ from spm_haptic_master.force import (
     ForceLimits,
     ForceState,
     Gravity,
-    Reason,
     Wrench,
 )
-from spm_haptic_master.force.samples import LATCHED
+from spm_haptic_master.force.samples import LATCHED, Reason
 
 NAN = math.nan
 ZERO, LOCK = (0.0, 0.0, 0.0), (0.0, 0.1, 0.0)
