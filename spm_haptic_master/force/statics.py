@@ -100,6 +100,12 @@ def rotated(matrix: Rotation[float], vector: Vector[float]) -> Vector[float]:
     return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
 
 
+def unrotated(matrix: Rotation[float], vector: Vector[float]) -> Vector[float]:
+    """Return a vector, turned by the inverse of a rotation that is given row by row."""
+    a, b, c, d, e, f, g, h, i = matrix
+    return rotated((a, d, g, b, e, h, c, f, i), vector)
+
+
 class MotorRates:
     """
     Rows of G in the pose that `place` took last, and the torque of motors on the handle.
