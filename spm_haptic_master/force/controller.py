@@ -80,7 +80,7 @@ class ForceController:
         # What each sample is compared with.
         self._figures = (
             limits.speed ** 2, limits.protection_level, limits.noise, limits.torque, limits.slew,
-            limits.ramp, limits.damping, self._obstacles.earliest, self._obstacles.latest)
+            limits.ramp, limits.damping, -self._obstacles.latest, self._obstacles.latest)
         self._energy = EnergyBudget()
         self._motion = JointMotion(motors)
         self._zero = (0.0,) * motors

@@ -141,13 +141,12 @@ NO_WRENCH = Wrench(LONG_AGO, NOTHING)
 class Obstacles:
     """Conditions of force, evaluated at each sample."""
 
-    __slots__ = ('_count', '_latest', '_limits', 'earliest', 'latest')
+    __slots__ = ('_count', '_latest', '_limits', 'latest')
 
     def __init__(self, limits: ForceLimits) -> None:
         self._limits = limits
-        # Range of the age of a wrench, ns.
+        # Oldest wrench, and the one furthest ahead of its sample, ns.
         self.latest = round(limits.wrench_age * 1e9)
-        self.earliest = -self.latest
         # Time of the latest wrench that was counted, ns, and small wrenches in a row.
         self._latest, self._count = LONG_AGO, 0
 
@@ -195,4 +194,4 @@ class Obstacles:
         return self._count >= SMALL_MESSAGES
 
     def _is_old(self, wrench: Wrench, stamp: int) -> bool:
-        return not self.earliest <= stamp - wrench.received <= self.latest
+        return abs(stamp - wrench.received) > self.latest
