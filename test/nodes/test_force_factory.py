@@ -6,9 +6,14 @@
 import numpy as np
 import pytest
 from spm_haptic_master.exceptions import SettingError
-from spm_haptic_master.force import ForceLimits
+from spm_haptic_master.force import ForceLimits, ForceSample, Wrench
 from spm_haptic_master.force.statics import rotated, unrotated
-from spm_haptic_master.kinematics import matrix_from_zxz
+from spm_haptic_master.kinematics import (
+    inverse,
+    matrix_from_zxz,
+    quaternion_from_matrix,
+    workspace_pose,
+)
 from spm_haptic_master.nodes.force_factory import limits_from, make_motors, WrenchFrames
 from spm_haptic_master.parameters.nodes import NODE_SETTINGS
 from spm_haptic_master.parameters.setting import complete
@@ -50,6 +55,20 @@ def test_the_motors_of_a_described_device(motors):
     _, drives = make_motors(values(**given, **DRIVES, **{
         'drives.node_id': list(range(11, 11 + motors))}))
     assert drives.motors == motors
+
+
+@pytest.mark.parametrize('weight', [(0.0, 0.0, 0.0), (0.0, 0.0, 0.004)])
+def test_the_weight_of_the_settings_is_held(weight):
+    controller, _ = make_motors(values(**{
+        'force.gravity_handle': weight, 'force.without_drives': True}))
+    R = workspace_pose(0.1, 0.4, 0.3)
+    joints, quaternion, still = inverse(R), tuple(quaternion_from_matrix(R).tolist()), (0.0,) * 3
+    angles = (*joints.theta1.tolist(), float(joints.theta3a))
+    for stamp in range(1, 800_000_000, 1_000_000):
+        output = controller.take(ForceSample(
+            stamp, angles, quaternion, still, wrench=Wrench(stamp, still)))
+    assert output.state.text == 'engaged'
+    assert any(output.motor_torque) is any(weight)
 
 
 def frames(given, reference):
