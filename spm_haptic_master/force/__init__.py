@@ -17,11 +17,10 @@ from spm_haptic_master.force.rendering import render, Rendered
 from spm_haptic_master.force.samples import (
     Condition,
     Drives,
+    FORCE_STATES,
     ForceOutput,
     ForceSample,
     ForceState,
-    read_force_state,
-    Reason,
     Wrench,
 )
 from spm_haptic_master.force.statics import ForceLimits
@@ -29,16 +28,15 @@ from spm_haptic_master.force.statics import ForceLimits
 __all__ = [
     'Condition',
     'Drives',
+    'FORCE_STATES',
     'ForceController',
     'ForceLimits',
     'ForceOutput',
     'ForceSample',
     'ForceState',
     'Gravity',
-    'Reason',
     'Rendered',
     'Wrench',
     'identify_gravity',
-    'read_force_state',
     'render',
 ]

@@ -42,7 +42,7 @@ from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
 from spm_haptic_master.kinematics.jacobians import jacobian
-from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
+from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.kinematics.rotations import (
     matrix_from_quaternion,
     rotation_from_quaternion,
@@ -80,7 +80,7 @@ class ForceController:
         # What each sample is compared with.
         self._figures = (
             limits.speed ** 2, limits.protection_level, limits.noise, limits.torque, limits.slew,
-            limits.ramp, limits.damping, self._obstacles.earliest, self._obstacles.latest)
+            limits.ramp, limits.damping, -self._obstacles.latest, self._obstacles.latest)
         self._energy = EnergyBudget()
         self._motion = JointMotion(motors)
         self._zero = (0.0,) * motors
@@ -176,7 +176,12 @@ class ForceController:
                 if in_handle:
                     x, y, z = rotated(statics.rotation, (x, y, z))
             if lock is not NOTHING and velocity is not None:
-                x, y, z = self._locked((x, y, z), lock)
+                part, (lx, ly, lz) = self._ramp * energy.share, lock
+                x, y, z = x + part * lx, y + part * ly, z + part * lz
+                whole = hypot(x, y, z)
+                if whole > torque_limit:
+                    part = torque_limit / whole
+                    x, y, z = part * x, part * y, part * z
             wanted, step = (x, y, z), slew * dt
             way = dist(wanted, self._asked)
             if way > step:
@@ -194,9 +199,11 @@ class ForceController:
                 held = None
                 torques, rendered = statics.render((x, y, z))
             else:
-                gx, gy, gz = self._held(self._weight, weightless, dt)
-                held, _ = statics.render((gx, gy, gz))
-                torques, rendered = statics.render((x + gx, y + gy, z + gz))
+                part = self._borne + (dt if weightless else -dt) / ramp
+                self._borne = part = min(1.0, max(0.0, part))
+                gx, gy, gz = self._weight.torque()
+                held, _ = statics.render((part * gx, part * gy, part * gz))
+                torques, rendered = statics.render((x + part * gx, y + part * gy, z + part * gz))
             if share > 0.0:
                 torques = self._within(torques, share)
                 rendered = statics.rendered(torques)
@@ -254,22 +261,6 @@ class ForceController:
         self._state = state
 
     # Torque -------------------------------------------------------------------------------------
-
-    def _locked(self, torque: Vector[float], lock: Vector[float]) -> Vector[float]:
-        """Add the torque towards a locked orientation, within the limit, N m."""
-        part, most = self._ramp * self._energy.share, self._limits.torque
-        (x, y, z), (lx, ly, lz) = torque, lock
-        x, y, z = x + part * lx, y + part * ly, z + part * lz
-        whole = hypot(x, y, z)
-        part = most / whole if whole > most else 1.0
-        return part * x, part * y, part * z
-
-    def _held(self, weight: Weight, is_borne: bool, dt: float) -> Vector[float]:
-        """Return the torque that holds the weight, or what its ramp gives of it, N m."""
-        borne = self._borne + (dt if is_borne else -dt) / self._limits.ramp
-        self._borne = borne = min(1.0, max(0.0, borne))
-        x, y, z = weight.torque()
-        return borne * x, borne * y, borne * z
 
     def _faded(self, dt: float) -> Torques:
         """Return what the fade has left of the torques; end it where that is nothing."""

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.force.rendering import make_statics
-from spm_haptic_master.force.statics import ForceLimits, MotorRates
+from spm_haptic_master.force.statics import ForceLimits, MotorRates, rotated
 from spm_haptic_master.kinematics.checks import check_array, check_rotations
 from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
@@ -70,26 +70,20 @@ class Weight:
             w = (sign * (across * dx - along * tx), sign * (across * dy - along * ty),
                  sign * (across * dz - along * tz))
             constant = -across * sign * ca * dot(gravity.down, first)
-            self._links.append((5 * k, *leg[:8], constant, *w, dot(w, first), *cross(w, first)))
+            self._links.append((5 * k, leg[:3], first, ca, leg[7], constant, w, dot(w, first),
+                                cross(w, first)))
 
     def torque(self) -> Vector[float]:
         """Return the torque on the handle that holds it, N m in the base frame."""
-        r00, r01, r02, r10, r11, r12, r20, r21, r22 = self._rates.rotation
-        x, y, z = self._handle
-        hx, hy, hz = (r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z,
-                      r20 * x + r21 * y + r22 * z)
-        dx, dy, dz = self._down
-        x, y, z = dy * hz - dz * hy, dz * hx - dx * hz, dx * hy - dy * hx
-        for (k, px, py, pz, fx, fy, fz, ca, cb, constant, wx, wy, wz, along, nx, ny,
-             nz) in self._links:
-            square, sine, gx, gy, gz = self._rates.scaled[k:k + 5]
-            tx, ty, tz = (r00 * px + r01 * py + r02 * pz, r10 * px + r11 * py + r12 * pz,
-                          r20 * px + r21 * py + r22 * pz)
-            u = fx * tx + fy * ty + fz * tz
+        rotation, scaled = self._rates.rotation, self._rates.scaled
+        x, y, z = cross(self._down, rotated(rotation, self._handle))
+        for k, third, first, ca, cb, constant, w, along, across in self._links:
+            square, sine, gx, gy, gz = scaled[k:k + 5]
+            third = rotated(rotation, third)
+            u = dot(first, third)
             # Z2k by its products with Z1k, Z3k and Z1k x Z3k; its torque turns by the row of th1k.
-            tau = (constant + ((ca - cb * u) * along + (cb - ca * u) * (
-                wx * tx + wy * ty + wz * tz) - sqrt(sine) * (
-                    nx * tx + ny * ty + nz * tz)) / square) / square
+            tau = (constant + ((ca - cb * u) * along + (cb - ca * u) * dot(w, third)
+                               - sqrt(sine) * dot(across, third)) / square) / square
             x, y, z = x + tau * gx, y + tau * gy, z + tau * gz
         return x, y, z
 

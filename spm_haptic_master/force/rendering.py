@@ -8,17 +8,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import nan
-import numbers
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from spm_haptic_master.exceptions import InputError, quoted, SpmError
+from spm_haptic_master.exceptions import SpmError
 from spm_haptic_master.force.statics import ForceLimits, FOUR, FourMotors, THREE
 from spm_haptic_master.force.three_motors import ThreeMotors
 from spm_haptic_master.kinematics.checks import (
     check_array,
     check_broadcast,
+    check_count,
     check_rotations,
     check_working_mode,
 )
@@ -32,10 +32,8 @@ def make_statics(geometry: Geometry, working_mode: Sequence[int], motors: int,
     """Return the statics of some motors, pose by pose; InputError for a wrong argument."""
     check_geometry(geometry)
     mode = check_working_mode(working_mode)
-    if isinstance(motors, bool) or not isinstance(motors, numbers.Integral) or (
-            motors not in (THREE, FOUR)):
-        raise InputError(f'motors = {quoted(motors)}: expected 3, or 4 (with th3A)')
-    return (FourMotors if motors == FOUR else ThreeMotors)(geometry, mode, limits)
+    has_four = check_count('motors', motors, THREE, FOUR) == FOUR
+    return (FourMotors if has_four else ThreeMotors)(geometry, mode, limits)
 
 
 @dataclass(frozen=True, slots=True)

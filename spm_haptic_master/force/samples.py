@@ -50,10 +50,6 @@ class Reason(Enum):
     ENERGY = 'energy generated'
 
 
-# Between condition and reason.
-SEPARATOR = ': '
-# Conditions with a reason.
-EXPLAINED = frozenset((Condition.FADING, Condition.FAULT))
 # Reasons after which somebody has to acknowledge; after the others force may begin again.
 LATCHED = frozenset((
     Reason.DRIVE, Reason.ANGLE, Reason.NO_ORIENTATION, Reason.UNPROTECTED, Reason.NOISY,
@@ -74,21 +70,15 @@ class ForceState(NamedTuple):
     def text(self) -> str:
         """Words of the state, as on the topic `force_state`."""
         word = self.condition.value
-        return word if self.why is None else f'{word}{SEPARATOR}{self.why.value}'
+        return word if self.why is None else f'{word}: {self.why.value}'
 
 
 OFF, READY = ForceState(Condition.OFF), ForceState(Condition.READY)
 ENGAGED, HOLDING = ForceState(Condition.ENGAGED), ForceState(Condition.HOLDING)
-
-
-def read_force_state(text: str) -> ForceState | None:
-    """Return the state of the words on the topic `force_state`; None for any other words."""
-    word, _, why = text.partition(SEPARATOR)
-    try:
-        state = ForceState(Condition(word), Reason(why) if why else None)
-    except ValueError:
-        return None
-    return state if state.text == text and bool(why) is (state.condition in EXPLAINED) else None
+# Every state, by its words on the topic `force_state`.
+FORCE_STATES = {state.text: state for state in (OFF, READY, ENGAGED, HOLDING, *(
+    ForceState(condition, why) for condition in (Condition.FADING, Condition.FAULT)
+    for why in Reason))}
 
 
 class Drives(Enum):
@@ -151,13 +141,12 @@ NO_WRENCH = Wrench(LONG_AGO, NOTHING)
 class Obstacles:
     """Conditions of force, evaluated at each sample."""
 
-    __slots__ = ('_count', '_latest', '_limits', 'earliest', 'latest')
+    __slots__ = ('_count', '_latest', '_limits', 'latest')
 
     def __init__(self, limits: ForceLimits) -> None:
         self._limits = limits
-        # Range of the age of a wrench, ns.
+        # Oldest wrench, and the one furthest ahead of its sample, ns.
         self.latest = round(limits.wrench_age * 1e9)
-        self.earliest = -self.latest
         # Time of the latest wrench that was counted, ns, and small wrenches in a row.
         self._latest, self._count = LONG_AGO, 0
 
@@ -205,4 +194,4 @@ class Obstacles:
         return self._count >= SMALL_MESSAGES
 
     def _is_old(self, wrench: Wrench, stamp: int) -> bool:
-        return not self.earliest <= stamp - wrench.received <= self.latest
+        return abs(stamp - wrench.received) > self.latest

@@ -40,8 +40,6 @@ Torques: TypeAlias = tuple[float, ...]
 LEAST_SQUARE = MODE_BOUNDARY ** 2
 # Numbers of motors: on th1A, th1B, th1C; and on th3A as well.
 THREE, FOUR = 3, 4
-# Pairs of the four motors.
-PAIRS = tuple(combinations(range(4), 2))
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,6 +96,12 @@ def rotated(matrix: Rotation[float], vector: Vector[float]) -> Vector[float]:
     a, b, c, d, e, f, g, h, i = matrix
     x, y, z = vector
     return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
+
+
+def unrotated(matrix: Rotation[float], vector: Vector[float]) -> Vector[float]:
+    """Return a vector, turned by the inverse of a rotation that is given row by row."""
+    a, b, c, d, e, f, g, h, i = matrix
+    return rotated((a, d, g, b, e, h, c, f, i), vector)
 
 
 class MotorRates:
@@ -257,7 +261,7 @@ def _within(p: Torques, n: Torques, limit: float) -> Torques:
     """Return p + a n with the smallest |a| within the limit, p scaled down as far as needed."""
     sizes = [abs(each) for each in n]
     peak = max(abs(n[j] * p[i] - n[i] * p[j]) / (sizes[i] + sizes[j])
-               for i, j in PAIRS if sizes[i] + sizes[j] > 0.0)
+               for i, j in combinations(range(4), 2) if sizes[i] + sizes[j] > 0.0)
     scale = limit / peak if peak > limit else 1.0
     low, high = -inf, inf
     for torque, part, size in zip(p, n, sizes, strict=True):

@@ -11,7 +11,6 @@ import threading
 import time
 
 from geometry_msgs.msg import WrenchStamped
-from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from spm_haptic_master.drives.drives import DriveReport
 from spm_haptic_master.drives.drives import Drives as MotorDrives
@@ -25,6 +24,7 @@ from spm_haptic_master.force import (
 )
 from spm_haptic_master.force.energy import WINDOW
 from spm_haptic_master.force.samples import NOTHING
+from spm_haptic_master.force.statics import unrotated
 from spm_haptic_master.kinematics.angular_velocity import AngularVelocity
 from spm_haptic_master.kinematics.number_backends import Quaternion, Rotation, Vector
 from spm_haptic_master.kinematics.rotations import (
@@ -33,7 +33,7 @@ from spm_haptic_master.kinematics.rotations import (
     rotation_from_quaternion,
     vector_from_quaternion,
 )
-from spm_haptic_master.nodes.force_factory import unrotated, WrenchFrames
+from spm_haptic_master.nodes.force_factory import WrenchFrames
 from spm_haptic_master.nodes.force_inputs import ForceInputs
 from spm_haptic_master.parameters.fkm import BY_TELEOP
 from spm_haptic_master.parameters.limits import sigma_from
@@ -51,8 +51,6 @@ WATCH_PERIOD = 0.005
 SILENT_PERIODS = 4
 # Levels of the states; the others are OK.
 LEVELS = {Condition.FADING: WARN, Condition.FAULT: ERROR}
-# States that are not left while there is an obstacle.
-WAITING = frozenset((Condition.OFF, Condition.READY))
 
 
 class Force:
@@ -90,10 +88,9 @@ class Force:
         self._changes: list[ForceState] = [self._output.state]
         # Publishers of the rendered torque, whether it has a subscriber, and its grid, which is
         # that of the other CRTK topics.
-        self._matched = PublisherEventCallbacks(matched=lambda _: self._count_subscribers())
         self._is_wanted, self._grid = False, StampGrid(values['crtk_rate'], values['rate'])
-        self._outs = [(frame, WrenchStamped(), node.create_publisher(
-            WrenchStamped, topic, SAMPLES, event_callbacks=self._matched))
+        self._outs = [
+            (frame, WrenchStamped(), node.create_publisher(WrenchStamped, topic, SAMPLES))
             for topic, frame in (('spatial/measured_cf', frames.spatial),
                                  ('body/measured_cf', frames.body))]
         self._state_out = node.create_publisher(String, 'force_state', STATE)
@@ -108,7 +105,37 @@ class Force:
         `quaternion` is R_base_platform, x, y, z, w; None where the sample is withheld.
         """
         self._missing = 0
-        self._step(stamp, angles, quaternion, level)
+        inputs, report, before = self._inputs, self._report, self._output.state
+        velocity, pull = None, NOTHING
+        if quaternion is not None:
+            self._velocity.add(stamp, quaternion)
+            velocity = self._velocity.value()
+            if inputs.target is not None:
+                x, y, z = vector_from_quaternion(
+                    *multiply_quaternions(inputs.target, conjugate(quaternion)))
+                pull = self._stiffness * x, self._stiffness * y, self._stiffness * z
+        if report is None:
+            drives = Drives.OPERATING if self._drives is None else Drives.OFF
+        else:
+            drives = Drives.FAULT if report.fault is not None else (
+                Drives.OPERATING if report.ready else Drives.OFF)
+        phase, is_absent = inputs.phase, inputs.is_absent
+        engaged = is_absent or phase is not Phase.DISENGAGED if self._by_teleop else \
+            self._is_enabled()
+        output = self._output = self._controller.take(ForceSample(
+            stamp, angles, quaternion, velocity, level, self._noise, inputs.take(),
+            inputs.sources, drives, True, engaged, not is_absent,
+            phase is Phase.CLUTCHED, pull, inputs.weightless))
+        if self._drives is not None:
+            is_faulty = output.state.condition is Condition.FAULT
+            self._report = self._drives.step(
+                None if is_faulty else output.motor_torque, time.monotonic())
+        self._stamp, self._angles, self._quaternion = stamp, angles, quaternion
+        if output.state != before:
+            self._changes.append(output.state)
+        if self._is_wanted and quaternion is not None and output.rendered is not None and (
+                self._grid.is_due(stamp)):
+            self._publish(stamp, output.rendered, rotation_from_quaternion(*quaternion))
 
     @property
     def state(self) -> ForceState:
@@ -134,64 +161,27 @@ class Force:
         if self._drives is not None:
             self._drives.close()
 
-    def _step(self, stamp: int, angles: tuple[float, ...], quaternion: Quaternion[float] | None,
-              level: float) -> None:
-        inputs, report, before = self._inputs, self._report, self._output.state
-        velocity, pull = None, NOTHING
-        if quaternion is not None:
-            self._velocity.add(stamp, quaternion)
-            velocity = self._velocity.value()
-            if inputs.target is not None:
-                x, y, z = vector_from_quaternion(
-                    *multiply_quaternions(inputs.target, conjugate(quaternion)))
-                pull = self._stiffness * x, self._stiffness * y, self._stiffness * z
-        drives = Drives.OPERATING
-        if self._drives is not None:
-            drives = Drives.OFF
-            if report is not None:
-                drives = Drives.FAULT if report.fault is not None else (
-                    Drives.OPERATING if report.ready else Drives.OFF)
-        phase, is_absent = inputs.phase, inputs.is_absent
-        engaged = is_absent or phase is not Phase.DISENGAGED if self._by_teleop else \
-            self._is_enabled()
-        output = self._output = self._controller.take(ForceSample(
-            stamp, angles, quaternion, velocity, level, self._noise, inputs.take(),
-            inputs.sources, drives, True, engaged, not is_absent,
-            phase is Phase.CLUTCHED, pull, inputs.weightless))
-        if self._drives is not None:
-            is_faulty = output.state.condition is Condition.FAULT
-            self._report = self._drives.step(
-                None if is_faulty else output.motor_torque, time.monotonic())
-        self._stamp, self._angles, self._quaternion = stamp, angles, quaternion
-        if output.state != before:
-            self._changes.append(output.state)
-        if self._is_wanted and quaternion is not None and output.rendered is not None and (
-                self._grid.is_due(stamp)):
-            self._publish(stamp, output.rendered, rotation_from_quaternion(*quaternion))
-
     def _publish(self, stamp: int, rendered: Vector[float], rotation: Rotation[float]) -> None:
         """Publish the rendered torque, N m in the base frame, by R_base_platform."""
         for frame, message, out in self._outs:
             torque, header = message.wrench.torque, message.header
             header.stamp.sec, header.stamp.nanosec = divmod(stamp, SECOND)
             header.frame_id = frame.name
-            torque.x, torque.y, torque.z = frame.outwards(
-                unrotated(rotation, rendered) if frame.in_handle else rendered)
+            torque.x, torque.y, torque.z = unrotated(
+                frame.rotation, unrotated(rotation, rendered) if frame.in_handle else rendered)
             out.publish(message)
 
     # Watch --------------------------------------------------------------------------------------
 
-    def _count_subscribers(self) -> None:
-        self._is_wanted = any(out.get_subscription_count() for _, _, out in self._outs)
-
     def _watch(self) -> None:
         """Notice samples that do not come, and publish what has changed."""
         self._inputs.poll()
-        self._count_subscribers()
+        self._is_wanted = any(out.get_subscription_count() for _, _, out in self._outs)
         with self._lock:
-            self._missing += 1
-            if self._missing >= SILENT_PERIODS and self._stamp is not None:
-                self._step(self._stamp + round(1e9 * WATCH_PERIOD), self._angles, None, inf)
+            missing = self._missing + 1
+            if missing >= SILENT_PERIODS and self._stamp is not None:
+                self.take(self._stamp + round(1e9 * WATCH_PERIOD), self._angles, None, inf)
+            self._missing = missing
             self._noise = max(noise / sigma for noise, sigma in zip(
                 self._supervisor.joints.noise(), self._sigma, strict=True))
             changes, self._changes = self._changes, []
@@ -203,7 +193,7 @@ class Force:
         condition = output.state.condition
         own_level, text = LEVELS.get(condition, OK), output.state.text
         level, summary = own_level, text
-        if condition in WAITING and output.obstacle is not None:
+        if condition in (Condition.OFF, Condition.READY) and output.obstacle is not None:
             summary = f'{text}; {output.obstacle.value}'
         caution = report.fault if report is not None and report.fault else self._inputs.caution
         if caution:

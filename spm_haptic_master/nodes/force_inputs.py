@@ -15,6 +15,7 @@ from geometry_msgs.msg import Quaternion as QuaternionMessage
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 from spm_haptic_master.force import Wrench
+from spm_haptic_master.force.statics import rotated
 from spm_haptic_master.kinematics.mounting import Mounting
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.nodes.force_factory import WrenchFrame, WrenchFrames
@@ -133,12 +134,12 @@ class ForceInputs:
 
     def _on_any(self, message: WrenchStamped) -> None:
         name = message.header.frame_id
-        frame = self._frames.find(name)
+        frame = self._frames.by_name.get(name)
         if frame is None:
             self.refused += 1
             if not self._unknown:
                 self._unknown = f'wrench on {self._topics[0]} in frame {name!r}; expected ' \
-                    f'{", ".join(self._frames.names)} or none'
+                    f'{", ".join(sorted(filter(None, self._frames.by_name)))} or none'
                 node_log.error(self._node, self._unknown)
             return
         self._take_wrench(message, frame)
@@ -155,7 +156,7 @@ class ForceInputs:
         self._unknown = ''
         force, torque = message.wrench.force, message.wrench.torque
         scale = self._scale
-        found = frame.inwards((scale * torque.x, scale * torque.y, scale * torque.z))
+        found = rotated(frame.rotation, (scale * torque.x, scale * torque.y, scale * torque.z))
         beside = force.x, force.y, force.z
         is_finite = isfinite(sum(found) + sum(beside))
         if any(beside) and not self._warned:

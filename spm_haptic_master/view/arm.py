@@ -15,7 +15,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from spm_haptic_master.description.three_encoders import ThreeEncoders
-from spm_haptic_master.force import read_force_state
+from spm_haptic_master.force import FORCE_STATES
 from spm_haptic_master.kinematics import Geometry, zxz_angles
 from spm_haptic_master.kinematics.joints import MECHANISM_JOINT_NAMES, SHORT_NAMES
 from spm_haptic_master.kinematics.leg_kernels import chain_quaternion
@@ -137,8 +137,7 @@ class Arm:
         self.show_state(time.monotonic())
 
     def _on_force(self, message: String) -> None:
-        state = read_force_state(message.data)
-        self.seen.force = '' if state is None else state.text
+        self.seen.force = message.data if message.data in FORCE_STATES else ''
 
     def _on_source(self, message: String) -> None:
         self.seen.source = message.data

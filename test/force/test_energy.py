@@ -3,7 +3,9 @@
 
 """The energy that the motors give: budget, loops in the fade zone, noise at rest."""
 
-from bench import Bench
+import math
+
+from bench import ANGLES, Bench, MS
 import numpy as np
 import pytest
 from spm_haptic_master.force import Condition, ForceController, ForceLimits, Gravity
@@ -94,7 +96,6 @@ def test_a_wrench_without_use_for_a_second_is_a_fault():
 
 def test_energy_that_is_generated_ends_in_a_latched_fault():
     """Angles that turn with the torque by themselves: no hand does that."""
-    from bench import ANGLES, MS
     bench = Bench()
     bench.engage()
     state = bench.outputs[-1].state
@@ -107,6 +108,17 @@ def test_energy_that_is_generated_ends_in_a_latched_fault():
         seconds += DT
     assert state.text == 'fault: energy generated'
     assert bench.now > 1000 * MS
+
+
+def test_a_lock_that_generates_energy_falls_with_its_share():
+    bench, angles = Bench(), ANGLES
+    bench.engage((0.0, 0.0, 0.0))
+    for _ in range(400):
+        output = bench.step(angles=angles, lock=(0.0, 0.2, 0.0))
+        assert math.hypot(*output.asked) <= 0.2 * output.share + 0.02
+        angles = tuple(angle + 1e-2 * torque for angle, torque in zip(
+            angles, (*output.motor_torque, 0.0), strict=True))
+    assert output.state.text == 'engaged' and output.share < 0.9
 
 
 @pytest.mark.parametrize('sense', [1, -1])

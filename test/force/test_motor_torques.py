@@ -11,9 +11,16 @@ from mechanism import MODES, random_geometry, reachable_rotation
 import numpy as np
 import pytest
 from spm_haptic_master.exceptions import InputError, SpmError, UnreachableError
-from spm_haptic_master.force import ForceLimits, render
+from spm_haptic_master.force import ForceLimits, Gravity, render
+from spm_haptic_master.force.gravity import Weight
 from spm_haptic_master.force.rendering import make_statics
-from spm_haptic_master.kinematics import Geometry, jacobian, workspace_pose
+from spm_haptic_master.kinematics import (
+    Geometry,
+    inverse,
+    jacobian,
+    matrix_from_quaternion,
+    workspace_pose,
+)
 
 PAPER = Geometry()
 MODE = (1, 1, 1)
@@ -201,3 +208,30 @@ def test_wrong_arguments(wrong):
 def test_nothing_asked_is_all_rendered():
     found = render(workspace_pose(0.1, 0.0, 0.3), (0.0, 0.0, 0.0))
     assert (found.motor_torque == 0.0).all() and found.fraction == 1.0
+
+
+def test_the_weight_is_held_by_the_slope_of_its_potential_energy():
+    """Every offset, on a base that is mounted aslant: by finite differences."""
+    rng, down, step = np.random.default_rng(4), (3.0, -5.0, -7.0), 1e-5
+    gravity = Gravity(tuple(rng.normal(size=3)), tuple(rng.normal(size=6)), down)
+    statics = make_statics(PAPER, MODE, 3, ForceLimits())
+    weight = Weight(gravity, statics)
+
+    def energy(R):
+        found = R @ gravity.handle
+        for leg, angle, (along, across) in zip(
+                PAPER.legs, inverse(R).theta1, np.reshape(gravity.proximal, (3, 2)), strict=True):
+            constant, cosine, sine = np.array(leg.second)
+            second = constant + np.cos(angle) * cosine + np.sin(angle) * sine
+            found = found + along * second + across * np.cross(leg.first, second)
+        return -found @ down
+
+    def turn(vector):
+        return matrix_from_quaternion((*(0.5 * vector), 1.0))
+
+    for R in workspace_pose(0.3 * rng.random(5), 6.0 * rng.random(5), 0.7 * rng.random(5)):
+        statics.place(R.ravel().tolist())
+        slope = [(energy(turn(step * axis) @ R)
+                  - energy(turn(-step * axis) @ R)) / (2.0 * step)
+                 for axis in np.eye(3)]
+        np.testing.assert_allclose(weight.torque(), slope, rtol=1e-6, atol=1e-6)

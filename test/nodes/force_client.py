@@ -11,7 +11,7 @@ from harness import status
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
-from spm_haptic_master.force import Condition, read_force_state
+from spm_haptic_master.force import Condition, FORCE_STATES
 from spm_haptic_master.ros.qos import STATE
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -70,7 +70,7 @@ class Client:
 
     @property
     def state(self):
-        return read_force_state(self.states[-1][1].data) if self.states else None
+        return FORCE_STATES.get(self.states[-1][1].data) if self.states else None
 
     def call(self, name):
         future = self.clients[name].call_async(Trigger.Request())

@@ -12,7 +12,7 @@ from harness import SIM
 import numpy as np
 import pytest
 from spm_haptic_master.benchmark.child_process import executable
-from spm_haptic_master.force import read_force_state
+from spm_haptic_master.force import FORCE_STATES
 from spm_haptic_master.kinematics import matrix_from_zxz, quaternion_from_matrix
 from spm_haptic_master.nodes import console as console_module
 from spm_haptic_master.nodes.console import Console
@@ -244,7 +244,7 @@ def rows_of(width, **given):
 def test_all_rows_of_a_status_with_force_feedback_and_cautions():
     """Four sensors and the dexterity of three; the bar is that of the page of `view`."""
     assert rows_of(80, encoders='joint_1b: EMCY 0x5000', caution='joint_3a unchecked',
-                   force=read_force_state('holding'), pose=(130.0, 50.0, 30.0)) == [
+                   force=FORCE_STATES['holding'], pose=(130.0, 50.0, 30.0)) == [
         '  state             healthy',
         '  caution           joint_3a unchecked',
         '  caution           encoders: joint_1b: EMCY 0x5000',
@@ -271,7 +271,7 @@ def test_without_an_orientation_the_state_and_what_the_driver_knows_have_rows(st
 
 @pytest.mark.parametrize(('given', 'expected'), [
     ({'state': 'degraded: joint_3b missing', 'encoders': '', 'caution': 'joint_3a unchecked',
-      'force': read_force_state('holding')},
+      'force': FORCE_STATES['holding']},
      'psi    0.000 theta   0.000 phi    0.000 deg, protection level 0.57 deg, '
      'degraded: joint_3b missing, joint_3a unchecked, force holding, dexterity 0.1500 (3 sensors) '
      '0.4000 (4 sensors) OK clear of singularities, '),

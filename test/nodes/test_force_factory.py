@@ -6,8 +6,14 @@
 import numpy as np
 import pytest
 from spm_haptic_master.exceptions import SettingError
-from spm_haptic_master.force import ForceLimits
-from spm_haptic_master.kinematics import matrix_from_zxz
+from spm_haptic_master.force import ForceLimits, ForceSample, Wrench
+from spm_haptic_master.force.statics import rotated, unrotated
+from spm_haptic_master.kinematics import (
+    inverse,
+    matrix_from_zxz,
+    quaternion_from_matrix,
+    workspace_pose,
+)
 from spm_haptic_master.nodes.force_factory import limits_from, make_motors, WrenchFrames
 from spm_haptic_master.parameters.nodes import NODE_SETTINGS
 from spm_haptic_master.parameters.setting import complete
@@ -51,6 +57,20 @@ def test_the_motors_of_a_described_device(motors):
     assert drives.motors == motors
 
 
+@pytest.mark.parametrize('weight', [(0.0, 0.0, 0.0), (0.0, 0.0, 0.004)])
+def test_the_weight_of_the_settings_is_held(weight):
+    controller, _ = make_motors(values(**{
+        'force.gravity_handle': weight, 'force.without_drives': True}))
+    R = workspace_pose(0.1, 0.4, 0.3)
+    joints, quaternion, still = inverse(R), tuple(quaternion_from_matrix(R).tolist()), (0.0,) * 3
+    angles = (*joints.theta1.tolist(), float(joints.theta3a))
+    for stamp in range(1, 800_000_000, 1_000_000):
+        output = controller.take(ForceSample(
+            stamp, angles, quaternion, still, wrench=Wrench(stamp, still)))
+    assert output.state.text == 'engaged'
+    assert any(output.motor_torque) is any(weight)
+
+
 def frames(given, reference):
     return WrenchFrames(values(**given), reference)
 
@@ -63,10 +83,11 @@ def test_a_mounted_device_takes_torques_in_all_its_frames():
                 '': (False, table_base.T), 'spm_platform': (True, np.eye(3)),
                 'spm_handle': (True, platform_handle)}
     for name, (in_handle, matrix) in expected.items():
-        frame = found.find(name)
+        frame = found.by_name[name]
         assert frame.in_handle is in_handle
-        np.testing.assert_allclose(frame.inwards(TORQUE), matrix @ TORQUE, atol=1e-12)
-        np.testing.assert_allclose(frame.outwards(frame.inwards(TORQUE)), TORQUE, atol=1e-12)
+        torque = rotated(frame.rotation, TORQUE)
+        np.testing.assert_allclose(torque, matrix @ TORQUE, atol=1e-12)
+        np.testing.assert_allclose(unrotated(frame.rotation, torque), TORQUE, atol=1e-12)
     assert (found.spatial.name, found.body.name) == ('spm_table', 'spm_handle')
 
 
@@ -76,18 +97,19 @@ def test_the_same_torque_on_the_handle_in_two_frames():
     base_platform = matrix_from_zxz(2.0, 1.0, 0.5)
     table_handle = matrix_from_zxz(*np.radians(BASE_DEG)) @ base_platform @ matrix_from_zxz(
         *np.radians(HANDLE_DEG))
-    in_base = found.spatial.inwards(tuple(table_handle @ TORQUE))
-    np.testing.assert_allclose(in_base, base_platform @ found.body.inwards(TORQUE), atol=1e-12)
+    in_base = rotated(found.spatial.rotation, tuple(table_handle @ TORQUE))
+    in_platform = rotated(found.body.rotation, TORQUE)
+    np.testing.assert_allclose(in_base, base_platform @ in_platform, atol=1e-12)
 
 
 @pytest.mark.parametrize('name', ['', 'spm_base', 'spm_handle', 'spm_platform'])
 def test_a_device_without_mounting_has_two_frames(name):
     found = frames({}, 'spm_base')
-    assert found.find(name).inwards(TORQUE) == TORQUE == found.find(name).outwards(TORQUE)
-    assert found.find(name).in_handle is (name in ('spm_handle', 'spm_platform'))
+    frame = found.by_name[name]
+    assert rotated(frame.rotation, TORQUE) == TORQUE == unrotated(frame.rotation, TORQUE)
+    assert frame.in_handle is (name in ('spm_handle', 'spm_platform'))
     assert found.body.name == 'spm_platform'
 
 
 def test_another_frame_is_none_of_the_device():
-    assert frames({}, 'spm_base').find('psm_base') is None
-    assert frames({}, 'spm_base').names == ('spm_base', 'spm_handle', 'spm_platform')
+    assert set(frames({}, 'spm_base').by_name) == {'', 'spm_base', 'spm_handle', 'spm_platform'}
