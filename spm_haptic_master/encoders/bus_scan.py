@@ -64,7 +64,7 @@ class HeardNode:
 
     @property
     def profile(self) -> int | None:
-        """Number of its CiA device profile, None if it is not known."""
+        """Return the number of its CiA device profile, None if it is not known."""
         device = self.objects.get(canopen.DEVICE_TYPE)
         return None if device is None else device & 0xFFFF
 
@@ -91,7 +91,7 @@ class BusScan:
 
     @property
     def master_sync(self) -> HeardFrame | None:
-        """SYNCs of a master on the bus, None if there is none."""
+        """Return the SYNC frames of a master on the bus, None if there is none."""
         return None if self.sync_id is None else self.frames.get((False, self.sync_id))
 
     @property

@@ -82,7 +82,7 @@ class FkmRig:
 
     @property
     def reason(self) -> str:
-        """What is on /diagnostics, and why a sample was rejected last."""
+        """Return what is on /diagnostics, and why a sample was rejected last."""
         self.host.run(1.0)
         return (f'{self.host.entry("orientation").message} / '
                 f'{self.host.figures("orientation").get("last rejected")}')

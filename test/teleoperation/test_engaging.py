@@ -597,7 +597,6 @@ class Watch:
         self.rig.slave = turn(vector) @ self.rig.slave
 
 
-
 def act(take, *values):
     return strategies.tuples(strategies.just(take), *values)
 
