@@ -46,19 +46,19 @@ class Drive:
         self.mode: int | None = None  # that it was set to
         self.absent: str | None = None  # why it is waited for in the start-up
         self._answer: bytes | None = None  # latest one by SDO, until it is removed
-        self.emergency: str | None = None  # latest one in words, until it is reset
+        self.emergency: str | None = None  # latest one in words, until `restart`
         self._shown_mode = 0
         # NMT state, and the time of the latest heartbeat, s; None before the first.
         self._nmt: int | None = None
         self._heartbeat_at: float | None = None
-        self._booted = False
+        self.booted = False  # since `restart`
         # Command in force, and the range of the commands since the latest status frame and between
         # that one and the one before, per mille: a status frame may be as old as two periods.
         self._command = 0
         self._range = self._before = (0, 0)
-        # Times since which the torque is off its command and Operation enabled is wanted, s, and
-        # whether it was reached since then.
-        self._off_since: float | None = None
+        # Time for which the torque was off its command, less that for which it followed, s; time
+        # since which Operation enabled is wanted, s, and whether it was reached since then.
+        self._off_time = 0.0
         self._since: float | None = None
         self._reached = False
         # Data length and handler of each of its frames by identifier.
@@ -70,8 +70,8 @@ class Drive:
 
     def restart(self) -> None:
         """Forget what an acknowledgement clears."""
-        self.emergency = self.absent = self._off_since = self._since = None
-        self._booted = False
+        self.emergency = self.absent = self._since = None
+        self.booted, self._off_time = False, 0.0
 
     def command(self, torque: int) -> None:
         """Take note of a torque that is sent, per mille."""
@@ -81,11 +81,7 @@ class Drive:
 
     def trouble(self, operate: bool) -> str | None:
         """Return what is wrong where Operation enabled is wanted, or not; None if nothing is."""
-        if not operate:
-            self._since = None
-        elif self._since is None:
-            self._since, self._reached = self.now, False
-        if found := self._silence() or self._refusal():
+        if found := self._silence() or self.refusal(operate):
             return f'{self.own.name}: {found}'
         return None
 
@@ -96,7 +92,7 @@ class Drive:
             return self.emergency
         if self.state in (State.FAULT, State.REACTING):
             return str(self.state.value)
-        if self._booted:
+        if self.booted:
             return 'booted: it has lost what it was set to'
         if heard is not None and self.now - heard > plan.heartbeat_timeout:
             return f'no heartbeat for {1e3 * (self.now - heard):.0f} ms'
@@ -105,8 +101,12 @@ class Drive:
         return f'no status frame for {1e3 * silent:.0f} ms' if silent > plan.status_timeout \
             else None
 
-    def _refusal(self) -> str | None:
+    def refusal(self, operate: bool) -> str | None:
         """Return how the drive deviates from its command; None if it follows."""
+        if not operate:
+            self._since = None
+        elif self._since is None:
+            self._since, self._reached = self.now, False
         if self._since is not None:
             if self.state is State.ENABLED:
                 self._reached = True
@@ -118,38 +118,36 @@ class Drive:
             elif self.now - self._since > ENABLE_TIMEOUT:
                 return (f'{self.state.value} {ENABLE_TIMEOUT:g} s after Operation enabled was '
                         'asked for')
-        off = self._off_since
-        # By the status frames: while none comes the torque is not known.
-        if off is not None and self.status_at - off > TORQUE_TIME:
+        if self._off_time > TORQUE_TIME:
             return (f'torque {self.torque} per mille for a command of {self._command}, off by '
-                    f'more than {100.0 * TORQUE_SHARE:.0f} % for '
-                    f'{1e3 * (self.status_at - off):.0f} ms')
+                    f'more than {100.0 * TORQUE_SHARE:.0f} % for {1e3 * self._off_time:.0f} ms')
         return None
 
     def _on_status(self, data: bytearray) -> None:
         word, self.torque, self._shown_mode = STATUS.unpack(data)
         self.state = state_of(word)
+        elapsed = min(self.now - self.status_at, self._plan.status_timeout)
         self.status_at = self.now
         low = min(self._range[0], self._before[0])
         high = max(self._range[1], self._before[1])
         self._before, self._range = self._range, (self._command, self._command)
         allowed = TORQUE_SHARE * max(abs(low), abs(high), TORQUE_FLOOR * self.own.cap)
-        if low - allowed <= self.torque <= high + allowed:
-            self._off_since = None
-        elif self._off_since is None:
-            self._off_since = self.now
+        # A torque that only crosses its command now and then does not follow it.
+        follows = low - allowed <= self.torque <= high + allowed
+        self._off_time = max(0.0, self._off_time + (-elapsed if follows else elapsed))
 
     def _on_heartbeat(self, data: bytearray) -> None:
         self._nmt = data[0] & 0x7F
         if self._nmt == canopen.BOOT_UP:
-            self._booted = True
+            self.booted = True
             self._heartbeat_at = None
         else:
             self._heartbeat_at = self.now
 
     def _on_emergency(self, data: bytearray) -> None:
-        reset = canopen.emcy_code(data) == canopen.EMCY_ERROR_RESET
-        self.emergency = None if reset else canopen.emcy_words(data, cia402.ERROR_WORDS)
+        # Its reset may come with it in one sample: it ends by an acknowledgement.
+        if canopen.emcy_code(data) != canopen.EMCY_ERROR_RESET:
+            self.emergency = canopen.emcy_words(data, cia402.ERROR_WORDS)
 
     def _on_answer(self, data: bytearray) -> None:
         self._answer = bytes(data)

@@ -168,6 +168,10 @@ class Drives:
                     word = yield from drive.read(cia402.STATUSWORD)
                     if word is not None and cia402.state_of(word) in WITHOUT_TORQUE:
                         times[drive] = self._now - began
+            for drive in self._drives:
+                if drive.booted:
+                    raise SetupError(f'{drive.own.name} booted in the proof; expected that it '
+                                     'leaves Operation enabled by itself')
             drive, longest = max(times.items(), key=lambda item: item[1])
             if longest <= limit:
                 return
@@ -192,10 +196,18 @@ class Drives:
                 cause = f' ({drive.emergency})' if drive.emergency else ''
                 raise SetupError(f'{drive.own.name}: {shown} {ENABLE_TIMEOUT:g} s after its '
                                  f'start{cause}; expected {state.value}')
+            self._check(state)
             yield
+        self._check(state)
         # What the pause has caused is over.
         for drive in self._drives:
             drive.restart()
+
+    def _check(self, state: State) -> None:
+        """Raise SetupError if a drive has another mode or torque on its way to enabled."""
+        for drive in self._drives:
+            if state is State.ENABLED and (found := drive.refusal(True)):
+                raise SetupError(f'{drive.own.name}: {found}')
 
     def _fail(self, text: str) -> None:
         """Latch a fault: the first one is the reason of those that follow."""

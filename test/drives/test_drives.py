@@ -72,6 +72,31 @@ def test_a_drive_that_goes_on_without_frames_gets_no_torque():
         assert all(drive.state is State.DISABLED for drive in rig.drive)
 
 
+def test_a_drive_that_boots_in_the_pause_has_not_fallen_out(starting):
+    drive = starting.drive[1]
+    while drive.state is not State.ENABLED:
+        starting.step(TORQUES)
+    starting.run(TORQUES, 0.01)
+    starting.other.send(can.Message(arbitration_id=canopen.HEARTBEAT_BASE + 12, data=bytes(1),
+                                  is_extended_id=False))
+    report = starting.run(TORQUES, 1.0)
+    assert report.fault.startswith('drive of joint_1b (node 12) booted in the proof')
+    assert {torque for _, torque in starting.commands()} == {0}
+
+
+def test_a_drive_in_another_mode_is_not_enabled_for_the_proof(starting):
+    drive = starting.drive[1]
+    value = drive.objects.value
+    drive.objects.value = lambda index, sub: 3 if index == 0x6060 else value(index, sub)
+    enabled = 0
+    while not (starting.report and starting.report.fault):
+        starting.step(TORQUES)
+        enabled += drive.state is State.ENABLED
+    assert enabled < 10
+    assert 'another mode (3); expected cyclic synchronous' in starting.report.fault
+    assert {torque for _, torque in starting.commands()} == {0}
+
+
 @pytest.mark.parametrize(('late', 'ready'), [(2, True), (3, False)])
 def test_one_of_three_proofs_has_to_be_in_time(starting, late, ready):
     """A proof is late by the heartbeat, in place of the event timer; this machine may be, too."""
