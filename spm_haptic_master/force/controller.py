@@ -130,7 +130,7 @@ class ForceController:
         else:
             # The drives may have dropped the torque meanwhile: it begins from zero.
             self._motion.restart()
-            self._asked, dt = NOTHING, 0.0
+            self._asked, self._borne, dt = NOTHING, 0.0, 0.0
         work, generated = self._motion.take(stamp, angles, self._before, dt), False
         if work is not None and (state is ENGAGED or state is HOLDING):
             generated = energy.take(work, self._asked, dt)
@@ -141,12 +141,13 @@ class ForceController:
                 and wx * wx + wy * wy + wz * wz <= square_of_speed and level <= level_limit
                 and noise <= noise_limit and whole < inf and earliest <= age <= latest
                 and sources <= 1 and drives is OPERATING and enabled and engaged and present
+                and (lock is NOTHING or hypot(*lock) < inf)
                 and not (clutched or generated)):
             # The usual case: nothing is in the way.
             obstacle = None
         else:
             obstacle = obstacles.take(
-                sample, self._motion.is_missing, generated, state is HOLDING)
+                sample, self._motion.is_missing, generated, clutched)
             if obstacle is not None or state is not ENGAGED or clutched:
                 self._change(sample, obstacle, dt)
                 state = self._state

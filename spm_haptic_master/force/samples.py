@@ -171,7 +171,7 @@ class Obstacles:
             (Reason.UNPROTECTED, not sample.protection_level <= limits.protection_level),
             (Reason.NOISY, not sample.noise <= limits.noise),
             (Reason.SPEED, velocity is not None and not hypot(*velocity) <= limits.speed),
-            (Reason.NOT_FINITE, not hypot(*wrench.torque) < inf),
+            (Reason.NOT_FINITE, not hypot(*wrench.torque, *sample.lock) < inf),
             (Reason.SOURCES, sample.sources > 1),
             (Reason.ENERGY, energy_generated),
             (Reason.DISABLED, not sample.enabled),

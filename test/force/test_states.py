@@ -426,3 +426,28 @@ def test_the_compensation_of_weight_goes_and_comes_over_the_ramp():
 
 def test_make_bench_measures_a_sample():
     assert 0.0 < force(3)() < 0.01
+
+
+@pytest.mark.parametrize('lock', [(math.nan, 0.0, 0.0), (0.0, -math.inf, 0.0)])
+def test_a_lock_that_is_not_finite_is_a_fault(lock):
+    bench = Bench()
+    bench.engage()
+    assert bench.step(lock=lock).state.why is Reason.NOT_FINITE
+    assert all(map(math.isfinite, bench.run(30).motor_torque))
+
+
+def test_a_clutch_that_is_released_holds_nothing_without_wrenches():
+    bench, lock = Bench(), (0.0, 0.0, 0.2)
+    bench.engage()
+    bench.run(50, clutched=True, lock=lock)
+    bench.torque = None
+    assert bench.run(200, clutched=True, lock=lock).state.text == 'holding'
+    assert bench.step(lock=lock).state.why is Reason.STALE
+    assert bench.run(40, lock=lock).motor_torque == ZERO
+
+
+def test_after_a_gap_the_weight_comes_up_from_zero():
+    bench = Bench(gravity=Gravity(handle=(0.0, 0.02, 0.0)))
+    held = bench.engage(STILL).motor_torque
+    assert max(map(abs, held)) > 0.05
+    assert max(map(abs, bench.step(5000).motor_torque)) < 0.01 * max(map(abs, held))
