@@ -11,6 +11,7 @@ force.engaged_by:=operating_state, which somebody has to enable.
 
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 import rclpy
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from spm_haptic_master.kinematics.rotations import (
@@ -54,4 +55,7 @@ class Box(Node):
 
 
 rclpy.init()
-rclpy.spin(Box())
+try:
+    rclpy.spin(Box())
+except (KeyboardInterrupt, ExternalShutdownException):
+    pass

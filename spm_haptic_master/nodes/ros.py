@@ -115,7 +115,7 @@ class Commands:
         """Receive until a condition holds, and return its value; that of the last try after."""
         end = time.monotonic() + seconds
         while not (found := condition()) and time.monotonic() < end:
-            self._executor.spin_once(timeout_sec=0.05)
+            self._executor.spin_once(timeout_sec=max(0.0, min(0.05, end - time.monotonic())))
         return found
 
 
