@@ -23,7 +23,7 @@ from spm_haptic_master.force import (
     ForceState,
 )
 from spm_haptic_master.force.energy import WINDOW
-from spm_haptic_master.force.samples import NOTHING
+from spm_haptic_master.force.samples import NOTHING, Reason
 from spm_haptic_master.force.statics import unrotated
 from spm_haptic_master.kinematics.angular_velocity import AngularVelocity
 from spm_haptic_master.kinematics.number_backends import Quaternion, Rotation, Vector
@@ -120,11 +120,11 @@ class Force:
             drives = Drives.FAULT if report.fault is not None else (
                 Drives.OPERATING if report.ready else Drives.OFF)
         phase, is_absent = inputs.phase, inputs.is_absent
-        engaged = is_absent or phase is not Phase.DISENGAGED if self._by_teleop else \
-            self._is_enabled()
+        is_enabled = self._by_teleop or self._is_enabled()
+        engaged = not self._by_teleop or is_absent or phase is not Phase.DISENGAGED
         output = self._output = self._controller.take(ForceSample(
             stamp, angles, quaternion, velocity, level, self._noise, inputs.take(),
-            inputs.sources, drives, True, engaged, not is_absent,
+            inputs.sources, drives, is_enabled, engaged, not is_absent,
             phase is Phase.CLUTCHED, pull, inputs.weightless))
         if self._drives is not None:
             is_faulty = output.state.condition is Condition.FAULT
@@ -186,16 +186,23 @@ class Force:
                 self._supervisor.joints.noise(), self._sigma, strict=True))
             changes, self._changes = self._changes, []
             output, quaternion, report = self._output, self._quaternion, self._report
+        fault = '' if report is None or report.fault is None else f'; {report.fault}'
         for state in changes:
             self._state_out.publish(String(data=state.text))
             if state.condition is Condition.FAULT:
-                self._warn(f'force feedback: {state.text}')
+                self._warn(f'force feedback: {state.text}'
+                           + (fault if state.why is Reason.DRIVE else ''))
         condition = output.state.condition
         own_level, text = LEVELS.get(condition, OK), output.state.text
         level, summary = own_level, text
-        if condition in (Condition.OFF, Condition.READY) and output.obstacle is not None:
-            summary = f'{text}; {output.obstacle.value}'
-        caution = report.fault if report is not None and report.fault else self._inputs.caution
+        if condition in (Condition.OFF, Condition.READY):
+            if output.obstacle is not None:
+                summary = f'{text}; {output.obstacle.value}'
+            elif condition is Condition.READY:
+                summary = f'{text}; waits for wrenches below force.small_torque'
+        elif output.state.why is Reason.DRIVE:
+            text += fault
+        caution = fault.removeprefix('; ') or self._inputs.caution
         if caution:
             level, summary = max(level, WARN), f'{summary}; {caution}'
         if self._status.is_due(level, summary):

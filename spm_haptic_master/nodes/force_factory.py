@@ -43,7 +43,8 @@ def make_motors(values: Values) -> tuple[ForceController, Drives | None]:
         ('rate', values['rate'] < least, f'at least {least:g} Hz with force.enabled: torque '
          f'begins from zero after {GAP:g} s without a sample'),
         ('force.without_drives', not has_drives and not values['force.without_drives'],
-         'true where force.enabled is true and drives.channel is empty'),
+         'with force.enabled the bus of the drives in drives.channel, or true for another '
+         'motor controller'),
         ('drives.node_id', has_drives and len(values['drives.node_id']) != motors,
          f'{motors} drives (force.motors)'),
         # What the drives cut would be a torque off its command.

@@ -405,7 +405,7 @@ def test_the_compensation_of_weight_can_be_switched_off(make):
 
 
 def test_a_combination_that_cannot_work_is_refused(make):
-    with pytest.raises(SettingError, match='force.without_drives.*true where force.enabled'):
+    with pytest.raises(SettingError, match='force.without_drives.*the bus of the drives in'):
         make(**{'force.without_drives': 'false'})
 
 
