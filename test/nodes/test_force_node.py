@@ -285,14 +285,14 @@ def test_the_operating_state_may_engage(make):
     assert not [each for each in rig.node.subscriptions if 'teleop_state' in each.topic_name]
     rig.teleop = ''
     rig.engage()
-    assert rig.text == 'ready'
+    assert rig.text == 'off' and rig.force._output.obstacle.value == 'disabled'
     rig.node._crtk.take(rig.node._changes[-1])
     assert rig.node._crtk.command('enable')[0]
-    rig.run(100, (0.0, 0.0, 0.0))
+    rig.run(200, (0.0, 0.0, 0.0))
     assert rig.text == 'engaged'
     rig.node._crtk.command('disable')
     rig.run(50, TORQUE)
-    assert rig.text == 'ready'
+    assert rig.text == 'off'
 
 
 def test_a_sample_that_is_withheld_ends_force(make):
