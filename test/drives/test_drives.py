@@ -77,8 +77,7 @@ def test_a_drive_that_boots_in_the_pause_has_not_fallen_out(starting):
     while drive.state is not State.ENABLED:
         starting.step(TORQUES)
     starting.run(TORQUES, 0.01)
-    starting.other.send(can.Message(arbitration_id=canopen.HEARTBEAT_BASE + 12, data=bytes(1),
-                                  is_extended_id=False))
+    starting.other.send(canopen.frame(canopen.HEARTBEAT_BASE + 12, bytes(1)))
     report = starting.run(TORQUES, 1.0)
     assert report.fault.startswith('drive of joint_1b (node 12) booted in the proof')
     assert {torque for _, torque in starting.commands()} == {0}
