@@ -368,7 +368,7 @@ REFUSALS = (
              'every program of it would end', "'rte' is 5.0"),
     option('benchmark', '--rounds', '0', 'not above 0', '0', '1 or more'),
     parameter('fkm', {'force.enabled': True}, 'force.without_drives', 'false without drives',
-              'no motor would get a torque', 'true where force.enabled is true'),
+              'no motor would get a torque', 'the bus of the drives in drives.channel'),
     parameter('fkm', {**FORCE, 'rate': 100.0}, 'rate', 'below 250 Hz with `force.enabled`',
               'each sample would begin with zero torque', 'at least 250 Hz'),
     parameter('fkm', {**FORCE, 'force.sigma_full': 0.05}, 'force.sigma_full',
