@@ -226,10 +226,10 @@ def test_one_drive_that_restarts(rig):
 
 
 def test_a_wrench_that_ends(rig):
-    """In the median of five losses: single frames wait longer on a machine that has no load."""
+    """In the median of three losses: single frames wait longer on a machine that has no load."""
     running, took = rig(PATIENT | {'force.wrench_timeout': 0.03}), []
     client = running.client
-    for _ in range(5):
+    for number in range(3):
         with Disturbance() as machine:
             client.torque = None
             began = 1e-9 * client.sent
@@ -237,5 +237,6 @@ def test_a_wrench_that_ends(rig):
             took.append(running.ear.torque_ends(began) - began)
         running.was_on(machine, began)
         machine.expect(took[-1] <= 0.1, took)
-        running.feel()
+        if number < 2:
+            running.feel()
     machine.expect(np.median(took) <= 0.05 + GRID, took)
