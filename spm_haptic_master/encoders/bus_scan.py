@@ -100,12 +100,15 @@ class BusScan:
         Rate that the master of SYNC is set to, Hz; 0 before it is known.
 
         A busy machine loses SYNCs or reads them late: each time between two counts as the number
-        of typical times that it is nearest to.
+        of typical times that it is nearest to, with half of what the one before was longer.
         """
         typical = median(self._sync_intervals) if self._sync_intervals else 0.0
         if typical <= 0.0:
             return 0.0
-        cycles = sum(round(each / typical) for each in self._sync_intervals)
+        cycles, late = 0, 0.0
+        for interval in self._sync_intervals:
+            count = round((interval + late) / typical)
+            cycles, late = cycles + count, 0.5 * (interval + late - count * typical)
         return cycles / sum(self._sync_intervals)
 
     def sent_sync(self, now: float) -> None:

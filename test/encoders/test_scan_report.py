@@ -138,6 +138,16 @@ def test_the_rate_of_a_master_is_what_it_is_set_to_on_a_busy_machine():
     assert scanned([at(canopen.frame(0x80))]).master_rate == scanned([]).master_rate == 0.0
 
 
+@pytest.mark.parametrize('late', [
+    (0.55, 0.1), (0.6, 0.15), (0.52,), (1.0,), (1.6, 0.7, 0.2), (2.6, 1.7, 0.8, 0.3), (-0.1, 0.45)])
+def test_syncs_that_are_read_late_are_counted_once(late):
+    """A pause of a program: periods, that of the first and those in which it catches up."""
+    stamps = [T0 + 0.02 * (number + (late[number - 50] if 0 <= number - 50 < len(late) else 0.0))
+              for number in range(100)]
+    scan = scanned(at(canopen.frame(0x80), stamp) for stamp in stamps)
+    assert scan.master_rate == pytest.approx(50.0, rel=1e-6)
+
+
 @pytest.mark.parametrize(('identifier', 'data'), [
     (0x700, b'\x05'), (0x702, b'\x05\x00'), (0x702, b''), (0x82, bytes(7)), (0x582, bytes(4)),
     (0x80, bytes(8)), (0x580, bytes(8)), (0x212, bytes(8)), (0x602, bytes(8))])
