@@ -56,8 +56,10 @@ LATCHED = frozenset((
     Reason.SPEED, Reason.NOT_FINITE, Reason.SOURCES, Reason.ENERGY))
 # Messages in a row with a small torque, with which force may begin.
 SMALL_MESSAGES = 3
-# Time in which torque fades out (s); after a drive's fault the other motors alone pull askew.
-FADE, DRIVE_FADE = 0.02, 0.003
+# Time in which torque fades out (s); after a drive's fault the other motors alone pull askew. With
+# the longest age of a wrench, 30 ms, a wrench that ends is no torque after 50 ms: 5 ms are left for
+# its way.
+FADE, DRIVE_FADE = 0.015, 0.003
 
 
 class ForceState(NamedTuple):

@@ -142,7 +142,7 @@ def test_a_message_that_repeats_is_not_three_small_ones():
 @pytest.mark.parametrize(('changed', 'reason'), ENDS)
 @pytest.mark.parametrize('motors', [3, 4])
 def test_what_ends_force(changed, reason, motors):
-    """Torque goes down in 20 ms, after a drive's fault in 5, and begins only where it may."""
+    """Torque goes down in 15 ms, after a drive's fault in 5, and begins only where it may."""
     bench = Bench(motors)
     before = bench.engage()
     largest = max(map(abs, before.motor_torque))
@@ -151,14 +151,14 @@ def test_what_ends_force(changed, reason, motors):
     output = bench.step(**changed)
     assert output.state.text == f'fading: {reason.value}' and output.obstacle is reason
     previous = before
-    for _ in range(20):
+    for _ in range(15):
         # Each motor goes down steadily.
         for new, old in zip(output.motor_torque, previous.motor_torque, strict=True):
             assert abs(new) <= abs(old) and new * old >= 0.0
         previous, output = output, bench.step(**changed)
     assert not any(output.motor_torque) and largest > 0.05
     if reason is Reason.DRIVE:
-        assert not any(bench.outputs[-17].motor_torque)
+        assert not any(bench.outputs[-12].motor_torque)
     bench.torque = STILL
     after = bench.run(700)
     if reason in LATCHED:

@@ -3,6 +3,8 @@
 
 """From a loss to zero torque at the motors, by the frames on the bus: master, encoders, drives."""
 
+from bisect import bisect_left
+from collections import defaultdict
 import os
 import signal
 import threading
@@ -42,17 +44,13 @@ HEARTBEAT = PATIENT | {'drives.event_timer': 0.0, 'drives.heartbeat_timeout': 0.
 
 class Ear:
     """
-    All frames on the bus, with the time at which the kernel received them.
+    All frames on the bus: by identifier, their times and data.
 
-    Attributes
-    ----------
-    frames : list of (float, int, bytes)
-        Time, s since the Unix epoch, identifier and data.
-
+    A time is that at which the kernel received the frame, s since the Unix epoch.
     """
 
     def __init__(self, channel):
-        self.frames = []
+        self._frames = defaultdict(lambda: ([], []))
         self._bus = can.Bus(interface='udp_multicast', channel=channel)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -62,8 +60,9 @@ class Ear:
         while not self._stop.is_set():
             message = self._bus.recv(0.1)
             if message is not None:
-                self.frames.append(
-                    (message.timestamp, message.arbitration_id, bytes(message.data)))
+                times, data = self._frames[message.arbitration_id]
+                data.append(bytes(message.data))
+                times.append(message.timestamp)
 
     def close(self):
         self._stop.set()
@@ -72,8 +71,13 @@ class Ear:
 
     def of(self, identifiers, since=0.0):
         """Return time and data of the frames with some identifiers from a time on."""
-        return [(at, data) for at, identifier, data in list(self.frames)
-                if identifier in identifiers and at >= since]
+        found = []
+        for identifier in identifiers:
+            times, data = self._frames[identifier]
+            # Not all of them: some thousands come each second.
+            first, end = bisect_left(times, since), len(times)
+            found += zip(times[first:end], data[first:end])
+        return sorted(found)
 
     def emergencies(self, code, since=0.0):
         """Return the times of the emergencies with a code from a time on."""
