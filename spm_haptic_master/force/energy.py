@@ -16,7 +16,7 @@ the wrench:
 
     z = smoothstep((1.5 mJ - E) / 1 mJ)        g = smoothstep(1 + E / E_g)
 
-The damping alone would let a faded spring generate energy for ever in slow motion; the share of
+with z at most 1 in 4 ms up, and in 20 ms down. The damping alone would let a faded spring generate energy for ever in slow motion; the share of
 the wrench alone would take most of a stiff wall away.
 """
 
@@ -36,6 +36,8 @@ SOFTEST = 0.2
 # Energy at which the damping begins: what 60 s of noise at rest leave; and its way to all (J). It
 # begins before energy has been generated, as the wrench needs some 30 ms to follow.
 DAMPED, DAMPING_RANGE = 1.5e-3, 1e-3
+# Shortest times in which the damping comes, and goes (s).
+GROWTH, RELEASE = 4e-3, 20e-3
 # Energy generated at which the wrench is none (J).
 FADED = 20e-3
 # Whole damping of the handle and of a motor's joint (N m s/rad). Beyond some 0.1, pi / 2 times the
@@ -78,9 +80,12 @@ class EnergyBudget:
         self.energy = energy
         if energy >= DAMPED:
             if self.damping > 0.0:
-                self.damping, self.share, self._useless = 0.0, 1.0, 0.0
+                self.damping, self.share = max(0.0, self.damping - dt / RELEASE), 1.0
+                self._useless = 0.0
             return False
-        self.damping = smoothstep((DAMPED - energy) / DAMPING_RANGE)
+        # A fast handle gives and takes the whole range in a period, in turn.
+        self.damping = min(self.damping + dt / GROWTH, max(
+            self.damping - dt / RELEASE, smoothstep((DAMPED - energy) / DAMPING_RANGE)))
         self.share = share = smoothstep(1.0 + energy / FADED)
         self._useless = self._useless + dt if share < LEAST_SHARE else 0.0
         return self._useless >= LEAST_TIME

@@ -32,7 +32,7 @@ def test_what_the_motors_give_is_taken_from_the_budget():
     spend(budget, 0.4e-3, 4)
     assert budget.energy == pytest.approx(ADVANCE - 0.4e-3)
     assert (budget.damping, budget.share) == (0.0, 1.0)
-    spend(budget, 1.2e-3, 4)
+    spend(budget, 1.2e-3, 5)
     assert budget.damping == 1.0 and budget.share == 1.0
     spend(budget, 10.4e-3, 4)
     assert budget.energy == pytest.approx(-10e-3) and budget.share == pytest.approx(0.5)
@@ -44,6 +44,23 @@ def test_what_the_hand_gives_is_kept_up_to_the_energy_of_the_softest_spring():
     assert budget.energy == pytest.approx(ADVANCE + 0.2 ** 2 / 0.4)
     spend(budget, 0.0, 1)
     assert budget.energy == ADVANCE
+
+
+@pytest.mark.parametrize('given', [4e-3, 0.4e-3])
+def test_the_damping_comes_within_4_ms_and_goes_within_20(given):
+    """Fast motion gives and takes more in a period than is between no damping and all of it."""
+    budget = EnergyBudget()
+    spend(budget, 2e-3, 1)
+    found = [budget.damping]
+    for number in range(200):
+        budget.take(given if number % 2 else -given, (0.0, 0.0, 0.0), DT)
+        found.append(budget.damping)
+    assert max(found) == 1.0
+    assert np.diff(found).min() >= -0.05 - 1e-9 and np.diff(found).max() <= 0.25 + 1e-9
+    spend(budget, -1.0, 1, (0.0, 0.0, 0.3))
+    assert budget.damping > 0.0 and budget.share == 1.0
+    spend(budget, 0.0, 20, (0.0, 0.0, 0.3))
+    assert budget.damping == 0.0
 
 
 WEIGHTS = (1.0, 10.0, 100.0)
@@ -110,6 +127,23 @@ def test_energy_that_is_generated_ends_in_a_latched_fault():
     assert bench.now > 1000 * MS
 
 
+def test_the_clutch_gives_no_new_energy():
+    """What has been used up while engaged is used up while holding, and engaged again."""
+    bench, angles = Bench(), ANGLES
+    bench.engage()
+    while (output := bench.step(angles=angles)).energy > -5e-3:
+        angles = tuple(angle + 1e-2 * torque for angle, torque in zip(
+            angles, (*output.motor_torque, 0.0), strict=True))
+    bench.torque = (0.0, 0.0, 0.0)
+    states = []
+    for clutched in (True, False):
+        for _ in range(10):
+            output = bench.step(angles=angles, clutched=clutched)
+            states.append(output.state.text)
+            assert output.energy < -4e-3 and output.share < 0.9
+    assert (states[5], states[-1]) == ('holding', 'engaged')
+
+
 def test_a_lock_that_generates_energy_falls_with_its_share():
     bench, angles = Bench(), ANGLES
     bench.engage((0.0, 0.0, 0.0))
@@ -130,6 +164,15 @@ def test_twelve_loops_in_the_fade_zone(speed, sense):
     found = run(R, Slave(environment), seconds, motion=motion, hand=None)
     assert set(found.states[found.start:]) == {'engaged'}
     assert found.generated <= 20e-3
+
+
+def test_fast_loops_move_no_motor_by_jerks():
+    """At 5 rad/s the budget is used up and filled again in each period."""
+    R = pose(FADE_ZONE)
+    motion, environment, seconds = loops(R, 5.0, 12, 1)
+    found = run(R, Slave(environment), seconds, motion=motion, hand=None)
+    assert found.generated <= 20e-3 and found.energy[found.start:].min() < 0.0
+    assert np.abs(np.diff(found.torque[found.start:], axis=0)).max() <= 0.2
 
 
 def test_loops_generate_without_the_law_and_with_four_motors_do_not():
