@@ -48,9 +48,9 @@ class Drive:
         self._answer: bytes | None = None  # latest one by SDO, until it is removed
         self.emergency: str | None = None  # latest one in words, until `restart`
         self._shown_mode = 0
-        # NMT state, and the time of the latest heartbeat, s; None before the first.
+        # NMT state, None before the first heartbeat, and the time from which one is due, s.
         self._nmt: int | None = None
-        self._heartbeat_at: float | None = None
+        self._heartbeat_at = float('-inf')
         self.booted = False  # since `restart`
         # Command in force, and the range of the commands since the latest status frame and between
         # that one and the one before, per mille: a status frame may be as old as two periods.
@@ -69,7 +69,8 @@ class Drive:
             canopen.SDO_ANSWER_BASE + own.node_id: (canopen.SDO_LENGTH, self._on_answer)}
 
     def restart(self) -> None:
-        """Forget what an acknowledgement clears."""
+        """Forget what an acknowledgement clears; from now on a heartbeat is due."""
+        self._heartbeat_at = self.now
         self.emergency = self.absent = self._since = None
         self.booted, self._off_time = False, 0.0
 
@@ -87,15 +88,16 @@ class Drive:
 
     def _silence(self) -> str | None:
         """Return what it reports of itself, or what it does not send."""
-        plan, heard, silent = self._plan, self._heartbeat_at, self.now - self.status_at
+        plan, silent = self._plan, self.now - self.status_at
+        unheard = self.now - self._heartbeat_at
         if self.emergency:
             return self.emergency
         if self.state in (State.FAULT, State.REACTING):
             return str(self.state.value)
         if self.booted:
             return 'booted: it has lost what it was set to'
-        if heard is not None and self.now - heard > plan.heartbeat_timeout:
-            return f'no heartbeat for {1e3 * (self.now - heard):.0f} ms'
+        if unheard > plan.heartbeat_timeout:
+            return f'no heartbeat for {1e3 * unheard:.0f} ms'
         if self._nmt not in (None, canopen.OPERATIONAL):
             return f'NMT state {canopen.state_word(self._nmt or 0)}'
         return f'no status frame for {1e3 * silent:.0f} ms' if silent > plan.status_timeout \
@@ -138,11 +140,9 @@ class Drive:
 
     def _on_heartbeat(self, data: bytearray) -> None:
         self._nmt = data[0] & 0x7F
+        self._heartbeat_at = self.now
         if self._nmt == canopen.BOOT_UP:
             self.booted = True
-            self._heartbeat_at = None
-        else:
-            self._heartbeat_at = self.now
 
     def _on_emergency(self, data: bytearray) -> None:
         # Its reset may come with it in one sample: it ends by an acknowledgement.

@@ -16,8 +16,8 @@ the wrench:
 
     z = smoothstep((1.5 mJ - E) / 1 mJ)        g = smoothstep(1 + E / E_g)
 
-with z at most 1 in 4 ms up, and in 20 ms down. The damping alone would let a faded spring generate energy for ever in slow motion; the share of
-the wrench alone would take most of a stiff wall away.
+with z at most 1 in 4 ms up, and in 20 ms down. The damping alone would let a faded spring generate
+energy for ever in slow motion; the share of the wrench alone would take most of a stiff wall away.
 """
 
 from __future__ import annotations

@@ -17,10 +17,11 @@ ENABLED, SWITCHED_ON, FAULT = 0x0237, 0x0233, 0x0218
 
 @pytest.fixture
 def drive():
-    """Give a drive in a mode, which has reported Operation enabled at a time of 0."""
+    """Give a drive in a mode, which has reported Operation enabled at a time of 0, its start."""
     plan = make_test_plan()
     drive = Drive(plan.drives[0], plan, [].append)
     drive.mode = 10
+    drive.restart()
     status(drive, 0.0)
     assert trouble(drive, 0.0) is None
     return drive
@@ -40,8 +41,10 @@ def trouble(drive, now, operate=True):
     return drive.trouble(operate)
 
 
-def status(drive, now, word=ENABLED, torque=0, mode=10):
-    """Let a drive report its state, torque (per mille) and mode."""
+def status(drive, now, word=ENABLED, torque=0, mode=10, beats=True):
+    """Let a drive report its state, torque (per mille) and mode, with its heartbeat if `beats`."""
+    if beats:
+        send(drive, HEARTBEAT, b'\x05', now)
     send(drive, STATUS, word.to_bytes(2, 'little') + torque.to_bytes(2, 'little', signed=True)
          + bytes((mode,)), now)
 
@@ -133,7 +136,7 @@ def test_what_a_drive_reports_or_does_not_send_is_named(drive, frames, now, word
     for identifier, data, at in frames:
         send(drive, identifier, data, at)
     if frames:
-        status(drive, now)
+        status(drive, now, beats=False)
     assert trouble(drive, now) == (words and f'drive of joint_1a (node 11): {words}')
 
 

@@ -207,6 +207,18 @@ def test_a_torque_off_its_command_is_zero_torque_after_50_ms(rig):
     assert rig.commands(rig.now - 1.5 * MS) == [(0, 0)] * 3
 
 
+def test_a_drive_whose_heartbeat_never_came_gets_no_torque_for_long(starting):
+    """It answers, and falls out by its event timer; its heartbeat is off, and it booted before."""
+    while starting.bus.recv(0.0) is not None:
+        pass
+    put, own = starting._put, canopen.HEARTBEAT_BASE + 12
+    starting._put = lambda messages: put([each for each in messages
+                                          if each.arbitration_id != own])
+    report = starting.run(TORQUES, STARTED)
+    assert report.fault is not None
+    assert report.fault.startswith('drive of joint_1b (node 12): no heartbeat for 6')
+
+
 def test_a_fault_stays_until_it_is_acknowledged_and_everything_is_proven_again(rig):
     rig.drive[2].faults['drive'] = 0x3210
     report = rig.run(TORQUES, 1.0)
