@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from math import dist, hypot, inf
-from operator import sub
 
 import numpy as np
 from spm_haptic_master.exceptions import SpmError
@@ -44,8 +43,11 @@ from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
 from spm_haptic_master.kinematics.jacobians import jacobian
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.kinematics.rotations import (
+    conjugate,
     matrix_from_quaternion,
+    multiply_quaternions,
     rotation_from_quaternion,
+    vector_from_quaternion,
 )
 
 # Longest time between two samples after which the torque goes on (s).
@@ -84,8 +86,11 @@ class ForceController:
         self._energy = EnergyBudget()
         self._motion = JointMotion(motors)
         self._zero = (0.0,) * motors
-        # Motor torques of the last sample, and of the last two without gravity, N m.
-        self._last = self._counted = self._before = self._zero
+        # Motor torques of the last two samples, N m, and with each the torque on the handle that
+        # the weight asked for; the orientation of the last one.
+        self._last = self._before = self._zero
+        self._held = self._held_before = NOTHING
+        self._pose: Quaternion[float] | None = None
         # Torque asked of the handle, N m, and the motor torques from which a fade began.
         self._asked, self._from = NOTHING, self._zero
         self._stamp = LONG_AGO
@@ -132,6 +137,14 @@ class ForceController:
             self._motion.restart()
             self._asked, self._borne, dt = NOTHING, 0.0, 0.0
         work, generated = self._motion.take(stamp, angles, self._before, dt), False
+        if work is not None and self._weight is not None and quaternion is not None and (
+                self._pose is not None):
+            # The weight gives back what lifting it takes; what the motors make of it may not.
+            dx, dy, dz = vector_from_quaternion(
+                *multiply_quaternions(quaternion, conjugate(self._pose)))
+            hx, hy, hz = self._held_before
+            work -= hx * dx + hy * dy + hz * dz
+        self._pose = quaternion
         if work is not None and (state is ENGAGED or state is HOLDING):
             generated = energy.take(work, self._asked, dt)
         received, (x, y, z), in_handle = NO_WRENCH if wrench is None else wrench
@@ -196,25 +209,24 @@ class ForceController:
                 if share > 0.0:
                     damping += share * HANDLE_DAMPING
                 x, y, z = x - damping * wx, y - damping * wy, z - damping * wz
-            if self._weight is None:
-                held = None
-                torques, rendered = statics.render((x, y, z))
-            else:
+            held = NOTHING
+            if self._weight is not None:
                 part = self._borne + (dt if weightless else -dt) / ramp
                 self._borne = part = min(1.0, max(0.0, part))
                 gx, gy, gz = self._weight.torque()
-                held, _ = statics.render((part * gx, part * gy, part * gz))
-                torques, rendered = statics.render((x + part * gx, y + part * gy, z + part * gz))
+                held = gx, gy, gz = part * gx, part * gy, part * gz
+                x, y, z = x + gx, y + gy, z + gz
+            torques, rendered = statics.render((x, y, z))
             if share > 0.0:
                 torques = self._within(torques, share)
                 rendered = statics.rendered(torques)
-            counted = torques if held is None else tuple(map(sub, torques, held))
         elif state.condition is Condition.FADING:
-            torques, counted, rendered = self._faded(dt), self._zero, None
+            torques, held, rendered = self._faded(dt), NOTHING, None
             state = self._state
         else:
-            torques, counted, rendered = self._zero, self._zero, NOTHING
-        self._before, self._counted, self._last = self._counted, counted, torques
+            torques, held, rendered = self._zero, NOTHING, NOTHING
+        self._before, self._last = self._last, torques
+        self._held_before, self._held = self._held, held
         return _output(ForceOutput, (state, torques, self._asked, rendered, obstacle,
                                      energy.energy, energy.share))
 

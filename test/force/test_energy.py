@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from spm_haptic_master.force import Condition, ForceController, ForceLimits, Gravity
 from spm_haptic_master.force.energy import ADVANCE, EnergyBudget, JointMotion
+from spm_haptic_master.kinematics import inverse, quaternion_from_matrix, workspace_pose
 
 pytest.importorskip('mujoco', reason='needs mujoco')
 
@@ -199,6 +200,30 @@ def test_the_work_against_the_weight_is_not_counted():
     assert found.generated > 10e-3
     assert found.energy[found.start:].min() >= 1.5e-3
     assert set(found.states[found.start:]) == {'engaged'}
+
+
+def test_twelve_loops_of_a_handle_that_weighs_in_the_fade_zone():
+    """What the motors make of its weight is not conservative there: 20 mJ in all."""
+    bench = Bench(gravity=Gravity((-0.0113, 0.0081, -0.0057)))
+    tilt, azimuth, phi, radius, turn = 0.227, 0.782, 0.931, 0.08, 500
+    samples = []
+    for number in range(turn):
+        angle = -math.tau * number / turn
+        R = workspace_pose(tilt + radius * math.sin(angle), azimuth,
+                           phi + radius * (math.cos(angle) - 1.0))
+        joints = inverse(R)
+        samples.append(((*joints.theta1.tolist(), float(joints.theta3a)),
+                        tuple(quaternion_from_matrix(R).tolist())))
+    work, last = 0.0, None
+    for number in range(700 + 12 * turn):
+        angles, quaternion = samples[max(0, number - 700) % turn]
+        output = bench.step(angles=angles, quaternion=quaternion)
+        if last is not None:
+            work += sum(torque * (new - old) for torque, new, old in zip(
+                last.motor_torque, angles, before, strict=False))
+        last, before = output, angles
+    assert output.state.text == 'engaged'
+    assert work <= 20e-3
 
 
 def test_noise_at_rest_is_one_millinewtonmetre():
