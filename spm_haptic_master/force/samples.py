@@ -56,9 +56,8 @@ LATCHED = frozenset((
     Reason.SPEED, Reason.NOT_FINITE, Reason.SOURCES, Reason.ENERGY))
 # Messages in a row with a small torque, with which force may begin.
 SMALL_MESSAGES = 3
-# Time in which torque fades out (s); after a drive's fault the other motors alone pull askew. With
-# the longest age of a wrench, 30 ms, a wrench that ends is no torque after 50 ms: 5 ms are left for
-# its way.
+# Time in which torque fades out (s); after a drive's fault the other motors alone pull askew. A
+# wrench that ends is no torque after 50 ms: 30 are its longest age, 5 its way.
 FADE, DRIVE_FADE = 0.015, 0.003
 
 

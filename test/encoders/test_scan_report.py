@@ -139,7 +139,8 @@ def test_the_rate_of_a_master_is_what_it_is_set_to_on_a_busy_machine():
 
 
 @pytest.mark.parametrize('late', [
-    (0.55, 0.1), (0.6, 0.15), (0.52,), (1.0,), (1.6, 0.7, 0.2), (2.6, 1.7, 0.8, 0.3), (-0.1, 0.45)])
+    (0.55, 0.1), (0.6, 0.15), (0.52,), (1.0,), (1.6, 0.7, 0.2), (2.6, 1.7, 0.8, 0.3),
+    (-0.1, 0.45)])
 def test_syncs_that_are_read_late_are_counted_once(late):
     """A pause of a program: periods, that of the first and those in which it catches up."""
     stamps = [T0 + 0.02 * (number + (late[number - 50] if 0 <= number - 50 < len(late) else 0.0))

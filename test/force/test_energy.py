@@ -214,14 +214,13 @@ def test_twelve_loops_of_a_handle_that_weighs_in_the_fade_zone():
         joints = inverse(R)
         samples.append(((*joints.theta1.tolist(), float(joints.theta3a)),
                         tuple(quaternion_from_matrix(R).tolist())))
-    work, last = 0.0, None
+    work, torques, before = 0.0, (0.0,) * 3, samples[0][0]
     for number in range(700 + 12 * turn):
         angles, quaternion = samples[max(0, number - 700) % turn]
         output = bench.step(angles=angles, quaternion=quaternion)
-        if last is not None:
-            work += sum(torque * (new - old) for torque, new, old in zip(
-                last.motor_torque, angles, before, strict=False))
-        last, before = output, angles
+        work += sum(torque * (new - old) for torque, new, old in zip(
+            torques, angles, before, strict=False))
+        torques, before = output.motor_torque, angles
     assert output.state.text == 'engaged'
     assert work <= 20e-3
 

@@ -76,7 +76,7 @@ class Ear:
             times, data = self._frames[identifier]
             # Not all of them: some thousands come each second.
             first, end = bisect_left(times, since), len(times)
-            found += zip(times[first:end], data[first:end])
+            found += zip(times[first:end], data[first:end], strict=True)
         return sorted(found)
 
     def emergencies(self, code, since=0.0):
