@@ -42,9 +42,9 @@ def make_motors(values: Values) -> tuple[ForceController, Drives | None]:
          f'at most force.torque_limit ({most:g})'),
         ('rate', values['rate'] < least, f'at least {least:g} Hz with force.enabled: torque '
          f'begins from zero after {GAP:g} s without a sample'),
-        ('force.without_drives', not has_drives and not values['force.without_drives'],
+        ('force.without_drives', has_drives is values['force.without_drives'],
          'with force.enabled the bus of the drives in drives.channel, or true for another '
-         'motor controller'),
+         'motor controller, not both'),
         ('drives.node_id', has_drives and len(values['drives.node_id']) != motors,
          f'{motors} drives (force.motors)'),
         # What the drives cut would be a torque off its command.

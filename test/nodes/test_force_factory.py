@@ -39,6 +39,7 @@ def test_the_defaults_are_those_of_the_limits():
     ({'force.small_torque': 0.4}, r'force.small_torque.*0.4.*at most force.torque_limit \(0.3'),
     ({'rate': 200.0}, r"'rate' is 200.*at least 250 Hz with force.enabled"),
     ({'force.without_drives': False}, 'force.without_drives.*the bus of the drives in'),
+    ({**DRIVES, 'force.without_drives': True}, 'force.without_drives.*True.*not both'),
     ({**DRIVES, 'drives.node_id': [11, 12]}, r'drives.node_id.*\[11, 12\].*3 drives \(force'),
     ({**DRIVES, 'drives.torque_limit': 0.4}, r'drives.torque_limit.*0.4.*at least force.motor'),
 ])

@@ -240,7 +240,6 @@ def test_a_wrench_that_ends(rig):
             running.observer.spin_until(lambda: False, 0.3)
             took.append(running.ear.torque_ends(began) - began)
         running.was_on(machine, began)
-        machine.expect(took[-1] <= 0.1, took)
         if number < 2:
             running.feel()
     machine.expect(np.median(took) <= 0.05 + GRID, took)
