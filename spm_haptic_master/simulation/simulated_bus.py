@@ -26,8 +26,8 @@ class SimulatedBus:
     Encoders on a moving master, and their faults, timed from the first answer.
 
     Without `node_ids` they only answer SYNC; not `synchronised`, they send by themselves. From the
-    `factory` they have no node ids yet, and their maker's defaults. `heartbeat` is the time
-    between heartbeats, s; `news` the faults that began or ended since the list was last emptied.
+    `factory` they have their maker's defaults. `heartbeat` is the time between heartbeats, s;
+    `news` the faults that began or ended since the list was last emptied.
     """
 
     def __init__(self, layouts: tuple[EncoderLayout, ...], node_ids: tuple[int, ...] | None,

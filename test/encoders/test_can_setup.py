@@ -20,8 +20,6 @@ from spm_haptic_master.encoders.node_setup import wanted_objects  # noqa: E402
 from spm_haptic_master.tools import can_setup  # noqa: E402
 
 ONE = ('--joint', 'joint_1b')
-# Vendor, product and revision of the simulated encoders; the serial number is a node id.
-SIMULATED = ('--identity', '0', '0x53504D', '0x10001')
 
 
 @pytest.fixture
@@ -141,24 +139,7 @@ def test_an_encoder_that_is_missing_does_not_stop_the_others(network, run):
 
 @pytest.mark.slow
 def test_four_simulated_encoders_from_their_makers_defaults(run, encoders):
-    """Node ids by LSS, one by one, then all objects."""
     encoders(factory=True)
-    code, _, err = run('--lss', 'joint_1a', '--write')
-    assert code == 1
-    assert '4 devices answer LSS: connect one encoder only, or select it by' in err
-    _, _, err = run('--lss', 'joint_1a', *SIMULATED, 9, '--write')
-    assert 'no device with the identity 0x0 0x53504D 0x10001 0x9 answers LSS' in err
-    for node_id, joint in enumerate(('joint_1a', 'joint_1b', 'joint_1c', 'joint_3a'), 1):
-        one = ('--lss', joint, *SIMULATED, node_id)
-        if node_id == 1:
-            code, out, err = run(*one)
-            assert code == 1
-            assert out == 'device 0x0 0x53504D 0x10001 0x1: no node id, wanted 1 ' \
-                '(joint_1a)\nnothing was written (--write)\n'
-        code, out, err = run(*one, '--write')
-        assert (code, err) == (0, ''), out + err
-        assert out.endswith('stored; the device answers under it after a reset\n')
-    assert run(*one)[0] == 0
     code, out, _ = run()
     assert code == 1
     assert out.count('units per turn: 65536, wanted 16384') == 4
@@ -176,37 +157,8 @@ def test_nothing_is_written_while_a_master_runs(run, encoders):
     assert code == 0 and out.endswith('4 of 4 encoders as configured\n')
 
 
-def test_a_node_id_of_another_node_is_not_given(run, encoders):
-    encoders()
-    code, out, err = run('--lss', 'joint_1a', *SIMULATED, 2, '--write')
-    assert code == 1
-    assert out == 'device 0x0 0x53504D 0x10001 0x2: node id 2, wanted 1 (joint_1a)\n'
-    assert 'node id 1 is taken by another node on the bus' in err
-
-
-@pytest.mark.slow
-def test_a_node_id_is_changed(run, encoders):
-    """An encoder with an id; its TPDO keeps the identifier of the old one until it is set up."""
-    encoders()
-    moved = ('-p', 'encoders.node_id:=[11, 2, 3, 4]')
-    code, out, _ = run('--lss', 'joint_1a', *SIMULATED, 1, *moved, '--write')
-    assert code == 0, out
-    assert 'node id 1, wanted 11' in out
-    code, out, _ = run('--joint', 'joint_1a', *moved)
-    assert 'joint_1a, node 11: encoder' in out
-    code, out, _ = run('--lss', 'joint_1a', *SIMULATED, 1, *moved, '--bit-rate', 500_000)
-    assert code == 1
-    code, out, _ = run('--lss', 'joint_1a', *SIMULATED, 1, *moved, '--bit-rate', 500_000,
-                       '--write')
-    assert code == 0
-    assert 'node id 11 and 500000 bit/s stored, not verified: switch' in out
-
-
 @pytest.mark.slow
 def test_a_bus_without_devices(run):
-    code, _, err = run('--lss', 'joint_1a')
-    assert code == 1
-    assert re.fullmatch('can_setup: no device answers LSS .*\n', err)
     code, out, _ = run()
     assert code == 1
     assert out.count('does not answer SDO') == 4
@@ -235,7 +187,6 @@ def test_a_bus_that_failed_is_the_reason(network):
     (('--heartbeat', 'nan'), "--heartbeat: 'nan'; expected a finite number"),
     (('--heartbeat', '0.1005'), '--heartbeat 0.1005 s; expected whole milliseconds'),
     (('--heartbeat', '66'), '--heartbeat 66 s; expected whole milliseconds'),
-    (('--lss', 'joint_1a', '--bit-rate', '300000'), 'invalid choice: 300000 (choose from 1000000'),
     (('-p', 'encoders.sync_id:=0', '-p', 'rate:=300.0'), '1 / rate 0.00333333 s; expected whole'),
 ])
 def test_a_wrong_argument_is_reported(run, args, words):
