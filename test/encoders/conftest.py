@@ -25,13 +25,12 @@ from spm_haptic_master.simulation.source_factory import make_source
 
 
 @contextmanager
-def simulated(channel, factory=False, sync=False):
-    """Run sim_bus's encoders, still or with SYNC, in a thread."""
-    motion = make_motion(values('sim', sim__noise_deg=0.0))
+def simulated(channel, factory=False, sync=False, layouts=LAYOUTS, node_ids=(1, 2, 3, 4)):
+    """Run sim_bus's encoders, still or with SYNC, in a thread; give its nodes."""
+    encoders = SimulatedBus(layouts, node_ids, make_motion(values('sim', sim__noise_deg=0.0)),
+                            (), 0.1, 1, factory=factory)
     with can.Bus(interface='virtual', channel=channel) as bus:
-        runner = BusRunner(bus, SimulatedBus(
-            LAYOUTS, (1, 2, 3, 4), motion, (), 0.1, 1, factory=factory), 0x80,
-            DeadlineGrid(0.01) if sync else None)
+        runner = BusRunner(bus, encoders, 0x80, DeadlineGrid(0.01) if sync else None)
         end = threading.Event()
 
         def loop():
@@ -42,7 +41,7 @@ def simulated(channel, factory=False, sync=False):
         thread = threading.Thread(target=loop)
         thread.start()
         try:
-            yield
+            yield encoders.nodes
         finally:
             end.set()
             thread.join()
