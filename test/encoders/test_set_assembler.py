@@ -21,15 +21,11 @@ ALONE, WINDOW = 1.0, 0.5
 GOOD = pytest.approx((0.0, 0.1, 0.2, 0.3))
 
 
-@pytest.mark.parametrize('sets', [2000, pytest.param(20_000, marks=pytest.mark.slow)])
-def test_recorded_log_gives_every_set(sets):
-    taker = decoder()
-    log = iter(can.LogReader(str(LOG)))
+def test_a_recorded_log_gives_every_set():
+    taker, log, sets = decoder(), iter(can.LogReader(str(LOG))), 2000
     samples = []
     while len(samples) < sets:
         samples += feed(taker, [next(log)])
-    if sets == 20_000:
-        assert feed(taker, log) == []
     expected = recorded_angles()[:sets]
     assert max(abs(a - b) for sample, row in zip(samples, expected, strict=True)
                for a, b in zip(sample.angles, row, strict=True)) < 1e-9
@@ -39,7 +35,6 @@ def test_recorded_log_gives_every_set(sets):
 @pytest.mark.parametrize('sensors', [4, 5, 6])
 def test_a_set_is_one_answer_of_each_encoder_in_any_order(sensors):
     taker, layouts = rig(sensors)
-    assert tuple(layout.joint for layout in layouts) == ALL_JOINT_NAMES[:sensors]
     opening, *answers, last = cycle(layouts, 0)
     # SYNC may have a counter.
     assert feed(taker, [sync(T0, counter=7), *reversed(answers)]) == []
@@ -136,12 +131,12 @@ def test_a_sensor_is_taken_again_when_it_answers_again(sensors, silent):
         assert taker.assembler.missed == [silent * (i == index) for i in range(sensors)]
 
 
-@pytest.mark.parametrize(('sensors', 'share'), [(4, 0.94), (5, 0.99), (6, 0.999)])
-def test_one_per_cent_of_lost_frames(sensors, share):
+@pytest.mark.parametrize(('sensors', 'share'), [(4, 0.94), (6, 0.999)])
+def test_one_per_cent_of_lost_frames_costs_few_sets(sensors, share):
     """Where no two joints are lost together, four sensors give 96 % of the sets."""
     rng = random.Random(25)
     taker, layouts = rig(sensors)
-    cycles = 3000
+    cycles = 1500
     stream = (message for number in range(cycles) for message in cycle(
         layouts, number, {index for index in range(sensors) if rng.random() < 0.01}))
     found = by_cycle(feed(taker, stream))
@@ -177,20 +172,6 @@ def answer_all(taker, stamp, without=(), spacing=0.1):
     got = [taker.answer(index, 0.1 * index, stamp + spacing * index)
            for index in range(4) if index not in without]
     return next((sample for sample in got if sample is not None), None)
-
-
-@pytest.mark.parametrize('synchronised', [True, False])
-def test_counters_and_figures_of_good_cycles(synchronised):
-    taker = assembler(synchronised)
-    for at in (100.0, 101.1, 102.0, 103.0):
-        if synchronised:
-            taker.begin(at)
-        sample = answer_all(taker, at)
-        assert (sample.stamp, sample.angles) == (round(at * 1e9), GOOD)
-    assert dict(taker.counters) == {'cycles': 4, 'sets': 4}
-    assert (taker.cause, taker.missed, taker.jitter.count) == (None, [0, 0, 0, 0], 3)
-    assert taker.skew.percentiles(0.5, 1.0) == pytest.approx((0.3e6, 0.3e6))
-    assert taker.jitter.percentiles(0.0, 0.5, 1.0) == pytest.approx((0.0, 0.1e6, 0.1e6), abs=1e-3)
 
 
 @pytest.mark.parametrize(('late', 'overdue'), [(0.5, 0), (0.51, 1), (2.0, 1)])
@@ -288,22 +269,15 @@ def test_two_answers_in_one_cycle_spoil_it_and_owe_nothing():
     assert answer_all(taker, 101.0) is not None
 
 
-@pytest.mark.parametrize(('at', 'same'), [(WINDOW, True), (WINDOW + 0.01, False), (-0.01, False)])
-def test_without_sync_a_frame_beyond_the_window_opens_a_new_cycle(at, same):
+@pytest.mark.parametrize(('index', 'at', 'same'), [
+    (3, WINDOW, True), (3, WINDOW + 0.01, False), (3, -0.01, False), (0, 0.1, False)])
+def test_without_sync_a_frame_beyond_the_window_or_a_second_one_opens_a_cycle(index, at, same):
     taker = assembler(synchronised=False)
-    for index in range(3):
-        taker.answer(index, 0.1, 64.0)
-    assert (taker.answer(3, 0.1, 64.0 + at) is not None) == same
+    for other in range(3):
+        taker.answer(other, 0.1, 64.0)
+    assert (taker.answer(index, 0.2, 64.0 + at) is not None) == same
+    assert taker.cause == (None if same else 'no answer from joint_3a')
+    assert taker.counters['cycles'] == (1 if same else 2)
     if not same:
-        assert taker.cause == 'no answer from joint_3a'
-        assert taker.missed == [0, 0, 0, 1]
-        assert taker.counters['cycles'] == 2
-
-
-def test_without_sync_a_second_frame_of_a_joint_opens_a_new_cycle():
-    taker = assembler(synchronised=False)
-    taker.answer(0, 0.1, 100.0)
-    taker.answer(0, 0.2, 100.1)
-    assert taker.cause == 'no answer from joint_1b, joint_1c, joint_3a'
-    sample = answer_all(taker, 100.2, without=(0,))
-    assert (sample.stamp, sample.angles[0]) == (round(100.1e9), 0.2)
+        sample = answer_all(taker, 64.0 + at, without=(index,), spacing=0.1)
+        assert (sample.stamp, sample.angles[index]) == (round((64.0 + at) * 1e9), 0.2)
