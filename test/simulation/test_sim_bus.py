@@ -3,6 +3,8 @@
 
 """The program `sim_bus`: the truth that it writes, the rig's harmonics, a second one beside it."""
 
+import time
+
 import can
 from encoder_frames import values
 from harness import DATA
@@ -20,13 +22,14 @@ VIRTUAL = ('sim_bus', '-p', 'can.interface:=virtual')
 
 
 def test_the_truth_is_written_beside_the_rig(tmp_path):
+    begin = time.time()
     assert sim_bus.main([*VIRTUAL, '-p', f'sim.rig_file:={RIG}', '-p', 'rate:=100.0',
                          '-p', 'can.protocol:=raw', '--sync', '--seconds', '0.5',
                          '--ground-truth', str(tmp_path)]) == 0
     written, rig = (read_rig(path, Geometry(), 0.0) for path in (tmp_path / 'rig.json', RIG))
     assert np.allclose(written.geometry.alphas, rig.geometry.alphas)
     truth = recordings.read_orientation(tmp_path / 'ground_truth.csv', '')
-    assert 10 < len(truth.time) < 60
+    assert 10 < len(truth.time) < 60 and begin < truth.time[0] < truth.time[-1] < time.time()
     motion = make_motion(values('sim', sim__rig_file=str(RIG)))
     np.testing.assert_allclose(truth.values, [
         motion.orientation(t) for t in truth.time - truth.time[0]], atol=1e-4)

@@ -4,7 +4,6 @@
 """Simulated encoders: their answers to a master, what each fault does, and their loop on a bus."""
 
 from dataclasses import replace
-import time
 
 import can
 from encoder_frames import LAYOUTS, values
@@ -214,11 +213,11 @@ def rig():
     """Give a function that makes the encoders' runner, and the other end of its bus."""
     with can.Bus(interface='virtual', channel='runner') as bus, \
             can.Bus(interface='virtual', channel='runner') as master:
-        def make(node_ids=None, grid=None, faults=(), record=None, sync_id=SYNC, **settings):
-            encoders = SimulatedBus(LAYOUTS, node_ids, make_motion(values('sim', **settings)),
+        def make(node_ids=None, grid=None, faults=(), sync_id=SYNC):
+            encoders = SimulatedBus(LAYOUTS, node_ids, make_motion(values('sim')),
                                     tuple(map(parse_fault, faults)), 60.0, 1,
                                     synchronised=sync_id is not None)
-            return BusRunner(bus, encoders, sync_id, grid, record), master
+            return BusRunner(bus, encoders, sync_id, grid), master
         yield make
 
 
@@ -258,34 +257,3 @@ def test_a_fault_at_zero_affects_the_first_answers_and_is_reported_once(rig):
     assert runner.step() == ('dropout:joint_1b@0 begins',)
     assert heard(master) == [TPDOS[0], *TPDOS[2:]]
     assert runner.step() == ()
-
-
-def test_frames_of_another_program_are_heard_before_the_encoders_boot(rig):
-    runner, master = rig(node_ids=(1, 2, 3, 4))
-    for message in (canopen.frame(SYNC), canopen.nmt(canopen.NMT_START, 0),
-                    canopen.frame(TPDOS[0], b'1234'),
-                    canopen.frame(canopen.HEARTBEAT_BASE + 2, b'\x05'),
-                    can.Message(arbitration_id=TPDOS[1], is_extended_id=True),
-                    can.Message(arbitration_id=TPDOS[2], is_extended_id=False,
-                                is_error_frame=True)):
-        master.send(message)
-    assert runner.listen() == [TPDOS[0], canopen.HEARTBEAT_BASE + 2]
-    assert runner.listen() == []
-
-
-def test_the_recorded_truth_is_that_at_each_sync(rig):
-    truth, stamps = [], []
-    runner, master = rig(record=lambda *each: truth.append(each), sim__trajectory='sweep')
-    for _ in range(50):
-        sync = canopen.frame(SYNC)
-        sync.timestamp = time.time()
-        stamps.append(sync.timestamp)
-        master.send(sync)
-        time.sleep(0.002)
-        runner.step()
-    motion = make_motion(values('sim', sim__trajectory='sweep'))
-    times = np.array([1e-9 * (stamp - truth[0][0]) for stamp, _ in truth])
-    # Most of them: a busy machine may pause between two readings of its clocks.
-    assert 0.0 <= np.median([1e-9 * stamp for stamp, _ in truth] - np.array(stamps)) < 1e-3
-    off = np.array([q for _, q in truth]) - list(map(motion.orientation, times))
-    assert len(off) == 50 and np.median(np.abs(off).max(axis=1)) < 1e-3
