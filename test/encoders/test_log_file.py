@@ -75,7 +75,6 @@ LONG, SHORT = stream(*range(2000)), stream(*range(20))
 BROKEN = {
     'cut gzip': (lambda d: cut(write(d / 'a.log.gz', LONG)), 'not readable after'),
     'cut blf': (lambda d: cut(write(d / 'a.blf', LONG)), 'not readable after'),
-    'cut blf, compressed then': (lambda d: compressed(cut(write(d / 'a.blf', LONG))), 'truncated'),
     'cut line': (lambda d: garbled(write(d / 'a.log', SHORT)), 'not readable after 40 frames'),
     'blf called log': (lambda d: write(d / 'a.blf', SHORT).rename(d / 'a.log'), 'not readable'),
     'log called blf': (lambda d: write(d / 'a.log', SHORT).rename(d / 'a.blf'), 'read'),

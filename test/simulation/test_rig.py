@@ -108,9 +108,8 @@ AXES = [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
 
 
 @pytest.mark.parametrize(('content', 'words'), [
-    ('{"alpha_deg": [39, 39, 39]', 'cannot be read'), ('[' * 100000, 'cannot be read'),
+    ('{"alpha_deg": [39, 39, 39]', 'cannot be read'),
     ('"text"', "not a rig ('text'); expected a JSON object"),
-    ('{"zero": 1, "zero": 2}', "key 'zero' is there twice"),
     *((json.dumps({key: value}), f"key '{key}' is {value}; expected {expected}")
       for key, value, expected in (
           ('alpha', [39, 39, 39], 'one of the keys alpha_deg, beta_deg'),
