@@ -5,12 +5,13 @@
 
 from contextlib import contextmanager, ExitStack
 import threading
+from unittest.mock import Mock
 import uuid
 
 import can
 from encoder_frames import LAYOUTS, values
 import pytest
-from scripted_bus import Clock, ScriptedBus, ScriptedProducer
+from scripted_bus import Clock, ScriptedBus
 from spm_haptic_master.encoders import (
     can_source,
     deadline_grid,
@@ -18,6 +19,7 @@ from spm_haptic_master.encoders import (
     sync_producer,
 )
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
+from spm_haptic_master.encoders.sync_producer import SyncProducer
 from spm_haptic_master.simulation.bus_runner import BusRunner
 from spm_haptic_master.simulation.noisy_motion import make_motion
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus
@@ -96,11 +98,14 @@ def rig(monkeypatch, clock):
 
 @pytest.fixture
 def producing(rig, monkeypatch):
-    """Make a source on a scripted bus, with a scripted producer of SYNC."""
-    monkeypatch.setattr(can_source, 'SyncProducer', ScriptedProducer)
-
+    """Make a source on a scripted bus, and the producer of SYNC that stands in for its own."""
     def make(*buses, **overrides):
+        producer = Mock(spec=SyncProducer, yielding=False, producing=False, lost=0.0)
+        producer.openings.return_value, producer.statistics.return_value = [], {}
+        made = Mock(return_value=producer)
+        monkeypatch.setattr(can_source, 'SyncProducer', made)
         driver = rig(*buses, can__sync='produce', **overrides)
-        return driver, driver._sync
+        producer.made_with = made.call_args.args[1:]
+        return driver, producer
 
     return make

@@ -4,6 +4,7 @@
 """A bus that is opened, fails and is reopened; what goes out on it, and which reason is given."""
 
 import logging
+from unittest.mock import call
 
 import can
 from encoder_frames import answer, sync, T0
@@ -185,27 +186,13 @@ def test_a_bus_is_opened_with_what_its_interface_takes(monkeypatch, own, bitrate
 
 
 def test_a_reason_is_held_before_another_takes_its_place(rig):
-    script = [*cycles(0.01, 1), *cycles(0.02, 200, without=(2,))]
-    driver = rig(script, can__timeout=0.05)
-    run(driver, 0.1)
-    assert driver.fault == 'joint_1c silent (no frames)'
-    run(driver, 2.02 + 0.06)
-    # The bus is silent, and the reason is not yet replaced: it was read at 0.1 s, long ago.
-    assert driver.fault == 'no frames on virtual can7'
-    bus = driver.buses[0]
-    now = driver.clock.now
-    bus.script = cycles(now, 400, without=(1,))
-    run(driver, now + 0.5 * REASON_HOLD)
-    assert driver.fault == 'no frames on virtual can7'
-    run(driver, now + REASON_HOLD + 0.01)
-    assert driver.fault == 'joint_1b silent (no frames)'
-    # Sets end it at once, and the next reason is new at once.
-    now = driver.clock.now
-    bus.script = [*cycles(now, 5), *cycles(now + 0.05, 30, without=(3,))]
-    run(driver, now + 0.05)
-    assert driver.fault is None
-    run(driver, now + 0.3)
-    assert driver.fault == 'joint_3a silent (no frames)'
+    driver = rig([*cycles(0.01, 40, without=(2,)), *cycles(0.41, 60, without=(1,)),
+                  *cycles(1.01, 5), *cycles(1.06, 30, without=(3,))], can__timeout=0.05)
+    # Sets end a reason at once, and the next one is new at once.
+    for until, silent in ((0.3, '1c'), (0.3 + 0.9 * REASON_HOLD, '1c'),
+                          (0.31 + REASON_HOLD, '1b'), (1.055, None), (1.3, '3a')):
+        run(driver, until)
+        assert driver.fault == (silent and f'joint_{silent} silent (no frames)')
 
 
 def beside(script, *others):
@@ -286,10 +273,11 @@ def test_a_producer_hears_syncs_and_opens_cycles_before_other_frames(producing):
     answers = [answer(index, T0 + 0.0105) for index in range(4)]
     driver, producer = producing([(0.005, sync(T0 + 0.005)),
                                   *((0.0105, message) for message in answers)])
-    producer.opening = [T0 + 0.0102]
+    producer.openings.side_effect = [[T0 + 0.0102], [], [], []]
     (sample,) = run(driver, 0.02)
     assert sample.stamp == pytest.approx((T0 + 0.0102) * 1e9, abs=1000)
-    assert producer.calls[:3] == ['start', ('heard', T0 + 0.005), ('openings', T0 + 0.0105)]
+    assert producer.method_calls[:4] == [
+        call.start(), call.skip(), call.heard(T0 + 0.005), call.openings(T0 + 0.0105)]
 
 
 def test_a_missing_sync_of_our_own_is_explained(producing):
@@ -307,15 +295,16 @@ def test_a_missing_sync_of_our_own_is_explained(producing):
 
 def test_a_producer_starts_with_each_bus_and_its_figures_are_in_the_statistics(producing):
     driver, producer = producing([(0.05, OSError('gone'))], ())
-    assert (producer.sync_id, producer.period, producer.calls) == (0x80, 1e-3, [])
+    assert (producer.made_with, producer.method_calls) == ((0x80, 1e-3), [])
     run(driver, 0.3)
-    assert producer.calls == ['start', 'stop', 'start']
-    producer.lost, producer.foreign = 0.25, 5
-    assert driver.lost == 0.25 and driver.statistics()["another master's SYNC"] == 5
+    assert producer.method_calls == [
+        call.start(), call.skip(), call.stop(), call.start()]
+    producer.lost, producer.statistics.return_value = 0.25, {'SYNC sent': 5}
+    assert driver.lost == 0.25 and driver.statistics()['SYNC sent'] == 5
     assert driver.caution is None
     producer.yielding = True
     assert driver.caution == 'another master makes SYNC: this driver follows it and makes none'
     driver.close()
-    assert producer.calls[-1] == 'stop'
+    assert producer.method_calls[-1] == call.stop()
     # Its own frames are asked for, where the interface can.
     assert [own for *_, own in driver.opened] == [True, True]

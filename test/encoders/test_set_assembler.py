@@ -197,22 +197,6 @@ def test_an_answer_counts_within_the_window(at, good):
         assert taker.counters[f'rejected: {reason}'] == taker.counters[f'dropped: {reason}'] == 1
 
 
-def test_missing_answers_are_named_and_the_next_set_waits_for_the_end_of_its_cycle():
-    taker = assembler()
-    taker.begin(100.0)
-    answer_all(taker, 100.0, without=(1,))
-    assert taker.cause is None and taker.begin(101.0) is None
-    assert taker.cause == 'no answer from joint_1b' and taker.missed == [0, 1, 0, 0]
-    assert answer_all(taker, 101.0) is None
-    sample = taker.begin(102.0)
-    assert (sample.stamp, sample.angles) == (101 * 10**9, GOOD)
-    # Late answers are expected for 1.5 periods after the incomplete cycle's SYNC.
-    assert answer_all(taker, 102.0) is not None
-    assert taker.cause is None
-    assert taker.counters['dropped sets'] == 1
-    assert taker.counters['sets at the end of the cycle'] == 1 + 1
-
-
 @pytest.mark.parametrize(('window', 'doubt'), [(0.5, 1.5), (3.5, 3.5)])
 @pytest.mark.parametrize('beyond', [False, True])
 def test_doubt_lasts_for_the_window_and_at_least_one_and_a_half_periods(window, doubt, beyond):
@@ -222,38 +206,6 @@ def test_doubt_lasts_for_the_window_and_at_least_one_and_a_half_periods(window, 
     stamp = 64.0 + doubt + (0.001 if beyond else 0.0)
     taker.begin(stamp)
     assert (answer_all(taker, stamp) is not None) == beyond
-
-
-def test_joints_that_miss_a_cycle_together_are_not_taken_until_their_answers_have_come():
-    taker = assembler(window=10.0)
-    taker.begin(100.0)
-    answer_all(taker, 100.0, without=(1, 2))
-    for number, late in enumerate((1, 2)):
-        taker.begin(101.0 + number)
-        assert answer_all(taker, 101.0 + number) is None
-        # The one that was missing comes after that of this cycle: this was the late one.
-        taker.answer(late, 0.9, 101.5 + number)
-    assert taker.begin(103.0) is None
-    assert answer_all(taker, 103.0).angles == GOOD
-    assert taker.counters['dropped: may contain an answer to an earlier SYNC'] == 2
-    assert taker.counters['rejected: late answer from joint_1b'] == 1
-    assert taker.counters['rejected: late answer from joint_1c'] == 1
-
-
-def test_a_late_answer_that_comes_renews_the_doubt_of_the_others():
-    """The late answer came in this cycle: those of the others may be late by as much."""
-    taker = assembler(window=2.2)
-    taker.begin(100.0)
-    answer_all(taker, 100.0, without=(1, 2))
-    for number in (1, 2):
-        taker.begin(100.0 + number)
-        answer_all(taker, 100.0 + number)
-    taker.answer(1, 0.0, 102.6)
-    for number in (3, 4, 5):
-        assert taker.begin(100.0 + number) is None
-        assert answer_all(taker, 100.0 + number) is None
-    taker.begin(106.0)
-    assert answer_all(taker, 106.0) is not None
 
 
 def test_two_answers_in_one_cycle_spoil_it_and_owe_nothing():
@@ -267,6 +219,19 @@ def test_two_answers_in_one_cycle_spoil_it_and_owe_nothing():
     assert taker.counters[f'dropped: {reason}'] == 1
     taker.begin(101.0)
     assert answer_all(taker, 101.0) is not None
+
+
+def test_more_answers_than_are_owed_spoil_their_cycle():
+    taker = assembler()
+    taker.begin(100.0)
+    answer_all(taker, 100.0, without=(1,))
+    taker.begin(101.0)
+    answer_all(taker, 101.0)
+    for at in (101.4, 101.45):
+        taker.answer(1, 0.1, at)
+    assert taker.begin(102.0) is None
+    assert taker.counters['rejected: late answer from joint_1b'] == 1
+    assert taker.cause == 'two answers from joint_1b in one cycle'
 
 
 @pytest.mark.parametrize(('index', 'at', 'same'), [
