@@ -21,7 +21,7 @@ EXECUTABLES = {
                   'latency, CPU and loss of the nodes beside those of a bare relay'),
     'can_scan': ('tools.can_scan', 'devices on the CAN bus, compared with the configuration'),
     'can_setup': ('tools.can_setup',
-                  'encoders set up as the driver is configured, by SDO and LSS'),
+                  'encoders set up as the driver is configured, by SDO'),
     'calibrate': ('tools.calibrate',
                   'zero counts, directions, mechanism and noise, from free motion or a jig'),
     'supervise': ('tools.supervise',

@@ -354,9 +354,6 @@ REFUSALS = (
            '0 or more'),
     option('sim_bus', '--fault', 'dropout:joint_1a@1+0', 'it would never begin', '+0',
            'a duration above 0'),
-    option('can_setup', '--identity', '-1 0 0 0', 'below 0, or of more than 32 bits', "'-1'",
-           '0 to 0xFFFFFFFF'),
-    option('can_setup', '--bit-rate', '500000', 'without `--lss`', '--lss'),
     *(Refusal('validate', ('r.csv', 'c.csv', name, *given.split()), name, given, 'not finite',
               (wrong, 'a finite number'))
       for name, given, wrong in (('--geometry', 'nan 34 18', "'nan'"),

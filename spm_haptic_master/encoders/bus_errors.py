@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import errno
-import sys
 
 import can
 
@@ -15,10 +14,10 @@ BUS_ERRORS = (can.CanError, OSError, ValueError, ImportError)
 
 # Port of udp_multicast where none is configured, by python-can.
 UDP_PORT = 43113
-# Text of the error of python-can that means that msgpack is missing.
-NO_MSGPACK = 'msgpack not installed'
-# Remedies for errors of SocketCAN, by their number.
+# Remedies, by the text of python-can's error, and for errors of SocketCAN by their number.
 REMEDIES = {
+    'msgpack not installed': 'sudo apt install python3-msgpack; in a virtual environment: '
+    'pip install msgpack',
     errno.EAFNOSUPPORT: 'this machine has no SocketCAN; give your bus, by --params-file rig.yaml '
     'or -p can.interface:=... -p can.channel:=...',
     errno.ENODEV: 'see `ip link`, and give your interface, by --params-file rig.yaml or '
@@ -56,12 +55,8 @@ def bus_name(interface: str, channel: str) -> str:
 def first_line(error: Exception) -> str:
     """Return the first line of an error's text, with a remedy; it may contain a traceback."""
     line = (str(error) or type(error).__name__).splitlines()[0]
-    if line == NO_MSGPACK:
-        if sys.prefix == sys.base_prefix:
-            return f'{line}: sudo apt install python3-msgpack'
-        # A virtual environment, such as that of `make run`.
-        return f'{line}: {sys.prefix}/bin/python -m pip install msgpack'
-    remedy = REMEDIES.get(getattr(error, 'errno', None) or getattr(error, 'error_code', None) or 0)
+    number = getattr(error, 'errno', None) or getattr(error, 'error_code', None)
+    remedy = REMEDIES.get(number or line)
     return f'{line}: {remedy}' if remedy else line
 
 

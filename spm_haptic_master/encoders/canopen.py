@@ -16,18 +16,14 @@ EMCY_BASE = 0x080
 SDO_ANSWER_BASE = 0x580
 SDO_REQUEST_BASE = 0x600
 HEARTBEAT_BASE = 0x700
-# Identifiers of the layer setting services (CiA 305): answers of a device, requests of the master.
-LSS_ANSWER_ID = 0x7E4
-LSS_REQUEST_ID = 0x7E5
 # Identifiers of TPDO1 to TPDO4 of the predefined connection set, to which the node id is added.
 TPDO_BASES = (0x180, 0x280, 0x380, 0x480)
 # The same of RPDO1 to RPDO4.
 RPDO_BASES = (0x200, 0x300, 0x400, 0x500)
 # Identifier of TIME.
 TIME_ID = 0x100
-# Names of these frames, alone and of (or to) a node.
-SINGLE_FRAMES = {NMT_ID: 'NMT', SYNC_ID: 'SYNC', TIME_ID: 'TIME', LSS_ANSWER_ID: 'LSS',
-                 LSS_REQUEST_ID: 'LSS'}
+# Names of these frames, alone and of (or to) a node; LSS are those of CiA 305, for node ids.
+SINGLE_FRAMES = {NMT_ID: 'NMT', SYNC_ID: 'SYNC', TIME_ID: 'TIME', 0x7E4: 'LSS', 0x7E5: 'LSS'}
 NODE_FRAMES = {
     EMCY_BASE: 'EMCY of', SDO_ANSWER_BASE: 'SDO answer of', SDO_REQUEST_BASE: 'SDO request to',
     HEARTBEAT_BASE: 'heartbeat of',
@@ -40,7 +36,6 @@ SYNC_MAXIMUM_LENGTH = 1
 EMCY_LENGTH = 8
 HEARTBEAT_LENGTH = 1
 SDO_LENGTH = 8
-LSS_LENGTH = 8
 
 # NMT commands.
 NMT_START = 0x01

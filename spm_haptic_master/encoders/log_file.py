@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-import gzip
 from io import TextIOWrapper
 from itertools import count
 from pathlib import Path
@@ -36,8 +35,6 @@ COMPRESSED = '.gz'
 LOSSY_SUFFIX = '.db'
 # Longest part of a line that is quoted (characters).
 QUOTED = 60
-# Size of the blocks in which a compressed file is measured (bytes).
-BLOCK = 1 << 20
 
 
 class CountedLines:
@@ -115,7 +112,7 @@ class LogFile:
                 yield message
             # python-can does not report a truncated .blf; its header has the original size.
             recorded = getattr(reader, 'file_size', 0)
-            if recorded and recorded > self._size():
+            if recorded > self.path.stat().st_size and self.path.suffix.lower() != COMPRESSED:
                 raise ReplayError(f'{self.path}: not readable after {number} frames: '
                                   f'truncated, {recorded} bytes were recorded')
         except ReplayError:
@@ -127,13 +124,6 @@ class LogFile:
                               f'{self._trouble(error, reader.file)}') from error
         finally:
             reader.stop()
-
-    def _size(self) -> int:
-        """Return the size of the log, bytes; of a compressed one, its size without compression."""
-        if self.path.suffix.lower() != COMPRESSED:
-            return self.path.stat().st_size
-        with gzip.open(self.path) as file:
-            return sum(len(block) for block in iter(lambda: file.read(BLOCK), b''))
 
     def _trouble(self, error: Exception, lines: object = None) -> str:
         """Return where the log cannot be read, and what was expected there."""

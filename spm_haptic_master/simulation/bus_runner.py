@@ -58,7 +58,7 @@ class BusRunner:
 
     def boot(self) -> None:
         """Switch the encoders on."""
-        self._send(self._encoders.boot())
+        _send(self._bus, self._encoders.boot())
 
     def step(self) -> tuple[str, ...]:
         """Do what is due next; return the faults that began or ended."""
@@ -76,19 +76,15 @@ class BusRunner:
                     waited = time.time() - message.timestamp
                     self._cycle(time.monotonic() - min(max(waited, 0.0), LONGEST_WAIT))
             else:
-                self._send(self._encoders.receive(message))
+                _send(self._bus, self._encoders.receive(message))
             timeout = 0.0
-        self._send(self._encoders.tend(time.monotonic()))
+        _send(self._bus, self._encoders.tend(time.monotonic()))
         news, self._encoders.news = tuple(self._encoders.news), []
         return news
 
-    def _send(self, messages: Iterable[can.Message]) -> None:
-        for message in messages:
-            self._bus.send(message)
-
     def _cycle(self, now: float) -> None:
         answers = self._encoders.cycle(now)
-        self._send(answers)
+        _send(self._bus, answers)
         if not answers:
             return
         self.cycles += 1
@@ -118,17 +114,18 @@ class DriveLoop:
 
     def _run(self) -> None:
         try:
-            self._send(self._drives.boot())
+            _send(self._bus, self._drives.boot())
             while not self._stop.is_set():
                 timeout = STEP
                 # All that waits is taken before a time-out counts: the machine may be busy.
                 while (message := self._bus.recv(timeout)) is not None:
-                    self._send(self._drives.receive(message, time.monotonic()))
+                    _send(self._bus, self._drives.receive(message, time.monotonic()))
                     timeout = 0.0
-                self._send(self._drives.tend(time.monotonic()))
+                _send(self._bus, self._drives.tend(time.monotonic()))
         except BUS_ERRORS as error:
             self.error = first_line(error)
 
-    def _send(self, messages: Iterable[can.Message]) -> None:
-        for message in messages:
-            self._bus.send(message)
+
+def _send(bus: can.BusABC, messages: Iterable[can.Message]) -> None:
+    for message in messages:
+        bus.send(message)

@@ -20,8 +20,6 @@ from spm_haptic_master.simulation.trajectories import Trajectory
 # Times at which a motion is tried before it begins: their number, and the span over which they
 # are spread (s), in which the sweep meets every combination of its three periods.
 TRIALS, TRIAL_SPAN = 500, 1309.0
-# Fraction of that span between two of them (unit 1): the golden section fills it evenly.
-TRIAL_STEP = 0.6180339887
 
 
 class NoisyMotion:
@@ -88,7 +86,7 @@ def make_motion(values: Values) -> NoisyMotion:
                      for _ in range(2))
     try:
         for trial in range(TRIALS if name != 'fixed' else 1):
-            tried.joints(TRIAL_SPAN * (trial * TRIAL_STEP % 1.0))
+            tried.joints(trial * TRIAL_SPAN / TRIALS)
     except UnreachableError as error:
         if name == 'fixed':
             raise SettingError('sim.pose_deg', list(pose), 'a pose within reach') from error

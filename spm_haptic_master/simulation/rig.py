@@ -140,9 +140,8 @@ def read_rig(path: str | Path, drawn: Geometry, noise: float,
     given. InputError: it cannot be read, or has a key or a value that a rig cannot have.
     """
     try:
-        content = json.loads(Path(path).read_text(encoding='utf-8'),
-                             object_pairs_hook=_without_repeats)
-    except (OSError, ValueError, RecursionError) as error:
+        content = json.loads(Path(path).read_text(encoding='utf-8'))
+    except (OSError, ValueError) as error:
         raise InputError(f'{path}: cannot be read: {" ".join(str(error).split())}') from error
     if not isinstance(content, dict):
         raise InputError(f'{path}: not a rig ({quoted(content)}); expected a JSON object')
@@ -198,14 +197,6 @@ def make_rig(values: Values) -> Rig:
             *map(radians, (*values['sim.tolerance_deg'], *values['sim.harmonics_deg']))),
             geometry, noise, sensors)
     return perfect_rig(geometry, noise, sensors)
-
-
-def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    keys = [key for key, _ in pairs]
-    for key in keys:
-        if keys.count(key) > 1:
-            raise ValueError(f"key '{key}' is there twice")
-    return dict(pairs)
 
 
 def _complaint(key: str, value: Any, sensors: int) -> str:

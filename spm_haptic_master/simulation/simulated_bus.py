@@ -26,14 +26,14 @@ class SimulatedBus:
     Encoders on a moving master, and their faults, timed from the first answer.
 
     Without `node_ids` they only answer SYNC; not `synchronised`, they send by themselves. From the
-    `factory` they have no node ids yet, and their maker's defaults. `heartbeat` is the time
-    between heartbeats, s; `news` the faults that began or ended since the list was last emptied.
+    `factory` they have their maker's defaults. `heartbeat` is the time between heartbeats, s;
+    `news` the faults that began or ended since the list was last emptied.
     """
 
     def __init__(self, layouts: tuple[EncoderLayout, ...], node_ids: tuple[int, ...] | None,
                  motion: NoisyMotion, faults: tuple[Fault, ...], heartbeat: float, seed: int,
                  synchronised: bool = True, factory: bool = False):
-        self._nodes = tuple(
+        self.nodes = tuple(
             SimulatedNode(layout, node_id, synchronised, heartbeat, factory)
             for layout, node_id in zip(layouts, node_ids or (None,) * len(layouts), strict=True))
         self._node_ids = node_ids or ()
@@ -52,25 +52,25 @@ class SimulatedBus:
 
     def identifiers(self) -> list[tuple[bool, int]]:
         """Return the identifiers of TPDOs and heartbeats: whether of 29 bits, and which."""
-        return [*((node.layout.extended, node.layout.can_id) for node in self._nodes),
+        return [*((node.layout.extended, node.layout.can_id) for node in self.nodes),
                 *((False, canopen.HEARTBEAT_BASE + node_id) for node_id in self._node_ids)]
 
     def boot(self) -> list[can.Message]:
         """Switch the encoders on and return their boot-up messages."""
-        return [message for node in self._nodes for message in node.boot()]
+        return [message for node in self.nodes for message in node.boot()]
 
     def receive(self, message: can.Message) -> list[can.Message]:
         """Return the answers to a frame that is not SYNC."""
         if message.is_error_frame or message.is_remote_frame or message.is_extended_id \
                 or self._mute():
             return []
-        return [answer for index, node in enumerate(self._nodes)
+        return [answer for index, node in enumerate(self.nodes)
                 if not self._off(index) for answer in node.receive(message)]
 
     def cycle(self, now: float) -> list[can.Message]:
         """Return the answers to SYNC at the time `now`, s."""
         if self._began is None:
-            if not any(node.state == canopen.OPERATIONAL for node in self._nodes):
+            if not any(node.state == canopen.OPERATIONAL for node in self.nodes):
                 return []
             self._began = now
             # A fault at 0 s affects the first answers, too.
@@ -80,7 +80,7 @@ class SimulatedBus:
         answers: list[can.Message] = []
         if self._mute():
             return answers
-        for index, (node, angle) in enumerate(zip(self._nodes, angles, strict=True)):
+        for index, (node, angle) in enumerate(zip(self.nodes, angles, strict=True)):
             if self._off(index) or self._is(index, 'dropout'):
                 continue
             sent = node.sample(self._faulty(index, angle), self._is(index, 'counter'))
@@ -106,7 +106,7 @@ class SimulatedBus:
     def tend(self, now: float) -> list[can.Message]:
         """Return the unsolicited frames due at `now`, s: those of faults, and heartbeats."""
         sent = self._update_faults(now)
-        for index, node in enumerate(self._nodes):
+        for index, node in enumerate(self.nodes):
             sent += self._due(index, now)
             period = node.heartbeat_period
             if period is None or node.node_id is None or now < self._heartbeat_at[index]:
@@ -140,7 +140,7 @@ class SimulatedBus:
                                 data=bytes(8))]
         if fault.joint is None:
             return []
-        node = self._nodes[fault.joint]
+        node = self.nodes[fault.joint]
         if fault.kind == 'late' and not begins:
             return self._due(fault.joint, float('inf'))
         if fault.kind == 'emcy' and node.node_id is not None:

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Simulated CANopen encoders (CiA 301, 305, 406): frames in, frames out; without clock and bus."""
+"""Simulated CANopen encoders (CiA 301, 406): frames in, frames out; without clock and bus."""
 
 from __future__ import annotations
 
@@ -15,11 +15,8 @@ from spm_haptic_master.simulation.object_store import (
     identity,
     Key,
     ObjectStore,
-    PRODUCT_CODE,
-    REVISION,
     SdoAbortError,
     STORES_ON_COMMAND,
-    VENDOR_ID,
 )
 
 # Device type of the nodes: an encoder with absolute single-turn resolution (CiA 406).
@@ -32,91 +29,14 @@ MAPPED_POSITION = canopen.POSITION[0] << 16 | canopen.POSITION[1] << 8 | 32
 MAPPED_SPEED = 0x6030_01_10
 # Entries of the mapping object.
 MAPPING_ENTRIES = 4
-# Node id of a device that has none yet.
-UNCONFIGURED = 0xFF
-# LSS commands: switch all; switch the device of an identity, part by part, and its answer; set and
-# store; ask for a part of the identity, and for the node id.
-SWITCH_ALL = 0x04
-SWITCH_SELECTED = (0x40, 0x41, 0x42, 0x43)
-SELECTED = 0x44
-SET_NODE_ID, SET_BIT_TIMING, STORE = 0x11, 0x13, 0x17
-ASK_IDENTITY = (0x5A, 0x5B, 0x5C, 0x5D)
-ASK_NODE_ID = 0x5E
-# Largest index of the table of bit timings: 10 kbit/s.
-LAST_BIT_TIMING = 8
-# Answers of a command that sets something: done, value out of range.
-DONE, OUT_OF_RANGE = 0, 1
-
-
-class LssDevice:
-    """
-    One device as the LSS master sees it, by its vendor id, product code, revision, serial number.
-
-    `node_id` is the one that it has from its next restart on, UNCONFIGURED for none. While it is
-    `configuring` it takes settings; otherwise it waits.
-    """
-
-    def __init__(self, serial: int, node_id: int):
-        self._identity = VENDOR_ID, PRODUCT_CODE, REVISION, serial
-        self._node_id = self._stored = self.node_id = node_id
-        self.configuring = False
-        # Parts of the identity received in a row.
-        self._selected: list[int] = []
-
-    def restart(self, stored: bool) -> int:
-        """Return the node id after a restart: the stored one, or the one set last."""
-        if stored:
-            self.node_id = self._stored
-        self._node_id = self.node_id
-        self.configuring = False
-        return self._node_id
-
-    def receive(self, data: bytes) -> list[can.Message]:
-        """Return the answers to a request."""
-        command, value = data[0], int.from_bytes(data[1:5], 'little')
-        if command == SWITCH_ALL:
-            self.configuring = bool(data[1])
-        elif command in SWITCH_SELECTED:
-            number = SWITCH_SELECTED.index(command)
-            self._selected = [*(self._selected if number else []), value]
-            if command == SWITCH_SELECTED[-1] and tuple(self._selected) == self._identity:
-                self.configuring = True
-                return [_lss_answer(SELECTED)]
-        elif not self.configuring:
-            return []
-        elif command in ASK_IDENTITY:
-            part = self._identity[ASK_IDENTITY.index(command)]
-            return [_lss_answer(command, part.to_bytes(4, 'little'))]
-        elif command == ASK_NODE_ID:
-            return [_lss_answer(command, bytes((self._node_id,)))]
-        elif command in (SET_NODE_ID, SET_BIT_TIMING, STORE):
-            return [_lss_answer(command, bytes((self._set(command, data),)))]
-        return []
-
-    def _set(self, command: int, data: bytes) -> int:
-        if command == SET_NODE_ID:
-            if not (1 <= data[1] <= canopen.NODE_ID_MAXIMUM or data[1] == UNCONFIGURED):
-                return OUT_OF_RANGE
-            self.node_id = data[1]
-        elif command == SET_BIT_TIMING:
-            return DONE if data[1] == 0 and data[2] <= LAST_BIT_TIMING else OUT_OF_RANGE
-        else:
-            self._stored = self.node_id
-        return DONE
-
-
-def _lss_answer(command: int, data: bytes = b'') -> can.Message:
-    return canopen.frame(canopen.LSS_ANSWER_ID,
-                         (bytes((command,)) + data).ljust(canopen.LSS_LENGTH, b'\0'))
 
 
 class SimulatedNode(ObjectStore):
     """
-    One encoder with NMT states, LSS, objects by SDO, heartbeat and a TPDO on SYNC.
+    One encoder with NMT states, objects by SDO, heartbeat and a TPDO on SYNC.
 
     Without a node id it only answers SYNC; not `synchronised`, it sends by itself. From the
-    `factory` it has no node id yet, and its maker's defaults: the given one is its serial number.
-    `heartbeat` is the time between heartbeats, s.
+    `factory` it has its maker's defaults. `heartbeat` is the time between heartbeats, s.
     """
 
     layout: EncoderLayout  # of the frames sent at present
@@ -127,12 +47,10 @@ class SimulatedNode(ObjectStore):
 
     def __init__(self, layout: EncoderLayout, node_id: int | None, synchronised: bool,
                  heartbeat: float, factory: bool):
-        self.node_id = None if factory else node_id
+        self.node_id = node_id
         self.state = canopen.OPERATIONAL if node_id is None else canopen.PRE_OPERATIONAL
-        self._on_network = node_id is not None
         self._sent = 0
         serial = node_id or 0
-        self._lss = LssDevice(serial, UNCONFIGURED if factory else serial)
         # The layout once it is set up.
         self._layout = layout
         self._type = canopen.EVERY_SYNC if synchronised else canopen.EVENT_DRIVEN
@@ -166,14 +84,12 @@ class SimulatedNode(ObjectStore):
             canopen.CYCLIC_TIMER: Entry(0, 2),
             canopen.DISC_UNITS_PER_TURN: Entry(disc, writable=False)})
 
-    def boot(self, stored: bool = True) -> list[can.Message]:
-        """Restart with the stored node id, or the one set last; return the boot-up message."""
-        if not self._on_network:
+    def boot(self) -> list[can.Message]:
+        """Restart with the stored objects; return the boot-up message."""
+        if self.node_id is None:
             return []
-        node_id = self._lss.restart(stored)
         self.restart()
         self.state = canopen.PRE_OPERATIONAL
-        self.node_id = None if node_id == UNCONFIGURED else node_id
         return self.heartbeat(canopen.BOOT_UP)
 
     def heartbeat(self, state: int | None = None) -> list[can.Message]:
@@ -183,16 +99,8 @@ class SimulatedNode(ObjectStore):
             bytes((self.state if state is None else state,)))]
 
     def receive(self, message: can.Message) -> list[can.Message]:
-        """Obey an NMT command, or answer an SDO or LSS request."""
+        """Obey an NMT command, or answer an SDO request."""
         identifier, data = message.arbitration_id, bytes(message.data)
-        if identifier == canopen.LSS_REQUEST_ID and len(data) == canopen.LSS_LENGTH \
-                and self._on_network:
-            answers = self._lss.receive(data)
-            # A device without a node id boots when it has got one and leaves the configuration.
-            if self.node_id is None and not self._lss.configuring \
-                    and self._lss.node_id != UNCONFIGURED:
-                answers += self.boot(stored=False)
-            return answers
         if self.node_id is None:
             return []
         if identifier == canopen.NMT_ID and len(data) == 2 and data[1] in (0, self.node_id):
@@ -213,7 +121,7 @@ class SimulatedNode(ObjectStore):
 
     def _command(self, command: int) -> list[can.Message]:
         if command in (canopen.NMT_RESET_NODE, canopen.NMT_RESET_COMMUNICATION):
-            return self.boot(stored=command == canopen.NMT_RESET_NODE)
+            return self.boot()
         self.state = {
             canopen.NMT_START: canopen.OPERATIONAL, canopen.NMT_STOP: canopen.STOPPED,
             canopen.NMT_PRE_OPERATIONAL: canopen.PRE_OPERATIONAL}.get(command, self.state)

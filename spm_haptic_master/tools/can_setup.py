@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Sets CANopen encoders and drives up as they are configured: node id, PDOs, heartbeat."""
+"""Sets CANopen encoders and drives up as they are configured: PDOs, heartbeat, scaling."""
 
 from __future__ import annotations
 
@@ -12,11 +12,7 @@ from spm_haptic_master.drives.drive_objects import drive_objects
 from spm_haptic_master.drives.plan import check_shared_bus, make_plan
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.canopen_network import (
-    assign,
-    BIT_RATES,
-    check_free,
-    find,
-    heard_within,
+    awaited,
     import_canopen,
     network_on,
     Node,
@@ -46,8 +42,7 @@ type and mapping of the TPDO, heartbeat, scaling. With --write it writes what di
 (0x1010), resets the encoder and reads everything back. Without --write nothing is changed.
 With --drives it does so for the drives of the motors, on the bus drives.channel: PDOs, heartbeats,
 event timer, abort and fault options, limits.
-With --lss it gives one encoder the node id of a joint, and a bit rate. Exit code 0 if the encoders
-are as configured, 1 if not."""
+Exit code 0 if the encoders are as configured, 1 if not."""
 # Time to listen for SYNC before something is written (s): two periods of 10 Hz.
 LISTEN = 0.2
 
@@ -67,13 +62,10 @@ def _run(args: list[str]) -> int:
     if decoder.network is None:
         raise SettingError('can.protocol', values['can.protocol'], "'canopen': other encoders "
                            'have no objects')
-    for name, value in (('--identity', options.identity), ('--bit-rate', options.bit_rate)):
-        if value is not None and options.lss is None:
-            raise InputError(f'{name} without --lss; expected both, or none')
     wanted = {layout.joint: wanted_objects(
         layout, node_id, decoder.sync_id is not None, 1.0 / values['rate'], options.heartbeat)
         for layout, node_id in zip(decoder.layouts, values['encoders.node_id'], strict=True)}
-    for joint in (*(options.joint or ()), *([options.lss] if options.lss else ())):
+    for joint in options.joint or ():
         if joint not in wanted:
             raise InputError(f'joint {joint}; expected one of {", ".join(wanted)} '
                              f'(sensors: {len(wanted)})')
@@ -81,8 +73,6 @@ def _run(args: list[str]) -> int:
     with command_line.bus_of(values) as bus, network_on(bus) as network:
         if options.write and decoder.sync_id is not None:
             _refuse_a_running_master(network, 'SYNC', decoder.sync_id)
-        if options.lss:
-            return _assign(network, values, options)
         nodes = [(joint, node_id, objects) for (joint, objects), node_id
                  in zip(wanted.items(), values['encoders.node_id'], strict=True)
                  if joint in (options.joint or wanted)]
@@ -91,15 +81,15 @@ def _run(args: list[str]) -> int:
 
 
 def _refuse_a_running_master(network: Any, kind: str, identifier: int) -> None:
-    if heard_within(network, identifier, LISTEN):
+    with awaited(network, identifier) as heard:
+        running = heard.wait(LISTEN)
+    if running:
         raise SetupError(f'{kind} 0x{identifier:X} on the bus: a master is running; stop it '
                          'before anything is written')
 
 
 def _drives(given: Values, options: argparse.Namespace) -> int:
     """Compare the drives with the configuration, and set them up on request."""
-    if options.lss is not None:
-        raise InputError('--lss with --drives; expected one of the two')
     values = command_line.checked(given, (*DRIVE_SETTINGS, RATE_SETTING))
     if not values['drives.channel']:
         raise SettingError('drives.channel', '', "the channel of the drives' bus")
@@ -159,38 +149,6 @@ def _set_up_one(joint: str, node: Node, wanted: WantedObjects, writes: bool,
     return bool(found)
 
 
-def _assign(network: Any, values: Values, options: argparse.Namespace) -> int:
-    node_id = values['encoders.node_id'][ALL_JOINT_NAMES.index(options.lss)]
-    selected = tuple(options.identity) if options.identity else None
-    device = find(network, selected)
-    shown = ' '.join(f'0x{part:X}' for part in device.identity)
-    present = 'no node id' if device.node_id is None else f'node id {device.node_id}'
-    print(f'device {shown}: {present}, wanted {node_id} ({options.lss})', flush=True)
-    check_free(network, device, node_id, alone=selected is None)
-    if device.node_id == node_id and options.bit_rate is None:
-        return 0
-    if not options.write:
-        print('nothing was written (--write)')
-        return 1
-    assign(network, device, selected, node_id, options.bit_rate)
-    if options.bit_rate is None:
-        print(f'node id {node_id} stored; the device answers under it after a reset')
-    else:
-        print(f'node id {node_id} and {options.bit_rate} bit/s stored, not verified: switch the '
-              'device off and on, and the bus to this bit rate')
-    return 0
-
-
-def _identity(text: str) -> int:
-    try:
-        value = int(text, 0)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(f"'{text}'; expected an integer") from error
-    if not 0 <= value < 1 << 32:
-        raise argparse.ArgumentTypeError(f"'{text}'; expected 0 to 0xFFFFFFFF")
-    return value
-
-
 def _parser() -> Parser:
     parser = Parser('can_setup', DESCRIPTION)
     parser.add_argument('--write', action='store_true',
@@ -201,11 +159,4 @@ def _parser() -> Parser:
                         help='set up the node of this joint; may be repeated (default: all)')
     parser.add_argument('--heartbeat', type=positive, default=0.1, metavar='S',
                         help='time between heartbeats, s (default 0.1)')
-    parser.add_argument('--lss', choices=ALL_JOINT_NAMES, metavar='JOINT',
-                        help='give the only encoder on the bus the node id of this joint')
-    parser.add_argument('--identity', type=_identity, nargs=4,
-                        metavar=('VENDOR', 'PRODUCT', 'REVISION', 'SERIAL'),
-                        help='with --lss: the encoder of this identity, among several')
-    parser.add_argument('--bit-rate', type=int, choices=BIT_RATES, metavar='BIT/S',
-                        help='with --lss: its bit rate from the next time that it is switched on')
     return parser

@@ -175,8 +175,7 @@ def _parser() -> Parser:
     parser.add_argument('--seconds', type=positive, metavar='S',
                         help='end after this time, s (default: run until Ctrl-C)')
     parser.add_argument('--factory', action='store_true',
-                        help="without node ids and with their maker's defaults, for can_setup; "
-                        'serial numbers as encoders.node_id')
+                        help="with their maker's defaults, for can_setup")
     parser.add_argument('--ground-truth', metavar='DIRECTORY',
                         help=f'write the true orientation of each cycle to {GROUND_TRUTH_NAME} '
                         f'there, and the rig to {RIG_NAME}')

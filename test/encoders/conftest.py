@@ -5,12 +5,13 @@
 
 from contextlib import contextmanager, ExitStack
 import threading
+from unittest.mock import Mock
 import uuid
 
 import can
 from encoder_frames import LAYOUTS, values
 import pytest
-from scripted_bus import Clock, ScriptedBus, ScriptedProducer
+from scripted_bus import Clock, ScriptedBus
 from spm_haptic_master.encoders import (
     can_source,
     deadline_grid,
@@ -18,6 +19,7 @@ from spm_haptic_master.encoders import (
     sync_producer,
 )
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
+from spm_haptic_master.encoders.sync_producer import SyncProducer
 from spm_haptic_master.simulation.bus_runner import BusRunner
 from spm_haptic_master.simulation.noisy_motion import make_motion
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus
@@ -25,13 +27,12 @@ from spm_haptic_master.simulation.source_factory import make_source
 
 
 @contextmanager
-def simulated(channel, factory=False, sync=False):
-    """Run sim_bus's encoders, still or with SYNC, in a thread."""
-    motion = make_motion(values('sim', sim__noise_deg=0.0))
+def simulated(channel, factory=False, sync=False, layouts=LAYOUTS, node_ids=(1, 2, 3, 4)):
+    """Run sim_bus's encoders, still or with SYNC, in a thread; give its nodes."""
+    encoders = SimulatedBus(layouts, node_ids, make_motion(values('sim', sim__noise_deg=0.0)),
+                            (), 0.1, 1, factory=factory)
     with can.Bus(interface='virtual', channel=channel) as bus:
-        runner = BusRunner(bus, SimulatedBus(
-            LAYOUTS, (1, 2, 3, 4), motion, (), 0.1, 1, factory=factory), 0x80,
-            DeadlineGrid(0.01) if sync else None)
+        runner = BusRunner(bus, encoders, 0x80, DeadlineGrid(0.01) if sync else None)
         end = threading.Event()
 
         def loop():
@@ -42,7 +43,7 @@ def simulated(channel, factory=False, sync=False):
         thread = threading.Thread(target=loop)
         thread.start()
         try:
-            yield
+            yield encoders.nodes
         finally:
             end.set()
             thread.join()
@@ -97,11 +98,14 @@ def rig(monkeypatch, clock):
 
 @pytest.fixture
 def producing(rig, monkeypatch):
-    """Make a source on a scripted bus, with a scripted producer of SYNC."""
-    monkeypatch.setattr(can_source, 'SyncProducer', ScriptedProducer)
-
+    """Make a source on a scripted bus, and the producer of SYNC that stands in for its own."""
     def make(*buses, **overrides):
+        producer = Mock(spec=SyncProducer, yielding=False, producing=False, lost=0.0)
+        producer.openings.return_value, producer.statistics.return_value = [], {}
+        made = Mock(return_value=producer)
+        monkeypatch.setattr(can_source, 'SyncProducer', made)
         driver = rig(*buses, can__sync='produce', **overrides)
-        return driver, driver._sync
+        producer.made_with = made.call_args.args[1:]
+        return driver, producer
 
     return make

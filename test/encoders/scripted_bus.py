@@ -7,7 +7,6 @@ import can
 from encoder_frames import answer, sync, T0
 import pytest
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.sync_producer import SyncProducer
 
 # s that a wait takes at least: a clock that stood still would never end one of no length.
 TICK = 1e-6
@@ -80,35 +79,6 @@ class ScriptedBus:
         return [(pytest.approx(at, abs=1e-9), message.data[1]) for at, message in self.sent
                 if message.arbitration_id == canopen.NMT_ID
                 and message.data[0] == canopen.NMT_START]
-
-
-class ScriptedProducer(SyncProducer):
-    """A producer without a thread: what it was asked, and what the test makes it answer."""
-
-    yielding = False
-
-    def __init__(self, send, sync_id, period):
-        super().__init__(send, sync_id, period)
-        self.send, self.sync_id, self.period = send, sync_id, period
-        self.calls = []
-        self.opening = []
-
-    def start(self):
-        self.calls.append('start')
-
-    def stop(self):
-        self.calls.append('stop')
-
-    def skip(self):
-        self.skipped += 1
-
-    def heard(self, stamp):
-        self.calls.append(('heard', stamp))
-
-    def openings(self, stamp):
-        self.calls.append(('openings', stamp))
-        taken, self.opening = self.opening, []
-        return taken
 
 
 def cycles(begin, count, without=(), period=0.01):

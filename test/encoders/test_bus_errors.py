@@ -19,19 +19,14 @@ def test_the_first_line_is_enough():
     assert first_line(ValueError()) == 'ValueError'
 
 
-@pytest.mark.parametrize(('prefix', 'remedy'), [
-    ('/usr', 'sudo apt install python3-msgpack'),
-    ('/home/rig/.venv', '/home/rig/.venv/bin/python -m pip install msgpack')])
-def test_a_missing_msgpack_has_a_remedy(monkeypatch, prefix, remedy):
-    """Of the system's Python by apt, of a .venv by pip."""
-    monkeypatch.setattr(sys, 'base_prefix', '/usr')
-    monkeypatch.setattr(sys, 'prefix', prefix)
+def test_a_missing_msgpack_has_a_remedy(monkeypatch):
     monkeypatch.setitem(sys.modules, 'msgpack', None)
     for name in [name for name in sys.modules if 'udp_multicast' in name]:
         monkeypatch.delitem(sys.modules, name)
     with pytest.raises(BUS_ERRORS) as caught:
         open_bus('udp_multicast', '239.74.0.1', 0)
-    assert first_line(caught.value) == f'msgpack not installed: {remedy}'
+    assert first_line(caught.value) == ('msgpack not installed: sudo apt install python3-msgpack; '
+                                        'in a virtual environment: pip install msgpack')
 
 
 @pytest.mark.parametrize(('number', 'words'), [
@@ -59,12 +54,10 @@ def test_the_name_of_a_bus_between_processes_has_its_port(monkeypatch, config, e
 
 # Linux, include/uapi/linux/can/error.h: classes in the identifier, and byte 1 of a controller's.
 ERROR_CLASSES = [
-    (0x001, '', 'transmit timeout'), (0x020, '', 'no acknowledge (is any other node on the bus?)'),
-    (0x040, '', 'bus-off'), (0x100, '', 'controller restarted'),
+    (0x020, '', 'no acknowledge (is any other node on the bus?)'),
     (0x088, '', 'protocol violation, bus error'), (0x200, '', 'unknown error 0x200'),
     (0x004, '0030000000000000',
      'controller problem, receive error passive, transmit error passive'),
-    (0x004, '0001', 'controller problem, receive overflow'),
     # Too short for details, and details of another class.
     (0x004, '01', 'controller problem'), (0x008, '0030000000000000', 'protocol violation'),
 ]

@@ -13,8 +13,9 @@ from spm_haptic_master.encoders.bus_scan import BusScan, BusScanner
 
 
 @pytest.fixture
-def buses():
-    """Give both ends of a virtual bus."""
+def buses(monkeypatch):
+    """Give both ends of a virtual bus; a master's SYNC is awaited for a shorter time."""
+    monkeypatch.setattr(bus_scan, 'SYNC_LISTEN', 0.2)
     with can.Bus(interface='virtual', channel='scan') as bus, \
             can.Bus(interface='virtual', channel='scan') as other:
         yield bus, other
@@ -57,12 +58,6 @@ def test_every_node_is_asked_for_its_type_and_those_heard_for_the_rest(buses, mo
     assert reports == ['0 s left, 1 identifiers']
 
 
-@pytest.fixture(autouse=True)
-def impatient(monkeypatch):
-    """Have a master's SYNC awaited for a shorter time."""
-    monkeypatch.setattr(bus_scan, 'SYNC_LISTEN', 0.2)
-
-
 def test_no_sync_is_sent_where_the_bus_has_none(buses):
     bus, other = buses
     scanner(bus, BusScan(None)).listen(0.4, False, ())
@@ -72,19 +67,12 @@ def test_no_sync_is_sent_where_the_bus_has_none(buses):
 @pytest.mark.parametrize('delay', [None, 0.0, 0.5])
 def test_sync_is_sent_at_the_rate_while_no_master_makes_it(buses, delay):
     bus, other = buses
-    ended = threading.Event()
-
-    def master():
-        ended.wait(delay)
-        while not ended.wait(0.02):
-            other.send(canopen.frame(0x80))
-
-    thread = threading.Thread(target=master, daemon=True)
     scan, reports = BusScan(), []
+    master = threading.Timer(delay or 0.0, other.send_periodic, (canopen.frame(0x80), 0.02))
     if delay is not None:
-        thread.start()
+        master.start()
     scanner(bus, scan, 20.0, reports=reports).listen(0.9, False, ())
-    ended.set()
+    other.stop_all_periodic_tasks()
     found = heard(other)
     assert {message.arbitration_id for message in found} <= {0x80}
     assert len(found) == (scan.own_sync.count if scan.own_sync else 0)

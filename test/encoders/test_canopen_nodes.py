@@ -37,38 +37,25 @@ def test_a_boot_up_calls_for_a_start_at_once_and_silence_not_too_often():
 
 def test_nodes_are_followed_by_heartbeat_boot_up_and_emergency():
     taker = decoder(can__heartbeat_timeout=0.25)
-
-    def state(now):
-        """Return the trouble and the caution of node 2, and its figures."""
-        node = taker.network.nodes[1]
-        figures = node.statistics(T0 + now)
-        return (node.trouble(T0 + now), node.caution(T0 + now),
-                *(figures[f'joint_1b {name}'] for name in ('node 2', 'boot-ups', 'EMCY')))
-
-    none = 'none (0 messages)'
-    assert state(0.0) == (None, None, 'unknown, no heartbeat yet', 0, none)
-    # Boot-up, in pre-operational, then operational: bit 7 is not the state's.
-    taker.feed(heard(0x702, b'\x00', 0.1))
-    assert state(0.2) == ('booting', None, 'booting, no heartbeat yet', 1, none)
-    taker.feed(heard(0x702, b'\x7F', 0.2))
-    assert state(0.25)[:3] == (
-        'pre-operational', None, 'pre-operational, heartbeat 50 ms ago')
-    taker.feed(heard(0x702, b'\x85', 0.25))
-    # A heartbeat is lost after its timeout, not at it.
-    assert state(0.5) == (None, None, 'operational, heartbeat 250 ms ago', 1, none)
-    assert state(0.51) == ('heartbeat lost', 'heartbeat lost',
-                           'operational, heartbeat 260 ms ago (lost)', 1, none)
-    # An emergency comes first, until it is reset.
-    taker.feed(heard(0x82, EMERGENCY, 0.6))
-    assert state(0.6)[:2] == (WORDS, WORDS)
-    assert state(0.6)[4] == f'{WORDS} (1 messages)'
-    taker.feed(heard(0x84, EMERGENCY, 0.6))
-    assert taker.caution(T0 + 0.6) == f'joint_1b: {WORDS}; joint_3a: {WORDS}'
-    taker.feed(heard(0x82, bytes(8), 0.7))
-    assert state(0.7)[4] == 'none (2 messages)'
-    assert taker.caution(T0 + 0.7) \
-        == f'joint_1b: heartbeat lost; joint_3a: {WORDS}'
-    # A reboot ends emergency and supervision.
-    taker.feed(heard(0x82, EMERGENCY, 0.8))
-    taker.feed(heard(0x702, b'\x00', 0.9))
-    assert state(9.0) == ('booting', None, 'booting, no heartbeat yet', 2, 'none (3 messages)')
+    node = taker.network.nodes[1]
+    beats = 'operational, heartbeat '
+    for at, identifier, data, now, trouble, caution, state, emergency in (
+            (0.0, 0x701, b'\x05', 0.0, None, None, 'unknown, no heartbeat yet', 'none (0'),
+            # Boot-up, then operational: bit 7 is not the state's.
+            (0.1, 0x702, b'\x00', 0.2, 'booting', None, 'booting, no heartbeat yet', 'none (0'),
+            (0.25, 0x702, b'\x85', 0.3, None, None, beats + '50 ms ago', 'none (0'),
+            # A heartbeat is lost after its timeout, not at it.
+            (0.25, 0x702, b'\x85', 0.5, None, None, beats + '250 ms ago', 'none (0'),
+            (0.25, 0x702, b'\x85', 0.51, *('heartbeat lost',) * 2, beats + '260 ms ago (lost)',
+             'none (0'),
+            # An emergency comes first, until it is reset or the node boots.
+            (0.6, 0x82, EMERGENCY, 0.6, WORDS, WORDS, beats + '350 ms ago (lost)', WORDS + ' (1'),
+            (0.7, 0x82, bytes(8), 0.7, *('heartbeat lost',) * 2, beats + '450 ms ago (lost)',
+             'none (2'),
+            (0.8, 0x82, EMERGENCY, 0.8, WORDS, WORDS, beats + '550 ms ago (lost)', WORDS + ' (3'),
+            (0.9, 0x702, b'\x00', 9.0, 'booting', None, 'booting, no heartbeat yet', 'none (3')):
+        taker.feed(heard(identifier, data, at))
+        assert (node.trouble(T0 + now), node.caution(T0 + now)) == (trouble, caution)
+        assert node.statistics(T0 + now) == {
+            'joint_1b node 2': state, 'joint_1b boot-ups': (at >= 0.1) + (at >= 0.9),
+            'joint_1b EMCY': emergency + ' messages)'}

@@ -139,8 +139,7 @@ def test_the_rate_of_a_master_is_what_it_is_set_to_on_a_busy_machine():
 
 
 @pytest.mark.parametrize('late', [
-    (0.55, 0.1), (0.6, 0.15), (0.52,), (1.0,), (1.6, 0.7, 0.2), (2.6, 1.7, 0.8, 0.3),
-    (-0.1, 0.45)])
+    (0.55, 0.1), (0.52,), (1.0,), (1.6, 0.7, 0.2), (2.6, 1.7, 0.8, 0.3), (-0.1, 0.45)])
 def test_syncs_that_are_read_late_are_counted_once(late):
     """A pause of a program: periods, that of the first and those in which it catches up."""
     stamps = [T0 + 0.02 * (number + (late[number - 50] if 0 <= number - 50 < len(late) else 0.0))
@@ -215,47 +214,36 @@ def bus_of(nodes, base=0x180, length=4, rate=200.0, master=True, kinds=None):
     return scan
 
 
-def parameters(tmp_path, scan, expected=DEFAULT, known=False, bitrate=None, channel='can0'):
-    path = tmp_path / 'rig.yaml'
-    lines = rig_lines(scan, expected, known, 'socketcan', channel, bitrate)
-    path.write_text('\n'.join(lines) + '\n')
-    return read_parameters(path)
+KNOWN = Expected(tuple(replace(layout, can_id=0x180 + node) for layout, node
+                       in zip(LAYOUTS, (4, 3, 2, 1), strict=True)), (4, 3, 2, 1), 1000.0)
 
 
-def test_odd_nodes_and_the_rate_of_the_bus(tmp_path):
-    # A channel that looks like a number stays a text.
-    assert parameters(tmp_path, bus_of((44, 3, 90, 17)), channel='0') == {
+@pytest.mark.parametrize(('scan', 'options', 'expected'), [
+    # Odd nodes and the rate of the bus; a channel that looks like a number stays a text.
+    (bus_of((44, 3, 90, 17)), {'channel': '0'}, {
         'source': 'can', 'rate': 200.0, 'can.interface': 'socketcan', 'can.channel': '0',
         'can.sync': 'consume', 'encoders.node_id': [3, 17, 44, 90],
-        'encoders.id': [0x183, 0x191, 0x1AC, 0x1DA]}
-
-
-def test_without_a_master_the_driver_makes_sync(tmp_path):
-    found = parameters(tmp_path, bus_of((5, 6, 7, 8), rate=250.0, master=False))
-    assert (found['can.sync'], found['rate']) == ('produce', 1000.0)
-
-
-def test_other_tpdos_lengths_and_more_sensors(tmp_path):
-    found = parameters(tmp_path, bus_of((1, 2, 3, 5, 6), base=0x280, length=8), bitrate=500000)
-    assert found['sensors'] == 5
-    assert found['encoders.id'] == [0x281, 0x282, 0x283, 0x285, 0x286]
-    assert found['encoders.data_length'] == [8] * 5
-    assert found['can.bitrate'] == 500000
-
-
-def test_joints_that_are_as_configured_keep_their_place(tmp_path):
-    layouts = tuple(replace(layout, can_id=0x180 + node)
-                    for layout, node in zip(LAYOUTS, (4, 3, 2, 1), strict=True))
-    expected = Expected(layouts, (4, 3, 2, 1), 1000.0)
-    scan = bus_of((1, 2, 4, 9))
-    assert parameters(tmp_path, scan, expected, known=True)['encoders.node_id'] == [4, 9, 2, 1]
-    # Defaults are no knowledge of the rig.
-    assert parameters(tmp_path, scan, expected)['encoders.node_id'] == [1, 2, 4, 9]
-
-
-def test_a_drive_is_no_encoder_and_a_silent_encoder_has_its_predefined_identifier(tmp_path):
-    scan = bus_of((1, 2, 3, 7), kinds={7: 0x00020192, 8: 0x00010196})
-    assert parameters(tmp_path, scan)['encoders.id'] == [0x181, 0x182, 0x183, 0x188]
+        'encoders.id': [0x183, 0x191, 0x1AC, 0x1DA]}),
+    # Without a master the driver makes SYNC, at the configured rate.
+    (bus_of((5, 6, 7, 8), rate=250.0, master=False), {}, {'can.sync': 'produce', 'rate': 1000.0}),
+    # Another TPDO, length and number of sensors.
+    (bus_of((1, 2, 3, 5, 6), base=0x280, length=8), {'bitrate': 500000}, {
+        'sensors': 5, 'encoders.id': [0x281, 0x282, 0x283, 0x285, 0x286],
+        'encoders.data_length': [8] * 5, 'can.bitrate': 500000}),
+    # Joints that are as configured keep their place; defaults are no knowledge of the rig.
+    (bus_of((1, 2, 4, 9)), {'expected': KNOWN, 'known': True}, {
+        'encoders.node_id': [4, 9, 2, 1]}),
+    (bus_of((1, 2, 4, 9)), {'expected': KNOWN}, {'encoders.node_id': [1, 2, 4, 9]}),
+    # A drive is no encoder; a silent encoder has its predefined identifier.
+    (bus_of((1, 2, 3, 7), kinds={7: 0x00020192, 8: 0x00010196}), {}, {
+        'encoders.id': [0x181, 0x182, 0x183, 0x188]})])
+def test_the_lines_for_a_rig_are_what_the_bus_has(tmp_path, scan, options, expected):
+    given = {'expected': DEFAULT, 'known': False, 'interface': 'socketcan', 'channel': 'can0',
+             'bitrate': None, **options}
+    path = tmp_path / 'rig.yaml'
+    path.write_text('\n'.join(rig_lines(scan, **given)) + '\n')
+    found = read_parameters(path)
+    assert found | expected == found
 
 
 @pytest.mark.parametrize(('nodes', 'started', 'words'), [
@@ -271,7 +259,6 @@ def test_too_few_or_too_many_are_no_rig(nodes, started, words):
 
 
 @pytest.mark.parametrize(('measured', 'expected'), [
-    (999.6, 1000.0), (1003.2, 1000.0), (200.31, 200.0), (333.1, 333.3), (66.71, 66.67),
-    (25.02, 25.0), (888.9, 888.9), (4000.0, 4000.0)])
+    (1003.2, 1000.0), (333.1, 333.3), (25.02, 25.0), (888.9, 888.9)])
 def test_a_measured_rate_is_that_of_a_round_period(measured, expected):
     assert round_rate(measured) == expected

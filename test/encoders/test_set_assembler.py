@@ -21,15 +21,11 @@ ALONE, WINDOW = 1.0, 0.5
 GOOD = pytest.approx((0.0, 0.1, 0.2, 0.3))
 
 
-@pytest.mark.parametrize('sets', [2000, pytest.param(20_000, marks=pytest.mark.slow)])
-def test_recorded_log_gives_every_set(sets):
-    taker = decoder()
-    log = iter(can.LogReader(str(LOG)))
+def test_a_recorded_log_gives_every_set():
+    taker, log, sets = decoder(), iter(can.LogReader(str(LOG))), 2000
     samples = []
     while len(samples) < sets:
         samples += feed(taker, [next(log)])
-    if sets == 20_000:
-        assert feed(taker, log) == []
     expected = recorded_angles()[:sets]
     assert max(abs(a - b) for sample, row in zip(samples, expected, strict=True)
                for a, b in zip(sample.angles, row, strict=True)) < 1e-9
@@ -39,7 +35,6 @@ def test_recorded_log_gives_every_set(sets):
 @pytest.mark.parametrize('sensors', [4, 5, 6])
 def test_a_set_is_one_answer_of_each_encoder_in_any_order(sensors):
     taker, layouts = rig(sensors)
-    assert tuple(layout.joint for layout in layouts) == ALL_JOINT_NAMES[:sensors]
     opening, *answers, last = cycle(layouts, 0)
     # SYNC may have a counter.
     assert feed(taker, [sync(T0, counter=7), *reversed(answers)]) == []
@@ -136,12 +131,12 @@ def test_a_sensor_is_taken_again_when_it_answers_again(sensors, silent):
         assert taker.assembler.missed == [silent * (i == index) for i in range(sensors)]
 
 
-@pytest.mark.parametrize(('sensors', 'share'), [(4, 0.94), (5, 0.99), (6, 0.999)])
-def test_one_per_cent_of_lost_frames(sensors, share):
+@pytest.mark.parametrize(('sensors', 'share'), [(4, 0.94), (6, 0.999)])
+def test_one_per_cent_of_lost_frames_costs_few_sets(sensors, share):
     """Where no two joints are lost together, four sensors give 96 % of the sets."""
     rng = random.Random(25)
     taker, layouts = rig(sensors)
-    cycles = 3000
+    cycles = 1500
     stream = (message for number in range(cycles) for message in cycle(
         layouts, number, {index for index in range(sensors) if rng.random() < 0.01}))
     found = by_cycle(feed(taker, stream))
@@ -179,20 +174,6 @@ def answer_all(taker, stamp, without=(), spacing=0.1):
     return next((sample for sample in got if sample is not None), None)
 
 
-@pytest.mark.parametrize('synchronised', [True, False])
-def test_counters_and_figures_of_good_cycles(synchronised):
-    taker = assembler(synchronised)
-    for at in (100.0, 101.1, 102.0, 103.0):
-        if synchronised:
-            taker.begin(at)
-        sample = answer_all(taker, at)
-        assert (sample.stamp, sample.angles) == (round(at * 1e9), GOOD)
-    assert dict(taker.counters) == {'cycles': 4, 'sets': 4}
-    assert (taker.cause, taker.missed, taker.jitter.count) == (None, [0, 0, 0, 0], 3)
-    assert taker.skew.percentiles(0.5, 1.0) == pytest.approx((0.3e6, 0.3e6))
-    assert taker.jitter.percentiles(0.0, 0.5, 1.0) == pytest.approx((0.0, 0.1e6, 0.1e6), abs=1e-3)
-
-
 @pytest.mark.parametrize(('late', 'overdue'), [(0.5, 0), (0.51, 1), (2.0, 1)])
 def test_a_cycle_is_overdue_from_one_and_a_half_periods_on(late, overdue):
     taker = assembler()
@@ -216,22 +197,6 @@ def test_an_answer_counts_within_the_window(at, good):
         assert taker.counters[f'rejected: {reason}'] == taker.counters[f'dropped: {reason}'] == 1
 
 
-def test_missing_answers_are_named_and_the_next_set_waits_for_the_end_of_its_cycle():
-    taker = assembler()
-    taker.begin(100.0)
-    answer_all(taker, 100.0, without=(1,))
-    assert taker.cause is None and taker.begin(101.0) is None
-    assert taker.cause == 'no answer from joint_1b' and taker.missed == [0, 1, 0, 0]
-    assert answer_all(taker, 101.0) is None
-    sample = taker.begin(102.0)
-    assert (sample.stamp, sample.angles) == (101 * 10**9, GOOD)
-    # Late answers are expected for 1.5 periods after the incomplete cycle's SYNC.
-    assert answer_all(taker, 102.0) is not None
-    assert taker.cause is None
-    assert taker.counters['dropped sets'] == 1
-    assert taker.counters['sets at the end of the cycle'] == 1 + 1
-
-
 @pytest.mark.parametrize(('window', 'doubt'), [(0.5, 1.5), (3.5, 3.5)])
 @pytest.mark.parametrize('beyond', [False, True])
 def test_doubt_lasts_for_the_window_and_at_least_one_and_a_half_periods(window, doubt, beyond):
@@ -241,38 +206,6 @@ def test_doubt_lasts_for_the_window_and_at_least_one_and_a_half_periods(window, 
     stamp = 64.0 + doubt + (0.001 if beyond else 0.0)
     taker.begin(stamp)
     assert (answer_all(taker, stamp) is not None) == beyond
-
-
-def test_joints_that_miss_a_cycle_together_are_not_taken_until_their_answers_have_come():
-    taker = assembler(window=10.0)
-    taker.begin(100.0)
-    answer_all(taker, 100.0, without=(1, 2))
-    for number, late in enumerate((1, 2)):
-        taker.begin(101.0 + number)
-        assert answer_all(taker, 101.0 + number) is None
-        # The one that was missing comes after that of this cycle: this was the late one.
-        taker.answer(late, 0.9, 101.5 + number)
-    assert taker.begin(103.0) is None
-    assert answer_all(taker, 103.0).angles == GOOD
-    assert taker.counters['dropped: may contain an answer to an earlier SYNC'] == 2
-    assert taker.counters['rejected: late answer from joint_1b'] == 1
-    assert taker.counters['rejected: late answer from joint_1c'] == 1
-
-
-def test_a_late_answer_that_comes_renews_the_doubt_of_the_others():
-    """The late answer came in this cycle: those of the others may be late by as much."""
-    taker = assembler(window=2.2)
-    taker.begin(100.0)
-    answer_all(taker, 100.0, without=(1, 2))
-    for number in (1, 2):
-        taker.begin(100.0 + number)
-        answer_all(taker, 100.0 + number)
-    taker.answer(1, 0.0, 102.6)
-    for number in (3, 4, 5):
-        assert taker.begin(100.0 + number) is None
-        assert answer_all(taker, 100.0 + number) is None
-    taker.begin(106.0)
-    assert answer_all(taker, 106.0) is not None
 
 
 def test_two_answers_in_one_cycle_spoil_it_and_owe_nothing():
@@ -288,22 +221,28 @@ def test_two_answers_in_one_cycle_spoil_it_and_owe_nothing():
     assert answer_all(taker, 101.0) is not None
 
 
-@pytest.mark.parametrize(('at', 'same'), [(WINDOW, True), (WINDOW + 0.01, False), (-0.01, False)])
-def test_without_sync_a_frame_beyond_the_window_opens_a_new_cycle(at, same):
+def test_more_answers_than_are_owed_spoil_their_cycle():
+    taker = assembler()
+    taker.begin(100.0)
+    answer_all(taker, 100.0, without=(1,))
+    taker.begin(101.0)
+    answer_all(taker, 101.0)
+    for at in (101.4, 101.45):
+        taker.answer(1, 0.1, at)
+    assert taker.begin(102.0) is None
+    assert taker.counters['rejected: late answer from joint_1b'] == 1
+    assert taker.cause == 'two answers from joint_1b in one cycle'
+
+
+@pytest.mark.parametrize(('index', 'at', 'same'), [
+    (3, WINDOW, True), (3, WINDOW + 0.01, False), (3, -0.01, False), (0, 0.1, False)])
+def test_without_sync_a_frame_beyond_the_window_or_a_second_one_opens_a_cycle(index, at, same):
     taker = assembler(synchronised=False)
-    for index in range(3):
-        taker.answer(index, 0.1, 64.0)
-    assert (taker.answer(3, 0.1, 64.0 + at) is not None) == same
+    for other in range(3):
+        taker.answer(other, 0.1, 64.0)
+    assert (taker.answer(index, 0.2, 64.0 + at) is not None) == same
+    assert taker.cause == (None if same else 'no answer from joint_3a')
+    assert taker.counters['cycles'] == (1 if same else 2)
     if not same:
-        assert taker.cause == 'no answer from joint_3a'
-        assert taker.missed == [0, 0, 0, 1]
-        assert taker.counters['cycles'] == 2
-
-
-def test_without_sync_a_second_frame_of_a_joint_opens_a_new_cycle():
-    taker = assembler(synchronised=False)
-    taker.answer(0, 0.1, 100.0)
-    taker.answer(0, 0.2, 100.1)
-    assert taker.cause == 'no answer from joint_1b, joint_1c, joint_3a'
-    sample = answer_all(taker, 100.2, without=(0,))
-    assert (sample.stamp, sample.angles[0]) == (round(100.1e9), 0.2)
+        sample = answer_all(taker, 64.0 + at, without=(index,), spacing=0.1)
+        assert (sample.stamp, sample.angles[index]) == (round((64.0 + at) * 1e9), 0.2)

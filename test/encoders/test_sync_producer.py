@@ -13,32 +13,22 @@ from spm_haptic_master.encoders.sync_producer import LISTEN, PROBE, QUIET, SyncP
 PERIOD = 0.01
 
 
-class Stop:
-    """Stand in for the thread's event: waits on the test's clock, and is set after `end` s."""
+class OnClock(threading.Event):
+    """An event that is set from `end` s on; waiting takes its time on the test's clock."""
 
-    def __init__(self, clock, end):
-        self.clock, self.end = clock, end
+    def __init__(self, clock, end=float('inf'), meanwhile=None):
+        super().__init__()
+        self.clock, self.end, self.meanwhile = clock, end, meanwhile
 
     def is_set(self):
-        return self.clock.now >= self.end
+        return super().is_set() or self.clock.now >= self.end
 
     def wait(self, timeout):
-        self.clock.now += timeout
-        return self.is_set()
-
-
-class Echo(threading.Event):
-    """The event of an echo; waiting calls `when_probed`, or passes the time on the clock."""
-
-    def __init__(self, clock, when_probed=None):
-        super().__init__()
-        self.clock, self.when_probed = clock, when_probed
-
-    def wait(self, timeout):
-        if self.when_probed:
-            self.when_probed()
+        if self.meanwhile:
+            self.meanwhile()
         else:
             self.clock.now += timeout
+        return self.is_set()
 
 
 @pytest.fixture
@@ -53,8 +43,8 @@ def producer(clock):
                 on_send(len(sent))
 
         made = SyncProducer(send, 0x80, PERIOD)
-        made._stop = Stop(clock, end)
-        made._echoed = Echo(clock, echo and (lambda: echo(made)))
+        made._stop = OnClock(clock, end)
+        made._echoed = OnClock(clock, meanwhile=echo and (lambda: echo(made)))
         made.times = lambda: [at for at, _ in sent]
         made.messages = sent
         return made
@@ -96,28 +86,19 @@ def test_one_sync_is_left_out_on_request_while_it_produces(producer):
     assert times[11] - times[10] == times[9] - times[8] == pytest.approx(PERIOD)
 
 
-def test_another_master_keeps_it_quiet_for_exactly_the_pause(producer, clock):
-    made = producer(3.0)
-    made.heard(T0)
-    clock.now = QUIET - 0.01
-    assert made.yielding and made.foreign == 1
-    clock.now = QUIET
-    assert not made.yielding
-    clock.now = 0.05
-    made._run()
-    assert QUIET - 1e-6 < made.times()[0] < QUIET + LISTEN + 1e-6
-
-
-def test_a_second_master_stops_it_and_it_resumes(producer, clock):
-    def on_send(number):
-        if number == 10:
+@pytest.mark.parametrize('number', [0, 10])
+def test_another_master_keeps_it_quiet_for_the_pause_and_it_resumes(producer, clock, number):
+    """One that is there from the start, and one that begins later."""
+    def on_send(sent):
+        if sent == number:
             made.openings(T0 + clock.now)
             made.heard(T0 + clock.now)
 
-    made = producer(2.0, on_send)
+    made = producer(3.0, on_send)
+    on_send(0)
     made._run()
-    times = made.times()
-    assert times[10] - times[9] >= QUIET
+    heard, resumed = [0.0, *made.times()][number:number + 2]
+    assert heard + QUIET - 1e-6 < resumed < heard + QUIET + LISTEN + 2.0 * PERIOD
     assert made.foreign == 1
     # What was sent before is not opened any more.
     assert made.openings(T0 + 100.0) == []

@@ -34,15 +34,14 @@ def test_the_default_rig_is_as_drawn_and_so_is_one_without_tolerances():
     assert same.geometry.alphas == Geometry(radians(40.0)).alphas
     np.testing.assert_allclose(same.geometry.platform_axes, Geometry().platform_axes, atol=1e-14)
     assert same.sensors == perfect_rig(Geometry(), radians(0.04)).sensors
-    assert not same.has_harmonics
-    assert random_rig(3, Tolerances(second_harmonic=0.001)).has_harmonics
+    assert not same.has_harmonics and random_rig(3, TOLERANCES).has_harmonics
 
 
 def test_the_seed_decides_the_rig_and_more_sensors_leave_the_others():
-    assert random_rig(3, TOLERANCES) == random_rig(3, TOLERANCES) != random_rig(4, TOLERANCES)
     four, six = (random_rig(3, TOLERANCES, noise=0.001, sensors=count) for count in (4, 6))
     assert (six.geometry, six.sensors[:4]) == (four.geometry, four.sensors)
     assert len({each.first_harmonic for each in six.sensors}) == 6
+    assert random_rig(4, TOLERANCES, noise=0.001) != four
 
 
 def test_random_rigs_have_their_tolerances_in_frames_without_a_reference():
@@ -72,14 +71,9 @@ def test_random_rigs_have_their_tolerances_in_frames_without_a_reference():
             np.cross(rig.geometry.platform_axes, drawn.platform_axes).sum(0), 0.0, atol=1e-14)
 
 
-@pytest.fixture
-def path(tmp_path):
-    """Give the path of a file."""
-    return tmp_path / 'rig.json'
-
-
 @pytest.mark.parametrize('count', [4, 6])
-def test_a_written_rig_is_read_again(count, path):
+def test_a_written_rig_is_read_again(count, tmp_path):
+    path = tmp_path / 'rig.json'
     rig = random_rig(11, Tolerances(0.01, 0.01, 0.005, 0.001), noise=0.001, sensors=count)
     rig = replace(rig, sensors=(*rig.sensors[:-1], replace(
         rig.sensors[-1], play=0.002, resolution=0.003, delay=0.004)))
@@ -95,7 +89,8 @@ def test_a_written_rig_is_read_again(count, path):
         read_rig(path, Geometry(), 0.0, 5)
 
 
-def test_what_a_file_lacks_is_perfect(path):
+def test_what_a_file_lacks_is_perfect(tmp_path):
+    path = tmp_path / 'rig.json'
     path.write_text('{"play_deg": [0.1, 0, 0, 0], "zero": [0, 1, 2, 3], "direction": '
                     '[1, -1, 1, 1]}')
     noisy = SensorErrors(noise=radians(0.04))
@@ -113,24 +108,23 @@ AXES = [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
 
 
 @pytest.mark.parametrize(('content', 'words'), [
-    ('{"alpha_deg": [39, 39, 39]', 'cannot be read'), ('[' * 100000, 'cannot be read'),
+    ('{"alpha_deg": [39, 39, 39]', 'cannot be read'),
     ('"text"', "not a rig ('text'); expected a JSON object"),
-    ('{"zero": 1, "zero": 2}', "key 'zero' is there twice"),
     *((json.dumps({key: value}), f"key '{key}' is {value}; expected {expected}")
       for key, value, expected in (
           ('alpha', [39, 39, 39], 'one of the keys alpha_deg, beta_deg'),
           ('alpha_deg', [39, 39], 'a list of 3, each a number from 0.1 to 179.9'),
-          ('beta_deg', [34, float('nan'), 34], 'a list'), ('beta_deg', [34, True, 34], 'a list'),
+          ('beta_deg', [34, True, 34], 'a list'),
           ('base_axes', AXES[:2], 'a list of 3 of lists of 3, each a number from -1 to 1'),
           ('eccentricity_deg_cos_sin', [0.1] * 4, 'a list of 4 of lists of 2, each a number from '
            '-10 to 10'),
-          ('play_deg', [-0.1, 0, 0, 0], 'a list of 4, each a number from 0 to 10'),
           ('delay', [0, 0, 0, 0.2], 'a list of 4, each a number from 0 to 0.1'),
           ('zero', [1, 2, 3, -4], 'a list of 4, each an integer of at least 0'),
           ('direction', [1, 1, 1, 0], 'a list of 4, each 1 or -1'))),
     (json.dumps({'base_axes': [*AXES[:2], [0, 0.9, 0]]}), 'row 2 = [0.0, 0.9, 0.0]'),
 ])
-def test_what_is_wrong_is_named_in_one_line(content, words, path):
+def test_what_is_wrong_is_named_in_one_line(content, words, tmp_path):
+    path = tmp_path / 'rig.json'
     path.write_text(content)
     with pytest.raises(InputError) as caught:
         read_rig(path, Geometry(), 0.0)

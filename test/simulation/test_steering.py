@@ -55,9 +55,8 @@ def test_it_goes_to_the_pose_without_a_jump_and_comes_back(trajectory):
     assert np.abs(found[-100:] - own).max() < 1e-9
     # A sensor that is late asks for a time before the latest one.
     steering.steer(0.0, 0.0, radians(20.0))
-    now = steering(times[-1] + STEP)
-    before = steering(times[-1])
-    assert turned(matrices([now]), matrices([before]))[0] < FASTEST * STEP
+    now, before = matrices([steering(times[-1] + STEP), steering(times[-1])])
+    assert turned(now, before) < FASTEST * STEP
 
 
 @pytest.mark.parametrize(('pose', 'word'), [
