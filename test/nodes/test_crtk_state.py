@@ -4,11 +4,10 @@
 """
 The CRTK face of the device.
 
-Its tests run with the messages of crtk_msgs where that is installed, and with classes of their
-fields everywhere; those of a client with messages that test/crtk_package.py builds.
+Its tests run with classes of the fields of crtk_msgs, that of a client with the installed messages
+or those that test/crtk_package.py builds.
 """
 
-from dataclasses import dataclass, field, fields
 import os
 import sys
 import types
@@ -20,11 +19,10 @@ from in_process import hosted
 import pytest
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from spm_haptic_master.nodes.crtk_state import ABSENT, crtk_messages, CrtkState
+from spm_haptic_master.nodes.crtk_state import ABSENT, CrtkState
 from spm_haptic_master.ros.qos import STATE
 from spm_haptic_master.supervision.orientation_state import received_state
 from std_msgs.msg import Header, String
-from std_srvs.srv import Trigger
 
 # Time that a busy machine may need (s); a pause of it is no silence.
 PATIENCE = 60.0
@@ -32,18 +30,13 @@ PATIENT = {**SIM, 'sample_timeout': 2.0, 'max_age': 2.0, 'rate': 200}
 LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-@dataclass
-class OperatingState:
-    header: Header = field(default_factory=Header)
-    state: str = ''
-    is_homed: bool = False
-    is_busy: bool = False
-
-
-@dataclass
-class StringStamped:
-    header: Header = field(default_factory=Header)
-    string: str = ''
+def stand_in(name):
+    """Return a class with the fields of a message of crtk_msgs."""
+    def make(**given):
+        return types.SimpleNamespace(**{
+            field: Header() if kind == 'std_msgs/Header' else '' if kind == 'string' else False
+            for kind, field in crtk_package.MESSAGES[name]} | given)
+    return make
 
 
 def make(_):
@@ -54,43 +47,30 @@ def make(_):
 
 
 @pytest.fixture
-def device(messages):
+def device(monkeypatch):
+    monkeypatch.setitem(sys.modules, 'crtk_msgs', types.ModuleType('crtk_msgs'))
+    monkeypatch.setitem(sys.modules, 'crtk_msgs.msg', types.SimpleNamespace(**{
+        name: stand_in(name) for name in crtk_package.MESSAGES}))
     with hosted(make) as host:
         yield host
+
+
+@pytest.fixture
+def without_messages(monkeypatch):
+    """Hide crtk_msgs."""
+    for name in ('crtk_msgs', 'crtk_msgs.msg'):
+        monkeypatch.setitem(sys.modules, name, None)
 
 
 def texts(device, topic):
     return [message.data for message in device.sent[topic]]
 
 
-@pytest.fixture(params=['classes of the same fields', 'crtk_msgs'])
-def messages(request, monkeypatch):
-    """Give OperatingState and StringStamped: the real ones, or classes in their place."""
-    if request.param == crtk_package.PACKAGE:
-        msg = pytest.importorskip('crtk_msgs.msg')
-        return msg.OperatingState, msg.StringStamped
-    package, module = types.ModuleType('crtk_msgs'), types.ModuleType('crtk_msgs.msg')
-    module.OperatingState, module.StringStamped = OperatingState, StringStamped
-    monkeypatch.setitem(sys.modules, 'crtk_msgs', package)
-    monkeypatch.setitem(sys.modules, 'crtk_msgs.msg', module)
-    return OperatingState, StringStamped
-
-
-def test_the_messages_have_the_fields_that_are_tested_here(messages):
-    for message, stand_in in zip(messages, (OperatingState, StringStamped), strict=True):
-        expected = crtk_package.MESSAGES[stand_in.__name__]
-        assert [each.name for each in fields(stand_in)] == [name for _, name in expected]
-        if message is not stand_in:
-            found = message.get_fields_and_field_types()
-            assert [(kind, name) for name, kind in found.items()] == list(expected)
-
-
 def states(device):
     return [(each.state, each.is_homed) for each in device.sent['operating_state']]
 
 
-def test_states_and_commands_by_crtk_msgs(device, messages):
-    _, command_type = messages
+def test_states_and_commands_by_crtk_msgs(device):
     command, state = device.callbacks['state_command'], device.node.state
     assert states(device) == [('DISABLED', False)]
     assert texts(device, 'operating_state_text') == ['DISABLED']
@@ -98,7 +78,7 @@ def test_states_and_commands_by_crtk_msgs(device, messages):
     for words in 'healthy', 'silent: no joint samples', 'healthy':
         state.take(received_state(words))
         device.run(0.01)
-        command(command_type(string='enable'))
+        command(types.SimpleNamespace(string='enable'))
         device.run(0.01)
     assert states(device) == [
         ('DISABLED', False), ('ENABLED', True), ('FAULT', False), ('DISABLED', False),
@@ -139,13 +119,10 @@ def test_its_end_is_a_fault(device):
     assert texts(device, 'error') == ['silent: fkm has ended']
 
 
-def test_without_crtk_msgs_one_line_says_so(monkeypatch):
-    for name in ('crtk_msgs', 'crtk_msgs.msg'):
-        monkeypatch.setitem(sys.modules, name, None)
+def test_without_crtk_msgs_one_line_says_so(without_messages, monkeypatch):
     logged = []
     monkeypatch.setattr(
         'spm_haptic_master.ros.node_log.info', lambda _, text: logged.append(text))
-    assert crtk_messages() is None
     with hosted(make) as device:
         device.node.state.take(received_state('healthy'))
         assert logged == []
@@ -155,9 +132,7 @@ def test_without_crtk_msgs_one_line_says_so(monkeypatch):
         assert 'operating_state' not in device.sent and not device.callbacks
 
 
-def test_silence_is_a_fault_until_enable_without_crtk_msgs(monkeypatch):
-    for name in ('crtk_msgs', 'crtk_msgs.msg'):
-        monkeypatch.setitem(sys.modules, name, None)
+def test_silence_is_a_fault_until_enable_without_crtk_msgs(without_messages):
     with fkm_rig('recovery:=0.2') as rig:
         def called(name):
             answer = rig.host.call(name)
@@ -181,20 +156,6 @@ def test_silence_is_a_fault_until_enable_without_crtk_msgs(monkeypatch):
         assert called('disable') == (True, 'DISABLED')
 
 
-@pytest.mark.process
-def test_a_controller_hears_of_an_orderly_end(start, observer):
-    texts = observer.collect(String, 'operating_state_text', STATE)
-    states = observer.collect(String, 'state', STATE)
-    master = start('master', parameters=PATIENT)
-    assert observer.spin_until(lambda: states and states[-1][1].data == 'healthy', PATIENCE)
-    enable = observer.node.create_client(Trigger, 'enable')
-    assert enable.wait_for_service(PATIENCE)
-    enable.call_async(Trigger.Request())
-    assert observer.spin_until(lambda: texts and texts[-1][1].data == 'ENABLED', PATIENCE)
-    assert master.stop() == 0
-    assert observer.spin_until(lambda: texts[-1][1].data == 'FAULT', 5.0)
-
-
 @pytest.fixture
 def crtk_path(tmp_path):
     """Give the folder for PYTHONPATH from which crtk_msgs comes, and have it here, too."""
@@ -213,7 +174,7 @@ def crtk_path(tmp_path):
 
 @pytest.mark.process
 def test_a_client_lets_go_by_is_homed_alone_and_comes_back(crtk_path, observer, start):
-    """By topics, waits and conditions of crtk_python_client and dvrk_teleoperation."""
+    """By topics, waits and conditions of crtk_python_client and dvrk_teleoperation; its end."""
     from crtk_msgs.msg import OperatingState, StringStamped
 
     found = [OperatingState()]
@@ -230,8 +191,10 @@ def test_a_client_lets_go_by_is_homed_alone_and_comes_back(crtk_path, observer, 
         return state.is_homed
 
     states = observer.collect(String, 'state', STATE)
-    start('master', parameters=PATIENT,
-          PYTHONPATH=os.pathsep.join(filter(None, [crtk_path, os.environ.get('PYTHONPATH')])))
+    texts = observer.collect(String, 'operating_state_text', STATE)
+    master = start(
+        'master', parameters=PATIENT,
+        PYTHONPATH=os.pathsep.join(filter(None, [crtk_path, os.environ.get('PYTHONPATH')])))
     assert observer.spin_until(lambda: found[-1].state == 'DISABLED', PATIENCE)
     assert observer.spin_until(lambda: states and states[-1][1].data == 'healthy', PATIENCE)
     # Home before enable is no hindrance.
@@ -245,3 +208,5 @@ def test_a_client_lets_go_by_is_homed_alone_and_comes_back(crtk_path, observer, 
         assert send(command, lambda state: not state.is_homed), command
         observer.spin(0.5)
         assert not found[-1].is_homed, command
+    assert master.stop() == 0
+    assert observer.spin_until(lambda: texts[-1][1].data == 'FAULT', 5.0)

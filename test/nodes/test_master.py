@@ -101,11 +101,7 @@ def test_a_second_master_leaves_the_first_alone_and_goes_on_where_that_has_ended
 
 
 def test_a_filter_between_driver_and_fkm_is_not_passed_by(start, observer):
-    """
-    With the topic remapped for one of them, fkm takes what stands on it, and only that.
-
-    In a namespace, by arguments without --ros-args.
-    """
+    """With the topic remapped for one of them; in a namespace, without --ros-args."""
     raw = observer.collect(JointState, '/left/measured_js')
     orientations = observer.collect(QuaternionStamped, '/left/orientation')
     filtered = observer.node.create_publisher(JointState, '/left/filtered_js', 10)

@@ -3,18 +3,12 @@
 
 """What was given is what the running node has, however it is started."""
 
-from contextlib import suppress
-import os
-from pathlib import Path
-import signal
 
-from harness import start_program
 from in_process import ros
 import pytest
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.task import Future
-from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.nodes.diagnostics import Diagnostics
 from spm_haptic_master.nodes.encoder_driver import EncoderDriver
 from spm_haptic_master.nodes.fkm import Fkm
@@ -102,26 +96,3 @@ def test_as_ros2_launch_starts_it_in_a_namespace_under_another_name(start, obser
             ('alert_limit', 2.0, "'alert_limit' is 2.0; expected a parameter of this node, such "
              'as alert_limit_deg'), ('window', 0.1, 'read-only')):
         assert reason in change(name, value).reason
-
-
-@pytest.mark.process
-def test_a_signal_ends_the_reading_of_a_file(tmp_path):
-    """A pipe that nobody writes to: the process ended by a time-out, with a dump."""
-    path = tmp_path / 'pipe'
-    os.mkfifo(path)
-    program = start_program('fkm', '--params-file', str(path))
-    writing = []
-
-    def opened():
-        with suppress(OSError):  # until the program reads
-            writing.append(os.open(path, os.O_WRONLY | os.O_NONBLOCK))
-        return writing
-
-    assert wait_until(opened, PATIENCE)
-    # Where the kernel does not report it, the file has been opened for some time.
-    waits = Path(f'/proc/{program.pid}/wchan')
-    wait_until(lambda: 'pipe' in waits.read_text(), 2.0)
-    program.send_signal(signal.SIGTERM)
-    assert program.wait(PATIENCE) == 0
-    os.close(writing[0])
-    assert program.stderr == ''
