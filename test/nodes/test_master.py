@@ -26,11 +26,10 @@ pytestmark = pytest.mark.process
 # Time that a busy machine may need for a program (s).
 PATIENCE = 60.0
 LINE = re.compile(
-    r'psi +[-\d.]+ theta +[-\d.]+ phi +(?P<phi>[-\d.]+) deg, '
-    r'protection level (?P<protection>[\d.]+) deg, (.*, )?'
-    r'dexterity (?P<three>[\d.]+) \(3 sensors\) (?P<four>[\d.]+) \(4 sensors\) '
-    r'(?P<level>OK|WARN|ERROR) .*, joints (?P<joints>\d+) Hz orientation (?P<rate>\d+) Hz, '
-    r'latency p50 (?P<p50>\d+) us p99 (?P<p99>\d+) us')
+    r'state healthy, .*orientation psi +[-\d.]+ theta +[-\d.]+ phi +(?P<phi>[-\d.]+) deg, '
+    r'protection level [\d.]+ deg, .*dexterity [\d.]+ \(3 sensors\), [\d.]+ \(4 sensors\), '
+    r'rates joints \d+ Hz, orientation (?P<rate>\d+) Hz, '
+    r'latency p50 (?P<p50>\d+) us, p99 (?P<p99>\d+) us')
 
 
 def test_outputs_and_status_of_a_fixed_pose_and_a_clean_end(start, observer):
