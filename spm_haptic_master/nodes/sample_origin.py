@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 import time
@@ -50,7 +49,7 @@ class SampleOrigin:
     """
     Finds why no sample can be taken, whatever its angles are.
 
-    After `watch`, the drivers of the topic are compared by what they report on /diagnostics. A
+    After `watch`, the driver of the topic is compared by what it reports on /diagnostics. A
     publisher that reports nothing, such as a bag or another program, is not compared.
     """
 
@@ -64,14 +63,14 @@ class SampleOrigin:
         # Latest entry of each driver, by its node's full name without the first slash, and when
         # it came, s, monotonic.
         self._found: dict[str, tuple[dict[str, str], float]] = {}
-        # Boot ids of the drivers, as far as they report them.
-        self._hosts = {host()}
+        # Boot id of the driver; empty where it reports none.
+        self._host = host()
         self._obstacle: tuple[str, str] | None = None
         self._find_at = 0.0
 
     def watch(self) -> None:
         """Expect the samples on the topic, and watch its drivers."""
-        self._hosts = set()
+        self._host = ''
         self._node.create_subscription(
             DiagnosticArray, '/diagnostics', self._take, DEPTH, raw=True)
 
@@ -93,34 +92,30 @@ class SampleOrigin:
 
     def rejection(self, age: int, max_age: int, is_simulated: bool) -> RejectedError:
         """Return why a sample is rejected for its age (ns); whether /clock is the clock."""
-        if age > 0 and self._hosts == {host()} and not is_simulated:
+        if age > 0 and self._host == host() and not is_simulated:
             return RejectedError(TOO_BUSY, f'a sample is {more_than(age / SECOND)} old, '
                                  f'limit {max_age / SECOND:g} s')
         return RejectedError(
             'stale sample' if age > 0 else 'sample from the future',
             f'{age / SECOND:.6f} s old, limit {max_age / SECOND:g} s'
             + ('; are the clocks of the two hosts synchronized?'
-               if self._hosts - {host()} else ''))
+               if self._host not in ('', host()) else ''))
 
     def _difference(self) -> tuple[str, str] | None:
-        """Return reason and detail of the first difference of a driver of the topic."""
+        """Return reason and detail of the first difference of the driver of the topic."""
         if not self._found:
             return None
-        drivers = list(self._drivers())
-        self._hosts = {found[HOST_KEY] for _, found in drivers if HOST_KEY in found}
-        for driver, found in drivers:
-            for key, expected in self._own.items():
-                if found.get(key, expected) != expected:
-                    reason, cure = DIFFERENCES[key]
-                    return reason, f'{driver} has {found[key]}, expected {expected}: {cure}'
+        # Several publishers are rivals.
+        names = (f'{publisher.node_namespace}/{publisher.node_name}'.strip('/')
+                 for publisher in self._node.get_publishers_info_by_topic(self._topic))
+        driver = next((name for name in names if name in self._found), '')
+        found = self._found[driver][0] if driver else {}
+        self._host = found.get(HOST_KEY, '')
+        for key, expected in self._own.items():
+            if found.get(key, expected) != expected:
+                reason, cure = DIFFERENCES[key]
+                return reason, f'{driver} has {found[key]}, expected {expected}: {cure}'
         return None
-
-    def _drivers(self) -> Iterator[tuple[str, dict[str, str]]]:
-        """Yield name and entry of the nodes that publish on the topic and report."""
-        for publisher in self._node.get_publishers_info_by_topic(self._topic):
-            name = f'{publisher.node_namespace}/{publisher.node_name}'.strip('/')
-            if name in self._found:
-                yield name, self._found[name][0]
 
     def _take(self, diagnostics: bytes) -> None:
         if MARK not in diagnostics:
