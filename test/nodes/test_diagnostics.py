@@ -17,7 +17,7 @@ from spm_haptic_master.kinematics import (
     matrix_from_zxz,
     quaternion_from_matrix,
 )
-from spm_haptic_master.kinematics.jacobians import dexterity_without, nearness
+from spm_haptic_master.kinematics.jacobians import nearness
 from spm_haptic_master.kinematics.joints import MECHANISM_JOINT_NAMES
 from spm_haptic_master.nodes.diagnostics import Diagnostics, Levels
 from spm_haptic_master.parameters.geometry import mechanism_checksum, mounting_from
@@ -59,16 +59,6 @@ def test_two_minutes_of_a_healthy_device_are_ok(trajectory):
         crossings.add(along.take(found.three, found.every))
         assert along.level == OK, seconds
     assert len(crossings) == 3
-
-
-def test_a_dexterity_without_sensors_is_that_of_the_rows_left():
-    quaternion = tuple(quaternion_from_matrix(
-        matrix_from_zxz(*np.radians([130.0, 50.0, 30.0]))).tolist())
-    arguments = quaternion, Geometry(), (1, 1, 1), 6
-    found = nearness(*arguments)
-    assert dexterity_without(*arguments, (3, 4, 5)) == pytest.approx(found.three)
-    assert dexterity_without(*arguments, ()) == pytest.approx(found.every)
-    assert 0.0 < dexterity_without(*arguments, (0, 4, 5)) < found.every
 
 
 def orientation(quaternion, when):
@@ -120,6 +110,10 @@ def test_the_level_is_that_of_the_sensors_in_use(device):
             ('healthy', 49.36, OK, 'at a parallel singularity')):
         device.give('state', String(data=text))
         assert device.show(turned(phi)) == (level, words)
+        figures = device.figures('singularity')
+        with_all = figures['dexterity of 4 sensors' if 'joint_3a' not in text
+                           else 'dexterity of 3 sensors']
+        assert figures['dexterity of the sensors in use'] == with_all
     # Words of another program: nobody knows which sensors are in use.
     device.give('state', String(data='degraded joint_3a'))
     device.sent['dexterity'].clear()

@@ -376,8 +376,3 @@ def test_the_slaves_torque_goes_to_the_hand_while_engaged_and_else_nothing():
         assert not is_felt() and rig.state == 'clutched'
         rig.press('presence', False)
         assert not is_felt() and rig.state.startswith('disengaged')
-
-
-def test_without_a_share_of_the_torque_there_is_no_topic_of_it(rig):
-    names = {each.topic_name for each in (*rig.host.node.subscriptions, *rig.host.node.publishers)}
-    assert not {'/slave/measured_cf', '/spatial/servo_cf'} & names
