@@ -3,12 +3,19 @@
 
 """The live status on a terminal, as an emulator shows it, and its words."""
 
+import fcntl
 import os
+import pty
 import re
 import select
+import signal
+import struct
+import subprocess
+import termios
+import time
 from types import SimpleNamespace
 
-from harness import SIM
+from harness import environment, ROOT, SIM
 import numpy as np
 import pytest
 from spm_haptic_master.benchmark.child_process import executable
@@ -20,7 +27,8 @@ from spm_haptic_master.ros.diagnostic_status import OK
 from spm_haptic_master.supervision.orientation_state import read_state
 from spm_haptic_master.view.readout import FULL_DEXTERITY
 from std_msgs.msg import String
-from terminal import Terminal
+
+pyte = pytest.importorskip('pyte', reason='pyte is not installed (extra test)')
 
 # Time that a busy machine may need for a program (s).
 PATIENCE = 60.0
@@ -43,6 +51,92 @@ LOGGED = re.compile(r'\[(ERROR|WARN|INFO)\] \[[\d.]+\] \[\w+\]: ')
 # A line more where there is a caution: Fig. 9 begins where the others cannot check th3A.
 # What does not fit into it is in lines below it.
 CAUTION = re.compile(r'  caution           \S.*| {20}(?!at \[)\S.*')
+
+
+class Terminal:
+    """A program on a pseudo-terminal of a size, and what an emulator shows of it."""
+
+    def __init__(self, command, columns, lines):
+        self._emulator, self._device = pty.openpty()
+        self._screen = pyte.HistoryScreen(columns, lines, history=10_000)
+        self._stream = pyte.ByteStream(self._screen)
+        # All that the program printed.
+        self.raw = b''
+        self._set_size(columns, lines)
+        self._process = subprocess.Popen(
+            command, cwd=ROOT, env=environment(TERM='xterm'), stdin=self._device,
+            stdout=self._device, stderr=self._device, start_new_session=True)
+
+    def _set_size(self, columns, lines):
+        fcntl.ioctl(self._device, termios.TIOCSWINSZ, struct.pack('HHHH', lines, columns, 0, 0))
+
+    def resize(self, columns, lines):
+        """Give the window another size; as xterm, a lower one loses lines below the cursor."""
+        self.read(0.0)
+        self._set_size(columns, lines)
+        screen, row = self._screen, self._screen.cursor.y
+        removed = max(0, screen.lines - lines)
+        above = max(0, row + 1 - lines)
+        if removed > above:
+            screen.cursor_position(1, 1)
+            screen.insert_lines(removed - above)
+        screen.resize(lines, columns)
+        screen.cursor_position(row - above + 1, 1)
+
+    def print_to(self, text):
+        """Print as another library of the program does."""
+        os.write(self._device, text.encode())
+
+    def read(self, seconds):
+        """Show what is printed within some seconds."""
+        end = time.monotonic() + seconds
+        while True:
+            left = max(0.0, end - time.monotonic())
+            if not select.select([self._emulator], [], [], left)[0]:
+                return
+            data = os.read(self._emulator, 1 << 16)
+            self.raw += data
+            self._stream.feed(data)
+
+    def read_until(self, condition, seconds):
+        """Show what is printed until a condition holds; False if it did not in time."""
+        end = time.monotonic() + seconds
+        while not condition():
+            if time.monotonic() > end:
+                return False
+            self.read(0.1)
+        return True
+
+    @property
+    def shown(self):
+        """Return the lines on the screen."""
+        return [line.rstrip() for line in self._screen.display]
+
+    @property
+    def text(self):
+        """Return the lines on the screen and those that have left it upwards."""
+        above = [''.join(line[column].data for column in range(self._screen.columns)).rstrip()
+                 for line in self._screen.history.top]
+        return above + self.shown
+
+    @property
+    def cursor(self):
+        """Return column and line of the cursor."""
+        return self._screen.cursor.x, self._screen.cursor.y
+
+    def end(self, seconds):
+        """Interrupt the program, show its end and return its exit code."""
+        self._process.send_signal(signal.SIGINT)
+        self.read_until(lambda: self._process.poll() is not None, seconds)
+        self.read(0.1)
+        return self._process.wait(seconds)
+
+    def close(self):
+        """Kill the program and close the terminal."""
+        self._process.kill()
+        self._process.wait()
+        os.close(self._emulator)
+        os.close(self._device)
 
 
 def block_of(lines):
