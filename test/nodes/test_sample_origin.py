@@ -1,16 +1,14 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Why no sample is taken: rivals, another driver, and whose clock or machine is to blame."""
+"""Why no sample is taken: rivals, another driver, and an age that a clock or a machine explains."""
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from in_process import hosted
 import pytest
 from rclpy.node import Node
-from spm_haptic_master.nodes.sample_origin import host, SampleOrigin
+from spm_haptic_master.nodes.sample_origin import SampleOrigin
 from spm_haptic_master.ros.overload import TOO_BUSY
-
-SECOND = 10**9
 
 
 @pytest.fixture
@@ -76,36 +74,15 @@ def test_other_drivers_and_other_entries_are_none_of_it(graph, origin):
     assert obstacle(graph, origin) is None
 
 
-STALE = 'stale sample: 0.300000 s old, limit 0.1 s'
-
-
-@pytest.mark.parametrize(('its_host', 'is_simulated', 'expected'), [
-    (host(), False, f'{TOO_BUSY}: a sample is more than 0.2 s old, limit 0.1 s'),
-    (host(), True, STALE), (None, False, STALE),
-    ('another boot', False, f'{STALE}; are the clocks of the two hosts synchronized?')])
-def test_only_another_host_may_have_another_clock(
-        graph, origin, its_host, is_simulated, expected):
-    """By what the driver reports of its host; of another publisher nothing is known."""
-    if its_host is not None:
-        graph.report(host=its_host)
-    obstacle(graph, origin)
-    age, limit = 300_000_000, 100_000_000
-    assert str(origin.rejection(age, limit, is_simulated)) == expected
-    assert str(origin.rejection(-age, limit, is_simulated)).startswith(
-        'sample from the future: -0.300000 s old, limit 0.1 s')
-
-
-def test_a_driver_in_this_process_has_this_clock(graph):
-    assert SampleOrigin(graph.node, 'abc', '').rejection(SECOND, 10**8, False).reason == TOO_BUSY
-
-
-def test_a_driver_of_this_host_that_loses_time_is_heard_for_three_seconds(graph, origin):
-    words = 'this machine is too busy'
-    graph.report('other/encoder_driver', host='another boot', too_busy=words)
-    graph.report(host=host(), too_busy='no')
-    assert origin.overload() == ''
-    graph.report(host=host(), too_busy=words)
-    graph.pause(2.9)
-    assert origin.overload() == words
-    graph.pause(0.1)
-    assert origin.overload() == ''
+@pytest.mark.parametrize('is_watching', [True, False])
+def test_only_a_driver_in_this_process_surely_has_this_clock(graph, is_watching):
+    origin = SampleOrigin(graph.node, 'abc', '')
+    if is_watching:
+        origin.watch()
+    limit = 100_000_000
+    asks = 'limit 0.1 s; are the clocks of two hosts synchronized, and is none too busy?'
+    assert str(origin.rejection(300_000_000, limit)) == (
+        f'stale sample: 0.300000 s old, {asks}' if is_watching else
+        f'{TOO_BUSY}: a sample is more than 0.2 s old, limit 0.1 s')
+    assert str(origin.rejection(-300_000_000, limit)) == (
+        f'sample from the future: -0.300000 s old, {asks}')
