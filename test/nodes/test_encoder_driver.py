@@ -98,14 +98,6 @@ def test_what_appears_while_deadlines_are_missed_is_the_machines(driver, source,
     assert symptom in driver.node.state
 
 
-def test_what_was_there_before_stays(driver, source):
-    source.fault = 'bus-off'
-    driver.run(0.04)
-    source.lost += 0.3
-    driver.run(0.04)
-    assert driver.node.state.startswith('bus-off; ') and TOO_BUSY in driver.node.state
-
-
 def test_a_caution_that_ends_while_it_is_read_does_not_end_the_driver(driver, monkeypatch):
     """The thread of the samples goes on meanwhile."""
     cautions = cycle(['two answers from joint_3a in one cycle', None])

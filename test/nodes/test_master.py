@@ -37,6 +37,7 @@ def test_outputs_and_status_of_a_fixed_pose_and_a_clean_end(start, observer):
     arrived = {topic: observer.collect(kind, topic) for topic, kind in {
         'measured_js': JointState, 'orientation': QuaternionStamped, 'measured_cp': PoseStamped,
         'dexterity': Float64MultiArray, '/diagnostics': DiagnosticArray}.items()}
+    operating = observer.collect(String, 'operating_state_text', STATE)
     master = start('master', parameters={
         **SIM, 'sim.trajectory': 'fixed', 'sim.pose_deg': pose, 'sim.noise_deg': 0.04,
         'rate': 250.0})  # a rate that a busy machine keeps up with
@@ -67,6 +68,7 @@ def test_outputs_and_status_of_a_fixed_pose_and_a_clean_end(start, observer):
             PATIENCE)
     assert master.stop(signal.SIGINT) == 0
     assert complaints(master) == ''
+    assert observer.spin_until(lambda: operating[-1][1].data == 'FAULT', 5.0)
     # No remark on a motion that is clear of the singularity, nor on what is not installed.
     assert master.stdout.startswith('haptic master, source sim (Ctrl-C ends)\nsource sim, ')
     assert 'crtk_msgs' not in master.stdout + master.stderr

@@ -26,23 +26,16 @@ SLICE, SLICE_ERROR = 0.05, 1e-9
 HAS_SLICES = KERNEL >= FIRST_WITH_SLICES and os.getpriority(os.PRIO_PROCESS, 0) <= 0
 
 
-def may_schedule() -> bool:
-    """Return whether this user may use SCHED_FIFO."""
-    return subprocess.run([sys.executable, '-c', 'import os; os.sched_setscheduler('
-                           '0, os.SCHED_FIFO, os.sched_param(1))'],
-                          capture_output=True).returncode == 0
-
-
-def may_lock() -> bool:
-    """Return whether this user may lock all memory."""
-    return subprocess.run([sys.executable, '-c', 'import ctypes, sys; '
-                           'sys.exit(ctypes.CDLL(None).mlockall(3) != 0)'],
-                          capture_output=True).returncode == 0
+def may(code: str) -> bool:
+    """Return whether this user may do what some lines of Python do."""
+    return subprocess.run([sys.executable, '-c', code], capture_output=True).returncode == 0
 
 
 def test_knobs_are_those_of_every_thread_where_the_user_may_have_them(start, observer):
-    core, priority = max(os.sched_getaffinity(0)), 7 if may_schedule() else 0
-    locked = may_lock()
+    core = max(os.sched_getaffinity(0))
+    priority = 7 if may(
+        'import os; os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))') else 0
+    locked = may('import ctypes, sys; sys.exit(ctypes.CDLL(None).mlockall(3) != 0)')
     knobs = {'cpus': f"'{core}'", 'priority': priority, 'lock_memory': locked,
              **({'slice': SLICE} if HAS_SLICES else {})}
     program = start('master', parameters=SIM | {

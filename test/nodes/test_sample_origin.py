@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Why no sample is taken: rivals, another driver, and an age that a clock or a machine explains."""
+"""Why no sample is taken: rivals, another driver, and an age by clock or machine."""
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from in_process import hosted
