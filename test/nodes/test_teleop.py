@@ -112,7 +112,15 @@ def rig():
         yield rig
 
 
-def test_it_follows_by_the_law_in_the_frame_and_at_the_position_of_the_slave(rig):
+@pytest.fixture
+def turned_rig():
+    """Give the rig of a slave whose base is turned by 90 deg about z."""
+    with running(teleop__registration_zxz_deg=[90.0, 0.0, 0.0]) as rig:
+        yield rig
+
+
+def test_it_follows_by_the_law_in_the_frame_and_at_the_position_of_the_slave(turned_rig):
+    rig, registration = turned_rig, zxz(0.5 * np.pi, 0.0, 0.0)
     rig.run(20)
     assert rig.state == 'disengaged: no presence'
     rig.press('presence', True)
@@ -125,7 +133,9 @@ def test_it_follows_by_the_law_in_the_frame_and_at_the_position_of_the_slave(rig
     assert len(rig.commands) == before + 30
     for message, got in zip(rig.commands, rig.matrices, strict=True):
         # Each by its own orientation, of which it has the stamp.
-        np.testing.assert_allclose(got, rig.sent[stamp(message)] @ master.T @ slave, atol=1e-12)
+        hand = rig.sent[stamp(message)] @ master.T
+        np.testing.assert_allclose(
+            got, registration @ hand @ registration.T @ slave, atol=1e-12)
         assert message.header.frame_id == 'psm_base'
         p = message.pose.position
         assert (p.x, p.y, p.z) == POSITION
@@ -169,9 +179,10 @@ def set_to(name, value):
     (set_to('frame', 'camera'), 'another frame of the slave'),
     # As a bridge does that has lost its slave.
     (set_to('slave_goes_on', False), 'no pose of the slave'),
-    (set_to('level', 0.6), 'protection level above the limit')])
+    (set_to('level', 0.6), 'protection level above the limit'),
+    (lambda rig: rig.run(60, turning=(0.0, 0.0, 0.01)), 'the slave does not follow')])
 def test_what_ends_it_ends_it_until_enable(end, reason):
-    with running(teleop__protection_limit_deg=0.5) as rig:
+    with running(teleop__protection_limit_deg=0.5, teleop__tracking_limit_deg=20.0) as rig:
         rig.level = 0.4
         rig.engage()
         end(rig)
@@ -224,15 +235,17 @@ def test_the_clutch_and_the_presence(rig):
     assert rig.host.call('~/disable').success and rig.sends_nothing()
 
 
-def test_the_twist_continues_to_zero_and_stops():
-    with running(teleop__acceleration_limit=20.0) as rig:
+@pytest.mark.parametrize(('given', 'frame'), [("''", 'psm_base'), ('wrist', 'wrist')])
+def test_the_twist_continues_to_zero_and_stops(given, frame):
+    """In the frame of the slave, or in that given, as the commands."""
+    with running(teleop__acceleration_limit=20.0, teleop__frame_id=given) as rig:
         rig.engage()
         rig.run(60, turning=(0.0, 0.003, 0.0))
         rig.press('presence', False)
         rig.host.run(0.5)
         rates = [message.twist.angular.y for message in rig.twists]
         assert max(rates) > 0.1 and rates[-4:] == [0.0] * 4
-        assert all(message.header.frame_id == 'psm_base' for message in rig.twists)
+        assert {message.header.frame_id for message in rig.twists + rig.commands} == {frame}
         count = len(rig.twists)
         rig.run(40)
         assert len(rig.twists) == count
