@@ -168,11 +168,8 @@ class EncoderDriver(ParameterNode):
         busy = self.overload.words
         # Read once: another thread changes them.
         fault, caution = self._source.fault, self._source.caution
-        explained = fault or caution or ''
-        if self.overload.explains(explained):
+        if self.overload.explains(fault or caution or ''):
             fault, caution = fault and busy, caution and busy
-        else:
-            explained = ''
         level, text = self._evaluate(fault, caution, now)
         logged = level, f'{text} [{self.source_text}]'
         if busy and busy not in text:
@@ -183,7 +180,6 @@ class EncoderDriver(ParameterNode):
         if self._status.is_due(level, message):
             self._status.publish(level, message, logged=logged, values={
                 'source': self.source_text, 'set rate (Hz)': self.published.rate(),
-                'explained by that': explained or 'nothing',
                 entry.CHECKSUM_KEY: self._mechanism,
                 **({} if self._calibration is None else
                    {entry.CALIBRATION_KEY: self._calibration or entry.UNNAMED}),
