@@ -62,18 +62,12 @@ def rotation_angle(q: np.ndarray, p: np.ndarray) -> np.ndarray:
     return np.degrees(4.0 * np.arcsin(np.minimum(chord / 2.0, 1.0)))
 
 
-def check_each_against_truth(arrived, index: np.ndarray) -> np.ndarray:
-    """Check each orientation against the truth of the SYNC of that index; return errors, deg."""
+def check_against_truth(arrived, index: np.ndarray) -> None:
+    """Check the orientations of a complete motion, each by the truth of the SYNC of its index."""
     got = quaternions(arrived)
     error = rotation_angle(got, truth()[1][index])
     assert error.max() <= 0.25
     assert np.all(np.sum(got[1:] * got[:-1], axis=1) > 0.0), 'the sign of the quaternion jumped'
-    return error
-
-
-def check_against_truth(arrived, index: np.ndarray) -> None:
-    """Check the orientations of a complete motion: their error, and that near the singularity."""
-    error = check_each_against_truth(arrived, index)
     near = np.abs(true_phi(truth()[0])[index] - SINGULAR_PHI) < 1.0
     rms = np.sqrt(np.mean(error ** 2))
     rms_near, rms_far = (np.sqrt(np.mean(error[part] ** 2)) for part in (near, ~near))

@@ -6,17 +6,20 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterable
 from contextlib import suppress
+from enum import Enum
 from math import degrees
 import os
+from textwrap import wrap
 import threading
+from typing import NamedTuple
 
 from spm_haptic_master.force import Condition as ForceCondition
 from spm_haptic_master.kinematics import zxz_angles
 from spm_haptic_master.nodes.diagnostics import Diagnostics
 from spm_haptic_master.nodes.encoder_driver import EncoderDriver
 from spm_haptic_master.nodes.fkm import Fkm
-from spm_haptic_master.nodes.status_rows import Colour, fitted, Row, status_lines, WIDE
 from spm_haptic_master.ros import node_log
 from spm_haptic_master.ros.diagnostic_status import ERROR, OK, WARN
 from spm_haptic_master.standard_streams import (
@@ -25,14 +28,29 @@ from spm_haptic_master.standard_streams import (
     STANDARD_OUTPUT,
     write_all,
 )
-from spm_haptic_master.supervision.orientation_state import Condition, HEALTHY
+from spm_haptic_master.supervision.orientation_state import Condition
 
 # Refresh period on a terminal (s).
 TERMINAL_PERIOD = 0.25
 # Period of the lines where standard output is not a terminal (s).
 LINE_PERIOD = 1.0
-# Words for the levels of the singularity, and their colours.
-LEVEL_WORDS = {OK: 'OK', WARN: 'WARN', ERROR: 'ERROR'}
+# Columns of the names and of the space before them, and fewest of the values: a narrower terminal
+# cuts them.
+NAMES, LEAST = 20, 20
+
+
+class Colour(Enum):
+    """Colour of a value, as the terminal's control sequence (ECMA-48)."""
+
+    NONE = ''
+    GREEN = '\x1b[32m'
+    AMBER = '\x1b[33m'
+    RED = '\x1b[31m'
+
+
+# End of a colour.
+PLAIN = '\x1b[0m'
+# Colours of the levels of the singularity.
 LEVEL_COLOURS = {OK: Colour.GREEN, WARN: Colour.AMBER, ERROR: Colour.RED}
 # Colours of the states of the force feedback.
 FORCE_COLOURS = {
@@ -41,8 +59,9 @@ FORCE_COLOURS = {
 # Colours of the states of `fkm`.
 STATE_COLOURS = {Condition.STARTING: Colour.AMBER, Condition.HEALTHY: Colour.GREEN,
                  Condition.DEGRADED: Colour.AMBER, Condition.SILENT: Colour.RED}
-# Dexterity of three sensors from which the bar is full, as on the page of `view` (unit 1).
-FULL_DEXTERITY = 0.2
+# Dexterity of three sensors from which the bar is full, as on the page of `view` (unit 1), and the
+# bar's columns.
+FULL_DEXTERITY, BAR = 0.2, 20
 # Size of a terminal that does not report it (characters).
 WIDTH, HEIGHT = 80, 24
 # Terminal controls (ECMA-48): erase from the cursor on; to the beginning of the line N lines up.
@@ -51,11 +70,17 @@ ERASE, UP = '\x1b[J', '\x1b[{}F'
 CROSSING = ('fig9', 'perturbed', 'hand', 'tour')
 # Remark on them.
 CROSSING_REMARK = 'the simulated motion crosses the singularity on purpose'
-# Orientation in a line, and where all three angles have to fit into 40 columns.
 ANGLES = 'psi {:8.3f} theta {:7.3f} phi {:8.3f} deg'
-SHORT_ANGLES = 'psi {:.1f} theta {:.1f} phi {:.1f} deg'
 # Message of a driver without fault and caution.
 PUBLISHING = 'publishing'
+
+
+class Row(NamedTuple):
+    """A value of the status; a long one takes several lines."""
+
+    name: str  # of the value; empty: the row goes on with that above, and no log has it
+    text: str  # value in words and digits, with its unit
+    colour: Colour = Colour.NONE
 
 
 class Console:
@@ -116,7 +141,9 @@ class Console:
         size = os.get_terminal_size(STANDARD_OUTPUT)
         # A terminal without a size, such as a serial line, reports 0.
         width, height = size.columns or WIDTH, size.lines or HEIGHT
-        shown = status_lines(self._rows(width), width, height - 1, self._coloured)
+        title, remark = self._title()
+        shown = status_lines([title, f'  {remark}'] if remark else [title], self._rows(), width,
+                             height - 1, self._coloured)
         above = f'\r{ERASE}' + ''.join(line + '\r\n' for line in lines)
         if closing:
             return above + ''.join(line + '\r\n' for line in shown)
@@ -132,68 +159,38 @@ class Console:
 
     def _line(self) -> str:
         """Return all in one line, for a log."""
-        dexterities = self._diagnostics.dexterities
-        if dexterities is None:
-            singularity = f'dexterity unknown: {self._diagnostics.state}'
-        else:
-            singularity = (
-                f'dexterity {dexterities.three:.4f} (3 sensors) {dexterities.every:.4f} '
-                f'({self._diagnostics.sensors} sensors) '
-                f'{LEVEL_WORDS[self._diagnostics.levels.level]} {self._diagnostics.state}')
-        state, force = self._fkm.state, self._fkm.force_state
-        is_degraded = state.publishes and state != HEALTHY
-        return ', '.join((
-            f'source {self._driver.source_name}', self._orientation(),
-            *([f'protection level {self._level()}'] if self._is_oriented() else []),
-            *([state.text] if is_degraded else []), *self._cautions(),
-            *([] if force is None else [f'force {force.text}']),
-            singularity, 'joints {:.0f} Hz orientation {:.0f} Hz'.format(*self._rates()),
-            f'latency {self._latency(" ")}')) + '\n'
+        rows = ', '.join(f'{row.name} {row.text}' for row in self._rows() if row.name)
+        return f'source {self._driver.source_name}, {rows}\n'
 
-    def _rows(self, width: int) -> list[str | Row]:
-        """Return the title, and the rows below it."""
-        # The title breaks where it has a remark: both fit into 80 columns.
-        title, remark = self._title()
-        rows: list[str | Row] = [fitted(title, width)]
-        if remark:
-            rows.append(fitted(f'  {remark}', width))
-        state = self._fkm.state
-        rows.append(Row('state', state.text, STATE_COLOURS[state.condition]))
-        rows += [Row('caution', text, Colour.AMBER) for text in self._cautions()]
-        force = self._fkm.force_state
+    def _rows(self) -> list[Row]:
+        """Return the rows below the title."""
+        driver, fkm, diagnostics = self._driver, self._fkm, self._diagnostics
+        rows = [Row('state', fkm.state.text, STATE_COLOURS[fkm.state.condition]),
+                *(Row('caution', text, Colour.AMBER) for text in self._cautions())]
+        force = fkm.force_state
         if force is not None:
             rows.append(Row('force', force.text, FORCE_COLOURS.get(force.condition, Colour.NONE)))
-        if self._is_oriented():
-            wide = width >= WIDE
-            parity = self._fkm.latency_status.parity or 0.0
-            rows += [Row('orientation' if wide else '',
-                         self._orientation(ANGLES if wide else SHORT_ANGLES)),
-                     Row('protection level', self._level()),
-                     Row('parity', f'{parity:+.1f} sigma')]
-        diagnostics = self._diagnostics
+        if fkm.quaternion is not None and fkm.state.publishes:
+            rows += [Row('orientation', ANGLES.format(*map(degrees, zxz_angles(*fkm.quaternion)))),
+                     Row('protection level', f'{degrees(fkm.protection_level or 0.0):.2f} deg'),
+                     Row('parity', f'{fkm.latency_status.parity or 0.0:+.1f} sigma')]
         dexterities = diagnostics.dexterities
         if dexterities is None:
             rows.append(Row('singularity', f'unknown: {diagnostics.state}'))
         else:
-            rows += [Row('singularity', diagnostics.state, LEVEL_COLOURS[diagnostics.levels.level],
-                         dexterities.three / FULL_DEXTERITY),
+            full = round(min(dexterities.three / FULL_DEXTERITY, 1.0) * BAR)
+            rows += [Row('singularity', diagnostics.state,
+                         LEVEL_COLOURS[diagnostics.levels.level]),
+                     Row('', f'at [{"#" * full}{"-" * (BAR - full)}] far'),
                      Row('dexterity', f'{dexterities.three:.4f} (3 sensors), '
                          f'{dexterities.every:.4f} ({diagnostics.sensors} sensors)')]
-        rates = 'joints {:.0f} Hz, orientation {:.0f} Hz'.format(*self._rates())
-        return [*rows, Row('rates', rates), Row('latency', self._latency(', '))]
-
-    def _is_oriented(self) -> bool:
-        return self._fkm.quaternion is not None and self._fkm.state.publishes
-
-    def _orientation(self, form: str = ANGLES) -> str:
-        """Return the orientation, or why there is none."""
-        quaternion, state = self._fkm.quaternion, self._fkm.state
-        if quaternion is None or not state.publishes:
-            return f'no orientation: {state.text}'
-        return form.format(*map(degrees, zxz_angles(*quaternion)))
-
-    def _level(self) -> str:
-        return f'{degrees(self._fkm.protection_level or 0.0):.2f} deg'
+        latency = fkm.latency_status
+        percentiles = latency.latency.percentiles(0.5, 0.99)
+        return [*rows,
+                Row('rates', f'joints {driver.published.rate():.0f} Hz, '
+                    f'orientation {latency.published.rate():.0f} Hz'),
+                Row('latency', 'unknown' if percentiles is None else
+                    'p50 {:.0f} us, p99 {:.0f} us'.format(*percentiles))]
 
     def _cautions(self) -> list[str]:
         """Return the cautions of fkm and driver."""
@@ -205,13 +202,21 @@ class Console:
             cautions.append(f'encoders: {encoders}')
         return cautions
 
-    def _rates(self) -> tuple[float, float]:
-        return self._driver.published.rate(), self._fkm.latency_status.published.rate()
 
-    def _latency(self, separator: str) -> str:
-        percentiles = self._fkm.latency_status.latency.percentiles(0.5, 0.99)
-        return 'unknown' if percentiles is None else \
-            separator.join(('p50 {:.0f} us', 'p99 {:.0f} us')).format(*percentiles)
+def status_lines(title: Iterable[str], rows: Iterable[Row], width: int, height: int,
+                 coloured: bool) -> list[str]:
+    """Return the lines of a status that a terminal shows: the title, and a column of values."""
+    lines = [text[:width] for text in title]
+    for name, text, colour in rows:
+        # A control character of a name would move the cursor.
+        printable = ''.join(each if each.isprintable() else '?' for each in text)
+        for part in wrap(printable, max(width - NAMES, LEAST), break_on_hyphens=False) or ['']:
+            value = part[:max(0, width - NAMES)]
+            if value and coloured and colour is not Colour.NONE:
+                value = f'{colour.value}{value}{PLAIN}'
+            lines.append(f'  {name}'.ljust(NAMES)[:width] + value)
+            name = ''
+    return lines[:height]
 
 
 def _is_same_terminal(one: int, other: int) -> bool:

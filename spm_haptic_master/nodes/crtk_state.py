@@ -37,16 +37,6 @@ ABSENT = ('crtk_msgs is not installed: no operating_state, no state_command; the
 ENDED = silent('fkm has ended')
 
 
-def crtk_messages() -> tuple[Any, Any] | None:
-    """Return OperatingState and StringStamped of crtk_msgs; None where it is not installed."""
-    try:
-        from crtk_msgs.msg import OperatingState as OperatingStateMessage
-        from crtk_msgs.msg import StringStamped
-    except ImportError:
-        return None
-    return OperatingStateMessage, StringStamped
-
-
 class CrtkState:
     """Publishes the operating state and takes its commands, by crtk_msgs and standard types."""
 
@@ -60,13 +50,15 @@ class CrtkState:
         self._published: tuple[str, int, bool] | None = None
         self._message: Any = None
         self._absence_logged = False
-        messages = crtk_messages()
-        if messages is not None:
-            message_type, command_type = messages
-            self._message = message_type(is_busy=False)
+        try:
+            from crtk_msgs import msg
+        except ImportError:
+            msg = None  # it may not be installed
+        if msg is not None:
+            self._message = msg.OperatingState(is_busy=False)
             self._message.header.frame_id = frame_id
-            self._out = node.create_publisher(message_type, 'operating_state', EVENTS)
-            node.create_subscription(command_type, 'state_command', self._on_command, EVENTS)
+            self._out = node.create_publisher(msg.OperatingState, 'operating_state', EVENTS)
+            node.create_subscription(msg.StringStamped, 'state_command', self._on_command, EVENTS)
             node.create_timer(REPEAT_PERIOD, self._publish_message, clock=STEADY)
         for text in ('enable', 'disable'):
             node.create_service(Trigger, text, self._service(text))
@@ -79,8 +71,7 @@ class CrtkState:
 
     def take(self, orientation: OrientationState) -> None:
         """Take the state of the orientation."""
-        events = self._state.take(orientation)
-        self._publish(events)
+        self._publish(self._state.take(orientation))
 
     def command(self, text: str) -> tuple[bool, str]:
         """Execute a command; return whether it has an effect, and the state or why it has none."""

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import degrees
 import time
 
@@ -181,14 +182,14 @@ class Diagnostics(ParameterNode):
             self._last_received = now
         obstacle = self._rivals.found() or self._unknown_state
         if obstacle:
-            self._report_error(obstacle, {})
+            self._report(ERROR, obstacle)
             return
         if latest is None:
             self._report_missing(now)
             return
         quaternion = self._unmounted(latest[1])
         if quaternion is None:
-            self._report_error(NO_QUATERNION, {'quaternion': latest[1]})
+            self._report(ERROR, NO_QUATERNION, {'quaternion': latest[1]})
             return
         try:
             dexterities = nearness(
@@ -196,7 +197,7 @@ class Diagnostics(ParameterNode):
             in_use = dexterities.every if not self._left_out else dexterity_without(
                 quaternion, self._geometry, self._working_mode, self.sensors, self._left_out)
         except SpmError as error:
-            self._report_error(OUTSIDE, {'error': str(error)})
+            self._report(ERROR, OUTSIDE, {'error': str(error)})
             return
         self.dexterities = dexterities
         self._message.data = dexterities
@@ -251,23 +252,18 @@ class Diagnostics(ParameterNode):
             figures['by a turn about, in the base frame'] = ' '.join(f'{c:.3f}' for c in way.axis)
         return figures
 
-    def _report_error(self, text: str, values: dict[str, object]) -> None:
-        """Publish on /diagnostics why no dexterity follows from the orientation."""
-        self.dexterities = None
-        if self._status.is_due(ERROR, text):
-            self._status.publish(ERROR, text, values)
-
     def _report_missing(self, now: float) -> None:
         """Publish on /diagnostics that no orientation comes, after the time-out."""
         if self._last_received is None:
-            level, text = WARN, 'starting: no orientation yet'
+            self._report(WARN, 'starting: no orientation yet')
         elif now - self._last_received > self._values['orientation_timeout']:
-            level, text = ERROR, 'no orientation'
-            self.dexterities = None
-        else:
-            return  # a pause shorter than the time-out changes nothing
+            self._report(ERROR, 'no orientation')
+
+    def _report(self, level: bytes, text: str, values: Mapping[str, object] | None = None) -> None:
+        """Publish on /diagnostics why there is no dexterity."""
+        self.dexterities = None
         if self._status.is_due(level, text):
-            self._status.publish(level, text, {})
+            self._status.publish(level, text, values or {})
 
 
 def main(args: list[str] | None = None) -> int:

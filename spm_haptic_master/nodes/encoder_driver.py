@@ -15,7 +15,6 @@ from sensor_msgs.msg import JointState
 from spm_haptic_master.encoders.decoder_factory import unverified_joints
 from spm_haptic_master.exceptions import SourceEnded, SpmError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
-from spm_haptic_master.nodes.sample_origin import host
 from spm_haptic_master.nodes.simulation_control import SimulationControl
 from spm_haptic_master.parameters.files import source_defaults
 from spm_haptic_master.parameters.geometry import mechanism_checksum
@@ -169,11 +168,8 @@ class EncoderDriver(ParameterNode):
         busy = self.overload.words
         # Read once: another thread changes them.
         fault, caution = self._source.fault, self._source.caution
-        explained = fault or caution or ''
-        if self.overload.explains(explained):
+        if self.overload.explains(fault or caution or ''):
             fault, caution = fault and busy, caution and busy
-        else:
-            explained = ''
         level, text = self._evaluate(fault, caution, now)
         logged = level, f'{text} [{self.source_text}]'
         if busy and busy not in text:
@@ -184,9 +180,7 @@ class EncoderDriver(ParameterNode):
         if self._status.is_due(level, message):
             self._status.publish(level, message, logged=logged, values={
                 'source': self.source_text, 'set rate (Hz)': self.published.rate(),
-                entry.BUSY_KEY: busy or entry.NOT_BUSY,
-                'explained by that': explained or 'nothing',
-                entry.HOST_KEY: host(), entry.CHECKSUM_KEY: self._mechanism,
+                entry.CHECKSUM_KEY: self._mechanism,
                 **({} if self._calibration is None else
                    {entry.CALIBRATION_KEY: self._calibration or entry.UNNAMED}),
                 entry.MISSING_KEY: ', '.join(

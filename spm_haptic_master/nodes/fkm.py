@@ -9,7 +9,6 @@ from collections.abc import Callable
 from math import inf, radians
 import threading
 import time
-from typing import Any
 
 from geometry_msgs.msg import QuaternionStamped
 from sensor_msgs.msg import JointState
@@ -73,12 +72,11 @@ class Fkm(ParameterNode):
         mechanism = mechanism_checksum(values)
         self._origin = SampleOrigin(self, mechanism, values[CALIBRATION_SETTING.name])
         self._overload = Overload(CHECK_PERIOD)
-        # Returns the words of a driver of this machine that loses time; empty if none does.
+        # Returns the words of a driver in this process that loses time; empty if none does.
         self.driver_overload: Callable[[], str] = str
         self._read_joints = JointsFormat(values['sensors']).read
         self._max_age = round(values['max_age'] * SECOND)
         self._sample_timeout = values['sample_timeout']
-        self._clock: Any = self.get_clock()
         self._now = self.clock_reader()
         # Called with stamp (ns), quaternion and protection level (rad) of each `orientation`, once
         # that is published and before any other output.
@@ -136,7 +134,6 @@ class Fkm(ParameterNode):
     def subscribe(self) -> None:
         """Take samples from the topic `measured_js`."""
         self._origin.watch()
-        self.driver_overload = self._origin.overload
         self.create_subscription(
             JointState, 'measured_js', self._on_joints, SAMPLES, raw=True)
 
@@ -176,8 +173,7 @@ class Fkm(ParameterNode):
                 return
             age = self._now() - stamp
             if not -self._max_age <= age <= self._max_age:
-                self.status.reject(self._origin.rejection(
-                    age, self._max_age, self._clock.ros_time_is_active))
+                self.status.reject(self._origin.rejection(age, self._max_age))
                 return
             verdict = self._supervisor.take(stamp, angles)
             if not self._changes or verdict.announced is not self._changes[-1]:

@@ -106,7 +106,10 @@ class OrientationOutputs:
         # The messages of a sample share one header and one quaternion.
         header = self._header = Header(frame_id=frame_id)
         self._orientation = Quaternion()
-        self._level = Float64MultiArray(layout=_level_layout(names))
+        labels = (f'{LEVEL}_deg', *(f'unchecked_{name}_s' for name in names),
+                  *(f'bound_{name}_deg' for name in names))
+        self._level = Float64MultiArray(layout=MultiArrayLayout(dim=[MultiArrayDimension(
+            label=', '.join(labels), size=len(labels), stride=len(labels))]))
         self._covariance = PoseWithCovarianceStamped(header=header)
         self._covariance.pose.pose.orientation = self._orientation
         pose = PoseStamped(header=header)
@@ -166,17 +169,12 @@ class OrientationOutputs:
         time_of_sample.sec, time_of_sample.nanosec = divmod(stamp, SECOND)
         orientation.x, orientation.y, orientation.z, orientation.w = estimate.quaternion
         if COVARIANCE in wanted:
-            self._publish_covariance(estimate.covariance)
+            # Of the 6 x 6 matrix (x, y, z, rotations about fixed x, y, z) the lower right block.
+            field, block = self._covariance.pose.covariance, estimate.covariance
+            field[21:24], field[27:30], field[33:36] = block[0:3], block[3:6], block[6:9]
+            self._outs[COVARIANCE].publish(self._covariance)
         if is_crtk_due:
             self._publish_crtk(angles, wanted)
-
-    def _publish_covariance(self, covariance: tuple[float, ...]) -> None:
-        # Of the 6 x 6 matrix (x, y, z, rotations about the fixed x, y, z) the lower right block.
-        field = self._covariance.pose.covariance
-        field[21:24] = covariance[0:3]
-        field[27:30] = covariance[3:6]
-        field[33:36] = covariance[6:9]
-        self._outs[COVARIANCE].publish(self._covariance)
 
     def _publish_crtk(self, angles: Sequence[float], wanted: frozenset[str]) -> None:
         for topic, message in self._crtk.items():
@@ -200,11 +198,3 @@ class OrientationOutputs:
             return
         part = 0.5 * (max(-1.0, min(1.0, joy.axes[self._axis])) + 1.0)
         self._gripper.position = [self._closed + part * (self._open - self._closed)]
-
-
-def _level_layout(names: Sequence[str]) -> MultiArrayLayout:
-    """Return the labels of `protection_level`."""
-    labels = (f'{LEVEL}_deg', *(f'unchecked_{name}_s' for name in names),
-              *(f'bound_{name}_deg' for name in names))
-    return MultiArrayLayout(dim=[MultiArrayDimension(
-        label=', '.join(labels), size=len(labels), stride=len(labels))])

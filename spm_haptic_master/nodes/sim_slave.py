@@ -9,7 +9,6 @@ from math import degrees, exp, radians
 import time
 
 from geometry_msgs.msg import PoseStamped
-from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.kinematics.rotations import (
     conjugate,
     multiply_quaternions,
@@ -61,8 +60,14 @@ class SimSlave(ParameterNode):
 
     def _advance(self) -> None:
         now = time.monotonic()
-        self._rotation = follow(self._rotation, self._commanded,
-                                min(now - self._advanced, LONGEST_STEP) / self._time_constant)
+        x, y, z = vector_from_quaternion(
+            *multiply_quaternions(self._commanded, conjugate(self._rotation)))
+        # A lag of first order.
+        part = 1.0 - exp(-min(now - self._advanced, LONGEST_STEP) / self._time_constant)
+        moved = multiply_quaternions(
+            quaternion_from_vector(part * x, part * y, part * z), self._rotation)
+        # A product of unit quaternions: only rounding is taken off.
+        self._rotation = unit_quaternion(moved) or self._rotation
         self._advanced = now
         q = self._pose.pose.orientation
         q.x, q.y, q.z, q.w = self._rotation
@@ -73,16 +78,6 @@ class SimSlave(ParameterNode):
                 'commands': self._commands,
                 'tracking error (deg)': degrees(
                     rotation_distance(self._rotation, self._commanded))})
-
-
-def follow(rotation: Quaternion[float], commanded: Quaternion[float],
-           dt: float) -> Quaternion[float]:
-    """Return where a lag of first order has come after `dt` time constants; unit quaternions."""
-    x, y, z = vector_from_quaternion(*multiply_quaternions(commanded, conjugate(rotation)))
-    part = 1.0 - exp(-dt)
-    moved = multiply_quaternions(quaternion_from_vector(part * x, part * y, part * z), rotation)
-    # A product of unit quaternions: only rounding is taken off.
-    return unit_quaternion(moved) or rotation
 
 
 def main(args: list[str] | None = None) -> int:

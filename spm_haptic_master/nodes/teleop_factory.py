@@ -26,21 +26,12 @@ def registration_from(values: Values) -> Quaternion[float]:
 
 
 def make_teleoperation(values: Values) -> Teleoperation:
-    """
-    Return the machine that checked settings describe.
-
-    Raises
-    ------
-    SettingError
-        Two settings contradict each other.
-
-    """
+    """Return the machine that checked settings describe; SettingError if two contradict."""
     speed = values['teleop.speed_limit']
     if values['teleop.align_speed'] > speed:
         raise SettingError('teleop.align_speed', values['teleop.align_speed'],
                            f'at most teleop.speed_limit ({speed:g})')
-    rate = values['teleop.command_rate']
-    sample_rate = values['rate']
+    rate, sample_rate = values['teleop.command_rate'], values['rate']
     tolerance = values['teleop.alignment_tolerance_deg']
     level, tracking = values['teleop.protection_limit_deg'], values['teleop.tracking_limit_deg']
     conditions = Conditions(

@@ -31,12 +31,6 @@ MECHANISM = 'spherical parallel manipulator'
 ENCODERS = 'encoders'
 CHECKSUM_KEY = 'mechanism'
 CALIBRATION_KEY = 'calibration'
-# Keys of the driver's entry: boot id of its kernel, which is the same where the clock is the same,
-# and whether its machine is too busy.
-HOST_KEY = 'host'
-BUSY_KEY = 'too busy'
-# Value of the latter while it is not.
-NOT_BUSY = 'no'
 # Value of the latter where the calibration has no name.
 UNNAMED = 'not named'
 # Key of the joints without a reading in the driver's latest set, in its entry.

@@ -1,46 +1,31 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""
-The CRTK face of the device.
+"""The CRTK face of the device, with classes of the fields of crtk_msgs, and without."""
 
-Its tests run with the messages of crtk_msgs where that is installed, and with classes of their
-fields everywhere; those of a client with messages that test/crtk_package.py builds.
-"""
-
-from dataclasses import dataclass, field, fields
-import os
+from dataclasses import dataclass, field
 import sys
 import types
 
-import crtk_package
 from fkm_rig import CLEAR, fkm_rig
-from harness import SIM, stamp
+from harness import stamp
 from in_process import hosted
 import pytest
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
-from spm_haptic_master.nodes.crtk_state import ABSENT, crtk_messages, CrtkState
-from spm_haptic_master.ros.qos import STATE
+from spm_haptic_master.nodes.crtk_state import ABSENT, CrtkState
 from spm_haptic_master.supervision.orientation_state import received_state
-from std_msgs.msg import Header, String
-from std_srvs.srv import Trigger
-
-# Time that a busy machine may need (s); a pause of it is no silence.
-PATIENCE = 60.0
-PATIENT = {**SIM, 'sample_timeout': 2.0, 'max_age': 2.0, 'rate': 200}
-LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+from std_msgs.msg import Header
 
 
-@dataclass
+@dataclass(slots=True)
 class OperatingState:
     header: Header = field(default_factory=Header)
     state: str = ''
     is_homed: bool = False
-    is_busy: bool = False
+    is_busy: bool = True
 
 
-@dataclass
+@dataclass(slots=True)
 class StringStamped:
     header: Header = field(default_factory=Header)
     string: str = ''
@@ -54,43 +39,30 @@ def make(_):
 
 
 @pytest.fixture
-def device(messages):
+def device(monkeypatch):
+    monkeypatch.setitem(sys.modules, 'crtk_msgs', types.ModuleType('crtk_msgs'))
+    monkeypatch.setitem(sys.modules, 'crtk_msgs.msg', types.SimpleNamespace(
+        OperatingState=OperatingState, StringStamped=StringStamped))
     with hosted(make) as host:
         yield host
+
+
+@pytest.fixture
+def without_messages(monkeypatch):
+    """Hide crtk_msgs."""
+    for name in ('crtk_msgs', 'crtk_msgs.msg'):
+        monkeypatch.setitem(sys.modules, name, None)
 
 
 def texts(device, topic):
     return [message.data for message in device.sent[topic]]
 
 
-@pytest.fixture(params=['classes of the same fields', 'crtk_msgs'])
-def messages(request, monkeypatch):
-    """Give OperatingState and StringStamped: the real ones, or classes in their place."""
-    if request.param == crtk_package.PACKAGE:
-        msg = pytest.importorskip('crtk_msgs.msg')
-        return msg.OperatingState, msg.StringStamped
-    package, module = types.ModuleType('crtk_msgs'), types.ModuleType('crtk_msgs.msg')
-    module.OperatingState, module.StringStamped = OperatingState, StringStamped
-    monkeypatch.setitem(sys.modules, 'crtk_msgs', package)
-    monkeypatch.setitem(sys.modules, 'crtk_msgs.msg', module)
-    return OperatingState, StringStamped
-
-
-def test_the_messages_have_the_fields_that_are_tested_here(messages):
-    for message, stand_in in zip(messages, (OperatingState, StringStamped), strict=True):
-        expected = crtk_package.MESSAGES[stand_in.__name__]
-        assert [each.name for each in fields(stand_in)] == [name for _, name in expected]
-        if message is not stand_in:
-            found = message.get_fields_and_field_types()
-            assert [(kind, name) for name, kind in found.items()] == list(expected)
-
-
 def states(device):
     return [(each.state, each.is_homed) for each in device.sent['operating_state']]
 
 
-def test_states_and_commands_by_crtk_msgs(device, messages):
-    _, command_type = messages
+def test_states_and_commands_by_crtk_msgs(device):
     command, state = device.callbacks['state_command'], device.node.state
     assert states(device) == [('DISABLED', False)]
     assert texts(device, 'operating_state_text') == ['DISABLED']
@@ -98,13 +70,13 @@ def test_states_and_commands_by_crtk_msgs(device, messages):
     for words in 'healthy', 'silent: no joint samples', 'healthy':
         state.take(received_state(words))
         device.run(0.01)
-        command(command_type(string='enable'))
+        command(StringStamped(string='enable'))
         device.run(0.01)
     assert states(device) == [
         ('DISABLED', False), ('ENABLED', True), ('FAULT', False), ('DISABLED', False),
         ('ENABLED', True)]
     published = device.sent['operating_state']
-    assert {each.header.frame_id for each in published} == {'spm_base'}
+    assert {(each.header.frame_id, each.is_busy) for each in published} == {('spm_base', False)}
     # A client ignores a state that is not newer than the last.
     stamps = [stamp(each) for each in published]
     assert stamps == sorted(set(stamps))
@@ -139,13 +111,10 @@ def test_its_end_is_a_fault(device):
     assert texts(device, 'error') == ['silent: fkm has ended']
 
 
-def test_without_crtk_msgs_one_line_says_so(monkeypatch):
-    for name in ('crtk_msgs', 'crtk_msgs.msg'):
-        monkeypatch.setitem(sys.modules, name, None)
+def test_without_crtk_msgs_one_line_says_so(without_messages, monkeypatch):
     logged = []
     monkeypatch.setattr(
         'spm_haptic_master.ros.node_log.info', lambda _, text: logged.append(text))
-    assert crtk_messages() is None
     with hosted(make) as device:
         device.node.state.take(received_state('healthy'))
         assert logged == []
@@ -155,9 +124,7 @@ def test_without_crtk_msgs_one_line_says_so(monkeypatch):
         assert 'operating_state' not in device.sent and not device.callbacks
 
 
-def test_silence_is_a_fault_until_enable_without_crtk_msgs(monkeypatch):
-    for name in ('crtk_msgs', 'crtk_msgs.msg'):
-        monkeypatch.setitem(sys.modules, name, None)
+def test_silence_is_a_fault_until_enable_without_crtk_msgs(without_messages):
     with fkm_rig('recovery:=0.2') as rig:
         def called(name):
             answer = rig.host.call(name)
@@ -179,69 +146,3 @@ def test_silence_is_a_fault_until_enable_without_crtk_msgs(monkeypatch):
         assert state() == ('DISABLED', 0)
         assert called('enable') == (True, 'ENABLED') and state()[1] > first
         assert called('disable') == (True, 'DISABLED')
-
-
-@pytest.mark.process
-def test_a_controller_hears_of_an_orderly_end(start, observer):
-    texts = observer.collect(String, 'operating_state_text', STATE)
-    states = observer.collect(String, 'state', STATE)
-    master = start('master', parameters=PATIENT)
-    assert observer.spin_until(lambda: states and states[-1][1].data == 'healthy', PATIENCE)
-    enable = observer.node.create_client(Trigger, 'enable')
-    assert enable.wait_for_service(PATIENCE)
-    enable.call_async(Trigger.Request())
-    assert observer.spin_until(lambda: texts and texts[-1][1].data == 'ENABLED', PATIENCE)
-    assert master.stop() == 0
-    assert observer.spin_until(lambda: texts[-1][1].data == 'FAULT', 5.0)
-
-
-@pytest.fixture
-def crtk_path(tmp_path):
-    """Give the folder for PYTHONPATH from which crtk_msgs comes, and have it here, too."""
-    if crtk_package.is_installed():
-        yield ''
-        return
-    if not crtk_package.can_be_built():
-        pytest.skip('neither crtk_msgs nor what builds messages of its fields is installed')
-    folder = str(crtk_package.build(tmp_path))
-    sys.path.insert(0, folder)
-    yield folder
-    sys.path.remove(folder)
-    for name in [name for name in sys.modules if name.split('.')[0] == crtk_package.PACKAGE]:
-        del sys.modules[name]
-
-
-@pytest.mark.process
-def test_a_client_lets_go_by_is_homed_alone_and_comes_back(crtk_path, observer, start):
-    """By topics, waits and conditions of crtk_python_client and dvrk_teleoperation."""
-    from crtk_msgs.msg import OperatingState, StringStamped
-
-    found = [OperatingState()]
-    observer.node.create_subscription(
-        OperatingState, 'operating_state',
-        lambda message: found.append(message) if stamp(message) > stamp(found[-1]) else None, 10)
-    out = observer.node.create_publisher(StringStamped, 'state_command', LATCHED)
-
-    def send(command, condition):
-        out.publish(StringStamped(string=command))
-        return observer.spin_until(lambda: condition(found[-1]), PATIENCE)
-
-    def is_homed(state):
-        return state.is_homed
-
-    states = observer.collect(String, 'state', STATE)
-    start('master', parameters=PATIENT,
-          PYTHONPATH=os.pathsep.join(filter(None, [crtk_path, os.environ.get('PYTHONPATH')])))
-    assert observer.spin_until(lambda: found[-1].state == 'DISABLED', PATIENCE)
-    assert observer.spin_until(lambda: states and states[-1][1].data == 'healthy', PATIENCE)
-    # Home before enable is no hindrance.
-    send('home', lambda _: True)
-    observer.spin(0.5)
-    assert not found[-1].is_homed
-    for command in ('disable', 'pause', 'unhome'):
-        assert send('enable', lambda state: state.state == 'ENABLED'), command
-        assert send('home', is_homed), command
-        # All that dvrk_teleoperation.py 2.4.0 looks at before each of its commands.
-        assert send(command, lambda state: not state.is_homed), command
-        observer.spin(0.5)
-        assert not found[-1].is_homed, command

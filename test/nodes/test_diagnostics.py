@@ -4,36 +4,29 @@
 """Levels by hysteresis, and dexterity from the latest orientation only."""
 
 from built_mechanism import random_built
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import QuaternionStamped
-from harness import SIM, stamp, status
+from harness import stamp
 from in_process import hosted
 import numpy as np
 import pytest
 from rclpy.parameter import Parameter
-from sensor_msgs.msg import JointState
 from spm_haptic_master.kinematics import (
     Geometry,
     matrix_from_quaternion,
     matrix_from_zxz,
     quaternion_from_matrix,
 )
-from spm_haptic_master.kinematics.jacobians import dexterity_without, nearness
+from spm_haptic_master.kinematics.jacobians import nearness
 from spm_haptic_master.kinematics.joints import MECHANISM_JOINT_NAMES
 from spm_haptic_master.nodes.diagnostics import Diagnostics, Levels
 from spm_haptic_master.parameters.geometry import mechanism_checksum, mounting_from
 from spm_haptic_master.parameters.nodes import DIAGNOSTICS_SETTINGS
 from spm_haptic_master.parameters.setting import complete
-from spm_haptic_master.ros.duplicate_publishers import CURE
-from spm_haptic_master.ros.qos import STATE
 from spm_haptic_master.simulation import trajectories
-from std_msgs.msg import Float64MultiArray, String
+from std_msgs.msg import String
 
-# Time that a busy machine may need for a program (s).
-PATIENCE = 60.0
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
-
-
 THRESHOLDS = {'dexterity_warn': 0.06, 'dexterity_error': 0.03, 'dexterity_hysteresis': 0.1}
 
 
@@ -66,16 +59,6 @@ def test_two_minutes_of_a_healthy_device_are_ok(trajectory):
         crossings.add(along.take(found.three, found.every))
         assert along.level == OK, seconds
     assert len(crossings) == 3
-
-
-def test_a_dexterity_without_sensors_is_that_of_the_rows_left():
-    quaternion = tuple(quaternion_from_matrix(
-        matrix_from_zxz(*np.radians([130.0, 50.0, 30.0]))).tolist())
-    arguments = quaternion, Geometry(), (1, 1, 1), 6
-    found = nearness(*arguments)
-    assert dexterity_without(*arguments, (3, 4, 5)) == pytest.approx(found.three)
-    assert dexterity_without(*arguments, ()) == pytest.approx(found.every)
-    assert 0.0 < dexterity_without(*arguments, (0, 4, 5)) < found.every
 
 
 def orientation(quaternion, when):
@@ -127,6 +110,10 @@ def test_the_level_is_that_of_the_sensors_in_use(device):
             ('healthy', 49.36, OK, 'at a parallel singularity')):
         device.give('state', String(data=text))
         assert device.show(turned(phi)) == (level, words)
+        figures = device.figures('singularity')
+        with_all = figures['dexterity of 4 sensors' if 'joint_3a' not in text
+                           else 'dexterity of 3 sensors']
+        assert figures['dexterity of the sensors in use'] == with_all
     # Words of another program: nobody knows which sensors are in use.
     device.give('state', String(data='degraded joint_3a'))
     device.sent['dexterity'].clear()
@@ -150,7 +137,7 @@ def test_neither_an_old_orientation_nor_one_that_is_none_is_shown(device):
             ((0.0, 0.0, 0.0, 2.0), 'is not a unit quaternion'),
             ((0.0, 0.0, 0.0, float('nan')), 'is not a unit quaternion')):
         level, text = device.show(quaternion)
-        assert level == ERROR and words in text
+        assert level == ERROR and words in text and device.node.dexterities is None
     assert len(device.sent['dexterity']) == len(device.sent['joint_states']) == 1
     device.show(turned(20.0))
     assert len(device.sent['dexterity']) == len(device.sent['joint_states']) == 2
@@ -201,34 +188,13 @@ def test_all_nine_joints_are_those_of_the_orientation():
         assert len(host.sent['joint_states']) == shown
 
 
-@pytest.mark.process
-def test_two_publishers_are_named_by_each_node_and_nothing_goes_out(start, observer):
-    health = observer.collect(DiagnosticArray, '/diagnostics')
-    arrived = {topic: observer.collect(kind, topic) for topic, kind in (
-        ('dexterity', Float64MultiArray), ('orientation', QuaternionStamped))}
-    states = observer.collect(String, 'state', STATE)
-    start('master', parameters={**SIM, 'sim.trajectory': 'fixed',
-                                'sim.pose_deg': [135.0, 54.7356, 20.0]})
-    start('diagnostics', '--ros-args', '-r', '__node:=apart')
-    both = ('diagnostics: singularity', 'apart: singularity')
-
-    def report(level, words, *names):
-        return observer.spin_until(lambda: all(
-            (entry := status(health, name)) is not None and entry.level == level
-            and words in entry.message for name in names), PATIENCE)
-
-    for topic, kind, owner, more in (
-            ('orientation', QuaternionStamped, 'fkm', []),
-            ('measured_js', JointState, 'encoder_driver', ['encoder_driver: encoders'])):
-        assert report(OK, '', *both, *more)
-        rival = observer.node.create_publisher(kind, topic, 10)
-        words = f'2 publishers on /{topic}: /{owner}, /observer; {CURE}'
-        assert report(ERROR, words, *both, *more, 'fkm: orientation')
-        assert observer.spin_until(
-            lambda words=words: states[-1][1].data == f'silent: {words}', PATIENCE)
-        for messages in arrived.values():
-            messages.clear()
-        observer.spin(0.5)
-        assert arrived == {'dexterity': [], 'orientation': []}
-        observer.node.destroy_publisher(rival)
-        assert observer.spin_until(lambda: all(arrived.values()), PATIENCE)
+@pytest.mark.parametrize('topic', ['orientation', 'measured_js'])
+def test_two_publishers_are_named_and_nothing_goes_out(device, topic):
+    device.publishers[f'/{topic}'] = 'one', 'other'
+    device.run(0.3)
+    assert device.show(turned(20.0)) == (ERROR, f'2 publishers on /{topic}: /one, /other')
+    assert not device.sent['dexterity'] and not device.sent['joint_states']
+    device.publishers.clear()
+    device.run(0.3)
+    assert device.show(turned(20.0)) == (OK, 'clear of singularities')
+    assert device.sent['dexterity'] and device.sent['joint_states']

@@ -236,68 +236,45 @@ COUNT, PERIOD, BEGIN, END = 1000, 2_000_000, 300, 500
 SETTINGS = {'recovery': 0.3, 'rate': 500.0}
 
 
-def healthy(angles, times):
-    pass
+def added(part, degrees):
+    """Add degrees to a part of the angles."""
+    part += np.radians(degrees)
 
 
-def spikes(angles, times):
-    angles[BEGIN:END:12, 1] += np.radians(5.0)
+def moved(times, nanoseconds):
+    times[BEGIN:] += nanoseconds
 
 
-def fault(angles, times):
-    angles[BEGIN:END, 1] += np.radians(5.0)
-
-
-def fault_that_stays(angles, times):
-    angles[BEGIN:, 0] += np.radians(5.0)
-
-
-def two_that_cancel(angles, times):
-    angles[BEGIN:, :2] += np.radians(2.0) * np.array([1.0, -0.935])
-
-
-def noise(angles, times):
-    angles[BEGIN:, 2] += np.radians(2.0) * np.random.default_rng(5).normal(size=COUNT - BEGIN)
-
-
-def missing_and_return(angles, times):
-    angles[BEGIN:END, -1] = np.nan
-
-
-def missing_at_the_start(angles, times):
-    angles[:END, 0] = np.nan
-
-
-def wrong_at_the_start(angles, times):
-    angles[1:20, 3] += np.radians(20.0)
-
-
-def lost_samples(angles, times):
-    angles[BEGIN:BEGIN + 50] = np.nan
-
-
-def gap(angles, times):
-    times[BEGIN:] += 600_000_000
-
-
-def clock_set_back(angles, times):
-    times[BEGIN:] -= 2_000_000_000
+# What changes angles and times of healthy sensors.
+EVENTS = {
+    'healthy': lambda angles, times: None,
+    'spikes': lambda angles, times: added(angles[BEGIN:END:12, 1], 5.0),
+    'fault': lambda angles, times: added(angles[BEGIN:END, 1], 5.0),
+    'fault that stays': lambda angles, times: added(angles[BEGIN:, 0], 5.0),
+    'two that cancel': lambda angles, times: added(angles[BEGIN:, :2], [2.0, -1.87]),
+    'noise': lambda angles, times: added(
+        angles[BEGIN:, 2], 2.0 * np.random.default_rng(5).normal(size=COUNT - BEGIN)),
+    'wrong at the start': lambda angles, times: added(angles[1:20, 3], 20.0),
+    'missing and return': lambda angles, times: added(angles[BEGIN:END, -1], np.nan),
+    'missing at the start': lambda angles, times: added(angles[:END, 0], np.nan),
+    'lost samples': lambda angles, times: added(angles[BEGIN:BEGIN + 50], np.nan),
+    'gap': lambda angles, times: moved(times, 600_000_000),
+    'clock set back': lambda angles, times: moved(times, -2_000_000_000)}
 
 
 @pytest.mark.parametrize(('event', 'sensors'), [
-    *((event, 4) for event in (healthy, spikes, fault, fault_that_stays, two_that_cancel, noise,
-                               wrong_at_the_start, gap, clock_set_back)),
-    *((event, 6) for event in (healthy, fault, missing_and_return, missing_at_the_start,
-                               lost_samples))])
+    *((event, 4) for event in EVENTS if not event.startswith(('missing', 'lost'))),
+    *((event, 6) for event in ('healthy', 'fault', 'missing and return', 'missing at the start',
+                               'lost samples'))])
 def test_fkm_publishes_the_states_of_supervise(event, sensors):
     times = np.arange(COUNT, dtype=np.int64) * PERIOD
     samples = encoders(joint_angles(motion('turning', COUNT * PERIOD * 1e-9, 1e9 / PERIOD),
                                     sensors))
-    event(samples, times)
+    EVENTS[event](samples, times)
     expected = [text for _, text in supervise(
         times + 10_000_000_000, samples, sensors=sensors, **SETTINGS).state]
     assert expected[0] == 'starting'
-    assert (expected == ['starting', 'healthy']) is (event is healthy)
+    assert (expected == ['starting', 'healthy']) is (event == 'healthy')
     with hosted(Fkm, f'sensors:={sensors}', 'max_age:=10.0', 'sample_timeout:=10.0',
                 *(f'{name}:={value}' for name, value in SETTINGS.items())) as host:
         times += host.time_ns()

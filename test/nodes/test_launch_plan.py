@@ -138,9 +138,6 @@ DRIVEN = {'force.enabled': True, 'drives.channel': 'can1', 'drives.rated_torque'
 
 @pytest.mark.parametrize(('given', 'reason'), [
     ({'force.enabled': True}, "'force.without_drives' is False; .* drives.channel"),
-    ({**DRIVEN, 'force.motors': 4}, r"'drives.node_id' is .*4 drives \(force.motors\)"),
-    ({**DRIVEN, 'force.sigma_off': 0.2}, "'force.sigma_full' is 0.15; .* above force.sigma_off"),
-    ({**DRIVEN, 'force.slew': 0.0}, "'force.slew' is 0.0"),
     ({**DRIVEN, 'drives.interface': 'socketcan', 'drives.channel': 'can0', 'source': 'can',
       'drives.node_id': [1, 2, 3]}, "drives.node_id' is .* node ids that no encoder has"),
 ])

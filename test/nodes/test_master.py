@@ -26,11 +26,10 @@ pytestmark = pytest.mark.process
 # Time that a busy machine may need for a program (s).
 PATIENCE = 60.0
 LINE = re.compile(
-    r'psi +[-\d.]+ theta +[-\d.]+ phi +(?P<phi>[-\d.]+) deg, '
-    r'protection level (?P<protection>[\d.]+) deg, (.*, )?'
-    r'dexterity (?P<three>[\d.]+) \(3 sensors\) (?P<four>[\d.]+) \(4 sensors\) '
-    r'(?P<level>OK|WARN|ERROR) .*, joints (?P<joints>\d+) Hz orientation (?P<rate>\d+) Hz, '
-    r'latency p50 (?P<p50>\d+) us p99 (?P<p99>\d+) us')
+    r'state healthy, .*orientation psi +[-\d.]+ theta +[-\d.]+ phi +(?P<phi>[-\d.]+) deg, '
+    r'protection level [\d.]+ deg, .*dexterity [\d.]+ \(3 sensors\), [\d.]+ \(4 sensors\), '
+    r'rates joints \d+ Hz, orientation (?P<rate>\d+) Hz, '
+    r'latency p50 (?P<p50>\d+) us, p99 (?P<p99>\d+) us')
 
 
 def test_outputs_and_status_of_a_fixed_pose_and_a_clean_end(start, observer):
@@ -38,6 +37,7 @@ def test_outputs_and_status_of_a_fixed_pose_and_a_clean_end(start, observer):
     arrived = {topic: observer.collect(kind, topic) for topic, kind in {
         'measured_js': JointState, 'orientation': QuaternionStamped, 'measured_cp': PoseStamped,
         'dexterity': Float64MultiArray, '/diagnostics': DiagnosticArray}.items()}
+    operating = observer.collect(String, 'operating_state_text', STATE)
     master = start('master', parameters={
         **SIM, 'sim.trajectory': 'fixed', 'sim.pose_deg': pose, 'sim.noise_deg': 0.04,
         'rate': 250.0})  # a rate that a busy machine keeps up with
@@ -68,6 +68,7 @@ def test_outputs_and_status_of_a_fixed_pose_and_a_clean_end(start, observer):
             PATIENCE)
     assert master.stop(signal.SIGINT) == 0
     assert complaints(master) == ''
+    assert observer.spin_until(lambda: operating[-1][1].data == 'FAULT', 5.0)
     # No remark on a motion that is clear of the singularity, nor on what is not installed.
     assert master.stdout.startswith('haptic master, source sim (Ctrl-C ends)\nsource sim, ')
     assert 'crtk_msgs' not in master.stdout + master.stderr
@@ -101,11 +102,7 @@ def test_a_second_master_leaves_the_first_alone_and_goes_on_where_that_has_ended
 
 
 def test_a_filter_between_driver_and_fkm_is_not_passed_by(start, observer):
-    """
-    With the topic remapped for one of them, fkm takes what stands on it, and only that.
-
-    In a namespace, by arguments without --ros-args.
-    """
+    """With the topic remapped for one of them; in a namespace, without --ros-args."""
     raw = observer.collect(JointState, '/left/measured_js')
     orientations = observer.collect(QuaternionStamped, '/left/orientation')
     filtered = observer.node.create_publisher(JointState, '/left/filtered_js', 10)

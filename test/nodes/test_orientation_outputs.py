@@ -165,9 +165,6 @@ def test_the_frames_are_on_diagnostics_and_on_tf_where_it_is_installed():
             (message,) = rig.sent['/tf_static']
             assert [each.child_frame_id for each in message.transforms] == [
                 'spm_base', 'spm_handle']
-
-
-def test_static_transforms_are_the_rotations_of_the_mounting():
     given = {'mounting.base_zxz_deg': BASE_DEG, 'mounting.handle_zxz_deg': HANDLE_DEG,
              'mounting.table_frame_id': 'operating_table'}
     table, handle = static_transforms(complete(FKM_SETTINGS, given))

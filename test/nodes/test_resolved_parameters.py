@@ -3,70 +3,12 @@
 
 """What was given is what the running node has, however it is started."""
 
-from contextlib import suppress
-import os
-from pathlib import Path
-import signal
-
-from harness import start_program
-from in_process import ros
 import pytest
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.parameter import Parameter, parameter_value_to_python
-from rclpy.task import Future
-from spm_haptic_master.benchmark.child_process import wait_until
-from spm_haptic_master.nodes.diagnostics import Diagnostics
-from spm_haptic_master.nodes.encoder_driver import EncoderDriver
-from spm_haptic_master.nodes.fkm import Fkm
-from spm_haptic_master.nodes.teleop import Teleop
-from spm_haptic_master.parameters.arguments import node_command_line
 
 # Time that a busy machine may need for a program (s).
 PATIENCE = 60.0
-# Values of parameters of each type, as they are written in a file or as an argument, and as the
-# node has them; and those that may change while it runs.
-GIVEN = {
-    'fkm': (Fkm, {
-        'alert_limit_deg': ('5', 5.0), 'start_checked': ('true', True),
-        'frozen_samples': ('0x10', 16), 'solver': ("'theta3a'", 'theta3a'),
-        'frame_id': ("'2'", '2'), 'geometry.alpha_deg': ('39', 39.0),
-        'sigma_deg': ('[1, 2, 3, 4]', [1.0, 2.0, 3.0, 4.0]), 'working_mode': (
-            '[1, 1, 1]', [1, 1, 1])}, {'alert_limit_deg'}),
-    'encoder_driver': (lambda given: EncoderDriver(given, Future()), {
-        'source': ('sim', 'sim'), 'sim.trajectory': ('sweep', 'sweep'), 'sim.seed': ('99', 99),
-        'sim.noise_deg': ('0', 0.0), 'sim.tolerance_deg': ('[1, 2]', [1.0, 2.0])}, set()),
-    'diagnostics': (Diagnostics, {
-        'dexterity_rate': ('20.0', 20.0), 'dexterity_warn': ('1', 1.0),
-        'mounting.base_zxz_deg': ('[1, 2, 3]', [1.0, 2.0, 3.0])},
-        {'dexterity_warn', 'dexterity_error', 'dexterity_hysteresis'}),
-    'teleop': (Teleop, {
-        'teleop.alignment': ('absolute', 'absolute'), 'teleop.command_rate': ('0', 0.0),
-        'teleop.frame_id': ("''", '')}, set()),
-}
-
-
-@pytest.mark.parametrize('by_file', [True, False])
-@pytest.mark.parametrize('node', GIVEN)
-def test_a_node_has_what_it_was_given_and_describes_each_parameter(tmp_path, node, by_file):
-    make, values, live = GIVEN[node]
-    if by_file:
-        path = tmp_path / 'rig.yaml'
-        path.write_text(f'/**/{node}:\n  ros__parameters:\n' + ''.join(
-            f'    {name}: {text}\n' for name, (text, _) in values.items()))
-        words = ['--params-file', str(path)]
-    else:
-        words = [word for name, (text, _) in values.items() for word in ('-p', f'{name}:={text}')]
-    with ros():
-        made = make(node_command_line(node, '', [node], ['program', *words])[1])
-        for name, (_, expected) in values.items():
-            value = made.get_parameter(name).value
-            assert (list(value) if isinstance(expected, list) else value) == expected
-        for descriptor in made.describe_parameters(list(made.values)):
-            assert len(descriptor.description) > 5, descriptor.name
-            assert (descriptor.floating_point_range or descriptor.integer_range
-                    or descriptor.additional_constraints), descriptor.name
-            assert descriptor.read_only == (descriptor.name not in live), descriptor.name
-        made.destroy_node()
 
 
 @pytest.mark.process
@@ -102,26 +44,3 @@ def test_as_ros2_launch_starts_it_in_a_namespace_under_another_name(start, obser
             ('alert_limit', 2.0, "'alert_limit' is 2.0; expected a parameter of this node, such "
              'as alert_limit_deg'), ('window', 0.1, 'read-only')):
         assert reason in change(name, value).reason
-
-
-@pytest.mark.process
-def test_a_signal_ends_the_reading_of_a_file(tmp_path):
-    """A pipe that nobody writes to: the process ended by a time-out, with a dump."""
-    path = tmp_path / 'pipe'
-    os.mkfifo(path)
-    program = start_program('fkm', '--params-file', str(path))
-    writing = []
-
-    def opened():
-        with suppress(OSError):  # until the program reads
-            writing.append(os.open(path, os.O_WRONLY | os.O_NONBLOCK))
-        return writing
-
-    assert wait_until(opened, PATIENCE)
-    # Where the kernel does not report it, the file has been opened for some time.
-    waits = Path(f'/proc/{program.pid}/wchan')
-    wait_until(lambda: 'pipe' in waits.read_text(), 2.0)
-    program.send_signal(signal.SIGTERM)
-    assert program.wait(PATIENCE) == 0
-    os.close(writing[0])
-    assert program.stderr == ''

@@ -11,8 +11,7 @@ from mechanism import zxz
 import numpy as np
 import pytest
 from spm_haptic_master.kinematics import quaternion_from_matrix
-from spm_haptic_master.kinematics.rotations import quaternion_from_vector
-from spm_haptic_master.nodes.sim_slave import follow, LONGEST_STEP, SimSlave
+from spm_haptic_master.nodes.sim_slave import LONGEST_STEP, SimSlave
 
 
 def command(quaternion):
@@ -50,15 +49,3 @@ def test_it_follows_any_rotation_and_no_other_command():
         assert {each.header.frame_id for each in poses} == {'wrist'}
         figures = host.figures('tracking')
         assert figures['commands'] == '1' and float(figures['tracking error (deg)']) < 0.01
-
-
-@pytest.mark.parametrize('steps', [1, 5000])
-def test_the_error_shrinks_by_the_time_constant_in_steps_of_any_length(steps):
-    def turned(angle):
-        return quaternion_from_vector(0.6 * angle, 0.48 * angle, -0.64 * angle)
-
-    rotation = turned(0.4)
-    for _ in range(steps):
-        rotation = follow(rotation, turned(1.4), 2.5 / steps)
-    np.testing.assert_allclose(rotation, turned(1.4 - np.exp(-2.5)), atol=1e-9)
-    assert np.linalg.norm(rotation) == pytest.approx(1.0, abs=1e-12)

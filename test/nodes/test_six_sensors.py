@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Six encoders on a bus between processes, some of them faulty in turn: orientations go on."""
+"""Encoders that fail in turn on a bus between processes: six go on, and the bus comes back."""
 
 import signal
 
@@ -20,17 +20,17 @@ from std_msgs.msg import String
 
 pytestmark = pytest.mark.process
 
-# Rate of SYNC (Hz), slow enough for a busy machine, and the window of an answer (s).
-RATE, WINDOW = 200.0, 0.005
+# Rate of SYNC (Hz), slow enough for a busy machine.
+RATE = 200.0
 # Time that a busy machine may need for a program, and for a change (s).
 PATIENCE, MARGIN = 60.0, 0.3
-FAULTS = {'unplug:joint_3b@3+2': 'degraded: joint_3b missing',
-          'emcy:joint_1b@7+2=0x5000': 'degraded: joint_1b missing',
-          'offset:joint_3a@11+2=3': 'degraded: joint_3a excluded'}
-THREE = 'dropout:joint_1a@15+1.5', 'dropout:joint_3b@15+1.5', 'dropout:joint_3c@15+1.5'
-END = 19.0
-# Longest pause that a change may cost (s).
-PAUSE = 0.02
+# The state during each fault of one sensor, and what the driver says while it is silent.
+FAULTS = {'unplug:joint_3b@2+1.5': 'degraded: joint_3b missing',
+          'emcy:joint_1b@5+1.5=0x5000': 'degraded: joint_1b missing',
+          'offset:joint_3a@8+1.5=3': 'degraded: joint_3a excluded'}
+THREE = 'dropout:joint_1a@12+1', 'dropout:joint_3b@12+1', 'dropout:joint_3c@12+1'
+SILENCING = {THREE[0]: 'joint_3b', 'busoff@15+1': 'bus-off'}
+END = 18.0
 
 
 class Session:
@@ -43,7 +43,7 @@ class Session:
             (DiagnosticArray, '/diagnostics')))
         states = observer.collect(String, 'state', STATE)
         bus = {'can.interface': 'udp_multicast', 'can.channel': channel, 'rate': RATE,
-               'sensors': 6, 'encoders.window': WINDOW}
+               'sensors': 6, 'encoders.window': 0.005}
         # A pause of a busy machine is no silence.
         programs = [
             start_program('fkm', parameters={
@@ -56,7 +56,8 @@ class Session:
                 lambda: states and observer.node.count_publishers('measured_js'), PATIENCE)
             encoders = start_program('sim_bus', *parameter_arguments(
                 bus | {'sim.trajectory': 'sweep'}), *(
-                    word for fault in (*FAULTS, *THREE) for word in ('--fault', fault)))
+                    word for fault in (*FAULTS, *SILENCING, *THREE[1:])
+                    for word in ('--fault', fault)))
             programs.append(encoders)
             assert observer.spin_until(lambda: samples, PATIENCE), encoders.stderr
             observer.spin(END)
@@ -76,7 +77,7 @@ class Session:
 
     def span(self, fault):
         """Return when a fault surely was present, s."""
-        return (self.events[fault, 'begins'] + MARGIN, self.events[fault, 'ends'] - MARGIN)
+        return self.events[fault, 'begins'] + MARGIN, self.events[fault, 'ends'] - MARGIN
 
     def during(self, fault, times):
         begin, end = self.span(fault)
@@ -92,39 +93,23 @@ def session(bus_channel):
 def test_six_sensors_go_on_without_the_faulty_one(session, fault):
     kept = session.during(fault, session.sampled)
     # A machine that stands still loses samples, but not half of them.
-    assert kept.sum() > 0.5 * RATE
+    assert kept.sum() > 0.25 * RATE
     assert np.isin(session.sampled[kept], session.oriented).mean() > 0.9
     begin, end = session.span(fault)
-    assert any(begin < time < end and state == FAULTS[fault] for time, state in session.states) \
-        or [state for time, state in session.states if time < begin][-1] == FAULTS[fault]
+    assert [state for time, state in session.states if time < end][-1] == FAULTS[fault]
     assert any(time > end and state == 'healthy' for time, state in session.states)
     joint = ALL_JOINT_NAMES.index(fault.partition(':')[2].partition('@')[0])
     assert session.missing[kept, joint].all() == FAULTS[fault].endswith('missing')
     assert np.delete(session.missing[kept], joint, axis=1).mean() < 0.05
 
 
-@pytest.mark.parametrize('what', ['begins', 'ends'])
-@pytest.mark.parametrize('fault', FAULTS)
-def test_a_change_costs_a_short_pause(session, fault, what):
-    """By the samples withheld in a row, beyond those that a busy machine has lost."""
-    at = session.events[fault, what]
-    near = (session.sampled > at - 0.5) & (session.sampled < at + 1.5)
-    withheld = ~np.isin(session.sampled[near], session.oriented)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], withheld, [0]])))
-    longest = max(edges[1::2] - edges[::2], default=0)
-    joint = ALL_JOINT_NAMES.index(fault.partition(':')[2].partition('@')[0])
-    lost = int(np.delete(session.missing[near], joint, axis=1).any(axis=1).sum())
-    if lost and longest / RATE > PAUSE:
-        pytest.skip(f'machine too busy: readings of other joints are missing in {lost} samples')
-    assert longest / RATE <= PAUSE
-
-
-def test_three_of_six_missing_are_silence_with_the_reasons(session):
+@pytest.mark.parametrize('fault', SILENCING)
+def test_three_of_six_or_the_bus_missing_are_silence_with_the_reason(session, fault):
     for times in (session.sampled, session.oriented):
-        assert not session.during(THREE[0], times).any()
-        assert (times > session.events[THREE[0], 'ends']).any()
-    begin, end = (session.events[THREE[0], what] for what in ('begins', 'ends'))
-    named = [text for time, text in session.entries if begin < time < end]
-    assert any('joint_3b' in text and 'joint_3c' in text for text in named), named
+        assert not session.during(fault, times).any()
+        assert (times > session.events[fault, 'ends']).any()
+    named = [text for time, text in session.entries
+             if session.events[fault, 'begins'] < time < session.events[fault, 'ends']]
+    assert any(SILENCING[fault] in text for text in named), named
     assert session.states[0][1] == 'starting' and session.states[-1][1] == 'healthy'
     assert session.codes[1:] == [0, 0]

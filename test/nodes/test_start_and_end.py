@@ -3,6 +3,7 @@
 
 """Nothing is left behind however a process is ended, and nothing waits for a reader of stderr."""
 
+from contextlib import suppress
 from glob import glob
 import os
 from pathlib import Path
@@ -11,15 +12,16 @@ import signal
 import sys
 import time
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray
 from disturbance import BESIDE_OTHERS, descendants, Disturbance
 from geometry_msgs.msg import QuaternionStamped
-from harness import complaints, full_pipe, ROOT, SIM, SIMULATED, start_command
+from harness import complaints, full_pipe, ROOT, SIM, start_command
 import pytest
 from rcl_interfaces.msg import Log
 from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.benchmark.process_load import process_ticks, TICK
 from spm_haptic_master.executables import PIPELINE
+from std_msgs.msg import String
 
 pytestmark = pytest.mark.process
 
@@ -34,14 +36,6 @@ PATIENCE = 60.0
 INTERRUPTED = (0, -signal.SIGINT)
 # What a traceback has where `start` has not given SIGINT its default action in time.
 IN_START = 'in start\n'
-# Orientations at 1 kHz on a bus that is silent for 0.4 s of each second, and the longest time for
-# them (s): three times as long as it would take.
-ENOUGH, LONGEST_WAIT = 2000, 10.0
-# Longest end of a process after a signal (s).
-LONGEST_END = 2.0
-# The bus fails again and again, as one with a bad contact, for as long as a busy machine needs.
-FLAPPING = [option for number in range(2, 60)
-            for option in ('--fault', f'silence@{number}+0.4')]
 
 
 def shared_memory(pid: int) -> set[str]:
@@ -49,19 +43,12 @@ def shared_memory(pid: int) -> set[str]:
     return set(SHARED_MEMORY.findall(Path(f'/proc/{pid}/maps').read_text()))
 
 
-def ports() -> set[str]:
-    """Return the port files that exist: of processes that run, and left by killed ones."""
-    return set(glob(PORTS))
-
-
 def left_behind(files: set[str]) -> list[str]:
     """Return those of the files that are there still, and that no other process uses."""
     used = set()
     for path in Path('/proc').glob('[0-9]*'):
-        try:
+        with suppress(OSError):  # it has ended
             used |= shared_memory(int(path.name))
-        except OSError:
-            continue  # it has ended
     return [name for name in files - used if Path(name).exists()]
 
 
@@ -70,11 +57,9 @@ def all_removed(files: set[str]) -> bool:
     return wait_until(lambda: not left_behind(files), PATIENCE)
 
 
-@pytest.mark.parametrize('pause', [
-    0.1, *(pytest.param(pause, marks=pytest.mark.evidence) for pause in (0.0, 0.002, 0.02, 0.5))])
-def test_two_ctrl_c_leave_no_process_and_no_shared_memory(start, pause):
+def test_two_ctrl_c_leave_no_process_and_no_shared_memory(start):
     # Nobody else is in the domain: an observer's own files would be among those mapped.
-    before = ports()
+    before = set(glob(PORTS))
     master = start('master', parameters=SIM)
     assert wait_until(lambda: 'psi' in master.stdout, PATIENCE)
     made = shared_memory(master.pid) - before
@@ -82,7 +67,7 @@ def test_two_ctrl_c_leave_no_process_and_no_shared_memory(start, pause):
     with Disturbance(BESIDE_OTHERS) as machine:
         for _ in range(2):
             master.send_signal(signal.SIGINT)
-            time.sleep(pause)
+            time.sleep(0.1)
         code = master.wait()
     # An end that takes longer than its limit is reported as such.
     machine.expect((code, complaints(master)) == (0, ''), (code, master.stderr))
@@ -90,11 +75,9 @@ def test_two_ctrl_c_leave_no_process_and_no_shared_memory(start, pause):
 
 
 # In CPU time, so that a busy machine interrupts the same steps of the start.
-@pytest.mark.parametrize(('used', 'times'), [
-    (0.2, 3), (0.6, 1), *(pytest.param(used, times, marks=pytest.mark.evidence)
-                          for used in (0.3, 0.4, 0.5, 0.8, 1.0) for times in (1, 3))])
+@pytest.mark.parametrize(('used', 'times'), [(0.2, 3), (0.6, 1)])
 def test_ctrl_c_while_it_starts_leaves_nothing_behind(start, used, times):
-    before = ports()
+    before = set(glob(PORTS))
     master = start('master', parameters=SIM)
     end = time.monotonic() + PATIENCE
     while process_ticks(master.pid) * TICK < used and time.monotonic() < end:
@@ -125,19 +108,13 @@ runner.run('stuck', lambda done, add: add(Stuck).create_timer(0.01, lambda: prin
 """
 
 
-@pytest.mark.parametrize('is_read', [True, False])
-def test_an_end_takes_five_seconds_from_the_signal_on(is_read):
-    """By what it says and not by a clock; without a reader, the kernel ends the process."""
+def test_an_end_without_a_reader_takes_five_seconds_from_the_signal_on():
+    """The kernel ends the process, which cannot say that it is stuck."""
     with full_pipe() as (_, writing):
-        program = start_command([sys.executable, '-c', STUCK],
-                                error_to=None if is_read else writing)
+        program = start_command([sys.executable, '-c', STUCK], error_to=writing)
         assert wait_until(lambda: 'runs' in program.stdout, PATIENCE)
         program.send_signal(signal.SIGINT)
-        assert program.wait(PATIENCE) == (1 if is_read else -signal.SIGALRM)
-    if is_read:
-        assert 'stuck: still waiting for node /stuck 5 s after the end began: it ends without' \
-            in program.stderr
-        assert 'in destroy_node' in program.stderr
+        assert program.wait(PATIENCE) == -signal.SIGALRM
 
 
 def test_a_process_that_receives_nothing_ends_too(start, observer):
@@ -174,45 +151,29 @@ def test_make_run_ends_with_all_its_processes(observer):
         lambda: not any(Path(f'/proc/{pid}').exists() for pid in started), PATIENCE)
 
 
-@pytest.mark.alone
-def test_a_full_pipe_delays_neither_samples_nor_reasons_nor_the_end(start, observer, bus_channel):
-    bus = ('-p', 'can.interface:=udp_multicast', '-p', f'can.channel:={bus_channel}')
+def test_a_full_pipe_delays_neither_samples_nor_reasons_nor_the_end(start, observer):
     orientations = observer.collect(QuaternionStamped, 'orientation')
     entries = observer.collect(DiagnosticArray, '/diagnostics')
     log = observer.collect(Log, '/rosout')
+    faults = observer.node.create_publisher(String, 'simulation/fault', 1)
     with full_pipe() as (_, writing):
-        program = start('master', *bus, '-p', 'source:=can', *SIMULATED, error_to=writing)
-        simulated = start('sim_bus', *bus, '--sync', *FLAPPING)
-
-        def reasons(name):
-            return {entry.message for _, array in entries for entry in array.status
-                    if entry.name == name and entry.level == DiagnosticStatus.ERROR}
-
-        def logged(node, severity):
-            return [line.msg for _, line in log
-                    if line.name.endswith(node) and line.level == severity]
-
-        # Each node has logged an error and its end: lines that nobody read. rclpy's own log would
-        # have stopped the process at the first one.
+        program = start('master', parameters=SIM, error_to=writing)
         assert observer.spin_until(
-            lambda: logged('encoder_driver', Log.ERROR) and logged('fkm', Log.ERROR)
-            and logged('fkm', Log.INFO), PATIENCE), (simulated.stdout, simulated.stderr)
-        before = len(orientations)
-        with Disturbance() as machine:
-            began = time.monotonic()
-            assert observer.spin_until(lambda: len(orientations) > before + ENOUGH, PATIENCE)
-            took = time.monotonic() - began
-        machine.expect(took < LONGEST_WAIT, took)
-        found = reasons('encoder_driver: encoders')
-        assert any('no frames' in reason for reason in found), found
-        assert 'silent: no joint samples' in reasons('fkm: orientation')
-        with Disturbance() as machine:
-            began = time.monotonic()
-            program.send_signal(signal.SIGINT)
-            code, took = program.wait(PATIENCE), time.monotonic() - began
+            lambda: faults.get_subscription_count() and len(orientations) > 100, PATIENCE)
+        # A line of the log that nobody reads: rclpy's own log would stop the process.
+        faults.publish(String(data='dropout:joint_3a'))
+        assert observer.spin_until(
+            lambda: any(line.level == Log.ERROR for _, line in log), PATIENCE)
+        assert observer.spin_until(lambda: any(
+            entry.message == 'silent: no joint samples' for _, array in entries
+            for entry in array.status if entry.name == 'fkm: orientation'), PATIENCE)
+        del orientations[:]
+        faults.publish(String())
+        assert observer.spin_until(lambda: len(orientations) > 1000, PATIENCE)
+        with Disturbance(BESIDE_OTHERS) as machine:
+            code = program.stop(signal.SIGINT)
         # A process that gets no time in END_TIMEOUT is ended by the kernel.
         machine.expect(code == 0, code)
-        machine.expect(took < LONGEST_END, took)
 
 
 def test_the_last_line_does_not_wait_for_a_reader():

@@ -112,7 +112,15 @@ def rig():
         yield rig
 
 
-def test_it_follows_by_the_law_in_the_frame_and_at_the_position_of_the_slave(rig):
+@pytest.fixture
+def turned_rig():
+    """Give the rig of a slave whose base is turned by 90 deg about z."""
+    with running(teleop__registration_zxz_deg=[90.0, 0.0, 0.0]) as rig:
+        yield rig
+
+
+def test_it_follows_by_the_law_in_the_frame_and_at_the_position_of_the_slave(turned_rig):
+    rig, registration = turned_rig, zxz(0.5 * np.pi, 0.0, 0.0)
     rig.run(20)
     assert rig.state == 'disengaged: no presence'
     rig.press('presence', True)
@@ -125,7 +133,9 @@ def test_it_follows_by_the_law_in_the_frame_and_at_the_position_of_the_slave(rig
     assert len(rig.commands) == before + 30
     for message, got in zip(rig.commands, rig.matrices, strict=True):
         # Each by its own orientation, of which it has the stamp.
-        np.testing.assert_allclose(got, rig.sent[stamp(message)] @ master.T @ slave, atol=1e-12)
+        hand = rig.sent[stamp(message)] @ master.T
+        np.testing.assert_allclose(
+            got, registration @ hand @ registration.T @ slave, atol=1e-12)
         assert message.header.frame_id == 'psm_base'
         p = message.pose.position
         assert (p.x, p.y, p.z) == POSITION
@@ -133,16 +143,63 @@ def test_it_follows_by_the_law_in_the_frame_and_at_the_position_of_the_slave(rig
     assert entry.message == 'engaged' and figures['engaged or clutched off (times)'] == '1'
 
 
-@pytest.mark.parametrize('state', ['silent: inconsistent angles', 'starting', 'healthy again'])
-def test_a_state_without_orientations_ends_it_for_good(rig, state):
+def state(text):
+    return lambda rig: rig.tell(text), received_state(text).text
+
+
+def pedal(joy):
+    return lambda rig: rig.host.give('presence', joy), 'no presence'
+
+
+def second_publisher(topic):
+    def end(rig):
+        rig.host.publishers[f'/{topic}'] = 'one', 'other'
+        rig.run(45)
+    return end, f'2 publishers on /{topic}: /one, /other; {CURE}'
+
+
+def unheard_publisher(rig):
+    rig.host.publishers['/orientation'] = 'one', 'one'
+    rig.host.node.get_publishers_info_by_topic = lambda _: [SimpleNamespace(
+        node_name='one', node_namespace='/', topic_type='std_msgs/msg/Bool')]
+    rig.run(45)
+
+
+def set_to(name, value):
+    return lambda rig: setattr(rig, name, value)
+
+
+@pytest.mark.parametrize(('end', 'reason'), [
+    *map(state, ('silent: inconsistent angles', 'starting', 'healthy again')),
+    *map(pedal, (Joy(), Joy(buttons=[2]), Joy(buttons=[-1, 1]))),
+    *map(second_publisher, (
+        'slave/measured_cp', 'orientation', 'state', 'enabled_at', 'servo_cp')),
+    (unheard_publisher, 'publisher /one on /orientation is std_msgs/msg/Bool, expected '
+     'geometry_msgs/msg/QuaternionStamped'),
+    (set_to('frame', 'camera'), 'another frame of the slave'),
+    # As a bridge does that has lost its slave.
+    (set_to('slave_goes_on', False), 'no pose of the slave'),
+    (set_to('level', 0.6), 'protection level above the limit'),
+    (lambda rig: rig.run(60, turning=(0.0, 0.0, 0.01)), 'the slave does not follow')])
+def test_what_ends_it_ends_it_until_enable(end, reason):
+    with running(teleop__protection_limit_deg=0.5, teleop__tracking_limit_deg=20.0) as rig:
+        rig.level = 0.4
+        rig.engage()
+        end(rig)
+        rig.run(60)
+        assert rig.sends_nothing()
+        waits = 'waiting for enable, after: '
+        assert rig.state.replace(waits, '') == f'disengaged: {reason}', rig.state
+        assert rig.host.entry('teleop').message == rig.state
+
+
+def test_after_an_end_it_waits_for_enable(rig):
     rig.engage()
-    rig.tell(state)
-    assert rig.sends_nothing()
-    why = received_state(state).text
-    assert rig.state == f'disengaged: {why}'
+    rig.tell('starting')
+    rig.run(20)
     rig.tell('healthy')
     assert rig.sends_nothing()
-    assert rig.state == f'disengaged: waiting for enable, after: {why}'
+    assert rig.state == 'disengaged: waiting for enable, after: starting'
     assert rig.host.call('~/enable').success
     rig.run(20)
     assert rig.state == 'engaged'
@@ -178,46 +235,25 @@ def test_the_clutch_and_the_presence(rig):
     assert rig.host.call('~/disable').success and rig.sends_nothing()
 
 
-def test_the_twist_continues_to_zero_and_stops():
-    with running(teleop__acceleration_limit=20.0) as rig:
+@pytest.mark.parametrize(('given', 'frame'), [("''", 'psm_base'), ('wrist', 'wrist')])
+def test_the_twist_continues_to_zero_and_stops(given, frame):
+    """In the frame of the slave, or in that given, as the commands."""
+    with running(teleop__acceleration_limit=20.0, teleop__frame_id=given) as rig:
         rig.engage()
         rig.run(60, turning=(0.0, 0.003, 0.0))
         rig.press('presence', False)
         rig.host.run(0.5)
         rates = [message.twist.angular.y for message in rig.twists]
         assert max(rates) > 0.1 and rates[-4:] == [0.0] * 4
-        assert all(message.header.frame_id == 'psm_base' for message in rig.twists)
+        assert {message.header.frame_id for message in rig.twists + rig.commands} == {frame}
         count = len(rig.twists)
         rig.run(40)
         assert len(rig.twists) == count
 
 
-@pytest.mark.parametrize('joy', [Joy(), Joy(buttons=[2]), Joy(buttons=[-1, 1])])
-def test_a_pedal_that_is_not_pressed(rig, joy):
+def test_a_pose_of_the_slave_without_a_stamp_is_a_new_one(rig):
+    rig.slave_stamp, rig.slave_goes_on = 0, False
     rig.engage()
-    rig.host.give('presence', joy)
-    assert rig.sends_nothing() and rig.state.startswith('disengaged: ')
-
-
-@pytest.mark.parametrize('frame', ["''", 'psm_base'])
-def test_another_frame_of_the_slave_ends_it_though_the_frame_is_given(frame):
-    with running(teleop__frame_id=frame) as rig:
-        rig.engage()
-        rig.frame = 'camera'
-        assert rig.sends_nothing()
-        assert rig.state.endswith('after: another frame of the slave')
-
-
-def test_a_pose_of_the_slave_that_is_repeated_is_none(rig):
-    """As a bridge does that has lost its slave."""
-    rig.engage()
-    rig.slave_goes_on = False
-    rig.run(60)
-    assert rig.state == 'disengaged: no pose of the slave'
-    # Without a stamp, each is a new one.
-    rig.slave_stamp = 0
-    rig.run(40)
-    assert rig.host.call('~/enable').success
 
 
 def test_an_old_enable_that_arrives_now_engages_nothing(rig):
@@ -300,35 +336,6 @@ def test_a_process_that_is_stopped_as_it_decides_says_nothing(rig, monkeypatch):
     assert not stopped and len(rig.commands) == count
 
 
-@pytest.mark.parametrize('topic', [
-    'slave/measured_cp', 'orientation', 'state', 'enabled_at', 'servo_cp'])
-def test_a_second_publisher_ends_it(topic):
-    with running('/first') as rig:
-        rig.engage()
-        rig.host.publishers[f'/first/{topic}'] = 'one', 'other'
-        rig.run(45)
-        assert rig.state == f'disengaged: 2 publishers on /first/{topic}: /one, /other; {CURE}'
-        assert rig.sends_nothing()
-        rig.host.publishers.clear()
-        rig.run(45)
-        assert rig.state.startswith('disengaged: waiting for enable')
-
-
-def test_a_publisher_that_cannot_be_heard_is_named(rig):
-    """In the state and on /diagnostics; once it has gone, nothing is named."""
-    rig.engage()
-    rig.host.publishers['/orientation'] = 'one', 'one'
-    rig.host.node.get_publishers_info_by_topic = lambda _: [SimpleNamespace(
-        node_name='one', node_namespace='/', topic_type='std_msgs/msg/Bool')]
-    rig.run(45)
-    named = ('disengaged: publisher /one on /orientation is std_msgs/msg/Bool, expected '
-             'geometry_msgs/msg/QuaternionStamped')
-    assert (rig.state, rig.host.entry('teleop').message) == (named, named)
-    rig.host.publishers.clear()
-    rig.run(45)
-    assert rig.state.startswith('disengaged: waiting for enable')
-
-
 def test_a_stale_orientation_is_none(rig):
     rig.engage()
     count = len(rig.commands)
@@ -340,14 +347,6 @@ def test_a_stale_orientation_is_none(rig):
     assert rig.state == 'disengaged: no orientation'
     rig.host.run(1.0)
     assert rig.host.figures('teleop')['stale orientations'] == '2'
-
-
-def test_a_level_above_its_limit_ends_it():
-    with running(teleop__protection_limit_deg=0.5) as rig:
-        rig.level = 0.4
-        rig.engage()
-        rig.level = 0.6
-        assert rig.sends_nothing() and rig.state.startswith('disengaged: protection level')
 
 
 def test_it_engages_in_simulated_time(monkeypatch):
@@ -390,8 +389,3 @@ def test_the_slaves_torque_goes_to_the_hand_while_engaged_and_else_nothing():
         assert not is_felt() and rig.state == 'clutched'
         rig.press('presence', False)
         assert not is_felt() and rig.state.startswith('disengaged')
-
-
-def test_without_a_share_of_the_torque_there_is_no_topic_of_it(rig):
-    names = {each.topic_name for each in (*rig.host.node.subscriptions, *rig.host.node.publishers)}
-    assert not {'/slave/measured_cf', '/spatial/servo_cf'} & names
