@@ -36,13 +36,13 @@ LENGTH_TOLERANCE = 1e-6
 LEAST_ANGLE = math.radians(0.1)
 
 
-def check_array(name: str, value: object, shape: Shape, finite: bool = True,
+def check_array(name: str, value: object, shape: Shape,
                 largest: float = LARGEST_NUMBER) -> Array:
     """
     Return `value` as a float array of shape (..., *shape).
 
-    InputError if it is not an array of numbers of that shape, or an entry is larger than `largest`
-    in size or, with `finite`, not finite.
+    InputError if it is not an array of numbers of that shape, or an entry is not finite or larger
+    than `largest` in size.
     """
     try:
         array = np.asarray(value)
@@ -58,8 +58,6 @@ def check_array(name: str, value: object, shape: Shape, finite: bool = True,
     if array.dtype.char != 'd':
         with np.errstate(over='ignore'):
             array = array.astype(float)
-    if not finite:
-        return array
     # For one sample a numpy call costs more than Python's loop. NaN compares as too large.
     if array.size <= SMALL:
         good = not [x for x in array.ravel().tolist() if not -largest <= x <= largest]

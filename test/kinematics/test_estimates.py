@@ -8,7 +8,6 @@ import math
 
 from built_mechanism import random_built
 from mechanism import (
-    angle_between,
     MODES,
     reachable_rotation,
     SINGULAR_PHI,
@@ -27,7 +26,6 @@ from spm_haptic_master.kinematics import (
     UsedSensors,
     workspace_pose,
 )
-from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics.number_backends import SLICE
 
 # Poses: central, singular, tilted, at the edge (tilt, azimuth, phi, rad).
@@ -131,30 +129,6 @@ def test_long_batches_are_their_rows_and_only_those_that_fail_are_nan(sensors):
     for row in (0, SLICE - 1, SLICE, SLICE + 4, 2 * SLICE - 1, 2 * SLICE, 2 * SLICE + 4):
         np.testing.assert_allclose(
             found.rotation[row], estimated(readings[row]).rotation, atol=1e-12)
-
-
-@pytest.mark.parametrize('sensors, index', [
-    (sensors, index) for sensors in (4, 5, 6) for index in range(sensors)])
-@pytest.mark.parametrize('pose', [POSES[2], (0.1, 2.0, 0.3)])
-def test_any_one_missing(sensors, index, pose):
-    """Three sensors have no parity, and need a prior."""
-    rng = np.random.default_rng(308)
-    g, missing = random_built(rng).geometry, ALL_JOINT_NAMES[index]
-    R, sigma = workspace_pose(*pose), UNEQUAL[:sensors]
-    prior = turn(0.01 * rng.normal(size=3)) @ R if sensors == 4 else None
-    true = all_angles(R, g)[:sensors]
-    true[index] = math.nan
-    exact = estimated(true, sigma, g, missing=missing, prior=prior)
-    assert angle_between(exact.rotation, R) < 1e-9 and exact.determined
-    np.testing.assert_allclose(exact.parity_vector, 0.0, atol=1e-6)
-    assert exact.consistent == (sensors > 4) != np.isnan(exact.parity)
-    H = np.delete(jacobian(R, g, sensors=sensors) / sigma[:, None], index, axis=0)
-    least = np.linalg.inv(H.T @ H)
-    np.testing.assert_allclose(exact.covariance, least, atol=1e-4 * np.trace(least))
-    readings = np.stack([true + sigma * rng.normal(size=sensors), true])
-    batch = estimated(readings, sigma, g, missing=missing, prior=prior)
-    assert batch.parity_vector.shape == (2, sensors - 4)
-    np.testing.assert_allclose(batch.rotation[1], exact.rotation, atol=1e-12)
 
 
 def test_determined_is_not_consistent():

@@ -62,10 +62,8 @@ UNUSUAL = [
     np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3, 3)), (1, 1, 1), range(3), [True] * 3,
     np.longdouble(1), [1e-3] * 4]
 FUNCTIONS = [
-    (estimate, {'th1': TH1, 'theta3a': TH3A, 'sigma': 1e-3, 'geometry': Geometry(), 'prior': POSE,
-                'missing': None}),
-    *((estimate, {'th1': TH1, 'theta3a': TH3A, 'sigma': 1e-3, 'geometry': Geometry(),
-                  'prior': POSE, 'missing': name}) for name in ('joint_1b', 'joint_3a')),
+    (estimate, {'th1': TH1, 'theta3a': TH3A, 'sigma': 1e-3, 'geometry': Geometry(),
+                'prior': POSE}),
     (forward_all, {'th1': TH1, 'geometry': Geometry()}),
     (forward_theta3a, {'th1': TH1, 'theta3a': TH3A, 'geometry': Geometry()}),
     (forward_theta2a, {'th1': TH1, 'theta2a': TH2A, 'geometry': Geometry()}),
@@ -106,11 +104,6 @@ def test_senseless_arguments_raise_one_clear_line_and_unusual_ones_nothing_else(
             assert '\n' not in str(error) and len(str(error)) < 400, (index, error)
         if index >= len(SENSELESS):
             continue
-        if error is None:
-            # What a sensor that is missing reads is ignored.
-            ignored = name == 'theta3a' and arguments['missing'] == 'joint_3a'
-            assert ignored and np.asarray(value).dtype.kind in 'fiu', (index, value)
-            continue
         assert isinstance(error, InputError) and name in str(error), (index, error)
 
 
@@ -133,10 +126,6 @@ def test_senseless_arguments_raise_one_clear_line_and_unusual_ones_nothing_else(
           ((1e-3,) * 6, (0, 1, 2, 5), 'left_out'), ((1e-3,) * 4, (4,), 'left_out'),
           ((1e-3,) * 5, (-1,), 'left_out'))),
     (lambda: estimate_sample((0.5,) * 4, UsedSensors((1e-3,) * 4, (1,)), Geometry()), 'prior'),
-    (lambda: estimate(TH1, TH3A, 1e-3, missing='joint_1b'), 'prior = None.*joint_1b is missing'),
-    *((lambda name=name: estimate(TH1, TH3A, 1e-3, prior=POSE, missing=name), 'missing')
-      for name in ('x', 'joint_2a', '', 3, 'joint_3b')),
-    (lambda: estimate(TH1, TH3A, 1e-3, theta3b=0.4, missing='joint_3c'), "missing = 'joint_3c'"),
     (lambda: estimate(TH1, TH3A, 1e-3, theta3c=0.4), 'theta3b = None: .* theta3c is given'),
     (lambda: estimate(TH1, TH3A, [1e-3] * 4, theta3b=0.4), 'sigma = .*: expected one .* or five'),
     (lambda: estimate(TH1, TH3A, [1e-3] * 5, theta3b=0.4, theta3c=0.4), 'expected one .* or six'),
