@@ -18,7 +18,7 @@ from spm_haptic_master.kinematics import (
     matrix_from_zxz,
     quaternion_from_matrix,
 )
-from spm_haptic_master.kinematics.jacobians import dexterity_without, nearness
+from spm_haptic_master.kinematics.jacobians import nearness
 from spm_haptic_master.kinematics.joints import MECHANISM_JOINT_NAMES
 from spm_haptic_master.nodes.diagnostics import Diagnostics, Levels
 from spm_haptic_master.parameters.geometry import mechanism_checksum, mounting_from
@@ -72,10 +72,10 @@ def test_a_dexterity_without_sensors_is_that_of_the_rows_left():
     quaternion = tuple(quaternion_from_matrix(
         matrix_from_zxz(*np.radians([130.0, 50.0, 30.0]))).tolist())
     arguments = quaternion, Geometry(), (1, 1, 1), 6
-    found = nearness(*arguments)
-    assert dexterity_without(*arguments, (3, 4, 5)) == pytest.approx(found.three)
-    assert dexterity_without(*arguments, ()) == pytest.approx(found.every)
-    assert 0.0 < dexterity_without(*arguments, (0, 4, 5)) < found.every
+    found = nearness(*arguments, (3, 4, 5))
+    assert found.in_use == pytest.approx(found.three)
+    assert nearness(*arguments).in_use == found.every
+    assert 0.0 < nearness(*arguments, (0, 4, 5)).in_use < found.every
 
 
 def orientation(quaternion, when):
