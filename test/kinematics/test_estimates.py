@@ -6,10 +6,9 @@
 from contextlib import suppress
 import math
 
-from built_mechanism import random_built
+from built_mechanism import nominal, random_built
 from mechanism import (
     MODES,
-    reachable_rotation,
     SINGULAR_PHI,
     small_vector,
     tilted,
@@ -60,7 +59,7 @@ def test_it_is_the_minimum_in_every_working_mode(sensors):
     checked = 0
     for trial in range(60):
         mode, g = MODES[trial % 8], random_built(rng).geometry
-        R = reachable_rotation(rng, PAPER, slack=0.12)
+        R = nominal().reachable_rotation(rng, slack=0.12)
         sigma = SIGMA * rng.uniform(0.5, 3.0, sensors)
         readings = all_angles(R, g, mode)[:sensors] + sigma * rng.normal(size=sensors)
 

@@ -3,12 +3,12 @@
 
 """Any three to six sensors in use of four, five or six mounted ones, one sample at a time."""
 
-from contextlib import suppress
 from itertools import combinations
 import math
 import random
 
-from mechanism import angle_between, chain, reachable_rotation, small_vector, tilted, turn
+from built_mechanism import nominal
+from mechanism import angle_between, small_vector, tilted, turn
 import numpy as np
 import pytest
 from readings import (
@@ -18,10 +18,11 @@ from readings import (
     estimated,
     four_angles,
     PAPER,
+    pose_of_zero,
     SIGMA,
     UNEQUAL,
 )
-from spm_haptic_master.exceptions import SingularityError, SpmError, UnreachableError
+from spm_haptic_master.exceptions import SingularityError, SpmError
 from spm_haptic_master.kinematics import (
     estimate_sample,
     forward_theta3a,
@@ -169,21 +170,9 @@ def test_nothing_but_its_own_errors_is_raised_in_five_thousand_random_calls(seed
 
 # Where Case 2 gives no start --------------------------------------------------------------------
 
-def degenerate_pose(rng, g=PAPER):
-    """Find a pose at which the closed form's determinant vanishes, by bisection along a turn."""
-    while True:
-        R, axis = reachable_rotation(rng, g, slack=0.1), 0.1 * rng.normal(size=3)
-        with suppress(UnreachableError):
-            start, end = (case_2_determinant(four_angles(each, g)) for each in (R, turn(axis) @ R))
-            low, high = 0.0, 1.0
-            for _ in range(55 if start * end < 0.0 else 0):
-                middle = 0.5 * (low + high)
-                if case_2_determinant(four_angles(turn(middle * axis) @ R, g)) * start > 0.0:
-                    low = middle
-                else:
-                    high = middle
-            if low > 0.0:
-                return turn(low * axis) @ R
+def degenerate_pose(rng):
+    """Find a pose at which the closed form's determinant vanishes."""
+    return pose_of_zero(lambda R: case_2_determinant(four_angles(R)), nominal(), rng, 0.1)
 
 
 def test_where_the_closed_form_is_degenerate_a_prior_or_a_further_sensor_selects():
@@ -220,7 +209,7 @@ def rival_of(R):
     _, _, leg_b, _ = linkage(th1a, th1b, th1c, th3a, PAPER, FLOATS)
     th2a = max(both_turns(turn_equation(*leg_b)), key=lambda th2a: abs(
         math.remainder(th2a - inverse(R).theta2a, 2.0 * math.pi)))
-    return chain(th1a, th2a, th3a, PAPER)
+    return nominal().chain(0, th1a, th2a, th3a)
 
 
 @pytest.mark.parametrize(('squared', 'ambiguous', 'selectable'), [

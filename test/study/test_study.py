@@ -6,8 +6,9 @@
 from math import inf, isfinite
 import re
 
+from built_mechanism import nominal
 from harness import ROOT
-from mechanism import second_axes, third_axes, turn
+from mechanism import turn
 import numpy as np
 import pytest
 from spm_haptic_master.kinematics import (
@@ -34,9 +35,9 @@ def test_rates_of_nine_joints_add_up_to_the_platforms_turn():
     joints = nine_joints.rates(POSES, PAPER)
     assert len(joints) == 9
     for row, R in enumerate(POSES):
-        seconds = second_axes(inverse(R).theta1, PAPER)
+        seconds = nominal().second_axes(inverse(R).theta1)
         for first, second, third, name in zip(
-                PAPER.base_axes, seconds, third_axes(R, PAPER), 'ABC', strict=True):
+                PAPER.base_axes, seconds, nominal().third_axes(R), 'ABC', strict=True):
             total = sum(np.outer(axis, joints[f'{number}{name}'][row])
                         for number, axis in zip('123', (first, second, third), strict=True))
             np.testing.assert_allclose(total, np.eye(3), atol=1e-12)
