@@ -76,15 +76,6 @@ def check_angles(name: str, value: object, shape: Shape) -> Array:
     return check_array(name, value, shape, largest=LARGEST_ANGLE)
 
 
-def check_angle_within(name: str, value: object, most: float) -> float:
-    """Return `value` as one angle in rad in ]0, most]; InputError if it is none."""
-    angle = check_array(name, value, ())
-    if angle.ndim or not 0.0 < angle <= most:
-        raise InputError(
-            f'{name} = {quoted(value)}: expected one positive angle in rad, at most {most:.6g}')
-    return float(angle)
-
-
 def check_count(name: str, value: object, least: int, most: int) -> int:
     """Return `value` as an int from `least` to `most`; InputError if it is none."""
     if isinstance(value, bool) or not isinstance(value, numbers.Integral) or not (

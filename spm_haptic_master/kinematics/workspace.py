@@ -17,11 +17,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 from spm_haptic_master.exceptions import InputError, quoted
-from spm_haptic_master.kinematics.checks import (
-    check_angle_within,
-    check_angles,
-    check_broadcast,
-)
+from spm_haptic_master.kinematics.checks import check_angles, check_broadcast
 from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
 from spm_haptic_master.kinematics.jacobians import parallel_determinant
@@ -67,16 +63,16 @@ def singularity_locus(phi: float, half_angle: float, geometry: Geometry = PAPER_
     bisected. Returned are tilt and azimuth of the singularities, rad, shape (n,), as in
     `workspace_pose`, by azimuth; n may be 0. Errors as of `inverse`.
     """
-    angle = check_angles('phi', phi, ())
-    if angle.ndim:
-        raise InputError(f'phi = {quoted(phi)}: expected one self-rotation in rad')
-    half_angle = check_angle_within('half_angle', half_angle, math.pi)
+    angle, half = check_angles('phi', phi, ()), check_angles('half_angle', half_angle, ())
+    if angle.ndim or half.ndim or not 0.0 < half <= math.pi:
+        raise InputError(f'phi = {quoted(phi)}, half_angle = {quoted(half_angle)}: expected one '
+                         'angle each in rad, and half_angle in ]0, pi]')
 
     def determinant(points: Array) -> Array:
         return parallel_determinant(
             workspace_pose(points[0], points[1], angle), geometry, working_mode)
 
-    grid = cone_grid(half_angle, RAYS, CIRCLES)
+    grid = cone_grid(float(half), RAYS, CIRCLES)
     found = []
     for low, high, side, _ in changes_of_sign(grid, determinant(grid)):
         for _ in range(BISECTIONS):
