@@ -100,17 +100,7 @@ def agrees(found: Figures, reference: Figures) -> bool:
 
 
 def sections(out: Path, circles: int = CIRCLES, rays: int = RAYS) -> tuple[Glance, list[str]]:
-    """
-    Draw into the directory `out` and return verdicts and sections of the page.
-
-    Returns
-    -------
-    glance : list of (str, str)
-        Names and verdicts.
-    sections : list of str
-        Markdown.
-
-    """
+    """Draw into a directory; return names and verdicts, and the page's sections in Markdown."""
     tilt, azimuth, phi = _everywhere(circles, rays)
     everywhere = rates(workspace_pose(tilt, azimuth, phi), Geometry())
     _draw(out / 'placement.png', everywhere)

@@ -41,17 +41,7 @@ NAMES = {3: 'three sensors (classic)', 4: 'four sensors (the paper)', 5: 'five s
 
 
 def sections(out: Path, circles: int = CIRCLES, rays: int = RAYS) -> tuple[Glance, list[str]]:
-    """
-    Draw into the directory `out` and return verdicts and sections of the page.
-
-    Returns
-    -------
-    glance : list of (str, str)
-        Names and verdicts.
-    sections : list of str
-        Markdown.
-
-    """
+    """Draw into a directory; return names and verdicts, and the page's sections in Markdown."""
     tilt, azimuth = polar_grid(circles, rays)
     joints = {phi: rates(workspace_pose(tilt, azimuth, radians(phi)), Geometry())
               for phi in SELF_ROTATIONS}

@@ -88,8 +88,8 @@ class Built:
         return tuple(np.sign(self.leg_volumes(th1, R)).astype(int).tolist())
 
     def margins(self, R):
-        """Angles from Z1k to Z3k within the limits of their reach, rad; negative outside."""
-        spans = np.arccos(np.clip((self.base * self.third_axes(R)).sum(1), -1.0, 1.0))
+        """Angles from Z1k to Z3k within the limits of their reach, rad, (..., 3)."""
+        spans = np.arccos(np.clip((self.base * self.third_axes(R)).sum(-1), -1.0, 1.0))
         return np.minimum(spans - abs(self.alpha - self.beta),
                           np.minimum(self.alpha + self.beta,
                                      2.0 * math.pi - self.alpha - self.beta) - spans)
@@ -108,6 +108,14 @@ def nominal(alpha=ALPHA, beta=BETA, gamma=GAMMA):
     platform = np.array([(about_z(2.0 * math.pi * k / 3.0) @ about_x(-gamma))[:, 2]
                          for k in range(3)])
     return Built(base, platform, np.full(3, alpha), np.full(3, beta))
+
+
+def random_nominal(rng):
+    """Draw a nominal mechanism that reaches about one rotation in a hundred or more."""
+    while True:
+        drawn = nominal(*rng.uniform(0.3, 2.4, 3))
+        if drawn.margins(random_rotations(rng, 100)).min(-1).max() > 0.05:
+            return drawn
 
 
 def random_built(rng, deviation_deg=2.0, **angles):

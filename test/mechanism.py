@@ -1,16 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""
-The mechanism a second time, with plain matrices.
-
-Nothing here uses the package's formulas, so that tests compare two independent derivations.
-"""
+"""Rotations in plain matrices, independent of the package; working modes, workspace's centre."""
 
 import math
 
 import numpy as np
-from spm_haptic_master.kinematics import Geometry
 
 MODES = [(a, b, c) for a in (1, -1) for b in (1, -1) for c in (1, -1)]
 # Rotation of the base frame of leg A to that of leg B: z to x to y.
@@ -63,31 +58,6 @@ def angle_between(p, q):
     return 2.0 * math.asin(min(1.0, np.linalg.norm(np.asarray(p) - q) / math.sqrt(8.0)))
 
 
-def second_axes(th1, g):
-    """Z2A, Z2B, Z2C in the base frame."""
-    return [np.linalg.matrix_power(LEG_TURN, k) @ about_z(th1[k]) @ about_x(g.alpha)
-            @ [0.0, 0.0, 1.0] for k in range(3)]
-
-
-def third_axes(R, g):
-    """Z3A, Z3B, Z3C in the base frame."""
-    return [R @ about_z(2.0 * math.pi * k / 3.0) @ about_x(-g.gamma) @ [0.0, 0.0, 1.0]
-            for k in range(3)]
-
-
-def closures(th1, R, g):
-    """Loop closure errors of the three legs."""
-    return np.array([
-        second @ third - math.cos(g.beta)
-        for second, third in zip(second_axes(th1, g), third_axes(R, g), strict=True)])
-
-
-def chain(th1a, th2a, th3a, g):
-    """Orientation of a platform carried by leg A."""
-    return (about_z(th1a) @ about_x(g.alpha) @ about_z(th2a) @ about_x(g.beta) @ about_z(th3a)
-            @ about_x(g.gamma))
-
-
 def tilted(phi, tilt, azimuth):
     """Turn the workspace's centre at phi by tilt about an axis perpendicular to (1, 1, 1)."""
     first = np.array([1.0, -1.0, 0.0]) / math.sqrt(2.0)
@@ -110,45 +80,3 @@ def random_rotations(rng, count):
 def random_rotation(rng):
     """Draw a rotation from the uniform distribution."""
     return random_rotations(rng, 1)[0]
-
-
-def spans(R, g):
-    """Angles between Z1k and Z3k, rad, (..., 3)."""
-    cosines = [(R @ third)[..., row]
-               for third, row in zip(third_axes(np.eye(3), g), (2, 0, 1), strict=True)]
-    return np.arccos(np.clip(np.stack(cosines, axis=-1), -1.0, 1.0))
-
-
-def inside_reach(R, g):
-    """Margins of the legs to the limits of their reach, rad; negative outside."""
-    angles = spans(R, g)
-    return np.minimum(angles - abs(g.alpha - g.beta), g.alpha + g.beta - angles)
-
-
-def reachable(R, g, slack=0.0):
-    """Whether each Z3k is as far from its Z1k as the two links can span, by `slack` rad."""
-    angles = spans(R, g)
-    least = abs(g.alpha - g.beta) + slack
-    most = min(g.alpha + g.beta, 2.0 * math.pi - g.alpha - g.beta) - slack
-    return np.all((least <= angles) & (angles <= most), axis=-1)
-
-
-def reachable_rotation(rng, g, slack=0.0, attempts=100000):
-    """Draw a random rotation within reach, or None if there is none among the attempts."""
-    drawn = 0
-    while drawn < attempts:
-        count = min(100, attempts - drawn)
-        R = random_rotations(rng, count)
-        found = np.flatnonzero(reachable(R, g, slack))
-        if len(found):
-            return R[found[0]]
-        drawn += count
-    return None
-
-
-def random_geometry(rng):
-    """Draw a geometry that reaches about one rotation in a hundred or more."""
-    while True:
-        g = Geometry(*rng.uniform(0.3, 2.4, 3))
-        if reachable_rotation(rng, g, slack=0.05, attempts=100) is not None:
-            return g

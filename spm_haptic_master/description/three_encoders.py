@@ -12,7 +12,7 @@ from math import acos, isfinite, pi, remainder
 
 from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.leg_kernels import chain_quaternion
-from spm_haptic_master.kinematics.mode_tracking import continue_mode, ContinuedMode
+from spm_haptic_master.kinematics.mode_tracking import continue_mode
 from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion
 from spm_haptic_master.kinematics.rotations import conjugate, multiply_quaternions
 
@@ -40,7 +40,8 @@ class ThreeEncoders:
         # Stamps, ns, and the angles of all nine joints, rad.
         self._poses: deque[tuple[int, Sequence[float]]] = deque(maxlen=POSES)
         self._waiting: tuple[int, Sequence[float]] | None = None
-        self._mode: ContinuedMode | None = None
+        # th2A and th3A of its last pose, rad.
+        self._passive = 0.0, 0.0
         self._solved_at = 0
         self.turn: Quaternion[float] | None = None
 
@@ -84,10 +85,9 @@ class ThreeEncoders:
         if not all(map(isfinite, readings)):
             return
         begin = th2a, th3a
-        if self.turn is not None and self._mode is not None and dexterity is not None \
-                and dexterity <= CLEAR:
-            begin = self._mode.th2a, self._mode.th3a
-        mode = continue_mode(readings, *begin, self._geometry)
+        if self.turn is not None and dexterity is not None and dexterity <= CLEAR:
+            begin = self._passive
         published = chain_quaternion(th1a, th2a, th3a, self._geometry, FLOATS)
-        self._mode, self._solved_at = mode, stamp
-        self.turn = multiply_quaternions(conjugate(published), mode.quaternion)
+        quaternion, th2a, th3a = continue_mode(readings, *begin, self._geometry)
+        self._passive, self._solved_at = (th2a, th3a), stamp
+        self.turn = multiply_quaternions(conjugate(published), quaternion)

@@ -16,6 +16,7 @@ from spm_haptic_master.kinematics import (
     workspace_pose,
 )
 from spm_haptic_master.kinematics.checks import WorkingMode
+from spm_haptic_master.kinematics.workspace import changes_of_sign, cone_grid
 
 # Half angle of the cone (rad).
 HALF_ANGLE = radians(26.0)
@@ -23,7 +24,7 @@ HALF_ANGLE = radians(26.0)
 TILES = 480
 # Rays and circles on which the singularities are searched; between two of their points det A is
 # taken for linear, which looks the same as `singularity_locus` at a tenth of its cost.
-RAYS, CIRCLES = 72, 13
+RAYS, CIRCLES = 72, 12
 # Turn from one tile to the next about the cone's axis (rad): the golden angle fills a disc evenly.
 GOLDEN_ANGLE = pi * (3.0 - sqrt(5.0))
 # Dexterity above which the colour does not change (unit 1).
@@ -42,8 +43,7 @@ class WorkspaceMap:
         # Equal areas of the sphere.
         self._tilts = np.arccos(1.0 - (1.0 - cos(HALF_ANGLE)) * number / TILES)
         self._azimuths = np.mod(GOLDEN_ANGLE * number, 2.0 * pi)
-        self._circles, self._rays = np.meshgrid(
-            np.linspace(0.0, HALF_ANGLE, CIRCLES), 2.0 * pi * np.arange(RAYS + 1) / RAYS)
+        self._grid = cone_grid(HALF_ANGLE, RAYS, CIRCLES)
         self.axes: NDArray[np.float64] = workspace_pose(
             self._tilts, self._azimuths, 0.0)[..., 2]
 
@@ -60,16 +60,10 @@ class WorkspaceMap:
     def singular_axes(self, phi: float) -> NDArray[np.float64]:
         """Return the platform axes at a parallel singularity, unit vectors, shape (n, 3)."""
         values = parallel_determinant(
-            workspace_pose(self._circles, self._rays, phi), self._geometry, self._working_mode)
-        found = []
-        for here, there in ((np.s_[:-1, :-1], np.s_[:-1, 1:]), (np.s_[:-1, 1:], np.s_[1:, 1:])):
-            one, other = values[here], values[there]
-            changed = one * other < 0.0
-            share = one[changed] / (one[changed] - other[changed])
-            found.append(np.stack([
-                (1.0 - share) * grid[here][changed] + share * grid[there][changed]
-                for grid in (self._circles, self._rays)]))
-        tilts, azimuths = np.concatenate(found, axis=1)
+            workspace_pose(self._grid[0], self._grid[1], phi), self._geometry, self._working_mode)
+        tilts, azimuths = np.concatenate([
+            (1.0 - one / (one - other)) * here + one / (one - other) * there
+            for here, there, one, other in changes_of_sign(self._grid, values)], axis=1)
         axes: NDArray[np.float64] = workspace_pose(tilts, azimuths, phi)[..., 2]
         return axes
 

@@ -36,13 +36,13 @@ LENGTH_TOLERANCE = 1e-6
 LEAST_ANGLE = math.radians(0.1)
 
 
-def check_array(name: str, value: object, shape: Shape, finite: bool = True,
+def check_array(name: str, value: object, shape: Shape,
                 largest: float = LARGEST_NUMBER) -> Array:
     """
     Return `value` as a float array of shape (..., *shape).
 
-    InputError if it is not an array of numbers of that shape, or an entry is larger than `largest`
-    in size or, with `finite`, not finite.
+    InputError if it is not an array of numbers of that shape, or an entry is not finite or larger
+    than `largest` in size.
     """
     try:
         array = np.asarray(value)
@@ -58,8 +58,6 @@ def check_array(name: str, value: object, shape: Shape, finite: bool = True,
     if array.dtype.char != 'd':
         with np.errstate(over='ignore'):
             array = array.astype(float)
-    if not finite:
-        return array
     # For one sample a numpy call costs more than Python's loop. NaN compares as too large.
     if array.size <= SMALL:
         good = not [x for x in array.ravel().tolist() if not -largest <= x <= largest]
@@ -76,15 +74,6 @@ def check_array(name: str, value: object, shape: Shape, finite: bool = True,
 def check_angles(name: str, value: object, shape: Shape) -> Array:
     """Return `value` as angles in rad, shape (..., *shape); InputError beyond `LARGEST_ANGLE`."""
     return check_array(name, value, shape, largest=LARGEST_ANGLE)
-
-
-def check_angle_within(name: str, value: object, most: float) -> float:
-    """Return `value` as one angle in rad in ]0, most]; InputError if it is none."""
-    angle = check_array(name, value, ())
-    if angle.ndim or not 0.0 < angle <= most:
-        raise InputError(
-            f'{name} = {quoted(value)}: expected one positive angle in rad, at most {most:.6g}')
-    return float(angle)
 
 
 def check_count(name: str, value: object, least: int, most: int) -> int:

@@ -18,7 +18,7 @@ turned by k 120 deg about z for Q_k. Nominal axes give the nominal frames.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, FrozenInstanceError
+from dataclasses import dataclass, field
 import math
 from typing import Any
 
@@ -55,7 +55,7 @@ PLATFORM_TURNS: tuple[Quaternion[float], ...] = (
     (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, math.sqrt(0.75), 0.5), (0.0, 0.0, math.sqrt(0.75), -0.5))
 
 
-@dataclass(slots=True, init=False, repr=False, unsafe_hash=True)
+@dataclass(frozen=True, init=False, repr=False)
 class Geometry:
     """
     Link angles and axes of the manipulator; the default is the paper's nominal one.
@@ -188,15 +188,6 @@ class Geometry:
     def gamma(self) -> float:
         """Angle between Z_E and each Z3k of a nominal mechanism, rad; GeometryError otherwise."""
         return self._of_nominal(2)
-
-    def __setattr__(self, name: str, value: object) -> None:
-        """Refuse: a geometry is a value."""
-        raise FrozenInstanceError(f'cannot assign to {name} of a Geometry')
-
-    def __setstate__(self, state: tuple[None, dict[str, object]]) -> None:
-        """Restore a copy, which needs no assignment."""
-        for name, value in state[1].items():
-            object.__setattr__(self, name, value)
 
     def _of_nominal(self, index: int) -> float:
         if self._nominal is None:

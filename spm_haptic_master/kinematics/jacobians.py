@@ -193,10 +193,11 @@ def dexterity(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
 # One pose in plain floats, fast enough for a moving device ---------------------------------------
 
 class Nearness(NamedTuple):
-    """Dexterity (eq. 12, 2-norm), in [0, 1], with the active joints and with every sensor."""
+    """Dexterity (eq. 12, 2-norm), in [0, 1], of the active joints, of every sensor, in use."""
 
     three: float
     every: float
+    in_use: float
 
 
 class Approach(NamedTuple):
@@ -227,40 +228,26 @@ def determinant_gradient(rotation: Rotation[float], g: Geometry,
     return dot(rows[0], cross(rows[1], rows[2])), gradient
 
 
-def nearness(quaternion: Quaternion[float], geometry: Geometry,
-             working_mode: WorkingMode, sensors: int = 4) -> Nearness:
+def nearness(quaternion: Quaternion[float], geometry: Geometry, working_mode: WorkingMode,
+             sensors: int = 4, left_out: Collection[int] = ()) -> Nearness:
     """
     Dexterities of one pose; nothing is validated.
 
-    `quaternion` is x, y, z, w of R_base_platform, `working_mode` the signs of B_kk, and `sensors`
-    the number of sensors, 4, 5 or 6. UnreachableError if the pose is out of reach,
-    SingularityError on the boundary of the working mode.
+    `quaternion` is x, y, z, w of R_base_platform, `working_mode` the signs of B_kk, `sensors` the
+    number of sensors, 4, 5 or 6, and `left_out` the places of those that are not in use; three are
+    left at least. UnreachableError if the pose is out of reach, SingularityError on the boundary
+    of the working mode.
     """
-    jacobian = _jacobian(quaternion, geometry, working_mode, sensors)
-    return Nearness(_dexterity(jacobian[:3]), _dexterity(jacobian))
-
-
-def dexterity_without(quaternion: Quaternion[float], geometry: Geometry,
-                      working_mode: WorkingMode, sensors: int,
-                      left_out: Collection[int]) -> float:
-    """
-    Dexterity of one pose without the sensors at some places; three are left at least.
-
-    Other arguments and errors as of `nearness`.
-    """
-    jacobian = _jacobian(quaternion, geometry, working_mode, sensors)
-    return _dexterity(np.delete(jacobian, list(left_out), axis=0))
-
-
-def _jacobian(quaternion: Quaternion[float], geometry: Geometry, working_mode: WorkingMode,
-              sensors: int) -> Array:
-    """Return the sensors' rates by turns in the base frame, shape (sensors, 3)."""
     rotation = rotation_from_quaternion(*quaternion)
     th1a, th1b, th1c = measured_angles(rotation, geometry, working_mode, 3)
     rows, diagonal = velocity_rows(rotation, (th1a, th1b, th1c), geometry, FLOATS)
-    return np.array([
+    jacobian = np.array([
         [FLOATS.mode_reciprocal(b) * component for component in row]
         for row, b in zip(rows[:sensors], diagonal[:sensors], strict=True)])
+    every = _dexterity(jacobian)
+    return Nearness(
+        _dexterity(jacobian[:3]), every,
+        _dexterity(np.delete(jacobian, list(left_out), axis=0)) if left_out else every)
 
 
 def _dexterity(jacobian: Array) -> float:

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 import math
 from typing import NamedTuple
 
@@ -20,7 +19,7 @@ from spm_haptic_master.kinematics.assembly_modes import (
     polish,
     ROUNDING,
 )
-from spm_haptic_master.kinematics.checks import check_angle_within, check_rotations
+from spm_haptic_master.kinematics.checks import check_rotations
 from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.number_backends import Array, Quaternion
 from spm_haptic_master.kinematics.rotations import (
@@ -34,8 +33,7 @@ from spm_haptic_master.kinematics.rotations import (
 AMBIGUITY_MARGIN = 0.01
 
 
-@dataclass(frozen=True, slots=True)
-class TrackedMode:
+class TrackedMode(NamedTuple):
     """
     The assembly mode nearest to a last known orientation: R_base_platform, (3, 3).
 
@@ -46,46 +44,33 @@ class TrackedMode:
     ambiguous: bool
 
 
-class ContinuedMode(NamedTuple):
-    """
-    The assembly mode that Newton's method leads to from a last one.
-
-    `quaternion` is R_base_platform, x, y, z, w; `th2a` and `th3a` are passive angles, rad.
-    """
-
-    quaternion: Quaternion[float]
-    th2a: float
-    th3a: float
-
-
 def continue_mode(th1: Sequence[float], th2a: float, th3a: float,
-                  geometry: Geometry = PAPER_GEOMETRY) -> ContinuedMode:
+                  geometry: Geometry) -> tuple[Quaternion[float], float, float]:
     """
     Classic forward model along a motion, by Newton's method from the last passive angles.
 
     `th1` are the active joints A, B, C, and `th2a`, `th3a` the passive angles of leg A to start
-    from, rad; nothing is validated. Next to a parallel singularity noise takes the active angles
-    beyond the last ones that can be assembled: then it is the pose with the least closure error.
+    from, rad; nothing is validated. Returned are the orientation, quaternion x, y, z, w, and the
+    new th2A and th3A. Next to a parallel singularity noise takes the active angles beyond the last
+    ones that can be assembled: then it is the pose with the least closure error.
     """
     chain = LockedChain.of(np.asarray(th1, dtype=float), geometry)
     th2a, th3a, *_ = polish(chain, th2a, th3a)
-    return ContinuedMode(chain.quaternion(th2a, th3a), th2a, th3a)
+    return chain.quaternion(th2a, th3a), th2a, th3a
 
 
-def track_mode(th1: ArrayLike, last: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
-               margin: float = AMBIGUITY_MARGIN) -> TrackedMode:
+def track_mode(th1: ArrayLike, last: ArrayLike,
+               geometry: Geometry = PAPER_GEOMETRY) -> TrackedMode:
     """
     Classic forward model with branch tracking: the mode nearest to the last orientation (Fig. 10).
 
     `th1` (3,) are the active joints A, B, C, rad; `last` (3, 3) is the orientation to start from.
-    `margin` is the smallest difference between the distances of two distinguishable modes, rad.
     No mode raises UnreachableError; infinitely many, and wrong arguments, as `forward_all`.
     """
     chain = LockedChain.of(check_triple(th1), check_geometry(geometry))
     matrix = check_rotations('last', last)
     if matrix.ndim != 2:
         raise InputError(f'last has shape {matrix.shape}: expected one rotation, (3, 3)')
-    margin = check_angle_within('margin', margin, math.pi)
     x, y, z, w = quaternion_from_matrix(matrix).tolist()
     modes = sorted(
         (rotation_distance(mode[0], (x, y, z, w)), mode[0], mode[3])
@@ -95,6 +80,6 @@ def track_mode(th1: ArrayLike, last: ArrayLike, geometry: Geometry = PAPER_GEOME
     distance, quaternion, determinant = modes[0]
     # Where two modes merged into one the rates are parallel, to the root of the rounding.
     ambiguous = abs(determinant) < math.sqrt(ROUNDING) or (
-        len(modes) > 1 and modes[1][0] - distance < margin)
+        len(modes) > 1 and modes[1][0] - distance < AMBIGUITY_MARGIN)
     rotation = np.array(rotation_from_quaternion(*quaternion)).reshape(3, 3)
     return TrackedMode(rotation, ambiguous)

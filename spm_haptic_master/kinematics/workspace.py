@@ -11,20 +11,14 @@ poses in batches, as the paper's Figs. 6, 7 and 15 need them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 import math
 
 import numpy as np
 from numpy.typing import ArrayLike
 from spm_haptic_master.exceptions import InputError, quoted
-from spm_haptic_master.kinematics.checks import (
-    check_angle_within,
-    check_angles,
-    check_broadcast,
-    check_count,
-    check_working_mode,
-)
-from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPER_GEOMETRY
+from spm_haptic_master.kinematics.checks import check_angles, check_broadcast
+from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
 from spm_haptic_master.kinematics.jacobians import parallel_determinant
 from spm_haptic_master.kinematics.number_backends import Array
@@ -36,8 +30,8 @@ CONE_AXIS = np.array([1.0, 1.0, 1.0]) / math.sqrt(3.0)
 TILT_DIRECTIONS = np.array([
     [math.sqrt(0.5), -math.sqrt(0.5), 0.0],
     [math.sqrt(1.0 / 6.0), math.sqrt(1.0 / 6.0), -math.sqrt(2.0 / 3.0)]])
-# Largest number of points at which `singularity_locus` computes det A: some gigabytes.
-LARGEST_GRID = 5_000_000
+# Rays and circles of the cone along which `singularity_locus` follows det A.
+RAYS, CIRCLES = 360, 60
 # Number of halvings of a grid step, of 1 rad at most, down to rounding.
 BISECTIONS = 50
 
@@ -60,46 +54,47 @@ def workspace_pose(tilt: ArrayLike, azimuth: ArrayLike, phi: ArrayLike) -> Array
 
 
 def singularity_locus(phi: float, half_angle: float, geometry: Geometry = PAPER_GEOMETRY,
-                      working_mode: Sequence[int] = RIG_WORKING_MODE, rays: int = 360,
-                      circles: int = 60) -> tuple[Array, Array]:
+                      working_mode: Sequence[int] = RIG_WORKING_MODE) -> tuple[Array, Array]:
     """
     Parallel singularities of the workspace cone at one self-rotation (the lines of Figs. 6, 7).
 
     `phi` is the self-rotation and `half_angle` that of the cone, at most pi, rad. det A is
-    followed along `rays` from the centre and along `circles` about it, at most `LARGEST_GRID`
-    points; each change of sign is bisected. Returned are tilt and azimuth of the singularities,
-    rad, shape (n,), as in `workspace_pose`, by azimuth; n may be 0. Errors as of `inverse`.
+    followed along rays from the centre and along circles about it; each change of sign is
+    bisected. Returned are tilt and azimuth of the singularities, rad, shape (n,), as in
+    `workspace_pose`, by azimuth; n may be 0. Errors as of `inverse`.
     """
-    angle = check_angles('phi', phi, ())
-    if angle.ndim:
-        raise InputError(f'phi = {quoted(phi)}: expected one self-rotation in rad')
-    half_angle = check_angle_within('half_angle', half_angle, math.pi)
-    check_geometry(geometry)
-    working_mode = check_working_mode(working_mode)
-    rays = check_count('rays', rays, 1, LARGEST_GRID)
-    circles = check_count('circles', circles, 1, LARGEST_GRID)
-    if rays * circles > LARGEST_GRID:
-        raise InputError(
-            f'rays = {rays}, circles = {circles}: expected a product of at most {LARGEST_GRID}')
+    angle, half = check_angles('phi', phi, ()), check_angles('half_angle', half_angle, ())
+    if angle.ndim or half.ndim or not 0.0 < half <= math.pi:
+        raise InputError(f'phi = {quoted(phi)}, half_angle = {quoted(half_angle)}: expected one '
+                         'angle each in rad, and half_angle in ]0, pi]')
 
-    def determinant(tilt: Array, azimuth: Array) -> Array:
+    def determinant(points: Array) -> Array:
         return parallel_determinant(
-            workspace_pose(tilt, azimuth, angle), geometry, working_mode)
+            workspace_pose(points[0], points[1], angle), geometry, working_mode)
 
-    tilts, azimuths = np.meshgrid(
-        np.linspace(0.0, half_angle, circles + 1), 2.0 * math.pi * np.arange(rays + 1) / rays)
-    values = determinant(tilts, azimuths)
+    grid = cone_grid(float(half), RAYS, CIRCLES)
     found = []
-    for here, there in ((np.s_[:-1, :-1], np.s_[:-1, 1:]), (np.s_[:-1, 1:], np.s_[1:, 1:])):
-        changed = values[here] * values[there] < 0.0
-        low = np.stack([tilts[here][changed], azimuths[here][changed]])
-        high = np.stack([tilts[there][changed], azimuths[there][changed]])
-        side = values[here][changed]
+    for low, high, side, _ in changes_of_sign(grid, determinant(grid)):
         for _ in range(BISECTIONS):
             middle = 0.5 * (low + high)
-            before = determinant(*middle) * side > 0.0
+            before = determinant(middle) * side > 0.0
             low, high = np.where(before, middle, low), np.where(before, high, middle)
         found.append(0.5 * (low + high))
     tilt, azimuth = np.concatenate(found, axis=1)
     order = np.argsort(azimuth, kind='stable')
     return tilt[order], azimuth[order]
+
+
+def cone_grid(half_angle: float, rays: int, circles: int) -> Array:
+    """Return tilts and azimuths, rad, on rays and circles, (2, rays + 1, circles + 1)."""
+    return np.stack(np.meshgrid(
+        np.linspace(0.0, half_angle, circles + 1), 2.0 * math.pi * np.arange(rays + 1) / rays))
+
+
+def changes_of_sign(points: Array, values: Array) -> Iterator[tuple[Array, Array, Array, Array]]:
+    """Yield neighbouring points, (2, n), and their values, (n,): along the rays, the circles."""
+    for here, there in ((np.s_[:-1, :-1], np.s_[:-1, 1:]), (np.s_[:-1, 1:], np.s_[1:, 1:])):
+        changed = values[here] * values[there] < 0.0
+        one, other = (np.stack([grid[place][changed] for grid in points])
+                      for place in (here, there))
+        yield one, other, values[here][changed], values[there][changed]

@@ -13,12 +13,7 @@ from geometry_msgs.msg import QuaternionStamped
 from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import SettingError, SpmError
 from spm_haptic_master.kinematics import mechanism_angles
-from spm_haptic_master.kinematics.jacobians import (
-    approach,
-    dexterity_without,
-    Nearness,
-    nearness,
-)
+from spm_haptic_master.kinematics.jacobians import approach, Nearness, nearness
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, MECHANISM_JOINT_NAMES
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
@@ -193,19 +188,17 @@ class Diagnostics(ParameterNode):
             return
         try:
             dexterities = nearness(
-                quaternion, self._geometry, self._working_mode, self.sensors)
-            in_use = dexterities.every if not self._left_out else dexterity_without(
                 quaternion, self._geometry, self._working_mode, self.sensors, self._left_out)
         except SpmError as error:
             self._report(ERROR, OUTSIDE, {'error': str(error)})
             return
         self.dexterities = dexterities
-        self._message.data = dexterities
+        self._message.data = dexterities[:2]
         self._publisher.publish(self._message)
-        text = self.levels.take(dexterities.three, in_use)
+        text = self.levels.take(dexterities.three, dexterities.in_use)
         if self._status.is_due(self.levels.level, text):
             self._status.publish(
-                self.levels.level, text, self._figures(quaternion, dexterities, in_use))
+                self.levels.level, text, self._figures(quaternion, dexterities))
 
     def _publish_joints(self) -> None:
         """Publish the angles of all joints at the latest orientation, if there is a new one."""
@@ -234,12 +227,12 @@ class Diagnostics(ParameterNode):
             return None
         return quaternion if self._mounting is None else self._mounting.unmounted(quaternion)
 
-    def _figures(self, quaternion: Quaternion[float], dexterities: Nearness,
-                 in_use: float) -> dict[str, object]:
+    def _figures(self, quaternion: Quaternion[float],
+                 dexterities: Nearness) -> dict[str, object]:
         figures: dict[str, object] = {
             'dexterity of 3 sensors': dexterities.three,
             f'dexterity of {self.sensors} sensors': dexterities.every,
-            'dexterity of the sensors in use': in_use,
+            'dexterity of the sensors in use': dexterities.in_use,
             'sensors left out': ', '.join(ALL_JOINT_NAMES[index] for index in self._left_out)
             or 'none',
             'warn below': self._values['dexterity_warn'],

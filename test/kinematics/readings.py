@@ -3,10 +3,13 @@
 
 """Readings at a pose, estimates from them and their bound, and poses at the limits."""
 
+from contextlib import suppress
 import math
 
-from mechanism import chain, inside_reach, turn, zxz
+from built_mechanism import nominal
+from mechanism import turn, zxz
 import numpy as np
+from spm_haptic_master.exceptions import UnreachableError
 from spm_haptic_master.kinematics import estimate, Geometry, inverse, jacobian
 from spm_haptic_master.kinematics.leg_kernels import linkage, turn_of_second_joint
 from spm_haptic_master.kinematics.number_backends import FLOATS
@@ -59,14 +62,31 @@ def case_2_determinant(readings, g=PAPER):
     return turn_of_second_joint(leg_b, leg_c)[2]
 
 
+def pose_of_zero(function, built, rng, longest):
+    """Find a pose where a function of poses changes sign, by bisection along random turns."""
+    while True:
+        R, axis = built.reachable_rotation(rng, 0.1), longest * rng.normal(size=3)
+        with suppress(UnreachableError):
+            start, end = function(R), function(turn(axis) @ R)
+            low, high = 0.0, 1.0
+            for _ in range(60 if start * end < 0.0 else 0):
+                middle = 0.5 * (low + high)
+                if function(turn(middle * axis) @ R) * start > 0.0:
+                    low = middle
+                else:
+                    high = middle
+            if low > 0.0:
+                return turn(low * axis) @ R
+
+
 def near_boundary(leg, size):
     """Pose at which B_kk of one leg has this size, and the other legs are well within reach."""
     rng = np.random.default_rng(80)
     # B_kk = sin alpha sin beta sin th2k.
     th2a = math.asin(size / (math.sin(PAPER.alpha) * math.sin(PAPER.beta)))
     while True:
-        R = chain(rng.uniform(-3.0, 3.0), th2a, rng.uniform(-3.0, 3.0), PAPER)
-        if inside_reach(R, PAPER)[1:].min() > 0.15:
+        R = nominal().chain(0, rng.uniform(-3.0, 3.0), th2a, rng.uniform(-3.0, 3.0))
+        if nominal().margins(R)[1:].min() > 0.15:
             break
     # Leg B or C is leg A in a platform turned about (1, 1, 1).
     third = 2.0 * math.pi / 3.0

@@ -133,8 +133,9 @@ def test_closed_form_down_to_its_least_determinant(sign):
 
 def test_half_turns_of_points_all_round():
     """The point 0 has the angle 0; NaN stays NaN."""
-    angles = np.concatenate([np.linspace(-3.1, 3.1, 50), math.pi - np.array([1e-9, 1e-15]),
-                             -math.pi + np.array([1e-9, 1e-15]), [0.0, 1e-9, -1e-9, 0.0, np.nan]])
+    near = np.array([1e-9, 1e-15])
+    angles = np.concatenate([np.linspace(-3.1, 3.1, 50), math.pi - near, near - math.pi, -near,
+                             near, [0.0, np.nan]])
     for radius in (1e-9, 1.0, 1e6):
         y, x = radius * np.sin(angles), radius * np.cos(angles)
         y[-2] = x[-2] = 0.0

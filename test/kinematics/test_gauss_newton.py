@@ -7,14 +7,13 @@ import math
 
 import numpy as np
 import pytest
-from readings import SIGMA
+from readings import all_angles, PAPER, SIGMA
 from spm_haptic_master.exceptions import SingularityError
-from spm_haptic_master.kinematics import Geometry, measured_angles, UsedSensors, workspace_pose
+from spm_haptic_master.kinematics import UsedSensors, workspace_pose
 from spm_haptic_master.kinematics.estimation.gauss_newton import fit, one_step
 from spm_haptic_master.kinematics.leg_kernels import linkage, turn_of_second_joint
 from spm_haptic_master.kinematics.number_backends import FLOATS
 
-PAPER = Geometry()
 MODE = (1, 1, 1)
 # Largest last step with which one step is enough on healthy samples (rad).
 LAST_STEP = math.sqrt(0.01 * SIGMA)
@@ -39,10 +38,8 @@ def samples(sensors, number=200):
     rng = np.random.default_rng(sensors.count)
     poses = workspace_pose(rng.uniform(0.0, 0.35, number), rng.uniform(0.0, 6.3, number),
                            rng.uniform(-0.5, 0.7, number))
-    for R in poses:
-        angles = np.array(measured_angles(
-            tuple(R.ravel().tolist()), PAPER, MODE, len(sensors.sigma)))
-        yield tuple((angles + sensors.sigma * rng.normal(size=len(angles))).tolist())
+    angles = all_angles(poses)[:, :len(sensors.sigma)]
+    yield from map(tuple, (angles + sensors.sigma * rng.normal(size=angles.shape)).tolist())
 
 
 @pytest.mark.parametrize('sensors', SETS, ids=lambda sensors: str(sensors.used))

@@ -29,9 +29,9 @@ def test_nominal_axes_are_the_nominal_mechanism(angles):
         R = built.reachable_rotation(rng)
         for mode in MODES:
             here, there = inverse(R, as_built, mode), inverse(R, g, mode)
-            np.testing.assert_allclose(wrapped(here.theta1 - there.theta1), 0.0, atol=1e-12)
-            np.testing.assert_allclose(wrapped(here.theta2a - there.theta2a), 0.0, atol=1e-12)
-            np.testing.assert_allclose(wrapped(here.theta3a - there.theta3a), 0.0, atol=1e-12)
+            for name in ('theta1', 'theta2a', 'theta3a'):
+                np.testing.assert_allclose(
+                    wrapped(getattr(here, name) - getattr(there, name)), 0.0, atol=1e-12)
 
 
 def test_a_mechanism_is_a_value():
@@ -66,24 +66,19 @@ GOOD = nominal()
 
 
 @pytest.mark.parametrize('name, value, quoted', [
-    ('base_axes', np.eye(3)[:2], r'\(2, 3\)'), ('base_axes', np.eye(4), r'\(4, 4\)'),
     ('base_axes', np.zeros((2, 3, 3)), r'\(2, 3, 3\)'), ('base_axes', None, 'None'),
-    ('base_axes', [['x'] * 3] * 3, 'x'), ('base_axes', np.full((3, 3), np.nan), 'nan'),
+    ('base_axes', np.full((3, 3), np.nan), 'nan'),
     ('base_axes', 1.001 * GOOD.base, r'row 0 = \[0.0, 0.0, 1.001\] has length 1.001'),
     ('base_axes', 0.0 * GOOD.base, 'length 0'),
     ('base_axes', GOOD.base[[0, 0, 2]], 'rows 0 and 1 .*parallel to 0 deg'),
     ('base_axes', np.stack([GOOD.base[0], GOOD.base[1], -GOOD.base[1]]), 'rows 1 and 2 .*parall'),
     ('base_axes', GOOD.base * [[1], [1], [-1]], r'Z1C = \[.*-1.0, .*\] is opposite to'),
     ('platform_axes', GOOD.platform[[0, 1, 1]], 'rows 1 and 2 .*parallel'),
-    ('platform_axes', 2.0 * GOOD.platform, 'length 2'),
     ('platform_axes', [[0, 0, -1], [1, 0, 0], [0, 1, 0]], 'Z3A = .* is opposite to'),
-    ('platform_axes', GOOD.platform[0], r'\(3,\)'),
     ('alpha', [0.7, 0.7], r'\(2,\)'), ('alpha', 0.7, r'\(\)'),
     ('alpha', [0.7, 0.0, 0.7], 'alpha of leg B = 0.0'),
     ('alpha', [39.3, 39.4, 39.1], 'alpha of leg A = 39.3'),
-    ('beta', [0.6, 0.6, math.pi], 'beta of leg C = 3.14'),
-    ('beta', [0.6, -0.6, 0.6], 'beta of leg B = -0.6'), ('beta', 'x', 'x'),
-    ('beta', [0.6, math.inf, 0.6], 'inf')])
+    ('beta', [0.6, 0.6, math.pi], 'beta of leg C = 3.14'), ('beta', 'x', 'x')])
 def test_impossible_mechanisms(name, value, quoted):
     arguments = {'base_axes': GOOD.base, 'platform_axes': GOOD.platform, 'alpha': GOOD.alpha,
                  'beta': GOOD.beta, name: value}
@@ -111,17 +106,12 @@ def test_axes_in_single_precision_are_normalised():
     np.testing.assert_allclose(np.linalg.norm(g.platform_axes, axis=1), 1.0, atol=1e-15)
 
 
-def test_a_nominal_mechanism_is_in_them():
-    moved = in_usual_frames(Geometry())
-    np.testing.assert_allclose(moved.platform_axes, Geometry().platform_axes, atol=1e-15)
-    assert moved.base_axes == Geometry().base_axes
-
-
-def test_they_are_the_same_from_any_other_frames():
+def test_the_usual_frames_are_the_same_from_any_other_frames():
     rng = np.random.default_rng(300)
-    for _ in range(20):
-        built = random_built(rng)
+    for built in (nominal(), *(random_built(rng) for _ in range(20))):
         there = in_usual_frames(built.geometry)
+        if built.geometry == nominal().geometry:
+            np.testing.assert_allclose(there.platform_axes, built.platform, atol=1e-15)
         assert there.base_axes[0] == (0.0, 0.0, 1.0)
         assert there.base_axes[1][1] == 0.0 < there.base_axes[1][0]
         # Where the sum of squares is least, no small turn reduces it.

@@ -5,13 +5,13 @@
 
 import math
 
-from built_mechanism import random_built
-from mechanism import CENTRE, MODES, random_geometry, random_rotations, reachable, turn, zxz
+from built_mechanism import nominal, random_built, random_nominal
+from mechanism import CENTRE, MODES, random_rotations, turn, zxz
 import numpy as np
 import pytest
 from readings import all_angles
 from spm_haptic_master.exceptions import UnreachableError
-from spm_haptic_master.kinematics import Geometry, inverse, mechanism_angles
+from spm_haptic_master.kinematics import inverse, mechanism_angles
 
 
 @pytest.mark.parametrize('mode, th1, th2a, th3a', [
@@ -26,9 +26,9 @@ def test_golden_values_at_phi_50(mode, th1, th2a, th3a):
 
 def test_unreachable_is_exactly_what_the_links_cannot_span():
     rng = np.random.default_rng(3)
-    for g in (Geometry(), *(random_geometry(rng) for _ in range(4))):
-        R = random_rotations(rng, 300).reshape(20, 15, 3, 3)
-        joints, expected = inverse(R, g), reachable(R, g)
+    for built in (nominal(), *(random_nominal(rng) for _ in range(4))):
+        R, g = random_rotations(rng, 300).reshape(20, 15, 3, 3), built.geometry
+        joints, expected = inverse(R, g), built.margins(R).min(-1) >= 0.0
         assert joints.theta1.shape == (20, 15, 3) and 0 < expected.sum() < 300
         for values in (*np.moveaxis(joints.theta1, -1, 0), joints.theta2a, joints.theta3a,
                        joints.theta3b, joints.theta3c):

@@ -3,12 +3,12 @@
 
 """Any three to six sensors in use of four, five or six mounted ones, one sample at a time."""
 
-from contextlib import suppress
 from itertools import combinations
 import math
 import random
 
-from mechanism import angle_between, chain, reachable_rotation, small_vector, tilted, turn
+from built_mechanism import nominal
+from mechanism import angle_between, small_vector, tilted, turn
 import numpy as np
 import pytest
 from readings import (
@@ -18,10 +18,11 @@ from readings import (
     estimated,
     four_angles,
     PAPER,
+    pose_of_zero,
     SIGMA,
     UNEQUAL,
 )
-from spm_haptic_master.exceptions import SingularityError, SpmError, UnreachableError
+from spm_haptic_master.exceptions import SingularityError, SpmError
 from spm_haptic_master.kinematics import (
     estimate_sample,
     forward_theta3a,
@@ -39,13 +40,15 @@ SETS = [UsedSensors(tuple(UNEQUAL[:mounted].tolist()), left_out) for mounted in 
 # Away from the singularities of all sets of three.
 POSES = [(0.05, 3.8, 0.4), (0.02, 1.6, 0.5), (0.07, 2.9, 0.4)]
 # Factors of a reading of a faulty sensor.
-SCALES = (1.0,) * 50 + (1e30,)
+SCALES = (1.0,) * 50 + (1e30, 2.4e307)
 # Readings of six sensors, th1C left out, whose residual of th3B has a variance below zero, by
 # rounding.
 ROUNDED = (2.4539857654200543, 0.9035146840646426, 1.4545972821125592, 0.617810762320942,
            0.290689359304329, 0.30756314797107104)
-EACH_SET = pytest.mark.parametrize(
-    'sensors', SETS, ids=lambda each: f'{len(each.sigma)}:{"".join(map(str, each.used))}')
+
+
+def name_of(sensors):
+    return f'{len(sensors.sigma)}:{"".join(map(str, sensors.used))}'
 
 
 def readings_at(R, sensors, mode=(1, 1, 1)):
@@ -63,7 +66,7 @@ def rotated(sample, R):
     return small_vector(matrix_from_quaternion(sample.quaternion) @ R.T)
 
 
-@EACH_SET
+@pytest.mark.parametrize('sensors', SETS, ids=name_of)
 def test_true_readings_give_the_pose_and_its_gains(sensors):
     """Four and more need no prior; gains are finite differences, and make the covariance."""
     mounted, step = len(sensors.sigma), 1e-5
@@ -101,12 +104,10 @@ def test_true_readings_give_the_pose_and_its_gains(sensors):
             weighted.T @ weighted, np.reshape(sample.covariance, (3, 3)), rtol=1e-6, atol=1e-15)
 
 
-@EACH_SET
+@pytest.mark.parametrize('sensors', [each for each in SETS if each.count > 3], ids=name_of)
 @pytest.mark.parametrize('leg', range(3))
 def test_a_solution_in_another_working_mode_is_none(sensors, leg):
     """Where the leg has a sensor in use; a leg without one may have any."""
-    if sensors.count == 3:
-        return
     R = workspace_pose(0.05, 0.5, 0.4)
     mode = tuple(-1 if each == leg else 1 for each in range(3))
     readings = readings_at(R, sensors, mode)
@@ -167,34 +168,11 @@ def test_nothing_but_its_own_errors_is_raised_in_five_thousand_random_calls(seed
     assert answered > 500
 
 
-@pytest.mark.parametrize('large', [1e16, 1e300, 1.7e308, -1.7e308])
-def test_readings_of_any_size_are_angles(large):
-    for places in combinations(range(6), 2):
-        readings = [large if place in places else 0.4 for place in range(6)]
-        with suppress(SpmError):
-            estimate_sample(tuple(readings), UsedSensors((SIGMA,) * 6), PAPER)
-
-
 # Where Case 2 gives no start --------------------------------------------------------------------
 
-def degenerate_pose(rng, g=PAPER):
-    """Find a pose at which the closed form's determinant vanishes, by bisection along a turn."""
-    while True:
-        R, axis = reachable_rotation(rng, g, slack=0.1), 0.1 * rng.normal(size=3)
-        try:
-            start, end = (case_2_determinant(four_angles(each, g)) for each in (R, turn(axis) @ R))
-            if start * end >= 0.0:
-                continue
-            low, high = 0.0, 1.0
-            for _ in range(55):
-                middle = 0.5 * (low + high)
-                if case_2_determinant(four_angles(turn(middle * axis) @ R, g)) * start > 0.0:
-                    low = middle
-                else:
-                    high = middle
-        except UnreachableError:
-            continue
-        return turn(low * axis) @ R
+def degenerate_pose(rng):
+    """Find a pose at which the closed form's determinant vanishes."""
+    return pose_of_zero(lambda R: case_2_determinant(four_angles(R)), nominal(), rng, 0.1)
 
 
 def test_where_the_closed_form_is_degenerate_a_prior_or_a_further_sensor_selects():
@@ -231,7 +209,7 @@ def rival_of(R):
     _, _, leg_b, _ = linkage(th1a, th1b, th1c, th3a, PAPER, FLOATS)
     th2a = max(both_turns(turn_equation(*leg_b)), key=lambda th2a: abs(
         math.remainder(th2a - inverse(R).theta2a, 2.0 * math.pi)))
-    return chain(th1a, th2a, th3a, PAPER)
+    return nominal().chain(0, th1a, th2a, th3a)
 
 
 @pytest.mark.parametrize(('squared', 'ambiguous', 'selectable'), [

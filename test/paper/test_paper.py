@@ -5,7 +5,6 @@
 
 import os
 import re
-import time
 
 from disturbance import measure_undisturbed
 from harness import ROOT
@@ -15,8 +14,7 @@ import pytest
 pytest.importorskip('matplotlib')
 pytest.importorskip('mujoco')
 
-from paper import __main__ as command  # noqa: E402, I100
-from paper import (  # noqa: E402
+from paper import (  # noqa: E402, I100
     dexterity_maps,
     errata,
     geometry_figures,
@@ -27,6 +25,7 @@ from paper import (  # noqa: E402
     scenarios,
     sensor_placement,
     solve_times,
+    verdicts,
 )
 from paper.figure_entry import Entry, Verdict  # noqa: E402
 from spm_haptic_master.exceptions import SpmError  # noqa: E402
@@ -47,8 +46,6 @@ def check(entries, out):
     return {entry.figures: entry for entry in entries}
 
 
-# The page in the repository ---------------------------------------------------------------------
-
 def test_page_has_every_figure_of_the_paper():
     text = PAGE.read_text(encoding='utf-8')
     headings = re.findall(r'^## Figs?\. ([\d, ]+):', text, re.MULTILINE)
@@ -57,17 +54,11 @@ def test_page_has_every_figure_of_the_paper():
     assert '## Section 5: Calculation times' in text
     for section in text.split('\n## ')[2:-1]:
         assert '- **The paper:**' in section and '- **Here:**' in section
-
-
-def test_links_at_a_glance_lead_to_headings():
-    text = PAGE.read_text(encoding='utf-8')
     headings = {''.join(c for c in line[3:].lower() if c.isalnum() or c in ' -').replace(' ', '-')
                 for line in text.splitlines() if line.startswith('## ')}
     links = re.findall(r'\]\(#(\S+)\)', text)
     assert links and set(links) <= headings
 
-
-# The topics -------------------------------------------------------------------------------------
 
 @pytest.mark.evidence
 def test_equation_5_belongs_to_90_deg(tmp_path):
@@ -184,32 +175,11 @@ def test_experiment_reports_which_program_failed(tmp_path, monkeypatch):
         rig_experiment.run(tmp_path, seconds=0.1)
 
 
-# The command ------------------------------------------------------------------------------------
-
 def test_page_is_written_in_the_papers_order():
     entries = [Entry((number,), 'what', 'a', 'b', Verdict.AGREES) for number in (3, 1, 2)]
-    text = page.write([*entries, Entry((), 'times', 'a', 'b', Verdict.AGREES)], 'errata', 'here',
+    text = page.write([*entries, Entry((), 'times', 'a', 'b', Verdict.PARTLY)], 'errata', 'here',
                       90.0)
+    assert verdicts.read(text)['At a glance: Section 5'] == 'agrees in part'
     order = re.findall(r'^## (.*?):', text, re.MULTILINE)
     assert order == ['Fig. 1', 'Fig. 2', 'Fig. 3', 'Section 5']
     assert '1.5 minutes' in text
-
-
-def test_command_shows_progress_and_complains_in_one_line(tmp_path, monkeypatch, capsys):
-    for module in (geometry_figures, dexterity_maps, mode_branches, sensor_placement, scenarios,
-                   rig_figures):
-        monkeypatch.setattr(module, 'entries', lambda out: [
-            Entry((1,), 'what', 'a', 'b', Verdict.AGREES)])
-    monkeypatch.setattr(solve_times, 'entries', list)
-    monkeypatch.setattr(command, 'DEFAULT_OUTPUT', tmp_path / 'new')
-    begin = time.monotonic()
-    assert command.main(['--accept']) == 0
-    out = capsys.readouterr().out.splitlines()
-    assert [line[:5] for line in out[:7]] == [f'[{number}/7]' for number in range(1, 8)]
-    assert (tmp_path / 'new' / 'README.md').is_file()
-    assert time.monotonic() - begin < 5.0
-
-    (tmp_path / 'file').write_text('')
-    assert command.main(['-o', str(tmp_path / 'file' / 'below')]) == 1
-    err = capsys.readouterr().err
-    assert err.startswith('paper: ') and err.count('\n') == 1 and 'cannot be written' in err

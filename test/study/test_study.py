@@ -6,8 +6,9 @@
 from math import inf, isfinite
 import re
 
+from built_mechanism import nominal
 from harness import ROOT
-from mechanism import second_axes, third_axes, turn
+from mechanism import turn
 import numpy as np
 import pytest
 from spm_haptic_master.kinematics import (
@@ -34,9 +35,9 @@ def test_rates_of_nine_joints_add_up_to_the_platforms_turn():
     joints = nine_joints.rates(POSES, PAPER)
     assert len(joints) == 9
     for row, R in enumerate(POSES):
-        seconds = second_axes(inverse(R).theta1, PAPER)
+        seconds = nominal().second_axes(inverse(R).theta1)
         for first, second, third, name in zip(
-                PAPER.base_axes, seconds, third_axes(R, PAPER), 'ABC', strict=True):
+                PAPER.base_axes, seconds, nominal().third_axes(R), 'ABC', strict=True):
             total = sum(np.outer(axis, joints[f'{number}{name}'][row])
                         for number, axis in zip('123', (first, second, third), strict=True))
             np.testing.assert_allclose(total, np.eye(3), atol=1e-12)
@@ -105,16 +106,21 @@ def test_poses_out_of_reach_have_no_worth():
 
 
 @pytest.mark.evidence
-def test_the_study_runs(tmp_path, monkeypatch, capsys):
+def test_the_study_runs_and_is_guarded(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(protection_maps.sections, '__defaults__', (8, 12))
     monkeypatch.setattr(placement.sections, '__defaults__', (4, 8))
-    assert command.main(['--output', str(tmp_path), '--accept']) == 0
+    monkeypatch.setattr(command, 'DEFAULT_OUTPUT', tmp_path)
+    assert command.main(['--accept']) == 0
     text = (tmp_path / 'README.md').read_text(encoding='utf-8')
     pictures = set(re.findall(r'\]\((\S+\.png)\)', text))
     assert pictures == {path.name for path in tmp_path.glob('*.png')}
     assert pictures == {'three.png', 'four.png', 'five.png', 'six.png', 'isolation.png',
                         'placement.png'}
     assert str(tmp_path / 'README.md') in capsys.readouterr().out
+    (tmp_path / 'README.md').write_text(
+        text.replace('six sensors | everywhere', 'six sensors | nowhere'))
+    assert command.main([]) == 1
+    assert "six sensors: committed 'nowhere', found 'everywhere'" in capsys.readouterr().err
     (tmp_path / 'file').write_text('')
     assert command.main(['--output', str(tmp_path / 'file')]) == 1
     assert 'cannot be written' in capsys.readouterr().err

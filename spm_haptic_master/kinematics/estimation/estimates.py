@@ -1,13 +1,12 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Maximum-likelihood orientations from three to six joint sensors, in batches."""
+"""Maximum-likelihood orientations from four to six joint sensors, in batches."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 import functools
-import math
 from typing import cast
 
 import numpy as np
@@ -38,12 +37,7 @@ from spm_haptic_master.kinematics.estimation.sample_estimation import (
     estimate_sample,
 )
 from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPER_GEOMETRY
-from spm_haptic_master.kinematics.joints import (
-    ALL_JOINT_NAMES,
-    FEWEST_USED,
-    NUMBER_WORDS,
-    UsedSensors,
-)
+from spm_haptic_master.kinematics.joints import NUMBER_WORDS, UsedSensors
 from spm_haptic_master.kinematics.leg_kernels import (
     chain_quaternion,
     linkage,
@@ -75,9 +69,9 @@ class Estimate:
         Covariance of the rotation error, a rotation vector in the base frame, rad^2; first order.
     parity : ndarray, shape (...)
         Signed residual of four sensors over its standard deviation (unit 1), of unit variance for
-        healthy sensors; the norm of `parity_vector` with more, NaN with three.
+        healthy sensors; the norm of `parity_vector` with more.
     parity_vector : ndarray, shape (..., N - 3)
-        Whitened residuals of the N sensors in use (unit 1): independent, of unit variance for
+        Whitened residuals of the N sensors (unit 1): independent, of unit variance for
         healthy sensors. The first is that of the first four; each further one is what the next
         sensor differs by from the estimate of those before it.
     determined : ndarray of bool, shape (...)
@@ -101,10 +95,9 @@ class Estimate:
 
 def estimate(th1: ArrayLike, theta3a: ArrayLike, sigma: ArrayLike,
              geometry: Geometry = PAPER_GEOMETRY, prior: ArrayLike | None = None,
-             missing: str | None = None, theta3b: ArrayLike | None = None,
-             theta3c: ArrayLike | None = None) -> Estimate:
+             theta3b: ArrayLike | None = None, theta3c: ArrayLike | None = None) -> Estimate:
     """
-    Maximum-likelihood orientations from four to six joint sensors, or from all but one of them.
+    Maximum-likelihood orientations from four to six joint sensors.
 
     Gauss-Newton starts from the closed form of Case 2. The result reaches the Cramer-Rao bound
     wherever the noise is small compared with the mechanism's curvature. It holds in all eight
@@ -117,8 +110,7 @@ def estimate(th1: ArrayLike, theta3a: ArrayLike, sigma: ArrayLike,
     The covariance is of first order. By simulation the rms error is within 2 % of the stated one
     with four sensors over the workspace, at the parallel singularity too, with noise up to 1 deg,
     and as near as |B_kk| = 10 sigma to the boundary of a working mode; nearer than 3 sigma the
-    estimate may fail. Without th3A do not use it nearer than 4 deg to the parallel singularity:
-    samples have no answer there (half of them at 0.3 deg), and the others are biased.
+    estimate may fail.
 
     Parameters
     ----------
@@ -134,9 +126,6 @@ def estimate(th1: ArrayLike, theta3a: ArrayLike, sigma: ArrayLike,
     prior : array_like, shape (..., 3, 3), optional
         Last known orientation. It selects among solutions that the readings do not contradict,
         and has no weight in the result.
-    missing : str, optional
-        One of `ALL_JOINT_NAMES`, whose readings are ignored and may be NaN. Three sensors have
-        several solutions and require a prior: the solution reached from it is returned.
     theta3b, theta3c : array_like, shape (...), optional
         Second passive joints of leg B, the fifth sensor, and of leg C, the sixth beside it, rad.
 
@@ -156,32 +145,28 @@ def estimate(th1: ArrayLike, theta3a: ArrayLike, sigma: ArrayLike,
 
     """
     check_geometry(geometry)
-    names = ALL_JOINT_NAMES[:4 + (theta3b is not None) + (theta3c is not None)]
-    if missing is not None and (not isinstance(missing, str) or missing not in names):
-        raise InputError(f'missing = {quoted(missing)}: expected one of {names} or None')
-    absent = () if missing is None else (names.index(missing),)
-    active, passive = _check_readings(th1, theta3a, theta3b, theta3c, absent)
-    used = UsedSensors(_check_sigma(sigma, len(names)), absent)
+    if theta3b is None and theta3c is not None:
+        raise InputError('theta3b = None: expected the fifth sensor, since theta3c is given')
+    active = check_angles('th1', th1, (3,))
+    names = ['theta3a', 'theta3b', 'theta3c'][:1 + (theta3b is not None) + (theta3c is not None)]
+    passive = [check_angles(name, angle, ())
+               for name, angle in zip(names, (theta3a, theta3b, theta3c), strict=False)]
+    number = 3 + len(passive)
+    sensors = UsedSensors(_check_sigma(sigma, number))
     shapes = [active.shape[:-1], *[angle.shape for angle in passive]]
     last: Array | None = None
     if prior is not None:
         last = quaternion_from_matrix(check_rotations('prior', prior))
         shapes.append(last.shape[:-1])
-    elif used.count == FEWEST_USED:
-        raise InputError(f'prior = None: expected an orientation, since {missing} is missing')
     # One sample is the usual case, and its check the dearest part of what is not the estimate.
-    batch = check_broadcast(', '.join(['th1', 'theta3a', 'theta3b', 'theta3c'][:1 + len(passive)])
-                            + ', prior', *shapes) if any(shapes) else ()
+    batch = check_broadcast(', '.join(['th1', *names, 'prior']), *shapes) if any(shapes) else ()
     if not batch:
         readings = (*active.tolist(), *[angle.item() for angle in passive])
-        return _estimate_one(readings, used, geometry, last)
-    rows = np.empty(batch + (len(names),))
-    rows[..., :3] = active
-    for sensor, angle in enumerate(passive, start=3):
-        rows[..., sensor] = angle
-    rows = rows.reshape(-1, len(names))
+        return _estimate_one(readings, sensors, geometry, last)
+    rows = np.stack([np.broadcast_to(angle, batch) for angle in (
+        *np.moveaxis(active, -1, 0), *passive)], axis=-1).reshape(-1, number)
     priors = None if last is None else np.broadcast_to(last, batch + (4,)).reshape(-1, 4)
-    result = _estimate_rows(rows, used, geometry, priors)
+    result = _estimate_rows(rows, sensors, geometry, priors)
     return Estimate(*(
         getattr(result, name).reshape(batch + getattr(result, name).shape[1:])
         for name in Estimate.__slots__))
@@ -195,17 +180,15 @@ def _estimate_rows(readings: Array, sensors: UsedSensors, g: Geometry,
         np.full((count, 3, 3), np.nan), np.full((count, 3, 3), np.nan), np.full(count, np.nan),
         np.full((count, sensors.count - 3), np.nan), np.zeros(count, bool))
     settled = np.zeros(count, bool)
-    if sensors.usual:
-        for start in range(0, count, SLICE):
-            part = slice(start, start + SLICE)
-            settled[part], *values = _estimate_slice(readings[part], sensors, g)
-            for name, value in zip(('rotation', 'covariance', 'parity_vector'), values,
-                                   strict=True):
-                getattr(result, name)[part][settled[part]] = value[settled[part]]
-        result.parity[:] = result.parity_vector[:, 0] if sensors.count == 4 else (
-            np.sqrt(np.sum(result.parity_vector ** 2, axis=-1)))
-        result.determined[settled] = np.trace(
-            result.covariance[settled], axis1=-2, axis2=-1) < DETERMINED_DEVIATION ** 2
+    for start in range(0, count, SLICE):
+        part = slice(start, start + SLICE)
+        settled[part], *values = _estimate_slice(readings[part], sensors, g)
+        for name, value in zip(('rotation', 'covariance', 'parity_vector'), values, strict=True):
+            getattr(result, name)[part][settled[part]] = value[settled[part]]
+    result.parity[:] = result.parity_vector[:, 0] if sensors.count == 4 else (
+        np.sqrt(np.sum(result.parity_vector ** 2, axis=-1)))
+    result.determined[settled] = np.trace(
+        result.covariance[settled], axis1=-2, axis2=-1) < DETERMINED_DEVIATION ** 2
     for row in np.flatnonzero(~settled):
         try:
             single = _estimate_one(tuple(readings[row].tolist()), sensors, g,
@@ -220,7 +203,7 @@ def _estimate_rows(readings: Array, sensors: UsedSensors, g: Geometry,
 def _estimate_slice(readings: Array, sensors: UsedSensors,
                     g: Geometry) -> tuple[NDArray[np.bool_], Array, Array, Array]:
     """
-    Estimate rows (n, N), rad, together, with th1A, th1B, th1C and th3A among the sensors in use.
+    Estimate rows (n, N), rad, together.
 
     Returned are the rows that converged, (n,) bool, and rotation, covariance and parity vector.
     """
@@ -262,9 +245,7 @@ def _estimate_one(readings: tuple[float, ...], sensors: UsedSensors, g: Geometry
                        + sample.parity_vector)
     matrices = numbers[:18].reshape(2, 3, 3)
     return Estimate(
-        matrices[0], matrices[1],
-        cast('Array', np.float64(math.nan if sample.parity is None else sample.parity)),
-        numbers[18:],
+        matrices[0], matrices[1], cast('Array', np.float64(sample.parity)), numbers[18:],
         cast('NDArray[np.bool_]', np.bool_(sample.determined)))
 
 
@@ -279,23 +260,3 @@ def _check_sigma(sigma: ArrayLike, sensors: int) -> tuple[float, ...]:
         raise InputError(f'sigma = {quoted(sigma)}: expected one standard deviation in rad, or '
                          f'{NUMBER_WORDS[sensors]}')
     return tuple(each)
-
-
-def _check_readings(th1: ArrayLike, theta3a: ArrayLike, theta3b: ArrayLike | None,
-                    theta3c: ArrayLike | None,
-                    absent: tuple[int, ...]) -> tuple[Array, list[Array]]:
-    """Return th1 and the passive angles, rad, checked; zeros for those of a missing sensor."""
-    if theta3b is None and theta3c is not None:
-        raise InputError('theta3b = None: expected the fifth sensor, since theta3c is given')
-    if absent and absent[0] < 3:
-        active = check_array('th1', th1, (3,), finite=False).copy()
-        active[..., absent[0]] = 0.0
-        th1 = active
-    passive = []
-    for place, name, angle in ((3, 'theta3a', theta3a), (4, 'theta3b', theta3b),
-                               (5, 'theta3c', theta3c)):
-        if place in absent:
-            passive.append(np.zeros(check_array(name, angle, (), finite=False).shape))
-        elif angle is not None or place == 3:
-            passive.append(check_angles(name, angle, ()))
-    return check_angles('th1', th1, (3,)), passive

@@ -145,16 +145,10 @@ def normal_equations(
         n22, n23, n33 = n22 + wy * y, n23 + wz * y, n33 + wz * z
         y1, y2, y3 = y1 + wx * residual, y2 + wy * residual, y3 + wz * residual
     y3 = y3 + weight_3 * left_3
-    entries, determinant = adjugate((n11, n12, n13, n22, n23, n33))
-    return (y1, y2, y3), entries, determinant, n11 * n22 * n33
-
-
-def adjugate(matrix: Symmetric[N]) -> tuple[Symmetric[N], N]:
-    """Return the inverse of a symmetric matrix times its determinant, and the determinant."""
-    n11, n12, n13, n22, n23, n33 = matrix
     e11, e12, e13 = n22 * n33 - n23 * n23, n13 * n23 - n12 * n33, n12 * n23 - n13 * n22
     e22, e23, e33 = n11 * n33 - n13 * n13, n12 * n13 - n11 * n23, n11 * n22 - n12 * n12
-    return (e11, e12, e13, e22, e23, e33), n11 * e11 + n12 * e12 + n13 * e13
+    return ((y1, y2, y3), (e11, e12, e13, e22, e23, e33), n11 * e11 + n12 * e12 + n13 * e13,
+            n11 * n22 * n33)
 
 
 def gauss_newton_step(right: Vector[N], legs: Legs[N], entries: Symmetric[N],

@@ -73,6 +73,8 @@ def estimate_sample(readings: tuple[float, ...], sensors: UsedSensors, geometry:
     `prior`, the quaternion x, y, z, w of the last orientation, selects among solutions that the
     readings do not contradict by more than 10 sigma, and has no weight in the result. Three
     sensors require one (InputError): Gauss-Newton converges from it to one of their solutions.
+    Without th3A do not use them nearer than 4 deg to the parallel singularity: samples have no
+    answer there (half of them at 0.3 deg), and the others are biased.
     `working_mode` are the signs of B_kk of the legs A, B, C (eq. 10); by default the readings
     decide. A leg without a sensor in use may have any. After a last step of `last_step`, rad, or
     less, about its square is left.
