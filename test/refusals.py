@@ -357,10 +357,8 @@ REFUSALS = (
     option('can_setup', '--identity', '-1 0 0 0', 'below 0, or of more than 32 bits', "'-1'",
            '0 to 0xFFFFFFFF'),
     option('can_setup', '--bit-rate', '500000', 'without `--lss`', '--lss'),
-    *(Refusal('validate', ('r.csv', 'c.csv', name, *given.split()), name, given, 'not finite',
-              (wrong, 'a finite number'))
-      for name, given, wrong in (('--geometry', 'nan 34 18', "'nan'"),
-                                 ('--marker-azimuths', '0 inf', "'inf'"))),
+    Refusal('validate', ('r.csv', 'c.csv', '--marker-azimuths', '0', 'inf'), '--marker-azimuths',
+            '0 inf', 'not finite', ("'inf'", 'a finite number')),
     *(Refusal(program, files, 'RECORDING', 'a file that does not exist',
               f'there is nothing to {verb}', ('r.csv',)) for program, verb, files in (
         ('validate', 'compare', ('r.csv', 'c.csv')), ('supervise', 'supervise', ('r.csv',)))),
