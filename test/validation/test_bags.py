@@ -87,11 +87,6 @@ def write_mcap(path, rows, compression=CompressionType.ZSTD):
     return path
 
 
-def cut(path):
-    """Take its end from a file."""
-    path.write_bytes(path.read_bytes()[:-20])
-
-
 @pytest.mark.parametrize('compression', list(CompressionType))
 def test_every_compression_of_chunks(tmp_path, library, compression):
     check(write_mcap(tmp_path / 'session_0.mcap', ROWS, compression),
@@ -121,11 +116,10 @@ def split(tmp_path):
                   for number, part in enumerate(PARTS)]
 
 
-@pytest.mark.parametrize('listed', ['in order', 'as text', 'not at all'])
+@pytest.mark.parametrize('listed', [list, sorted])
 def test_a_split_recording_in_mcap(split, library, listed):
     path, names = split
-    if listed != 'not at all':
-        describe(path, names if listed == 'in order' else sorted(names), {ORIENTATION: 60})
+    describe(path, listed(names), {ORIENTATION: 60})
     check(path, (recordings.read_orientation, 'orientation'))
 
 
@@ -150,24 +144,13 @@ def refused(path, *words):
         assert each in text
 
 
-def test_a_recording_that_was_not_ended(tmp_path, split, library):
+def test_a_recording_that_was_not_ended(split, monkeypatch):
     """Its recorder was killed: without metadata.yaml, a last file without its end."""
+    monkeypatch.setitem(sys.modules, 'rosbag2_py', None)  # it reads such a file
     path, names = split
-    cut(path / names[-1])
-    refused(path, 'session_11.mcap: its end is missing', '`ros2 bag reindex ' + str(path))
-    refused(path / names[-1], '`ros2 bag reindex ' + str(path))
-    path = write_bag(tmp_path / 'other', EVERY_TOPIC, StoragePlugin.SQLITE3)
-    (path / 'metadata.yaml').unlink()
+    (path / names[-1]).write_bytes((path / names[-1]).read_bytes()[:-20])
     refused(path, 'no metadata.yaml', '`ros2 bag reindex ' + str(path))
-
-
-def test_rosbags_does_not_read_what_was_reindexed(split, monkeypatch):
-    """`ros2 bag reindex` writes metadata.yaml; it gives no file its end."""
-    monkeypatch.setitem(sys.modules, 'rosbag2_py', None)
-    path, names = split
-    cut(path / names[-1])
-    describe(path, names, {ORIENTATION: 60})
-    refused(path, 'a file has no end, which rosbag2_py of ROS 2 reads')
+    refused(path / names[-1], 'cannot be read as rosbag2', '`ros2 bag reindex ' + str(path))
 
 
 def test_a_database_with_messages_beside_it(tmp_path, library):
@@ -181,7 +164,7 @@ def test_a_database_with_messages_beside_it(tmp_path, library):
             refused(each, 'session.db3-wal holds messages', 'ros2 bag reindex')
 
 
-def test_a_directory_that_is_not_complete(tmp_path, split, library):
+def test_a_directory_that_is_not_complete(split, library):
     path, names = split
     describe(path, names[:-1], {ORIENTATION: 55})
     refused(path, 'session_11.mcap not in metadata.yaml', 'ros2 bag reindex')
@@ -191,15 +174,14 @@ def test_a_directory_that_is_not_complete(tmp_path, split, library):
     refused(path, 'session_3.mcap is missing, of 12 files')
     (path / 'metadata.yaml').write_text('rosbag2_bagfile_information: 7')
     refused(path, 'metadata.yaml: cannot be read', 'ros2 bag reindex')
-    (tmp_path / 'empty').mkdir()
-    refused(tmp_path / 'empty', 'neither metadata.yaml nor')
 
 
 def test_a_file_that_is_no_recording(tmp_path, library):
-    for name, content in (('a.db3', b'no database ' * 1000), ('a.db3', b''), ('a.mcap', b'none')):
-        (tmp_path / name).write_bytes(content)
+    for name, content in (('a.db3', b'no database ' * 1000), ('a.db3', b''), ('a.mcap', b'none'),
+                          ('none.mcap', None)):
+        if content is not None:
+            (tmp_path / name).write_bytes(content)
         refused(tmp_path / name, 'cannot be read as rosbag2')
-    refused(tmp_path / 'none.mcap', 'cannot be read: ')
 
 
 def test_two_arms_in_one_recording(tmp_path, library):
