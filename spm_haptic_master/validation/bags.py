@@ -90,8 +90,8 @@ def _metadata(path: Path) -> _Metadata:
         _check_ended(path)
         return _Metadata()
     if not (path / METADATA).exists():
-        raise InputError(f'{path}: no {METADATA}; expected what `ros2 bag record` writes (if it was '
-                         f'not ended, `ros2 bag reindex {path}` makes it readable)')
+        raise InputError(f'{path}: no {METADATA}; expected what `ros2 bag record` writes: it was '
+                         f'not ended, and `ros2 bag reindex {path}` makes it readable')
     try:
         content = yaml.safe_load((path / METADATA).read_text(encoding='utf-8'))
         about = content['rosbag2_bagfile_information']
