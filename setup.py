@@ -101,8 +101,7 @@ setup(
         # setuptools: from 80 on, `colcon build --symlink-install` fails.
         # pyte: a terminal for the live status. websockets: the devtools of a browser.
         'test': [*PAPER, *SETUP, *VIEW, *AMENT_LINT, 'colcon-common-extensions', 'hypothesis',
-                 'mcap-ros2-support', 'pyte', 'pytest', 'pytest-xdist', 'setuptools<80',
-                 'websockets'],
+                 'pyte', 'pytest', 'pytest-xdist', 'setuptools<80', 'websockets'],
     },
     entry_points={'console_scripts': [
         f'{name} = {PACKAGE}.__main__:{name}' for name in EXECUTABLES]},

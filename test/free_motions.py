@@ -3,11 +3,12 @@
 
 """Motions of simulated rigs for the tests of the calibration from free motion."""
 
+from functools import cache
 from math import radians, tau
 
 from mechanism import turn
 import numpy as np
-from simulated_hand import Condition, deviations_of, hand_motion, joint_angles
+from simulated_hand import Condition, deviations_of, hand_motion, joint_angles, readings
 from spm_haptic_master.calibration.motion.free_motion import fitted
 from spm_haptic_master.calibration.motion.mechanism_parameters import Layout
 from spm_haptic_master.calibration.motion.model import MotionModel
@@ -15,13 +16,28 @@ from spm_haptic_master.calibration.motion.readings import motion_readings
 from spm_haptic_master.calibration.motion.zero_search import Start
 from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.kinematics.rotations import wrapped
-from spm_haptic_master.simulation.rig import perfect_rig, Tolerances
+from spm_haptic_master.simulation.rig import perfect_rig, random_rig, Tolerances
 
 SIGMA = 7e-4
 # Deviations of an ordinary rig.
 DEVIATIONS = Tolerances(radians(0.3), radians(0.3), radians(0.12), radians(0.015))
 # A short motion that determines everything that a motion can.
 SHORT = Condition('short', seconds=24.0)
+# An ordinary rig, and the seed of its short motion.
+RIG, SEED = random_rig(12, DEVIATIONS), 41
+
+
+@cache
+def short_motion():
+    """Return stamps, raw readings, true directions and zeros of the short motion of `RIG`."""
+    return readings(RIG, SHORT, SEED)
+
+
+@cache
+def short_calibration():
+    """Return the calibration from every tenth of its samples, with zeros that are known about."""
+    stamps, raw, direction, zeros = short_motion()
+    return calibrated(stamps[::10], raw[::10], direction, zeros)
 
 
 def model_of(sensors=4, nominal=None):

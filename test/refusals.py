@@ -332,11 +332,13 @@ REFUSALS = (
            'a regular file'),
     option('calibrate', '-o', '/no/such/a.yaml', 'its directory does not exist',
            '/no/such/a.yaml', 'an existing directory'),
-    Refusal('calibrate', ('-o', 'a.yaml'), '-o', 'a file that `calibrate` did not write',
-            'it cannot be verified, and is not overwritten',
-            ('a.yaml', 'not a calibration that calibrate wrote'), {'a.yaml': 'a: 1\n'}),
-    Refusal('calibrate', ('-o', 'a.yaml'), '-o', 'a calibration with a direction other than 1 '
-            'and -1', 'it was edited', ('a.yaml', 'direction 2; expected 1 or -1'),
+    Refusal('calibrate', ('-o', 'a.yaml'), '-o', 'a file that exists, without `--force`',
+            'it is not overwritten', ('a.yaml', '--force to overwrite'), {'a.yaml': 'a: 1\n'}),
+    Refusal('calibrate', ('-o', 'a.yaml', '--force'), '-o', 'a file that `calibrate` did not '
+            'write', 'it is not overwritten', ('a.yaml', 'not a calibration that calibrate wrote'),
+            {'a.yaml': 'a: 1\n'}),
+    Refusal('calibrate', ('-o', 'a.yaml', '--force'), '-o', 'a calibration with a direction other '
+            'than 1 and -1', 'it was edited', ('a.yaml', 'direction 2; expected 1 or -1'),
             {'a.yaml': CALIBRATION}),
     Refusal('calibrate', ('-o', 'a.yaml', '-p', 'source:=sim'), 'source', '`sim` for `calibrate`',
             'a simulation has nothing to calibrate', ("'source' is 'sim'",)),
@@ -354,10 +356,8 @@ REFUSALS = (
            '0 or more'),
     option('sim_bus', '--fault', 'dropout:joint_1a@1+0', 'it would never begin', '+0',
            'a duration above 0'),
-    *(Refusal('validate', ('r.csv', 'c.csv', name, *given.split()), name, given, 'not finite',
-              (wrong, 'a finite number'))
-      for name, given, wrong in (('--geometry', 'nan 34 18', "'nan'"),
-                                 ('--marker-azimuths', '0 inf', "'inf'"))),
+    Refusal('validate', ('r.csv', 'c.csv', '--marker-azimuths', '0', 'inf'), '--marker-azimuths',
+             '0 inf', 'not finite', ("'inf'", 'a finite number')),
     *(Refusal(program, files, 'RECORDING', 'a file that does not exist',
               f'there is nothing to {verb}', ('r.csv',)) for program, verb, files in (
         ('validate', 'compare', ('r.csv', 'c.csv')), ('supervise', 'supervise', ('r.csv',)))),

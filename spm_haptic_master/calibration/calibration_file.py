@@ -133,8 +133,11 @@ def read_calibration(path: Path) -> Calibration:
                          f'{type(error).__name__}: {error}') from error
 
 
-def check_output(path: Path) -> None:
-    """Raise InputError where no calibration can be written, before one is made."""
+def check_output(path: Path, force: bool) -> None:
+    """Raise InputError where no calibration can or, without `force`, may be written."""
+    if path.is_file() and not force:
+        raise InputError(f'-o {path}: it already exists; expected --force to overwrite it, or '
+                         '--motion --check to compare a motion with it')
     if not path.parent.is_dir():
         raise InputError(f'-o {path}; expected a file in an existing directory')
     if path.exists() and not path.is_file():

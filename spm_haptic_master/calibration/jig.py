@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Zero counts and directions from known poses of a static jig, and their verification.
+Zero counts and directions from known poses of a static jig.
 
 One pose determines the zero counts for given directions. It does not determine a direction: with
 the wrong one there is a zero count as well, and the angle is right at that pose and wrong
@@ -14,13 +14,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from enum import Enum
 from itertools import combinations, product
 from math import degrees, hypot, radians
 
 import numpy as np
 from numpy.typing import NDArray
-from spm_haptic_master.encoders.encoder_layout import angle_from_counts, TURN
+from spm_haptic_master.encoders.encoder_layout import TURN
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.kinematics import Geometry, jacobian, matrix_from_zxz
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, NUMBER_WORDS
@@ -180,43 +179,3 @@ def observed_directions(pairs: Iterable[tuple[Station, Station]],
         else:
             observed.append(1 if turned * expected > 0.0 else -1)
     return tuple(observed)
-
-
-class Direction(Enum):
-    """Result of comparing a joint's direction with the calibrated one."""
-
-    CONFIRMED = 'confirmed'
-    REVERSED = 'REVERSED'
-    NOT_OBSERVABLE = 'not observable at this pose'
-
-
-@dataclass(frozen=True, slots=True)
-class JointCheck:
-    """Comparison of one joint with its calibration."""
-
-    joint: str
-    deviation: float  # calibrated angle minus the jig's, rad
-    sigma: float  # noise of the sensor, rad, 1 standard deviation
-    direction: Direction
-
-    def failure(self, tolerance: float) -> str | None:
-        """Return why the calibration does not hold, None if it does; tolerance in rad."""
-        if self.direction is Direction.REVERSED:
-            return f'{self.joint} turns the other way'
-        if abs(self.deviation) > tolerance:
-            return f'{self.joint} is {degrees(self.deviation):+.3f} deg off'
-        return None
-
-
-def check_joints(calibration: Calibration, station: Station) -> tuple[JointCheck, ...]:
-    """Compare each joint with an earlier calibration by readings at a known pose."""
-    c = calibration
-    observed = observed_directions(
-        ((earlier, station) for earlier in c.stations), c.counts_per_turn)
-    return tuple(
-        JointCheck(joint, wrapped(angle_from_counts(round(counts), zero, sign, per_turn) - angle),
-                   sigma, {0: Direction.NOT_OBSERVABLE, sign: Direction.CONFIRMED}.get(
-                       seen, Direction.REVERSED))
-        for joint, counts, angle, sigma, zero, sign, per_turn, seen in zip(
-            ALL_JOINT_NAMES, station.counts, station.angles, station.sigma, c.zero_count,
-            c.direction, c.counts_per_turn, observed, strict=False))

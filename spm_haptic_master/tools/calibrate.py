@@ -22,7 +22,6 @@ from spm_haptic_master.calibration.calibration_file import (
 from spm_haptic_master.calibration.jig import (
     calibrate,
     Calibration,
-    check_joints,
     jig_bias,
     read_still,
     Station,
@@ -30,7 +29,7 @@ from spm_haptic_master.calibration.jig import (
 )
 from spm_haptic_master.calibration.recording import raw_counts
 from spm_haptic_master.encoders.decoder_factory import make_harmonics
-from spm_haptic_master.exceptions import CalibrationError, InputError, UnreachableError
+from spm_haptic_master.exceptions import InputError, UnreachableError
 from spm_haptic_master.kinematics import measured_angles, zxz_rotation
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.parameters.arguments import finite, Parser, positive
@@ -54,8 +53,7 @@ DESCRIPTION = """\
 Reads the encoders for some seconds while a static jig holds the device in a known pose, and writes
 their zero counts, noise and bias as a parameter file for all nodes (--params-file). One pose
 cannot determine a direction: give --pose twice or more often, and calibrate asks for one pose
-after the other and verifies the directions of the joints that they move. If the file already
-exists, nothing is written: the encoders are compared with it."""
+after the other and verifies the directions of the joints that they move."""
 # Default pose of the jig, psi theta phi (deg): the workspace's centre, with a self-rotation far
 # from the singularity near 50 deg.
 POSE_DEFAULT = (degrees(trajectories.CENTRE_PSI), degrees(trajectories.CENTRE_THETA), 0.0)
@@ -68,7 +66,7 @@ BIAS_DEFAULT = 0.05
 
 
 def main(args: list[str] | None = None) -> int:
-    """Calibrate, or verify an earlier calibration; 1 if it cannot be trusted."""
+    """Calibrate, or check a calibration by a motion; 1 if it cannot be trusted."""
     return command_line.run('calibrate', _run, args)
 
 
@@ -76,13 +74,12 @@ def _run(args: list[str]) -> int:
     options = _parser().parse(args)
     if options.check is not None:
         if not options.motion:
-            raise InputError(f'--check {options.check} without --motion; expected both: an '
-                             'existing file is verified in a jig by -o FILE')
+            raise InputError(f'--check {options.check} without --motion; expected both')
         return check_calibration.run(options)
     if options.motion:
         return calibrate_motion.run(options)
     if options.output is None:
-        raise InputError('no -o FILE; expected the parameter file to write or to verify')
+        raise InputError('no -o FILE; expected the parameter file to write')
     given = command_line.given(options)
     source = str(given.get('source', 'can'))
     poses = options.pose or [POSE_DEFAULT]
@@ -90,7 +87,7 @@ def _run(args: list[str]) -> int:
     if source == 'replay' and len(poses) > 1:
         raise InputError(f'--pose is given {len(poses)} times; expected once for a recording: run '
                          'calibrate again, with --force, for the recording at the next pose')
-    check_output(options.output)
+    check_output(options.output, options.force)
     before = read_calibration(options.output) if options.output.exists() else None
     if before is not None:
         # What is not given is as in the file: a calibration belongs to its mechanism.
@@ -110,10 +107,6 @@ def _run(args: list[str]) -> int:
                          f'turn, the encoders have {list(counts_per_turn)}')
     stations = [_station(source, values, options, number, pose, of_pose, len(poses))
                 for number, (pose, of_pose) in enumerate(zip(poses, angles, strict=True), 1)]
-    if before is not None and not options.force:
-        for station in stations:
-            _verify(options, before, station)
-        return 0
     bias = [radians(BIAS_DEFAULT)] * sensors if options.jig_error is None else np.max([
         jig_bias([*map(radians, pose)], geometry_from(mechanism), mechanism['working_mode'],
                  radians(options.jig_error), sensors) for pose in poses], axis=0).tolist()
@@ -138,7 +131,7 @@ def _parser() -> Parser:
                         f'{check_calibration.SECONDS_DEFAULT:g} s whether it still holds, and '
                         'write nothing')
     parser.add_argument('-o', '--output', type=Path, metavar='FILE',
-                        help='parameter file to write, or to verify if it already exists')
+                        help='parameter file to write')
     parser.add_argument('--pose', type=finite, nargs=3, action='append',
                         metavar=('PSI', 'THETA', 'PHI'),
                         help='pose of the jig, ZXZ angles in deg (default {:g} {:.4f} {:g}, the '
@@ -175,8 +168,7 @@ def _parser() -> Parser:
     parser.add_argument('--drift-limit', type=positive, default=0.05, metavar='DEG',
                         help='largest motion of a joint that is accepted (default 0.05)')
     parser.add_argument('--tolerance', type=positive, default=0.1, metavar='DEG',
-                        help='largest deviation that a verification accepts, and largest '
-                        'difference between the zeros of two poses (default 0.1)')
+                        help='largest difference between the zeros of two poses (default 0.1)')
     parser.add_argument('--force', action='store_true',
                         help='write the file even if it already exists')
     return parser
@@ -202,21 +194,6 @@ def _station(source: str, values: dict[str, Any], options: argparse.Namespace, n
                               radians(options.noise_limit), radians(options.drift_limit))
     return Station(tuple(map(radians, pose)), angles, tuple(means.tolist()),
                    tuple(noise.tolist()), len(counts))
-
-
-def _verify(options: argparse.Namespace, before: Calibration, station: Station) -> None:
-    """Print how the encoders differ from an earlier calibration; CalibrationError if too much."""
-    checks = check_joints(before, station)
-    print(f'{options.output}: calibration of {before.date}, verified; not overwritten '
-          '(--force overwrites it)')
-    for check in checks:
-        print(f'  {check.joint}: {degrees(check.deviation):+.3f} deg off, '
-              f'sigma {degrees(check.sigma):.4f} deg, direction {check.direction.value}')
-    failures = [check.failure(radians(options.tolerance)) for check in checks]
-    if any(failures):
-        raise CalibrationError(f'{options.output} does not hold: '
-                               f'{"; ".join(filter(None, failures))} '
-                               f'(tolerance {options.tolerance:g} deg)')
 
 
 def _report(path: Path, calibration: Calibration, replaced: Calibration | None) -> None:

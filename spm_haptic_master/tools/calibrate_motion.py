@@ -62,7 +62,11 @@ def run(options: argparse.Namespace) -> int:
     """Calibrate from free motion; errors as SpmError."""
     source, both = given_for_motion(options, 'calibrate')
     given = {name: value for name, value in both.items() if name in DRIVER_NAMES}
-    output = _check_output(options.output, options.force)
+    output = options.output
+    if output is None:
+        raise InputError('no -o FILE; expected the parameter file to write')
+    check_output(output, options.force)
+    check_report(output, options.force)
     check_references(options, source)
     sensors = sensors_of(given)
     values = command_line.checked(
@@ -104,18 +108,6 @@ def run(options: argparse.Namespace) -> int:
     if mounting is not None:
         print_mounting(mounting)
     return 0
-
-
-def _check_output(output: Path | None, force: bool) -> Path:
-    """Return the file to write; InputError where it or its report cannot be written."""
-    if output is None:
-        raise InputError('no -o FILE; expected the parameter file to write')
-    if output.is_file() and not force:
-        raise InputError(f'-o {output}: it already exists; expected --force to overwrite it, or '
-                         '--check to compare a motion with it')
-    check_output(output)
-    check_report(output, force)
-    return output
 
 
 def _guidance_topic(remaps: Sequence[str]) -> AbstractContextManager[Publish]:

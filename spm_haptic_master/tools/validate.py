@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import argparse
 import math
 from pathlib import Path
 
@@ -17,10 +16,8 @@ from spm_haptic_master.parameters.geometry import (
     GEOMETRY_SETTINGS,
     mounting_from,
     MOUNTING_SETTINGS,
-    NOMINAL_SETTINGS,
     WORKING_MODE_SETTING,
 )
-from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.tools import command_line
 from spm_haptic_master.validation import bags, recordings
 from spm_haptic_master.validation.comparison import (
@@ -53,7 +50,7 @@ def main(args: list[str] | None = None) -> int:
 
 def _run(args: list[str]) -> int:
     options = _parser().parse(args)
-    values = _mechanism(options)
+    values = command_line.checked(command_line.given(options, NODES, NAMES), SETTINGS)
     # matplotlib is an extra: report that it is missing before anything is read.
     from spm_haptic_master.validation import figures
 
@@ -78,20 +75,6 @@ def _run(args: list[str]) -> int:
     return 0
 
 
-def _mechanism(options: argparse.Namespace) -> Values:
-    """Return the values of the mechanism and its mounting; the option is of nominal angles."""
-    given = command_line.given(options, NODES, NAMES)
-    if options.geometry is not None:
-        angles = dict(zip((setting.name for setting in NOMINAL_SETTINGS), options.geometry,
-                          strict=True))
-        for name, angle in angles.items():
-            if given.get(name, angle) != angle:
-                raise InputError(f'--geometry has {angle:g} for {name}, the parameters have '
-                                 f'{given[name]}; expected one of the two')
-        given |= angles
-    return command_line.checked(given, SETTINGS)
-
-
 def _parser() -> Parser:
     parser = Parser('validate', DESCRIPTION)
     parser.epilog = recordings.__doc__
@@ -113,9 +96,6 @@ def _parser() -> Parser:
     parser.add_argument('--marker-azimuths', type=finite, nargs=2, default=MARKER_AZIMUTHS,
                         metavar=('C', 'D'), help='azimuths of the markers C and D about Z_E, deg '
                         "from the platform's x axis (default {:g} {:g})".format(*MARKER_AZIMUTHS))
-    parser.add_argument('--geometry', type=finite, nargs=3, metavar=('ALPHA', 'BETA', 'GAMMA'),
-                        help="link angles of a nominal mechanism, deg (default: the parameters'); "
-                        'a mechanism as built and its mounting: --params-file')
     parser.add_argument('-o', '--output', type=Path, default=Path('validation'), metavar='DIR',
                         help='directory for pictures and tables (default: validation)')
     return parser

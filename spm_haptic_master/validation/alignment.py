@@ -52,10 +52,6 @@ class Alignment:
     frame: np.ndarray  # orientation of the base frame in the capture's frame, (3, 3)
     body: np.ndarray  # orientation of the captured body in the platform's frame, (3, 3)
 
-    def captured(self, rotations: np.ndarray) -> np.ndarray:
-        """Return captured orientations as R_base_platform."""
-        return self.frame.T @ rotations @ self.body.T
-
 
 def between(time: np.ndarray, quaternions: np.ndarray, at: np.ndarray) -> np.ndarray:
     """

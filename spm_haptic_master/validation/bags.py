@@ -11,8 +11,8 @@ by the library rosbags.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path, PurePath
 
 from spm_haptic_master.exceptions import InputError
@@ -22,8 +22,6 @@ import yaml
 STORAGE_SUFFIXES = ('.mcap', '.db3')
 COMPRESSED_SUFFIX = '.zstd'
 METADATA = 'metadata.yaml'
-# First and last bytes of an MCAP file.
-MCAP_MAGIC = b'\x89MCAP0\r\n'
 # What sqlite3 keeps beside a database that was not closed, behind the name of the file.
 SQLITE_REMAINS = ('-wal', '-journal')
 
@@ -52,13 +50,13 @@ def read_topic(path: Path, topic: str, optional: bool = False) -> Topic | None:
     An optional one without messages is None. InputError for a recording that was not ended,
     cannot be read or is incomplete, and where no or several such topics have messages.
     """
-    recorded = _recorded(path)
-    types, messages = _read(path, recorded, topic)
+    metadata = _metadata(path)
+    types, messages = _read(path, metadata.compressed, topic)
     read = Counter(name for _, name, _ in messages)
-    for name in _select(recorded.counts, topic):
-        if read[name] != recorded.counts[name]:
+    for name in _select(metadata.counts, topic):
+        if read[name] != metadata.counts[name]:
             raise InputError(
-                f'{path}: {read[name]} messages on {name}, {recorded.counts[name]} according to '
+                f'{path}: {read[name]} messages on {name}, {metadata.counts[name]} according to '
                 f'{METADATA}; `ros2 bag reindex {path}` counts them again')
     # The files of a recording may overlap in time, and be listed in any order.
     messages.sort(key=lambda message: message[0])
@@ -76,36 +74,24 @@ def read_topic(path: Path, topic: str, optional: bool = False) -> Topic | None:
 # Complete or not -------------------------------------------------------------------------------
 
 @dataclass(frozen=True, slots=True)
-class _Recorded:
-    """What belongs to a recording."""
+class _Metadata:
+    """What metadata.yaml has of a recording; of a file alone there is none."""
 
-    sources: list[Path]  # the directory, or the files to be read one by one
-    compressed: bool  # whether files or messages are compressed by rosbag2
-    counts: Mapping[str, int]  # messages of each topic, where metadata.yaml has it
+    compressed: bool = False  # whether rosbag2 compressed files or messages
+    counts: Mapping[str, int] = field(default_factory=dict)  # messages of each topic
 
 
-def _recorded(path: Path) -> _Recorded:
-    """Return what belongs to a recording; raise InputError if it was not ended."""
+def _metadata(path: Path) -> _Metadata:
+    """Return what metadata.yaml has; raise InputError if a recording is not complete."""
     if not path.is_dir():
         if path.name.endswith(COMPRESSED_SUFFIX):
             raise InputError(f'{path}: compressed as a whole; expected its directory, with '
                              f'{METADATA}')
         _check_ended(path)
-        return _Recorded([path], False, {})
-    names = sorted(each.name for each in path.iterdir() if is_bag(each))
-    if (path / METADATA).exists():
-        return _with_metadata(path, names)
-    if not names:
-        raise InputError(f'{path}: neither {METADATA} nor a .mcap or .db3 file in it; expected '
-                         'what `ros2 bag record` writes')
-    if not all(name.endswith('.mcap') for name in names):
-        raise _not_ended(path, f'no {METADATA}', path)
-    for name in names:
-        _check_ended(path / name)
-    return _Recorded([path / name for name in names], False, {})
-
-
-def _with_metadata(path: Path, names: Sequence[str]) -> _Recorded:
+        return _Metadata()
+    if not (path / METADATA).exists():
+        raise InputError(f'{path}: no {METADATA}; expected what `ros2 bag record` writes: it was '
+                         f'not ended, and `ros2 bag reindex {path}` makes it readable')
     try:
         content = yaml.safe_load((path / METADATA).read_text(encoding='utf-8'))
         about = content['rosbag2_bagfile_information']
@@ -122,33 +108,17 @@ def _with_metadata(path: Path, names: Sequence[str]) -> _Recorded:
         raise InputError(f'{path}: {", ".join(missing)} is missing, of {len(listed)} files in '
                          f'{METADATA}')
     known = {_stored_name(name) for name in listed}
-    unknown = [name for name in names if _stored_name(name) not in known]
+    unknown = sorted(each.name for each in path.iterdir()
+                     if is_bag(each) and _stored_name(each.name) not in known)
     if unknown:
         raise _not_ended(path, f'{", ".join(unknown)} not in {METADATA}', path)
     for name in listed:
-        _check_sqlite_ended(path / name)
-    return _Recorded([path], mode != 'none', counts)
+        _check_ended(path / name)
+    return _Metadata(mode != 'none', counts)
 
 
 def _check_ended(path: Path) -> None:
-    """Raise InputError if a file was not written to its end, or cannot be opened."""
-    try:
-        if _is_endless(path):
-            raise _not_ended(path, 'its end is missing', path.parent)
-    except OSError as error:
-        raise InputError(f'{path}: cannot be read: {error}') from error
-    _check_sqlite_ended(path)
-
-
-def _is_endless(path: Path) -> bool:
-    """Return whether a file is MCAP without its end."""
-    with open(path, 'rb') as file:
-        begin = file.read(len(MCAP_MAGIC))
-        file.seek(max(0, path.stat().st_size - len(MCAP_MAGIC)))
-        return path.suffix == '.mcap' and begin == MCAP_MAGIC != file.read()
-
-
-def _check_sqlite_ended(path: Path) -> None:
+    """Raise InputError if sqlite3 holds messages beside a database that was not closed."""
     for suffix in SQLITE_REMAINS:
         beside = path.with_name(path.name + suffix)
         if path.suffix == '.db3' and beside.exists() and beside.stat().st_size:
@@ -167,21 +137,17 @@ def _stored_name(name: str) -> str:
 
 # Reading ---------------------------------------------------------------------------------------
 
-def _read(path: Path, recorded: _Recorded, topic: str) -> Content:
+def _read(path: Path, compressed: bool, topic: str) -> Content:
     """Return the topics of a recording, and the messages of those named `topic`."""
-    read_source = _library(path)
-    types: dict[str, str] = {}
-    messages: list[tuple[int, str, bytes]] = []
-    for source in recorded.sources:
-        try:
-            more, content = read_source(source, recorded.compressed, topic)
-        except Exception as error:
-            # The readers, their formats and their compressions have no common exception.
-            raise InputError(f'{source}: cannot be read as rosbag2: {type(error).__name__}: '
-                             f'{_first_line(error)}') from error
-        types |= more
-        messages += content
-    return types, messages
+    read = _library(path)
+    try:
+        return read(path, compressed, topic)
+    except Exception as error:
+        # The readers, their formats and their compressions have no common exception.
+        directory = path if path.is_dir() else path.parent
+        raise InputError(f'{path}: cannot be read as rosbag2: {type(error).__name__}: '
+                         f'{_first_line(error)}; if its recording was not ended, '
+                         f'`ros2 bag reindex {directory}` makes it readable') from error
 
 
 def _select(names: Iterable[str], topic: str) -> list[str]:
@@ -228,8 +194,6 @@ def _by_rosbag2_py(source: Path, compressed: bool, topic: str) -> Content:
 def _by_rosbags(source: Path, _: bool, topic: str) -> Content:
     from rosbags.rosbag2 import Reader
 
-    if source.is_dir() and any(map(_is_endless, source.glob('*.mcap'))):
-        raise InputError('a file has no end, which rosbag2_py of ROS 2 reads and rosbags does not')
     with Reader(source) as reader:
         types = {connection.topic: connection.msgtype for connection in reader.connections}
         chosen = _select(types, topic)

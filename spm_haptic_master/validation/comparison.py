@@ -15,7 +15,6 @@ from spm_haptic_master.exceptions import InputError, SpmError
 from spm_haptic_master.kinematics import (
     Geometry,
     matrix_from_quaternion,
-    matrix_from_zxz,
     quaternion_from_matrix,
     track_mode,
     zxz_from_matrix,
@@ -62,11 +61,7 @@ def compare(recorded: Track, capture: Track, joints: Track | None, geometry: Geo
     quaternions = quaternion_from_matrix(markers.orientation(capture.values, azimuths)) \
         if by_markers else capture.values
     alignment = align(recorded.time, recorded.values, capture.time, quaternions, by_markers)
-    if by_markers:
-        captured = matrix_from_zxz(
-            *markers.self_rotation(capture.values, azimuths, alignment.frame))
-    else:
-        captured = alignment.captured(matrix_from_quaternion(quaternions))
+    captured = alignment.frame.T @ matrix_from_quaternion(quaternions) @ alignment.body.T
     time = capture.time + alignment.offset
     found = interpolate(recorded.time, recorded.values, time)
     known = np.isfinite(found[:, 0])

@@ -31,18 +31,12 @@ def motion():
     return stamps[::STEP], raw[::STEP], direction, zeros
 
 
-def changed(sensor, change_deg):
-    """Return the calibration of the motion with a change of one sensor's angles, shape (n,)."""
+def changed(sensor, change):
+    """Return the calibration with a sensor's angles changed, deg, by a function of 0 .. 1."""
     stamps, raw, direction, zeros = motion()
     raw = raw.copy()
-    raw[:, sensor] += direction[sensor] * np.radians(change_deg)
+    raw[:, sensor] += direction[sensor] * np.radians(change(np.arange(len(raw)) / len(raw)))
     return calibrated(stamps, raw, direction, zeros)
-
-
-def slip(size_deg, part):
-    """Return a change of zero after a part of the motion, deg."""
-    count = len(motion()[0])
-    return np.where(np.arange(count) < part * count, 0.0, size_deg)
 
 
 @pytest.mark.slow
@@ -52,7 +46,7 @@ def slip(size_deg, part):
 def test_a_slip_near_an_end_of_the_motion_names_no_wrong_sensor(sensor, part):
     name = ('joint_1a', 'joint_1b', 'joint_1c', 'joint_3a')[sensor]
     try:
-        found = changed(sensor, slip(1.0, part))
+        found = changed(sensor, lambda at: 1.0 * (at >= part))
     except CalibrationError as error:
         assert re.match(rf'{name} slipped by \+|one of the encoders slipped during', str(error))
     else:
@@ -62,27 +56,22 @@ def test_a_slip_near_an_end_of_the_motion_names_no_wrong_sensor(sensor, part):
 
 
 @pytest.mark.slow
-def test_a_slip_in_the_middle_is_named_with_its_size():
-    with pytest.raises(CalibrationError, match=r'^joint_1b slipped by -0\.(3[5-9]|4[0-5]) deg '
-                       r'during the motion, about 1[5-7] s after its beginning'):
-        changed(1, slip(-0.4, 0.5))
-
-
-@pytest.mark.slow
-def test_a_drift_is_no_slip():
-    count = len(motion()[0])
-    with pytest.raises(CalibrationError,
-                       match=r'^joint_1c drifted by \+0\.(1[5-9]|2\d) deg during the motion'):
-        changed(2, 0.2 * np.arange(count) / count)
+@pytest.mark.parametrize('sensor, change, words', [
+    (1, lambda part: -0.4 * (part >= 0.5), r'joint_1b slipped by -0\.(3[5-9]|4[0-5]) deg during '
+     'the motion, about 1[5-7] s after its beginning'),
+    (2, lambda part: 0.2 * part, r'joint_1c drifted by \+0\.(1[5-9]|2\d) deg during the motion')])
+def test_a_slip_and_a_drift_are_named_with_their_sizes(sensor, change, words):
+    with pytest.raises(CalibrationError, match=f'^{words}'):
+        changed(sensor, change)
 
 
 @pytest.mark.slow
 def test_play_is_a_caution_and_raises_the_bias():
-    healthy = changed(0, 0.0)
+    healthy = changed(0, np.zeros_like)
     assert not healthy.cautions
     turns = np.unwrap(motion()[1][:, 0] * motion()[2][0])
     sense = np.sign(np.gradient(np.convolve(turns, np.ones(25) / 25.0, 'same')))
-    found = changed(0, 0.1 * sense)
+    found = changed(0, lambda at: 0.1 * sense)
     assert any('contradict each other' in caution and 'play' in caution
                for caution in found.cautions)
     assert found.bias[0] > radians(0.1) and (found.bias > healthy.bias).all()

@@ -8,41 +8,25 @@ import hashlib
 import re
 import sys
 
-from free_motions import calibrated
+from free_motions import model_of, short_calibration
 import numpy as np
 import pytest
 from spm_haptic_master.calibration import report_picture
 from spm_haptic_master.calibration.motion.calibration import Origin, Verdict, zero_counts
 from spm_haptic_master.calibration.motion.coverage import Region
-from spm_haptic_master.calibration.motion.mechanism_parameters import Layout
-from spm_haptic_master.calibration.motion.model import MotionModel
 from spm_haptic_master.calibration.report import check_report, report_paths, write_report
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.kinematics import workspace_pose
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 
 images = pytest.importorskip('matplotlib.image')
 
-# Zeros (rad) and directions of the simulated encoders, and noise of a reading (rad).
-ZEROS, DIRECTION, NOISE = (1.0, -2.0, 0.3, 2.5), (1, -1, 1, -1), 0.0007
 ORIGIN = Origin('2026-03-01T10:00:00+01:00', 'hand | motion.log', 'ab' * 32, '1.2.3',
                 (16384, 16384, 4096, 65536), {'encoders.can_id': (1, 2, 3, 4)})
 
 
-@pytest.fixture(scope='module')
+@pytest.fixture
 def calibration():
-    """Return the calibration from 16 s of a small motion of a rig that is off."""
-    layout = Layout(4)
-    rng = np.random.default_rng(5)
-    vector = rng.normal(size=layout.count) * np.where(
-        np.arange(layout.count) < 16, np.radians(0.2), np.radians(0.02))
-    vector[:4] = ZEROS
-    seconds = np.arange(2000) * 0.008
-    rotation = workspace_pose(0.25 * np.abs(np.sin(0.9 * seconds)), 2.3 * seconds,
-                              0.7 + 0.5 * np.sin(0.5 * seconds))
-    turned = MotionModel(layout, np.full(4, NOISE)).readings(rotation, vector)
-    readings = DIRECTION * turned + rng.normal(0.0, NOISE, turned.shape)
-    return calibrated((seconds * 1e9).astype(np.int64), readings, np.array(DIRECTION), ZEROS)
+    return short_calibration()
 
 
 @pytest.fixture
@@ -94,31 +78,29 @@ def test_the_report_begins_with_what_the_calibration_is_good_for(calibration, ou
 
 
 def test_the_report_has_the_figures_of_the_calibration(calibration, output, drawn):
-    c, degrees = calibration, np.degrees
+    c = calibration
     text = written(output, c)
     rows = tables(text)
-    assert rows['recording'] == [['`hand / motion.log`']]
-    assert rows['SHA-256 of the recording'] == [[f'`{ORIGIN.checksum}`']]
-    assert rows['date'] == [[ORIGIN.date]]
-    assert rows['spm_haptic_master'] == [['1.2.3']]
-    assert rows['SHA-256 of the parameter file'] == [
-        [f"`{hashlib.sha256(b'the parameters').hexdigest()}`"]]
-    assert rows['sets of readings'][0][0].startswith('2000 in 16.0 s')
+    for name, cell in (
+            ('recording', '`hand / motion.log`'), ('date', ORIGIN.date),
+            ('SHA-256 of the recording', f'`{ORIGIN.checksum}`'), ('spm_haptic_master', '1.2.3'),
+            ('SHA-256 of the parameter file',
+             f"`{hashlib.sha256(b'the parameters').hexdigest()}`")):
+        assert rows[name] == [[cell]]
+    assert rows['sets of readings'][0][0].startswith('2400 in 24.0 s')
+    assert f'{np.degrees(np.sqrt(np.nanmean(c.parity ** 2))):.4f} deg rms' in rows['parity'][0][0]
     zeros = zero_counts(c, ORIGIN.counts_per_turn)[0]
     for at, joint in enumerate(ALL_JOINT_NAMES[:4]):
         per_turn = ORIGIN.counts_per_turn[at]
-        angles = np.degrees(np.unwrap(
-            DIRECTION[at] * c.readings.readings[:, at]) - c.vector[at])
-        angles -= 360.0 * np.round(angles.mean() / 360.0)
         *cells, moved = rows[joint][0]
-        assert cells == [
-            f'{per_turn}', f'{DIRECTION[at]:+d}', f'{zeros[at]}',
-            f'{c.deviations[at] * per_turn / (2.0 * np.pi):.2f}',
-            f'{degrees(c.deviations[at]):.4f}', f'{degrees(c.noise[at]):.4f}',
-            f'{degrees(c.bias[at]):.4f}']
+        assert [float(cell) for cell in cells] == pytest.approx(
+            [per_turn, c.direction[at], zeros[at], c.deviations[at] * per_turn / (2.0 * np.pi),
+             *np.degrees([c.deviations[at], c.noise[at], c.bias[at]])], abs=0.01)
+        angles = np.degrees(np.unwrap(
+            c.direction[at] * c.readings.readings[:, at]) - c.vector[at])
+        angles -= 360.0 * np.round(angles.mean() / 360.0)
         assert [float(each) for each in moved.split(' to ')] == pytest.approx(
             [angles.min(), angles.max()], abs=1.0)
-    assert f'{degrees(np.sqrt(np.nanmean(c.parity ** 2))):.4f} deg rms' in rows['parity'][0][0]
     assert 'nan' not in text
 
 
@@ -126,13 +108,12 @@ def test_the_mechanism_is_quoted_beside_the_drawing(calibration, output, drawn):
     """With standard deviations of angles between axes as those of mechanisms by the covariance."""
     c = calibration
     rows = tables(written(output, c))
-    built = c.layout.geometry(c.vector)
-    for number, name in enumerate(c.layout.names[4:10]):
-        found = (*built.alphas, *built.betas)[number]
-        drawn = (*c.layout.nominal.alphas, *c.layout.nominal.betas)[number]
-        assert rows[name][0][:4] == [
-            f'{np.degrees(drawn):.4f}', f'{np.degrees(found):.4f}',
-            f'{np.degrees(found - drawn):+.4f}', f'{np.degrees(c.deviations[4 + number]):.4f}']
+    built, nominal = c.layout.geometry(c.vector), c.layout.nominal
+    for name, angle, drawn, deviation in zip(
+            c.layout.names[4:10], (*built.alphas, *built.betas),
+            (*nominal.alphas, *nominal.betas), c.deviations[4:10], strict=True):
+        assert [float(cell) for cell in rows[name][0][:4]] == pytest.approx(
+            np.degrees([drawn, angle, angle - drawn, deviation]), abs=1e-4)
     vectors = np.random.default_rng(1).multivariate_normal(c.vector, c.covariance, 500)
     several = [c.layout.geometry(vector) for vector in vectors]
     for joint, kind in ((1, 'base_axes'), (3, 'platform_axes')):
@@ -141,7 +122,7 @@ def test_the_mechanism_is_quoted_beside_the_drawing(calibration, output, drawn):
                 np.dot(getattr(each, kind)[first], getattr(each, kind)[second])))
                 for each in (built, *several))
             cells = rows[f'angle from Z{joint}{"ABC"[first]} to Z{joint}{"ABC"[second]}'][0]
-            assert cells[1] == f'{angle:.4f}'
+            assert float(cells[1]) == pytest.approx(angle, abs=1e-4)
             assert float(cells[3]) == pytest.approx(np.std(angles), rel=0.12)
 
 
@@ -170,15 +151,11 @@ def test_the_picture_is_beside_the_file_and_in_the_report(calibration, output):
 @pytest.mark.slow
 def test_the_picture_of_a_calibration_that_determined_little(calibration):
     """Zeros alone, means without an orientation, and further sensors."""
-    layout = Layout(6)
-    vector = np.zeros(layout.count)
-    vector[:4] = ZEROS
-    rotation, parity = calibration.rotation.copy(), calibration.parity.copy()
-    rotation[:50] = np.nan
-    parity[:50] = np.nan
+    model, rotation, parity = model_of(6), calibration.rotation.copy(), calibration.parity.copy()
+    rotation[:50], parity[:50] = np.nan, np.nan
     assert len(report_picture.draw(replace(
-        calibration, model=MotionModel(layout, np.full(6, NOISE)), vector=vector,
-        covariance=1e-6 * np.eye(layout.count), rotation=rotation, parity=parity))) > 10_000
+        calibration, model=model, vector=np.zeros(model.layout.count), rotation=rotation,
+        covariance=1e-6 * np.eye(model.layout.count), parity=parity))) > 10_000
 
 
 def test_without_matplotlib_a_line_says_so(calibration, output, monkeypatch):

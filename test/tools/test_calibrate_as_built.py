@@ -82,12 +82,6 @@ def test_the_file_is_all_that_the_nodes_need(capsys, tmp_path):
         assert parameters[name] == pytest.approx(value, abs=1e-12), name
     assert not any('table' in name or name.endswith(('alpha_deg', 'working_mode'))
                    for name in parameters)
-    # And it verifies, without the mechanism on the command line.
-    assert run(capsys, *at(first, output, POSES[0])) == (0, '')
-    # With another mechanism it does not hold.
-    code, err = run(capsys, *at(first, output, POSES[0], '-p',
-                                'geometry.proximal_deg:=[38.5, 39.3, 39.3]'))
-    assert code == 1 and 'does not hold: joint_1a is' in err
     # The file of a nominal rig has none.
     assert run(capsys, *at(first, tmp_path / 'nominal.yaml', POSES[0])) == (0, '')
     assert not any(name.startswith(('geometry', 'encoders.harmonic', 'encoders.table'))
