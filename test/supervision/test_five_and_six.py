@@ -31,23 +31,20 @@ def missing(first, last, *sensors):
 # Five -----------------------------------------------------------------------------------------
 
 @pytest.mark.parametrize('sensor', [3, 4])
-@pytest.mark.parametrize(('fault', 'kind'), [
-    ('step', 'singular'), ('ramp', 'crossing'), ('stuck', 'through')])
-def test_five_are_silent_where_four_see_nothing(fault, kind, sensor):
-    spoil = {'step': offset(BEGIN, sensor, 1.0), 'ramp': ramp(BEGIN, sensor, 10.0),
-             'stuck': stuck(BEGIN, sensor)}[fault]
-    assert not outcome(kind, 5, spoil=spoil).published[-300:].any()
+@pytest.mark.parametrize(('kind', 'fault', 'size'), [
+    ('singular', offset, [1.0]), ('crossing', ramp, [10.0]), ('through', stuck, [])])
+def test_five_are_silent_where_four_see_nothing(sensor, kind, fault, size):
+    found = outcome(kind, 5, spoil=fault(BEGIN, sensor, *size))
+    assert not found.published[-300:].any()
 
 
 # Six without a faulty one ---------------------------------------------------------------------
 
 @EACH_SENSOR
-@pytest.mark.parametrize('fault', ['step 1', 'step 30', 'ramp 10'])
-def test_six_isolate_the_faulty_one_and_go_on(sensor, fault):
-    kind = ('singular', 'crossing', 'sweep')[(sensor + len(fault)) % 3]
-    found = outcome(kind, 6, {'step 1': offset(BEGIN, sensor, 1.0),
-                              'step 30': offset(BEGIN, sensor, 30.0),
-                              'ramp 10': ramp(BEGIN, sensor, 10.0)}[fault])
+@pytest.mark.parametrize(('kind', 'fault', 'size'), [
+    ('crossing', offset, 1.0), ('sweep', offset, 30.0), ('singular', ramp, 10.0)])
+def test_six_isolate_the_faulty_one_and_go_on(sensor, kind, fault, size):
+    found = outcome(kind, 6, fault(BEGIN, sensor, size))
     assert found.longest_silence() <= ALERT and found.published[-1]
     assert found.states[-1] == f'degraded: {ALL_JOINT_NAMES[sensor]} excluded'
     # Nobody checks it, and that is declared.
@@ -103,30 +100,12 @@ def test_a_sensor_with_spikes_that_return_is_excluded(bad, of):
     assert found.longest_silence() <= 3 * ALERT and found.published[500:].all()
 
 
-@pytest.mark.parametrize('sensor', [0, 4])
-def test_the_noise_of_an_excluded_sensor_does_not_silence_the_others(sensor):
-    def noisy(angles):
-        angles[BEGIN:, sensor] += np.radians(0.3) * np.random.default_rng(3).normal(
-            size=len(angles) - BEGIN)
-    found = outcome('rest', 6, noisy, seconds=1.8)
-    assert found.published[900:].mean() > 0.9
-    assert found.states[-1] == f'degraded: {ALL_JOINT_NAMES[sensor]} excluded'
-
-
 @pytest.mark.parametrize('sensor', [0, 3, 5])
 def test_a_sensor_out_of_its_range_from_the_start_is_excluded(sensor):
     high = (np.degrees(joint_angles(motion('rest', 0.001), 6)[0]) + 20.0).tolist()
     found = outcome('rest', 6, offset(0, sensor, 40.0), joint_max_deg=high)
     assert found.states[-1] == f'degraded: {ALL_JOINT_NAMES[sensor]} excluded'
     assert found.published[30:].all()
-
-
-def test_a_sensor_that_is_back_is_taken_again_after_the_recovery():
-    found = outcome('sweep', 6, offset(BEGIN, 4, 3.0, BEGIN + 300), seconds=1.4, recovery=0.3)
-    assert found.states[-1] == 'healthy' and 'degraded: joint_3b excluded' in found.states
-    back = next(index for index, text in reversed(found.result.state) if text == 'healthy')
-    assert 300 + 299 <= back - BEGIN <= 300 + 400
-    assert found.published[BEGIN + ALERT:].all()
 
 
 @pytest.mark.parametrize('glitches', [(3, 5), (5, 3), (3, 5, 4)])
@@ -177,12 +156,6 @@ def test_any_two_of_six_may_be_missing():
         assert found.published[10:].mean() > 0.99
         assert found.states[-1] == (f'degraded: {ALL_JOINT_NAMES[first]} missing, '
                                     f'{ALL_JOINT_NAMES[second]} missing')
-
-
-def test_four_with_one_missing_are_silent():
-    found = run('turning', seconds=0.3, spoil=missing(200, None, 2))
-    assert not found.published[200:].any()
-    assert found.states[-1] == 'silent: joint_1c missing'
 
 
 def test_a_sensor_that_comes_back_wrong_is_left_out():

@@ -104,7 +104,6 @@ def test_where_the_motion_was_lost_three_sensors_give_no_orientation(after):
     assert rig.state.startswith('silent')
 
 
-@pytest.mark.parametrize(('samples', 'sizes'), [(100, (1.0, 5.0, 20.0)), (20, (1.0, 5.0))])
-def test_a_second_sensor_that_jumps_is_silence(samples, sizes):
-    for size in sizes:
-        assert degraded(samples).errors(300, **WRONG, th3a=size)[1:] == []
+@pytest.mark.parametrize(('samples', 'size'), [(100, 1.0), (100, 20.0), (20, 5.0)])
+def test_a_second_sensor_that_jumps_is_silence(samples, size):
+    assert degraded(samples).errors(100, **WRONG, th3a=size)[1:] == []
