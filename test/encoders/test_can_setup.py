@@ -128,6 +128,7 @@ def test_what_an_encoder_does_not_do_is_reported(network, run, changes, words):
     assert out.endswith('1 of 1 encoders not set up\n')
 
 
+@pytest.mark.slow
 def test_an_encoder_that_is_missing_does_not_stop_the_others(network, run):
     LocalEncoder(network, 1)
     # Objects that are not needed may be missing.
@@ -176,6 +177,7 @@ def test_nothing_is_written_while_a_master_runs(run, encoders):
     assert code == 0 and out.endswith('4 of 4 encoders as configured\n')
 
 
+@pytest.mark.slow
 def test_a_node_id_of_another_node_is_not_given(run, encoders):
     encoders()
     code, out, err = run('--lss', 'joint_1a', *SIMULATED, 2, '--write')
