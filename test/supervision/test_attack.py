@@ -143,12 +143,6 @@ def test_what_nobody_can_see_at_the_singularity_is_declared(drift):
     assert np.all(found.result.unchecked[600:, :3] == 0.0)
 
 
-def test_a_sensor_unchecked_for_too_long_is_silent():
-    found = run('to singular', unchecked_limit=1.0)
-    assert found.published[10:1000].all() and not found.published[1550:].any()
-    assert found.states[-1] == 'silent: joint_3a unchecked for too long'
-
-
 # The level ------------------------------------------------------------------------------------
 
 def largest_error_over_level(sensors, bias_deg, sigma_deg, alert_deg, rng, poses):

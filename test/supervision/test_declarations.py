@@ -90,14 +90,14 @@ def test_noise_beyond_chance_raises_the_level_and_is_a_caution(factor, counts):
 
 def test_a_sensor_unchecked_is_a_caution_after_a_second_and_silence_after_the_limit():
     """Until the others check it again."""
-    rig = settled(unchecked_limit=3.0)
+    rig = settled(unchecked_limit=1.5)
     assert rig.supervisor.cautions() == {}
     rig.supervisor.alert_limit = 0.99 * max(rig.supervisor.parts)
     assert set(rig.samples(990)) == {None}
     assert rig.supervisor.cautions() == {}
-    rig.samples(1200)
-    assert rig.supervisor.cautions() == {'unchecked joint_1c': 'joint_1c unchecked for 2 s'}
-    rig.samples(830)
+    rig.samples(100)
+    assert rig.supervisor.cautions() == {'unchecked joint_1c': 'joint_1c unchecked for 1 s'}
+    rig.samples(430)
     assert set(rig.samples(100)) == {'joint_1c unchecked for too long'}
     rig.supervisor.alert_limit = radians(2.0)
     assert set(rig.samples(60)[-20:]) == {None}

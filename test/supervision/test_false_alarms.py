@@ -22,7 +22,8 @@ import pytest
 from spm_haptic_master.kinematics import zxz_rotation
 from spm_haptic_master.simulation.trajectories import fig9
 
-SENSORS = pytest.mark.parametrize('sensors', [4, 5, 6])
+SENSORS = pytest.mark.parametrize('sensors', [
+    4, pytest.param(5, marks=pytest.mark.slow), 6])
 SEEDS = pytest.mark.parametrize('seeds', [
     pytest.param(range(1), id='few'),
     pytest.param(range(1, 25), id='more', marks=pytest.mark.evidence)])
