@@ -66,43 +66,7 @@ def test_a_human_motion_is_followed(noise, bits, dt):
         assert not seen['step'].any()
 
 
-@pytest.mark.parametrize('speed', [3.0, -3.0, 12.0])
-def test_the_velocity_is_that_of_the_joint_also_past_half_a_turn(speed):
-    angles = np.remainder(3.0 + speed * times() + pi, 2.0 * pi) - pi
-    assert np.ptp(angles) > 2.0
-    seen = follow(joint(), encoder(angles))
-    assert not seen['away'].any()
-    assert seen['velocity'][100:] == pytest.approx(speed, abs=2.0)
-    assert np.mean(seen['velocity'][100:]) == pytest.approx(speed, rel=0.02)
-
-
-@pytest.mark.parametrize('lost', [1, 7, 20])
-def test_lost_samples_take_no_joint_off_its_motion(lost):
-    """It is accelerated meanwhile, as fast as a human can."""
-    for seed in range(10):
-        late = np.maximum(times(), 0.0)
-        angles = 2.0 * times() - 0.5 * LIMITS.joint_acceleration * late**2
-        readings = encoder(angles, seed=seed)
-        monitor = joint()
-        follow(monitor, readings[:ONSET + 1])
-        monitor.follow(readings[ONSET + 1 + lost], (lost + 1) * DT, DT, 0.0)
-        assert not monitor.away
-
-
 # What leaves it -----------------------------------------------------------------------------
-
-@pytest.mark.parametrize(('samples', 'speed'), [(1, 0.0), (1, 2.0), (3, 0.0), (40, 2.0)])
-def test_a_glitch_leaves_the_motion_and_returns_to_it(samples, speed):
-    angles = speed * times()
-    angles[ONSET:ONSET + samples] += radians(10.0)
-    for seen in runs(angles, 0.04, 14):
-        assert not seen['away'][:ONSET].any()
-        assert seen['away'][ONSET:ONSET + samples].tolist() == list(range(1, samples + 1))
-        assert seen['returned'][ONSET + samples]
-        assert not seen['away'][ONSET + samples:].any()
-        assert not seen['step'][ONSET + samples:].any()
-        assert seen['velocity'][-1] == pytest.approx(speed, abs=1.0)
-
 
 def test_neither_staying_away_nor_a_motion_across_the_old_one_nor_another_jump_is_a_return():
     """It stays 10 deg off; or jumps by 2 and moves back slowly; or jumps by 20, then by -15."""
@@ -169,18 +133,6 @@ def test_the_noise_is_measured_at_rest_and_in_a_slow_motion(noise, speed):
         measured.append(monitor.noise)
     assert np.mean(measured[2000:]) == pytest.approx(radians(noise), rel=0.04)
     assert np.std(measured[2000:]) < 0.1 * radians(noise)
-
-
-def test_a_fast_motion_and_a_glitch_are_no_noise():
-    time = times(4000)
-    fast = 0.5 * np.sin(2.0 * pi * 4.0 * time)
-    glitch = 0.0 * time
-    glitch[2000] += radians(20.0)
-    for noise, bits in ((0.04, 14), (0.006, 17)):
-        for angles in (fast, glitch):
-            monitor = joint(radians(noise))
-            follow(monitor, encoder(angles, noise, bits))
-            assert monitor.noise == pytest.approx(radians(noise), rel=0.2)
 
 
 # Equal readings -----------------------------------------------------------------------------
