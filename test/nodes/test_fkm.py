@@ -285,10 +285,11 @@ def clock_set_back(angles, times):
 
 
 @pytest.mark.parametrize(('event', 'sensors'), [
-    *((event, 4) for event in (healthy, spikes, fault, fault_that_stays, two_that_cancel, noise,
-                               wrong_at_the_start, gap, clock_set_back)),
-    *((event, 6) for event in (healthy, fault, missing_and_return, missing_at_the_start,
-                               lost_samples))])
+    (healthy, 4), (fault, 4), (gap, 4), (clock_set_back, 4), (fault, 6), (missing_and_return, 6),
+    *(pytest.param(event, 4, marks=pytest.mark.slow) for event in (
+        spikes, fault_that_stays, two_that_cancel, noise, wrong_at_the_start)),
+    *(pytest.param(event, 6, marks=pytest.mark.slow) for event in (
+        healthy, missing_at_the_start, lost_samples))])
 def test_fkm_publishes_the_states_of_supervise(event, sensors):
     times = np.arange(COUNT, dtype=np.int64) * PERIOD
     samples = encoders(joint_angles(motion('turning', COUNT * PERIOD * 1e-9, 1e9 / PERIOD),

@@ -59,7 +59,7 @@ def test_a_device_that_comes_to_rest_on_noiseless_sensors_is_not_frozen():
     assert outcome.published[1020:].all() and outcome.states[-1] == 'healthy'
 
 
-@pytest.mark.parametrize('speed', [0.5, 1.0])
+@pytest.mark.parametrize('speed', [pytest.param(0.5, marks=pytest.mark.slow), 1.0])
 @pytest.mark.parametrize('hold', [2, 4])
 @SENSORS
 def test_encoders_slower_than_the_bus_are_within_the_level(sensors, hold, speed):
@@ -148,7 +148,8 @@ def test_no_false_alarm_on_a_busy_host(kind, drawn):
     assert Outcome(rotations, readings, times).healthy_throughout
 
 
-@pytest.mark.parametrize('seed', range(20, 26))
+@pytest.mark.parametrize('seed', [20, 21, *(
+    pytest.param(seed, marks=pytest.mark.slow) for seed in range(22, 40))])
 def test_after_two_that_publish_at_once_one_is_followed_again(seed):
     """Samples of two devices in turn, then a pause, then those of one."""
     rng = np.random.default_rng(seed)

@@ -109,7 +109,7 @@ def test_a_sensor_out_of_its_range_from_the_start_is_excluded(sensor):
     assert found.published[30:].all()
 
 
-@pytest.mark.parametrize('glitches', [(3, 5), (5, 3), (3, 5, 4)])
+@pytest.mark.parametrize('glitches', [(5, 3), (3, 5, 4)])
 def test_a_glitch_of_another_sensor_does_not_end_six_without_a_faulty_one(glitches):
     found = run('sweep', 6, 2.0, recovery=0.3, spoil=every(offset(BEGIN, 0, 3.0), *(
         offset(first, sensor, 4.0, first + 3)

@@ -102,7 +102,7 @@ def test_what_the_last_step_leaves_is_a_small_part_of_the_deviation():
     """The solver stops early; beside the converged estimate, all over the workspace."""
     rng = np.random.default_rng(31)
     left = []
-    while len(left) < 300:
+    while len(left) < 150:
         truth, angles = pose(*np.degrees(rng.uniform((-1.05, 0.0, 0.0), (1.75, 0.52, 6.28))))
         angles = tuple((np.array(angles) + SIGMA[0] * rng.normal(size=4)).tolist())
         try:
