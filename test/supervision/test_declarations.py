@@ -20,8 +20,6 @@ def settled(**settings):
     return rig
 
 
-# The protection level -----------------------------------------------------------------------
-
 def test_the_level_is_the_largest_part_and_that_of_healthy_sensors_at_least():
     """Those: 5.3 standard deviations of the noise, and the nominal biases."""
     rig = settled(bias_deg=(0.0,) * 4)
@@ -85,8 +83,6 @@ def test_noise_beyond_chance_raises_the_level_and_is_a_caution(factor, counts):
         assert levels[1] == pytest.approx(levels[0], rel=0.02)
         assert found == {}
 
-
-# Unchecked sensors --------------------------------------------------------------------------
 
 def test_a_sensor_unchecked_is_a_caution_after_a_second_and_silence_after_the_limit():
     """Until the others check it again."""

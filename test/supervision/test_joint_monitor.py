@@ -38,7 +38,7 @@ def times(count=ONSET + 200, dt=DT):
 
 def follow(monitor, readings, dt=DT, period=DT):
     """Return what the monitor shows after each reading, by attribute."""
-    names = 'away', 'step', 'returned', 'innovation', 'velocity', 'since'
+    names = 'away', 'step', 'returned', 'velocity', 'since'
     rows = []
     for reading in readings:
         monitor.follow(reading, dt, period, 0.0)

@@ -48,8 +48,6 @@ def moved(angles, sensor, degrees):
     return tuple(changed)
 
 
-# Methods --------------------------------------------------------------------------------------
-
 @pytest.mark.parametrize('method', METHODS)
 @pytest.mark.parametrize('phi', [20.0, 70.0])
 def test_every_method_finds_the_pose(method, phi):
@@ -117,8 +115,6 @@ def test_what_the_last_step_leaves_is_a_small_part_of_the_deviation():
     assert max(left) < 0.03
     assert np.sqrt(np.mean(np.square(left))) < 0.003
 
-
-# Working modes --------------------------------------------------------------------------------
 
 def test_angles_of_another_working_mode_are_no_orientation():
     with pytest.raises(SingularityError, match='another working mode'):

@@ -69,8 +69,6 @@ def test_no_samples_are_a_recording_and_lists_and_unsigned_stamps_are_arrays():
     assert supervise(TIMES.tolist(), READINGS.tolist()).published.sum() == 56
 
 
-# Parameters ---------------------------------------------------------------------------------
-
 @pytest.mark.parametrize(('parameters', 'published'), [
     ({'start_samples': 20}, 41), ({'alert_limit_deg': 0.01}, 0), ({'degraded': 'allow'}, 56),
     ({'geometry__alpha_deg': 39.3}, 56), ({'geometry__alpha_deg': 38.0}, 0),
@@ -98,8 +96,6 @@ def test_a_parameter_that_fkm_does_not_have_is_an_error(parameters, text):
         supervise(TIMES, READINGS, **parameters)
     assert '\n' not in str(caught.value)
 
-
-# Wrong kinds --------------------------------------------------------------------------------
 
 @pytest.mark.parametrize(('times', 'angles', 'text'), [
     *((times, READINGS, text) for times, text in (

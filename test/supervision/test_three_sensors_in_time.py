@@ -23,8 +23,6 @@ def degraded(samples=100, **settings):
     return rig
 
 
-# Without the faulty sensor ------------------------------------------------------------------
-
 @pytest.mark.parametrize('sensor', range(4))
 @pytest.mark.parametrize('size', [4.0, -30.0])
 def test_a_sensor_that_stepped_alone_is_left_out_at_once(sensor, size):
@@ -60,8 +58,6 @@ def test_a_sensor_that_nobody_can_name_is_silence():
     assert None not in rig.samples(300, th1b=2.4)
     assert rig.state.endswith('sensor undetermined')
 
-
-# Where it ends ------------------------------------------------------------------------------
 
 @pytest.mark.parametrize('moved', [{'th1a': nan}, {'th1a': inf}, {'th1b': nan}])
 def test_fewer_than_three_or_no_numbers_are_silence(moved):
