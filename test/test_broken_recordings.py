@@ -24,7 +24,9 @@ TABLES = ('.csv', '.csv.gz')
 READERS = (recordings.read_orientation, recordings.read_joints, recordings.read_capture)
 NUMBER = re.compile(rb'\d+(\.\d+)?')
 WRONG = (b'nan', b'-nan', b'inf', b'1e999', b'-1', b'9' * 300, b'1e18', b'', b'0x', b'\xff')
-SEEDS = range(4)
+SEEDS = pytest.mark.parametrize('seeds', [
+    pytest.param(range(1), id='few'),
+    pytest.param(range(1, 4), id='more', marks=pytest.mark.slow)])
 
 
 def noise(data, rng):
@@ -78,10 +80,11 @@ def check_line(error, path):
     assert 'Traceback' not in text and not re.search(r'[a-z]Error\b|codec|unpack', text), text
 
 
+@SEEDS
 @pytest.mark.parametrize('damage', DAMAGES)
 @pytest.mark.parametrize('suffix', FORMATS)
-def test_a_damaged_log_gives_sets_or_one_line(tmp_path, suffix, damage):
-    for seed in SEEDS:
+def test_a_damaged_log_gives_sets_or_one_line(tmp_path, suffix, damage, seeds):
+    for seed in seeds:
         rng = random.Random(f'{suffix} {damage.__name__} {seed}')
         path = tmp_path / f'log{seed}{suffix}'
         with can.Logger(str(path)) as logger:
@@ -100,11 +103,12 @@ def test_a_damaged_log_gives_sets_or_one_line(tmp_path, suffix, damage):
             check_line(error, path)
 
 
+@SEEDS
 @pytest.mark.parametrize('damage', DAMAGES)
 @pytest.mark.parametrize('suffix', TABLES)
-def test_a_damaged_table_gives_rows_or_one_line(tmp_path, suffix, damage):
+def test_a_damaged_table_gives_rows_or_one_line(tmp_path, suffix, damage, seeds):
     header = ('time', *recordings.QUATERNION, *recordings.JOINT_NAMES)
-    for seed in SEEDS:
+    for seed in seeds:
         rng = random.Random(f'{suffix} {damage.__name__} {seed}')
         path = tmp_path / f'table{seed}{suffix}'
         with (gzip.open if suffix.endswith('.gz') else open)(path, 'wt', newline='') as file:

@@ -57,6 +57,7 @@ def test_the_rows_have_verdicts(faults):
     assert set(disturbed.values()) == {'published within its level'}
 
 
+@pytest.mark.slow
 def test_a_disturbance_that_withholds_a_sample_is_a_verdict(faults, monkeypatch):
     run, committed = faults
 

@@ -76,8 +76,11 @@ class SensorsInUse:
             place for place, angle in enumerate(angles) if angle != angle)
         for place in range(len(angles)):
             self._gone[place] = self._gone[place] + 1 if place in missing else 0
-            if self._gone[place] == MISSING_SAMPLES and place not in self.distrusted \
-                    and len(angles) - len({*missing, *self.distrusted}) >= FOUR:
+            if self._gone[place] != MISSING_SAMPLES:
+                continue
+            if place in self.distrusted:
+                self.distrusted[place].agreed = 0.0
+            elif len(angles) - len({*missing, *self.distrusted}) >= FOUR:
                 self.distrusted[place] = Distrust(Reason.MISSING.value, self._limits.window)
         self._update()
         if len(angles) - len(missing) < FOUR \

@@ -85,7 +85,7 @@ def test_a_reversed_direction_is_named(sensor):
 
 
 @pytest.mark.parametrize('slips_deg', [
-    (0.3, 0.0, 0.0, 0.3), (1.0,) * 4, *(
+    (0.3, 0.0, 0.0, 0.3), pytest.param((1.0,) * 4, marks=pytest.mark.slow), *(
         pytest.param(slips, marks=pytest.mark.evidence)
         for slips in ((5.0, 0.0, 0.0, 5.0), (0.2,) * 4))])
 def test_several_that_slipped_are_not_taken_for_one(slips_deg):

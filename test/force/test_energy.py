@@ -157,7 +157,8 @@ def test_a_lock_that_generates_energy_falls_with_its_share():
 
 
 @pytest.mark.parametrize('sense', [1, -1])
-@pytest.mark.parametrize('speed', [pytest.param(0.2, marks=pytest.mark.slow), 1.0, 3.0])
+@pytest.mark.parametrize('speed', [
+    pytest.param(0.2, marks=pytest.mark.slow), pytest.param(1.0, marks=pytest.mark.slow), 3.0])
 def test_twelve_loops_in_the_fade_zone(speed, sense):
     """A faded spring is not conservative, and no damping helps in slow motion: 20 mJ in all."""
     R = pose(FADE_ZONE)

@@ -139,8 +139,8 @@ def poses_and_readings(seed):
     return every[reached].tolist(), list(map(tuple, quaternion_from_matrix(R[reached]).tolist()))
 
 
-@pytest.mark.parametrize('seed', [*range(4), *(
-    pytest.param(seed, marks=pytest.mark.slow) for seed in range(4, 20))])
+@pytest.mark.parametrize('seed', [0, *(
+    pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 20))])
 def test_nothing_but_its_own_errors_is_raised_in_five_thousand_random_calls(seed):
     rng = random.Random(seed)
     every, known = poses_and_readings(seed)

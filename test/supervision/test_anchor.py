@@ -32,16 +32,6 @@ def swept(first, last, steps=100):
     return [first + (last - first) * index / steps for index in range(steps + 1)]
 
 
-def test_an_orientation_selects_for_a_tenth_of_a_second_or_until_a_restart():
-    anchor, now = after(3.0)
-    assert anchor.prior(now + 100 * MS) == turned(3.0)
-    assert anchor.prior(now + 100 * MS + 1) is None
-    assert Anchor(SPEED).prior(0) is None
-    anchor.restart()
-    assert anchor.prior(now) is None
-    assert anchor.check(now + MS, turned(90.0), DEVIATION) is None
-
-
 def test_a_quaternion_never_changes_its_sign():
     """Neither over two turns nor after a restart, whichever sign the solver finds."""
     anchor, last = Anchor(1e9), None

@@ -32,8 +32,8 @@ def test_a_rival_in_another_working_mode_is_never_taken():
     pose = np.radians([70.871, 117.142, 132.383, -83.875])
     truth = estimate(pose[:3], pose[3], 1e-6, prior=workspace_pose(
         np.radians(27.0), 0.0, np.radians(-22.35))).rotation
-    found = Outcome(np.broadcast_to(truth, (4000, 3, 3)),
-                    encoders(np.tile(pose, (4000, 1)), bits=20), deviation_limit_deg=5.0,
+    found = Outcome(np.broadcast_to(truth, (1500, 3, 3)),
+                    encoders(np.tile(pose, (1500, 1)), bits=20), deviation_limit_deg=5.0,
                     alert_limit_deg=30.0)
     assert np.nanmax(found.error) < 3.0
     assert found.published.mean() > 0.99
@@ -51,8 +51,8 @@ def other_offsets(pose):
 
 
 @pytest.mark.parametrize('seeds', [
-    pytest.param(range(8), id='few'),
-    pytest.param(range(8, 48), id='more', marks=pytest.mark.evidence)])
+    pytest.param(range(5), id='few'),
+    pytest.param(range(5, 48), id='more', marks=pytest.mark.evidence)])
 def test_another_orientation_that_fits_is_never_one_that_counts_as_checked(seeds):
     """At power on it is declared; a fault that was detected does not clear onto it."""
     tried = 0
@@ -79,10 +79,10 @@ def test_a_wrong_sensor_before_the_start_is_a_fault_that_stays(change):
     """Consistent for a moment at each crossing of the singularity, it published 14 deg wrong."""
     def scale(angles):
         angles[:, 3] *= 2.0
-    found = run('sweep', seconds=12.0, change=scale if change == 'scale' else change)
+    found = run('sweep', 4, 12.0, 250.0, scale if change == 'scale' else change)
     wrong = found.error > found.level
     assert not np.any(wrong & (found.result.unchecked[:, 3] < 1.0))
-    assert wrong.sum() < 100
+    assert wrong.sum() < 25
     assert found.states[-1].startswith('silent')
 
 
@@ -98,10 +98,10 @@ def test_with_start_checked_nothing_is_published_before_every_sensor_was_checked
 # Several sensors ------------------------------------------------------------------------------
 
 @pytest.mark.parametrize(('kind', 'rate'), [
-    ('rest', 250.0), ('rest', 500.0), ('rest', 1000.0), ('turning', 1000.0), ('sweep', 1000.0)])
+    ('rest', 250.0), ('rest', 1000.0), ('turning', 1000.0), ('sweep', 1000.0)])
 def test_two_of_four_that_jump_and_cancel_wait_for_an_acknowledgement(kind, rate):
-    half = round(2.0 * rate)
-    found = run(kind, seconds=4.0, rate=rate, change=offset(half, [0, 1], [2.0, -1.87]))
+    half = round(0.5 * rate)
+    found = run(kind, seconds=2.0, rate=rate, change=offset(half, [0, 1], [2.0, -1.87]))
     # Two readings after a step make it certain.
     assert not found.published[half + 2:].any()
     assert found.states[-1] == 'silent: joint_1a and joint_1b jumped, to be acknowledged'
@@ -109,9 +109,9 @@ def test_two_of_four_that_jump_and_cancel_wait_for_an_acknowledgement(kind, rate
 
 def test_two_sensors_that_jump_during_another_fault_stay_one_as_well():
     """A disturbance below a jump latches first, and is gone before the two sensors slip."""
-    found = run('rest', seconds=4.0, change=every(
-        offset(2000, [0, 1], 0.4, 2010), offset(2500, [0, 1], [2.0, -1.87])))
-    assert not found.published[2000:].any()
+    found = run('rest', seconds=2.5, change=every(
+        offset(500, [0, 1], 0.4, 510), offset(800, [0, 1], [2.0, -1.87])))
+    assert not found.published[500:].any()
     assert 'silent: inconsistent angles, sensor undetermined' in found.states
     assert 'acknowledged' in found.states[-1]
 
@@ -120,12 +120,12 @@ def test_two_sensors_that_jump_during_another_fault_stay_one_as_well():
 def test_while_each_twelfth_sample_is_a_spike_the_state_is_not_healthy(sensors):
     """A hundred consistent samples of four end it."""
     def spikes(readings):
-        readings[1500:2500:12, 1] += np.radians(5.0)
-    found = run('turning', sensors, 3.0, spoil=spikes)
+        readings[500:1500:12, 1] += np.radians(5.0)
+    found = run('turning', sensors, spoil=spikes)
     assert any(text.startswith('degraded: ') for text in found.states)
-    assert found.published[1500:].mean() > 0.9 and found.within_level
+    assert found.published[500:].mean() > 0.9 and found.within_level
     last = found.result.state[-1]
-    assert sensors > 4 or last[1] == 'healthy' and 2590 < last[0] < 2610, last
+    assert sensors > 4 or last[1] == 'healthy' and 1590 < last[0] < 1610, last
 
 
 # Unchecked ------------------------------------------------------------------------------------
@@ -137,16 +137,10 @@ def test_what_nobody_can_see_at_the_singularity_is_declared(drift):
             angles[500:, 3] += np.radians(0.1) * np.arange(len(angles) - 500) * 1e-3
         else:
             angles[500:, 3] *= 1.5
-    found = run('to singular', seconds=4.5, change=change)
+    found = run('to singular', change=change)
     assert found.published[10:].all()
     assert np.all(found.result.unchecked[500:, 3] > 0.0)
     assert np.all(found.result.unchecked[600:, :3] == 0.0)
-
-
-def test_a_sensor_unchecked_for_too_long_is_silent():
-    found = run('to singular', seconds=4.5, unchecked_limit=2.0)
-    assert found.published[10:2000].all() and not found.published[2550:].any()
-    assert found.states[-1] == 'silent: joint_3a unchecked for too long'
 
 
 # The level ------------------------------------------------------------------------------------
@@ -156,7 +150,7 @@ def largest_error_over_level(sensors, bias_deg, sigma_deg, alert_deg, rng, poses
     used = UsedSensors((np.radians(sigma_deg),) * sensors)
     bias, alert = (np.radians(bias_deg),) * sensors, np.radians(alert_deg)
     threshold = limits_from(complete(FKM_SETTINGS, {'sensors': sensors})).threshold(sensors - 3)
-    worst = 0.0
+    worst, signs = 0.0, bias[0] * np.array(list(product((-1.0, 1.0), repeat=sensors)))
     for _ in range(poses):
         angles = joint_angles(random_pose(rng)[None], sensors)[0]
         if not np.isfinite(angles).all():
@@ -167,17 +161,16 @@ def largest_error_over_level(sensors, bias_deg, sigma_deg, alert_deg, rng, poses
         gains, changes = np.array(found.gains), np.array(found.parity_gains)
         level = max([part for part in parts if part <= alert] + [worth.healthy])
         limit = threshold / np.sqrt(20.0) + worth.bias
-        for sensor, signs in product(range(sensors), product((-1.0, 1.0), repeat=sensors)):
-            if parts[sensor] > alert:
-                continue
-            others = np.array(signs) * bias[0]
-            others[sensor] = 0.0
+        for sensor in np.flatnonzero(np.array(parts) <= alert):
+            others = signs.copy()
+            others[:, sensor] = 0.0
             # Largest fault, of either sign, whose mean parity stays within the limit.
             along, rest = changes[sensor], others @ changes
-            for root in np.roots([along @ along, 2.0 * along @ rest, rest @ rest - limit**2]):
-                if np.isreal(root):
-                    error = np.linalg.norm((others + root.real * np.eye(sensors)[sensor]) @ gains)
-                    worst = max(worst, error / level)
+            half = rest @ along / (along @ along)
+            square = half**2 - ((rest**2).sum(axis=1) - limit**2) / (along @ along)
+            for root in (np.sqrt(square), -np.sqrt(square)):
+                others[:, sensor] = root - half
+                worst = max(worst, np.linalg.norm(others @ gains, axis=1).max() / level)
     return worst
 
 

@@ -11,7 +11,6 @@ import pytest
 from rig import Rig
 from spm_haptic_master.kinematics.rotations import rotation_distance
 from spm_haptic_master.supervision.exposure import UNCONFIRMED
-from spm_haptic_master.supervision.symptom import Reason
 
 
 def settled(**settings):
@@ -20,8 +19,6 @@ def settled(**settings):
     rig.samples(100)
     return rig
 
-
-# The protection level -----------------------------------------------------------------------
 
 def test_the_level_is_the_largest_part_and_that_of_healthy_sensors_at_least():
     """Those: 5.3 standard deviations of the noise, and the nominal biases."""
@@ -57,18 +54,6 @@ def test_another_method_adds_its_distance_to_every_part():
     assert added == pytest.approx(apart + deviations[1] - deviations[0], rel=1e-3)
 
 
-def test_the_alert_limit_is_live():
-    rig = settled()
-    rig.supervisor.alert_limit = radians(0.1)
-    verdict = rig.sample()
-    assert verdict.estimate is None
-    assert verdict.cause.reason is Reason.UNPROTECTED
-    assert verdict.cause.detail.endswith('deg, limit 0.1')
-    assert verdict.protection_level == inf
-    rig.supervisor.alert_limit = radians(2.0)
-    assert rig.samples(30) == [None] * 30
-
-
 def test_a_declared_skew_adds_to_the_level_with_the_speed():
     added = {kind: np.subtract(*(run(kind, seconds=1.0, skew=skew, alert_limit_deg=10.0)
                                  .level[500:].mean() for skew in (0.003, 0.0)))
@@ -83,7 +68,7 @@ def test_noise_beyond_chance_raises_the_level_and_is_a_caution(factor, counts):
     for changed in (1.0, factor):
         rig = settled(alert_limit_deg=10.0)
         rng = np.random.default_rng(3)
-        for _ in range(2500):
+        for _ in range(1200):
             rig.sample(th1b=0.04 * sqrt(changed**2 - 1.0) * rng.normal())
         levels.append(rig.verdict.protection_level)
     found = {kind: text for kind, text in rig.supervisor.cautions().items()
@@ -99,18 +84,16 @@ def test_noise_beyond_chance_raises_the_level_and_is_a_caution(factor, counts):
         assert found == {}
 
 
-# Unchecked sensors --------------------------------------------------------------------------
-
 def test_a_sensor_unchecked_is_a_caution_after_a_second_and_silence_after_the_limit():
     """Until the others check it again."""
-    rig = settled(unchecked_limit=3.0)
+    rig = settled(unchecked_limit=1.5)
     assert rig.supervisor.cautions() == {}
     rig.supervisor.alert_limit = 0.99 * max(rig.supervisor.parts)
     assert set(rig.samples(990)) == {None}
     assert rig.supervisor.cautions() == {}
-    rig.samples(1200)
-    assert rig.supervisor.cautions() == {'unchecked joint_1c': 'joint_1c unchecked for 2 s'}
-    rig.samples(830)
+    rig.samples(100)
+    assert rig.supervisor.cautions() == {'unchecked joint_1c': 'joint_1c unchecked for 1 s'}
+    rig.samples(430)
     assert set(rig.samples(100)) == {'joint_1c unchecked for too long'}
     rig.supervisor.alert_limit = radians(2.0)
     assert set(rig.samples(60)[-20:]) == {None}

@@ -22,7 +22,8 @@ import pytest
 from spm_haptic_master.kinematics import zxz_rotation
 from spm_haptic_master.simulation.trajectories import fig9
 
-SENSORS = pytest.mark.parametrize('sensors', [4, 5, 6])
+SENSORS = pytest.mark.parametrize('sensors', [
+    4, pytest.param(5, marks=pytest.mark.slow), 6])
 SEEDS = pytest.mark.parametrize('seeds', [
     pytest.param(range(1), id='few'),
     pytest.param(range(1, 25), id='more', marks=pytest.mark.evidence)])
@@ -34,7 +35,7 @@ SEEDS = pytest.mark.parametrize('seeds', [
 @pytest.mark.parametrize('kind', [
     'rest', 'singular', 'crossing', 'turning', 'rim', 'tremor', 'sweep', 'fast'])
 @pytest.mark.parametrize('seconds', [
-    pytest.param(2.0, id='short'), pytest.param(25.0, id='long', marks=pytest.mark.evidence)])
+    pytest.param(1.0, id='short'), pytest.param(25.0, id='long', marks=pytest.mark.evidence)])
 def test_no_false_alarm_in_many_healthy_samples(kind, sensors, seconds):
     """The threshold promises one in 10,000 hours, 3.6e10 samples; `make faults` plays hours."""
     outcome = run(kind, sensors, seconds)
@@ -44,11 +45,9 @@ def test_no_false_alarm_in_many_healthy_samples(kind, sensors, seconds):
         assert (outcome.result.unchecked[100:] == 0.0).all()
 
 
-@pytest.mark.parametrize('bits', [
-    12, pytest.param(14, marks=pytest.mark.evidence), 16,
-    pytest.param(17, marks=pytest.mark.evidence)])
+@pytest.mark.parametrize('bits', [12, 16])
 @pytest.mark.parametrize('noise', [0.0, 0.005])
-@pytest.mark.parametrize('kind', ['rest', 'singular', 'tremor', 'turning', 'fast'])
+@pytest.mark.parametrize('kind', ['rest', 'tremor', 'fast'])
 def test_a_healthy_quiet_encoder_is_not_frozen(kind, noise, bits):
     assert run(kind, noise=noise, bits=bits).published[10:].all()
 
@@ -56,18 +55,18 @@ def test_a_healthy_quiet_encoder_is_not_frozen(kind, noise, bits):
 def test_a_device_that_comes_to_rest_on_noiseless_sensors_is_not_frozen():
     def rest(angles):
         angles[1000:] = angles[1000]
-    outcome = run('turning', spoil=rest, noise=0.0, bits=40)
+    outcome = run('turning', seconds=1.2, spoil=rest, noise=0.0, bits=40)
     assert outcome.published[1020:].all() and outcome.states[-1] == 'healthy'
 
 
-@pytest.mark.parametrize('speed', [0.5, 1.0])
+@pytest.mark.parametrize('speed', [pytest.param(0.5, marks=pytest.mark.slow), 1.0])
 @pytest.mark.parametrize('hold', [2, 4])
 @SENSORS
 def test_encoders_slower_than_the_bus_are_within_the_level(sensors, hold, speed):
     """All hold their readings for some samples; largest speed of a joint in rad/s."""
     fastest = 1000.0 * np.abs(np.diff(joint_angles(motion('fast', 2.0)), axis=0)).max()
     # As fast as that at 1 kHz.
-    rotations = motion('fast', 0.4, 1000.0 * fastest / speed)
+    rotations = motion('fast', 0.2, 1000.0 * fastest / speed)
     readings = encoders(joint_angles(rotations, sensors))
     outcome = Outcome(rotations, readings[np.arange(len(readings)) // hold * hold])
     assert outcome.published[10:].mean() > 0.99 and outcome.within_level
@@ -76,13 +75,13 @@ def test_encoders_slower_than_the_bus_are_within_the_level(sensors, hold, speed)
 def test_a_declared_skew_between_encoders_is_allowed_for():
     def late(angles):
         angles[1:, 3] = angles[:-1, 3].copy()
-    outcome = run('fast', seconds=3.0, change=late, skew=0.002, alert_limit_deg=3.0)
+    outcome = run('fast', seconds=1.0, change=late, skew=0.002, alert_limit_deg=3.0)
     assert outcome.published[10:].mean() > 0.999
 
 
 def test_small_systematic_errors_are_not_silent():
     """Zero errors of the size of the nominal bias: no alarm, and the level covers them."""
-    outcome = run('sweep', seconds=8.0, change=offset(0, slice(4), [0.05, -0.05, 0.05, 0.05]))
+    outcome = run('sweep', 4, 8.0, 250.0, offset(0, slice(4), [0.05, -0.05, 0.05, 0.05]))
     assert outcome.published[10:].mean() > 0.999 and outcome.within_level
 
 
@@ -126,15 +125,15 @@ def test_a_vibration_is_healthy(sensors, encoder, seeds):
 
 def bursts(rng):
     """Return stamps of which some come late, several at once."""
-    times = np.arange(6_000) * MS
-    for start in rng.integers(100, 5_900, 120):
+    times = np.arange(2_000) * MS
+    for start in rng.integers(100, 1_900, 40):
         length = rng.integers(2, 30)
         last = times[start + length - 1]
         times[start:start + length] = last - np.arange(length)[::-1] * 20_000
-    return np.maximum.accumulate(times) + np.arange(6_000)
+    return np.maximum.accumulate(times) + np.arange(2_000)
 
 
-def losses(rng, count=3_000):
+def losses(rng, count=2_000):
     """Return stamps with a gap of up to 24 periods in every 33, and jitter."""
     steps = np.where(rng.random(count) < 0.03, rng.integers(2, 25, count), 1) * MS
     return np.cumsum(steps + rng.integers(-MS // 10, MS // 10, count))
@@ -149,11 +148,12 @@ def test_no_false_alarm_on_a_busy_host(kind, drawn):
     assert Outcome(rotations, readings, times).healthy_throughout
 
 
-@pytest.mark.parametrize('seed', range(20, 40))
+@pytest.mark.parametrize('seed', [20, 21, *(
+    pytest.param(seed, marks=pytest.mark.slow) for seed in range(22, 40))])
 def test_after_two_that_publish_at_once_one_is_followed_again(seed):
     """Samples of two devices in turn, then a pause, then those of one."""
     rng = np.random.default_rng(seed)
-    begin, length = int(rng.integers(500, 2500)), int(rng.integers(20, 250))
+    begin, length = int(rng.integers(300, 900)), int(rng.integers(20, 250))
     both, later = np.arange(begin + length), begin + length + 1500 + np.arange(1500)
     times = np.concatenate([both * MS, both[begin:] * MS + int(rng.integers(1, MS)), later * MS])
     rotations = np.reshape([zxz_rotation(*fig9(index * 1e-3)) for index in (
@@ -165,16 +165,17 @@ def test_after_two_that_publish_at_once_one_is_followed_again(seed):
 # Spikes and interference ----------------------------------------------------------------------
 
 def test_a_spike_is_withheld_and_is_no_fault():
-    outcome = run('turning', change=every(offset(500, 0, 4.0, 501), offset(800, 3, -60.0, 802)))
-    assert list(np.flatnonzero(~outcome.published[5:]) + 5) == [500, 800, 801]
+    outcome = run('turning', seconds=0.5, change=every(
+        offset(200, 0, 4.0, 201), offset(300, 3, -60.0, 302)))
+    assert list(np.flatnonzero(~outcome.published[5:]) + 5) == [200, 300, 301]
     assert outcome.within_level and outcome.states[-1] == 'healthy'
 
 
 @pytest.mark.parametrize('gap', [7, 20])
 def test_a_spike_right_before_a_gap_is_no_fault(gap):
-    outcome = run('singular', seconds=1.0, change=offset(499, 3, 3.0, 500),
-                  times=paused(1000, (500, gap)))
-    assert np.flatnonzero(~outcome.published).tolist() == [0, 1, 2, 3, 499]
+    outcome = run('singular', seconds=0.4, change=offset(199, 3, 3.0, 200),
+                  times=paused(400, (200, gap)))
+    assert np.flatnonzero(~outcome.published).tolist() == [0, 1, 2, 3, 199]
     assert outcome.states[-1] == 'healthy'
 
 
@@ -182,10 +183,10 @@ def test_a_spike_right_before_a_gap_is_no_fault(gap):
 @pytest.mark.parametrize('sensor', [0, 3])
 @pytest.mark.parametrize('gap', [0, 700])
 def test_a_first_reading_that_is_wrong_does_not_silence_for_good(index, sensor, gap):
-    first = 600 if gap else 0
+    first = 200 if gap else 0
     wrong = first + index
-    outcome = run('rest', seconds=1.2, change=offset(wrong, sensor, 5.0, wrong + 1),
-                  times=paused(1200, (first, gap)))
+    outcome = run('rest', seconds=0.4, change=offset(wrong, sensor, 5.0, wrong + 1),
+                  times=paused(400, (first, gap)))
     assert not outcome.published[first:wrong + 1].any()
     assert outcome.published[first + 30:].all() and outcome.states[-1] == 'healthy'
 
@@ -199,13 +200,13 @@ def test_after_an_interference_orientations_come_again_by_themselves(sensors, ki
 
     A sensor that the others cannot check clears when the motion has brought it where they can.
     """
-    seconds = 13 if kind == 'sweep' and len(seeds) > 1 else 4
+    seconds = 13 if kind == 'sweep' and len(seeds) > 1 else 3
     for seed in seeds:
         rng = np.random.default_rng(seed)
         wrong = rng.choice(sensors, size=rng.integers(1, 3), replace=False)
         size, keep = np.radians(rng.choice([2.0, 10.0, 90.0])), np.ones(1000 * seconds, bool)
         spans = []
-        for first in (1500, 1800):
+        for first in (500, 800):
             length, lost = int(rng.integers(1, 6)), int(rng.integers(0, 9))
             spans.append(slice(first, first + length))
             keep[first + length:first + length + lost] = False
@@ -224,7 +225,7 @@ def test_one_per_cent_of_lost_frames_costs_nothing_and_is_no_state(sensors):
         lost = np.random.default_rng(2).random(readings.shape) < 0.01
         lost[lost.sum(axis=1) > sensors - 4] = False
         readings[lost] = np.nan
-    outcome = run('sweep', sensors, 3.0, spoil=lose)
+    outcome = run('sweep', sensors, 1.0, spoil=lose)
     assert outcome.published[10:].mean() > 0.998
     assert outcome.states == ['starting', 'healthy']
 
@@ -235,7 +236,7 @@ def test_one_per_cent_of_lost_frames_costs_nothing_and_is_no_state(sensors):
     ('turning', 4, 0.08), ('turning', 4, 0.12), ('sweep', 6, 0.08)])
 def test_more_noise_than_configured_raises_the_level(kind, sensors, noise):
     """No sensor becomes unchecked by that, which would take its part out of the level."""
-    quiet, noisy = (run(kind, sensors, 4.0, noise=each, alert_limit_deg=10.0)
+    quiet, noisy = (run(kind, sensors, 2.0, noise=each, alert_limit_deg=10.0)
                     for each in (0.04, noise))
     assert noisy.published[1000:].mean() > 0.99
     assert noisy.level[-1] > 1.2 * quiet.level[-1]
@@ -243,10 +244,10 @@ def test_more_noise_than_configured_raises_the_level(kind, sensors, noise):
 
 
 def test_noise_beyond_the_alert_limit_is_silent_and_blames_no_sensor_for_jumping():
-    outcome = run('turning', seconds=4.0, noise=0.3)
+    outcome = run('turning', noise=0.3)
     assert outcome.published[1000:].mean() < 0.01
     assert not np.any(outcome.error > 1.0)
     rest = run('rest', noise=0.1, alert_limit_deg=0.4)
-    assert run('rest', alert_limit_deg=0.4).published[10:].all()
+    assert run('rest', seconds=0.5, alert_limit_deg=0.4).published[10:].all()
     assert not rest.published[1000:].any()
     assert rest.states[-1] == 'silent: protection level above the alert limit'

@@ -68,34 +68,26 @@ def test_a_fault_is_over_after_a_time_of_consistency_that_a_bad_sample_begins_ag
     assert cleared_after(fault) == 1
 
 
-@pytest.mark.parametrize(('sensor', 'unchecked', 'counts'), [
-    (3, (0.0, 0.0, 0.0, 2.0 * DT), False), (3, (0.0, 0.0, 0.0, inf), False),
-    (3, (inf, inf, inf, DT), True), (0, (inf, 0.0, 0.0, 0.0), False),
-    (None, (0.0, 0.0, 0.0, inf), False), (None, (0.0, 0.0, 0.0, DT), True)])
-def test_only_samples_in_which_the_others_check_the_suspects_count(sensor, unchecked, counts):
-    """All sensors in use, where it is not known which one is faulty."""
-    fault = Latched(PARITY._replace(sensor=sensor))
-    assert cleared_after(fault, unchecked) == (8 if counts else None)
+@pytest.mark.parametrize(('sensor', 'jumped', 'unchecked', 'back', 'count'), [
+    # Samples count while the others check the faulty sensor, or all where none is isolated.
+    (3, [], (0.0, 0.0, 0.0, inf), (), None), (3, [], (inf, inf, inf, DT), (), 8),
+    (None, [], (0.0, 0.0, 0.0, inf), (), None), (None, [], (0.0, 0.0, 0.0, DT), (), 8),
+    # A fault of sensors that all jumped back is over where none is checked.
+    (None, [0, 3], UNCHECKED, (0, 3), 8), (None, [3], UNCHECKED, (), None),
+    # Of two that stay, one may hide the other: a person has to clear that.
+    (None, [0, 1], CHECKED, (), None), (None, [0, 1], CHECKED, (1,), 8)])
+def test_what_clears_a_fault(sensor, jumped, unchecked, back, count):
+    fault = Latched(PARITY._replace(sensor=sensor), jumped)
+    assert cleared_after(fault, unchecked, back) == count
+
+
+def test_with_two_parities_a_pair_cannot_cancel_and_a_sensor_left_out_is_no_suspect():
+    assert cleared_after(Latched(PARITY, [0, 1], entries=2)) == 8
     left_out = Latched(PARITY, entries=2, used=[0, 2, 3, 4])
     assert cleared_after(left_out, (0.0, inf, 0.0, 0.0, 0.0)) == 8
 
 
-# Sensors that jumped ------------------------------------------------------------------------
-
-@pytest.mark.parametrize(('jumped', 'back', 'unchecked', 'count'), [
-    # A fault of sensors that all jumped back is over where none is checked.
-    ([0, 3], (0, 3), UNCHECKED, 8), ([3], (), UNCHECKED, None), ([3], (), CHECKED, 8),
-    # Of two that stay, one may hide the other: a person has to clear that.
-    ([0, 1], (), CHECKED, None), ([0, 1], (0,), CHECKED, 8), ([0, 1], (1,), CHECKED, 8)])
-def test_sensors_that_jumped_have_to_jump_back_or_be_checked(jumped, back, unchecked, count):
-    assert cleared_after(Latched(PARITY, jumped), unchecked, back) == count
-    # With two parities a pair cannot cancel.
-    if count is None and unchecked is CHECKED:
-        assert cleared_after(Latched(PARITY, jumped, entries=2), unchecked) == 8
-
-
 def test_a_glitch_during_another_fault_does_not_end_that_unchecked():
-    """A drift was found; then another sensor jumps and jumps back."""
     fault = Latched(Symptom(Reason.DRIFTED))
     fault.further([0], [])
     assert cleared_after(fault, UNCHECKED, back=(0,)) is None

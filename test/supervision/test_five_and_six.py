@@ -11,11 +11,12 @@ import pytest
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 
 # Sample of the fault's beginning, and samples within which it is silent or goes on (20 ms).
-BEGIN, ALERT = 600, 20
-EACH_SENSOR = pytest.mark.parametrize('sensor', range(6), ids=ALL_JOINT_NAMES)
+BEGIN, ALERT = 300, 20
+EACH_SENSOR = pytest.mark.parametrize('sensor', [
+    0, 3, 5, *(pytest.param(sensor, marks=pytest.mark.slow) for sensor in (1, 2, 4))])
 
 
-def outcome(kind, sensors, change=None, seconds=1.2, **options):
+def outcome(kind, sensors, change=None, seconds=0.8, **options):
     """Return the outcome of a motion; no error is beyond its level."""
     found = run(kind, sensors, seconds, change=change, **options)
     assert found.within_level
@@ -31,38 +32,29 @@ def missing(first, last, *sensors):
 # Five -----------------------------------------------------------------------------------------
 
 @pytest.mark.parametrize('sensor', [3, 4])
-@pytest.mark.parametrize(('fault', 'kind'), [
-    ('step', 'singular'), ('ramp', 'crossing'), ('stuck', 'through')])
-def test_five_are_silent_where_four_see_nothing(fault, kind, sensor):
-    if fault == 'stuck':
-        found = outcome(kind, 5, spoil=stuck(BEGIN, sensor), seconds=1.6)
-    else:
-        found = outcome(kind, 5, {'step': offset(BEGIN, sensor, 1.0),
-                                  'ramp': ramp(BEGIN, sensor, 10.0)}[fault])
+@pytest.mark.parametrize(('kind', 'fault', 'size'), [
+    ('singular', offset, [1.0]), ('crossing', ramp, [10.0]), ('through', stuck, [])])
+def test_five_are_silent_where_four_see_nothing(sensor, kind, fault, size):
+    found = outcome(kind, 5, spoil=fault(BEGIN, sensor, *size))
     assert not found.published[-300:].any()
 
 
 # Six without a faulty one ---------------------------------------------------------------------
 
 @EACH_SENSOR
-@pytest.mark.parametrize('fault', ['step 1', 'step 30', 'ramp 10', 'stuck'])
-def test_six_isolate_the_faulty_one_and_go_on(sensor, fault):
-    name, _, size = fault.partition(' ')
-    kind = ('singular', 'crossing', 'sweep')[(sensor + len(fault)) % 3]
-    if name == 'stuck':
-        found = outcome(kind, 6, spoil=stuck(BEGIN, sensor))
-    else:
-        found = outcome(kind, 6, {'step': offset, 'ramp': ramp}[name](BEGIN, sensor, float(size)))
+@pytest.mark.parametrize(('kind', 'fault', 'size'), [
+    ('crossing', offset, 1.0), ('sweep', offset, 30.0), ('singular', ramp, 10.0)])
+def test_six_isolate_the_faulty_one_and_go_on(sensor, kind, fault, size):
+    found = outcome(kind, 6, fault(BEGIN, sensor, size))
     assert found.longest_silence() <= ALERT and found.published[-1]
-    if name != 'stuck':
-        assert found.states[-1] == f'degraded: {ALL_JOINT_NAMES[sensor]} excluded'
-        # Nobody checks it, and that is declared.
-        unchecked = found.result.unchecked[-1]
-        assert unchecked[sensor] > 0.2 and (np.delete(unchecked, sensor) == 0.0).all()
+    assert found.states[-1] == f'degraded: {ALL_JOINT_NAMES[sensor]} excluded'
+    # Nobody checks it, and that is declared.
+    unchecked = found.result.unchecked[-1]
+    assert unchecked[sensor] > 0.2 and (np.delete(unchecked, sensor) == 0.0).all()
 
 
 @pytest.mark.parametrize(('kind', 'rate'), [
-    ('sweep', 250.0), ('fast', 500.0), ('turning', 1000.0), ('turning', 250.0)])
+    ('sweep', 250.0), ('fast', 500.0), ('turning', 1000.0)])
 @EACH_SENSOR
 def test_six_go_on_within_20_ms_without_one_that_is_stuck(sensor, kind, rate):
     seconds = 1.6 + 0.1 * sensor
@@ -77,12 +69,12 @@ def test_six_go_on_within_20_ms_without_one_that_is_stuck(sensor, kind, rate):
                          ids=['within a second', 'at once'])
 def test_one_of_six_that_grows_noisy_is_excluded(sensor, size, slow):
     def grow(readings):
-        growth = np.clip((np.arange(len(readings)) * 1e-3 - 1.0) / slow, 0.0, 1.0)
+        growth = np.clip((np.arange(len(readings)) * 1e-3 - 0.3) / slow, 0.0, 1.0)
         readings[:, sensor] += np.radians(size) * growth * np.random.default_rng(sensor).normal(
             size=len(readings))
-    found = run('sweep', 6, 3.0, spoil=grow)
+    found = run('sweep', 6, 1.8, spoil=grow)
     assert found.states[-1] == f'degraded: {ALL_JOINT_NAMES[sensor]} excluded'
-    assert found.published[2200:].mean() > 0.99
+    assert found.published[1500:].mean() > 0.99
     assert found.longest_undeclared(sensor) <= 0.02
 
 
@@ -92,9 +84,9 @@ def test_one_of_six_that_grows_noisy_is_excluded(sensor, size, slow):
     # A drift too slow to name the sensor at once.
     ('rest', ramp(BEGIN, 0, 1.0), 2 * ALERT, 'joint_1a'),
     # A spike of another sensor.
-    ('rest', every(offset(BEGIN, 3, 3.0), offset(800, 0, 4.0, 801)), ALERT, 'joint_3a')])
+    ('rest', every(offset(BEGIN, 3, 3.0), offset(500, 0, 4.0, 501)), ALERT, 'joint_3a')])
 def test_six_go_on_and_name_it(kind, change, silence, excluded):
-    found = outcome(kind, 6, change, seconds=3.0)
+    found = outcome(kind, 6, change, seconds=1.4)
     assert found.states[-1] == f'degraded: {excluded} excluded'
     assert found.longest_silence() <= silence
 
@@ -104,19 +96,9 @@ def test_a_sensor_with_spikes_that_return_is_excluded(bad, of):
     def spikes(angles):
         index = np.arange(len(angles))
         angles[(index >= BEGIN) & (index % of < bad), 0] += np.radians(5.0)
-    found = outcome('rest', 6, spikes, seconds=2.0)
+    found = outcome('rest', 6, spikes)
     assert found.states[-1] == 'degraded: joint_1a excluded'
-    assert found.longest_silence() <= 3 * ALERT and found.published[800:].all()
-
-
-@pytest.mark.parametrize('sensor', [0, 4])
-def test_the_noise_of_an_excluded_sensor_does_not_silence_the_others(sensor):
-    def noisy(angles):
-        angles[BEGIN:, sensor] += np.radians(0.3) * np.random.default_rng(3).normal(
-            size=len(angles) - BEGIN)
-    found = outcome('rest', 6, noisy, seconds=3.0)
-    assert found.published[1500:].mean() > 0.9
-    assert found.states[-1] == f'degraded: {ALL_JOINT_NAMES[sensor]} excluded'
+    assert found.longest_silence() <= 3 * ALERT and found.published[500:].all()
 
 
 @pytest.mark.parametrize('sensor', [0, 3, 5])
@@ -127,21 +109,13 @@ def test_a_sensor_out_of_its_range_from_the_start_is_excluded(sensor):
     assert found.published[30:].all()
 
 
-def test_a_sensor_that_is_back_is_taken_again_after_the_recovery():
-    found = outcome('sweep', 6, offset(BEGIN, 4, 3.0, BEGIN + 300), seconds=2.0, recovery=0.5)
-    assert found.states[-1] == 'healthy' and 'degraded: joint_3b excluded' in found.states
-    back = next(index for index, text in reversed(found.result.state) if text == 'healthy')
-    assert 300 + 499 <= back - BEGIN <= 300 + 600
-    assert found.published[BEGIN + ALERT:].all()
-
-
-@pytest.mark.parametrize('glitches', [(3, 5), (5, 3), (3, 5, 4)])
+@pytest.mark.parametrize('glitches', [(5, 3), (3, 5, 4)])
 def test_a_glitch_of_another_sensor_does_not_end_six_without_a_faulty_one(glitches):
-    found = run('sweep', 6, 5.0, spoil=every(offset(1500, 0, 3.0), *(
+    found = run('sweep', 6, 2.0, recovery=0.3, spoil=every(offset(BEGIN, 0, 3.0), *(
         offset(first, sensor, 4.0, first + 3)
-        for first, sensor in zip(range(1800, 2700, 300), glitches, strict=False))))
+        for first, sensor in zip(range(600, 900, 100), glitches, strict=False))))
     # Within the recovery and half a second.
-    assert found.published[3000 + 300 * len(glitches):].all()
+    assert found.published[1200 + 100 * len(glitches):].all()
     assert found.states[-1] == 'degraded: joint_1a excluded'
 
 
@@ -171,28 +145,21 @@ def test_six_that_may_not_or_cannot_go_on_are_silent(kind, change, parameters, w
 @pytest.mark.parametrize('sensors', [5, 6])
 def test_a_missing_sensor_costs_no_orientation(sensors):
     for sensor, name in enumerate(ALL_JOINT_NAMES[:sensors]):
-        found = outcome('sweep', sensors, spoil=missing(400, 800, sensor))
+        found = outcome('sweep', sensors, seconds=0.5, spoil=missing(200, 400, sensor))
         assert found.published[10:].all()
         assert found.states == ['starting', 'healthy', f'degraded: {name} missing', 'healthy']
-        assert found.result.unchecked[790, sensor] > 0.38
+        assert found.result.unchecked[390, sensor] > 0.18
 
 
 def test_any_two_of_six_may_be_missing():
     for first, second in combinations(range(6), 2):
-        found = outcome('sweep', 6, seconds=0.6, spoil=missing(300, None, first, second))
+        found = outcome('sweep', 6, seconds=0.3, spoil=missing(150, None, first, second))
         assert found.published[10:].mean() > 0.99
         assert found.states[-1] == (f'degraded: {ALL_JOINT_NAMES[first]} missing, '
                                     f'{ALL_JOINT_NAMES[second]} missing')
 
 
-def test_four_with_one_missing_are_silent():
-    found = run('turning', seconds=1.0, spoil=missing(500, None, 2))
-    assert not found.published[500:].any()
-    assert found.states[-1] == 'silent: joint_1c missing'
-
-
 def test_a_sensor_that_comes_back_wrong_is_left_out():
-    found = outcome('sweep', 6, seconds=3.0, spoil=every(
-        missing(1000, 1500, 4), offset(1500, 4, 4.0)))
+    found = outcome('sweep', 6, spoil=every(missing(200, 400, 4), offset(400, 4, 4.0)))
     assert found.published[10:].all()
     assert found.states[-1] == 'degraded: joint_3b missing'

@@ -38,7 +38,7 @@ def times(count=ONSET + 200, dt=DT):
 
 def follow(monitor, readings, dt=DT, period=DT):
     """Return what the monitor shows after each reading, by attribute."""
-    names = 'away', 'step', 'returned', 'innovation', 'velocity', 'since'
+    names = 'away', 'step', 'returned', 'velocity', 'since'
     rows = []
     for reading in readings:
         monitor.follow(reading, dt, period, 0.0)
@@ -46,7 +46,7 @@ def follow(monitor, readings, dt=DT, period=DT):
     return dict(zip(names, np.array(rows, float).T, strict=True))
 
 
-def runs(angles, noise, bits, seeds=20):
+def runs(angles, noise, bits, seeds=8):
     """Return what monitors show of an encoder's readings with different noise."""
     return [follow(joint(radians(noise)), encoder(angles, noise, bits, seed))
             for seed in range(seeds)]
@@ -55,10 +55,10 @@ def runs(angles, noise, bits, seeds=20):
 # Its motion ---------------------------------------------------------------------------------
 
 @pytest.mark.parametrize(('noise', 'bits'), ENCODERS)
-@pytest.mark.parametrize('dt', [2.5e-4, DT, 4e-3, 0.01])
+@pytest.mark.parametrize('dt', [2.5e-4, DT, 0.01])
 def test_a_human_motion_is_followed(noise, bits, dt):
     """Up to 450 rad/s^2, beside a limit of 500."""
-    time = times(3000, dt)
+    time = times(2000, dt)
     for hertz, amplitude in ((0.1, 2.0), (2.0, 1.5), (8.0, 0.17)):
         angles = amplitude * np.sin(2.0 * pi * hertz * time)
         seen = follow(joint(radians(noise)), encoder(angles, noise, bits), dt, dt)
@@ -66,58 +66,7 @@ def test_a_human_motion_is_followed(noise, bits, dt):
         assert not seen['step'].any()
 
 
-@pytest.mark.parametrize('speed', [3.0, -3.0, 12.0])
-def test_the_velocity_is_that_of_the_joint_also_past_half_a_turn(speed):
-    angles = np.remainder(3.0 + speed * times() + pi, 2.0 * pi) - pi
-    assert np.ptp(angles) > 2.0
-    seen = follow(joint(), encoder(angles))
-    assert not seen['away'].any()
-    assert seen['velocity'][100:] == pytest.approx(speed, abs=2.0)
-    assert np.mean(seen['velocity'][100:]) == pytest.approx(speed, rel=0.02)
-
-
-def test_innovations_have_unit_variance_and_the_limits_allow_for_more_noise_if_told():
-    """The variance is of the sensor's own noise, not of what the limits allow for."""
-    for sigma in (SIGMA, 5.0 * SIGMA):
-        monitor = joint()
-        monitor.allow(sigma)
-        seen = follow(monitor, encoder(0.0 * times(10_000)))
-        assert np.sqrt(np.mean(seen['innovation'][10:] ** 2)) == pytest.approx(1.0, rel=0.05)
-    noisy = encoder(0.0 * times(5000), noise=0.12)
-    assert follow(joint(), noisy)['away'].any()
-    monitor = joint()
-    monitor.allow(3.0 * SIGMA)
-    assert not follow(monitor, noisy)['away'].any()
-
-
-@pytest.mark.parametrize('lost', [1, 3, 7, 20])
-def test_lost_samples_take_no_joint_off_its_motion(lost):
-    """It is accelerated meanwhile, as fast as a human can."""
-    for seed in range(10):
-        late = np.maximum(times(), 0.0)
-        angles = 2.0 * times() - 0.5 * LIMITS.joint_acceleration * late**2
-        readings = encoder(angles, seed=seed)
-        monitor = joint()
-        follow(monitor, readings[:ONSET + 1])
-        monitor.follow(readings[ONSET + 1 + lost], (lost + 1) * DT, DT, 0.0)
-        assert not monitor.away
-
-
 # What leaves it -----------------------------------------------------------------------------
-
-@pytest.mark.parametrize('samples', [1, 2, 3, 10, 40])
-@pytest.mark.parametrize('speed', [0.0, 2.0])
-def test_a_glitch_leaves_the_motion_and_returns_to_it(samples, speed):
-    angles = speed * times()
-    angles[ONSET:ONSET + samples] += radians(10.0)
-    for seen in runs(angles, 0.04, 14):
-        assert not seen['away'][:ONSET].any()
-        assert seen['away'][ONSET:ONSET + samples].tolist() == list(range(1, samples + 1))
-        assert seen['returned'][ONSET + samples]
-        assert not seen['away'][ONSET + samples:].any()
-        assert not seen['step'][ONSET + samples:].any()
-        assert seen['velocity'][-1] == pytest.approx(speed, abs=1.0)
-
 
 def test_neither_staying_away_nor_a_motion_across_the_old_one_nor_another_jump_is_a_return():
     """It stays 10 deg off; or jumps by 2 and moves back slowly; or jumps by 20, then by -15."""
@@ -132,17 +81,8 @@ def test_neither_staying_away_nor_a_motion_across_the_old_one_nor_another_jump_i
         assert seen['velocity'][-1] == pytest.approx(2.0, abs=1.0)
 
 
-@pytest.mark.parametrize(('noise', 'bits'), ENCODERS)
-@pytest.mark.parametrize('size', [2.0, -5.0, 20.0, 90.0])
-@pytest.mark.parametrize('speed', [0.0, 6.0])
-def test_a_step_faster_than_the_speed_limit_is_one_at_once(noise, bits, size, speed):
-    angles = speed * times() + radians(size) * (times() >= 0.0)
-    assert all(seen['step'][ONSET] == Step.CERTAIN for seen in runs(angles, noise, bits))
-
-
 @pytest.mark.parametrize(('noise', 'bits', 'size', 'speed', 'share'), [
-    *((noise, bits, size, speed, 0.9) for noise, bits, size in ((0.04, 14, 0.8), (0.006, 17, 0.5))
-      for speed in (2.0, 6.0, -3.0)),
+    (0.04, 14, 0.8, 2.0, 0.9), (0.04, 14, 0.8, -3.0, 0.9), (0.006, 17, 0.5, 6.0, 0.9),
     # At rest, by less than the speed limit allows: it may repeat its readings.
     (0.04, 14, 1.0, 0.0, 0.8), (0.006, 14, 1.0, 0.0, 0.8)])
 def test_a_step_with_the_same_velocity_behind_it_is_certain_after_three_readings(
@@ -150,7 +90,7 @@ def test_a_step_with_the_same_velocity_behind_it_is_certain_after_three_readings
     angles = speed * times() + radians(size) * (times() >= 0.0)
     found = [(not speed or seen['step'][ONSET:ONSET + 2].all())
              and seen['step'][ONSET + 2] == Step.CERTAIN
-             for seen in runs(angles, noise, bits, 40)]
+             for seen in runs(angles, noise, bits, 20)]
     assert np.mean(found) >= share
 
 
@@ -185,48 +125,28 @@ def test_a_slow_encoder_is_on_its_motion_and_the_age_of_its_reading_is_known(eve
 
 # Noise --------------------------------------------------------------------------------------
 
-@pytest.mark.parametrize('noise', [0.02, 0.04, 0.08])
-@pytest.mark.parametrize('speed', [0.0, 0.2])
+@pytest.mark.parametrize(('noise', 'speed'), [(0.02, 0.0), (0.04, 0.2), (0.08, 0.2)])
 def test_the_noise_is_measured_at_rest_and_in_a_slow_motion(noise, speed):
     monitor, measured = joint(radians(0.08)), []
-    for reading in encoder(speed * times(8000), noise, bits=17):
+    for reading in encoder(speed * times(6000), noise, bits=17):
         monitor.follow(reading, DT, DT, 0.0)
         measured.append(monitor.noise)
     assert np.mean(measured[2000:]) == pytest.approx(radians(noise), rel=0.04)
     assert np.std(measured[2000:]) < 0.1 * radians(noise)
 
 
-def test_a_fast_motion_and_a_glitch_are_no_noise():
-    time = times(4000)
-    fast = 0.5 * np.sin(2.0 * pi * 4.0 * time)
-    glitch = 0.0 * time
-    glitch[2000] += radians(20.0)
-    for noise, bits in ((0.04, 14), (0.006, 17)):
-        for angles in (fast, glitch):
-            monitor = joint(radians(noise))
-            follow(monitor, encoder(angles, noise, bits))
-            assert monitor.noise == pytest.approx(radians(noise), rel=0.2)
-
-
 # Equal readings -----------------------------------------------------------------------------
-
-@pytest.mark.parametrize('bits', [13, 14, 17])
-def test_a_healthy_sensor_at_rest_makes_no_run_of_twenty_that_means_something(bits):
-    """In 30 s, at the angle that is farthest from its neighbours."""
-    monitor = joint()
-    for reading in encoder(0.0 * times(30_000), bits=bits):
-        monitor.follow(reading, DT, DT, 0.0)
-        assert monitor.run < 20 or not monitor.repeats_are_rare
-
 
 def test_equal_readings_mean_something_of_a_noisy_sensor_only():
     """A quiet one rests on one count, a slow encoder repeats its readings."""
     monitor = joint()
-    follow(monitor, encoder(0.0 * times(2000)))
+    # At the angle that is farthest from its neighbours.
+    for reading in encoder(0.0 * times(10_000)):
+        monitor.follow(reading, DT, DT, 0.0)
+        assert monitor.run < 20
     assert monitor.repeats_are_rare
-    readings = encoder(0.0 * times(300), seed=2)
-    follow(monitor, readings + [readings[-1]] * 30)
-    assert (monitor.run, monitor.repeats_are_rare) == (30, True)
+    follow(monitor, [reading] * 30)
+    assert monitor.run >= 30 and monitor.repeats_are_rare
     for quiet in (*(encoder(0.0 * times(3000), noise) for noise in (0.006, 0.012, 0.03)),
                   slow(coming_to(3.0), 4)):
         monitor = joint()

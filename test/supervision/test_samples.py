@@ -31,8 +31,6 @@ def test_as_many_consistent_samples_as_set_precede_the_first_orientation(count):
     assert rig.samples(count) == ['starting'] * (count - 1) + [None]
 
 
-# No number ----------------------------------------------------------------------------------
-
 @pytest.mark.parametrize(('value', 'words'), [
     (nan, 'joint_3a missing'), (inf, 'angle not finite'), (-inf, 'angle not finite')])
 def test_an_angle_that_is_no_number_is_withheld_and_is_silence_only_if_it_lasts(value, words):
@@ -55,8 +53,6 @@ def test_a_latched_fault_is_not_hidden_by_such_samples():
     rig.samples(30, th1a=nan, th1b=5.0)
     assert rig.state == 'silent: joint_1b jumped'
 
-
-# Range --------------------------------------------------------------------------------------
 
 @pytest.mark.parametrize('sensor', range(4))
 @pytest.mark.parametrize(('low', 'high'), [(-0.5, 20.0), (-20.0, 0.5)])

@@ -15,7 +15,6 @@ from spm_haptic_master.kinematics import (
     Geometry,
     matrix_from_quaternion,
     quaternion_from_matrix,
-    theta3a_quaternion,
     UsedSensors,
     workspace_pose,
 )
@@ -49,8 +48,6 @@ def moved(angles, sensor, degrees):
     return tuple(changed)
 
 
-# Methods --------------------------------------------------------------------------------------
-
 @pytest.mark.parametrize('method', METHODS)
 @pytest.mark.parametrize('phi', [20.0, 70.0])
 def test_every_method_finds_the_pose(method, phi):
@@ -63,23 +60,17 @@ def test_every_method_finds_the_pose(method, phi):
         assert 0.0 < total_deviation(estimate) < radians(0.2)
 
 
-@pytest.mark.parametrize('phi', [20.0, 70.0])
-def test_theta3a_is_case_2_with_the_parity_of_all_four(phi):
-    angles = moved(pose(phi)[1], 1, 0.1)
-    estimate, apart = solved(angles, None, 'theta3a')
-    four = solved(angles)[0]
-    assert apart == rotation_distance(estimate.quaternion, four.quaternion) > 0.0
-    assert estimate.quaternion == theta3a_quaternion(*angles, Geometry()) != four.quaternion
-    assert estimate.parity == four.parity
-
-
-@pytest.mark.parametrize('place', [
-    (30.0, 10.0, 30.0), (0.0, 20.0, 115.0), (0.0, 25.0, 115.0), (70.0, 15.0, 230.0)])
+@pytest.mark.parametrize('place', [(30.0, 10.0, 30.0), (0.0, 25.0, 115.0)])
 def test_theta3a_has_the_covariance_of_the_closed_form(place):
     """Up to five times that of the estimate at the workspace's edge."""
     truth, angles = pose(*place)
     claimed = total_deviation(solved(angles, None, 'theta3a')[0])
     readings = np.array(angles) + SIGMA[0] * np.random.default_rng(3).normal(size=(20_000, 4))
+    # Its parity is that of all four.
+    found, apart = solved(readings[0], None, 'theta3a')
+    four = solved(readings[0])[0]
+    assert found.parity == four.parity
+    assert apart == rotation_distance(found.quaternion, four.quaternion) > 0.0
     chord = np.linalg.norm(forward_theta3a(readings[:, :3], readings[:, 3])
                            - matrix_from_quaternion(truth), axis=(1, 2))
     assert np.sqrt(np.mean(chord**2 / 2.0)) == pytest.approx(claimed, rel=0.03)
@@ -105,14 +96,11 @@ def test_classic_refuses_where_modes_meet_and_the_wrong_mode(phi, prior, text):
         solved(pose(phi)[1], pose(prior)[0], 'classic')
 
 
-# The estimate ---------------------------------------------------------------------------------
-
-
 def test_what_the_last_step_leaves_is_a_small_part_of_the_deviation():
     """The solver stops early; beside the converged estimate, all over the workspace."""
     rng = np.random.default_rng(31)
     left = []
-    while len(left) < 600:
+    while len(left) < 150:
         truth, angles = pose(*np.degrees(rng.uniform((-1.05, 0.0, 0.0), (1.75, 0.52, 6.28))))
         angles = tuple((np.array(angles) + SIGMA[0] * rng.normal(size=4)).tolist())
         try:
@@ -127,8 +115,6 @@ def test_what_the_last_step_leaves_is_a_small_part_of_the_deviation():
     assert max(left) < 0.03
     assert np.sqrt(np.mean(np.square(left))) < 0.003
 
-
-# Working modes --------------------------------------------------------------------------------
 
 def test_angles_of_another_working_mode_are_no_orientation():
     with pytest.raises(SingularityError, match='another working mode'):

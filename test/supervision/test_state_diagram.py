@@ -8,8 +8,7 @@ from itertools import chain
 from pathlib import Path
 import re
 
-from benchmarks import integrity_runs
-from device import about, encoders, end_stop, joint_angles, motion, random_pose, stamps, vibration
+from device import encoders, joint_angles, motion, stamps
 import numpy as np
 import pytest
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
@@ -37,40 +36,6 @@ def drawn() -> tuple[State, dict[Transition, str]]:
     (first,) = (states[end] for begin, end, _ in arrows if begin == '[*]')
     return first, {(states[begin], states[end]): words
                    for begin, end, words in arrows if begin != '[*]'}
-
-
-def time_of(rotations: np.ndarray) -> np.ndarray:
-    return np.arange(len(rotations)) / RATE
-
-
-def single_faults() -> Iterator[Run]:
-    """Yield each kind of fault of the benchmark, of N sensors; half of them end."""
-    rng = np.random.default_rng(1)
-    for seed, (name, value, _) in enumerate(integrity_runs.FAULTS):
-        for sensors, degraded in ((4, 'stop'), (5, 'allow'), (6, 'auto')):
-            sensor, place = int(rng.integers(sensors)), str(rng.choice(PLACES))
-            rotations = motion(place, SECONDS, RATE)
-            t, true = time_of(rotations), joint_angles(rotations, sensors)
-            angles = encoders(integrity_runs.fault(name, value, sensor, seed)(true, t), seed=seed)
-            after = t >= integrity_runs.ONSET
-            if name == 'stuck':
-                angles[after, sensor] = angles[np.flatnonzero(after)[0], sensor]
-            if rng.random() < 0.5:
-                angles[t >= 2.0] = encoders(true, seed=seed)[t >= 2.0]
-            yield (f'{name} {value:g} of sensor {sensor} of {sensors}, {place}',
-                   stamps(len(t), RATE), angles, {'degraded': degraded, 'recovery': 0.2})
-
-
-def impacts() -> Iterator[Run]:
-    """Yield end stops and vibrations of a healthy device."""
-    rng = np.random.default_rng(2)
-    for seed in range(6):
-        sensors, rate = 4 + seed % 3, 1000.0
-        for label, turn in (('end stop', end_stop(rng.uniform(1.0, 6.0), 0.004)),
-                            ('vibration', vibration(rng.uniform(60.0, 150.0), 0.8))):
-            true = joint_angles(about(random_pose(rng), rng.normal(size=3), turn), sensors)
-            if np.isfinite(true).all():
-                yield label, stamps(len(true), rate), encoders(true, seed=seed), {}
 
 
 def disturbances(seeds: Iterable[int]) -> Iterator[Run]:
@@ -146,8 +111,8 @@ def made(runs: Iterator[Run], first: State) -> dict[Transition, str]:
 
 @pytest.mark.parametrize('runs', [
     pytest.param(lambda: chain(disturbances((0, 8, 17)), second_faults((0, 2))), id='few'),
-    pytest.param(lambda: chain(single_faults(), impacts(), disturbances(range(20)),
-                               second_faults(range(6))), id='all', marks=pytest.mark.evidence)])
+    pytest.param(lambda: chain(disturbances(range(20)), second_faults(range(6))), id='all',
+                 marks=pytest.mark.evidence)])
 def test_each_transition_of_the_diagram_occurs_with_its_condition_and_no_other(runs):
     first, transitions = drawn()
     assert first is State.STARTING and all(transitions.values())

@@ -9,7 +9,8 @@ import pytest
 from spm_haptic_master.kinematics import workspace_pose
 from spm_haptic_master.kinematics.joints import JOINT_NAMES
 
-EACH_SENSOR = pytest.mark.parametrize('sensor', range(4), ids=JOINT_NAMES)
+EACH_SENSOR = pytest.mark.parametrize('sensor', [
+    0, 3, *(pytest.param(sensor, marks=pytest.mark.slow) for sensor in (1, 2))])
 PLACES = ['rest', 'rim', 'crossing', 'turning', 'sweep']
 
 
@@ -17,13 +18,13 @@ PLACES = ['rest', 'rim', 'crossing', 'turning', 'sweep']
 
 @pytest.mark.parametrize('place', PLACES)
 @EACH_SENSOR
-@pytest.mark.parametrize('step', [1.0, -1.0, 3.0, 30.0])
+@pytest.mark.parametrize('step', [1.0, -3.0, 30.0])
 def test_a_step_is_detected_and_a_large_one_at_once_and_named(place, sensor, step):
-    outcome = run(place, seconds=0.35, change=offset(200, sensor, step), seed=sensor)
-    assert outcome.published[5:200].all()
+    outcome = run(place, seconds=0.25, change=offset(150, sensor, step), seed=sensor)
+    assert outcome.published[5:150].all()
     assert outcome.longest_undeclared(sensor) <= 0.02
     if abs(step) > 1.0:
-        assert not outcome.published[202:].any()
+        assert not outcome.published[152:].any()
         assert JOINT_NAMES[sensor] in outcome.states[-1]
 
 
@@ -31,8 +32,8 @@ def test_a_step_is_detected_and_a_large_one_at_once_and_named(place, sensor, ste
 @EACH_SENSOR
 @pytest.mark.parametrize('step', [0.3, 0.5, 0.8])
 @pytest.mark.parametrize('seeds', [
-    pytest.param(range(2), id='few'),
-    pytest.param(range(2, 5), id='more', marks=pytest.mark.evidence)])
+    pytest.param(range(1), id='few'),
+    pytest.param(range(1, 5), id='more', marks=pytest.mark.evidence)])
 def test_after_its_detection_a_smaller_step_never_comes_through(place, sensor, step, seeds):
     for seed in seeds:
         outcome = run(place, seconds=0.4, change=offset(150, sensor, step), seed=seed)
@@ -44,21 +45,21 @@ def test_after_its_detection_a_smaller_step_never_comes_through(place, sensor, s
 @pytest.mark.parametrize('rate', [100.0, 250.0, 1000.0, 4000.0])
 @EACH_SENSOR
 def test_the_time_to_alert_holds_at_every_rate(rate, sensor):
-    count = int(min(2.0 * rate, 3000.0))
+    count = int(min(2.0 * rate, 900.0))
     outcome = run('turning', 4, count / rate, rate, offset(count // 2, sensor, 1.5))
     assert outcome.longest_undeclared(sensor, rate) <= max(0.02, 10.0 / rate)
     assert not outcome.published[count * 2 // 3:].any()
 
 
-@pytest.mark.parametrize('sensor', range(3), ids=JOINT_NAMES[:3])
+@pytest.mark.parametrize('sensor', range(3))
 def test_a_small_offset_that_creeps_in_is_detected_but_not_named(sensor):
     """1 deg/s: no jump, and within the human motion limit."""
-    outcome = run('resting', change=ramp(1000, sensor, 1.0), seed=sensor)
+    outcome = run('resting', change=ramp(600, sensor, 1.0), seed=sensor)
     seen = np.flatnonzero(~outcome.published[5:])[0] + 5
-    assert 1000 < seen < 1500
+    assert 600 < seen < 1100
     assert not outcome.published[seen:].any()
     assert 'sensor undetermined' in outcome.states[-1]
-    assert np.all(outcome.result.unchecked[1000:seen] == 0.0)
+    assert np.all(outcome.result.unchecked[600:seen] == 0.0)
     assert outcome.within_level
 
 
@@ -72,7 +73,7 @@ def test_a_jump_that_no_parity_shows_is_detected_with_any_noise_before_it(kind, 
     rotations = motion(kind, 0.18)
     angles = joint_angles(rotations)
     angles[150:] += np.radians(JUMPS[kind])
-    missed = [seed for seed in range(20) if Outcome(
+    missed = [seed for seed in range(8) if Outcome(
         rotations, encoders(angles, noise, bits, seed), sigma_deg=[noise] * 4).published[-1]]
     assert not missed
 
@@ -108,7 +109,7 @@ def test_wrong_values_are_published_no_longer_than_the_time_to_alert(sensor, fau
 
 @EACH_SENSOR
 def test_a_value_stuck_while_moving_is_named(sensor):
-    outcome = run('taught', seconds=2.5, spoil=stuck(1500, sensor), seed=sensor)
+    outcome = run('taught', spoil=stuck(1500, sensor), seed=sensor)
     assert outcome.published[5:1500].all()
     seen = np.flatnonzero(~outcome.published[1500:])[0] + 1500
     assert seen <= 1520
@@ -119,7 +120,7 @@ def test_a_value_stuck_while_moving_is_named(sensor):
 
 @EACH_SENSOR
 def test_a_value_stuck_before_its_noise_is_known_is_detected_by_the_others(sensor):
-    outcome = run('turning', spoil=stuck(1000, sensor), seed=sensor)
+    outcome = run('turning', seconds=1.1, spoil=stuck(1000, sensor), seed=sensor)
     assert outcome.published[5:1000].all()
     assert not outcome.published[1060:].any()
     assert outcome.longest_undeclared(sensor) <= 0.02
@@ -131,10 +132,10 @@ def test_a_value_stuck_before_its_noise_is_known_is_detected_by_the_others(senso
 def test_th3a_stuck_at_the_singularity_is_frozen_or_declared_unchecked(noise):
     """No parity shows it: the repeats do, of a sensor that is known to be noisy."""
     if noise:
-        outcome = run('taught singular', seconds=4.0, spoil=stuck(1500, 3))
+        outcome = run('taught singular', spoil=stuck(1500, 3))
         assert outcome.published[5:1500].all() and not outcome.published[1520:].any()
         assert 'joint_3a frozen' in outcome.states[-1]
-        early = run('near singular', seconds=3.0, spoil=stuck(1000, 3))
+        early = run('near singular', seconds=1.0, spoil=stuck(500, 3))
         assert np.all(early.result.unchecked[:, 3] > 0.0)
     else:
         rotations = motion('crossing', 20.0)[2000:8000]
@@ -147,17 +148,17 @@ def test_th3a_stuck_at_the_singularity_is_frozen_or_declared_unchecked(noise):
 # Cleared --------------------------------------------------------------------------------------
 
 def test_a_fault_is_cleared_only_after_a_time_of_consistency():
-    outcome = run('resting', seconds=4.0, change=offset(1000, 1, 2.0, 1500), recovery=1.0)
-    assert not outcome.published[1000:2500].any()
-    back = np.flatnonzero(outcome.published[1000:])[0] + 1000
+    outcome = run('resting', change=offset(600, 1, 2.0, 900), recovery=0.5)
+    assert not outcome.published[600:1400].any()
+    back = np.flatnonzero(outcome.published[600:])[0] + 600
     # The recovery time, after the window in which the others check it.
-    assert 2500 + 18 <= back <= 2500 + 22
+    assert 1400 + 18 <= back <= 1400 + 22
     assert outcome.published[back:].all() and outcome.states[-1] == 'healthy'
 
 
 def test_a_fault_that_the_parity_cannot_show_is_not_cleared():
-    outcome = run('singular', seconds=4.0, change=offset(1000, 3, 2.0), recovery=0.5)
-    assert not outcome.published[1000:].any()
+    outcome = run('singular', seconds=1.5, change=offset(500, 3, 2.0), recovery=0.5)
+    assert not outcome.published[500:].any()
     assert 'joint_3a jumped' in outcome.states[-1]
 
 
@@ -178,6 +179,6 @@ def test_classic_never_follows_the_wrong_mode(speed):
 @pytest.mark.parametrize('place', PLACES)
 def test_theta3a_is_published_as_the_paper_has_it(place):
     """Its distance from the estimate is in the parts of the level, and withholds nothing else."""
-    outcome = run(place, solver='theta3a')
+    outcome = run(place, seconds=0.5, solver='theta3a')
     assert outcome.published[4:].all() and outcome.within_level
     assert np.all(outcome.error[4:] < 0.6)

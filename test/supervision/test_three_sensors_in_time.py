@@ -23,10 +23,8 @@ def degraded(samples=100, **settings):
     return rig
 
 
-# Without the faulty sensor ------------------------------------------------------------------
-
 @pytest.mark.parametrize('sensor', range(4))
-@pytest.mark.parametrize('size', [4.0, -5.0, 30.0])
+@pytest.mark.parametrize('size', [4.0, -30.0])
 def test_a_sensor_that_stepped_alone_is_left_out_at_once(sensor, size):
     rig = Rig(degraded='allow', alert_limit_deg=5.0)
     jumped = {NAMES[sensor]: size}
@@ -34,7 +32,7 @@ def test_a_sensor_that_stepped_alone_is_left_out_at_once(sensor, size):
     assert None not in causes[:2]
     assert set(causes[3:]) == {None}
     assert rig.verdict.left_out == (JOINT_NAMES[sensor],)
-    assert max(rig.errors(300, **jumped)) < np.degrees(rig.verdict.protection_level)
+    assert max(rig.errors(100, **jumped)) < np.degrees(rig.verdict.protection_level)
     # It is declared that nobody checks it, nor the others.
     assert rig.supervisor.parts == [inf] * 4
     assert min(rig.supervisor.unchecked()) > 0.05
@@ -44,12 +42,12 @@ def test_a_sensor_that_stepped_alone_is_left_out_at_once(sensor, size):
 
 @pytest.mark.parametrize('sensor', range(4), ids=JOINT_NAMES)
 def test_in_motion_the_error_is_within_the_level_and_the_covariance_larger(sensor):
-    found = run('turning', seconds=1.5, change=offset(1000, sensor, 3.0), degraded='allow',
+    found = run('turning', seconds=0.8, change=offset(500, sensor, 3.0), degraded='allow',
                 alert_limit_deg=2.0)
     assert found.states[-1] == f'degraded: {JOINT_NAMES[sensor]} excluded'
-    assert found.published[1003:].all() and found.within_level
+    assert found.published[503:].all() and found.within_level
     variance = np.trace(found.result.covariance, axis1=1, axis2=2)
-    assert np.mean(variance[1003:]) > np.nanmean(variance[:1000])
+    assert np.mean(variance[503:]) > np.nanmean(variance[:500])
 
 
 def test_a_sensor_that_nobody_can_name_is_silence():
@@ -60,8 +58,6 @@ def test_a_sensor_that_nobody_can_name_is_silence():
     assert None not in rig.samples(300, th1b=2.4)
     assert rig.state.endswith('sensor undetermined')
 
-
-# Where it ends ------------------------------------------------------------------------------
 
 @pytest.mark.parametrize('moved', [{'th1a': nan}, {'th1a': inf}, {'th1b': nan}])
 def test_fewer_than_three_or_no_numbers_are_silence(moved):
@@ -85,7 +81,7 @@ def test_the_state_is_not_degraded_while_nothing_is_published():
     ({'deviation_limit_deg': 0.15, 'alert_limit_deg': 3.0}, 'orientation not determined',
      (35.0, 39.0))])
 def test_without_th3a_it_stops_before_the_singularity(limits, reason, between):
-    phi = SINGULAR - 15.0 + 15.0 * np.sin(2.0 * np.pi * 0.1 * np.arange(4500) * 1e-3)
+    phi = SINGULAR - 15.0 + 15.0 * np.sin(2.0 * np.pi * 0.2 * np.arange(2250) * 1e-3)
     rotations = workspace_pose(0.0 * phi, 0.0 * phi, np.radians(phi))
     found = run(rotations, change=offset(100, 3, 3.0), degraded='allow', **limits)
     last = np.flatnonzero(found.published)[-1]
@@ -100,11 +96,10 @@ def test_where_the_motion_was_lost_three_sensors_give_no_orientation(after):
     """Which of their solutions is the right one is not known."""
     rig = degraded()
     rig.sample(after=after, **WRONG)
-    assert rig.errors(1000, **WRONG) == []
+    assert rig.errors(400, **WRONG) == []
     assert rig.state.startswith('silent')
 
 
-@pytest.mark.parametrize(('samples', 'sizes'), [(100, (1.0, 5.0, 20.0)), (20, (1.0, 5.0))])
-def test_a_second_sensor_that_jumps_is_silence(samples, sizes):
-    for size in sizes:
-        assert degraded(samples).errors(300, **WRONG, th3a=size)[1:] == []
+@pytest.mark.parametrize(('samples', 'size'), [(100, 1.0), (100, 20.0), (20, 5.0)])
+def test_a_second_sensor_that_jumps_is_silence(samples, size):
+    assert degraded(samples).errors(100, **WRONG, th3a=size)[1:] == []

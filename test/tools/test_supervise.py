@@ -33,6 +33,7 @@ def run(capsys, *args):
     return (code, *capsys.readouterr())
 
 
+@pytest.mark.slow
 def test_a_log_of_the_bus(capsys, tmp_path):
     code, out, err = run(capsys, LOG, *ENCODERS, '-o', tmp_path)
     assert code == 0, err
@@ -148,6 +149,7 @@ def test_joints_without_a_reading_are_counted_and_cost_the_others_nothing(capsys
     assert regions['samples'].sum() == 1780
 
 
+@pytest.mark.slow
 def test_without_a_sensor_of_the_parity_there_are_no_regions(capsys, tmp_path, six):
     rows = np.genfromtxt(six, delimiter=',', names=True)
     rows['joint_3a'] = np.nan

@@ -238,6 +238,7 @@ def test_a_joint_is_not_taken_for_the_one_before_it(tmp_path, left):
         recordings.read_joints(path, '')
 
 
+@pytest.mark.slow
 def test_the_classic_model_of_a_mechanism_as_built_and_mounted():
     built = geometry_from(complete(GEOMETRY_SETTINGS, mechanism()))
     base, handle = (matrix_from_zxz(*np.radians(angles))
@@ -266,6 +267,7 @@ def fails(capsys, expected, *args):
     assert re.search(expected, err), err
 
 
+@pytest.mark.slow
 def test_parameters_of_the_mechanism_reach_the_classic_model(tmp_path, recording, capsys):
     capture = write_markers(tmp_path, captured_markers())
     other = joint_angles(Geometry(*np.radians([39.0, 34.0, 18.0])))
