@@ -6,12 +6,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf, nan, radians
+from math import atan2, inf, nan, pi, radians, tau
 
 from spm_haptic_master.kinematics.number_backends import Quaternion
-from spm_haptic_master.kinematics.rotations import multiply_quaternions, rotation_distance
+from spm_haptic_master.kinematics.rotations import (
+    conjugate,
+    multiply_quaternions,
+    rotation_distance,
+)
 from spm_haptic_master.supervision.orientation_state import OrientationState
-from spm_haptic_master.teleoperation.law import unit_quaternion
+from spm_haptic_master.teleoperation.command_limits import unit_quaternion
 
 # Why it is not engaged, or no longer.
 NO_ORIENTATION = 'no orientation'
@@ -131,3 +135,28 @@ class Inputs:
         if self.master is None or self.slave is None:
             return None
         return rotation_distance(self.master, self.slave)
+
+
+class Roll:
+    """How far the handle has rolled about its own z axis, to and fro, since the first rotation."""
+
+    def __init__(self) -> None:
+        self._first: Quaternion[float] | None = None
+        self._angle = self._least = self._largest = 0.0
+
+    @property
+    def extent(self) -> float:
+        """Return the difference of the largest and the smallest roll, rad."""
+        return self._largest - self._least
+
+    def add(self, rotation: Quaternion[float]) -> None:
+        """Add a rotation of the handle, as a unit quaternion x, y, z, w."""
+        if self._first is None:
+            self._first = rotation
+            return
+        _, _, z, w = multiply_quaternions(conjugate(self._first), rotation)
+        # The twist about z of the rotation since the first, on the branch of the last one.
+        turn = (2.0 * atan2(z, w) - self._angle) % tau
+        self._angle += turn - tau if turn > pi else turn
+        self._least = min(self._least, self._angle)
+        self._largest = max(self._largest, self._angle)

@@ -26,10 +26,14 @@ from spm_haptic_master.teleoperation.conditions import (
     NO_ORIENTATION,
     NO_PRESENCE,
     NOT_ALIGNED,
+    Roll,
 )
-from spm_haptic_master.teleoperation.following import Budget, Following
-from spm_haptic_master.teleoperation.law import Roll
+from spm_haptic_master.teleoperation.following import Following
 from spm_haptic_master.timing import SECOND, StampGrid
+
+# Time (s) beyond the longest step whose commands may go out at once: what a computer without real
+# time delays now and then. How much faster than it passes the time grows back (unit 1).
+BURST, GROWTH = 0.01, 1.25
 
 
 class Phase(Enum):
@@ -65,7 +69,9 @@ class Teleoperation:
         # Stamp of the last orientation (ns), and which of them are followed by a command.
         self._stamp: int | None = None
         self._grid = StampGrid(conditions.command_rate, conditions.sample_rate)
-        self._budget = Budget(limits.longest)
+        # Time that commands may still make up for, s: those of a burst, by their stamps as far
+        # apart as ever, go out hardly faster than time passes.
+        self._budget = limits.longest + BURST
         # The course of the slave; None while it is not engaged.
         self._following: Following | None = None
 
@@ -97,7 +103,7 @@ class Teleoperation:
     def pass_time(self, dt: float) -> None:
         """Let time pass, s: disengage if an input has become too old."""
         self._inputs.now += dt
-        self._budget.pass_time(dt)
+        self._budget = min(self._budget + GROWTH * dt, self._limits.longest + BURST)
         if self.phase is not Phase.DISENGAGED:
             self._release(self._blocking() or ('' if self._inputs.is_present else NO_PRESENCE))
         elif self._enabled_at is not None and (
@@ -203,10 +209,15 @@ class Teleoperation:
         if self._following is None:
             self._try_to_engage(stamp, master)
             return None if self._following is None else self._following.rotation
+        used = min((stamp - self._following.stamp) / SECOND, self._limits.longest)
+        if used > self._budget:
+            return None
+        self._budget -= used
         broken = self._following.advance(master, stamp)
         if broken:
             self.disengage(f'{broken} above the limit')
-        return self._following.rotation if broken == '' else None
+            return None
+        return self._following.rotation
 
     def _try_to_engage(self, stamp: int, master: Quaternion[float]) -> None:
         """Begin to follow from where master and slave are now, if every condition is met."""
@@ -225,7 +236,7 @@ class Teleoperation:
         self.starts += 1
         self._enabled_at = None
         self._following = Following(
-            self._limits, self._budget, conditions.align_speed, master, inputs.slave, stamp)
+            self._limits, conditions.align_speed, master, inputs.slave, stamp)
 
     def _release(self, cause: str) -> None:
         """Disengage for a cause, if there is one, from engaged or clutched alone."""
