@@ -61,15 +61,11 @@ class MechanismQuery:
             request = GetParameters.Request(names=[setting.name for setting in SETTINGS])
             self._client.call_async(request).add_done_callback(self._on_answer)
 
-    def invalidate(self) -> None:
-        """Ask anew as soon as that is due: another fkm may have another mechanism."""
-        self._answered = False
-
     def check(self, entry: DiagnosticStatus) -> None:
         """Ask anew where fkm reports another mechanism than is drawn."""
         reported = next((value.value for value in entry.values if value.key == CHECKSUM_KEY), '')
         if reported not in ('', self._checksum):
-            self.invalidate()
+            self._answered = False
 
     def take(self, values: dict[str, Any]) -> None:
         """Build the mechanism of checked settings, where they are new."""

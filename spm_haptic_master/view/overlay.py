@@ -45,7 +45,7 @@ class Overlay:
         self.ghost = surfaces.add(scene, f'{platform}/ghost', solid, [GHOST],
                                   scale=GHOST_SCALE / SIZE, opacity=GHOST_OPACITY, visible=False)
         self.torques = [
-            surfaces.add(scene, f'{platform}/torque_{kind}', surfaces.arrow(), [colour],
+            surfaces.add(scene, f'{platform}/torque_{kind}', surfaces.ARROW, [colour],
                          visible=False)
             for kind, colour in zip(('commanded', 'rendered'), TORQUES, strict=True)]
         # It is in the scene's frame, whatever the mounting is.

@@ -113,13 +113,6 @@ class Page:
         self.server._websock_server.queue_message(RunJavascriptMessage(script))
 
 
-def hosts(name: str) -> tuple[str, str]:
-    """Return the elements of the panel for figures and for plots of a device, as HTML."""
-    figures, plots = (f'<div id="spm-{name}{part}" class="spm-device"></div>'
-                      for part in ('', '-lower'))
-    return figures, plots
-
-
 def serve(host: str, port: int, names: str = '',
           report: Callable[[str], None] = lambda _: None) -> ViserServer:
     """

@@ -174,8 +174,14 @@ def test_a_page_operates_a_simulated_device_and_no_other(page):
     known = [(uuid, handle.value) for uuid, handle in handles.items()]
     with connected(page, origin=page.url) as websocket:
         send(websocket, **CAMERA)
+        # What is not passed on, first: it changes nothing, and ends nothing.
+        websocket.send(b'\xc1')
+        joint = page.arm.simulation.joint
+        send(websocket, type='GuiUpdateMessage', uuid=joint._impl.uuid,
+             updates={'value': 'joint_1a', 'disabled': True})
         operate(websocket, known)
         assert page.spin(lambda: page.steered and page.failed)
+        assert joint.value == 'joint_1b' and not joint.disabled
 
         page.publish('can: can0')
         assert page.spin(lambda: page.arm.simulation.knobs is None)
@@ -190,40 +196,23 @@ def test_a_page_operates_a_simulated_device_and_no_other(page):
         assert not page.steered and not page.failed and page.watchers() == 0
 
 
-def test_of_a_clients_messages_two_kinds_are_passed_on(page, monkeypatch):
-    """No tunnel to the world, no file, no other property than a value, nothing that is garbage."""
-    page.publish('sim')
-    assert page.spin(lambda: page.arm.simulation.knobs is not None)
-    knobs = page.arm.simulation
-    shared = []
-    monkeypatch.setattr(page.node._server, 'request_share_url', lambda: shared.append(True))
-    handled = []
-    handle = page.node._server._websock_server._handle_incoming_message
+@pytest.mark.parametrize(('message', 'wanted'), [
+    (CAMERA, True), ({'type': 'GuiUpdateMessage', 'uuid': '1', 'updates': {'value': 7}}, True),
+    # No tunnel to the world, no command, no file, no other property than a value.
+    ({'type': 'ShareUrlRequest'}, False),
+    ({'type': 'CommandTriggerMessage', 'uuid': '1'}, False),
+    ({'type': 'FileTransferStartUpload', 'source_component_uuid': '1', 'transfer_uuid': '2',
+      'filename': 'x', 'mime_type': 'y', 'part_count': 1, 'size_bytes': 10 ** 9}, False),
+    *(({'type': 'GuiUpdateMessage', 'uuid': '1', 'updates': updates}, False) for updates in (
+        {'disabled': True}, {'value': 'joint_1a', 'update_cb': []}, {}, None)),
+    ({'updates': {'value': 7}}, False), ([1, 2], False)])
+def test_of_a_clients_messages_two_kinds_are_passed_on(message, wanted):
+    assert access.is_wanted(msgspec.msgpack.encode(message)) is wanted
 
-    async def note(client_id, message):
-        handled.append(type(message).__name__)
-        await handle(client_id, message)
 
-    monkeypatch.setattr(page.node._server._websock_server, '_handle_incoming_message', note)
-    with connected(page, origin=page.url) as websocket:
-        send(websocket, type='ShareUrlRequest')
-        send(websocket, type='CommandTriggerMessage', uuid='1')
-        send(websocket, type='FileTransferStartUpload', source_component_uuid='1',
-             transfer_uuid='2', filename='x', mime_type='y', part_count=1, size_bytes=10 ** 9)
-        uuid = knobs.joint._impl.uuid
-        for updates in ({'disabled': True}, {'value': 'joint_1a', 'update_cb': []}, {}):
-            send(websocket, type='GuiUpdateMessage', uuid=uuid, updates=updates)
-        websocket.send(b'\xc1')
-        websocket.send(msgspec.msgpack.encode([1, 2]))
-        websocket.send(msgspec.msgpack.encode({'type': 'GuiUpdateMessage', 'updates': None}))
-        websocket.send('a text')
-        send(websocket, **CAMERA)
-        send(websocket, type='GuiUpdateMessage', uuid=knobs.offset._impl.uuid,
-             updates={'value': 7})
-        assert page.spin(lambda: knobs.offset.value == 7.0)
-    assert knobs.joint.value == 'joint_1b'
-    assert handled == ['ViewerCameraMessage', 'GuiUpdateMessage']
-    assert shared == []
+@pytest.mark.parametrize('garbage', [b'', b'\xc1', 'a text'])
+def test_garbage_of_a_client_is_not_passed_on(garbage):
+    assert not access.is_wanted(garbage)
 
 
 def test_a_refusal_is_in_the_log_with_its_reason_and_many_are_not(page, monkeypatch):

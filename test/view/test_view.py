@@ -6,7 +6,6 @@
 import os
 import subprocess
 import sys
-import time
 from urllib.error import URLError
 from urllib.request import urlopen
 
@@ -69,26 +68,6 @@ def test_it_serves_a_page_to_this_host_alone_and_ends(view):
     assert program.stop() == 0
     assert program.stderr == ''
     assert program.stdout == f'view: {address}\n'
-
-
-@pytest.mark.process
-def test_it_ends_with_the_process_that_it_goes_with(view):
-    with subprocess.Popen([sys.executable, '-c', 'input()'], stdin=subprocess.PIPE) as other:
-        program = view(view__process=other.pid)
-        url(program)
-        time.sleep(1.5)
-        assert program.poll() is None
-        other.stdin.close()
-        other.wait(PATIENCE)
-        assert program.wait(PATIENCE) == 0, program.stderr
-
-
-@pytest.mark.process
-def test_a_wrong_address_ends_in_one_line(view):
-    program = view(view__host='no such host')
-    assert program.wait(PATIENCE) == 1
-    assert program.stderr.count('\n') == 1
-    assert "'view.host' is 'no such host'" in program.stderr
 
 
 @pytest.mark.process
