@@ -221,7 +221,8 @@ class Arm:
                 self._scene.show_level(radians(level) if self._whole else nan)
             if self._whole and self._map.is_due(now):
                 self._scene.paint(zxz_angles(*seen.orientation)[2])
-            self._scene.overlay.show_ghost(self._ghost.turn if alive else None)
+            self._scene.overlay.show_ghost(
+                self._ghost.turn if alive and self._whole else None)
             self._scene.overlay.show_torques(
                 self._samples.torques if alive else (None, None))
         if self._figures.is_due(now):

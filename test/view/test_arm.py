@@ -30,7 +30,6 @@ pytest.importorskip('viser', reason='viser is not installed (extra view)')
 arm_module = pytest.importorskip('spm_haptic_master.view.arm')
 mechanism_query = pytest.importorskip('spm_haptic_master.view.mechanism_query')
 page_module = pytest.importorskip('spm_haptic_master.view.page')
-readout = pytest.importorskip('spm_haptic_master.view.readout')
 stories = pytest.importorskip('spm_haptic_master.view.simulated_device').stories
 MAP_RADIUS = pytest.importorskip('spm_haptic_master.view.scene').MAP_RADIUS
 
@@ -325,8 +324,8 @@ def test_every_pose_at_60_hz_is_drawn_and_no_faster_than_is_seen(shown, rate, le
     assert shown.rows['picture'] == '0 poses a second'
 
 
-def test_figures_and_arrows_of_what_is_taken_when_it_is_needed(shown, observer):
-    """Dexterity and torques, by their topics; arrows end when torques do."""
+def test_the_figures_and_arrows_of_dexterity_and_torques(shown, observer):
+    """By their topics; arrows end when torques do."""
     node, taker = observer.node, Node('taker', context=observer.context)
     dexterity = node.create_publisher(Float64MultiArray, 'dexterity', 1)
     outs = [node.create_publisher(WrenchStamped, f'body/{name}_cf', 1)
@@ -355,6 +354,11 @@ def test_figures_and_arrows_of_what_is_taken_when_it_is_needed(shown, observer):
     assert [arrow.visible for arrow in arrows] == [True, False]
     shown.run(1.0, shown.pose)
     assert not any(arrow.visible for arrow in arrows)
+    # Words of another program are no state of the force feedback.
+    for words, figure in (('fading: no hand on the handle',) * 2, ('strong', '\u2013')):
+        shown.arm._on_force(String(data=words))
+        shown.run(0.5, shown.pose)
+        assert shown.rows['force'] == figure
     # What nobody looks at is not subscribed to.
     shown.watched = False
     shown.run(TICK)
@@ -425,6 +429,13 @@ def test_the_sliders_follow_the_device_until_a_user_moves_one(shown):
     knobs._release(None)
     assert steered[1:] == [()]
     assert sliders(5.0, -40.0, 20.0) == [5.0, -40.0, 20.0]
+    # Another source ends story and lead; its knobs are new ones.
+    knobs._on_slider(SimpleNamespace(client=object()))
+    knobs._play(stories(4)[0], None)
+    for source in ('can: can0', 'sim'):
+        shown.arm._on_source(String(data=source))
+    assert knobs.tick(shown.now) == ''
+    assert sliders(6.0, 40.0, 30.0) == [6.0, 40.0, 30.0]
 
 
 @pytest.mark.parametrize(('sensors', 'number'), [(4, 0), (4, 1), (4, 2), (6, 2)])
@@ -464,12 +475,3 @@ def test_a_story_that_begins_as_another_one_ends_is_played(shown):
     knobs._play(one, None)
     shown.run(one.end + 1.0, shown.pose, 0.2)
     assert shown.content['note'] == other.words
-
-
-def test_the_state_of_the_force_feedback_is_a_figure(shown):
-    """Words of another program are no state."""
-    shown.begin()
-    for words, figure in (('fading: no hand on the handle',) * 2, ('strong', readout.DASH)):
-        shown.arm._on_force(String(data=words))
-        shown.run(0.5)
-        assert shown.rows['force'] == figure
