@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""When the slave may follow: the latest of each input, and what of them forbids it."""
+"""When the slave may follow: the latest of each input, and what forbids it."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ NO_ENABLE = 'waiting for enable'
 NOT_ALIGNED = 'not aligned'
 # Rounding of times (s).
 ROUNDING = 1e-9
-# A slave is at rest that has stayed within this angle (rad) for this time (s). It begins to follow
-# from its measured pose: a slave that moves is elsewhere when the command arrives.
+# A slave is at rest after this time (s) within this angle (rad). It begins to follow from its
+# measured pose: a moving slave would be elsewhere when the command arrives.
 REST_ANGLE, REST_TIME = radians(0.5), 0.05
 
 
@@ -51,7 +51,7 @@ class Conditions:
 
 
 class Inputs:
-    """The latest of each input and its age; a rotation that is no unit quaternion is none."""
+    """The latest of each input and its age; only a unit quaternion counts as a rotation."""
 
     def __init__(self, conditions: Conditions) -> None:
         self._conditions = conditions
@@ -61,15 +61,15 @@ class Inputs:
         self._master_at = -inf
         self.slave: Quaternion[float] | None = None
         self._slave_at = -inf
-        # Pose near which the slave has stayed, and since when; None until it comes to rest anew.
+        # Pose near which the slave has stayed, and since when; None until its next pose.
         self._rest: Quaternion[float] | None = None
         self._rest_at = -inf
         self.level, self.level_at = nan, -inf  # protection level, rad
         self.present, self.present_at = False, -inf
         self.clutch = False
         self.state: OrientationState | None = None
-        # Time of the enable that the master is in effect by, 0 while it has none; None where it
-        # is not known, because the master does not publish it.
+        # Time of the enable in effect at the master, ns (0: none); None while the master does not
+        # publish it.
         self.enabling: int | None = None
 
     def take_master(self, quaternion: Quaternion[float]) -> None:
@@ -90,7 +90,7 @@ class Inputs:
             self._rest, self._rest_at = slave, self.now
 
     def await_rest(self) -> None:
-        """Have the slave rest anew before it follows: the last command may still move it."""
+        """Wait for rest again before the slave follows: the last command may still move it."""
         self._rest = None
 
     def blocking(self) -> str:

@@ -48,8 +48,8 @@ class Teleoperation:
     """
     One master and one slave.
 
-    Each input comes by a call, after `pass_time` with the time since the last one: an age that is
-    exceeded is then noticed before new data can hide it.
+    Call `pass_time` with the time since the last call before each input: an exceeded age is
+    noticed before new data can hide it.
     """
 
     def __init__(self, conditions: Conditions, limits: CommandLimits) -> None:
@@ -136,10 +136,10 @@ class Teleoperation:
 
     def take_enabling(self, number: int, age: float) -> None:
         """
-        Take the time of the enable that the master is in effect by, ns (0: none), and its age, s.
+        Take the time of the enable in effect at the master, ns (0: none), and its age, s.
 
-        Another one than before is a fresh enable; the first one known is not, because it may be
-        older than this machine, and one that has come late is not: it would have lapsed.
+        A new time is a fresh enable, unless it is the first one known, which may be older than
+        this machine, or so old that the enable has lapsed.
         """
         before, self._inputs.enabling = self._inputs.enabling, number
         self._release(self._blocking())
@@ -158,8 +158,7 @@ class Teleoperation:
         """
         Take the clutch: while it is pressed the slave holds and the master moves freely.
 
-        None: its publisher has gone. A clutch that was pressed is released by that, but the slave
-        does not follow by it: that disengages.
+        None: its publisher has gone. If the clutch was pressed, that releases it and disengages.
         """
         if pressed is None and self._inputs.clutch:
             self._release('clutch gone while pressed')
@@ -170,7 +169,7 @@ class Teleoperation:
             self._inputs.await_rest()
 
     def take_slave(self, quaternion: Quaternion[float]) -> None:
-        """Take the slave's measured rotation; one that is no unit quaternion is none."""
+        """Take the slave's measured rotation; any other quaternion than a unit one: no pose."""
         self._inputs.take_slave(quaternion)
         self._release(self._blocking())
         slave = self._inputs.slave

@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The operating state of a CRTK device without motors: what a slave's controller lets go by.
+The operating state of a CRTK device without motors, on which a slave's controller releases.
 
     DISABLED --enable--> ENABLED <--pause, resume--> PAUSED; silence: FAULT; its end: DISABLED
 
 dVRK's C++ keeps the last pose and takes it as valid, however old it is. A silent device is
-therefore in FAULT, and comes back as DISABLED: only `enable` leads to ENABLED. Some clients let go
-by `is_homed` alone: it is true in ENABLED only, where the pose is there to be followed.
+therefore in FAULT, and comes back as DISABLED: only `enable` leads to ENABLED. Some clients check
+`is_homed` alone: it is true in ENABLED only, where the pose may be followed.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""One device: its topics, and what of them is drawn when."""
+"""One device: its topics, and when each of them is drawn."""
 
 from __future__ import annotations
 
@@ -62,8 +62,8 @@ class Arm:
     """
     One device: the topics of a namespace, '/' or '/NAME', and its number in the scene.
 
-    `node` subscribes and publishes for it; the messages of `taker`, a node of no executor, are
-    taken when they are needed.
+    `node` subscribes and publishes for it; `taker`, a node of no executor, has the topics whose
+    newest message is taken when it is drawn.
     """
 
     def __init__(self, node: Node, taker: Node, page: Page, namespace: str,
@@ -78,7 +78,7 @@ class Arm:
         self._stamp: tuple[int, int] | None = None
         now = time.monotonic()
         self._age = SampleAge(now)
-        # When the first page has all of the picture (s, monotonic), and whether it has.
+        # When all of the picture is due on the first page (s, monotonic), and whether it is there.
         self._whole_at: float | None = None
         self._whole = False
         self._joints, self._trace = Periodic(LEAST_PERIOD), Periodic(TRACE_PERIOD)
@@ -182,7 +182,7 @@ class Arm:
         self.simulation.show(self.seen.source, self.seen.sensors)
 
     def _wait_for_rest(self, now: float, watched: bool) -> None:
-        """Show what is beside the device, when somebody has seen that for a while."""
+        """Show what is beside the device once somebody has seen the device for a while."""
         if self._whole:
             return
         if not watched or self._scene is None:

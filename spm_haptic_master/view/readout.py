@@ -31,7 +31,7 @@ from spm_haptic_master.view.status import (
     TIMING,
 )
 
-# What has no value.
+# Text of a figure without a value.
 DASH = '\u2013'
 # Dexterity at which its bar is full (unit 1).
 FULL_DEXTERITY = 0.2

@@ -46,7 +46,7 @@ class Light(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Banner:
-    """What is above the picture."""
+    """The words above the picture."""
 
     light: Light
     text: str  # state in words, with the reason
