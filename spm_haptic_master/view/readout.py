@@ -19,6 +19,7 @@ from spm_haptic_master.kinematics.joints import (
     SHORT_NAMES,
 )
 from spm_haptic_master.kinematics.number_backends import Quaternion
+from spm_haptic_master.nodes.console import FULL_DEXTERITY
 from spm_haptic_master.ros.diagnostic_status import CAUTION_KEY
 from spm_haptic_master.view.status import (
     Banner,
@@ -33,8 +34,6 @@ from spm_haptic_master.view.status import (
 
 # Text of a figure without a value.
 DASH = '\u2013'
-# Dexterity at which its bar is full (unit 1).
-FULL_DEXTERITY = 0.2
 # Colours of three encoders alone, of all, and of limits.
 GHOST, ALL, LIMIT = '#b0379b', '#2b6cb0', '#b42318'
 # Error of three encoders clear of the singularity that noise does not explain (deg).

@@ -19,7 +19,6 @@ from spm_haptic_master.nodes.console import Console
 from spm_haptic_master.nodes.status_rows import bar, Colour, fitted, PLAIN, Row, status_lines
 from spm_haptic_master.ros.diagnostic_status import OK
 from spm_haptic_master.supervision.orientation_state import read_state
-from spm_haptic_master.view.readout import FULL_DEXTERITY
 from std_msgs.msg import String
 from terminal import Terminal
 
@@ -256,7 +255,6 @@ def test_all_rows_of_a_status_with_force_feedback_and_cautions():
         '  dexterity         0.1500 (3 sensors), 0.4000 (4 sensors)',
         '  rates             joints 1000 Hz, orientation 1000 Hz',
         '  latency           p50 90 us, p99 200 us']
-    assert console_module.FULL_DEXTERITY == FULL_DEXTERITY
 
 
 @pytest.mark.parametrize('state', ['starting', 'silent: no joint samples'])
