@@ -23,6 +23,7 @@ import tempfile
 import threading
 import time
 
+from benchmarks.browser_process import Browser
 from benchmarks.view_load import scheduling_of_make_run
 from geometry_msgs.msg import QuaternionStamped
 from PIL import Image
@@ -35,10 +36,6 @@ from spm_haptic_master.benchmark.child_process import (
     wait_until,
 )
 from spm_haptic_master.ros.qos import SAMPLES
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test' / 'view'))
-
-from browser import Browser  # noqa: E402, I100
 
 # Page without a device.
 BALL = """import time, viser

@@ -18,10 +18,10 @@ import os
 from pathlib import Path
 import shutil
 import signal
-import sys
 import tempfile
 import time
 
+from benchmarks.browser_process import Browser
 from benchmarks.view_load import scheduling_of_make_run
 from PIL import Image
 import rclpy
@@ -35,10 +35,6 @@ from spm_haptic_master.nodes.simulation_control import FAULT_TOPIC, STEER_TOPIC
 from spm_haptic_master.supervision.orientation_state import HEALTHY
 from spm_haptic_master.view.simulated_device import NEAR, SINGULAR
 from std_msgs.msg import Float64MultiArray, String
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'test' / 'view'))
-
-from browser import Browser  # noqa: E402, I100
 
 HERE = Path(__file__).resolve().parent
 STATES = HERE.parent / 'view'

@@ -77,7 +77,7 @@ class CrtkState:
         """Execute a command; return whether it has an effect, and the state or why it has none."""
         accepted, events = self._state.command(text, time.time_ns())
         self._publish(events)
-        return accepted, self.name if accepted else events[-1].text
+        return accepted, self.name if accepted else events[-1][1]
 
     def warn(self, text: str) -> None:
         """Publish a warning."""
@@ -116,8 +116,8 @@ class CrtkState:
                 self._enabled_out.publish(UInt64(data=state.enabling))
             if before is None or before[0] != state.name:
                 self._text_out.publish(String(data=state.name))
-        for event in events:
-            self._lines[event.level].publish(String(data=event.text))
+        for level, text in events:
+            self._lines[level].publish(String(data=text))
 
     def _publish_message(self) -> None:
         message = self._message

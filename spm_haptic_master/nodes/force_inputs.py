@@ -27,9 +27,9 @@ from spm_haptic_master.ros.diagnostic_status import RIVALS_PERIOD
 from spm_haptic_master.ros.duplicate_publishers import publishers
 from spm_haptic_master.ros.inputs import Inputs
 from spm_haptic_master.ros.qos import EVENTS, STATE, WRENCHES
+from spm_haptic_master.teleoperation.command_limits import unit_quaternion
 from spm_haptic_master.teleoperation.conditions import NO_PRESENCE
 from spm_haptic_master.teleoperation.engaging import Phase
-from spm_haptic_master.teleoperation.law import unit_quaternion
 from spm_haptic_master.timing import SECOND
 from std_msgs.msg import Bool, Empty, Float64, String
 

@@ -23,7 +23,7 @@ from spm_haptic_master.ros import runner
 from spm_haptic_master.ros.diagnostic_status import OK, StatusPublisher, STEADY
 from spm_haptic_master.ros.parameters import ParameterNode
 from spm_haptic_master.ros.qos import SAMPLES
-from spm_haptic_master.teleoperation.law import unit_quaternion
+from spm_haptic_master.teleoperation.command_limits import unit_quaternion
 
 # Longest time that the wrist moves in one step (s): a process that was stopped does not jump.
 LONGEST_STEP = 0.05

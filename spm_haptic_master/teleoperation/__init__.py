@@ -4,5 +4,5 @@
 """
 From the master to a slave: registration, law, limits, engaging and clutch, the CRTK state.
 
-Imports parameters, kinematics and the top-level modules. No ROS and no clock: time is an argument.
+Imports kinematics, supervision and the top-level modules. No ROS and no clock: time is given.
 """

@@ -15,12 +15,14 @@ from spm_haptic_master.kinematics.rotations import (
     quaternion_from_vector,
     vector_from_quaternion,
 )
-from spm_haptic_master.teleoperation.law import unit_quaternion
 
 # Share by which a target may exceed a limit and still be followed exactly (unit 1): rounding.
 ROUNDING = 1e-9
 # Longest time in which a twist ends, whatever the acceleration (s): nobody leads it any more.
 FADE_LONGEST = 0.1
+# Largest deviation of a pose's squared norm from 1 (unit 1): a controller in single precision
+# passes, a quaternion of zeros or of other numbers does not.
+NORM_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +58,7 @@ class LimitedRotation:
         """
         limits = self._limits
         error = _between(self.rotation, target)
-        distance = _norm(error)
+        distance = norm(error)
         if not limits.slews and distance > limits.jump:
             return 'jump'
         used = min(dt, limits.longest)
@@ -69,8 +71,8 @@ class LimitedRotation:
         if distance > (1.0 + ROUNDING) * speed * dt:
             broken = 'speed'
         # Also where it has caught up, but would then be faster than the target by too much.
-        elif max(_norm(_difference(wanted, self.velocity)),
-                 _norm(_difference(wanted, moving))) > (1.0 + ROUNDING) * gain:
+        elif max(norm(_difference(wanted, self.velocity)),
+                 norm(_difference(wanted, moving))) > (1.0 + ROUNDING) * gain:
             broken = 'acceleration'
         else:
             self._target = None
@@ -83,7 +85,7 @@ class LimitedRotation:
             return broken
         velocity = self._slewed(
             self.rotation if before is None else before, moving, dt, speed, gain)
-        if _norm(velocity) * dt > (1.0 + ROUNDING) * limits.jump:
+        if norm(velocity) * dt > (1.0 + ROUNDING) * limits.jump:
             return 'jump'
         self._move(velocity, dt)
         self._target = target
@@ -102,7 +104,7 @@ class LimitedRotation:
         to it, and the largest change of the velocity.
         """
         error = _between(self.rotation, target)
-        distance = _norm(error)
+        distance = norm(error)
         # The largest speed beyond the target's from which steps of `dt`, each slower by `gain`,
         # end at it: that many full ones, and what is left.
         full = int(0.5 * (sqrt(1.0 + 8.0 * distance / (gain * dt)) - 1.0))
@@ -110,7 +112,7 @@ class LimitedRotation:
         x, y, z = _scaled(error, closing / distance if distance > 0.0 else 0.0)
         wanted = x + moving[0], y + moving[1], z + moving[2]
         velocity = _toward(self.velocity, _within(wanted, limit), gain)
-        if _norm(velocity) > limit:
+        if norm(velocity) > limit:
             # The limit is lower than at the last step where this one is longer: it brakes.
             velocity = _toward(self.velocity, _within(self.velocity, limit), gain)
         return velocity
@@ -123,18 +125,15 @@ class LimitedRotation:
         self.rotation = unit_quaternion(moved) or self.rotation
 
 
-def closing_speed(distance: float, before: float, limits: CommandLimits, largest: float,
-                  dt: float) -> float:
-    """
-    Return the speed at which a command closes in on a pose at a distance, rad, to stop there.
-
-    The distance after this step is enough to stop in, in steps of any length. All speeds are in
-    rad/s: that of the last step, the largest one, and the result.
-    """
-    a = limits.acceleration
-    # c dt + c^2 / 2a = distance
-    braking = a * (sqrt(dt * dt + 2.0 * distance / a) - dt)
-    return min(largest, before + a * dt, braking)
+def unit_quaternion(quaternion: Quaternion[float]) -> Quaternion[float] | None:
+    """Return a quaternion of norm 1; None for one that is not finite or too far from it."""
+    x, y, z, w = quaternion
+    square = x * x + y * y + z * z + w * w
+    # Also false where a component is not a number.
+    if not abs(square - 1.0) < NORM_TOLERANCE:
+        return None
+    scale = 1.0 / sqrt(square)
+    return scale * x, scale * y, scale * z, scale * w
 
 
 class FadingTwist:
@@ -161,7 +160,7 @@ class FadingTwist:
         """Return the velocity after a further time `dt` without a command, s; None at the end."""
         if not self._left:
             return None
-        speed = _norm(self._velocity)
+        speed = norm(self._velocity)
         self._fading = self._fading or max(self._acceleration, speed / FADE_LONGEST)
         slower = speed - self._fading * dt
         if slower > 0.0:
@@ -180,7 +179,7 @@ def _between(one: Quaternion[float], other: Quaternion[float]) -> Vector[float]:
 def _toward(before: Vector[float], wanted: Vector[float], gain: float) -> Vector[float]:
     """Return the vector nearest to the wanted one that differs from the last by the gain."""
     change = _difference(wanted, before)
-    size = _norm(change)
+    size = norm(change)
     if size <= gain:
         return wanted
     part = gain / size
@@ -188,14 +187,15 @@ def _toward(before: Vector[float], wanted: Vector[float], gain: float) -> Vector
     return x, y, z
 
 
-def _norm(vector: Vector[float]) -> float:
+def norm(vector: Vector[float]) -> float:
+    """Return the length of a vector."""
     x, y, z = vector
     return sqrt(x * x + y * y + z * z)
 
 
 def _within(vector: Vector[float], size: float) -> Vector[float]:
     """Return a vector, shortened to a size where it is longer."""
-    found = _norm(vector)
+    found = norm(vector)
     return vector if found <= size else _scaled(vector, size / found)
 
 

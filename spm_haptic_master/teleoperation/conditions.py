@@ -1,17 +1,21 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""When the slave may follow: the latest of each input, and what of them forbids it."""
+"""When the slave may follow: the latest of each input, and what forbids it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf, nan, radians
+from math import atan2, inf, nan, pi, radians, tau
 
 from spm_haptic_master.kinematics.number_backends import Quaternion
-from spm_haptic_master.kinematics.rotations import multiply_quaternions, rotation_distance
+from spm_haptic_master.kinematics.rotations import (
+    conjugate,
+    multiply_quaternions,
+    rotation_distance,
+)
 from spm_haptic_master.supervision.orientation_state import OrientationState
-from spm_haptic_master.teleoperation.law import unit_quaternion
+from spm_haptic_master.teleoperation.command_limits import unit_quaternion
 
 # Why it is not engaged, or no longer.
 NO_ORIENTATION = 'no orientation'
@@ -20,8 +24,8 @@ NO_ENABLE = 'waiting for enable'
 NOT_ALIGNED = 'not aligned'
 # Rounding of times (s).
 ROUNDING = 1e-9
-# A slave is at rest that has stayed within this angle (rad) for this time (s). It begins to follow
-# from its measured pose: a slave that moves is elsewhere when the command arrives.
+# A slave is at rest after this time (s) within this angle (rad). It begins to follow from its
+# measured pose: a moving slave would be elsewhere when the command arrives.
 REST_ANGLE, REST_TIME = radians(0.5), 0.05
 
 
@@ -47,7 +51,7 @@ class Conditions:
 
 
 class Inputs:
-    """The latest of each input and its age; a rotation that is no unit quaternion is none."""
+    """The latest of each input and its age; only a unit quaternion counts as a rotation."""
 
     def __init__(self, conditions: Conditions) -> None:
         self._conditions = conditions
@@ -57,15 +61,15 @@ class Inputs:
         self._master_at = -inf
         self.slave: Quaternion[float] | None = None
         self._slave_at = -inf
-        # Pose near which the slave has stayed, and since when; None until it comes to rest anew.
+        # Pose near which the slave has stayed, and since when; None until its next pose.
         self._rest: Quaternion[float] | None = None
         self._rest_at = -inf
         self.level, self.level_at = nan, -inf  # protection level, rad
         self.present, self.present_at = False, -inf
         self.clutch = False
         self.state: OrientationState | None = None
-        # Time of the enable that the master is in effect by, 0 while it has none; None where it
-        # is not known, because the master does not publish it.
+        # Time of the enable in effect at the master, ns (0: none); None while the master does not
+        # publish it.
         self.enabling: int | None = None
 
     def take_master(self, quaternion: Quaternion[float]) -> None:
@@ -86,7 +90,7 @@ class Inputs:
             self._rest, self._rest_at = slave, self.now
 
     def await_rest(self) -> None:
-        """Have the slave rest anew before it follows: the last command may still move it."""
+        """Wait for rest again before the slave follows: the last command may still move it."""
         self._rest = None
 
     def blocking(self) -> str:
@@ -131,3 +135,28 @@ class Inputs:
         if self.master is None or self.slave is None:
             return None
         return rotation_distance(self.master, self.slave)
+
+
+class Roll:
+    """How far the handle has rolled about its own z axis, to and fro, since the first rotation."""
+
+    def __init__(self) -> None:
+        self._first: Quaternion[float] | None = None
+        self._angle = self._least = self._largest = 0.0
+
+    @property
+    def extent(self) -> float:
+        """Return the difference of the largest and the smallest roll, rad."""
+        return self._largest - self._least
+
+    def add(self, rotation: Quaternion[float]) -> None:
+        """Add a rotation of the handle, as a unit quaternion x, y, z, w."""
+        if self._first is None:
+            self._first = rotation
+            return
+        _, _, z, w = multiply_quaternions(conjugate(self._first), rotation)
+        # The twist about z of the rotation since the first, on the branch of the last one.
+        turn = (2.0 * atan2(z, w) - self._angle) % tau
+        self._angle += turn - tau if turn > pi else turn
+        self._least = min(self._least, self._angle)
+        self._largest = max(self._largest, self._angle)

@@ -26,10 +26,14 @@ from spm_haptic_master.teleoperation.conditions import (
     NO_ORIENTATION,
     NO_PRESENCE,
     NOT_ALIGNED,
+    Roll,
 )
-from spm_haptic_master.teleoperation.following import Budget, Following
-from spm_haptic_master.teleoperation.law import Roll
+from spm_haptic_master.teleoperation.following import Following
 from spm_haptic_master.timing import SECOND, StampGrid
+
+# Time (s) beyond the longest step whose commands may go out at once: what a computer without real
+# time delays now and then. How much faster than it passes the time grows back (unit 1).
+BURST, GROWTH = 0.01, 1.25
 
 
 class Phase(Enum):
@@ -44,8 +48,8 @@ class Teleoperation:
     """
     One master and one slave.
 
-    Each input comes by a call, after `pass_time` with the time since the last one: an age that is
-    exceeded is then noticed before new data can hide it.
+    Call `pass_time` with the time since the last call before each input: an exceeded age is
+    noticed before new data can hide it.
     """
 
     def __init__(self, conditions: Conditions, limits: CommandLimits) -> None:
@@ -65,7 +69,9 @@ class Teleoperation:
         # Stamp of the last orientation (ns), and which of them are followed by a command.
         self._stamp: int | None = None
         self._grid = StampGrid(conditions.command_rate, conditions.sample_rate)
-        self._budget = Budget(limits.longest)
+        # Time that commands may still make up for, s: those of a burst, by their stamps as far
+        # apart as ever, go out hardly faster than time passes.
+        self._budget = limits.longest + BURST
         # The course of the slave; None while it is not engaged.
         self._following: Following | None = None
 
@@ -97,7 +103,7 @@ class Teleoperation:
     def pass_time(self, dt: float) -> None:
         """Let time pass, s: disengage if an input has become too old."""
         self._inputs.now += dt
-        self._budget.pass_time(dt)
+        self._budget = min(self._budget + GROWTH * dt, self._limits.longest + BURST)
         if self.phase is not Phase.DISENGAGED:
             self._release(self._blocking() or ('' if self._inputs.is_present else NO_PRESENCE))
         elif self._enabled_at is not None and (
@@ -130,10 +136,10 @@ class Teleoperation:
 
     def take_enabling(self, number: int, age: float) -> None:
         """
-        Take the time of the enable that the master is in effect by, ns (0: none), and its age, s.
+        Take the time of the enable in effect at the master, ns (0: none), and its age, s.
 
-        Another one than before is a fresh enable; the first one known is not, because it may be
-        older than this machine, and one that has come late is not: it would have lapsed.
+        A new time is a fresh enable, unless it is the first one known, which may be older than
+        this machine, or so old that the enable has lapsed.
         """
         before, self._inputs.enabling = self._inputs.enabling, number
         self._release(self._blocking())
@@ -152,8 +158,7 @@ class Teleoperation:
         """
         Take the clutch: while it is pressed the slave holds and the master moves freely.
 
-        None: its publisher has gone. A clutch that was pressed is released by that, but the slave
-        does not follow by it: that disengages.
+        None: its publisher has gone. If the clutch was pressed, that releases it and disengages.
         """
         if pressed is None and self._inputs.clutch:
             self._release('clutch gone while pressed')
@@ -164,7 +169,7 @@ class Teleoperation:
             self._inputs.await_rest()
 
     def take_slave(self, quaternion: Quaternion[float]) -> None:
-        """Take the slave's measured rotation; one that is no unit quaternion is none."""
+        """Take the slave's measured rotation; any other quaternion than a unit one: no pose."""
         self._inputs.take_slave(quaternion)
         self._release(self._blocking())
         slave = self._inputs.slave
@@ -203,10 +208,15 @@ class Teleoperation:
         if self._following is None:
             self._try_to_engage(stamp, master)
             return None if self._following is None else self._following.rotation
+        used = min((stamp - self._following.stamp) / SECOND, self._limits.longest)
+        if used > self._budget:
+            return None
+        self._budget -= used
         broken = self._following.advance(master, stamp)
         if broken:
             self.disengage(f'{broken} above the limit')
-        return self._following.rotation if broken == '' else None
+            return None
+        return self._following.rotation
 
     def _try_to_engage(self, stamp: int, master: Quaternion[float]) -> None:
         """Begin to follow from where master and slave are now, if every condition is met."""
@@ -225,7 +235,7 @@ class Teleoperation:
         self.starts += 1
         self._enabled_at = None
         self._following = Following(
-            self._limits, self._budget, conditions.align_speed, master, inputs.slave, stamp)
+            self._limits, conditions.align_speed, master, inputs.slave, stamp)
 
     def _release(self, cause: str) -> None:
         """Disengage for a cause, if there is one, from engaged or clutched alone."""

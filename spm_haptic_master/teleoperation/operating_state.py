@@ -2,18 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The operating state of a CRTK device without motors: what a slave's controller lets go by.
+The operating state of a CRTK device without motors, on which a slave's controller releases.
 
     DISABLED --enable--> ENABLED <--pause, resume--> PAUSED; silence: FAULT; its end: DISABLED
 
 dVRK's C++ keeps the last pose and takes it as valid, however old it is. A silent device is
-therefore in FAULT, and comes back as DISABLED: only `enable` leads to ENABLED. Some clients let go
-by `is_homed` alone: it is true in ENABLED only, where the pose is there to be followed.
+therefore in FAULT, and comes back as DISABLED: only `enable` leads to ENABLED. Some clients check
+`is_homed` alone: it is true in ENABLED only, where the pose may be followed.
 """
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 from spm_haptic_master.supervision.orientation_state import Condition, OrientationState
 
@@ -21,14 +19,8 @@ from spm_haptic_master.supervision.orientation_state import Condition, Orientati
 DISABLED, ENABLED, PAUSED, FAULT = 'DISABLED', 'ENABLED', 'PAUSED', 'FAULT'
 # The commands.
 COMMANDS = ('enable', 'disable', 'pause', 'resume', 'home', 'unhome')
-
-
-@dataclass(frozen=True, slots=True)
-class Event:
-    """A line for a client."""
-
-    level: str  # the topic: 'error', 'warning' or 'status'
-    text: str
+# A line for a client: its topic ('error', 'warning' or 'status'), and its text.
+Event = tuple[str, str]
 
 
 class OperatingState:
@@ -53,13 +45,13 @@ class OperatingState:
         self._orientation = orientation
         events = []
         if orientation.condition is Condition.SILENT:
-            events.append(Event('error', orientation.text))
+            events.append(('error', orientation.text))
             self._enter(FAULT, events)
         elif not orientation.publishes:
             self._enter(DISABLED, events)
         else:
             level = 'warning' if orientation.condition is Condition.DEGRADED else 'status'
-            events.append(Event(level, orientation.text))
+            events.append((level, orientation.text))
             if self.name == FAULT:
                 self._enter(DISABLED, events)
         return events
@@ -73,7 +65,7 @@ class OperatingState:
         events: list[Event] = []
         refusal = self._refusal(text)
         if refusal:
-            return False, [Event('warning', f"state_command '{text}': {refusal}")]
+            return False, [('warning', f"state_command '{text}': {refusal}")]
         if text in ('enable', 'resume'):
             self._enter(ENABLED, events)
             # Also for one that is enabled already: each enable is a fresh one.
@@ -83,7 +75,7 @@ class OperatingState:
         elif text == 'home':
             self._is_wanted_homed = True
             if self.name != ENABLED:
-                events.append(Event('status', 'homed once enabled: expected enable'))
+                events.append(('status', 'homed once enabled: expected enable'))
             elif not self.enabling:
                 self.enabling = time
         else:
@@ -109,5 +101,5 @@ class OperatingState:
     def _enter(self, name: str, events: list[Event]) -> None:
         if name != self.name:
             self.name = name
-            events.append(Event('status', name))
+            events.append(('status', name))
         self.enabling = 0

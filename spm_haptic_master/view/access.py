@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Who may use the page: requests of its own origin, and of their messages two kinds.
+Access to the page: requests of its own origin alone, and two kinds of messages.
 
 A browser sends any page's requests to this host. They are refused before the upgrade to a
-websocket: those of another page have another Origin, and a name that somebody else resolves to
-this host (DNS rebinding) is no name of it.
+websocket: another page has another Origin, and a foreign name that resolves to this host (DNS
+rebinding) is not a name of the page.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ from websockets.http11 import Request, Response
 LOOPBACK = ('localhost', '127.0.0.1', '[::1]')
 # A host with or without a port, as a request has it.
 HOST = re.compile(r'(\[[0-9a-f:.]+\]|[^][:/@\s]+)(?::\d{1,5})?')
-# What of a header is quoted (characters).
+# Longest quotation of a header (characters).
 QUOTED = 80
-# Size of the longest message of a client (byte): where its camera is takes some 500.
+# Size of the longest message of a client (byte): the pose of its camera takes some 500.
 LONGEST_MESSAGE = 65536
 
 
 def own_names(host: str, further: str) -> frozenset[str]:
-    """Return the names of the page: of this host and its address, and further ones with commas."""
+    """Return the names of a page at a host address, with further ones separated by commas."""
     names = {*LOOPBACK, _in_url(host), *(_in_url(name.strip()) for name in further.split(','))}
     if not _is_loopback(host):
         name = socket.gethostname().lower()
@@ -47,9 +47,9 @@ def own_names(host: str, further: str) -> frozenset[str]:
 
 def refusal(headers: Headers, names: frozenset[str]) -> str:
     """
-    Return why a request to a page with some names is refused; empty where it is not.
+    Return why a request to a page with these names is refused; empty if it is not.
 
-    A request without an Origin is not one of a page's websocket: every browser sends it there.
+    A browser sends an Origin with every websocket: a request without one is another program's.
     """
     hosts, origins = headers.get_all('Host'), headers.get_all('Origin')
     host = hosts[0].lower() if len(hosts) == 1 else ''
@@ -114,10 +114,10 @@ class GuardedConnection(websocket_server.ServerConnection):
 @contextmanager
 def guarded(host: str, further: str, report: Callable[[str], None]) -> Iterator[None]:
     """
-    Have the server that is made within refuse what does not come from its own page.
+    Make the server that viser creates in this context refuse requests of other pages.
 
-    viser has no option for that; the one of websockets is `create_connection`. `report` is called
-    in the server's thread. SpmError: no server was made, or in another way, and it would be open.
+    viser has no option for that; websockets has `create_connection`. `report` is called in the
+    server's thread. SpmError: no server was created in this way, so that it would be open.
     """
     serve, served = websocket_server.serve, []
 

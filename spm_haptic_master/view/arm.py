@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""One device: its topics, and what of them is drawn when."""
+"""One device: its topics, and when each of them is drawn."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from spm_haptic_master.kinematics import Geometry, zxz_angles
 from spm_haptic_master.kinematics.joints import MECHANISM_JOINT_NAMES, SHORT_NAMES
 from spm_haptic_master.kinematics.leg_kernels import chain_quaternion
 from spm_haptic_master.kinematics.mounting import IDENTITY
-from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion
+from spm_haptic_master.kinematics.number_backends import FLOATS
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
 from spm_haptic_master.nodes.diagnostics import MESSAGES
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
@@ -31,19 +31,16 @@ from spm_haptic_master.parameters.geometry import (
 )
 from spm_haptic_master.parameters.shared import SENSORS_SETTING
 from spm_haptic_master.ros.qos import DISPLAY, STATE
-from spm_haptic_master.supervision.orientation_state import (
-    OrientationState,
-    received_state,
-    STARTING,
-)
+from spm_haptic_master.supervision.orientation_state import OrientationState, received_state
 from spm_haptic_master.timing import Periodic, SECOND
 from spm_haptic_master.view import readout
 from spm_haptic_master.view.mechanism_query import ALERT_LIMIT_SETTING, MechanismQuery
-from spm_haptic_master.view.page import hosts, Page
+from spm_haptic_master.view.page import Page
 from spm_haptic_master.view.samples import Samples
 from spm_haptic_master.view.scene import Scene
 from spm_haptic_master.view.simulated_device import SimulatedDevice
 from spm_haptic_master.view.status import (
+    Banner,
     banner,
     ORIENTATION,
     SampleAge,
@@ -65,8 +62,8 @@ class Arm:
     """
     One device: the topics of a namespace, '/' or '/NAME', and its number in the scene.
 
-    `node` subscribes and publishes for it; the messages of `taker`, a node of no executor, are
-    taken when they are needed.
+    `node` subscribes and publishes for it; `taker`, a node of no executor, has the topics whose
+    newest message is taken when it is drawn.
     """
 
     def __init__(self, node: Node, taker: Node, page: Page, namespace: str,
@@ -81,7 +78,7 @@ class Arm:
         self._stamp: tuple[int, int] | None = None
         now = time.monotonic()
         self._age = SampleAge(now)
-        # When the first page has all of the picture (s, monotonic), and whether it has.
+        # When all of the picture is due on the first page (s, monotonic), and whether it is there.
         self._whole_at: float | None = None
         self._whole = False
         self._joints, self._trace = Periodic(LEAST_PERIOD), Periodic(TRACE_PERIOD)
@@ -90,13 +87,15 @@ class Arm:
         self._drawn, self._shown_at = 0, now
         self._ghost = ThreeEncoders(self._geometry)
         self.seen = readout.Seen(banner(None, None))
-        # Whether that banner is on the page.
-        self._is_shown = False
+        # The banner that page and scene show; None before one does.
+        self._shown: Banner | None = None
         self._entries = StatusEntries(self._prefix)
         self._title = self._prefix.strip('/')
         folder = server.gui.add_folder(self._title) if self._title else nullcontext()
         with folder:
-            figures, _ = map(server.gui.add_html, hosts(self._title))
+            figures, _ = (server.gui.add_html(
+                f'<div id="spm-{self._title}{part}" class="spm-device"></div>')
+                for part in ('', '-lower'))
         self.simulation = SimulatedDevice(
             node, server.gui, folder, figures.order + 0.5, self._name)
         name = self._name
@@ -109,8 +108,6 @@ class Arm:
 
     def _name(self, topic: str) -> str:
         return f'{self._prefix}/{topic}'
-
-    # What comes ----------------------------------------------------------------------------
 
     def _on_joints(self, message: JointState) -> None:
         if list(message.name) != list(MECHANISM_JOINT_NAMES) \
@@ -132,8 +129,6 @@ class Arm:
 
     def _on_state(self, message: String) -> None:
         self._state = received_state(message.data)
-        if self._state == STARTING:
-            self._query.invalidate()  # it may be another fkm
         self.show_state(time.monotonic())
 
     def _on_force(self, message: String) -> None:
@@ -175,19 +170,19 @@ class Arm:
         self._ghost = ThreeEncoders(self._geometry)
         if self._scene is not None:
             self._scene.remove()
-            self._scene = None
+            self._scene = None  # also if the next one cannot be drawn
         self._scene = Scene(
             self._server, f'/arm{self._number}', self._number, self._geometry,
             values[WORKING_MODE_SETTING.name], IDENTITY if mounting is None else mounting.base,
             self.seen.sensors)
         self.seen.states = []
-        self._is_shown = False
+        self._shown = None
         self._scene.show_rest(self._whole)
         self._map.hasten()
         self.simulation.show(self.seen.source, self.seen.sensors)
 
     def _wait_for_rest(self, now: float, watched: bool) -> None:
-        """Show what is beside the device, when somebody has seen that for a while."""
+        """Show what is beside the device once somebody has seen the device for a while."""
         if self._whole:
             return
         if not watched or self._scene is None:
@@ -198,8 +193,6 @@ class Arm:
             self._whole = True
             self._scene.show_rest(True)
             self._map.hasten()
-
-    # What is drawn ---------------------------------------------------------------------------
 
     def tick(self, now: float) -> None:
         """Draw what is due; call it every 50 ms."""
@@ -216,7 +209,10 @@ class Arm:
         self._samples.take(now, watched, self._ghost)
         if not watched:
             return
-        seen.orientation, seen.ghost = self._orientation(), self._ghost.error
+        if seen.angles is not None:
+            th1a, th2a, th3a = seen.angles[:3]
+            seen.orientation = chain_quaternion(th1a, th2a, th3a, self._geometry, FLOATS)
+        seen.ghost = self._ghost.error
         seen.dexterities = self._samples.dexterities
         if seen.orientation is not None and self._scene is not None:
             if alive and self._trace.is_due(now):
@@ -225,7 +221,8 @@ class Arm:
                 self._scene.show_level(radians(level) if self._whole else nan)
             if self._whole and self._map.is_due(now):
                 self._scene.paint(zxz_angles(*seen.orientation)[2])
-            self._scene.overlay.show_ghost(self._ghost.turn if alive else None)
+            self._scene.overlay.show_ghost(
+                self._ghost.turn if alive and self._whole else None)
             self._scene.overlay.show_torques(
                 self._samples.torques if alive else (None, None))
         if self._figures.is_due(now):
@@ -254,17 +251,10 @@ class Arm:
         reason = '' if entry is None or entry.message in MESSAGES else entry.message
         shown = banner(self._state, self._age.value, reason,
                        heard=not self._entries.has_ended(ORIENTATION))
-        if shown == self.seen.banner and self._is_shown:
+        if shown == self._shown:
             return
-        self.seen.banner, self._is_shown = shown, True
+        self.seen.banner = self._shown = shown
         with self._server.atomic():
             if self._scene is not None:
                 self._scene.set_alive(shown.alive)
             self._page.show(self._title, shown)
-
-    def _orientation(self) -> Quaternion[float] | None:
-        """Return the quaternion of R_base_platform, of leg A's joints."""
-        if self.seen.angles is None:
-            return None
-        th1a, th2a, th3a = self.seen.angles[:3]
-        return chain_quaternion(th1a, th2a, th3a, self._geometry, FLOATS)

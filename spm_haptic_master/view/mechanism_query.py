@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The mechanism that a device has, by asking its fkm."""
+"""The mechanism of a device: parameters of its fkm."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ from spm_haptic_master.ros.diagnostic_status import CHECKSUM_KEY
 (ALERT_LIMIT_SETTING,) = (each for each in FKM_SETTINGS if each.name == 'alert_limit_deg')
 SETTINGS = (*GEOMETRY_SETTINGS, WORKING_MODE_SETTING, *MOUNTING_SETTINGS, SENSORS_SETTING,
             ALERT_LIMIT_SETTING)
-# Time in which fkm should answer; then it is asked again (s). So it is after an answer, now and
-# then: another fkm may have another mechanism, or another mounting.
+# Time after which fkm is asked again without an answer, and after one (s): another fkm may have
+# another mechanism or mounting.
 ANSWER_TIMEOUT, ASK_PERIOD = 1.0, 5.0
 
 
 class MechanismQuery:
     """
-    Asks a service of fkm for its settings, again and again.
+    Asks fkm for its parameters, again and again.
 
-    `build` is called with checked settings that differ from those before, and raises SpmError
-    where they cannot be drawn.
+    `build` is called with checked settings that differ from the last ones; it raises SpmError if
+    they cannot be drawn.
     """
 
     def __init__(self, node: Node, service: str, build: Callable[[dict[str, Any]], None]) -> None:
@@ -48,8 +48,7 @@ class MechanismQuery:
         # Settings of the mechanism that is drawn, none before the first, and its checksum.
         self._known: dict[str, Any] = {}
         self._checksum = ''
-        # When fkm was asked (s, monotonic), and whether what is drawn is its answer, as far as is
-        # known.
+        # When fkm was asked (s, monotonic), and whether its mechanism is drawn, as far as known.
         self._asked_at = float('-inf')
         self._answered = False
 
@@ -61,18 +60,14 @@ class MechanismQuery:
             request = GetParameters.Request(names=[setting.name for setting in SETTINGS])
             self._client.call_async(request).add_done_callback(self._on_answer)
 
-    def invalidate(self) -> None:
-        """Ask anew as soon as that is due: another fkm may have another mechanism."""
-        self._answered = False
-
     def check(self, entry: DiagnosticStatus) -> None:
-        """Ask anew where fkm reports another mechanism than is drawn."""
+        """Ask again soon if fkm reports another mechanism than the drawn one."""
         reported = next((value.value for value in entry.values if value.key == CHECKSUM_KEY), '')
         if reported not in ('', self._checksum):
-            self.invalidate()
+            self._answered = False
 
     def take(self, values: dict[str, Any]) -> None:
-        """Build the mechanism of checked settings, where they are new."""
+        """Build the mechanism of checked settings if they are new."""
         if values != self._known:
             self._build(values)
             self._known, self._checksum = values, mechanism_checksum(values)

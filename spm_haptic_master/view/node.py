@@ -9,6 +9,7 @@ from contextlib import redirect_stdout
 import gc
 from io import StringIO
 import os
+from pathlib import Path
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -24,10 +25,9 @@ from spm_haptic_master.view.arm import Arm
 from spm_haptic_master.view.page import Page, serve
 from spm_haptic_master.view.status import Banner, Light
 
-# Period in which what is due is drawn (s), and in which devices are looked for.
+# Periods of drawing and of looking for devices (s).
 TICK_PERIOD, FIND_PERIOD = 0.05, 0.5
-# Period in which what is no longer used is given back (s): left to itself, Python does so after
-# twenty minutes and more.
+# Period of the garbage collection (s): Python's own comes after twenty minutes and more.
 COLLECT_PERIOD = 30.0
 # Period of the news that this program is alive, and least time between two refusals in the
 # log (s).
@@ -61,7 +61,7 @@ class View(ParameterNode):
         self._process: int = values['view.process']
         self._end_with_process()
         self._arms: dict[str, Arm] = {}
-        # Its messages are taken when they are drawn: at 1 kHz most of them never are.
+        # Messages are taken when they are drawn: at 1 kHz most of them never are.
         self._taker = rclpy.create_node('view_samples', namespace=self.get_namespace(),
                                         start_parameter_services=False, enable_rosout=False)
         self._refusals, self._news = Periodic(REFUSAL_PERIOD), Periodic(NEWS_PERIOD)
@@ -80,7 +80,7 @@ class View(ParameterNode):
         self._find()
         self.create_timer(TICK_PERIOD, self._tick, clock=STEADY)
         self.create_timer(FIND_PERIOD, self._find, clock=STEADY)
-        # What is there from the start stays: to look at the rest takes a few milliseconds.
+        # Objects of the start are never collected: the rest takes a few milliseconds.
         gc.freeze()
         # rclpy passes an argument to a function that takes one, as `gc.collect` does.
         self.create_timer(COLLECT_PERIOD, lambda: gc.collect(), clock=STEADY)
@@ -107,7 +107,8 @@ class View(ParameterNode):
             arm.check_calibration()
 
     def _end_with_process(self) -> None:
-        if self._process and not _is_running(self._process) and not self._done.done():
+        if self._process and not Path(f'/proc/{self._process}').exists() \
+                and not self._done.done():
             self._done.set_result(None)
 
     def _namespaces(self) -> list[str]:
@@ -138,16 +139,6 @@ class View(ParameterNode):
         """Log a request that is refused, in a thread of the server, and not each of many."""
         if self._refusals.is_due(time.monotonic()):
             node_log.warning(self, f'a request is refused: {reason}')
-
-
-def _is_running(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        pass
-    return True
 
 
 def main(args: list[str] | None = None) -> int:

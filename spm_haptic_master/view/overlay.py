@@ -45,7 +45,7 @@ class Overlay:
         self.ghost = surfaces.add(scene, f'{platform}/ghost', solid, [GHOST],
                                   scale=GHOST_SCALE / SIZE, opacity=GHOST_OPACITY, visible=False)
         self.torques = [
-            surfaces.add(scene, f'{platform}/torque_{kind}', surfaces.arrow(), [colour],
+            surfaces.add(scene, f'{platform}/torque_{kind}', surfaces.ARROW, [colour],
                          visible=False)
             for kind, colour in zip(('commanded', 'rendered'), TORQUES, strict=True)]
         # It is in the scene's frame, whatever the mounting is.
@@ -63,21 +63,11 @@ class Overlay:
             scene.add_label(f'{parent}/label_{text}', text, position=place, anchor='center-center',
                             font_screen_scale=LABEL_SIZE, visible=False)
             for parent, text, place in places]
-        self._shown = False
-
-    def show(self, whole: bool) -> None:
-        """Show or hide names, and what three encoders alone report."""
-        self._shown = whole
-        for label in self.labels:
-            label.visible = whole
-        if not whole:
-            self.show_ghost(None)
 
     def show_ghost(self, turn: Quaternion[float] | None) -> None:
         """Show what three encoders alone report, turned from the platform; None: nothing."""
-        shown = turn is not None and self._shown
-        self.ghost.visible = shown
-        if shown and turn is not None:
+        self.ghost.visible = turn is not None
+        if turn is not None:
             x, y, z, w = turn
             self.ghost.wxyz = w, x, y, z
 

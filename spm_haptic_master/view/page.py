@@ -39,15 +39,14 @@ LEGEND = (
     'Parity: how far the encoders disagree, in standard deviations; of noise mostly below 3.',
     "Protection level: bound of the orientation's error, even if an encoder is wrong.",
     'Cone about the handle: the protection level, ten times as wide, at most 20 deg.')
-# What a script begins with that has news.
+# Begin of a script with news.
 NEWS = 'window.spm.show('
 # Last port of TCP.
 LAST_PORT = 65535
 # Light from everywhere (unit 1).
 AMBIENT = 0.8
-# Where the camera is from what it looks at in each view, for one device; that, for the first
-# device (units of the scene); and by how much of it the camera backs off for each further device
-# (unit 1).
+# Camera's position relative to its target in each view of one device, and the target (units of the
+# scene); share of that distance by which it backs off for each further device (unit 1).
 CAMERAS = {'front': (1.15, -3.1, 1.85), 'side': (3.9, -0.01, 0.4), 'top': (0.0, -0.01, 4.1)}
 LOOK_AT, BACK_OFF = (0.0, 0.0, 0.88), 0.75
 # Field of view, from top to bottom (rad).
@@ -111,13 +110,6 @@ class Page:
     def _run(self, script: str) -> None:
         # viser's own script, plotly, goes the same way.
         self.server._websock_server.queue_message(RunJavascriptMessage(script))
-
-
-def hosts(name: str) -> tuple[str, str]:
-    """Return the elements of the panel for figures and for plots of a device, as HTML."""
-    figures, plots = (f'<div id="spm-{name}{part}" class="spm-device"></div>'
-                      for part in ('', '-lower'))
-    return figures, plots
 
 
 def serve(host: str, port: int, names: str = '',

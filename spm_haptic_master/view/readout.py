@@ -19,6 +19,7 @@ from spm_haptic_master.kinematics.joints import (
     SHORT_NAMES,
 )
 from spm_haptic_master.kinematics.number_backends import Quaternion
+from spm_haptic_master.nodes.console import FULL_DEXTERITY
 from spm_haptic_master.ros.diagnostic_status import CAUTION_KEY
 from spm_haptic_master.view.status import (
     Banner,
@@ -31,10 +32,8 @@ from spm_haptic_master.view.status import (
     TIMING,
 )
 
-# What has no value.
+# Text of a figure without a value.
 DASH = '\u2013'
-# Dexterity at which its bar is full (unit 1).
-FULL_DEXTERITY = 0.2
 # Colours of three encoders alone, of all, and of limits.
 GHOST, ALL, LIMIT = '#b0379b', '#2b6cb0', '#b42318'
 # Error of three encoders clear of the singularity that noise does not explain (deg).
@@ -79,6 +78,11 @@ def content(seen: Seen, entries: StatusEntries) -> dict[str, Any]:
         'orientation rate (Hz)', 'latency p50 (us)', 'latency p99 (us)'))
     note, warns = _note(seen, warn)
     driver, singularity = entries.entry(ENCODERS), entries.entry(SINGULARITY)
+    missing = entries.missing_joints()
+    # A joint without a reading has a gap in its plot.
+    angles = [nan if seen.angles is None or name in missing
+              else degrees(seen.angles[MECHANISM_JOINT_NAMES.index(name)])
+              for name in ALL_JOINT_NAMES[:seen.sensors]]
     zxz = map(degrees, () if seen.orientation is None else zxz_angles(*seen.orientation))
     # The same rows at any time: name, text, and share and colour of a bar, if any.
     rows = [
@@ -97,13 +101,16 @@ def content(seen: Seen, entries: StatusEntries) -> dict[str, Any]:
         ('rate', _known(f'{rate:.0f} Hz', rate)),
         ('latency', _known(f'p50 {p50:.0f} us, p99 {p99:.0f} us', p50 + p99)),
         ('force', seen.force or DASH),
-        ('caution', entries.text(ORIENTATION, CAUTION_KEY) or DASH),
+        ('caution', entries.texts(ORIENTATION).get(CAUTION_KEY) or DASH),
         ('picture', f'{seen.pace:.0f} poses a second')]
     return {
         'note': seen.story or note, 'warns': warns and not seen.story, 'rows': rows,
         'chips': [(SHORT_NAMES[k], f'{ALL_JOINT_NAMES[k]}: {state.words}', state.colour)
                   for k, state in enumerate(seen.states)],
-        'calibration': _calibration(seen),
+        'calibration': None if seen.calibration is None else {
+            'text': seen.calibration[0], 'covered': [
+                (name, share, (Light.GREEN if share >= ENOUGH else Light.AMBER).value)
+                for name, share in seen.calibration[1].items()]},
         'plots': [
             _plot('dexterity', 'dexterity', [('3 encoders', GHOST),
                                              (f'{seen.sensors} encoders', ALL)],
@@ -120,7 +127,7 @@ def content(seen: Seen, entries: StatusEntries) -> dict[str, Any]:
             't': entries.now, 'state': seen.banner.text, 'colour': seen.banner.light.value,
             'happened': seen.happened, 'values': {
                 'dexterity': [three, every], 'ghost': [ghost], 'level': [level],
-                'parity': [parity], 'angles': _angles(seen, entries.missing_joints()),
+                'parity': [parity], 'angles': angles,
                 'latency': [p50, p99]}}}
 
 
@@ -134,13 +141,6 @@ def _plot(key: str, title: str, series: Sequence[Sequence[Any]],
     """Return a plot: name, colour and whether dashed of each quantity; limits with colours."""
     return {'key': key, 'title': title, 'series': series, 'zero': zero,
             'limits': [each for each in limits if each[0] == each[0]]}
-
-
-def _angles(seen: Seen, missing: Sequence[str]) -> list[float]:
-    """Return the angles that have a reading, deg; the others nan."""
-    return [nan if seen.angles is None or name in missing
-            else degrees(seen.angles[MECHANISM_JOINT_NAMES.index(name)])
-            for name in ALL_JOINT_NAMES[:seen.sensors]]
 
 
 def _note(seen: Seen, warn: float) -> tuple[str, bool]:
@@ -171,12 +171,3 @@ def _light(dexterity: float, warn: float, error: float) -> Light:
     if dexterity < error:
         return Light.RED
     return Light.AMBER if dexterity < warn else Light.GREEN
-
-
-def _calibration(seen: Seen) -> dict[str, Any] | None:
-    if seen.calibration is None:
-        return None
-    text, covered = seen.calibration
-    return {'text': text, 'covered': [
-        (name, share, (Light.GREEN if share >= ENOUGH else Light.AMBER).value)
-        for name, share in covered.items()]}

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What of a device is only drawn: dexterity, encoders' readings, torques."""
+"""The topics of a device that are only drawn: dexterity, readings, torques."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from std_msgs.msg import Float64MultiArray
 
 # Topics of the torques commanded and rendered, in the handle's frame.
 TORQUE_TOPICS = 'body/servo_cf', 'body/measured_cf'
-# Time after which a torque that does not come again is over (s).
+# Time after which a torque without a new message is over (s).
 TORQUE_TIMEOUT = 0.25
 
 
 class Samples:
-    """The latest of each, taken when it is needed, by a node of no executor."""
+    """The newest message of each topic, taken when it is drawn by a node of no executor."""
 
     def __init__(self, taker: Node, name: Callable[[str], str]) -> None:
         self._dexterity = SampledTopic(taker, Float64MultiArray, name('dexterity'))
@@ -32,13 +32,13 @@ class Samples:
                           for topic in TORQUE_TOPICS]
         # Dexterity of three encoders, and of all.
         self.dexterities: tuple[float, ...] | None = None
-        # Commanded and rendered, N m, in the handle's frame; None where none comes.
+        # Commanded and rendered, N m, in the handle's frame; None without messages.
         self.torques: list[tuple[float, ...] | None] = [None, None]
         # When each torque came (s).
         self._came = [0.0, 0.0]
 
     def take(self, now: float, watched: bool, three: ThreeEncoders) -> None:
-        """Take what has come by a time, s; what nobody looks at costs its publisher nothing."""
+        """Take the newest messages at a time, s; subscribe only while somebody looks."""
         for topic in (self._dexterity, self._readings, *self._wrenches):
             if watched:
                 topic.subscribe()

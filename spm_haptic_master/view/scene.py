@@ -217,7 +217,8 @@ class Scene:
     def show_rest(self, whole: bool) -> None:
         """Show or hide what is beside the device."""
         self._tiles.visible = self._line.visible = self._rim.visible = whole
-        self.overlay.show(whole)
+        for label in self.overlay.labels:
+            label.visible = whole
         # `paint` shows where they are now, and `trace` where the handle is.
         self._singular.visible = False
         self._phi = None
@@ -225,9 +226,8 @@ class Scene:
 
     def show_level(self, level: float) -> None:
         """Show the cone of the protection level, rad, magnified; nan: none."""
-        shown = bool(self._alive) and isfinite(level)
-        self._level.visible = shown
-        if shown:
+        self._level.visible = isfinite(level)
+        if isfinite(level):
             width = tan(min(MAGNIFICATION * level, WIDEST_CONE))
             self._level.scale = (width, width, 1.0)
 
@@ -240,8 +240,6 @@ class Scene:
             handle.batched_colors = colours if alive else np.full_like(colours, GREY)
         if not alive:
             self._level.visible = False
-            self.overlay.show_ghost(None)
-            self.overlay.show_torques((None, None))
 
     def remove(self) -> None:
         """Take the device out of the scene."""

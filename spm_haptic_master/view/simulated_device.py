@@ -78,8 +78,8 @@ class SimulatedDevice:
         self._node, self._gui, self._panel, self._name = node, gui, folder, name
         self._order = order
         self._simulated = False
-        self._steer_out: Publisher | None = None
-        self._fail_out: Publisher | None = None
+        # By topic, once the source has been simulated.
+        self._outs: dict[str, Publisher] = {}
         self.knobs: GuiFolderHandle | None = None
         self._sensors = 0
         # What is played; threads of the server replace it between any two lines of `tick`.
@@ -94,10 +94,10 @@ class SimulatedDevice:
     def show(self, source: str, sensors: int) -> None:
         """Show the knobs of a simulated source with a number of sensors, of another one none."""
         self._simulated = source == SIMULATED
-        if self._simulated and self._steer_out is None:
+        if self._simulated and not self._outs:
             node, name = self._node, self._name
-            self._steer_out = node.create_publisher(Float64MultiArray, name(STEER_TOPIC), 1)
-            self._fail_out = node.create_publisher(String, name(FAULT_TOPIC), 1)
+            self._outs = {topic: node.create_publisher(kind, name(topic), 1) for topic, kind in (
+                (STEER_TOPIC, Float64MultiArray), (FAULT_TOPIC, String))}
             node.create_subscription(String, name(FAULTS_TOPIC), self._on_faults, STATE)
         if self.knobs is not None and not (self._simulated and self._sensors == sensors):
             self.knobs.remove()
@@ -209,12 +209,12 @@ class SimulatedDevice:
 
     def _steer(self, *pose: float) -> None:
         """Lead the device to tilt, azimuth and phi, rad; without a pose it moves by itself."""
-        if self._steer_out is not None and self._simulated:
-            self._steer_out.publish(Float64MultiArray(data=list(pose)))
+        if self._simulated:
+            self._outs[STEER_TOPIC].publish(Float64MultiArray(data=list(pose)))
 
     def _fail(self, faults: str) -> None:
-        if self._fail_out is not None and self._simulated:
-            self._fail_out.publish(String(data=faults))
+        if self._simulated:
+            self._outs[FAULT_TOPIC].publish(String(data=faults))
 
 
 def stories(sensors: int) -> tuple[Story, ...]:

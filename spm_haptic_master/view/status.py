@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 
@@ -45,7 +46,7 @@ class Light(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Banner:
-    """What is above the picture."""
+    """The words above the picture."""
 
     light: Light
     text: str  # state in words, with the reason
@@ -148,21 +149,17 @@ class StatusEntries:
         entry, came = self._entries.get(name, (None, 0.0))
         return entry if self.now - came <= ENTRY_TIMEOUT else None
 
-    def text(self, name: str, key: str) -> str:
-        """Return the value of a key of an entry; empty without one."""
+    def texts(self, name: str) -> dict[str, str]:
+        """Return the values of an entry by key; none without one."""
         entry = self.entry(name)
-        return '' if entry is None else next(
-            (value.value for value in entry.values if value.key == key), '')
+        return {} if entry is None else {value.key: value.value for value in entry.values}
 
     def numbers(self, name: str) -> dict[str, float]:
-        """Return the numbers of an entry by key."""
+        """Return the values of an entry that are numbers, by key."""
         found = {}
-        entry = self.entry(name)
-        for value in entry.values if entry is not None else ():
-            try:
-                found[value.key] = float(value.value)
-            except ValueError:
-                continue
+        for key, text in self.texts(name).items():
+            with suppress(ValueError):
+                found[key] = float(text)
         return found
 
     def missing_joints(self) -> tuple[str, ...]:
@@ -171,7 +168,7 @@ class StatusEntries:
         # Without a set the message names the encoders that do not answer.
         if entry is not None and entry.level == DiagnosticStatus.ERROR:
             return named_joints(entry.message)
-        return named_joints(self.text(ENCODERS, MISSING_KEY))
+        return named_joints(self.texts(ENCODERS).get(MISSING_KEY, ''))
 
     def sensor_states(self, sensors: int, state: OrientationState | None) -> list[SensorState]:
         """Return the state of each sensor, with the state of the orientation, if that is known."""

@@ -23,8 +23,8 @@ from viser import BatchedMeshHandle, SceneApi
 
 # Pointer across the handle: radius, length, height on the handle (unit SIZE).
 POINTER, POINTER_LENGTH, POINTER_AT = 0.018, 0.8, 0.97
-# Profile of an arrow of length 1, radius and height.
-ARROW = [(0.018, 0.0), (0.018, 0.75), (0.05, 0.75), (0.001, 1.0)]
+# An arrow of length 1 along z, of a profile of radius and height.
+ARROW = turned_profile([(0.018, 0.0), (0.018, 0.75), (0.05, 0.75), (0.001, 1.0)])
 
 
 def add(scene: SceneApi, path: str, solid: Solid, colours: NDArray[np.uint8] | Sequence[object],
@@ -77,11 +77,6 @@ def ball(radius: float) -> Solid:
     half_turn = np.linspace(-0.5 * pi, 0.5 * pi, 9)
     return turned_profile(list(zip(radius * np.cos(half_turn), radius * np.sin(half_turn),
                                    strict=True)))
-
-
-def arrow() -> Solid:
-    """Return an arrow of length 1 along z."""
-    return turned_profile(ARROW)
 
 
 def pointer() -> Solid:

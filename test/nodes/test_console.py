@@ -25,7 +25,6 @@ from spm_haptic_master.nodes import console as console_module
 from spm_haptic_master.nodes.console import Colour, Console, PLAIN, Row, status_lines
 from spm_haptic_master.ros.diagnostic_status import OK
 from spm_haptic_master.supervision.orientation_state import read_state
-from spm_haptic_master.view.readout import FULL_DEXTERITY
 from std_msgs.msg import String
 
 pyte = pytest.importorskip('pyte', reason='pyte is not installed (extra test)')
@@ -303,7 +302,6 @@ def test_all_rows_of_a_status_with_force_feedback_and_cautions():
         '  dexterity         0.1500 (3 sensors), 0.4000 (4 sensors)',
         '  rates             joints 1000 Hz, orientation 1000 Hz',
         '  latency           p50 90 us, p99 200 us']
-    assert console_module.FULL_DEXTERITY == FULL_DEXTERITY
 
 
 @pytest.mark.parametrize('state', ['starting', 'silent: no joint samples'])

@@ -11,7 +11,6 @@ from hypothesis import given, settings, strategies
 from mechanism import turn, zxz
 import numpy as np
 import pytest
-from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.kinematics import matrix_from_quaternion, quaternion_from_matrix
 from spm_haptic_master.kinematics.rotations import rotation_distance, vector_from_quaternion
 from spm_haptic_master.nodes.teleop_factory import make_teleoperation
@@ -41,7 +40,7 @@ def angle_between(one, other):
 
 
 class Rig:
-    """A machine, its master and its slave: time goes on by one sample of the master a call."""
+    """A machine, its master and its slave, which passes time by samples of the master."""
 
     def __init__(self, **parameters):
         # Presence is not repeated here, but where a test says so.
@@ -52,9 +51,11 @@ class Rig:
         self.stamp = 1_700_000_000_000 * MS
         self.master, self.slave = MASTER, SLAVE
         self.master_speaks = self.slave_speaks = True
+        # Protection level that each sample has, deg; None: none.
+        self.level = None
         self.commands = []
-        # The rotations of slave and master that were published last, and their quaternions.
-        self.published = self.spoken = None, None
+        # The rotations of slave and master that came last, and their quaternions.
+        self.spoken = {'master': (None, None), 'slave': (None, None)}
 
     def run(self, steps, turning=(0.0, 0.0, 0.0)):
         """Run for some ms, the master turning at a rate, rad/s; return the commands."""
@@ -64,17 +65,27 @@ class Rig:
             if np.any(turning):
                 self.master = turn(0.001 * np.asarray(turning)) @ self.master
             self.machine.pass_time(0.001)
+            if self.level is not None:
+                self.machine.take_level(radians(self.level))
             if self.slave_speaks:
-                if self.slave is not self.published[0]:
-                    self.published = self.slave, quaternion(self.slave)
-                self.machine.take_slave(self.published[1])
+                self.machine.take_slave(self.speak('slave', self.slave))
             if self.master_speaks:
-                if self.master is not self.spoken[0]:
-                    self.spoken = self.master, quaternion(self.master)
-                command = self.machine.take_master(self.stamp, self.spoken[1])
+                command = self.machine.take_master(self.stamp, self.speak('master', self.master))
                 if command is not None:
                     given.append((self.stamp, matrix_from_quaternion(command)))
         self.commands += given
+        return given
+
+    def speak(self, who, matrix):
+        if matrix is not self.spoken[who][0]:
+            self.spoken[who] = matrix, quaternion(matrix)
+        return self.spoken[who][1]
+
+    def pause(self, who, steps):
+        """Have master or slave say nothing for some ms."""
+        setattr(self, f'{who}_speaks', False)
+        given = self.run(steps)
+        setattr(self, f'{who}_speaks', True)
         return given
 
     def ready(self):
@@ -84,11 +95,12 @@ class Rig:
         return self
 
     def engage(self):
-        """Engage."""
-        self.ready().machine.take_presence(True)
-        assert self.machine.enable() == ''
-        assert self.run(10) or self.run(100)
-        assert self.machine.state == 'engaged'
+        """Engage; the enable comes before the presence."""
+        assert self.ready().machine.enable() == ''
+        assert self.run(10) == []
+        self.machine.take_presence(True)
+        assert self.run(100)
+        assert self.state == 'engaged'
         return self
 
     @property
@@ -96,34 +108,10 @@ class Rig:
         return self.machine.state
 
 
-def test_it_engages_by_presence_and_enable_in_either_order():
-    for first, second in (('enable', 'presence'), ('presence', 'enable')):
-        rig = Rig().ready()
-        for what in (first, second):
-            assert rig.run(20) == []
-            assert rig.state.startswith('disengaged: ')
-            if what == 'enable':
-                rig.machine.enable()
-            else:
-                rig.machine.take_presence(True)
-        (_, start), *_ = rig.run(20)
-        np.testing.assert_allclose(start, SLAVE, atol=1e-12)
-        assert rig.state == 'engaged'
-
-
 def test_each_condition_is_named_that_is_missing():
     rig = Rig(alignment_tolerance_deg=5.0, roll_deg=4.0, protection_limit_deg=1.0)
     machine = rig.machine
     rig.master_speaks = rig.slave_speaks = False
-
-    def level(degrees):
-        machine.take_level(radians(degrees))
-
-    def stay(steps, turning=(0.0, 0.0, 0.0)):
-        for _ in range(steps):
-            level(0.5)
-            rig.run(1, turning)
-
     for change, why in (
             (lambda: None, 'no state of the orientation'),
             (lambda: machine.take_state(read_state('silent: no joint samples')),
@@ -134,15 +122,15 @@ def test_each_condition_is_named_that_is_missing():
             (lambda: setattr(rig, 'slave_speaks', True) or machine.take_enabling(0, 0.0),
              'master not enabled'),
             (lambda: machine.take_enabling(7, 0.0), 'no protection level'),
-            (lambda: level(1.5), 'protection level above the limit'),
-            (lambda: level(nan), 'protection level above the limit'),
-            (lambda: level(0.5), 'no presence'),
+            (lambda: setattr(rig, 'level', 1.5), 'protection level above the limit'),
+            (lambda: setattr(rig, 'level', nan), 'protection level above the limit'),
+            (lambda: setattr(rig, 'level', 0.5), 'no presence'),
             (lambda: machine.take_presence(True) or machine.take_clutch(True), 'clutch pressed'),
             (lambda: machine.take_clutch(False), 'waiting for enable'),
             (machine.enable, 'waiting for a roll of the wrist'),
-            (lambda: stay(60), 'waiting for a roll of the wrist'),
+            (lambda: rig.run(60), 'waiting for a roll of the wrist'),
             # About the handle's own axis.
-            (lambda: stay(40, rig.master[:, 2] * 2.5), 'not aligned'),
+            (lambda: rig.run(40, rig.master[:, 2] * 2.5), 'not aligned'),
             (lambda: setattr(rig, 'slave', rig.master), 'waiting for the slave to be at rest')):
         change()
         rig.run(5)
@@ -150,7 +138,7 @@ def test_each_condition_is_named_that_is_missing():
         machine.hindrance = 'two publishers of servo_cp'
         assert rig.state == 'disengaged: two publishers of servo_cp' and machine.is_hindered
         machine.hindrance = ''
-    stay(60)
+    rig.run(60)
     assert rig.state == 'engaged'
 
 
@@ -169,25 +157,15 @@ def test_only_a_fresh_enable_that_is_known_as_such_engages(numbers, engages):
     assert bool(given) is engages
 
 
-def test_an_enable_that_was_not_used_ends_and_during_an_obstacle_it_has_no_effect():
-    for end in ('lapse', 'silence', 'disengage', 'obstacle'):
-        rig = Rig(enable_timeout=0.1).ready()
-        if end == 'obstacle':
-            rig.slave_speaks = False
-            rig.run(150)
-        assert rig.machine.enable() == ('no pose of the slave' if end == 'obstacle' else '')
-        if end == 'lapse':
-            rig.run(120)
-        elif end == 'silence':
-            rig.machine.take_state(read_state('silent: joint_3a stuck'))
-            rig.run(2)
-            rig.machine.take_state(read_state('healthy'))
-        elif end == 'disengage':
-            rig.machine.disengage()
-        rig.slave_speaks = True
-        rig.machine.take_presence(True)
-        assert rig.run(50) == []
-        assert rig.state == 'disengaged: waiting for enable'
+@pytest.mark.parametrize(('pause', 'answer'), [(0, ''), (150, 'no pose of the slave')])
+def test_an_enable_lapses_and_during_an_obstacle_it_has_no_effect(pause, answer):
+    rig = Rig(enable_timeout=0.1).ready()
+    rig.pause('slave', pause)
+    assert rig.machine.enable() == answer
+    rig.run(120)
+    rig.machine.take_presence(True)
+    assert rig.run(50) == []
+    assert rig.state == 'disengaged: waiting for enable'
 
 
 def test_a_slave_is_at_rest_after_50_ms_near_one_pose():
@@ -203,14 +181,6 @@ def test_a_slave_is_at_rest_after_50_ms_near_one_pose():
     assert len(rig.run(1)) == 1
 
 
-def pause(rig, what, steps):
-    setattr(rig, what, False)
-    for _ in range(steps):
-        rig.machine.take_level(radians(0.1))
-        rig.run(1)
-    setattr(rig, what, True)
-
-
 def stop(rig):
     """Stop the whole process and let it go on: everything that waits is delivered at once."""
     rig.machine.pass_time(3.0)
@@ -220,13 +190,13 @@ def stop(rig):
 # What disengages, by the cause that is named.
 LOSSES = {
     'no presence': lambda rig: rig.machine.take_presence(False) or rig.machine.take_presence(True),
-    'no orientation': lambda rig: pause(rig, 'master_speaks', 60),
+    'no orientation': lambda rig: rig.pause('master', 60),
     'no orientation (norm)': lambda rig: rig.machine.take_master(
         rig.stamp + 1, (0.0, nan, 0.0, 1.0)),
     'no orientation (stopped)': stop,
     # The computer slept, or its clock was set.
     'no orientation (stamp)': lambda rig: setattr(rig, 'stamp', rig.stamp + 3_600_000 * MS),
-    'no pose of the slave': lambda rig: pause(rig, 'slave_speaks', 110),
+    'no pose of the slave': lambda rig: rig.pause('slave', 110),
     'no pose of the slave (norm)': lambda rig: rig.machine.take_slave((nan, 0.0, 0.0, 1.0)),
     'silent: x': lambda rig: rig.machine.take_state(read_state('silent: x'))
     or rig.machine.take_state(read_state('healthy')),
@@ -242,45 +212,32 @@ LOSSES = {
 @pytest.mark.parametrize('clutched', [False, True])
 def test_what_disengages_does_so_for_good(cause, clutched):
     rig = Rig(protection_limit_deg=0.5)
-    rig.machine.take_state(read_state('healthy'))
-
-    def run(steps):
-        found = []
-        for _ in range(steps):
-            rig.machine.take_level(radians(0.1))
-            found += rig.run(1)
-        return found
-
-    run(60)
-    rig.machine.take_presence(True)
-    rig.machine.enable()
-    assert run(20)
+    rig.level = 0.1
+    rig.engage()
     if clutched:
         rig.machine.take_clutch(True)
-        assert run(20) == []
+        assert rig.run(20) == []
         assert rig.state == 'clutched' and rig.machine.velocity == (0.0, 0.0, 0.0)
     LOSSES[cause](rig)
     rig.machine.take_clutch(False)
     if cause.startswith('clutch') and not clutched:
-        assert run(20)  # one that was not pressed may go
+        assert rig.run(20)  # one that was not pressed may go
         return
-    assert run(300) == []
+    assert rig.run(300) == []
     assert rig.machine.phase is Phase.DISENGAGED
     assert rig.state == f'disengaged: waiting for enable, after: {cause.partition(" (")[0]}'
     assert rig.machine.enable() == ''
-    assert run(20) and rig.machine.starts == 2
+    assert rig.run(20) and rig.machine.starts == 2
 
 
-@pytest.mark.parametrize('timeout', [None, 0.05])
-def test_presence_has_to_be_repeated(timeout):
-    """A pedal that was killed does not lead the slave, by default neither."""
-    default = next(setting.default for setting in TELEOP_SETTINGS
+def test_presence_has_to_be_repeated():
+    """By default: a pedal that was killed does not lead the slave."""
+    timeout = next(setting.default for setting in TELEOP_SETTINGS
                    if setting.name == 'teleop.presence_timeout')
-    steps = round(1000 * (timeout or default))
-    rig = Rig(presence_timeout=timeout or default).engage()
+    rig = Rig(presence_timeout=timeout).engage()
     for _ in range(2):
         rig.machine.take_presence(True)
-        assert rig.run(steps - 5)[-1]
+        assert rig.run(round(1000 * timeout) - 5)[-1]
     assert rig.run(20) and rig.run(100) == []
     assert rig.state == 'disengaged: no presence'
 
@@ -291,18 +248,17 @@ def test_the_law_at_the_rate_of_the_samples_and_with_a_registration():
               registration_zxz_deg=np.degrees([0.5, -0.7, 0.2]).tolist()).engage()
     master, slave = rig.master, rig.slave
     for k in range(300):
-        rig.run(1, (0.002 * k, -0.001 * k, 0.3))
+        (_, given), = rig.run(1, (0.002 * k, -0.001 * k, 0.3))
         expected = registration @ rig.master @ (registration @ master).T @ slave
-        np.testing.assert_allclose(rig.commands[-1][1], expected, atol=1e-12)
-    assert len(rig.commands) >= 300
+        np.testing.assert_allclose(given, expected, atol=1e-12)
 
 
-@pytest.mark.parametrize('late', [0, 1, 1000])
-def test_an_orientation_that_is_not_newer_is_ignored(late):
+def test_an_orientation_that_is_not_newer_is_ignored():
     rig = Rig(command_rate=0.0).engage()
-    assert rig.machine.take_master(
-        rig.stamp - late * MS, quaternion(turn([1.0, 0.0, 0.0]) @ rig.master)) is None
-    (_, after), *_ = rig.run(1)
+    for late in (0, 1, 1000):
+        assert rig.machine.take_master(
+            rig.stamp - late * MS, quaternion(turn([1.0, 0.0, 0.0]) @ rig.master)) is None
+    (_, after), = rig.run(1)
     np.testing.assert_allclose(after, rig.slave, atol=1e-12)
 
 
@@ -320,9 +276,7 @@ def test_a_slave_that_does_not_follow_disengages():
 
 
 def test_commands_come_at_their_rate():
-    stamps = [stamp for stamp, _ in Rig().engage().run(1000)]
-    assert np.diff(stamps).tolist() == [5 * MS] * (len(stamps) - 1)
-    assert len(Rig(command_rate=300.0).engage().run(1000)) in (299, 300, 301)
+    assert set(np.diff([stamp for stamp, _ in Rig().engage().run(200)])) == {5 * MS}
 
 
 def test_the_clutch_holds_the_slave_and_takes_a_new_offset():
@@ -350,7 +304,7 @@ def test_a_release_of_the_clutch_far_from_alignment_disengages():
     assert rig.state == 'disengaged: waiting for enable, after: not aligned'
 
 
-@pytest.mark.parametrize('seed', range(5))
+@pytest.mark.parametrize('seed', range(3))
 def test_an_absolute_slave_brakes_ahead_and_never_passes_the_master(seed):
     """At any limits, rate and gaps: the angle to the master only falls, within the limits."""
     generator = random.Random(seed)
@@ -361,14 +315,11 @@ def test_an_absolute_slave_brakes_ahead_and_never_passes_the_master(seed):
     angle = generator.uniform(0.05, 2.8)
     rig.slave = turn(angle * np.array([0.6, 0.0, 0.8])) @ MASTER
     rig.engage()
-    begun = len(rig.commands)
     # Long enough to accelerate, to close in and to brake, with the gaps.
     for _ in range(1000):
         rig.run(generator.randint(1, 15))
-        rig.master_speaks = False
-        rig.run(generator.choice([0, 0, 0, 3, 8, 25, 40]))
-        rig.master_speaks = True
-        if len(rig.commands) > begun and angle_between(rig.commands[-1][1], rig.master) < 1e-9:
+        rig.pause('master', generator.choice([0, 0, 0, 3, 8, 25, 40]))
+        if angle_between(rig.commands[-1][1], rig.master) < 1e-9:
             break
     assert rig.machine.phase is Phase.ENGAGED
     stamps, matrices = zip(*rig.commands, strict=True)
@@ -401,25 +352,14 @@ def test_a_jump_of_the_master_is_slewed_or_disengages():
     assert rig.state == 'disengaged: waiting for enable, after: jump above the limit'
 
 
-class Follower:
-    """A slave with a lag that says where it is at a rate, whatever the master does."""
-
-    def __init__(self, rig, lag, every):
-        self.rig, self.lag, self.every = rig, lag, every
-        self.commanded, self.count = rig.slave, 0
-        rig.slave_speaks = False
-
-    def run(self, steps, turning=(0.0, 0.0, 0.0)):
-        for _ in range(steps):
-            if given := self.rig.run(1, turning):
-                self.commanded = given[-1][1]
-            behind = rotation_vector(self.commanded @ self.rig.slave.T)
-            part = 1.0 if self.lag == 0.0 else 1.0 - np.exp(-0.001 / self.lag)
-            self.rig.slave = turn(part * behind) @ self.rig.slave
-            self.count += 1
-            if self.count % self.every == 0:
-                self.rig.machine.take_slave(quaternion(self.rig.slave))
-        return self
+def run_with_lag(rig, lag, every, steps, rate):
+    """Have the slave follow the command by a lag, s, and report where it is at times, ms."""
+    part = 1.0 if lag == 0.0 else 1.0 - np.exp(-0.001 / lag)
+    for _ in range(steps):
+        rig.slave_speaks = rig.stamp // MS % every == 0
+        rig.run(1, (0.0, rate, 0.0))
+        commanded = rig.commands[-1][1] if rig.commands else rig.slave
+        rig.slave = turn(part * rotation_vector(commanded @ rig.slave.T)) @ rig.slave
 
 
 @pytest.mark.parametrize(('lag', 'every', 'slave_timeout', 'moment', 'rests'), [
@@ -432,21 +372,22 @@ def test_a_slave_on_its_way_does_not_begin_to_follow(
     """Its last pose is not where it is: the command would go back there."""
     rig = Rig(slave_timeout=slave_timeout)
     rig.machine.take_state(read_state('healthy'))
-    slave = Follower(rig, lag, every).run(300)
+    run_with_lag(rig, lag, every, 300, 0.0)
     rig.machine.take_presence(True)
     rig.machine.enable()
-    slave.run(200, (0.0, 0.0 if rests else 2.0, 0.0)).run(moment, (0.0, 2.0, 0.0))
+    run_with_lag(rig, lag, every, 200, 0.0 if rests else 2.0)
+    run_with_lag(rig, lag, every, moment, 2.0)
     assert rig.state == 'engaged'
     last = rig.commands[-1][1]
     if tapped == 'clutch':
         rig.machine.take_clutch(True)
-        slave.run(1, (0.0, 2.0, 0.0))
+        run_with_lag(rig, lag, every, 1, 2.0)
         rig.machine.take_clutch(False)
     else:
         rig.machine.disengage()
         assert rig.machine.enable() == ''
     count = len(rig.commands)
-    slave.run(400, (0.0, 2.0, 0.0))
+    run_with_lag(rig, lag, every, 400, 2.0)
     assert rig.state == 'engaged'
     assert angle_between(rig.commands[count][1], last) < radians(1.0)
 
@@ -489,8 +430,8 @@ def test_a_roll_counts_only_while_the_surgeon_is_present():
 
 
 @pytest.mark.parametrize('limits', [
-    {'command_rate': 50.0}, {'command_rate': 20.0, 'orientation_timeout': 0.2},
-    {'jump_limit_deg': 0.5}, {'jump_limit_deg': 1.0, 'command_rate': 100.0}])
+    {'command_rate': 20.0, 'orientation_timeout': 0.2},
+    {'jump_limit_deg': 1.0, 'command_rate': 100.0}])
 def test_the_velocity_is_that_of_the_command(limits):
     """A slave that is driven by rates turns as far as one that is driven by poses."""
     rig = Rig(**limits).engage()
@@ -502,11 +443,6 @@ def test_the_velocity_is_that_of_the_command(limits):
     moved = rotation_vector(rig.commands[-1][1] @ last.T)[1]
     assert moved > 0.4
     assert turned == pytest.approx(moved, rel=1e-6)
-
-
-def test_an_alignment_faster_than_the_limit_is_refused():
-    with pytest.raises(SettingError, match=r'teleop.align_speed.*at most teleop.speed_limit'):
-        Rig(align_speed=2.0, speed_limit=1.0)
 
 
 class Watch:
@@ -530,7 +466,7 @@ class Watch:
             assert self.armed or self.engaged
             self.engaged, self.armed = True, False
             if self.last is None:
-                np.testing.assert_allclose(matrix, self.rig.published[0], atol=1e-9)
+                np.testing.assert_allclose(matrix, self.rig.spoken['slave'][0], atol=1e-9)
             else:
                 before, rotation = self.last
                 passed = min((stamp - before) * 1e-9, 2.0 * PERIOD)
@@ -542,17 +478,13 @@ class Watch:
         self.check(self.rig.run(*values))
 
     def silence(self, steps):
-        self.rig.master_speaks = False
-        assert self.rig.run(steps) == []
-        self.rig.master_speaks = True
+        assert self.rig.pause('master', steps) == []
         if steps > 50:
             self.lose()
 
     def stale(self, steps):
-        self.rig.slave_speaks = False
         # The pose that is the last one is the slave's.
-        self.run(steps)
-        self.rig.slave_speaks = True
+        self.check(self.rig.pause('slave', steps))
         if steps > 101:
             self.lose()
 
@@ -590,11 +522,8 @@ class Watch:
         self.machine.disengage()
         self.lose()
 
-    def jump(self, vector):
-        self.rig.master = turn(vector) @ self.rig.master
-
-    def move_slave(self, vector):
-        self.rig.slave = turn(vector) @ self.rig.slave
+    def jump(self, who, vector):
+        setattr(self.rig, who, turn(vector) @ getattr(self.rig, who))
 
 
 def act(take, *values):
@@ -613,7 +542,7 @@ ACTIONS = strategies.one_of(
         'healthy: but'])),
     act(Watch.enable), act(Watch.enable),
     act(Watch.enable_of_the_master, strategies.sampled_from([0, 1, 2, 3])),
-    act(Watch.disable), act(Watch.jump, RATES), act(Watch.move_slave, RATES))
+    act(Watch.disable), act(Watch.jump, strategies.sampled_from(['master', 'slave']), RATES))
 START = [(Watch.state, 'healthy'), (Watch.run, 20, (0.0, 0.0, 0.0)), (Watch.presence, True),
          (Watch.enable,), (Watch.run, 40, (0.2, 0.1, 0.0))]
 

@@ -18,7 +18,6 @@ from spm_haptic_master.benchmark.child_process import wait_until
 
 pytest.importorskip('viser', reason='viser is not installed (extra view)')
 pytest.importorskip('websockets', reason='websockets is not installed (extra test)')
-browser = pytest.importorskip('browser')
 
 pytestmark = [
     pytest.mark.process, pytest.mark.alone,
@@ -109,7 +108,7 @@ def page(start, tmp_path):
     def begin(size=(720, 480)):
         view = start('view', parameters={'view.port': 18180})
         assert wait_until(lambda: '\n' in view.stdout, PATIENCE), view.stderr
-        pages.append(browser.Browser(tmp_path / 'profile', *size))
+        pages.append(browser_process.Browser(tmp_path / 'profile', *size))
         pages[-1].visit(view.stdout.splitlines()[0].removeprefix('view: '))
         return pages[-1], view
 
@@ -188,21 +187,9 @@ def test_it_moves_and_a_silent_driver_is_seen_at_once(start, page):
 
 
 @pytest.mark.evidence
-def test_no_notice_covers_the_banner_and_it_is_within_the_page(device):
-    """A browser without a GPU has a notice where the banner is."""
-    shown, _, _ = device()
-    shown.evaluate(NOTICE)
-    for width in (400, 700, 1280):
-        shown.call('Emulation.setDeviceMetricsOverride', width=width, height=700,
-                   deviceScaleFactor=1, mobile=False)
-        until(lambda: shown.evaluate(f'innerWidth == {width} && {BANNER}')  # noqa: B023
-              == 'healthy', shown)
-
-
-@pytest.mark.evidence
 @pytest.mark.parametrize('size', [DESKTOP, PHONE])
 def test_a_collapsed_panel_takes_neither_banner_nor_cover_with_it(device, size):
-    """Of a device that is silent, and of a program that stands still or ends."""
+    """Nor does a notice; of a device that is silent, a program that stands still or ends."""
     shown, running, view = device(size)
     until(lambda: shown.evaluate(CHIP) and shown.evaluate(PLOTS) > 5, shown)
     # Open, it has all of its parts and leaves the picture its place.
@@ -211,6 +198,7 @@ def test_a_collapsed_panel_takes_neither_banner_nor_cover_with_it(device, size):
         assert shown.evaluate(f'{PANEL}.height') <= size[1] / 3 + 1
         assert shown.evaluate(f'{PANEL}.width') == size[0]
     shown.click(COLLAPSE[size])
+    shown.evaluate(NOTICE)
     until(lambda: not shown.evaluate(CHIP) and shown.evaluate(BANNER) == 'healthy', shown)
     for process, seen in ((running, lambda: 'no joint_states' in shown.evaluate(BANNER)),
                           (view, lambda: shown.evaluate(COVERED))):

@@ -3,10 +3,7 @@
 
 """The page of all devices: which are on it, and what is there without any."""
 
-import gc
-from itertools import pairwise
 import socket
-import weakref
 
 import numpy as np
 import pytest
@@ -21,30 +18,7 @@ from std_msgs.msg import String
 pytest.importorskip('viser', reason='viser is not installed (extra view)')
 mechanism_query = pytest.importorskip('spm_haptic_master.view.mechanism_query')
 page_module = pytest.importorskip('spm_haptic_master.view.page')
-view_node = pytest.importorskip('spm_haptic_master.view.node')
-
-
-@pytest.fixture(autouse=True)
-def collect_often(monkeypatch):
-    """Have `view` give back soon what is no longer used."""
-    monkeypatch.setattr(view_node, 'COLLECT_PERIOD', 0.5)
-
-
-class Circle:
-    """Refers to itself: only a collection finds that nobody uses it."""
-
-    def __init__(self):
-        self.itself = self
-
-
-def test_what_is_no_longer_used_is_given_back(view):
-    gc.disable()
-    try:
-        dropped = weakref.ref(Circle())
-        assert dropped() is not None
-        assert view.spin(lambda: dropped() is None)
-    finally:
-        gc.enable()
+ARM_DISTANCE = pytest.importorskip('spm_haptic_master.view.scene').ARM_DISTANCE
 
 
 def test_a_calibration_is_on_the_page_while_its_program_runs(view, observer):
@@ -58,7 +32,7 @@ def test_a_calibration_is_on_the_page_while_its_program_runs(view, observer):
         return view._page.content.get('left', {}).get('calibration')
 
     assert view.spin(lambda: '/left' in view._arms)
-    made_scenes(view)
+    view._arms['/left']._query.take(complete(mechanism_query.SETTINGS, {}))
     assert view.spin(shown)
     assert shown() == {'text': 'turn it', 'covered': [
         ('precision', 0.4, Light.AMBER.value), ('turn', 0.9, Light.GREEN.value)]}
@@ -71,18 +45,10 @@ def test_a_calibration_is_on_the_page_while_its_program_runs(view, observer):
 
 
 @pytest.mark.parametrize('arms', [1, 8])
-def test_all_arms_are_in_each_view(view, observer, arms):
-    """Of which `front` is the first picture, on a page a fifth wider than high."""
-    kept = []
-    for number in range(arms):
-        kept += [observer.node.create_publisher(kind, f'/arm{number}/{topic}', 1)
-                 for kind, topic in ((JointState, 'joint_states'), (String, 'state'))]
-    assert view.spin(lambda: len(view._arms) == arms)
-    places = [arm._scene._root.position for arm in made_scenes(view)]
-    camera, views = view._server.initial_camera, view._page.views
-    np.testing.assert_allclose((camera.position, camera.look_at), views['front'])
-    assert camera.fov == page_module.VIEW_ANGLE
-    half = np.tan(0.5 * camera.fov)
+def test_all_arms_are_in_each_view(arms):
+    """On a page a fifth wider than high; a device is 1 in radius to each side."""
+    half = np.tan(0.5 * page_module.VIEW_ANGLE)
+    views = page_module.views(arms)
     for name, at in (('front', (0.0, -1.0, 0.0)), ('side', (1.0, 0.0, 0.0)),
                      ('top', (0.0, 0.0, 1.0))):
         position, target = map(np.array, views[name])
@@ -90,22 +56,12 @@ def test_all_arms_are_in_each_view(view, observer, arms):
         assert ahead @ at < -0.8
         right = np.cross(ahead, [0.0, 0.0, 1.0])
         right /= np.linalg.norm(right)
-        for place in places:
-            for side in (-1.0, 1.0):
-                point = place + [side, 0.0, 0.7] - position
-                depth = point @ ahead
-                assert abs(point @ right) / depth < 1.2 * half
-                assert abs(point @ np.cross(right, ahead)) / depth < half
-    # The bases do not stand in each other: each is 1 in radius.
-    assert all(np.linalg.norm(here - there) > 2.2
-               for here, there in pairwise(places))
-
-
-def made_scenes(view):
-    """Return the arms of a page with their mechanism drawn."""
-    for arm in view._arms.values():
-        arm._query.take(complete(mechanism_query.SETTINGS, {}))
-    return view._arms.values()
+        for x in (-1.0, 1.0, ARM_DISTANCE * (arms - 1) - 1.0, ARM_DISTANCE * (arms - 1) + 1.0):
+            point = [x, 0.0, 0.7] - position
+            depth = point @ ahead
+            assert abs(point @ right) / depth < 1.2 * half
+            assert abs(point @ np.cross(right, ahead)) / depth < half
+    assert ARM_DISTANCE > 2.2
 
 
 def listening(port):
@@ -127,8 +83,8 @@ def test_the_next_free_port_is_taken_and_none_beyond_the_last():
         page_module.free_port('192.0.2.1', 28580)
 
 
-def test_a_page_without_a_device_says_so(view, observer):
-    """It knows that the program is alive, too; the words go when there is a device."""
+def test_a_page_says_that_there_is_no_device_until_there_are_some(view, observer):
+    """It knows that the program is alive, too; all devices are in its first picture."""
     buffer = view._server._websock_server.get_message_buffer()
 
     def news():
@@ -145,10 +101,15 @@ def test_a_page_without_a_device_says_so(view, observer):
     assert view.spin(lambda: not first.keys() & news().keys())
     # Not one more for each second that it runs.
     assert len(news()) == 1
-    kept = [observer.node.create_publisher(kind, f'/left/{topic}', 1)
+    kept = [observer.node.create_publisher(kind, f'/{name}/{topic}', 1) for name in ('a', 'b')
             for kind, topic in ((JointState, 'joint_states'), (String, 'state'))]
-    assert view.spin(lambda: view._arms)
-    assert view.spin(lambda: [(name, banner.text) for name, banner in view._page.shown.items()]
-                     == [('left', 'waiting for fkm')])
-    assert 'left: waiting for fkm' in ''.join(news().values())
-    assert len(kept) == 2
+    assert view.spin(lambda: {name: banner.text for name, banner in view._page.shown.items()}
+                     == dict.fromkeys('ab', 'waiting for fkm'))
+    assert 'a: waiting for fkm' in ''.join(news().values())
+    camera = view._server.initial_camera
+    np.testing.assert_allclose((camera.position, camera.look_at), page_module.views(2)['front'])
+    for arm in view._arms.values():
+        arm._query.take(complete(mechanism_query.SETTINGS, {}))
+    here, there = (arm._scene._root.position for arm in view._arms.values())
+    np.testing.assert_allclose(there - here, [ARM_DISTANCE, 0.0, 0.0])
+    assert len(kept) == 4

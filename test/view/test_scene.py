@@ -4,6 +4,7 @@
 """The device on the page: each link where the angles of its joints put it, in its colour."""
 
 from built_mechanism import random_built
+from mechanism import about_x
 import numpy as np
 import pytest
 from spm_haptic_master.description.colours import rgb
@@ -67,11 +68,6 @@ def drawn_links(scene):
         for row, (link, wxyz) in enumerate(zip(links, handle.batched_wxyzs, strict=True)):
             found[link] = matrix_from_quaternion(np.roll(wxyz.astype(float), -1)), handle, row
     return found
-
-
-def about_x(angle):
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
 
 
 @pytest.mark.parametrize('seed', MECHANISMS)

@@ -6,7 +6,6 @@
 import os
 import subprocess
 import sys
-import time
 from urllib.error import URLError
 from urllib.request import urlopen
 
@@ -19,76 +18,25 @@ PATIENCE = 120.0
 FIRST_LINE = 'view: http://127.0.0.1:'
 
 
-def url(program):
-    assert wait_until(lambda: '\n' in program.stdout, PATIENCE), program.stderr
-    first = program.stdout.splitlines()[0]
-    assert first.startswith(FIRST_LINE), program.stdout
-    return first.removeprefix('view: ')
-
-
-@pytest.fixture
-def view(start):
-    """Start `view`, where viser is installed."""
-    pytest.importorskip('viser', reason='viser is not installed (extra view)')
-
-    def begin(*args, **parameters):
-        return start('view', *args, parameters={'view.port': 18080, **{
-            name.replace('__', '.'): value for name, value in parameters.items()}})
-    return begin
-
-
-@pytest.fixture
-def start_shell():
-    """Start a command of the shell; what still runs at the test's end is killed."""
-    programs = []
-
-    def begin(command):
-        programs.append(start_command(['sh', '-c', command]))
-        return programs[-1]
-
-    yield begin
-    for program in programs:
-        program.kill()
-
-
-def answer(address):
-    with urlopen(address, timeout=PATIENCE) as page:
-        return page.read()
-
-
 @pytest.mark.process
-def test_it_serves_a_page_to_this_host_alone_and_ends(view):
-    program = view()
-    address = url(program)
-    assert b'<html' in answer(address)
-    # Another address of this host is refused: the page is bound to 127.0.0.1.
-    with pytest.raises(URLError):
-        urlopen(address.replace('127.0.0.1', '127.0.0.2'), timeout=PATIENCE)
+def test_it_serves_a_page_to_this_host_alone_and_ends(start):
+    pytest.importorskip('viser', reason='viser is not installed (extra view)')
+    ports = []
+    for _ in range(2):
+        program = start('view', parameters={'view.port': 18080})
+        assert wait_until(lambda: '\n' in program.stdout, PATIENCE), program.stderr  # noqa: B023
+        assert program.stdout.startswith(FIRST_LINE)
+        ports.append(int(program.stdout.removeprefix(FIRST_LINE)))
+        with urlopen(f'http://127.0.0.1:{ports[-1]}', timeout=PATIENCE) as page:
+            assert b'<html' in page.read()
+        # Another address of this host is refused: the page is bound to 127.0.0.1.
+        with pytest.raises(URLError):
+            urlopen(f'http://127.0.0.2:{ports[-1]}', timeout=PATIENCE)
     # A second one takes the next port.
-    assert int(url(view()).rpartition(':')[2]) > int(address.rpartition(':')[2])
+    assert ports[1] > ports[0]
     assert program.stop() == 0
     assert program.stderr == ''
-    assert program.stdout == f'view: {address}\n'
-
-
-@pytest.mark.process
-def test_it_ends_with_the_process_that_it_goes_with(view):
-    with subprocess.Popen([sys.executable, '-c', 'input()'], stdin=subprocess.PIPE) as other:
-        program = view(view__process=other.pid)
-        url(program)
-        time.sleep(1.5)
-        assert program.poll() is None
-        other.stdin.close()
-        other.wait(PATIENCE)
-        assert program.wait(PATIENCE) == 0, program.stderr
-
-
-@pytest.mark.process
-def test_a_wrong_address_ends_in_one_line(view):
-    program = view(view__host='no such host')
-    assert program.wait(PATIENCE) == 1
-    assert program.stderr.count('\n') == 1
-    assert "'view.host' is 'no such host'" in program.stderr
+    assert program.stdout == f'{FIRST_LINE}{ports[-1]}\n'
 
 
 @pytest.mark.process
@@ -102,34 +50,35 @@ def test_without_viser_one_line_says_how_to_get_it(start_python):
 
 
 @pytest.mark.process
-def test_make_run_starts_it_beside_master(start_shell):
+@pytest.mark.parametrize('view', [1, 0])
+def test_make_run_starts_it_beside_master(view):
     """
     With less priority; it ends with master, and VIEW=0 leaves it out.
 
     That of master is a real-time one, where this user may have it.
     """
     pytest.importorskip('viser', reason='viser is not installed (extra view)')
-    for view, expected in (('1', True), ('0', False)):
-        # Without the installation, which the other tests do.
-        printed = subprocess.run(
-            ['make', '-n', '--no-print-directory', 'run', f'VIEW={view}'], cwd=ROOT, text=True,
-            capture_output=True, check=True).stdout
-        command = '\n'.join(printed.splitlines()[-2:]).replace('.venv/bin/python', sys.executable)
-        running = start_shell(command)
-        assert wait_until(lambda: 'psi' in running.stdout and (  # noqa: B023, it waits here
-            not expected or FIRST_LINE in running.stdout), PATIENCE), (  # noqa: B023
-                running.stdout, running.stderr)
+    # Without the installation, which the other tests do.
+    printed = subprocess.run(
+        ['make', '-n', '--no-print-directory', 'run', f'VIEW={view}'], cwd=ROOT, text=True,
+        capture_output=True, check=True).stdout
+    command = '\n'.join(printed.splitlines()[-2:]).replace('.venv/bin/python', sys.executable)
+    running = start_command(['sh', '-c', command])
+    try:
+        assert wait_until(lambda: 'psi' in running.stdout and (
+            not view or FIRST_LINE in running.stdout), PATIENCE), running.stderr
         listed = subprocess.run(['ps', '-ww', '-eo', 'pid=,ni=,args='], text=True, check=True,
                                 capture_output=True).stdout.splitlines()
         beside = [line.split()[:2] for line in listed if 'sh -c' not in line
                   and line.endswith(f'view -p view.process:={running.pid}')]
-        assert len(beside) == expected
+        assert len(beside) == view == (FIRST_LINE in running.stdout)
         assert all(int(nice) > os.getpriority(os.PRIO_PROCESS, running.pid)
                    for _, nice in beside)
         policy = os.SCHED_FIFO if view_load.may_have_priority(10) else os.SCHED_OTHER
         assert os.sched_getscheduler(running.pid) == policy
         assert all(os.sched_getscheduler(int(pid)) == os.SCHED_OTHER for pid, _ in beside)
-        assert (FIRST_LINE in running.stdout) == expected
         assert running.stop() == 0
         assert wait_until(lambda: not any(
-            os.path.exists(f'/proc/{pid}') for pid, _ in beside), PATIENCE)  # noqa: B023
+            os.path.exists(f'/proc/{pid}') for pid, _ in beside), PATIENCE)
+    finally:
+        running.kill()
