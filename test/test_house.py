@@ -7,7 +7,6 @@ import ast
 from functools import cache
 import multiprocessing
 from pathlib import Path
-import re
 import subprocess
 import sys
 
@@ -70,14 +69,6 @@ OUTSIDE = {
     'paper': {'numpy', 'matplotlib', 'mujoco'},
     'study': {'numpy', 'matplotlib', 'mujoco'},
 }
-# Words of a state that are compared, looked up or taken apart.
-STATE = r"""f?['"](starting|healthy|degraded|silent)\b[^'"\n]*['"]"""
-METHODS = (r'(startswith|endswith|remove\w+|r?partition|r?split|find|index|count|replace|\w*match|'
-           r'search|get|pop)')
-READS_A_STATE = re.compile(rf'([=!]= |\bin \(?|\bcase |\[){STATE}|{STATE}( in |:| [=!]=)|'
-                           rf'\b{METHODS}\(\(?{STATE}')
-# Where they are read, and where one of them is the name of a parameter.
-READERS = ('orientation_state.py', 'limits.py')
 # Rooms outside the installed package.
 NOT_INSTALLED = {'paper', 'study'}
 # Rooms of mathematics.
@@ -166,26 +157,9 @@ def test_no_node_imports_another():
     assert not violations, '\n'.join(violations)
 
 
-def test_the_words_of_a_state_are_compared_in_one_place():
-    """All others compare members of State."""
-    found = [str(path) for _, path, _ in files() if path.name not in READERS
-             and READS_A_STATE.search((ROOT / path).read_text())]
-    assert found == []
-    for text in ("x == 'healthy'", "x.startswith(('healthy', 'degraded'))", "'silent' in x",
-                 "x == f'silent: {y}'", "COLOURS = {'healthy': 1}", "x['silent: a']",
-                 "re.match('degraded: (.*)', x)", "case 'healthy':"):
-        assert READS_A_STATE.search(text), text
-
-
 def test_what_starts_a_process_is_marked():
     """As this test is not, which conftest refuses: such tests are of `make test` only."""
     for start in (lambda: subprocess.run([sys.executable, '-c', '']),
                   multiprocessing.get_context('spawn').Process().start):
         with pytest.raises(pytest.fail.Exception, match='starts a process and is not marked'):
             start()
-
-
-def test_names_of_test_modules_are_unique():
-    """Tests of all rooms are imported by their file's name."""
-    names = [path.name for path in (ROOT / 'test').rglob('*.py') if path.name != 'conftest.py']
-    assert sorted({name for name in names if names.count(name) > 1}) == []
