@@ -3,8 +3,6 @@
 
 """What the package states of itself: package.xml and setup.py agree with the code."""
 
-import ast
-from pathlib import Path
 import re
 import subprocess
 import sys
@@ -12,10 +10,9 @@ import sys
 from catkin_pkg.package import parse_package
 import pytest
 from spm_haptic_master.__main__ import RCLPY_MINIMUM
+from test_house import imports, PACKAGE, ROOT
 import yaml
 
-ROOT = Path(__file__).resolve().parents[1]
-PACKAGE = 'spm_haptic_master'
 # rosdep keys that are not the module's name.
 ROSDEP = {'numpy': 'python3-numpy', 'can': 'python3-can', 'yaml': 'python3-yaml',
           'matplotlib': 'python3-matplotlib', 'pytest': 'python3-pytest',
@@ -37,14 +34,9 @@ def package():
 
 def imported(*folders):
     """Return the top-level modules that the folders' files import from outside the package."""
-    names = set()
-    for path in (path for folder in folders for path in (ROOT / folder).rglob('*.py')):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.Import):
-                names |= {alias.name.split('.')[0] for alias in node.names}
-            elif isinstance(node, ast.ImportFrom) and not node.level:
-                names.add(node.module.split('.')[0])
-    return names - {PACKAGE} - EXTRA - set(sys.stdlib_module_names)
+    names = {name.split('.')[0] for folder in folders
+             for path in (ROOT / folder).rglob('*.py') for name in imports(path)}
+    return names - {PACKAGE, ''} - EXTRA - set(sys.stdlib_module_names)
 
 
 def test_package_xml_is_valid(package):

@@ -91,18 +91,15 @@ def test_a_display_takes_the_lines_of_the_console(sink, has_console, takes_lines
     assert display.lines[-1] == 'closed'
 
 
-def test_lines_beyond_the_queue_are_lost_and_counted(sink, monkeypatch):
+def test_lines_beyond_the_queue_are_lost_and_nobody_waits(sink, monkeypatch):
     monkeypatch.setattr(node_log, 'QUEUE_LENGTH', 1)
     log = NodeLog(sink, coloured=False)
     sink.free.clear()
     for number in range(100):
         put(log, f'line {number}')
     sink.free.set()
-    assert wait_until(lambda: sink.lines, PATIENCE)
     log.close(PATIENCE)
-    (lost,) = [text for text in sink.texts() if 'lost' in text]
-    number = len(sink.texts())
-    assert f'({100 - number} lines were lost before this one)' in lost
+    assert 0 < len(sink.texts()) < 100
 
 
 @pytest.mark.parametrize(('args', 'printed'), [

@@ -8,7 +8,6 @@ from math import radians
 import re
 
 from free_motions import calibrated, DEVIATIONS
-import numpy as np
 import pytest
 from simulated_hand import Condition, readings
 from spm_haptic_master.calibration.motion.calibration import Origin
