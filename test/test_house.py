@@ -5,12 +5,9 @@
 
 import ast
 from functools import cache
-import multiprocessing
 from pathlib import Path
-import subprocess
 import sys
 
-import pytest
 from spm_haptic_master.executables import FOLLOWER, PIPELINE
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -155,11 +152,3 @@ def test_no_node_imports_another():
         known = {name.split('.')[2] for name in names if name.startswith(f'{PACKAGE}.nodes.')}
         violations += [f'{path} imports {name}' for name in known & (NODES - {path.stem})]
     assert not violations, '\n'.join(violations)
-
-
-def test_what_starts_a_process_is_marked():
-    """As this test is not, which conftest refuses: such tests are of `make test` only."""
-    for start in (lambda: subprocess.run([sys.executable, '-c', '']),
-                  multiprocessing.get_context('spawn').Process().start):
-        with pytest.raises(pytest.fail.Exception, match='starts a process and is not marked'):
-            start()
