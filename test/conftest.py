@@ -3,11 +3,9 @@
 
 """Fixtures of several rooms; every test run has a DDS domain and a CAN bus of its own."""
 
-from multiprocessing.process import BaseProcess
 import os
 from pathlib import Path
 import signal
-import subprocess
 import sys
 
 import pytest
@@ -17,38 +15,21 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / 'test'))
 os.environ.update(child_process.private_environment())
 
-# Marks of tests that may start programs: they are not of `make quick`.
-MARKS = ('process', 'packaging', 'linter')
-# The test that runs, where it has none of the marks.
-unmarked = []
-
-
-def only_marked(start):
-    """Return what starts a process, unless a file of the project does in a test without a mark."""
-    def started(self, *args, **given):
-        frame = sys._getframe(1)
-        while frame.f_code.co_filename == subprocess.__file__:
-            frame = frame.f_back
-        file = Path(frame.f_code.co_filename)
-        if unmarked and ROOT in file.parents and ROOT / '.venv' not in file.parents:
-            pytest.fail(f'{unmarked[0]} starts a process and is not marked `process`')
-        return start(self, *args, **given)
-    return started
-
-
-subprocess.Popen.__init__ = only_marked(subprocess.Popen.__init__)
-BaseProcess.start = only_marked(BaseProcess.start)
-
 # As from a terminal; what a shell runs in the background, and all it starts, would ignore Ctrl-C.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-@pytest.hookimpl(hookwrapper=True)
-def pytest_runtest_protocol(item):
-    """Note a test that may not start programs."""
-    unmarked[:] = [] if any(map(item.get_closest_marker, MARKS)) else [item.nodeid]
-    yield
-    unmarked.clear()
+def ended(begin, end):
+    """Yield what begins a program; each that it has begun is ended at the test's end."""
+    programs = []
+
+    def start(*args, **kwargs):
+        programs.append(begin(*args, **kwargs))
+        return programs[-1]
+
+    yield start
+    for program in programs:
+        end(program)
 
 
 @pytest.fixture
@@ -56,15 +37,7 @@ def start():
     """Start executables of the package; those still running at the test's end are stopped."""
     from harness import start_program
 
-    programs = []
-
-    def start(name, *args, **kwargs):
-        programs.append(start_program(name, *args, **kwargs))
-        return programs[-1]
-
-    yield start
-    for program in programs:
-        program.stop()
+    yield from ended(start_program, child_process.Program.stop)
 
 
 @pytest.fixture
@@ -72,15 +45,8 @@ def start_python():
     """Start Python with arguments; what still runs at the test's end is killed."""
     from harness import start_command
 
-    programs = []
-
-    def start_python(*args, **kwargs):
-        programs.append(start_command([sys.executable, *args], **kwargs))
-        return programs[-1]
-
-    yield start_python
-    for program in programs:
-        program.kill()
+    yield from ended(lambda *args, **kwargs: start_command([sys.executable, *args], **kwargs),
+                     child_process.Program.kill)
 
 
 @pytest.fixture

@@ -45,8 +45,8 @@ def faults(tmp_path, monkeypatch):
     return run, committed
 
 
-def test_the_rows_have_verdicts(faults):
-    _, committed = faults
+def test_the_rows_have_verdicts(faults, monkeypatch):
+    run, committed = faults
     found = verdicts.read(committed.read_text())
     assert found['Faults: step 5 deg, joint_1a'] == 'silent'
     assert found['Faults with 6 sensors: step 5 deg'] == 'isolated'
@@ -56,36 +56,18 @@ def test_the_rows_have_verdicts(faults):
     assert len(disturbed) == 4
     assert set(disturbed.values()) == {'published within its level'}
 
-
-@pytest.mark.slow
-def test_a_disturbance_that_withholds_a_sample_is_a_verdict(faults, monkeypatch):
-    run, committed = faults
-
     def withheld(task):
         records = integrity_runs.disturbances(task)
         records[0].samples['published'][300] = False
         return records
+
+    # One sample withheld is another verdict; of four sensors the share of `PUBLISHED` suffices.
     monkeypatch.setattr(integrity, 'disturbances', withheld)
     assert run('--accept') == 0
     found = verdicts.read(committed.read_text())
     row = 'Healthy sensors at end stops and under vibrations: vibration, {} sensors, 17 bits'
-    # Of four the share of `PUBLISHED` suffices.
     assert found[row.format(4)] == 'published within its level'
     assert found[row.format(5)] == found[row.format(6)] == 'withheld'
-
-
-@pytest.mark.evidence
-def test_a_verdict_that_changes_fails_by_its_row(faults, capsys):
-    run, committed = faults
-    assert run() == 0
-    was = committed.read_text().replace('| silent |', '| within the level or declared |')
-    committed.write_text(was)
-    capsys.readouterr()
-    assert run() == 1
-    err = capsys.readouterr().err
-    assert "integrity: Faults: step 5 deg, joint_1a: committed 'within the level or declared', " \
-        "found 'silent'" in err
-    assert committed.read_text() == was
 
 
 LATE, LOUD = GOOD._replace(undeclared=1.01), GOOD._replace(silent=False)

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The parts of the benchmark: pipelines compared, rates held; their tables and pictures."""
+"""The pipelines of the benchmark, compared: tables and a picture."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import platform
 from statistics import median
 
 import numpy as np
-from spm_haptic_master.benchmark.run import Case, measure, PipelineError, Run
+from spm_haptic_master.benchmark.run import Case, measure, Run
 
 BARE = Case('bare relay', ('bare_relay', 'bare_driver'))
 NODES = Case('driver and fkm', ('fkm', 'encoder_driver'))
@@ -25,21 +25,10 @@ BARE_THREE = Case('bare relay and listener', ('bare_relay', 'bare_listener', 'ba
 THREE = Case('three processes', ('fkm', 'diagnostics', 'encoder_driver'))
 BARE_MASTER = Case('bare, composed', ('bare_master',))
 MASTER = Case('master (composed)', ('master',))
-# The command of a slave, with each orientation; a pause of the machine is not to disengage it.
-TELEOP = Case('master with teleop, servo_cp observed', ('master',), 'observer_of_commands', {
-    'master': {'fkm:teleop.run': 'true', 'teleop:teleop.command_rate': '0.0',
-               'teleop:teleop.orientation_timeout': '1.0', 'teleop:teleop.slave_timeout': '1.0',
-               'teleop:teleop.presence_timeout': '2.0'}})
 # Pipelines in the order of a round: those that are compared run one after the other, so that drift
 # of the machine affects both.
-CASES = (BARE, NODES, ALL_OUTPUTS, BARE_THREE, THREE, TELEOP, MASTER, BARE_MASTER)
+CASES = (BARE, NODES, ALL_OUTPUTS, BARE_THREE, THREE, MASTER, BARE_MASTER)
 
-# Rates that `headroom` tries (Hz).
-HEADROOM_RATES = (2000.0, 3000.0, 4000.0, 5000.0)
-# Largest fraction of lost samples at a rate that is held.
-HELD_LOST = 0.001
-# Largest fraction by which the rate at the observer is below a rate that is held.
-HELD_SHORT = 0.05
 # Percentiles of a latency in the tables, by column.
 QUANTILES = {'p50': 50.0, 'p90': 90.0, 'p99': 99.0, 'p99.9': 99.9, 'max': 100.0}
 # 99th percentile of the control thread's lateness from which the machine was disturbed (us): one
@@ -79,7 +68,6 @@ COMPARISONS = (
     (ALL_OUTPUTS, BARE, {'p50': p50}),
     (THREE, BARE_THREE, {'p50': p50, 'p99': p99, 'CPU of fkm': load_of_relay}),
     (MASTER, BARE_MASTER, {'p50': p50, 'p99': p99}),
-    (TELEOP, MASTER, {'p50': p50, 'p99': p99}),
     (MASTER, THREE, {'p50': p50, 'p50 of the publication': published}))
 
 
@@ -123,30 +111,6 @@ def compare(seconds: float, rounds: int, rate: float, parameters: Mapping[str, s
         print('no picture: matplotlib is missing (sudo apt install python3-matplotlib, or in a '
               "virtual environment: pip install '.[bench]')")
     print('written: ' + ', '.join(map(str, written)))
-
-
-def headroom(seconds: float, parameters: Mapping[str, str]) -> None:
-    """Print the rates that the composed and the separate nodes hold, measured for `seconds`."""
-    print(f'\nheadroom, {seconds:g} s each: held means under {HELD_LOST:.1%} lost and at least '
-          f'{1.0 - HELD_SHORT:.0%} of the rate')
-    for case in (MASTER, THREE):
-        held = [rate for rate in HEADROOM_RATES if _holds(case, seconds, rate, parameters)]
-        print(f'  {case.name} holds '
-              + (f'{max(held):g} Hz' if held else f'less than {HEADROOM_RATES[0]:g} Hz'))
-
-
-def _holds(case: Case, seconds: float, rate: float, parameters: Mapping[str, str]) -> bool:
-    print(f'  {case.name}, {rate:g} Hz: ', end='', flush=True)
-    try:
-        run = measure(case, seconds, rate, parameters)
-    except PipelineError as overload:
-        print(overload)
-        return False
-    lost = run.lost / run.made
-    held = lost < HELD_LOST and run.achieved >= (1.0 - HELD_SHORT) * rate
-    print(f'{run.achieved:.0f} Hz, lost {lost:.2%}, deadlines missed {run.missed}, '
-          f'p50 {p50(run):.0f} us' + (', held' if held else ''), flush=True)
-    return held
 
 
 def machine() -> str:

@@ -29,17 +29,15 @@ from geometry_msgs.msg import (
     TwistStamped,
 )
 from rclpy.task import Future
-from sensor_msgs.msg import JointState, Joy
+from sensor_msgs.msg import JointState
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.executables import EXECUTABLES
 from spm_haptic_master.kinematics.joints import JOINT_NAMES
 from spm_haptic_master.ros import runner
 from spm_haptic_master.ros.diagnostic_status import OK, StatusPublisher
 from spm_haptic_master.ros.parameters import ParameterNode, Parameters
-from spm_haptic_master.ros.qos import EVENTS, SAMPLES, STATE
+from spm_haptic_master.ros.qos import SAMPLES
 from spm_haptic_master.timing import SECOND
-from std_msgs.msg import String
-from std_srvs.srv import Trigger
 
 # Signal at which a process prints the stacks of its threads.
 STACKS_SIGNAL = signal.SIGUSR1
@@ -62,10 +60,6 @@ WRITE_PERIOD = 100_000_000
 # Outputs of `fkm` beside the orientation, by topic.
 OTHERS = {'measured_cp': PoseStamped, 'pose_with_covariance': PoseWithCovarianceStamped,
           'measured_cv': TwistStamped}
-# Time between two attempts to engage the slave (s).
-ENGAGE_PERIOD = 0.2
-# Time between two poses of the slave that stands in for one (s).
-POSE_PERIOD = 0.05
 
 
 class BareDriver(ParameterNode):
@@ -131,37 +125,23 @@ class BareListener(ParameterNode):
 
 class Observer(ParameterNode):
     """
-    Records (arrival, stamp) of each message of a topic, ns, and every status on /diagnostics.
+    Records (arrival, stamp) of each `orientation`, ns, and every status on /diagnostics.
 
     Its files in the directory grow while it observes. 'observer_of_all' subscribes to the other
-    outputs of `fkm` as well; 'observer_of_commands' records `servo_cp` instead of `orientation`,
-    and is the surgeon and the slave.
+    outputs of `fkm` as well.
     """
 
     def __init__(self, parameters: Parameters, name: str, directory: Path) -> None:
         super().__init__('observer', parameters)
-        commands = name == 'observer_of_commands'
         self._samples = array('q')
         self._written = 0
         self._samples_file = open(directory / SAMPLES_FILE, 'wb', buffering=0)
         self._statuses_file = open(directory / STATUSES_FILE, 'w', encoding='utf-8')
-        kind, topic = (PoseStamped, 'servo_cp') if commands else (QuaternionStamped, 'orientation')
-        self.create_subscription(kind, topic, self._on_sample, SAMPLES)
+        self.create_subscription(QuaternionStamped, 'orientation', self._on_sample, SAMPLES)
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 100)
         if name == 'observer_of_all':
             for topic, kind in OTHERS.items():
                 self.create_subscription(kind, topic, lambda _: None, SAMPLES)
-        if commands:
-            self._presence = self.create_publisher(Joy, 'presence', EVENTS)
-            self._enable = self.create_client(Trigger, 'enable')
-            self._engaged = False
-            self.create_subscription(String, 'teleop_state', self._on_state, STATE)
-            self.create_timer(ENGAGE_PERIOD, self._engage)
-            # The slave stands still: one that followed would be a second reader of the commands.
-            self._pose = PoseStamped()
-            self._pose.header.frame_id = 'slave_base'
-            self._pose_out = self.create_publisher(PoseStamped, 'slave/measured_cp', EVENTS)
-            self.create_timer(POSE_PERIOD, lambda: self._pose_out.publish(self._pose))
 
     def destroy_node(self) -> None:
         """Write the rest, close the files and destroy the node."""
@@ -170,15 +150,7 @@ class Observer(ParameterNode):
         self._statuses_file.close()
         super().destroy_node()
 
-    def _engage(self) -> None:
-        self._presence.publish(Joy(buttons=[1]))
-        if not self._engaged and self._enable.service_is_ready():
-            self._enable.call_async(Trigger.Request())
-
-    def _on_state(self, state: String) -> None:
-        self._engaged = state.data == 'engaged'
-
-    def _on_sample(self, message: QuaternionStamped | PoseStamped) -> None:
+    def _on_sample(self, message: QuaternionStamped) -> None:
         now = time.time_ns()
         stamp = message.header.stamp
         if not self._written:

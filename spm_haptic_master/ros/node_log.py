@@ -13,6 +13,7 @@ counted; a count is printed before any newer line: the last line about a node is
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import partial
 from math import inf
 import os
@@ -26,7 +27,7 @@ from rclpy.logging import LoggingSeverity
 from rclpy.node import Node
 from spm_haptic_master.standard_streams import LineWriter, STANDARD_ERROR
 
-# Lines in the queue; later ones are lost, and counted.
+# Lines in the queue, minutes of a node in trouble; later ones are lost.
 QUEUE_LENGTH = 1000
 # ROS arguments that switch the console on and off.
 CONSOLE, NO_CONSOLE = '--enable-stdout-logs', '--disable-stdout-logs'
@@ -110,7 +111,6 @@ class NodeLog:
         self._displays = [] if sink is None else [sink]
         self._coloured = coloured
         self._queue: Queue[tuple[RcutilsLogger, Line] | None] = Queue(QUEUE_LENGTH)
-        self._lost = 0
         # Logger and lines of each node, by the logger's name.
         self._nodes: dict[str, tuple[RcutilsLogger, RepeatedLines]] = {}
         self._thread = threading.Thread(target=self._run, name='log', daemon=True)
@@ -118,10 +118,8 @@ class NodeLog:
 
     def put(self, logger: RcutilsLogger, severity: LoggingSeverity, text: str) -> None:
         """Queue a line without waiting; it is lost if the queue is full."""
-        try:
+        with suppress(Full):
             self._queue.put_nowait((logger, (severity, text)))
-        except Full:
-            self._lost += 1
 
     def attach(self, display: Sink, takes_lines: bool) -> None:
         """Close a display at the end; print the console's lines by it, if it takes them."""
@@ -164,9 +162,6 @@ class NodeLog:
             severity = LoggingSeverity(number)
             if not logger.is_enabled_for(severity):
                 continue
-            lost, self._lost = self._lost, 0
-            if lost:
-                text += f' ({lost} lines were lost before this one)'
             write(logger, severity, text)
             if self._sink is None:
                 continue

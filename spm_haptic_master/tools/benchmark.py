@@ -9,7 +9,7 @@ import argparse
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from spm_haptic_master.benchmark.comparison import compare, headroom, machine
+from spm_haptic_master.benchmark.comparison import compare, machine
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.executables import FOLLOWER, PIPELINE
 from spm_haptic_master.parameters.arguments import OneLineParser, positive
@@ -17,19 +17,13 @@ from spm_haptic_master.parameters.nodes import ALL_NAMES
 from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.tools import command_line
 
-PARTS = ('compare', 'headroom')
-# Longest run of a rate of `headroom` (s).
-HEADROOM_SECONDS = 5.0
-
 # What a measurement is run with: its command line, and the parameters of the nodes by name.
 Measurement = Callable[[argparse.Namespace, Mapping[str, str]], None]
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the parts that the command line names; return the exit code."""
+    """Compare the pipelines; return the exit code."""
     parser = measurement_parser('benchmark', __doc__)
-    parser.add_argument('parts', nargs='*', metavar='PART', default=list(PARTS),
-                        help=f'{", ".join(PARTS)} (default: both)')
     parser.add_argument('--seconds', type=positive, default=20.0, help='of a run (20)')
     parser.add_argument('--rounds', type=int, default=5, help='of all pipelines in turn (5)')
     parser.add_argument('--output', type=Path, default=Path('bench-pipeline'), metavar='DIR',
@@ -38,13 +32,8 @@ def main(args: list[str] | None = None) -> int:
 
 
 def _measure(given: argparse.Namespace, parameters: Mapping[str, str]) -> None:
-    if unknown := set(given.parts) - set(PARTS):
-        raise InputError(f'{", ".join(sorted(unknown))}: expected {", ".join(PARTS)}')
     given.output.mkdir(parents=True, exist_ok=True)
-    if 'compare' in given.parts:
-        compare(given.seconds, given.rounds, given.rate, parameters, given.output)
-    if 'headroom' in given.parts:
-        headroom(min(given.seconds, HEADROOM_SECONDS), parameters)
+    compare(given.seconds, given.rounds, given.rate, parameters, given.output)
 
 
 def measurement_parser(name: str, description: str | None) -> OneLineParser:

@@ -25,7 +25,7 @@ from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.nodes import DRIVER_NAMES
 from spm_haptic_master.simulation.source_factory import make_replay, make_source
 from spm_haptic_master.tools import command_line
-from spm_haptic_master.tools.progress_bar import LINE_PERIOD, ProgressBar
+from spm_haptic_master.tools.progress_bar import LINE_PERIOD, ProgressBar, with_trouble
 
 # Shows the state of a live source's recording, which has lasted some s; returns whether it is
 # enough.
@@ -94,7 +94,8 @@ def _recorded(live: EncoderSource, seconds: float, evaluate: Evaluate | None = N
         def show(recording: Recording, since: float) -> bool:
             if evaluate is not None:
                 return evaluate(bar, live, recording, since)
-            bar.recorded(since, seconds, len(recording[0]), live)
+            bar.show(with_trouble(f'{since:4.1f} of {seconds:g} s, {len(recording[0])} sets',
+                                  live), since / seconds)
             return False
 
         recording, notes = record(live, seconds, show, **how)

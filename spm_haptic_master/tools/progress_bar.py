@@ -46,11 +46,6 @@ class ProgressBar:
         width = shutil.get_terminal_size().columns - 1
         print(f'\r{f"{bar}{text}"[:width]}\x1b[K', end='', file=sys.stderr, flush=True)
 
-    def recorded(self, done: float, seconds: float, sets: int, source: EncoderSource) -> None:
-        """Show how much of a recording of a source is done, s, and its number of sets."""
-        self.show(with_trouble(f'{done:4.1f} of {seconds:g} s, {sets} sets', source),
-                  done / seconds)
-
     def stage(self, text: str, share: float) -> None:
         """Show a stage of a computation and the part of the whole that is done."""
         self.show(text if self._terminal else f'{100.0 * share:3.0f} %, {text}', share)
@@ -59,10 +54,6 @@ class ProgressBar:
         return self
 
     def __exit__(self, *error: object) -> None:
-        self.end()
-
-    def end(self) -> None:
-        """End the line of the bar."""
         if self._terminal and self._shown:
             print(file=sys.stderr)
 

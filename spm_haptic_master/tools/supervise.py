@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from contextlib import closing
 from math import ceil, degrees
 from pathlib import Path
 
@@ -76,10 +77,10 @@ def _run(args: list[str]) -> int:
     if values[SENSORS_SETTING.name] != sensors:
         raise SettingError(SENSORS_SETTING.name, values[SENSORS_SETTING.name],
                            f'{sensors}, as {options.recording} has')
-    bar, n = ProgressBar('supervise', LINE_PERIOD), len(stamps)
-    result = recording.run(stamps, angles, values,
-                           lambda done: bar.show(f'{done} of {n} samples', done / n))
-    bar.end()
+    n = len(stamps)
+    with ProgressBar('supervise', LINE_PERIOD) as bar:
+        result = recording.run(stamps, angles, values,
+                               lambda done: bar.show(f'{done} of {n} samples', done / n))
     found = parity_map(angles, sigma_from(values), geometry_from(values), values['working_mode'])
     table = regions(found, result.published, result.protection_level)
     try:
@@ -120,18 +121,13 @@ def _read(options: argparse.Namespace,
         return np.round(track.time * 1e9).astype(np.int64), track.values, track.left_out
     values = command_line.checked(
         given | {'replay.path': str(path)}, SOURCE_SETTINGS['replay'], 'replay')
-    source = make_replay(values)
-    bar = ProgressBar('supervise', LINE_PERIOD)
-    stamps, rows = [], []
-    try:
+    samples = []
+    with closing(make_replay(values)) as source, ProgressBar('supervise', LINE_PERIOD) as bar:
         for sample in source.recorded():
-            stamps.append(sample.stamp)
-            rows.append(sample.angles)
-            bar.show(f'{len(rows)} sets read')
-    finally:
-        bar.end()
-        source.close()
-    return np.array(stamps), np.array(rows), 0
+            samples.append(sample)
+            bar.show(f'{len(samples)} sets read')
+    return (np.array([sample.stamp for sample in samples]),
+            np.array([sample.angles for sample in samples]), 0)
 
 
 def _is_can_log(path: Path) -> bool:

@@ -24,21 +24,12 @@ def short(monkeypatch):
 
 
 @pytest.fixture
-def output_of(capsys):
-    """Run a command line; return its exit code, stdout and stderr."""
-    def output_of(main, *args):
-        capsys.readouterr()
-        code = main(['program', *args])
-        return code, *capsys.readouterr()
-    return output_of
-
-
-@pytest.fixture
-def measured(output_of):
+def measured(capsys):
     """Return what a measurement prints; skip the test where the machine was too busy for it."""
     def measured(main, *args):
         with Disturbance() as machine:
-            code, out, err = output_of(main, *args)
+            code = main(['program', *args])
+        out, err = capsys.readouterr()
         machine.expect(not any(words in err for words in OVERLOADED), err)
         assert (code, err) == (0, '')
         return out

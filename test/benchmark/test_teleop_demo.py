@@ -32,15 +32,6 @@ def child(demo, name):
 
 
 @pytest.mark.process
-def test_what_master_refuses_is_one_line():
-    with start_demo('-p', 'rate:=-5.0') as demo:
-        assert demo.wait(PATIENCE) == 1
-    assert demo.stderr.startswith(
-        "teleop_demo: master has ended with 1: master: parameter 'rate' is -5.0")
-    assert (demo.stdout, demo.stderr.count('\n')) == ('', 1)
-
-
-@pytest.mark.process
 def test_a_default_overrides_nothing_that_is_given_and_a_killed_child_is_named(tmp_path):
     path = tmp_path / 'limits.yaml'
     path.write_text('/**:\n  ros__parameters: {teleop.slave_timeout: 2.0}\n')

@@ -5,7 +5,7 @@
 
 import signal
 
-from benchmarks.teleop_stops import measure_stops, Stops, stops_table, TIMEOUTS
+from benchmarks.teleop_stops import measure_stops, stops_table, TIMEOUTS
 from disturbance import Disturbance
 import pytest
 from spm_haptic_master.benchmark.run import PipelineError
@@ -39,8 +39,3 @@ def test_every_process_that_stops_stops_the_slave():
         machine.expect(max(stops.times) <= stops.limit + SLACK, stops)
         machine.expect(stops.commands == 0, stops)
         machine.expect(stops.off < 0.5, stops)
-
-
-def test_the_table_of_stops():
-    stops = Stops('fkm', signal.SIGKILL, 60.0, [1.0, 2.0, 6.0], 0, 0.25)
-    assert '| fkm | SIGKILL | 2.0 | 5.9 | 6.0 | 60 | 0 | 0.250 |' in stops_table([stops])

@@ -5,6 +5,7 @@
 
 from math import inf, isnan, nan
 import random
+from struct import pack
 
 from geometry_msgs.msg import PoseStamped, QuaternionStamped
 import pytest
@@ -63,15 +64,9 @@ def test_another_number_of_sensors_is_refused(given, expected):
 
 
 def test_a_joint_state_of_another_layout_is_read_too():
-    for more in ({'velocity': [1.0] * 4}, {'effort': [1.0] * 4},
-                 {'velocity': [1.0] * 4, 'effort': [2.0] * 4}):
+    for more in ({'velocity': [1.0] * 4}, {'effort': [1.0] * 4}):
         assert FOUR.read(serialize_message(joints(7, numbers(1), **more))) == (7, numbers(1))
-
-
-def test_big_endian_is_read_too():
     # As another vendor's DDS on another processor writes it: every number the other way round.
-    from struct import pack
-
     text = b''.join(pack('>I9s3x', 9, name.encode() + b'\0') for name in JOINT_NAMES)
     data = (b'\0\0\0\0' + pack('>iI', 5, 6) + pack('>Is3x', 1, b'\0') + pack('>I', 4) + text
             + pack('>I4d', 4, *numbers(2)) + pack('>II', 0, 0))
@@ -88,7 +83,7 @@ def test_other_names_and_another_number_of_positions_are_refused(given, reason):
         FOUR.read(serialize_message(joints(**given)))
 
 
-@pytest.mark.parametrize('length', range(0, 18))
+@pytest.mark.parametrize('length', range(9))
 def test_orientations_and_poses_are_written_and_read_as_by_rclpy(length):
     quaternion, frame = numbers(length), 'spm_base_of_left_arm'[:length]
     orientation = framed(QuaternionStamped(), frame)
@@ -137,17 +132,13 @@ def test_a_joint_without_a_reading_is_nan_in_a_sample(sensors, missing):
             == [angle for angle in angles if angle == angle]
 
 
-@pytest.mark.parametrize(('sensors', 'missing'), [(4, {3}), (5, {0, 4}), (6, {0, 1, 5})])
-def test_fewer_than_four_readings_are_refused(sensors, missing):
-    angles = tuple(nan if index in missing else 0.1 for index in range(sensors))
-    names = ', '.join(ALL_JOINT_NAMES[index] for index in sorted(missing))
-    with pytest.raises(RejectedError, match=f'not finite.*no reading of {names}; expected'):
-        JointsFormat(sensors).read(JointsFormat(sensors).write(0, angles))
-
-
-@pytest.mark.parametrize('sensors', [4, 6])
-@pytest.mark.parametrize('infinite', [inf, -inf])
-def test_an_infinite_angle_is_refused(sensors, infinite):
-    angles = (0.1, infinite, *(0.1,) * (sensors - 2))
-    with pytest.raises(RejectedError, match='infinite: joint_1b'):
-        JointsFormat(sensors).read(JointsFormat(sensors).write(0, angles))
+@pytest.mark.parametrize(('angles', 'reason'), [
+    ((0.1, 0.1, 0.1, nan), 'no reading of joint_3a; expected at least 4'),
+    ((nan, 0.1, 0.1, 0.1, nan), 'no reading of joint_1a, joint_3b; expected'),
+    ((nan, nan, 0.1, 0.1, 0.1, nan), 'no reading of joint_1a, joint_1b, joint_3c; expected'),
+    ((0.1, inf, 0.1, 0.1), 'infinite: joint_1b'),
+    ((0.1, 0.1, -inf, 0.1, 0.1, 0.1), 'infinite: joint_1c')])
+def test_fewer_than_four_readings_and_an_infinite_one_are_refused(angles, reason):
+    form = JointsFormat(len(angles))
+    with pytest.raises(RejectedError, match=f'angle not finite.*{reason}'):
+        form.read(form.write(0, angles))

@@ -60,17 +60,6 @@ def test_a_publisher_that_is_not_heard_is_named_with_the_reason(
     assert found.unheard() == ''
 
 
-def test_publishers_are_polled_every_period(rig, monkeypatch):
-    node, other, spin_until = rig
-    monkeypatch.setattr(inputs, 'RIVALS_PERIOD', 1000.0)
-    found = Inputs(node)
-    found.subscribe(String, 'topic', lambda _: None, EVENTS)
-    assert found.unheard() == ''
-    other.create_publisher(Bool, '/left/topic', EVENTS)
-    assert spin_until(lambda: node.count_publishers('/left/topic') == 1)
-    assert found.unheard() == ''
-
-
 def test_an_input_that_hears_both_follows_a_best_effort_publisher(rig, make_node):
     node, other, spin_until = rig
     heard, found = [], Inputs(node)

@@ -64,30 +64,18 @@ def test_a_line_has_the_form_of_ros(sink):
     assert rest == '[node_of_the_log]: silent: stale sample'
 
 
-def test_lines_that_come_again_are_counted_for_each_node(sink):
+def test_lines_are_counted_for_each_node_and_counts_come_although_nothing_else_does(
+        sink, monkeypatch):
+    monkeypatch.setattr(node_log, 'REPEAT_PERIOD', 0.6)
     log = NodeLog(sink, coloured=False)
-    for _ in range(40):
-        put(log, 'silent')
-        put(log, 'healthy', LoggingSeverity.INFO)
-    put(log, 'silent', node='another_node')
-    # A count is printed before what comes next: the last line is the present.
-    for text in ('engaged', 'engaged', 'disengaged'):
-        put(log, text, node='a_third_node')
-    assert wait_until(lambda: 'disengaged' in ''.join(sink.lines), PATIENCE)
+    for node in ('one', 'one', 'another'):
+        put(log, 'silent', node=node)
+    assert wait_until(lambda: len(sink.lines) == 3, PATIENCE)
+    put(log, 'healthy', node='one')
+    put(log, 'healthy', node='one')
     log.close(PATIENCE)
-    assert sink.texts() == [
-        'silent', 'healthy', 'silent', 'engaged', 'engaged (1 more time in 0 s)', 'disengaged',
-        'silent (39 more times in 0 s)', 'healthy (39 more times in 0 s)']
-
-
-def test_a_count_is_printed_although_nothing_comes_any_more(sink, monkeypatch):
-    monkeypatch.setattr(node_log, 'REPEAT_PERIOD', 1.0)
-    log = NodeLog(sink, coloured=False)
-    put(log, 'silent')
-    put(log, 'silent')
-    assert wait_until(lambda: len(sink.lines) == 2, PATIENCE)
-    log.close(PATIENCE)
-    assert sink.texts() == ['silent', 'silent (1 more time in 1 s)']
+    assert sink.texts() == ['silent', 'silent', 'silent (1 more time in 1 s)', 'healthy',
+                            'healthy (1 more time in 0 s)']
 
 
 @pytest.mark.parametrize(('has_console', 'takes_lines', 'shown'), [
@@ -103,18 +91,15 @@ def test_a_display_takes_the_lines_of_the_console(sink, has_console, takes_lines
     assert display.lines[-1] == 'closed'
 
 
-def test_lines_beyond_the_queue_are_lost_and_counted(sink, monkeypatch):
+def test_lines_beyond_the_queue_are_lost_and_nobody_waits(sink, monkeypatch):
     monkeypatch.setattr(node_log, 'QUEUE_LENGTH', 1)
     log = NodeLog(sink, coloured=False)
     sink.free.clear()
     for number in range(100):
         put(log, f'line {number}')
     sink.free.set()
-    assert wait_until(lambda: sink.lines, PATIENCE)
     log.close(PATIENCE)
-    (lost,) = [text for text in sink.texts() if 'lost' in text]
-    number = len(sink.texts())
-    assert f'({100 - number} lines were lost before this one)' in lost
+    assert 0 < len(sink.texts()) < 100
 
 
 @pytest.mark.parametrize(('args', 'printed'), [
@@ -229,14 +214,6 @@ def test_a_line_that_comes_again_is_counted_and_the_present_comes_last(given, pr
     for text, pause in given:
         log.put(text, pause)
     assert log.printed == printed
-
-
-def test_a_state_that_flaps_is_summed_up():
-    log = Printed()
-    for _ in range(20 * 30):
-        log.put('silent')
-        log.put('healthy', 0.05)
-    assert len(log.printed) <= 2 * (1 + 30 / REPEAT_PERIOD)
 
 
 @pytest.mark.parametrize('seed', range(6))

@@ -1,14 +1,16 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""`calibrate` in a jig, of a mechanism as built with encoders that have harmonics."""
+"""`calibrate` in a jig: of a mechanism as built, with encoders that have harmonics."""
 
+import io
 from math import radians
 
 import can
 from encoder_frames import sync, T0, values
 import numpy as np
 import pytest
+from recording import LOG
 from rig_as_built import calibration, mechanism
 from spm_haptic_master.calibration.calibration_file import read_calibration
 from spm_haptic_master.encoders.decoder_factory import make_harmonics, make_layouts
@@ -51,10 +53,10 @@ def record(path, pose):
 
 
 def run(capsys, *args):
-    """Return exit code and the last line of stderr, but for progress."""
+    """Return exit code, stdout and the last line of stderr, but for progress."""
     code = main(['calibrate', *map(str, args)])
-    lines = capsys.readouterr().err.splitlines()
-    return code, ['', *(line for line in lines if ' sets' not in line)][-1]
+    out, err = capsys.readouterr()
+    return code, out, ['', *(line for line in err.splitlines() if ' sets' not in line)][-1]
 
 
 def at(log, output, pose, *args):
@@ -69,9 +71,26 @@ def test_the_file_is_all_that_the_nodes_need(capsys, tmp_path):
         f'    {name}: {value}\n' for name, value in (mechanism() | HARMONICS).items()))
     first, second = (record(tmp_path / f'{number}.log', pose)
                      for number, pose in enumerate(POSES))
-    assert run(capsys, *at(first, output, POSES[0], '--params-file', rig_file)) == (0, '')
+    code, out, err = run(capsys, *at(first, output, POSES[0], '--params-file', rig_file))
+    assert (code, err) == (0, '') and f'{output}: written' in out
+    assert out.count('direction +1 (NOT verified)') == 4
+    assert 'The driver refuses directions that are not verified' in out
+    written = output.read_text()
+    # It verifies, without the mechanism on the command line; one pose shows no direction.
+    code, out, err = run(capsys, *at(first, output, POSES[0]))
+    assert (code, err) == (0, '') and 'verified; not overwritten (--force overwrites it)' in out
+    assert out.count('not observable at this pose') == 4
+    for log, pose, more, words in (
+            (first, (135.0, 54.7356, 5.0), (), 'does not hold: joint_1a is'),
+            (first, POSES[0], ('-p', 'geometry.proximal_deg:=[38.5, 39.3, 39.3]'),
+             'does not hold: joint_1a is'),
+            (second, POSES[1], (), 'joint_3a turns the other way')):
+        code, _, err = run(capsys, *at(log, output, pose, *more))
+        assert code == 1 and words in err
+    assert output.read_text() == written
     # The second run takes the mechanism from the file that it completes.
-    assert run(capsys, *at(second, output, POSES[1], '--force')) == (0, '')
+    code, out, err = run(capsys, *at(second, output, POSES[1], '--force'))
+    assert (code, err) == (0, '') and 'overwritten (it held the calibration of' in out
     found = read_calibration(output)
     assert found.direction == tuple(ENCODERS['encoders.direction'])
     assert all(found.direction_verified)
@@ -83,6 +102,18 @@ def test_the_file_is_all_that_the_nodes_need(capsys, tmp_path):
     assert not any('table' in name or name.endswith(('alpha_deg', 'working_mode'))
                    for name in parameters)
     # The file of a nominal rig has none.
-    assert run(capsys, *at(first, tmp_path / 'nominal.yaml', POSES[0])) == (0, '')
+    assert run(capsys, *at(first, tmp_path / 'nominal.yaml', POSES[0]))[0] == 0
     assert not any(name.startswith(('geometry', 'encoders.harmonic', 'encoders.table'))
                    for name in read_parameters(tmp_path / 'nominal.yaml'))
+
+
+@pytest.mark.parametrize(('args', 'words'), [
+    (('--pose', 135, 54, 0, '--pose', 130, 50, 10),
+     'standard input has ended; expected Enter for each of 2 poses'),
+    (('-p', 'source:=replay', '-p', f'replay.path:={LOG}', '-p', 'replay.rate:=10.0',
+      '--seconds', 0.5), 'the device moved: joint_1a by')])
+def test_without_a_device_at_rest_nothing_is_written(capsys, monkeypatch, tmp_path, args, words):
+    monkeypatch.setattr('sys.stdin', io.StringIO())
+    code, _, err = run(capsys, '-o', tmp_path / 'rig.yaml', *args)
+    assert code == 1 and words in err
+    assert not (tmp_path / 'rig.yaml').exists()

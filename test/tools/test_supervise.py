@@ -3,18 +3,17 @@
 
 """The program `supervise` on the recorded session, as a log and as a table."""
 
-from pathlib import Path
+import gzip
+from itertools import islice
 import re
 
+from harness import SIMULATED
 import numpy as np
 import pytest
 from recording import LOG, recorded_angles, truth
 from spm_haptic_master.kinematics import inverse, matrix_from_quaternion
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.tools.supervise import main, proposed_bias
-
-ROOT = Path(__file__).resolve().parents[2]
-ENCODERS = ('--params-file', ROOT / 'config' / 'simulated_rig.yaml')
 
 
 @pytest.fixture(scope='module')
@@ -33,88 +32,77 @@ def run(capsys, *args):
     return (code, *capsys.readouterr())
 
 
+@pytest.fixture
+def supervise(capsys, tmp_path):
+    """Return what supervises a recording, which has to succeed, and returns what is printed."""
+    def supervise(*args):
+        code, out, err = run(capsys, *args, '-o', tmp_path)
+        assert code == 0, err
+        return out
+    return supervise
+
+
+def listed(name, out):
+    """Return the numbers of a proposed parameter."""
+    return [float(each) for each in re.search(rf'{name}: \[(.*?)\]', out)[1].split(',')]
+
+
 @pytest.mark.slow
-def test_a_log_of_the_bus(capsys, tmp_path):
-    code, out, err = run(capsys, LOG, *ENCODERS, '-o', tmp_path)
-    assert code == 0, err
+def test_a_log_of_the_bus(supervise, tmp_path):
+    out = supervise(LOG, *SIMULATED)
     published = re.search(r'20000 samples in 20.0 s; (\d+) orientations published', out)
     assert int(published[1]) >= 19_990
-    noise = [float(each) for each in re.search(r'sigma_deg: \[(.*?)\]', out)[1].split(',')]
-    assert noise == pytest.approx([0.0405] * 4, abs=0.0015)
-    bias = [float(each) for each in re.search(r'bias_deg: \[(.*?)\]', out)[1].split(',')]
-    assert bias == [0.05] * 4  # the default: the recording shows less, and proves less
+    assert listed('sigma_deg', out) == pytest.approx([0.0405] * 4, abs=0.0015)
+    # The default: the recording shows less, and proves less.
+    assert listed('bias_deg', out) == [0.05] * 4
     assert 'joint_3a: never checked' in out
     assert (tmp_path / 'supervise.png').stat().st_size > 20_000
     assert (tmp_path / 'regions.csv').read_text().count('\n') == 3
 
 
-def test_a_table_of_joint_angles_and_parameters(capsys, tmp_path, table):
-    code, out, err = run(capsys, table, '-o', tmp_path, '-p', 'unchecked_limit:=0.5')
-    assert code == 0, err
+def test_a_directory_of_recorder_with_parameters(supervise, tmp_path, table):
+    path = tmp_path / 'rig.yaml'
+    path.write_text('/**:\n  ros__parameters:\n    sigma_deg: [0.05, 0.04, 0.04, 0.04]\n'
+                    '    encoders:\n      zero_count: [1, 2, 3, 4]\n    dexterity_rate: 20.0\n')
+    out = supervise(table.parent, '--params-file', path, '-p', 'unchecked_limit:=0.5')
+    assert '2000 samples in' in out and '# now [0.05, 0.04, 0.04, 0.04]' in out
     # It rests: no motion confirms the solution, so that no sensor counts as checked.
     assert 'withheld: joint_1a unchecked for too long' in out
     assert 's: silent: joint_1a unchecked for too long' in out
 
 
-def test_a_parameter_file_of_all_nodes(capsys, tmp_path, table):
-    path = tmp_path / 'rig.yaml'
-    path.write_text('/**:\n  ros__parameters:\n    sigma_deg: [0.05, 0.04, 0.04, 0.04]\n'
-                    '    encoders:\n      zero_count: [1, 2, 3, 4]\n    dexterity_rate: 20.0\n')
-    code, out, err = run(capsys, table, '-o', tmp_path, '--params-file', path)
-    assert code == 0, err
-    assert '# now [0.05, 0.04, 0.04, 0.04]' in out
-
-
-def test_no_bias_below_the_calibrations_is_proposed(capsys, tmp_path, table):
-    code, out, err = run(capsys, table, '-o', tmp_path, '-p', 'bias_deg:=[0.14, 0.02, 0.0, 0.3]')
-    assert code == 0, err
+def test_no_bias_below_the_calibrations_is_proposed(supervise, table):
+    out = supervise(table, '-p', 'bias_deg:=[0.14, 0.02, 0.0, 0.3]')
     parity = float(re.search(r'largest mean parity ([\d.]+) deg', out)[1])
     seen = np.ceil(parity / 0.01) * 0.01
-    proposed = [float(each) for each in re.search(r'bias_deg: \[(.*?)\]', out)[1].split(',')]
-    assert proposed == pytest.approx([0.14, 0.02, seen, 0.3])
+    assert listed('bias_deg', out) == pytest.approx([0.14, 0.02, seen, 0.3])
     assert 'not below the bias_deg in use: a recording shows one combination of the errors' in out
-
-
-def test_a_parity_above_the_bias_in_use_raises_it():
     assert proposed_bias(0.121, [0.14, 0.05, 0.0, 0.12]) == [0.14, 0.13, 0.13, 0.13]
     assert proposed_bias(0.13, [0.05] * 4) == [0.13] * 4
 
 
-def test_a_directory_of_recorder(capsys, tmp_path, table):
-    code, out, err = run(capsys, table.parent, '-o', tmp_path)
-    assert code == 0, err
-    assert '2000 samples in' in out
-
-
 @pytest.mark.slow
-def test_another_rigs_calibration_is_suspected(capsys, tmp_path):
-    other = tmp_path / 'other.yaml'
+def test_another_rigs_calibration_is_suspected(supervise, tmp_path):
+    other, log = tmp_path / 'other.yaml', tmp_path / 'short.log'
     other.write_text('/**:\n  ros__parameters:\n    encoders:\n'
                      '      zero_count: [9123, 4011, 13000, 2345]\n'
                      '      direction: [1, 1, 1, -1]\n'
                      '      direction_verified: [true, true, true, true]\n')
-    code, out, err = run(capsys, LOG, '--params-file', other, '-o', tmp_path)
-    assert code == 0, err
-    assert ("20000 withheld: no orientation fits: the calibration may be another rig's, or no "
-            'longer hold: calibrate --motion --check calibration.yaml\n') in out
+    with gzip.open(LOG, 'rt') as file:
+        log.write_text(''.join(islice(file, 5 * 1000)))
+    assert re.search("[0-9]+ withheld: no orientation fits: the calibration may be another rig's, "
+                     'or no longer hold: calibrate --motion --check calibration.yaml\n',
+                     supervise(log, '--params-file', other))
 
 
-@pytest.mark.parametrize(('args', 'words'), [
-    (('-p', 'sigma:=1'), "'sigma'"),
-    (('-p', 'sigma_deg:=[1, 2]'), 'sigma_deg'),
-    (('-o', '/dev/null/x'), '/dev/null/x: cannot be written'),
-])
-def test_what_is_wrong_is_named_in_one_line(capsys, tmp_path, table, args, words):
-    code, _, err = run(capsys, table, '-o', tmp_path, *args)
+@pytest.mark.parametrize(('recording', 'args', 'words'), [
+    (None, ('-p', 'sigma:=1'), "'sigma'"), (None, ('-p', 'sigma_deg:=[1, 2]'), 'sigma_deg'),
+    (None, ('-o', '/dev/null/x'), '/dev/null/x: cannot be written'),
+    *((name, SIMULATED, name) for name in ('none.log', 'none.csv', 'none.mcap'))])
+def test_what_is_wrong_is_named_in_one_line(capsys, tmp_path, table, recording, args, words):
+    code, _, err = run(capsys, tmp_path / recording if recording else table, '-o', tmp_path, *args)
     assert code == 1
     assert words in err.splitlines()[-1]
-
-
-def test_a_recording_that_does_not_exist(capsys, tmp_path):
-    for name in ('none.log', 'none.csv', 'none.mcap'):
-        code, _, err = run(capsys, tmp_path / name, *ENCODERS, '-o', tmp_path)
-        assert code == 1
-        assert name in err.splitlines()[-1]
 
 
 @pytest.fixture(scope='module')
@@ -134,9 +122,9 @@ def six(tmp_path_factory):
     return path
 
 
-def test_joints_without_a_reading_are_counted_and_cost_the_others_nothing(capsys, tmp_path, six):
-    code, out, err = run(capsys, six, '-o', tmp_path)
-    assert code == 0, err
+def test_joints_without_a_reading_are_counted_and_cost_the_others_nothing(
+        supervise, tmp_path, six):
+    out = supervise(six)
     assert '20 rows with fewer than 4 readings left out' in out
     assert '  joint_1a has no reading in 200 samples' in out
     assert '  joint_3b has no reading in 1980 samples' in out
@@ -150,13 +138,12 @@ def test_joints_without_a_reading_are_counted_and_cost_the_others_nothing(capsys
 
 
 @pytest.mark.slow
-def test_without_a_sensor_of_the_parity_there_are_no_regions(capsys, tmp_path, six):
+def test_without_a_sensor_of_the_parity_there_are_no_regions(supervise, tmp_path, six):
     rows = np.genfromtxt(six, delimiter=',', names=True)
     rows['joint_3a'] = np.nan
     rows['joint_3b'] = 0.1
     path = tmp_path / 'measured_js.csv'
     np.savetxt(path, np.array(rows.tolist()), delimiter=',', comments='',
                header=','.join(rows.dtype.names), fmt='%.9f')
-    code, out, err = run(capsys, path, '-o', tmp_path)
-    assert code == 0, err
+    out = supervise(path)
     assert '1980 samples without parity' in out and 'no bias_deg: no region has' in out
