@@ -222,7 +222,7 @@ class Fkm(ParameterNode):
     def _publish_latency(self) -> None:
         with self._lock:
             self.latency_status.publish()
-            self.status.calibration.poll()
+            self.status.watch_calibration()
 
     def _evaluate(self) -> None:
         """Derive the state from the samples since the last poll, and publish what changed."""

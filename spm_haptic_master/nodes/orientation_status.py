@@ -41,51 +41,6 @@ GAP = 1.5
 MICROSECONDS = 1e6
 
 
-class CalibrationStatus:
-    """Watches the calibration by the latest accepted sample, asked for once a second."""
-
-    def __init__(self, supervisor: Supervisor, values: Values) -> None:
-        self._supervisor = supervisor
-        self._names = ALL_JOINT_NAMES[:values['sensors']]
-        self._watch = CalibrationWatch(
-            sigma_from(values), limits_from(values).bias, geometry_from(values),
-            values['working_mode'])
-        self._taken = self._not_accepted = 0
-
-    def poll(self) -> None:
-        """Take the latest sample if it is accepted."""
-        accepted = self._supervisor.accepted()
-        if accepted is None:
-            self._not_accepted += 1
-        elif self._watch.take(*accepted):
-            self._taken += 1
-            if self._taken % EVALUATION_SAMPLES == 0:
-                self._watch.evaluate()
-
-    def cautions(self) -> dict[str, str]:
-        """Return what drifted, by kind, in words."""
-        caution = self._watch.caution
-        return {'calibration': f'calibration: {caution}'} if caution else {}
-
-    def figures(self) -> dict[str, object]:
-        """Return the key/value pairs of the entry."""
-        figures: dict[str, object] = {'calibration: samples not accepted': self._not_accepted}
-        found = self._watch.evaluation
-        if found is None:
-            return figures
-        figures |= {
-            'calibration: slow parity (deg)': degrees(found.slow),
-            'calibration: slow parity expected (deg)': degrees(found.expected),
-            'calibration: figure of merit': found.merit,
-        }
-        for name, slip, visible in zip(
-                self._names, found.slip.tolist(), found.visible.tolist(), strict=True):
-            if isfinite(visible):
-                figures[f'{name} drift (deg)'] = degrees(slip)
-                figures[f'{name} least drift that shows (deg)'] = degrees(visible)
-        return figures
-
-
 class OrientationStatus:
     """
     Publishes the entry, and counts what it reports of the samples.
@@ -97,8 +52,11 @@ class OrientationStatus:
     def __init__(self, node: Node, values: Values, supervisor: Supervisor,
                  constants: dict[str, str]) -> None:
         self._supervisor, self._constants = supervisor, constants
-        # Takes the latest sample once a second.
-        self.calibration = CalibrationStatus(supervisor, values)
+        self._watch = CalibrationWatch(
+            sigma_from(values), limits_from(values).bias, geometry_from(values),
+            values['working_mode'])
+        # Samples that the watch has taken, and those that were not accepted when it was due.
+        self._taken = self._not_accepted = 0
         self._names = ALL_JOINT_NAMES[:values['sensors']]
         self._publisher = diagnostic_status.StatusPublisher(
             node, 'orientation', diagnostic_status.MECHANISM)
@@ -115,6 +73,16 @@ class OrientationStatus:
         self._rejected[rejection.reason] += 1
         self.rejection = rejection
 
+    def watch_calibration(self) -> None:
+        """Have the latest sample watched, if it is accepted; call it once a second."""
+        accepted = self._supervisor.accepted()
+        if accepted is None:
+            self._not_accepted += 1
+        elif self._watch.take(*accepted):
+            self._taken += 1
+            if self._taken % EVALUATION_SAMPLES == 0:
+                self._watch.evaluate()
+
     def publish(self, state: OrientationState, text: str, published: RateMeter,
                 level: float | None) -> None:
         """
@@ -128,7 +96,9 @@ class OrientationStatus:
         message = with_remedy(state.why, text)
         cautions: dict[str, str] = {}
         if state.publishes:
-            cautions = self._supervisor.cautions() | self.calibration.cautions()
+            cautions = self._supervisor.cautions()
+            if self._watch.caution:
+                cautions['calibration'] = f'calibration: {self._watch.caution}'
         self.caution = ', '.join(cautions.values())
         if cautions and severity == OK:
             severity, message = WARN, f'{text}; {self.caution}'
@@ -152,7 +122,19 @@ class OrientationStatus:
             figures['last rejected'] = str(self.rejection)
         if self._supervisor.parity is not None:
             figures['parity (sigma)'] = self._supervisor.parity
-        figures |= self.calibration.figures()
+        figures['calibration: samples not accepted'] = self._not_accepted
+        found = self._watch.evaluation
+        if found is not None:
+            figures |= {
+                'calibration: slow parity (deg)': degrees(found.slow),
+                'calibration: slow parity expected (deg)': degrees(found.expected),
+                'calibration: figure of merit': found.merit,
+            }
+            for name, slip, visible in zip(
+                    self._names, found.slip.tolist(), found.visible.tolist(), strict=True):
+                if isfinite(visible):
+                    figures[f'{name} drift (deg)'] = degrees(slip)
+                    figures[f'{name} least drift that shows (deg)'] = degrees(visible)
         if level is not None:
             figures['protection level (deg)'] = degrees(level)
         supervisor = self._supervisor

@@ -12,7 +12,6 @@ import pytest
 from spm_haptic_master.calibration.watch.calibration_watch import CalibrationWatch
 from spm_haptic_master.calibration.watch.slip_evidence import evaluate, parities, summed
 from spm_haptic_master.kinematics import estimate, Geometry, inverse, quaternion_from_matrix
-from spm_haptic_master.nodes.orientation_status import CalibrationStatus
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.supervision import supervise
@@ -156,21 +155,3 @@ def test_samples_that_lack_a_joint_leave_no_trace(joint):
     found.evaluate()
     np.testing.assert_array_equal(found.evaluation.slip, before)
     assert found.take(quaternion, angles)
-
-
-def test_samples_that_are_not_accepted_are_counted():
-    """Of a joint without a reading, though the orientation goes on."""
-    values = complete(FKM_SETTINGS, {'sensors': 6})
-    supervisor = make_supervisor(values)
-    status = CalibrationStatus(supervisor, values)
-    found = inverse(motion(5, 1.0, 1.0)[0])
-    sample = [*found.theta1.tolist(), *map(float, (found.theta3a, found.theta3b, found.theta3c))]
-    counted = []
-    for number in range(1, 61):
-        sample[4] = np.nan if number > 30 else float(found.theta3b)
-        verdict = supervisor.take(1_000_000 * number, tuple(sample))
-        if number % 10 == 0:
-            assert verdict.estimate is not None
-            status.poll()
-            counted.append(status.figures()['calibration: samples not accepted'])
-    assert counted == [0, 0, 0, 1, 2, 3]
