@@ -245,8 +245,7 @@ class Fkm(ParameterNode):
             rejection = self.status.rejection
             found = silent('' if rejection is None else rejection.reason)
         state, text = self._explained(found)
-        self.status.publish(
-            state, text, self.latency_status.published, self.protection_level)
+        self.status.publish(state, text, self.protection_level)
         for each in changes if changes and state is changes[-1] else (state,):
             self._announce(each)
 

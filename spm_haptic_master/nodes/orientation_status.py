@@ -83,14 +83,8 @@ class OrientationStatus:
             if self._taken % EVALUATION_SAMPLES == 0:
                 self._watch.evaluate()
 
-    def publish(self, state: OrientationState, text: str, published: RateMeter,
-                level: float | None) -> None:
-        """
-        Publish the entry if it changed or is due.
-
-        `text` is the state in words, as logged; `published` counts the orientations; `level` is
-        the protection level of the latest one, rad.
-        """
+    def publish(self, state: OrientationState, text: str, level: float | None) -> None:
+        """Publish the entry if it is due: the state, as logged, and the latest level, rad."""
         severity = LEVELS[state.condition]
         logged = severity, text
         message = with_remedy(state.why, text)
@@ -105,14 +99,12 @@ class OrientationStatus:
         # The figures in a caution grow; which sensors it names is what changes.
         subject = text + ', '.join(cautions)
         if self._publisher.is_due(severity, subject):
-            self._publisher.publish(
-                severity, message, self._figures(published, level), subject, logged)
+            self._publisher.publish(severity, message, self._figures(level), subject, logged)
 
-    def _figures(self, published: RateMeter, level: float | None) -> dict[str, object]:
+    def _figures(self, level: float | None) -> dict[str, object]:
         figures: dict[str, object] = {
             **self._constants,
             'sample rate (Hz)': self.received.rate(),
-            'orientation rate (Hz)': published.rate(),
             'samples rejected': self._rejected.total(),
             **{f'rejected: {reason}': count for reason, count in self._rejected.items()},
         }
@@ -137,9 +129,8 @@ class OrientationStatus:
                     figures[f'{name} least drift that shows (deg)'] = degrees(visible)
         if level is not None:
             figures['protection level (deg)'] = degrees(level)
-        supervisor = self._supervisor
-        for name, noise, unchecked in zip(
-                self._names, supervisor.joints.noise(), supervisor.unchecked(), strict=True):
+        for name, noise, unchecked in zip(self._names, self._supervisor.joints.noise(),
+                                          self._supervisor.unchecked(), strict=True):
             figures[f'{name} noise (deg)'] = degrees(noise)
             figures[f'{name} unchecked (s)'] = unchecked
         return figures
