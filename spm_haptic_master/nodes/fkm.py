@@ -222,7 +222,7 @@ class Fkm(ParameterNode):
     def _publish_latency(self) -> None:
         with self._lock:
             self.latency_status.publish()
-            self.status.calibration.poll()
+            self.status.watch_calibration()
 
     def _evaluate(self) -> None:
         """Derive the state from the samples since the last poll, and publish what changed."""
@@ -245,8 +245,7 @@ class Fkm(ParameterNode):
             rejection = self.status.rejection
             found = silent('' if rejection is None else rejection.reason)
         state, text = self._explained(found)
-        self.status.publish(
-            state, text, self.latency_status.published, self.protection_level)
+        self.status.publish(state, text, self.protection_level)
         for each in changes if changes and state is changes[-1] else (state,):
             self._announce(each)
 

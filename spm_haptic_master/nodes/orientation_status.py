@@ -41,51 +41,6 @@ GAP = 1.5
 MICROSECONDS = 1e6
 
 
-class CalibrationStatus:
-    """Watches the calibration by the latest accepted sample, asked for once a second."""
-
-    def __init__(self, supervisor: Supervisor, values: Values) -> None:
-        self._supervisor = supervisor
-        self._names = ALL_JOINT_NAMES[:values['sensors']]
-        self._watch = CalibrationWatch(
-            sigma_from(values), limits_from(values).bias, geometry_from(values),
-            values['working_mode'])
-        self._taken = self._not_accepted = 0
-
-    def poll(self) -> None:
-        """Take the latest sample if it is accepted."""
-        accepted = self._supervisor.accepted()
-        if accepted is None:
-            self._not_accepted += 1
-        elif self._watch.take(*accepted):
-            self._taken += 1
-            if self._taken % EVALUATION_SAMPLES == 0:
-                self._watch.evaluate()
-
-    def cautions(self) -> dict[str, str]:
-        """Return what drifted, by kind, in words."""
-        caution = self._watch.caution
-        return {'calibration': f'calibration: {caution}'} if caution else {}
-
-    def figures(self) -> dict[str, object]:
-        """Return the key/value pairs of the entry."""
-        figures: dict[str, object] = {'calibration: samples not accepted': self._not_accepted}
-        found = self._watch.evaluation
-        if found is None:
-            return figures
-        figures |= {
-            'calibration: slow parity (deg)': degrees(found.slow),
-            'calibration: slow parity expected (deg)': degrees(found.expected),
-            'calibration: figure of merit': found.merit,
-        }
-        for name, slip, visible in zip(
-                self._names, found.slip.tolist(), found.visible.tolist(), strict=True):
-            if isfinite(visible):
-                figures[f'{name} drift (deg)'] = degrees(slip)
-                figures[f'{name} least drift that shows (deg)'] = degrees(visible)
-        return figures
-
-
 class OrientationStatus:
     """
     Publishes the entry, and counts what it reports of the samples.
@@ -97,8 +52,11 @@ class OrientationStatus:
     def __init__(self, node: Node, values: Values, supervisor: Supervisor,
                  constants: dict[str, str]) -> None:
         self._supervisor, self._constants = supervisor, constants
-        # Takes the latest sample once a second.
-        self.calibration = CalibrationStatus(supervisor, values)
+        self._watch = CalibrationWatch(
+            sigma_from(values), limits_from(values).bias, geometry_from(values),
+            values['working_mode'])
+        # Samples that the watch has taken, and those that were not accepted when it was due.
+        self._taken = self._not_accepted = 0
         self._names = ALL_JOINT_NAMES[:values['sensors']]
         self._publisher = diagnostic_status.StatusPublisher(
             node, 'orientation', diagnostic_status.MECHANISM)
@@ -115,34 +73,38 @@ class OrientationStatus:
         self._rejected[rejection.reason] += 1
         self.rejection = rejection
 
-    def publish(self, state: OrientationState, text: str, published: RateMeter,
-                level: float | None) -> None:
-        """
-        Publish the entry if it changed or is due.
+    def watch_calibration(self) -> None:
+        """Have the latest sample watched, if it is accepted; call it once a second."""
+        accepted = self._supervisor.accepted()
+        if accepted is None:
+            self._not_accepted += 1
+        elif self._watch.take(*accepted):
+            self._taken += 1
+            if self._taken % EVALUATION_SAMPLES == 0:
+                self._watch.evaluate()
 
-        `text` is the state in words, as logged; `published` counts the orientations; `level` is
-        the protection level of the latest one, rad.
-        """
+    def publish(self, state: OrientationState, text: str, level: float | None) -> None:
+        """Publish the entry if it is due: the state, as logged, and the latest level, rad."""
         severity = LEVELS[state.condition]
         logged = severity, text
         message = with_remedy(state.why, text)
         cautions: dict[str, str] = {}
         if state.publishes:
-            cautions = self._supervisor.cautions() | self.calibration.cautions()
+            cautions = self._supervisor.cautions()
+            if self._watch.caution:
+                cautions['calibration'] = f'calibration: {self._watch.caution}'
         self.caution = ', '.join(cautions.values())
         if cautions and severity == OK:
             severity, message = WARN, f'{text}; {self.caution}'
         # The figures in a caution grow; which sensors it names is what changes.
         subject = text + ', '.join(cautions)
         if self._publisher.is_due(severity, subject):
-            self._publisher.publish(
-                severity, message, self._figures(published, level), subject, logged)
+            self._publisher.publish(severity, message, self._figures(level), subject, logged)
 
-    def _figures(self, published: RateMeter, level: float | None) -> dict[str, object]:
+    def _figures(self, level: float | None) -> dict[str, object]:
         figures: dict[str, object] = {
             **self._constants,
             'sample rate (Hz)': self.received.rate(),
-            'orientation rate (Hz)': published.rate(),
             'samples rejected': self._rejected.total(),
             **{f'rejected: {reason}': count for reason, count in self._rejected.items()},
         }
@@ -152,12 +114,23 @@ class OrientationStatus:
             figures['last rejected'] = str(self.rejection)
         if self._supervisor.parity is not None:
             figures['parity (sigma)'] = self._supervisor.parity
-        figures |= self.calibration.figures()
+        figures['calibration: samples not accepted'] = self._not_accepted
+        found = self._watch.evaluation
+        if found is not None:
+            figures |= {
+                'calibration: slow parity (deg)': degrees(found.slow),
+                'calibration: slow parity expected (deg)': degrees(found.expected),
+                'calibration: figure of merit': found.merit,
+            }
+            for name, slip, visible in zip(
+                    self._names, found.slip.tolist(), found.visible.tolist(), strict=True):
+                if isfinite(visible):
+                    figures[f'{name} drift (deg)'] = degrees(slip)
+                    figures[f'{name} least drift that shows (deg)'] = degrees(visible)
         if level is not None:
             figures['protection level (deg)'] = degrees(level)
-        supervisor = self._supervisor
-        for name, noise, unchecked in zip(
-                self._names, supervisor.joints.noise(), supervisor.unchecked(), strict=True):
+        for name, noise, unchecked in zip(self._names, self._supervisor.joints.noise(),
+                                          self._supervisor.unchecked(), strict=True):
             figures[f'{name} noise (deg)'] = degrees(noise)
             figures[f'{name} unchecked (s)'] = unchecked
         return figures

@@ -12,12 +12,7 @@ import pytest
 from spm_haptic_master.calibration.watch.calibration_watch import CalibrationWatch
 from spm_haptic_master.calibration.watch.slip_evidence import evaluate, parities, summed
 from spm_haptic_master.kinematics import estimate, Geometry, inverse, quaternion_from_matrix
-from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
-from spm_haptic_master.nodes.orientation_status import CalibrationStatus
-from spm_haptic_master.parameters.fkm import FKM_SETTINGS
-from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.supervision import supervise
-from spm_haptic_master.supervision.supervisor import make_supervisor
 
 # Drift of th1B, deg.
 DRIFT = 0.08
@@ -135,24 +130,3 @@ def test_samples_that_lack_a_joint_leave_no_trace(joint):
     found.evaluate()
     np.testing.assert_array_equal(found.evaluation.slip, before)
     assert found.take(quaternion, angles)
-
-
-@pytest.mark.parametrize('sensors, angle', [(4, radians(20.0)), (6, np.nan)])
-def test_samples_that_are_not_accepted_are_counted(sensors, angle):
-    """Withheld, or without a faulty or missing sensor: the orientation may go on."""
-    values = complete(FKM_SETTINGS, {'sensors': sensors, 'degraded': 'allow'})
-    supervisor = make_supervisor(values)
-    status = CalibrationStatus(supervisor, values)
-    found = inverse(motion(5, 1.0, 1.0)[0])
-    true = np.array([*found.theta1, found.theta3a, found.theta3b, found.theta3c])[:sensors]
-    angles = true + np.random.default_rng(3).normal(0.0, 1e-5, (1040, sensors))
-    angles[1000:, sensors - 2] += angle
-    counted = []
-    for number, row in enumerate(angles.tolist(), 1):
-        verdict = supervisor.take(1_000_000 * number, tuple(row))
-        if number >= 990 and number % 10 == 0:
-            if number <= 1000:
-                assert supervisor.accepted() == (verdict.estimate.quaternion, tuple(row))
-            status.poll()
-            counted.append(status.figures()['calibration: samples not accepted'])
-    assert counted == [0, 0, 1, 2, 3, 4] and verdict.estimate is not None

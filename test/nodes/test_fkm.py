@@ -184,6 +184,16 @@ def test_a_drift_of_the_calibration_is_a_warning_while_orientations_go_on():
         assert len(host.sent['orientation']) > 0.95 * len(samples)
 
 
+def test_samples_that_show_nothing_of_the_calibration_are_counted():
+    """Each second: of a joint without a reading, though the orientation goes on."""
+    with fkm_rig('sensors:=6', *RESTING) as rig:
+        sample = angles(POSE, 6)
+        rig.send_many(200, sample)
+        assert rig.send_many(405, [*sample[:4], float('nan'), sample[5]])
+        rig.host.run(1.0)
+        assert rig.host.figures('orientation')['calibration: samples not accepted'] == '2'
+
+
 def test_fkm_is_silent_with_a_driver_of_another_mechanism():
     with fkm_rig() as rig:
         def report(mechanism):

@@ -9,6 +9,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from harness import SIM, start_program
 import pytest
 from sensor_msgs.msg import Joy
+from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.nodes import ros
 
@@ -42,6 +43,8 @@ def test_a_field_is_set_by_its_path_or_named():
 def master():
     """Run a simulated master."""
     program = start_program('master', parameters=SIM)
+    # A command waits for it no longer than for any node.
+    assert wait_until(lambda: 'psi' in program.stdout, PATIENCE), program.stderr
     yield
     program.stop()
 
