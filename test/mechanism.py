@@ -75,8 +75,3 @@ def random_rotations(rng, count):
         double * (x * y + z * w), 1.0 - double * (x * x + z * z), double * (y * z - x * w),
         double * (x * z - y * w), double * (y * z + x * w), 1.0 - double * (x * x + y * y)], -1)
     return flat.reshape(count, 3, 3)
-
-
-def random_rotation(rng):
-    """Draw a rotation from the uniform distribution."""
-    return random_rotations(rng, 1)[0]

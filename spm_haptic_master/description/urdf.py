@@ -54,8 +54,6 @@ TURNS_DEG, STEP_DEG = (-20.0, 100.0), 5.0
 # Limits are this farther out than the angles found, and then on a grid of this step (deg): between
 # the poses a joint goes beyond these angles by less, most where its leg is nearly stretched.
 MARGIN_DEG = 5.0
-# Rotation of no turn, row by row.
-IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 # Names of the file and of the directory of meshes.
 URDF_NAME, MESHES_NAME = 'spm.urdf', 'meshes'
 # What the installed URDF names its directory by.
@@ -91,7 +89,7 @@ def urdf(geometry: Geometry, meshes: str) -> str:
             _add_encoder(link, THIRD_ENCODER, end)
         _turning(robot, *next(limits), distal, carrier, end)
         _link(robot, carrier)
-        _fixed(robot, f'tip_{name}_joint', carrier, f'tip_{name}', IDENTITY, SIZE * TIP)
+        _fixed(robot, f'tip_{name}_joint', carrier, f'tip_{name}', _about_x(1.0, 0.0), SIZE * TIP)
         _link(robot, f'tip_{name}')
     _fixed(robot, 'platform_joint', 'carrier_a', PLATFORM_FRAME,
            _transposed(geometry.legs[0].platform_frame))

@@ -81,15 +81,6 @@ class Geometry:
         Z1A, Z1B, Z1C in the base frame; z, x, y on a nominal mechanism.
     platform_axes : tuple of three 3-tuples of float
         Z3A, Z3B, Z3C in the platform frame; Z3k = Rz(k 120 deg) Rx(-gamma) z on a nominal one.
-    legs : tuple of three Leg
-        Constants of each leg.
-    carried : tuple of two Carried
-        Constants of the legs B and C, seen from leg A.
-    half_angles : tuple of four float
-        Cosine and sine of (alpha + beta) / 2 and of (beta - alpha) / 2 of leg A.
-    chain : tuple of sixteen float
-        Matrix, row by row, from the quaternion x, y, z, w of leg A's chain without its outer
-        frames to that with them: q -> B_A q Q_A^T.
 
     """
 
@@ -99,8 +90,11 @@ class Geometry:
     platform_axes: ThreeAxes
     _nominal: Vector[float] | None = field(compare=False)
     legs: tuple[Leg, Leg, Leg] = field(compare=False)
+    # The legs B and C, seen from leg A.
     carried: tuple[Carried, Carried] = field(compare=False)
+    # Cosine and sine of (alpha + beta) / 2 and of (beta - alpha) / 2 of leg A.
     half_angles: tuple[float, float, float, float] = field(compare=False)
+    # Matrix of q -> B_A q Q_A^T, row by row, for the quaternion x, y, z, w of leg A's chain.
     chain: tuple[float, ...] = field(compare=False)
 
     def __init__(self, alpha: float = math.radians(39.3), beta: float = math.radians(34.1),

@@ -11,13 +11,8 @@ from typing import cast, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 from spm_haptic_master.exceptions import InputError, quoted, SingularityError, SpmError
-from spm_haptic_master.kinematics.checks import (
-    check_count,
-    check_rotations,
-    check_working_mode,
-    WorkingMode,
-)
-from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPER_GEOMETRY
+from spm_haptic_master.kinematics.checks import check_count, check_rotations, WorkingMode
+from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.inverse_model import inverse, measured_angles, RIG_WORKING_MODE
 from spm_haptic_master.kinematics.leg_kernels import second_axis, third_axes
 from spm_haptic_master.kinematics.number_backends import (
@@ -123,16 +118,14 @@ def jacobian(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
 
     """
     matrices = check_rotations('R', R)
-    check_geometry(geometry)
     sensors = check_count('sensors', sensors, 3, 6)
-    working_mode = check_working_mode(working_mode)
     vectors, volumes = _velocity_rows_of(matrices, geometry, working_mode)
     rows = np.stack([np.stack(np.broadcast_arrays(*row), axis=-1) for row in vectors], axis=-2)
     diagonal = np.stack(np.broadcast_arrays(*volumes), axis=-1)
     boundary = np.any(np.abs(diagonal) < MODE_BOUNDARY, axis=-1)
     if matrices.ndim == 2 and boundary:
         raise SingularityError(
-            f'R = {matrices.tolist()} lies on the boundary of working mode {working_mode}: '
+            f'R = {matrices.tolist()} lies on the boundary of its working mode: '
             f'B_kk = {diagonal[:3].tolist()}, expected {MODE_BOUNDARY:g} or more in size')
     diagonal = np.where(boundary[..., None], np.nan, diagonal)
     G: Array = (rows / diagonal[..., None])[..., :sensors, :]

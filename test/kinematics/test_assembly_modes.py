@@ -176,25 +176,20 @@ def test_free_motion_is_reported():
 
 
 def test_tracking_through_figure_10():
-    # phi = 45 + 10 sin(pi t / 10) deg crosses the singularity at 49.36 deg.
+    """The self-rotation goes from 45 to 55 deg, across the singularity at 49.36 deg."""
     last = zxz(*CENTRE, math.radians(45.0))
-    ambiguous = []
-    for phi in np.radians(45.0 + np.linspace(0.0, 10.0, 400)):
+    for phi in np.radians(np.linspace(45.0, 55.0, 400)):
         R = zxz(*CENTRE, phi)
         tracked = track_mode(inverse(R).theta1, last)
-        ambiguous.append(tracked.ambiguous)
-        if abs(phi - math.radians(49.3586)) > math.radians(1.0):
-            assert not tracked.ambiguous
-            assert angle_between(tracked.rotation, R) < 1e-9
-        if abs(phi - math.radians(49.3586)) < math.radians(0.1):
-            assert tracked.ambiguous
+        away = math.degrees(abs(phi - SINGULAR_PHI))
+        if away > 1.0:
+            assert not tracked.ambiguous and angle_between(tracked.rotation, R) < 1e-9
+        assert tracked.ambiguous or away > 0.1
         last = R
-    assert any(ambiguous)
-    # Just beyond the margin it is not, at the double root itself always; and where no mode is.
-    R = zxz(*CENTRE, SINGULAR_PHI + 0.0115)
-    assert not track_mode(inverse(R).theta1, R).ambiguous
-    R = zxz(*CENTRE, SINGULAR_PHI)
-    assert track_mode(inverse(R).theta1, R).ambiguous
+    # Just beyond the margin it is not ambiguous, at the double root itself it is.
+    for beyond, ambiguous in ((0.0115, False), (0.0, True)):
+        R = zxz(*CENTRE, SINGULAR_PHI + beyond)
+        assert track_mode(inverse(R).theta1, R).ambiguous == ambiguous
     with pytest.raises(UnreachableError, match='no assembly mode'):
         track_mode(np.radians([-100.0] * 3), np.eye(3))
 

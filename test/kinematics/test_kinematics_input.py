@@ -58,25 +58,19 @@ SENSELESS = [
 UNUSUAL = [
     None, [], 3.5, 0, -1, 1e-320, np.ones(2), np.ones((2, 2, 2)), np.zeros((0, 3)),
     np.zeros((0, 3, 3)), (1, 1, 1), [True] * 3, np.longdouble(1), [1e-3] * 4]
+BUILT = {'geometry': Geometry()}
+AT_POSE = {'R': POSE, **BUILT, 'working_mode': MODE}
 FUNCTIONS = [
-    (estimate, {'th1': TH1, 'theta3a': TH3A, 'sigma': 1e-3, 'geometry': Geometry(),
-                'prior': POSE}),
-    (forward_all, {'th1': TH1, 'geometry': Geometry()}),
-    (forward_theta3a, {'th1': TH1, 'theta3a': TH3A, 'geometry': Geometry()}),
-    (forward_theta2a, {'th1': TH1, 'theta2a': TH2A, 'geometry': Geometry()}),
-    (inverse, {'R': POSE, 'geometry': Geometry(), 'working_mode': MODE}),
-    (jacobian, {'R': POSE, 'geometry': Geometry(), 'working_mode': MODE, 'sensors': 4}),
-    (dexterity, {'R': POSE, 'geometry': Geometry(), 'working_mode': MODE, 'sensors': 4,
-                 'norm': '2'}),
-    (parallel_determinant, {'R': POSE, 'geometry': Geometry(), 'working_mode': MODE}),
-    (track_mode, {'th1': TH1, 'last': POSE, 'geometry': Geometry()}),
-    (matrix_from_quaternion, {'q': [0.0, 0.0, 0.0, 1.0]}),
-    (quaternion_from_matrix, {'R': POSE}),
-    (zxz_from_matrix, {'R': POSE}),
-    (matrix_from_zxz, {'psi': 0.1, 'theta': 0.2, 'phi': 0.3}),
+    (estimate, {'th1': TH1, 'theta3a': TH3A, 'sigma': 1e-3, 'prior': POSE, **BUILT}),
+    (forward_all, {'th1': TH1, **BUILT}), (inverse, AT_POSE), (parallel_determinant, AT_POSE),
+    (forward_theta3a, {'th1': TH1, 'theta3a': TH3A, **BUILT}),
+    (forward_theta2a, {'th1': TH1, 'theta2a': TH2A, **BUILT}),
+    (jacobian, {**AT_POSE, 'sensors': 4}), (dexterity, {**AT_POSE, 'sensors': 4, 'norm': '2'}),
+    (track_mode, {'th1': TH1, 'last': POSE, **BUILT}),
+    (matrix_from_quaternion, {'q': [0.0, 0.0, 0.0, 1.0]}), (quaternion_from_matrix, {'R': POSE}),
+    (zxz_from_matrix, {'R': POSE}), (matrix_from_zxz, {'psi': 0.1, 'theta': 0.2, 'phi': 0.3}),
     (workspace_pose, {'tilt': 0.1, 'azimuth': 0.2, 'phi': 0.3}),
-    (singularity_locus, {'phi': 0.1, 'half_angle': 0.2, 'geometry': Geometry(),
-                         'working_mode': MODE}),
+    (singularity_locus, {'phi': 0.1, 'half_angle': 0.2, 'working_mode': MODE, **BUILT}),
     (Geometry, {'alpha': 0.7, 'beta': 0.6, 'gamma': 0.3})]
 CASES = [(function, arguments, name) for function, arguments in FUNCTIONS for name in arguments]
 

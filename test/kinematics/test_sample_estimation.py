@@ -3,6 +3,7 @@
 
 """Any three to six sensors in use of four, five or six mounted ones, one sample at a time."""
 
+from contextlib import suppress
 from itertools import combinations
 import math
 import random
@@ -130,25 +131,20 @@ def test_a_variance_that_rounding_makes_negative_is_no_error_of_arithmetic():
         assert np.isfinite(sample.parity_vector).all()
 
 
-def poses_and_readings(seed):
-    """Return lists of six readings, and quaternions, of random poses within reach."""
-    rng = np.random.default_rng(seed)
-    R = workspace_pose(*rng.uniform((0.0, 0.0, -1.0), (0.5, 6.3, 2.5), (300, 3)).T)
-    every = all_angles(R)
-    reached = np.isfinite(every).all(axis=1)
-    return every[reached].tolist(), list(map(tuple, quaternion_from_matrix(R[reached]).tolist()))
-
-
 @pytest.mark.parametrize('seed', [0, *(
-    pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 20))])
+    pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 4))])
 def test_nothing_but_its_own_errors_is_raised_in_five_thousand_random_calls(seed):
     rng = random.Random(seed)
-    every, known = poses_and_readings(seed)
+    R = workspace_pose(*np.random.default_rng(seed).uniform(
+        (0.0, 0.0, -1.0), (0.5, 6.3, 2.5), (300, 3)).T)
+    every = all_angles(R)
+    known = [(readings.tolist(), quaternion(pose))
+             for readings, pose in zip(every, R, strict=True) if np.isfinite(readings).all()]
     answered = 0
     for _ in range(5000):
         sensors = rng.choice(SETS)
-        pose = rng.randrange(len(known))
-        readings = every[pose][:len(sensors.sigma)]
+        true, last = rng.choice(known)
+        readings = true[:len(sensors.sigma)]
         if rng.random() < 0.75:
             # One sensor anywhere.
             readings[rng.choice(sensors.used)] = rng.uniform(-7.0, 7.0) * rng.choice(SCALES)
@@ -156,15 +152,13 @@ def test_nothing_but_its_own_errors_is_raised_in_five_thousand_random_calls(seed
             readings = [rng.uniform(-4.0, 4.0) for _ in readings]
         prior = None
         if sensors.count == 3 or rng.random() < 0.5:
-            prior = known[rng.choice((pose, 0))]
+            prior = rng.choice((last, known[0][1]))
         mode = rng.choice((None, (1, 1, 1)))
-        try:
+        with suppress(SpmError):
             sample = estimate_sample(tuple(readings), sensors, PAPER, prior, mode, 2e-3)
-        except SpmError:
-            continue
-        answered += 1
-        assert math.isfinite(sum(sample.quaternion) + sum(sample.parity_vector))
-        assert sum(sample.covariance[::4]) > 0.0
+            answered += 1
+            assert math.isfinite(sum(sample.quaternion) + sum(sample.parity_vector))
+            assert sum(sample.covariance[::4]) > 0.0
     assert answered > 500
 
 
