@@ -12,6 +12,7 @@ import pytest
 from spm_haptic_master.calibration.watch.calibration_watch import CalibrationWatch
 from spm_haptic_master.calibration.watch.slip_evidence import evaluate, parities, summed
 from spm_haptic_master.kinematics import estimate, Geometry, inverse, quaternion_from_matrix
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.supervision import supervise
 
 # Drift of th1B, deg.
