@@ -95,7 +95,3 @@ class Periodic:
             return False
         self._last = now
         return True
-
-    def hasten(self) -> None:
-        """Have it due at once."""
-        self._last = None

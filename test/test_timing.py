@@ -50,8 +50,6 @@ def test_the_first_time_is_at_once_and_the_next_a_period_later():
     due = Periodic(0.5)
     assert [due.is_due(now) for now in (0.25, 0.5, 0.625, 0.75, 1.0, 1.25)] \
         == [True, False, False, True, False, True]
-    due.hasten()
-    assert due.is_due(1.375) and not due.is_due(1.5)
 
 
 def test_percentiles_are_of_the_latest_latencies_and_a_rate_of_the_latest_interval(monkeypatch):

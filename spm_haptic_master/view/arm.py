@@ -178,7 +178,7 @@ class Arm:
         self.seen.states = []
         self._shown = None
         self._scene.show_rest(self._whole)
-        self._map.hasten()
+        self._map = Periodic(MAP_PERIOD)  # due at once
         self.simulation.show(self.seen.source, self.seen.sensors)
 
     def _wait_for_rest(self, now: float, watched: bool) -> None:
@@ -192,7 +192,6 @@ class Arm:
         elif now >= self._whole_at:
             self._whole = True
             self._scene.show_rest(True)
-            self._map.hasten()
 
     def tick(self, now: float) -> None:
         """Draw what is due; call it every 50 ms."""

@@ -22,8 +22,12 @@ scene_module = pytest.importorskip('spm_haptic_master.view.scene')
 
 # Largest error of what is drawn (unit of the scene): the page has turns in single precision.
 BOUND = 1e-6
-# Seeds of mechanisms as built; None is the nominal one, 0 has two proximal links of one shape.
-MECHANISMS = [None, 0, 1, 2]
+NOMINAL = Geometry()
+ALPHA = NOMINAL.alphas[0]
+MECHANISMS = {
+    'nominal': NOMINAL, 'as built': random_built(np.random.default_rng(1), 0.5).geometry,
+    'two of three proximal links of one shape': Geometry.from_axes(
+        NOMINAL.base_axes, NOMINAL.platform_axes, (ALPHA, ALPHA + 0.01, ALPHA), NOMINAL.betas)}
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 
@@ -39,17 +43,6 @@ def draw(serve):
     yield draw
     for scene in scenes:
         scene.remove()
-
-
-def mechanism(seed):
-    if seed is None:
-        return Geometry()
-    if seed == 0:
-        nominal = Geometry()
-        alpha, beta = nominal.alphas[0], nominal.betas[0]
-        return Geometry.from_axes(
-            nominal.base_axes, nominal.platform_axes, (alpha, alpha + 0.01, alpha), (beta,) * 3)
-    return random_built(np.random.default_rng(seed), 0.5).geometry
 
 
 def poses(geometry):
@@ -70,9 +63,9 @@ def drawn_links(scene):
     return found
 
 
-@pytest.mark.parametrize('seed', MECHANISMS)
-def test_each_link_joins_its_neighbours_with_its_own_shape_and_colour(draw, seed):
-    geometry = mechanism(seed)
+@pytest.mark.parametrize('name', MECHANISMS)
+def test_each_link_joins_its_neighbours_with_its_own_shape_and_colour(draw, name):
+    geometry = MECHANISMS[name]
     scene = draw(geometry)
     z, worst = np.array([0.0, 0.0, 1.0]), 0.0
     for R in poses(geometry):
@@ -107,7 +100,7 @@ def volume(handle):
 
 def test_every_surface_is_seen_from_outside_and_turns_grey(draw):
     """Each has one side; base, three kinds of links and axes turn grey, encoders have a state."""
-    scene = draw(Geometry())
+    scene = draw(NOMINAL)
     handles = [handle for handle, _ in scene._coloured]
     assert len(handles) == 5
     assert all(volume(handle) > 0.0 for handle in [

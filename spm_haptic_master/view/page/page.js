@@ -4,6 +4,7 @@
 // What is on the page beside the picture, of the messages of `Page`: it only shows, sends nothing,
 // and what a user operates here (pause, views, save, dark) reaches nobody else.
 window.spm ??= ((setup) => {
+    // Times kept, shown, and bridged by a line (s); height and left edge of a plot (pixels).
     const SPAN = 120, SHOWN = 30, GAP = 1.6, HEIGHT = 74, LEFT = 34;
     const add = (parent, tag, name = '', text = '') => {
         const element = document.createElement(tag);
@@ -103,6 +104,10 @@ window.spm ??= ((setup) => {
         draw(made);
     }
 
+    function fill(bar, share, colour) {
+        bar.style.width = `${100 * Math.min(Math.max(share, 0), 1)}%`;
+        bar.style.background = colour;
+    }
     function showRows(made, rows) {
         rows.forEach(([name, text, share, colour], index) => {
             made.rows[index] ??= (() => {
@@ -116,8 +121,7 @@ window.spm ??= ((setup) => {
             let bar = value.nextSibling;
             if (share === undefined) return bar?.remove();
             bar ??= add(add(value.parentElement, 'div', 'spm-bar'), 'div').parentElement;
-            bar.firstChild.style.width = `${100 * Math.min(Math.max(share, 0), 1)}%`;
-            bar.firstChild.style.background = colour;
+            fill(bar.firstChild, share, colour);
         });
         while (made.rows.length > rows.length) made.rows.pop()[0].parentElement.parentElement.remove();
     }
@@ -138,9 +142,7 @@ window.spm ??= ((setup) => {
         add(made.calibration, 'b', '', found.text);
         for (const [name, share, colour] of found.covered) {
             const line = add(made.calibration, 'div', '', name);
-            const bar = add(add(line, 'div', 'spm-bar'), 'div');
-            bar.style.width = `${100 * Math.min(Math.max(share, 0), 1)}%`;
-            bar.style.background = colour;
+            fill(add(add(line, 'div', 'spm-bar'), 'div'), share, colour);
         }
     }
 
@@ -218,8 +220,8 @@ window.spm ??= ((setup) => {
                 pen.stroke();
             });
             const final = rows.at(-1) ?? [];
-            spec.series.forEach(([, , ,], index) => put(title.children[index + 1],
-                `${spec.series[index][0]} ${Number.isFinite(final[index])
+            spec.series.forEach(([name], index) => put(title.children[index + 1],
+                `${name} ${Number.isFinite(final[index])
                     ? Number(final[index].toPrecision(3)) : '–'}`));
         }
         const [pen, width] = fitted(made.strip, 16);
