@@ -112,37 +112,27 @@ def random_rotation(rng):
     return random_rotations(rng, 1)[0]
 
 
-def spans(R, g):
-    """Angles between Z1k and Z3k, rad, (..., 3)."""
-    cosines = [(R @ third)[..., row]
-               for third, row in zip(third_axes(np.eye(3), g), (2, 0, 1), strict=True)]
-    return np.arccos(np.clip(np.stack(cosines, axis=-1), -1.0, 1.0))
-
-
 def inside_reach(R, g):
     """Margins of the legs to the limits of their reach, rad; negative outside."""
-    angles = spans(R, g)
-    return np.minimum(angles - abs(g.alpha - g.beta), g.alpha + g.beta - angles)
+    cosines = [(R @ third)[..., row]
+               for third, row in zip(third_axes(np.eye(3), g), (2, 0, 1), strict=True)]
+    angles = np.arccos(np.clip(np.stack(cosines, axis=-1), -1.0, 1.0))
+    both = g.alpha + g.beta
+    return np.minimum(angles - abs(g.alpha - g.beta), min(both, 2.0 * math.pi - both) - angles)
 
 
 def reachable(R, g, slack=0.0):
     """Whether each Z3k is as far from its Z1k as the two links can span, by `slack` rad."""
-    angles = spans(R, g)
-    least = abs(g.alpha - g.beta) + slack
-    most = min(g.alpha + g.beta, 2.0 * math.pi - g.alpha - g.beta) - slack
-    return np.all((least <= angles) & (angles <= most), axis=-1)
+    return np.all(inside_reach(R, g) >= slack, axis=-1)
 
 
 def reachable_rotation(rng, g, slack=0.0, attempts=100000):
     """Draw a random rotation within reach, or None if there is none among the attempts."""
-    drawn = 0
-    while drawn < attempts:
-        count = min(100, attempts - drawn)
-        R = random_rotations(rng, count)
+    for _ in range(attempts // 100):
+        R = random_rotations(rng, 100)
         found = np.flatnonzero(reachable(R, g, slack))
         if len(found):
             return R[found[0]]
-        drawn += count
     return None
 
 
