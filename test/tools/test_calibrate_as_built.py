@@ -110,6 +110,8 @@ def test_the_file_is_all_that_the_nodes_need(capsys, tmp_path):
 @pytest.mark.parametrize(('args', 'words'), [
     (('--pose', 135, 54, 0, '--pose', 130, 50, 10),
      'standard input has ended; expected Enter for each of 2 poses'),
+    (('-p', 'source:=replay', '-p', f'replay.path:={LOG}', '--pose', 135, 54, 0, '--pose', 130, 50,
+      10), '--pose is given 2 times; expected once for a recording'),
     (('-p', 'source:=replay', '-p', f'replay.path:={LOG}', '-p', 'replay.rate:=10.0',
       '--seconds', 0.5), 'the device moved: joint_1a by')])
 def test_without_a_device_at_rest_nothing_is_written(capsys, monkeypatch, tmp_path, args, words):
