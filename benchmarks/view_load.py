@@ -22,8 +22,7 @@ from benchmarks import browser_process
 from benchmarks.soak_report import resident_memory
 from spm_haptic_master.benchmark.child_process import executable, Program, wait_until
 from spm_haptic_master.benchmark.comparison import disturbance, MASTER, p50, p99, ratio, summary
-from spm_haptic_master.benchmark.process_load import process_ticks, TICK
-from spm_haptic_master.benchmark.run import measure, PipelineError, Run
+from spm_haptic_master.benchmark.run import measure, PipelineError, process_ticks, Run, TICK
 from spm_haptic_master.parameters.arguments import positive
 from spm_haptic_master.tools.benchmark import measurement_parser, run
 

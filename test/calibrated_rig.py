@@ -8,11 +8,11 @@ from __future__ import annotations
 from math import ceil, radians
 
 import numpy as np
+from simulated_hand import deviations_of, joint_angles, MODE
 from spm_haptic_master.calibration.watch.slip_evidence import parities, summed
-from spm_haptic_master.kinematics import Geometry, inverse, matrix_from_zxz
+from spm_haptic_master.kinematics import Geometry, matrix_from_zxz
 from spm_haptic_master.simulation.rig import random_rig, Tolerances
 
-MODE = (1, 1, 1)
 NOISE = radians(0.04)
 # Unit of bias_deg, rad, as calibrate rounds it up.
 UNIT = radians(0.01)
@@ -60,9 +60,6 @@ class CalibratedRig:
 
     def angles(self, rotation: np.ndarray) -> np.ndarray:
         """Return the joint angles by the calibration, rad, (n, N)."""
-        found = inverse(rotation, self.geometry)
-        true = np.column_stack([found.theta1, found.theta3a, found.theta3b,
-                                found.theta3c])[:, :len(self.sigma)]
-        second = np.array([each.second_harmonic for each in self.rig.sensors])
-        error = second[:, 0] * np.cos(2.0 * true) + second[:, 1] * np.sin(2.0 * true)
-        return true + error - self._zeros + self._random.normal(0.0, NOISE, true.shape)
+        true = joint_angles(rotation, self.rig)
+        return true + deviations_of(self.rig, true) - self._zeros \
+            + self._random.normal(0.0, NOISE, true.shape)

@@ -13,7 +13,7 @@ from typing import TypeVar
 
 import numpy as np
 import pytest
-from spm_haptic_master.benchmark.process_load import all_processes, Control, TICK
+from spm_haptic_master.benchmark.run import all_processes, Control, TICK
 
 # Lateness of a thread that only wakes up, from which the machine was disturbed (s): ten periods
 # at 1 kHz.

@@ -58,7 +58,7 @@ OUTSIDE = {
     'ros': {'rclpy', 'rcl_interfaces', 'diagnostic_msgs', 'geometry_msgs', 'sensor_msgs'},
     'nodes': {'rclpy', 'crtk_msgs', 'rcl_interfaces', 'diagnostic_msgs', 'geometry_msgs',
               'sensor_msgs', 'std_msgs', 'std_srvs', 'tf2_msgs'},
-    'benchmark': {'numpy', 'matplotlib', 'rclpy', 'diagnostic_msgs', 'geometry_msgs',
+    'benchmark': {'numpy', 'rclpy', 'diagnostic_msgs', 'geometry_msgs',
                   'sensor_msgs'},
     'view': {'numpy', 'rclpy', 'viser', 'websockets', 'msgspec', 'diagnostic_msgs',
              'geometry_msgs', 'rcl_interfaces', 'sensor_msgs', 'std_msgs'},

@@ -5,14 +5,12 @@
 
 import signal
 import sys
-import time
 
 from geometry_msgs.msg import QuaternionStamped
 from harness import complaints, SIM, start_command
 import pytest
 from spm_haptic_master import __main__ as start_module
 from spm_haptic_master.benchmark.child_process import executable
-from spm_haptic_master.benchmark.process_load import process_ticks, TICK
 from spm_haptic_master.executables import EXECUTABLES, PIPELINE
 
 # Time that a busy machine may need for a program (s).
@@ -21,10 +19,6 @@ PATIENCE = 60.0
 SCRIPT = 'import sys; from spm_haptic_master.__main__ import {0}; sys.exit({0}())'
 # Streams that are closed, as a shell closes them: stdout, stderr, all three.
 CLOSED = ('>&-', '2>&-', '<&- >&- 2>&-')
-# Exit codes of a master that is interrupted while it starts.
-INTERRUPTED = (0, -signal.SIGINT)
-# What a traceback has where `start` has not given SIGINT its default action in time.
-IN_START = 'in start\n'
 
 
 def test_every_executable_is_an_entry_point():
@@ -96,18 +90,3 @@ def test_a_missing_library_is_one_line_and_a_missing_module_a_traceback(name, mi
     # A module of the package that is missing is a bug.
     is_bug = 'Traceback' in words
     assert is_bug or program.stderr.startswith(f'{name}: ') and program.stderr.count('\n') == 1
-
-
-# In CPU time, so that a busy machine interrupts the same steps of the start.
-@pytest.mark.process
-@pytest.mark.parametrize('used', [0.1, 0.3, 0.5, 1.0])
-def test_ctrl_c_while_an_installed_script_starts(used):
-    program = start_command([sys.executable, '-c', SCRIPT.format('master'), '-p', 'source:=sim'])
-    end = time.monotonic() + PATIENCE
-    while process_ticks(program.pid) * TICK < used and time.monotonic() < end:
-        time.sleep(0.002)
-    program.send_signal(signal.SIGINT)
-    code = program.wait(PATIENCE)
-    # Before the package's first line runs, Python itself may end with its own message.
-    assert code in INTERRUPTED or 'spm_haptic_master' not in program.stderr, program.stderr
-    assert IN_START not in program.stderr

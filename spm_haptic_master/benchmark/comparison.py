@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The pipelines of the benchmark, compared: tables and a picture."""
+"""The pipelines of the benchmark, compared: table and ratios."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 import csv
 from datetime import date
-from importlib import metadata, util
+from importlib import metadata
 import os
 from pathlib import Path
 import platform
@@ -36,10 +36,6 @@ QUANTILES = {'p50': 50.0, 'p90': 90.0, 'p99': 99.0, 'p99.9': 99.9, 'max': 100.0}
 DISTURBED_LATENESS = 1000.0
 # CPU time of other programs from which the machine was disturbed (% of a core).
 DISTURBED_LOAD = 20.0
-# Bins of the histogram.
-HISTOGRAM_BINS = 120
-# Range of the histogram (us).
-HISTOGRAM_RANGE = (50.0, 20000.0)
 
 
 def p50(run: Run) -> float:
@@ -74,9 +70,9 @@ COMPARISONS = (
 def compare(seconds: float, rounds: int, rate: float, parameters: Mapping[str, str],
             output: Path) -> None:
     """
-    Measure every pipeline in each round, s at a rate in Hz; print tables and ratios, write files.
+    Measure every pipeline in each round, s at a rate in Hz; print table and ratios.
 
-    runs.csv and latency.png go into the output directory.
+    runs.csv, one line for each run, goes into the output directory.
     """
     runs: list[Run] = []
     rows = []
@@ -100,17 +96,12 @@ def compare(seconds: float, rounds: int, rate: float, parameters: Mapping[str, s
     control = np.concatenate([run.control for run in runs])
     print(f'control thread, lateness: {summary(control)} us; '
           f'{sum(bool(disturbance(run)) for run in runs)} of {len(runs)} runs disturbed')
-    written = [output / 'runs.csv']
-    with open(written[0], 'w', newline='') as file:
+    path = output / 'runs.csv'
+    with open(path, 'w', newline='') as file:
         writer = csv.DictWriter(file, list(rows[0]))
         writer.writeheader()
         writer.writerows(rows)
-    if draw(output / 'latency.png', runs):
-        written.append(output / 'latency.png')
-    else:
-        print('no picture: matplotlib is missing (sudo apt install python3-matplotlib, or in a '
-              "virtual environment: pip install '.[bench]')")
-    print('written: ' + ', '.join(map(str, written)))
+    print(f'written: {path}')
 
 
 def machine() -> str:
@@ -201,25 +192,3 @@ def _by_case(runs: Iterable[Run]) -> list[tuple[Case, list[Run]]]:
     for run in runs:
         found.setdefault(run.case, []).append(run)
     return list(found.items())
-
-
-def draw(path: Path, runs: Sequence[Run]) -> bool:
-    """Draw the latencies of all rounds as histograms; False if matplotlib is not installed."""
-    if util.find_spec('matplotlib') is None:
-        return False
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9.0, 5.0), layout='constrained')
-    FigureCanvasAgg(figure)
-    axes = figure.add_subplot()
-    bins = np.geomspace(*HISTOGRAM_RANGE, HISTOGRAM_BINS)
-    for case, of_case in _by_case(runs):
-        latencies = np.concatenate([run.latencies for run in of_case])
-        axes.hist(latencies, bins.tolist(), histtype='step', label=case.name,
-                  weights=np.full(len(latencies), 100.0 / len(latencies)))
-    axes.set(xscale='log', yscale='log', xlabel='sample stamp to observer, us',
-             ylabel='orientations, % in a bin', title=machine().partition(', Linux')[0])
-    axes.legend()
-    figure.savefig(path, dpi=120)
-    return True

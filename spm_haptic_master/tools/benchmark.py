@@ -27,7 +27,7 @@ def main(args: list[str] | None = None) -> int:
     parser.add_argument('--seconds', type=positive, default=20.0, help='of a run (20)')
     parser.add_argument('--rounds', type=int, default=5, help='of all pipelines in turn (5)')
     parser.add_argument('--output', type=Path, default=Path('bench-pipeline'), metavar='DIR',
-                        help='for runs.csv and latency.png (bench-pipeline)')
+                        help='for runs.csv (bench-pipeline)')
     return run(parser, _measure, args)
 
 

@@ -19,7 +19,7 @@ from harness import complaints, full_pipe, ROOT, SIM, start_command
 import pytest
 from rcl_interfaces.msg import Log
 from spm_haptic_master.benchmark.child_process import wait_until
-from spm_haptic_master.benchmark.process_load import process_ticks, TICK
+from spm_haptic_master.benchmark.run import process_ticks, TICK
 from spm_haptic_master.executables import PIPELINE
 from std_msgs.msg import String
 

@@ -26,16 +26,17 @@ class Linux:
     def __init__(self, monkeypatch):
         self.called, self.denied = [], ()
         self.policy, self.niceness, self.slices = os.SCHED_OTHER, 0, {}
+        self.machine = 'x86_64'
         self.warnings = []
         for name in ('sched_setaffinity', 'sched_setscheduler'):
             monkeypatch.setattr(os, name, lambda *given, name=name: self._call(name, *given))
         monkeypatch.setattr(os, 'sched_getscheduler', lambda _: self.policy)
         monkeypatch.setattr(os, 'getpriority', lambda *_: self.niceness)
         monkeypatch.setattr(os, 'sched_getaffinity', lambda _: {0, 1, 2, 3})
-        monkeypatch.setattr(os, 'listdir', lambda path: ['11', '12'])
+        monkeypatch.setattr(os, 'listdir', lambda path: ['11', '12', '13'])
         monkeypatch.setattr(ctypes, 'CDLL', self._library)
         monkeypatch.setattr(ctypes, 'get_errno', lambda: self.error)
-        monkeypatch.setattr(realtime.platform, 'machine', lambda: 'x86_64')
+        monkeypatch.setattr(realtime.platform, 'machine', lambda: self.machine)
         monkeypatch.setattr(node_log, 'warning', lambda _, text: self.warnings.append(text))
         for name in ('collect', 'freeze', 'disable'):
             monkeypatch.setattr(gc, name, lambda name=name: self.called.append((name,)))
@@ -46,6 +47,8 @@ class Linux:
                                syscall=self._syscall)
 
     def _call(self, name, *given):
+        if given[0] == 13:
+            raise ProcessLookupError  # the thread has ended
         if name in self.denied:
             if name != 'mlockall':
                 raise PermissionError
@@ -57,6 +60,8 @@ class Linux:
         """Take sched_setattr and sched_getattr, as struct sched_attr of sched(7) has them."""
         if 'syscall' in self.denied:
             return -1
+        if thread == 13:
+            raise ProcessLookupError
         layout = struct.Struct('=IIQiIQQQ')
         if number == 314:
             size, policy, flags, nice, priority, runtime, *rest = layout.unpack(attributes.raw)
@@ -94,14 +99,6 @@ def test_every_thread_gets_what_the_settings_ask_for(linux):
     assert linux.called == [('collect',), ('freeze',)]
 
 
-def test_a_thread_that_has_ended_is_no_error(linux, monkeypatch):
-    def ended(thread, cores):
-        raise ProcessLookupError
-    monkeypatch.setattr(os, 'sched_setaffinity', ended)
-    realtime.apply(None, {**OFF, 'realtime.cpus': '1'})
-    assert linux.warnings == []
-
-
 def test_without_a_privilege_there_is_a_warning_with_the_cure(linux):
     linux.denied = ('sched_setscheduler', 'mlockall')
     realtime.apply(None, {**OFF, 'realtime.priority': 80, 'realtime.lock_memory': True})
@@ -116,7 +113,8 @@ def test_without_a_privilege_there_is_a_warning_with_the_cure(linux):
     ({'niceness': 1}, 'the process has less priority (nice)'),
     ({'policy': os.SCHED_BATCH}, 'the process is not under SCHED_OTHER'),
     ({'denied': ('slices',)}, 'Linux before 6.12 has none'),
-    ({'denied': ('syscall',)}, 'Operation not permitted')])
+    ({'denied': ('syscall',)}, 'Operation not permitted'),
+    ({'machine': 'm68k'}, 'unknown on Linux m68k, 64 bit')])
 def test_a_slice_that_a_rig_has_chosen_and_cannot_have_is_a_warning(linux, changes, reason):
     """The default is for those who can have it; the others are as they would be without."""
     for name, value in changes.items():
@@ -127,20 +125,11 @@ def test_a_slice_that_a_rig_has_chosen_and_cannot_have_is_a_warning(linux, chang
     assert linux.warnings == [f'realtime.slice 0.05 not set: {reason}']
 
 
-def test_another_processor_has_no_slice(linux, monkeypatch):
-    monkeypatch.setattr(realtime.platform, 'machine', lambda: 'm68k')
-    realtime.apply(None, {**OFF, 'realtime.slice': OWN_SLICE})
-    assert linux.warnings == ['realtime.slice 0.05 not set: unknown on Linux m68k, 64 bit']
-    assert linux.slices == {}
-
-
 def test_a_slice_is_for_the_usual_policy_alone_and_keeps_niceness(linux):
     linux.niceness = 5
-    realtime.set_time_slice(9, 0.0002)
-    assert linux.slices == {9: 200_000}
-    linux.policy = os.SCHED_BATCH
-    realtime.set_time_slice(9, 0.01)
-    assert linux.slices == {9: 200_000}
+    for linux.policy, slice_ in ((os.SCHED_OTHER, 0.0002), (os.SCHED_BATCH, 0.01)):
+        realtime.set_time_slice(9, slice_)
+        assert linux.slices == {9: 200_000}
 
 
 @pytest.mark.parametrize('slice_', [1e-10, 0.00009, 0.11])

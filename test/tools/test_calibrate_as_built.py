@@ -40,7 +40,7 @@ def record(path, pose):
     readings = [each.readings(angle) for each, angle in zip(
         make_harmonics(as_built), angles, strict=True)]
     layouts = make_layouts(ideal)
-    noise = np.random.default_rng(13).normal(0.0, radians(0.04), (400, 4))
+    noise = np.random.default_rng(13).normal(0.0, radians(0.04), (200, 4))
     with can.CanutilsLogWriter(path) as log:
         for number, row in enumerate(noise + readings):
             at = T0 + 1e-3 * number
@@ -61,7 +61,7 @@ def run(capsys, *args):
 
 def at(log, output, pose, *args):
     """Return the arguments of a calibration from a log."""
-    return ('-p', 'source:=replay', '-p', f'replay.path:={log}', '--seconds', 0.3, '-o', output,
+    return ('-p', 'source:=replay', '-p', f'replay.path:={log}', '--seconds', 0.15, '-o', output,
             '--pose', *pose, *args)
 
 
@@ -94,7 +94,7 @@ def test_the_file_is_all_that_the_nodes_need(capsys, tmp_path):
     found = read_calibration(output)
     assert found.direction == tuple(ENCODERS['encoders.direction'])
     assert all(found.direction_verified)
-    # Noise of a count, averaged over 300.
+    # Noise of a count, averaged over 150.
     np.testing.assert_allclose(found.zero_count, ENCODERS['encoders.zero_count'], atol=1)
     parameters = read_parameters(output)
     for name, value in (mechanism() | HARMONICS).items():
@@ -110,6 +110,8 @@ def test_the_file_is_all_that_the_nodes_need(capsys, tmp_path):
 @pytest.mark.parametrize(('args', 'words'), [
     (('--pose', 135, 54, 0, '--pose', 130, 50, 10),
      'standard input has ended; expected Enter for each of 2 poses'),
+    (('-p', 'source:=replay', '-p', f'replay.path:={LOG}', '--pose', 135, 54, 0, '--pose', 130, 50,
+      10), '--pose is given 2 times; expected once for a recording'),
     (('-p', 'source:=replay', '-p', f'replay.path:={LOG}', '-p', 'replay.rate:=10.0',
       '--seconds', 0.5), 'the device moved: joint_1a by')])
 def test_without_a_device_at_rest_nothing_is_written(capsys, monkeypatch, tmp_path, args, words):

@@ -8,20 +8,24 @@ import re
 import signal
 import subprocess
 import sys
+import time
 
 from disturbance import BESIDE_OTHERS, Disturbance
-from harness import ROOT, SIMULATED, start_command, start_program
+from harness import ROOT, SIM, SIMULATED, start_command, start_program
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
 from spm_haptic_master.benchmark.child_process import executable, wait_until
 from spm_haptic_master.kinematics import inverse, matrix_from_zxz
+from spm_haptic_master.kinematics.joints import JOINT_NAMES
 from spm_haptic_master.parameters.resolver import read_parameters
 
 pytestmark = pytest.mark.process
 
 # Time that a busy machine may need for a program (s).
-PATIENCE = 60.0
+PATIENCE = 120.0
+# What a recorder logs when it begins.
+BEGUN = r'\[INFO\] \[[\d.]+\] \[recorder\]: writes into .*, until Ctrl-C\n'
 CALIBRATED = ('-p', 'encoders.zero_count:=[100, 200, 8000, 9000]',
               '-p', 'encoders.direction:=[1, 1, 1, -1]')
 
@@ -194,3 +198,65 @@ def test_sim_bus_ends_well(encoders):
     assert re.search(r'\d+ cycles answered, \d+ deadlines missed', program.stdout)
     assert program.stderr == ''
     assert encoders().stop(signal.SIGTERM) == 130
+
+
+def test_from_the_makers_defaults_to_a_bus_as_configured(encoders, bus_channel):
+    """A scan finds no answers to SYNC; objects by SDO; a scan finds all as configured."""
+    pytest.importorskip('canopen')
+    # A rate at which a busy machine meets the deadlines.
+    encoders('--factory', '-p', 'rate:=25.0')
+
+    def ends(code, name, *args):
+        found, out, err = run(name, *bus(bus_channel), '-p', 'rate:=25.0', *args)
+        assert found == code, out + err
+        return out
+
+    assert 'joint_3a: 0x184 missing; its node 4 is present: does 0x1800:02 answer SYNC?' in ends(
+        1, 'can_scan', '--start', '--seconds', 1)
+    assert ends(1, 'can_setup').endswith(
+        '4 of 4 encoders not as configured; nothing was written (--write)\n')
+    assert ends(0, 'can_setup', '--write').count('after a reset') == 1
+    out = ends(0, 'can_scan', '--start', '--seconds', 2)
+    assert 'all four encoders are there, as configured' in out
+    assert 'node   2: operational, device type 0x00010196 (CiA 406, encoder)' in out
+    # What it sends itself is no frame of the bus.
+    assert not re.search(r'^  0x0[08]0 ', out, re.MULTILINE)
+
+
+def test_a_long_log_without_sets_ends_at_a_signal(start, tmp_path):
+    """At once, without being read to its end, which takes a minute and more."""
+    path = tmp_path / 'a.log'
+    with open(path, 'w', encoding='utf-8') as file:
+        file.writelines(f'({0.001 * step:.6f}) can0 701#05\n' for step in range(3_000_000))
+    program = start('encoder_driver', '-p', 'source:=replay', '-p', f'replay.path:={path}',
+                    *SIMULATED)
+    # Once it reads, its entry names the frames without a set.
+    assert wait_until(lambda: re.search(r'no set of four encoders in \d+ frames',
+                                        program.stderr), PATIENCE), program.stderr
+    with Disturbance(BESIDE_OTHERS) as machine:
+        began = time.monotonic()
+        assert program.stop(signal.SIGINT, PATIENCE) == 0, program.stderr[-600:]
+        took = time.monotonic() - began
+    machine.expect(took < 9.0, took)
+
+
+def test_a_recording_on_a_full_disk_ends_in_one_line(start, tmp_path):
+    """As on a full disk, files cannot grow any more: not when written, nor when closed."""
+    command = executable('recorder', parameters={'directory': str(tmp_path)})
+    recorder = start_command(['bash', '-c', 'ulimit -f 128; exec "$@"', 'bash', *command])
+    try:
+        start('master', parameters=SIM)
+        assert recorder.wait(PATIENCE) == 1
+        # Without figures of a table that is not as it says.
+        assert re.fullmatch(BEGUN + rf'recorder: {tmp_path}/\w+.csv: cannot be written: '
+                            r'\[Errno 27\] File too large\n', recorder.stderr), recorder.stderr
+    finally:
+        recorder.kill()
+
+
+def test_a_directory_that_cannot_be_made_is_one_line(start):
+    start('master', parameters={**SIM, 'rate': 100.0})
+    recorder = start('recorder', '-p', 'directory:=/dev/full/recording')
+    assert recorder.wait(PATIENCE) == 1
+    assert re.fullmatch(BEGUN + 'recorder: /dev/full/recording/.*\n', recorder.stderr), \
+        recorder.stderr
