@@ -28,8 +28,7 @@ from spm_haptic_master.simulation import trajectories
 from spm_haptic_master.tools import validate
 from spm_haptic_master.validation import recordings
 from spm_haptic_master.validation.alignment import align
-from spm_haptic_master.validation.comparison import compare, error_table
-from spm_haptic_master.validation.markers import orientation
+from spm_haptic_master.validation.comparison import compare, error_table, orientation_of_markers
 
 OFFSET = 37.4215  # s; captured clock ahead of the recording's
 FRAME = matrix_from_zxz(0.8, 1.1, -2.0)
@@ -178,13 +177,13 @@ def test_moments_without_markers_or_pose_are_left_out(tmp_path):
 
 
 def test_self_rotation_is_the_average_of_both_projections():
-    true = orientation(captured_markers(), AZIMUTHS)
+    true = orientation_of_markers(captured_markers(), AZIMUTHS)
     np.testing.assert_allclose(true, FRAME @ motion(CAPTURED), atol=1e-9)
     # One of the two turned by 2 deg about the axis: half of it is left.
     turned = matrix_from_zxz(0.0, 0.0, math.radians(2.0)) @ POINTS[2]
     points = captured_markers().reshape(-1, 4, 3)
     points[:, 2] += np.einsum('nij,j->ni', FRAME @ motion(CAPTURED), turned - POINTS[2])
-    np.testing.assert_allclose(orientation(points.reshape(len(points), -1), AZIMUTHS),
+    np.testing.assert_allclose(orientation_of_markers(points.reshape(len(points), -1), AZIMUTHS),
                                true @ matrix_from_zxz(0.0, 0.0, math.radians(1.0)), atol=1e-9)
 
 
