@@ -151,12 +151,12 @@ def test_a_directory_that_is_not_complete(split, library):
     refused(path, 'metadata.yaml: cannot be read', 'ros2 bag reindex')
 
 
-def test_a_file_that_is_no_recording(tmp_path, library):
-    for name, content in (('a.db3', b'no database ' * 1000), ('a.db3', b''), ('a.mcap', b'none'),
-                          ('none.mcap', None)):
-        if content is not None:
-            (tmp_path / name).write_bytes(content)
-        refused(tmp_path / name, 'cannot be read as rosbag2')
+@pytest.mark.parametrize('name, content', [
+    ('a.db3', b'no database ' * 1000), ('a.db3', b''), ('a.mcap', b'none'), ('a.mcap', None)])
+def test_a_file_that_is_no_recording(tmp_path, library, name, content):
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    refused(tmp_path / name, 'cannot be read as rosbag2')
 
 
 def test_two_arms_in_one_recording(tmp_path, library):
