@@ -34,7 +34,8 @@ from spm_haptic_master.kinematics import Geometry, inverse, zxz_from_matrix
 from spm_haptic_master.kinematics.joints import JOINT_NAMES
 from spm_haptic_master.parameters.files import source_defaults
 from spm_haptic_master.parameters.setting import Values
-from spm_haptic_master.validation import markers, plot_style
+from spm_haptic_master.validation import plot_style
+from spm_haptic_master.validation.comparison import marker_directions, orientation_of_markers
 
 # Length of the recording (s).
 SECONDS = 15.0
@@ -85,7 +86,7 @@ def _calibration(encoders: dict[str, Values]) -> Entry:
 def _markers(out: Path, experiment: Experiment) -> list[Entry]:
     R = experiment.truth[0]
     axis, toward_c, toward_d = (
-        vectors[0] @ FRAME for vectors in markers.split(experiment.coordinates[:1]))
+        vectors[0] @ FRAME for vectors in marker_directions(experiment.coordinates[:1]))
     figure = plot_style.new_figure(height=4.0)
     left, right = figure.subplots(1, 2)
     view = linkage_drawing.View(left, 'Fig. 28: markers on the platform', linkage_drawing.BESIDE)
@@ -100,8 +101,9 @@ def _markers(out: Path, experiment: Experiment) -> list[Entry]:
     _draw_projection(right, axis, toward_c, toward_d)
     plot_style.save(figure, out / 'fig28_29.png')
 
-    _, _, phi = markers.self_rotation(experiment.coordinates, AZIMUTHS, FRAME)
-    error = np.degrees(np.abs(phi - zxz_from_matrix(experiment.truth)[2]))
+    captured = FRAME.T @ orientation_of_markers(experiment.coordinates, AZIMUTHS)
+    error = np.degrees(np.abs(
+        zxz_from_matrix(captured)[2] - zxz_from_matrix(experiment.truth)[2]))
     return [
         Entry((28,), 'Markers of the motion capture',
               'Photograph: two markers on Z_E, two to determine the self-rotation.',

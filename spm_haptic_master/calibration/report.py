@@ -35,11 +35,7 @@ def report_paths(output: Path) -> tuple[Path, ...]:
 
 
 def check_report(output: Path, force: bool) -> None:
-    """
-    Raise InputError where the report of a parameter file cannot be written.
-
-    With `force`, files of an earlier report may be replaced.
-    """
+    """Raise InputError where a file's report cannot or, without `force`, may not be written."""
     if output in report_paths(output):
         raise InputError(f'-o {output}: the report is written there; expected another name, as '
                          f"{output.with_suffix('.yaml').name}")

@@ -20,7 +20,6 @@ from spm_haptic_master.kinematics import (
     zxz_from_matrix,
 )
 from spm_haptic_master.kinematics.mounting import Mounting
-from spm_haptic_master.validation import markers
 from spm_haptic_master.validation.alignment import (
     align,
     Alignment,
@@ -32,6 +31,9 @@ from spm_haptic_master.validation.recordings import MARKERS, Track
 
 # Names of the ZXZ angles in both files.
 ANGLES = ('psi', 'theta', 'phi')
+# Least distance of A from B, and of C and D from the axis, as a part of the largest distance of
+# two markers: below it a direction is only noise.
+LEAST_DISTANCE = 0.05
 # Header of errors.csv.
 ERROR_COLUMNS = ('model', 'quantity', 'samples', 'missing', 'mean_deg', 'rms_deg', 'p95_deg',
                  'max_deg')
@@ -58,7 +60,7 @@ def compare(recorded: Track, capture: Track, joints: Track | None, geometry: Geo
     recordings are not of the same motion.
     """
     by_markers = capture.values.shape[-1] == len(MARKERS)
-    quaternions = quaternion_from_matrix(markers.orientation(capture.values, azimuths)) \
+    quaternions = quaternion_from_matrix(orientation_of_markers(capture.values, azimuths)) \
         if by_markers else capture.values
     alignment = align(recorded.time, recorded.values, capture.time, quaternions, by_markers)
     captured = alignment.frame.T @ matrix_from_quaternion(quaternions) @ alignment.body.T
@@ -75,6 +77,44 @@ def compare(recorded: Track, capture: Track, joints: Track | None, geometry: Geo
         models['classic'] = _mounted_classic(
             joints, time, found[known][0], geometry, mounting or Mounting())
     return Comparison(time, capture.time[known], captured, models, alignment)
+
+
+def marker_directions(coordinates: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """
+    Return the unit vectors, (n, 3), of the axis Z_E and of the projections of C and D across it.
+
+    `coordinates`, (n, 12), are of the markers A and B on that axis (B farther out), C and D
+    beside it, in any unit. InputError where A and B coincide, or C or D is on the axis.
+    """
+    a, b, c, d = np.moveaxis(coordinates.reshape(-1, 4, 3), 1, 0)
+    span = float(np.median(
+        np.linalg.norm(coordinates.reshape(-1, 4, 3) - a[:, None], axis=-1).max(-1)))
+    axis = _unit(b - a, span, 'A and B coincide')
+    toward_c, toward_d = (
+        _unit(beside - np.sum(beside * axis, axis=-1, keepdims=True) * axis, span,
+              f'{name} lies on the axis A-B') for name, beside in (('C', c - a), ('D', d - a)))
+    return axis, toward_c, toward_d
+
+
+def orientation_of_markers(coordinates: np.ndarray, azimuths: tuple[float, float]) -> np.ndarray:
+    """
+    Return the platform's orientation in the frame of the coordinates, shape (n, 3, 3).
+
+    `azimuths` are those of C and D about Z_E, rad from the platform's x axis. The self-rotation is
+    the average of those of both (Fig. 29).
+    """
+    axis, *toward = marker_directions(coordinates)
+    x = sum(np.cos(azimuth) * each - np.sin(azimuth) * np.cross(axis, each)
+            for azimuth, each in zip(azimuths, toward, strict=True))
+    x /= np.linalg.norm(x, axis=-1, keepdims=True)
+    return np.stack([x, np.cross(axis, x), axis], axis=-1)
+
+
+def _unit(vectors: np.ndarray, span: float, problem: str) -> np.ndarray:
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    if not (length > LEAST_DISTANCE * span).all():
+        raise InputError(f'markers: {problem}')
+    return vectors / length
 
 
 def _mounted_classic(joints: Track, time: np.ndarray, start: np.ndarray, geometry: Geometry,

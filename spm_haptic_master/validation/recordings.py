@@ -48,8 +48,8 @@ QUATERNION = ('qx', 'qy', 'qz', 'qw')
 MARKERS = tuple(f'{marker}{axis}' for marker in 'abcd' for axis in 'xyz')
 # Largest |norm - 1| of a recorded quaternion: the rounding of a few printed digits.
 NORM_TOLERANCE = 1e-2
-# Encapsulation kinds of plain CDR, the first two bytes, with the byte order of struct.
-BYTE_ORDERS = {b'\x00\x00': '>', b'\x00\x01': '<'}
+# First two bytes of plain CDR, little-endian as on every machine that ROS supports.
+PLAIN_CDR = b'\x00\x01'
 # Length of the encapsulation (bytes); fields are aligned to what follows it.
 ENCAPSULATION = 4
 # Longest part of a header that is quoted (characters).
@@ -222,21 +222,19 @@ class Cdr:
     """Reads the fields of a message one after the other; ValueError where it is not plain CDR."""
 
     def __init__(self, content: bytes) -> None:
-        order = BYTE_ORDERS.get(content[:2])
-        if order is None:
+        if content[:2] != PLAIN_CDR:
             raise ValueError(f'encapsulation {content[:2].hex() or "missing"}; expected plain CDR')
-        self._order = order
         self._body = memoryview(content)[ENCAPSULATION:]
         self._at = 0
 
     def numbers(self, code: str, count: int) -> tuple[Any, ...]:
         """Return `count` numbers of one of struct's types."""
-        size = struct.calcsize(f'={code}')
+        size = struct.calcsize(f'<{code}')
         begin = self._at + -self._at % size
         self._at = begin + count * size
         if self._at > len(self._body):
             raise ValueError(f'{len(self._body)} bytes')
-        return struct.unpack_from(f'{self._order}{count}{code}', self._body, begin)
+        return struct.unpack_from(f'<{count}{code}', self._body, begin)
 
     def count(self) -> int:
         """Return the length of a sequence."""

@@ -114,10 +114,10 @@ def test_times():
 
 def test_simulated_capture_errs_by_less_than_a_degree():
     from spm_haptic_master.kinematics import zxz_from_matrix
-    from spm_haptic_master.validation.markers import orientation
+    from spm_haptic_master.validation.comparison import orientation_of_markers
 
     coordinates, truth = rig_experiment.capture(20.0)
-    found = rig_experiment.FRAME.T @ orientation(coordinates, rig_experiment.AZIMUTHS)
+    found = rig_experiment.FRAME.T @ orientation_of_markers(coordinates, rig_experiment.AZIMUTHS)
     error = np.degrees(np.abs(zxz_from_matrix(found)[2] - zxz_from_matrix(truth)[2]))
     assert 0.1 < error.max() < rig_figures.CAPTURE_LIMIT
 

@@ -17,7 +17,6 @@ import pytest
 from sensor_msgs.msg import JointState
 from spm_haptic_master.benchmark.child_process import executable, wait_until
 from spm_haptic_master.kinematics import inverse, matrix_from_zxz
-from spm_haptic_master.kinematics.joints import JOINT_NAMES
 from spm_haptic_master.parameters.resolver import read_parameters
 
 pytestmark = pytest.mark.process
