@@ -132,7 +132,7 @@ def test_a_sensor_is_taken_again_when_it_answers_again(sensors, silent):
 
 
 @pytest.mark.parametrize(('sensors', 'share'), [(4, 0.94), (6, 0.999)])
-def test_one_per_cent_of_lost_frames_costs_few_sets(sensors, share):
+def test_one_per_cent_of_lost_frames(sensors, share):
     """Where no two joints are lost together, four sensors give 96 % of the sets."""
     rng = random.Random(25)
     taker, layouts = rig(sensors)
