@@ -115,22 +115,20 @@ class SimSource(EncoderSource):
     @property
     def fault(self) -> str | None:
         """Return which encoders do not answer, as requested, if too few do; or None."""
-        absence, suffices = self._absence()
-        return None if suffices else absence
+        return self._absence(suffices=False)
 
     @property
     def caution(self) -> str | None:
         """Return which encoders do not answer, as requested, if enough others do; or None."""
-        absence, suffices = self._absence()
-        return absence if suffices else None
+        return self._absence(suffices=True)
 
-    def _absence(self) -> tuple[str | None, bool]:
-        """Return which encoders do not answer, None if all do; and whether enough others do."""
+    def _absence(self, suffices: bool) -> str | None:
         missing = sorted({fault.joint for fault in self.faults
                           if fault.kind == 'dropout' and fault.joint is not None})
-        names = ', '.join(ALL_JOINT_NAMES[joint] for joint in missing)
-        return (f'no answer of {names}' if missing else None,
-                len(self._counts_per_turn) - len(missing) >= len(JOINT_NAMES))
+        left = len(self._counts_per_turn) - len(missing)
+        if not missing or suffices != (left >= len(JOINT_NAMES)):
+            return None
+        return f'no answer of {", ".join(ALL_JOINT_NAMES[joint] for joint in missing)}'
 
     def statistics(self) -> dict[str, object]:
         """Return the numbers of sets made and of deadlines missed."""

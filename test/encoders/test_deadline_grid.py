@@ -31,15 +31,3 @@ def test_a_deadline_is_waited_for_up_to_the_timeout(clock):
     assert clock.slept == [0.125]
     assert grid.wait(0.125)
     assert clock.now == 0.25
-
-
-def test_a_restarted_grid_begins_at_once(clock):
-    grid = DeadlineGrid(PERIOD)
-    grid.wait(1.0)
-    clock.now += 0.0034
-    grid.restart()
-    assert grid.wait(0.0)
-    assert grid.missed == 0
-    assert grid.lateness == 0.0
-    grid.wait(1.0)
-    assert clock.now == pytest.approx(0.0134, abs=1e-9)
