@@ -22,6 +22,8 @@ import yaml
 STORAGE_SUFFIXES = ('.mcap', '.db3')
 COMPRESSED_SUFFIX = '.zstd'
 METADATA = 'metadata.yaml'
+# First and last bytes of an MCAP file.
+MCAP_MAGIC = b'\x89MCAP0\r\n'
 # What sqlite3 keeps beside a database that was not closed, behind the name of the file.
 SQLITE_REMAINS = ('-wal', '-journal')
 
@@ -118,7 +120,14 @@ def _metadata(path: Path) -> _Metadata:
 
 
 def _check_ended(path: Path) -> None:
-    """Raise InputError if sqlite3 holds messages beside a database that was not closed."""
+    """Raise InputError for an MCAP file without its end, and a database that was not closed."""
+    if path.suffix == '.mcap' and path.is_file():
+        with open(path, 'rb') as file:
+            begin = file.read(len(MCAP_MAGIC))
+            file.seek(max(0, path.stat().st_size - len(MCAP_MAGIC)))
+            # rosbag2_py would read what is there.
+            if begin == MCAP_MAGIC != file.read():
+                raise _not_ended(path, 'no end of an MCAP file', path.parent)
     for suffix in SQLITE_REMAINS:
         beside = path.with_name(path.name + suffix)
         if path.suffix == '.db3' and beside.exists() and beside.stat().st_size:
