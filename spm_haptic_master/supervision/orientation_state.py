@@ -14,9 +14,6 @@ from enum import Enum
 
 from spm_haptic_master.kinematics.joints import named_joints
 
-# Between condition and reason.
-SEPARATOR = ': '
-
 
 class Condition(Enum):
     """Whether orientations are published, and how far they can be relied on."""
@@ -27,8 +24,6 @@ class Condition(Enum):
     SILENT = 'silent'
 
 
-# Conditions in which orientations are published.
-PUBLISHING = frozenset((Condition.HEALTHY, Condition.DEGRADED))
 # Conditions with a reason.
 EXPLAINED = frozenset((Condition.DEGRADED, Condition.SILENT))
 
@@ -43,20 +38,18 @@ class OrientationState:
     @property
     def publishes(self) -> bool:
         """Whether orientations are published in this state."""
-        return self.condition in PUBLISHING
+        return self.condition in (Condition.HEALTHY, Condition.DEGRADED)
 
     @property
     def text(self) -> str:
         """Words of the state, as on the topic `state`."""
         word = self.condition.value
-        return f'{word}{SEPARATOR}{self.why}' if self.condition in EXPLAINED else word
+        return f'{word}: {self.why}' if self.condition in EXPLAINED else word
 
     @property
     def left_out(self) -> tuple[str, ...]:
         """Names of the joints that a degraded orientation is computed without."""
-        if self.condition is not Condition.DEGRADED:
-            return ()
-        return named_joints(self.why)
+        return named_joints(self.why) if self.condition is Condition.DEGRADED else ()
 
 
 STARTING = OrientationState(Condition.STARTING)
@@ -75,7 +68,7 @@ def silent(why: str) -> OrientationState:
 
 def read_state(text: str) -> OrientationState | None:
     """Return the state of the words on the topic `state`; None for any other words."""
-    word, _, why = text.partition(SEPARATOR)
+    word, _, why = text.partition(': ')
     try:
         state = OrientationState(Condition(word), why)
     except ValueError:

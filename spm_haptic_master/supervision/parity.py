@@ -86,7 +86,9 @@ class ParityWindow:
         self._x, self._y, self._z = sum_x, sum_y, sum_z
         self._since_summed += 1
         if self._since_summed >= SUMMED_SAMPLES:
-            self._sum_anew()
+            self._since_summed = 0
+            _, xs, ys, zs = zip(*parities, strict=True)
+            self._x, self._y, self._z = sum(xs), sum(ys), sum(zs)
         count = len(parities)
         self.root = sqrt(count if count > WINDOW_SAMPLES else WINDOW_SAMPLES)
         if count < FIRST_TOGETHER:
@@ -110,17 +112,8 @@ class ParityWindow:
             self._learnt += 1.0
         self.variance = mean + (square - mean) / self._learnt
 
-    def _sum_anew(self) -> None:
-        self._since_summed = 0
-        _, xs, ys, zs = zip(*self._parities, strict=True)
-        self._x, self._y, self._z = sum(xs), sum(ys), sum(zs)
-
 
 def padded(parity: tuple[float, ...]) -> Parity:
     """Return a parity vector of one to three entries as three, zeros behind."""
-    if len(parity) == 1:
-        return parity[0], 0.0, 0.0
-    if len(parity) == 2:
-        return parity[0], parity[1], 0.0
-    x, y, z = parity
+    x, y, z, *_ = *parity, 0.0, 0.0
     return x, y, z

@@ -52,13 +52,6 @@ def test_a_healthy_quiet_encoder_is_not_frozen(kind, noise, bits):
     assert run(kind, noise=noise, bits=bits).published[10:].all()
 
 
-def test_a_device_that_comes_to_rest_on_noiseless_sensors_is_not_frozen():
-    def rest(angles):
-        angles[1000:] = angles[1000]
-    outcome = run('turning', seconds=1.2, spoil=rest, noise=0.0, bits=40)
-    assert outcome.published[1020:].all() and outcome.states[-1] == 'healthy'
-
-
 @pytest.mark.parametrize('speed', [pytest.param(0.5, marks=pytest.mark.slow), 1.0])
 @pytest.mark.parametrize('hold', [2, 4])
 @SENSORS

@@ -145,8 +145,8 @@ def test_equal_readings_mean_something_of_a_noisy_sensor_only():
         monitor.follow(reading, DT, DT, 0.0)
         assert monitor.run < 20
     assert monitor.repeats_are_rare
-    follow(monitor, [reading] * 30)
-    assert monitor.run >= 30 and monitor.repeats_are_rare
+    follow(monitor, [reading + radians(0.1)] * 31)
+    assert (monitor.run, monitor.repeats_are_rare) == (30, True)
     for quiet in (*(encoder(0.0 * times(3000), noise) for noise in (0.006, 0.012, 0.03)),
                   slow(coming_to(3.0), 4)):
         monitor = joint()
