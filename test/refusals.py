@@ -357,7 +357,7 @@ REFUSALS = (
     option('sim_bus', '--fault', 'dropout:joint_1a@1+0', 'it would never begin', '+0',
            'a duration above 0'),
     Refusal('validate', ('r.csv', 'c.csv', '--marker-azimuths', '0', 'inf'), '--marker-azimuths',
-             '0 inf', 'not finite', ("'inf'", 'a finite number')),
+            '0 inf', 'not finite', ("'inf'", 'a finite number')),
     *(Refusal(program, files, 'RECORDING', 'a file that does not exist',
               f'there is nothing to {verb}', ('r.csv',)) for program, verb, files in (
         ('validate', 'compare', ('r.csv', 'c.csv')), ('supervise', 'supervise', ('r.csv',)))),
