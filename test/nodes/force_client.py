@@ -111,7 +111,9 @@ class Client:
             self.engage()
             self.torque = torque
             del self.felt[:]
-            if self.observer.spin_until(lambda: self.felt and is_felt() and beside(), 6.0):
+            if self.observer.spin_until(lambda: self.state.condition is not Condition.ENGAGED or (
+                    self.felt and is_felt() and beside()), 6.0) and (
+                    self.state.condition is Condition.ENGAGED):
                 return True
         return False
 

@@ -230,16 +230,16 @@ def test_one_drive_that_restarts(rig):
 
 
 def test_a_wrench_that_ends(rig):
-    """In the median of three losses: single frames wait longer on a machine that has no load."""
+    """In the median of five losses: a program stands still now and then, without any load."""
     running, took = rig(PATIENT | {'force.wrench_timeout': 0.03}), []
     client = running.client
-    for number in range(3):
+    for number in range(5):
         with Disturbance() as machine:
             client.torque = None
             began = 1e-9 * client.sent
             running.observer.spin_until(lambda: False, 0.3)
             took.append(running.ear.torque_ends(began) - began)
         running.was_on(machine, began)
-        if number < 2:
+        if number < 4:
             running.feel()
     machine.expect(np.median(took) <= 0.05 + GRID, took)
