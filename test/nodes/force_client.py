@@ -23,7 +23,7 @@ FORCE = {'force.enabled': True, 'force.without_drives': True, 'force.wrench_time
          'force.engaged_by': 'operating_state', 'force.protection_limit_deg': 5.0,
          'force.damping': 0.0, 'force.noise_limit': 100.0}
 # So often it is tried, because a pause of the machine is a fault of its own.
-ATTEMPTS = 10
+ATTEMPTS = 20
 TORQUE = (0.05, -0.1, 0.1)
 
 
