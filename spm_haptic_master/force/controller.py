@@ -262,15 +262,14 @@ class ForceController:
         """Assign the state: the only place."""
         before = self._state.condition
         self._obstacles.restart()
+        self._energy.restart()
         self._idle = self._wrench_ramp = 0.0
         if before is not Condition.FADING:
             self._left, self._from = 1.0, self._last
         if before not in (Condition.ENGAGED, Condition.HOLDING) or (
                 state.condition is Condition.FADING):
-            # Between engaged and holding the torque follows the slew rate, and the energy that was
-            # used up stays so.
+            # Between engaged and holding the torque follows the slew rate.
             self._asked = NOTHING
-            self._energy.restart()
             self._ramp = self._borne = 0.0
         self._state = state
 

@@ -58,12 +58,12 @@ class EnergyBudget:
     __slots__ = ('_useless', 'damping', 'energy', 'share')
 
     def __init__(self) -> None:
+        self.damping = 0.0  # z (unit 1)
         self.restart()
 
     def restart(self) -> None:
-        """Begin with what is given in advance."""
-        self.energy = ADVANCE  # E, J
-        self.damping, self.share = 0.0, 1.0  # z and g (unit 1)
+        """Begin with what is given in advance; the damping goes as slowly as ever."""
+        self.energy, self.share = ADVANCE, 1.0  # E, J, and g (unit 1)
         self._useless = 0.0  # how long the wrench has been without use, s
 
     def take(self, given: float, asked: Vector[float], dt: float) -> bool:
