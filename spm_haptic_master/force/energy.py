@@ -16,8 +16,9 @@ the wrench:
 
     z = smoothstep((1.5 mJ - E) / 1 mJ)        g = smoothstep(1 + E / E_g)
 
-with z at most 1 in 4 ms up, and in 20 ms down. The damping alone would let a faded spring generate
-energy for ever in slow motion; the share of the wrench alone would take most of a stiff wall away.
+z takes 4 ms or more from 0 to 1, and 20 ms or more back: no jerks of a fast handle. The damping
+alone would let a faded spring generate energy for ever in slow motion; the share of the wrench
+alone would take most of a stiff wall away.
 """
 
 from __future__ import annotations
@@ -70,8 +71,8 @@ class EnergyBudget:
         """
         Count a period of `dt`, s; return whether the wrench has been useless for too long.
 
-        `given` is the work of the motors in it without that of gravity, J; `asked` the torque that
-        was asked of the handle, N m: it bounds the stored energy.
+        `given` is the work of the motors in it, less that of lifting the weight, J; `asked` the
+        torque that was asked of the handle, N m: it bounds the stored energy.
         """
         energy = self.energy - given
         if energy > ADVANCE:

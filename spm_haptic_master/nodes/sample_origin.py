@@ -73,8 +73,8 @@ class SampleOrigin:
             return RejectedError(TOO_BUSY, f'a sample is {more_than(age / SECOND)} old, {limit}')
         return RejectedError(
             'stale sample' if age > 0 else 'sample from the future',
-            f'{age / SECOND:.6f} s old, {limit}; are the clocks of two hosts synchronized, and is '
-            'none too busy?')
+            f'{age / SECOND:.6f} s old, {limit}: a host is too busy, or the clocks of two hosts '
+            'are not synchronized')
 
     def _difference(self) -> tuple[str, str] | None:
         """Return reason and detail of the first difference of the driver of the topic."""

@@ -80,7 +80,7 @@ def test_only_a_driver_in_this_process_surely_has_this_clock(graph, is_watching)
     if is_watching:
         origin.watch()
     limit = 100_000_000
-    asks = 'limit 0.1 s; are the clocks of two hosts synchronized, and is none too busy?'
+    asks = 'limit 0.1 s: a host is too busy, or the clocks of two hosts are not synchronized'
     assert str(origin.rejection(300_000_000, limit)) == (
         f'stale sample: 0.300000 s old, {asks}' if is_watching else
         f'{TOO_BUSY}: a sample is more than 0.2 s old, limit 0.1 s')
