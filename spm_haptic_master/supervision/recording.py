@@ -140,7 +140,7 @@ def run(times: NDArray[np.int64], readings: NDArray[np.float64], values: Values,
         result.bounds[index] = np.degrees(supervisor.parts)
         if verdict.announced is not announced:
             announced = verdict.announced
-            result.state.append((index, verdict.text))
+            result.state.append((index, announced.text))
     return result
 
 

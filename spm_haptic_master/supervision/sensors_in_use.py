@@ -34,7 +34,7 @@ class SensorsInUse:
 
     `used` are those in use for this sample, those before if fewer than three are left; `missing`
     have no reading in it, `left_out` are not in use for it, and `distrusted` are so for longer
-    than a lost frame. `names` are those of the distrusted, `words` have what is wrong with each.
+    than a lost frame. `words` have what is wrong with each of these.
     """
 
     def __init__(self, solver: Solver, sigma: tuple[float, ...], limits: Limits) -> None:
@@ -64,7 +64,6 @@ class SensorsInUse:
     def _update(self) -> None:
         self.left_out = tuple(sorted({*self.missing, *self.distrusted}))
         self.used = self.without(*self.left_out) or self.used
-        self.names = tuple(ALL_JOINT_NAMES[place] for place in sorted(self.distrusted))
         self.words = ', '.join(f'{ALL_JOINT_NAMES[place]} {self.distrusted[place].word}'
                                for place in sorted(self.distrusted))
 

@@ -31,7 +31,7 @@ def test_a_sensor_that_stepped_alone_is_left_out_at_once(sensor, size):
     causes = rig.samples(20, **jumped)
     assert None not in causes[:2]
     assert set(causes[3:]) == {None}
-    assert rig.verdict.left_out == (JOINT_NAMES[sensor],)
+    assert rig.left_out == (JOINT_NAMES[sensor],)
     assert max(rig.errors(100, **jumped)) < np.degrees(rig.verdict.protection_level)
     # It is declared that nobody checks it, nor the others.
     assert rig.supervisor.parts == [inf] * 4
