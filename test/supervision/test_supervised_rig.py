@@ -18,7 +18,7 @@ from spm_haptic_master.simulation.trajectories import sweep
 # Standard deviations of ordinary tolerances (rad), and seeds of rigs that have them.
 TOLERANCES = Tolerances(*np.radians([0.25, 0.25, 0.12, 0.01]))
 SEEDS = (1, 2)
-SAMPLES, COUNT = 3000, 2.0 * pi / 2**14
+SAMPLES, COUNT = 1500, 2.0 * pi / 2**14
 
 
 @cache
@@ -26,8 +26,8 @@ def recording(seed):
     """Return a rig, three seconds of its true orientations and its counted readings."""
     rig = random_rig(seed, TOLERANCES, noise=radians(0.04))
     motion = NoisyMotion(sweep(radians(20.0)), rig, seed, (1, 1, 1))
-    # The sweep four times as fast: three seconds of it cross much of the workspace.
-    times = 4e-3 * np.arange(SAMPLES)
+    # The sweep eight times as fast: it crosses much of the workspace.
+    times = 8e-3 * np.arange(SAMPLES)
     readings = np.array([motion.angles(t) for t in times])
     truth = matrix_from_quaternion(np.array([motion.orientation(t) for t in times]))
     return rig, truth, COUNT * np.round(readings / COUNT)
@@ -59,7 +59,9 @@ def test_with_its_own_mechanism_and_bias_it_is_published(seed):
     assert np.sqrt((error**2).mean()) <= 0.055 and error.max() <= 0.3
 
 
-@pytest.mark.parametrize(('sensor', 'fault_deg'), [(0, 2.0), (1, -0.5), (2, 2.0), (3, -0.5)])
+@pytest.mark.parametrize(('sensor', 'fault_deg'), [
+    (0, 2.0), (3, -0.5), *(pytest.param(*each, marks=pytest.mark.slow)
+                           for each in ((1, -0.5), (2, 2.0)))])
 def test_no_fault_turns_it_by_more_than_its_protection_level(sensor, fault_deg):
     found = as_built(1, offset(600, sensor, fault_deg))
     assert found.published[4:600].all()
