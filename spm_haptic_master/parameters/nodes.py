@@ -21,12 +21,12 @@ from spm_haptic_master.parameters.geometry import (
     MOUNTING_SETTINGS,
     WORKING_MODE_SETTING,
 )
-from spm_haptic_master.parameters.setting import Setting
-from spm_haptic_master.parameters.shared import (
+from spm_haptic_master.parameters.setting import (
     CALIBRATION_SETTING,
     JOINTS_FRAME_SETTING,
     RATE_SETTING,
     SENSORS_SETTING,
+    Setting,
 )
 
 # Settings of the simulated rig and its motion.

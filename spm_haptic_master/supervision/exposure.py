@@ -9,7 +9,7 @@ from collections.abc import Collection
 from math import inf
 
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
-from spm_haptic_master.parameters.limits import Limits
+from spm_haptic_master.parameters.fkm import Limits
 from spm_haptic_master.supervision.symptom import Reason, Symptom, withheld
 
 # Time unchecked that is a caution (s): less is a moment on the way through a singularity.

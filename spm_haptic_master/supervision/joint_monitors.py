@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection
 from math import degrees, inf
 
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
-from spm_haptic_master.parameters.limits import FOUR, Limits
+from spm_haptic_master.parameters.fkm import FOUR, Limits
 from spm_haptic_master.supervision.joint_monitor import JointMonitor, Step
 from spm_haptic_master.supervision.sample_clock import JITTER_DEVIATIONS, SampleClock
 from spm_haptic_master.supervision.solver import Angles

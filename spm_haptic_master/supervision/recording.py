@@ -16,8 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from spm_haptic_master.exceptions import InputError, SettingError
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.geometry import mounting_from
-from spm_haptic_master.parameters.setting import complete, Values
-from spm_haptic_master.parameters.shared import SENSORS_SETTING
+from spm_haptic_master.parameters.setting import complete, SENSORS_SETTING, Values
 from spm_haptic_master.supervision.supervisor import make_supervisor
 
 # Samples between two reports of the progress.

@@ -13,7 +13,7 @@ from spm_haptic_master.exceptions import AmbiguousError, SpmError
 from spm_haptic_master.kinematics.estimation.gauss_newton import SampleEstimate
 from spm_haptic_master.kinematics.joints import UsedSensors
 from spm_haptic_master.kinematics.number_backends import Quaternion
-from spm_haptic_master.parameters.limits import Limits
+from spm_haptic_master.parameters.fkm import Limits
 from spm_haptic_master.supervision.anchor import SAME_SOLUTION, TURN_DEVIATIONS, within
 from spm_haptic_master.supervision.parity import padded, Parity, ParityWindow
 from spm_haptic_master.supervision.protection import Integrity, integrity, MISSED_DETECTION

@@ -10,7 +10,7 @@ from functools import partial
 from math import inf
 
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
-from spm_haptic_master.parameters.limits import FOUR, Limits, THREE
+from spm_haptic_master.parameters.fkm import FOUR, Limits, THREE
 from spm_haptic_master.supervision.sensor_set import Sample, SensorSet
 from spm_haptic_master.supervision.solver import Angles, Solver
 from spm_haptic_master.supervision.symptom import Reason, Symptom, withheld

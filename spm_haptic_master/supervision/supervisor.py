@@ -14,8 +14,8 @@ from spm_haptic_master.kinematics.estimation.gauss_newton import (
     SampleEstimate,
 )
 from spm_haptic_master.kinematics.number_backends import Quaternion
+from spm_haptic_master.parameters.fkm import FOUR, Limits, limits_from, sigma_from
 from spm_haptic_master.parameters.geometry import geometry_from
-from spm_haptic_master.parameters.limits import FOUR, Limits, limits_from, sigma_from
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.supervision.anchor import Anchor, PRIOR_AGE, SAME_SOLUTION, within
 from spm_haptic_master.supervision.exposure import Exposure

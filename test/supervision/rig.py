@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 from spm_haptic_master.kinematics import quaternion_from_matrix, workspace_pose
 from spm_haptic_master.kinematics.rotations import rotation_distance
-from spm_haptic_master.parameters.fkm import SUPERVISION_SETTINGS
-from spm_haptic_master.parameters.limits import Limits, limits_from
+from spm_haptic_master.parameters.fkm import Limits, limits_from, SUPERVISION_SETTINGS
 from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.supervision.supervisor import make_supervisor
 

@@ -18,12 +18,9 @@ from spm_haptic_master.kinematics import (
     UsedSensors,
     workspace_pose,
 )
-from spm_haptic_master.parameters.fkm import FKM_SETTINGS
-from spm_haptic_master.parameters.limits import limits_from
+from spm_haptic_master.parameters.fkm import FKM_SETTINGS, limits_from
 from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.supervision.protection import integrity, MISSED_DETECTION
-
-
 
 # Another solution -----------------------------------------------------------------------------
 
