@@ -24,8 +24,8 @@ from spm_haptic_master.parameters.setting import (
     Values,
 )
 
-# What `force.engaged_by` may be.
-BY_TELEOP, BY_OPERATING_STATE = 'teleop', 'operating_state'
+# A value of `force.engaged_by`.
+BY_TELEOP = 'teleop'
 
 FORCE_SETTINGS = (
     Setting('force.enabled', bool, 'compute motor torques, with the topics of the force feedback',
@@ -36,9 +36,8 @@ FORCE_SETTINGS = (
     Setting('force.motors', int, 'number of motors: 3 (on th1A, th1B, th1C) or 4 (on th3A, too)',
             default=3, allowed=(3, 4)),
     Setting('force.engaged_by', str, f"what engages force: '{BY_TELEOP}': teleop_state, which "
-            f"needs a hand on the handle; '{BY_OPERATING_STATE}': ENABLED, for a client that "
-            'looks after the hand by itself', default=BY_TELEOP,
-            allowed=(BY_TELEOP, BY_OPERATING_STATE)),
+            "needs a hand on the handle; 'operating_state': ENABLED, for a client that looks "
+            'after the hand by itself', default=BY_TELEOP, allowed=(BY_TELEOP, 'operating_state')),
     Setting('force.torque_limit', float, 'largest torque asked of the handle, N m',
             default=0.3, minimum=0.001, maximum=10.0),
     Setting('force.motor_torque_limit', float, 'largest torque of a motor, N m',
@@ -75,23 +74,18 @@ FORCE_SETTINGS = (
             default=(0.0, 0.0, -9.80665), minimum=-20.0, maximum=20.0, count=3),
 )
 
-# Settings of the names of the mounting's frames, beside that of the base (`frame_id`).
-FRAME_SETTINGS = (
-    Setting('mounting.table_frame_id', str, 'frame of the table, in which all outputs are where '
-            'mounting.base_zxz_deg is not 0', default='spm_table'),
-    Setting('mounting.platform_frame_id', str, 'frame of the platform, on which the handle is '
-            'mounted', default='spm_platform'),
-    Setting('mounting.handle_frame_id', str, 'frame of the handle, whose orientation is published '
-            'where mounting.handle_zxz_deg is not 0', default='spm_handle'),
-)
-
 # Shortest window of the angular velocity (sample periods): three samples, and their jitter.
 VELOCITY_PERIODS = 2.5
 
 INTERFACE_SETTINGS = (
     Setting('frame_id', str, 'frame of the base, in which all outputs are unless it is mounted',
             default='spm_base'),
-    *FRAME_SETTINGS,
+    Setting('mounting.table_frame_id', str, 'frame of the table, in which all outputs are where '
+            'mounting.base_zxz_deg is not 0', default='spm_table'),
+    Setting('mounting.platform_frame_id', str, 'frame of the platform, on which the handle is '
+            'mounted', default='spm_platform'),
+    Setting('mounting.handle_frame_id', str, 'frame of the handle, whose orientation is published '
+            'where mounting.handle_zxz_deg is not 0', default='spm_handle'),
     replace(RATE_SETTING, description='expected rate of joint samples, Hz; a lower one is a '
             'warning'),
     Setting('latency_limit', float, 'largest 99th percentile of the latency from sample to '
@@ -179,7 +173,7 @@ FKM_SETTINGS = (*INTERFACE_SETTINGS, *SUPERVISION_SETTINGS, *FORCE_SETTINGS)
 def check_frames(values: Values) -> None:
     """Refuse two frames of the mounting with one name; SettingError names the second."""
     seen: dict[str, str] = {}
-    for name in ('frame_id', *(setting.name for setting in FRAME_SETTINGS)):
+    for name in (each.name for each in INTERFACE_SETTINGS if each.name.endswith('frame_id')):
         first = seen.setdefault(values[name], name)
         if first != name:
             raise SettingError(name, values[name], f'another frame than that of {first}')

@@ -96,18 +96,14 @@ class Parameters:
         of a node of the package, or the node of a section or every program lacks a name.
         """
         by_name = {self.full_name(node): node for node in nodes}
-        reaching = {id(section) for section in self._reaching(nodes)}
-        by_origin: dict[str, list[Section]] = {}
+        reaching = self._reaching(nodes)
+        for origin in dict.fromkeys(section.origin for section in self._sections):
+            if not any(section.origin == origin for section in reaching):
+                found = ', '.join(each.nodes for each in self._sections if each.origin == origin)
+                raise InputError(f'{origin}: none of its entries reaches a node of this process; '
+                                 f'it has {found}, expected /** or {" or ".join(by_name)}')
         for section in self._sections:
-            by_origin.setdefault(section.origin, []).append(section)
-        for origin, same in by_origin.items():
-            if not any(id(section) in reaching for section in same):
-                raise InputError(
-                    f'{origin}: none of its entries reaches a node of this process; it '
-                    f'has {", ".join(each.nodes for each in same)}, expected /** or '
-                    f'{" or ".join(by_name)}')
-        for section in self._sections:
-            if id(section) not in reaching:
+            if section not in reaching:
                 _check_other(section)
             elif section.nodes.endswith('*'):
                 _check_names(section, 'this program', {*names, *ALL_NAMES}, names)
