@@ -4,8 +4,7 @@
 """
 Command lines: ROS arguments with or without --ros-args, for nodes and tools alike.
 
-ROS ignores what it does not know: an argument in the wrong place, a parameter of another node.
-Here that is refused. Parameters never reach rcl: the package's resolver decides each value.
+What ROS would ignore is refused. Parameters never reach rcl: the resolver decides each value.
 """
 
 from __future__ import annotations
@@ -29,10 +28,8 @@ OF_ROS = 'as of every ROS node'  # help of an option that is passed on
 # Values of --log-level, as rcl has them.
 LOG_LEVEL = re.compile(r'([\w./]+:=)?(debug|info|warn|error|fatal|unset)',
                        re.ASCII | re.IGNORECASE)
-# Tokens that begin and end the ROS arguments.
-MARKERS = ('--ros-args', '--')
-# Columns of the help text.
-HELP_WIDTH = 99
+MARKERS = ('--ros-args', '--')  # begin and end of the ROS arguments
+HELP_WIDTH = 99  # columns
 
 
 class OneLineParser(argparse.ArgumentParser):
@@ -126,8 +123,7 @@ def help_text(settings: Iterable[Setting]) -> str:
     groups: dict[str, list[str]] = {}
     for setting in settings:
         first, dot, _ = setting.name.partition('.')
-        default = setting.default if setting.default not in (None, '') else ''
-        shown = f' [{_shown(default)}]' if default != '' else ''
+        shown = '' if setting.default in (None, '') else f' [{_shown(setting.default)}]'
         groups.setdefault(f'{first}.*' if dot else '', []).extend(
             [f'  {setting.name}{shown}', *wrap(
                 setting.description, HELP_WIDTH, initial_indent=' ' * 6,

@@ -19,14 +19,11 @@ from spm_haptic_master.kinematics.joints import NUMBER_WORDS
 import yaml
 
 PACKAGE = 'spm_haptic_master'
-# Key below a node's name in a parameter file.
-PARAMETERS = 'ros__parameters'
+PARAMETERS = 'ros__parameters'  # key below a node's name
 # Regular expressions of the wildcards in a node's name, as rcl has them.
 WILDCARDS = {'/**': r'(/\w+)*', '/*': r'/\w+'}
-# Largest parameter file (bytes): a rig's has some 5,000.
-LARGEST_FILE = 1 << 20
-# Most characters of a whole number of 64 bits: -9223372036854775808.
-LONGEST_INTEGER = 20
+LARGEST_FILE = 1 << 20  # bytes; a rig's has some 5,000
+LONGEST_INTEGER = 20  # characters, of -9223372036854775808
 
 # Plain numbers that YAML and rcl read alike, and others that one of them reads as a number.
 INTEGER = re.compile(r'[-+]?(0|[1-9]\d*|0[xX][0-9a-fA-F]+)', re.ASCII)

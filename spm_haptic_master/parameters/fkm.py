@@ -10,11 +10,7 @@ from math import erfc, exp, inf, pi, radians, sqrt
 from statistics import NormalDist
 
 from spm_haptic_master.exceptions import SettingError
-from spm_haptic_master.parameters.geometry import (
-    GEOMETRY_SETTINGS,
-    MOUNTING_SETTINGS,
-    WORKING_MODE_SETTING,
-)
+from spm_haptic_master.parameters.geometry import MECHANISM_SETTINGS, MOUNTING_SETTINGS
 from spm_haptic_master.parameters.setting import (
     ANY_COUNT,
     CALIBRATION_SETTING,
@@ -110,9 +106,7 @@ INTERFACE_SETTINGS = (
     CALIBRATION_SETTING,
 )
 
-# Forward models to choose from: 'estimate' is the maximum-likelihood orientation of all four
-# sensors; 'theta3a' the paper's Case 2 (eqs. 15, 16); 'classic' the three active joints alone
-# (eqs. 1 to 7), in the assembly mode nearest to the last orientation.
+# Forward models: maximum likelihood, Case 2 (eqs. 15, 16), assembly mode of three (eqs. 1 to 7).
 METHODS = ('estimate', 'theta3a', 'classic')
 # Values of a list for the fifth and the sixth sensor.
 FURTHER = 'th3B and th3C have the values behind them, else that of th3A'
@@ -161,8 +155,7 @@ SUPERVISION_SETTINGS = (
     Setting('degraded', str, "'allow': continue without a sensor that is known to be faulty; "
             "'stop': publish nothing; 'auto': 'allow' with six sensors, else 'stop'",
             default='auto', allowed=('auto', 'allow', 'stop')),
-    *GEOMETRY_SETTINGS,
-    WORKING_MODE_SETTING,
+    *MECHANISM_SETTINGS,
     *MOUNTING_SETTINGS,
 )
 
@@ -180,8 +173,7 @@ def check_frames(values: Values) -> None:
 
 # Sensors that determine an orientation, that check each other by one parity, by two.
 THREE, FOUR, FIVE = 3, 4, 5
-# Samples an hour (unit 1) that the rate of false alarms refers to: 1 kHz.
-SAMPLES_AN_HOUR = 3.6e6
+SAMPLES_AN_HOUR = 3.6e6  # that the rate of false alarms refers to: 1 kHz
 # Tests on a sample that share the false alarms: parity alone, parity over the window, four jumps.
 TESTS = 6
 TURN = 2.0 * pi - 1e-9  # rad; a full turn, less the rounding of degrees

@@ -15,11 +15,7 @@ from spm_haptic_master.parameters.encoders import (
     TABLE_SETTINGS,
 )
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
-from spm_haptic_master.parameters.geometry import (
-    GEOMETRY_SETTINGS,
-    MOUNTING_SETTINGS,
-    WORKING_MODE_SETTING,
-)
+from spm_haptic_master.parameters.geometry import MECHANISM_SETTINGS, MOUNTING_SETTINGS
 from spm_haptic_master.parameters.setting import (
     ANY_COUNT,
     CALIBRATION_SETTING,
@@ -49,16 +45,13 @@ MOTION_SETTINGS = (
             'of its axes, deg', minimum=0.0, maximum=5.0, count=2),
     Setting('sim.harmonics_deg', float, "sim.rig_seed: standard deviations of the encoders' first "
             'and second harmonics, deg', minimum=0.0, maximum=2.0, count=2),
-    *GEOMETRY_SETTINGS,
-    WORKING_MODE_SETTING,
+    *MECHANISM_SETTINGS,
 )
 
 # Settings of the source `sim`.
 SIM_SETTINGS = (RATE_SETTING, *MOTION_SETTINGS, COUNTS_PER_TURN_SETTING, *FIRST_HARMONIC_SETTINGS,
                 *TABLE_SETTINGS)
-# Settings of the mechanism: encoders need none of them, but their driver reports whose they are.
-MECHANISM_SETTINGS = (*GEOMETRY_SETTINGS, WORKING_MODE_SETTING)
-# Settings of each source, by the source's name.
+# Settings of each source, by its name; encoders need no mechanism, but their driver reports it.
 SOURCE_SETTINGS = {
     'sim': (*SIM_SETTINGS, JOINTS_FRAME_SETTING),
     'replay': (*REPLAY_SETTINGS, *MECHANISM_SETTINGS, JOINTS_FRAME_SETTING),
@@ -85,8 +78,7 @@ DIAGNOSTICS_SETTINGS = (
     Setting('orientation_timeout', float, 'time without an orientation after which that is an '
             'error, s', default=0.1, minimum=0.002, maximum=60.0),
     SENSORS_SETTING,
-    *GEOMETRY_SETTINGS,
-    WORKING_MODE_SETTING,
+    *MECHANISM_SETTINGS,
     *MOUNTING_SETTINGS,
 )
 
@@ -114,8 +106,7 @@ RECORDER_SETTINGS = (
             default='recording'),
 )
 
-# Angle of any offset (deg).
-ANY_OFFSET = 180.0
+ANY_OFFSET = 180.0  # deg
 
 TELEOP_SETTINGS = (
     Setting('teleop.registration_zxz_deg', float, 'psi, theta, phi (ZXZ) of R_slave_master, from '

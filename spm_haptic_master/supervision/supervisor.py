@@ -21,19 +21,13 @@ from spm_haptic_master.supervision.anchor import Anchor, PRIOR_AGE, SAME_SOLUTIO
 from spm_haptic_master.supervision.exposure import Exposure
 from spm_haptic_master.supervision.fault import FaultLatch
 from spm_haptic_master.supervision.joint_monitors import JointMonitors
-from spm_haptic_master.supervision.orientation_state import (
-    HEALTHY,
-    OrientationState,
-    StateMachine,
-)
+from spm_haptic_master.supervision.orientation_state import HEALTHY, OrientationState, StateMachine
 from spm_haptic_master.supervision.sample_clock import SampleClock
-from spm_haptic_master.supervision.sensor_set import Sample, SensorSet
+from spm_haptic_master.supervision.sensor_set import Angles, Sample, SensorSet, Solver
 from spm_haptic_master.supervision.sensors_in_use import SensorsInUse
-from spm_haptic_master.supervision.solver import Angles, Solver
 from spm_haptic_master.supervision.symptom import Reason, Symptom, withheld, worst
 
-# Periods without a sample that may hide whether a jump was a step (unit 1).
-GAP_PERIODS = 5.0
+GAP_PERIODS = 5.0  # without a sample, which may hide whether a jump was a step
 NOISE_PERIOD = 16  # samples between two evaluations of the noise
 # What `state` says of a series of bad samples while the others go out.
 SERIES = 'inconsistent angles again and again'
@@ -55,10 +49,9 @@ class Supervisor:
     Decides about each joint sample of N = 4, 5 or 6 mounted sensors.
 
     `alert_limit` is the largest protection level of an orientation that is published, rad;
-    `parity` that of the latest sample that has one, in standard deviations. `parts` (N) are what
-    an undetected fault of each sensor is bounded by, rad: its part of the protection level of the
-    latest consistent sample; infinite where nothing bounds it. `joints` have the noise as
-    measured, `latch` has the fault.
+    `parity` that of the latest sample that has one, in standard deviations; `parts` (N) the parts
+    of the protection level of the latest consistent sample, rad: what an undetected fault of each
+    sensor is bounded by. `joints` have the noise as measured, `latch` has the fault.
     """
 
     def __init__(self, solver: Solver, sigma: tuple[float, ...], limits: Limits) -> None:
@@ -83,9 +76,8 @@ class Supervisor:
         """
         Decide about a sample.
 
-        `stamp` is its time, ns, which has to grow from call to call; `angles` are the N readings,
-        rad: th1A, th1B, th1C, th3A, and th3B and th3C of such sensors; NaN of a sensor without a
-        reading.
+        `stamp` is its time, ns, which has to grow; `angles` are th1A, th1B, th1C, th3A, and th3B
+        and th3C of such sensors, rad; NaN of a sensor without a reading.
         """
         dt = self._clock.step(stamp)
         if dt < 0.0:
@@ -229,11 +221,7 @@ class Supervisor:
             part.restart()
 
     def accepted(self) -> tuple[Quaternion[float], Angles] | None:
-        """
-        Return orientation and readings (rad) of the latest sample.
-
-        None unless it is published as healthy and is that of all sensors.
-        """
+        """Return orientation and readings (rad) of the latest sample if it is healthy, of all."""
         state = self._state
         is_all = state.announced is HEALTHY and not self._sensors.left_out
         return self._last if is_all and state.published == self._clock.stamp else None
