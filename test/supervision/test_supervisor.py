@@ -7,8 +7,9 @@ from device import encoders, joint_angles, motion, offset, Outcome, ramp, run, s
 import numpy as np
 import pytest
 from rig import few
-from spm_haptic_master.kinematics import workspace_pose
+from spm_haptic_master.kinematics import inverse, workspace_pose
 from spm_haptic_master.kinematics.joints import JOINT_NAMES
+from spm_haptic_master.simulation.rig import random_rig, Tolerances
 
 SENSORS = (0, 3, 1, 2)
 PLACES = ['rest', 'rim', 'crossing', 'turning', 'sweep']
@@ -177,3 +178,19 @@ def test_theta3a_is_published_as_the_paper_has_it(place):
     outcome = run(place, seconds=0.5, solver='theta3a')
     assert outcome.published[4:].all() and outcome.within_level
     assert np.all(outcome.error[4:] < 0.6)
+
+
+# Another mechanism ----------------------------------------------------------------------------
+
+def test_only_with_its_own_mechanism_a_rig_is_published():
+    """Links and axes off by 0.25 deg (1 sigma)."""
+    built = random_rig(1, Tolerances(*np.radians([0.25, 0.25, 0.0, 0.0]))).geometry
+    rotations = motion('sweep', 8.0, 250.0)
+    joints = inverse(rotations, built)
+    readings = encoders(np.column_stack([joints.theta1, joints.theta3a]))
+    own = Outcome(rotations, readings, rate=250.0, geometry__base_axes=built.base_axes,
+                  geometry__platform_axes=built.platform_axes,
+                  geometry__proximal_deg=np.degrees(built.alphas),
+                  geometry__distal_deg=np.degrees(built.betas))
+    assert own.published[4:].mean() > 0.99 and own.within_level
+    assert Outcome(rotations, readings, rate=250.0).published.mean() < 0.5
