@@ -20,6 +20,12 @@ from spm_haptic_master.parameters.setting import (
     Values,
 )
 
+# Sensors that determine an orientation, that check each other by one parity, by two.
+THREE, FOUR, FIVE = 3, 4, 5
+SAMPLES_AN_HOUR = 3.6e6  # that the rate of false alarms refers to: 1 kHz
+# Tests on a sample that share the false alarms: parity alone, parity over the window, four jumps.
+TESTS = 6
+TURN = 2.0 * pi - 1e-9  # rad; a full turn, less the rounding of degrees
 # A value of `force.engaged_by`.
 BY_TELEOP = 'teleop'
 
@@ -170,13 +176,6 @@ def check_frames(values: Values) -> None:
         first = seen.setdefault(values[name], name)
         if first != name:
             raise SettingError(name, values[name], f'another frame than that of {first}')
-
-# Sensors that determine an orientation, that check each other by one parity, by two.
-THREE, FOUR, FIVE = 3, 4, 5
-SAMPLES_AN_HOUR = 3.6e6  # that the rate of false alarms refers to: 1 kHz
-# Tests on a sample that share the false alarms: parity alone, parity over the window, four jumps.
-TESTS = 6
-TURN = 2.0 * pi - 1e-9  # rad; a full turn, less the rounding of degrees
 
 
 @dataclass(frozen=True, slots=True)
