@@ -37,6 +37,8 @@ class Exposure:
         # Stamps (ns): the first consistent sample, and when each sensor was last checked.
         self._began: int | None = None
         self._checked: list[int | None] = [None] * self._sensors
+        # Stamps of the latest samples in which the others had seen each for a window.
+        self._seen: list[int | None] = [None] * self._sensors
         self.interrupt()
 
     def interrupt(self) -> None:
@@ -66,15 +68,16 @@ class Exposure:
             since = visible[sensor]
             if since is None:
                 visible[sensor] = stamp
-            elif confirmed and stamp - since >= self._window:
-                checked[sensor] = stamp
+            elif stamp - since >= self._window:
+                self._seen[sensor] = stamp
+                if confirmed:
+                    checked[sensor] = stamp
         self.hidden = hidden
         return level
 
     def seen(self, sensor: int, stamp: int) -> bool:
         """Whether the others have seen a sensor for a window, be the solution confirmed or not."""
-        since = self._visible[sensor]
-        return since is not None and stamp - since >= self._window
+        return self._seen[sensor] == stamp
 
     def times(self, stamp: int) -> tuple[float, ...]:
         """Return the seconds since each sensor was last checked; inf before the first time."""
