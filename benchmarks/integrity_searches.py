@@ -24,8 +24,7 @@ from spm_haptic_master.kinematics import (
     workspace_pose,
 )
 from spm_haptic_master.kinematics.joints import JOINT_NAMES
-from spm_haptic_master.parameters.fkm import FKM_SETTINGS
-from spm_haptic_master.parameters.limits import limits_from, sigma_from
+from spm_haptic_master.parameters.fkm import FKM_SETTINGS, limits_from, sigma_from
 from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.supervision import supervise
 from spm_haptic_master.supervision.orientation_state import received_state, STARTING

@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from spm_haptic_master.parameters.drives import DRIVE_SETTINGS
 from spm_haptic_master.parameters.files import source_defaults
 from spm_haptic_master.parameters.nodes import (
     DIAGNOSTICS_SETTINGS,
+    DRIVE_SETTINGS,
     FKM_SETTINGS,
     MASTER_SETTINGS,
     PRESENCE_SETTINGS,

@@ -20,7 +20,7 @@ from spm_haptic_master.parameters.files import source_defaults
 from spm_haptic_master.parameters.geometry import mechanism_checksum
 from spm_haptic_master.parameters.nodes import SOURCE_SETTING, SOURCE_SETTINGS
 from spm_haptic_master.parameters.resolver import Parameters, source_of
-from spm_haptic_master.parameters.shared import CALIBRATION_SETTING, JOINTS_FRAME_SETTING
+from spm_haptic_master.parameters.setting import CALIBRATION_SETTING, JOINTS_FRAME_SETTING
 from spm_haptic_master.ros import diagnostic_status as entry
 from spm_haptic_master.ros import runner
 from spm_haptic_master.ros.cdr import JointsFormat

@@ -26,8 +26,7 @@ from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.geometry import mechanism_checksum, mounting_from
 from spm_haptic_master.parameters.nodes import NODE_SETTINGS
 from spm_haptic_master.parameters.resolver import Parameters
-from spm_haptic_master.parameters.setting import Values
-from spm_haptic_master.parameters.shared import CALIBRATION_SETTING
+from spm_haptic_master.parameters.setting import CALIBRATION_SETTING, Values
 from spm_haptic_master.ros import diagnostic_status, runner
 from spm_haptic_master.ros.cdr import JointsFormat, OrientationWriter, SECOND
 from spm_haptic_master.ros.diagnostic_status import CHECK_PERIOD, REPEAT_PERIOD, STEADY

@@ -35,8 +35,7 @@ from spm_haptic_master.kinematics.rotations import (
 )
 from spm_haptic_master.nodes.force_factory import WrenchFrames
 from spm_haptic_master.nodes.force_inputs import ForceInputs
-from spm_haptic_master.parameters.fkm import BY_TELEOP
-from spm_haptic_master.parameters.limits import sigma_from
+from spm_haptic_master.parameters.fkm import BY_TELEOP, sigma_from
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.ros.diagnostic_status import ERROR, OK, StatusPublisher, STEADY, WARN
 from spm_haptic_master.ros.qos import SAMPLES, STATE

@@ -12,8 +12,8 @@ from rclpy.node import Node
 from spm_haptic_master.calibration.watch.calibration_watch import CalibrationWatch
 from spm_haptic_master.exceptions import RejectedError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
+from spm_haptic_master.parameters.fkm import limits_from, sigma_from
 from spm_haptic_master.parameters.geometry import geometry_from
-from spm_haptic_master.parameters.limits import limits_from, sigma_from
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.ros import diagnostic_status
 from spm_haptic_master.ros.cdr import SECOND

@@ -4,8 +4,7 @@
 """
 Command lines: ROS arguments with or without --ros-args, for nodes and tools alike.
 
-ROS ignores what it does not know: an argument in the wrong place, a parameter of another node.
-Here that is refused. Parameters never reach rcl: the package's resolver decides each value.
+What ROS would ignore is refused. Parameters never reach rcl: the resolver decides each value.
 """
 
 from __future__ import annotations
@@ -22,18 +21,15 @@ from spm_haptic_master.parameters.nodes import process_settings
 from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.parameters.setting import Setting
 
-# Options of ROS with a value, beside parameters and remappings.
-VALUES = ('--enclave', '--log-level', '--log-config-file')
 # Options of ROS without a value.
 FLAGS = tuple(f'--{verb}-{what}' for verb in ('enable', 'disable')
               for what in ('rosout-logs', 'stdout-logs', 'external-lib-logs'))
+OF_ROS = 'as of every ROS node'  # help of an option that is passed on
 # Values of --log-level, as rcl has them.
 LOG_LEVEL = re.compile(r'([\w./]+:=)?(debug|info|warn|error|fatal|unset)',
                        re.ASCII | re.IGNORECASE)
-# Tokens that begin and end the ROS arguments.
-MARKERS = ('--ros-args', '--')
-# Columns of the help text.
-HELP_WIDTH = 99
+MARKERS = ('--ros-args', '--')  # begin and end of the ROS arguments
+HELP_WIDTH = 99  # columns
 
 
 class OneLineParser(argparse.ArgumentParser):
@@ -96,27 +92,25 @@ def node_command_line(name: str, description: str, nodes: Sequence[str],
     """
     settings = process_settings(name)
     parser = Parser(name, f'{description}\n\n{help_text(settings)}')
-    parser.add_argument('-e', *VALUES[:1], metavar='PATH', help='as of every ROS node')
-    for option in VALUES[1:]:
-        parser.add_argument(option, metavar='VALUE', action='append', default=[],
-                            help='as of every ROS node')
-    for option in FLAGS:
-        parser.add_argument(option, action='store_true', help='as of every ROS node')
+    parser.add_argument('-e', '--enclave', metavar='PATH', help=OF_ROS)
+    for option in ('--log-level', '--log-config-file'):
+        parser.add_argument(option, metavar='VALUE', action='append', default=[], help=OF_ROS)
+    for flag in FLAGS:
+        parser.add_argument(flag, action='append_const', dest='flags', const=flag, default=[],
+                            help=OF_ROS)
     found = parser.parse(args[1:])
     given = parameters_of(found)
     given.check(nodes, {setting.name for setting in settings})
-    command_line = [*args[:1], MARKERS[0]]
     for level in found.log_level:
         if not LOG_LEVEL.fullmatch(level):
             raise InputError(f"--log-level '{level}'; expected debug, info, warn, error, fatal or "
                              'unset, or LOGGER:= and one of them')
-    for option in ('remap', 'log_level', 'log_config_file'):
-        for value in getattr(found, option):
-            command_line += [f'--{option.replace("_", "-")}', value]
-    if found.enclave:
-        command_line += ['--enclave', found.enclave]
-    return command_line + [option for option in FLAGS
-                           if getattr(found, option[2:].replace('-', '_'))], given
+    passed = {'--remap': found.remap, '--log-level': found.log_level,
+              '--log-config-file': found.log_config_file,
+              '--enclave': [found.enclave] if found.enclave else []}
+    return [*args[:1], MARKERS[0], *(word for option, values in passed.items()
+                                     for value in values for word in (option, value)),
+            *found.flags], given
 
 
 def parameters_of(found: argparse.Namespace) -> Parameters:
@@ -129,8 +123,7 @@ def help_text(settings: Iterable[Setting]) -> str:
     groups: dict[str, list[str]] = {}
     for setting in settings:
         first, dot, _ = setting.name.partition('.')
-        default = setting.default if setting.default not in (None, '') else ''
-        shown = f' [{_shown(default)}]' if default != '' else ''
+        shown = '' if setting.default in (None, '') else f' [{_shown(setting.default)}]'
         groups.setdefault(f'{first}.*' if dot else '', []).extend(
             [f'  {setting.name}{shown}', *wrap(
                 setting.description, HELP_WIDTH, initial_indent=' ' * 6,

@@ -10,11 +10,13 @@ from dataclasses import replace
 from typing import Any
 
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
-from spm_haptic_master.parameters.setting import ANY_COUNT, Setting, Values
-from spm_haptic_master.parameters.shared import (
+from spm_haptic_master.parameters.setting import (
+    ANY_COUNT,
     CALIBRATION_SETTING,
     RATE_SETTING,
     SENSORS_SETTING,
+    Setting,
+    Values,
 )
 
 

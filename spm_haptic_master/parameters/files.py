@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
 import os
 from pathlib import Path
 import re
@@ -20,14 +19,11 @@ from spm_haptic_master.kinematics.joints import NUMBER_WORDS
 import yaml
 
 PACKAGE = 'spm_haptic_master'
-# Key below a node's name in a parameter file.
-PARAMETERS = 'ros__parameters'
+PARAMETERS = 'ros__parameters'  # key below a node's name
 # Regular expressions of the wildcards in a node's name, as rcl has them.
 WILDCARDS = {'/**': r'(/\w+)*', '/*': r'/\w+'}
-# Largest parameter file (bytes): a rig's has some 5,000.
-LARGEST_FILE = 1 << 20
-# Most characters of a whole number of 64 bits: -9223372036854775808.
-LONGEST_INTEGER = 20
+LARGEST_FILE = 1 << 20  # bytes; a rig's has some 5,000
+LONGEST_INTEGER = 20  # characters, of -9223372036854775808
 
 # Plain numbers that YAML and rcl read alike, and others that one of them reads as a number.
 INTEGER = re.compile(r'[-+]?(0|[1-9]\d*|0[xX][0-9a-fA-F]+)', re.ASCII)
@@ -52,14 +48,10 @@ class Section:
 
     def reaches(self, node: str) -> bool:
         """Return whether a node, by its fully qualified name, takes the section."""
-        return _pattern(self.nodes).fullmatch(node) is not None
-
-
-@cache
-def _pattern(nodes: str) -> re.Pattern[str]:
-    """Return the regular expression of names; /** after /** adds none, but a search each."""
-    tokens = re.findall(r'/[^/]*', re.sub(r'(/\*\*)+(?=/|$)', '/**', nodes))
-    return re.compile(''.join(WILDCARDS.get(token, re.escape(token)) for token in tokens))
+        # /** after /** adds no name, but a search each.
+        tokens = re.findall(r'/[^/]*', re.sub(r'(/\*\*)+(?=/|$)', '/**', self.nodes))
+        return re.fullmatch(''.join(
+            WILDCARDS.get(token, re.escape(token)) for token in tokens), node) is not None
 
 
 def config_directory() -> Path:
@@ -124,8 +116,7 @@ def argument_section(text: str) -> Section:
     tree = _compose(origin, value)
     if tree is None:
         raise InputError(f"{origin}: {name} has no value; expected one, or '' for an empty text")
-    return Section(origin, _absolute(origin, node or '**'),
-                   dict(_parameters(origin, name, tree, False)), False)
+    return _section(origin, _absolute(origin, node or '**'), name, tree, False)
 
 
 class _Composer(yaml.SafeLoader):
@@ -178,28 +169,29 @@ def _syntax(origin: str, text: str, line: int, problem: str) -> str:
     return f'{origin}:{line + 1}: not valid YAML: {problem}'
 
 
-def _sections(path: str, prefix: str, tree: yaml.MappingNode) -> Iterator[Section]:
+def _sections(path: str, prefix: str, tree: yaml.Node) -> Iterator[Section]:
     """Yield the sections of a file; names may be nested, a namespace above its nodes."""
     for name, node in _entries(path, tree):
         nodes = _absolute(path, name, prefix)
-        if not isinstance(node, yaml.MappingNode):
-            raise InputError(_missing(path, node, f'section {nodes} has no {PARAMETERS}'))
-        entries = dict(_entries(path, node))
+        entries = dict(_entries(path, node, f'section {nodes} has no {PARAMETERS}'))
         parameters = entries.pop(PARAMETERS, None)
         if parameters is not None:
-            if not isinstance(parameters, yaml.MappingNode):
-                raise InputError(_missing(
-                    path, parameters, f'section {nodes}: {PARAMETERS} has no parameters'))
-            values: dict[str, object] = {}
-            for full, value in _parameters(path, '', parameters, True):
-                if full in values:
-                    raise InputError(f'{path}: {full} is given twice in section {nodes}')
-                values[full] = value
-            yield Section(path, nodes, values)
+            _entries(path, parameters, f'section {nodes}: {PARAMETERS} has no parameters')
+            yield _section(path, nodes, '', parameters)
         elif not entries:
             raise InputError(f'{path}: section {nodes} has no {PARAMETERS}')
         node.value = [pair for pair in node.value if pair[0].value != PARAMETERS]
         yield from _sections(path, nodes, node)
+
+
+def _section(origin: str, nodes: str, name: str, tree: yaml.Node, of_file: bool = True) -> Section:
+    """Return the section of a tree's parameters; InputError for a name given twice."""
+    values: dict[str, object] = {}
+    for full, value in _parameters(origin, name, tree, of_file):
+        if full in values:
+            raise InputError(f'{origin}: {full} is given twice in section {nodes}')
+        values[full] = value
+    return Section(origin, nodes, values, of_file)
 
 
 def _absolute(origin: str, name: str, prefix: str = '') -> str:
@@ -210,15 +202,12 @@ def _absolute(origin: str, name: str, prefix: str = '') -> str:
     return nodes
 
 
-def _missing(path: str, node: yaml.Node, what: str) -> str:
-    """Return what is missing, and why: a text instead of a mapping lacks a space."""
-    text = node.value if isinstance(node, yaml.ScalarNode) else ''
-    cure = f"; '{text}' has no space after the colon" if NO_SPACE.fullmatch(text) else ''
-    return f'{path}:{node.start_mark.line + 1}: {what}{cure}'
-
-
-def _entries(origin: str, tree: yaml.MappingNode) -> list[tuple[str, yaml.Node]]:
-    """Return keys and nodes of a mapping; InputError for a key given twice."""
+def _entries(origin: str, tree: yaml.Node, missing: str = '') -> list[tuple[str, yaml.Node]]:
+    """Return keys and nodes of a mapping; InputError for a key given twice, or for no mapping."""
+    if not isinstance(tree, yaml.MappingNode):
+        text = tree.value if isinstance(tree, yaml.ScalarNode) else ''
+        cure = f"; '{text}' has no space after the colon" if NO_SPACE.fullmatch(text) else ''
+        raise InputError(f'{origin}:{tree.start_mark.line + 1}: {missing}{cure}')
     entries: dict[str, yaml.Node] = {}
     for key, node in tree.value:
         place = f'{origin}:{key.start_mark.line + 1}'

@@ -1,27 +1,33 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Settings of `fkm`: those of the node, of its supervision and of its force feedback."""
+"""Settings of `fkm`, and the limits of the supervision that they describe."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
+from math import erfc, exp, inf, pi, radians, sqrt
+from statistics import NormalDist
 
 from spm_haptic_master.exceptions import SettingError
-from spm_haptic_master.parameters.geometry import (
-    GEOMETRY_SETTINGS,
-    MOUNTING_SETTINGS,
-    WORKING_MODE_SETTING,
-)
-from spm_haptic_master.parameters.setting import ANY_COUNT, Setting, Values
-from spm_haptic_master.parameters.shared import (
+from spm_haptic_master.parameters.geometry import MECHANISM_SETTINGS, MOUNTING_SETTINGS
+from spm_haptic_master.parameters.setting import (
+    ANY_COUNT,
     CALIBRATION_SETTING,
     RATE_SETTING,
     SENSORS_SETTING,
+    Setting,
+    Values,
 )
 
-# What `force.engaged_by` may be.
-BY_TELEOP, BY_OPERATING_STATE = 'teleop', 'operating_state'
+# Sensors that determine an orientation, that check each other by one parity, by two.
+THREE, FOUR, FIVE = 3, 4, 5
+SAMPLES_AN_HOUR = 3.6e6  # that the rate of false alarms refers to: 1 kHz
+# Tests on a sample that share the false alarms: parity alone, parity over the window, four jumps.
+TESTS = 6
+TURN = 2.0 * pi - 1e-9  # rad; a full turn, less the rounding of degrees
+# A value of `force.engaged_by`.
+BY_TELEOP = 'teleop'
 
 FORCE_SETTINGS = (
     Setting('force.enabled', bool, 'compute motor torques, with the topics of the force feedback',
@@ -32,9 +38,8 @@ FORCE_SETTINGS = (
     Setting('force.motors', int, 'number of motors: 3 (on th1A, th1B, th1C) or 4 (on th3A, too)',
             default=3, allowed=(3, 4)),
     Setting('force.engaged_by', str, f"what engages force: '{BY_TELEOP}': teleop_state, which "
-            f"needs a hand on the handle; '{BY_OPERATING_STATE}': ENABLED, for a client that "
-            'looks after the hand by itself', default=BY_TELEOP,
-            allowed=(BY_TELEOP, BY_OPERATING_STATE)),
+            "needs a hand on the handle; 'operating_state': ENABLED, for a client that looks "
+            'after the hand by itself', default=BY_TELEOP, allowed=(BY_TELEOP, 'operating_state')),
     Setting('force.torque_limit', float, 'largest torque asked of the handle, N m',
             default=0.3, minimum=0.001, maximum=10.0),
     Setting('force.motor_torque_limit', float, 'largest torque of a motor, N m',
@@ -71,23 +76,18 @@ FORCE_SETTINGS = (
             default=(0.0, 0.0, -9.80665), minimum=-20.0, maximum=20.0, count=3),
 )
 
-# Settings of the names of the mounting's frames, beside that of the base (`frame_id`).
-FRAME_SETTINGS = (
-    Setting('mounting.table_frame_id', str, 'frame of the table, in which all outputs are where '
-            'mounting.base_zxz_deg is not 0', default='spm_table'),
-    Setting('mounting.platform_frame_id', str, 'frame of the platform, on which the handle is '
-            'mounted', default='spm_platform'),
-    Setting('mounting.handle_frame_id', str, 'frame of the handle, whose orientation is published '
-            'where mounting.handle_zxz_deg is not 0', default='spm_handle'),
-)
-
 # Shortest window of the angular velocity (sample periods): three samples, and their jitter.
 VELOCITY_PERIODS = 2.5
 
 INTERFACE_SETTINGS = (
     Setting('frame_id', str, 'frame of the base, in which all outputs are unless it is mounted',
             default='spm_base'),
-    *FRAME_SETTINGS,
+    Setting('mounting.table_frame_id', str, 'frame of the table, in which all outputs are where '
+            'mounting.base_zxz_deg is not 0', default='spm_table'),
+    Setting('mounting.platform_frame_id', str, 'frame of the platform, on which the handle is '
+            'mounted', default='spm_platform'),
+    Setting('mounting.handle_frame_id', str, 'frame of the handle, whose orientation is published '
+            'where mounting.handle_zxz_deg is not 0', default='spm_handle'),
     replace(RATE_SETTING, description='expected rate of joint samples, Hz; a lower one is a '
             'warning'),
     Setting('latency_limit', float, 'largest 99th percentile of the latency from sample to '
@@ -112,9 +112,7 @@ INTERFACE_SETTINGS = (
     CALIBRATION_SETTING,
 )
 
-# Forward models to choose from: 'estimate' is the maximum-likelihood orientation of all four
-# sensors; 'theta3a' the paper's Case 2 (eqs. 15, 16); 'classic' the three active joints alone
-# (eqs. 1 to 7), in the assembly mode nearest to the last orientation.
+# Forward models: maximum likelihood, Case 2 (eqs. 15, 16), assembly mode of three (eqs. 1 to 7).
 METHODS = ('estimate', 'theta3a', 'classic')
 # Values of a list for the fifth and the sixth sensor.
 FURTHER = 'th3B and th3C have the values behind them, else that of th3A'
@@ -163,8 +161,7 @@ SUPERVISION_SETTINGS = (
     Setting('degraded', str, "'allow': continue without a sensor that is known to be faulty; "
             "'stop': publish nothing; 'auto': 'allow' with six sensors, else 'stop'",
             default='auto', allowed=('auto', 'allow', 'stop')),
-    *GEOMETRY_SETTINGS,
-    WORKING_MODE_SETTING,
+    *MECHANISM_SETTINGS,
     *MOUNTING_SETTINGS,
 )
 
@@ -175,7 +172,78 @@ FKM_SETTINGS = (*INTERFACE_SETTINGS, *SUPERVISION_SETTINGS, *FORCE_SETTINGS)
 def check_frames(values: Values) -> None:
     """Refuse two frames of the mounting with one name; SettingError names the second."""
     seen: dict[str, str] = {}
-    for name in ('frame_id', *(setting.name for setting in FRAME_SETTINGS)):
+    for name in (each.name for each in INTERFACE_SETTINGS if each.name.endswith('frame_id')):
         first = seen.setdefault(values[name], name)
         if first != name:
             raise SettingError(name, values[name], f'another frame than that of {first}')
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Limits of a healthy device and of a published orientation, of N sensors."""
+
+    false_alarms_per_hour: float  # of the tests of parity and jumps together, 1/h at 1 kHz
+    bias: tuple[float, ...]  # rad; what is systematic on a healthy rig
+    alert_limit: float  # rad; largest protection level of a published orientation
+    unchecked_limit: float  # s that a sensor may go unchecked by the others; 0: any
+    start_checked: bool  # every sensor has to be checked before the first orientation
+    window: float  # s over which small inconsistencies are averaged
+    skew: float  # s between the sampling times of two sensors of a set, at most
+    joint_min: tuple[float, ...]  # rad
+    joint_max: tuple[float, ...]  # rad
+    joint_speed: float  # rad/s; human motion limit
+    joint_acceleration: float  # rad/s^2; human motion limit
+    frozen_samples: int  # equal readings in a row that are a fault of a noisy sensor; 0: never
+    deviation: float  # rad; largest total standard deviation of a published orientation
+    start_samples: int  # consistent samples before the first orientation
+    recovery: float  # s of consistency that clear a fault
+    fewest_sensors: int  # that go on without one that is known to be faulty
+
+    def threshold(self, entries: int = 1) -> float:
+        """Return the limit of the norm of 1 to 3 entries of unit variance, at its false alarms."""
+        share = self.false_alarms_per_hour / SAMPLES_AN_HOUR / TESTS
+        if entries == 1:
+            return -NormalDist().inv_cdf(share / 2.0)
+        low, high = 0.0, 40.0
+        while high - low > 1e-9:
+            middle = 0.5 * (low + high)
+            tail = exp(-0.5 * middle * middle)
+            if entries == 3:
+                # Maxwell's distribution.
+                tail = erfc(middle / sqrt(2.0)) + sqrt(2.0 / pi) * middle * tail
+            low, high = (middle, high) if tail > share else (low, middle)
+        return high
+
+
+def limits_from(values: Values) -> Limits:
+    """Return the Limits that checked settings describe; SettingError for an empty joint range."""
+    low, high = _each(values, 'joint_min_deg'), _each(values, 'joint_max_deg')
+    if not all(a < b for a, b in zip(low, high, strict=True)):
+        raise SettingError('joint_min_deg', list(values['joint_min_deg']),
+                           f"less than joint_max_deg ({list(values['joint_max_deg'])})")
+    # A joint that may turn all the way round: noise takes a reading past the end of its range.
+    ends = [(-inf, inf) if b - a >= TURN else (a, b) for a, b in zip(low, high, strict=True)]
+    # Five check each other by two parities: two that are wrong do not cancel in both.
+    never = values['sensors'] + 1
+    fewest = {'allow': THREE, 'auto': FIVE if values['sensors'] > FIVE else never, 'stop': never}
+    same = {field.name: values[field.name] for field in fields(Limits) if field.name in values}
+    return Limits(
+        **same, bias=_each(values, 'bias_deg'), alert_limit=radians(values['alert_limit_deg']),
+        joint_min=tuple(low for low, _ in ends), joint_max=tuple(high for _, high in ends),
+        deviation=radians(values['deviation_limit_deg']),
+        fewest_sensors=fewest[values['degraded']])
+
+
+def sigma_from(values: Values) -> tuple[float, ...]:
+    """Return the standard deviations of the sensors, rad, from checked settings."""
+    return _each(values, 'sigma_deg')
+
+
+def _each(values: Values, name: str) -> tuple[float, ...]:
+    """Return a setting's value of each sensor, rad; SettingError for another number of them."""
+    given, sensors = values[name], values['sensors']
+    if len(given) not in (FOUR, sensors):
+        raise SettingError(name, list(given), 'a list of ' + ' or '.join(
+            map(str, sorted({FOUR, sensors}))))
+    further = given[-1:] * (sensors - len(given))
+    return tuple(map(radians, (*given, *further)))

@@ -17,7 +17,7 @@ from spm_haptic_master.kinematics.rotations import zxz_quaternion
 from spm_haptic_master.kinematics.workspace import workspace_pose
 from spm_haptic_master.parameters.setting import Setting, Values
 
-# Settings of the three link angles of a nominal mechanism (deg).
+# Settings of a nominal mechanism.
 NOMINAL_SETTINGS = tuple(
     Setting(f'geometry.{name}_deg', float, f'{part}, deg',
             default=degrees(getattr(PAPER_GEOMETRY, name)), minimum=0.1, maximum=179.9)
@@ -44,11 +44,10 @@ BUILT_SETTINGS = (
             default=(0.0,) * 9, count=9),
 )
 GEOMETRY_SETTINGS = (*NOMINAL_SETTINGS, *BUILT_SETTINGS)
-
-# Setting of the working mode (signs).
 WORKING_MODE_SETTING = Setting(
     'working_mode', int, 'sign of Z1k . (Z2k x Z3k) of the legs A, B, C',
     default=(1, 1, 1), allowed=(1, -1), count=3)
+MECHANISM_SETTINGS = (*GEOMETRY_SETTINGS, WORKING_MODE_SETTING)
 
 # Settings of the rotations of the mounting; 0 each: none.
 MOUNTING_SETTINGS = tuple(
@@ -58,6 +57,8 @@ MOUNTING_SETTINGS = tuple(
         ('base', 'R_table_base, the base on its table'),
         ('handle', 'R_platform_handle, the handle on the platform')))
 
+# Orientation at the workspace's centre.
+CENTRE = workspace_pose(0.0, 0.0, 0.0)
 # Digits of a checksum: two mechanisms in four billion have the same.
 CHECKSUM_DIGITS = 8
 
@@ -71,10 +72,9 @@ def geometry_from(values: Values) -> Geometry:
     """
     nominal = Geometry(*(radians(values[setting.name]) for setting in NOMINAL_SETTINGS))
     geometry = _built(values, nominal)
-    centre = workspace_pose(0.0, 0.0, 0.0)
     try:
         # A leg reaches a pose in both signs of its working mode, or in none.
-        inverse(centre, geometry)
+        inverse(CENTRE, geometry)
     except UnreachableError as error:
         raise _not_assembled(values, geometry, nominal) from error
     return geometry
@@ -106,10 +106,10 @@ def _links(angles_deg: tuple[float, ...], nominal: float) -> list[float]:
 
 def _not_assembled(values: Values, geometry: Geometry, nominal: Geometry) -> SettingError:
     """Return the error of a mechanism that cannot be assembled, by its first such leg."""
-    leg = next((leg for leg in range(3) if not _reaches(
-        geometry.alphas[leg], geometry.betas[leg], _apart(geometry, leg))), 0)
-    name, alpha, beta = LEG_NAMES[leg], geometry.alphas[leg], geometry.betas[leg]
-    apart = _apart(geometry, leg)
+    for leg in range(3):
+        alpha, beta, apart = geometry.alphas[leg], geometry.betas[leg], _apart(geometry, leg)
+        if not _reaches(alpha, beta, apart):
+            break
     # The links are to blame unless they would fit nominal axes; the one that is farther off.
     if _reaches(alpha, beta, _apart(nominal, leg)):
         setting = BUILT_SETTINGS[2 if values['geometry.base_axes'] != NOMINAL_BASE else 3]
@@ -118,7 +118,7 @@ def _not_assembled(values: Values, geometry: Geometry, nominal: Geometry) -> Set
     else:
         setting = NOMINAL_SETTINGS[int(
             abs(beta - PAPER_GEOMETRY.beta) > abs(alpha - PAPER_GEOMETRY.alpha))]
-    value = values[setting.name]
+    name, value = LEG_NAMES[leg], values[setting.name]
     return SettingError(
         setting.name, list(value) if isinstance(value, tuple) else value,
         f"a mechanism that can be assembled at the workspace's centre: there Z1{name} and "
@@ -129,7 +129,7 @@ def _not_assembled(values: Values, geometry: Geometry, nominal: Geometry) -> Set
 
 def _apart(geometry: Geometry, leg: int) -> float:
     """Return the angle between Z1k and Z3k at the workspace's centre, rad."""
-    third = workspace_pose(0.0, 0.0, 0.0) @ geometry.platform_axes[leg]
+    third = CENTRE @ geometry.platform_axes[leg]
     return acos(max(-1.0, min(1.0, float(third @ geometry.base_axes[leg]))))
 
 

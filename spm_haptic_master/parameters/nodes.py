@@ -1,12 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Settings of the nodes, by node, and of the encoder driver by source."""
+"""Settings of the nodes, by node, of the encoder driver by source, and of the motors' drives."""
 
 from __future__ import annotations
 
 from spm_haptic_master.executables import FOLLOWER, PIPELINE
-from spm_haptic_master.parameters.drives import DRIVE_SETTINGS
 from spm_haptic_master.parameters.encoders import (
     CAN_SETTINGS,
     COUNTS_PER_TURN_SETTING,
@@ -16,17 +15,14 @@ from spm_haptic_master.parameters.encoders import (
     TABLE_SETTINGS,
 )
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
-from spm_haptic_master.parameters.geometry import (
-    GEOMETRY_SETTINGS,
-    MOUNTING_SETTINGS,
-    WORKING_MODE_SETTING,
-)
-from spm_haptic_master.parameters.setting import Setting
-from spm_haptic_master.parameters.shared import (
+from spm_haptic_master.parameters.geometry import MECHANISM_SETTINGS, MOUNTING_SETTINGS
+from spm_haptic_master.parameters.setting import (
+    ANY_COUNT,
     CALIBRATION_SETTING,
     JOINTS_FRAME_SETTING,
     RATE_SETTING,
     SENSORS_SETTING,
+    Setting,
 )
 
 # Settings of the simulated rig and its motion.
@@ -49,16 +45,13 @@ MOTION_SETTINGS = (
             'of its axes, deg', minimum=0.0, maximum=5.0, count=2),
     Setting('sim.harmonics_deg', float, "sim.rig_seed: standard deviations of the encoders' first "
             'and second harmonics, deg', minimum=0.0, maximum=2.0, count=2),
-    *GEOMETRY_SETTINGS,
-    WORKING_MODE_SETTING,
+    *MECHANISM_SETTINGS,
 )
 
 # Settings of the source `sim`.
 SIM_SETTINGS = (RATE_SETTING, *MOTION_SETTINGS, COUNTS_PER_TURN_SETTING, *FIRST_HARMONIC_SETTINGS,
                 *TABLE_SETTINGS)
-# Settings of the mechanism: encoders need none of them, but their driver reports whose they are.
-MECHANISM_SETTINGS = (*GEOMETRY_SETTINGS, WORKING_MODE_SETTING)
-# Settings of each source, by the source's name.
+# Settings of each source, by its name; encoders need no mechanism, but their driver reports it.
 SOURCE_SETTINGS = {
     'sim': (*SIM_SETTINGS, JOINTS_FRAME_SETTING),
     'replay': (*REPLAY_SETTINGS, *MECHANISM_SETTINGS, JOINTS_FRAME_SETTING),
@@ -85,8 +78,7 @@ DIAGNOSTICS_SETTINGS = (
     Setting('orientation_timeout', float, 'time without an orientation after which that is an '
             'error, s', default=0.1, minimum=0.002, maximum=60.0),
     SENSORS_SETTING,
-    *GEOMETRY_SETTINGS,
-    WORKING_MODE_SETTING,
+    *MECHANISM_SETTINGS,
     *MOUNTING_SETTINGS,
 )
 
@@ -114,8 +106,7 @@ RECORDER_SETTINGS = (
             default='recording'),
 )
 
-# Angle of any offset (deg).
-ANY_OFFSET = 180.0
+ANY_OFFSET = 180.0  # deg
 
 TELEOP_SETTINGS = (
     Setting('teleop.registration_zxz_deg', float, 'psi, theta, phi (ZXZ) of R_slave_master, from '
@@ -202,6 +193,51 @@ VIEW_SETTINGS = (
             default=8080, minimum=1024, maximum=65535),
     Setting('view.process', int, 'number of a process with which view ends; 0: none', default=0,
             minimum=0),
+)
+
+# Settings of the drives of the motors; values of a list for several of them.
+EACH = 'one value for all drives, or one for each'
+DRIVE_SETTINGS = (
+    Setting('drives.interface', str, 'python-can interface of the drives', default='socketcan'),
+    Setting('drives.channel', str, "channel of that interface, such as 'can1'; that of the "
+            'encoders for one bus; empty: no drives', default='', blank=True),
+    Setting('drives.bitrate', int, 'bit rate of the bus, bit/s, to set it (if the interface can) '
+            'and to check the bus load; 0: unknown', default=0, minimum=0, maximum=1000000),
+    Setting('drives.node_id', int, 'CANopen node ids of the drives of th1A, th1B, th1C and, with '
+            'four motors, th3A', default=(11, 12, 13), minimum=1, maximum=127, count=ANY_COUNT),
+    Setting('drives.master_id', int, 'node id of this master in its heartbeat', default=126,
+            minimum=1, maximum=127),
+    Setting('drives.combined', bool, 'one frame with all torques, and the controlwords apart: '
+            'for a bus with the encoders', default=False),
+    Setting('drives.mode', int, 'mode of operation 6060h: 10 cyclic synchronous torque, 4 profile '
+            'torque; 0: 10, or 4 where it is missing', default=0, allowed=(0, 10, 4)),
+    Setting('drives.rated_torque', float, f'rated torque of the motor, N m: torques on the bus '
+            f'are per mille of it; {EACH}; has to be given with drives.channel', default=(0.0,),
+            minimum=0.0, maximum=100.0, count=ANY_COUNT),
+    Setting('drives.torque_unit', float, 'unit of 6076h, rated torque, N m: 0.001 by CiA 402, '
+            '0.000001 of drives that have uN m; 0: the drives have no such object, or it is no '
+            'torque; drives.rated_torque is not compared then', default=1e-3,
+            minimum=0.0, maximum=1.0),
+    Setting('drives.gear', float, f'turns of the motor for one of the joint; {EACH}',
+            default=(1.0,), minimum=0.01, maximum=1000.0, count=ANY_COUNT),
+    Setting('drives.direction', int, 'sign of the torque of a motor against that of the joint; '
+            f'{EACH}', default=(1,), allowed=(1, -1), count=ANY_COUNT),
+    Setting('drives.torque_limit', float, 'largest torque at a joint, N m: commands are limited '
+            'to it, and 6072h of the drives is', default=0.5, minimum=0.001, maximum=100.0),
+    Setting('drives.speed_limit', float, 'largest speed of a joint, rad/s, for 6080h in 1/min of '
+            'the motor; 0: 6080h is left', default=0.0, minimum=0.0, maximum=1000.0),
+    Setting('drives.status_period', float, 'time between two status frames of a drive, s, whole '
+            'ms', default=0.004, minimum=0.001, maximum=0.1),
+    Setting('drives.status_timeout', float, 'time without a status frame that is a fault, s',
+            default=0.02, minimum=0.002, maximum=1.0),
+    Setting('drives.heartbeat', float, 'time between two heartbeats, of the drives and of this '
+            'master, s, whole ms', default=0.02, minimum=0.001, maximum=1.0),
+    Setting('drives.heartbeat_timeout', float, 'time without a heartbeat after which a drive '
+            'disables its motor, and which is a fault here, s, whole ms', default=0.06,
+            minimum=0.002, maximum=1.0),
+    Setting('drives.event_timer', float, 'time without a torque frame after which a drive '
+            'disables its motor (1400h:05), s, whole ms; 0: the drives have no such timer, the '
+            'heartbeat has to do', default=0.01, minimum=0.0, maximum=1.0),
 )
 
 # Parameters that rclpy declares on every node.

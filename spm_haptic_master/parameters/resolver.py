@@ -1,12 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""
-The one resolver of parameters, for nodes and tools alike.
-
-Package defaults < parameter files in their order < `-p`. What was given is what runs, or an error
-says why nothing does.
-"""
+"""The one resolver of parameters: package defaults < parameter files in their order < `-p`."""
 
 from __future__ import annotations
 
@@ -36,8 +31,7 @@ from spm_haptic_master.parameters.nodes import (
 )
 from spm_haptic_master.parameters.setting import Setting
 
-# Node whose parameters most tools take.
-DRIVER = 'encoder_driver'
+DRIVER = 'encoder_driver'  # node whose parameters most tools take
 # Prefix of the names that ROS has for a node's QoS; no publisher or subscription here takes them.
 QOS_PREFIX = 'qos_overrides.'
 # What is wrong with an argument for another program or source.
@@ -54,12 +48,7 @@ LONGEST_NAME = 100
 
 
 class Parameters:
-    """
-    What parameter files and command line give to the nodes of a process.
-
-    From files in their order, arguments NAME:=VALUE and remappings FROM:=TO; InputError for one
-    that is not valid.
-    """
+    """Values from files, arguments NAME:=VALUE, remappings FROM:=TO; InputError for a bad one."""
 
     def __init__(self, files: Iterable[str | Path] = (), arguments: Iterable[str] = (),
                  remaps: Sequence[str] = ()) -> None:
@@ -96,18 +85,14 @@ class Parameters:
         of a node of the package, or the node of a section or every program lacks a name.
         """
         by_name = {self.full_name(node): node for node in nodes}
-        reaching = {id(section) for section in self._reaching(nodes)}
-        by_origin: dict[str, list[Section]] = {}
+        reaching = self._reaching(nodes)
+        for origin in dict.fromkeys(section.origin for section in self._sections):
+            if not any(section.origin == origin for section in reaching):
+                found = ', '.join(each.nodes for each in self._sections if each.origin == origin)
+                raise InputError(f'{origin}: none of its entries reaches a node of this process; '
+                                 f'it has {found}, expected /** or {" or ".join(by_name)}')
         for section in self._sections:
-            by_origin.setdefault(section.origin, []).append(section)
-        for origin, same in by_origin.items():
-            if not any(id(section) in reaching for section in same):
-                raise InputError(
-                    f'{origin}: none of its entries reaches a node of this process; it '
-                    f'has {", ".join(each.nodes for each in same)}, expected /** or '
-                    f'{" or ".join(by_name)}')
-        for section in self._sections:
-            if id(section) not in reaching:
+            if section not in reaching:
                 _check_other(section)
             elif section.nodes.endswith('*'):
                 _check_names(section, 'this program', {*names, *ALL_NAMES}, names)
@@ -116,11 +101,7 @@ class Parameters:
                 _check_names(section, node, _names_of(node))
 
     def unused(self, nodes: Mapping[str, Collection[str]]) -> list[str]:
-        """
-        Return the arguments whose name no node has that they reach.
-
-        `nodes` are the names of each node's parameters, by its fully qualified name.
-        """
+        """Return the arguments that reach no node (fully qualified) with such a parameter."""
         return [section.origin for section in self._sections if not section.of_file
                 and not any(section.values.keys() & names for node, names in nodes.items()
                             if section.reaches(node))]
@@ -219,11 +200,7 @@ def resolve_source(given: Mapping[str, object],
 
 
 def check_agreement(values: Mapping[str, Mapping[str, object]]) -> None:
-    """
-    Raise SettingError for a parameter with different values in two nodes of a device.
-
-    `values` are checked ones by name, of each node. `realtime.agreed` compares those of a process.
-    """
+    """Raise SettingError where checked values by name, of each node of a device, differ."""
     first: dict[str, tuple[str, object]] = {}
     for node, of_node in values.items():
         for name, value in of_node.items():

@@ -11,16 +11,14 @@ does, because the other orientation contradicts the angles once the device has m
 
 from __future__ import annotations
 
-from math import radians, sin
+from math import pi, radians, sin
 
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.kinematics.rotations import rotation_distance
 from spm_haptic_master.supervision.symptom import Reason, Symptom
 
-# Age at which an orientation no longer selects among solutions (ns).
-PRIOR_AGE = 100_000_000
-# Standard deviations that an orientation may be from the last one, beside human motion.
-TURN_DEVIATIONS = 6.0
+PRIOR_AGE = 100_000_000  # ns, at which an orientation no longer selects among solutions
+TURN_DEVIATIONS = 6.0  # that an orientation may be from the last one, beside human motion
 # Largest turn from the last followed orientation to one that is the same solution (rad): another
 # solution of an offset that the parity can see is further away.
 SAME_SOLUTION = radians(10.0)
@@ -56,10 +54,9 @@ class Anchor:
     def check(self, stamp: int, quaternion: Quaternion[float],
               deviation: float) -> Symptom | None:
         """
-        Compare an orientation with the last one and the human motion limit.
+        Compare an orientation of a total standard deviation (rad) with the last one.
 
-        `deviation` is its total standard deviation, rad. With four sensors nothing else detects a
-        jump of th3A onto another orientation with which all angles fit.
+        With four sensors nothing else detects a jump of th3A onto another one that fits.
         """
         last = self.prior(stamp)
         if last is None or self.stamp is None:
@@ -89,5 +86,5 @@ def within(one: Quaternion[float], other: Quaternion[float], angle: float) -> bo
     cosine = one[0] * other[0] + one[1] * other[1] + one[2] * other[2] + one[3] * other[3]
     # sin(half the turn)^2; angle / 2 is its upper bound, sin(angle / 2) exact for large angles.
     half = 0.5 * angle
-    reach = half if half < 0.1 else sin(min(half, 1.5707963267948966))
+    reach = half if half < 0.1 else sin(min(half, 0.5 * pi))
     return 1.0 - cosine * cosine <= reach * reach

@@ -9,11 +9,10 @@ from collections.abc import Collection
 from math import inf
 
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
-from spm_haptic_master.parameters.limits import Limits
+from spm_haptic_master.parameters.fkm import Limits
 from spm_haptic_master.supervision.symptom import Reason, Symptom, withheld
 
-# Time unchecked that is a caution (s): less is a moment on the way through a singularity.
-CAUTION = 1.0
+CAUTION = 1.0  # s unchecked that are a caution: less is a moment on the way through a singularity
 # What is to do before any of four sensors counts as checked.
 UNCONFIRMED = 'no sensor is checked before the handle has turned by 5 deg'
 
@@ -23,8 +22,8 @@ class Exposure:
     Time since each sensor was last checked.
 
     A sensor is checked where its own part of the protection level has been within the alert limit
-    for a window (s) of consistent samples of a confirmed solution: its fault would have been
-    detected. `hidden` are the sensors that the latest consistent sample could not check.
+    for a window (s) of consistent samples of a confirmed solution. `hidden` are those that the
+    latest consistent sample could not check.
     """
 
     def __init__(self, sensors: int, window: float) -> None:
@@ -38,6 +37,8 @@ class Exposure:
         # Stamps (ns): the first consistent sample, and when each sensor was last checked.
         self._began: int | None = None
         self._checked: list[int | None] = [None] * self._sensors
+        # Stamps of the latest samples in which the others had seen each for a window.
+        self._seen: list[int | None] = [None] * self._sensors
         self.interrupt()
 
     def interrupt(self) -> None:
@@ -46,12 +47,12 @@ class Exposure:
         self._visible: list[int | None] = [None] * self._sensors
 
     def take(self, stamp: int, parts: list[float], limit: float, confirmed: bool,
-             level: float = 0.0) -> float:
+             level: float) -> float:
         """
         Note which sensors a consistent sample checks; return the protection level, rad.
 
-        That is the largest part of a sensor within the alert limit, and at least the level of
-        healthy sensors, all rad. No sensor is checked before the solution is confirmed.
+        That is the largest part of a sensor within the alert limit, and at least the `level` of
+        healthy sensors. No sensor is checked before the solution is confirmed.
         """
         if self._began is None:
             self._began = stamp
@@ -67,15 +68,16 @@ class Exposure:
             since = visible[sensor]
             if since is None:
                 visible[sensor] = stamp
-            elif confirmed and stamp - since >= self._window:
-                checked[sensor] = stamp
+            elif stamp - since >= self._window:
+                self._seen[sensor] = stamp
+                if confirmed:
+                    checked[sensor] = stamp
         self.hidden = hidden
         return level
 
     def seen(self, sensor: int, stamp: int) -> bool:
         """Whether the others have seen a sensor for a window, be the solution confirmed or not."""
-        since = self._visible[sensor]
-        return since is not None and stamp - since >= self._window
+        return self._seen[sensor] == stamp
 
     def times(self, stamp: int) -> tuple[float, ...]:
         """Return the seconds since each sensor was last checked; inf before the first time."""
@@ -84,7 +86,7 @@ class Exposure:
     def overdue(self, stamp: int, limits: Limits, left_out: Collection[int]) -> Symptom | None:
         """Return the sensor that has to be checked before an orientation may be published."""
         longest = limits.unchecked_limit or inf
-        running = (stamp - (stamp if self._began is None else self._began)) * 1e-9
+        running = 0.0 if self._began is None else (stamp - self._began) * 1e-9
         if not limits.start_checked and running <= longest:
             return None
         for sensor, time in enumerate(self.times(stamp)):

@@ -26,8 +26,8 @@ FAULT_SAMPLES = 3
 # Runs of bad samples that are a series, and consistent samples that end it.
 SERIES_RUNS, SERIES_END = 3, 100
 EVIDENCE_SAMPLES = 3  # latest bad samples whose parity vectors are evidence
-# Entries of the parity vector with which the best of several explanations is taken: without the
-# sensor, the others still check each other everywhere.
+# Entries of the parity vector with which the best of several explanations is taken: the others
+# check each other everywhere.
 ENOUGH_ENTRIES = 3
 # Reasons that blame no sensor.
 UNBLAMED = frozenset((Reason.NO_FIT, Reason.UNPROTECTED, Reason.UNDETERMINED))
@@ -37,8 +37,8 @@ class FaultLatch:
     """
     Counts bad samples, isolates the faulty sensor, and latches a fault until it is cleared.
 
-    `symptom` is that of the latched fault, None without one; `clean` the number of consecutive
-    consistent samples. `recovery` is the time of consistency that clears a fault, s.
+    `symptom` is that of the latched fault; `clean` the number of consecutive consistent samples;
+    `recovery` the time of consistency that clears a fault, s.
     """
 
     def __init__(self, sensors: SensorsInUse, joints: JointMonitors, recovery: float) -> None:
@@ -76,12 +76,13 @@ class FaultLatch:
     def words(self) -> str:
         """Return the fault in the words of `state`; empty without one."""
         symptom = self.symptom
+        if symptom is None:
+            return ''
         if self.waits:
             names = ' and '.join(ALL_JOINT_NAMES[sensor] for sensor in sorted(self._jumped))
             return f'{names} jumped, to be acknowledged'
-        if symptom is None or symptom.sensor is not None or symptom.reason in UNBLAMED:
-            return symptom.words if symptom is not None else ''
-        return f'{symptom.words}, sensor undetermined'
+        known = symptom.sensor is not None or symptom.reason in UNBLAMED
+        return symptom.words + ('' if known else ', sensor undetermined')
 
     def acknowledge(self) -> bool:
         """Let consistency clear a fault that waits for a person; return whether it did."""
@@ -104,8 +105,7 @@ class FaultLatch:
         """
         Count a consistent sample, `dt` after the last one (s); return whether the fault is over.
 
-        The samples count for the recovery time while the others see what was wrong (`seen` of a
-        sensor), or if all that was wrong is that sensors jumped and jumped back.
+        It counts while the others see what was wrong, or if all sensors that jumped are back.
         """
         self._jumped = {each for each in self._jumped if not self._joints.returned(each)}
         if self.waits or self.symptom is None:
@@ -175,10 +175,9 @@ class FaultLatch:
 def isolated(sensors: SensorsInUse, sample: Sample, symptoms: Sequence[Symptom],
              alone: Sequence[int], evidence: Sequence[tuple[Parity, float]]) -> int | None:
     """
-    Return the place of the faulty sensor; None if the evidence does not isolate one.
+    Return the faulty sensor; None if the evidence does not isolate one.
 
-    `alone` are the sensors that left their motion, `evidence` the parity vectors of the latest bad
-    samples (unit 1), each with its limit.
+    `alone` are the sensors that left their motion, `evidence` parity vectors and their limits.
     """
     named = {symptom.sensor for symptom in symptoms
              if symptom.sensor is not None and symptom.severity > Severity.WITHHOLD}

@@ -8,11 +8,9 @@ from __future__ import annotations
 from enum import IntEnum
 from math import hypot, nan, pi, remainder, sqrt
 
-# The alpha-beta filter that follows a joint, for a sensor of unit variance and a period of 1, with
-# the variances of the steady state (Kalata 1984).
-# Gains (unit 1) with the least transient for alpha (Benedict and Bordner 1962), between those of
-# fast samples, where noise counts more, and of slow ones, where what a joint may do does: 500
-# rad/s^2 lag the filter by 0.08 deg at 1 kHz, by 1.2 deg at 250 Hz.
+# Alpha-beta filter of a joint, for a sensor of unit variance and a period of 1. The variances are
+# those of the steady state (Kalata 1984), the gains (unit 1) have the least transient for alpha
+# (Benedict and Bordner 1962). 500 rad/s^2 lag it by 0.08 deg at 1 kHz, by 1.2 deg at 250 Hz.
 ALPHA = 0.7
 BETA = ALPHA * ALPHA / (2.0 - ALPHA)
 # Deviation of the difference between two innovations in a row, which motion hardly changes.
@@ -23,19 +21,15 @@ _POSITION = (2.0 * ALPHA * ALPHA + BETA * (2.0 - 3.0 * ALPHA)) / _TOTAL
 _VELOCITY = 2.0 * BETA * BETA / _TOTAL
 _COVARIANCE = BETA * (2.0 * ALPHA - BETA) / _TOTAL
 
-# Longest time that a slow encoder repeats a reading (s): it measures at 100 Hz or more.
-HOLD = 0.01
+HOLD = 0.01  # s, longest time that a slow encoder repeats a reading: it has 100 Hz or more
 # Share of repeats of a moving joint above which its encoder is slower than the bus (unit 1), and
 # the samples over which it is averaged.
 HOLD_SHARE, HOLD_SAMPLES = 0.4, 8.0
-# Periods without a reading after which the velocity is set anew (unit 1).
-FORGET_PERIODS = 5.0
-# Samples after which a joint that left its motion is followed from where it is.
-AWAY_SAMPLES = 3
+FORGET_PERIODS = 5.0  # without a reading, after which the velocity is set anew
+AWAY_SAMPLES = 3  # after which a joint that left its motion is followed from where it is
 # Samples for which a step is evidence: the other joints may seem to move in one of them.
 STEP_SAMPLES = 6
-# Longest time after which a joint that left its motion can be found back on it (s).
-RETURN_TIME = 0.05
+RETURN_TIME = 0.05  # s, in which a joint that left its motion can be found back on it
 # Part of a jump's limit within which a reading is back on the motion (unit 1).
 RETURN_FRACTION = 0.5
 # Standard deviations of the noise, or else a count, that a slow joint moves in a sample at most:
@@ -44,15 +38,13 @@ SLOW_DEVIATIONS = 2.0
 # Samples over which the noise is averaged: 6 % accuracy; and readings that the configured noise
 # counts for at the start.
 NOISE_SAMPLES, LEARNT_SAMPLES = 256.0, 64.0
-# Largest square of a difference, over the mean square, that the noise counts.
-OUTLIER = 16.0
+OUTLIER = 16.0  # largest square of a difference, over the mean square, that the noise counts
 # Noise over resolution above which equal readings are rare at every angle (unit 1): two in a row
 # have a probability of 0.26 at most, 20 of 2e-12. And changes of the reading up and down after
 # which that is known to be noise: a motion has few.
 NOISY, REVERSALS = 1.5, 500
 ROOT_TWO, ROOT_TWELVE, TURN = sqrt(2.0), sqrt(12.0), 2.0 * pi
-# Resolution before a finer one is seen (rad): of an encoder of 12 bits.
-COARSEST = TURN / 4096.0
+COARSEST = TURN / 4096.0  # rad, resolution before a finer one is seen: of 12 bits
 
 
 def deviation(periods: float) -> float:
@@ -81,12 +73,11 @@ class JointMonitor:
     of it; acceleration and speed are the human motion limits. A repeated reading of an encoder
     that is slower than the bus is used only once the joint cannot have moved on (`HOLD`).
 
-    `velocity` is the filtered one, rad/s; `since` the time since the reading that the filter used
-    last; `run` the number of equal readings in a row before the latest one. `innovation` is the
-    latest reading minus its prediction, in standard deviations of healthy noise; `expected` is the
-    standard deviation of a healthy reading, noise and rounding. `away` counts the readings since
-    the joint left its motion, for `RETURN_TIME` at most, 0 on a motion; `step` is whether it left
-    it by a step, as no joint moves, and `returned` whether it came back to it.
+    `velocity` is the filtered one; `since` the time since the reading that the filter used last;
+    `run` the number of equal readings before the latest one; `innovation` the latest reading minus
+    its prediction, in standard deviations of a healthy reading, which is `expected`. `away` counts
+    the readings since the joint left its motion, for `RETURN_TIME` at most; `step` is whether it
+    left it by a step, and `returned` whether it came back to it.
     """
 
     def __init__(self, sigma: float, threshold: float, acceleration: float,
@@ -107,8 +98,7 @@ class JointMonitor:
         self._known = self.away = 0
         self._angle = self.velocity = self.since = self.innovation = 0.0
         self._last_innovation = nan
-        # Angle, velocity and time of the motion that the joint has left; the first reading off it,
-        # the time of the motion then, and the size of the step.
+        # Angle, velocity, time of the motion that it left; first reading off it, time then, step.
         self._left: tuple[float, float, float] | None = None
         self._step = 0.0, 0.0, 0.0
         self.returned, self.step = False, Step.NONE
@@ -142,10 +132,9 @@ class JointMonitor:
 
     def follow(self, reading: float, dt: float, period: float, timing: float) -> None:
         """
-        Follow the motion with a reading, and note whether it left the motion or came back to it.
+        Follow the motion with a reading, `dt` after the last sample; note what contradicts it.
 
-        `dt` is the time since the last sample, `period` the usual one, `timing` the uncertainty of
-        the sample's time.
+        `period` is the usual time between samples, `timing` the uncertainty of the sample's time.
         """
         last, self._last = self._last, reading
         change = reading - last

@@ -9,23 +9,19 @@ from collections.abc import Callable, Collection
 from math import degrees, inf
 
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
-from spm_haptic_master.parameters.limits import FOUR, Limits
+from spm_haptic_master.parameters.fkm import FOUR, Limits
 from spm_haptic_master.supervision.joint_monitor import JointMonitor, Step
 from spm_haptic_master.supervision.sample_clock import JITTER_DEVIATIONS, SampleClock
-from spm_haptic_master.supervision.solver import Angles
+from spm_haptic_master.supervision.sensor_set import Angles
 from spm_haptic_master.supervision.symptom import Reason, Severity, Symptom
 
-# Largest innovation of a quiet joint (standard deviations): a healthy one exceeds it once in two
-# million samples.
+# Largest innovation of a quiet joint: a healthy one exceeds it once in two million samples.
 HEALTHY_DEVIATIONS = 5.0
-# Samples after which a joint has been quiet for long enough to be on its motion: half a period of
-# a vibration of 50 Hz at 1 kHz.
+# Samples after which a quiet joint is on its motion: half a period of 50 Hz at 1 kHz.
 QUIET_SAMPLES = 10
-# Measured over configured noise that is counted (unit 1): what an average over 256 samples does
-# not reach by chance, with the quantisation of a 12-bit encoder.
-NOISE_FACTOR = 1.25
-# The same that is a caution (unit 1): jitter of the sampling may add a quarter.
-NOISE_CAUTION = 1.5
+# Measured over configured noise that is counted, and that is a caution (unit 1): what an average
+# over 256 samples does not reach by chance, with 12 bits; jitter of sampling may add a quarter.
+NOISE_FACTOR, NOISE_CAUTION = 1.25, 1.5
 
 
 class JointMonitors:
@@ -102,11 +98,9 @@ class JointMonitors:
         An impact or a vibration of the device moves every joint; a fault moves its own.
         """
         left = self.left(used)
-        quiet = all(self.samples - self._disturbed[sensor] >= samples
-                    for sensor in used if sensor not in left)
-        if self._vibrates and samples > 1:
-            return []
-        return left if quiet and len(left) < len(used) else []
+        others = [sensor for sensor in used if sensor not in left]
+        quiet = all(self.samples - self._disturbed[sensor] >= samples for sensor in others)
+        return left if others and quiet and not (self._vibrates and samples > 1) else []
 
     def jumps(self, used: Collection[int], hidden: Collection[int],
               is_gap: bool) -> list[Symptom]:
@@ -149,8 +143,7 @@ class JointMonitors:
             hidden = 1.0 if self._vibrates else inf
             factors = [min(factor, bound if bound < inf else hidden)
                        for factor, bound in zip(factors, allowed, strict=True)]
-        self.factors = tuple(
-            factor if factor > NOISE_FACTOR else 1.0 for factor in factors)
+        self.factors = tuple(factor if factor > NOISE_FACTOR else 1.0 for factor in factors)
         for joint, sigma, factor in zip(self._joints, self._sigma, self.factors, strict=True):
             joint.allow(factor * sigma)
 

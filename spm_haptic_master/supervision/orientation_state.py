@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The state of the orientation, and its words on the topic `state`: made and read here alone.
+The state of the orientation, and its words on the topic `state`: assigned and read here alone.
 
 The words are a contract: `starting`, `healthy`, `degraded: WHY`, `silent: WHY`.
 """
@@ -13,6 +13,10 @@ from dataclasses import dataclass
 from enum import Enum
 
 from spm_haptic_master.kinematics.joints import named_joints
+from spm_haptic_master.supervision.symptom import Reason, Severity, Symptom
+
+# Longest silence that does not change the state (ns).
+BRIEF = 20_000_000
 
 
 class Condition(Enum):
@@ -64,6 +68,45 @@ def degraded(why: str) -> OrientationState:
 def silent(why: str) -> OrientationState:
     """Return the state in which no orientation is published, for a reason."""
     return OrientationState(Condition.SILENT, why)
+
+
+class StateMachine:
+    """
+    State of the supervision; docs/safety has the diagram.
+
+    `since` and `published` are the stamps (ns) of the first sample that was withheld and of the
+    latest orientation published since a restart, None before.
+    """
+
+    def __init__(self) -> None:
+        self.announced = STARTING
+        self.restart()
+
+    def restart(self) -> None:
+        """Wait for a first orientation again."""
+        self.since: int | None = None
+        self.published: int | None = None
+
+    def enter(self, stamp: int, fault: str, cause: Symptom | None, reservations: str) -> None:
+        """Assign the state: withheld for a fault (its words) or a cause, or published."""
+        published = self.published
+        if self.since is None:
+            self.since = stamp
+        if fault:
+            announced = silent(fault)
+        elif cause is None:
+            announced = degraded(reservations) if reservations else HEALTHY
+        elif published is None and (
+                cause.reason is Reason.STARTING or cause.severity > Severity.WITHHOLD
+                or stamp - self.since < BRIEF):
+            # Only further samples are awaited for the first orientation.
+            announced = STARTING
+        elif published is None or stamp - published >= BRIEF or not self.announced.publishes:
+            announced = silent(cause.words)
+        else:
+            return
+        if announced != self.announced:
+            self.announced = announced
 
 
 def read_state(text: str) -> OrientationState | None:

@@ -13,26 +13,21 @@ from spm_haptic_master.supervision.symptom import Reason, Severity, Symptom
 # A parity vector: one to three entries, zeros behind them (unit 1).
 Parity = tuple[float, float, float]
 
-# Fewest samples of the window, where they come slowly.
-WINDOW_SAMPLES = 10
-# Fewest samples that are tested together.
-FIRST_TOGETHER = 5
-# Samples after which the sums are computed anew: rounding must not add up over days.
-SUMMED_SAMPLES = 1000
+WINDOW_SAMPLES = 10  # fewest samples of the window, where they come slowly
+FIRST_TOGETHER = 5  # fewest samples that are tested together
+SUMMED_SAMPLES = 1000  # after which sums are computed anew: rounding must not add up over days
 # Samples over which the variance is averaged, and those that the expected one counts for at first.
 VARIANCE_SAMPLES, LEARNT_SAMPLES = 256.0, 64.0
-# Largest square of a deviation, over the mean square, that the variance counts.
-OUTLIER = 16.0
+OUTLIER = 16.0  # largest square of a deviation, over the mean square, that the variance counts
 
 
 class ParityWindow:
     """
     Tests of the parity vector against noise and nominal bias (RAIM: detection threshold).
 
-    Healthy noise of unit variance never exceeds the norm `threshold`. The window (s) over which
-    it is averaged is the time to alert of a small fault. `root` is the square root of the number
-    of samples in it, of `WINDOW_SAMPLES` at least, `variance` that of an entry as measured about
-    the window's mean (unit 1).
+    Healthy noise of unit variance never exceeds the norm `threshold`. The window, s, is the time
+    to alert of a small fault; `root` the square root of its samples, of `WINDOW_SAMPLES` at least;
+    `variance` that of an entry as measured about the window's mean (unit 1).
     """
 
     def __init__(self, threshold: float, entries: int, window: float) -> None:
@@ -66,9 +61,8 @@ class ParityWindow:
         """
         Test a sample by itself, then with those of the window.
 
-        The entries of the parity vector are independent and have unit variance with the configured
-        noise; `noise` bounds the measured deviation of one, at least 1, and `bias` is what the
-        nominal biases may do to its norm.
+        With the configured noise the entries are independent and have unit variance; `noise`
+        bounds the measured deviation of one, `bias` what the nominal biases do to the norm.
         """
         x, y, z = padded(parity)
         square = x * x + y * y + z * z

@@ -16,8 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from spm_haptic_master.exceptions import InputError, SettingError
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.geometry import mounting_from
-from spm_haptic_master.parameters.setting import complete, Values
-from spm_haptic_master.parameters.shared import SENSORS_SETTING
+from spm_haptic_master.parameters.setting import complete, SENSORS_SETTING, Values
 from spm_haptic_master.supervision.supervisor import make_supervisor
 
 # Samples between two reports of the progress.
@@ -140,7 +139,7 @@ def run(times: NDArray[np.int64], readings: NDArray[np.float64], values: Values,
         result.bounds[index] = np.degrees(supervisor.parts)
         if verdict.announced is not announced:
             announced = verdict.announced
-            result.state.append((index, verdict.text))
+            result.state.append((index, announced.text))
     return result
 
 

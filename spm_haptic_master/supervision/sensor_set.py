@@ -1,30 +1,119 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Any three to six sensors in use: their orientation, their consistency, what it is worth."""
+"""Any three to six sensors in use: their orientation by the chosen model, and its worth."""
 
 from __future__ import annotations
 
 from collections.abc import Collection
 from math import degrees, inf, sqrt
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
-from spm_haptic_master.exceptions import AmbiguousError, SpmError
-from spm_haptic_master.kinematics.estimation.gauss_newton import SampleEstimate
+from spm_haptic_master.exceptions import AmbiguousError, SingularityError, SpmError
+from spm_haptic_master.kinematics import rotations
+from spm_haptic_master.kinematics.closed_form import theta3a_gains, theta3a_quaternion
+from spm_haptic_master.kinematics.estimation.gauss_newton import (
+    DETERMINED_DEVIATION,
+    SampleEstimate,
+)
+from spm_haptic_master.kinematics.estimation.sample_estimation import estimate_sample
+from spm_haptic_master.kinematics.geometry import Geometry
+from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
 from spm_haptic_master.kinematics.joints import UsedSensors
+from spm_haptic_master.kinematics.mode_tracking import track_mode
 from spm_haptic_master.kinematics.number_backends import Quaternion
-from spm_haptic_master.parameters.limits import Limits
+from spm_haptic_master.parameters.fkm import Limits
 from spm_haptic_master.supervision.anchor import SAME_SOLUTION, TURN_DEVIATIONS, within
 from spm_haptic_master.supervision.parity import padded, Parity, ParityWindow
 from spm_haptic_master.supervision.protection import Integrity, integrity, MISSED_DETECTION
-from spm_haptic_master.supervision.solver import Angles, Solver
 from spm_haptic_master.supervision.symptom import Reason, Severity, Symptom
 
+# Readings of four, five or six sensors, rad: th1A, th1B, th1C, th3A, th3B, th3C.
+Angles: TypeAlias = tuple[float, ...]
+
+# Standard deviations from another method to the estimate up to which the assembly mode is one.
+AGREEMENT_DEVIATIONS = 6.0
+# Square of the last Gauss-Newton step over the smallest standard deviation (1 / rad): to a tilt of
+# 30 deg, 0.12 % of the orientation's standard deviation is left (rms), 2.4 % at most.
+REMAINDER = 0.01
+TH3A = 3  # its place among the sensors
 # Smallest share of a sensor's variance in the parity that counts (unit 1).
 VISIBLE_SHARE = 1e-6
 # Largest turn from the last orientation to that of the sensors without a faulty one, beside noise
 # (rad): what a human turns in three samples, and no more than where another solution may be.
 CONTINUING_TURN = 0.06
+
+
+class Solver:
+    """
+    Orientation, covariance and parity of one sample, in plain floats.
+
+    `sigma` are the standard deviations of the N sensors th1A, th1B, th1C, th3A, th3B, th3C, rad;
+    `method` is one of `METHODS`; `working_mode` has the signs of B_kk of the legs A, B, C (eq.
+    10), and a solution in another working mode is none.
+    """
+
+    def __init__(self, geometry: Geometry, sigma: tuple[float, ...],
+                 method: str = 'estimate',
+                 working_mode: tuple[int, int, int] = RIG_WORKING_MODE):
+        self._geometry, self._working_mode = geometry, working_mode
+        self._sigma, self._method = sigma, method
+        self._active = UsedSensors(sigma[:4], (TH3A,))
+        self._last_step = sqrt(REMAINDER * min(sigma))
+
+    def solve(self, angles: Angles, sensors: UsedSensors,
+              prior: Quaternion[float] | None) -> tuple[SampleEstimate, float]:
+        """
+        Return the orientation of a sample by the chosen method, and its angle to the estimate.
+
+        Parity and gains are those of all sensors in use. `angles` are N readings, rad; those not
+        in use are ignored. `prior` is the last orientation, if that is recent. SpmError where the
+        angles determine no orientation, or only in another working mode, or methods disagree.
+        """
+        estimate = estimate_sample(
+            angles, sensors, self._geometry, prior, self._working_mode, self._last_step)
+        if self._method == 'estimate' or not sensors.usual:
+            return estimate, 0.0
+        other = self._case_2(angles, estimate) if self._method == 'theta3a' else \
+            self._classic(angles, prior or estimate.quaternion)
+        apart = rotations.rotation_distance(other.quaternion, estimate.quaternion)
+        limit = AGREEMENT_DEVIATIONS * (total_deviation(estimate) + total_deviation(other))
+        if apart > limit:
+            raise SingularityError(f'{self._method} is {apart:.4f} rad from the estimate of all '
+                                   f'four sensors, limit {limit:.4f}')
+        return estimate._replace(quaternion=other.quaternion, covariance=other.covariance,
+                                 determined=other.determined), apart
+
+    def _case_2(self, angles: Angles, estimate: SampleEstimate) -> SampleEstimate:
+        """Return the orientation of Case 2 with the covariance of its own gains."""
+        a, b, c, third = angles[:4]
+        gains = theta3a_gains(a, b, c, third, self._geometry)
+        variances = [sigma * sigma for sigma in self._sigma]
+        xx, xy, xz, yx, yy, yz, zx, zy, zz = (
+            sum(gain[row] * gain[column] * variance
+                for gain, variance in zip(gains, variances, strict=False))
+            for row in range(3) for column in range(3))
+        result = estimate._replace(
+            quaternion=theta3a_quaternion(a, b, c, third, self._geometry),
+            covariance=(xx, xy, xz, yx, yy, yz, zx, zy, zz))
+        return result._replace(
+            determined=estimate.determined and total_deviation(result) < DETERMINED_DEVIATION)
+
+    def _classic(self, angles: Angles, prior: Quaternion[float]) -> SampleEstimate:
+        """Return the tracked mode's orientation with the covariance of three sensors there."""
+        tracked = track_mode(angles[:3], rotations.matrix_from_quaternion(prior), self._geometry)
+        if tracked.ambiguous:
+            raise SingularityError('two assembly modes of the active joints are too close to '
+                                   'distinguish')
+        x, y, z, w = rotations.quaternion_from_matrix(tracked.rotation).tolist()
+        three = estimate_sample(angles[:4], self._active, self._geometry, (x, y, z, w))
+        return three._replace(quaternion=(x, y, z, w))
+
+
+def total_deviation(estimate: SampleEstimate) -> float:
+    """Return the total standard deviation of an estimate's rotation, rad."""
+    covariance = estimate.covariance
+    return sqrt(covariance[0] + covariance[4] + covariance[8])
 
 
 class Sample(NamedTuple):
@@ -42,10 +131,9 @@ class SensorSet:
     """
     The sensors in use, and whether a sample is consistent with itself.
 
-    Made of the forward model, the standard deviations of the N mounted sensors (rad), the limits
-    of a healthy device, and the places of the sensors that are not in use. `entries` is the length
-    of the parity vector: sensors in use beyond three. `estimate` is the orientation of the latest
-    sample, `worth` what it is worth; None where the sensors determine none.
+    `sigma` are the standard deviations of the N mounted sensors, rad, `left_out` the places of
+    those not in use. `entries` is the length of the parity vector. `estimate` is the orientation
+    of the latest sample, `worth` what it is worth; None where the sensors determine none.
     """
 
     def __init__(self, solver: Solver, sigma: tuple[float, ...], limits: Limits,
@@ -84,11 +172,7 @@ class SensorSet:
         return self._window.check(sample.stamp, estimate.parity_vector, worth.noise, worth.bias)
 
     def levels(self) -> list[float]:
-        """
-        Return each mounted sensor's part of the protection level, rad.
-
-        Infinite for a sensor that the others cannot check, and for one that is not in use.
-        """
+        """Return each mounted sensor's part of the protection level, rad; inf if unchecked."""
         if self.worth is None:
             return [inf] * len(self.sensors.sigma)
         return self.worth.levels(self._reach / self._window.root)
@@ -97,8 +181,7 @@ class SensorSet:
         """
         Return the largest noise of each sensor, over the configured one, that the parity allows.
 
-        Motion does not change the parity, but all noise does: where a joint seems noisier than
-        this, it vibrates. Infinite for a sensor that the parity does not see.
+        A joint that seems noisier vibrates. Infinite for a sensor that the parity does not see.
         """
         sigma = self.sensors.sigma
         if self.estimate is None:
@@ -111,12 +194,7 @@ class SensorSet:
         return bounds
 
     def too_noisy(self, sample: Sample) -> Symptom | None:
-        """
-        Return the sensor whose noise is most beyond its part of the protection level, if any.
-
-        What its measured noise does to the orientation is compared with its part at the configured
-        noise of all sensors.
-        """
+        """Return the sensor of which the noise alone is most beyond its part of the level."""
         estimate, sigma, factors = self.estimate, self.sensors.sigma, sample.factors
         if estimate is None or not self.entries or max(factors) <= 1.0:
             return None

@@ -10,9 +10,8 @@ from functools import partial
 from math import inf
 
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
-from spm_haptic_master.parameters.limits import FOUR, Limits, THREE
-from spm_haptic_master.supervision.sensor_set import Sample, SensorSet
-from spm_haptic_master.supervision.solver import Angles, Solver
+from spm_haptic_master.parameters.fkm import FOUR, Limits, THREE
+from spm_haptic_master.supervision.sensor_set import Angles, Sample, SensorSet, Solver
 from spm_haptic_master.supervision.symptom import Reason, Symptom, withheld
 
 # Consecutive samples without a reading that are a missing sensor; fewer are lost frames.
@@ -34,7 +33,7 @@ class SensorsInUse:
 
     `used` are those in use for this sample, those before if fewer than three are left; `missing`
     have no reading in it, `left_out` are not in use for it, and `distrusted` are so for longer
-    than a lost frame. `names` are those of the distrusted, `words` have what is wrong with each.
+    than a lost frame. `words` have what is wrong with each of these.
     """
 
     def __init__(self, solver: Solver, sigma: tuple[float, ...], limits: Limits) -> None:
@@ -64,7 +63,6 @@ class SensorsInUse:
     def _update(self) -> None:
         self.left_out = tuple(sorted({*self.missing, *self.distrusted}))
         self.used = self.without(*self.left_out) or self.used
-        self.names = tuple(ALL_JOINT_NAMES[place] for place in sorted(self.distrusted))
         self.words = ', '.join(f'{ALL_JOINT_NAMES[place]} {self.distrusted[place].word}'
                                for place in sorted(self.distrusted))
 
@@ -95,17 +93,15 @@ class SensorsInUse:
 
     def readmit(self, sample: Sample, dt: float, alert_limit: float, bad: bool) -> None:
         """
-        Use a sensor again once it has agreed with the others for its time.
+        Use a sensor again once it has agreed with the others for its time; `dt` is s.
 
-        Its part of the protection level has to be within the alert limit, rad. No sensor agrees
-        with others that contradict each other (`bad`). `dt` is the time since the last sample, s.
+        Its part of the level has to be within the alert limit, rad; `bad` others agree with none.
         """
         for sensor in [each for each in self.distrusted if each not in self.missing]:
             trial, distrust = self.without(*{*self.left_out} - {sensor}), self.distrusted[sensor]
             agrees = trial is not None and not bad and trial.take(sample) is None \
-                and trial.levels()[sensor] <= alert_limit
-            noisy = trial.too_noisy(sample) if agrees and trial is not None else None
-            agrees = agrees and (noisy is None or noisy.sensor != sensor)
+                and trial.levels()[sensor] <= alert_limit \
+                and ((noisy := trial.too_noisy(sample)) is None or noisy.sensor != sensor)
             distrust.agreed = distrust.agreed + dt if agrees else 0.0
             if distrust.agreed >= distrust.time:
                 del self.distrusted[sensor]

@@ -7,28 +7,41 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from math import degrees, inf, isfinite
+from typing import NamedTuple
 
-from spm_haptic_master.kinematics.estimation.gauss_newton import DETERMINED_DEVIATION
+from spm_haptic_master.kinematics.estimation.gauss_newton import (
+    DETERMINED_DEVIATION,
+    SampleEstimate,
+)
 from spm_haptic_master.kinematics.number_backends import Quaternion
+from spm_haptic_master.parameters.fkm import FOUR, Limits, limits_from, sigma_from
 from spm_haptic_master.parameters.geometry import geometry_from
-from spm_haptic_master.parameters.limits import FOUR, Limits, limits_from, sigma_from
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.supervision.anchor import Anchor, PRIOR_AGE, SAME_SOLUTION, within
 from spm_haptic_master.supervision.exposure import Exposure
 from spm_haptic_master.supervision.fault import FaultLatch
 from spm_haptic_master.supervision.joint_monitors import JointMonitors
+from spm_haptic_master.supervision.orientation_state import HEALTHY, OrientationState, StateMachine
 from spm_haptic_master.supervision.sample_clock import SampleClock
-from spm_haptic_master.supervision.sensor_set import Sample, SensorSet
+from spm_haptic_master.supervision.sensor_set import Angles, Sample, SensorSet, Solver
 from spm_haptic_master.supervision.sensors_in_use import SensorsInUse
-from spm_haptic_master.supervision.solver import Angles, Solver
 from spm_haptic_master.supervision.symptom import Reason, Symptom, withheld, worst
-from spm_haptic_master.supervision.verdict import State, StateMachine, Verdict
 
-# Periods without a sample that may hide whether a jump was a step (unit 1).
-GAP_PERIODS = 5.0
+GAP_PERIODS = 5.0  # without a sample, which may hide whether a jump was a step
 NOISE_PERIOD = 16  # samples between two evaluations of the noise
 # What `state` says of a series of bad samples while the others go out.
 SERIES = 'inconsistent angles again and again'
+
+
+class Verdict(NamedTuple):
+    """The decision about one sample."""
+
+    announced: OrientationState  # a silence shorter than `BRIEF` does not change it
+    estimate: SampleEstimate | None  # continuous in sign; None where the sample is withheld
+    # Largest error, rad, that an undetected fault of one checked sensor, noise and nominal bias
+    # may cause; infinite where the sample is withheld.
+    protection_level: float
+    cause: Symptom | None = None  # why the sample is withheld
 
 
 class Supervisor:
@@ -36,10 +49,9 @@ class Supervisor:
     Decides about each joint sample of N = 4, 5 or 6 mounted sensors.
 
     `alert_limit` is the largest protection level of an orientation that is published, rad;
-    `parity` that of the latest sample that has one, in standard deviations. `parts` (N) are what
-    an undetected fault of each sensor is bounded by, rad: its part of the protection level of the
-    latest consistent sample; infinite where nothing bounds it. `joints` have the noise as
-    measured, `latch` has the fault.
+    `parity` that of the latest sample that has one, in standard deviations; `parts` (N) the parts
+    of the protection level of the latest consistent sample, rad: what an undetected fault of each
+    sensor is bounded by. `joints` have the noise as measured, `latch` has the fault.
     """
 
     def __init__(self, solver: Solver, sigma: tuple[float, ...], limits: Limits) -> None:
@@ -64,9 +76,8 @@ class Supervisor:
         """
         Decide about a sample.
 
-        `stamp` is its time, ns, which has to grow from call to call; `angles` are the N readings,
-        rad: th1A, th1B, th1C, th3A, and th3B and th3C of such sensors; NaN of a sensor without a
-        reading.
+        `stamp` is its time, ns, which has to grow; `angles` are th1A, th1B, th1C, th3A, and th3B
+        and th3C of such sensors, rad; NaN of a sensor without a reading.
         """
         dt = self._clock.step(stamp)
         if dt < 0.0:
@@ -180,10 +191,9 @@ class Supervisor:
             estimate = estimate._replace(quaternion=quaternion)
         reservations = self._sensors.words or (SERIES if latch.is_series else '')
         self._last, state.published = (quaternion, sample.angles), stamp
-        if state.state is not State.HEALTHY or reservations:
+        if state.announced is not HEALTHY or reservations:
             state.enter(stamp, '', None, reservations)
-        return tuple.__new__(Verdict, (
-            state.state, state.announced, estimate, level, None, self._sensors.names))
+        return tuple.__new__(Verdict, (state.announced, estimate, level, None))
 
     def _unworthy(self, stamp: int, deviation: float, level: float) -> Symptom | None:
         """Return why a consistent orientation is not published."""
@@ -202,8 +212,7 @@ class Supervisor:
 
     def _withhold(self, stamp: int, cause: Symptom) -> Verdict:
         self._state.enter(stamp, self.latch.words, cause, '')
-        return Verdict(self._state.state, self._state.announced, None, inf, cause,
-                       self._sensors.names)
+        return Verdict(self._state.announced, None, inf, cause)
 
     def _restart(self) -> None:
         """Reset what does not survive a pause of the samples; a fault stays latched."""
@@ -212,13 +221,9 @@ class Supervisor:
             part.restart()
 
     def accepted(self) -> tuple[Quaternion[float], Angles] | None:
-        """
-        Return orientation and readings (rad) of the latest sample.
-
-        None unless it is published as healthy and is that of all sensors.
-        """
+        """Return orientation and readings (rad) of the latest sample if it is healthy, of all."""
         state = self._state
-        is_all = state.state is State.HEALTHY and not self._sensors.left_out
+        is_all = state.announced is HEALTHY and not self._sensors.left_out
         return self._last if is_all and state.published == self._clock.stamp else None
 
     def unchecked(self) -> tuple[float, ...]:

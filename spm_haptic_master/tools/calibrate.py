@@ -34,11 +34,10 @@ from spm_haptic_master.kinematics import measured_angles, zxz_rotation
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.parameters.arguments import finite, Parser, positive
 from spm_haptic_master.parameters.encoders import HARMONIC_SETTINGS, sensors_of
-from spm_haptic_master.parameters.geometry import geometry_from
-from spm_haptic_master.parameters.nodes import MECHANISM_SETTINGS, SOURCE_SETTINGS
+from spm_haptic_master.parameters.geometry import geometry_from, MECHANISM_SETTINGS
+from spm_haptic_master.parameters.nodes import SOURCE_SETTINGS
 from spm_haptic_master.parameters.resolver import read_parameters
-from spm_haptic_master.parameters.setting import Values
-from spm_haptic_master.parameters.shared import SENSORS_SETTING
+from spm_haptic_master.parameters.setting import SENSORS_SETTING, Values
 from spm_haptic_master.simulation import trajectories
 from spm_haptic_master.tools import (
     calibrate_motion,

@@ -33,9 +33,9 @@ from spm_haptic_master.parameters.encoders import (
     VERIFIED_SETTING,
 )
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
-from spm_haptic_master.parameters.geometry import geometry_from
-from spm_haptic_master.parameters.nodes import DRIVER_NAMES, MECHANISM_SETTINGS, SOURCE_SETTINGS
-from spm_haptic_master.parameters.shared import CALIBRATION_SETTING, SENSORS_SETTING
+from spm_haptic_master.parameters.geometry import geometry_from, MECHANISM_SETTINGS
+from spm_haptic_master.parameters.nodes import DRIVER_NAMES, SOURCE_SETTINGS
+from spm_haptic_master.parameters.setting import CALIBRATION_SETTING, SENSORS_SETTING
 from spm_haptic_master.simulation.source_factory import source_text
 from spm_haptic_master.tools import command_line
 from spm_haptic_master.tools.calibration_verdict import FkmValues, published_share, supported

@@ -29,11 +29,9 @@ from spm_haptic_master.encoders.node_setup import (
 from spm_haptic_master.exceptions import InputError, SettingError, SetupError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.parameters.arguments import Parser, positive
-from spm_haptic_master.parameters.drives import DRIVE_SETTINGS
-from spm_haptic_master.parameters.nodes import DRIVE_NAMES, DRIVER_NAMES
+from spm_haptic_master.parameters.nodes import DRIVE_NAMES, DRIVE_SETTINGS, DRIVER_NAMES
 from spm_haptic_master.parameters.resolver import DRIVER
-from spm_haptic_master.parameters.setting import Values
-from spm_haptic_master.parameters.shared import RATE_SETTING
+from spm_haptic_master.parameters.setting import RATE_SETTING, Values
 from spm_haptic_master.tools import command_line
 
 DESCRIPTION = """\

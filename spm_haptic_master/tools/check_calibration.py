@@ -16,9 +16,8 @@ from spm_haptic_master.calibration.motion.calibration_check import CalibrationCh
 from spm_haptic_master.calibration.motion.readings import motion_readings, MotionReadings
 from spm_haptic_master.exceptions import CalibrationError, InputError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
-from spm_haptic_master.parameters.fkm import FKM_SETTINGS
+from spm_haptic_master.parameters.fkm import FKM_SETTINGS, limits_from, sigma_from
 from spm_haptic_master.parameters.geometry import geometry_from
-from spm_haptic_master.parameters.limits import limits_from, sigma_from
 from spm_haptic_master.parameters.nodes import SOURCE_SETTINGS
 from spm_haptic_master.parameters.resolver import read_parameters
 from spm_haptic_master.tools import command_line

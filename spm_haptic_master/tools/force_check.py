@@ -23,13 +23,15 @@ from spm_haptic_master.force.rendering import make_statics
 from spm_haptic_master.kinematics import estimate
 from spm_haptic_master.kinematics.number_backends import Array
 from spm_haptic_master.parameters.arguments import Parser, positive
-from spm_haptic_master.parameters.drives import DRIVE_SETTINGS
-from spm_haptic_master.parameters.fkm import FKM_SETTINGS
+from spm_haptic_master.parameters.fkm import FKM_SETTINGS, sigma_from
 from spm_haptic_master.parameters.geometry import geometry_from
-from spm_haptic_master.parameters.limits import sigma_from
-from spm_haptic_master.parameters.nodes import DRIVE_NAMES, DRIVER_NAMES, SOURCE_SETTINGS
-from spm_haptic_master.parameters.setting import Values
-from spm_haptic_master.parameters.shared import RATE_SETTING
+from spm_haptic_master.parameters.nodes import (
+    DRIVE_NAMES,
+    DRIVE_SETTINGS,
+    DRIVER_NAMES,
+    SOURCE_SETTINGS,
+)
+from spm_haptic_master.parameters.setting import RATE_SETTING, Values
 from spm_haptic_master.simulation.source_factory import make_source
 from spm_haptic_master.tools import command_line
 from spm_haptic_master.tools.force_record import ANGLES, BringUp, record, TORQUES

@@ -24,11 +24,11 @@ from spm_haptic_master.encoders.recording_files import (
 )
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.parameters.arguments import Parser, positive
-from spm_haptic_master.parameters.drives import DRIVE_SETTINGS
 from spm_haptic_master.parameters.encoders import sensors_of
 from spm_haptic_master.parameters.files import simulated_rig
 from spm_haptic_master.parameters.nodes import (
     DRIVE_NAMES,
+    DRIVE_SETTINGS,
     DRIVER_NAMES,
     MOTION_SETTINGS,
     SOURCE_SETTINGS,

@@ -16,12 +16,10 @@ from numpy.typing import NDArray
 from spm_haptic_master.exceptions import InputError, SettingError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.parameters.arguments import Parser
-from spm_haptic_master.parameters.fkm import FKM_SETTINGS
+from spm_haptic_master.parameters.fkm import FKM_SETTINGS, sigma_from
 from spm_haptic_master.parameters.geometry import geometry_from
-from spm_haptic_master.parameters.limits import sigma_from
 from spm_haptic_master.parameters.nodes import DRIVER_NAMES, SOURCE_SETTINGS
-from spm_haptic_master.parameters.setting import Values
-from spm_haptic_master.parameters.shared import SENSORS_SETTING
+from spm_haptic_master.parameters.setting import SENSORS_SETTING, Values
 from spm_haptic_master.simulation.source_factory import make_replay
 from spm_haptic_master.supervision import recording
 from spm_haptic_master.supervision.recording import Supervised

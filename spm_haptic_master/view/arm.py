@@ -29,7 +29,7 @@ from spm_haptic_master.parameters.geometry import (
     mounting_from,
     WORKING_MODE_SETTING,
 )
-from spm_haptic_master.parameters.shared import SENSORS_SETTING
+from spm_haptic_master.parameters.setting import SENSORS_SETTING
 from spm_haptic_master.ros.qos import DISPLAY, STATE
 from spm_haptic_master.supervision.orientation_state import OrientationState, received_state
 from spm_haptic_master.timing import Periodic, SECOND

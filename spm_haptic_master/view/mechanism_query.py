@@ -21,8 +21,7 @@ from spm_haptic_master.parameters.geometry import (
     MOUNTING_SETTINGS,
     WORKING_MODE_SETTING,
 )
-from spm_haptic_master.parameters.setting import complete
-from spm_haptic_master.parameters.shared import SENSORS_SETTING
+from spm_haptic_master.parameters.setting import complete, SENSORS_SETTING
 from spm_haptic_master.ros.diagnostic_status import CHECKSUM_KEY
 
 # Settings of fkm that the page needs.

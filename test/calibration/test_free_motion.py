@@ -35,8 +35,8 @@ from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.kinematics import Geometry, matrix_from_zxz
 from spm_haptic_master.kinematics.rotations import matrix_from_vector, wrapped
 from spm_haptic_master.parameters.files import read_sections
-from spm_haptic_master.parameters.geometry import geometry_from
-from spm_haptic_master.parameters.nodes import MECHANISM_SETTINGS, SOURCE_SETTINGS
+from spm_haptic_master.parameters.geometry import geometry_from, MECHANISM_SETTINGS
+from spm_haptic_master.parameters.nodes import SOURCE_SETTINGS
 from spm_haptic_master.parameters.resolver import read_parameters
 from spm_haptic_master.simulation.rig import random_rig
 from spm_haptic_master.tools import command_line

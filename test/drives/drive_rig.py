@@ -8,9 +8,8 @@ import uuid
 import can
 from spm_haptic_master.drives.drives import Drives
 from spm_haptic_master.drives.plan import make_plan
-from spm_haptic_master.parameters.drives import DRIVE_SETTINGS
-from spm_haptic_master.parameters.setting import complete
-from spm_haptic_master.parameters.shared import RATE_SETTING
+from spm_haptic_master.parameters.nodes import DRIVE_SETTINGS
+from spm_haptic_master.parameters.setting import complete, RATE_SETTING
 from spm_haptic_master.simulation.simulated_drive import SimulatedDrives
 
 MS = 1e-3

@@ -72,6 +72,7 @@ def test_a_value_that_yaml_and_ros_read_differently_is_refused(read, text, place
     ('a:=', "a has no value; expected one, or '' for an empty text"),
     ('a:=[1, a]', r"a is \[1, 'a'\]; expected a list of one type"),
     ('a:=[0.040, 1, 2]', r'whole numbers beside decimal ones; expected 1.0 for 1'),
+    ('a:={x.y: 1, x: {y: 2}}', 'a.x.y is given twice'),
     ('a:=[[1]]', 'a list of lists; expected a list of single values'),
     pytest.param('a:=' + '9' * 5000, 'a is too large; expected .* at most 64 bits', id='9...'),
     pytest.param('a:=[0x' + 'f' * 5000 + ']', 'expected .* at most 64 bits', id='0xf...'),

@@ -1,16 +1,17 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""A supervised device at rest in a pose, sample by sample, and the limits of the product."""
+"""A supervised device at rest, sample by sample; the product's limits; few cases of many."""
 
 from dataclasses import replace
+from itertools import product
 
 from device import joint_angles
 import numpy as np
+import pytest
 from spm_haptic_master.kinematics import quaternion_from_matrix, workspace_pose
 from spm_haptic_master.kinematics.rotations import rotation_distance
-from spm_haptic_master.parameters.fkm import SUPERVISION_SETTINGS
-from spm_haptic_master.parameters.limits import Limits, limits_from
+from spm_haptic_master.parameters.fkm import Limits, limits_from, SUPERVISION_SETTINGS
 from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.supervision.supervisor import make_supervisor
 
@@ -18,6 +19,19 @@ MS = 1_000_000
 NAMES = ('th1a', 'th1b', 'th1c', 'th3a', 'th3b', 'th3c')
 # Noise, rad, and count of the encoders, rad.
 NOISE, COUNT = np.radians(0.04), 2.0 * np.pi / 2**14
+
+
+def few(*axes, count=None):
+    """
+    Return every combination of values as a case; most are slow.
+
+    Quick is a diagonal on which each value occurs, or the first `count` cases of it.
+    """
+    sizes = [len(values) for values in axes]
+    quick = {tuple(index % size for size in sizes) for index in range(count or max(sizes))}
+    return [pytest.param(*(values[place] for values, place in zip(axes, places, strict=True)),
+                         marks=() if places in quick else pytest.mark.slow)
+            for places in product(*map(range, sizes))]
 
 
 def product_limits(**changed) -> Limits:
@@ -37,7 +51,7 @@ class Rig:
             complete(SUPERVISION_SETTINGS, {'sensors': sensors, **settings}))
         self.sensors, self.now = sensors, 1000 * MS
         self._rng = np.random.default_rng(1)
-        turn = np.concatenate([8.0 * np.sin(np.linspace(0.0, np.pi, 400)) ** 2, np.zeros(100)])
+        turn = np.concatenate([8.0 * np.sin(np.linspace(0.0, np.pi, 200)) ** 2, np.zeros(50)])
         tilt, azimuth, phi = np.radians(pose)
         rotations = workspace_pose(
             0.0 * turn + tilt, 0.0 * turn + azimuth, phi + np.radians(turn))
@@ -79,4 +93,9 @@ class Rig:
     @property
     def state(self):
         """Words of the state."""
-        return self.verdict.text
+        return self.verdict.announced.text
+
+    @property
+    def left_out(self):
+        """Names of the sensors that the orientation is without."""
+        return self.verdict.announced.left_out

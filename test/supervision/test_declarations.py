@@ -102,9 +102,13 @@ def test_a_sensor_unchecked_is_a_caution_after_a_second_and_silence_after_the_li
 
 @pytest.mark.parametrize('sensors', [4, 5, 6])
 def test_no_sensor_is_checked_before_the_device_has_moved_by_some_degrees(sensors):
-    """Four may fit another orientation by chance; more need no motion."""
+    """Four may fit another orientation by chance; more need no motion, but their window."""
     rig = Rig(sensors, healthy=False, alert_limit_deg=2.0)
-    rig.samples(500)
+    rig.samples(20)
+    assert rig.supervisor.unchecked() == (inf,) * sensors
+    rig.samples(1)
+    assert rig.supervisor.unchecked() == (inf if sensors == 4 else 0.0,) * sensors
+    rig.samples(100)
     assert rig.state == 'healthy'
     # Then that none was ever checked is one caution.
     assert list(rig.supervisor.cautions().values()) == [UNCONFIRMED] * (sensors == 4)

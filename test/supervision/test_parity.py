@@ -8,7 +8,7 @@ from math import sqrt
 import numpy as np
 import pytest
 from rig import product_limits
-from spm_haptic_master.parameters.limits import SAMPLES_AN_HOUR, TESTS
+from spm_haptic_master.parameters.fkm import SAMPLES_AN_HOUR, TESTS
 from spm_haptic_master.supervision.parity import ParityWindow
 from spm_haptic_master.supervision.symptom import Reason, Severity
 

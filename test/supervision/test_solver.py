@@ -21,7 +21,7 @@ from spm_haptic_master.kinematics import (
 from spm_haptic_master.kinematics.rotations import rotation_distance
 from spm_haptic_master.parameters.fkm import METHODS, SUPERVISION_SETTINGS
 from spm_haptic_master.parameters.setting import complete
-from spm_haptic_master.supervision.solver import Solver, total_deviation
+from spm_haptic_master.supervision.sensor_set import Solver, total_deviation
 from spm_haptic_master.supervision.supervisor import make_supervisor
 
 SIGMA = (radians(0.04),) * 4

@@ -13,25 +13,25 @@ import numpy as np
 import pytest
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.setting import complete
+from spm_haptic_master.supervision.orientation_state import Condition
 from spm_haptic_master.supervision.supervisor import make_supervisor
-from spm_haptic_master.supervision.verdict import State
 
 PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'safety.md'
 DIAGRAM = re.compile(r'```mermaid\nstateDiagram-v2\n(.*?)```', re.DOTALL)
 NAME = re.compile(r'^ *state "([A-Z]+) - .*" as (\w+)$', re.MULTILINE)
 ARROW = re.compile(r'^ *(\S+) --> (\S+)(?: : (.+))?$', re.MULTILINE)
 # Of the runs.
-RATE, SECONDS = 250.0, 3.0
+RATE, SECONDS = 250.0, 2.0
 PLACES = ('rest', 'singular', 'crossing', 'turning', 'sweep', 'rim')
 
-Transition = tuple[State, State]
+Transition = tuple[str, str]
 Run = tuple[str, np.ndarray, np.ndarray, dict[str, object]]
 
 
-def drawn() -> tuple[State, dict[Transition, str]]:
+def drawn() -> tuple[str, dict[Transition, str]]:
     """Return the first state of the diagram, and its transitions with their conditions."""
     (diagram,) = DIAGRAM.findall(PAGE.read_text(encoding='utf-8'))
-    states = {name: State[label] for label, name in NAME.findall(diagram)}
+    states = {name: label for label, name in NAME.findall(diagram)}
     arrows = ARROW.findall(diagram)
     (first,) = (states[end] for begin, end, _ in arrows if begin == '[*]')
     return first, {(states[begin], states[end]): words
@@ -94,7 +94,7 @@ def second_faults(seeds: Iterable[int]) -> Iterator[Run]:
             **short, 'start_checked': True}
 
 
-def made(runs: Iterator[Run], first: State) -> dict[Transition, str]:
+def made(runs: Iterator[Run], first: str) -> dict[Transition, str]:
     """Return the transitions that runs make, each with the label of a run."""
     found: dict[Transition, str] = {}
     for label, times, angles, parameters in runs:
@@ -102,21 +102,22 @@ def made(runs: Iterator[Run], first: State) -> dict[Transition, str]:
             FKM_SETTINGS, {'sensors': angles.shape[1], **parameters}))
         state = first
         for stamp, row in zip(times.tolist(), angles.tolist(), strict=True):
-            verdict = supervisor.take(stamp, tuple(row))
-            if verdict.state is not state:
-                found.setdefault((state, verdict.state), f'{label}: {verdict.text}')
-                state = verdict.state
+            announced, last = supervisor.take(stamp, tuple(row)).announced, state
+            state = announced.condition.name
+            if announced.condition is Condition.SILENT:
+                state = 'FAULT' if supervisor.latch.symptom else 'SETTLING'
+            if state != last:
+                found.setdefault((last, state), f'{label}: {announced.text}')
     return found
 
 
 @pytest.mark.parametrize('runs', [
-    pytest.param(lambda: chain(disturbances((0, 8, 17)), second_faults((0, 2))), id='few'),
+    pytest.param(lambda: chain(disturbances((0, 1, 2)), second_faults((0, 1))), id='few'),
     pytest.param(lambda: chain(disturbances(range(20)), second_faults(range(6))), id='all',
                  marks=pytest.mark.evidence)])
 def test_each_transition_of_the_diagram_occurs_with_its_condition_and_no_other(runs):
     first, transitions = drawn()
-    assert first is State.STARTING and all(transitions.values())
-    assert {state for pair in transitions for state in pair} == set(State)
+    assert first == 'STARTING' and all(transitions.values())
     found = made(runs(), first)
     assert {pair: label for pair, label in found.items() if pair not in transitions} == {}
     assert {pair: words for pair, words in transitions.items() if pair not in found} == {}

@@ -7,8 +7,7 @@ from math import inf, pi, radians
 
 import pytest
 from spm_haptic_master.exceptions import SettingError
-from spm_haptic_master.parameters.fkm import SUPERVISION_SETTINGS
-from spm_haptic_master.parameters.limits import limits_from, sigma_from
+from spm_haptic_master.parameters.fkm import limits_from, sigma_from, SUPERVISION_SETTINGS
 from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.supervision.supervisor import make_supervisor
 

@@ -13,7 +13,8 @@ from spm_haptic_master.calibration.recording import raw_counts
 from spm_haptic_master.kinematics import matrix_from_quaternion
 from spm_haptic_master.parameters.encoders import LAYOUT_SETTINGS
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
-from spm_haptic_master.parameters.nodes import MECHANISM_SETTINGS, SOURCE_SETTINGS
+from spm_haptic_master.parameters.geometry import MECHANISM_SETTINGS
+from spm_haptic_master.parameters.nodes import SOURCE_SETTINGS
 from spm_haptic_master.parameters.resolver import read_parameters
 from spm_haptic_master.simulation.source_factory import make_replay
 from spm_haptic_master.supervision import supervise
