@@ -20,7 +20,6 @@ from typing import Any
 import rclpy
 from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.experimental.events_executor import EventsExecutor
-from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from spm_haptic_master.exceptions import InputError, SourceEnded, SpmError
@@ -65,7 +64,7 @@ class EndLimit:
         self._name = name
         # When the end must be over, s, monotonic; None before it begins.
         self._until: float | None = None
-        self._is_over = False
+        self._over = threading.Event()
         # The step of the end that is being done.
         self.waits_for = 'its nodes'
 
@@ -86,13 +85,12 @@ class EndLimit:
 
     def lift(self) -> None:
         """Let the process take its time."""
-        self._is_over = True
+        self._over.set()
         faulthandler.cancel_dump_traceback_later()
         signal.setitimer(signal.ITIMER_REAL, 0.0)
 
     def _run(self) -> None:
-        time.sleep(max(0.0, (self._until or 0.0) - time.monotonic()))
-        if self._is_over:
+        if self._over.wait(max(0.0, (self._until or 0.0) - time.monotonic())):
             return
         print_within(STANDARD_ERROR, f'{self._name}: still waiting for {self.waits_for} '
                      f'{END_TIMEOUT:g} s after the end began: it ends without', PRINT_TIMEOUT)
@@ -111,8 +109,7 @@ def run(name: str, compose: Callable[[Future, AddNode], object],
     `owned` when the nodes are made; see `wait_until_alone`. Return the exit code: 0 after SIGINT,
     SIGTERM or a normal end, 1 after an error, which is reported in one line.
     """
-    nodes: list[Node] = []
-    process_settings: list[dict[str, Any]] = []
+    nodes: list[ParameterNode] = []
     executor = None
     failure: SpmError | None = None
     done = Future()
@@ -143,7 +140,7 @@ def run(name: str, compose: Callable[[Future, AddNode], object],
         def add(kind: Callable[..., ParameterNode], *args: object) -> ParameterNode:
             node = kind(parameters, *args)
             nodes.append(node)
-            process_settings.append(node.declare(REALTIME_SETTINGS))
+            node.declare(REALTIME_SETTINGS)
             executor.add_node(node)
             return node
 
@@ -152,7 +149,7 @@ def run(name: str, compose: Callable[[Future, AddNode], object],
                 node.get_fully_qualified_name(): node.get_parameters_by_prefix('')
                 for node in nodes}):
             node_log.warning(nodes[0], f'{argument}: {NO_EFFECT}')
-        realtime.apply(nodes[0], realtime.agreed(process_settings))
+        realtime.apply(nodes[0], realtime.agreed([node.values for node in nodes]))
         for node in nodes:
             if hasattr(node, 'start'):
                 node.start()
@@ -182,7 +179,7 @@ def run(name: str, compose: Callable[[Future, AddNode], object],
     return 0
 
 
-def _clean_up(nodes: list[Node], executor: Executor | None, limit: EndLimit) -> None:
+def _clean_up(nodes: list[ParameterNode], executor: Executor | None, limit: EndLimit) -> None:
     """Destroy the nodes, end the log and leave the DDS domain, whatever fails of it."""
     with ExitStack() as stack:
         # What is registered last is done first: the driver, made last, calls the other nodes.

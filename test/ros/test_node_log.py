@@ -20,7 +20,8 @@ from spm_haptic_master.standard_streams import LINES_WAITING, LineWriter
 
 # Time that a busy machine may need (s).
 PATIENCE = 20.0
-NODE = SimpleNamespace(get_logger=lambda: get_logger('node_of_the_log'))
+LOGGER = get_logger('node_of_the_log')
+NODE = SimpleNamespace(get_logger=lambda: LOGGER)
 
 
 class Lines:
@@ -46,12 +47,12 @@ def sink():
     return Lines()
 
 
-def put(log, text, severity=LoggingSeverity.ERROR, node='node_of_the_log'):
-    log.put(get_logger(node), severity, text)
+def put(log, text, severity=LoggingSeverity.ERROR, node=LOGGER):
+    log.put(node, severity, text)
 
 
 def test_a_line_has_the_form_of_ros(sink):
-    log = NodeLog(sink, coloured=False)
+    log = NodeLog(sink)
     put(log, 'silent: stale sample')
     put(log, 'starting', LoggingSeverity.WARN)
     put(log, 'healthy', LoggingSeverity.INFO)
@@ -67,12 +68,13 @@ def test_a_line_has_the_form_of_ros(sink):
 def test_lines_are_counted_for_each_node_and_counts_come_although_nothing_else_does(
         sink, monkeypatch):
     monkeypatch.setattr(node_log, 'REPEAT_PERIOD', 0.6)
-    log = NodeLog(sink, coloured=False)
-    for node in ('one', 'one', 'another'):
+    log = NodeLog(sink)
+    another = get_logger('another')
+    for node in (LOGGER, LOGGER, another):
         put(log, 'silent', node=node)
     assert wait_until(lambda: len(sink.lines) == 3, PATIENCE)
-    put(log, 'healthy', node='one')
-    put(log, 'healthy', node='one')
+    for _ in range(2):
+        put(log, 'healthy')
     log.close(PATIENCE)
     assert sink.texts() == ['silent', 'silent', 'silent (1 more time in 1 s)', 'healthy',
                             'healthy (1 more time in 0 s)']
@@ -82,7 +84,7 @@ def test_lines_are_counted_for_each_node_and_counts_come_although_nothing_else_d
     (False, True, []), (True, True, ['silent']), (True, False, [])])
 def test_a_display_takes_the_lines_of_the_console(sink, has_console, takes_lines, shown):
     display = Lines()
-    log = NodeLog(sink if has_console else None, coloured=False)
+    log = NodeLog(sink if has_console else None)
     log.attach(display, takes_lines)
     put(log, 'silent')
     log.close(PATIENCE)
@@ -93,7 +95,7 @@ def test_a_display_takes_the_lines_of_the_console(sink, has_console, takes_lines
 
 def test_lines_beyond_the_queue_are_lost_and_nobody_waits(sink, monkeypatch):
     monkeypatch.setattr(node_log, 'QUEUE_LENGTH', 1)
-    log = NodeLog(sink, coloured=False)
+    log = NodeLog(sink)
     sink.free.clear()
     for number in range(100):
         put(log, f'line {number}')
@@ -127,8 +129,8 @@ def test_colours_by_the_environment(sink, changes, coloured, monkeypatch):
     for name, value in changes.items():
         monkeypatch.setenv(name, value)
     with full_pipe() as (_, writing):
-        assert node_log.is_coloured(writing) == coloured
-    log = NodeLog(sink, coloured=coloured)
+        monkeypatch.setattr(node_log, 'STANDARD_ERROR', writing)
+        log = NodeLog(sink)
     put(log, 'silent')
     log.close(PATIENCE)
     assert sink.lines[0].startswith('\x1b[31m[ERROR]' if coloured else '[ERROR]')

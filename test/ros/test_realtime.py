@@ -114,7 +114,7 @@ def test_without_a_privilege_there_is_a_warning_with_the_cure(linux):
     ({'policy': os.SCHED_BATCH}, 'the process is not under SCHED_OTHER'),
     ({'denied': ('slices',)}, 'Linux before 6.12 has none'),
     ({'denied': ('syscall',)}, 'Operation not permitted'),
-    ({'machine': 'm68k'}, 'unknown on Linux m68k, 64 bit')])
+    ({'machine': 'm68k'}, 'unknown on m68k')])
 def test_a_slice_that_a_rig_has_chosen_and_cannot_have_is_a_warning(linux, changes, reason):
     """The default is for those who can have it; the others are as they would be without."""
     for name, value in changes.items():
@@ -125,14 +125,7 @@ def test_a_slice_that_a_rig_has_chosen_and_cannot_have_is_a_warning(linux, chang
     assert linux.warnings == [f'realtime.slice 0.05 not set: {reason}']
 
 
-def test_a_slice_is_for_the_usual_policy_alone_and_keeps_niceness(linux):
-    linux.niceness = 5
-    for linux.policy, slice_ in ((os.SCHED_OTHER, 0.0002), (os.SCHED_BATCH, 0.01)):
-        realtime.set_time_slice(9, slice_)
-        assert linux.slices == {9: 200_000}
-
-
-@pytest.mark.parametrize('slice_', [1e-10, 0.00009, 0.11])
+@pytest.mark.parametrize('slice_', [1e-10, 0.00009])
 def test_a_slice_that_linux_does_not_have_is_refused(linux, slice_):
     with pytest.raises(SettingError, match=f"realtime.slice' is {slice_}; expected 0, or 0.0001"):
         realtime.apply(None, {**OFF, 'realtime.slice': slice_})
