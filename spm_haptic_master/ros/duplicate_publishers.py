@@ -15,6 +15,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from spm_haptic_master.exceptions import RivalError
 from spm_haptic_master.ros import node_log
 from spm_haptic_master.ros.diagnostic_status import RIVALS_PERIOD
+from spm_haptic_master.timing import Periodic
 
 # What to do about a second publisher.
 CURE = 'end one of them, or start it with another ROS_DOMAIN_ID or in another namespace'
@@ -39,14 +40,12 @@ class Rivals:
     def __init__(self, node: Node, *topics: str) -> None:
         self._node = node
         self._topics = tuple(map(node.resolve_topic_name, topics))
-        self._count_at = 0.0
+        self._count = Periodic(RIVALS_PERIOD)
         self._found: str | None = None
 
     def found(self) -> str | None:
         """Return on which topic several nodes publish, their names and the cure; None if none."""
-        now = time.monotonic()
-        if now >= self._count_at:
-            self._count_at = now + RIVALS_PERIOD
+        if self._count.is_due(time.monotonic()):
             self._found = next(filter(None, map(self._several, self._topics)), None)
         return self._found
 

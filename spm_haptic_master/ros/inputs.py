@@ -19,6 +19,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from spm_haptic_master.ros.diagnostic_status import RIVALS_PERIOD
 from spm_haptic_master.ros.duplicate_publishers import full_name
 from spm_haptic_master.ros.qos import DISPLAY
+from spm_haptic_master.timing import Periodic
 
 MessageType = TypeVar('MessageType')
 
@@ -29,7 +30,7 @@ class Inputs:
     def __init__(self, node: Node) -> None:
         self._node = node
         self._inputs: list[_Input] = []
-        self._poll_at = 0.0
+        self._poll = Periodic(RIVALS_PERIOD)
         self._unheard = ''
 
     def subscribe(self, kind: type, topic: str, callback: Callable[[Any], None], qos: QoSProfile,
@@ -39,9 +40,7 @@ class Inputs:
 
     def unheard(self) -> str:
         """Return which publisher is not heard, and why; empty if all are. Polled now and then."""
-        now = time.monotonic()
-        if now >= self._poll_at:
-            self._poll_at = now + RIVALS_PERIOD
+        if self._poll.is_due(time.monotonic()):
             self._unheard = next(filter(None, (each.unheard() for each in self._inputs)), '')
         return self._unheard
 

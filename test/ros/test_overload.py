@@ -14,6 +14,7 @@ class Task:
 
     def __init__(self):
         self.overload = Overload(PERIOD)
+        self.explains = self.overload.explains
         self.now = 100.0
         self.run(count=1 + round(2.0 * START / PERIOD))
 
@@ -26,15 +27,7 @@ class Task:
 
 @pytest.fixture
 def task():
-    task = Task()
-    task.explains = task.overload.explains
-    return task
-
-
-def test_a_task_in_time_is_no_overload(task):
-    assert task.run(count=500) == ''
-    # Late by less than a period it has missed no deadline, however often.
-    assert task.run(late=0.9 * PERIOD, count=500) == ''
+    return Task()
 
 
 @pytest.mark.parametrize(('gap', 'figure'), [
@@ -56,6 +49,8 @@ def test_a_process_that_starts_is_busy_with_itself():
 
 
 def test_small_gaps_add_up_within_a_second_only(task):
+    # Late by less than a period it has missed no deadline, however often.
+    assert task.run(late=0.9 * PERIOD, count=500) == ''
     assert task.run(late=0.03) == ''
     assert task.run(count=round(SPAN / PERIOD) + 2) == ''
     assert task.run(late=0.03) == ''
@@ -83,6 +78,11 @@ def test_it_explains_what_appears_meanwhile_and_not_what_was_there_before(task):
     assert task.explains('two answers in one cycle')
     task.run(count=60)
     assert not task.explains('heartbeat lost')
+    # What queued up in a long stop is read after it.
+    task.run(late=0.3)
+    assert task.explains('two answers in one cycle')
+    task.run(late=60.0)
+    assert task.explains('no frames')
 
 
 def test_it_does_not_explain_what_stays(task):
@@ -94,14 +94,6 @@ def test_it_does_not_explain_what_stays(task):
         found.append((task.now - began, task.explains(f'joint_1a silent {number // 20}')))
     assert all(explained for passed, explained in found if passed <= EXPLAINED)
     assert not any(explained for passed, explained in found if passed > 1.5 * EXPLAINED)
-
-
-def test_the_time_in_which_it_did_not_run_explains_nothing_less(task):
-    """What queued up in a long stop is read after it."""
-    task.run(late=0.3)
-    assert task.explains('two answers in one cycle')
-    task.run(late=60.0)
-    assert task.explains('no frames')
 
 
 def test_its_figure_only_grows_until_it_ends(task):
