@@ -25,12 +25,12 @@ class Linux:
 
     def __init__(self, monkeypatch):
         self.called, self.denied = [], ()
-        self.policy, self.niceness, self.slices = os.SCHED_OTHER, 0, {}
+        self.policies, self.niceness, self.slices = {}, 0, {}
         self.machine = 'x86_64'
         self.warnings = []
         for name in ('sched_setaffinity', 'sched_setscheduler'):
             monkeypatch.setattr(os, name, lambda *given, name=name: self._call(name, *given))
-        monkeypatch.setattr(os, 'sched_getscheduler', lambda _: self.policy)
+        monkeypatch.setattr(os, 'sched_getscheduler', self._policy)
         monkeypatch.setattr(os, 'getpriority', lambda *_: self.niceness)
         monkeypatch.setattr(os, 'sched_getaffinity', lambda _: {0, 1, 2, 3})
         monkeypatch.setattr(os, 'listdir', lambda path: ['11', '12', '13'])
@@ -40,6 +40,9 @@ class Linux:
         monkeypatch.setattr(node_log, 'warning', lambda _, text: self.warnings.append(text))
         for name in ('collect', 'freeze', 'disable'):
             monkeypatch.setattr(gc, name, lambda name=name: self.called.append((name,)))
+
+    def _policy(self, thread):
+        return self.policies.get(thread, os.SCHED_OTHER)
 
     def _library(self, name, use_errno=False):
         self.error = 1 if use_errno else 0
@@ -111,7 +114,7 @@ def test_without_a_privilege_there_is_a_warning_with_the_cure(linux):
 
 @pytest.mark.parametrize(('changes', 'reason'), [
     ({'niceness': 1}, 'the process has less priority (nice)'),
-    ({'policy': os.SCHED_BATCH}, 'the process is not under SCHED_OTHER'),
+    ({'policies': {0: os.SCHED_BATCH}}, 'the process is not under SCHED_OTHER'),
     ({'denied': ('slices',)}, 'Linux before 6.12 has none'),
     ({'denied': ('syscall',)}, 'Operation not permitted'),
     ({'machine': 'm68k'}, 'unknown on m68k')])
@@ -123,6 +126,12 @@ def test_a_slice_that_a_rig_has_chosen_and_cannot_have_is_a_warning(linux, chang
     assert linux.warnings == []
     realtime.apply(None, {**OFF, 'realtime.slice': OWN_SLICE})
     assert linux.warnings == [f'realtime.slice 0.05 not set: {reason}']
+
+
+def test_a_thread_of_another_policy_keeps_it_and_all_keep_their_niceness(linux):
+    linux.niceness, linux.policies = -5, {12: os.SCHED_BATCH}
+    realtime.apply(None, {**OFF, 'realtime.slice': OWN_SLICE})
+    assert (linux.slices, linux.warnings) == ({11: 50_000_000}, [])
 
 
 def test_a_slice_that_linux_does_not_have_is_refused(linux):
