@@ -73,7 +73,7 @@ class Overload:
         self._last = now
         # Tasks of one process lose the same time.
         lost = max(elsewhere, late if late > self._period else 0.0)
-        if lost > 0.0 and now - lost >= self._from:
+        if now - lost >= self._from:
             self._lost.append((now, lost))
         while self._lost and now - self._lost[0][0] > SPAN:
             self._lost.popleft()

@@ -71,6 +71,16 @@ def test_an_input_follows_a_best_effort_publisher(rig, make_node):
     assert spin_until(lambda: 'is std_msgs/msg/Bool' in found.unheard())
 
 
+def test_a_late_subscriber_gets_the_newest_state_alone(rig):
+    node, other, spin_until = rig
+    out, heard = other.create_publisher(String, '/left/topic', STATE), []
+    for text in 'ab':
+        out.publish(String(data=text))
+    Inputs(node).subscribe(String, 'topic', heard.append, QoSProfile(
+        depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+    assert spin_until(lambda: heard) and heard[0] == String(data='b')
+
+
 def test_a_publisher_that_has_gone_is_reported(rig):
     node, other, spin_until = rig
     gone, found = [], Inputs(node)
