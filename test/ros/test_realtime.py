@@ -66,14 +66,12 @@ class Linux:
         if thread == 13:
             raise ProcessLookupError
         layout = struct.Struct('=IIQiIQQQ')
+        assert (number, *rest) in ((314, 0), (315, 48, 0))
         if number == 314:
-            size, policy, flags, nice, priority, runtime, *rest = layout.unpack(attributes.raw)
-            assert (size, policy, flags, nice, priority, *rest) == (
-                48, os.SCHED_OTHER, 0, self.niceness, 0, 0, 0)
-            self.slices[thread] = runtime
+            *before, slice_, runtime, period = layout.unpack(attributes.raw)
+            assert (*before, runtime, period) == (48, os.SCHED_OTHER, 0, self.niceness, 0, 0, 0)
+            self.slices[thread] = slice_
         else:
-            size, flags = rest
-            assert (number, size, flags) == (315, 48, 0)
             slice_ = 0 if 'slices' in self.denied else self.slices.get(11, 0)
             attributes.raw = layout.pack(48, 0, 0, 0, 0, slice_, 0, 0)
         return 0
