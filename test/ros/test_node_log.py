@@ -96,6 +96,13 @@ def test_a_display_takes_the_lines_of_the_console(sink, has_console, takes_lines
                             *(['closed'] if has_console else [])]
 
 
+def test_a_log_that_nobody_ends_keeps_no_process_alive(sink):
+    NodeLog(sink)
+    LineWriter(2)
+    assert {thread.daemon for thread in threading.enumerate()
+            if thread.name in ('log', 'lines')} == {True}
+
+
 def test_lines_beyond_the_queue_are_lost_and_nobody_waits(sink, monkeypatch):
     monkeypatch.setattr(node_log, 'QUEUE_LENGTH', 1)
     log = NodeLog(sink)
