@@ -30,12 +30,7 @@ from spm_haptic_master.parameters.resolver import NO_EFFECT
 from spm_haptic_master.ros import discovery, node_log, realtime
 from spm_haptic_master.ros.duplicate_publishers import wait_until_alone
 from spm_haptic_master.ros.parameters import ParameterNode
-from spm_haptic_master.standard_streams import (
-    keep_open,
-    print_within,
-    STANDARD_ERROR,
-    STANDARD_OUTPUT,
-)
+from spm_haptic_master.standard_streams import print_within, STANDARD_ERROR, STANDARD_OUTPUT
 
 # Longest wait of the executor (s): without a time-out EventsExecutor uses a whole core while idle
 # (rclpy 7.1.6), and signals are polled between its waits.
@@ -122,7 +117,6 @@ def run(name: str, compose: Callable[[Future, AddNode], object],
         signals.append(number)
         limit.begin()
 
-    keep_open()
     try:
         for number in SIGNALS:
             signal.signal(number, signal.default_int_handler)
