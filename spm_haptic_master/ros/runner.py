@@ -63,20 +63,19 @@ class EndLimit:
         # The step of the end that is being done.
         self.waits_for = 'its nodes'
 
-    def begin(self) -> None:
-        """Begin to count, at the first call; a signal handler may do that."""
-        if self._until is not None:
-            return
-        self._until = time.monotonic() + END_TIMEOUT
-        signal.signal(signal.SIGALRM, signal.SIG_DFL)
-        signal.setitimer(signal.ITIMER_REAL, END_TIMEOUT + 2.0 * PRINT_TIMEOUT)
-        faulthandler.dump_traceback_later(
-            END_TIMEOUT + PRINT_TIMEOUT, exit=True, file=STANDARD_ERROR)
+    def begin(self) -> float:
+        """Begin to count, at the first call, also of a signal handler; return `_until`."""
+        if self._until is None:
+            self._until = time.monotonic() + END_TIMEOUT
+            signal.signal(signal.SIGALRM, signal.SIG_DFL)
+            signal.setitimer(signal.ITIMER_REAL, END_TIMEOUT + 2.0 * PRINT_TIMEOUT)
+            faulthandler.dump_traceback_later(
+                END_TIMEOUT + PRINT_TIMEOUT, exit=True, file=STANDARD_ERROR)
+        return self._until
 
     def watch(self) -> None:
         """Begin to count, and report by name what is waited for; not from a signal handler."""
-        self.begin()
-        threading.Thread(target=self._run, name='end', daemon=True).start()
+        threading.Thread(target=self._run, args=[self.begin()], name='end', daemon=True).start()
 
     def lift(self) -> None:
         """Let the process take its time."""
@@ -84,8 +83,8 @@ class EndLimit:
         faulthandler.cancel_dump_traceback_later()
         signal.setitimer(signal.ITIMER_REAL, 0.0)
 
-    def _run(self) -> None:
-        if self._over.wait(max(0.0, (self._until or 0.0) - time.monotonic())):
+    def _run(self, until: float) -> None:
+        if self._over.wait(until - time.monotonic()):
             return
         print_within(STANDARD_ERROR, f'{self._name}: still waiting for {self.waits_for} '
                      f'{END_TIMEOUT:g} s after the end began: it ends without', PRINT_TIMEOUT)
