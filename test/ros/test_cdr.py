@@ -56,9 +56,9 @@ def test_joints_are_written_and_read_as_by_rclpy(sensors, frame):
 @pytest.mark.parametrize(('given', 'expected'), [(4, 6), (6, 4), (5, 4), (6, 5)])
 def test_another_number_of_sensors_is_refused(given, expected):
     sample = JointsFormat(given).write(7, numbers(1, given))
-    with pytest.raises(RejectedError, match='sample of another number of sensors') as error:
+    with pytest.raises(RejectedError, match=f'another number of sensors: {given}, expected '
+                       f'{expected}: give `sensors` for all nodes'):
         JointsFormat(expected).read(sample)
-    assert f'{given}, expected {expected}: give `sensors` for all nodes' in str(error.value)
 
 
 def test_a_joint_state_of_another_layout_is_read_too():

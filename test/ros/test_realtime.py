@@ -4,6 +4,7 @@
 """What the realtime settings ask of Linux, and the warning where it refuses."""
 
 import ctypes
+from functools import partial
 import gc
 import os
 import struct
@@ -26,38 +27,36 @@ class Linux:
     def __init__(self, monkeypatch):
         self.called, self.denied = [], ()
         self.policies, self.niceness, self.slices = {}, 0, {}
-        self.machine = 'x86_64'
-        self.warnings = []
-        for name in ('sched_setaffinity', 'sched_setscheduler'):
-            monkeypatch.setattr(os, name, lambda *given, name=name: self._call(name, *given))
-        monkeypatch.setattr(os, 'sched_getscheduler', self._policy)
-        monkeypatch.setattr(os, 'getpriority', lambda *_: self.niceness)
-        monkeypatch.setattr(os, 'sched_getaffinity', lambda _: {0, 1, 2, 3})
-        monkeypatch.setattr(os, 'listdir', lambda path: ['11', '12', '13'])
-        monkeypatch.setattr(ctypes, 'CDLL', self._library)
-        monkeypatch.setattr(ctypes, 'get_errno', lambda: self.error)
-        monkeypatch.setattr(realtime.platform, 'machine', lambda: self.machine)
-        monkeypatch.setattr(node_log, 'warning', lambda _, text: self.warnings.append(text))
-        for name in ('collect', 'freeze', 'disable'):
-            monkeypatch.setattr(gc, name, lambda name=name: self.called.append((name,)))
-
-    def _policy(self, thread):
-        return self.policies.get(thread, os.SCHED_OTHER)
+        self.machine, self.warnings = 'x86_64', []
+        for module, name, fake in (
+                (os, 'sched_setaffinity', partial(self._set, 'sched_setaffinity')),
+                (os, 'sched_setscheduler', partial(self._set, 'sched_setscheduler')),
+                (os, 'sched_getscheduler', lambda of: self.policies.get(of, os.SCHED_OTHER)),
+                (os, 'getpriority', lambda *_: self.niceness),
+                (os, 'sched_getaffinity', lambda _: {0, 1, 2, 3}),
+                (os, 'listdir', lambda path: ['11', '12', '13']),
+                (ctypes, 'CDLL', self._library), (ctypes, 'get_errno', lambda: self.error),
+                (realtime.platform, 'machine', lambda: self.machine),
+                (node_log, 'warning', lambda _, text: self.warnings.append(text)),
+                *((gc, name, partial(self._call, name))
+                  for name in ('collect', 'freeze', 'disable'))):
+            monkeypatch.setattr(module, name, fake)
 
     def _library(self, name, use_errno=False):
         self.error = 1 if use_errno else 0
-        return SimpleNamespace(mlockall=lambda flags: self._call('mlockall', flags),
-                               syscall=self._syscall)
+        return SimpleNamespace(mlockall=partial(self._call, 'mlockall'), syscall=self._syscall)
 
     def _call(self, name, *given):
-        if given[0] == 13:
-            raise ProcessLookupError  # the thread has ended
         if name in self.denied:
-            if name != 'mlockall':
-                raise PermissionError
             return -1
         self.called.append((name, *given))
         return 0
+
+    def _set(self, name, thread, *given):
+        if thread == 13:
+            raise ProcessLookupError  # the thread has ended
+        if self._call(name, thread, *given):
+            raise PermissionError
 
     def _syscall(self, number, thread, attributes, *rest):
         """Take sched_setattr and sched_getattr, as struct sched_attr of sched(7) has them."""
