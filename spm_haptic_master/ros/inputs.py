@@ -78,11 +78,11 @@ class _Input:
     def _mismatch(self, publisher: TopicEndpointInfo) -> str:
         """Return what of a publisher keeps it unheard, or become best-effort for it."""
         expected = f'{self._kind.__module__.partition(".")[0]}/msg/{self._kind.__name__}'
-        offered = publisher.qos_profile
         reason = ''
         if publisher.topic_type != expected:
             reason = f'{publisher.topic_type}, expected {expected}'
-        elif offered.reliability == ReliabilityPolicy.BEST_EFFORT != self._qos.reliability:
+        elif publisher.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT \
+                != self._qos.reliability:
             if self._is_latched:
                 reason = 'BEST_EFFORT, expected RELIABLE'
             else:
@@ -90,7 +90,7 @@ class _Input:
                 self._qos.reliability = ReliabilityPolicy.BEST_EFFORT
                 self._node.destroy_subscription(self._subscription)
                 self._subscribe()
-        elif self._is_latched and offered.durability == DurabilityPolicy.VOLATILE:
+        elif self._is_latched and publisher.qos_profile.durability == DurabilityPolicy.VOLATILE:
             reason = 'VOLATILE, expected TRANSIENT_LOCAL'
         return reason and f'publisher {full_name(publisher)} on {self._topic} is {reason}'
 
