@@ -83,15 +83,15 @@ def __getattr__(name: str) -> Callable[[], int]:
     raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
 
 
-def main(argv: list[str] | None = None) -> int:
+def main() -> int:
     """Run the executable that the first argument names; return its exit code, 2 without one."""
-    argv = sys.argv if argv is None else argv
-    if len(argv) < 2 or argv[1] not in EXECUTABLES:
-        lines = [f'  {name:16}{description}' for name, (_, description) in EXECUTABLES.items()]
-        print('usage: python -m spm_haptic_master NAME [--ros-args ...], NAME one of',
-              *lines, sep='\n', file=sys.stderr)
-        return 2
-    return start(argv[1], argv[1:])
+    argv = sys.argv[1:]
+    if argv and argv[0] in EXECUTABLES:
+        return start(argv[0], argv)
+    lines = [f'  {name:16}{description}' for name, (_, description) in EXECUTABLES.items()]
+    print('usage: python -m spm_haptic_master NAME [--ros-args ...], NAME one of',
+          *lines, sep='\n', file=sys.stderr)
+    return 2
 
 
 if __name__ == '__main__':

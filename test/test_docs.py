@@ -114,22 +114,18 @@ def code_of(*rooms: str) -> str:
                    for room in rooms for path in (package / room).rglob('*.py'))
 
 
-def test_reasons_of_silence_are_those_of_the_code():
-    reasons = [span.removeprefix('SENSOR ')
-               for span in code_spans('safety.md', 'Reasons and cures')]
-    assert len(reasons) > 10
-    code = code_of('supervision', 'nodes', 'ros')
-    assert [reason for reason in reasons if reason not in code] == []
+# What of a message differs from one to the next: names, numbers, what the system reports.
+VARIABLE = re.compile(r'^SENSOR |\.\.\.|socketcan can0|/measured_js|joint_3a|0x\w+|\[Errno.*|'
+                      r'Network is down|Transmit buffer full|\d+|[():,]')
 
 
-def test_messages_of_the_driver_are_those_of_the_code():
-    """The fixed words of each message: without names, numbers and what the system reports."""
-    spans = code_spans('rig.md', "The driver's entry on `/diagnostics`")
+@pytest.mark.parametrize(('page', 'heading', 'rooms'), [
+    ('safety.md', 'Reasons and cures', ('supervision', 'nodes', 'ros')),
+    ('rig.md', "The driver's entry on `/diagnostics`", ('encoders', 'nodes', 'ros'))])
+def test_messages_of_a_page_are_those_of_the_code(page, heading, rooms):
+    spans, code = code_spans(page, heading), code_of(*rooms)
     assert len(spans) > 10
-    variable = (r'\.\.\.|socketcan can0|/measured_js|joint_3a|0x\w+|\[Errno.*|Network is down|'
-                r'Transmit buffer full|\d+|[():,]')
-    words = [part.strip() for span in spans for part in re.split(variable, span)]
-    code = code_of('encoders', 'nodes', 'ros')
+    words = [part.strip() for span in spans for part in VARIABLE.split(span)]
     assert [each for each in words if each not in code] == []
 
 

@@ -4,6 +4,8 @@
 """`make faults` on a small part of its rows: its verdicts, and the guard on its pages."""
 
 from contextlib import contextmanager
+from dataclasses import replace
+from functools import cache
 
 from benchmarks import integrity, integrity_runs
 from benchmarks.integrity import fault_verdict, healthy_verdict, isolation_verdict, Outcome
@@ -23,19 +25,22 @@ def serial():
 
 @pytest.fixture
 def faults(tmp_path, monkeypatch):
-    """Return what runs a few of the simulated rows, and the committed page."""
+    """Return what runs a few of the simulated rows, each computed once, and the page."""
     committed = tmp_path / 'simulated.md'
     few = ((0.04, 14, 100.0),)
     for module, name, value in (
             (integrity, 'ProcessPoolExecutor', serial), (integrity, 'PAGE', committed),
             (integrity, 'PLACES', {'centre': 'rest'}),
-            (integrity, 'CONDITIONS', [row for row in integrity.CONDITIONS if row.rate == 100.0]),
+            (integrity, 'CONDITIONS', [replace(row, kinds=('tremor',))
+                                       for row in integrity.CONDITIONS if row.rate == 100.0]),
             (integrity, 'DISTURBED', (integrity.DISTURBED[0], *integrity.DISTURBED[7::2])),
             (integrity, 'jump_rows', lambda runner: ()), (integrity, 'coverage_rows', lambda: ()),
             (integrity, 'long_rows', lambda seconds, runner: ()),
             (integrity_runs, 'DISTURBED_RUNS', 1), (integrity_runs, 'ENCODERS', few),
             (integrity_runs, 'MORE_ENCODERS', few),
-            (integrity_runs, 'FAULTS', (('step', 5.0, 'deg'),))):
+            (integrity, 'cases', lambda sensors: [('step', 5.0, 'deg', 0)]),
+            *((integrity, name, cache(getattr(integrity_runs, name)))
+              for name in ('healthy', 'disturbances', 'faulty'))):
         monkeypatch.setattr(module, name, value)
 
     def run(*args):
@@ -56,8 +61,10 @@ def test_the_rows_have_verdicts(faults, monkeypatch):
     assert len(disturbed) == 4
     assert set(disturbed.values()) == {'published within its level'}
 
+    computed = integrity.disturbances
+
     def withheld(task):
-        records = integrity_runs.disturbances(task)
+        records = computed(task)
         records[0].samples['published'][300] = False
         return records
 

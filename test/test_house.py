@@ -85,6 +85,7 @@ def files() -> tuple[tuple[str, Path, set[str]], ...]:
     return tuple(found)
 
 
+@cache
 def imports(path: Path) -> set[str]:
     """Return the dotted names that a file imports anywhere, modules imported by name included."""
     found = set()

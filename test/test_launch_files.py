@@ -37,21 +37,16 @@ class Action:
         vars(self).update(fields)
 
     def visit(self, context):
-        if self.condition is None or {'true': True, '1': True, 'false': False, '0': False}[
-                self.condition.perform(context).lower()]:
+        if self.condition is None or self.condition.perform(context).lower() in ('true', '1'):
             self.do(context)
 
 
 def launch_configuration(name):
-    return types.SimpleNamespace(
-        perform=lambda context: context.launch_configurations[name])
+    return types.SimpleNamespace(perform=lambda context: context.launch_configurations[name])
 
 
 def launch_description(entities):
-    def visit(context):
-        for entity in entities:
-            entity.visit(context)
-    return Action(visit)
+    return Action(lambda context: [entity.visit(context) for entity in entities])
 
 
 def declare_launch_argument(name, *, default_value=None, description='', choices=None):
@@ -75,19 +70,10 @@ def include_launch_description(path, *, launch_arguments=(), condition=None):
 
 def launch_node(*, package, executable, namespace='', parameters=(), arguments=(),
                 ros_arguments=(), output='log', emulate_tty=False, on_exit=None, condition=None):
-    fields = {'package': package, 'executable': executable, 'namespace': namespace,
-              'parameters': parameters, 'arguments': arguments, 'ros_arguments': ros_arguments,
-              'on_exit': on_exit}
-    node = Action(lambda context: context.started.append(node), condition, **fields)
+    node = Action(lambda context: context.started.append(node), condition, package=package,
+                  executable=executable, namespace=namespace, parameters=parameters,
+                  arguments=arguments, ros_arguments=ros_arguments, on_exit=on_exit)
     return node
-
-
-def log_info(*, msg):
-    return Action(lambda context: context.logged.append(msg))
-
-
-def shutdown(*, reason):
-    return Action(lambda context: setattr(context, 'is_shutdown', True))
 
 
 def process_exited(name, code):
@@ -100,8 +86,10 @@ MODULES = {
     'launch.events': {}, 'launch.events.process': {'ProcessExited': process_exited},
     'launch.actions': {
         'DeclareLaunchArgument': declare_launch_argument, 'OpaqueFunction': opaque_function,
-        'IncludeLaunchDescription': include_launch_description, 'LogInfo': log_info,
-        'Shutdown': shutdown},
+        'IncludeLaunchDescription': include_launch_description,
+        'LogInfo': lambda *, msg: Action(lambda context: context.logged.append(msg)),
+        'Shutdown': lambda *, reason: Action(
+            lambda context: setattr(context, 'is_shutdown', True))},
     'launch.conditions': {'IfCondition': lambda predicate_expression: predicate_expression},
     'launch.launch_description_sources': {'PythonLaunchDescriptionSource': lambda path: path},
     'launch.substitutions': {'LaunchConfiguration': launch_configuration},

@@ -74,13 +74,13 @@ class ForceInputs:
         self.stale = self.refused = 0
         self._topics = tuple(map(node.resolve_topic_name, WRENCH_TOPICS))
         self._inputs = Inputs(node)
-        wrench = partial(self._inputs.subscribe, WrenchStamped, qos=WRENCHES, hears_both=True)
+        wrench = partial(self._inputs.subscribe, WrenchStamped, qos=WRENCHES)
         wrench(topic='servo_cf', callback=self._on_any)
         wrench(topic='spatial/servo_cf', callback=lambda message: self._take_wrench(
             message, frames.spatial))
         wrench(topic='body/servo_cf', callback=lambda message: self._take_wrench(
             message, frames.spatial if self._is_absolute else frames.body))
-        event = partial(self._inputs.subscribe, qos=EVENTS, hears_both=True)
+        event = partial(self._inputs.subscribe, qos=EVENTS)
         event(Bool, 'body/set_cf_orientation_absolute',
               lambda message: setattr(self, '_is_absolute', message.data))
         event(Bool, 'use_gravity_compensation',

@@ -43,7 +43,7 @@ class Presence(ParameterNode):
         self._buttons: tuple[int, ...] | None = None
         self._heard_at = 0.0
         self._inputs = Inputs(self)
-        self._inputs.subscribe(Joy, 'joy', self._on_joy, EVENTS, hears_both=True, gone=self._lose)
+        self._inputs.subscribe(Joy, 'joy', self._on_joy, EVENTS, gone=self._lose)
         self._status = StatusPublisher(self, 'pedals', 'joystick', logs=False)
         self.create_timer(1.0 / values['presence.rate'], self._repeat, clock=STEADY)
 

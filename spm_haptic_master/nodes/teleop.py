@@ -83,17 +83,17 @@ class Teleop(ParameterNode):
         self._make_outputs(values['teleop.acceleration_limit'])
         self._inputs = Inputs(self)
         subscribe = self._inputs.subscribe
-        subscribe(PoseStamped, 'slave/measured_cp', self._on_slave, EVENTS, hears_both=True)
-        subscribe(Joy, 'presence', self._on_presence, EVENTS, hears_both=True,
+        subscribe(PoseStamped, 'slave/measured_cp', self._on_slave, EVENTS)
+        subscribe(Joy, 'presence', self._on_presence, EVENTS,
                   gone=lambda: self._take(self._machine.take_presence, False))
-        subscribe(Joy, 'clutch', self._on_clutch, EVENTS, hears_both=True,
+        subscribe(Joy, 'clutch', self._on_clutch, EVENTS,
                   gone=lambda: self._take(self._machine.take_clutch, None))
         subscribe(String, 'state', self._on_state, STATE)
         subscribe(UInt64, 'enabled_at', self._on_enabled_at, STATE)
         # None where the hand feels nothing of the slave.
         self._torque = SlaveTorque(self, values) if values['teleop.force_scale'] else None
         if self._torque is not None:
-            subscribe(WrenchStamped, SLAVE_TOPIC, self._on_torque, WRENCHES, hears_both=True)
+            subscribe(WrenchStamped, SLAVE_TOPIC, self._on_torque, WRENCHES)
         self.create_service(Trigger, '~/enable', self._enable)
         self.create_service(Trigger, '~/disable', self._disable)
         self._rivals = Rivals(

@@ -34,11 +34,6 @@ def _text(text: str) -> bytes:
     return len(characters).to_bytes(4, 'little') + characters
 
 
-def _aligned(size: int, to: int) -> str:
-    """Return the `struct` padding after `size` bytes up to a multiple of `to`."""
-    return f'{-size % to}x'
-
-
 class JointsFormat:
     """
     Layout of a JointState of the first N joints.
@@ -60,7 +55,7 @@ class JointsFormat:
             padding = -size % 4
             texts += f'{padding}x{len(field)}s'
             size += padding + len(field)
-        layout = Struct(f'<2s2xiI{texts}{_aligned(size, 8)}{len(names)}d8s')
+        layout = Struct(f'<2s2xiI{texts}{-size % 8}x{len(names)}d8s')
         self._pack, self._unpack = layout.pack, layout.unpack_from
         self._before = (frame, count, *names, count)
         self._after = bytes(8)
@@ -121,9 +116,8 @@ def _check_readings(angles: tuple[float, ...]) -> None:
     infinite = [name for name, angle in zip(names, angles, strict=True) if isinf(angle)]
     if infinite:
         raise RejectedError('angle not finite', f'infinite: {", ".join(infinite)}')
-    readings = sum(angle == angle for angle in angles)
-    if readings < len(JOINT_NAMES):
-        missing = [name for name, angle in zip(names, angles, strict=True) if angle != angle]
+    missing = [name for name, angle in zip(names, angles, strict=True) if angle != angle]
+    if len(names) - len(missing) < len(JOINT_NAMES):
         raise RejectedError(
             'angle not finite', f'no reading of {", ".join(missing)}; expected at least '
             f'{len(JOINT_NAMES)}')
@@ -131,15 +125,13 @@ def _check_readings(angles: tuple[float, ...]) -> None:
 
 def _stamped_layout(frame: int, numbers: int) -> Struct:
     """Return the layout of a header and numbers: size of its frame_id, bytes; count of these."""
-    stamp = 8
-    return Struct(f'<2s2xiI{frame}s{_aligned(stamp + frame, 8)}{numbers}d')
+    return Struct(f'<2s2xiI{frame}s{-frame % 8}x{numbers}d')
 
 
 class OrientationReader:
     """Reads serialized QuaternionStamped messages of one publisher after the other."""
 
     def __init__(self) -> None:
-        self._size = 0
         self._arrange(_text(''))
 
     def _arrange(self, frame: bytes) -> None:

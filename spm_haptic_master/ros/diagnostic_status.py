@@ -57,11 +57,11 @@ class StatusPublisher:
         self._logs = logs
         # Message published last.
         self.message = ''
-        # Level and subject published last, and when (s, monotonic); what was logged last.
+        # Level and subject published last, and when (s, monotonic).
         self._subject: tuple[bytes, str] | None = None
         self._published_at = 0.0
-        self._logged: tuple[bytes, str] = DiagnosticStatus.STALE, ''
-        self._troubled = False
+        # Level and message that the log is up to date with; whether the start is over.
+        self._logged, self._started = (OK, ''), False
 
     def is_due(self, level: bytes, subject: str) -> bool:
         """Return whether level or subject changed, or `REPEAT_PERIOD` has passed."""
@@ -76,10 +76,8 @@ class StatusPublisher:
         `subject` is what a change is recognised by, where the message has figures that run;
         `logged` what the log has of it, where a caution comes and goes in normal work.
         """
-        entry = logged or (level, message)
-        if self._logs and entry != self._logged:
-            self._log(*entry)
-        self._logged = entry
+        if self._logs:
+            self._log(*(logged or (level, message)))
         self._subject = level, message if subject is None else subject
         self.message, self._published_at = message, time.monotonic()
         array = DiagnosticArray(status=[DiagnosticStatus(
@@ -90,14 +88,17 @@ class StatusPublisher:
 
     def _log(self, level: bytes, message: str) -> None:
         """Log an error or a warning, and its end; the warning of a node that starts is neither."""
+        self._started = self._started or level != WARN
+        if not self._started or (level, message) == self._logged:
+            return
+        previous, _ = self._logged
+        self._logged = level, message
         if level == ERROR:
             node_log.error(self._node, message)
-        elif level == WARN and self._logged[0] in (OK, ERROR):
+        elif level == WARN and previous != WARN:
             node_log.warning(self._node, message)
-        elif self._logged[0] in (WARN, ERROR) and self._troubled:
+        elif previous != OK:
             node_log.info(self._node, message)
-        self._troubled = level == ERROR or (
-            level == WARN and (self._troubled or self._logged[0] == OK))
 
 
 def _text(value: object) -> str:

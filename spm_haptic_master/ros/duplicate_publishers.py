@@ -15,6 +15,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from spm_haptic_master.exceptions import RivalError
 from spm_haptic_master.ros import node_log
 from spm_haptic_master.ros.diagnostic_status import RIVALS_PERIOD
+from spm_haptic_master.timing import Periodic
 
 # What to do about a second publisher.
 CURE = 'end one of them, or start it with another ROS_DOMAIN_ID or in another namespace'
@@ -39,14 +40,12 @@ class Rivals:
     def __init__(self, node: Node, *topics: str) -> None:
         self._node = node
         self._topics = tuple(map(node.resolve_topic_name, topics))
-        self._count_at = 0.0
+        self._count = Periodic(RIVALS_PERIOD)
         self._found: str | None = None
 
     def found(self) -> str | None:
         """Return on which topic several nodes publish, their names and the cure; None if none."""
-        now = time.monotonic()
-        if now >= self._count_at:
-            self._count_at = now + RIVALS_PERIOD
+        if self._count.is_due(time.monotonic()):
             self._found = next(filter(None, map(self._several, self._topics)), None)
         return self._found
 
@@ -72,21 +71,19 @@ def wait_until_alone(topics: Mapping[str, str], is_ended: Callable[[], object]) 
         looked = [(node, node.resolve_topic_name(topic))
                   for node, topic in zip(nodes, topics.values(), strict=True)]
         began = time.monotonic()
-        passed, looked_for, names, said = 0.0, 0.0, '', ''
-        while names or looked_for < LOOK:
+        passed, looked_for, taken, logged = 0.0, 0.0, '', ''
+        while taken or looked_for < LOOK:
             if is_ended():
                 raise ExternalShutdownException
-            topic, names = next(
-                ((topic, ', '.join(found)) for node, topic in looked
-                 if (found := publishers(node, topic))), ('', ''))
+            taken = next(filter(None, (_taken(*each) for each in looked)), '')
             last, passed = passed, time.monotonic() - began
             looked_for += min(passed - last, LONGEST_ROUND)
-            if names and passed > LONGEST_WAIT:
-                raise RivalError(_taken(topic, names))
+            if taken and passed > LONGEST_WAIT:
+                raise RivalError(taken)
             # A node's name is known a moment after its publisher, on a busy machine a second.
-            if names and names != said and (NO_NAME not in names or passed > LOOK):
-                said = names
-                node_log.warning(nodes[0], f'nothing published: {_taken(topic, names)}; waiting '
+            if taken not in ('', logged) and (NO_NAME not in taken or passed > LOOK):
+                logged = taken
+                node_log.warning(nodes[0], f'nothing published: {taken}; waiting '
                                  f'{LONGEST_WAIT:g} s for its end')
             time.sleep(LOOK_PERIOD)
     finally:
@@ -94,10 +91,11 @@ def wait_until_alone(topics: Mapping[str, str], is_ended: Callable[[], object]) 
             node.destroy_node()
 
 
-def _taken(topic: str, names: str) -> str:
-    domain = os.environ.get('ROS_DOMAIN_ID') or '0'
-    return f'{topic} is published by {names} already: end that one, or start this one with ' \
-        f'another ROS_DOMAIN_ID (now {domain}) or in another namespace'
+def _taken(node: Node, topic: str) -> str:
+    """Return which nodes publish on a topic, and the cure; empty if none does."""
+    names, domain = ', '.join(publishers(node, topic)), os.environ.get('ROS_DOMAIN_ID') or '0'
+    return names and f'{topic} is published by {names} already: end that one, or start this ' \
+        f'one with another ROS_DOMAIN_ID (now {domain}) or in another namespace'
 
 
 def publishers(node: Node, topic: str) -> tuple[str, ...]:

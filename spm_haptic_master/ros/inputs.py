@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
-from dataclasses import dataclass
 import time
 from typing import Any, Generic, TypeVar
 
@@ -20,95 +19,80 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from spm_haptic_master.ros.diagnostic_status import RIVALS_PERIOD
 from spm_haptic_master.ros.duplicate_publishers import full_name
 from spm_haptic_master.ros.qos import DISPLAY
+from spm_haptic_master.timing import Periodic
 
 MessageType = TypeVar('MessageType')
 
 
-@dataclass(slots=True)
-class Input:
-    """One subscription."""
-
-    kind: type  # type of the messages
-    topic: str  # full name
-    callback: Callable[[Any], None]  # takes each message
-    qos: QoSProfile  # what it asks for
-    hears_both: bool  # whether it becomes best-effort where a publisher is
-    raw: bool  # whether the messages are serialized
-    gone: Callable[[], None] | None  # called where a publisher has gone, even if it is back
-    subscription: Subscription | None = None
-    heard: int = 0  # publishers that it hears
-
-    def mismatch(self, publisher: TopicEndpointInfo) -> str:
-        """Return what of a publisher differs, with what is expected; empty if it is heard."""
-        expected = f'{self.kind.__module__.partition(".")[0]}/msg/{self.kind.__name__}'
-        if publisher.topic_type != expected:
-            return f'{publisher.topic_type}, expected {expected}'
-        offered = publisher.qos_profile
-        if self.qos.reliability == ReliabilityPolicy.RELIABLE \
-                and offered.reliability == ReliabilityPolicy.BEST_EFFORT:
-            return 'BEST_EFFORT, expected RELIABLE'
-        if self.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL \
-                and offered.durability == DurabilityPolicy.VOLATILE:
-            return 'VOLATILE, expected TRANSIENT_LOCAL'
-        return ''
-
-
 class Inputs:
-    """Subscriptions of a node that are reliable until a publisher is not."""
+    """Subscriptions of a node that are reliable until a publisher is not, but for latched ones."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._inputs: list[Input] = []
-        self._poll_at = 0.0
+        self._inputs: list[_Input] = []
+        self._poll = Periodic(RIVALS_PERIOD)
         self._unheard = ''
 
     def subscribe(self, kind: type, topic: str, callback: Callable[[Any], None], qos: QoSProfile,
-                  *, hears_both: bool = False, raw: bool = False,
-                  gone: Callable[[], None] | None = None) -> None:
-        """Subscribe; see `Input`."""
-        found = Input(kind, self._node.resolve_topic_name(topic), callback, qos, hears_both, raw,
-                      gone)
-        self._inputs.append(found)
-        self._make(found)
+                  *, raw: bool = False, gone: Callable[[], None] = lambda: None) -> None:
+        """Subscribe; `gone` is called when a publisher has gone, even if it is back."""
+        self._inputs.append(_Input(self._node, kind, topic, callback, qos, raw, gone))
 
     def unheard(self) -> str:
         """Return which publisher is not heard, and why; empty if all are. Polled now and then."""
-        now = time.monotonic()
-        if now >= self._poll_at:
-            self._poll_at = now + RIVALS_PERIOD
-            self._unheard = next(filter(None, map(self._check, self._inputs)), '')
+        if self._poll.is_due(time.monotonic()):
+            self._unheard = next(filter(None, (each.unheard() for each in self._inputs)), '')
         return self._unheard
 
-    def _check(self, found: Input) -> str:
-        if self._node.count_publishers(found.topic) <= found.heard:
-            return ''
-        for publisher in self._node.get_publishers_info_by_topic(found.topic):
-            mismatch = found.mismatch(publisher)
-            if not mismatch:
-                continue
-            if found.hears_both and publisher.qos_profile.reliability \
-                    == ReliabilityPolicy.BEST_EFFORT != found.qos.reliability:
-                found.qos = copy(found.qos)
-                found.qos.reliability = ReliabilityPolicy.BEST_EFFORT
-                self._make(found)
-                return ''
-            return f'publisher {full_name(publisher)} on {found.topic} is {mismatch}'
-        return ''
 
-    def _make(self, found: Input) -> None:
-        if found.subscription is not None:
-            self._node.destroy_subscription(found.subscription)
-        found.heard = 0
+class _Input:
+    """One subscription."""
 
-        def match(change: Any) -> None:
-            found.heard = change.current_count
-            if found.gone is not None and change.total_count_change > change.current_count_change:
-                found.gone()
+    def __init__(self, node: Node, kind: type, topic: str, callback: Callable[[Any], None],
+                 qos: QoSProfile, raw: bool, gone: Callable[[], None]) -> None:
+        self._node, self._kind, self._topic = node, kind, node.resolve_topic_name(topic)
+        self._callback, self._qos, self._raw, self._gone = callback, qos, raw, gone
+        self._is_latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        self._subscribe()
 
-        found.subscription = self._node.create_subscription(
-            found.kind, found.topic, found.callback, found.qos, raw=found.raw,
+    def _subscribe(self) -> None:
+        # Publishers that it hears.
+        self._heard = 0
+        self._subscription = self._node.create_subscription(
+            self._kind, self._topic, self._callback, self._qos, raw=self._raw,
             event_callbacks=SubscriptionEventCallbacks(
-                matched=match, use_default_callbacks=False))
+                matched=self._match, use_default_callbacks=False))
+
+    def _match(self, change: Any) -> None:
+        self._heard = change.current_count
+        if change.total_count_change > change.current_count_change:
+            self._gone()
+
+    def unheard(self) -> str:
+        """Return which publisher is not heard, and why; empty if all are."""
+        if self._node.count_publishers(self._topic) <= self._heard:
+            return ''
+        publishers = self._node.get_publishers_info_by_topic(self._topic)
+        return next(filter(None, map(self._mismatch, publishers)), '')
+
+    def _mismatch(self, publisher: TopicEndpointInfo) -> str:
+        """Return what of a publisher keeps it unheard, or become best-effort for it."""
+        expected = f'{self._kind.__module__.partition(".")[0]}/msg/{self._kind.__name__}'
+        reason = ''
+        if publisher.topic_type != expected:
+            reason = f'{publisher.topic_type}, expected {expected}'
+        elif publisher.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT \
+                != self._qos.reliability:
+            if self._is_latched:
+                reason = 'BEST_EFFORT, expected RELIABLE'
+            else:
+                self._qos = copy(self._qos)
+                self._qos.reliability = ReliabilityPolicy.BEST_EFFORT
+                self._node.destroy_subscription(self._subscription)
+                self._subscribe()
+        elif self._is_latched and publisher.qos_profile.durability == DurabilityPolicy.VOLATILE:
+            reason = 'VOLATILE, expected TRANSIENT_LOCAL'
+        return reason and f'publisher {full_name(publisher)} on {self._topic} is {reason}'
 
 
 class SampledTopic(Generic[MessageType]):

@@ -12,6 +12,7 @@ counted; a count is printed before any newer line: the last line about a node is
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
 from contextlib import suppress
 from functools import partial
@@ -106,13 +107,13 @@ class RepeatedLines:
 class NodeLog:
     """Logs lines from a queue, in a thread of its own; without a sink there is no console."""
 
-    def __init__(self, sink: Sink | None, coloured: bool) -> None:
+    def __init__(self, sink: Sink | None) -> None:
         self._sink = sink
         self._displays = [] if sink is None else [sink]
-        self._coloured = coloured
+        self._coloured = is_coloured(STANDARD_ERROR)
         self._queue: Queue[tuple[RcutilsLogger, Line] | None] = Queue(QUEUE_LENGTH)
-        # Logger and lines of each node, by the logger's name.
-        self._nodes: dict[str, tuple[RcutilsLogger, RepeatedLines]] = {}
+        # The lines of each node, by its logger.
+        self._nodes: defaultdict[RcutilsLogger, RepeatedLines] = defaultdict(RepeatedLines)
         self._thread = threading.Thread(target=self._run, name='log', daemon=True)
         self._thread.start()
 
@@ -141,21 +142,20 @@ class NodeLog:
     def _run(self) -> None:
         while True:
             now = time.monotonic()
-            for logger, lines in self._nodes.values():
+            for logger, lines in self._nodes.items():
                 self._log(logger, lines.due(now))
-            due = min((lines.due_at() for _, lines in self._nodes.values()), default=inf)
+            due = min((lines.due_at() for lines in self._nodes.values()), default=inf)
             try:
                 entry = self._queue.get(timeout=None if due == inf else due - now)
             except Empty:
                 continue
             now = time.monotonic()
             if entry is None:
-                for logger, lines in self._nodes.values():
+                for logger, lines in self._nodes.items():
                     self._log(logger, lines.counts(now))
                 return
             logger, line = entry
-            _, lines = self._nodes.setdefault(logger.name, (logger, RepeatedLines()))
-            self._log(logger, lines.take(line, now))
+            self._log(logger, self._nodes[logger].take(line, now))
 
     def _log(self, logger: RcutilsLogger, lines: list[Line]) -> None:
         for number, text in lines:
@@ -163,12 +163,11 @@ class NodeLog:
             if not logger.is_enabled_for(severity):
                 continue
             write(logger, severity, text)
-            if self._sink is None:
-                continue
-            line = f'[{severity.name}] [{time.time():.9f}] [{logger.name}]: {text}'
-            if self._coloured and severity in COLOURS:
-                line = COLOURS[severity] + line + COLOUR_END
-            self._sink.put(line)
+            if self._sink is not None:
+                line = f'[{severity.name}] [{time.time():.9f}] [{logger.name}]: {text}'
+                if self._coloured and severity in COLOURS:
+                    line = COLOURS[severity] + line + COLOUR_END
+                self._sink.put(line)
 
 
 def write(logger: RcutilsLogger, severity: LoggingSeverity, text: str) -> None:
@@ -191,8 +190,7 @@ def begin(args: Sequence[str]) -> None:
     global _log
     chosen = [argument for argument in args if argument in (CONSOLE, NO_CONSOLE)]
     has_console = not chosen or chosen[-1] == CONSOLE
-    _log = NodeLog(LineWriter(STANDARD_ERROR) if has_console else None,
-                   is_coloured(STANDARD_ERROR))
+    _log = NodeLog(LineWriter(STANDARD_ERROR) if has_console else None)
 
 
 def attach(display: Sink, takes_lines: bool) -> None:

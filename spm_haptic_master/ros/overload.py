@@ -29,9 +29,9 @@ START = 1.0
 # Longest time for which the overload explains a symptom (s), without the time lost: a longer
 # symptom has a second reason. Heartbeats return within a second.
 EXPLAINED = 1.0
-# Steps in which lost time is reported, in each power of ten: each other figure would be
-# a line of the log.
-STEPS = (5, 2, 1)
+# Steps above a power of ten in which lost time is reported: each other figure would be a line of
+# the log.
+STEPS = (5, 2)
 
 
 class Overload:
@@ -73,7 +73,7 @@ class Overload:
         self._last = now
         # Tasks of one process lose the same time.
         lost = max(elsewhere, late if late > self._period else 0.0)
-        if lost > 0.0 and now - lost >= self._from:
+        if now - lost >= self._from:
             self._lost.append((now, lost))
         while self._lost and now - self._lost[0][0] > SPAN:
             self._lost.popleft()

@@ -27,16 +27,12 @@ from spm_haptic_master.parameters.nodes import REALTIME_SETTINGS
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.ros import node_log
 
-# Slice that a rig has not chosen (s).
-DEFAULT_SLICE = next(setting.default for setting in REALTIME_SETTINGS
-                     if setting.name == 'realtime.slice')
-# Largest error of a time slice that Linux has taken over (s): it counts ns.
-SLICE_ERROR = 1e-9
+SLICE = next(setting for setting in REALTIME_SETTINGS if setting.name == 'realtime.slice')
+# Shortest slice that Linux has (s).
+SHORTEST = 1e-4
 # Flags of mlockall (sys/mman.h): pages mapped now, and pages mapped later.
 MCL_CURRENT, MCL_FUTURE = 1, 2
-# Slices that Linux has (s): it takes the nearest of them.
-SHORTEST, LONGEST = 1e-4, 0.1
-# Numbers of the system calls sched_setattr and sched_getattr, by machine; of 64 bits only.
+# Numbers of the system calls sched_setattr and sched_getattr, by machine.
 CALLS = {'x86_64': (314, 315), 'aarch64': (274, 275)}
 # `struct sched_attr` (sched(7)) in its first version: size, policy, flags, nice, priority,
 # runtime, deadline, period (ns).
@@ -65,22 +61,15 @@ def check_cpus(text: str) -> set[int]:
 
     SettingError for a text that is not such a list, or a core that this process must not use.
     """
-    cores: set[int] = set()
     allowed = os.sched_getaffinity(0)
-    try:
-        for part in text.split(','):
-            first_text, _, last_text = part.partition('-')
-            first, last = int(first_text), int(last_text or first_text)
-            if not first <= last <= max(allowed):
-                raise ValueError
-            cores |= set(range(first, last + 1))
-    except ValueError:
-        cores = set()
-    if not cores or not cores <= allowed:
-        raise SettingError(
-            'realtime.cpus', text, "cores such as '0' or '0,2-3', of those allowed: "
-            + ', '.join(map(str, sorted(allowed))))
-    return cores
+    with suppress(ValueError):
+        parts = (part.partition('-') for part in text.split(','))
+        spans = [range(int(first), int(last or first) + 1) for first, _, last in parts]
+        if all(spans) and all(core in allowed for span in spans for core in span):
+            return {core for span in spans for core in span}
+    raise SettingError(
+        'realtime.cpus', text, "cores such as '0' or '0,2-3', of those allowed: "
+        + ', '.join(map(str, sorted(allowed))))
 
 
 def apply(node: Node, values: Values) -> None:
@@ -117,10 +106,10 @@ def apply(node: Node, values: Values) -> None:
 
 def _set_slice(seconds: float, warn: Callable[[str], object]) -> None:
     """Set the time slice of all threads; the default one only where that is possible."""
-    if seconds and not SHORTEST <= seconds <= LONGEST:
-        raise SettingError('realtime.slice', seconds, f'0, or {SHORTEST:g} to {LONGEST:g}')
     if not seconds:
         return
+    if seconds < SHORTEST:
+        raise SettingError(SLICE.name, seconds, f'0, or {SHORTEST:g} to {SLICE.maximum:g}')
     reason = ''
     # A process that was started with less priority is not to preempt others.
     if os.getpriority(os.PRIO_PROCESS, 0) > 0:
@@ -128,13 +117,14 @@ def _set_slice(seconds: float, warn: Callable[[str], object]) -> None:
     elif os.sched_getscheduler(0) != os.SCHED_OTHER:
         reason = 'the process is not under SCHED_OTHER'
     else:
+        length = round(1e9 * seconds)
         try:
-            _for_each_thread(lambda thread: set_time_slice(thread, seconds))
-            if abs(time_slice(0) - seconds) > SLICE_ERROR:
+            _for_each_thread(lambda thread: _set_thread_slice(thread, length))
+            if round(1e9 * time_slice(0)) != length:
                 reason = 'Linux before 6.12 has none'
         except OSError as error:
             reason = error.strerror or str(error)
-    if reason and seconds != DEFAULT_SLICE:
+    if reason and seconds != SLICE.default:
         warn(f'realtime.slice {seconds:g} not set: {reason}')
 
 
@@ -144,19 +134,13 @@ def _for_each_thread(action: Callable[[int], None]) -> None:
             action(int(thread))
 
 
-def set_time_slice(thread: int, seconds: float) -> None:
-    """
-    Set the time slice of a thread (id; 0: this one) under SCHED_OTHER; leave other policies.
-
-    Linux before 6.12 ignores it. OSError: not permitted, no such thread, or another system than
-    Linux on x86_64 and aarch64.
-    """
-    if os.sched_getscheduler(thread) != os.SCHED_OTHER:
-        return
-    attributes = ATTRIBUTES.pack(ATTRIBUTES.size, os.SCHED_OTHER, 0,
-                                 os.getpriority(os.PRIO_PROCESS, thread), 0,
-                                 round(1e9 * seconds), 0, 0)
-    _call(0, thread, ctypes.create_string_buffer(attributes, len(attributes)), 0)
+def _set_thread_slice(thread: int, length: int) -> None:
+    """Set the time slice of a thread under SCHED_OTHER, ns; Linux before 6.12 ignores it."""
+    if os.sched_getscheduler(thread) == os.SCHED_OTHER:
+        niceness = os.getpriority(os.PRIO_PROCESS, thread)
+        attributes = ATTRIBUTES.pack(
+            ATTRIBUTES.size, os.SCHED_OTHER, 0, niceness, 0, length, 0, 0)
+        _call(0, thread, ctypes.create_string_buffer(attributes, len(attributes)), 0)
 
 
 def time_slice(thread: int) -> float:
@@ -168,9 +152,8 @@ def time_slice(thread: int) -> float:
 
 def _call(which: int, *values: object) -> None:
     machine = platform.machine()
-    bits = 8 * struct.calcsize('P')
-    if platform.system() != 'Linux' or machine not in CALLS or bits != 64:
-        raise OSError(f'unknown on {platform.system()} {machine}, {bits} bit')
+    if machine not in CALLS:
+        raise OSError(f'unknown on {machine}')
     if ctypes.CDLL(None, use_errno=True).syscall(CALLS[machine][which], *values):
         number = ctypes.get_errno()
         raise OSError(number, os.strerror(number))

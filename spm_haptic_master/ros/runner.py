@@ -20,7 +20,6 @@ from typing import Any
 import rclpy
 from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.experimental.events_executor import EventsExecutor
-from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from spm_haptic_master.exceptions import InputError, SourceEnded, SpmError
@@ -31,12 +30,7 @@ from spm_haptic_master.parameters.resolver import NO_EFFECT
 from spm_haptic_master.ros import discovery, node_log, realtime
 from spm_haptic_master.ros.duplicate_publishers import wait_until_alone
 from spm_haptic_master.ros.parameters import ParameterNode
-from spm_haptic_master.standard_streams import (
-    keep_open,
-    print_within,
-    STANDARD_ERROR,
-    STANDARD_OUTPUT,
-)
+from spm_haptic_master.standard_streams import print_within, STANDARD_ERROR, STANDARD_OUTPUT
 
 # Longest wait of the executor (s): without a time-out EventsExecutor uses a whole core while idle
 # (rclpy 7.1.6), and signals are polled between its waits.
@@ -65,34 +59,32 @@ class EndLimit:
         self._name = name
         # When the end must be over, s, monotonic; None before it begins.
         self._until: float | None = None
-        self._is_over = False
+        self._over = threading.Event()
         # The step of the end that is being done.
         self.waits_for = 'its nodes'
 
-    def begin(self) -> None:
-        """Begin to count, at the first call; a signal handler may do that."""
-        if self._until is not None:
-            return
-        self._until = time.monotonic() + END_TIMEOUT
-        signal.signal(signal.SIGALRM, signal.SIG_DFL)
-        signal.setitimer(signal.ITIMER_REAL, END_TIMEOUT + 2.0 * PRINT_TIMEOUT)
-        faulthandler.dump_traceback_later(
-            END_TIMEOUT + PRINT_TIMEOUT, exit=True, file=STANDARD_ERROR)
+    def begin(self) -> float:
+        """Begin to count, at the first call, also of a signal handler; return `_until`."""
+        if self._until is None:
+            self._until = time.monotonic() + END_TIMEOUT
+            signal.signal(signal.SIGALRM, signal.SIG_DFL)
+            signal.setitimer(signal.ITIMER_REAL, END_TIMEOUT + 2.0 * PRINT_TIMEOUT)
+            faulthandler.dump_traceback_later(
+                END_TIMEOUT + PRINT_TIMEOUT, exit=True, file=STANDARD_ERROR)
+        return self._until
 
     def watch(self) -> None:
         """Begin to count, and report by name what is waited for; not from a signal handler."""
-        self.begin()
-        threading.Thread(target=self._run, name='end', daemon=True).start()
+        threading.Thread(target=self._run, args=[self.begin()], name='end', daemon=True).start()
 
     def lift(self) -> None:
         """Let the process take its time."""
-        self._is_over = True
+        self._over.set()
         faulthandler.cancel_dump_traceback_later()
         signal.setitimer(signal.ITIMER_REAL, 0.0)
 
-    def _run(self) -> None:
-        time.sleep(max(0.0, (self._until or 0.0) - time.monotonic()))
-        if self._is_over:
+    def _run(self, until: float) -> None:
+        if self._over.wait(until - time.monotonic()):
             return
         print_within(STANDARD_ERROR, f'{self._name}: still waiting for {self.waits_for} '
                      f'{END_TIMEOUT:g} s after the end began: it ends without', PRINT_TIMEOUT)
@@ -111,8 +103,7 @@ def run(name: str, compose: Callable[[Future, AddNode], object],
     `owned` when the nodes are made; see `wait_until_alone`. Return the exit code: 0 after SIGINT,
     SIGTERM or a normal end, 1 after an error, which is reported in one line.
     """
-    nodes: list[Node] = []
-    process_settings: list[dict[str, Any]] = []
+    nodes: list[ParameterNode] = []
     executor = None
     failure: SpmError | None = None
     done = Future()
@@ -125,7 +116,6 @@ def run(name: str, compose: Callable[[Future, AddNode], object],
         signals.append(number)
         limit.begin()
 
-    keep_open()
     try:
         for number in SIGNALS:
             signal.signal(number, signal.default_int_handler)
@@ -143,7 +133,7 @@ def run(name: str, compose: Callable[[Future, AddNode], object],
         def add(kind: Callable[..., ParameterNode], *args: object) -> ParameterNode:
             node = kind(parameters, *args)
             nodes.append(node)
-            process_settings.append(node.declare(REALTIME_SETTINGS))
+            node.declare(REALTIME_SETTINGS)
             executor.add_node(node)
             return node
 
@@ -152,7 +142,7 @@ def run(name: str, compose: Callable[[Future, AddNode], object],
                 node.get_fully_qualified_name(): node.get_parameters_by_prefix('')
                 for node in nodes}):
             node_log.warning(nodes[0], f'{argument}: {NO_EFFECT}')
-        realtime.apply(nodes[0], realtime.agreed(process_settings))
+        realtime.apply(nodes[0], realtime.agreed([node.values for node in nodes]))
         for node in nodes:
             if hasattr(node, 'start'):
                 node.start()
@@ -182,7 +172,7 @@ def run(name: str, compose: Callable[[Future, AddNode], object],
     return 0
 
 
-def _clean_up(nodes: list[Node], executor: Executor | None, limit: EndLimit) -> None:
+def _clean_up(nodes: list[ParameterNode], executor: Executor | None, limit: EndLimit) -> None:
     """Destroy the nodes, end the log and leave the DDS domain, whatever fails of it."""
     with ExitStack() as stack:
         # What is registered last is done first: the driver, made last, calls the other nodes.

@@ -61,25 +61,17 @@ def test_page_has_every_figure_of_the_paper():
 
 
 @pytest.mark.evidence
-def test_equation_5_belongs_to_90_deg(tmp_path):
-    found = check(geometry_figures.entries(tmp_path), tmp_path)
-    assert '15 of the 15' in found[4,].here
-    assert found[4,].verdict is Verdict.MISPRINT
-    assert '-21.8165' in found[5,].details and '137.1047' in found[5,].details
-    assert '49.358592' in found[8,].here and '63.577' in found[8,].here
-
-
-@pytest.mark.evidence
-def test_maps(tmp_path):
-    found = check(dexterity_maps.entries(tmp_path, circles=26, rays=72), tmp_path)
-    assert '0.0070' in found[6,].here
-    assert '0.101' in found[6,].details
-
-
-@pytest.mark.evidence
-def test_modes_meet_at_the_singularity(tmp_path):
-    found = check(mode_branches.entries(tmp_path, step=0.1), tmp_path)
-    assert 'φ = 49.36 and 49.36 deg' in found[10,].here
+@pytest.mark.parametrize(('topic', 'options', 'words'), [
+    # Equation 5 belongs to 90 deg: a misprint.
+    (geometry_figures, {}, {
+        (4,): ['15 of the 15'], (5,): ['-21.8165', '137.1047'], (8,): ['49.358592', '63.577']}),
+    (dexterity_maps, {'circles': 26, 'rays': 72}, {(6,): ['0.0070', '0.101']}),
+    (mode_branches, {'step': 0.1}, {(10,): ['φ = 49.36 and 49.36 deg']})])
+def test_a_topic_finds_what_is_on_its_page(tmp_path, topic, options, words):
+    found = check(topic.entries(tmp_path, **options), tmp_path)
+    for figures, each in words.items():
+        assert all(word in f'{found[figures].here} {found[figures].details}' for word in each)
+    assert topic is not geometry_figures or found[4,].verdict is Verdict.MISPRINT
 
 
 @pytest.mark.evidence

@@ -6,6 +6,7 @@
 from types import SimpleNamespace
 
 import pytest
+from rclpy.executors import ExternalShutdownException
 from spm_haptic_master.exceptions import RivalError
 from spm_haptic_master.ros import duplicate_publishers
 from spm_haptic_master.ros.duplicate_publishers import LOOK, LOOK_PERIOD, NO_NAME, wait_until_alone
@@ -23,12 +24,12 @@ def search(monkeypatch):
     monkeypatch.setattr(duplicate_publishers.node_log, 'warning', lambda _, text: lines.append(
         text.partition(' already')[0]))
 
-    def search(found, period=LOOK_PERIOD):
+    def search(found, period=LOOK_PERIOD, is_ended=lambda: False):
         looks = []
         search.s = period
         monkeypatch.setattr(duplicate_publishers, 'publishers', lambda node, topic: (
             looks.append(topic), found(now[0] - 100.0))[1])
-        wait_until_alone({'fkm': 'orientation'}, lambda: False)
+        wait_until_alone({'fkm': 'orientation'}, is_ended)
         return len(looks)
 
     search.lines = lines
@@ -46,5 +47,7 @@ def test_a_node_whose_name_comes_late_is_named(search, named_after, printed):
 
 def test_it_waits_for_the_end_of_another_publisher_and_longer_on_a_busy_machine(search):
     assert search(lambda passed: ('/fkm',) if passed < 3.0 else ()) > 3.0 / LOOK_PERIOD
-    # Rounds of 0.2 s: each counts as `LONGEST_ROUND`, and the first one takes no time.
-    assert search(lambda passed: (), 0.2) == 10
+    # The first round takes no time; of one of 0.2 s counts `LONGEST_ROUND`.
+    assert [search(lambda _: (), period) for period in (0.2, 0.015625)] == [10, 33]
+    with pytest.raises(ExternalShutdownException):
+        search(lambda passed: (), is_ended=lambda: True)

@@ -25,7 +25,8 @@ SETTINGS = (
 @pytest.fixture
 def node():
     """Give a node that has got a speed, and refuses one above 8."""
-    rclpy.init(args=[])
+    # What rclpy is given besides has no effect.
+    rclpy.init(args=['--ros-args', '-p', 'number:=2'])
     node = ParameterNode('fkm', Parameters((), ['fkm:speed:=2']))
     node.applied = []
 

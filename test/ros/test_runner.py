@@ -6,7 +6,7 @@
 import faulthandler
 import os
 import signal
-import time
+import threading
 
 import pytest
 from rclpy.executors import ExternalShutdownException
@@ -25,19 +25,17 @@ BEGUN, LIFTED = [7.0, (6.0, True, 2)], ['cancelled', 0.0]
 @pytest.fixture
 def ends(monkeypatch):
     """Give the timers of the end; what the process sets of itself is restored."""
-    timers = []
+    timers, limits = [], []
     monkeypatch.setattr(signal, 'setitimer', lambda which, seconds: timers.append(seconds))
     monkeypatch.setattr(faulthandler, 'dump_traceback_later',
                         lambda seconds, **given: timers.append((seconds, *given.values())))
     monkeypatch.setattr(faulthandler, 'cancel_dump_traceback_later',
                         lambda: timers.append('cancelled'))
-    limits = []
-    monkeypatch.setattr(runner, 'EndLimit', lambda name: limits.append(
-        EndLimit(name)) or limits[-1])
+    watch = EndLimit.watch
+    monkeypatch.setattr(EndLimit, 'watch', lambda limit: limits.append(limit) or watch(limit))
     for name in VARIABLES:
         monkeypatch.setenv(name, '')
-    before = {number: signal.getsignal(number)
-              for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)}
+    before = {number: signal.getsignal(number) for number in (*runner.SIGNALS, signal.SIGALRM)}
     yield timers
     # Its thread would end the process of the tests.
     for limit in limits:
@@ -47,10 +45,11 @@ def ends(monkeypatch):
 
 
 @pytest.fixture
-def applied(monkeypatch):
+def applied(ends, monkeypatch):
     """Give the realtime settings that are applied, and the node that logs."""
     found = []
-    monkeypatch.setattr(realtime, 'apply', lambda node, values: found.append((node, values)))
+    monkeypatch.setattr(realtime, 'apply', lambda node, values: found.append(
+        (node.get_name(), values)))
     return found
 
 
@@ -76,33 +75,37 @@ def run(compose, *args, **owned):
     return runner.run('fkm', compose, ['fkm', *args], **owned)
 
 
+def run_once(*args, result=None, failure=None):
+    """Run a worker that is done at once; return the exit code and what happened to it."""
+    events = []
+
+    def compose(done, add):
+        add(Worker, events, failure)
+        done.set_result(result)
+
+    return run(compose, *args), events
+
+
 def printed(capfd):
     """Return stdout and stderr without what Fast DDS prints of ports of killed processes."""
     return [''.join(line for line in text.splitlines(keepends=True) if 'RTPS_' not in line)
             for text in capfd.readouterr()]
 
 
-@pytest.mark.parametrize(('result', 'code', 'out', 'err'), [
-    (SourceEnded('the end'), 0, 'fkm: the end\n', ''), (InputError('no'), 1, '', 'fkm: no\n'),
-    (None, 0, '', '')])
-def test_a_process_ends_with_its_result(ends, applied, capfd, result, code, out, err):
-    events = []
-
-    def compose(done, add):
-        nodes.append(add(Worker, events))
-        done.set_result(result)
-
-    nodes = []
-    assert run(compose, '-p', 'realtime.gc:=freeze') == code
-    assert events == ['made', 'started', 'destroyed']
+@pytest.mark.parametrize(('result', 'failure', 'code', 'out', 'err'), [
+    (SourceEnded('the end'), None, 0, 'fkm: the end\n', ''), (None, None, 0, '', ''),
+    (InputError('no'), None, 1, '', 'fkm: no\n'), (None, InputError('no'), 1, '', 'fkm: no\n')])
+def test_a_process_ends_with_its_result(ends, applied, capfd, result, failure, code, out, err):
+    found = run_once('-p', 'realtime.gc:=freeze', result=result, failure=failure)
+    assert found == (code, ['made', 'started', 'destroyed'])
     assert printed(capfd) == [out, err]
-    ((node, values),) = applied
-    assert (node, values['realtime.gc']) == (nodes[0], 'freeze')
+    ((name, values),) = applied
+    assert (name, values['realtime.gc']) == ('fkm', 'freeze')
     assert ends == [*BEGUN, *LIFTED]
     assert signal.getsignal(signal.SIGINT) == signal.getsignal(signal.SIGTERM) == signal.SIG_IGN
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('number', runner.SIGNALS)
 def test_a_signal_is_a_normal_end_and_begins_its_limit(ends, applied, number):
     def compose(done, add):
         def interrupt():
@@ -110,7 +113,6 @@ def test_a_signal_is_a_normal_end_and_begins_its_limit(ends, applied, number):
             # The handler has run: the end is limited while the nodes still work.
             begun.append(list(ends))
 
-        begun.clear()
         add(Worker, []).create_timer(0.01, interrupt)
 
     begun = []
@@ -118,47 +120,35 @@ def test_a_signal_is_a_normal_end_and_begins_its_limit(ends, applied, number):
     assert begun[0] == BEGUN and ends == [*BEGUN, *LIFTED]
 
 
-def test_what_fails_is_one_line_and_leaves_nothing(ends, applied, monkeypatch, capfd):
+def test_what_fails_is_one_line_and_leaves_nothing(applied, monkeypatch, capfd):
     events = []
 
     def refused(done, add):
         add(Worker, events)
         raise SettingError('rate', -1, 'more')
 
-    assert run(refused) == 1 and events == ['made', 'destroyed']
-    assert printed(capfd)[1] == "fkm: parameter 'rate' is -1; expected more\n"
-    assert run(refused, '-p', 'alert_limit:=1.0') == 1 and len(events) == 2
-    assert "'alert_limit' is 1.0" in printed(capfd)[1]
-    assert run(refused, '--enclave', 'bad enclave') == 1 and len(events) == 2
-    _, err = printed(capfd)
-    assert err.startswith('fkm: ROS arguments rejected: ') and err.count('\n') == 1
-
-    def failing(done, add):
-        add(Worker, events, InputError('no end'))
-        done.set_result(None)
-
-    assert run(failing) == 1
-    assert printed(capfd)[1] == 'fkm: no end\n'
+    for args, line in (((), "fkm: parameter 'rate' is -1; expected more\n"),
+                       (('-p', 'alert_limit:=1.0'), "'alert_limit' is 1.0"),
+                       (('--enclave', 'bad enclave'), 'fkm: ROS arguments rejected: ')):
+        assert run(refused, *args) == 1 and events == ['made', 'destroyed']
+        _, err = printed(capfd)
+        assert line in err and err.count('\n') == 1
 
     def interrupted(*_):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(runner, 'node_command_line', interrupted)
-    assert run(failing) == 0
+    assert run(refused) == 0
 
 
 def test_a_bug_at_the_end_keeps_its_limit(ends, applied):
     """Its traceback may wait for a reader, too."""
-    def compose(done, add):
-        add(Worker, [], RuntimeError('a bug'))
-        done.set_result(None)
-
     with pytest.raises(RuntimeError, match='a bug'):
-        run(compose)
+        run_once(failure=RuntimeError('a bug'))
     assert ends == BEGUN
 
 
-def test_owned_topics_are_looked_for_before_the_nodes_are_made(ends, applied, monkeypatch):
+def test_owned_topics_are_looked_for_before_the_nodes_are_made(applied, monkeypatch):
     def alone(topics, is_ended):
         looked.append((topics, is_ended()))
         raise ExternalShutdownException
@@ -169,15 +159,10 @@ def test_owned_topics_are_looked_for_before_the_nodes_are_made(ends, applied, mo
     assert looked == [({'fkm': 'orientation'}, [])]
 
 
-def test_an_argument_without_effect_is_a_warning(ends, applied, monkeypatch):
+def test_an_argument_without_effect_is_a_warning(applied, monkeypatch):
     texts = []
     monkeypatch.setattr(node_log, 'warning', lambda _, text: texts.append(text))
-
-    def compose(done, add):
-        add(Worker, [])
-        done.set_result(None)
-
-    assert run(compose, '-p', 'can.channel:=can1') == 0
+    run_once('-p', 'can.channel:=can1')
     assert texts == [f'-p can.channel:=can1: {runner.NO_EFFECT}']
 
 
@@ -187,15 +172,15 @@ def test_an_end_beyond_its_limit_is_reported_and_cut_short(ends, monkeypatch, ca
     monkeypatch.setattr(runner, 'END_TIMEOUT', 0.2)
     monkeypatch.setattr(os, '_exit', exits.append)
     monkeypatch.setattr(faulthandler, 'dump_traceback', lambda file: exits.append(file))
-    limit = runner.EndLimit('fkm')
+    limit = EndLimit('fkm')
     limit.begin()
     limit.watch()
     limit.waits_for = 'its log'
     if is_lifted:
         limit.lift()
-    end = time.monotonic() + (1.0 if is_lifted else PATIENCE)
-    while len(exits) < 2 and time.monotonic() < end:
-        time.sleep(0.01)
+    for thread in threading.enumerate():
+        if thread.name == 'end':
+            thread.join(PATIENCE)
     assert exits == ([] if is_lifted else [2, 1])
     assert capfd.readouterr().err == ('' if is_lifted else 'fkm: still waiting for its log 0.2 s '
                                       'after the end began: it ends without\n')
