@@ -13,8 +13,8 @@ import time
 
 import can
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.bus_errors import BUS_ERRORS, error_words, first_line
-from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
+from spm_haptic_master.encoders.can_bus import BUS_ERRORS, error_words, first_line
+from spm_haptic_master.timing import DeadlineGrid
 
 # Time between two SDO requests (s): they take a tenth of a 1 Mbit/s bus at most.
 REQUEST_PERIOD = 0.002

@@ -9,20 +9,21 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
-import logging
 import threading
 import time
-from typing import Any
 
 import can
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.bus_errors import BUS_ERRORS, bus_name, first_line
-from spm_haptic_master.encoders.frame_checks import recent
-from spm_haptic_master.encoders.frame_decoder import FrameDecoder, WITHOUT_SYNC
-from spm_haptic_master.encoders.receive_clock import ReceiveClock
+from spm_haptic_master.encoders.can_bus import (
+    BUS_ERRORS,
+    bus_name,
+    check_interface,
+    first_line,
+    open_bus,
+)
+from spm_haptic_master.encoders.frame_decoder import FrameDecoder, recent, WITHOUT_SYNC
 from spm_haptic_master.encoders.source import EncoderSource, JointSample
-from spm_haptic_master.encoders.sync_producer import SyncProducer
-from spm_haptic_master.exceptions import SettingError
+from spm_haptic_master.encoders.sync import SyncProducer
 
 # Time between the first two attempts to open a bus (s), doubled each time up to the last.
 REOPEN_FIRST, REOPEN_LAST = 0.1, 2.0
@@ -38,32 +39,48 @@ REASON_HOLD = 0.5
 SKIP_PERIOD = 1.0
 # Longest time for which sending may block (s).
 SEND_TIMEOUT = 0.01
+# Difference between receive time and this machine's clock (s) beyond which the device has an epoch
+# of its own, such as its start: no frame waits a day in a queue.
+OWN_EPOCH = 86400.0
+# Span for which the least delay is collected (s). The offset is the least of this span and the one
+# before; at a crystal's drift of 50 ppm it is wrong by 0.1 ms at most.
+SPAN = 1.0
 
 
-def check_interface(interface: str, name: str = 'can.interface') -> None:
-    """Raise SettingError if python-can has no such interface; `name` is that of the setting."""
-    if interface not in can.VALID_INTERFACES:
-        raise SettingError(name, interface,
-                           'one of ' + ', '.join(sorted(can.VALID_INTERFACES)))
-
-
-def open_bus(interface: str, channel: str, bitrate: int, own: bool = False) -> can.BusABC:
+class ReceiveClock:
     """
-    Open a bus by python-can's names ('socketcan' and 'can0' on a rig), or raise a BUS_ERROR.
+    Maps an interface's receive times to the Unix epoch.
 
-    python-can reads further settings of an interface from its configuration files and from
-    CAN_CONFIG. `bitrate`, bit/s, is for interfaces that set it themselves; 0 leaves it to the
-    system. `own` asks for the frames sent here, too, if the interface supports that.
+    The kernel's times already have this epoch. Times of a device that counts from its own start
+    are shifted by the least difference between arrival and receive time: the frame with the least
+    delay. Without receive times, the times of arrival are used.
     """
-    # python-can logs the errors that it raises.
-    logging.getLogger('can').setLevel(logging.CRITICAL)
-    settings: dict[str, Any] = {'interface': interface, 'channel': channel}
-    if bitrate:
-        settings['bitrate'] = bitrate
-    if own:
-        with suppress(NotImplementedError, TypeError):  # not supported; opened without below
-            return can.Bus(**settings, receive_own_messages=True)
-    return can.Bus(**settings)
+
+    def __init__(self) -> None:
+        # Start of the span, s since the Unix epoch; set with the first offset.
+        self._span_began: float
+        self._least = self._least_before = float('inf')
+
+    def epoch(self, received: float, arrived: float) -> float:
+        """
+        Return a frame's receive time, s since the Unix epoch.
+
+        `received` is that of the interface, s, 0 if it has none; `arrived` the time of reading.
+        """
+        if not received:
+            return arrived
+        delay = arrived - received
+        if abs(delay) < OWN_EPOCH:
+            return received
+        if abs(delay - self._least) > OWN_EPOCH:  # the first, or the device restarted
+            self._least = self._least_before = delay
+            self._span_began = arrived
+        elif not 0.0 <= arrived - self._span_began < SPAN:
+            self._least_before, self._least = self._least, delay
+            self._span_began = arrived
+        elif delay < self._least:
+            self._least = delay
+        return received + min(self._least, self._least_before)
 
 
 class CanSource(EncoderSource):

@@ -13,7 +13,7 @@ from typing import Any
 
 import can
 from spm_haptic_master.encoders import canopen as protocol
-from spm_haptic_master.encoders.bus_errors import BUS_ERRORS
+from spm_haptic_master.encoders.can_bus import BUS_ERRORS
 from spm_haptic_master.exceptions import InputError, SetupError
 
 # Longest wait for the answer to a request (s), and for that to storing into flash memory.

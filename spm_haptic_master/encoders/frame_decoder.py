@@ -15,19 +15,17 @@ from math import nan
 
 import can
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.bus_errors import BUS_OFF, error_words
+from spm_haptic_master.encoders.can_bus import BUS_OFF, error_words
 from spm_haptic_master.encoders.canopen_nodes import CanopenNodes, Node
-from spm_haptic_master.encoders.encoder_layout import EncoderLayout
-from spm_haptic_master.encoders.frame_checks import (
+from spm_haptic_master.encoders.encoder_layout import (
     Encoder,
-    percentiles_text,
-    recent,
+    EncoderLayout,
     STATUS_ERROR,
-    SyncRate,
     UNCHANGED,
 )
 from spm_haptic_master.encoders.set_assembler import BEHIND, LEAST_READINGS, SetAssembler
 from spm_haptic_master.encoders.source import JointSample
+from spm_haptic_master.encoders.sync import percentiles_text, SyncRate
 from spm_haptic_master.kinematics.joints import NUMBER_WORDS
 
 # Cure where the encoders send although nobody makes SYNC.
@@ -37,6 +35,11 @@ WITHOUT_SYNC = 'the encoders send without SYNC: give -p encoders.sync_id:=0'
 CAUTION_HOLD = 2.0
 # Bit that marks the key of a 29-bit identifier, above all of the identifier's bits.
 EXTENDED = 1 << 29
+
+
+def recent(when: float | None, now: float, span: float) -> bool:
+    """Return whether `when` is within `span` s of `now`; after a clock was set back it is not."""
+    return when is not None and abs(now - when) < span
 
 
 class FrameDecoder:

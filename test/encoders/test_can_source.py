@@ -22,7 +22,11 @@ from scripted_bus import (
     run,
 )
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.can_source import open_bus
+from spm_haptic_master.encoders.can_bus import open_bus
+from spm_haptic_master.encoders.can_source import ReceiveClock
+
+# s; a day apart a device has an epoch of its own.
+OWN_EPOCH = 86400.0
 
 
 def stamps(*times):
@@ -308,3 +312,32 @@ def test_a_producer_starts_with_each_bus_and_its_figures_are_in_the_statistics(p
     assert producer.method_calls[-1] == call.stop()
     # Its own frames are asked for, where the interface can.
     assert [own for *_, own in driver.opened] == [True, True]
+
+
+@pytest.mark.parametrize(('received', 'mapped'), [
+    # Without times, those of arrival; near this clock, the interface's; a day away, another epoch.
+    (0.0, T0), *((T0 - delay, T0 - delay) for delay in (
+        0.0, 1.0, OWN_EPOCH - 1.0, 1.0 - OWN_EPOCH)),
+    (T0 - OWN_EPOCH, T0), (T0 + OWN_EPOCH, T0)])
+def test_the_first_frame_decides_by_its_time(received, mapped):
+    assert ReceiveClock().epoch(received, T0) == mapped
+
+
+@pytest.mark.parametrize('frames', [
+    # The least delay of this span and the one before counts.
+    ((10.0, 0.005, 0.005), (10.1, 0.102, 0.102), (10.2, 0.207, 0.202),
+     (11.1, 1.106, 1.102), (11.2, 1.204, 1.202), (12.2, 2.209, 2.204), (12.3, 2.308, 2.304),
+     (13.4, 3.409, 3.408)),
+    # A span ends after exactly a second.
+    ((10.0, 0.0, 0.0), (9.998, 0.0, -0.002), (10.994, 1.0, 0.994), (11.989, 2.0, 1.995)),
+    # An offset holds up to a day's difference.
+    ((1e6, 0.0, 0.0), (1e6 - OWN_EPOCH, 0.0, -OWN_EPOCH), (1e6 - OWN_EPOCH - 1.0, 0.0, 0.0)),
+    # A device that restarts gets a new offset at once.
+    ((200_000.0, 0.0, 0.0), (1.0, 0.5, 0.5), (1.1, 0.65, 0.6)),
+    # A clock that is set back begins a new span.
+    ((100.0, 0.0, 0.0), (101.0, -3600.0, -3600.0), (101.1, -3599.7, -3599.9),
+     (102.5, -3598.6, -3598.6))])
+def test_offsets_are_those_of_the_least_delay(frames):
+    clock = ReceiveClock()
+    for received, arrived, expected in frames:
+        assert clock.epoch(received, T0 + arrived) == pytest.approx(T0 + expected, abs=1e-6)

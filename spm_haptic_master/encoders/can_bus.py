@@ -1,13 +1,17 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Errors of a CAN bus in words: the exceptions of python-can's interfaces, and error frames."""
+"""A CAN bus of python-can: opened, named, and its errors in words."""
 
 from __future__ import annotations
 
+from contextlib import suppress
 import errno
+import logging
+from typing import Any
 
 import can
+from spm_haptic_master.exceptions import SettingError
 
 # Exceptions that python-can's interfaces raise if a bus cannot be opened or used.
 BUS_ERRORS = (can.CanError, OSError, ValueError, ImportError)
@@ -67,3 +71,29 @@ def error_words(message: can.Message) -> str:
     if identifier & CONTROLLER and len(data) > 1:
         words += [word for bit, word in CONTROLLER_WORDS.items() if data[1] & bit]
     return ', '.join(words) or f'unknown error 0x{identifier:X}'
+
+
+def check_interface(interface: str, name: str = 'can.interface') -> None:
+    """Raise SettingError if python-can has no such interface; `name` is that of the setting."""
+    if interface not in can.VALID_INTERFACES:
+        raise SettingError(name, interface,
+                           'one of ' + ', '.join(sorted(can.VALID_INTERFACES)))
+
+
+def open_bus(interface: str, channel: str, bitrate: int, own: bool = False) -> can.BusABC:
+    """
+    Open a bus by python-can's names ('socketcan' and 'can0' on a rig), or raise a BUS_ERROR.
+
+    python-can reads further settings of an interface from its configuration files and from
+    CAN_CONFIG. `bitrate`, bit/s, is for interfaces that set it themselves; 0 leaves it to the
+    system. `own` asks for the frames sent here, too, if the interface supports that.
+    """
+    # python-can logs the errors that it raises.
+    logging.getLogger('can').setLevel(logging.CRITICAL)
+    settings: dict[str, Any] = {'interface': interface, 'channel': channel}
+    if bitrate:
+        settings['bitrate'] = bitrate
+    if own:
+        with suppress(NotImplementedError, TypeError):  # not supported; opened without below
+            return can.Bus(**settings, receive_own_messages=True)
+    return can.Bus(**settings)

@@ -1,14 +1,16 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""SYNC on its grid, and which cycles the SYNCs sent here open."""
+"""SYNC on its grid, which cycles the SYNCs sent here open, and a SYNC of another rate."""
 
 import threading
 
 import can
 from encoder_frames import T0
+import numpy as np
 import pytest
-from spm_haptic_master.encoders.sync_producer import LISTEN, PROBE, QUIET, SyncProducer
+from spm_haptic_master.encoders.sync import LISTEN, PROBE, QUIET, SyncProducer, SyncRate
+from spm_haptic_master.timing import DeadlineGrid
 
 PERIOD = 0.01
 
@@ -165,3 +167,57 @@ def test_the_thread_starts_and_ends_again_and_again():
         made.stop()
         made.stop()
         assert not thread.is_alive()
+
+
+@pytest.mark.parametrize(('late', 'missed'), [(0.009, 0), (0.0105, 1), (0.0305, 3)])
+def test_the_grid_keeps_its_phase_and_counts_what_passed(clock, late, missed):
+    grid = DeadlineGrid(PERIOD)
+    grid.wait(1.0)
+    assert (clock.slept, grid.lateness, grid.missed) == ([], 0.0, 0)
+    clock.late = late
+    grid.wait(1.0)
+    assert grid.missed == missed
+    assert grid.lateness == pytest.approx(late, abs=1e-9)
+    clock.late = 0.0
+    grid.wait(1.0)
+    assert clock.now == pytest.approx((2 + missed) * PERIOD, abs=1e-9)
+    assert grid.missed == missed
+
+
+def test_a_deadline_is_waited_for_up_to_the_timeout(clock):
+    grid = DeadlineGrid(0.25)
+    grid.wait(1.0)
+    assert not grid.wait(0.125)
+    assert clock.slept == [0.125]
+    assert grid.wait(0.125)
+    assert clock.now == 0.25
+
+
+def heard(stamps, rate=1000.0):
+    found = SyncRate(1.0 / rate)
+    for stamp in stamps:
+        found.heard(stamp)
+    return found
+
+
+@pytest.mark.parametrize('bus', [100.0, 200.0, 500.0, 2000.0, 30.0])
+def test_another_rate_is_reported_with_the_cure(bus):
+    found = heard(np.arange(0.0, 3.0, 1.0 / bus))
+    assert found.measured == pytest.approx(bus, rel=0.02)
+    assert found.text() == (f'SYNC comes at {bus:.0f} Hz, rate is 1000 Hz: give rate, as it is on '
+                            'the bus, to all nodes (can_scan prints it)')
+
+
+def test_the_configured_rate_is_not_reported_on_a_busy_machine():
+    rng = np.random.default_rng(5)
+    stamps = np.arange(0.0, 5.0, 1e-3)
+    assert heard(stamps).text() is None
+    # Two of three are lost, or late by up to two periods.
+    assert heard(stamps[rng.random(len(stamps)) < 1.0 / 3.0]).text() is None
+    assert heard(np.sort(stamps + rng.uniform(0.0, 2e-3, len(stamps)))).text() is None
+
+
+def test_the_report_ends_with_its_cause_and_a_gap_is_no_rate():
+    assert heard([*np.arange(0.0, 2.0, 5e-3), *np.arange(2.0, 4.0, 1e-3)]).text() is None
+    assert heard([0.0, 0.001, 3.0, 3.001, 9.0, *np.arange(7.0, 9.0, 1e-3)]).text() is None
+    assert heard([], 200.0).text() is None
