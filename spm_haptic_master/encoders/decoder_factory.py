@@ -38,12 +38,9 @@ WINDOW_MINIMUM = 1e-5
 NO_TABLE = (0.0,)
 # Relative rounding error of a rate or window written with six digits (unit 1).
 ROUNDING = 1e-5
-# Length of a data frame with an 11-bit identifier and no data (bits), with 3 bits of interframe
-# space, and the part of it subject to bit stuffing: at worst one more bit for every four
-# (ISO 11898-1).
-STANDARD_BITS, STANDARD_STUFFED = 47, 34
-# The same of a frame with a 29-bit identifier (bits).
-EXTENDED_BITS, EXTENDED_STUFFED = 67, 54
+# Length of a data frame without data (bits), with an identifier of 11 and of 29 bits and with 3
+# bits of interframe space; and the part of it that is never stuffed (ISO 11898-1).
+STANDARD_BITS, EXTENDED_BITS, UNSTUFFED_BITS = 47, 67, 13
 # Largest share of the bus for SYNC and answers (unit 1): heartbeat, EMCY, NMT and SDO need the
 # rest.
 MAXIMUM_LOAD = 0.95
@@ -222,10 +219,9 @@ def unverified_joints(values: Values) -> tuple[str, ...]:
 
 
 def frame_bits(data_length: int, extended: bool) -> int:
-    """Return the worst-case length of a classical data frame, bits."""
-    bits, stuffed = (EXTENDED_BITS, EXTENDED_STUFFED) if extended \
-        else (STANDARD_BITS, STANDARD_STUFFED)
-    return bits + 8 * data_length + (stuffed + 8 * data_length - 1) // 4
+    """Return the worst-case length of a classical data frame, bits: one stuffed after four."""
+    bits = 8 * data_length + (EXTENDED_BITS if extended else STANDARD_BITS)
+    return bits + (bits - UNSTUFFED_BITS - 1) // 4
 
 
 def cycle_bits(layouts: tuple[EncoderLayout, ...], sync: bool) -> int:

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from io import TextIOWrapper
 from itertools import count
 from pathlib import Path
@@ -37,28 +37,6 @@ LOSSY_SUFFIX = '.db'
 QUOTED = 60
 
 
-class CountedLines:
-    """Lines of a text file of which nothing has been read; bytes that are no UTF-8 are escaped."""
-
-    def __init__(self, file: TextIOWrapper):
-        self._file = file
-        self._buffer: Any = file.buffer
-        # The latest line and its number, 1 for the first; 0 before it.
-        self.number = 0
-        self.line = ''
-
-    def __iter__(self) -> Iterator[str]:
-        return self
-
-    def __next__(self) -> str:
-        self.line = next(self._buffer).decode('utf-8', 'backslashreplace')
-        self.number += 1
-        return self.line
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._file, name)
-
-
 class LogFile:
     """
     Frames of a log file, in a format that python-can reads.
@@ -69,6 +47,8 @@ class LogFile:
 
     def __init__(self, path: str):
         self.path = Path(path).expanduser()
+        # The latest line of a text file and its number, 1 for the first; 0 before it.
+        self._number, self._line = 0, ''
         if not self.path.is_file():
             raise SettingError('replay.path', path, 'an existing file')
         if self.path.suffix.lower() == LOSSY_SUFFIX:
@@ -80,7 +60,7 @@ class LogFile:
 
     def _open(self) -> Any:
         try:
-            reader: Any = can.LogReader(str(self.path))
+            return can.LogReader(str(self.path))
         except ValueError as error:
             raise SettingError(
                 'replay.path', str(self.path), f'a log that python-can reads ({LOG_FORMATS})'
@@ -88,15 +68,14 @@ class LogFile:
         except Exception as error:
             # As below: the exception depends on the reader.
             raise ReplayError(f'{self.path}: cannot be read: {self._trouble(error)}') from error
-        if isinstance(reader.file, TextIOWrapper):
-            reader.file = CountedLines(reader.file)
-        return reader
 
     def frames(self) -> Iterator[can.Message]:
         """Yield the frames from the first on; raise ReplayError where the file is broken."""
         reader = self._open()
-        number = 0
-        last = None
+        file = reader.file
+        if isinstance(file, TextIOWrapper):
+            reader.file = self._counted(file.buffer)
+        number, last = 0, 0.0
         try:
             for message in reader:
                 number += 1
@@ -104,7 +83,7 @@ class LogFile:
                     raise ReplayError(
                         f'{self.path}: the stamp of frame {number} is {message.timestamp:g} s; '
                         f'expected 0 to {STAMP_LIMIT:.0f} s')
-                if last is not None and message.timestamp < last - BACKWARDS_TOLERANCE:
+                if message.timestamp < last - BACKWARDS_TOLERANCE:
                     raise ReplayError(
                         f'{self.path}: time runs backwards at frame {number}, from '
                         f'{last:.6f} s to {message.timestamp:.6f} s')
@@ -121,25 +100,31 @@ class LogFile:
             # On a truncated file, or one with the wrong suffix, the exception depends on
             # python-can's reader (ValueError, IndexError, struct.error, EOFError, ...).
             raise ReplayError(f'{self.path}: not readable after {number} frames: '
-                              f'{self._trouble(error, reader.file)}') from error
+                              f'{self._trouble(error)}') from error
         finally:
+            self._number = 0
             reader.stop()
+            file.close()
 
-    def _trouble(self, error: Exception, lines: object = None) -> str:
+    def _counted(self, lines: Iterable[bytes]) -> Iterator[str]:
+        """Yield and count the lines of a text file; bytes that are not UTF-8 are escaped."""
+        for self._number, line in enumerate(lines, 1):
+            self._line = line.decode('utf-8', 'backslashreplace')
+            yield self._line
+
+    def _trouble(self, error: Exception) -> str:
         """Return where the log cannot be read, and what was expected there."""
-        counted = lines if isinstance(lines, CountedLines) and lines.number else None
-        at = f'after line {counted.number}, ' if counted else ''
+        at = f'after line {self._number}, ' if self._number else ''
         if isinstance(error, (EOFError, zlib.error)) or 'gzip' in type(error).__name__.lower():
             return f'{at}the compressed data end or are broken; expected a whole {COMPRESSED} file'
         if isinstance(error, OSError):
             return f'{at}{error.strerror or error}'
-        suffixes = [suffix.lower() for suffix in reversed(self.path.suffixes)]
-        expected = next((EXPECTED[each] for each in suffixes if each in EXPECTED),
-                        'a log that python-can reads')
-        if counted:
-            quoted = counted.line.rstrip('\r\n')
+        expected = next((EXPECTED[each] for each in map(str.lower, self.path.suffixes[::-1])
+                         if each in EXPECTED), 'a log that python-can reads')
+        if self._number:
+            quoted = self._line.rstrip('\r\n')
             dots = ' ...' if len(quoted) > QUOTED else ''
-            return f'line {counted.number} is {quoted[:QUOTED]!r}{dots}; expected {expected}'
+            return f'line {self._number} is {quoted[:QUOTED]!r}{dots}; expected {expected}'
         first, *_ = str(error).splitlines() or ['']
         return f'{"it is cut" if isinstance(error, struct.error) else first}; expected {expected}'
 
