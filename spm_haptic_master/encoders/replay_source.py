@@ -10,7 +10,7 @@ import time
 
 import can
 from spm_haptic_master.encoders.frame_decoder import FrameDecoder, WITHOUT_SYNC
-from spm_haptic_master.encoders.log_file import LogFile
+from spm_haptic_master.encoders.recording_files import LogFile
 from spm_haptic_master.encoders.source import EncoderSource, JointSample
 from spm_haptic_master.exceptions import ReplayError, SourceEnded
 

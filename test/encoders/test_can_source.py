@@ -22,8 +22,7 @@ from scripted_bus import (
     run,
 )
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.can_bus import open_bus
-from spm_haptic_master.encoders.can_source import ReceiveClock
+from spm_haptic_master.encoders.can_bus import open_bus, ReceiveClock
 
 # s; a day apart a device has an epoch of its own.
 OWN_EPOCH = 86400.0

@@ -10,7 +10,7 @@ from encoder_frames import cycle, sync, T0, values
 import pytest
 from scripted_bus import cycles, error_frame, opening_of, run
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.log_file import FrameLog, free_path
+from spm_haptic_master.encoders.recording_files import FrameLog, free_path
 from spm_haptic_master.exceptions import ReplayError, SettingError
 from spm_haptic_master.simulation.source_factory import make_replay
 
