@@ -11,7 +11,7 @@ import sys
 import can
 from encoder_frames import LAYOUTS, values
 import pytest
-from spm_haptic_master.encoders import canopen
+from spm_haptic_master.encoders import canopen, canopen_network
 from spm_haptic_master.encoders.canopen_network import network_on, Node
 from spm_haptic_master.encoders.decoder_factory import make_layouts
 from spm_haptic_master.encoders.node_setup import wanted_objects
@@ -24,8 +24,11 @@ ONE = ('--joint', 'joint_1b')
 
 
 @pytest.fixture
-def run(capsys, channel):
-    """Run the command line on the bus; return its exit code, stdout and stderr."""
+def run(capsys, channel, monkeypatch):
+    """Run the command line on the bus, soon; return its exit code, stdout and stderr."""
+    for name, seconds in (('ANSWER_TIMEOUT', 0.1), ('RECEIVE_TIMEOUT', 0.005)):
+        monkeypatch.setattr(canopen_network, name, seconds)
+    monkeypatch.setattr(can_setup, 'LISTEN', 0.05)
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
 
     def run(*args):

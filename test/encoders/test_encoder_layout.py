@@ -19,7 +19,7 @@ def turns_apart(a, b):
     return abs((a - b + pi) % (2.0 * pi) - pi)
 
 
-@settings(max_examples=300, deadline=None, derandomize=True)
+@settings(max_examples=60, deadline=None, derandomize=True)
 @given(data=st.data())
 def test_every_layout_carries_every_angle(data):
     bits = data.draw(st.integers(8, 32))

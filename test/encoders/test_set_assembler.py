@@ -22,7 +22,7 @@ GOOD = pytest.approx((0.0, 0.1, 0.2, 0.3))
 
 
 def test_a_recorded_log_gives_every_set():
-    taker, log, sets = decoder(), iter(can.LogReader(str(LOG))), 2000
+    taker, log, sets = decoder(), iter(can.LogReader(str(LOG))), 300
     samples = []
     while len(samples) < sets:
         samples += feed(taker, [next(log)])
