@@ -133,13 +133,6 @@ def test_silent_and_booting_nodes_are_started(rig):
         assert -1e-6 < starts[place][0].expected - expected < 3 * POLL_PERIOD
 
 
-def test_raw_encoders_are_never_started(rig):
-    driver = rig((), can__protocol='raw')
-    run(driver, 1.0)
-    assert driver.buses[0].sent == []
-    assert driver.caution is None
-
-
 def test_a_refused_start_is_reported_and_not_fatal(rig):
     driver = rig(())
     driver.buses[0].refusal = can.CanOperationError('Transmit buffer full\nmore')
@@ -243,10 +236,12 @@ def test_a_reason_is_given_while_no_sets_come(rig, script, until, fault):
     assert driver.fault == fault
 
 
-def test_where_the_bus_has_no_sync_none_is_missed(rig):
-    driver = rig(opening_of(cycles(0.01, 20, without=(3,)))[1], encoders__sync_id=0)
+def test_where_the_bus_has_no_sync_and_no_nodes_none_is_missed_or_started(rig):
+    driver = rig(opening_of(cycles(0.01, 20, without=(3,)))[1], encoders__sync_id=0,
+                 can__protocol='raw')
     run(driver, 0.2)
     assert driver.fault == 'joint_3a silent (no frames)'
+    assert driver.buses[0].sent == []
 
 
 def test_another_rate_of_sync_is_a_caution(rig):
