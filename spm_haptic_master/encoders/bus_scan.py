@@ -245,11 +245,7 @@ class BusScanner:
                     self._scan.started.add(node_id)
 
     def _send(self, message: can.Message) -> bool:
-        """
-        Send a frame and return whether the interface took it; a scan goes on where it did not.
-
-        On a bus on which nobody acknowledges every frame is refused once its queue is full.
-        """
+        """Send a frame; return whether the interface took it, as on a bus that acknowledges."""
         try:
             self._bus.send(message)
         except BUS_ERRORS as error:

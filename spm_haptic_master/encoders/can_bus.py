@@ -52,14 +52,12 @@ SPAN = 1.0
 def bus_name(interface: str, channel: str) -> str:
     """Return interface and channel of a bus, and its port if it is between processes."""
     name = f'{interface} {channel}'
-    if interface != 'udp_multicast':
-        return name
-    try:
-        port = can.util.load_config(config={'interface': interface, 'channel': channel}).get(
-            'port', UDP_PORT)
-    except BUS_ERRORS:
-        return name  # python-can's configuration is broken: opening the bus reports it
-    return f'{name} port {port}'
+    if interface == 'udp_multicast':
+        # Where python-can's configuration is broken, opening the bus reports it.
+        with suppress(*BUS_ERRORS):
+            config = can.util.load_config(config={'interface': interface, 'channel': channel})
+            return f'{name} port {config.get("port", UDP_PORT)}'
+    return name
 
 
 def first_line(error: Exception) -> str:
@@ -120,11 +118,7 @@ class ReceiveClock:
         self._least = self._least_before = float('inf')
 
     def epoch(self, received: float, arrived: float) -> float:
-        """
-        Return a frame's receive time, s since the Unix epoch.
-
-        `received` is that of the interface, s, 0 if it has none; `arrived` the time of reading.
-        """
+        """Return `received`, s, 0: unknown, as s since the Unix epoch; it was read at `arrived`."""
         if not received:
             return arrived
         delay = arrived - received

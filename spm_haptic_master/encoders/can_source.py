@@ -85,11 +85,7 @@ class CanSource(EncoderSource):
         self._reason_since = float('-inf')
 
     def keep(self, take: Callable[[can.Message], None]) -> None:
-        """
-        Have `take`, in the reading thread, each frame, stamped in s since the Unix epoch.
-
-        A replay of these frames, with the SYNC sent here, yields the sets of this source.
-        """
+        """Pass each frame and the SYNC sent here to `take`; their replay yields the same sets."""
         self._keep = take
 
     def read(self, timeout: float) -> JointSample | None:

@@ -126,11 +126,7 @@ class EncoderLayout:
         return angle - TURN if angle > math.pi else angle
 
     def data(self, angle: float, counter: int = 0, healthy: bool = True) -> bytes:
-        """
-        Return the frame's data for a joint angle, rad.
-
-        `counter` frames were sent before; `healthy` is what the status bits report.
-        """
+        """Return the data for a joint angle, rad, after `counter` frames; `healthy`: status."""
         if self.harmonics is not None:
             angle = float(self.harmonics.readings(angle))
         counts = counts_from_angle(angle, self.zero_count, self.direction, self.counts_per_turn)

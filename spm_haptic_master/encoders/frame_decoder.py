@@ -100,7 +100,11 @@ class FrameDecoder:
                 return self.assembler.begin(message.timestamp)
             self.counters['rejected: SYNC of wrong length'] += 1
         elif key in self._nodes:
-            self._supervise(self._nodes[key], message)
+            if wrong := self._nodes[key].take(message):
+                self.counters[f'rejected: {wrong} of wrong length'] += 1
+            else:
+                for index in self.network.by_joint(Node.down) if self.network else ():
+                    self.encoders[index].restart()
         elif key ^ EXTENDED in self._by_key:
             self._by_key[key ^ EXTENDED][1].reject(message, 'identifier width')
         else:
@@ -134,12 +138,7 @@ class FrameDecoder:
                          for joint, trouble in troubles.items()) + others
 
     def caution(self, now: float) -> str | None:
-        """
-        Return the problems of encoders although sets come, or None; `now` in s (Unix epoch).
-
-        These are joints without a reading, emergencies, lost heartbeats, surplus answers and
-        another rate of SYNC.
-        """
+        """Return the problems of encoders and SYNC although sets come, or None; `now` in s."""
         caution = Node.unfit if len(self.layouts) > LEAST_READINGS else Node.caution
         reasons = self.network.by_joint(lambda node: caution(node, now)) if self.network else {}
         # Copied in one step: another thread changes it.
@@ -161,11 +160,8 @@ class FrameDecoder:
         return '; '.join(found) or None
 
     def tally(self) -> Counter[str]:
-        """
-        Return all counters by name; rejects of an encoder begin with its joint.
-
-        Another thread may be counting: each counter is copied in one step of the interpreter.
-        """
+        """Return all counters by name; rejects of an encoder begin with its joint."""
+        # Another thread may be counting: each counter is copied in one step of the interpreter.
         found = Counter(dict(self.counters)) + Counter(dict(self.assembler.counters))
         for encoder in self.encoders:
             for reason, count in dict(encoder.rejects).items():
@@ -221,13 +217,6 @@ class FrameDecoder:
         if len(self.layouts) > LEAST_READINGS:
             return node.unfit(now)
         return node.emergency if self._emcy_stops else None
-
-    def _supervise(self, node: Node, message: can.Message) -> None:
-        if wrong := node.take(message):
-            self.counters[f'rejected: {wrong} of wrong length'] += 1
-            return
-        for index in self.network.by_joint(Node.down) if self.network else ():
-            self.encoders[index].restart()
 
 
 def _other_kind(message: can.Message) -> str | None:

@@ -182,11 +182,7 @@ def words(found: dict[WantedObject, int | None]) -> list[str]:
 
 
 def write(node: Node, wanted: WantedObjects, found: dict[WantedObject, int | None]) -> None:
-    """
-    Write what was found different, store it, reset the node, and read everything back.
-
-    The node is pre-operational afterwards. SetupError if it does not keep a value.
-    """
+    """Write, store, reset and read back what differs, or SetupError; ends pre-operational."""
     missing = words({each: value for each, value in found.items()
                      if value is None or each.of_device})
     if missing:
