@@ -118,7 +118,7 @@ class ReceiveClock:
         self._least = self._least_before = float('inf')
 
     def epoch(self, received: float, arrived: float) -> float:
-        """Return `received`, s, 0: unknown, as s since the Unix epoch; it was read at `arrived`."""
+        """Map a receive time, s (0: unknown), to the Unix epoch; it was read at `arrived`, s."""
         if not received:
             return arrived
         delay = arrived - received

@@ -74,7 +74,7 @@ class ReplaySource(EncoderSource):
         return sample
 
     def recorded(self) -> Iterator[JointSample]:
-        """Yield all sets with recorded stamps, in place of `read`; ReplayError if there is none."""
+        """Yield all sets with recorded stamps, in place of `read`; ReplayError where it fails."""
         for message in self._log.frames():
             self._last = message.timestamp
             sample = self._decoder.feed(message)

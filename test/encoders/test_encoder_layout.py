@@ -71,13 +71,6 @@ def test_angle_wraps_into_half_a_turn_to_either_side(counts, zero, direction, tu
     assert counts_from_angle(angle, zero, direction, 16384) == counts
 
 
-@pytest.mark.parametrize(('counts', 'data'), [
-    (0, '00000000'), (8191, 'FF1F0000'), (8192, '00E0FFFF'), (16383, 'FFFFFFFF')])
-def test_signed_counts_are_sent_from_minus_half_a_turn_on(counts, data):
-    layout = replace(PLAIN, signed=True, zero_count=0, direction=1)
-    assert layout.data(layout.angle(counts)).hex().upper() == data
-
-
 def test_rolling_counter_and_status_bits():
     layout = replace(PLAIN, data_length=6, counter_byte=4, counter_mask=0xF0, status_byte=5,
                      status_mask=0x81, status_good=0x80)
