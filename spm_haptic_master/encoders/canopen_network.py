@@ -100,10 +100,8 @@ class Node:
     def store(self) -> None:
         """Store all parameters."""
         self._sdo.RESPONSE_TIMEOUT, self._sdo.MAX_RETRIES = STORE_TIMEOUT, 1
-        try:
-            self.write(*protocol.STORE, protocol.SAVE, 4)
-        finally:
-            self._sdo.RESPONSE_TIMEOUT, self._sdo.MAX_RETRIES = ANSWER_TIMEOUT, REQUESTS
+        self.write(*protocol.STORE, protocol.SAVE, 4)
+        self._sdo.RESPONSE_TIMEOUT, self._sdo.MAX_RETRIES = ANSWER_TIMEOUT, REQUESTS
 
     def command(self, command: int) -> None:
         """Send an NMT command."""

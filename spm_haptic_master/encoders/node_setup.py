@@ -192,8 +192,7 @@ def write(node: Node, wanted: WantedObjects, found: dict[WantedObject, int | Non
         if found.keys() & set(pdo.every):
             _write_pdo(node, pdo)
     for each in wanted.others:
-        if each in found:
-            _write(node, each)
+        _write(node, each)
     _verify(node, wanted, 'after they were written')
     node.store()
     node.reset()

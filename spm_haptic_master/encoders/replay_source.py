@@ -136,20 +136,17 @@ class ReplaySource(EncoderSource):
             self._sets_before = self._sets
             for number, message in enumerate(self._log.frames()):
                 if number == 0:
-                    self._begin_round(message.timestamp)
+                    now = time.time_ns()
+                    if self._rounds:
+                        now = max(now, self._on_our_clock(self._last + LOOP_GAP))
+                    self._shift, self._origin = now, message.timestamp
+                    self._decoder.assembler.reset()
                 self._last = message.timestamp
                 yield message
             self._require_sets()
             self._rounds += 1
             if not self._loop:
                 return
-
-    def _begin_round(self, recorded: float) -> None:
-        now = time.time_ns()
-        if self._rounds:
-            now = max(now, self._on_our_clock(self._last) + round(LOOP_GAP / self._rate * 1e9))
-        self._shift, self._origin = now, recorded
-        self._decoder.assembler.reset()
 
     def _require_sets(self) -> None:
         """Raise ReplayError if the round has added no set."""

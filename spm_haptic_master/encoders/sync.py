@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from math import nan
 import threading
 import time
 
@@ -173,15 +174,16 @@ class SyncRate:
 
     def __init__(self, period: float):
         self._period = period
-        self._began: float | None = None
-        self._last = 0.0
+        # Begin of the span; time of the latest SYNC, s. In the span, numbers of SYNCs and of those
+        # one period after the one before.
+        self._began = self._last = nan
         self._count = self._fits = 0
         # Rate of the latest span, Hz, if that is another than the configured one.
         self.measured: float | None = None
 
     def heard(self, stamp: float) -> None:
         """Count a SYNC received at `stamp`, s."""
-        if self._began is None or not 0.0 <= stamp - self._last <= SPAN:
+        if not 0.0 <= stamp - self._last <= SPAN:
             self._begin(stamp)
             return
         self._count += 1
