@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import can
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.decoder_factory import make_decoder, make_layouts
@@ -18,15 +20,20 @@ PERIOD = 1e-3
 T0 = 1_760_000_000.0
 
 
-def values(source='can', **overrides):
-    """Return the checked settings of a source, calibrated; in names, __ stands for a dot."""
-    sensors = overrides.get('sensors', 4)
+@cache
+def _defaults(source, sensors):
+    """Return the settings of a source, and their defaults, calibrated; files are read once."""
     settings = for_sensors(SOURCE_SETTINGS[source], sensors)
     known = {setting.name for setting in settings}
-    defaults = extended(source_defaults(source), settings) | simulated_rig(sensors)
-    loaded = {name: value for name, value in defaults.items() if name in known}
-    loaded |= {name.replace('__', '.'): value for name, value in overrides.items()}
-    return complete(settings, loaded)
+    found = extended(source_defaults(source), settings) | simulated_rig(sensors)
+    return settings, {name: value for name, value in found.items() if name in known}
+
+
+def values(source='can', **overrides):
+    """Return the checked settings of a source, calibrated; in names, __ stands for a dot."""
+    settings, defaults = _defaults(source, overrides.get('sensors', 4))
+    return complete(settings, defaults | {
+        name.replace('__', '.'): value for name, value in overrides.items()})
 
 
 def decoder(**overrides):
