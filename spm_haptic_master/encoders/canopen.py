@@ -55,12 +55,9 @@ REVISION = (0x1018, 3)
 SERIAL_NUMBER = (0x1018, 4)
 IDENTITY = {DEVICE_TYPE: 'device type', VENDOR_ID: 'vendor', PRODUCT_CODE: 'product',
             REVISION: 'revision', SERIAL_NUMBER: 'serial'}
-# Objects of communication: storing, heartbeat that is expected (node id and ms), heartbeat time
-# (ms), what the loss of it does, parameters and mapping of RPDO1 and TPDO1.
+# Objects of communication: storing, heartbeat time (ms), parameters and mapping of RPDO1, TPDO1.
 STORE = (0x1010, 1)
-HEARTBEAT_CONSUMER = (0x1016, 1)
 HEARTBEAT_TIME = (0x1017, 0)
-ERROR_BEHAVIOUR = (0x1029, 1)
 RPDO_PARAMETERS = 0x1400
 RPDO_MAPPING = 0x1600
 TPDO_PARAMETERS = 0x1800

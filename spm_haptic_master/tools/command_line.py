@@ -83,7 +83,7 @@ def bus_of(values: Values, of: str = 'can') -> Iterator[can.BusABC]:
     can_bus.check_interface(values[f'{of}.interface'], f'{of}.interface')
     try:
         with can_bus.open_bus(values[f'{of}.interface'], values[f'{of}.channel'],
-                      values[f'{of}.bitrate']) as bus:
+                              values[f'{of}.bitrate']) as bus:
             yield bus
     except SpmError:
         raise

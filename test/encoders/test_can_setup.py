@@ -126,12 +126,16 @@ def test_other_settings_are_other_objects(factory, run, node_id, given, expected
     ({(0x6001, 0): None}, '0x6001:00 units per turn: missing, wanted 16384'),
     ({(0x1010, 1): None}, 'node 2 refuses 0x65766173 for 0x1010:01'),
     (None, 'node 2: not as wanted after storing and a reset: 0x1800:02 TPDO1'),
+    ({}, 'node 2 has not booted within 0.05 s of its reset'),
 ])
-def test_what_an_encoder_does_not_do_is_reported(factory, run, changes, words):
+def test_what_an_encoder_does_not_do_is_reported(factory, run, monkeypatch, changes, words):
     node = factory(changes or {})
     if changes is None:
         made = dict(node._stored)
         node.restart = lambda: node._entries.update(made)
+    if changes == {}:
+        monkeypatch.setattr(canopen_network, 'BOOT_TIMEOUT', 0.05)
+        node.boot = lambda: []
     code, out, err = run(*ONE, '--write')
     assert (code, err) == (1, '')
     assert words in out
@@ -165,6 +169,17 @@ def test_a_frame_of_29_bits_has_its_identifier_and_no_tpdo_of_the_node_id():
     assert (identifier.index, identifier.value) == (0x1800, 0x38FF1234)
     assert identifier.holds(0x78FF1234) and not identifier.holds(0x18FF1234)
     assert identifier.changed(0xC0000181) == 0x78FF1234
+
+
+def test_the_objects_of_an_encoder_are_those_of_the_standards():
+    """Index, subindex, bytes and value (CiA 301 and 406)."""
+    wanted = wanted_objects(LAYOUTS[0], 1, True, 1e-3, 0.1)
+    assert [(each.index, each.subindex, each.size, each.value) for each in wanted.every] == [
+        (0x1800, 1, 4, 0x181), (0x1800, 2, 1, 1), (0x1800, 3, 2, 0), (0x1800, 5, 2, 0),
+        (0x1A00, 0, 1, 1), (0x1A00, 1, 4, 0x60040020),
+        *((0x1800 + number, 1, 4, 1 << 31) for number in (1, 2, 3)),
+        (0x1017, 0, 2, 100), (0x6000, 0, 2, 4), (0x6001, 0, 4, 16384), (0x6002, 0, 4, 16384),
+        (0x6200, 0, 2, 0)]
 
 
 def test_a_bus_that_failed_is_the_reason(channel):

@@ -71,7 +71,7 @@ def garbled(path):
     return path
 
 
-LONG, SHORT = stream(*range(2000)), stream(*range(20))
+LONG, SHORT = stream(*range(700)), stream(*range(20))
 BROKEN = {
     'cut gzip': (lambda d: cut(write(d / 'a.log.gz', LONG)), 'not readable after'),
     'cut blf': (lambda d: cut(write(d / 'a.blf', LONG)), 'not readable after'),
