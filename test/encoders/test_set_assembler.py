@@ -102,6 +102,7 @@ def test_the_sets_go_on_without_a_silent_sensor_and_do_not_wait_for_it(sensors, 
         assert len(at_answers) == (number >= 10 + SILENT)
     assert found == {number: gone if number >= 10 else set() for number in range(60)}
     assert held == SILENT == taker.assembler.counters['sets at the end of the cycle']
+    assert taker.assembler.counters['sets with a joint missing'] == 50
     assert taker.caution(T0 + 60 * PERIOD) == '; '.join(
         f'{ALL_JOINT_NAMES[index]}: no frames' for index in sorted(gone))
 
