@@ -106,6 +106,14 @@ def test_another_master_keeps_it_quiet_for_the_pause_and_it_resumes(producer, cl
     assert made.openings(T0 + 100.0) == []
 
 
+def test_every_sync_of_another_master_counts_as_its(producer, clock):
+    """Also while SYNCs sent here, of which no frame has come since, wait for their cycles."""
+    made = producer(0.5, lambda number: number == 10 and made.heard(T0))
+    made._run()
+    made.heard(T0 + clock.now)
+    assert (made.sent, made.foreign) == (10, 2)
+
+
 def test_a_refused_send_is_counted_and_the_grid_goes_on(producer, clock):
     refusals = [can.CanOperationError('full'), OSError('down'), ValueError('too long'),
                 ImportError('no back end')]
