@@ -138,7 +138,8 @@ class ReplaySource(EncoderSource):
                 if number == 0:
                     now = time.time_ns()
                     if self._rounds:
-                        now = max(now, self._on_our_clock(self._last + LOOP_GAP))
+                        now = max(now, self._on_our_clock(self._last)
+                                  + round(LOOP_GAP / self._rate * 1e9))
                     self._shift, self._origin = now, message.timestamp
                     self._decoder.assembler.reset()
                 self._last = message.timestamp
