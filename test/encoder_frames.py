@@ -21,19 +21,19 @@ T0 = 1_760_000_000.0
 
 
 @cache
-def defaults(source, sensors):
-    """Return the settings of a source, and their values when it is calibrated."""
+def _defaults(source, sensors):
+    """Return the settings of a source, and their defaults, calibrated; files are read once."""
     settings = for_sensors(SOURCE_SETTINGS[source], sensors)
     known = {setting.name for setting in settings}
-    loaded = extended(source_defaults(source), settings) | simulated_rig(sensors)
-    return settings, {name: value for name, value in loaded.items() if name in known}
+    found = extended(source_defaults(source), settings) | simulated_rig(sensors)
+    return settings, {name: value for name, value in found.items() if name in known}
 
 
 def values(source='can', **overrides):
     """Return the checked settings of a source, calibrated; in names, __ stands for a dot."""
-    settings, loaded = defaults(source, overrides.get('sensors', 4))
-    changed = {name.replace('__', '.'): value for name, value in overrides.items()}
-    return complete(settings, loaded | changed)
+    settings, defaults = _defaults(source, overrides.get('sensors', 4))
+    return complete(settings, defaults | {
+        name.replace('__', '.'): value for name, value in overrides.items()})
 
 
 def decoder(**overrides):

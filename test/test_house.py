@@ -31,7 +31,7 @@ ROOMS = {
     'ros': {'parameters', 'kinematics'},
     'nodes': {'ros', 'teleoperation', 'calibration', 'force', 'supervision', 'drives',
               'encoders', 'simulation', 'parameters', 'kinematics'},
-    'benchmark': {'ros', 'encoders', 'kinematics'},
+    'benchmark': {'ros', 'kinematics'},
     'view': {'nodes', 'ros', 'description', 'simulation', 'force', 'supervision', 'parameters',
              'kinematics'},
     'tools': {'benchmark', 'nodes', 'description', 'validation', 'calibration',

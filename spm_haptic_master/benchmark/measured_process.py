@@ -30,14 +30,13 @@ from geometry_msgs.msg import (
 )
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
-from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.executables import EXECUTABLES
 from spm_haptic_master.kinematics.joints import JOINT_NAMES
 from spm_haptic_master.ros import runner
 from spm_haptic_master.ros.diagnostic_status import OK, StatusPublisher
 from spm_haptic_master.ros.parameters import ParameterNode, Parameters
 from spm_haptic_master.ros.qos import SAMPLES
-from spm_haptic_master.timing import SECOND
+from spm_haptic_master.timing import DeadlineGrid, SECOND
 
 # Signal at which a process prints the stacks of its threads.
 STACKS_SIGNAL = signal.SIGUSR1

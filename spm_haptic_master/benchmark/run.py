@@ -20,9 +20,8 @@ import time
 import numpy as np
 from spm_haptic_master.benchmark.child_process import parameter_arguments, Program, wait_until
 from spm_haptic_master.benchmark.measured_process import READY, SAMPLES_FILE, STATUSES_FILE
-from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.exceptions import SpmError
-from spm_haptic_master.timing import SECOND
+from spm_haptic_master.timing import DeadlineGrid, SECOND
 
 # Module that runs each process of a pipeline.
 MODULE = 'spm_haptic_master.benchmark.measured_process'

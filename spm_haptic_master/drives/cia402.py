@@ -9,7 +9,9 @@ from enum import Enum
 
 from spm_haptic_master.encoders import canopen
 
-# Objects: index and subindex.
+# Objects: index and subindex. Of CiA 301: heartbeat that is expected (node id and ms), and what
+# the loss of it does.
+HEARTBEAT_CONSUMER, ERROR_BEHAVIOUR = (0x1016, 1), (0x1029, 1)
 ABORT_OPTION = (0x6007, 0)
 CONTROLWORD = (0x6040, 0)
 STATUSWORD = (0x6041, 0)

@@ -48,10 +48,10 @@ def drive_objects(plan: Plan, drive: DrivePlan) -> WantedObjects:
                 10 * status_period)
     others = [
         *other_tpdos_off(0),
-        WantedObject(*canopen.HEARTBEAT_CONSUMER, 4, "master's heartbeat",
+        WantedObject(*cia402.HEARTBEAT_CONSUMER, 4, "master's heartbeat",
                      plan.master_id << 16 | heartbeat_timeout, hexadecimal=True),
         WantedObject(*canopen.HEARTBEAT_TIME, 2, 'heartbeat time, ms', heartbeat),
-        WantedObject(*canopen.ERROR_BEHAVIOUR, 1, 'error behaviour', KEEP_STATE, optional=True),
+        WantedObject(*cia402.ERROR_BEHAVIOUR, 1, 'error behaviour', KEEP_STATE, optional=True),
         WantedObject(*cia402.ABORT_OPTION, 2, 'abort connection option',
                      cia402.DISABLE_VOLTAGE_ON_ABORT),
         WantedObject(*cia402.QUICK_STOP_OPTION, 2, 'quick stop option', cia402.FREE),

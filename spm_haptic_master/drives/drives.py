@@ -17,8 +17,13 @@ from spm_haptic_master.drives.cia402 import State
 from spm_haptic_master.drives.drive import Drive, ENABLE_TIMEOUT, Handler, Steps
 from spm_haptic_master.drives.plan import check_load, make_plan, Plan, torque_frames
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.bus_errors import BUS_ERRORS, bus_name, first_line
-from spm_haptic_master.encoders.can_source import check_interface, open_bus
+from spm_haptic_master.encoders.can_bus import (
+    BUS_ERRORS,
+    bus_name,
+    check_interface,
+    first_line,
+    open_bus,
+)
 from spm_haptic_master.exceptions import SetupError
 from spm_haptic_master.parameters.setting import Values
 

@@ -12,8 +12,7 @@ from typing import Any
 
 from spm_haptic_master.drives import cia402
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.bus_load import cycle_bits, frame_bits
-from spm_haptic_master.encoders.decoder_factory import make_layouts
+from spm_haptic_master.encoders.decoder_factory import cycle_bits, frame_bits, make_layouts
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.kinematics.joints import JOINT_NAMES
 from spm_haptic_master.parameters.setting import Values

@@ -13,8 +13,8 @@ import time
 
 import can
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.bus_errors import BUS_ERRORS, error_words, first_line
-from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
+from spm_haptic_master.encoders.can_bus import BUS_ERRORS, error_words, first_line
+from spm_haptic_master.timing import DeadlineGrid
 
 # Time between two SDO requests (s): they take a tenth of a 1 Mbit/s bus at most.
 REQUEST_PERIOD = 0.002
@@ -168,18 +168,11 @@ class BusScanner:
 
     def __init__(self, bus: can.BusABC, scan: BusScan, rate: float, echoes: bool,
                  report: Callable[[str], None]):
-        self._bus = bus
-        self._scan = scan
-        self._rate = rate
+        self._bus, self._scan, self._rate, self._report = bus, scan, rate, report
         self._echoes = echoes
-        self._report = report
         # Number of frames sent whose echo is expected.
         self._expected: Counter[tuple[bool, int, bytes]] = Counter()
         self._sync_grid: DeadlineGrid | None = None
-        # Requests that are still to be sent, whether nodes are started, monotonic end, s.
-        self._requests: Iterator[can.Message]
-        self._starts: bool
-        self._end: float
         # Time of the latest NMT start to each node, s.
         self._started_at: dict[int, float] = {}
 
@@ -191,41 +184,37 @@ class BusScanner:
         no master makes SYNC it is then sent here at the rate, for some seconds, until a master
         appears.
         """
-        self._requests = self._identity_requests() if ask else iter(())
-        self._starts = start is not None
-        begin = time.monotonic()
-        self._end = begin + seconds
-        if start is not None:
-            for node_id in start:
-                self._start_node(node_id, begin)
-            self._run(begin + SYNC_LISTEN)
-            if self._scan.sync_id is not None and self._scan.master_sync is None:
-                self._report(f'no SYNC on the bus: SYNC 0x{self._scan.sync_id:X} is sent from '
-                             f'here, at {self._rate:g} Hz')
-                self._sync_grid = DeadlineGrid(1.0 / self._rate)
-                self._end = time.monotonic() + seconds
-        self._run(self._end)
-
-    def _run(self, until: float) -> None:
-        """Listen until a time, s; ask and start meanwhile."""
+        requests = self._identity_requests() if ask else iter(())
         grid = DeadlineGrid(REQUEST_PERIOD)
-        timeout = min(REQUEST_PERIOD, 0.5 / self._rate) if self._sync_grid else REQUEST_PERIOD
-        shown = time.monotonic()
-        while (now := time.monotonic()) < until:
+        shown = now = time.monotonic()
+        end = now + seconds
+        # When it is decided whether SYNC is sent from here.
+        decision = None if start is None else now + SYNC_LISTEN
+        while decision or now < end:
+            if decision and now >= decision:
+                decision = None
+                if self._scan.sync_id is not None and self._scan.master_sync is None:
+                    end = now + seconds
+                    self._sync_grid = DeadlineGrid(1.0 / self._rate)
+                    self._report(f'no SYNC on the bus: SYNC 0x{self._scan.sync_id:X} is sent '
+                                 f'from here, at {self._rate:g} Hz')
             if grid.wait(0.0):
-                if request := next(self._requests, None):
+                if request := next(requests, None):
                     self._send(request)
-                if self._starts:
-                    self._start_nodes(now)
-            self._send_sync()
-            self._receive(timeout)
+                if start is not None:
+                    self._start_nodes(start, now)
+            if self._sync_grid:
+                self._send_sync(self._sync_grid)
+            self._receive()
             if now - shown >= PROGRESS_PERIOD:
                 shown = now
-                self._report(f'{max(0.0, self._end - now):.0f} s left, '
+                self._report(f'{max(0.0, end - now):.0f} s left, '
                              f'{len(self._scan.frames)} identifiers')
+            now = time.monotonic()
 
-    def _receive(self, timeout: float) -> None:
-        """Feed the frames that are waiting, or the first one within a time, s."""
+    def _receive(self) -> None:
+        """Feed the frames that are waiting, or the first one within half a cycle."""
+        timeout = min(REQUEST_PERIOD, 0.5 / self._rate)
         for _ in range(FRAMES_AT_ONCE):
             message = self._bus.recv(timeout)
             if message is None:
@@ -237,34 +226,26 @@ class BusScanner:
                 self._scan.feed(message)
             timeout = 0.0
 
-    def _send_sync(self) -> None:
+    def _send_sync(self, grid: DeadlineGrid) -> None:
         """Send SYNC, if it is due; end that for good where a master makes it."""
-        if self._sync_grid is None or self._scan.sync_id is None:
-            return
         if self._scan.master_sync is not None:
             self._sync_grid = None
             self._report('another master makes SYNC: none is sent from here any more')
-        elif self._sync_grid.wait(0.0) and self._send(canopen.frame(self._scan.sync_id)):
+        elif grid.wait(0.0) and self._send(canopen.frame(self._scan.sync_id or 0)):
             self._scan.sent_sync(time.monotonic())
 
-    def _start_nodes(self, now: float) -> None:
-        """Send NMT start to the nodes heard that are not operational, now and then."""
-        for node_id, node in self._scan.nodes.items():
-            if node.state != canopen.OPERATIONAL \
+    def _start_nodes(self, start: tuple[int, ...], now: float) -> None:
+        """Send NMT start to these nodes and those heard, unless operational, now and then."""
+        nodes = self._scan.nodes
+        for node_id in (*start, *(nodes.keys() - set(start))):
+            if (node_id not in nodes or nodes[node_id].state != canopen.OPERATIONAL) \
                     and now - self._started_at.get(node_id, float('-inf')) > START_PERIOD:
-                self._start_node(node_id, now)
-
-    def _start_node(self, node_id: int, now: float) -> None:
-        self._started_at[node_id] = now
-        if self._send(canopen.nmt(canopen.NMT_START, node_id)):
-            self._scan.started.add(node_id)
+                self._started_at[node_id] = now
+                if self._send(canopen.nmt(canopen.NMT_START, node_id)):
+                    self._scan.started.add(node_id)
 
     def _send(self, message: can.Message) -> bool:
-        """
-        Send a frame and return whether the interface took it; a scan goes on where it did not.
-
-        On a bus on which nobody acknowledges every frame is refused once its queue is full.
-        """
+        """Send a frame; return whether the interface took it, as on a bus that acknowledges."""
         try:
             self._bus.send(message)
         except BUS_ERRORS as error:

@@ -9,20 +9,22 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
-import logging
 import threading
 import time
-from typing import Any
 
 import can
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.bus_errors import BUS_ERRORS, bus_name, first_line
-from spm_haptic_master.encoders.frame_checks import recent
-from spm_haptic_master.encoders.frame_decoder import FrameDecoder, WITHOUT_SYNC
-from spm_haptic_master.encoders.receive_clock import ReceiveClock
+from spm_haptic_master.encoders.can_bus import (
+    BUS_ERRORS,
+    bus_name,
+    check_interface,
+    first_line,
+    open_bus,
+    ReceiveClock,
+)
+from spm_haptic_master.encoders.frame_decoder import FrameDecoder, recent, WITHOUT_SYNC
 from spm_haptic_master.encoders.source import EncoderSource, JointSample
-from spm_haptic_master.encoders.sync_producer import SyncProducer
-from spm_haptic_master.exceptions import SettingError
+from spm_haptic_master.encoders.sync import SyncProducer
 
 # Time between the first two attempts to open a bus (s), doubled each time up to the last.
 REOPEN_FIRST, REOPEN_LAST = 0.1, 2.0
@@ -38,32 +40,6 @@ REASON_HOLD = 0.5
 SKIP_PERIOD = 1.0
 # Longest time for which sending may block (s).
 SEND_TIMEOUT = 0.01
-
-
-def check_interface(interface: str, name: str = 'can.interface') -> None:
-    """Raise SettingError if python-can has no such interface; `name` is that of the setting."""
-    if interface not in can.VALID_INTERFACES:
-        raise SettingError(name, interface,
-                           'one of ' + ', '.join(sorted(can.VALID_INTERFACES)))
-
-
-def open_bus(interface: str, channel: str, bitrate: int, own: bool = False) -> can.BusABC:
-    """
-    Open a bus by python-can's names ('socketcan' and 'can0' on a rig), or raise a BUS_ERROR.
-
-    python-can reads further settings of an interface from its configuration files and from
-    CAN_CONFIG. `bitrate`, bit/s, is for interfaces that set it themselves; 0 leaves it to the
-    system. `own` asks for the frames sent here, too, if the interface supports that.
-    """
-    # python-can logs the errors that it raises.
-    logging.getLogger('can').setLevel(logging.CRITICAL)
-    settings: dict[str, Any] = {'interface': interface, 'channel': channel}
-    if bitrate:
-        settings['bitrate'] = bitrate
-    if own:
-        with suppress(NotImplementedError, TypeError):  # not supported; opened without below
-            return can.Bus(**settings, receive_own_messages=True)
-    return can.Bus(**settings)
 
 
 class CanSource(EncoderSource):
@@ -109,11 +85,7 @@ class CanSource(EncoderSource):
         self._reason_since = float('-inf')
 
     def keep(self, take: Callable[[can.Message], None]) -> None:
-        """
-        Have `take`, in the reading thread, each frame, stamped in s since the Unix epoch.
-
-        A replay of these frames, with the SYNC sent here, yields the sets of this source.
-        """
+        """Pass each frame and the SYNC sent here to `take`; their replay yields the same sets."""
         self._keep = take
 
     def read(self, timeout: float) -> JointSample | None:

@@ -16,14 +16,10 @@ EMCY_BASE = 0x080
 SDO_ANSWER_BASE = 0x580
 SDO_REQUEST_BASE = 0x600
 HEARTBEAT_BASE = 0x700
-# Identifiers of TPDO1 to TPDO4 of the predefined connection set, to which the node id is added.
-TPDO_BASES = (0x180, 0x280, 0x380, 0x480)
-# The same of RPDO1 to RPDO4.
-RPDO_BASES = (0x200, 0x300, 0x400, 0x500)
-# Identifier of TIME.
-TIME_ID = 0x100
+# Those of TPDO1 to TPDO4 and of RPDO1 to RPDO4, to which the node id is added.
+TPDO_BASES, RPDO_BASES = (0x180, 0x280, 0x380, 0x480), (0x200, 0x300, 0x400, 0x500)
 # Names of these frames, alone and of (or to) a node; LSS are those of CiA 305, for node ids.
-SINGLE_FRAMES = {NMT_ID: 'NMT', SYNC_ID: 'SYNC', TIME_ID: 'TIME', 0x7E4: 'LSS', 0x7E5: 'LSS'}
+SINGLE_FRAMES = {NMT_ID: 'NMT', SYNC_ID: 'SYNC', 0x100: 'TIME', 0x7E4: 'LSS', 0x7E5: 'LSS'}
 NODE_FRAMES = {
     EMCY_BASE: 'EMCY of', SDO_ANSWER_BASE: 'SDO answer of', SDO_REQUEST_BASE: 'SDO request to',
     HEARTBEAT_BASE: 'heartbeat of',
@@ -48,7 +44,6 @@ BOOT_UP = 0x00
 STOPPED = 0x04
 OPERATIONAL = 0x05
 PRE_OPERATIONAL = 0x7F
-# Words for the NMT states.
 STATE_WORDS = {BOOT_UP: 'booting', STOPPED: 'stopped', OPERATIONAL: 'operational',
                PRE_OPERATIONAL: 'pre-operational'}
 
@@ -60,12 +55,9 @@ REVISION = (0x1018, 3)
 SERIAL_NUMBER = (0x1018, 4)
 IDENTITY = {DEVICE_TYPE: 'device type', VENDOR_ID: 'vendor', PRODUCT_CODE: 'product',
             REVISION: 'revision', SERIAL_NUMBER: 'serial'}
-# Objects of communication: storing, heartbeat that is expected (node id and ms), heartbeat time
-# (ms), what the loss of it does, parameters and mapping of RPDO1 and TPDO1.
+# Objects of communication: storing, heartbeat time (ms), parameters and mapping of RPDO1, TPDO1.
 STORE = (0x1010, 1)
-HEARTBEAT_CONSUMER = (0x1016, 1)
 HEARTBEAT_TIME = (0x1017, 0)
-ERROR_BEHAVIOUR = (0x1029, 1)
 RPDO_PARAMETERS = 0x1400
 RPDO_MAPPING = 0x1600
 TPDO_PARAMETERS = 0x1800
@@ -98,8 +90,6 @@ SDO_UPLOAD_REQUEST = 0x40
 SDO_DOWNLOAD_REQUEST = 0x23
 SDO_DOWNLOAD_ANSWER = 0x60
 SDO_ABORT = 0x80
-# Bits of a download's command byte that do not hold the number of unused bytes.
-SDO_COMMAND_MASK = 0xF3
 # Abort codes of an SDO.
 SDO_UNKNOWN_COMMAND = 0x05040001
 SDO_READ_ONLY = 0x06010002
@@ -223,16 +213,16 @@ def sdo_object(data: bytes | bytearray) -> tuple[int, int]:
 
 def sdo_value(data: bytes | bytearray) -> int | None:
     """Return the value in the answer to an expedited upload; None for any other SDO frame."""
-    command = data[0]
-    if command & 0xE2 != 0x42:
+    if data[0] & 0xE2 != 0x42:
         return None
     # Bit 0 set: bits 2 and 3 hold the number of unused bytes.
-    length = 4 - (command >> 2 & 3) if command & 1 else 4
-    return int.from_bytes(data[4:4 + length], 'little')
+    unused = data[0] >> 2 & 3 if data[0] & 1 else 0
+    return int.from_bytes(data[4:SDO_LENGTH - unused], 'little')
 
 
 def sdo_download(data: bytes | bytearray) -> bytes | None:
     """Return the value in a request of an expedited download; None for any other SDO frame."""
-    if data[0] & SDO_COMMAND_MASK != SDO_DOWNLOAD_REQUEST:
+    # Bits 2 and 3 hold the number of unused bytes.
+    if data[0] & 0xF3 != SDO_DOWNLOAD_REQUEST:
         return None
     return bytes(data[4:SDO_LENGTH - (data[0] >> 2 & 3)])

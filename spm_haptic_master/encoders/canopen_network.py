@@ -13,7 +13,7 @@ from typing import Any
 
 import can
 from spm_haptic_master.encoders import canopen as protocol
-from spm_haptic_master.encoders.bus_errors import BUS_ERRORS
+from spm_haptic_master.encoders.can_bus import BUS_ERRORS
 from spm_haptic_master.exceptions import InputError, SetupError
 
 # Longest wait for the answer to a request (s), and for that to storing into flash memory.
@@ -100,10 +100,8 @@ class Node:
     def store(self) -> None:
         """Store all parameters."""
         self._sdo.RESPONSE_TIMEOUT, self._sdo.MAX_RETRIES = STORE_TIMEOUT, 1
-        try:
-            self.write(*protocol.STORE, protocol.SAVE, 4)
-        finally:
-            self._sdo.RESPONSE_TIMEOUT, self._sdo.MAX_RETRIES = ANSWER_TIMEOUT, REQUESTS
+        self.write(*protocol.STORE, protocol.SAVE, 4)
+        self._sdo.RESPONSE_TIMEOUT, self._sdo.MAX_RETRIES = ANSWER_TIMEOUT, REQUESTS
 
     def command(self, command: int) -> None:
         """Send an NMT command."""

@@ -96,11 +96,7 @@ class Node:
 
 
 class CanopenNodes:
-    """
-    Supervisor of the nodes: their states, and which of them need an NMT start.
-
-    A heartbeat is lost `heartbeat_timeout` s after the one before.
-    """
+    """Supervises the nodes; a heartbeat is lost `heartbeat_timeout` s after the one before."""
 
     def __init__(self, joints: tuple[str, ...], node_ids: tuple[int, ...],
                  heartbeat_timeout: float):
@@ -113,11 +109,7 @@ class CanopenNodes:
         self._others: set[int] = set()
 
     def to_start(self, now: float, silent: tuple[int, ...]) -> list[Node]:
-        """
-        Return the nodes of the silent joints that need an NMT start now, and note that.
-
-        `now`, s, is on the clock of the frames' stamps.
-        """
+        """Return, and note, the nodes of silent joints to start `now`, s, by the frames' clock."""
         due = [node for index in silent
                if not 0.0 <= now - (node := self.nodes[index]).started_at < START_AGAIN]
         for node in due:

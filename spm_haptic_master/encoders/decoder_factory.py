@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The decoder of the encoders' frames; their settings, checked against each other."""
+"""The decoder of the encoders' frames; their settings, checked against each other and the bus."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from math import radians
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.canopen_nodes import CanopenNodes
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout, lowest_bit
-from spm_haptic_master.encoders.frame_checks import SyncRate
 from spm_haptic_master.encoders.frame_decoder import FrameDecoder
 from spm_haptic_master.encoders.harmonics import Harmonics
 from spm_haptic_master.encoders.set_assembler import SetAssembler
+from spm_haptic_master.encoders.sync import SyncRate
 from spm_haptic_master.exceptions import InputError, SettingError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, NUMBER_WORDS
 from spm_haptic_master.parameters.encoders import (
@@ -38,6 +38,12 @@ WINDOW_MINIMUM = 1e-5
 NO_TABLE = (0.0,)
 # Relative rounding error of a rate or window written with six digits (unit 1).
 ROUNDING = 1e-5
+# Length of a data frame without data (bits), with an identifier of 11 and of 29 bits and with 3
+# bits of interframe space; and the part of it that is never stuffed (ISO 11898-1).
+STANDARD_BITS, EXTENDED_BITS, UNSTUFFED_BITS = 47, 67, 13
+# Largest share of the bus for SYNC and answers (unit 1): heartbeat, EMCY, NMT and SDO need the
+# rest.
+MAXIMUM_LOAD = 0.95
 
 
 def make_decoder(values: Values) -> FrameDecoder:
@@ -210,3 +216,29 @@ def unverified_joints(values: Values) -> tuple[str, ...]:
             'two poses (calibrate --pose ... --pose ...) and give the file that it writes, or set '
             f'{ACCEPT_SETTING.name} to true to run at WARN')
     return joints
+
+
+def frame_bits(data_length: int, extended: bool) -> int:
+    """Return the worst-case length of a classical data frame, bits: one stuffed after four."""
+    bits = 8 * data_length + (EXTENDED_BITS if extended else STANDARD_BITS)
+    return bits + (bits - UNSTUFFED_BITS - 1) // 4
+
+
+def cycle_bits(layouts: tuple[EncoderLayout, ...], sync: bool) -> int:
+    """Return the worst-case length of one answer of each, and of SYNC if there is one, bits."""
+    return sum(frame_bits(layout.data_length, layout.extended) for layout in layouts) \
+        + (frame_bits(0, False) if sync else 0)
+
+
+def check_bus_load(layouts: tuple[EncoderLayout, ...], sync: bool, rate: float,
+                   bitrate: int) -> None:
+    """Raise SettingError if the bit rate, bit/s, cannot carry the rate, Hz, with the highest."""
+    bits = cycle_bits(layouts, sync)
+    load = bits * rate / bitrate
+    if load > MAXIMUM_LOAD:
+        raise SettingError(
+            'rate', rate,
+            f'at most {MAXIMUM_LOAD * bitrate / bits:.0f} Hz at can.bitrate {bitrate}: a cycle of '
+            f'{"SYNC and " if sync else ""}{NUMBER_WORDS[len(layouts)]} answers has up to {bits} '
+            f'bits, and {bits} bits x {rate:g} Hz / {bitrate} bit/s = {100.0 * load:.0f} % bus '
+            f'load, beyond {100.0 * MAXIMUM_LOAD:.0f} %')

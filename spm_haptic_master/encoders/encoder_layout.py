@@ -1,18 +1,24 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Layout of an encoder's frame, and its scale: from data to counts to joint angle, and back."""
+"""An encoder's frame: its layout, its scale (data, counts, joint angle) and its checks."""
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 import math
 from typing import Literal
 
+import can
 from spm_haptic_master.encoders.harmonics import Harmonics, KNOTS
+from spm_haptic_master.timing import RateMeter
 
 # Full turn (rad).
 TURN = 2.0 * math.pi
+# Reasons for rejecting a frame that is an answer without a reading.
+STATUS_ERROR = 'status bits report an error'
+UNCHANGED = 'rolling counter unchanged'
 
 
 def angle_from_counts(counts: int, zero_count: int, direction: int, counts_per_turn: int) -> float:
@@ -120,11 +126,7 @@ class EncoderLayout:
         return angle - TURN if angle > math.pi else angle
 
     def data(self, angle: float, counter: int = 0, healthy: bool = True) -> bytes:
-        """
-        Return the frame's data for a joint angle, rad.
-
-        `counter` frames were sent before; `healthy` is what the status bits report.
-        """
+        """Return the data for a joint angle, rad, after `counter` frames; `healthy`: status."""
         if self.harmonics is not None:
             angle = float(self.harmonics.readings(angle))
         counts = counts_from_angle(angle, self.zero_count, self.direction, self.counts_per_turn)
@@ -142,3 +144,56 @@ class EncoderLayout:
             data[self.counter_byte] |= \
                 counter % self.counter_modulus << lowest_bit(self.counter_mask)
         return bytes(data)
+
+
+class Encoder:
+    """Frames of one encoder: their checks and counters."""
+
+    def __init__(self, layout: EncoderLayout):
+        self.layout = layout
+        # Time of the latest good frame, s since the Unix epoch; None before the first.
+        self.heard: float | None = None
+        # Time, s since the Unix epoch, and reason of the latest rejection.
+        self.refused: tuple[float, str] | None = None
+        self.rejects: Counter[str] = Counter()
+        self.frames = RateMeter()
+        # Numbers that the rolling counter left out before the latest good frame, if it has one.
+        self.lost: int | None = None
+        self._counter: int | None = None
+
+    def check(self, message: can.Message) -> tuple[int, str | None]:
+        """Return the counts in a frame of this encoder, and None or why it is rejected."""
+        layout, data = self.layout, message.data
+        if len(data) != layout.data_length:
+            return 0, self.reject(message, f'{len(data)} bytes instead of {layout.data_length}')
+        counts = layout.counts(data)
+        if counts is None:
+            return 0, self.reject(message, 'counts beyond a turn')
+        if self._is_unchanged(layout.counter(data)):
+            return 0, self.reject(message, UNCHANGED)
+        if not layout.healthy(data):
+            return 0, self.reject(message, STATUS_ERROR)
+        self.heard = message.timestamp
+        self.frames.count += 1
+        return counts, None
+
+    def restart(self) -> None:
+        """Take the next value of the rolling counter as the first one."""
+        self._counter = None
+
+    def reject(self, message: can.Message, reason: str) -> str:
+        """Count a rejected frame; return the reason."""
+        self.rejects[reason] += 1
+        self.refused = message.timestamp, reason
+        return reason
+
+    def _is_unchanged(self, counter: int | None) -> bool:
+        """Note the rolling counter, if there is one; return whether it is that of before."""
+        if counter is None:
+            return False
+        before, self._counter, self.lost = self._counter, counter, None
+        if before is not None and counter != before:
+            self.lost = (counter - before - 1) % self.layout.counter_modulus
+            if self.lost:
+                self.rejects['rolling counter jumped (frame kept)'] += 1
+        return counter == before

@@ -15,19 +15,17 @@ from math import nan
 
 import can
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.bus_errors import BUS_OFF, error_words
+from spm_haptic_master.encoders.can_bus import BUS_OFF, error_words
 from spm_haptic_master.encoders.canopen_nodes import CanopenNodes, Node
-from spm_haptic_master.encoders.encoder_layout import EncoderLayout
-from spm_haptic_master.encoders.frame_checks import (
+from spm_haptic_master.encoders.encoder_layout import (
     Encoder,
-    percentiles_text,
-    recent,
+    EncoderLayout,
     STATUS_ERROR,
-    SyncRate,
     UNCHANGED,
 )
 from spm_haptic_master.encoders.set_assembler import BEHIND, LEAST_READINGS, SetAssembler
 from spm_haptic_master.encoders.source import JointSample
+from spm_haptic_master.encoders.sync import percentiles_text, SyncRate
 from spm_haptic_master.kinematics.joints import NUMBER_WORDS
 
 # Cure where the encoders send although nobody makes SYNC.
@@ -37,6 +35,11 @@ WITHOUT_SYNC = 'the encoders send without SYNC: give -p encoders.sync_id:=0'
 CAUTION_HOLD = 2.0
 # Bit that marks the key of a 29-bit identifier, above all of the identifier's bits.
 EXTENDED = 1 << 29
+
+
+def recent(when: float | None, now: float, span: float) -> bool:
+    """Return whether `when` is within `span` s of `now`; after a clock was set back it is not."""
+    return when is not None and abs(now - when) < span
 
 
 class FrameDecoder:
@@ -97,7 +100,11 @@ class FrameDecoder:
                 return self.assembler.begin(message.timestamp)
             self.counters['rejected: SYNC of wrong length'] += 1
         elif key in self._nodes:
-            self._supervise(self._nodes[key], message)
+            if wrong := self._nodes[key].take(message):
+                self.counters[f'rejected: {wrong} of wrong length'] += 1
+            else:
+                for index in self.network.by_joint(Node.down) if self.network else ():
+                    self.encoders[index].restart()
         elif key ^ EXTENDED in self._by_key:
             self._by_key[key ^ EXTENDED][1].reject(message, 'identifier width')
         else:
@@ -131,12 +138,7 @@ class FrameDecoder:
                          for joint, trouble in troubles.items()) + others
 
     def caution(self, now: float) -> str | None:
-        """
-        Return the problems of encoders although sets come, or None; `now` in s (Unix epoch).
-
-        These are joints without a reading, emergencies, lost heartbeats, surplus answers and
-        another rate of SYNC.
-        """
+        """Return the problems of encoders and SYNC although sets come, or None; `now` in s."""
         caution = Node.unfit if len(self.layouts) > LEAST_READINGS else Node.caution
         reasons = self.network.by_joint(lambda node: caution(node, now)) if self.network else {}
         # Copied in one step: another thread changes it.
@@ -158,11 +160,8 @@ class FrameDecoder:
         return '; '.join(found) or None
 
     def tally(self) -> Counter[str]:
-        """
-        Return all counters by name; rejects of an encoder begin with its joint.
-
-        Another thread may be counting: each counter is copied in one step of the interpreter.
-        """
+        """Return all counters by name; rejects of an encoder begin with its joint."""
+        # Another thread may be counting: each counter is copied in one step of the interpreter.
         found = Counter(dict(self.counters)) + Counter(dict(self.assembler.counters))
         for encoder in self.encoders:
             for reason, count in dict(encoder.rejects).items():
@@ -218,13 +217,6 @@ class FrameDecoder:
         if len(self.layouts) > LEAST_READINGS:
             return node.unfit(now)
         return node.emergency if self._emcy_stops else None
-
-    def _supervise(self, node: Node, message: can.Message) -> None:
-        if wrong := node.take(message):
-            self.counters[f'rejected: {wrong} of wrong length'] += 1
-            return
-        for index in self.network.by_joint(Node.down) if self.network else ():
-            self.encoders[index].restart()
 
 
 def _other_kind(message: can.Message) -> str | None:

@@ -70,11 +70,7 @@ class LateAnswers:
             self.unproven.add(index)
 
     def return_of(self, index: int, missed: int, start: float, lost: int | None) -> None:
-        """
-        Note the first answer of a joint after `missed` cycles without one, the last from `start`.
-
-        `lost` numbers its rolling counter left out; None without a counter.
-        """
+        """Note a joint's first answer after `missed` cycles; its counter left out `lost` ones."""
         self.owed[index] = Debt(missed, start + self._span, True,
                                 lost == 0 and missed <= LONGEST_QUEUE)
         self.unproven.add(index)
@@ -114,12 +110,7 @@ class LateAnswers:
                      if debt.counted or now <= debt.until}
 
     def long_cycle(self, once: set[int], late: set[int]) -> None:
-        """
-        Evaluate a cycle of two periods.
-
-        `once` are the joints with one answer, in time, `late` those with a second answer more
-        than a period after SYNC.
-        """
+        """Evaluate a cycle of two periods: joints with one answer, and with a second late one."""
         # If all answer twice, it was SYNC that was lost.
         if not once:
             return

@@ -182,11 +182,7 @@ def words(found: dict[WantedObject, int | None]) -> list[str]:
 
 
 def write(node: Node, wanted: WantedObjects, found: dict[WantedObject, int | None]) -> None:
-    """
-    Write what was found different, store it, reset the node, and read everything back.
-
-    The node is pre-operational afterwards. SetupError if it does not keep a value.
-    """
+    """Write, store, reset and read back what differs, or SetupError; ends pre-operational."""
     missing = words({each: value for each, value in found.items()
                      if value is None or each.of_device})
     if missing:
@@ -196,8 +192,7 @@ def write(node: Node, wanted: WantedObjects, found: dict[WantedObject, int | Non
         if found.keys() & set(pdo.every):
             _write_pdo(node, pdo)
     for each in wanted.others:
-        if each in found:
-            _write(node, each)
+        _write(node, each)
     _verify(node, wanted, 'after they were written')
     node.store()
     node.reset()

@@ -10,7 +10,7 @@ import time
 
 import can
 from spm_haptic_master.encoders.frame_decoder import FrameDecoder, WITHOUT_SYNC
-from spm_haptic_master.encoders.log_file import LogFile
+from spm_haptic_master.encoders.recording_files import LogFile
 from spm_haptic_master.encoders.source import EncoderSource, JointSample
 from spm_haptic_master.exceptions import ReplayError, SourceEnded
 
@@ -59,10 +59,9 @@ class ReplaySource(EncoderSource):
 
     def read(self, timeout: float) -> JointSample | None:
         """Return the next set at the time it is due, None if that is after `timeout` seconds."""
+        self._held = self._held or self._next_set()
         if self._held is None:
-            self._held = self._next_set()
-            if self._held is None:
-                return None
+            return None
         due, sample = self._held
         ahead = (due - time.time_ns()) * 1e-9
         if ahead > timeout:
@@ -75,11 +74,7 @@ class ReplaySource(EncoderSource):
         return sample
 
     def recorded(self) -> Iterator[JointSample]:
-        """
-        Yield the sets of the whole log with their recorded stamps, in place of `read`.
-
-        Raise ReplayError if the recording is broken, or has no set.
-        """
+        """Yield all sets with recorded stamps, in place of `read`; ReplayError where it fails."""
         for message in self._log.frames():
             self._last = message.timestamp
             sample = self._decoder.feed(message)
@@ -115,11 +110,7 @@ class ReplaySource(EncoderSource):
         return self._decoder.assembler.counters['sets']
 
     def _next_set(self) -> tuple[int, JointSample] | None:
-        """
-        Return the time at which the next set is due, its last frame's, and the set.
-
-        None after `FRAMES_PER_READ` frames without one.
-        """
+        """Return the next set and when it is due, or None after many frames without one."""
         for message in self._messages:
             sample = self._decoder.feed(message)
             self._frames_without_set += 1
@@ -143,24 +134,20 @@ class ReplaySource(EncoderSource):
         """Yield the recorded frames, round after round if looped."""
         while True:
             self._sets_before = self._sets
-            first = True
-            for message in self._log.frames():
-                if first:
-                    first = False
-                    self._begin_round(message.timestamp)
+            for number, message in enumerate(self._log.frames()):
+                if number == 0:
+                    now = time.time_ns()
+                    if self._rounds:
+                        now = max(now, self._on_our_clock(self._last)
+                                  + round(LOOP_GAP / self._rate * 1e9))
+                    self._shift, self._origin = now, message.timestamp
+                    self._decoder.assembler.reset()
                 self._last = message.timestamp
                 yield message
             self._require_sets()
             self._rounds += 1
             if not self._loop:
                 return
-
-    def _begin_round(self, recorded: float) -> None:
-        now = time.time_ns()
-        if self._rounds:
-            now = max(now, self._on_our_clock(self._last) + round(LOOP_GAP / self._rate * 1e9))
-        self._shift, self._origin = now, recorded
-        self._decoder.assembler.reset()
 
     def _require_sets(self) -> None:
         """Raise ReplayError if the round has added no set."""

@@ -11,10 +11,10 @@ import time
 
 import can
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.bus_errors import BUS_ERRORS, first_line
-from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
+from spm_haptic_master.encoders.can_bus import BUS_ERRORS, first_line
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus
 from spm_haptic_master.simulation.simulated_drive import SimulatedDrives
+from spm_haptic_master.timing import DeadlineGrid
 
 # Time between two updates of faults and heartbeats (s).
 TEND_PERIOD = 0.002

@@ -9,7 +9,6 @@ from collections.abc import Iterable
 from math import isfinite, nan, radians, remainder
 import time
 
-from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.encoders.encoder_layout import (
     angle_from_counts,
     counts_from_angle,
@@ -21,6 +20,7 @@ from spm_haptic_master.exceptions import UnreachableError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.simulation.fault_injection import Fault
 from spm_haptic_master.simulation.noisy_motion import NoisyMotion
+from spm_haptic_master.timing import DeadlineGrid
 
 # Largest lateness of a sample (s) at which the angles prepared for its deadline are used: a joint
 # at 1 rad/s moves by half a count of 14 bits meanwhile. A real encoder has its angle at once, so

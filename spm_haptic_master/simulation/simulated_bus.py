@@ -11,7 +11,7 @@ import random
 
 import can
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.bus_errors import BUS_OFF, RESTARTED
+from spm_haptic_master.encoders.can_bus import BUS_OFF, RESTARTED
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout
 from spm_haptic_master.simulation.fault_injection import Fault
 from spm_haptic_master.simulation.noisy_motion import NoisyMotion

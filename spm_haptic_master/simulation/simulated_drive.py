@@ -122,7 +122,7 @@ class SimulatedDrive:
                 and len(data) == canopen.SDO_LENGTH:
             self.objects.show(cia402.STATUSWORD, STATUSWORDS[self.state])
             return [self.objects.answer(self.node_id, data)]
-        master = self.objects.value(*canopen.HEARTBEAT_CONSUMER)
+        master = self.objects.value(*cia402.HEARTBEAT_CONSUMER)
         if master and identifier == canopen.HEARTBEAT_BASE + (master >> 16 & 0x7F):
             self._master_at = now
         found: list[can.Message] = []
@@ -205,11 +205,11 @@ class SimulatedDrive:
         if timer and self._torque_at is not None and now - self._torque_at > 1e-3 * timer:
             self._torque_at = None
             sent += self._abort(PDO_LOST)
-        limit = objects.value(*canopen.HEARTBEAT_CONSUMER) & 0xFFFF
+        limit = objects.value(*cia402.HEARTBEAT_CONSUMER) & 0xFFFF
         if limit and self._master_at is not None and now - self._master_at > 1e-3 * limit:
             self._master_at = None
             sent += self._abort(HEARTBEAT_LOST)
-            if not objects.value(*canopen.ERROR_BEHAVIOUR):
+            if not objects.value(*cia402.ERROR_BEHAVIOUR):
                 self.nmt = canopen.PRE_OPERATIONAL
         return sent
 

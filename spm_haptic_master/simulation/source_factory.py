@@ -7,9 +7,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from spm_haptic_master.encoders.bus_load import check_bus_load
 from spm_haptic_master.encoders.can_source import CanSource
-from spm_haptic_master.encoders.decoder_factory import make_decoder, make_harmonics
+from spm_haptic_master.encoders.decoder_factory import check_bus_load, make_decoder, make_harmonics
 from spm_haptic_master.encoders.replay_source import ReplaySource
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import SettingError

@@ -14,8 +14,7 @@ from typing import Any
 
 import can
 from spm_haptic_master.calibration.recording import raw_counts
-from spm_haptic_master.encoders import bus_errors
-from spm_haptic_master.encoders.can_source import check_interface, open_bus
+from spm_haptic_master.encoders import can_bus
 from spm_haptic_master.exceptions import InputError, SpmError
 from spm_haptic_master.parameters.arguments import parameters_of
 from spm_haptic_master.parameters.encoders import sensors_of
@@ -70,7 +69,7 @@ def bus_values(values: Values) -> dict[str, Any]:
 
 def bus_name(values: Values, of: str = 'can') -> str:
     """Return interface and channel of the bus, as `bus_of`; its port between processes."""
-    return bus_errors.bus_name(values[f'{of}.interface'], values[f'{of}.channel'])
+    return can_bus.bus_name(values[f'{of}.interface'], values[f'{of}.channel'])
 
 
 @contextmanager
@@ -81,15 +80,15 @@ def bus_of(values: Values, of: str = 'can') -> Iterator[can.BusABC]:
     SettingError where python-can has no such interface; InputError where the bus cannot be
     opened, or failed while it was open.
     """
-    check_interface(values[f'{of}.interface'], f'{of}.interface')
+    can_bus.check_interface(values[f'{of}.interface'], f'{of}.interface')
     try:
-        with open_bus(values[f'{of}.interface'], values[f'{of}.channel'],
-                      values[f'{of}.bitrate']) as bus:
+        with can_bus.open_bus(values[f'{of}.interface'], values[f'{of}.channel'],
+                              values[f'{of}.bitrate']) as bus:
             yield bus
     except SpmError:
         raise
-    except bus_errors.BUS_ERRORS as error:
-        raise InputError(f'{bus_name(values, of)}: {bus_errors.first_line(error)}') from error
+    except can_bus.BUS_ERRORS as error:
+        raise InputError(f'{bus_name(values, of)}: {can_bus.first_line(error)}') from error
 
 
 def run(name: str, program: Callable[[list[str]], int], args: list[str] | None) -> int:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from spm_haptic_master.calibration.recording import raw_counts, read_log, record, Recording
 from spm_haptic_master.encoders.can_source import CanSource
 from spm_haptic_master.encoders.encoder_layout import TURN
-from spm_haptic_master.encoders.log_file import FrameLog, free_path
+from spm_haptic_master.encoders.recording_files import FrameLog, free_path
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS

@@ -13,7 +13,6 @@ import sys
 import time
 
 from spm_haptic_master.drives.plan import check_shared_bus, make_plan
-from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.encoders.decoder_factory import make_decoder
 from spm_haptic_master.encoders.recording_files import (
     GROUND_TRUTH_NAME,
@@ -47,6 +46,7 @@ from spm_haptic_master.simulation.noisy_motion import make_motion
 from spm_haptic_master.simulation.rig import Rig, rig_text
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus
 from spm_haptic_master.simulation.simulated_drive import SimulatedDrives
+from spm_haptic_master.timing import DeadlineGrid
 from spm_haptic_master.tools import command_line
 
 DESCRIPTION = """\

@@ -12,18 +12,14 @@ import can
 from encoder_frames import LAYOUTS, values
 import pytest
 from scripted_bus import Clock, ScriptedBus
-from spm_haptic_master.encoders import (
-    can_source,
-    deadline_grid,
-    replay_source,
-    sync_producer,
-)
-from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
-from spm_haptic_master.encoders.sync_producer import SyncProducer
+from spm_haptic_master import timing
+from spm_haptic_master.encoders import bus_scan, can_source, replay_source, sync
+from spm_haptic_master.encoders.sync import SyncProducer
 from spm_haptic_master.simulation.bus_runner import BusRunner
 from spm_haptic_master.simulation.noisy_motion import make_motion
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus
 from spm_haptic_master.simulation.source_factory import make_source
+from spm_haptic_master.timing import DeadlineGrid
 
 
 @contextmanager
@@ -66,7 +62,7 @@ def encoders(channel):
 def clock(monkeypatch):
     """Put the modules that wait on a clock that only the test moves."""
     clock = Clock()
-    for module in (can_source, deadline_grid, replay_source, sync_producer):
+    for module in (bus_scan, can_source, replay_source, sync, timing):
         monkeypatch.setattr(module, 'time', clock)
     return clock
 

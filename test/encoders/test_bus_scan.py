@@ -1,129 +1,110 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""A scan on a virtual bus: what it asks, what it sends, what it records."""
-
-import threading
+"""A scan of a scripted bus: what it asks, what it sends, what it records."""
 
 import can
-from can.interfaces.virtual import VirtualBus
 import pytest
-from spm_haptic_master.encoders import bus_scan, canopen
+from scripted_bus import node_frame, ScriptedBus, SEND_TIMEOUT
+from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.bus_scan import BusScan, BusScanner
+
+# s for which a scan listens for a master before it sends SYNC, and between two starts of a node.
+LISTEN, AGAIN = 1.1, 0.5
+
+
+class Bus(ScriptedBus):
+    """A bus that returns the frames sent, if it `echoes`."""
+
+    echoes = False
+
+    def send(self, message):
+        super().send(message, SEND_TIMEOUT)
+        if self.echoes:
+            self.script.insert(0, (self.clock.now, message))
 
 
 @pytest.fixture
-def buses(monkeypatch):
-    """Give both ends of a virtual bus; a master's SYNC is awaited for a shorter time."""
-    monkeypatch.setattr(bus_scan, 'SYNC_LISTEN', 0.2)
-    with can.Bus(interface='virtual', channel='scan') as bus, \
-            can.Bus(interface='virtual', channel='scan') as other:
-        yield bus, other
+def scan_of(clock):
+    """Scan a scripted bus; return the scan, what was sent and when, and the reports."""
+    def make(script, seconds, ask=False, start=None, rate=100.0, sync_id=0x80, **changes):
+        bus, scan, reports = Bus(clock, script), BusScan(sync_id), []
+        for name, value in changes.items():
+            setattr(bus, name, value)
+        scanner = BusScanner(bus, scan, rate, bus.echoes, reports.append)
+        scanner.listen(seconds, ask, start)
+        return scan, bus.sent, reports
+    return make
 
 
-def scanner(bus, scan, rate=100.0, echoes=False, reports=None):
-    return BusScanner(bus, scan, rate, echoes, [].append if reports is None else reports.append)
+def test_passive_scan_collects_for_its_time_and_sends_nothing(scan_of, clock):
+    script = [node_frame(at, 0x181, bytes(4)) for at in (0.0, 0.049, 0.06)]
+    scan, sent, _ = scan_of(script, 0.05)
+    assert [(key, frame.count) for key, frame in scan.frames.items()] == [((False, 0x181), 2)]
+    assert sent == [] and clock.now == pytest.approx(0.05, abs=3e-3)
 
 
-def heard(bus):
-    """Return the frames that arrived."""
-    found = []
-    while (message := bus.recv(0.0)) is not None:
-        found.append(message)
-    return found
-
-
-def test_passive_scan_collects_and_sends_nothing(buses):
-    bus, other = buses
-    other.send(canopen.frame(0x181, bytes(4)))
-    scan = BusScan()
-    scanner(bus, scan).listen(0.05, False)
-    assert list(scan.frames) == [(False, 0x181)]
-    assert heard(other) == []
-
-
-def test_every_node_is_asked_for_its_type_and_those_heard_for_the_rest(buses, monkeypatch):
-    bus, other = buses
-    monkeypatch.setattr(bus_scan, 'REQUEST_PERIOD', 2e-4)
-    monkeypatch.setattr(bus_scan, 'PROGRESS_PERIOD', 0.7)
-    other.send(canopen.frame(canopen.HEARTBEAT_BASE + 7, bytes((canopen.OPERATIONAL,))))
-    reports = []
-    scanner(bus, BusScan(), reports=reports).listen(1.0, True)
+def test_every_node_is_asked_for_its_type_and_those_heard_for_the_rest(scan_of):
+    _, sent, reports = scan_of([node_frame(0.1, 0x707, b'\x05')], 2.9, ask=True)
     asked = [(message.arbitration_id - canopen.SDO_REQUEST_BASE,
-              canopen.sdo_object(message.data)) for message in heard(other)]
-    nodes = canopen.NODE_ID_MAXIMUM
-    assert asked[:nodes] == [(node, canopen.DEVICE_TYPE) for node in range(1, nodes + 1)]
-    assert asked[nodes:] == [(7, entry) for entry in (
-        canopen.VENDOR_ID, canopen.PRODUCT_CODE, canopen.REVISION, canopen.SERIAL_NUMBER)]
-    assert reports == ['0 s left, 1 identifiers']
+              canopen.sdo_object(message.data)) for _, message in sent]
+    assert asked == [*((node, (0x1000, 0)) for node in range(1, 128)),
+                     *((7, (0x1018, subindex)) for subindex in (1, 2, 3, 4))]
+    # At 1 Mbit/s they take a tenth of the bus.
+    assert sent[-1][0] - sent[0][0] == pytest.approx(0.002 * 130, rel=0.1)
+    assert reports == ['2 s left, 1 identifiers', '1 s left, 1 identifiers']
 
 
-def test_no_sync_is_sent_where_the_bus_has_none(buses):
-    bus, other = buses
-    scanner(bus, BusScan(None)).listen(0.4, False, ())
-    assert heard(other) == []
+@pytest.mark.parametrize(('master', 'count', 'reported'), [
+    # No master: for all the time after it was listened for; one from the start; one later.
+    (None, 18, 1), (0.5, 0, 0), (LISTEN + 0.23, 5, 2)])
+def test_sync_is_sent_at_the_rate_while_no_master_makes_it(
+        scan_of, clock, master, count, reported):
+    script = [] if master is None else [
+        node_frame(master + 0.02 * number, 0x80, b'') for number in range(150)]
+    scan, sent, reports = scan_of(script, 0.9, start=(), rate=20.0)
+    assert {(message.arbitration_id, bytes(message.data)) for _, message in sent} \
+        <= {(0x80, b'')}
+    assert len(sent) == (scan.own_sync.count if scan.own_sync else 0) == count
+    assert [at for at, _ in sent] == pytest.approx(
+        [LISTEN + 0.05 * number for number in range(count)], abs=0.01)
+    assert [each for each in reports if 'SYNC' in each] == [
+        'no SYNC on the bus: SYNC 0x80 is sent from here, at 20 Hz',
+        'another master makes SYNC: none is sent from here any more'][:reported]
+    assert clock.now == pytest.approx(LISTEN + (0.9 if count else 0.0), abs=0.01)
 
 
-@pytest.mark.parametrize('delay', [None, 0.0, 0.5])
-def test_sync_is_sent_at_the_rate_while_no_master_makes_it(buses, delay):
-    bus, other = buses
-    scan, reports = BusScan(), []
-    master = threading.Timer(delay or 0.0, other.send_periodic, (canopen.frame(0x80), 0.02))
-    if delay is not None:
-        master.start()
-    scanner(bus, scan, 20.0, reports=reports).listen(0.9, False, ())
-    other.stop_all_periodic_tasks()
-    found = heard(other)
-    assert {message.arbitration_id for message in found} <= {0x80}
-    assert len(found) == (scan.own_sync.count if scan.own_sync else 0)
-    if delay == 0.0:
-        assert scan.own_sync is None and 20.0 < scan.master_sync.rate < 60.0
-        return
-    expected = ['no SYNC on the bus: SYNC 0x80 is sent from here, at 20 Hz',
-                'another master makes SYNC: none is sent from here any more']
-    assert [each for each in reports if 'SYNC' in each] == expected[:1 if delay is None else 2]
-    assert 9 <= len(found) <= 20 if delay is None else 0 < len(found) < 12
+def test_no_sync_is_sent_where_the_bus_has_none(scan_of):
+    assert scan_of([], 2.0, start=(), sync_id=None)[1] == []
 
 
-def test_every_node_that_is_heard_is_started_until_it_is_operational(buses, monkeypatch):
-    bus, other = buses
-    monkeypatch.setattr(bus_scan, 'START_PERIOD', 0.05)
-    for node, state in ((9, canopen.PRE_OPERATIONAL), (17, canopen.OPERATIONAL), (33, 0)):
-        other.send(canopen.frame(canopen.HEARTBEAT_BASE + node, bytes((state,))))
-    scan = BusScan()
-    scanner(bus, scan).listen(0.4, False, (5,))
-    started = [bytes(message.data) for message in heard(other) if message.arbitration_id == 0]
-    assert {data[0] for data in started} == {canopen.NMT_START}
-    assert {data[1] for data in started} == {5, 9, 33} == scan.started
-    assert sum(data[1] == 9 for data in started) > 2
+def test_every_node_is_started_until_it_is_operational(scan_of):
+    script = [*(node_frame(0.01, 0x700 + node, bytes((state,)))
+                for node, state in ((9, canopen.PRE_OPERATIONAL), (17, canopen.OPERATIONAL),
+                                    (33, canopen.BOOT_UP))), node_frame(0.8, 0x709, b'\x05')]
+    scan, sent, _ = scan_of(script, 1.0, start=(5,), sync_id=None)
+    assert {bytes(message.data[:1]) for _, message in sent if message.arbitration_id == 0} \
+        == {bytes((canopen.NMT_START,))}
+    starts = {node: [at for at, message in sent if message.data[1:2] == bytes((node,))]
+              for node in (5, 9, 17, 33)}
+    for node, expected in ((5, (0.0, AGAIN, 2 * AGAIN)), (9, (0.01, 0.01 + AGAIN)), (17, ()),
+                           (33, (0.01, 0.01 + AGAIN, 0.01 + 2 * AGAIN))):
+        assert starts[node] == pytest.approx(expected, abs=0.01)
+    assert scan.started == {5, 9, 33}
 
 
-def test_echoes_are_not_in_the_table_and_others_are(buses):
+def test_echoes_are_not_in_the_table_and_others_are(scan_of):
     """As many frames as were sent are echoes; one more is another program's."""
-    _, other = buses
-    scan = BusScan()
-    with VirtualBus('scan', receive_own_messages=True) as bus:
-        scanner(bus, scan, 20.0, echoes=True).listen(0.4, False, (5,))
-        assert scan.own_sync.count > 4 and scan.frames == {}
-        other.send(canopen.frame(0x80))
-        scanner(bus, scan, 20.0, echoes=True).listen(0.1, False)
-    assert scan.master_sync.count == 1
+    nmt = canopen.nmt(canopen.NMT_START, 5)
+    scan, _, _ = scan_of([], 0.4, start=(5,), echoes=True)
+    assert scan.own_sync.count > 30 and scan.frames == {}
+    scan, _, _ = scan_of([(3.0, nmt)], 0.4, start=(5,), echoes=True)
+    assert scan.frames[False, 0].count == 1
 
 
-class UnacknowledgedBus(VirtualBus):
-    """A bus without another node that acknowledges: the interface's queue is full."""
-
-    def send(self, msg, timeout=None):
-        raise can.CanOperationError('Transmit buffer full')
-
-
-def test_a_scan_goes_on_where_nobody_acknowledges(buses):
-    _, other = buses
-    scan = BusScan()
-    with UnacknowledgedBus('scan') as bus:
-        other.send(canopen.frame(0x181, bytes(4)))
-        scanner(bus, scan).listen(0.2, True, (1, 2))
-        other.send(canopen.frame(0x182, bytes(4)))
-        scanner(bus, scan).listen(0.2, True, (1, 2))
-    assert set(scan.frames) == {(False, 0x181), (False, 0x182)}
-    assert scan.unsent['Transmit buffer full'] > 10
+def test_a_scan_goes_on_where_nobody_acknowledges(scan_of):
+    scan, sent, _ = scan_of([node_frame(0.15, 0x181, bytes(4))], 0.2, ask=True, start=(1, 2),
+                            refusal=can.CanOperationError('Transmit buffer full'))
+    assert set(scan.frames) == {(False, 0x181)} and sent == []
+    assert scan.unsent['Transmit buffer full'] > 100 and scan.own_sync is None
+    assert scan.started == set()

@@ -7,25 +7,29 @@ from dataclasses import replace
 import re
 import signal
 import sys
+import threading
 
 import can
 from encoder_frames import LAYOUTS, values
 import pytest
-from spm_haptic_master.encoders import canopen
+from spm_haptic_master.encoders import canopen, canopen_network
 from spm_haptic_master.encoders.canopen_network import network_on, Node
 from spm_haptic_master.encoders.decoder_factory import make_layouts
 from spm_haptic_master.encoders.node_setup import wanted_objects
 from spm_haptic_master.simulation.object_store import Entry
 from spm_haptic_master.tools import can_setup
 
-pytest.importorskip('canopen')
+library = pytest.importorskip('canopen')
 
 ONE = ('--joint', 'joint_1b')
 
 
 @pytest.fixture
-def run(capsys, channel):
-    """Run the command line on the bus; return its exit code, stdout and stderr."""
+def run(capsys, channel, monkeypatch):
+    """Run the command line on the bus, soon; return its exit code, stdout and stderr."""
+    for name, seconds in (('ANSWER_TIMEOUT', 0.1), ('RECEIVE_TIMEOUT', 0.005)):
+        monkeypatch.setattr(canopen_network, name, seconds)
+    monkeypatch.setattr(can_setup, 'LISTEN', 0.05)
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
 
     def run(*args):
@@ -52,6 +56,13 @@ def factory(encoders):
                     objects[key] = entry
         return node
     return make
+
+
+class Impatient(threading.Event):
+    """An event for which nobody waits longer than 0.05 s."""
+
+    def wait(self, timeout=None):
+        return super().wait(0.05)
 
 
 def held(node, keys):
@@ -123,12 +134,16 @@ def test_other_settings_are_other_objects(factory, run, node_id, given, expected
     ({(0x6001, 0): None}, '0x6001:00 units per turn: missing, wanted 16384'),
     ({(0x1010, 1): None}, 'node 2 refuses 0x65766173 for 0x1010:01'),
     (None, 'node 2: not as wanted after storing and a reset: 0x1800:02 TPDO1'),
+    ({}, 'node 2 has not booted within 5 s of its reset'),
 ])
-def test_what_an_encoder_does_not_do_is_reported(factory, run, changes, words):
+def test_what_an_encoder_does_not_do_is_reported(factory, run, monkeypatch, changes, words):
     node = factory(changes or {})
     if changes is None:
         made = dict(node._stored)
         node.restart = lambda: node._entries.update(made)
+    if changes == {}:
+        monkeypatch.setattr(canopen_network.threading, 'Event', Impatient)
+        node.boot = lambda: []
     code, out, err = run(*ONE, '--write')
     assert (code, err) == (1, '')
     assert words in out
@@ -162,6 +177,26 @@ def test_a_frame_of_29_bits_has_its_identifier_and_no_tpdo_of_the_node_id():
     assert (identifier.index, identifier.value) == (0x1800, 0x38FF1234)
     assert identifier.holds(0x78FF1234) and not identifier.holds(0x18FF1234)
     assert identifier.changed(0xC0000181) == 0x78FF1234
+
+
+def test_the_objects_of_an_encoder_are_those_of_the_standards():
+    """Index, subindex, bytes and value (CiA 301 and 406)."""
+    wanted = wanted_objects(LAYOUTS[0], 1, True, 1e-3, 0.1)
+    assert [(each.index, each.subindex, each.size, each.value) for each in wanted.every] == [
+        (0x1800, 1, 4, 0x181), (0x1800, 2, 1, 1), (0x1800, 3, 2, 0), (0x1800, 5, 2, 0),
+        (0x1A00, 0, 1, 1), (0x1A00, 1, 4, 0x60040020),
+        *((0x1800 + number, 1, 4, 1 << 31) for number in (1, 2, 3)),
+        (0x1017, 0, 2, 100), (0x6000, 0, 2, 4), (0x6001, 0, 4, 16384), (0x6002, 0, 4, 16384),
+        (0x6200, 0, 2, 0)]
+
+
+@pytest.mark.parametrize(('name', 'words'), [
+    ('UNKNOWN_COMMAND', 'Unknown SDO command'), ('READ_ONLY', 'write a read only object'),
+    ('NO_SUCH_OBJECT', 'Object does not exist'), ('WRONG_LENGTH', 'length code'),
+    ('NO_SUCH_SUBINDEX', 'Subindex does not exist'), ('WRONG_VALUE', 'Value range'),
+    ('NOT_STORED', 'transferred or stored'), ('WRONG_STATE', 'present device state')])
+def test_abort_codes_are_those_of_the_library(name, words):
+    assert words in library.SdoAbortedError.CODES[getattr(canopen, f'SDO_{name}')]
 
 
 def test_a_bus_that_failed_is_the_reason(channel):

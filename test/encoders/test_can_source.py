@@ -22,7 +22,10 @@ from scripted_bus import (
     run,
 )
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.can_source import open_bus
+from spm_haptic_master.encoders.can_bus import open_bus, ReceiveClock
+
+# s; a day apart a device has an epoch of its own.
+OWN_EPOCH = 86400.0
 
 
 def stamps(*times):
@@ -130,13 +133,6 @@ def test_silent_and_booting_nodes_are_started(rig):
         assert -1e-6 < starts[place][0].expected - expected < 3 * POLL_PERIOD
 
 
-def test_raw_encoders_are_never_started(rig):
-    driver = rig((), can__protocol='raw')
-    run(driver, 1.0)
-    assert driver.buses[0].sent == []
-    assert driver.caution is None
-
-
 def test_a_refused_start_is_reported_and_not_fatal(rig):
     driver = rig(())
     driver.buses[0].refusal = can.CanOperationError('Transmit buffer full\nmore')
@@ -240,10 +236,12 @@ def test_a_reason_is_given_while_no_sets_come(rig, script, until, fault):
     assert driver.fault == fault
 
 
-def test_where_the_bus_has_no_sync_none_is_missed(rig):
-    driver = rig(opening_of(cycles(0.01, 20, without=(3,)))[1], encoders__sync_id=0)
+def test_where_the_bus_has_no_sync_and_no_nodes_none_is_missed_or_started(rig):
+    driver = rig(opening_of(cycles(0.01, 20, without=(3,)))[1], encoders__sync_id=0,
+                 can__protocol='raw')
     run(driver, 0.2)
     assert driver.fault == 'joint_3a silent (no frames)'
+    assert driver.buses[0].sent == []
 
 
 def test_another_rate_of_sync_is_a_caution(rig):
@@ -308,3 +306,32 @@ def test_a_producer_starts_with_each_bus_and_its_figures_are_in_the_statistics(p
     assert producer.method_calls[-1] == call.stop()
     # Its own frames are asked for, where the interface can.
     assert [own for *_, own in driver.opened] == [True, True]
+
+
+@pytest.mark.parametrize(('received', 'mapped'), [
+    # Without times, those of arrival; near this clock, the interface's; a day away, another epoch.
+    (0.0, T0), *((T0 - delay, T0 - delay) for delay in (
+        0.0, 1.0, OWN_EPOCH - 1.0, 1.0 - OWN_EPOCH)),
+    (T0 - OWN_EPOCH, T0), (T0 + OWN_EPOCH, T0)])
+def test_the_first_frame_decides_by_its_time(received, mapped):
+    assert ReceiveClock().epoch(received, T0) == mapped
+
+
+@pytest.mark.parametrize('frames', [
+    # The least delay of this span and the one before counts.
+    ((10.0, 0.005, 0.005), (10.1, 0.102, 0.102), (10.2, 0.207, 0.202),
+     (11.1, 1.106, 1.102), (11.2, 1.204, 1.202), (12.2, 2.209, 2.204), (12.3, 2.308, 2.304),
+     (13.4, 3.409, 3.408)),
+    # A span ends after exactly a second.
+    ((10.0, 0.0, 0.0), (9.998, 0.0, -0.002), (10.994, 1.0, 0.994), (11.989, 2.0, 1.995)),
+    # An offset holds up to a day's difference.
+    ((1e6, 0.0, 0.0), (1e6 - OWN_EPOCH, 0.0, -OWN_EPOCH), (1e6 - OWN_EPOCH - 1.0, 0.0, 0.0)),
+    # A device that restarts gets a new offset at once.
+    ((200_000.0, 0.0, 0.0), (1.0, 0.5, 0.5), (1.1, 0.65, 0.6)),
+    # A clock that is set back begins a new span.
+    ((100.0, 0.0, 0.0), (101.0, -3600.0, -3600.0), (101.1, -3599.7, -3599.9),
+     (102.5, -3598.6, -3598.6))])
+def test_offsets_are_those_of_the_least_delay(frames):
+    clock = ReceiveClock()
+    for received, arrived, expected in frames:
+        assert clock.epoch(received, T0 + arrived) == pytest.approx(T0 + expected, abs=1e-6)

@@ -5,8 +5,7 @@
 
 from encoder_frames import decoder, values
 import pytest
-from spm_haptic_master.encoders.bus_load import frame_bits
-from spm_haptic_master.encoders.decoder_factory import unverified_joints
+from spm_haptic_master.encoders.decoder_factory import frame_bits, unverified_joints
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.parameters.encoders import sensors_of
 from spm_haptic_master.simulation.source_factory import make_source, source_text

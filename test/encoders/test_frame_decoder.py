@@ -3,16 +3,15 @@
 
 """Frames in, sets out: what is not taken, and what is reported of encoders and nodes."""
 
-import random
 import sys
 import threading
 
-import can
 from encoder_frames import answer, cycle, decoder, feed, LAYOUTS, PERIOD, sync, T0
 from marked_cycles import angle, by_cycle, rig, STATUS
 from marked_cycles import cycle as marked
 import pytest
 from spm_haptic_master.encoders import canopen
+from spm_haptic_master.encoders.frame_decoder import recent
 
 NOW = T0 + 1.0
 EMERGENCY = 'EMCY 0x5000 device hardware, error register 0x01'
@@ -49,21 +48,6 @@ def test_a_frame_of_another_kind_changes_nothing(fields, reason):
         stream[1].insert(place, answer(1, T0 + PERIOD + 1e-4 * place, **fields))
         assert by_cycle(feed(taker, sum(stream, []))) == {0: set(), 1: set(), 2: set()}
         assert taker.tally()[reason] == 1
-
-
-def test_random_frames_lose_nothing_and_add_nothing():
-    """Four before each frame of a cycle; none passes for one of the bus's own."""
-    rng, taker, cycles, got = random.Random(20), decoder(), 300, []
-    others = (0, 0x81, 0x84, 0x123, 0x701, 0x704)
-    for number in range(cycles):
-        for message in marked(LAYOUTS, number):
-            got += feed(taker, [can.Message(
-                arbitration_id=rng.choice(others), data=rng.randbytes(rng.randrange(9)),
-                is_extended_id=rng.random() < 0.3, is_error_frame=rng.random() < 0.2,
-                is_fd=rng.random() < 0.2, timestamp=message.timestamp) for _ in range(4)])
-            got += feed(taker, [message])
-    assert taker.counters['frames'] == 25 * cycles
-    assert by_cycle(got) == {number: set() for number in range(cycles)}
 
 
 def test_mixed_layouts_on_one_bus():
@@ -171,7 +155,7 @@ def test_counters_are_read_while_another_thread_adds_new_ones():
     counting = threading.Thread(target=count)
     counting.start()
     try:
-        for _ in range(1000):
+        for _ in range(200):
             assert all(number > 0 for number in taker.tally().values())
     finally:
         ended.set()
@@ -194,28 +178,6 @@ def test_an_answer_after_a_complete_set_is_a_caution_for_a_while():
     assert late.caution(T0 + 0.01) is None
 
 
-def test_error_frames_set_what_good_frames_clear():
-    taker = decoder()
-
-    def state(message):
-        taker.feed(message)
-        return taker.bus_error, taker.bus_off
-
-    def error(identifier):
-        return can.Message(arbitration_id=identifier, is_error_frame=True, timestamp=T0)
-
-    assert (taker.bus_error, taker.bus_off) == (None, False)
-    assert state(error(0x88)) == ('protocol violation, bus error', False)
-    assert state(error(0x40)) == ('bus-off', True)
-    assert state(error(0x100)) == ('controller restarted', True)
-    # A rejected frame clears nothing, and is no sign of life.
-    assert state(answer(0, T0, is_extended_id=True)) == ('controller restarted', True)
-    encoder = taker.encoders[0]
-    assert (encoder.heard, encoder.refused) == (None, (T0, 'identifier width'))
-    assert state(answer(0, T0)) == (None, False)
-    assert (encoder.heard, encoder.frames.count) == (T0, 1)
-
-
 def test_the_window_without_sync_is_half_a_period_at_most():
     messages = [answer(index, T0 + at) for index, at in enumerate((0.0, 1e-4, 2e-4, 4.9e-4))]
     assert len(feed(decoder(encoders__sync_id=0), messages)) == 1
@@ -226,7 +188,7 @@ def test_the_window_without_sync_is_half_a_period_at_most():
     assert narrow.assembler.counters['cycles'] == 2
 
 
-def test_statistics_have_rates_ages_missed_cycles_and_percentiles():
+def test_statistics_have_rates_ages_missed_cycles_and_percentiles(clock):
     """Sets whose last answer lags by 5, 10 .. 1000 us."""
     taker = decoder(encoders__window=5e-3, rate=100.0, can__protocol='raw')
     figures = taker.statistics(T0)
@@ -238,7 +200,9 @@ def test_statistics_have_rates_ages_missed_cycles_and_percentiles():
                      answer(3, at + 1e-3 + 5e-6 * number)])
     for number in range(300):
         feed(taker, [sync(T0 + 10.0 + 0.01 * number)])
+    clock.now = 4.0
     figures = taker.statistics(T0 + 13.0)
+    assert figures['joint_1a frame rate (Hz)'] == 50.0
     for name, expected in (('skew', (505, 995, 1000)), ('SYNC jitter', (0, 0, 7990000))):
         words = figures[f'{name} p50 / p99 / max (us)'].split(' / ')
         assert [float(part) for part in words] == pytest.approx(expected, abs=1)
@@ -250,3 +214,9 @@ def test_statistics_have_rates_ages_missed_cycles_and_percentiles():
     figures = without_sync.statistics(T0)
     assert figures['cycle jitter p50 / p99 / max (us)'] == '0 / 0 / 0'
     assert figures['joint_1a node 1'] == 'unknown, no heartbeat yet'
+
+
+@pytest.mark.parametrize(('when', 'expected'), [
+    (None, False), (64.0, True), (63.51, True), (63.5, False), (64.49, True), (64.5, False)])
+def test_recent_is_within_the_span_on_either_side(when, expected):
+    assert recent(when, 64.0, 0.5) == expected

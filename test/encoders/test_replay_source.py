@@ -44,6 +44,15 @@ def test_a_log_without_times_cannot_be_played(replay):
             source.read(1.0)
 
 
+def test_two_sets_of_one_stamp_are_played_in_every_round(replay):
+    """As in a log of 1 ms resolution."""
+    frames = stream(0, 0, 1)
+    for message in frames[:10]:
+        message.timestamp = frames[0].timestamp
+    source = replay(frames, replay__loop=True)
+    assert all(source.read(1.0) for _ in range(9))
+
+
 @pytest.mark.parametrize('rate', [1.0, 4.0])
 def test_sets_are_due_at_their_last_frame(replay, clock, rate):
     source = replay(stream(*range(5)), rate)

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 from encoder_frames import values
 import numpy as np
 import pytest
-from spm_haptic_master.encoders import deadline_grid
+from spm_haptic_master import timing
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.simulation import sim_source
 from spm_haptic_master.simulation.fault_injection import parse_switched
@@ -68,7 +68,7 @@ def test_samples_come_at_the_rate_with_the_angles_of_their_time(monkeypatch):
         now[0] += round((seconds + 1e-3 * late) * SECOND)
 
     clock = SimpleNamespace(monotonic=lambda: 1e-9 * now[0], time_ns=lambda: now[0], sleep=sleep)
-    monkeypatch.setattr(deadline_grid, 'time', clock)
+    monkeypatch.setattr(timing, 'time', clock)
     monkeypatch.setattr(sim_source, 'time', clock)
     source = source_of(rate=200.0, sim__noise_deg=0.0, sim__trajectory='perturbed')
     samples = read(source, 100)

@@ -10,11 +10,11 @@ from encoder_frames import LAYOUTS, values
 import numpy as np
 import pytest
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.simulation.bus_runner import BusRunner
 from spm_haptic_master.simulation.fault_injection import parse_fault
 from spm_haptic_master.simulation.noisy_motion import make_motion
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus
+from spm_haptic_master.timing import DeadlineGrid
 
 START = canopen.nmt(canopen.NMT_START, 0)
 SYNC = 0x80

@@ -1,21 +1,20 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Producer of SYNC, on an absolute grid and in a thread of its own."""
+"""SYNC: its producer, on an absolute grid and in a thread of its own, and a check of its rate."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from math import nan
 import threading
 import time
 
 import can
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.bus_errors import BUS_ERRORS
-from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
-from spm_haptic_master.encoders.frame_checks import percentiles_text
-from spm_haptic_master.timing import LatencyMeter
+from spm_haptic_master.encoders.can_bus import BUS_ERRORS
+from spm_haptic_master.timing import DeadlineGrid, LatencyMeter
 
 # Pause after another master's SYNC (s): CANopen allows one SYNC producer only.
 QUIET = 1.0
@@ -27,6 +26,18 @@ PROBE = 0.05
 NAP = 0.05
 # Number of SYNCs remembered until their cycle is opened: a second without a frame at 1 kHz.
 WAITING = 1000
+# Time over which SYNC is counted (s), and the fewest that show a rate.
+SPAN, FEWEST = 1.0, 10
+# Largest relative deviation of the time between two SYNCs that are one period apart (unit 1).
+TOLERANCE = 0.25
+# Smallest share of such SYNCs (unit 1): where SYNCs come late or are lost on a busy machine, many
+# are still one period apart; on a bus of another rate hardly any is.
+SHARE = 0.1
+
+
+def percentiles_text(meter: LatencyMeter) -> str:
+    """Return median, 99th percentile and maximum, us, of the latest latencies; empty if none."""
+    return ' / '.join(f'{value:.0f}' for value in meter.percentiles(0.5, 0.99, 1.0) or ())
 
 
 class SyncProducer:
@@ -156,3 +167,42 @@ class SyncProducer:
             self.failed += 1
             return False
         return True
+
+
+class SyncRate:
+    """Compares the times between SYNCs with the configured `period`, s, in spans of a second."""
+
+    def __init__(self, period: float):
+        self._period = period
+        # Begin of the span; time of the latest SYNC, s. In the span, numbers of SYNCs and of those
+        # one period after the one before.
+        self._began = self._last = nan
+        self._count = self._fits = 0
+        # Rate of the latest span, Hz, if that is another than the configured one.
+        self.measured: float | None = None
+
+    def heard(self, stamp: float) -> None:
+        """Count a SYNC received at `stamp`, s."""
+        if not 0.0 <= stamp - self._last <= SPAN:
+            self._begin(stamp)
+            return
+        self._count += 1
+        self._fits += self._period * (1.0 - TOLERANCE) < stamp - self._last \
+            < self._period * (1.0 + TOLERANCE)
+        self._last = stamp
+        span = stamp - self._began
+        if span >= SPAN and self._count >= FEWEST:
+            other = self._fits < SHARE * self._count
+            self.measured = self._count / span if other else None
+            self._begin(stamp)
+
+    def text(self) -> str | None:
+        """Return that the rate is another one, in words; None if it is not."""
+        measured = self.measured
+        return None if measured is None else (
+            f'SYNC comes at {measured:.0f} Hz, rate is {1.0 / self._period:g} Hz: give rate, as '
+            'it is on the bus, to all nodes (can_scan prints it)')
+
+    def _begin(self, stamp: float) -> None:
+        self._began = self._last = stamp
+        self._count = self._fits = 0

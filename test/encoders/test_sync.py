@@ -1,14 +1,16 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""SYNC on its grid, and which cycles the SYNCs sent here open."""
+"""SYNC on its grid, which cycles the SYNCs sent here open, and a SYNC of another rate."""
 
 import threading
 
 import can
 from encoder_frames import T0
+import numpy as np
 import pytest
-from spm_haptic_master.encoders.sync_producer import LISTEN, PROBE, QUIET, SyncProducer
+from spm_haptic_master.encoders.sync import LISTEN, PROBE, QUIET, SyncProducer, SyncRate
+from spm_haptic_master.timing import DeadlineGrid
 
 PERIOD = 0.01
 
@@ -104,6 +106,14 @@ def test_another_master_keeps_it_quiet_for_the_pause_and_it_resumes(producer, cl
     assert made.openings(T0 + 100.0) == []
 
 
+def test_every_sync_of_another_master_counts_as_its(producer, clock):
+    """Also while SYNCs sent here, of which no frame has come since, wait for their cycles."""
+    made = producer(0.5, lambda number: number == 10 and made.heard(T0))
+    made._run()
+    made.heard(T0 + clock.now)
+    assert (made.sent, made.foreign) == (10, 2)
+
+
 def test_a_refused_send_is_counted_and_the_grid_goes_on(producer, clock):
     refusals = [can.CanOperationError('full'), OSError('down'), ValueError('too long'),
                 ImportError('no back end')]
@@ -165,3 +175,49 @@ def test_the_thread_starts_and_ends_again_and_again():
         made.stop()
         made.stop()
         assert not thread.is_alive()
+
+
+@pytest.mark.parametrize(('late', 'missed'), [(0.009, 0), (0.0105, 1), (0.0305, 3)])
+def test_the_grid_keeps_its_phase_and_counts_what_passed(clock, late, missed):
+    grid = DeadlineGrid(PERIOD)
+    grid.wait(1.0)
+    assert (clock.slept, grid.lateness, grid.missed) == ([], 0.0, 0)
+    clock.late = late
+    grid.wait(1.0)
+    assert grid.missed == missed
+    assert grid.lateness == pytest.approx(late, abs=1e-9)
+    clock.late = 0.0
+    grid.wait(1.0)
+    assert clock.now == pytest.approx((2 + missed) * PERIOD, abs=1e-9)
+    assert grid.missed == missed
+
+
+def test_a_deadline_is_waited_for_up_to_the_timeout(clock):
+    grid = DeadlineGrid(0.25)
+    grid.wait(1.0)
+    assert not grid.wait(0.125)
+    assert clock.slept == [0.125]
+    assert grid.wait(0.125)
+    assert clock.now == 0.25
+
+
+STEADY = np.arange(0.0, 5.0, 1e-3)
+RNG = np.random.default_rng(5)
+
+
+@pytest.mark.parametrize(('stamps', 'measured'), [
+    *((np.arange(0.0, 3.0, 1.0 / bus), bus) for bus in (100.0, 200.0, 500.0, 2000.0, 30.0)),
+    # A busy machine: two of three are lost, or late by up to two periods.
+    (STEADY, None), (STEADY[RNG.random(5000) < 1.0 / 3.0], None),
+    (np.sort(STEADY + RNG.uniform(0.0, 2e-3, 5000)), None),
+    # The cause has ended; a gap, or a clock set back, is no rate.
+    ([*np.arange(0.0, 2.0, 5e-3), *np.arange(2.0, 4.0, 1e-3)], None),
+    ([0.0, 0.001, 3.0, 3.001, 9.0, *np.arange(7.0, 9.0, 1e-3)], None), ([], None)])
+def test_another_rate_of_sync_is_reported_with_the_cure(stamps, measured):
+    found = SyncRate(1e-3)
+    for stamp in stamps:
+        found.heard(stamp)
+    assert found.measured == (measured and pytest.approx(measured, rel=0.02))
+    assert found.text() == (measured and (
+        f'SYNC comes at {measured:.0f} Hz, rate is 1000 Hz: give rate, as it is on the bus, to '
+        'all nodes (can_scan prints it)'))

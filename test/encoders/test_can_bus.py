@@ -10,8 +10,13 @@ import sys
 
 import can
 import pytest
-from spm_haptic_master.encoders.bus_errors import BUS_ERRORS, bus_name, error_words, first_line
-from spm_haptic_master.encoders.can_source import open_bus
+from spm_haptic_master.encoders.can_bus import (
+    BUS_ERRORS,
+    bus_name,
+    error_words,
+    first_line,
+    open_bus,
+)
 
 
 def test_the_first_line_is_enough():

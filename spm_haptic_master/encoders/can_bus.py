@@ -1,0 +1,135 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""A CAN bus of python-can: how it is opened and named, its errors in words, its times."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+import errno
+import logging
+from typing import Any
+
+import can
+from spm_haptic_master.exceptions import SettingError
+
+# Exceptions that python-can's interfaces raise if a bus cannot be opened or used.
+BUS_ERRORS = (can.CanError, OSError, ValueError, ImportError)
+
+# Port of udp_multicast where none is configured, by python-can.
+UDP_PORT = 43113
+# Remedies, by the text of python-can's error, and for errors of SocketCAN by their number.
+REMEDIES = {
+    'msgpack not installed': 'sudo apt install python3-msgpack; in a virtual environment: '
+    'pip install msgpack',
+    errno.EAFNOSUPPORT: 'this machine has no SocketCAN; give your bus, by --params-file rig.yaml '
+    'or -p can.interface:=... -p can.channel:=...',
+    errno.ENODEV: 'see `ip link`, and give your interface, by --params-file rig.yaml or '
+    '-p can.channel:=...',
+}
+# Error classes: bits of an error frame's identifier, by Linux's linux/can/error.h, which
+# python-can passes on unchanged; and their words.
+CONTROLLER, BUS_OFF, RESTARTED = 0x004, 0x040, 0x100
+CLASS_WORDS = {
+    0x001: 'transmit timeout', 0x002: 'lost arbitration', CONTROLLER: 'controller problem',
+    0x008: 'protocol violation', 0x010: 'transceiver', 0x020: 'no acknowledge (is any other node '
+    'on the bus?)', BUS_OFF: 'bus-off', 0x080: 'bus error', RESTARTED: 'controller restarted',
+}
+# Words for the bits of data byte 1 of a controller problem.
+CONTROLLER_WORDS = {
+    0x01: 'receive overflow', 0x02: 'transmit overflow', 0x04: 'receive warning level',
+    0x08: 'transmit warning level', 0x10: 'receive error passive', 0x20: 'transmit error passive',
+    0x40: 'error active again',
+}
+# Difference between receive time and this machine's clock (s) beyond which the device has an epoch
+# of its own, such as its start: no frame waits a day in a queue.
+OWN_EPOCH = 86400.0
+# Span for which the least delay is collected (s). The offset is the least of this span and the one
+# before; at a crystal's drift of 50 ppm it is wrong by 0.1 ms at most.
+SPAN = 1.0
+
+
+def bus_name(interface: str, channel: str) -> str:
+    """Return interface and channel of a bus, and its port if it is between processes."""
+    name = f'{interface} {channel}'
+    if interface == 'udp_multicast':
+        # Where python-can's configuration is broken, opening the bus reports it.
+        with suppress(*BUS_ERRORS):
+            config = can.util.load_config(config={'interface': interface, 'channel': channel})
+            return f'{name} port {config.get("port", UDP_PORT)}'
+    return name
+
+
+def first_line(error: Exception) -> str:
+    """Return the first line of an error's text, with a remedy; it may contain a traceback."""
+    line = (str(error) or type(error).__name__).splitlines()[0]
+    number = getattr(error, 'errno', None) or getattr(error, 'error_code', None)
+    remedy = REMEDIES.get(number or line)
+    return f'{line}: {remedy}' if remedy else line
+
+
+def error_words(message: can.Message) -> str:
+    """Return the errors that an error frame reports, in words."""
+    identifier, data = message.arbitration_id, message.data
+    words = [word for bit, word in CLASS_WORDS.items() if identifier & bit]
+    if identifier & CONTROLLER and len(data) > 1:
+        words += [word for bit, word in CONTROLLER_WORDS.items() if data[1] & bit]
+    return ', '.join(words) or f'unknown error 0x{identifier:X}'
+
+
+def check_interface(interface: str, name: str = 'can.interface') -> None:
+    """Raise SettingError if python-can has no such interface; `name` is that of the setting."""
+    if interface not in can.VALID_INTERFACES:
+        raise SettingError(name, interface,
+                           'one of ' + ', '.join(sorted(can.VALID_INTERFACES)))
+
+
+def open_bus(interface: str, channel: str, bitrate: int, own: bool = False) -> can.BusABC:
+    """
+    Open a bus by python-can's names ('socketcan' and 'can0' on a rig), or raise a BUS_ERROR.
+
+    python-can reads further settings of an interface from its configuration files and from
+    CAN_CONFIG. `bitrate`, bit/s, is for interfaces that set it themselves; 0 leaves it to the
+    system. `own` asks for the frames sent here, too, if the interface supports that.
+    """
+    # python-can logs the errors that it raises.
+    logging.getLogger('can').setLevel(logging.CRITICAL)
+    settings: dict[str, Any] = {'interface': interface, 'channel': channel}
+    if bitrate:
+        settings['bitrate'] = bitrate
+    if own:
+        with suppress(NotImplementedError, TypeError):  # not supported; opened without below
+            return can.Bus(**settings, receive_own_messages=True)
+    return can.Bus(**settings)
+
+
+class ReceiveClock:
+    """
+    Maps an interface's receive times to the Unix epoch.
+
+    The kernel's times already have this epoch. Times of a device that counts from its own start
+    are shifted by the least difference between arrival and receive time: the frame with the least
+    delay. Without receive times, the times of arrival are used.
+    """
+
+    def __init__(self) -> None:
+        # Start of the span, s since the Unix epoch; set with the first offset.
+        self._span_began: float
+        self._least = self._least_before = float('inf')
+
+    def epoch(self, received: float, arrived: float) -> float:
+        """Map a receive time, s (0: unknown), to the Unix epoch; it was read at `arrived`, s."""
+        if not received:
+            return arrived
+        delay = arrived - received
+        if abs(delay) < OWN_EPOCH:
+            return received
+        if abs(delay - self._least) > OWN_EPOCH:  # the first, or the device restarted
+            self._least = self._least_before = delay
+            self._span_began = arrived
+        elif not 0.0 <= arrived - self._span_began < SPAN:
+            self._least_before, self._least = self._least, delay
+            self._span_began = arrived
+        elif delay < self._least:
+            self._least = delay
+        return received + min(self._least, self._least_before)
