@@ -79,8 +79,7 @@ class BusRunner:
                 _send(self._bus, self._encoders.receive(message))
             timeout = 0.0
         _send(self._bus, self._encoders.tend(time.monotonic()))
-        news, self._encoders.news = tuple(self._encoders.news), []
-        return news
+        return self._encoders.faults.take_news()
 
     def _cycle(self, now: float) -> None:
         answers = self._encoders.cycle(now)

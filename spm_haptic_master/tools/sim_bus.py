@@ -118,8 +118,7 @@ def _run(args: list[str]) -> int:
             while time.monotonic() < end:
                 lines = runner.step()
                 if drives is not None and loop is not None:
-                    news, drives.news = drives.news, []
-                    lines += tuple(news)
+                    lines += drives.faults.take_news()
                     if loop.error is not None:
                         raise InputError(f'drives: {loop.error}')
                 for line in lines:

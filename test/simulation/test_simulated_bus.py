@@ -73,8 +73,7 @@ def test_a_fault_does_what_it_says_and_ends(fault, during, after):
         assert angles(bus.cycle(t)) == pytest.approx(
             {index: angle + np.radians(expected.get(index, 0.0)) for index, angle in TRUE.items()
              if expected.get(index, 0.0) is not None}, abs=4e-4)
-        assert bus.news == [f'{fault} {word}' for word in news]
-        bus.news.clear()
+        assert bus.faults.take_news() == tuple(f'{fault} {word}' for word in news)
     bus.receive(START)
     assert len(bus.cycle(12.1)) == 4
 
