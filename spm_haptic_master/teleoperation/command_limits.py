@@ -23,6 +23,7 @@ FADE_LONGEST = 0.1
 # Largest deviation of a pose's squared norm from 1 (unit 1): a controller in single precision
 # passes, a quaternion of zeros or of other numbers does not.
 NORM_TOLERANCE = 1e-3
+ZERO: Vector[float] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +48,7 @@ class LimitedRotation:
         # Where the target was at the last step; None where the command had reached it.
         self._target: Quaternion[float] | None = None
         self.rotation = rotation  # its sign is continuous
-        self.velocity: Vector[float] = (0.0, 0.0, 0.0)  # rad/s, base frame
+        self.velocity = ZERO  # rad/s, base frame
 
     def advance(self, target: Quaternion[float], dt: float) -> str:
         """
@@ -87,7 +88,10 @@ class LimitedRotation:
             self.rotation if before is None else before, moving, dt, speed, gain)
         if norm(velocity) * dt > (1.0 + ROUNDING) * limits.jump:
             return 'jump'
-        self._move(velocity, dt)
+        self.velocity = x, y, z = velocity
+        moved = multiply_quaternions(quaternion_from_vector(dt * x, dt * y, dt * z), self.rotation)
+        # A product of unit quaternions: only rounding is taken off.
+        self.rotation = unit_quaternion(moved) or self.rotation
         self._target = target
         return ''
 
@@ -111,18 +115,11 @@ class LimitedRotation:
         closing = 0.5 * gain * full + distance / ((full + 1) * dt)
         x, y, z = _scaled(error, closing / distance if distance > 0.0 else 0.0)
         wanted = x + moving[0], y + moving[1], z + moving[2]
-        velocity = _toward(self.velocity, _within(wanted, limit), gain)
+        velocity = _toward(self.velocity, _toward(ZERO, wanted, limit), gain)
         if norm(velocity) > limit:
             # The limit is lower than at the last step where this one is longer: it brakes.
-            velocity = _toward(self.velocity, _within(self.velocity, limit), gain)
+            velocity = _toward(self.velocity, _toward(ZERO, self.velocity, limit), gain)
         return velocity
-
-    def _move(self, velocity: Vector[float], dt: float) -> None:
-        self.velocity = x, y, z = velocity
-        moved = multiply_quaternions(
-            quaternion_from_vector(dt * x, dt * y, dt * z), self.rotation)
-        # A product of unit quaternions: only rounding is taken off.
-        self.rotation = unit_quaternion(moved) or self.rotation
 
 
 def unit_quaternion(quaternion: Quaternion[float]) -> Quaternion[float] | None:
@@ -145,7 +142,7 @@ class FadingTwist:
         # Number of zero velocities before the end: one may get lost.
         self._zeros = zeros
         self._left = 0
-        self._velocity: Vector[float] = (0.0, 0.0, 0.0)
+        self._velocity = ZERO
         # Deceleration of the end, rad/s^2; 0 while there is a command.
         self._fading = 0.0
 
@@ -166,7 +163,7 @@ class FadingTwist:
         if slower > 0.0:
             self._velocity = _scaled(self._velocity, slower / speed)
         else:
-            self._velocity = (0.0, 0.0, 0.0)
+            self._velocity = ZERO
             self._left -= 1
         return self._velocity
 
@@ -191,12 +188,6 @@ def norm(vector: Vector[float]) -> float:
     """Return the length of a vector."""
     x, y, z = vector
     return sqrt(x * x + y * y + z * z)
-
-
-def _within(vector: Vector[float], size: float) -> Vector[float]:
-    """Return a vector, shortened to a size where it is longer."""
-    found = norm(vector)
-    return vector if found <= size else _scaled(vector, size / found)
 
 
 def _scaled(vector: Vector[float], scale: float) -> Vector[float]:

@@ -20,6 +20,7 @@ from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.geometry import geometry_from
 from spm_haptic_master.parameters.limits import sigma_from
 from spm_haptic_master.parameters.nodes import DRIVER_NAMES, SOURCE_SETTINGS
+from spm_haptic_master.parameters.resolver import DRIVER
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.parameters.shared import SENSORS_SETTING
 from spm_haptic_master.simulation.source_factory import make_replay
@@ -48,14 +49,8 @@ a CSV file with measured_js. Writes supervise.png and regions.csv."""
 # Kinds of recordings of joint angles, by the ends of their names; a directory is one of rosbag2 or
 # recorder.
 JOINT_FILES = ('.csv', '.mcap', '.db3')
-# Nodes whose parameters it takes, and the names of these.
-NODES = ('encoder_driver', 'fkm')
-NAMES = DRIVER_NAMES | {setting.name for setting in FKM_SETTINGS}
 # Unit that a proposed nominal bias is rounded up to (deg).
 BIAS_UNIT = 0.01
-# Why no smaller one is proposed.
-FLOOR = ('not below the bias_deg in use: a recording shows one combination of the errors, where '
-         'it has been;\n  # calibrate bounds each over the workspace')
 # Number of reasons that are printed.
 REASONS = 8
 
@@ -70,7 +65,8 @@ def _run(args: list[str]) -> int:
     # matplotlib is an extra: report that it is missing before anything is computed.
     from spm_haptic_master.tools import supervision_figure
 
-    given = command_line.given(options, NODES, NAMES)
+    given = command_line.given(options, (DRIVER, 'fkm'),
+                               DRIVER_NAMES | {setting.name for setting in FKM_SETTINGS})
     stamps, angles, left_out = _read(options, given)
     sensors = angles.shape[1]
     values = command_line.checked({SENSORS_SETTING.name: sensors} | given, FKM_SETTINGS)
@@ -132,14 +128,11 @@ def _read(options: argparse.Namespace,
 
 def _is_can_log(path: Path) -> bool:
     """Return whether a CSV file is a log of python-can and not a table of joint angles."""
-    if path.suffix != '.csv':
-        return False
     try:
         with open(path, encoding='utf-8-sig') as file:
-            header = file.readline()
+            return path.suffix == '.csv' and 'arbitration_id' in file.readline()
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f'{path}: cannot be read: {error}') from error
-    return 'arbitration_id' in header
 
 
 def _report_gaps(angles: NDArray[np.float64], left_out: int) -> None:
@@ -193,8 +186,7 @@ def _propose(stamps: NDArray[np.int64], angles: NDArray[np.float64], table: list
     if unknown.all():
         print('  no sigma_deg: fewer than four samples in a row')
     else:
-        names = ', '.join(name for name, each in zip(ALL_JOINT_NAMES, unknown, strict=False)
-                          if each)
+        names = ', '.join(np.array(ALL_JOINT_NAMES)[:len(unknown)][unknown])
         sigma = ', '.join(f'{each:.4f}' for each in np.where(unknown, now, noise))
         kept = f'; as it is for {names}, which lack four readings in a row' if names else ''
         print(f'  sigma_deg: [{sigma}]   # now {now}{kept}')
@@ -203,7 +195,9 @@ def _propose(stamps: NDArray[np.int64], angles: NDArray[np.float64], table: list
     else:
         now = values['bias_deg']
         print(f'  bias_deg: {proposed_bias(bias, now)}   # now {list(now)}; largest mean parity '
-              f'{bias:.4f} deg;\n  # {FLOOR}')
+              f'{bias:.4f} deg;\n  # not below the bias_deg in use: a recording shows one '
+              'combination of the errors, where it has been;\n  # calibrate bounds each over the '
+              'workspace')
 
 
 def proposed_bias(parity: float, now: Sequence[float]) -> list[float]:
