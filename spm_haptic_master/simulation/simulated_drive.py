@@ -76,20 +76,16 @@ class DriveObjects(ObjectStore):
 class SimulatedDrive:
     """One drive with its states, time-outs, heat and faults, by `own` of a plan."""
 
-    def __init__(self, plan: Plan, own: DrivePlan, factory: bool = False):
+    def __init__(self, plan: Plan, own: DrivePlan, factory: bool):
         self.node_id = own.node_id
         self.objects = DriveObjects(plan, own, factory)
         self.faults: dict[str, float] = {}  # present ones of DRIVE_KINDS, with their values
-        self.nmt = canopen.PRE_OPERATIONAL
-        self.state = State.DISABLED
-        # Times of the latest torque frame and heartbeat of the master, None before the first or
-        # after they were missed; of the own latest heartbeat and status frame, and step, s.
-        self._torque_at: float | None = None
-        self._master_at: float | None = None
+        # Times of the own latest heartbeat, status frame and step, s.
         self._heartbeat_at = self._status_at = float('-inf')
         self._now: float | None = None
         self._heat = 0.0
         self._control = self._target = 0
+        self.boot()
 
     @property
     def torque(self) -> int:
@@ -101,7 +97,10 @@ class SimulatedDrive:
         """Enter pre-operational, and return the boot-up message."""
         self.objects.restart()
         self.nmt, self.state = canopen.PRE_OPERATIONAL, State.DISABLED
-        self._torque_at = self._master_at = None
+        # Times of the latest torque frame and heartbeat of the master, s; None before the first
+        # and after they were missed.
+        self._torque_at: float | None = None
+        self._master_at: float | None = None
         return [heartbeat(self.node_id, canopen.BOOT_UP)]
 
     def receive(self, message: can.Message, now: float) -> list[can.Message]:
@@ -127,9 +126,8 @@ class SimulatedDrive:
 
     def tend(self, now: float) -> list[can.Message]:
         """Let time go on to `now`, s; return the frames that are due."""
-        elapsed = 0.0 if self._now is None else now - self._now
+        sent = self._time_out(now) + self._heat_up(0.0 if self._now is None else now - self._now)
         self._now = now
-        sent = self._time_out(now) + self._heat_up(elapsed)
         if 'drive' in self.faults and self.state is not State.FAULT:
             sent += self._fail(int(self.faults['drive']))
         objects = self.objects

@@ -29,7 +29,7 @@ from spm_haptic_master.supervision.recording import Supervised
 from spm_haptic_master.supervision.symptom import with_remedy
 from spm_haptic_master.tools import command_line
 from spm_haptic_master.tools.progress_bar import LINE_PERIOD, ProgressBar
-from spm_haptic_master.validation import recordings
+from spm_haptic_master.validation import bags, recordings
 from spm_haptic_master.validation.parity_map import (
     nominal_bias,
     parity_map,
@@ -46,9 +46,6 @@ the share of orientations published, the parity by region of the workspace, and 
 bias_deg that the recording supports; no bias_deg below the given one. RECORDING is a log of the
 CAN bus (decoded with the parameters of the encoder driver), a directory of recorder, a rosbag2 or
 a CSV file with measured_js. Writes supervise.png and regions.csv."""
-# Kinds of recordings of joint angles, by the ends of their names; a directory is one of rosbag2 or
-# recorder.
-JOINT_FILES = ('.csv', '.mcap', '.db3')
 # Unit that a proposed nominal bias is rounded up to (deg).
 BIAS_UNIT = 0.01
 # Number of reasons that are printed.
@@ -110,7 +107,8 @@ def _read(options: argparse.Namespace,
           given: dict[str, object]) -> tuple[NDArray[np.int64], NDArray[np.float64], int]:
     """Return the stamps, ns, the joint angles, rad, and how many rows have too few of them."""
     path = options.recording
-    if path.is_dir() or path.suffix in JOINT_FILES and not _is_can_log(path):
+    if path.is_dir() or path.suffix in bags.STORAGE_SUFFIXES \
+            or path.suffix == '.csv' and not _is_can_log(path):
         track = recordings.read_joints(path, options.topic)
         if track is None:
             raise InputError(f'{path}: nothing on topic {options.topic}')
@@ -130,7 +128,7 @@ def _is_can_log(path: Path) -> bool:
     """Return whether a CSV file is a log of python-can and not a table of joint angles."""
     try:
         with open(path, encoding='utf-8-sig') as file:
-            return path.suffix == '.csv' and 'arbitration_id' in file.readline()
+            return 'arbitration_id' in file.readline()
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f'{path}: cannot be read: {error}') from error
 
