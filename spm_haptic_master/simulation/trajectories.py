@@ -90,4 +90,4 @@ def tilted(tilt: float, azimuth: float, phi: float) -> tuple[float, float, float
     along = cos(tilt) / sqrt(3.0)
     x, y, z = (along + sin(tilt) * (cos(azimuth) * a + sin(azimuth) * b)
                for a, b in zip(*ACROSS, strict=True))
-    return atan2(x, -y), acos(max(-1.0, min(1.0, z))), phi
+    return atan2(x, -y), acos(z), phi
