@@ -103,7 +103,7 @@ class DriveLoop:
         self._bus, self._drives = bus, drives
         self.error: str | None = None
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name='drives', daemon=True)
+        self._thread = threading.Thread(target=self._run, name='drives')
         self._thread.start()
 
     def close(self) -> None:
