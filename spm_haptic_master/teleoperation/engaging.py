@@ -18,7 +18,7 @@ from enum import Enum
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.kinematics.rotations import rotation_distance
 from spm_haptic_master.supervision.orientation_state import OrientationState
-from spm_haptic_master.teleoperation.command_limits import CommandLimits, ZERO
+from spm_haptic_master.teleoperation.command_limits import CommandLimits, Following, ZERO
 from spm_haptic_master.teleoperation.conditions import (
     Conditions,
     Inputs,
@@ -28,7 +28,6 @@ from spm_haptic_master.teleoperation.conditions import (
     NOT_ALIGNED,
     Roll,
 )
-from spm_haptic_master.teleoperation.following import Following
 from spm_haptic_master.timing import SECOND, StampGrid
 
 # Time (s) beyond the longest step whose commands may go out at once: what a computer without real
