@@ -11,7 +11,7 @@ import time
 
 import numpy as np
 from spm_haptic_master.benchmark.child_process import Program
-from spm_haptic_master.benchmark.measured_process import SAMPLE_SIZE, STACKS_SIGNAL
+from spm_haptic_master.benchmark.measured_process import SAMPLE, STACKS_SIGNAL
 from spm_haptic_master.timing import SECOND
 
 # Time without an orientation on a living bus that counts as a stall (s).
@@ -35,7 +35,7 @@ class Watch:
     @property
     def count(self) -> int:
         """Return the number of orientations that the observer has written."""
-        return self._size // SAMPLE_SIZE
+        return self._size // SAMPLE.size
 
     def tend(self, alive_since: float | None, processes: Mapping[str, Program]) -> None:
         """Look for orientations since the last call."""

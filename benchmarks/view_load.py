@@ -22,7 +22,7 @@ from benchmarks import browser_process
 from benchmarks.soak_report import resident_memory
 from spm_haptic_master.benchmark.child_process import executable, Program, wait_until
 from spm_haptic_master.benchmark.comparison import disturbance, MASTER, p50, p99, ratio, summary
-from spm_haptic_master.benchmark.run import measure, PipelineError, process_ticks, Run, TICK
+from spm_haptic_master.benchmark.run import all_processes, measure, PipelineError, Run, TICK
 from spm_haptic_master.parameters.arguments import positive
 from spm_haptic_master.tools.benchmark import measurement_parser, run
 
@@ -116,9 +116,9 @@ def _print(number: int, rounds: int, run: Run, more: str = '') -> None:
 def _with_load(view: Program, load: ViewLoad, seconds: float, _: Mapping[str, Program],
                __: Path) -> None:
     """Measure `view` over the window."""
-    ticks, load.before = process_ticks(view.pid), resident_memory(view.pid)
+    ticks, load.before = all_processes()[view.pid][1], resident_memory(view.pid)
     time.sleep(seconds)
-    load.cpu = 100.0 * TICK * (process_ticks(view.pid) - ticks) / seconds
+    load.cpu = 100.0 * TICK * (all_processes()[view.pid][1] - ticks) / seconds
     load.after = resident_memory(view.pid)
 
 

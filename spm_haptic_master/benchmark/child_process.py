@@ -74,19 +74,14 @@ def bus_channel() -> str:
 
 def executable(name: str, *args: str, parameters: Mapping[str, object] | None = None) -> list[str]:
     """Return the command line of an executable of the package, with ROS parameters by name."""
-    command = [sys.executable, '-m', 'spm_haptic_master', name, *args]
-    if parameters:
-        command += ['--ros-args', *parameter_arguments(parameters)]
-    return command
+    given = ['--ros-args', *parameter_arguments(parameters)] if parameters else []
+    return [sys.executable, '-m', 'spm_haptic_master', name, *args, *given]
 
 
 def parameter_arguments(parameters: Mapping[str, object]) -> list[str]:
     """Return `-p name:=value` of each parameter."""
-    arguments = []
-    for name, value in parameters.items():
-        text = str(value).lower() if isinstance(value, bool) else str(value)
-        arguments += ['-p', f'{name}:={text}']
-    return arguments
+    return [word for name, value in parameters.items() for word in (
+        '-p', f'{name}:={str(value).lower() if isinstance(value, bool) else value}')]
 
 
 def wait_until(condition: Callable[[], object], seconds: float) -> bool:
@@ -112,21 +107,18 @@ class Program:
                  error_to: int | None = None):
         self.command = tuple(command)
         self._out, self._err = tempfile.TemporaryFile(), tempfile.TemporaryFile()
-        self._process = subprocess.Popen(
+        self._process = process = subprocess.Popen(
             self.command, cwd=directory, stdin=subprocess.DEVNULL, stdout=self._out,
             stderr=self._err if error_to is None else error_to, start_new_session=new_session,
             env=private_environment() if environment is None else environment)
+        # The process id; the exit code, None while it runs; and a signal to it, if it still runs.
+        self.pid, self.poll, self.send_signal = process.pid, process.poll, process.send_signal
 
     def __enter__(self) -> Program:
         return self
 
     def __exit__(self, *_: object) -> None:
         self.stop()
-
-    @property
-    def pid(self) -> int:
-        """Return the process id."""
-        return self._process.pid
 
     @property
     def stdout(self) -> str:
@@ -137,14 +129,6 @@ class Program:
     def stderr(self) -> str:
         """Return the standard error so far."""
         return _content(self._err)
-
-    def poll(self) -> int | None:
-        """Return the exit code, None while it runs."""
-        return self._process.poll()
-
-    def send_signal(self, number: int) -> None:
-        """Send a signal, if it still runs."""
-        self._process.send_signal(number)
 
     def kill(self) -> None:
         """End it at once, by SIGKILL."""

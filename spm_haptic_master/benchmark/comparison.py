@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 import csv
 from datetime import date
@@ -55,7 +55,9 @@ def load_of_relay(run: Run) -> float:
 
 def published(run: Run) -> float:
     """Return the median time from sample stamp to publication by `fkm`, us; NaN if unknown."""
-    return float(np.median(run.reported('fkm: timing', 'latency p50 (us)') or [np.nan]))
+    return float(np.median([
+        float(values['latency p50 (us)']) for _, name, values in run.statuses
+        if name == 'fkm: timing' and 'latency p50 (us)' in values] or [np.nan]))
 
 
 # The figures of a pipeline that are compared with those of another one.
@@ -74,8 +76,8 @@ def compare(seconds: float, rounds: int, rate: float, parameters: Mapping[str, s
 
     runs.csv, one line for each run, goes into the output directory.
     """
-    runs: list[Run] = []
-    rows = []
+    output.mkdir(parents=True, exist_ok=True)
+    runs, rows = [], []
     for number in range(1, rounds + 1):
         for case in CASES:
             run = measure(case, seconds, rate, parameters)
@@ -166,7 +168,8 @@ def table(runs: Sequence[Run]) -> str:
     lines = ['| pipeline | Hz | p50 us | p90 | p99 | p99.9 | max | lost of made '
              '| deadlines missed | CPU, % of a core |',
              '|---|---|---|---|---|---|---|---|---|---|']
-    for case, of_case in _by_case(runs):
+    for case in dict.fromkeys(run.case for run in runs):
+        of_case = [run for run in runs if run.case is case]
         latencies = [quantiles(run.latencies) for run in of_case]
         lines.append('| ' + ' | '.join([
             case.name, f'{median(run.achieved for run in of_case):.1f}',
@@ -181,14 +184,6 @@ def table(runs: Sequence[Run]) -> str:
 def ratio(runs: Sequence[Run], above: Case, below: Case,
           figure: Callable[[Run], float]) -> str:
     """Return median and range, over the rounds, of the ratio of a figure of two pipelines."""
-    by_case = dict(_by_case(runs))
-    each = [figure(a) / figure(b)
-            for a, b in zip(by_case[above], by_case[below], strict=True)]
+    figures = ([figure(run) for run in runs if run.case is case] for case in (above, below))
+    each = [a / b for a, b in zip(*figures, strict=True)]
     return f'{median(each):.2f} ({min(each):.2f} .. {max(each):.2f})'
-
-
-def _by_case(runs: Iterable[Run]) -> list[tuple[Case, list[Run]]]:
-    found: dict[Case, list[Run]] = {}
-    for run in runs:
-        found.setdefault(run.case, []).append(run)
-    return list(found.items())

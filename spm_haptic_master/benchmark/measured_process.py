@@ -11,12 +11,12 @@ prints the stacks of all threads on standard error.
 
 from __future__ import annotations
 
-from array import array
 import faulthandler
 from importlib import import_module
 import json
 from pathlib import Path
 import signal
+from struct import Struct
 import sys
 import threading
 import time
@@ -50,10 +50,10 @@ FRAME = 'spm_base'
 POSITIONS = [0.5, 0.5, 0.5, 0.5]
 # Line on standard output after the first sample.
 READY = 'first orientation'
-# Files of the samples (pairs of int64: arrival, stamp, ns) and of the statuses (JSON, one a line).
+# Files of the samples and of the statuses (JSON, one a line).
 SAMPLES_FILE, STATUSES_FILE = 'samples.bin', 'statuses.jsonl'
-# Size of a sample in its file (bytes).
-SAMPLE_SIZE = 16
+# A sample in its file: arrival and stamp (ns).
+SAMPLE = Struct('=qq')
 # Time between two writes of samples (ns).
 WRITE_PERIOD = 100_000_000
 # Outputs of `fkm` beside the orientation, by topic.
@@ -132,9 +132,8 @@ class Observer(ParameterNode):
 
     def __init__(self, parameters: Parameters, name: str, directory: Path) -> None:
         super().__init__('observer', parameters)
-        self._samples = array('q')
         self._written = 0
-        self._samples_file = open(directory / SAMPLES_FILE, 'wb', buffering=0)
+        self._samples_file = open(directory / SAMPLES_FILE, 'wb')
         self._statuses_file = open(directory / STATUSES_FILE, 'w', encoding='utf-8')
         self.create_subscription(QuaternionStamped, 'orientation', self._on_sample, SAMPLES)
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 100)
@@ -143,8 +142,7 @@ class Observer(ParameterNode):
                 self.create_subscription(kind, topic, lambda _: None, SAMPLES)
 
     def destroy_node(self) -> None:
-        """Write the rest, close the files and destroy the node."""
-        self._write_samples()
+        """Close the files and destroy the node."""
         self._samples_file.close()
         self._statuses_file.close()
         super().destroy_node()
@@ -154,15 +152,10 @@ class Observer(ParameterNode):
         stamp = message.header.stamp
         if not self._written:
             print(READY, flush=True)
-        self._samples.append(now)
-        self._samples.append(stamp.sec * SECOND + stamp.nanosec)
+        self._samples_file.write(SAMPLE.pack(now, stamp.sec * SECOND + stamp.nanosec))
         if now - self._written >= WRITE_PERIOD:
             self._written = now
-            self._write_samples()
-
-    def _write_samples(self) -> None:
-        self._samples_file.write(self._samples.tobytes())
-        del self._samples[:]
+            self._samples_file.flush()
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         stamp = message.header.stamp.sec * SECOND + message.header.stamp.nanosec

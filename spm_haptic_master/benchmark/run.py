@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 import json
 import os
@@ -83,11 +83,6 @@ class Run:
         """Orientations a second, Hz."""
         return len(self.latencies) / self.span
 
-    def reported(self, entry: str, key: str) -> list[float]:
-        """Return the values of a key in an entry of /diagnostics, in the order of the statuses."""
-        return [float(values[key]) for _, name, values in self.statuses
-                if name == entry and key in values]
-
 
 @contextmanager
 def running(case: Case, parameters: Mapping[str, object],
@@ -107,8 +102,7 @@ def running(case: Case, parameters: Mapping[str, object],
             return READY in started[case.observer].stdout
 
         if not wait_until(arrived, START_TIMEOUT):
-            raise PipelineError(f'{case.name}: no orientation within {START_TIMEOUT:g} s\n'
-                                + _complaints(started))
+            raise _failed(case, f'no orientation within {START_TIMEOUT:g} s', started)
         yield started
         check_alive(case, started)
     finally:
@@ -121,8 +115,7 @@ def running(case: Case, parameters: Mapping[str, object],
                 print(f'{case.name}: {name}: {error}', file=sys.stderr)
     for name, process in started.items():
         if process.poll() not in (0, -signal.SIGKILL):
-            raise PipelineError(f'{case.name}: {name} ended with {process.poll()}\n'
-                                + _complaints(started))
+            raise _failed(case, f'{name} ended with {process.poll()}', started)
 
 
 def start_process(name: str, directory: Path, parameters: Mapping[str, object]) -> Program:
@@ -135,12 +128,13 @@ def check_alive(case: Case, running: Mapping[str, Program]) -> None:
     """Raise PipelineError if a process has ended."""
     for name, process in running.items():
         if process.poll() is not None:
-            raise PipelineError(f'{case.name}: {name} ended by itself\n' + _complaints(running))
+            raise _failed(case, f'{name} ended by itself', running)
 
 
-def _complaints(running: Mapping[str, Program]) -> str:
-    """Return what the processes have printed on standard error."""
-    return ''.join(process.stderr for process in running.values())
+def _failed(case: Case, how: str, running: Mapping[str, Program]) -> PipelineError:
+    """Return the error of a pipeline, with what its processes printed on standard error."""
+    return PipelineError(f'{case.name}: {how}\n'
+                         + ''.join(process.stderr for process in running.values()))
 
 
 def measure(case: Case, seconds: float, rate: float, parameters: Mapping[str, str],
@@ -159,25 +153,25 @@ def measure(case: Case, seconds: float, rate: float, parameters: Mapping[str, st
         given = {'source': 'sim', 'rate': rate, **parameters}
         with running(case, given, directory) as processes:
             time.sleep(SETTLE if settle is None else settle)
-            pids = {name: process.pid for name, process in processes.items()} | {'': os.getpid()}
             control = Control()
             try:
-                everything = sum(used for _, used in all_processes().values())
-                ticks = {name: process_ticks(pid) for name, pid in pids.items()}
-                opened = time.time_ns()
+                before, opened = all_processes(), time.time_ns()
                 during(seconds, processes, directory)
-                closed = time.time_ns()
-                spent = {name: process_ticks(pid) - ticks[name] for name, pid in pids.items()}
-                busy = sum(used for _, used in all_processes().values()) - everything
+                closed, after = time.time_ns(), all_processes()
             finally:
                 lateness = control.stop()
             time.sleep(STATUS_PERIOD)
         arrivals, stamps = read_samples(directory)
         margin = round(STATUS_PERIOD * SECOND)
-        statuses = [status for status in read_statuses(directory)
-                    if opened - margin <= status[0] <= closed + margin]
+        with open(directory / STATUSES_FILE, encoding='utf-8') as file:
+            statuses = [status for status in map(json.loads, file)
+                        if opened - margin <= status[0] <= closed + margin]
     span = (closed - opened) / SECOND
     per_cent = 100.0 * TICK / span
+    load = {name: (after[process.pid][1] - before[process.pid][1]) * per_cent
+            for name, process in processes.items()}
+    everything, everything_before = (sum(ticks for pid, (_, ticks) in found.items()
+                                         if pid != os.getpid()) for found in (after, before))
     made, lost, missed = count_samples(statuses, stamps)
     inside = (stamps >= opened) & (stamps < closed)
     if not inside.any():
@@ -185,8 +179,7 @@ def measure(case: Case, seconds: float, rate: float, parameters: Mapping[str, st
                             f'arrived in {span:.1f} s')
     return Run(
         case, rate, span, (arrivals - stamps)[inside] * 1e-3, stamps[inside], made, lost, missed,
-        load={name: spent[name] * per_cent for name in processes},
-        others=(busy - sum(spent.values())) * per_cent, control=lateness, statuses=statuses)
+        load, (everything - everything_before) * per_cent - sum(load.values()), lateness, statuses)
 
 
 def count_samples(statuses: Sequence[Status], stamps: np.ndarray) -> tuple[int, int, int]:
@@ -221,12 +214,6 @@ def read_samples(directory: Path) -> np.ndarray:
     return pairs[:len(pairs) // 2 * 2].reshape(-1, 2).T
 
 
-def read_statuses(directory: Path) -> list[Status]:
-    """Return the statuses in a directory."""
-    with open(directory / STATUSES_FILE, encoding='utf-8') as file:
-        return list(map(json.loads, file))
-
-
 class Control:
     """A thread that only wakes up on a grid: its lateness is the machine's own disturbance."""
 
@@ -249,23 +236,14 @@ class Control:
             self._lateness.append(grid.lateness)
 
 
-def process_ticks(pid: int) -> int:
-    """Return the CPU time of a process, clock ticks."""
-    return sum(map(int, _stat_fields(Path(f'/proc/{pid}/stat'))[11:13]))
-
-
 def all_processes() -> dict[int, tuple[int, int]]:
     """Return parent and CPU time, with that of ended children, clock ticks, of each process id."""
     found = {}
     for path in Path('/proc').glob('[0-9]*/stat'):
-        try:
-            fields = _stat_fields(path)
-        except (FileNotFoundError, ProcessLookupError):
-            continue  # it has ended, and its ticks are now its parent's
-        found[int(path.parent.name)] = int(fields[1]), sum(map(int, fields[11:15]))
+        # One that has ended meanwhile has left its ticks to its parent.
+        with suppress(FileNotFoundError, ProcessLookupError):
+            # After the name in brackets: state, parent, and from the 12th utime, stime, and both
+            # of ended children.
+            fields = path.read_text().rpartition(')')[2].split()
+            found[int(path.parent.name)] = int(fields[1]), sum(map(int, fields[11:15]))
     return found
-
-
-def _stat_fields(path: Path) -> list[str]:
-    """Return the fields after the name in brackets: from the 12th utime, stime, cutime, cstime."""
-    return path.read_text().rpartition(')')[2].split()

@@ -79,8 +79,7 @@ class BusRunner:
                 _send(self._bus, self._encoders.receive(message))
             timeout = 0.0
         _send(self._bus, self._encoders.tend(time.monotonic()))
-        news, self._encoders.news = tuple(self._encoders.news), []
-        return news
+        return self._encoders.faults.take_news()
 
     def _cycle(self, now: float) -> None:
         answers = self._encoders.cycle(now)
@@ -104,7 +103,7 @@ class DriveLoop:
         self._bus, self._drives = bus, drives
         self.error: str | None = None
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name='drives', daemon=True)
+        self._thread = threading.Thread(target=self._run, name='drives')
         self._thread.start()
 
     def close(self) -> None:

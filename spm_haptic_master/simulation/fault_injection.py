@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from math import isfinite
 import re
@@ -67,6 +67,31 @@ class Fault:
     def active(self, t: float) -> bool:
         """Return whether the fault is present at `t`, s from the first answer."""
         return self.start <= t < self.end
+
+
+class Faults:
+    """Faults as time goes on: `present` are those that have begun and not ended."""
+
+    def __init__(self, faults: Iterable[Fault]):
+        self._faults = tuple(faults)
+        self._news: list[str] = []
+        self.present: list[Fault] = []
+
+    def update(self, t: float) -> list[tuple[Fault, bool]]:
+        """Return the faults that begin (True) or end by `t`, s from the first answer."""
+        changed = []
+        for fault in self._faults:
+            begins = fault not in self.present
+            if fault.active(t) == begins:
+                (self.present.append if begins else self.present.remove)(fault)
+                self._news.append(f'{fault.text} {"begins" if begins else "ends"}')
+                changed.append((fault, begins))
+        return changed
+
+    def take_news(self) -> tuple[str, ...]:
+        """Return, in words, which have begun or ended since the last call."""
+        news, self._news = tuple(self._news), []
+        return news
 
 
 def parse_fault(text: str, sensors: int = len(JOINT_NAMES)) -> Fault:

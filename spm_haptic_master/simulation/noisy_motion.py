@@ -80,16 +80,14 @@ def make_motion(values: Values) -> NoisyMotion:
         'tour': trajectories.tour,
         'fixed': trajectories.fixed(*map(radians, pose)),
     }[name]
-    rig = make_rig(values)
-    # A motion goes forward: the one that is returned has not begun yet.
-    tried, motion = (NoisyMotion(trajectory, rig, values['sim.seed'], values['working_mode'])
-                     for _ in range(2))
+    rig, mode = make_rig(values), values['working_mode']
     try:
         for trial in range(TRIALS if name != 'fixed' else 1):
-            tried.joints(trial * TRIAL_SPAN / TRIALS)
+            measured_angles(zxz_rotation(*trajectory(trial * TRIAL_SPAN / TRIALS)), rig.geometry,
+                            mode, len(rig.sensors))
     except UnreachableError as error:
         if name == 'fixed':
             raise SettingError('sim.pose_deg', list(pose), 'a pose within reach') from error
         raise SettingError('sim.trajectory', name,
                            'a motion within reach of the simulated mechanism') from error
-    return motion
+    return NoisyMotion(trajectory, rig, values['sim.seed'], mode)

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The objects of a simulated CANopen node: read and written by SDO, and stored."""
+"""What simulated CANopen nodes share: NMT states, and objects read, written and stored by SDO."""
 
 from __future__ import annotations
 
@@ -18,6 +18,13 @@ PRODUCT_CODE = 0x53504D
 REVISION = 0x00010001
 # Support of storing: on command.
 STORES_ON_COMMAND = 1
+# Error register of EMCY: bit 0 means that there is some error.
+GENERIC_ERROR = 0x01
+# NMT state after a command.
+STATES = {canopen.NMT_START: canopen.OPERATIONAL, canopen.NMT_STOP: canopen.STOPPED,
+          canopen.NMT_PRE_OPERATIONAL: canopen.PRE_OPERATIONAL}
+# NMT commands after which a node boots.
+RESETS = (canopen.NMT_RESET_NODE, canopen.NMT_RESET_COMMUNICATION)
 
 # An object: index and subindex.
 Key = tuple[int, int]
@@ -30,6 +37,11 @@ class Entry:
     value: int
     size: int = 4  # bytes
     writable: bool = True  # by an SDO
+
+
+def heartbeat(node_id: int, state: int) -> can.Message:
+    """Return the heartbeat of a node in an NMT state, or its boot-up message."""
+    return canopen.frame(canopen.HEARTBEAT_BASE + node_id, bytes((state,)))
 
 
 class SdoAbortError(Exception):
@@ -56,6 +68,15 @@ class ObjectStore:
         """Return to the stored values, as after a reset or without power."""
         self._entries = dict(self._stored)
         self._derive()
+
+    def value(self, index: int, subindex: int) -> int:
+        """Return the value of an object; 0 for one that the node does not have."""
+        entry = self._entries.get((index, subindex))
+        return 0 if entry is None else entry.value
+
+    def mapped(self, index: int) -> list[int]:
+        """Return the entries of a mapping object."""
+        return [self.value(index, number) for number in range(1, self.value(index, 0) + 1)]
 
     def answer(self, node_id: int, data: bytes) -> can.Message:
         """Return the answer to an SDO request."""
@@ -101,6 +122,3 @@ class ObjectStore:
 
     def _derive(self) -> None:
         """Take note of what follows from the values."""
-
-    def _value(self, index: int, subindex: int) -> int:
-        return self._entries[index, subindex].value

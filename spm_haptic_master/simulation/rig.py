@@ -151,12 +151,13 @@ def read_rig(path: str | Path, drawn: Geometry, noise: float,
 
     mechanism = drawn
     if MECHANISM.keys() & content:
-        links = (map(radians, content[key]) if key in content else default for key, default in (
-            ('alpha_deg', drawn.alphas), ('beta_deg', drawn.betas)))
+        alphas, betas = (
+            [radians(each) for each in content[key]] if key in content else list(nominal)
+            for key, nominal in (('alpha_deg', drawn.alphas), ('beta_deg', drawn.betas)))
         try:
             mechanism = Geometry.from_axes(
                 content.get('base_axes', drawn.base_axes),
-                content.get('platform_axes', drawn.platform_axes), *map(list, links))
+                content.get('platform_axes', drawn.platform_axes), alphas, betas)
         except GeometryError as error:
             raise InputError(f'{path}: {error}') from error
     given = {name: [_converted(key, radians, each) for each in content[key]]
@@ -204,15 +205,15 @@ def _complaint(key: str, value: Any, sensors: int) -> str:
     if key not in KEYS:
         return f'one of the keys {", ".join(KEYS)}'
     shape, fits, each = KEYS[key]
-    lengths = tuple(length or sensors for length in shape)
-
-    def check(part: Any, rest: tuple[int, ...]) -> bool:
-        if not rest:
-            return fits(part)
-        return isinstance(part, list) and len(part) == rest[0] and all(
-            check(element, rest[1:]) for element in part)
-
-    if check(value, lengths):
+    lengths = [length or sensors for length in shape]
+    if _fits(value, lengths, fits):
         return ''
-    return ' of '.join(f'{"lists" if depth else "a list"} of {length}'
-                       for depth, length in enumerate(lengths)) + f', each {each}'
+    return f'a list of {" of lists of ".join(map(str, lengths))}, each {each}'
+
+
+def _fits(value: Any, lengths: Sequence[int], fits: Callable[[Any], bool]) -> bool:
+    """Return whether a value is made of nested lists of these lengths, whose elements fit."""
+    if not lengths:
+        return fits(value)
+    return isinstance(value, list) and len(value) == lengths[0] and all(
+        _fits(element, lengths[1:], fits) for element in value)

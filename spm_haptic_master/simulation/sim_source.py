@@ -6,14 +6,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import suppress
 from math import isfinite, nan, radians, remainder
 import time
 
-from spm_haptic_master.encoders.encoder_layout import (
-    angle_from_counts,
-    counts_from_angle,
-    TURN,
-)
+from spm_haptic_master.encoders.encoder_layout import angle_from_counts, counts_from_angle, TURN
 from spm_haptic_master.encoders.harmonics import Harmonics
 from spm_haptic_master.encoders.source import EncoderSource, JointSample
 from spm_haptic_master.exceptions import UnreachableError
@@ -44,8 +41,7 @@ class SimSource(EncoderSource):
         self._counts_per_turn, self._harmonics = counts_per_turn, harmonics
         self._period = 1.0 / rate
         self._grid = DeadlineGrid(self._period)
-        self._began: int | None = None
-        self._sets = 0
+        self._began = self._sets = 0
         # The next deadline, s into the motion, and the angles there, computed in advance.
         self._due = 0.0
         self._prepared: tuple[float, ...] | None = None
@@ -54,8 +50,8 @@ class SimSource(EncoderSource):
         self.faults: tuple[Fault, ...] = ()
         # Where the stuck sensors got stuck, by sensor (rad).
         self._stuck: dict[int, float] = {}
-        # The angles of the last pose within reach (rad).
-        self._reached: tuple[float, ...] | None = None
+        # The angles of the last pose within reach (rad): the first one is, by `make_motion`.
+        self._reached: tuple[float, ...] = ()
 
     def read(self, timeout: float) -> JointSample | None:
         """Return the sample of the next deadline, stamped when the thread woke."""
@@ -64,8 +60,7 @@ class SimSource(EncoderSource):
         if not self._grid.wait(timeout):
             return None
         stamp = time.time_ns()
-        if self._began is None:
-            self._began = stamp
+        self._began = self._began or stamp
         self._sets += 1
         t, lateness = (stamp - self._began) * 1e-9, self._grid.lateness
         if lateness <= PUNCTUAL:
@@ -83,29 +78,23 @@ class SimSource(EncoderSource):
 
     def angles(self, t: float) -> tuple[float, ...]:
         """Return the angles of healthy sensors, rad, at t, s; out of reach, the last within it."""
-        try:
-            angles = self._motion.angles(t)
-        except UnreachableError:
-            if self._reached is None:
-                raise
-            angles = self._reached
-        self._reached = angles
-        return tuple(map(_measured, angles, self._counts_per_turn, self._harmonics))
+        with suppress(UnreachableError):
+            self._reached = self._motion.angles(t)
+        return tuple(map(_measured, self._reached, self._counts_per_turn, self._harmonics))
 
     def _with_faults(self, angles: tuple[float, ...],
                      faults: Iterable[Fault]) -> tuple[float, ...]:
         """Return the angles as the faulty sensors have them, rad."""
         read = list(angles)
-        stuck = {fault.joint for fault in faults if fault.kind == 'stuck'}
         self._stuck = {joint: self._stuck.get(joint, angles[joint])
-                       for joint in stuck if joint is not None}
+                       for joint in _joints('stuck', faults)}
         for joint, angle in self._stuck.items():
             read[joint] = angle
         for fault in faults:
             if fault.kind == 'offset' and fault.joint is not None:
                 read[fault.joint] = remainder(read[fault.joint] + radians(fault.value), TURN)
-            elif fault.kind == 'dropout' and fault.joint is not None:
-                read[fault.joint] = nan
+        for joint in _joints('dropout', faults):
+            read[joint] = nan
         return tuple(read)
 
     def orientation(self) -> tuple[float, float, float, float]:
@@ -123,8 +112,7 @@ class SimSource(EncoderSource):
         return self._absence(suffices=True)
 
     def _absence(self, suffices: bool) -> str | None:
-        missing = sorted({fault.joint for fault in self.faults
-                          if fault.kind == 'dropout' and fault.joint is not None})
+        missing = _joints('dropout', self.faults)
         left = len(self._counts_per_turn) - len(missing)
         if not missing or suffices != (left >= len(JOINT_NAMES)):
             return None
@@ -138,6 +126,12 @@ class SimSource(EncoderSource):
     def lost(self) -> float:
         """Time by which the thread that reads it has missed its deadlines, s."""
         return self._grid.missed * self._period
+
+
+def _joints(kind: str, faults: Iterable[Fault]) -> list[int]:
+    """Return the joints that have a fault of a kind."""
+    return sorted({fault.joint for fault in faults
+                   if fault.kind == kind and fault.joint is not None})
 
 
 def _measured(angle: float, per_turn: int, harmonics: Harmonics | None) -> float:

@@ -13,12 +13,10 @@ import can
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.can_bus import BUS_OFF, RESTARTED
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout
-from spm_haptic_master.simulation.fault_injection import Fault
+from spm_haptic_master.simulation.fault_injection import Fault, Faults
 from spm_haptic_master.simulation.noisy_motion import NoisyMotion
+from spm_haptic_master.simulation.object_store import GENERIC_ERROR, heartbeat
 from spm_haptic_master.simulation.simulated_nodes import SimulatedNode
-
-# Error register of EMCY: bit 0 means that there is some error.
-GENERIC_ERROR = 0x01
 
 
 class SimulatedBus:
@@ -26,8 +24,7 @@ class SimulatedBus:
     Encoders on a moving master, and their faults, timed from the first answer.
 
     Without `node_ids` they only answer SYNC; not `synchronised`, they send by themselves. From the
-    `factory` they have their maker's defaults. `heartbeat` is the time between heartbeats, s;
-    `news` the faults that began or ended since the list was last emptied.
+    `factory` they have their maker's defaults. `heartbeat` is the time between heartbeats, s.
     """
 
     def __init__(self, layouts: tuple[EncoderLayout, ...], node_ids: tuple[int, ...] | None,
@@ -36,24 +33,23 @@ class SimulatedBus:
         self.nodes = tuple(
             SimulatedNode(layout, node_id, synchronised, heartbeat, factory)
             for layout, node_id in zip(layouts, node_ids or (None,) * len(layouts), strict=True))
-        self._node_ids = node_ids or ()
-        self._motion, self._faults = motion, faults
+        self.faults = Faults(faults)
+        self._motion = motion
         # Time of each node's next heartbeat, s.
         self._heartbeat_at = [0.0] * len(layouts)
         self._random = random.Random(seed)
         # Answers that each late encoder has not sent yet, with the times when they are due, s.
         self._queues: list[deque[tuple[float, can.Message]]] = [deque() for _ in layouts]
         self._began: float | None = None
-        self._active: set[Fault] = set()
-        self._jumped: set[Fault] = set()
+        self._jumped: list[Fault] = []
         # Where the stuck encoders got stuck, by index (rad).
         self._held: dict[int, float] = {}
-        self.news: list[str] = []
 
     def identifiers(self) -> list[tuple[bool, int]]:
         """Return the identifiers of TPDOs and heartbeats: whether of 29 bits, and which."""
         return [*((node.layout.extended, node.layout.can_id) for node in self.nodes),
-                *((False, canopen.HEARTBEAT_BASE + node_id) for node_id in self._node_ids)]
+                *((False, canopen.HEARTBEAT_BASE + node.node_id) for node in self.nodes
+                  if node.node_id is not None)]
 
     def boot(self) -> list[can.Message]:
         """Switch the encoders on and return their boot-up messages."""
@@ -77,9 +73,9 @@ class SimulatedBus:
             return [*self._update_faults(now), *self.cycle(now)]
         t = now - self._began
         angles = self._motion.angles(t)
-        answers: list[can.Message] = []
         if self._mute():
-            return answers
+            return []
+        answers: list[can.Message] = []
         for index, (node, angle) in enumerate(zip(self.nodes, angles, strict=True)):
             if self._off(index) or self._is(index, 'dropout'):
                 continue
@@ -108,29 +104,19 @@ class SimulatedBus:
         sent = self._update_faults(now)
         for index, node in enumerate(self.nodes):
             sent += self._due(index, now)
-            period = node.heartbeat_period
-            if period is None or node.node_id is None or now < self._heartbeat_at[index]:
+            period, at = node.heartbeat_period, self._heartbeat_at[index]
+            if not period or node.node_id is None or now < at:
                 continue
-            self._heartbeat_at[index] = max(self._heartbeat_at[index] + period, now)
+            self._heartbeat_at[index] = max(at + period, now)
             if not self._mute() and not self._off(index):
-                sent += node.heartbeat()
+                sent.append(heartbeat(node.node_id, node.state))
         return sent
 
     def _update_faults(self, now: float) -> list[can.Message]:
         if self._began is None:
             return []
-        sent: list[can.Message] = []
-        t = now - self._began
-        for fault in self._faults:
-            if fault.active(t) == (fault in self._active):
-                continue
-            begins = fault not in self._active
-            (self._active.add if begins else self._active.remove)(fault)
-            self.news.append(f'{fault.text} {"begins" if begins else "ends"}')
-            if fault.kind == 'stuck' and fault.joint is not None:
-                self._held.pop(fault.joint, None)
-            sent += self._messages(fault, begins)
-        return sent
+        return [message for fault, begins in self.faults.update(now - self._began)
+                for message in self._messages(fault, begins)]
 
     def _messages(self, fault: Fault, begins: bool) -> list[can.Message]:
         """Return the frames that a fault sends when it begins or ends."""
@@ -141,6 +127,8 @@ class SimulatedBus:
         if fault.joint is None:
             return []
         node = self.nodes[fault.joint]
+        if fault.kind == 'stuck':
+            self._held.pop(fault.joint, None)
         if fault.kind == 'late' and not begins:
             return self._due(fault.joint, float('inf'))
         if fault.kind == 'emcy' and node.node_id is not None:
@@ -151,15 +139,15 @@ class SimulatedBus:
 
     def _faulty(self, index: int, angle: float) -> float:
         """Return the angle of a joint's encoder, rad, with its faults."""
-        for fault in self._active:
+        for fault in self.faults.present:
             if fault.joint != index:
                 continue
-            if fault.kind == 'offset':
-                angle += radians(fault.value)
-            elif fault.kind == 'noise':
+            if fault.kind == 'noise':
                 angle += self._random.gauss(0.0, radians(fault.value))
+            elif fault.kind == 'offset':
+                angle += radians(fault.value)
             elif fault.kind == 'jump' and fault not in self._jumped:
-                self._jumped.add(fault)
+                self._jumped.append(fault)
                 angle += radians(fault.value)
         if self._is(index, 'stuck'):
             angle = self._held.setdefault(index, angle)
@@ -173,8 +161,8 @@ class SimulatedBus:
 
     def _size(self, index: int, kind: str) -> float:
         """Return the value of a joint's fault, 0 without it."""
-        return next((fault.value for fault in self._active
+        return next((fault.value for fault in self.faults.present
                      if fault.kind == kind and fault.joint == index), 0.0)
 
     def _is(self, index: int | None, kind: str) -> bool:
-        return any(fault.kind == kind and fault.joint == index for fault in self._active)
+        return any(fault.kind == kind and fault.joint == index for fault in self.faults.present)

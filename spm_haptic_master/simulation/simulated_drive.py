@@ -13,13 +13,17 @@ from spm_haptic_master.drives.cia402 import State
 from spm_haptic_master.drives.drive_objects import drive_objects
 from spm_haptic_master.drives.plan import DrivePlan, Plan
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.simulation.fault_injection import Fault
+from spm_haptic_master.simulation.fault_injection import Fault, Faults
 from spm_haptic_master.simulation.object_store import (
     Entry,
+    GENERIC_ERROR,
+    heartbeat,
     identity,
     Key,
     ObjectStore,
+    RESETS,
     SdoAbortError,
+    STATES,
     STORES_ON_COMMAND,
 )
 
@@ -33,8 +37,6 @@ STATUSWORDS = {
     State.FAULT: 0x0218}
 # Error codes of EMCY: loss of the heartbeat, of a PDO, too much heat.
 HEARTBEAT_LOST, PDO_LOST, TOO_HOT = 0x8130, 0x8250, 0x2350
-# Error register: there is some error.
-GENERIC_ERROR = 0x01
 # Heat above that of the rated torque at which the drive has a fault: twice the rated torque for
 # a second (s, in shares of the rated heat).
 HEAT_LIMIT = 3.0
@@ -62,15 +64,6 @@ class DriveObjects(ObjectStore):
             cia402.STATUSWORD: Entry(0, 2, False),
             cia402.SUPPORTED_MODES: Entry(MODES, writable=False)})
 
-    def value(self, index: int, subindex: int) -> int:
-        """Return the value of an object; 0 for one that the drive does not have."""
-        entry = self._entries.get((index, subindex))
-        return 0 if entry is None else entry.value
-
-    def mapped(self, index: int) -> list[int]:
-        """Return the entries of a mapping."""
-        return [self.value(index, number) for number in range(1, self.value(index, 0) + 1)]
-
     def show(self, key: Key, value: int) -> None:
         """Set the value of an object that the drive itself makes."""
         self._entries[key] = replace(self._entries[key], value=value)
@@ -83,20 +76,16 @@ class DriveObjects(ObjectStore):
 class SimulatedDrive:
     """One drive with its states, time-outs, heat and faults, by `own` of a plan."""
 
-    def __init__(self, plan: Plan, own: DrivePlan, factory: bool = False):
+    def __init__(self, plan: Plan, own: DrivePlan, factory: bool):
         self.node_id = own.node_id
         self.objects = DriveObjects(plan, own, factory)
         self.faults: dict[str, float] = {}  # present ones of DRIVE_KINDS, with their values
-        self.nmt = canopen.PRE_OPERATIONAL
-        self.state = State.DISABLED
-        # Times of the latest torque frame and heartbeat of the master, None before the first or
-        # after they were missed; of the own latest heartbeat and status frame, and step, s.
-        self._torque_at: float | None = None
-        self._master_at: float | None = None
+        # Times of the own latest heartbeat, status frame and step, s.
         self._heartbeat_at = self._status_at = float('-inf')
         self._now: float | None = None
         self._heat = 0.0
         self._control = self._target = 0
+        self.boot()
 
     @property
     def torque(self) -> int:
@@ -108,8 +97,11 @@ class SimulatedDrive:
         """Enter pre-operational, and return the boot-up message."""
         self.objects.restart()
         self.nmt, self.state = canopen.PRE_OPERATIONAL, State.DISABLED
-        self._torque_at = self._master_at = None
-        return [canopen.frame(canopen.HEARTBEAT_BASE + self.node_id, bytes((canopen.BOOT_UP,)))]
+        # Times of the latest torque frame and heartbeat of the master, s; None before the first
+        # and after they were missed.
+        self._torque_at: float | None = None
+        self._master_at: float | None = None
+        return [heartbeat(self.node_id, canopen.BOOT_UP)]
 
     def receive(self, message: can.Message, now: float) -> list[can.Message]:
         """Return the answers to a frame that comes at a time, s."""
@@ -134,16 +126,15 @@ class SimulatedDrive:
 
     def tend(self, now: float) -> list[can.Message]:
         """Let time go on to `now`, s; return the frames that are due."""
-        elapsed = 0.0 if self._now is None else now - self._now
+        sent = self._time_out(now) + self._heat_up(0.0 if self._now is None else now - self._now)
         self._now = now
-        sent = self._time_out(now) + self._heat_up(elapsed)
         if 'drive' in self.faults and self.state is not State.FAULT:
             sent += self._fail(int(self.faults['drive']))
         objects = self.objects
         period = 1e-3 * objects.value(*canopen.HEARTBEAT_TIME)
         if period and now - self._heartbeat_at >= period:
             self._heartbeat_at = now
-            sent.append(canopen.frame(canopen.HEARTBEAT_BASE + self.node_id, bytes((self.nmt,))))
+            sent.append(heartbeat(self.node_id, self.nmt))
         period = 1e-3 * objects.value(canopen.TPDO_PARAMETERS, canopen.TPDO_EVENT_TIMER)
         if self.nmt == canopen.OPERATIONAL and period and now - self._status_at >= period:
             self._status_at = now
@@ -151,11 +142,9 @@ class SimulatedDrive:
         return [] if 'drive_unplug' in self.faults else sent
 
     def _command(self, command: int) -> list[can.Message]:
-        if command in (canopen.NMT_RESET_NODE, canopen.NMT_RESET_COMMUNICATION):
+        if command in RESETS:
             return self.boot()
-        self.nmt = {
-            canopen.NMT_START: canopen.OPERATIONAL, canopen.NMT_STOP: canopen.STOPPED,
-            canopen.NMT_PRE_OPERATIONAL: canopen.PRE_OPERATIONAL}.get(command, self.nmt)
+        self.nmt = STATES.get(command, self.nmt)
         if self.nmt != canopen.OPERATIONAL:
             self._disable()
         return []
@@ -257,15 +246,14 @@ class SimulatedDrives:
     """
     Drives and their faults, which are timed from the first start of a node.
 
-    From the `factory` they are not set up yet. `news` has the faults that began or ended since
-    the list was last emptied.
+    From the `factory` they are not set up yet.
     """
 
     def __init__(self, plan: Plan, faults: tuple[Fault, ...] = (), factory: bool = False):
         self.drives = tuple(SimulatedDrive(plan, own, factory) for own in plan.drives)
-        self._faults = faults
+        self.faults = Faults(
+            fault for fault in faults if fault.joint in range(len(self.drives)))
         self._began: float | None = None
-        self.news: list[str] = []
 
     def boot(self) -> list[can.Message]:
         """Switch the drives on, and return their boot-up messages."""
@@ -281,18 +269,8 @@ class SimulatedDrives:
         """Let time go on to `now`, s; return the frames that are due."""
         if self._began is None and any(drive.nmt == canopen.OPERATIONAL for drive in self.drives):
             self._began = now
-        if self._began is not None:
-            for fault in self._faults:
-                self._switch(fault, fault.active(now - self._began))
+        if self._began is not None and self.faults.update(now - self._began):
+            for index, drive in enumerate(self.drives):
+                drive.faults = {fault.kind: fault.value for fault in self.faults.present
+                                if fault.joint == index}
         return [message for drive in self.drives for message in drive.tend(now)]
-
-    def _switch(self, fault: Fault, active: bool) -> None:
-        if fault.joint is None or fault.joint >= len(self.drives):
-            return
-        present = self.drives[fault.joint].faults
-        if active != (fault.kind in present):
-            if active:
-                present[fault.kind] = fault.value
-            else:
-                del present[fault.kind]
-            self.news.append(f'{fault.text} {"begins" if active else "ends"}')

@@ -12,10 +12,13 @@ from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout
 from spm_haptic_master.simulation.object_store import (
     Entry,
+    heartbeat,
     identity,
     Key,
     ObjectStore,
+    RESETS,
     SdoAbortError,
+    STATES,
     STORES_ON_COMMAND,
 )
 
@@ -36,17 +39,17 @@ class SimulatedNode(ObjectStore):
     One encoder with NMT states, objects by SDO, heartbeat and a TPDO on SYNC.
 
     Without a node id it only answers SYNC; not `synchronised`, it sends by itself. From the
-    `factory` it has its maker's defaults. `heartbeat` is the time between heartbeats, s.
+    `factory` it has its maker's defaults. `period` is the time between heartbeats, s.
     """
 
     layout: EncoderLayout  # of the frames sent at present
-    heartbeat_period: float | None  # s; None for no heartbeat
+    heartbeat_period: float  # s; 0 for no heartbeat
     _identifier: int  # of the TPDO
     _sends: bool  # whether the TPDO goes out in the cycle of the bus
     _more: int  # number of bytes mapped behind the position
 
     def __init__(self, layout: EncoderLayout, node_id: int | None, synchronised: bool,
-                 heartbeat: float, factory: bool):
+                 period: float, factory: bool):
         self.node_id = node_id
         self.state = canopen.OPERATIONAL if node_id is None else canopen.PRE_OPERATIONAL
         self._sent = 0
@@ -61,7 +64,7 @@ class SimulatedNode(ObjectStore):
         disc = DISC_UNITS * layout.counts_per_turn
         if factory:
             identifier, kind = canopen.TPDO_BASES[0] + serial, canopen.EVENT_DRIVEN
-            mapped, heartbeat = [MAPPED_POSITION, MAPPED_SPEED], 0.0
+            mapped, period = [MAPPED_POSITION, MAPPED_SPEED], 0.0
             scaling, units = 0, disc
         else:
             identifier = layout.can_id | (canopen.TPDO_EXTENDED if layout.extended else 0)
@@ -70,7 +73,7 @@ class SimulatedNode(ObjectStore):
         entries = mapped + [0] * (MAPPING_ENTRIES - len(mapped))
         super().__init__(identity(DEVICE_TYPE, serial) | {
             canopen.STORE: Entry(STORES_ON_COMMAND),
-            canopen.HEARTBEAT_TIME: Entry(round(heartbeat * 1e3), 2),
+            canopen.HEARTBEAT_TIME: Entry(round(period * 1e3), 2),
             (parameters, canopen.TPDO_IDENTIFIER): Entry(identifier | canopen.TPDO_NO_REQUEST),
             (parameters, canopen.TPDO_TYPE): Entry(kind, 1),
             (parameters, canopen.TPDO_INHIBIT_TIME): Entry(0, 2),
@@ -90,13 +93,7 @@ class SimulatedNode(ObjectStore):
             return []
         self.restart()
         self.state = canopen.PRE_OPERATIONAL
-        return self.heartbeat(canopen.BOOT_UP)
-
-    def heartbeat(self, state: int | None = None) -> list[can.Message]:
-        """Return the heartbeat, which carries the present state, or another one."""
-        return [] if self.node_id is None else [canopen.frame(
-            canopen.HEARTBEAT_BASE + self.node_id,
-            bytes((self.state if state is None else state,)))]
+        return [heartbeat(self.node_id, canopen.BOOT_UP)]
 
     def receive(self, message: can.Message) -> list[can.Message]:
         """Obey an NMT command, or answer an SDO request."""
@@ -120,42 +117,37 @@ class SimulatedNode(ObjectStore):
                             data=self.layout.data(angle, self._sent) + bytes(self._more))]
 
     def _command(self, command: int) -> list[can.Message]:
-        if command in (canopen.NMT_RESET_NODE, canopen.NMT_RESET_COMMUNICATION):
+        if command in RESETS:
             return self.boot()
-        self.state = {
-            canopen.NMT_START: canopen.OPERATIONAL, canopen.NMT_STOP: canopen.STOPPED,
-            canopen.NMT_PRE_OPERATIONAL: canopen.PRE_OPERATIONAL}.get(command, self.state)
+        self.state = STATES.get(command, self.state)
         return []
 
     def _check_state(self, key: Key, value: int) -> None:
         """Refuse a wrong value, and what CiA 301 does not allow while the TPDO is in use."""
         index, subindex = key
-        off = bool(self._value(self._parameters, canopen.TPDO_IDENTIFIER) & canopen.TPDO_OFF)
+        off = bool(self.value(self._parameters, canopen.TPDO_IDENTIFIER) & canopen.TPDO_OFF)
         if index == self._mapping:
             if not subindex and value > MAPPING_ENTRIES:
                 raise SdoAbortError(canopen.SDO_WRONG_VALUE)
-            if not off or (subindex and self._value(self._mapping, 0)):
+            if not off or (subindex and self.value(self._mapping, 0)):
                 raise SdoAbortError(canopen.SDO_WRONG_STATE)
         elif key == (self._parameters, canopen.TPDO_IDENTIFIER) and not off \
-                and (self._value(*key) ^ value) & canopen.TPDO_ID_MASK:
+                and (self.value(*key) ^ value) & canopen.TPDO_ID_MASK:
             raise SdoAbortError(canopen.SDO_WRONG_STATE)
         elif key == canopen.UNITS_PER_TURN and not value:
             raise SdoAbortError(canopen.SDO_WRONG_VALUE)
 
     def _derive(self) -> None:
-        identifier = self._value(self._parameters, canopen.TPDO_IDENTIFIER)
+        identifier = self.value(self._parameters, canopen.TPDO_IDENTIFIER)
         self._identifier = identifier & canopen.TPDO_ID_MASK
-        mapped = [self._value(self._mapping, number)
-                  for number in range(1, self._value(self._mapping, 0) + 1)]
+        mapped = self.mapped(self._mapping)
         self._sends = not identifier & canopen.TPDO_OFF and MAPPED_POSITION in mapped[:1] \
-            and self._value(self._parameters, canopen.TPDO_TYPE) == self._type
+            and self.value(self._parameters, canopen.TPDO_TYPE) == self._type
         self._more = sum(entry & 0xFF for entry in mapped[1:]) // 8
-        milliseconds = self._value(*canopen.HEARTBEAT_TIME)
-        self.heartbeat_period = 1e-3 * milliseconds if milliseconds else None
-        scaled = self._value(*canopen.OPERATING_PARAMETERS) & canopen.SCALING_ON
-        units = self._value(*(canopen.UNITS_PER_TURN if scaled
+        self.heartbeat_period = 1e-3 * self.value(*canopen.HEARTBEAT_TIME)
+        scaled = self.value(*canopen.OPERATING_PARAMETERS) & canopen.SCALING_ON
+        units = self.value(*(canopen.UNITS_PER_TURN if scaled
                               else canopen.DISC_UNITS_PER_TURN))
         layout = self._layout
-        self.layout = layout if units == layout.counts_per_turn else replace(
-            layout, counts_per_turn=units,
-            zero_count=layout.zero_count * units // layout.counts_per_turn)
+        self.layout = replace(layout, counts_per_turn=units,
+                              zero_count=layout.zero_count * units // layout.counts_per_turn)

@@ -57,18 +57,17 @@ class Steering:
         # delay asks for a time before the latest one.
         self._requests: deque[Place | None] = deque(maxlen=1)
         nothing = Place(0.0, 0.0, 0.0)
-        self._courses: tuple[Course, ...] = (Course(ALWAYS, None, nothing, nothing),)
+        self._courses = [Course(ALWAYS, None, nothing, nothing)] * 2
         self._latest = 0.0
 
     def steer(self, tilt: float, azimuth: float, phi: float) -> None:
         """Lead the platform to a pose of `workspace_pose`, rad; InputError beyond the limits."""
         if not isfinite(azimuth):
             raise InputError(f'azimuth {azimuth:g} rad; expected a finite number')
-        if not 0.0 <= tilt <= TILT_LIMIT:
-            raise InputError(f'tilt {degrees(tilt):g} deg; expected 0 to {degrees(TILT_LIMIT):g}')
-        if not PHI_LIMITS[0] <= phi <= PHI_LIMITS[1]:
-            low, high = map(degrees, PHI_LIMITS)
-            raise InputError(f'phi {degrees(phi):g} deg; expected {low:g} to {high:g}')
+        for name, angle, limits in (('tilt', tilt, (0.0, TILT_LIMIT)), ('phi', phi, PHI_LIMITS)):
+            if not limits[0] <= angle <= limits[1]:
+                low, high = map(degrees, limits)
+                raise InputError(f'{name} {degrees(angle):g} deg; expected {low:g} to {high:g}')
         self._requests.append(Place(tilt * cos(azimuth), tilt * sin(azimuth), phi))
 
     def release(self) -> None:
@@ -90,7 +89,7 @@ class Steering:
         offset, before = (self._difference(time, target) for time in (t, t - STEP))
         rate = Place(*(DECAY * now + (now - last) / STEP
                        for now, last in zip(offset, before, strict=True)))
-        self._courses = (self._courses[-1], Course(t, target, offset, rate))
+        self._courses = [self._courses[1], Course(t, target, offset, rate)]
 
     def _difference(self, t: float, target: Place | None) -> Place:
         """Return how far a target is; of the self-rotation the nearer way round."""
@@ -99,8 +98,8 @@ class Steering:
 
     def _course(self, t: float) -> Course:
         """Return the latest course that has begun at a time."""
-        return next((each for each in reversed(self._courses) if each.begins <= t),
-                    self._courses[0])
+        before, latest = self._courses
+        return latest if latest.begins <= t else before
 
     def _reference(self, target: Place | None, t: float) -> Place:
         return place(*self._trajectory(t)) if target is None else target

@@ -17,17 +17,15 @@ CENTRE_THETA = acos(1.0 / sqrt(3.0))
 
 # Periods of the sweep's tilt, azimuth and self-rotation (s): their ratios are not whole, so that
 # the motion does not repeat soon.
-SWEEP_TILT_PERIOD = 7.0
-SWEEP_AZIMUTH_PERIOD = 11.0
-SWEEP_TURN_PERIOD = 17.0
+SWEEP_PERIODS = 7.0, 11.0, 17.0
 # Middle and amplitude of the sweep's self-rotation (rad): every pose is within reach up to a tilt
 # of 26 deg (at 30 deg some are not).
-SWEEP_PHI = radians(25.0)
-SWEEP_PHI_AMPLITUDE = radians(15.0)
+SWEEP_PHI, SWEEP_PHI_AMPLITUDE = radians(25.0), radians(15.0)
 
-# The tour: largest tilt, middle and amplitude of its self-rotation (rad), and their periods (s).
+# The tour: largest tilt, middle and amplitude of its self-rotation (rad), and the three periods
+# (s).
 TOUR_TILT, TOUR_PHI, TOUR_PHI_AMPLITUDE = radians(12.0), radians(40.0), radians(22.0)
-TOUR_TILT_PERIOD, TOUR_AZIMUTH_PERIOD, TOUR_TURN_PERIOD = 13.0, 19.0, 16.0
+TOUR_PERIODS = 13.0, 19.0, 16.0
 
 # Middle of the perturbed self-rotation (rad): the singularity, rounded as in the paper.
 PERTURBED_PHI = radians(50.0)
@@ -60,19 +58,18 @@ def perturbed(t: float) -> tuple[float, float, float]:
 def sweep(tilt_max: float) -> Trajectory:
     """Return a tilt-and-turn motion over the workspace's cone, up to a largest tilt, rad."""
     def at(t: float) -> tuple[float, float, float]:
-        tilt = tilt_max * 0.5 * (1.0 - cos(2.0 * pi * t / SWEEP_TILT_PERIOD))
-        azimuth = 2.0 * pi * t / SWEEP_AZIMUTH_PERIOD
-        phi = SWEEP_PHI + SWEEP_PHI_AMPLITUDE * sin(2.0 * pi * t / SWEEP_TURN_PERIOD)
-        return tilted(tilt, azimuth, phi)
+        tilt, azimuth, turn = (2.0 * pi * t / period for period in SWEEP_PERIODS)
+        return tilted(tilt_max * 0.5 * (1.0 - cos(tilt)), azimuth,
+                      SWEEP_PHI + SWEEP_PHI_AMPLITUDE * sin(turn))
 
     return at
 
 
 def tour(t: float) -> tuple[float, float, float]:
     """Return a slow tilt-and-turn motion that begins clear of the singularity and crosses it."""
-    tilt = TOUR_TILT * 0.5 * (1.0 - cos(2.0 * pi * t / TOUR_TILT_PERIOD))
-    phi = TOUR_PHI - TOUR_PHI_AMPLITUDE * cos(2.0 * pi * t / TOUR_TURN_PERIOD)
-    return tilted(tilt, 2.0 * pi * t / TOUR_AZIMUTH_PERIOD, phi)
+    tilt, azimuth, turn = (2.0 * pi * t / period for period in TOUR_PERIODS)
+    return tilted(TOUR_TILT * 0.5 * (1.0 - cos(tilt)), azimuth,
+                  TOUR_PHI - TOUR_PHI_AMPLITUDE * cos(turn))
 
 
 def hand(t: float) -> tuple[float, float, float]:
@@ -93,4 +90,4 @@ def tilted(tilt: float, azimuth: float, phi: float) -> tuple[float, float, float
     along = cos(tilt) / sqrt(3.0)
     x, y, z = (along + sin(tilt) * (cos(azimuth) * a + sin(azimuth) * b)
                for a, b in zip(*ACROSS, strict=True))
-    return atan2(x, -y), acos(max(-1.0, min(1.0, z))), phi
+    return atan2(x, -y), acos(z), phi

@@ -1,7 +1,15 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The limits of the command: it follows its target exactly within them, and never breaks them."""
+"""
+The law of the command, and its limits: it follows its target exactly within them.
+
+    R_cmd = R_m (R_m0^T R_s0)
+
+R_m is the master's rotation now, R_m0 and R_s0 are master's and slave's when the offset was taken,
+all in the slave's base frame. A turn of the master turns the slave by the same angle about the
+same axis in space; a rotation is never scaled.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +23,7 @@ from spm_haptic_master.kinematics.rotations import (
     quaternion_from_vector,
     vector_from_quaternion,
 )
+from spm_haptic_master.timing import SECOND
 
 # Share by which a target may exceed a limit and still be followed exactly (unit 1): rounding.
 ROUNDING = 1e-9
@@ -23,6 +32,9 @@ FADE_LONGEST = 0.1
 # Largest deviation of a pose's squared norm from 1 (unit 1): a controller in single precision
 # passes, a quaternion of zeros or of other numbers does not.
 NORM_TOLERANCE = 1e-3
+# Offset that is none (rad): far below what any encoder resolves.
+ALIGNED = 1e-9
+ZERO: Vector[float] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +59,7 @@ class LimitedRotation:
         # Where the target was at the last step; None where the command had reached it.
         self._target: Quaternion[float] | None = None
         self.rotation = rotation  # its sign is continuous
-        self.velocity: Vector[float] = (0.0, 0.0, 0.0)  # rad/s, base frame
+        self.velocity = ZERO  # rad/s, base frame
 
     def advance(self, target: Quaternion[float], dt: float) -> str:
         """
@@ -87,7 +99,10 @@ class LimitedRotation:
             self.rotation if before is None else before, moving, dt, speed, gain)
         if norm(velocity) * dt > (1.0 + ROUNDING) * limits.jump:
             return 'jump'
-        self._move(velocity, dt)
+        self.velocity = x, y, z = velocity
+        moved = multiply_quaternions(quaternion_from_vector(dt * x, dt * y, dt * z), self.rotation)
+        # A product of unit quaternions: only rounding is taken off.
+        self.rotation = unit_quaternion(moved) or self.rotation
         self._target = target
         return ''
 
@@ -111,18 +126,75 @@ class LimitedRotation:
         closing = 0.5 * gain * full + distance / ((full + 1) * dt)
         x, y, z = _scaled(error, closing / distance if distance > 0.0 else 0.0)
         wanted = x + moving[0], y + moving[1], z + moving[2]
-        velocity = _toward(self.velocity, _within(wanted, limit), gain)
+        velocity = _toward(self.velocity, _toward(ZERO, wanted, limit), gain)
         if norm(velocity) > limit:
             # The limit is lower than at the last step where this one is longer: it brakes.
-            velocity = _toward(self.velocity, _within(self.velocity, limit), gain)
+            velocity = _toward(self.velocity, _toward(ZERO, self.velocity, limit), gain)
         return velocity
 
-    def _move(self, velocity: Vector[float], dt: float) -> None:
-        self.velocity = x, y, z = velocity
-        moved = multiply_quaternions(
-            quaternion_from_vector(dt * x, dt * y, dt * z), self.rotation)
-        # A product of unit quaternions: only rounding is taken off.
-        self.rotation = unit_quaternion(moved) or self.rotation
+
+class Following:
+    """
+    One course of the slave, from where master and slave are at a stamp, ns.
+
+    With an `align_speed` above 0, rad/s, the offset between them shrinks to none.
+    """
+
+    def __init__(self, limits: CommandLimits, align_speed: float, master: Quaternion[float],
+                 slave: Quaternion[float], stamp: int) -> None:
+        self._limits = limits
+        # The offset R_m0^T R_s0, from the master's handle to the slave's instrument.
+        self._offset = multiply_quaternions(conjugate(master), slave)
+        self._command = LimitedRotation(limits, slave)
+        self._align_speed = align_speed
+        # Speed at which the offset shrinks, rad/s; None where it does not.
+        self._closing = 0.0 if align_speed else None
+        # Stamp of the last command, ns.
+        self.stamp = stamp
+
+    @property
+    def rotation(self) -> Quaternion[float]:
+        """Return the slave's commanded rotation in its base frame."""
+        return self._command.rotation
+
+    @property
+    def velocity(self) -> Vector[float]:
+        """Return the angular velocity of the command in the slave's base frame, rad/s."""
+        return self._command.velocity
+
+    def advance(self, master: Quaternion[float], stamp: int) -> str:
+        """Command what follows from an orientation of a stamp, ns; return the limit it breaks."""
+        dt = (stamp - self.stamp) / SECOND
+        left = norm(vector_from_quaternion(*self._offset))
+        if self._closing is not None:
+            self._shrink_offset(self._closing, left, dt)
+        broken = self._command.advance(multiply_quaternions(master, self._offset), dt)
+        if broken:
+            return broken
+        if self._closing is not None:
+            # From where the command is: it may not have followed so fast.
+            self._offset = multiply_quaternions(conjugate(master), self._command.rotation)
+            self._closing = max(0.0, left - norm(vector_from_quaternion(*self._offset))) / dt
+        self.stamp = stamp
+        return ''
+
+    def _shrink_offset(self, before: float, left: float, dt: float) -> None:
+        """Shrink the offset that is left, rad; it shrank at the speed `before`, rad/s."""
+        angle = left
+        if left <= ALIGNED:
+            self._closing = None
+        else:
+            a = self._limits.acceleration
+            # After this step there is enough left to stop in: c dt + c^2 / 2a = left.
+            braking = a * (sqrt(dt * dt + 2.0 * left / a) - dt)
+            angle = min(self._align_speed, before + a * dt, braking) * dt
+            self._command.restart()
+        if left <= angle:
+            self._offset = (0.0, 0.0, 0.0, 1.0)
+            return
+        part = 1.0 - angle / left
+        x, y, z = vector_from_quaternion(*self._offset)
+        self._offset = quaternion_from_vector(part * x, part * y, part * z)
 
 
 def unit_quaternion(quaternion: Quaternion[float]) -> Quaternion[float] | None:
@@ -145,7 +217,7 @@ class FadingTwist:
         # Number of zero velocities before the end: one may get lost.
         self._zeros = zeros
         self._left = 0
-        self._velocity: Vector[float] = (0.0, 0.0, 0.0)
+        self._velocity = ZERO
         # Deceleration of the end, rad/s^2; 0 while there is a command.
         self._fading = 0.0
 
@@ -166,7 +238,7 @@ class FadingTwist:
         if slower > 0.0:
             self._velocity = _scaled(self._velocity, slower / speed)
         else:
-            self._velocity = (0.0, 0.0, 0.0)
+            self._velocity = ZERO
             self._left -= 1
         return self._velocity
 
@@ -191,12 +263,6 @@ def norm(vector: Vector[float]) -> float:
     """Return the length of a vector."""
     x, y, z = vector
     return sqrt(x * x + y * y + z * z)
-
-
-def _within(vector: Vector[float], size: float) -> Vector[float]:
-    """Return a vector, shortened to a size where it is longer."""
-    found = norm(vector)
-    return vector if found <= size else _scaled(vector, size / found)
 
 
 def _scaled(vector: Vector[float], scale: float) -> Vector[float]:

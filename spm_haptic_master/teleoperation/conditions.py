@@ -53,20 +53,22 @@ class Conditions:
 class Inputs:
     """The latest of each input and its age; only a unit quaternion counts as a rotation."""
 
+    # Times at which rotations and presence came, and the slave came to rest: set with these, s.
+    _master_at: float
+    _slave_at: float
+    _rest_at: float
+    present_at: float
+
     def __init__(self, conditions: Conditions) -> None:
         self._conditions = conditions
         self.now = 0.0  # time that has passed, s
-        # Rotations of master and slave in the slave's base frame, and when they came.
+        # Rotations of master and slave in the slave's base frame.
         self.master: Quaternion[float] | None = None
-        self._master_at = -inf
         self.slave: Quaternion[float] | None = None
-        self._slave_at = -inf
-        # Pose near which the slave has stayed, and since when; None until its next pose.
+        # Pose near which the slave has stayed; None until its next pose.
         self._rest: Quaternion[float] | None = None
-        self._rest_at = -inf
         self.level, self.level_at = nan, -inf  # protection level, rad
-        self.present, self.present_at = False, -inf
-        self.clutch = False
+        self.present = self.clutch = False
         self.state: OrientationState | None = None
         # Time of the enable in effect at the master, ns (0: none); None while the master does not
         # publish it.

@@ -18,7 +18,7 @@ from enum import Enum
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.kinematics.rotations import rotation_distance
 from spm_haptic_master.supervision.orientation_state import OrientationState
-from spm_haptic_master.teleoperation.command_limits import CommandLimits
+from spm_haptic_master.teleoperation.command_limits import CommandLimits, Following, ZERO
 from spm_haptic_master.teleoperation.conditions import (
     Conditions,
     Inputs,
@@ -28,7 +28,6 @@ from spm_haptic_master.teleoperation.conditions import (
     NOT_ALIGNED,
     Roll,
 )
-from spm_haptic_master.teleoperation.following import Following
 from spm_haptic_master.timing import SECOND, StampGrid
 
 # Time (s) beyond the longest step whose commands may go out at once: what a computer without real
@@ -93,7 +92,7 @@ class Teleoperation:
     @property
     def velocity(self) -> Vector[float]:
         """Return the angular velocity of the command in the slave's base frame, rad/s."""
-        return (0.0, 0.0, 0.0) if self._following is None else self._following.velocity
+        return ZERO if self._following is None else self._following.velocity
 
     @property
     def offset(self) -> float | None:

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 
 from spm_haptic_master.benchmark.comparison import compare, machine
@@ -17,9 +17,6 @@ from spm_haptic_master.parameters.nodes import ALL_NAMES
 from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.tools import command_line
 
-# What a measurement is run with: its command line, and the parameters of the nodes by name.
-Measurement = Callable[[argparse.Namespace, Mapping[str, str]], None]
-
 
 def main(args: list[str] | None = None) -> int:
     """Compare the pipelines; return the exit code."""
@@ -28,12 +25,8 @@ def main(args: list[str] | None = None) -> int:
     parser.add_argument('--rounds', type=int, default=5, help='of all pipelines in turn (5)')
     parser.add_argument('--output', type=Path, default=Path('bench-pipeline'), metavar='DIR',
                         help='for runs.csv (bench-pipeline)')
-    return run(parser, _measure, args)
-
-
-def _measure(given: argparse.Namespace, parameters: Mapping[str, str]) -> None:
-    given.output.mkdir(parents=True, exist_ok=True)
-    compare(given.seconds, given.rounds, given.rate, parameters, given.output)
+    return run(parser, lambda given, parameters: compare(
+        given.seconds, given.rounds, given.rate, parameters, given.output), args)
 
 
 def measurement_parser(name: str, description: str | None) -> OneLineParser:
@@ -46,8 +39,13 @@ def measurement_parser(name: str, description: str | None) -> OneLineParser:
     return parser
 
 
-def run(parser: OneLineParser, measure: Measurement, args: list[str] | None) -> int:
-    """Check the command line, print what machine this is, measure; return the exit code."""
+def run(parser: OneLineParser, measure: Callable[[argparse.Namespace, dict[str, str]], None],
+        args: list[str] | None) -> int:
+    """
+    Check the command line, print what machine this is, measure; return the exit code.
+
+    `measure` is called with the command line and the parameters of the nodes by name.
+    """
     def program(words: list[str]) -> int:
         # As of the nodes, whose arguments ROS has behind it.
         given = parser.parse_args([each for each in words if each != '--ros-args'])

@@ -34,7 +34,7 @@ from spm_haptic_master.parameters.nodes import (
 )
 from spm_haptic_master.parameters.resolver import DRIVER
 from spm_haptic_master.parameters.setting import Values
-from spm_haptic_master.simulation.bus_runner import BusRunner, DriveLoop, Record
+from spm_haptic_master.simulation.bus_runner import BusRunner, DriveLoop
 from spm_haptic_master.simulation.fault_injection import (
     DRIVE_KINDS,
     Fault,
@@ -43,7 +43,7 @@ from spm_haptic_master.simulation.fault_injection import (
     SYNTAX,
 )
 from spm_haptic_master.simulation.noisy_motion import make_motion
-from spm_haptic_master.simulation.rig import Rig, rig_text
+from spm_haptic_master.simulation.rig import rig_text
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus
 from spm_haptic_master.simulation.simulated_drive import SimulatedDrives
 from spm_haptic_master.timing import DeadlineGrid
@@ -81,9 +81,8 @@ def _run(args: list[str]) -> int:
     given = command_line.given(options, (DRIVER, 'fkm'), DRIVER_NAMES | DRIVE_NAMES)
     sensors = sensors_of(given)
     faults = tuple(parse_fault(text, sensors) for text in options.fault)
-    settings = tuple(dict.fromkeys(
-        (*SOURCE_SETTINGS['can'], *MOTION_SETTINGS, *DRIVE_SETTINGS)))
-    values = command_line.checked(simulated_rig(sensors) | given, settings, 'sim', 'can')
+    values = command_line.checked(simulated_rig(sensors) | given, (
+        *SOURCE_SETTINGS['can'], *MOTION_SETTINGS, *DRIVE_SETTINGS), 'sim', 'can')
     decoder = make_decoder(values)
     node_ids = values['encoders.node_id'] if decoder.network else None
     if options.factory and node_ids is None:
@@ -101,8 +100,12 @@ def _run(args: list[str]) -> int:
     grid = DeadlineGrid(1.0 / values['rate']) if options.sync or decoder.sync_id is None else None
     end = time.monotonic() + options.seconds if options.seconds else float('inf')
     with ExitStack() as stack:
-        record = None if options.ground_truth is None \
-            else _recording(Path(options.ground_truth), motion.rig, stack)
+        record = None
+        if (directory := options.ground_truth) is not None:
+            table = Table(directory / GROUND_TRUTH_NAME, QUATERNION_COLUMNS)
+            stack.callback(table.close)
+            write_new(directory / RIG_NAME, rig_text(motion.rig))
+            record = table.write
         bus = stack.enter_context(command_line.bus_of(values))
         name = command_line.bus_name(values)
         runner = BusRunner(bus, encoders, decoder.sync_id, grid, record)
@@ -118,8 +121,7 @@ def _run(args: list[str]) -> int:
             while time.monotonic() < end:
                 lines = runner.step()
                 if drives is not None and loop is not None:
-                    news, drives.news = drives.news, []
-                    lines += tuple(news)
+                    lines += drives.faults.take_news()
                     if loop.error is not None:
                         raise InputError(f'drives: {loop.error}')
                 for line in lines:
@@ -158,14 +160,6 @@ def _start(drives: SimulatedDrives, values: Values, stack: ExitStack) -> DriveLo
     return loop
 
 
-def _recording(directory: Path, rig: Rig, stack: ExitStack) -> Record:
-    """Write the rig, and return what records the true orientations; InputError if it exists."""
-    table = Table(directory / GROUND_TRUTH_NAME, QUATERNION_COLUMNS)
-    stack.callback(table.close)
-    write_new(directory / RIG_NAME, rig_text(rig))
-    return table.write
-
-
 def _parser() -> Parser:
     parser = Parser('sim_bus', DESCRIPTION)
     parser.add_argument('--sync', action='store_true',
@@ -176,7 +170,7 @@ def _parser() -> Parser:
                         help='end after this time, s (default: run until Ctrl-C)')
     parser.add_argument('--factory', action='store_true',
                         help="with their maker's defaults, for can_setup")
-    parser.add_argument('--ground-truth', metavar='DIRECTORY',
+    parser.add_argument('--ground-truth', type=Path, metavar='DIRECTORY',
                         help=f'write the true orientation of each cycle to {GROUND_TRUTH_NAME} '
                         f'there, and the rig to {RIG_NAME}')
     parser.add_argument('--drives', type=int, choices=(1, 2, 3, 4), metavar='N',

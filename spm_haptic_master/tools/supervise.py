@@ -19,6 +19,7 @@ from spm_haptic_master.parameters.arguments import Parser
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS, sigma_from
 from spm_haptic_master.parameters.geometry import geometry_from
 from spm_haptic_master.parameters.nodes import DRIVER_NAMES, SOURCE_SETTINGS
+from spm_haptic_master.parameters.resolver import DRIVER
 from spm_haptic_master.parameters.setting import SENSORS_SETTING, Values
 from spm_haptic_master.simulation.source_factory import make_replay
 from spm_haptic_master.supervision import recording
@@ -26,7 +27,7 @@ from spm_haptic_master.supervision.recording import Supervised
 from spm_haptic_master.supervision.symptom import with_remedy
 from spm_haptic_master.tools import command_line
 from spm_haptic_master.tools.progress_bar import LINE_PERIOD, ProgressBar
-from spm_haptic_master.validation import recordings
+from spm_haptic_master.validation import bags, recordings
 from spm_haptic_master.validation.parity_map import (
     nominal_bias,
     parity_map,
@@ -43,17 +44,8 @@ the share of orientations published, the parity by region of the workspace, and 
 bias_deg that the recording supports; no bias_deg below the given one. RECORDING is a log of the
 CAN bus (decoded with the parameters of the encoder driver), a directory of recorder, a rosbag2 or
 a CSV file with measured_js. Writes supervise.png and regions.csv."""
-# Kinds of recordings of joint angles, by the ends of their names; a directory is one of rosbag2 or
-# recorder.
-JOINT_FILES = ('.csv', '.mcap', '.db3')
-# Nodes whose parameters it takes, and the names of these.
-NODES = ('encoder_driver', 'fkm')
-NAMES = DRIVER_NAMES | {setting.name for setting in FKM_SETTINGS}
 # Unit that a proposed nominal bias is rounded up to (deg).
 BIAS_UNIT = 0.01
-# Why no smaller one is proposed.
-FLOOR = ('not below the bias_deg in use: a recording shows one combination of the errors, where '
-         'it has been;\n  # calibrate bounds each over the workspace')
 # Number of reasons that are printed.
 REASONS = 8
 
@@ -68,7 +60,8 @@ def _run(args: list[str]) -> int:
     # matplotlib is an extra: report that it is missing before anything is computed.
     from spm_haptic_master.tools import supervision_figure
 
-    given = command_line.given(options, NODES, NAMES)
+    given = command_line.given(options, (DRIVER, 'fkm'),
+                               DRIVER_NAMES | {setting.name for setting in FKM_SETTINGS})
     stamps, angles, left_out = _read(options, given)
     sensors = angles.shape[1]
     values = command_line.checked({SENSORS_SETTING.name: sensors} | given, FKM_SETTINGS)
@@ -112,7 +105,8 @@ def _read(options: argparse.Namespace,
           given: dict[str, object]) -> tuple[NDArray[np.int64], NDArray[np.float64], int]:
     """Return the stamps, ns, the joint angles, rad, and how many rows have too few of them."""
     path = options.recording
-    if path.is_dir() or path.suffix in JOINT_FILES and not _is_can_log(path):
+    if path.is_dir() or path.suffix in bags.STORAGE_SUFFIXES \
+            or path.suffix == '.csv' and not _is_can_log(path):
         track = recordings.read_joints(path, options.topic)
         if track is None:
             raise InputError(f'{path}: nothing on topic {options.topic}')
@@ -130,14 +124,11 @@ def _read(options: argparse.Namespace,
 
 def _is_can_log(path: Path) -> bool:
     """Return whether a CSV file is a log of python-can and not a table of joint angles."""
-    if path.suffix != '.csv':
-        return False
     try:
         with open(path, encoding='utf-8-sig') as file:
-            header = file.readline()
+            return 'arbitration_id' in file.readline()
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f'{path}: cannot be read: {error}') from error
-    return 'arbitration_id' in header
 
 
 def _report_gaps(angles: NDArray[np.float64], left_out: int) -> None:
@@ -191,8 +182,7 @@ def _propose(stamps: NDArray[np.int64], angles: NDArray[np.float64], table: list
     if unknown.all():
         print('  no sigma_deg: fewer than four samples in a row')
     else:
-        names = ', '.join(name for name, each in zip(ALL_JOINT_NAMES, unknown, strict=False)
-                          if each)
+        names = ', '.join(np.array(ALL_JOINT_NAMES)[:len(unknown)][unknown])
         sigma = ', '.join(f'{each:.4f}' for each in np.where(unknown, now, noise))
         kept = f'; as it is for {names}, which lack four readings in a row' if names else ''
         print(f'  sigma_deg: [{sigma}]   # now {now}{kept}')
@@ -201,7 +191,9 @@ def _propose(stamps: NDArray[np.int64], angles: NDArray[np.float64], table: list
     else:
         now = values['bias_deg']
         print(f'  bias_deg: {proposed_bias(bias, now)}   # now {list(now)}; largest mean parity '
-              f'{bias:.4f} deg;\n  # {FLOOR}')
+              f'{bias:.4f} deg;\n  # not below the bias_deg in use: a recording shows one '
+              'combination of the errors, where it has been;\n  # calibrate bounds each over the '
+              'workspace')
 
 
 def proposed_bias(parity: float, now: Sequence[float]) -> list[float]:

@@ -43,14 +43,6 @@ def test_compare_prints_tables_and_ratios_and_writes_a_line_a_run(measured, tmp_
         == ['observer', 'fkm', 'diagnostics', 'encoder_driver']
 
 
-@pytest.mark.parametrize(('args', 'words'), [
-    (('-p', 'rate'), 'expected NAME:=VALUE'), (('-p', 'rate:=500'), 'expected --rate'),
-    (('--ros-args', '-p', 'ratte:=1'), "parameter 'ratte'")])
-def test_a_wrong_argument_is_reported(capsys, args, words):
-    assert main(['benchmark', *args]) == 1
-    assert words in capsys.readouterr().err
-
-
 @pytest.mark.process
 def test_two_runs_on_one_host_have_different_domains_and_buses(start_python):
     code = ('from spm_haptic_master.benchmark.child_process import *\n'

@@ -19,7 +19,7 @@ from harness import complaints, full_pipe, ROOT, SIM, start_command
 import pytest
 from rcl_interfaces.msg import Log
 from spm_haptic_master.benchmark.child_process import wait_until
-from spm_haptic_master.benchmark.run import process_ticks, TICK
+from spm_haptic_master.benchmark.run import all_processes, TICK
 from spm_haptic_master.executables import PIPELINE
 from std_msgs.msg import String
 
@@ -80,7 +80,7 @@ def test_ctrl_c_while_it_starts_leaves_nothing_behind(start, used, times):
     before = set(glob(PORTS))
     master = start('master', parameters=SIM)
     end = time.monotonic() + PATIENCE
-    while process_ticks(master.pid) * TICK < used and time.monotonic() < end:
+    while all_processes()[master.pid][1] * TICK < used and time.monotonic() < end:
         time.sleep(0.005)
     made = shared_memory(master.pid) - before
     for _ in range(times):

@@ -35,6 +35,9 @@ def test_the_default_rig_is_as_drawn_and_so_is_one_without_tolerances():
     np.testing.assert_allclose(same.geometry.platform_axes, Geometry().platform_axes, atol=1e-14)
     assert same.sensors == perfect_rig(Geometry(), radians(0.04)).sensors
     assert not same.has_harmonics and random_rig(3, TOLERANCES).has_harmonics
+    plain = random_rig(3, Tolerances())
+    assert plain.sensors == (SensorErrors(),) * 4
+    np.testing.assert_allclose(plain.geometry.base_axes, Geometry().base_axes, atol=1e-14)
 
 
 def test_the_seed_decides_the_rig_and_more_sensors_leave_the_others():
@@ -116,6 +119,8 @@ AXES = [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
           ('alpha_deg', [39, 39], 'a list of 3, each a number from 0.1 to 179.9'),
           ('beta_deg', [34, True, 34], 'a list'),
           ('base_axes', AXES[:2], 'a list of 3 of lists of 3, each a number from -1 to 1'),
+          *((key, [[0.0, 0.0, 1.5 * sign], *AXES[1:]], 'a list of 3 of lists of 3')
+            for key in ('base_axes', 'platform_axes') for sign in (-1.0, 1.0)),
           ('eccentricity_deg_cos_sin', [0.1] * 4, 'a list of 4 of lists of 2, each a number from '
            '-10 to 10'),
           ('delay', [0, 0, 0, 0.2], 'a list of 4, each a number from 0 to 0.1'),

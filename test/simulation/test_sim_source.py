@@ -10,13 +10,14 @@ from encoder_frames import values
 import numpy as np
 import pytest
 from spm_haptic_master import timing
+from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
-from spm_haptic_master.simulation import sim_source
+from spm_haptic_master.simulation import sim_source, source_factory
 from spm_haptic_master.simulation.fault_injection import parse_switched
 from spm_haptic_master.simulation.noisy_motion import make_motion
 from spm_haptic_master.simulation.rig import make_rig
 from spm_haptic_master.simulation.sim_source import PUNCTUAL
-from spm_haptic_master.simulation.source_factory import make_source
+from spm_haptic_master.simulation.source_factory import make_source, source_text
 from spm_haptic_master.simulation.steering import PHI_LIMITS, TILT_LIMIT
 from spm_haptic_master.timing import SECOND
 
@@ -52,6 +53,26 @@ def test_the_harmonics_of_the_rig_are_corrected_as_the_file_says():
     np.testing.assert_allclose(angles(
         (0.0, 2.0, 5.0), **plain, encoders__harmonic_cos_deg=list(map(degrees, cosine)),
         encoders__harmonic_sin_deg=list(map(degrees, sine))), true, atol=0.6 * COUNT)
+
+
+@pytest.mark.parametrize(('given', 'text', 'produce'), [
+    ({'can__channel': 'can1'}, 'can: can1', None),
+    ({'can__channel': 'x', 'can__interface': 'virtual', 'can__sync': 'produce'}, 'can: virtual x',
+     0.01)])
+def test_the_bus_is_a_source_with_or_without_sync_from_here(monkeypatch, given, text, produce):
+    made = []
+    monkeypatch.setattr(source_factory, 'CanSource', lambda *args: made.append(args))
+    checked = values('can', rate=100.0, can__timeout=0.02, **given)
+    make_source('can', checked)
+    ((interface, channel, _, _, timeout, period, _),) = made
+    assert source_text('can', checked) == text and text.endswith(channel) and interface
+    assert (timeout, period) == (0.02, produce)
+    for change, words in (({'can__timeout': 0.019}, 'at least two periods, 0.02 s at 100 Hz'),
+                          ({'can__sync': 'produce', 'encoders__sync_id': 0}, 'consume where')):
+        with pytest.raises(SettingError, match=words):
+            make_source('can', values('can', **{'rate': 100.0, 'can__timeout': 0.02} | change))
+    assert source_text('replay', values('replay', replay__path='/a/b.log')) == 'replay: b.log'
+    assert source_text('sim', {}) == 'sim'
 
 
 def read(source, count):

@@ -4,6 +4,7 @@
 """Simulated encoders: their answers to a master, what each fault does, and their loop on a bus."""
 
 from dataclasses import replace
+import time
 
 import can
 from encoder_frames import LAYOUTS, values
@@ -23,10 +24,11 @@ TPDOS = [layout.can_id for layout in LAYOUTS]
 HEARTBEAT = 0.05
 
 
-def bus_of(*faults, node_ids=(1, 2, 3, 4), layouts=LAYOUTS):
+def bus_of(*faults, node_ids=(1, 2, 3, 4), layouts=LAYOUTS, factory=False):
     """Return encoders that are switched on, at rest, without noise."""
     motion = make_motion(values('sim', sim__noise_deg=0.0, sim__trajectory='fixed'))
-    bus = SimulatedBus(layouts, node_ids, motion, tuple(map(parse_fault, faults)), HEARTBEAT, 1)
+    bus = SimulatedBus(layouts, node_ids, motion, tuple(map(parse_fault, faults)), HEARTBEAT, 1,
+                       factory=factory)
     bus.boot()
     return bus
 
@@ -73,8 +75,7 @@ def test_a_fault_does_what_it_says_and_ends(fault, during, after):
         assert angles(bus.cycle(t)) == pytest.approx(
             {index: angle + np.radians(expected.get(index, 0.0)) for index, angle in TRUE.items()
              if expected.get(index, 0.0) is not None}, abs=4e-4)
-        assert bus.news == [f'{fault} {word}' for word in news]
-        bus.news.clear()
+        assert bus.faults.take_news() == tuple(f'{fault} {word}' for word in news)
     bus.receive(START)
     assert len(bus.cycle(12.1)) == 4
 
@@ -97,14 +98,15 @@ def test_faults_of_a_kind_that_lasts():
 
 
 def test_late_answers_come_in_their_order_and_all_at_the_end():
-    bus = started('late:joint_1a@1+1=0.0015')
+    """Also between two cycles."""
+    bus = started('late:joint_1a@1+1=0.0025')
     arrived = []
     for k in range(1000, 2010):
         t = 10.0 + 0.001 * k
-        for message in (*bus.tend(t), *bus.cycle(t)):
+        for message in (*bus.tend(t), *(bus.cycle(t) if k % 2 == 0 else ())):
             arrived += [k] * (message.arbitration_id == 0x181)
-    assert arrived[:3] == [1002, 1003, 1004]
-    assert arrived.count(2000) == 3 and len(arrived) == 1010
+    assert arrived[:3] == [1003, 1005, 1007]
+    assert arrived.count(2000) == 2 and len(arrived) == 505
 
 
 def test_emergencies_boot_ups_and_error_frames_are_sent_once():
@@ -116,7 +118,8 @@ def test_emergencies_boot_ups_and_error_frames_are_sent_once():
               or bytes(message.data) == b'\0']
     assert [text(each) for each in others if not each.is_error_frame] == [
         '82#3081010000000000', '82#0000000000000000', '704#00']
-    assert [each.arbitration_id for each in others if each.is_error_frame] == [0x40, 0x100]
+    assert [(each.arbitration_id, each.is_extended_id, each.dlc)
+            for each in others if each.is_error_frame] == [(0x40, False, 8), (0x100, False, 8)]
     (booted,) = [t for t, message in came if text(message) == '704#00']
     assert booted == pytest.approx(14.0, abs=0.03)
     beats = [sum(text(each) == f'70{node}#05' for each in sent) for node in (1, 2, 3)]
@@ -134,6 +137,20 @@ def test_a_stuck_counter_repeats_its_value():
     assert found == [[1, 2], [1, 3], [1, 4]]
 
 
+# Objects of encoders from their maker.
+FACTORY = """
+601#4000180100000000 -> 581#4300180181010040
+603#4000180200000000 -> 583#4F001802FE000000
+602#40001A0000000000 -> 582#4F001A0002000000
+602#40001A0100000000 -> 582#43001A0120000460
+602#40001A0200000000 -> 582#43001A0210013060
+602#40001A0400000000 -> 582#43001A0400000000
+602#40001A0500000000 -> 582#80001A0511000906
+602#4001600000000000 -> 582#4301600000000100
+602#4000600000000000 -> 582#4B00600000000000
+602#4017100000000000 -> 582#4B17100000000000
+000#0100 ->
+80# ->"""
 # Objects by SDO, NMT and SYNC of encoders that are set up; `tend`: what they send by themselves.
 CONFIGURED = """
 601#4000100000000000 -> 581#4300100096010100
@@ -171,10 +188,11 @@ CONFIGURED = """
 tend -> 701#05 702#7F 703#04 704#05"""
 
 
-def test_a_conversation_as_cia_301_has_it():
+@pytest.mark.parametrize(('rows', 'factory'), [(CONFIGURED, False), (FACTORY, True)])
+def test_a_conversation_as_cia_301_has_it(rows, factory):
     """Rows of requests, each with all answers."""
-    bus = bus_of()
-    for row in CONFIGURED.splitlines()[1:]:
+    bus = bus_of(factory=factory)
+    for row in rows.splitlines()[1:]:
         asked, _, answers = row.partition(' ->')
         found = bus.cycle(10.0) if asked == '80#' else bus.tend(10.0) if asked == 'tend' \
             else bus.receive(request(asked))
@@ -198,11 +216,11 @@ def rig():
     """Give a function that makes the encoders' runner, and the other end of its bus."""
     with can.Bus(interface='virtual', channel='runner') as bus, \
             can.Bus(interface='virtual', channel='runner') as master:
-        def make(node_ids=None, grid=None, faults=(), sync_id=SYNC):
+        def make(node_ids=None, grid=None, faults=(), sync_id=SYNC, record=None):
             encoders = SimulatedBus(LAYOUTS, node_ids, make_motion(values('sim')),
                                     tuple(map(parse_fault, faults)), 60.0, 1,
                                     synchronised=sync_id is not None)
-            return BusRunner(bus, encoders, sync_id, grid), master
+            return BusRunner(bus, encoders, sync_id, grid, record), master
         yield make
 
 
@@ -242,3 +260,16 @@ def test_a_fault_at_zero_affects_the_first_answers_and_is_reported_once(rig):
     assert runner.step() == ('dropout:joint_1b@0 begins',)
     assert heard(master) == [TPDOS[0], *TPDOS[2:]]
     assert runner.step() == ()
+
+
+def test_encoders_sample_when_sync_comes_unless_its_clock_has_another_epoch(rig, monkeypatch):
+    """What is recorded is the time of the sample."""
+    found = []
+    runner, _ = rig(record=lambda stamp, _: found.append(time.time() - 1e-9 * stamp))
+    for age in (0.05, 1e6, -5.0):
+        sync = canopen.frame(SYNC)
+        sync.timestamp = time.time() - age
+        frames = iter((sync, None))
+        monkeypatch.setattr(runner._bus, 'recv', lambda timeout, frames=frames: next(frames))
+        runner.step()
+    assert found == pytest.approx([0.05, 0.1, 0.0], abs=0.04)

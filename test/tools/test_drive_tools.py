@@ -8,9 +8,12 @@ import signal
 import uuid
 
 import can
-from drive_rig import make_test_plan
 import pytest
+from spm_haptic_master.drives.plan import make_plan
 from spm_haptic_master.encoders import canopen
+from spm_haptic_master.parameters.drives import DRIVE_SETTINGS
+from spm_haptic_master.parameters.setting import complete
+from spm_haptic_master.parameters.shared import RATE_SETTING
 from spm_haptic_master.simulation.bus_runner import DriveLoop
 from spm_haptic_master.simulation.simulated_drive import SimulatedDrives
 from spm_haptic_master.tools import can_scan, can_setup
@@ -38,9 +41,11 @@ def setup(capsys, channel):
 
 
 @contextmanager
-def simulated(channel, factory=False, **settings):
+def simulated(channel, factory=False, node_ids=(11, 12, 13)):
     """Run simulated drives in a thread; give them."""
-    drives = SimulatedDrives(make_test_plan(**settings), factory=factory)
+    drives = SimulatedDrives(make_plan(complete((*DRIVE_SETTINGS, RATE_SETTING), {
+        'drives.channel': 'x', 'drives.rated_torque': [0.5], 'drives.node_id': [*node_ids]})),
+        factory=factory)
     with can.Bus(interface='virtual', channel=channel) as bus:
         loop = DriveLoop(bus, drives)
         try:
@@ -97,7 +102,7 @@ def test_a_joint_without_a_drive_is_refused(setup):
 
 def test_a_scan_names_the_drives_and_the_one_that_is_missing(channel, capsys):
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    with simulated(channel, drives__node_id=[11, 12]):
+    with simulated(channel, node_ids=(11, 12)):
         code = can_scan.main([
             'can_scan', '--seconds', '0.5', '--start', '-p', 'can.interface:=virtual', '-p',
             f'can.channel:={channel}', '-p', 'rate:=100.0', '-p', 'drives.interface:=virtual',

@@ -1,0 +1,141 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""can_scan, can_setup and urdf in one process with simulated encoders on a virtual bus."""
+
+from contextlib import contextmanager
+import re
+import signal
+import threading
+import uuid
+
+import can
+from encoder_frames import LAYOUTS, values
+import pytest
+from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
+from spm_haptic_master.simulation.bus_runner import BusRunner
+from spm_haptic_master.simulation.noisy_motion import make_motion
+from spm_haptic_master.simulation.simulated_bus import SimulatedBus
+from spm_haptic_master.tools import benchmark, can_scan, can_setup, urdf
+
+
+@pytest.fixture(autouse=True)
+def handlers():
+    """Leave the handling of signals as it was."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.fixture
+def channel():
+    """Give the channel of a virtual bus of this test's own."""
+    return uuid.uuid4().hex
+
+
+@pytest.fixture
+def run(capsys, channel):
+    """Run a program on the bus; return its exit code, stdout and stderr."""
+    def run(program, *args):
+        name = program.__name__.rpartition('.')[2]
+        code = program.main([name, '-p', 'can.interface:=virtual', '-p',
+                             f'can.channel:={channel}', '-p', 'rate:=100.0', *args])
+        return code, *capsys.readouterr()
+    return run
+
+
+@contextmanager
+def encoders(channel, factory=False, sync=False):
+    """Run simulated encoders in a thread, still or with SYNC."""
+    with can.Bus(interface='virtual', channel=channel) as bus:
+        runner = BusRunner(bus, SimulatedBus(
+            LAYOUTS, (1, 2, 3, 4), make_motion(values('sim')), (), 0.1, 1, factory=factory),
+            0x80, DeadlineGrid(0.01) if sync else None)
+        end = threading.Event()
+
+        def loop():
+            runner.boot()
+            while not end.is_set():
+                runner.step()
+
+        thread = threading.Thread(target=loop)
+        thread.start()
+        try:
+            yield bus
+        finally:
+            end.set()
+            thread.join()
+
+
+def test_encoders_of_the_maker_are_found_set_up_and_found_as_configured(run, channel):
+    pytest.importorskip('canopen')
+    with encoders(channel, factory=True):
+        code, out, err = run(can_scan, '--seconds', '0.3', '--start')
+        assert code == 1 and '\n  joint_1b: 0x182 missing; its node 2 is present' in out
+        assert '\ncan_scan: no SYNC on the bus' in err
+        code, out, err = run(can_setup)
+        assert (code, err) == (1, '') and '0x6001:00 units per turn: 65536, wanted 16384' in out
+        assert out.endswith('4 of 4 encoders not as configured; nothing was written (--write)\n')
+        # One alone, with another heartbeat.
+        code, out, _ = run(can_setup, '--joint', 'joint_1b', '--write', '--heartbeat', '0.2')
+        assert code == 0 and 'joint_1a' not in out
+        assert out.endswith('1 of 1 encoders as configured, stored and read back after a reset\n')
+        code, out, _ = run(can_setup)
+        assert code == 1 and '3 of 4' not in out and '0x1017:00 heartbeat time, ms: 200' in out
+        assert run(can_setup, '--write')[0] == 0
+        code, out, err = run(can_setup)
+        assert (code, err) == (0, '') and out.endswith(': 4 of 4 encoders as configured\n')
+        assert ' objects as configured\n' in out and 'written' not in out
+        code, out, err = run(can_scan, '--seconds', '0.3', '--start')
+    assert code == 0, out
+    assert f'virtual {channel}, 0.3 s:\n' in out
+    assert 'all four encoders are there, as configured\n' in out
+    assert 'lines for rig.yaml, in the order of the node ids: put both lists' in out
+    assert channel in out.partition('rig.yaml')[2]
+
+
+def test_a_running_master_is_heard_and_nothing_is_written(run, channel):
+    pytest.importorskip('canopen')
+    with encoders(channel, factory=True, sync=True):
+        code, _, err = run(can_setup, '--write')
+    assert (code, err) == (1, 'can_setup: SYNC 0x80 on the bus: a master is running; stop it '
+                           'before anything is written\n')
+
+
+def test_a_scan_that_sends_nothing_of_a_bus_without_frames(run, channel):
+    with can.Bus(interface='virtual', channel=channel) as other:
+        code, out, err = run(can_scan, '--passive', '--seconds', '0.1', '-p',
+                             'encoders.node_id:=[1, 2, 3, 4]')
+        assert other.recv(0.0) is None
+    assert (code, err) == (1, '')
+    assert '0.1 s:\n  nothing\nnot as configured:\n  no frames at all' in out
+    assert 'lines for rig.yaml:\n' in out
+
+
+@pytest.mark.parametrize(('program', 'args', 'words'), [
+    (can_scan, ('--start', '--passive'), 'can_scan: --start with --passive, which sends nothing'),
+    (can_scan, ('-p', 'can.interface:=nope'), "can_scan: parameter 'can.interface' is 'nope'"),
+    (can_scan, ('-p', 'can.interface:=socketcan'), 'can_scan: socketcan [0-9a-f]+: '),
+    (can_scan, ('-p', 'ratte:=1'), "can_scan: .*'ratte'"),
+    (can_setup, ('-p', 'can.protocol:=raw'), "'raw'; expected 'canopen': other encoders have no"),
+    (can_setup, ('--joint', 'joint_3c', '-p', 'sensors:=5'), 'joint joint_3c; expected one of'),
+    (can_setup, ('--drives', '-p', 'drives.rated_torque:=[0.5]'), "'drives.channel' is ''"),
+    (can_setup, ('--drives', '-p', 'drives.rated_torque:=[0.5]', '-p', 'drives.channel:=can0',
+                 '-p', 'can.channel:=can0', '-p', 'drives.interface:=virtual', '-p',
+                 'drives.event_timer:=0.1', '-p', 'drives.node_id:=[11, 2, 13]'),
+     r'node ids that no encoder has \(2 is in'),
+    (urdf, (), 'urdf: -p can.interface:=virtual: no parameter of this program')])
+def test_what_is_wrong_is_named_in_one_line(run, program, args, words):
+    pytest.importorskip('canopen')
+    code, out, err = run(program, *args)
+    assert (code, out) == (1, '') and re.search(words, err) and err.count('\n') == 1, err
+
+
+@pytest.mark.parametrize(('args', 'words'), [
+    (('-p', 'rate'), 'expected NAME:=VALUE'), (('-p', 'rate:=500'), 'expected --rate'),
+    (('--ros-args', '-p', 'ratte:=1'), "parameter 'ratte'"),
+    (('--rounds', '0'), '--rounds 0; expected 1 or more')])
+def test_a_wrong_argument_of_the_benchmark_is_reported(capsys, args, words):
+    assert benchmark.main(['benchmark', *args]) == 1
+    assert words in capsys.readouterr().err
