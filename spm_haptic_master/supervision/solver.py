@@ -10,6 +10,7 @@ from typing import TypeAlias
 
 from spm_haptic_master.exceptions import SingularityError
 from spm_haptic_master.kinematics import rotations
+from spm_haptic_master.kinematics.assembly_modes import track_mode
 from spm_haptic_master.kinematics.closed_form import theta3a_gains, theta3a_quaternion
 from spm_haptic_master.kinematics.estimation.gauss_newton import (
     DETERMINED_DEVIATION,
@@ -19,7 +20,6 @@ from spm_haptic_master.kinematics.estimation.sample_estimation import estimate_s
 from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
 from spm_haptic_master.kinematics.joints import UsedSensors
-from spm_haptic_master.kinematics.mode_tracking import track_mode
 from spm_haptic_master.kinematics.number_backends import Quaternion
 
 # Readings of four, five or six sensors, rad: th1A, th1B, th1C, th3A, th3B, th3C.
