@@ -21,12 +21,14 @@ from spm_haptic_master.kinematics.estimation.estimates import Estimate, estimate
 from spm_haptic_master.kinematics.estimation.sample_estimation import estimate_sample
 from spm_haptic_master.kinematics.geometry import Geometry, in_usual_frames
 from spm_haptic_master.kinematics.inverse_model import (
+    dexterity,
     inverse,
+    jacobian,
     JointAngles,
     measured_angles,
     mechanism_angles,
+    parallel_determinant,
 )
-from spm_haptic_master.kinematics.jacobians import dexterity, jacobian, parallel_determinant
 from spm_haptic_master.kinematics.joints import UsedSensors
 from spm_haptic_master.kinematics.rotations import (
     matrix_from_quaternion,

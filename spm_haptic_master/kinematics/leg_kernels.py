@@ -95,6 +95,15 @@ def passive_angles(rotation: Rotation[N], z: N, th1: N, p: N, q: N, leg: Leg,
     return th2, m.atan2(q00 * x + q10 * y + q20 * z, q01 * x + q11 * y + q21 * z)
 
 
+def leg_angles(rotation: Rotation[N], leg: Leg, sign: int, m: Backend[N]) -> Vector[N]:
+    """Kernel of one leg: th1k, th2k, th3k, rad, of a rotation; `sign` is its working mode."""
+    x, y, z = third_in_leg_frame(rotation, leg)
+    p, q = leg_closure(x, y, z, sign, leg, m)
+    th1 = active_angle(x, y, p, q, m)
+    th2, th3 = passive_angles(rotation, z, th1, p, q, leg, m)
+    return th1, th2, th3
+
+
 def turn_equation(d: Vector[N], v: Vector[N], cos_beta: float) -> Vector[N]:
     """
     Coefficients L, M, N of  L cos t + M sin t + N = 0,  that is  d . Rz(t) v = cos beta.

@@ -18,7 +18,7 @@ from spm_haptic_master.kinematics import (
     parallel_determinant,
     quaternion_from_matrix,
 )
-from spm_haptic_master.kinematics.jacobians import approach, determinant_gradient, nearness
+from spm_haptic_master.kinematics.workspace import approach, determinant_gradient, nearness
 
 
 @pytest.mark.parametrize('mode', MODES)
