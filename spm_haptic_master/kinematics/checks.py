@@ -167,8 +167,12 @@ def check_links(name: str, angles: object) -> Vector[float]:
     return first, second, third
 
 
-def check_axes(name: str, axes: object) -> ThreeAxes:
-    """Return three unit vectors, no two of them parallel; GeometryError if they are none."""
+def check_axes(name: str, axes: object, symbol: str, nominal: ThreeAxes) -> ThreeAxes:
+    """
+    Return three unit vectors, named by `symbol` and leg; GeometryError if they are none.
+
+    No two may be parallel, and none opposite to its nominal direction: no least turn leads there.
+    """
     rows = _check(name, axes, (3, 3))
     unit = []
     for leg, row in enumerate(rows.tolist()):
@@ -178,22 +182,17 @@ def check_axes(name: str, axes: object) -> ThreeAxes:
                 f'{name}: row {leg} = {row} has length {length:.9g}, expected a unit vector')
         x, y, z = (component / length for component in row)
         unit.append((x, y, z))
-    for leg in range(3):
-        other = (leg + 1) % 3
+    apart = f'expected {math.degrees(LEAST_ANGLE):g} deg or more between them'
+    for leg, other in ((0, 1), (1, 2), (2, 0)):
         (x, y, z), (u, v, w) = unit[leg], unit[other]
         sine = math.hypot(y * w - z * v, z * u - x * w, x * v - y * u)
         if sine < math.sin(LEAST_ANGLE):
             raise GeometryError(
                 f'{name}: rows {leg} and {other} = {list(unit[leg])} and {list(unit[other])} are '
-                f'parallel to {math.degrees(math.asin(sine)):.3g} deg, expected '
-                f'{math.degrees(LEAST_ANGLE):g} deg or more between them')
+                f'parallel to {math.degrees(math.asin(sine)):.3g} deg, {apart}')
+    for letter, axis, drawn in zip(LEG_NAMES, unit, nominal, strict=True):
+        if math.dist(axis, [-component for component in drawn]) < LEAST_ANGLE:
+            raise GeometryError(f'{name}: {symbol}{letter} = {list(axis)} is opposite to '
+                                f'{list(drawn)}: {apart}, or the joint has no zero')
     first, second, third = unit
     return first, second, third
-
-
-def check_zero(name: str, axis: Vector[float], nominal: Vector[float]) -> None:
-    """Raise GeometryError for an axis opposite to its nominal one: no least turn leads to it."""
-    if math.dist(axis, [-component for component in nominal]) < LEAST_ANGLE:
-        raise GeometryError(
-            f'{name} = {list(axis)} is opposite to {list(nominal)}: expected '
-            f'{math.degrees(LEAST_ANGLE):g} deg or more between them, or the joint has no zero')

@@ -25,8 +25,7 @@ from __future__ import annotations
 import math
 from typing import TypeAlias
 
-from spm_haptic_master.kinematics.geometry import Geometry
-from spm_haptic_master.kinematics.leg_constants import Carried, Leg, LinkTurn
+from spm_haptic_master.kinematics.geometry import Carried, Geometry, Leg, LinkTurn
 from spm_haptic_master.kinematics.number_backends import Backend, N, Quaternion, Rotation, Vector
 
 # Axes of leg B or C in the frame of leg A's second joint: Z2k before th2A, Z3k after it; and the

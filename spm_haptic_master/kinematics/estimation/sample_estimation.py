@@ -30,9 +30,8 @@ from spm_haptic_master.kinematics.estimation.gauss_newton import (
     SampleEstimate,
 )
 from spm_haptic_master.kinematics.estimation.normal_equations import State
-from spm_haptic_master.kinematics.geometry import Geometry
+from spm_haptic_master.kinematics.geometry import Geometry, Leg
 from spm_haptic_master.kinematics.joints import FEWEST_USED, UsedSensors
-from spm_haptic_master.kinematics.leg_constants import Leg
 from spm_haptic_master.kinematics.leg_kernels import (
     both_turns,
     common_turn,
