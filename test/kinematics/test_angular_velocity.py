@@ -7,7 +7,7 @@ from mechanism import turn, zxz
 import numpy as np
 import pytest
 from spm_haptic_master.kinematics import quaternion_from_matrix
-from spm_haptic_master.kinematics.angular_velocity import AngularVelocity
+from spm_haptic_master.kinematics.rotations import AngularVelocity
 
 # Window of the slope and period of the samples (ns).
 WINDOW = 20_000_000
