@@ -24,7 +24,7 @@ from spm_haptic_master.kinematics import (
     theta3a_quaternion,
     workspace_pose,
 )
-from spm_haptic_master.kinematics.closed_form import theta3a_gains
+from spm_haptic_master.kinematics.estimation.normal_equations import theta3a_gains
 from spm_haptic_master.kinematics.leg_kernels import turn_of_third_joint
 from spm_haptic_master.kinematics.number_backends import ARRAYS, FLOATS, SLICE
 

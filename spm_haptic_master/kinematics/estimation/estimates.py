@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-import functools
 from typing import cast
 
 import numpy as np
@@ -18,42 +17,18 @@ from spm_haptic_master.kinematics.checks import (
     check_broadcast,
     check_rotations,
 )
-from spm_haptic_master.kinematics.estimation.gauss_newton import (
-    CONVERGED_STEP,
-    DETERMINED_DEVIATION,
-    LONGEST_STEP,
-    RANK_TOLERANCE,
-)
-from spm_haptic_master.kinematics.estimation.normal_equations import (
-    gauss_newton_step,
-    in_base_frame,
-    linearise,
-    normal_equations,
-    parities,
-    State,
-)
-from spm_haptic_master.kinematics.estimation.sample_estimation import (
-    CLOSED_FORM_TRUST,
-    estimate_sample,
-)
+from spm_haptic_master.kinematics.estimation.gauss_newton import DETERMINED_VARIANCE, fit_rows
+from spm_haptic_master.kinematics.estimation.sample_estimation import estimate_sample
 from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.joints import NUMBER_WORDS, UsedSensors
-from spm_haptic_master.kinematics.leg_kernels import (
-    chain_quaternion,
-    linkage,
-    turn_of_second_joint,
-)
-from spm_haptic_master.kinematics.number_backends import Array, ARRAYS, Batch, SLICE
+from spm_haptic_master.kinematics.number_backends import Array, SLICE
 from spm_haptic_master.kinematics.rotations import (
     quaternion_from_matrix,
     rotation_from_quaternion,
-    stack_matrix,
 )
 
 # Largest parity of healthy sensors (unit 1): noise alone exceeds it once in 4e11 samples.
 CONSISTENT_PARITY = 7.0
-# Largest number of steps of a slice; rows that need more are done one by one.
-BATCH_STEPS = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,13 +157,13 @@ def _estimate_rows(readings: Array, sensors: UsedSensors, g: Geometry,
     settled = np.zeros(count, bool)
     for start in range(0, count, SLICE):
         part = slice(start, start + SLICE)
-        settled[part], *values = _estimate_slice(readings[part], sensors, g)
+        settled[part], *values = fit_rows(readings[part], sensors, g)
         for name, value in zip(('rotation', 'covariance', 'parity_vector'), values, strict=True):
             getattr(result, name)[part][settled[part]] = value[settled[part]]
     result.parity[:] = result.parity_vector[:, 0] if sensors.count == 4 else (
         np.sqrt(np.sum(result.parity_vector ** 2, axis=-1)))
     result.determined[settled] = np.trace(
-        result.covariance[settled], axis1=-2, axis2=-1) < DETERMINED_DEVIATION ** 2
+        result.covariance[settled], axis1=-2, axis2=-1) < DETERMINED_VARIANCE
     for row in np.flatnonzero(~settled):
         try:
             single = _estimate_one(tuple(readings[row].tolist()), sensors, g,
@@ -198,42 +173,6 @@ def _estimate_rows(readings: Array, sensors: UsedSensors, g: Geometry,
         for name in Estimate.__slots__:
             getattr(result, name)[row] = getattr(single, name)
     return result
-
-
-def _estimate_slice(readings: Array, sensors: UsedSensors,
-                    g: Geometry) -> tuple[NDArray[np.bool_], Array, Array, Array]:
-    """
-    Estimate rows (n, N), rad, together.
-
-    Returned are the rows that converged, (n,) bool, and rotation, covariance and parity vector.
-    """
-    columns: tuple[Batch, ...] = tuple(np.ascontiguousarray(readings.T))
-    th1a, th1b, th1c, th3a = columns[:4]
-    view = linkage(th1a, th1b, th1c, th3a, g, ARRAYS)
-    cosine, sine, determinant = turn_of_second_joint(view[2], view[3])
-    th2a: Batch = np.arctan2(sine * determinant, cosine * determinant)
-    state: State[Batch] = th1a, th2a, th3a, th1b, th1c
-    trusted: NDArray[np.bool_] = np.abs(determinant) > CLOSED_FORM_TRUST * sensors.largest
-    # Rows that are not trusted may diverge here; they are done one by one afterwards.
-    with np.errstate(all='ignore'):
-        for _ in range(BATCH_STEPS):
-            legs, rows = linearise(state, view, columns, sensors, g, ARRAYS)
-            right, entries, determinant, product = normal_equations(rows)
-            step, spread = gauss_newton_step(right, legs, entries, determinant)
-            d1, d2, d3, db, dc = step
-            th1a, th2a, th3a, th1b, th1c = state = (
-                th1a + d1, th2a + d2, th3a + d3, th1b + db, th1c + dc)
-            longest = functools.reduce(np.maximum, map(np.abs, step))
-            trusted &= (longest < LONGEST_STEP) & (determinant > RANK_TOLERANCE * product)
-            settled = trusted & (longest < CONVERGED_STEP)
-            if np.array_equal(settled, trusted):
-                break
-            view = linkage(th1a, th1b, th1c, th3a, g, ARRAYS)
-        vector, _ = parities(rows, sensors, spread, ARRAYS)
-        covariance, _ = in_base_frame(th1a, th2a, spread, g, ARRAYS)
-        quaternion = chain_quaternion(th1a, th2a, th3a, g, ARRAYS)
-        rotation = stack_matrix(rotation_from_quaternion(*quaternion))
-    return settled, rotation, stack_matrix(covariance), np.stack(vector, axis=-1)
 
 
 def _estimate_one(readings: tuple[float, ...], sensors: UsedSensors, g: Geometry,

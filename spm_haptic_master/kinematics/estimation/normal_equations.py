@@ -20,16 +20,20 @@ from __future__ import annotations
 import math
 from typing import TypeAlias
 
+from spm_haptic_master.exceptions import SingularityError
 from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.joints import FEWEST_USED, UsedSensors
 from spm_haptic_master.kinematics.leg_kernels import (
+    common_turn,
     Linkage,
+    linkage,
     passive_axes,
     Turn,
+    turn_equation,
     turn_through_link,
     View,
 )
-from spm_haptic_master.kinematics.number_backends import Backend, N, Rotation, Vector
+from spm_haptic_master.kinematics.number_backends import Backend, FLOATS, N, Rotation, Vector
 
 TURN = 2.0 * math.pi
 State: TypeAlias = tuple[N, N, N, N, N]
@@ -253,3 +257,39 @@ def _volume(p: Vector[N], q: Vector[N], r: Vector[N]) -> N:
     q1, q2, q3 = q
     r1, r2, r3 = r
     return p1 * (q2 * r3 - q3 * r2) + p2 * (q3 * r1 - q1 * r3) + p3 * (q1 * r2 - q2 * r1)
+
+
+def theta3a_gains(th1a: float, th1b: float, th1c: float, th3a: float,
+                  geometry: Geometry) -> tuple[Vector[float], ...]:
+    """
+    How the orientation of Case 2 depends on its four readings, in plain floats.
+
+    The closed form weighs the closures of legs B and C by their terms N1 and N2, not by their
+    sensors' noise, so that it depends on the readings in another way than the estimate.
+
+    Returned are rotation vectors in the base frame, rad per rad of th1A, th1B, th1C, th3A.
+    SingularityError if a leg's closure does not determine th2A, or a leg is on the boundary of its
+    working mode.
+    """
+    turn_1, turn_3, leg_b, leg_c = linkage(th1a, th1b, th1c, th3a, geometry, FLOATS)
+    first, second = turn_equation(*leg_b), turn_equation(*leg_c)
+    cosine, sine, determinant = common_turn(first, second)
+    th2a = math.atan2(sine * determinant, cosine * determinant)
+    c2, s2 = math.cos(th2a), math.sin(th2a)
+    (_, b1, b2, b3, _), (_, d1, d2, d3, _) = (
+        closed_leg((turn_1, (c2, s2), turn_3), view, geometry, place, None, 0.0, FLOATS)[0]
+        for place, view in ((1, leg_b), (2, leg_c)))
+    if b2 == 0.0 or d2 == 0.0 or determinant == 0.0:
+        raise SingularityError('the closures of legs B and C do not determine th2A')
+    # Share of leg B's closure in th2A, of the linear system's solution at consistent readings.
+    (l1, m1, n1), (l2, m2, n2) = first, second
+    share_b = n2 * (l1 * s2 - m1 * c2)
+    share_c = n1 * (m2 * c2 - l2 * s2)
+    share_b, share_c = share_b / (share_b + share_c), share_c / (share_b + share_c)
+    along = (-share_b * b1 / b2 - share_c * d1 / d2, share_b / b2, share_c / d2,
+             -share_b * b3 / b2 - share_c * d3 / d2)
+    (x2, y2, z2), (x3, y3, z3) = passive_axes(*turn_1, c2, s2, geometry)
+    x1, y1, z1 = geometry.legs[0].first
+    gains = [(each * x2, each * y2, each * z2) for each in along]
+    (xa, ya, za), (xe, ye, ze) = gains[0], gains[3]
+    return (xa + x1, ya + y1, za + z1), gains[1], gains[2], (xe + x3, ye + y3, ze + z3)

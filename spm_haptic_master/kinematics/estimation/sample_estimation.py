@@ -11,10 +11,7 @@ mode and readings select among them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import suppress
-from itertools import combinations
-import math
+from math import atan2, cos, hypot, sin, sqrt
 
 from spm_haptic_master.exceptions import (
     AmbiguousError,
@@ -23,32 +20,38 @@ from spm_haptic_master.exceptions import (
     UnreachableError,
 )
 from spm_haptic_master.kinematics.checks import WorkingMode
+from spm_haptic_master.kinematics.closed_form import (
+    CLOSED_FORM_TRUST,
+    possible_starts,
+    start_at,
+    trusted_start,
+)
 from spm_haptic_master.kinematics.estimation.gauss_newton import (
     CONVERGED_STEP,
+    DETERMINED_VARIANCE,
     fit,
-    one_step,
+    MODE_MARGIN,
+    RANK_TOLERANCE,
     SampleEstimate,
 )
-from spm_haptic_master.kinematics.estimation.normal_equations import State
-from spm_haptic_master.kinematics.geometry import Geometry, Leg
-from spm_haptic_master.kinematics.joints import FEWEST_USED, UsedSensors
+from spm_haptic_master.kinematics.estimation.normal_equations import (
+    closed_leg,
+    in_base_frame,
+    NO_SHARE,
+    Row,
+    State,
+)
+from spm_haptic_master.kinematics.geometry import Geometry
+from spm_haptic_master.kinematics.joints import FEWEST_MOUNTED, FEWEST_USED, UsedSensors
 from spm_haptic_master.kinematics.leg_kernels import (
-    both_turns,
-    common_turn,
-    leg_angles,
+    chain_quaternion,
+    Linkage,
     linkage,
-    second_axis,
-    turn_equation,
     turn_of_second_joint,
 )
-from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion, Rotation, Vector
+from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion
 from spm_haptic_master.kinematics.rotations import rotation_distance, rotation_from_quaternion
 
-# Smallest |L1 M2 - L2 M1| at which Gauss-Newton starts from the closed form (largest standard
-# deviation of the sensors, 1 / rad): the error of the closed form is about the noise over the
-# determinant, here a tenth of a radian, from which Gauss-Newton converges. Below, it may converge
-# to the wrong one of two solutions.
-CLOSED_FORM_TRUST = 10.0
 # Largest difference of the squared parities of two solutions that explain the readings equally
 # well (unit 1): 3 sigma.
 AMBIGUOUS_COST = 9.0
@@ -87,7 +90,7 @@ def estimate_sample(readings: tuple[float, ...], sensors: UsedSensors, geometry:
         view = linkage(th1a, th1b, th1c, th3a, geometry, FLOATS)
         cosine, sine, determinant = turn_of_second_joint(view[2], view[3])
         if abs(determinant) > CLOSED_FORM_TRUST * sensors.largest:
-            th2a = math.atan2(sine * determinant, cosine * determinant)
+            th2a = atan2(sine * determinant, cosine * determinant)
             start = th1a, th2a, th3a, th1b, th1c
             # One step converges only where the last one may be large.
             return last_step > CONVERGED_STEP and one_step(
@@ -151,137 +154,123 @@ def _cost(solution: SampleEstimate) -> float:
     return 0.0 if solution.parity is None else solution.parity ** 2
 
 
-# Starts without Case 2 ---------------------------------------------------------------------------
-
-def trusted_start(readings: tuple[float | None, ...], largest: float,
-                  g: Geometry) -> State[float] | None:
+def one_step(state: State[float], view: Linkage[float], readings: tuple[float, ...],
+             sensors: UsedSensors, g: Geometry, working_mode: WorkingMode | None,
+             last_step: float) -> SampleEstimate | None:
     """
-    Return the start that the first leg gives which determines it; None without such a leg.
+    Estimate a sample by one step from Case 2 of its readings; None if that is not enough.
 
-    `largest` is the largest standard deviation of the readings, rad; the others are those of
-    `start_at`.
+    Arguments as of `fit`, which gives the same numbers. This is `linearise`, `normal_equations`,
+    `gauss_newton_step` and `parities`, written out for th1A, th1B, th1C and th3A in use: the
+    readings are the start, so that th1A and th3A have no residual.
     """
-    for leg, first, third, equations in _carriers(readings, g):
-        cosine, sine, determinant = max(
-            (common_turn(*pair) for pair in combinations(equations, 2)),
-            key=lambda turn: abs(turn[2]))
-        if abs(determinant) > CLOSED_FORM_TRUST * largest:
-            th2 = math.atan2(sine * determinant, cosine * determinant)
-            return start_at(_carried_by(leg, first, th2, third), readings, g)
-    return None
-
-
-def possible_starts(readings: tuple[float | None, ...], g: Geometry) -> Iterator[State[float]]:
-    """
-    Yield both solutions of each turn equation of each leg that can carry the platform.
-
-    Every solution that the readings have is near one of them.
-    """
-    for leg, first, third, equations in _carriers(readings, g):
-        for equation in equations:
-            for th2 in both_turns(equation):
-                with suppress(UnreachableError):
-                    yield start_at(_carried_by(leg, first, th2, third), readings, g)
-
-
-def _carriers(readings: tuple[float | None, ...],
-              g: Geometry) -> Iterator[tuple[Leg, float, float, list[Vector[float]]]]:
-    """Yield each leg with readings of both its sensors, these, and its turn equations."""
-    for carrier, leg in enumerate(g.legs):
-        first, third = readings[carrier], readings[3 + carrier]
-        if first is not None and third is not None:
-            yield leg, first, third, _turn_equations(carrier, first, third, readings, g)
-
-
-def _turn_equations(carrier: int, first: float, third: float,
-                    readings: tuple[float | None, ...], g: Geometry) -> list[Vector[float]]:
-    """Return the equations of th2k of a carrying leg that the other legs' sensors give."""
-    leg = g.legs[carrier]
-    equations = []
-    for other, (each, th1, th3) in enumerate(zip(g.legs, readings[:3], readings[3:], strict=True)):
-        if other == carrier:
-            continue
-        if th1 is not None:
-            second = second_axis(math.cos(th1), math.sin(th1), each)
-            equations.append(turn_equation(
-                _before_second(leg, first, second), _after_second(leg, third, each.third),
-                each.cos_beta))
-        if th3 is not None:
-            second = _times(each.platform_frame, (
-                each.sin_beta * math.sin(th3), each.sin_beta * math.cos(th3), each.cos_beta))
-            equations.append(turn_equation(
-                _before_second(leg, first, each.first), _after_second(leg, third, second),
-                each.cos_alpha))
-    return equations
-
-
-def _before_second(leg: Leg, th1: float, axis: Vector[float]) -> Vector[float]:
-    """Components after a leg's proximal link of a vector in the base: Rx(-alpha) Rz(-th1) B^T."""
-    b00, b01, b02, b10, b11, b12, b20, b21, b22 = leg.base_frame
-    vector = _about_z(-th1, _times((b00, b10, b20, b01, b11, b21, b02, b12, b22), axis))
-    return _about_x(leg.cos_alpha, -leg.sin_alpha, vector)
-
-
-def _after_second(leg: Leg, th3: float, axis: Vector[float]) -> Vector[float]:
-    """Components before a leg's distal link of a vector in the platform: Rx(beta) Rz(th3) Q^T."""
-    q00, q01, q02, q10, q11, q12, q20, q21, q22 = leg.platform_frame
-    vector = _about_z(th3, _times((q00, q10, q20, q01, q11, q21, q02, q12, q22), axis))
-    return _about_x(leg.cos_beta, leg.sin_beta, vector)
-
-
-def _carried_by(leg: Leg, th1: float, th2: float, th3: float) -> Rotation[float]:
-    """R_base_platform of a leg's chain, eq. 6."""
-    (r00, r10, r20), (r01, r11, r21), (r02, r12, r22) = (
-        _times(leg.base_frame, _about_z(th1, _about_x(
-            leg.cos_alpha, leg.sin_alpha, _about_z(th2, _after_second(leg, th3, unit)))))
-        for unit in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
-    return r00, r01, r02, r10, r11, r12, r20, r21, r22
-
-
-def _times(matrix: Rotation[float], vector: Vector[float]) -> Vector[float]:
-    r00, r01, r02, r10, r11, r12, r20, r21, r22 = matrix
-    x, y, z = vector
-    return (r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z,
-            r20 * x + r21 * y + r22 * z)
-
-
-def _about_z(angle: float, vector: Vector[float]) -> Vector[float]:
-    c, s = math.cos(angle), math.sin(angle)
-    x, y, z = vector
-    return c * x - s * y, s * x + c * y, z
-
-
-def _about_x(c: float, s: float, vector: Vector[float]) -> Vector[float]:
-    x, y, z = vector
-    return x, c * y - s * z, s * y + c * z
-
-
-def start_at(rotation: Rotation[float], readings: tuple[float | None, ...],
-             g: Geometry) -> State[float]:
-    """
-    Return th1A, th2A, th3A, th1B, th1C, rad: readings, and where there is none of an orientation.
-
-    `readings` are th1A, th1B, th1C, th3A, th3B, th3C, rad; None for one that is not used. They
-    select the working mode of a leg. An active angle of leg B or C without any reading is 0.
-    UnreachableError where a leg without all its sensors does not reach the orientation.
-    """
-    th1a, th1b, th1c, th3a, th3b, th3c = readings
-    found_1a, th2a, found_3a = _fitting_angles(rotation, g.legs[0], th1a, th3a)
-    if th1b is None:
-        th1b = 0.0 if th3b is None else _fitting_angles(rotation, g.legs[1], None, th3b)[0]
-    if th1c is None:
-        th1c = 0.0 if th3c is None else _fitting_angles(rotation, g.legs[2], None, th3c)[0]
-    return (found_1a if th1a is None else th1a, th2a, found_3a if th3a is None else th3a,
-            th1b, th1c)
-
-
-def _fitting_angles(rotation: Rotation[float], leg: Leg, th1: float | None,
-                    th3: float | None) -> Vector[float]:
-    """Return a leg's joint angles, rad, in the working mode that fits the readings best."""
-    def misfit(solution: Vector[float]) -> float:
-        return sum(
-            abs(math.remainder(angle - reading, 2.0 * math.pi))
-            for angle, reading in ((solution[0], th1), (solution[2], th3))
-            if reading is not None)
-
-    return min((leg_angles(rotation, leg, sign, FLOATS) for sign in (1, -1)), key=misfit)
+    th1a, th2a, th3a, _, _ = state
+    turn_1, turn_3, leg_b, leg_c = view
+    turns = turn_1, (cos(th2a), sin(th2a)), turn_3
+    weight_a, weight_b, weight_c, weight_3, weight_3b, weight_3c = sensors.weights
+    (left_b, b1, b2, b3, volume_b), row_3b = closed_leg(
+        turns, leg_b, g, 1, readings[4] if weight_3b else None, weight_3b, FLOATS)
+    (left_c, d1, d2, d3, volume_c), row_3c = closed_leg(
+        turns, leg_c, g, 2, readings[5] if weight_3c else None, weight_3c, FLOATS)
+    wb1, wb2, wb3 = weight_b * b1, weight_b * b2, weight_b * b3
+    wc1, wc2, wc3 = weight_c * d1, weight_c * d2, weight_c * d3
+    n11, n12, n13 = weight_a + wb1 * b1 + wc1 * d1, wb2 * b1 + wc2 * d1, wb3 * b1 + wc3 * d1
+    n22, n23, n33 = wb2 * b2 + wc2 * d2, wb3 * b2 + wc3 * d2, weight_3 + wb3 * b3 + wc3 * d3
+    y1, y2, y3 = (wb1 * left_b + wc1 * left_c, wb2 * left_b + wc2 * left_c,
+                  wb3 * left_b + wc3 * left_c)
+    further = (row_3b, row_3c)[:sensors.further]
+    for residual, x, y, z, weight in further:
+        wx, wy, wz = weight * x, weight * y, weight * z
+        n11, n12, n13 = n11 + wx * x, n12 + wy * x, n13 + wz * x
+        n22, n23, n33 = n22 + wy * y, n23 + wz * y, n33 + wz * z
+        y1, y2, y3 = y1 + wx * residual, y2 + wy * residual, y3 + wz * residual
+    e11, e12, e13 = n22 * n33 - n23 * n23, n13 * n23 - n12 * n33, n12 * n23 - n13 * n22
+    e22, e23, e33 = n11 * n33 - n13 * n13, n12 * n13 - n11 * n23, n11 * n22 - n12 * n12
+    determinant = n11 * e11 + n12 * e12 + n13 * e13
+    if not determinant > RANK_TOLERANCE * (n11 * n22 * n33):
+        return None
+    p11, p12, p13 = e11 / determinant, e12 / determinant, e13 / determinant
+    p22, p23, p33 = e22 / determinant, e23 / determinant, e33 / determinant
+    x, y, z = (p11 * y1 + p12 * y2 + p13 * y3, p12 * y1 + p22 * y2 + p23 * y3,
+               p13 * y1 + p23 * y2 + p33 * y3)
+    if not (-last_step < x < last_step and -last_step < y < last_step
+            and -last_step < z < last_step
+            and -last_step < b1 * x + b2 * y + b3 * z - left_b < last_step
+            and -last_step < d1 * x + d2 * y + d3 * z - left_c < last_step):
+        return None
+    th1a, th2a, th3a = th1a + x, th2a + y, th3a + z
+    if working_mode is not None:
+        carrier, (sign_a, sign_b, sign_c) = g.legs[0], working_mode
+        if not (sign_b * volume_b > -MODE_MARGIN and sign_c * volume_c > -MODE_MARGIN and
+                sign_a * carrier.sin_alpha * carrier.sin_beta * sin(th2a) > -MODE_MARGIN):
+            return None
+    covariance = p11, p12, p13, p22, p23, p33
+    spread, motions = in_base_frame(th1a, th2a, covariance, g, FLOATS)
+    na, nb, nc, n3 = b2 * d1 - b1 * d2, d2, -b2, b2 * d3 - b3 * d2
+    variance = na * na / weight_a + nb * nb / weight_b + nc * nc / weight_c + n3 * n3 / weight_3
+    scale = 1.0 / sqrt(variance) if variance > 0.0 else 0.0
+    parity = scale * (nb * left_b + nc * left_c)
+    vector: tuple[float, ...] = (parity,)
+    rows: tuple[Row[float], ...] = (
+        (0.0, 1.0, 0.0, 0.0, weight_a), (left_b, b1, b2, b3, weight_b),
+        (left_c, d1, d2, d3, weight_c), (0.0, 0.0, 0.0, 1.0, weight_3))
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = motions
+    gain_sizes: tuple[float, ...] = (
+        weight_a * hypot(ax, ay, az),
+        weight_b * hypot(b1 * ax + b2 * bx + b3 * cx, b1 * ay + b2 * by + b3 * cy,
+                         b1 * az + b2 * bz + b3 * cz),
+        weight_c * hypot(d1 * ax + d2 * bx + d3 * cx, d1 * ay + d2 * by + d3 * cy,
+                         d1 * az + d2 * bz + d3 * cz),
+        weight_3 * hypot(cx, cy, cz))
+    parity_sizes: tuple[float, ...]
+    if sensors.count == FEWEST_MOUNTED:
+        parity_sizes = abs(scale * na), abs(scale * nb), abs(scale * nc), abs(scale * n3)
+    else:
+        # P = I - H K is a projector: a size is the root of weight and share, P's diagonal.
+        t12, t13, t23 = 2.0 * p12, 2.0 * p13, 2.0 * p23
+        share_a, share_3 = 1.0 - weight_a * p11, 1.0 - weight_3 * p33
+        share_b = 1.0 - (wb1 * (p11 * b1 + t12 * b2 + t13 * b3) + wb2 * (p22 * b2 + t23 * b3)
+                         + wb3 * b3 * p33)
+        share_c = 1.0 - (wc1 * (p11 * d1 + t12 * d2 + t13 * d3) + wc2 * (p22 * d2 + t23 * d3)
+                         + wc3 * d3 * p33)
+        parity_sizes = (sqrt(weight_a * share_a) if share_a > NO_SHARE else 0.0,
+                        sqrt(weight_b * share_b) if share_b > NO_SHARE else 0.0,
+                        sqrt(weight_c * share_c) if share_c > NO_SHARE else 0.0,
+                        sqrt(weight_3 * share_3) if share_3 > NO_SHARE else 0.0)
+    if further:
+        rows += further
+        sizes: tuple[float, ...] = ()
+        gains: tuple[float, ...] = ()
+        more: tuple[float, ...] = ()
+        last = h1 = h2 = h3 = 0.0
+        square = parity * parity
+        # From the last one: each parity is that of the sensors before it.
+        for residual, u, v, w, weight in reversed(further):
+            g1, g2, g3 = (p11 * u + p12 * v + p13 * w, p12 * u + p22 * v + p23 * w,
+                          p13 * u + p23 * v + p33 * w)
+            share = 1.0 - weight * (u * g1 + v * g2 + w * g3)
+            size = sqrt(weight * share) if share > NO_SHARE else 0.0
+            sizes = (size,) + sizes
+            gains = (weight * hypot(u * ax + v * bx + w * cx, u * ay + v * by + w * cy,
+                                    u * az + v * bz + w * cz),) + gains
+            if not weight:
+                continue
+            left = residual - u * x - v * y - w * z
+            if more:
+                cross = u * h1 + v * h2 + w * h3
+                left, share = left + cross * last, share - weight * cross * cross
+                size = sqrt(weight * share) if share > NO_SHARE else 0.0
+            scale = weight / size if size else 0.0
+            last = scale * left
+            square += last * last
+            h1, h2, h3 = scale * g1, scale * g2, scale * g3
+            more = (last,) + more
+        gain_sizes += gains
+        parity_sizes += sizes
+        if more:
+            vector, parity = vector + more, sqrt(square)
+    # As SampleEstimate(...) does, without its call.
+    return tuple.__new__(SampleEstimate, (
+        chain_quaternion(th1a, th2a, th3a, g, FLOATS), spread, parity, vector,
+        spread[0] + spread[4] + spread[8] < DETERMINED_VARIANCE, sensors, parity_sizes,
+        gain_sizes, rows, covariance))
