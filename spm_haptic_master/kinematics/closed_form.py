@@ -86,28 +86,12 @@ def forward_theta3a(th1: ArrayLike, theta3a: ArrayLike,
     """
     Case 2: orientations from the active joints and th3A, in closed form (eqs. 15, 16).
 
-    Parameters
-    ----------
-    th1 : array_like, shape (..., 3)
-        Active joints A, B, C, rad.
-    theta3a : array_like, shape (...)
-        Leg A's second passive joint, rad.
-    geometry : Geometry
-        Link angles and axes.
+    `th1` (..., 3) are the active joints A, B, C, and `theta3a` (...) is leg A's second passive
+    joint, rad. Returned are R_base_platform, (..., 3, 3), always rotations. In a batch, rows for
+    which the determinant of the closed form vanishes (`DETERMINANT_TOLERANCE`) are NaN.
 
-    Returns
-    -------
-    ndarray, shape (..., 3, 3)
-        R_base_platform, always rotations. In a batch, rows for which the determinant of the closed
-        form vanishes (`DETERMINANT_TOLERANCE`) are NaN.
-
-    Raises
-    ------
-    InputError
-        An argument has a wrong type, shape or value; a NaN in a batch raises, too.
-    SingularityError
-        The determinant of a single sample vanishes.
-
+    InputError if an argument has a wrong type, shape or value, or a batch has a NaN;
+    SingularityError if the determinant of a single sample vanishes.
     """
     return _in_slices(_case_2, th1, 'theta3a', theta3a, geometry)
 

@@ -94,29 +94,13 @@ def measured_angles(rotation: Rotation[float], geometry: Geometry, working_mode:
 def inverse(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
             working_mode: Sequence[int] = RIG_WORKING_MODE) -> JointAngles:
     """
-    Joint angles of orientations, in closed form.
+    Joint angles of orientations R_base_platform, (..., 3, 3), in closed form.
 
-    Parameters
-    ----------
-    R : array_like, shape (..., 3, 3)
-        R_base_platform.
-    geometry : Geometry
-        Link angles and axes.
-    working_mode : sequence of three int
-        Signs of B_kk = Z1k . (Z2k x Z3k), legs A, B, C; the rig has (1, 1, 1).
+    `working_mode` are the signs of B_kk = Z1k . (Z2k x Z3k), legs A, B, C; the rig has (1, 1, 1).
+    The angles are in [-pi, pi]. In a batch all angles of unreachable poses are NaN.
 
-    Returns
-    -------
-    JointAngles
-        In [-pi, pi]. In a batch all angles of unreachable poses are NaN.
-
-    Raises
-    ------
-    InputError
-        An argument has a wrong type, shape or value; a NaN in a batch raises, too.
-    UnreachableError
-        `R` is a single pose and a leg does not reach it.
-
+    InputError if an argument has a wrong type, shape or value, or a batch has a NaN;
+    UnreachableError if `R` is a single pose that a leg does not reach.
     """
     matrices = check_rotations('R', R)
     working_mode = check_working_mode(working_mode)
@@ -179,33 +163,15 @@ def _velocity_rows_of(matrices: Array, geometry: Geometry,
 def jacobian(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
              working_mode: Sequence[int] = RIG_WORKING_MODE, sensors: int = 3) -> Array:
     """
-    Jacobian G of the inverse model: thetadot = G omega.
+    Jacobian G of the inverse model, thetadot = G omega, eqs. 8 to 11 and 17 to 21.
 
-    Eqs. 8 to 11 and 17 to 21, with the sign corrected.
+    G, (..., sensors, 3), unit 1, is for the platform's angular velocity omega in the base frame,
+    rad/s; it is the inverse of the paper's J, with the sign corrected. Its rows are th1A, th1B,
+    th1C; with 4, 5, 6 `sensors` also th3A, th3B, th3C. In a batch, all rows of a pose out of reach
+    or on the boundary of its working mode (`MODE_BOUNDARY`) are NaN.
 
-    Parameters
-    ----------
-    R, geometry, working_mode
-        As of `inverse`.
-    sensors : {3, 4, 5, 6}
-        3: rows th1A, th1B, th1C; 4: th3A as well; 5: th3B as well; 6: th3C as well.
-
-    Returns
-    -------
-    ndarray, shape (..., sensors, 3)
-        G, unit 1, for the platform's angular velocity omega in the base frame, rad/s. It is the
-        inverse of the paper's J. In a batch, all rows of a pose out of reach or on the boundary of
-        its working mode (`MODE_BOUNDARY`) are NaN.
-
-    Raises
-    ------
-    InputError
-        An argument has a wrong type, shape or value.
-    UnreachableError
-        `R` is a single pose out of reach.
-    SingularityError
-        `R` is a single pose on the boundary of the working mode.
-
+    Other arguments and errors as of `inverse`; SingularityError if `R` is a single pose on the
+    boundary of the working mode.
     """
     matrices = check_rotations('R', R)
     sensors = check_count('sensors', sensors, 3, 6)
@@ -239,22 +205,12 @@ def dexterity(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
               working_mode: Sequence[int] = RIG_WORKING_MODE, sensors: int = 3,
               norm: str = '2') -> Array:
     """
-    Dexterity: the inverse of the Jacobian's condition number (eq. 12).
+    Dexterity (...): the inverse of the Jacobian's condition number (eq. 12), in [0, 1].
 
-    Parameters
-    ----------
-    R, geometry, working_mode, sensors
-        As of `jacobian`, and its errors.
-    norm : {'2', 'frobenius'}
-        Norm of eq. 12, which the paper leaves open. '2': smallest over largest singular value of
-        G. 'frobenius': the Frobenius norm weighted by 1 / 3, i.e. 3 / sqrt(sum s^2 sum 1 / s^2).
-
-    Returns
-    -------
-    ndarray, shape (...)
-        In [0, 1]: 0 at a parallel singularity, 1 where all directions are equal. Poses for which
-        `jacobian` gives NaN are NaN.
-
+    It is 0 at a parallel singularity, and 1 where all directions are equal. The paper leaves the
+    `norm` open. '2': smallest over largest singular value of G. 'frobenius': the Frobenius norm
+    weighted by 1 / 3, i.e. 3 / sqrt(sum s^2 sum 1 / s^2). Other arguments and errors as of
+    `jacobian`; poses for which that gives NaN are NaN.
     """
     if not isinstance(norm, str) or norm not in DEXTERITY_NORMS:
         raise InputError(f'norm = {quoted(norm)}: expected one of {DEXTERITY_NORMS}')

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import cast
 
@@ -150,28 +151,18 @@ def estimate(th1: ArrayLike, theta3a: ArrayLike, sigma: ArrayLike,
 def _estimate_rows(readings: Array, sensors: UsedSensors, g: Geometry,
                    priors: Array | None) -> Estimate:
     """Estimate rows together where Case 2 starts them, and the others one by one."""
-    count = len(readings)
-    result = Estimate(
-        np.full((count, 3, 3), np.nan), np.full((count, 3, 3), np.nan), np.full(count, np.nan),
-        np.full((count, sensors.count - 3), np.nan), np.zeros(count, bool))
-    settled = np.zeros(count, bool)
-    for start in range(0, count, SLICE):
-        part = slice(start, start + SLICE)
-        settled[part], *values = fit_rows(readings[part], sensors, g)
-        for name, value in zip(('rotation', 'covariance', 'parity_vector'), values, strict=True):
-            getattr(result, name)[part][settled[part]] = value[settled[part]]
-    result.parity[:] = result.parity_vector[:, 0] if sensors.count == 4 else (
-        np.sqrt(np.sum(result.parity_vector ** 2, axis=-1)))
-    result.determined[settled] = np.trace(
-        result.covariance[settled], axis1=-2, axis2=-1) < DETERMINED_VARIANCE
-    for row in np.flatnonzero(~settled):
-        try:
+    rotation, covariance, vector = map(np.concatenate, zip(*(
+        fit_rows(readings[start:start + SLICE], sensors, g)
+        for start in range(0, max(len(readings), 1), SLICE)), strict=True))
+    parity = vector[:, 0].copy() if sensors.count == 4 else np.sqrt(np.sum(vector ** 2, axis=-1))
+    result = Estimate(rotation, covariance, parity, vector,
+                      np.trace(covariance, axis1=-2, axis2=-1) < DETERMINED_VARIANCE)
+    for row in np.flatnonzero(np.isnan(rotation[:, 0, 0])):
+        with suppress(SpmError):
             single = _estimate_one(tuple(readings[row].tolist()), sensors, g,
                                    None if priors is None else priors[row])
-        except SpmError:
-            continue
-        for name in Estimate.__slots__:
-            getattr(result, name)[row] = getattr(single, name)
+            for name in Estimate.__slots__:
+                getattr(result, name)[row] = getattr(single, name)
     return result
 
 

@@ -159,11 +159,11 @@ def _in_mode(th2a: float, legs: Legs[float], sensors: UsedSensors, working_mode:
 
 
 def fit_rows(readings: Array, sensors: UsedSensors,
-             g: Geometry) -> tuple[NDArray[np.bool_], Array, Array, Array]:
+             g: Geometry) -> tuple[Array, Array, Array]:
     """
     Gauss-Newton on rows of readings (n, N), rad, together, from Case 2.
 
-    Returned are the rows that converged, (n,) bool, and rotation, covariance and parity vector.
+    Returned are rotation, covariance and parity vector; NaN in rows that did not converge.
     """
     columns: tuple[Batch, ...] = tuple(np.ascontiguousarray(readings.T))
     th1a, th1b, th1c, th3a = columns[:4]
@@ -187,8 +187,9 @@ def fit_rows(readings: Array, sensors: UsedSensors,
             if np.array_equal(settled, trusted):
                 break
             view = linkage(th1a, th1b, th1c, th3a, g, ARRAYS)
-        vector, _ = parities(rows, sensors, spread, ARRAYS)
-        covariance, _ = in_base_frame(th1a, th2a, spread, g, ARRAYS)
+        vector = np.stack(parities(rows, sensors, spread, ARRAYS)[0], axis=-1)
+        covariance = stack_matrix(in_base_frame(th1a, th2a, spread, g, ARRAYS)[0])
         quaternion = chain_quaternion(th1a, th2a, th3a, g, ARRAYS)
         rotation = stack_matrix(rotation_from_quaternion(*quaternion))
-    return settled, rotation, stack_matrix(covariance), np.stack(vector, axis=-1)
+    rotation[~settled], covariance[~settled], vector[~settled] = np.nan, np.nan, np.nan
+    return rotation, covariance, vector
