@@ -75,7 +75,8 @@ LEAST_SCALE, MERGING_ANGLE = 1e-3, 1e-3
 # Smallest difference between the distances of two distinguishable modes from the last orientation
 # (rad): the platform turns about this far between samples at 1 kHz (10 rad/s).
 AMBIGUITY_MARGIN = 0.01
-# Orientation, th2A (rad), th3A (rad), determinant of the closures' rates (unit 1).
+# Orientation, th2A (rad), th3A (rad), determinant of the closures' rates (unit 1), which is zero
+# where two modes meet.
 Mode: TypeAlias = tuple[Quaternion[float], float, float, float]
 
 
@@ -167,17 +168,12 @@ def _third_joint_candidates(chain: LockedChain, th2a: float) -> Sequence[float]:
 
 
 def polish(chain: LockedChain, th2a: float, th3a: float) -> tuple[float, float, float, float]:
-    """
-    Newton's method on the closures of legs B and C, as long as the error decreases.
-
-    The damping is the squared error: it does not slow the convergence and keeps the step defined
-    where the two closures are parallel. Returned are th2A, th3A (rad), the norm of the two closure
-    errors (unit 1), and the determinant of their rates (unit 1): zero where two modes meet.
-    """
+    """Polish th2A, th3A (rad) by Newton's method; return closure error and determinant, too."""
     fb, b2, b3, fc, c2, c3 = chain.closures(th2a, th3a)
     error = math.hypot(fb, fc)
     scale = 1.0
     for _ in range(POLISHING_STEPS):
+        # It does not slow the convergence, and keeps the step defined where two modes meet.
         damping = error * error
         a22, a23, a33 = b2 * b2 + c2 * c2 + damping, b2 * b3 + c2 * c3, b3 * b3 + c3 * c3 + damping
         determinant = a22 * a33 - a23 * a23
@@ -214,12 +210,7 @@ def assembly_modes(chain: LockedChain) -> list[Mode]:
 
 
 def _same_mode(chain: LockedChain, mode: Mode, other: Mode) -> bool:
-    """
-    Whether two solutions are one mode found twice.
-
-    They are if the closures also hold half-way between them, within rounding: up to 1e-7 rad apart
-    at a double root, up to 1e-14 rad elsewhere.
-    """
+    """Whether two solutions are one mode found twice: closed to rounding half-way between, too."""
     if rotation_distance(mode[0], other[0]) > MERGING_ANGLE:
         return False
     _, th2a, th3a, _ = mode
@@ -248,11 +239,7 @@ def forward_all(th1: ArrayLike, geometry: Geometry = PAPER_GEOMETRY) -> Array:
 # Along a motion ----------------------------------------------------------------------------------
 
 class TrackedMode(NamedTuple):
-    """
-    The assembly mode nearest to a last known orientation: R_base_platform, (3, 3).
-
-    It is `ambiguous` if another mode is about as near, so that either may be the platform's.
-    """
+    """Mode nearest to a last orientation, (3, 3); `ambiguous` if another mode is about as near."""
 
     rotation: Array
     ambiguous: bool

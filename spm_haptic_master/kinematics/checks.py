@@ -38,12 +38,7 @@ LEAST_ANGLE = math.radians(0.1)
 
 def check_array(name: str, value: object, shape: Shape,
                 largest: float = LARGEST_NUMBER) -> Array:
-    """
-    Return `value` as a float array of shape (..., *shape).
-
-    InputError if it is not an array of numbers of that shape, or an entry is not finite or larger
-    than `largest` in size.
-    """
+    """Return finite numbers, at most `largest` in size, (..., *shape); InputError if not."""
     try:
         array = np.asarray(value)
     except Exception:  # a ragged list; a foreign type may raise anything
@@ -89,24 +84,19 @@ def _open(shape: Shape) -> str:
 
 
 def check_rotations(name: str, value: object) -> Array:
-    """
-    Return `value` as rotation matrices of shape (..., 3, 3).
-
-    InputError if a matrix is not a rotation within `ROTATION_TOLERANCE`.
-    """
+    """Return rotation matrices (..., 3, 3); InputError beyond `ROTATION_TOLERANCE`."""
     matrices = check_array(name, value, (3, 3))
     # Entries far above 1 may overflow: the error is then infinite or NaN, and the check fails.
     with np.errstate(over='ignore', invalid='ignore'):
         error = np.abs(np.swapaxes(matrices, -1, -2) @ matrices - np.eye(3)).max(axis=(-1, -2))
-        bad = ~(error <= ROTATION_TOLERANCE) | (np.linalg.det(matrices) < 0.0)
+        determinant = np.linalg.det(matrices)
+    bad = ~(error <= ROTATION_TOLERANCE) | (determinant < 0.0)
     if np.any(bad):
         where = tuple(int(i) for i in np.argwhere(bad)[0])
-        with np.errstate(over='ignore', invalid='ignore'):
-            determinant = np.linalg.det(matrices[where])
         raise InputError(
             f'{name}{list(where) if where else ""} = {matrices[where].tolist()}: expected a '
             f'rotation matrix (largest entry of R^T R - I is {error[where]:.3g}, at most '
-            f'{ROTATION_TOLERANCE:g}; determinant {determinant:.6g}, +1)')
+            f'{ROTATION_TOLERANCE:g}; determinant {determinant[where]:.6g}, +1)')
     return matrices
 
 
@@ -168,11 +158,7 @@ def check_links(name: str, angles: object) -> Vector[float]:
 
 
 def check_axes(name: str, axes: object, symbol: str, nominal: ThreeAxes) -> ThreeAxes:
-    """
-    Return three unit vectors, named by `symbol` and leg; GeometryError if they are none.
-
-    No two may be parallel, and none opposite to its nominal direction: no least turn leads there.
-    """
+    """Return unit vectors, none parallel or opposite to its nominal one; GeometryError if not."""
     rows = _check(name, axes, (3, 3))
     unit = []
     for leg, row in enumerate(rows.tolist()):

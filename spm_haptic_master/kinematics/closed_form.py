@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from itertools import combinations
 import math
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -55,8 +54,6 @@ DETERMINANT_TOLERANCE = 1e-9
 # determinant, here a tenth of a radian, from which Gauss-Newton converges. Below, it may converge
 # to the wrong one of two solutions.
 CLOSED_FORM_TRUST = 10.0
-# th1A, th1B, th1C and a passive angle of leg A, rad.
-FourAngles: TypeAlias = tuple[Array, Array, Array, Array]
 
 
 def theta3a_quaternion(th1a: float, th1b: float, th1c: float, th3a: float,
@@ -64,11 +61,10 @@ def theta3a_quaternion(th1a: float, th1b: float, th1c: float, th3a: float,
     """
     Case 2 in plain floats, for the 1 kHz path: orientation from four angles (eqs. 15, 16).
 
-    Nothing is validated: the angles, rad, must be finite numbers.
-
-    Returned is the unit quaternion x, y, z, w of R_base_platform, of either sign. Angles that
-    contradict each other give a meaningless one: `estimate` detects that. SingularityError if the
-    determinant of the closed form vanishes (`DETERMINANT_TOLERANCE`).
+    Nothing is validated: the angles, rad, must be finite numbers. Returned is the unit quaternion
+    x, y, z, w of R_base_platform, of either sign. Angles that contradict each other give a
+    meaningless one: `estimate` detects that. SingularityError if the determinant of the closed
+    form vanishes (`DETERMINANT_TOLERANCE`).
     """
     _, _, leg_b, leg_c = linkage(th1a, th1b, th1c, th3a, geometry, FLOATS)
     cosine, sine, determinant = turn_of_second_joint(leg_b, leg_c)
@@ -106,38 +102,35 @@ def forward_theta2a(th1: ArrayLike, theta2a: ArrayLike,
     return _in_slices(_case_1, th1, 'theta2a', theta2a, geometry)
 
 
-def _in_slices(case: Callable[[FourAngles, Geometry], Array], th1: ArrayLike,
-               name: str, passive: ArrayLike, geometry: Geometry) -> Array:
+def _in_slices(case: Callable[..., Array], th1: ArrayLike, name: str, passive: ArrayLike,
+               geometry: Geometry) -> Array:
     """Check th1 and the passive angle; return the matrices, a slice of rows at a time."""
     check_geometry(geometry)
     active, angle = check_angles('th1', th1, (3,)), check_angles(name, passive, ())
     shape = check_broadcast(f'th1, {name}', active.shape[:-1], angle.shape)
-    th1a, th1b, th1c = np.moveaxis(active, -1, 0)
+    columns = *np.moveaxis(active, -1, 0), angle
     rows = math.prod(shape)
     if rows <= SLICE:
-        return case((th1a, th1b, th1c, angle), geometry)
-    result = np.empty((rows, 3, 3))
-    th1a, th1b, th1c, angle = (
-        np.broadcast_to(each, shape).ravel() for each in (th1a, th1b, th1c, angle))
+        return case(*columns, geometry)
+    result, columns = np.empty((rows, 3, 3)), tuple(
+        np.broadcast_to(each, shape).ravel() for each in columns)
     for start in range(0, rows, SLICE):
         part = slice(start, start + SLICE)
-        result[part] = case((th1a[part], th1b[part], th1c[part], angle[part]), geometry)
+        result[part] = case(*(each[part] for each in columns), geometry)
     return result.reshape(shape + (3, 3))
 
 
-def _case_2(angles: FourAngles, geometry: Geometry) -> Array:
-    """Orientations of th1A, th1B, th1C, th3A."""
-    _, _, leg_b, leg_c = linkage(*angles, geometry, ARRAYS)
+def _case_2(th1a: Array, th1b: Array, th1c: Array, th3a: Array, geometry: Geometry) -> Array:
+    _, _, leg_b, leg_c = linkage(th1a, th1b, th1c, th3a, geometry, ARRAYS)
     y, x = _common_turn_point(turn_of_second_joint(leg_b, leg_c))
     return stack_matrix(rotation_from_quaternion(*half_chain_quaternion(
-        angles[0], *ARRAYS.half_turn(y, x), angles[3], geometry, ARRAYS)))
+        th1a, *ARRAYS.half_turn(y, x), th3a, geometry, ARRAYS)))
 
 
-def _case_1(angles: FourAngles, geometry: Geometry) -> Array:
-    """Orientations of th1A, th1B, th1C, th2A."""
-    y, x = _common_turn_point(turn_of_third_joint(*angles, geometry, ARRAYS))
+def _case_1(th1a: Array, th1b: Array, th1c: Array, th2a: Array, geometry: Geometry) -> Array:
+    y, x = _common_turn_point(turn_of_third_joint(th1a, th1b, th1c, th2a, geometry, ARRAYS))
     return stack_matrix(rotation_from_quaternion(*chain_quaternion(
-        angles[0], angles[3], np.arctan2(y, x), geometry, ARRAYS)))
+        th1a, th2a, np.arctan2(y, x), geometry, ARRAYS)))
 
 
 def _common_turn_point(solution: Vector[Batch]) -> tuple[Array, Array]:
@@ -156,12 +149,7 @@ def _common_turn_point(solution: Vector[Batch]) -> tuple[Array, Array]:
 
 def trusted_start(readings: tuple[float | None, ...], largest: float,
                   g: Geometry) -> State[float] | None:
-    """
-    Return the start that the first leg gives which determines it; None without such a leg.
-
-    `largest` is the largest standard deviation of the readings, rad; the others are those of
-    `start_at`.
-    """
+    """Return the start by the first leg that determines it; `largest` sigma in rad."""
     for leg, first, third, equations in _carriers(readings, g):
         cosine, sine, determinant = max(
             (common_turn(*pair) for pair in combinations(equations, 2)),
@@ -173,11 +161,7 @@ def trusted_start(readings: tuple[float | None, ...], largest: float,
 
 
 def possible_starts(readings: tuple[float | None, ...], g: Geometry) -> Iterator[State[float]]:
-    """
-    Yield both solutions of each turn equation of each leg that can carry the platform.
-
-    Every solution that the readings have is near one of them.
-    """
+    """Yield starts by both solutions of each turn equation: one is near each solution there is."""
     for leg, first, third, equations in _carriers(readings, g):
         for equation in equations:
             for th2 in both_turns(equation):
@@ -187,11 +171,7 @@ def possible_starts(readings: tuple[float | None, ...], g: Geometry) -> Iterator
 
 def _carriers(readings: tuple[float | None, ...],
               g: Geometry) -> Iterator[tuple[Leg, float, float, list[Vector[float]]]]:
-    """
-    Yield each leg with readings of both its sensors, these, and its turn equations.
-
-    Each sensor of another leg gives an equation of the carrying leg's th2k.
-    """
+    """Yield each leg with both its sensors, their readings, and the equations of its th2k."""
     for carrier, leg in enumerate(g.legs):
         first, third = readings[carrier], readings[3 + carrier]
         if first is None or third is None:
@@ -259,9 +239,9 @@ def start_at(rotation: Rotation[float], readings: tuple[float | None, ...],
     """
     Return th1A, th2A, th3A, th1B, th1C, rad: readings, and where there is none of an orientation.
 
-    `readings` are th1A, th1B, th1C, th3A, th3B, th3C, rad; None for one that is not used. They
-    select the working mode of a leg. An active angle of leg B or C without any reading is 0.
-    UnreachableError where a leg without all its sensors does not reach the orientation.
+    The six readings, None for one that is not used, select the working mode of a leg. An active
+    angle of leg B or C without any reading is 0. UnreachableError if a leg that lacks a reading
+    does not reach the orientation.
     """
     th1a, th1b, th1c, th3a, th3b, th3c = readings
     found_1a, th2a, found_3a = _fitting_angles(rotation, g.legs[0], th1a, th3a)

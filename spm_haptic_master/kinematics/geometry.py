@@ -182,26 +182,15 @@ class Geometry:
         """
         Return the mechanism as built: every axis and every link as measured.
 
-        The frames are those in which the axes are given. The joints' zeros depend on them: see the
-        module. Their usual choice needs no outside reference. Base: z = Z1A, and Z1B in the half
-        plane of positive x. Platform: its three axes nearest to their nominal directions.
+        `base_axes` and `platform_axes`, (3, 3), have the rows Z1A, Z1B, Z1C and Z3A, Z3B, Z3C,
+        unit vectors in the base and in the platform frame. `alpha` and `beta`, (3,), are the
+        angles of the proximal and distal links of the legs A, B, C, rad, in ]0, pi[. The joints'
+        zeros depend on the frames: see the module. `in_usual_frames` turns the axes to frames that
+        need no outside reference.
 
-        Parameters
-        ----------
-        base_axes : array_like, shape (3, 3)
-            Rows Z1A, Z1B, Z1C, unit vectors in the base frame.
-        platform_axes : array_like, shape (3, 3)
-            Rows Z3A, Z3B, Z3C, unit vectors in the platform frame.
-        alpha, beta : array_like, shape (3,)
-            Angles of the proximal and distal links of the legs A, B, C, rad, in ]0, pi[.
-
-        Raises
-        ------
-        GeometryError
-            An argument has a wrong type or shape; an axis is no unit vector (`LENGTH_TOLERANCE`),
-            or opposite to its nominal direction (the platform's: to z); two axes of the base or
-            the platform are parallel (`LEAST_ANGLE`); a link angle is not in ]0, pi[.
-
+        GeometryError if an argument has a wrong type or shape; an axis is no unit vector
+        (`LENGTH_TOLERANCE`), or opposite to its nominal direction (the platform's: to z); two axes
+        of the base or the platform are parallel (`LEAST_ANGLE`); a link angle is not in ]0, pi[.
         """
         base = check_axes('base_axes', base_axes, 'Z1', NOMINAL_BASE_AXES)
         platform = check_axes('platform_axes', platform_axes, 'Z3', ((0.0, 0.0, 1.0),) * 3)

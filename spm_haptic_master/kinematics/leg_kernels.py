@@ -192,11 +192,7 @@ def half_chain_quaternion(th1a: N, c: N, s: N, th3a: N, g: Geometry,
 
 
 def linkage(th1a: N, th1b: N, th1c: N, th3a: N, g: Geometry, m: Backend[N]) -> Linkage[N]:
-    """
-    Legs B and C in the frame of leg A's second joint, without its turn by th2A.
-
-    Z2k is on the base's side of the joint, Z3k on the platform's.
-    """
+    """Legs B and C in the frame of leg A's second joint, without its turn by th2A."""
     c1, s1 = m.cos(th1a), m.sin(th1a)
     c3, s3 = m.cos(th3a), m.sin(th3a)
     b, c = g.carried
@@ -208,11 +204,7 @@ def linkage(th1a: N, th1b: N, th1c: N, th3a: N, g: Geometry, m: Backend[N]) -> L
 
 
 def turn_of_second_joint(leg_b: View[N], leg_c: View[N]) -> Vector[N]:
-    """
-    Case 2: cosine and sine of th2A, each times the determinant, and the determinant; eqs. 15, 16.
-
-    th2A is measured from the arc A1A2 produced: th2A = xi + xi', eq. 13.
-    """
+    """Case 2: cosine, sine of th2A = xi + xi', each times the determinant, and it; eqs. 15, 16."""
     return common_turn(turn_equation(*leg_b), turn_equation(*leg_c))
 
 

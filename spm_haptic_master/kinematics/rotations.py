@@ -87,11 +87,9 @@ def _zxz_angles(x: N, y: N, z: N, w: N, m: Backend[N]) -> Vector[N]:
     """
     difference, total = m.atan2(y, x), m.atan2(z, w)
     theta = 2.0 * m.atan2(m.sqrt(x * x + y * y), m.sqrt(z * z + w * w))
-    return _wrap(total + difference, m), theta, _wrap(total - difference, m)
-
-
-def _wrap(angle: N, m: Backend[N]) -> N:
-    return m.atan2(m.sin(angle), m.cos(angle))
+    psi, phi = (m.atan2(m.sin(angle), m.cos(angle))
+                for angle in (total + difference, total - difference))
+    return psi, theta, phi
 
 
 # Floats ---------------------------------------------------------------------------------------
@@ -264,9 +262,8 @@ def matrix_from_zxz(psi: ArrayLike, theta: ArrayLike, phi: ArrayLike) -> Array:
     The angles psi, theta, phi (...), rad, are broadcast together; phi is the self-rotation.
     InputError if one is not finite, or the shapes do not broadcast.
     """
-    psi = check_angles('psi', psi, ())
-    theta = check_angles('theta', theta, ())
-    phi = check_angles('phi', phi, ())
+    psi, theta, phi = (check_angles(name, angle, ()) for name, angle in (
+        ('psi', psi), ('theta', theta), ('phi', phi)))
     check_broadcast('psi, theta, phi', psi.shape, theta.shape, phi.shape)
     return stack_matrix(_zxz_rotation(psi, theta, phi, ARRAYS))
 

@@ -4,8 +4,7 @@
 """
 The workspace cone, and the parallel singularities in it and near a pose.
 
-The workspace is the cone of platform axes about (1, 1, 1), which is psi = 135 deg and theta =
-acos(1 / sqrt 3), at a given self-rotation phi.
+It is the cone of platform axes about (1, 1, 1), psi = 135 deg and theta = acos(1 / sqrt 3).
 """
 
 from __future__ import annotations
@@ -163,12 +162,10 @@ def determinant_gradient(rotation: Rotation[float], g: Geometry,
 def nearness(quaternion: Quaternion[float], geometry: Geometry, working_mode: WorkingMode,
              sensors: int = 4, left_out: Collection[int] = ()) -> Nearness:
     """
-    Dexterities of one pose; nothing is validated.
+    Dexterities of one pose, quaternion x, y, z, w; nothing is validated.
 
-    `quaternion` is x, y, z, w of R_base_platform, `working_mode` the signs of B_kk, `sensors` the
-    number of sensors, 4, 5 or 6, and `left_out` the places of those that are not in use; three are
-    left at least. UnreachableError if the pose is out of reach, SingularityError on the boundary
-    of the working mode.
+    `sensors`, 4, 5 or 6, are mounted, and those at the places `left_out` not in use, three at
+    least. UnreachableError, or SingularityError on the boundary of the working mode.
     """
     rotation = rotation_from_quaternion(*quaternion)
     th1a, th1b, th1c = measured_angles(rotation, geometry, working_mode, 3)

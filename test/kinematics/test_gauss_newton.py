@@ -10,8 +10,7 @@ import pytest
 from readings import all_angles, PAPER, SIGMA
 from spm_haptic_master.exceptions import SingularityError
 from spm_haptic_master.kinematics import UsedSensors, workspace_pose
-from spm_haptic_master.kinematics.estimation.gauss_newton import fit
-from spm_haptic_master.kinematics.estimation.sample_estimation import one_step
+from spm_haptic_master.kinematics.estimation.gauss_newton import fit, one_step
 from spm_haptic_master.kinematics.leg_kernels import linkage, turn_of_second_joint
 from spm_haptic_master.kinematics.number_backends import FLOATS
 

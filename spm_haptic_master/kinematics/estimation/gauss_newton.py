@@ -2,32 +2,29 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Gauss-Newton on one joint sample, in plain floats, for the 1 kHz path.
+Gauss-Newton on one joint sample, in plain floats for the 1 kHz path, and on rows of a batch.
 
-Leg A's chain carries the platform: th1A, th2A, th3A are coordinates of its orientation, and the
-sensors on th1A and th3A measure two of them directly. Legs B and C add their closures, which
-contain the fitted th1B and th1C; sensors on th3B and th3C are compared with the closed legs.
-Gauss-Newton on closures and corrections together minimises the weighted sum of the squared
-corrections. Unlike the angles of the inverse model, the closures exist for all readings, also just
-outside the reach of a leg, and each leg stays in the working mode of its reading.
+On closures and corrections together it minimises the weighted sum of the squared corrections.
+Unlike the angles of the inverse model, the closures exist for all readings, also just outside the
+reach of a leg, and each leg stays in the working mode of its reading.
 """
 
 from __future__ import annotations
 
-import functools
-from math import hypot, sin
+from math import cos, hypot, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from spm_haptic_master.exceptions import SingularityError, UnreachableError
 from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.closed_form import CLOSED_FORM_TRUST
 from spm_haptic_master.kinematics.estimation.normal_equations import (
+    closed_leg,
     gauss_newton_step,
     in_base_frame,
     Legs,
     linearise,
+    NO_SHARE,
     normal_equations,
     parities,
     Row,
@@ -35,7 +32,7 @@ from spm_haptic_master.kinematics.estimation.normal_equations import (
     Symmetric,
 )
 from spm_haptic_master.kinematics.geometry import Geometry
-from spm_haptic_master.kinematics.joints import UsedSensors
+from spm_haptic_master.kinematics.joints import FEWEST_MOUNTED, UsedSensors
 from spm_haptic_master.kinematics.leg_kernels import (
     chain_quaternion,
     Linkage,
@@ -60,11 +57,9 @@ CONVERGED_STEP = 1e-5
 STEPS, BATCH_STEPS = 30, 6
 # Longest step along any coordinate (rad); a longer one is shortened to it.
 LONGEST_STEP = 0.3
-# Largest determinant of the normal equations, relative to the product of their diagonal, that
-# counts as zero (unit 1).
+# Largest determinant of the normal equations that counts as zero (product of their diagonal).
 RANK_TOLERANCE = 1e-12
-# Largest |B_kk| of the wrong sign that noise may cause near the boundary of a working mode (unit
-# 1).
+# Largest |B_kk| of the wrong sign that noise causes near the boundary of a working mode (unit 1).
 MODE_MARGIN = 0.02
 # Largest total standard deviation of a determined orientation (rad): beyond some 6 deg the
 # first-order covariance does not describe the error.
@@ -101,11 +96,7 @@ class SampleEstimate(NamedTuple):
 def fit(state: State[float], view: Linkage[float], readings: tuple[float, ...],
         sensors: UsedSensors, g: Geometry, working_mode: WorkingMode | None,
         last_step: float = CONVERGED_STEP) -> SampleEstimate:
-    """
-    Gauss-Newton to convergence, from a start with its `linkage`.
-
-    Arguments and errors are those of `estimate_sample`.
-    """
+    """Gauss-Newton from a state with its `linkage`; arguments, errors as of `estimate_sample`."""
     for _ in range(STEPS):
         legs, rows = linearise(state, view, readings, sensors, g, FLOATS)
         right, entries, determinant, product = normal_equations(rows)
@@ -149,29 +140,143 @@ def fit(state: State[float], view: Linkage[float], readings: tuple[float, ...],
 def _in_mode(th2a: float, legs: Legs[float], sensors: UsedSensors, working_mode: WorkingMode,
              g: Geometry) -> bool:
     """Return whether a solution is in a working mode; a leg without a sensor may have any."""
-    sign_a, sign_b, sign_c = working_mode
-    leg = g.legs[0]
-    weight_a, _, _, weight_3, _, _ = sensors.weights
+    leg, (sign_a, sign_b, sign_c) = g.legs[0], working_mode
     # B_AA is the volume of Z1A, Z2A, Z3A.
     return sign_b * legs[0][4] > -MODE_MARGIN and sign_c * legs[1][4] > -MODE_MARGIN and (
         sign_a * leg.sin_alpha * leg.sin_beta * sin(th2a) > -MODE_MARGIN
-        or not (weight_a or weight_3))
+        or {0, 3}.isdisjoint(sensors.used))
 
 
-def fit_rows(readings: Array, sensors: UsedSensors,
-             g: Geometry) -> tuple[Array, Array, Array]:
+def one_step(state: State[float], view: Linkage[float], readings: tuple[float, ...],
+             sensors: UsedSensors, g: Geometry, working_mode: WorkingMode | None,
+             last_step: float) -> SampleEstimate | None:
     """
-    Gauss-Newton on rows of readings (n, N), rad, together, from Case 2.
+    Estimate a sample by one step from Case 2 of its readings; None if that is not enough.
 
-    Returned are rotation, covariance and parity vector; NaN in rows that did not converge.
+    The numbers are those of `fit`, whose kernels are written out here for th1A, th1B, th1C and
+    th3A in use: the readings are the start, so that th1A and th3A have no residual.
     """
+    th1a, th2a, th3a, _, _ = state
+    turn_1, turn_3, leg_b, leg_c = view
+    turns = turn_1, (cos(th2a), sin(th2a)), turn_3
+    weight_a, weight_b, weight_c, weight_3, weight_3b, weight_3c = sensors.weights
+    (left_b, b1, b2, b3, volume_b), row_3b = closed_leg(
+        turns, leg_b, g, 1, readings[4] if weight_3b else None, weight_3b, FLOATS)
+    (left_c, d1, d2, d3, volume_c), row_3c = closed_leg(
+        turns, leg_c, g, 2, readings[5] if weight_3c else None, weight_3c, FLOATS)
+    wb1, wb2, wb3 = weight_b * b1, weight_b * b2, weight_b * b3
+    wc1, wc2, wc3 = weight_c * d1, weight_c * d2, weight_c * d3
+    n11, n12, n13 = weight_a + wb1 * b1 + wc1 * d1, wb2 * b1 + wc2 * d1, wb3 * b1 + wc3 * d1
+    n22, n23, n33 = wb2 * b2 + wc2 * d2, wb3 * b2 + wc3 * d2, weight_3 + wb3 * b3 + wc3 * d3
+    y1, y2, y3 = (wb1 * left_b + wc1 * left_c, wb2 * left_b + wc2 * left_c,
+                  wb3 * left_b + wc3 * left_c)
+    further = (row_3b, row_3c)[:sensors.further]
+    for residual, x, y, z, weight in further:
+        wx, wy, wz = weight * x, weight * y, weight * z
+        n11, n12, n13 = n11 + wx * x, n12 + wy * x, n13 + wz * x
+        n22, n23, n33 = n22 + wy * y, n23 + wz * y, n33 + wz * z
+        y1, y2, y3 = y1 + wx * residual, y2 + wy * residual, y3 + wz * residual
+    e11, e12, e13 = n22 * n33 - n23 * n23, n13 * n23 - n12 * n33, n12 * n23 - n13 * n22
+    e22, e23, e33 = n11 * n33 - n13 * n13, n12 * n13 - n11 * n23, n11 * n22 - n12 * n12
+    determinant = n11 * e11 + n12 * e12 + n13 * e13
+    if not determinant > RANK_TOLERANCE * (n11 * n22 * n33):
+        return None
+    p11, p12, p13 = e11 / determinant, e12 / determinant, e13 / determinant
+    p22, p23, p33 = e22 / determinant, e23 / determinant, e33 / determinant
+    x, y, z = (p11 * y1 + p12 * y2 + p13 * y3, p12 * y1 + p22 * y2 + p23 * y3,
+               p13 * y1 + p23 * y2 + p33 * y3)
+    if not (-last_step < x < last_step and -last_step < y < last_step
+            and -last_step < z < last_step
+            and -last_step < b1 * x + b2 * y + b3 * z - left_b < last_step
+            and -last_step < d1 * x + d2 * y + d3 * z - left_c < last_step):
+        return None
+    th1a, th2a, th3a = th1a + x, th2a + y, th3a + z
+    if working_mode is not None:
+        carrier, (sign_a, sign_b, sign_c) = g.legs[0], working_mode
+        if not (sign_b * volume_b > -MODE_MARGIN and sign_c * volume_c > -MODE_MARGIN and
+                sign_a * carrier.sin_alpha * carrier.sin_beta * sin(th2a) > -MODE_MARGIN):
+            return None
+    covariance = p11, p12, p13, p22, p23, p33
+    spread, motions = in_base_frame(th1a, th2a, covariance, g, FLOATS)
+    na, nb, nc, n3 = b2 * d1 - b1 * d2, d2, -b2, b2 * d3 - b3 * d2
+    variance = na * na / weight_a + nb * nb / weight_b + nc * nc / weight_c + n3 * n3 / weight_3
+    scale = 1.0 / sqrt(variance) if variance > 0.0 else 0.0
+    parity = scale * (nb * left_b + nc * left_c)
+    vector: tuple[float, ...] = (parity,)
+    rows: tuple[Row[float], ...] = (
+        (0.0, 1.0, 0.0, 0.0, weight_a), (left_b, b1, b2, b3, weight_b),
+        (left_c, d1, d2, d3, weight_c), (0.0, 0.0, 0.0, 1.0, weight_3))
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = motions
+    gain_sizes: tuple[float, ...] = (
+        weight_a * hypot(ax, ay, az),
+        weight_b * hypot(b1 * ax + b2 * bx + b3 * cx, b1 * ay + b2 * by + b3 * cy,
+                         b1 * az + b2 * bz + b3 * cz),
+        weight_c * hypot(d1 * ax + d2 * bx + d3 * cx, d1 * ay + d2 * by + d3 * cy,
+                         d1 * az + d2 * bz + d3 * cz),
+        weight_3 * hypot(cx, cy, cz))
+    parity_sizes: tuple[float, ...]
+    if sensors.count == FEWEST_MOUNTED:
+        parity_sizes = abs(scale * na), abs(scale * nb), abs(scale * nc), abs(scale * n3)
+    else:
+        # P = I - H K is a projector: a size is the root of weight and share, P's diagonal.
+        t12, t13, t23 = 2.0 * p12, 2.0 * p13, 2.0 * p23
+        share_a, share_3 = 1.0 - weight_a * p11, 1.0 - weight_3 * p33
+        share_b = 1.0 - (wb1 * (p11 * b1 + t12 * b2 + t13 * b3) + wb2 * (p22 * b2 + t23 * b3)
+                         + wb3 * b3 * p33)
+        share_c = 1.0 - (wc1 * (p11 * d1 + t12 * d2 + t13 * d3) + wc2 * (p22 * d2 + t23 * d3)
+                         + wc3 * d3 * p33)
+        parity_sizes = (sqrt(weight_a * share_a) if share_a > NO_SHARE else 0.0,
+                        sqrt(weight_b * share_b) if share_b > NO_SHARE else 0.0,
+                        sqrt(weight_c * share_c) if share_c > NO_SHARE else 0.0,
+                        sqrt(weight_3 * share_3) if share_3 > NO_SHARE else 0.0)
+    if further:
+        rows += further
+        sizes: tuple[float, ...] = ()
+        gains: tuple[float, ...] = ()
+        more: tuple[float, ...] = ()
+        last = h1 = h2 = h3 = 0.0
+        square = parity * parity
+        # From the last one: each parity is that of the sensors before it.
+        for residual, u, v, w, weight in reversed(further):
+            g1, g2, g3 = (p11 * u + p12 * v + p13 * w, p12 * u + p22 * v + p23 * w,
+                          p13 * u + p23 * v + p33 * w)
+            share = 1.0 - weight * (u * g1 + v * g2 + w * g3)
+            size = sqrt(weight * share) if share > NO_SHARE else 0.0
+            sizes = (size,) + sizes
+            gains = (weight * hypot(u * ax + v * bx + w * cx, u * ay + v * by + w * cy,
+                                    u * az + v * bz + w * cz),) + gains
+            if not weight:
+                continue
+            left = residual - u * x - v * y - w * z
+            if more:
+                cross = u * h1 + v * h2 + w * h3
+                left, share = left + cross * last, share - weight * cross * cross
+                size = sqrt(weight * share) if share > NO_SHARE else 0.0
+            scale = weight / size if size else 0.0
+            last = scale * left
+            square += last * last
+            h1, h2, h3 = scale * g1, scale * g2, scale * g3
+            more = (last,) + more
+        gain_sizes += gains
+        parity_sizes += sizes
+        if more:
+            vector, parity = vector + more, sqrt(square)
+    # As SampleEstimate(...) does, without its call.
+    return tuple.__new__(SampleEstimate, (
+        chain_quaternion(th1a, th2a, th3a, g, FLOATS), spread, parity, vector,
+        spread[0] + spread[4] + spread[8] < DETERMINED_VARIANCE, sensors, parity_sizes,
+        gain_sizes, rows, covariance))
+
+
+def fit_rows(readings: Array, sensors: UsedSensors, g: Geometry) -> tuple[Array, Array, Array]:
+    """Fit rows (n, N), rad: rotation, covariance, parity vector; NaN without convergence."""
     columns: tuple[Batch, ...] = tuple(np.ascontiguousarray(readings.T))
     th1a, th1b, th1c, th3a = columns[:4]
     view = linkage(th1a, th1b, th1c, th3a, g, ARRAYS)
     cosine, sine, determinant = turn_of_second_joint(view[2], view[3])
     th2a: Batch = np.arctan2(sine * determinant, cosine * determinant)
     state: State[Batch] = th1a, th2a, th3a, th1b, th1c
-    trusted: NDArray[np.bool_] = np.abs(determinant) > CLOSED_FORM_TRUST * sensors.largest
+    trusted = np.abs(determinant) > CLOSED_FORM_TRUST * sensors.largest
     # Rows that are not trusted may diverge here; they are done one by one afterwards.
     with np.errstate(all='ignore'):
         for _ in range(BATCH_STEPS):
@@ -181,7 +286,7 @@ def fit_rows(readings: Array, sensors: UsedSensors,
             d1, d2, d3, db, dc = step
             th1a, th2a, th3a, th1b, th1c = state = (
                 th1a + d1, th2a + d2, th3a + d3, th1b + db, th1c + dc)
-            longest = functools.reduce(np.maximum, map(np.abs, step))
+            longest = np.max([np.abs(each) for each in step], axis=0)
             trusted &= (longest < LONGEST_STEP) & (determinant > RANK_TOLERANCE * product)
             settled = trusted & (longest < CONVERGED_STEP)
             if np.array_equal(settled, trusted):

@@ -60,12 +60,11 @@ NO_SHARE = 1e-12
 def linearise(state: State[N], view: Linkage[N], readings: tuple[N, ...], sensors: UsedSensors,
               g: Geometry, m: Backend[N]) -> tuple[Legs[N], tuple[Row[N], ...]]:
     """
-    Linearise the legs B and C and all sensors at a state with its `linkage`.
+    Linearise the legs B and C and the N mounted sensors at a state with its `linkage`.
 
-    `readings` are those of the N mounted sensors, rad; any number for one that is left out. A
-    leg's correction is its fitted active angle less the one that closes it, with the rates of the
-    closing angle; zeros for a leg without a sensor in use. A residual is reading less prediction;
-    the weight is 0 for a sensor that is left out.
+    A leg's correction is its fitted active angle less the one that closes it, with the rates of
+    that; zeros for a leg without a sensor in use. A residual is reading less prediction, the
+    weight 0 for a sensor that is left out.
     """
     th1a, th2a, th3a, th1b, th1c = state
     turn_1, turn_3, leg_b, leg_c = view
@@ -90,10 +89,9 @@ def linearise(state: State[N], view: Linkage[N], readings: tuple[N, ...], sensor
 def closed_leg(turns: Turns[N], view: View[N], g: Geometry, place: int, reading: N | None,
                weight: float, m: Backend[N]) -> tuple[Closure[N], Row[N]]:
     """
-    Linearise leg B or C: its closure, and the row of a sensor on its third joint.
+    Linearise leg B (`place` 1) or C (2): its closure, and the row of a sensor on its third joint.
 
-    `place` is 1 or 2, `reading` that of the sensor, rad; None for one that is left out. Returned
-    are the elements of `linearise`.
+    `reading` is that of the sensor, rad; None for one that is left out.
     """
     (c1, s1), (c2, s2), (c3, s3) = turns
     (dx, dy, dz), (vx, vy, vz), cos_beta = view
@@ -131,11 +129,10 @@ def closed_leg(turns: Turns[N], view: View[N], g: Geometry, place: int, reading:
 def normal_equations(
         rows: tuple[Row[N], ...]) -> tuple[Vector[N], Symmetric[N], N, N]:
     """
-    Compute the normal equations and the inverse of their matrix.
+    Return right side (1 / rad), inverse times determinant (1 / rad^4), determinant, and a bound.
 
-    Returned are the right side (1 / rad), the inverse of the matrix times its determinant
-    (1 / rad^4), the determinant, and the product of the diagonal (1 / rad^6): where the
-    determinant is far smaller than that, the sensors do not measure every direction.
+    That is the product of the diagonal (1 / rad^6): where the determinant is far smaller, the
+    sensors do not measure every direction.
     """
     (left_a, _, _, _, weight_a), row_b, row_c, (left_3, _, _, _, weight_3), *further = rows
     # th1A and th3A are coordinates themselves.
@@ -158,10 +155,9 @@ def normal_equations(
 def gauss_newton_step(right: Vector[N], legs: Legs[N], entries: Symmetric[N],
                       determinant: N) -> tuple[State[N], Symmetric[N]]:
     """
-    Solve the normal equations.
+    Return the step of the state, rad, and the covariance of th1A, th2A, th3A, rad^2.
 
-    Returned are the Gauss-Newton step of the state, rad, in which th1B and th1C follow so that
-    their legs close, and the covariance of th1A, th2A, th3A, rad^2.
+    In the step th1B and th1C follow so that their legs close.
     """
     (fb, b1, b2, b3, _), (fc, c1, c2, c3, _) = legs
     e11, e12, e13, e22, e23, e33 = entries
@@ -177,12 +173,7 @@ def gauss_newton_step(right: Vector[N], legs: Legs[N], entries: Symmetric[N],
 
 def in_base_frame(th1a: N, th2a: N, covariance: Symmetric[N], g: Geometry, m: Backend[N],
                   ) -> tuple[Rotation[N], Motions[N]]:
-    """
-    Covariance of the rotation error in the base frame from that of th1A, th2A, th3A, rad^2.
-
-    Returned are nine numbers, row by row, and the covariance of the rotation error with the errors
-    of th1A, th2A, th3A, rad^2.
-    """
+    """Covariance of the rotation error in the base frame, and with errors of th1A, th2A, th3A."""
     # The platform turns about Z1A, Z2A and Z3A.
     x1, y1, z1 = g.legs[0].first
     (x2, y2, z2), (x3, y3, z3) = passive_axes(
@@ -202,11 +193,7 @@ def in_base_frame(th1a: N, th2a: N, covariance: Symmetric[N], g: Geometry, m: Ba
 
 def parities(rows: tuple[Row[N], ...], sensors: UsedSensors, covariance: Symmetric[N],
              m: Backend[N]) -> tuple[tuple[N, ...], tuple[ParityRow[N], ...]]:
-    """
-    Compute the parity vector from the covariance of th1A, th2A, th3A of `gauss_newton_step`.
-
-    An entry that nothing but rounding would make is 0, as is the change with a sensor left out.
-    """
+    """Parity vector, and its changes with the readings; 0 where only rounding makes them."""
     if sensors.count == FEWEST_USED:
         return (), ()
     places = sensors.used
@@ -262,14 +249,11 @@ def _volume(p: Vector[N], q: Vector[N], r: Vector[N]) -> N:
 def theta3a_gains(th1a: float, th1b: float, th1c: float, th3a: float,
                   geometry: Geometry) -> tuple[Vector[float], ...]:
     """
-    How the orientation of Case 2 depends on its four readings, in plain floats.
+    Gains of Case 2: rotation vectors in the base frame, rad per rad of th1A, th1B, th1C, th3A.
 
-    The closed form weighs the closures of legs B and C by their terms N1 and N2, not by their
-    sensors' noise, so that it depends on the readings in another way than the estimate.
-
-    Returned are rotation vectors in the base frame, rad per rad of th1A, th1B, th1C, th3A.
-    SingularityError if a leg's closure does not determine th2A, or a leg is on the boundary of its
-    working mode.
+    The closed form weighs the closures of legs B and C by their terms N1 and N2, not by the noise
+    of their sensors, so that its gains are not those of the estimate. SingularityError if the
+    closures do not determine th2A, or a leg is on the boundary of its working mode.
     """
     turn_1, turn_3, leg_b, leg_c = linkage(th1a, th1b, th1c, th3a, geometry, FLOATS)
     first, second = turn_equation(*leg_b), turn_equation(*leg_c)
