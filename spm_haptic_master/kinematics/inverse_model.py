@@ -1,11 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""
-Inverse model, in closed form, for all 8 working modes: joint angles, Jacobians, dexterity.
-
-Jacobians have three to six sensors.
-"""
+"""Inverse model in closed form, for all 8 working modes: joint angles, Jacobians, dexterity."""
 
 from __future__ import annotations
 

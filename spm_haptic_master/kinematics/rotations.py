@@ -173,12 +173,7 @@ class AngularVelocity:
             kept.popleft()
 
     def value(self) -> Vector[float] | None:
-        """
-        Return the angular velocity in the base frame, rad/s; None until half a window is filled.
-
-        It is exact to first order in the rotation within the window: the derivative of a unit
-        quaternion q is half the product of the angular velocity, as a quaternion, and q.
-        """
+        """Angular velocity in the base frame, rad/s; None until half a window is filled."""
         kept = self._kept
         if not kept:
             return None
@@ -195,7 +190,8 @@ class AngularVelocity:
             dy += offset * qy
             dz += offset * qz
             dw += offset * qw
-        # The vector part of 2 qdot q*, where q* is the conjugate of the newest quaternion.
+        # The vector part of 2 qdot q*, where q* is the conjugate of the newest quaternion; exact
+        # to first order in the rotation within the window.
         x, y, z, _ = multiply_quaternions((dx, dy, dz, dw), (-x, -y, -z, w))
         scale = 2.0 * SECOND / spread
         return scale * x, scale * y, scale * z

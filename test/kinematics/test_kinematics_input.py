@@ -146,12 +146,6 @@ def test_the_extreme_standard_deviations_give_the_pose(sigma):
     assert np.isfinite(found.covariance).all()
 
 
-def test_many_turns_are_still_angles():
-    turns = 2.0 * math.pi * 1000.0
-    np.testing.assert_allclose(
-        forward_theta3a(TH1 + turns, TH3A - turns), forward_theta3a(TH1, TH3A), atol=1e-11)
-
-
 def test_empty_batches_give_empty_results():
     found = estimate(np.empty((0, 3), np.float32), np.empty(0), 1e-3)
     assert found.rotation.shape == (0, 3, 3) and found.consistent.shape == (0,)
