@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 from spm_haptic_master.kinematics import Geometry
-from spm_haptic_master.kinematics.assembly_modes import check_triple, eliminant, LockedChain
-from spm_haptic_master.kinematics.geometry import check_geometry, PAPER_GEOMETRY
+from spm_haptic_master.kinematics.assembly_modes import eliminant, LockedChain
+from spm_haptic_master.kinematics.geometry import PAPER_GEOMETRY
 from spm_haptic_master.kinematics.leg_kernels import into_second_link
 
 
@@ -26,13 +26,12 @@ def eq5_coefficients(th1: np.ndarray, geometry: Geometry = PAPER_GEOMETRY) -> np
     coefficient of x^i y^j; those with i + j > 4 are zero. The solutions are the curve's
     intersections with the circle x^2 + y^2 = 1.
     """
-    chain = LockedChain.of(check_triple(th1), check_geometry(geometry))
-    x, y, _ = chain.second_b
+    chain = LockedChain.checked(th1, geometry)
+    x, y, _ = chain.seconds[0]
     reference = math.atan2(x, -y)
     c, s = math.cos(reference), math.sin(reference)
     chain = LockedChain(
-        chain.th1a, into_second_link(c, s, chain.second_b), into_second_link(c, s, chain.second_c),
-        chain.g)
+        chain.th1a, tuple(into_second_link(c, s, axis) for axis in chain.seconds), chain.g)
     # L, M, N are affine in x and y: three points give their coefficients.
     origin, along_x, along_y = (
         np.array(chain.turn_equations(*point)) for point in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)))

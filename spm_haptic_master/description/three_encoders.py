@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from itertools import pairwise
 from math import acos, isfinite, pi, remainder
 
+from spm_haptic_master.kinematics.assembly_modes import continue_mode
 from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.leg_kernels import chain_quaternion
-from spm_haptic_master.kinematics.mode_tracking import continue_mode
 from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion
 from spm_haptic_master.kinematics.rotations import conjugate, multiply_quaternions
 

@@ -39,8 +39,7 @@ from spm_haptic_master.force.samples import (
 from spm_haptic_master.force.statics import clipped, ForceLimits, rotated, Torques
 from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
-from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
-from spm_haptic_master.kinematics.jacobians import jacobian
+from spm_haptic_master.kinematics.inverse_model import jacobian, RIG_WORKING_MODE
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.kinematics.rotations import (
     conjugate,

@@ -27,8 +27,7 @@ from spm_haptic_master.force.rendering import make_statics
 from spm_haptic_master.force.statics import ForceLimits, MotorRates, rotated
 from spm_haptic_master.kinematics.checks import check_array, check_rotations
 from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
-from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
-from spm_haptic_master.kinematics.jacobians import cross, dot
+from spm_haptic_master.kinematics.inverse_model import cross, dot, RIG_WORKING_MODE
 from spm_haptic_master.kinematics.number_backends import Vector
 
 # Standard gravity, along -z of the base frame (m/s^2).

@@ -26,7 +26,7 @@ from typing import TypeAlias
 from spm_haptic_master.exceptions import InputError, quoted
 from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.geometry import Geometry
-from spm_haptic_master.kinematics.jacobians import cross, dot
+from spm_haptic_master.kinematics.inverse_model import cross, dot
 from spm_haptic_master.kinematics.number_backends import (
     FLOATS,
     MODE_BOUNDARY,

@@ -36,7 +36,7 @@ from spm_haptic_master.force.statics import (
 )
 from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.geometry import Geometry
-from spm_haptic_master.kinematics.jacobians import cross, dot
+from spm_haptic_master.kinematics.inverse_model import cross, dot
 from spm_haptic_master.kinematics.number_backends import Vector
 
 # Longest vector of motor torques along the weak direction, far from the surface, over the limit of

@@ -11,24 +11,24 @@ Angles in rad. `R` is R_base_platform, shape (..., 3, 3): platform components in
 out. `th1` is (..., 3), legs A, B, C. Quaternions are x, y, z, w.
 """
 
-from spm_haptic_master.kinematics.assembly_modes import forward_all
+from spm_haptic_master.kinematics.assembly_modes import continue_mode, forward_all, track_mode
 from spm_haptic_master.kinematics.closed_form import (
     forward_theta2a,
     forward_theta3a,
     theta3a_quaternion,
 )
-from spm_haptic_master.kinematics.estimation.estimates import Estimate, estimate
-from spm_haptic_master.kinematics.estimation.sample_estimation import estimate_sample
+from spm_haptic_master.kinematics.estimation.estimates import Estimate, estimate, estimate_sample
 from spm_haptic_master.kinematics.geometry import Geometry, in_usual_frames
 from spm_haptic_master.kinematics.inverse_model import (
+    dexterity,
     inverse,
+    jacobian,
     JointAngles,
     measured_angles,
     mechanism_angles,
+    parallel_determinant,
 )
-from spm_haptic_master.kinematics.jacobians import dexterity, jacobian, parallel_determinant
 from spm_haptic_master.kinematics.joints import UsedSensors
-from spm_haptic_master.kinematics.mode_tracking import continue_mode, track_mode
 from spm_haptic_master.kinematics.rotations import (
     matrix_from_quaternion,
     matrix_from_zxz,

@@ -2,7 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Classic forward model: all assembly modes of three active joint angles (eqs. 1 to 7).
+Classic forward model: the assembly modes of three active joint angles (eqs. 1 to 7).
+
+`forward_all` finds all of them. Along a motion, `track_mode` selects the one nearest to the last
+orientation, and `continue_mode` follows one from its last passive angles.
 
 The turn equations of legs B and C are linear in cos th3A and sin th3A. Eliminating these (eqs. 3,
 4) leaves a trigonometric polynomial of degree 4 in th2A with at most 8 real roots. As in the
@@ -16,12 +19,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 import math
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
-from spm_haptic_master.exceptions import InputError, SingularityError
-from spm_haptic_master.kinematics.checks import check_angles
+from spm_haptic_master.exceptions import InputError, SingularityError, UnreachableError
+from spm_haptic_master.kinematics.checks import check_angles, check_rotations
 from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.leg_kernels import (
     both_turns,
@@ -34,10 +37,22 @@ from spm_haptic_master.kinematics.leg_kernels import (
     turn_through_link,
 )
 from spm_haptic_master.kinematics.number_backends import Array, FLOATS, Quaternion, Vector
-from spm_haptic_master.kinematics.rotations import rotation_distance, rotation_from_quaternion
+from spm_haptic_master.kinematics.rotations import (
+    quaternion_from_matrix,
+    rotation_distance,
+    rotation_from_quaternion,
+)
 
 # Number of samples of the trigonometric polynomial of degree 4: the number of its coefficients.
 SAMPLES = 9
+# Values of th2A at the samples (rad).
+SAMPLE_ANGLES = tuple(2.0 * math.pi * j / SAMPLES for j in range(SAMPLES))
+# With eta half the angle, the polynomial is sum_i p_i cos^(8-i)(eta) sin^i(eta). The samples are
+# at eta = pi / 2 + j pi / 9, so that the first one is the coefficient of t^8.
+ETA = 0.5 * math.pi + math.pi * np.arange(SAMPLES)[:, None] / SAMPLES
+POWERS = np.arange(SAMPLES)
+# Matrix from the samples to the ascending coefficients of the polynomial in t, (9, 9), unit 1.
+HALF_ANGLE_MATRIX = np.linalg.inv(np.cos(ETA) ** (8 - POWERS) * np.sin(ETA) ** POWERS)
 # Largest |Z2k . Z3k - cos beta| of an assembly mode (unit 1): far above rounding, so that modes
 # which just meet at a singularity are found, and far below 1e-9, the accuracy of forward_all.
 CLOSURE_TOLERANCE = 1e-12
@@ -57,27 +72,12 @@ POLISHING_STEPS = 60
 # Smallest fraction of a Newton step before polishing ends (unit 1), and largest angle between two
 # solutions that may be one mode (rad).
 LEAST_SCALE, MERGING_ANGLE = 1e-3, 1e-3
-# Orientation, th2A (rad), th3A (rad), determinant of the closures' rates (unit 1).
+# Smallest difference between the distances of two distinguishable modes from the last orientation
+# (rad): the platform turns about this far between samples at 1 kHz (10 rad/s).
+AMBIGUITY_MARGIN = 0.01
+# Orientation, th2A (rad), th3A (rad), determinant of the closures' rates (unit 1), which is zero
+# where two modes meet.
 Mode: TypeAlias = tuple[Quaternion[float], float, float, float]
-
-
-def _half_angle_matrix() -> Array:
-    """
-    Matrix from the samples to the ascending coefficients of the polynomial in t.
-
-    With eta half the angle, the polynomial is sum_i p_i cos^(8-i)(eta) sin^i(eta). The samples are
-    at eta = pi / 2 + j pi / 9, so that the first one is the coefficient of t^8.
-    """
-    eta = 0.5 * math.pi + math.pi * np.arange(SAMPLES)[:, None] / SAMPLES
-    powers = np.arange(SAMPLES)
-    matrix: Array = np.cos(eta) ** (SAMPLES - 1 - powers) * np.sin(eta) ** powers
-    return np.linalg.inv(matrix).astype(float)
-
-
-# Matrix from samples to coefficients, (9, 9), unit 1.
-HALF_ANGLE_MATRIX = _half_angle_matrix()
-# Values of th2A at the samples (rad).
-SAMPLE_ANGLES = tuple(2.0 * math.pi * j / SAMPLES for j in range(SAMPLES))
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,48 +85,44 @@ class LockedChain:
     """Mechanism with its active joints locked: th1A, rad, and Z2B, Z2C before leg A's joint 2."""
 
     th1a: float
-    second_b: Vector[float]
-    second_c: Vector[float]
+    seconds: tuple[Vector[float], ...]
     g: Geometry
 
     @classmethod
-    def of(cls, th1: Array, g: Geometry) -> LockedChain:
-        """Return the chain of one triple th1 (rad) of a Geometry."""
-        th1a, th1b, th1c = map(float, th1)
-        c1, s1 = math.cos(th1a), math.sin(th1a)
-        second_b, second_c = (
-            second_in_second_joint(c1, s1, math.cos(th1), math.sin(th1), carried)
-            for th1, carried in zip((th1b, th1c), g.carried, strict=True))
-        return cls(th1a, second_b, second_c, g)
+    def of(cls, th1: Sequence[float], g: Geometry) -> LockedChain:
+        """Return the chain of one triple th1 (rad) of a Geometry; nothing is validated."""
+        c1, s1 = math.cos(th1[0]), math.sin(th1[0])
+        return cls(th1[0], tuple(
+            second_in_second_joint(c1, s1, math.cos(angle), math.sin(angle), carried)
+            for angle, carried in zip(th1[1:], g.carried, strict=True)), g)
+
+    @classmethod
+    def checked(cls, th1: ArrayLike, geometry: Geometry) -> LockedChain:
+        """Return the chain of one triple th1 (3,), rad; InputError if an argument is wrong."""
+        triple = check_angles('th1', th1, (3,))
+        if triple.ndim != 1:
+            raise InputError(f'th1 has shape {triple.shape}: expected one triple, (3,)')
+        return cls.of(triple.tolist(), check_geometry(geometry))
 
     def turn_equations(self, c: float, s: float) -> tuple[Vector[float], Vector[float]]:
         """Eqs. 1 and 2: (L, M, N) of legs B and C for th3A, from cosine and sine of th2A."""
-        b, carried_c = self.g.carried
-        return (turn_equation(into_third_joint(c, s, self.second_b, self.g), b.third, b.cos_beta),
-                turn_equation(into_third_joint(c, s, self.second_c, self.g), carried_c.third,
-                              carried_c.cos_beta))
+        first, second = (
+            turn_equation(into_third_joint(c, s, axis, self.g), carried.third, carried.cos_beta)
+            for axis, carried in zip(self.seconds, self.g.carried, strict=True))
+        return first, second
 
-    def closures(self, th2a: float,
-                 th3a: float) -> tuple[float, float, float, float, float, float]:
-        """Closure errors of legs B, C, and the rates of each along th2A and th3A (unit 1)."""
+    def closures(self, th2a: float, th3a: float) -> list[float]:
+        """Closure error of leg B, its rates along th2A and th3A, and those of leg C (unit 1)."""
         c2, s2, c3, s3 = math.cos(th2a), math.sin(th2a), math.cos(th3a), math.sin(th3a)
-        (fb, rate_b, third_b), (fc, rate_c, third_c) = (
-            self._closure(into_second_link(c2, s2, second),
-                          turn_through_link(c3, s3, carried.before_distal), carried.cos_beta)
-            for second, carried in zip((self.second_b, self.second_c), self.g.carried,
-                                       strict=True))
-        return fb, fc, rate_b, third_b, rate_c, third_c
-
-    def _closure(self, second: Vector[float], third: Vector[float],
-                 cos_beta: float) -> Vector[float]:
-        """Closure Z2k . Z3k - cos beta of a leg and its rates, from both after leg A's joint 2."""
-        dx, dy, dz = second
-        vx, vy, vz = third
-        # A turn of the platform about a unit axis changes it at the rate axis . (Z3k x Z2k).
-        y, z = vz * dx - vx * dz, vx * dy - vy * dx
-        carrier = self.g.legs[0]
-        return (dx * vx + dy * vy + dz * vz - cos_beta, z,
-                carrier.cos_beta * z - carrier.sin_beta * y)
+        carrier, found = self.g.legs[0], []
+        for second, carried in zip(self.seconds, self.g.carried, strict=True):
+            dx, dy, dz = into_second_link(c2, s2, second)
+            vx, vy, vz = turn_through_link(c3, s3, carried.before_distal)
+            # A turn of the platform about a unit axis changes it at the rate axis . (Z3k x Z2k).
+            y, z = vz * dx - vx * dz, vx * dy - vy * dx
+            found += [dx * vx + dy * vy + dz * vz - carried.cos_beta, z,
+                      carrier.cos_beta * z - carrier.sin_beta * y]
+        return found
 
     def quaternion(self, th2a: float, th3a: float) -> Quaternion[float]:
         """Orientation of the platform, x, y, z, w, from leg A's passive angles in rad."""
@@ -171,19 +167,13 @@ def _third_joint_candidates(chain: LockedChain, th2a: float) -> Sequence[float]:
     return both_turns(first if size1 > size2 else second)
 
 
-def polish(
-        chain: LockedChain, th2a: float, th3a: float) -> tuple[float, float, float, float]:
-    """
-    Newton's method on the closures of legs B and C, as long as the error decreases.
-
-    The damping is the squared error: it does not slow the convergence and keeps the step defined
-    where the two closures are parallel. Returned are th2A, th3A (rad), the norm of the two closure
-    errors (unit 1), and the determinant of their rates (unit 1): zero where two modes meet.
-    """
-    fb, fc, b2, b3, c2, c3 = chain.closures(th2a, th3a)
+def polish(chain: LockedChain, th2a: float, th3a: float) -> tuple[float, float, float, float]:
+    """Polish th2A, th3A (rad) by Newton's method; return closure error and determinant, too."""
+    fb, b2, b3, fc, c2, c3 = chain.closures(th2a, th3a)
     error = math.hypot(fb, fc)
     scale = 1.0
     for _ in range(POLISHING_STEPS):
+        # It does not slow the convergence, and keeps the step defined where two modes meet.
         damping = error * error
         a22, a23, a33 = b2 * b2 + c2 * c2 + damping, b2 * b3 + c2 * c3, b3 * b3 + c3 * c3 + damping
         determinant = a22 * a33 - a23 * a23
@@ -193,10 +183,10 @@ def polish(
         new2 = th2a - scale * (a33 * r2 - a23 * r3) / determinant
         new3 = th3a - scale * (a22 * r3 - a23 * r2) / determinant
         closures = chain.closures(new2, new3)
-        new_error = math.hypot(closures[0], closures[1])
+        new_error = math.hypot(closures[0], closures[3])
         if new_error < error:
             th2a, th3a, error = new2, new3, new_error
-            fb, fc, b2, b3, c2, c3 = closures
+            fb, b2, b3, fc, c2, c3 = closures
             scale = 1.0
         elif error < ROUNDING:
             break
@@ -220,18 +210,13 @@ def assembly_modes(chain: LockedChain) -> list[Mode]:
 
 
 def _same_mode(chain: LockedChain, mode: Mode, other: Mode) -> bool:
-    """
-    Whether two solutions are one mode found twice.
-
-    They are if the closures also hold half-way between them, within rounding: up to 1e-7 rad apart
-    at a double root, up to 1e-14 rad elsewhere.
-    """
+    """Whether two solutions are one mode found twice: closed to rounding half-way between, too."""
     if rotation_distance(mode[0], other[0]) > MERGING_ANGLE:
         return False
     _, th2a, th3a, _ = mode
     half2 = 0.5 * math.remainder(other[1] - th2a, 2.0 * math.pi)
     half3 = 0.5 * math.remainder(other[2] - th3a, 2.0 * math.pi)
-    fb, fc, *_ = chain.closures(th2a + half2, th3a + half3)
+    fb, _, _, fc, _, _ = chain.closures(th2a + half2, th3a + half3)
     return math.hypot(fb, fc) < ROUNDING
 
 
@@ -239,35 +224,63 @@ def forward_all(th1: ArrayLike, geometry: Geometry = PAPER_GEOMETRY) -> Array:
     """
     Every real assembly mode of one triple of active joint angles (eqs. 1 to 7).
 
-    Parameters
-    ----------
-    th1 : array_like, shape (3,)
-        Active joints A, B, C, rad.
-    geometry : Geometry
-        Link angles and axes.
+    `th1` (3,) are the active joints A, B, C, rad. Returned are R_base_platform of the n = 0 .. 8
+    modes, (n, 3, 3), in any order, closed to `CLOSURE_TOLERANCE`. Two modes that meet at a
+    parallel singularity are one where rounding makes them indistinguishable (some 1e-7 rad), else
+    two.
 
-    Returns
-    -------
-    ndarray, shape (n, 3, 3)
-        R_base_platform of the n = 0 .. 8 modes, in any order, closed to `CLOSURE_TOLERANCE`. Two
-        modes that meet at a parallel singularity are one where rounding makes them
-        indistinguishable (some 1e-7 rad), else two.
-
-    Raises
-    ------
-    InputError
-        An argument has a wrong type, shape or value.
-    SingularityError
-        The platform moves freely with these joints locked: infinitely many modes.
-
+    InputError if an argument has a wrong type, shape or value; SingularityError if the platform
+    moves freely with these joints locked, so that there are infinitely many modes.
     """
-    modes = assembly_modes(LockedChain.of(check_triple(th1), check_geometry(geometry)))
+    modes = assembly_modes(LockedChain.checked(th1, geometry))
     return np.array([rotation_from_quaternion(*mode[0]) for mode in modes]).reshape(-1, 3, 3)
 
 
-def check_triple(th1: ArrayLike) -> Array:
-    """Return `th1` as one triple of active joint angles, (3,); InputError if it is not one."""
-    triple = check_angles('th1', th1, (3,))
-    if triple.ndim != 1:
-        raise InputError(f'th1 has shape {triple.shape}: expected one triple, (3,)')
-    return triple
+# Along a motion ----------------------------------------------------------------------------------
+
+class TrackedMode(NamedTuple):
+    """Mode nearest to a last orientation, (3, 3); `ambiguous` if another mode is about as near."""
+
+    rotation: Array
+    ambiguous: bool
+
+
+def continue_mode(th1: Sequence[float], th2a: float, th3a: float,
+                  geometry: Geometry) -> tuple[Quaternion[float], float, float]:
+    """
+    Classic forward model along a motion, by Newton's method from the last passive angles.
+
+    `th1` are the active joints A, B, C, and `th2a`, `th3a` the passive angles of leg A to start
+    from, rad; nothing is validated. Returned are the orientation, quaternion x, y, z, w, and the
+    new th2A and th3A. Next to a parallel singularity noise takes the active angles beyond the last
+    ones that can be assembled: then it is the pose with the least closure error.
+    """
+    chain = LockedChain.of(th1, geometry)
+    th2a, th3a, *_ = polish(chain, th2a, th3a)
+    return chain.quaternion(th2a, th3a), th2a, th3a
+
+
+def track_mode(th1: ArrayLike, last: ArrayLike,
+               geometry: Geometry = PAPER_GEOMETRY) -> TrackedMode:
+    """
+    Classic forward model with branch tracking: the mode nearest to the last orientation (Fig. 10).
+
+    `th1` (3,) are the active joints A, B, C, rad; `last` (3, 3) is the orientation to start from.
+    No mode raises UnreachableError; infinitely many, and wrong arguments, as `forward_all`.
+    """
+    chain = LockedChain.checked(th1, geometry)
+    matrix = check_rotations('last', last)
+    if matrix.ndim != 2:
+        raise InputError(f'last has shape {matrix.shape}: expected one rotation, (3, 3)')
+    x, y, z, w = quaternion_from_matrix(matrix).tolist()
+    modes = sorted(
+        (rotation_distance(mode[0], (x, y, z, w)), mode[0], mode[3])
+        for mode in assembly_modes(chain))
+    if not modes:
+        raise UnreachableError(f'th1 = {np.asarray(th1).tolist()} rad: no assembly mode closes')
+    distance, quaternion, determinant = modes[0]
+    # Where two modes merged into one the rates are parallel, to the root of the rounding.
+    ambiguous = abs(determinant) < math.sqrt(ROUNDING) or (
+        len(modes) > 1 and modes[1][0] - distance < AMBIGUITY_MARGIN)
+    rotation = np.array(rotation_from_quaternion(*quaternion)).reshape(3, 3)
+    return TrackedMode(rotation, ambiguous)

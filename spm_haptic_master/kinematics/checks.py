@@ -38,12 +38,7 @@ LEAST_ANGLE = math.radians(0.1)
 
 def check_array(name: str, value: object, shape: Shape,
                 largest: float = LARGEST_NUMBER) -> Array:
-    """
-    Return `value` as a float array of shape (..., *shape).
-
-    InputError if it is not an array of numbers of that shape, or an entry is not finite or larger
-    than `largest` in size.
-    """
+    """Return finite numbers, at most `largest` in size, (..., *shape); InputError if not."""
     try:
         array = np.asarray(value)
     except Exception:  # a ragged list; a foreign type may raise anything
@@ -89,24 +84,19 @@ def _open(shape: Shape) -> str:
 
 
 def check_rotations(name: str, value: object) -> Array:
-    """
-    Return `value` as rotation matrices of shape (..., 3, 3).
-
-    InputError if a matrix is not a rotation within `ROTATION_TOLERANCE`.
-    """
+    """Return rotation matrices (..., 3, 3); InputError beyond `ROTATION_TOLERANCE`."""
     matrices = check_array(name, value, (3, 3))
     # Entries far above 1 may overflow: the error is then infinite or NaN, and the check fails.
     with np.errstate(over='ignore', invalid='ignore'):
         error = np.abs(np.swapaxes(matrices, -1, -2) @ matrices - np.eye(3)).max(axis=(-1, -2))
-        bad = ~(error <= ROTATION_TOLERANCE) | (np.linalg.det(matrices) < 0.0)
+        determinant = np.linalg.det(matrices)
+    bad = ~(error <= ROTATION_TOLERANCE) | (determinant < 0.0)
     if np.any(bad):
         where = tuple(int(i) for i in np.argwhere(bad)[0])
-        with np.errstate(over='ignore', invalid='ignore'):
-            determinant = np.linalg.det(matrices[where])
         raise InputError(
             f'{name}{list(where) if where else ""} = {matrices[where].tolist()}: expected a '
             f'rotation matrix (largest entry of R^T R - I is {error[where]:.3g}, at most '
-            f'{ROTATION_TOLERANCE:g}; determinant {determinant:.6g}, +1)')
+            f'{ROTATION_TOLERANCE:g}; determinant {determinant[where]:.6g}, +1)')
     return matrices
 
 
@@ -167,8 +157,8 @@ def check_links(name: str, angles: object) -> Vector[float]:
     return first, second, third
 
 
-def check_axes(name: str, axes: object) -> ThreeAxes:
-    """Return three unit vectors, no two of them parallel; GeometryError if they are none."""
+def check_axes(name: str, axes: object, symbol: str, nominal: ThreeAxes) -> ThreeAxes:
+    """Return unit vectors, none parallel or opposite to its nominal one; GeometryError if not."""
     rows = _check(name, axes, (3, 3))
     unit = []
     for leg, row in enumerate(rows.tolist()):
@@ -178,22 +168,17 @@ def check_axes(name: str, axes: object) -> ThreeAxes:
                 f'{name}: row {leg} = {row} has length {length:.9g}, expected a unit vector')
         x, y, z = (component / length for component in row)
         unit.append((x, y, z))
-    for leg in range(3):
-        other = (leg + 1) % 3
+    apart = f'expected {math.degrees(LEAST_ANGLE):g} deg or more between them'
+    for leg, other in ((0, 1), (1, 2), (2, 0)):
         (x, y, z), (u, v, w) = unit[leg], unit[other]
         sine = math.hypot(y * w - z * v, z * u - x * w, x * v - y * u)
         if sine < math.sin(LEAST_ANGLE):
             raise GeometryError(
                 f'{name}: rows {leg} and {other} = {list(unit[leg])} and {list(unit[other])} are '
-                f'parallel to {math.degrees(math.asin(sine)):.3g} deg, expected '
-                f'{math.degrees(LEAST_ANGLE):g} deg or more between them')
+                f'parallel to {math.degrees(math.asin(sine)):.3g} deg, {apart}')
+    for letter, axis, drawn in zip(LEG_NAMES, unit, nominal, strict=True):
+        if math.dist(axis, [-component for component in drawn]) < LEAST_ANGLE:
+            raise GeometryError(f'{name}: {symbol}{letter} = {list(axis)} is opposite to '
+                                f'{list(drawn)}: {apart}, or the joint has no zero')
     first, second, third = unit
     return first, second, third
-
-
-def check_zero(name: str, axis: Vector[float], nominal: Vector[float]) -> None:
-    """Raise GeometryError for an axis opposite to its nominal one: no least turn leads to it."""
-    if math.dist(axis, [-component for component in nominal]) < LEAST_ANGLE:
-        raise GeometryError(
-            f'{name} = {list(axis)} is opposite to {list(nominal)}: expected '
-            f'{math.degrees(LEAST_ANGLE):g} deg or more between them, or the joint has no zero')

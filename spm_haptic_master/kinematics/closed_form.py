@@ -1,27 +1,34 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Improved forward models: the orientation from the active joints and a passive one of leg A."""
+"""
+Improved forward models: the orientation from the active joints and a passive one, in closed form.
+
+Cases 1 and 2 have a passive joint of leg A. An estimate starts from Case 2, or where it cannot,
+from any leg with readings of both its sensors, which then carries the platform.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from itertools import combinations
 import math
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
-from spm_haptic_master.exceptions import SingularityError
+from spm_haptic_master.exceptions import SingularityError, UnreachableError
 from spm_haptic_master.kinematics.checks import check_angles, check_broadcast
-from spm_haptic_master.kinematics.estimation.normal_equations import linearise
-from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPER_GEOMETRY
-from spm_haptic_master.kinematics.joints import UsedSensors
+from spm_haptic_master.kinematics.estimation.normal_equations import State
+from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, Leg, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.leg_kernels import (
+    both_turns,
     chain_quaternion,
     common_turn,
     half_chain_quaternion,
+    leg_angles,
     linkage,
-    passive_axes,
+    second_axis,
     turn_equation,
     turn_of_second_joint,
     turn_of_third_joint,
@@ -32,6 +39,7 @@ from spm_haptic_master.kinematics.number_backends import (
     Batch,
     FLOATS,
     Quaternion,
+    Rotation,
     SLICE,
     Vector,
 )
@@ -41,10 +49,11 @@ from spm_haptic_master.kinematics.rotations import rotation_from_quaternion, sta
 # the platform by about 1e-7 rad, far less than the sensors' noise of 7e-4 rad. The noise itself
 # makes the closed form useless at much larger determinants (see `estimate`).
 DETERMINANT_TOLERANCE = 1e-9
-# The sensors of Case 2; their weights do not matter to the rates of the legs.
-FOUR = UsedSensors((1.0,) * 4)
-# th1A, th1B, th1C and a passive angle of leg A, rad.
-FourAngles: TypeAlias = tuple[Array, Array, Array, Array]
+# Smallest |L1 M2 - L2 M1| at which Gauss-Newton starts from the closed form (largest standard
+# deviation of the sensors, 1 / rad): the error of the closed form is about the noise over the
+# determinant, here a tenth of a radian, from which Gauss-Newton converges. Below, it may converge
+# to the wrong one of two solutions.
+CLOSED_FORM_TRUST = 10.0
 
 
 def theta3a_quaternion(th1a: float, th1b: float, th1c: float, th3a: float,
@@ -52,11 +61,10 @@ def theta3a_quaternion(th1a: float, th1b: float, th1c: float, th3a: float,
     """
     Case 2 in plain floats, for the 1 kHz path: orientation from four angles (eqs. 15, 16).
 
-    Nothing is validated: the angles, rad, must be finite numbers.
-
-    Returned is the unit quaternion x, y, z, w of R_base_platform, of either sign. Angles that
-    contradict each other give a meaningless one: `estimate` detects that. SingularityError if the
-    determinant of the closed form vanishes (`DETERMINANT_TOLERANCE`).
+    Nothing is validated: the angles, rad, must be finite numbers. Returned is the unit quaternion
+    x, y, z, w of R_base_platform, of either sign. Angles that contradict each other give a
+    meaningless one: `estimate` detects that. SingularityError if the determinant of the closed
+    form vanishes (`DETERMINANT_TOLERANCE`).
     """
     _, _, leg_b, leg_c = linkage(th1a, th1b, th1c, th3a, geometry, FLOATS)
     cosine, sine, determinant = turn_of_second_joint(leg_b, leg_c)
@@ -69,71 +77,17 @@ def theta3a_quaternion(th1a: float, th1b: float, th1c: float, th3a: float,
     return half_chain_quaternion(th1a, c, s, th3a, geometry, FLOATS)
 
 
-def theta3a_gains(th1a: float, th1b: float, th1c: float, th3a: float,
-                  geometry: Geometry) -> tuple[Vector[float], ...]:
-    """
-    How the orientation of Case 2 depends on its four readings, in plain floats.
-
-    The closed form weighs the closures of legs B and C by their terms N1 and N2, not by their
-    sensors' noise, so that it depends on the readings in another way than the estimate.
-
-    Returned are rotation vectors in the base frame, rad per rad of th1A, th1B, th1C, th3A.
-    SingularityError if a leg's closure does not determine th2A, or a leg is on the boundary of its
-    working mode.
-    """
-    readings = th1a, th1b, th1c, th3a
-    (c1, s1), _, leg_b, leg_c = view = linkage(*readings, geometry, FLOATS)
-    first, second = turn_equation(*leg_b), turn_equation(*leg_c)
-    cosine, sine, determinant = common_turn(first, second)
-    th2a = math.atan2(sine * determinant, cosine * determinant)
-    ((_, b1, b2, b3, _), (_, d1, d2, d3, _)), _ = linearise(
-        (th1a, th2a, th3a, th1b, th1c), view, readings, FOUR, geometry, FLOATS)
-    if b2 == 0.0 or d2 == 0.0 or determinant == 0.0:
-        raise SingularityError('the closures of legs B and C do not determine th2A')
-    length = FLOATS.sqrt(cosine * cosine + sine * sine)
-    sign = 1.0 if determinant > 0.0 else -1.0
-    c2, s2 = sign * cosine / length, sign * sine / length
-    # Share of leg B's closure in th2A, of the linear system's solution at consistent readings.
-    (l1, m1, n1), (l2, m2, n2) = first, second
-    share_b = n2 * (l1 * s2 - m1 * c2)
-    share_c = n1 * (m2 * c2 - l2 * s2)
-    share_b, share_c = share_b / (share_b + share_c), share_c / (share_b + share_c)
-    along = (-share_b * b1 / b2 - share_c * d1 / d2, share_b / b2, share_c / d2,
-             -share_b * b3 / b2 - share_c * d3 / d2)
-    (x2, y2, z2), (x3, y3, z3) = passive_axes(c1, s1, c2, s2, geometry)
-    x1, y1, z1 = geometry.legs[0].first
-    gains = [(each * x2, each * y2, each * z2) for each in along]
-    (xa, ya, za), (xe, ye, ze) = gains[0], gains[3]
-    return (xa + x1, ya + y1, za + z1), gains[1], gains[2], (xe + x3, ye + y3, ze + z3)
-
-
 def forward_theta3a(th1: ArrayLike, theta3a: ArrayLike,
                     geometry: Geometry = PAPER_GEOMETRY) -> Array:
     """
     Case 2: orientations from the active joints and th3A, in closed form (eqs. 15, 16).
 
-    Parameters
-    ----------
-    th1 : array_like, shape (..., 3)
-        Active joints A, B, C, rad.
-    theta3a : array_like, shape (...)
-        Leg A's second passive joint, rad.
-    geometry : Geometry
-        Link angles and axes.
+    `th1` (..., 3) are the active joints A, B, C, and `theta3a` (...) is leg A's second passive
+    joint, rad. Returned are R_base_platform, (..., 3, 3), always rotations. In a batch, rows for
+    which the determinant of the closed form vanishes (`DETERMINANT_TOLERANCE`) are NaN.
 
-    Returns
-    -------
-    ndarray, shape (..., 3, 3)
-        R_base_platform, always rotations. In a batch, rows for which the determinant of the closed
-        form vanishes (`DETERMINANT_TOLERANCE`) are NaN.
-
-    Raises
-    ------
-    InputError
-        An argument has a wrong type, shape or value; a NaN in a batch raises, too.
-    SingularityError
-        The determinant of a single sample vanishes.
-
+    InputError if an argument has a wrong type, shape or value, or a batch has a NaN;
+    SingularityError if the determinant of a single sample vanishes.
     """
     return _in_slices(_case_2, th1, 'theta3a', theta3a, geometry)
 
@@ -148,36 +102,35 @@ def forward_theta2a(th1: ArrayLike, theta2a: ArrayLike,
     return _in_slices(_case_1, th1, 'theta2a', theta2a, geometry)
 
 
-def _in_slices(case: Callable[[FourAngles, Geometry], Quaternion[Batch]], th1: ArrayLike,
-               name: str, passive: ArrayLike, geometry: Geometry) -> Array:
+def _in_slices(case: Callable[..., Array], th1: ArrayLike, name: str, passive: ArrayLike,
+               geometry: Geometry) -> Array:
     """Check th1 and the passive angle; return the matrices, a slice of rows at a time."""
     check_geometry(geometry)
     active, angle = check_angles('th1', th1, (3,)), check_angles(name, passive, ())
     shape = check_broadcast(f'th1, {name}', active.shape[:-1], angle.shape)
-    th1a, th1b, th1c = np.moveaxis(active, -1, 0)
+    columns = *np.moveaxis(active, -1, 0), angle
     rows = math.prod(shape)
     if rows <= SLICE:
-        return _matrix(case((th1a, th1b, th1c, angle), geometry))
-    result = np.empty((rows, 3, 3))
-    th1a, th1b, th1c, angle = (
-        np.broadcast_to(each, shape).ravel() for each in (th1a, th1b, th1c, angle))
+        return case(*columns, geometry)
+    result, columns = np.empty((rows, 3, 3)), tuple(
+        np.broadcast_to(each, shape).ravel() for each in columns)
     for start in range(0, rows, SLICE):
         part = slice(start, start + SLICE)
-        result[part] = _matrix(case((th1a[part], th1b[part], th1c[part], angle[part]), geometry))
+        result[part] = case(*(each[part] for each in columns), geometry)
     return result.reshape(shape + (3, 3))
 
 
-def _case_2(angles: FourAngles, geometry: Geometry) -> Quaternion[Batch]:
-    """Orientations of th1A, th1B, th1C, th3A."""
-    _, _, leg_b, leg_c = linkage(*angles, geometry, ARRAYS)
+def _case_2(th1a: Array, th1b: Array, th1c: Array, th3a: Array, geometry: Geometry) -> Array:
+    _, _, leg_b, leg_c = linkage(th1a, th1b, th1c, th3a, geometry, ARRAYS)
     y, x = _common_turn_point(turn_of_second_joint(leg_b, leg_c))
-    return half_chain_quaternion(angles[0], *ARRAYS.half_turn(y, x), angles[3], geometry, ARRAYS)
+    return stack_matrix(rotation_from_quaternion(*half_chain_quaternion(
+        th1a, *ARRAYS.half_turn(y, x), th3a, geometry, ARRAYS)))
 
 
-def _case_1(angles: FourAngles, geometry: Geometry) -> Quaternion[Batch]:
-    """Orientations of th1A, th1B, th1C, th2A."""
-    y, x = _common_turn_point(turn_of_third_joint(*angles, geometry, ARRAYS))
-    return chain_quaternion(angles[0], angles[3], np.arctan2(y, x), geometry, ARRAYS)
+def _case_1(th1a: Array, th1b: Array, th1c: Array, th2a: Array, geometry: Geometry) -> Array:
+    y, x = _common_turn_point(turn_of_third_joint(th1a, th1b, th1c, th2a, geometry, ARRAYS))
+    return stack_matrix(rotation_from_quaternion(*chain_quaternion(
+        th1a, th2a, np.arctan2(y, x), geometry, ARRAYS)))
 
 
 def _common_turn_point(solution: Vector[Batch]) -> tuple[Array, Array]:
@@ -192,6 +145,121 @@ def _common_turn_point(solution: Vector[Batch]) -> tuple[Array, Array]:
     return sine * determinant, cosine * determinant
 
 
-def _matrix(quaternion: Quaternion[Batch]) -> Array:
-    """Matrices (..., 3, 3) of a batch of unit quaternions."""
-    return stack_matrix(rotation_from_quaternion(*quaternion))
+# Starts of an estimate without Case 2 -----------------------------------------------------------
+
+def trusted_start(readings: tuple[float | None, ...], largest: float,
+                  g: Geometry) -> State[float] | None:
+    """Return the start by the first leg that determines it; `largest` sigma in rad."""
+    for leg, first, third, equations in _carriers(readings, g):
+        cosine, sine, determinant = max(
+            (common_turn(*pair) for pair in combinations(equations, 2)),
+            key=lambda turn: abs(turn[2]))
+        if abs(determinant) > CLOSED_FORM_TRUST * largest:
+            th2 = math.atan2(sine * determinant, cosine * determinant)
+            return start_at(_carried_by(leg, first, th2, third), readings, g)
+    return None
+
+
+def possible_starts(readings: tuple[float | None, ...], g: Geometry) -> Iterator[State[float]]:
+    """Yield starts by both solutions of each turn equation: one is near each solution there is."""
+    for leg, first, third, equations in _carriers(readings, g):
+        for equation in equations:
+            for th2 in both_turns(equation):
+                with suppress(UnreachableError):
+                    yield start_at(_carried_by(leg, first, th2, third), readings, g)
+
+
+def _carriers(readings: tuple[float | None, ...],
+              g: Geometry) -> Iterator[tuple[Leg, float, float, list[Vector[float]]]]:
+    """Yield each leg with both its sensors, their readings, and the equations of its th2k."""
+    for carrier, leg in enumerate(g.legs):
+        first, third = readings[carrier], readings[3 + carrier]
+        if first is None or third is None:
+            continue
+        equations = []
+        for other in {0, 1, 2} - {carrier}:
+            each, th1, th3 = g.legs[other], readings[other], readings[3 + other]
+            if th1 is not None:
+                second = second_axis(math.cos(th1), math.sin(th1), each)
+                equations.append(turn_equation(
+                    _before_second(leg, first, second), _after_second(leg, third, each.third),
+                    each.cos_beta))
+            if th3 is not None:
+                second = _times(each.platform_frame, (
+                    each.sin_beta * math.sin(th3), each.sin_beta * math.cos(th3), each.cos_beta))
+                equations.append(turn_equation(
+                    _before_second(leg, first, each.first), _after_second(leg, third, second),
+                    each.cos_alpha))
+        yield leg, first, third, equations
+
+
+def _before_second(leg: Leg, th1: float, axis: Vector[float]) -> Vector[float]:
+    """Components after a leg's proximal link of a vector in the base: Rx(-alpha) Rz(-th1) B^T."""
+    b00, b01, b02, b10, b11, b12, b20, b21, b22 = leg.base_frame
+    vector = _about_z(-th1, _times((b00, b10, b20, b01, b11, b21, b02, b12, b22), axis))
+    return _about_x(leg.cos_alpha, -leg.sin_alpha, vector)
+
+
+def _after_second(leg: Leg, th3: float, axis: Vector[float]) -> Vector[float]:
+    """Components before a leg's distal link of a vector in the platform: Rx(beta) Rz(th3) Q^T."""
+    q00, q01, q02, q10, q11, q12, q20, q21, q22 = leg.platform_frame
+    vector = _about_z(th3, _times((q00, q10, q20, q01, q11, q21, q02, q12, q22), axis))
+    return _about_x(leg.cos_beta, leg.sin_beta, vector)
+
+
+def _carried_by(leg: Leg, th1: float, th2: float, th3: float) -> Rotation[float]:
+    """R_base_platform of a leg's chain, eq. 6."""
+    (r00, r10, r20), (r01, r11, r21), (r02, r12, r22) = (
+        _times(leg.base_frame, _about_z(th1, _about_x(
+            leg.cos_alpha, leg.sin_alpha, _about_z(th2, _after_second(leg, th3, unit)))))
+        for unit in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
+    return r00, r01, r02, r10, r11, r12, r20, r21, r22
+
+
+def _times(matrix: Rotation[float], vector: Vector[float]) -> Vector[float]:
+    r00, r01, r02, r10, r11, r12, r20, r21, r22 = matrix
+    x, y, z = vector
+    return (r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z,
+            r20 * x + r21 * y + r22 * z)
+
+
+def _about_z(angle: float, vector: Vector[float]) -> Vector[float]:
+    c, s = math.cos(angle), math.sin(angle)
+    x, y, z = vector
+    return c * x - s * y, s * x + c * y, z
+
+
+def _about_x(c: float, s: float, vector: Vector[float]) -> Vector[float]:
+    x, y, z = vector
+    return x, c * y - s * z, s * y + c * z
+
+
+def start_at(rotation: Rotation[float], readings: tuple[float | None, ...],
+             g: Geometry) -> State[float]:
+    """
+    Return th1A, th2A, th3A, th1B, th1C, rad: readings, and where there is none of an orientation.
+
+    The six readings, None for one that is not used, select the working mode of a leg. An active
+    angle of leg B or C without any reading is 0. UnreachableError if a leg that lacks a reading
+    does not reach the orientation.
+    """
+    th1a, th1b, th1c, th3a, th3b, th3c = readings
+    found_1a, th2a, found_3a = _fitting_angles(rotation, g.legs[0], th1a, th3a)
+    if th1b is None:
+        th1b = 0.0 if th3b is None else _fitting_angles(rotation, g.legs[1], None, th3b)[0]
+    if th1c is None:
+        th1c = 0.0 if th3c is None else _fitting_angles(rotation, g.legs[2], None, th3c)[0]
+    return (found_1a if th1a is None else th1a, th2a, found_3a if th3a is None else th3a,
+            th1b, th1c)
+
+
+def _fitting_angles(rotation: Rotation[float], leg: Leg, th1: float | None,
+                    th3: float | None) -> Vector[float]:
+    """Return a leg's joint angles, rad, in the working mode that fits the readings best."""
+    def misfit(solution: Vector[float]) -> float:
+        return sum(
+            abs(math.remainder(angle - reading, 2.0 * math.pi))
+            for angle, reading in ((solution[0], th1), (solution[2], th3))
+            if reading is not None)
+
+    return min((leg_angles(rotation, leg, sign, FLOATS) for sign in (1, -1)), key=misfit)

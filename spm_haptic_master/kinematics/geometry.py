@@ -18,6 +18,7 @@ turned by k 120 deg about z for Q_k. Nominal axes give the nominal frames.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 import math
 from typing import Any
@@ -25,23 +26,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 from spm_haptic_master.exceptions import GeometryError, InputError, quoted
-from spm_haptic_master.kinematics.checks import (
-    check_angle,
-    check_axes,
-    check_links,
-    check_zero,
-    ThreeAxes,
+from spm_haptic_master.kinematics.checks import check_angle, check_axes, check_links, ThreeAxes
+from spm_haptic_master.kinematics.number_backends import Quaternion, Rotation, Vector
+from spm_haptic_master.kinematics.rotations import (
+    conjugate,
+    multiply_quaternions,
+    rotation_from_quaternion,
 )
-from spm_haptic_master.kinematics.joints import LEG_NAMES
-from spm_haptic_master.kinematics.leg_constants import (
-    Carried,
-    carried_constants,
-    Leg,
-    leg_constants,
-    leg_frame,
-)
-from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
-from spm_haptic_master.kinematics.rotations import multiply_quaternions
 
 # Angle between neighbouring platform axes about Z_E (rad).
 THIRD_OF_A_TURN = 2.0 * math.pi / 3.0
@@ -53,6 +44,84 @@ BASE_TURNS: tuple[Quaternion[float], ...] = (
 # Turns of leg k's frame N_k in the platform: none, 120 and 240 deg about z.
 PLATFORM_TURNS: tuple[Quaternion[float], ...] = (
     (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, math.sqrt(0.75), 0.5), (0.0, 0.0, math.sqrt(0.75), -0.5))
+# x, y, c x, c y, s z, s x, s y, c z of an axis (x, y, z) and a link with cosine c and sine s.
+LinkTurn = tuple[float, float, float, float, float, float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Leg:
+    """Constants of one leg: links' angles (unit 1), axes and frames."""
+
+    cos_alpha: float
+    sin_alpha: float
+    cos_beta: float
+    sin_beta: float
+    first: Vector[float]  # Z1k in the base frame
+    second: ThreeAxes  # p, q, r of Z2k = p + q cos th1k + r sin th1k, in the base frame
+    third: Vector[float]  # Z3k in the platform frame
+    base_frame: Rotation[float]  # B_k, row by row; its third column is Z1k
+    platform_frame: Rotation[float]  # Q_k, row by row; its third column is Z3k
+
+
+@dataclass(frozen=True, slots=True)
+class Carried:
+    """Constants of leg B or C seen from leg A, which carries the platform."""
+
+    cos_beta: float  # cosine of the distal link's angle (unit 1)
+    first: LinkTurn  # of Z1k from leg A's frame B_A through its proximal link: Rx(-alpha)
+    # p, q, r of `Leg.second`, in leg A's frame B_A; cosine and sine of leg A's alpha.
+    second: tuple[float, float, float, float, float, float, float, float, float, float, float]
+    third: Vector[float]  # Z3k in leg A's frame Q_A, i.e. after its third joint
+    # Through leg A's distal link, Rx(beta), of `third`, and of the direction from which th3k is
+    # measured, the first axis of Q_k.
+    before_distal: LinkTurn
+    zero: LinkTurn
+
+
+def leg_frame(turn: Quaternion[float], axis: Sequence[float]) -> Quaternion[float]:
+    """Turn a leg's frame N_k by the smallest rotation that takes its z to an axis."""
+    rows = rotation_from_quaternion(*conjugate(turn))
+    x, y, z = (sum(rows[3 * i + j] * axis[j] for j in range(3)) for i in range(3))
+    sine = math.hypot(x, y)
+    half = 0.5 * math.atan2(sine, z)
+    scale = math.sin(half) / sine if sine > 0.0 else 0.0
+    return multiply_quaternions(turn, (-scale * y, scale * x, 0.0, math.cos(half)))
+
+
+def leg_constants(alpha: float, beta: float, base: Quaternion[float],
+                  platform: Quaternion[float]) -> Leg:
+    """Return the constants of a leg from its link angles and its frames B_k and Q_k."""
+    in_base, in_platform = rotation_from_quaternion(*base), rotation_from_quaternion(*platform)
+    ca, sa = math.cos(alpha), math.sin(alpha)
+    (xx, yx, zx), (xy, yy, zy), (xz, yz, zz) = in_base[:3], in_base[3:6], in_base[6:]
+    return Leg(
+        ca, sa, math.cos(beta), math.sin(beta), (zx, zy, zz),
+        ((ca * zx, ca * zy, ca * zz), (-sa * yx, -sa * yy, -sa * yz),
+         (sa * xx, sa * xy, sa * xz)),
+        (in_platform[2], in_platform[5], in_platform[8]), in_base, in_platform)
+
+
+def carried_constants(leg: Leg, carrier: Leg) -> Carried:
+    """Return the constants of leg B or C from those of leg A."""
+    def into(frame: Rotation[float], axis: tuple[float, ...]) -> Vector[float]:
+        x, y, z = (sum(frame[3 * i + j] * axis[i] for i in range(3)) for j in range(3))
+        return x, y, z
+
+    p, q, r = (into(carrier.base_frame, axis) for axis in leg.second)
+    third = into(carrier.platform_frame, leg.third)
+    zero = into(carrier.platform_frame, leg.platform_frame[::3])
+    return Carried(
+        leg.cos_beta,
+        _link_turn(into(carrier.base_frame, leg.first), carrier.cos_alpha, -carrier.sin_alpha),
+        (*p, *q, *r, carrier.cos_alpha, carrier.sin_alpha), third,
+        _link_turn(third, carrier.cos_beta, carrier.sin_beta),
+        _link_turn(zero, carrier.cos_beta, carrier.sin_beta))
+
+
+def _link_turn(axis: Vector[float], cosine: float, sine: float) -> LinkTurn:
+    """Return the constants of Rx(link) Rz(t) axis, from cosine and sine of the link's angle."""
+    x, y, z = axis
+    return x, y, cosine * x, cosine * y, sine * z, sine * x, sine * y, cosine * z
 
 
 @dataclass(frozen=True, init=False, repr=False)
@@ -61,8 +130,8 @@ class Geometry:
     Link angles and axes of the manipulator; the default is the paper's nominal one.
 
     `Geometry(alpha, beta, gamma)` is a nominal mechanism: three equal legs, orthogonal base axes.
-    `Geometry.from_axes` is a mechanism as built. All formulas take their constants from here, so
-    that both cost the same. GeometryError if an angle is not a finite number in ]0, pi[.
+    `Geometry.from_axes` is a mechanism as built; both cost the same. GeometryError if an angle is
+    not a finite number in ]0, pi[.
 
     Parameters
     ----------
@@ -113,33 +182,18 @@ class Geometry:
         """
         Return the mechanism as built: every axis and every link as measured.
 
-        The frames are those in which the axes are given. The joints' zeros depend on them: see the
-        module. Their usual choice needs no outside reference. Base: z = Z1A, and Z1B in the half
-        plane of positive x. Platform: its three axes nearest to their nominal directions.
+        `base_axes` and `platform_axes`, (3, 3), have the rows Z1A, Z1B, Z1C and Z3A, Z3B, Z3C,
+        unit vectors in the base and in the platform frame. `alpha` and `beta`, (3,), are the
+        angles of the proximal and distal links of the legs A, B, C, rad, in ]0, pi[. The joints'
+        zeros depend on the frames: see the module. `in_usual_frames` turns the axes to frames that
+        need no outside reference.
 
-        Parameters
-        ----------
-        base_axes : array_like, shape (3, 3)
-            Rows Z1A, Z1B, Z1C, unit vectors in the base frame.
-        platform_axes : array_like, shape (3, 3)
-            Rows Z3A, Z3B, Z3C, unit vectors in the platform frame.
-        alpha, beta : array_like, shape (3,)
-            Angles of the proximal and distal links of the legs A, B, C, rad, in ]0, pi[.
-
-        Raises
-        ------
-        GeometryError
-            An argument has a wrong type or shape; an axis is no unit vector (`LENGTH_TOLERANCE`),
-            or opposite to its nominal direction (the platform's: to z); two axes of the base or
-            the platform are parallel (`LEAST_ANGLE`); a link angle is not in ]0, pi[.
-
+        GeometryError if an argument has a wrong type or shape; an axis is no unit vector
+        (`LENGTH_TOLERANCE`), or opposite to its nominal direction (the platform's: to z); two axes
+        of the base or the platform are parallel (`LEAST_ANGLE`); a link angle is not in ]0, pi[.
         """
-        base = check_axes('base_axes', base_axes)
-        platform = check_axes('platform_axes', platform_axes)
-        for leg, (axis, nominal) in enumerate(zip(base, NOMINAL_BASE_AXES, strict=True)):
-            check_zero(f'base_axes: Z1{LEG_NAMES[leg]}', axis, nominal)
-        for leg, axis in enumerate(platform):
-            check_zero(f'platform_axes: Z3{LEG_NAMES[leg]}', axis, (0.0, 0.0, 1.0))
+        base = check_axes('base_axes', base_axes, 'Z1', NOMINAL_BASE_AXES)
+        platform = check_axes('platform_axes', platform_axes, 'Z3', ((0.0, 0.0, 1.0),) * 3)
         geometry = object.__new__(cls)
         geometry._set(check_links('alpha', alpha), check_links('beta', beta), base, platform,
                       None)
@@ -153,9 +207,8 @@ class Geometry:
             for turns, axes in ((BASE_TURNS, base_axes), (PLATFORM_TURNS, platform_axes)))
         leg_a, leg_b, leg_c = map(leg_constants, alphas, betas, in_base, in_platform)
         difference, total = betas[0] - alphas[0], alphas[0] + betas[0]
-        x, y, z, w = in_platform[0]
         columns = [
-            multiply_quaternions(multiply_quaternions(in_base[0], unit), (-x, -y, -z, w))
+            multiply_quaternions(multiply_quaternions(in_base[0], unit), conjugate(in_platform[0]))
             for unit in ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0),
                          (0.0, 0.0, 0.0, 1.0))]
         values: dict[str, Any] = {

@@ -1,35 +1,37 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Inverse model: joint angles of an orientation, in closed form, for all 8 working modes."""
+"""Inverse model in closed form, for all 8 working modes: joint angles, Jacobians, dexterity."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import cast, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
-from spm_haptic_master.exceptions import UnreachableError
+from spm_haptic_master.exceptions import (
+    InputError,
+    quoted,
+    SingularityError,
+    UnreachableError,
+)
 from spm_haptic_master.kinematics.checks import (
+    check_count,
     check_rotations,
     check_working_mode,
     WorkingMode,
 )
 from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPER_GEOMETRY
-from spm_haptic_master.kinematics.leg_constants import Leg
-from spm_haptic_master.kinematics.leg_kernels import (
-    active_angle,
-    leg_closure,
-    passive_angles,
-    third_in_leg_frame,
-)
+from spm_haptic_master.kinematics.leg_kernels import leg_angles, second_axis, third_axes
 from spm_haptic_master.kinematics.number_backends import (
     Array,
     ARRAYS,
     Backend,
     Batch,
     FLOATS,
+    MODE_BOUNDARY,
     N,
     Rotation,
     Vector,
@@ -38,6 +40,12 @@ from spm_haptic_master.kinematics.rotations import unstack_matrix
 
 # Working mode of the rig as built: signs of B_AA, B_BB, B_CC.
 RIG_WORKING_MODE = (1, 1, 1)
+# Norms of eq. 12: the 2-norm, and the Frobenius norm weighted by 1 / 3.
+DEXTERITY_NORMS = ('2', 'frobenius')
+# Rows of A_r and diagonal of B_r, eqs. 20, 21 (unit 1).
+VelocityRows: TypeAlias = tuple[
+    tuple[Vector[N], Vector[N], Vector[N], Vector[N], Vector[N], Vector[N]],
+    tuple[N, N, N, N, N, N]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,15 +61,6 @@ class JointAngles:
     theta3a: Array
     theta3b: Array
     theta3c: Array
-
-
-def leg_angles(rotation: Rotation[N], leg: Leg, sign: int, m: Backend[N]) -> Vector[N]:
-    """Kernel of one leg: th1k, th2k, th3k, rad, of a rotation; `sign` is its working mode."""
-    x, y, z = third_in_leg_frame(rotation, leg)
-    p, q = leg_closure(x, y, z, sign, leg, m)
-    th1 = active_angle(x, y, p, q, m)
-    th2, th3 = passive_angles(rotation, z, th1, p, q, leg, m)
-    return th1, th2, th3
 
 
 def mechanism_angles(rotation: Rotation[float], geometry: Geometry,
@@ -91,29 +90,13 @@ def measured_angles(rotation: Rotation[float], geometry: Geometry, working_mode:
 def inverse(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
             working_mode: Sequence[int] = RIG_WORKING_MODE) -> JointAngles:
     """
-    Joint angles of orientations, in closed form.
+    Joint angles of orientations R_base_platform, (..., 3, 3), in closed form.
 
-    Parameters
-    ----------
-    R : array_like, shape (..., 3, 3)
-        R_base_platform.
-    geometry : Geometry
-        Link angles and axes.
-    working_mode : sequence of three int
-        Signs of B_kk = Z1k . (Z2k x Z3k), legs A, B, C; the rig has (1, 1, 1).
+    `working_mode` are the signs of B_kk = Z1k . (Z2k x Z3k), legs A, B, C; the rig has (1, 1, 1).
+    The angles are in [-pi, pi]. In a batch all angles of unreachable poses are NaN.
 
-    Returns
-    -------
-    JointAngles
-        In [-pi, pi]. In a batch all angles of unreachable poses are NaN.
-
-    Raises
-    ------
-    InputError
-        An argument has a wrong type, shape or value; a NaN in a batch raises, too.
-    UnreachableError
-        `R` is a single pose and a leg does not reach it.
-
+    InputError if an argument has a wrong type, shape or value, or a batch has a NaN;
+    UnreachableError if `R` is a single pose that a leg does not reach.
     """
     matrices = check_rotations('R', R)
     working_mode = check_working_mode(working_mode)
@@ -129,3 +112,114 @@ def inverse(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
             f'R = {matrices.tolist()} with {geometry}')
     th1a, th1b, th1c, *passive = (np.where(unreachable, np.nan, angle) for angle in angles)
     return JointAngles(np.stack([th1a, th1b, th1c], axis=-1), *passive)
+
+
+# Jacobians ---------------------------------------------------------------------------------------
+
+def dot(u: Vector[N], v: Vector[N]) -> N:
+    """Scalar product of two vectors of three numbers."""
+    return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
+
+
+def cross(u: Vector[N], v: Vector[N]) -> Vector[N]:
+    """Vector product of two vectors of three numbers."""
+    ux, uy, uz = u
+    vx, vy, vz = v
+    return uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+
+
+def velocity_rows(rotation: Rotation[N], th1: Vector[N], g: Geometry,
+                  m: Backend[N]) -> VelocityRows[N]:
+    """
+    Kernel of eqs. 9, 10, 20, 21: rows of A_r and diagonal of B_r with B_r thetadot = A_r omega.
+
+    The rows are Z2k x Z3k and Z1k x Z2k for k = A, B, C, in the base frame (unit 1): those of
+    th1A, th1B, th1C, th3A, th3B, th3C. The diagonal is B_AA, B_BB, B_CC, twice.
+    (The paper prints Z3k x Z2k and Z3A . (Z2A x Z1A), which reverse the sign of the velocity.)
+    """
+    leg_a, leg_b, leg_c = g.legs
+    third_a, third_b, third_c = third_axes(rotation, g)
+    second_a, second_b, second_c = [
+        second_axis(m.cos(angle), m.sin(angle), leg)
+        for angle, leg in zip(th1, g.legs, strict=True)]
+    row_a, row_b, row_c = (
+        cross(second_a, third_a), cross(second_b, third_b), cross(second_c, third_c))
+    b_a, b_b, b_c = dot(row_a, leg_a.first), dot(row_b, leg_b.first), dot(row_c, leg_c.first)
+    return ((row_a, row_b, row_c, cross(leg_a.first, second_a), cross(leg_b.first, second_b),
+             cross(leg_c.first, second_c)), (b_a, b_b, b_c, b_a, b_b, b_c))
+
+
+def _velocity_rows_of(matrices: Array, geometry: Geometry,
+                      working_mode: Sequence[int]) -> VelocityRows[Batch]:
+    """Return the `velocity_rows` of checked poses; NaN out of reach."""
+    th1a, th1b, th1c = np.moveaxis(inverse(matrices, geometry, working_mode).theta1, -1, 0)
+    return velocity_rows(unstack_matrix(matrices), (th1a, th1b, th1c), geometry, ARRAYS)
+
+
+def jacobian(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
+             working_mode: Sequence[int] = RIG_WORKING_MODE, sensors: int = 3) -> Array:
+    """
+    Jacobian G of the inverse model, thetadot = G omega, eqs. 8 to 11 and 17 to 21.
+
+    G, (..., sensors, 3), unit 1, is for the platform's angular velocity omega in the base frame,
+    rad/s; it is the inverse of the paper's J, with the sign corrected. Its rows are th1A, th1B,
+    th1C; with 4, 5, 6 `sensors` also th3A, th3B, th3C. In a batch, all rows of a pose out of reach
+    or on the boundary of its working mode (`MODE_BOUNDARY`) are NaN.
+
+    Other arguments and errors as of `inverse`; SingularityError if `R` is a single pose on the
+    boundary of the working mode.
+    """
+    matrices = check_rotations('R', R)
+    sensors = check_count('sensors', sensors, 3, 6)
+    vectors, volumes = _velocity_rows_of(matrices, geometry, working_mode)
+    rows = np.stack([np.stack(np.broadcast_arrays(*row), axis=-1) for row in vectors], axis=-2)
+    diagonal = np.stack(np.broadcast_arrays(*volumes), axis=-1)
+    boundary = np.any(np.abs(diagonal) < MODE_BOUNDARY, axis=-1)
+    if matrices.ndim == 2 and boundary:
+        raise SingularityError(
+            f'R = {matrices.tolist()} lies on the boundary of its working mode: '
+            f'B_kk = {diagonal[:3].tolist()}, expected {MODE_BOUNDARY:g} or more in size')
+    diagonal = np.where(boundary[..., None], np.nan, diagonal)
+    G: Array = (rows / diagonal[..., None])[..., :sensors, :]
+    return G
+
+
+def parallel_determinant(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
+                         working_mode: Sequence[int] = RIG_WORKING_MODE) -> Array:
+    """
+    Return det A, zero at a parallel singularity (eq. 9, rows Z2k x Z3k; Fig. 7).
+
+    It has shape (...) and unit 1; the paper's rows Z3k x Z2k would give the negative. Arguments as
+    of `inverse`, and its errors; unreachable poses of a batch give NaN.
+    """
+    matrices = check_rotations('R', R)
+    (row_a, row_b, row_c, *_), _ = _velocity_rows_of(matrices, geometry, working_mode)
+    return cast('Array', dot(row_a, cross(row_b, row_c)))
+
+
+def dexterity(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
+              working_mode: Sequence[int] = RIG_WORKING_MODE, sensors: int = 3,
+              norm: str = '2') -> Array:
+    """
+    Dexterity (...): the inverse of the Jacobian's condition number (eq. 12), in [0, 1].
+
+    It is 0 at a parallel singularity, and 1 where all directions are equal. The paper leaves the
+    `norm` open. '2': smallest over largest singular value of G. 'frobenius': the Frobenius norm
+    weighted by 1 / 3, i.e. 3 / sqrt(sum s^2 sum 1 / s^2). Other arguments and errors as of
+    `jacobian`; poses for which that gives NaN are NaN.
+    """
+    if not isinstance(norm, str) or norm not in DEXTERITY_NORMS:
+        raise InputError(f'norm = {quoted(norm)}: expected one of {DEXTERITY_NORMS}')
+    G = jacobian(R, geometry, working_mode, sensors)
+    known = np.all(np.isfinite(G), axis=(-1, -2))
+    # LAPACK does not accept NaN: such poses get a substitute here, and NaN again at the end.
+    values = np.linalg.svd(np.where(known[..., None, None], G, 1.0), compute_uv=False)
+    if norm == '2':
+        eta = values[..., 2] / values[..., 0]
+    else:
+        # s3 is taken out of the sum of 1 / s^2, so that s3 = 0 gives 0.
+        s1, s2, s3 = np.moveaxis(values, -1, 0)
+        eta = 3.0 * s3 / np.sqrt(
+            (s1**2 + s2**2 + s3**2)
+            * (1.0 + np.divide(s3, s2, out=np.zeros_like(s2), where=s2 > 0.0)**2 + (s3 / s1)**2))
+    return np.where(known, eta, np.nan)

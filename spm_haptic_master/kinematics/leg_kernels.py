@@ -25,8 +25,7 @@ from __future__ import annotations
 import math
 from typing import TypeAlias
 
-from spm_haptic_master.kinematics.geometry import Geometry
-from spm_haptic_master.kinematics.leg_constants import Carried, Leg, LinkTurn
+from spm_haptic_master.kinematics.geometry import Carried, Geometry, Leg, LinkTurn
 from spm_haptic_master.kinematics.number_backends import Backend, N, Quaternion, Rotation, Vector
 
 # Axes of leg B or C in the frame of leg A's second joint: Z2k before th2A, Z3k after it; and the
@@ -93,6 +92,15 @@ def passive_angles(rotation: Rotation[N], z: N, th1: N, p: N, q: N, leg: Leg,
                x2 * r02 + y2 * r12 + z2 * r22)
     q00, q01, _, q10, q11, _, q20, q21, _ = leg.platform_frame
     return th2, m.atan2(q00 * x + q10 * y + q20 * z, q01 * x + q11 * y + q21 * z)
+
+
+def leg_angles(rotation: Rotation[N], leg: Leg, sign: int, m: Backend[N]) -> Vector[N]:
+    """Kernel of one leg: th1k, th2k, th3k, rad, of a rotation; `sign` is its working mode."""
+    x, y, z = third_in_leg_frame(rotation, leg)
+    p, q = leg_closure(x, y, z, sign, leg, m)
+    th1 = active_angle(x, y, p, q, m)
+    th2, th3 = passive_angles(rotation, z, th1, p, q, leg, m)
+    return th1, th2, th3
 
 
 def turn_equation(d: Vector[N], v: Vector[N], cos_beta: float) -> Vector[N]:
@@ -184,11 +192,7 @@ def half_chain_quaternion(th1a: N, c: N, s: N, th3a: N, g: Geometry,
 
 
 def linkage(th1a: N, th1b: N, th1c: N, th3a: N, g: Geometry, m: Backend[N]) -> Linkage[N]:
-    """
-    Legs B and C in the frame of leg A's second joint, without its turn by th2A.
-
-    Z2k is on the base's side of the joint, Z3k on the platform's.
-    """
+    """Legs B and C in the frame of leg A's second joint, without its turn by th2A."""
     c1, s1 = m.cos(th1a), m.sin(th1a)
     c3, s3 = m.cos(th3a), m.sin(th3a)
     b, c = g.carried
@@ -200,11 +204,7 @@ def linkage(th1a: N, th1b: N, th1c: N, th3a: N, g: Geometry, m: Backend[N]) -> L
 
 
 def turn_of_second_joint(leg_b: View[N], leg_c: View[N]) -> Vector[N]:
-    """
-    Case 2: cosine and sine of th2A, each times the determinant, and the determinant; eqs. 15, 16.
-
-    th2A is measured from the arc A1A2 produced: th2A = xi + xi', eq. 13.
-    """
+    """Case 2: cosine, sine of th2A = xi + xi', each times the determinant, and it; eqs. 15, 16."""
     return common_turn(turn_equation(*leg_b), turn_equation(*leg_c))
 
 

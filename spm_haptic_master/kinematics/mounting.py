@@ -40,11 +40,8 @@ class Mounting:
             multiply_quaternions(conjugate(self.base), quaternion), conjugate(self.handle))
 
     def covariance(self, covariance: Rotation[float]) -> Rotation[float]:
-        """
-        Return the covariance of the rotation error in the table's frame from that in the base's.
-
-        The handle does not matter: the error is a rotation vector on the left of R_base_platform.
-        """
+        """Covariance of the rotation error in the table's frame, from that in the base's."""
+        # The handle does not matter: the error is a rotation vector left of R_base_platform.
         m = rotation_from_quaternion(*self.base)
         half = [sum(m[3 * i + k] * covariance[3 * k + j] for k in range(3))
                 for i in range(3) for j in range(3)]

@@ -69,11 +69,7 @@ class Backend(Protocol[N]):
         """
 
     def mode_reciprocal(self, b: N, /) -> N:
-        """
-        Return 1 / B_kk (unit 1).
-
-        Within `MODE_BOUNDARY` of 0, floats raise SingularityError and arrays give NaN.
-        """
+        """Return 1 / B_kk; within `MODE_BOUNDARY` of 0, SingularityError or NaN in arrays."""
 
 
 class _Floats:

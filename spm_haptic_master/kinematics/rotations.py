@@ -6,11 +6,12 @@ Rotations: matrices, quaternions and the paper's ZXZ Euler angles.
 
 A rotation is R_base_platform: it takes components in the platform frame to components in the base
 frame. Quaternions are x, y, z, w, as in ROS; q and -q are the same rotation. In plain floats a
-matrix is nine numbers, row by row.
+matrix is nine numbers, row by row. The angular velocity follows from the newest orientations.
 """
 
 from __future__ import annotations
 
+from collections import deque
 import math
 from typing import Any, TypeVar
 
@@ -34,6 +35,7 @@ from spm_haptic_master.kinematics.number_backends import (
     Rotation,
     Vector,
 )
+from spm_haptic_master.timing import SECOND
 
 # Largest deviation of a quaternion's norm from 1 (unit 1): single precision passes, normalised.
 QUATERNION_NORM_TOLERANCE = 1e-6
@@ -85,11 +87,9 @@ def _zxz_angles(x: N, y: N, z: N, w: N, m: Backend[N]) -> Vector[N]:
     """
     difference, total = m.atan2(y, x), m.atan2(z, w)
     theta = 2.0 * m.atan2(m.sqrt(x * x + y * y), m.sqrt(z * z + w * w))
-    return _wrap(total + difference, m), theta, _wrap(total - difference, m)
-
-
-def _wrap(angle: N, m: Backend[N]) -> N:
-    return m.atan2(m.sin(angle), m.cos(angle))
+    psi, phi = (m.atan2(m.sin(angle), m.cos(angle))
+                for angle in (total + difference, total - difference))
+    return psi, theta, phi
 
 
 # Floats ---------------------------------------------------------------------------------------
@@ -150,6 +150,51 @@ def rotation_distance(p: Quaternion[float], q: Quaternion[float]) -> float:
     """Angle, rad in [0, pi], between the rotations of two unit quaternions, in plain floats."""
     x, y, z, w = multiply_quaternions(p, conjugate(q))
     return 2.0 * math.atan2(math.sqrt(x * x + y * y + z * z), abs(w))
+
+
+class AngularVelocity:
+    """
+    Least-squares slope of the orientation over a sliding window, in plain floats.
+
+    The difference of two samples would amplify the sensors' noise by the sample rate. The slope of
+    a straight line through the n samples of the window amplifies it by about
+    sqrt(12 / n) / window, and lags by half the window (ns, 1 or more).
+    """
+
+    def __init__(self, window: int):
+        self._window = window
+        self._kept: deque[tuple[int, Quaternion[float]]] = deque()
+
+    def add(self, stamp: int, quaternion: Quaternion[float]) -> None:
+        """Add an orientation: stamp in ns, sign-continuous unit quaternion x, y, z, w."""
+        kept = self._kept
+        kept.append((stamp, quaternion))
+        while kept[0][0] < stamp - self._window:
+            kept.popleft()
+
+    def value(self) -> Vector[float] | None:
+        """Angular velocity in the base frame, rad/s; None until half a window is filled."""
+        kept = self._kept
+        if not kept:
+            return None
+        newest, (x, y, z, w) = kept[-1]
+        if newest - kept[0][0] < 0.5 * self._window:
+            return None
+        times = [stamp - newest for stamp, _ in kept]
+        mean = sum(times) / len(times)
+        spread = dx = dy = dz = dw = 0.0
+        for time, (_, (qx, qy, qz, qw)) in zip(times, kept, strict=True):
+            offset = time - mean
+            spread += offset * offset
+            dx += offset * qx
+            dy += offset * qy
+            dz += offset * qz
+            dw += offset * qw
+        # The vector part of 2 qdot q*, where q* is the conjugate of the newest quaternion; exact
+        # to first order in the rotation within the window.
+        x, y, z, _ = multiply_quaternions((dx, dy, dz, dw), (-x, -y, -z, w))
+        scale = 2.0 * SECOND / spread
+        return scale * x, scale * y, scale * z
 
 
 # Arrays ---------------------------------------------------------------------------------------
@@ -213,9 +258,8 @@ def matrix_from_zxz(psi: ArrayLike, theta: ArrayLike, phi: ArrayLike) -> Array:
     The angles psi, theta, phi (...), rad, are broadcast together; phi is the self-rotation.
     InputError if one is not finite, or the shapes do not broadcast.
     """
-    psi = check_angles('psi', psi, ())
-    theta = check_angles('theta', theta, ())
-    phi = check_angles('phi', phi, ())
+    psi, theta, phi = (check_angles(name, angle, ()) for name, angle in (
+        ('psi', psi), ('theta', theta), ('phi', phi)))
     check_broadcast('psi, theta, phi', psi.shape, theta.shape, phi.shape)
     return stack_matrix(_zxz_rotation(psi, theta, phi, ARRAYS))
 

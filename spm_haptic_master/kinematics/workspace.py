@@ -2,28 +2,49 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Poses and parallel singularities of the workspace cone.
+The workspace cone, and the parallel singularities in it and near a pose.
 
-The workspace is the cone of platform axes about (1, 1, 1), which is psi = 135 deg and theta =
-acos(1 / sqrt 3), at a given self-rotation phi. `dexterity` and `parallel_determinant` accept its
-poses in batches, as the paper's Figs. 6, 7 and 15 need them.
+It is the cone of platform axes about (1, 1, 1), psi = 135 deg and theta = acos(1 / sqrt 3).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from spm_haptic_master.exceptions import InputError, quoted
-from spm_haptic_master.kinematics.checks import check_angles, check_broadcast
+from spm_haptic_master.exceptions import InputError, quoted, SpmError
+from spm_haptic_master.kinematics.checks import check_angles, check_broadcast, WorkingMode
 from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
-from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
-from spm_haptic_master.kinematics.jacobians import parallel_determinant
-from spm_haptic_master.kinematics.number_backends import Array
-from spm_haptic_master.kinematics.rotations import matrix_from_zxz
+from spm_haptic_master.kinematics.inverse_model import (
+    cross,
+    dot,
+    measured_angles,
+    parallel_determinant,
+    RIG_WORKING_MODE,
+    velocity_rows,
+)
+from spm_haptic_master.kinematics.leg_kernels import second_axis, third_axes
+from spm_haptic_master.kinematics.number_backends import (
+    Array,
+    FLOATS,
+    Quaternion,
+    Rotation,
+    Vector,
+)
+from spm_haptic_master.kinematics.rotations import (
+    matrix_from_zxz,
+    multiply_quaternions,
+    quaternion_from_vector,
+    rotation_from_quaternion,
+)
 
+# Largest number of Newton steps to the singular surface; four are usual.
+APPROACH_STEPS = 8
+# Largest last step of a converged search (rad): the step after it is far below 1e-9 rad.
+APPROACH_TOLERANCE = 1e-6
 # Axis of the workspace cone, a unit vector in the base frame.
 CONE_AXIS = np.array([1.0, 1.0, 1.0]) / math.sqrt(3.0)
 # Directions of tilt at azimuth 0 and 90 deg, unit vectors; right-handed with `CONE_AXIS`.
@@ -98,3 +119,97 @@ def changes_of_sign(points: Array, values: Array) -> Iterator[tuple[Array, Array
         one, other = (np.stack([grid[place][changed] for grid in points])
                       for place in (here, there))
         yield one, other, values[here][changed], values[there][changed]
+
+
+# One pose in plain floats, fast enough for a moving device ---------------------------------------
+
+class Nearness(NamedTuple):
+    """Dexterity (eq. 12, 2-norm), in [0, 1], of the active joints, of every sensor, in use."""
+
+    three: float
+    every: float
+    in_use: float
+
+
+class Approach(NamedTuple):
+    """Shortest turn to the singular surface: angle, rad, and unit axis in the base frame."""
+
+    distance: float
+    axis: Vector[float]
+
+
+def determinant_gradient(rotation: Rotation[float], g: Geometry,
+                         working_mode: WorkingMode) -> tuple[float, Vector[float]]:
+    """Return det A of a pose (unit 1) and its gradient along turns in the base frame (1 / rad)."""
+    th1 = th1a, th1b, th1c = measured_angles(rotation, g, working_mode, 3)
+    rows, diagonal = velocity_rows(rotation, (th1a, th1b, th1c), g, FLOATS)
+    thirds = third_axes(rotation, g)
+    gradient = 0.0, 0.0, 0.0
+    for k, leg in enumerate(g.legs):
+        second = second_axis(FLOATS.cos(th1[k]), FLOATS.sin(th1[k]), leg)
+        cofactor = cross(rows[(k + 1) % 3], rows[(k + 2) % 3])
+        # A turn omega moves Z3k by omega x Z3k and Z2k by th1k' Z1k x Z2k, where
+        # th1k' = row . omega / B_kk.
+        rate = dot(cross(cross(leg.first, second), thirds[k]), cofactor) / diagonal[k]
+        along_second = dot(thirds[k], cofactor)
+        gx, gy, gz = (
+            so_far + rate * row + leg.cos_beta * y - along_second * z
+            for so_far, row, y, z in zip(gradient, rows[k], cofactor, second, strict=True))
+        gradient = gx, gy, gz
+    return dot(rows[0], cross(rows[1], rows[2])), gradient
+
+
+def nearness(quaternion: Quaternion[float], geometry: Geometry, working_mode: WorkingMode,
+             sensors: int = 4, left_out: Collection[int] = ()) -> Nearness:
+    """
+    Dexterities of one pose, quaternion x, y, z, w; nothing is validated.
+
+    `sensors`, 4, 5 or 6, are mounted, and those at the places `left_out` not in use, three at
+    least. UnreachableError, or SingularityError on the boundary of the working mode.
+    """
+    rotation = rotation_from_quaternion(*quaternion)
+    th1a, th1b, th1c = measured_angles(rotation, geometry, working_mode, 3)
+    rows, diagonal = velocity_rows(rotation, (th1a, th1b, th1c), geometry, FLOATS)
+    jacobian = np.array([
+        [FLOATS.mode_reciprocal(b) * component for component in row]
+        for row, b in zip(rows[:sensors], diagonal[:sensors], strict=True)])
+    every = _dexterity(jacobian)
+    return Nearness(
+        _dexterity(jacobian[:3]), every,
+        _dexterity(np.delete(jacobian, list(left_out), axis=0)) if left_out else every)
+
+
+def _dexterity(jacobian: Array) -> float:
+    """Return smallest over largest singular value."""
+    values: list[float] = np.linalg.svd(jacobian, compute_uv=False).tolist()
+    return values[2] / values[0]
+
+
+def approach(quaternion: Quaternion[float], geometry: Geometry,
+             working_mode: WorkingMode) -> Approach | None:
+    """
+    Find the shortest turn to the next parallel singularity along the determinant's gradient.
+
+    Newton's method starts from the pose itself. Near the singular surface it converges to the foot
+    of the perpendicular; a singularity beyond an extremum of the determinant is not found. None
+    where the search leaves the reach of the legs or does not converge. Arguments as of `nearness`.
+    """
+    x = y = z = 0.0
+    try:
+        for _ in range(APPROACH_STEPS):
+            turned = multiply_quaternions(quaternion_from_vector(x, y, z), quaternion)
+            value, gradient = determinant_gradient(
+                rotation_from_quaternion(*turned), geometry, working_mode)
+            gx, gy, gz = gradient
+            along = (gx * x + gy * y + gz * z - value) / (gx * gx + gy * gy + gz * gz)
+            last = x, y, z
+            x, y, z = along * gx, along * gy, along * gz
+            if max(abs(x - last[0]), abs(y - last[1]), abs(z - last[2])) < APPROACH_TOLERANCE:
+                break
+        else:
+            return None
+    except (SpmError, ZeroDivisionError):
+        return None
+    size = FLOATS.sqrt(gx * gx + gy * gy + gz * gz)
+    sign = 1.0 if along >= 0.0 else -1.0
+    return Approach(abs(along) * size, (sign * gx / size, sign * gy / size, sign * gz / size))

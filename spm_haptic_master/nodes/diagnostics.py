@@ -13,10 +13,10 @@ from geometry_msgs.msg import QuaternionStamped
 from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import SettingError, SpmError
 from spm_haptic_master.kinematics import mechanism_angles
-from spm_haptic_master.kinematics.jacobians import approach, Nearness, nearness
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, MECHANISM_JOINT_NAMES
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
+from spm_haptic_master.kinematics.workspace import approach, Nearness, nearness
 from spm_haptic_master.parameters.geometry import geometry_from, mechanism_checksum, mounting_from
 from spm_haptic_master.parameters.nodes import DIAGNOSTICS_SETTINGS
 from spm_haptic_master.parameters.resolver import Parameters

@@ -25,9 +25,9 @@ from spm_haptic_master.force import (
 from spm_haptic_master.force.energy import WINDOW
 from spm_haptic_master.force.samples import NOTHING, Reason
 from spm_haptic_master.force.statics import unrotated
-from spm_haptic_master.kinematics.angular_velocity import AngularVelocity
 from spm_haptic_master.kinematics.number_backends import Quaternion, Rotation, Vector
 from spm_haptic_master.kinematics.rotations import (
+    AngularVelocity,
     conjugate,
     multiply_quaternions,
     rotation_from_quaternion,

@@ -19,10 +19,10 @@ from geometry_msgs.msg import (
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from sensor_msgs.msg import JointState, Joy
-from spm_haptic_master.kinematics.angular_velocity import AngularVelocity
 from spm_haptic_master.kinematics.estimation.gauss_newton import SampleEstimate
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics.mounting import IDENTITY
+from spm_haptic_master.kinematics.rotations import AngularVelocity
 from spm_haptic_master.parameters.fkm import check_frames, VELOCITY_PERIODS
 from spm_haptic_master.parameters.geometry import mounting_from
 from spm_haptic_master.parameters.setting import Values

@@ -11,16 +11,17 @@ from typing import NamedTuple, TypeAlias
 
 from spm_haptic_master.exceptions import AmbiguousError, SingularityError, SpmError
 from spm_haptic_master.kinematics import rotations
-from spm_haptic_master.kinematics.closed_form import theta3a_gains, theta3a_quaternion
+from spm_haptic_master.kinematics.assembly_modes import track_mode
+from spm_haptic_master.kinematics.closed_form import theta3a_quaternion
+from spm_haptic_master.kinematics.estimation.estimates import estimate_sample
 from spm_haptic_master.kinematics.estimation.gauss_newton import (
     DETERMINED_DEVIATION,
     SampleEstimate,
 )
-from spm_haptic_master.kinematics.estimation.sample_estimation import estimate_sample
+from spm_haptic_master.kinematics.estimation.normal_equations import theta3a_gains
 from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
 from spm_haptic_master.kinematics.joints import UsedSensors
-from spm_haptic_master.kinematics.mode_tracking import track_mode
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.parameters.fkm import Limits
 from spm_haptic_master.supervision.anchor import SAME_SOLUTION, TURN_DEVIATIONS, within

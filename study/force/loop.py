@@ -12,9 +12,9 @@ from math import pi, radians
 import numpy as np
 from spm_haptic_master.force import ForceController, ForceLimits, ForceOutput, ForceSample, Wrench
 from spm_haptic_master.kinematics import estimate_sample, Geometry, UsedSensors
-from spm_haptic_master.kinematics.angular_velocity import AngularVelocity
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.kinematics.rotations import (
+    AngularVelocity,
     conjugate,
     multiply_quaternions,
     quaternion_from_vector,

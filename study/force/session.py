@@ -17,9 +17,9 @@ from math import degrees, radians
 import numpy as np
 from spm_haptic_master.force import Drives, ForceController, ForceOutput, ForceSample, Wrench
 from spm_haptic_master.kinematics import jacobian, matrix_from_quaternion
-from spm_haptic_master.kinematics.angular_velocity import AngularVelocity
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.kinematics.rotations import (
+    AngularVelocity,
     conjugate,
     multiply_quaternions,
     quaternion_from_vector,

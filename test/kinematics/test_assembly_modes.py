@@ -81,7 +81,7 @@ def test_complete_against_an_independent_search(mode):
     """Every other mechanism is of a design with more modes than the paper's."""
     rng = np.random.default_rng(21)
     counts, more_modes = set(), {'alpha': 1.05, 'beta': 1.2, 'gamma': 0.87}
-    for trial in range(8):
+    for trial in range(6):
         built = random_built(rng, **more_modes) if trial % 2 else random_built(rng)
         R = built.reachable_rotation(rng)
         th1 = inverse(R, built.geometry, mode).theta1
@@ -94,7 +94,7 @@ def test_complete_against_an_independent_search(mode):
 def test_eight_modes():
     built, rng = nominal(*np.radians([60.0, 70.0, 50.0])), np.random.default_rng(22)
     triples = [inverse(built.reachable_rotation(rng, 0.0), built.geometry).theta1
-               for _ in range(60)]
+               for _ in range(30)]
     eight = [th1 for th1 in triples if len(forward_all(th1, built.geometry)) == 8]
     assert eight
     for th1 in eight:
@@ -103,10 +103,10 @@ def test_eight_modes():
 
 @functools.cache
 def singular_poses():
-    """Return poses on the singular surface, mechanism and working mode, 40 times."""
+    """Return poses on the singular surface, mechanism and working mode, 16 times."""
     rng = np.random.default_rng(23)
     poses = []
-    for trial in range(40):
+    for trial in range(16):
         built, mode = nominal() if trial % 2 else random_nominal(rng), MODES[trial % 8]
         poses.append((pose_of_zero(lambda R, g=built.geometry, mode=mode: parallel_determinant(
             R, g, mode), built, rng, 0.3), built, mode))
@@ -125,8 +125,7 @@ def test_a_mode_at_a_singularity_is_never_lost(offset_deg):
             assert len(modes) <= 8
             distances.append(min(angle_between(R, matrix) for matrix in modes))
             assert np.abs(built.closures(th1, modes)).max() < 2e-12
-    # Rounding (2e-15) moves a double root by its square root, a threefold one by its cube root;
-    # one of the 40 poses is near a threefold one.
+    # Rounding (2e-15) moves a double root by its square root, a threefold one by its cube root.
     assert max(distances) < 3e-5
     assert sum(distance >= 1e-5 for distance in distances) <= 2
 
@@ -136,7 +135,7 @@ def test_a_root_where_the_half_angle_has_no_tangent(th2a):
     # xi = th2A, and the paper's xi, at 180 deg and elsewhere: all must be alike.
     rng = np.random.default_rng(24)
     tried = 0
-    while tried < 25:
+    while tried < 8:
         R = nominal().chain(0, rng.uniform(-3, 3), th2a, rng.uniform(-3, 3))
         try:
             th1 = inverse(R, working_mode=MODES[rng.integers(8)]).theta1
@@ -178,7 +177,7 @@ def test_free_motion_is_reported():
 def test_tracking_through_figure_10():
     """The self-rotation goes from 45 to 55 deg, across the singularity at 49.36 deg."""
     last = zxz(*CENTRE, math.radians(45.0))
-    for phi in np.radians(np.linspace(45.0, 55.0, 400)):
+    for phi in np.radians(np.linspace(45.0, 55.0, 120)):
         R = zxz(*CENTRE, phi)
         tracked = track_mode(inverse(R).theta1, last)
         away = math.degrees(abs(phi - SINGULAR_PHI))

@@ -55,12 +55,14 @@ def measure_four(R, sigma=SIGMA):
 # Poses, noise and largest share beyond 1 in 1000: over the workspace, the parallel singularity
 # among them; with noise up to a degree; to ten sigma from the boundary of a working mode.
 RIGHT = [
-    *((tilted(math.radians(phi), math.radians(tilt), 1.0), SIGMA, 2e-3)
+    *(pytest.param(tilted(math.radians(phi), math.radians(tilt), 1.0), SIGMA, 2e-3,
+                   marks=[pytest.mark.slow] * (tilt < 20.0))
       for phi in (0.0, 30.0, math.degrees(SINGULAR_PHI), 70.0) for tilt in (0.0, 13.0, 20.0)),
-    *(pytest.param(R, math.radians(sigma), 4e-3, marks=[pytest.mark.slow] * (sigma == 1.0))
+    *(pytest.param(R, math.radians(sigma), 4e-3, marks=[pytest.mark.slow] * (sigma != 0.4))
       for sigma in (0.004, 0.4, 1.0)
       for R in (tilted(SINGULAR_PHI, 0.0, 0.0), tilted(0.0, math.radians(26.0), 0.0))),
-    *((near_boundary(leg, distance * SIGMA), SIGMA, 3e-3)
+    *(pytest.param(near_boundary(leg, distance * SIGMA), SIGMA, 3e-3,
+                   marks=[pytest.mark.slow] * (distance > 10.0))
       for leg in range(3) for distance in (100.0, 30.0, 10.0))]
 
 

@@ -3,7 +3,6 @@
 
 """Maximum likelihood with four to six sensors: the bound, the optimum, parity, all modes."""
 
-from contextlib import suppress
 import math
 
 from built_mechanism import nominal, random_built
@@ -17,7 +16,7 @@ from mechanism import (
 import numpy as np
 import pytest
 from readings import all_angles, bound, estimated, four_angles, PAPER, SIGMA, UNEQUAL, wrapped
-from spm_haptic_master.exceptions import SingularityError, SpmError, UnreachableError
+from spm_haptic_master.exceptions import SingularityError, SpmError
 from spm_haptic_master.kinematics import (
     estimate_sample,
     jacobian,
@@ -38,12 +37,12 @@ def test_noise_is_at_the_bound_and_the_parity_vector_is_white(pose, sensors, as_
     rng = np.random.default_rng(303)
     g = random_built(rng).geometry if as_built else PAPER
     R, sigma = workspace_pose(*pose), UNEQUAL[:sensors]
-    readings = all_angles(R, g)[:sensors] + sigma * rng.normal(size=(20000, sensors))
+    readings = all_angles(R, g)[:sensors] + sigma * rng.normal(size=(8000, sensors))
     found = estimated(readings, sigma, g)
     error, least = small_vector(found.rotation @ R.T), bound(R, sigma, g, sensors=sensors)
     assert (error**2).sum(-1).mean() / np.trace(least) == pytest.approx(1.0, abs=0.03)
     np.testing.assert_allclose(found.covariance.mean(0), least, atol=0.03 * np.trace(least))
-    assert found.parity_vector.shape == (20000, sensors - 3)
+    assert found.parity_vector.shape == (8000, sensors - 3)
     np.testing.assert_allclose(np.cov(found.parity_vector.T), np.eye(sensors - 3).squeeze(),
                                atol=0.05)
     np.testing.assert_allclose(found.parity_vector.mean(0), 0.0, atol=0.05)
@@ -57,7 +56,7 @@ def test_noise_is_at_the_bound_and_the_parity_vector_is_white(pose, sensors, as_
 def test_it_is_the_minimum_in_every_working_mode(sensors):
     rng = np.random.default_rng(304)
     checked = 0
-    for trial in range(60):
+    for trial in range(24):
         mode, g = MODES[trial % 8], random_built(rng).geometry
         R = nominal().reachable_rotation(rng, slack=0.12)
         sigma = SIGMA * rng.uniform(0.5, 3.0, sensors)
@@ -82,7 +81,7 @@ def test_it_is_the_minimum_in_every_working_mode(sensors):
             near = objective(turn(0.1 * root @ direction) @ found.rotation)
             assert near - value == pytest.approx(0.01, abs=0.004)
         checked += 1
-    assert checked > 40
+    assert checked > 15
 
 
 @pytest.mark.parametrize('sensors', [4, 6])
@@ -144,27 +143,10 @@ def test_an_estimate_is_determined_up_to_a_total_deviation(total, determined):
 
 
 def test_gross_contradictions_do_not_pass_quietly():
-    rng = np.random.default_rng(67)
-    loud = 0
-    for readings in rng.uniform(-math.pi, math.pi, (500, 4)):
-        try:
-            found = estimated(readings)
-        except (UnreachableError, SingularityError):
-            loud += 1
-            continue
-        R = found.rotation
-        np.testing.assert_allclose(R.T @ R, np.eye(3), atol=1e-14)
-        assert np.linalg.det(R) > 0.0
-        if abs(found.parity) > 10.0:
-            loud += 1
-            continue
-        # What little passes is a pose that the readings fit.
-        fits = []
-        for mode in MODES:
-            with suppress(SpmError):
-                fits.append((wrapped(readings - four_angles(R, mode=mode))**2).sum() / SIGMA**2)
-        assert min(fits) == pytest.approx(found.parity**2, rel=1e-2, abs=1e-3)
-    assert loud > 450
+    found = estimated(np.random.default_rng(67).uniform(-math.pi, math.pi, (300, 4)))
+    assert found.consistent.sum() < 30
+    answered = found.rotation[np.isfinite(found.parity)]
+    np.testing.assert_allclose(np.linalg.det(answered), 1.0, atol=1e-14)
 
 
 def test_readings_beyond_half_a_turn_are_the_same():

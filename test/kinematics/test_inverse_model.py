@@ -1,24 +1,38 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Inverse model: the golden values, the loops it must close, the reach it must not overstate."""
+"""Inverse model beside independent ones, Jacobians beside differences, workspace."""
 
 import math
 
 from built_mechanism import nominal, random_built, random_nominal
-from mechanism import CENTRE, MODES, random_rotations, turn, zxz
+from mechanism import CENTRE, MODES, random_rotations, SINGULAR_PHI, turn, zxz
 import numpy as np
 import pytest
-from readings import all_angles
-from spm_haptic_master.exceptions import UnreachableError
-from spm_haptic_master.kinematics import inverse, mechanism_angles
+from readings import all_angles, differences, near_boundary, PAPER
+from spm_haptic_master.exceptions import SingularityError, UnreachableError
+from spm_haptic_master.kinematics import (
+    dexterity,
+    inverse,
+    jacobian,
+    mechanism_angles,
+    parallel_determinant,
+    quaternion_from_matrix,
+    singularity_locus,
+    workspace_pose,
+    zxz_from_matrix,
+)
+from spm_haptic_master.kinematics.rotations import matrix_from_vector
+from spm_haptic_master.kinematics.workspace import approach, determinant_gradient, nearness
+
+PHI = math.radians(50.0)
 
 
 @pytest.mark.parametrize('mode, th1, th2a, th3a', [
     ((1, 1, 1), 63.57909396, 101.63324416, 0.90461292),
     ((-1, -1, -1), 166.55321231, -101.63324416, 125.15989244)])
 def test_golden_values_at_phi_50(mode, th1, th2a, th3a):
-    joints = inverse(zxz(*CENTRE, math.radians(50.0)), working_mode=mode)
+    joints = inverse(zxz(*CENTRE, PHI), working_mode=mode)
     np.testing.assert_allclose(np.degrees(joints.theta1), th1, atol=1e-8)
     assert math.degrees(joints.theta2a) == pytest.approx(th2a, abs=1e-8)
     assert math.degrees(joints.theta3a) == pytest.approx(th3a, abs=1e-8)
@@ -33,7 +47,7 @@ def test_unreachable_is_exactly_what_the_links_cannot_span():
         for values in (*np.moveaxis(joints.theta1, -1, 0), joints.theta2a, joints.theta3a,
                        joints.theta3b, joints.theta3c):
             np.testing.assert_array_equal(np.isfinite(values), expected)
-        for place in np.ndindex(20, 15):
+        for place in np.ndindex(3, 15):
             numbers = tuple(R[place].ravel().tolist())
             if expected[place]:
                 inverse(R[place], g)
@@ -57,3 +71,180 @@ def test_third_joints_of_a_mechanism_as_built():
             seen = zero.T @ turn(-angles[3 + k] * third) @ at_zero
             np.testing.assert_allclose(R @ seen, second, atol=1e-12)
             assert np.linalg.norm(first) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize('mode', MODES)
+def test_jacobians_are_finite_differences(mode):
+    rng = np.random.default_rng(302)
+    for trial in range(4):
+        built = random_built(rng)
+        g = built.geometry if trial % 2 else PAPER
+        R = built.reachable_rotation(rng, slack=0.15)
+        expected = differences(R, g, mode)
+        for sensors in (3, 4, 5, 6):
+            G = jacobian(R, g, mode, sensors)
+            np.testing.assert_allclose(
+                G, expected[:sensors], rtol=1e-6, atol=1e-6 * np.abs(expected).max())
+            values = np.linalg.svd(expected[:sensors], compute_uv=False)
+            eta = dexterity(R, g, mode, sensors)
+            assert eta == pytest.approx(values[2] / values[0], rel=1e-5, abs=1e-8)
+            near = nearness(tuple(quaternion_from_matrix(R).tolist()), g, mode, sensors)
+            assert near.every == pytest.approx(eta, abs=1e-9)
+            assert near.three == pytest.approx(dexterity(R, g, mode), abs=1e-9)
+
+
+def test_power_balance():
+    """
+    A distal link transmits a force only along its own plane.
+
+    That is a moment about Z2k x Z3k on the platform, in equilibrium with the motor's torque about
+    Z1k: tau . thetadot = m . omega.
+    """
+    rng = np.random.default_rng(40)
+    for mode in MODES:
+        built = random_built(rng)
+        R = built.reachable_rotation(rng)
+        th1 = inverse(R, built.geometry, mode).theta1
+        moments, omega = rng.normal(size=(2, 3))
+        rows = np.cross(built.second_axes(th1), built.third_axes(R))
+        tau = moments * (rows * built.base).sum(-1)
+        power = tau @ (jacobian(R, built.geometry, mode) @ omega)
+        assert power == pytest.approx(moments @ rows @ omega, abs=1e-9)
+        assert parallel_determinant(R, built.geometry, mode) == pytest.approx(
+            np.linalg.det(rows), abs=1e-14)
+
+
+def test_three_sensors_fail_at_the_central_singularity_and_four_do_not():
+    R = zxz(*CENTRE, SINGULAR_PHI)
+    assert abs(parallel_determinant(R)) < 1e-11
+    three, four = (np.linalg.svd(jacobian(R, sensors=sensors))[1] for sensors in (3, 4))
+    assert three[2] < 1e-9 * three[0] and three[1] > 0.1 * three[0]
+    assert four[2] > 0.1 * four[0]
+
+
+def test_dexterity_by_the_frobenius_norm():
+    R = zxz(*CENTRE, PHI)
+    G = jacobian(R)
+    weighted = 3.0 / (np.linalg.norm(G) * np.linalg.norm(np.linalg.inv(G)))
+    assert dexterity(R, norm='frobenius') == pytest.approx(weighted, rel=1e-9)
+    rank_two = dexterity(zxz(*CENTRE, SINGULAR_PHI), norm='frobenius')
+    assert 0.0 <= rank_two < 1e-9
+
+
+@pytest.mark.parametrize('leg', range(3))
+@pytest.mark.parametrize('size, inside', [(1.5e-6, True), (0.7e-6, False)])
+def test_up_to_the_boundary_of_a_working_mode(leg, size, inside):
+    R = near_boundary(leg, size)
+    rows = jacobian(np.array([R]))[0]
+    if inside:
+        assert np.abs(jacobian(R)[leg]).max() > 1e4
+        assert np.isfinite(rows).all()
+    else:
+        for function in (jacobian, lambda R: nearness(
+                tuple(quaternion_from_matrix(R).tolist()), PAPER, MODES[0])):
+            with pytest.raises(SingularityError, match='boundary'):
+                function(R)
+        assert np.isnan(rows).all()
+
+
+def test_unreachable_rows_are_nan():
+    R = [zxz(*CENTRE, 0.3), np.eye(3)]
+    with pytest.raises(UnreachableError):
+        jacobian(np.eye(3))
+    for values in (dexterity(R), parallel_determinant(R)):
+        np.testing.assert_array_equal(np.isnan(values), [False, True])
+
+
+def approach_at(degrees):
+    R = zxz(*np.radians(degrees))
+    return R, approach(tuple(quaternion_from_matrix(R).tolist()), PAPER, MODES[0])
+
+
+@pytest.mark.parametrize('degrees', [
+    (135.0, 54.7356, 49.0), (125.0, 50.0, 45.0), (140.0, 60.0, 52.0)])
+def test_approach_ends_on_the_singular_surface_and_nothing_is_nearer(degrees):
+    rotation, got = approach_at(degrees)
+    assert np.linalg.norm(got.axis) == pytest.approx(1.0, abs=1e-12)
+    here = parallel_determinant(rotation)
+    there, beyond = (parallel_determinant(
+        turn(part * got.distance * np.array(got.axis)) @ rotation) for part in (1.0, 1.001))
+    assert abs(there) < 1e-6 * abs(here) and beyond * here < 0.0
+    # Neither along random directions nor just beside the one that was found.
+    rng = np.random.default_rng(53)
+    directions = np.concatenate([
+        rng.normal(size=(200, 3)), got.axis + 0.1 * rng.normal(size=(100, 3))])
+    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+    for part in (0.5, 0.999):
+        turns = matrix_from_vector(part * got.distance * directions)
+        assert (parallel_determinant(turns @ rotation) * here > 0.0).all()
+
+
+def test_the_determinants_gradient_is_a_finite_difference():
+    rng = np.random.default_rng(189)
+    for trial in range(20):
+        built, mode = random_built(rng), MODES[trial % 8]
+        g, R = built.geometry, built.reachable_rotation(rng, slack=0.1)
+        value, gradient = determinant_gradient(tuple(R.ravel().tolist()), g, mode)
+        assert value == pytest.approx(parallel_determinant(R, g, mode), abs=1e-12)
+        expected = [(parallel_determinant(turn(1e-5 * axis) @ R, g, mode)
+                     - parallel_determinant(turn(-1e-5 * axis) @ R, g, mode)) / 2e-5
+                    for axis in np.eye(3)]
+        np.testing.assert_allclose(gradient, expected, rtol=1e-5, atol=1e-6)
+
+
+def test_nothing_out_of_reach_and_where_there_is_no_singularity():
+    out, found = approach_at((0.0, 170.0, 0.0))
+    assert found is None
+    with pytest.raises(UnreachableError):
+        nearness(tuple(quaternion_from_matrix(out).tolist()), PAPER, MODES[0])
+    # From here Newton's method leaves the reach of the legs.
+    assert approach_at((135.0, 54.7356, -60.0))[1] is None
+
+
+# Workspace ---------------------------------------------------------------------------------------
+
+def test_poses_of_the_cone():
+    tilt, azimuth = np.radians([0.0, 10.0, 26.0]), np.radians([[0.0], [90.0], [200.0]])
+    R = workspace_pose(tilt, azimuth, PHI)
+    axis = np.ones(3) / math.sqrt(3.0)
+    np.testing.assert_allclose(
+        np.arccos(np.minimum(1.0, R[..., 2] @ axis)), np.broadcast_to(tilt, (3, 3)), atol=1e-7)
+    np.testing.assert_allclose(zxz_from_matrix(R)[2], PHI, atol=1e-14)
+    np.testing.assert_allclose(R[0, 0], zxz(*CENTRE, PHI), atol=1e-15)
+    np.testing.assert_allclose(
+        R[0, 1][:, 2], math.cos(tilt[1]) * axis + math.sin(tilt[1]) * np.array([1, -1, 0])
+        / math.sqrt(2.0), atol=1e-15)
+
+
+def test_figures_6_and_15_dexterity_over_the_cone():
+    # facts.md: 0.000 to 0.101 with three sensors, 0.323 to 0.502 with four, 13 deg half cone.
+    tilt = np.radians(np.linspace(0.0, 13.0, 40))
+    R = workspace_pose(tilt, np.radians(np.arange(0.0, 360.0, 2.0))[:, None], PHI)
+    three, four = dexterity(R), dexterity(R, sensors=4)
+    assert three.min() < 5e-4 and three.max() == pytest.approx(0.101, abs=1e-3)
+    assert four.min() == pytest.approx(0.323, abs=1e-3)
+    assert four.max() == pytest.approx(0.502, abs=1e-3)
+
+
+@pytest.mark.parametrize('phi_deg', [
+    49.358591780, pytest.param(45.0, marks=pytest.mark.slow),
+    pytest.param(53.0, marks=pytest.mark.slow)])
+def test_locus_is_where_the_determinant_changes_sign(phi_deg):
+    phi = math.radians(phi_deg)
+    tilt, azimuth = singularity_locus(phi, math.radians(26.0))
+    assert len(tilt) > 50 and tilt.max() <= math.radians(26.0) and np.diff(azimuth).min() >= 0.0
+    np.testing.assert_allclose(
+        parallel_determinant(workspace_pose(tilt, azimuth, phi)), 0.0, atol=1e-14)
+    # Every change of sign on a finer, shifted grid has a point of the locus next to it.
+    angles = np.radians(np.arange(0.25, 360.0, 1.0))
+    grid = np.radians(np.linspace(0.2, 25.9, 300))
+    values = parallel_determinant(workspace_pose(grid, angles[:, None], phi))
+    with np.errstate(invalid='ignore'):
+        rows, columns = np.nonzero(values[:, :-1] * values[:, 1:] < 0.0)
+    points, changes = tilt * np.exp(1j * azimuth), grid[columns] * np.exp(1j * angles[rows])
+    assert np.abs(points - changes[:, None]).min(axis=1).max() < math.radians(1.0)
+
+
+def test_no_locus_far_from_the_singularity():
+    tilt, azimuth = singularity_locus(0.0, math.radians(13.0))
+    assert tilt.shape == azimuth.shape == (0,)

@@ -17,8 +17,8 @@ from spm_haptic_master.kinematics import (
     matrix_from_zxz,
     quaternion_from_matrix,
 )
-from spm_haptic_master.kinematics.jacobians import nearness
 from spm_haptic_master.kinematics.joints import MECHANISM_JOINT_NAMES
+from spm_haptic_master.kinematics.workspace import nearness
 from spm_haptic_master.nodes.diagnostics import Diagnostics, Levels
 from spm_haptic_master.parameters.geometry import mechanism_checksum, mounting_from
 from spm_haptic_master.parameters.nodes import DIAGNOSTICS_SETTINGS

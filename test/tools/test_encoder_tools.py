@@ -12,7 +12,7 @@ import uuid
 import can
 from encoder_frames import LAYOUTS, values
 import pytest
-from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
+from spm_haptic_master.timing import DeadlineGrid
 from spm_haptic_master.simulation.bus_runner import BusRunner
 from spm_haptic_master.simulation.noisy_motion import make_motion
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 from spm_haptic_master.exceptions import UnreachableError
 from spm_haptic_master.kinematics import Geometry, inverse, jacobian, measured_angles
-from spm_haptic_master.kinematics.jacobians import velocity_rows
+from spm_haptic_master.kinematics.inverse_model import velocity_rows
 from spm_haptic_master.kinematics.number_backends import FLOATS, MODE_BOUNDARY, Quaternion
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion, wrapped
 

@@ -1,60 +1,165 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Maximum-likelihood orientations from four to six joint sensors, in batches."""
+"""
+Maximum-likelihood orientations: of one sample in plain floats, for the 1 kHz path, and in batches.
+
+Gauss-Newton starts from the closed form of a leg that carries the platform, leg A's Case 2 if it
+can be. Where no closed form is to be trusted, the solutions are several, and prior, working mode
+and readings select among them.
+"""
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
-import functools
+from math import atan2
 from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from spm_haptic_master.exceptions import InputError, quoted, SpmError
+from spm_haptic_master.exceptions import (
+    AmbiguousError,
+    InputError,
+    quoted,
+    SingularityError,
+    SpmError,
+    UnreachableError,
+)
 from spm_haptic_master.kinematics.checks import (
     check_angles,
     check_array,
     check_broadcast,
     check_rotations,
+    WorkingMode,
+)
+from spm_haptic_master.kinematics.closed_form import (
+    CLOSED_FORM_TRUST,
+    possible_starts,
+    start_at,
+    trusted_start,
 )
 from spm_haptic_master.kinematics.estimation.gauss_newton import (
     CONVERGED_STEP,
-    DETERMINED_DEVIATION,
-    LONGEST_STEP,
-    RANK_TOLERANCE,
+    DETERMINED_VARIANCE,
+    fit,
+    fit_rows,
+    one_step,
+    SampleEstimate,
 )
-from spm_haptic_master.kinematics.estimation.normal_equations import (
-    gauss_newton_step,
-    in_base_frame,
-    linearise,
-    normal_equations,
-    parities,
-    State,
-)
-from spm_haptic_master.kinematics.estimation.sample_estimation import (
-    CLOSED_FORM_TRUST,
-    estimate_sample,
-)
+from spm_haptic_master.kinematics.estimation.normal_equations import State
 from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPER_GEOMETRY
-from spm_haptic_master.kinematics.joints import NUMBER_WORDS, UsedSensors
-from spm_haptic_master.kinematics.leg_kernels import (
-    chain_quaternion,
-    linkage,
-    turn_of_second_joint,
-)
-from spm_haptic_master.kinematics.number_backends import Array, ARRAYS, Batch, SLICE
+from spm_haptic_master.kinematics.joints import FEWEST_USED, NUMBER_WORDS, UsedSensors
+from spm_haptic_master.kinematics.leg_kernels import linkage, turn_of_second_joint
+from spm_haptic_master.kinematics.number_backends import Array, FLOATS, Quaternion, SLICE
 from spm_haptic_master.kinematics.rotations import (
     quaternion_from_matrix,
+    rotation_distance,
     rotation_from_quaternion,
-    stack_matrix,
 )
 
 # Largest parity of healthy sensors (unit 1): noise alone exceeds it once in 4e11 samples.
 CONSISTENT_PARITY = 7.0
-# Largest number of steps of a slice; rows that need more are done one by one.
-BATCH_STEPS = 6
+# Largest difference of the squared parities of two solutions that explain the readings equally
+# well (unit 1): 3 sigma.
+AMBIGUOUS_COST = 9.0
+# Largest squared parity of a solution that may be the true one of healthy sensors (unit 1): 10
+# sigma, for the noise and a nominal bias of the size of the noise.
+CONSISTENT_COST = 100.0
+# Largest angle between two results of the same solution (rad).
+SAME_SOLUTION = 1e-4
 
+
+def estimate_sample(readings: tuple[float, ...], sensors: UsedSensors, geometry: Geometry,
+                    prior: Quaternion[float] | None = None,
+                    working_mode: WorkingMode | None = None,
+                    last_step: float = CONVERGED_STEP) -> SampleEstimate:
+    """
+    Maximum-likelihood orientation of one sample in plain floats, for the 1 kHz path.
+
+    Nothing is validated. `readings` are finite numbers of the N mounted sensors th1A, th1B, th1C,
+    th3A, th3B, th3C, rad; that of a sensor that is left out is ignored and may be NaN.
+
+    `prior`, the quaternion x, y, z, w of the last orientation, selects among solutions that the
+    readings do not contradict by more than 10 sigma, and has no weight in the result. Three
+    sensors require one (InputError): Gauss-Newton converges from it to one of their solutions.
+    Without th3A do not use them nearer than 4 deg to the parallel singularity: samples have no
+    answer there (half of them at 0.3 deg), and the others are biased.
+    `working_mode` are the signs of B_kk of the legs A, B, C (eq. 10); by default the readings
+    decide. A leg without a sensor in use may have any. After a last step of `last_step`, rad, or
+    less, about its square is left.
+
+    SingularityError if two solutions explain the readings equally well and there is no prior, a
+    direction is not measured, or a leg is on the boundary of its working mode or in another one.
+    UnreachableError if the mechanism does not close near the readings.
+    """
+    if sensors.usual:
+        th1a, th1b, th1c, th3a = readings[:4]
+        view = linkage(th1a, th1b, th1c, th3a, geometry, FLOATS)
+        cosine, sine, determinant = turn_of_second_joint(view[2], view[3])
+        if abs(determinant) > CLOSED_FORM_TRUST * sensors.largest:
+            th2a = atan2(sine * determinant, cosine * determinant)
+            start = th1a, th2a, th3a, th1b, th1c
+            # One step converges only where the last one may be large.
+            return last_step > CONVERGED_STEP and one_step(
+                start, view, readings, sensors, geometry, working_mode, last_step) or fit(
+                    start, view, readings, sensors, geometry, working_mode, last_step)
+    return _estimate_others(readings, sensors, geometry, prior, working_mode, last_step)
+
+
+def _estimate_others(readings: tuple[float, ...], sensors: UsedSensors, g: Geometry,
+                     prior: Quaternion[float] | None, working_mode: WorkingMode | None,
+                     last_step: float) -> SampleEstimate:
+    """Estimate from sensors of which Case 2 gives no start."""
+    known = tuple(readings[place] if place in sensors.used else None for place in range(6))
+    readings = tuple(
+        each if place in sensors.used else 0.0 for place, each in enumerate(readings))
+
+    def fit_from(start: State[float], largest_last: float) -> SampleEstimate:
+        th1a, _, th3a, th1b, th1c = start
+        return fit(start, linkage(th1a, th1b, th1c, th3a, g, FLOATS), readings, sensors, g,
+                   working_mode, largest_last)
+
+    if sensors.count == FEWEST_USED:
+        if prior is None:
+            raise InputError('prior = None: expected an orientation with three sensors in use')
+        return fit_from(start_at(rotation_from_quaternion(*prior), known, g), CONVERGED_STEP)
+    start = trusted_start(known, sensors.largest, g)
+    if start is not None:
+        return fit_from(start, last_step)
+    solutions = []
+    for start in possible_starts(known, g):
+        with suppress(SingularityError, UnreachableError):
+            solutions.append(fit_from(start, CONVERGED_STEP))
+    if not solutions:
+        raise UnreachableError(f'readings {readings} rad: no mechanism closes near them')
+    return _selected(solutions, readings, prior)
+
+
+def _selected(solutions: list[SampleEstimate], readings: tuple[float, ...],
+              prior: Quaternion[float] | None) -> SampleEstimate:
+    """Return the solution that explains the readings best, or that the prior selects."""
+    solutions.sort(key=_cost)
+    best = solutions[0]
+    if prior is not None:
+        # Noise alone may make either explain the readings better: the last orientation decides.
+        limit = max(CONSISTENT_COST, _cost(best) + AMBIGUOUS_COST)
+        rivals = [solution for solution in solutions if _cost(solution) < limit]
+        return min(rivals, key=lambda rival: rotation_distance(rival.quaternion, prior))
+    rivals = [each for each in solutions if _cost(each) - _cost(best) < AMBIGUOUS_COST]
+    if any(rotation_distance(each.quaternion, best.quaternion) > SAME_SOLUTION for each in rivals):
+        raise AmbiguousError(
+            f'readings {readings} rad: two orientations explain them equally well; a prior '
+            'selects')
+    return best
+
+
+def _cost(solution: SampleEstimate) -> float:
+    """Weighted sum of the squared residuals (unit 1)."""
+    return sum(part * part for part in solution.parity_vector)
+
+
+# In batches --------------------------------------------------------------------------------------
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
@@ -99,6 +204,13 @@ def estimate(th1: ArrayLike, theta3a: ArrayLike, sigma: ArrayLike,
     """
     Maximum-likelihood orientations from four to six joint sensors.
 
+    `th1` (..., 3) are the active joints A, B, C, and `theta3a`, `theta3b`, `theta3c` (...) the
+    second passive joints of their legs, rad. `sigma`, rad, is one standard deviation for all N
+    readings, or N of th1A, th1B, th1C, th3A, th3B, th3C, from `SMALLEST_SIGMA` to `LARGEST_SIGMA`.
+    `prior` (..., 3, 3) is the last known orientation: it selects among solutions that the readings
+    do not contradict, and has no weight in the result. In a batch, rows of samples that would
+    raise on their own are NaN, and not determined.
+
     Gauss-Newton starts from the closed form of Case 2. The result reaches the Cramer-Rao bound
     wherever the noise is small compared with the mechanism's curvature. It holds in all eight
     working modes: the readings determine the working mode of each leg.
@@ -112,37 +224,9 @@ def estimate(th1: ArrayLike, theta3a: ArrayLike, sigma: ArrayLike,
     and as near as |B_kk| = 10 sigma to the boundary of a working mode; nearer than 3 sigma the
     estimate may fail.
 
-    Parameters
-    ----------
-    th1 : array_like, shape (..., 3)
-        Active joints A, B, C, rad.
-    theta3a : array_like, shape (...)
-        Leg A's second passive joint, rad.
-    sigma : float or array_like of N
-        Standard deviation of the readings, rad: one for all, or th1A, th1B, th1C, th3A and, with
-        N = 5 or 6 sensors, th3B, th3C; from `SMALLEST_SIGMA` to `LARGEST_SIGMA`.
-    geometry : Geometry
-        Link angles and axes.
-    prior : array_like, shape (..., 3, 3), optional
-        Last known orientation. It selects among solutions that the readings do not contradict,
-        and has no weight in the result.
-    theta3b, theta3c : array_like, shape (...), optional
-        Second passive joints of leg B, the fifth sensor, and of leg C, the sixth beside it, rad.
-
-    Returns
-    -------
-    Estimate
-        In a batch, the rows of samples that would raise on their own are NaN, and not determined.
-
-    Raises
-    ------
-    InputError
-        An argument has a wrong type, shape or value; a NaN in a batch raises, too.
-    SingularityError
-        A single sample does not determine the orientation: see `estimate_sample`.
-    UnreachableError
-        The mechanism does not close near a single sample.
-
+    InputError if an argument has a wrong type, shape or value, or a batch has a NaN;
+    SingularityError if a single sample does not determine the orientation (see `estimate_sample`),
+    UnreachableError if the mechanism does not close near it.
     """
     check_geometry(geometry)
     if theta3b is None and theta3c is not None:
@@ -175,65 +259,19 @@ def estimate(th1: ArrayLike, theta3a: ArrayLike, sigma: ArrayLike,
 def _estimate_rows(readings: Array, sensors: UsedSensors, g: Geometry,
                    priors: Array | None) -> Estimate:
     """Estimate rows together where Case 2 starts them, and the others one by one."""
-    count = len(readings)
-    result = Estimate(
-        np.full((count, 3, 3), np.nan), np.full((count, 3, 3), np.nan), np.full(count, np.nan),
-        np.full((count, sensors.count - 3), np.nan), np.zeros(count, bool))
-    settled = np.zeros(count, bool)
-    for start in range(0, count, SLICE):
-        part = slice(start, start + SLICE)
-        settled[part], *values = _estimate_slice(readings[part], sensors, g)
-        for name, value in zip(('rotation', 'covariance', 'parity_vector'), values, strict=True):
-            getattr(result, name)[part][settled[part]] = value[settled[part]]
-    result.parity[:] = result.parity_vector[:, 0] if sensors.count == 4 else (
-        np.sqrt(np.sum(result.parity_vector ** 2, axis=-1)))
-    result.determined[settled] = np.trace(
-        result.covariance[settled], axis1=-2, axis2=-1) < DETERMINED_DEVIATION ** 2
-    for row in np.flatnonzero(~settled):
-        try:
+    rotation, covariance, vector = map(np.concatenate, zip(*(
+        fit_rows(readings[start:start + SLICE], sensors, g)
+        for start in range(0, max(len(readings), 1), SLICE)), strict=True))
+    parity = vector[:, 0].copy() if sensors.count == 4 else np.sqrt(np.sum(vector ** 2, axis=-1))
+    result = Estimate(rotation, covariance, parity, vector,
+                      np.trace(covariance, axis1=-2, axis2=-1) < DETERMINED_VARIANCE)
+    for row in np.flatnonzero(np.isnan(rotation[:, 0, 0])):
+        with suppress(SpmError):
             single = _estimate_one(tuple(readings[row].tolist()), sensors, g,
                                    None if priors is None else priors[row])
-        except SpmError:
-            continue
-        for name in Estimate.__slots__:
-            getattr(result, name)[row] = getattr(single, name)
+            for name in Estimate.__slots__:
+                getattr(result, name)[row] = getattr(single, name)
     return result
-
-
-def _estimate_slice(readings: Array, sensors: UsedSensors,
-                    g: Geometry) -> tuple[NDArray[np.bool_], Array, Array, Array]:
-    """
-    Estimate rows (n, N), rad, together.
-
-    Returned are the rows that converged, (n,) bool, and rotation, covariance and parity vector.
-    """
-    columns: tuple[Batch, ...] = tuple(np.ascontiguousarray(readings.T))
-    th1a, th1b, th1c, th3a = columns[:4]
-    view = linkage(th1a, th1b, th1c, th3a, g, ARRAYS)
-    cosine, sine, determinant = turn_of_second_joint(view[2], view[3])
-    th2a: Batch = np.arctan2(sine * determinant, cosine * determinant)
-    state: State[Batch] = th1a, th2a, th3a, th1b, th1c
-    trusted: NDArray[np.bool_] = np.abs(determinant) > CLOSED_FORM_TRUST * sensors.largest
-    # Rows that are not trusted may diverge here; they are done one by one afterwards.
-    with np.errstate(all='ignore'):
-        for _ in range(BATCH_STEPS):
-            legs, rows = linearise(state, view, columns, sensors, g, ARRAYS)
-            right, entries, determinant, product = normal_equations(rows)
-            step, spread = gauss_newton_step(right, legs, entries, determinant)
-            d1, d2, d3, db, dc = step
-            th1a, th2a, th3a, th1b, th1c = state = (
-                th1a + d1, th2a + d2, th3a + d3, th1b + db, th1c + dc)
-            longest = functools.reduce(np.maximum, map(np.abs, step))
-            trusted &= (longest < LONGEST_STEP) & (determinant > RANK_TOLERANCE * product)
-            settled = trusted & (longest < CONVERGED_STEP)
-            if np.array_equal(settled, trusted):
-                break
-            view = linkage(th1a, th1b, th1c, th3a, g, ARRAYS)
-        vector, _ = parities(rows, sensors, spread, ARRAYS)
-        covariance, _ = in_base_frame(th1a, th2a, spread, g, ARRAYS)
-        quaternion = chain_quaternion(th1a, th2a, th3a, g, ARRAYS)
-        rotation = stack_matrix(rotation_from_quaternion(*quaternion))
-    return settled, rotation, stack_matrix(covariance), np.stack(vector, axis=-1)
 
 
 def _estimate_one(readings: tuple[float, ...], sensors: UsedSensors, g: Geometry,

@@ -2,14 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Gauss-Newton on one joint sample, in plain floats, for the 1 kHz path.
+Gauss-Newton on one joint sample, in plain floats for the 1 kHz path, and on rows of a batch.
 
-Leg A's chain carries the platform: th1A, th2A, th3A are coordinates of its orientation, and the
-sensors on th1A and th3A measure two of them directly. Legs B and C add their closures, which
-contain the fitted th1B and th1C; sensors on th3B and th3C are compared with the closed legs.
-Gauss-Newton on closures and corrections together minimises the weighted sum of the squared
-corrections. Unlike the angles of the inverse model, the closures exist for all readings, also just
-outside the reach of a leg, and each leg stays in the working mode of its reading.
+On closures and corrections together it minimises the weighted sum of the squared corrections.
+Unlike the angles of the inverse model, the closures exist for all readings, also just outside the
+reach of a leg, and each leg stays in the working mode of its reading.
 """
 
 from __future__ import annotations
@@ -17,15 +14,16 @@ from __future__ import annotations
 from math import cos, hypot, sin, sqrt
 from typing import NamedTuple
 
+import numpy as np
 from spm_haptic_master.exceptions import SingularityError, UnreachableError
 from spm_haptic_master.kinematics.checks import WorkingMode
+from spm_haptic_master.kinematics.closed_form import CLOSED_FORM_TRUST
 from spm_haptic_master.kinematics.estimation.normal_equations import (
     closed_leg,
     gauss_newton_step,
     in_base_frame,
     Legs,
     linearise,
-    Motions,
     NO_SHARE,
     normal_equations,
     parities,
@@ -35,21 +33,33 @@ from spm_haptic_master.kinematics.estimation.normal_equations import (
 )
 from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.joints import FEWEST_MOUNTED, UsedSensors
-from spm_haptic_master.kinematics.leg_kernels import chain_quaternion, Linkage, linkage
-from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion, Rotation, Vector
+from spm_haptic_master.kinematics.leg_kernels import (
+    chain_quaternion,
+    Linkage,
+    linkage,
+    turn_of_second_joint,
+)
+from spm_haptic_master.kinematics.number_backends import (
+    Array,
+    ARRAYS,
+    Batch,
+    FLOATS,
+    Quaternion,
+    Rotation,
+)
+from spm_haptic_master.kinematics.rotations import rotation_from_quaternion, stack_matrix
 
 # Largest last Gauss-Newton step (rad): each step is shorter than the one before by a factor of the
 # noise (in rad) or less, so that the error after this one is 1e-8 rad at 0.04 deg.
 CONVERGED_STEP = 1e-5
-# Largest number of Gauss-Newton steps; two are usual.
-STEPS = 30
+# Largest number of Gauss-Newton steps, of a sample and of rows together; two are usual. Rows that
+# need more are done one by one.
+STEPS, BATCH_STEPS = 30, 6
 # Longest step along any coordinate (rad); a longer one is shortened to it.
 LONGEST_STEP = 0.3
-# Largest determinant of the normal equations, relative to the product of their diagonal, that
-# counts as zero (unit 1).
+# Largest determinant of the normal equations that counts as zero (product of their diagonal).
 RANK_TOLERANCE = 1e-12
-# Largest |B_kk| of the wrong sign that noise may cause near the boundary of a working mode (unit
-# 1).
+# Largest |B_kk| of the wrong sign that noise causes near the boundary of a working mode (unit 1).
 MODE_MARGIN = 0.02
 # Largest total standard deviation of a determined orientation (rad): beyond some 6 deg the
 # first-order covariance does not describe the error.
@@ -72,18 +82,9 @@ class SampleEstimate(NamedTuple):
     # Lengths of the N parity gains (1 / rad) and gains (unit 1); 0 for a sensor that is left out.
     parity_sizes: tuple[float, ...]
     gain_sizes: tuple[float, ...]
-    # Of `linearise`, `gauss_newton_step` and `in_base_frame`: what the gains are made of.
+    # Of `linearise` and `gauss_newton_step`: what the parity gains are made of.
     rows: tuple[Row[float], ...]
     spread: Symmetric[float]
-    motions: Motions[float]
-
-    @property
-    def gains(self) -> tuple[Vector[float], ...]:
-        """Change of the rotation vector in the base frame with each of the N readings (unit 1)."""
-        (ax, ay, az), (bx, by, bz), (cx, cy, cz) = self.motions
-        return tuple([
-            (weight * (x * ax + y * bx + z * cx), weight * (x * ay + y * by + z * cy),
-             weight * (x * az + y * bz + z * cz)) for _, x, y, z, weight in self.rows])
 
     @property
     def parity_gains(self) -> tuple[tuple[float, ...], ...]:
@@ -95,11 +96,7 @@ class SampleEstimate(NamedTuple):
 def fit(state: State[float], view: Linkage[float], readings: tuple[float, ...],
         sensors: UsedSensors, g: Geometry, working_mode: WorkingMode | None,
         last_step: float = CONVERGED_STEP) -> SampleEstimate:
-    """
-    Gauss-Newton to convergence, from a start with its `linkage`.
-
-    Arguments and errors are those of `estimate_sample`.
-    """
+    """Gauss-Newton from a state with its `linkage`; arguments, errors as of `estimate_sample`."""
     for _ in range(STEPS):
         legs, rows = linearise(state, view, readings, sensors, g, FLOATS)
         right, entries, determinant, product = normal_equations(rows)
@@ -113,7 +110,8 @@ def fit(state: State[float], view: Linkage[float], readings: tuple[float, ...],
                      and -last_step < d3 < last_step and -last_step < db < last_step
                      and -last_step < dc < last_step)
         if not converged:
-            d1, d2, d3, db, dc = _shortened(step)
+            scale = min(1.0, LONGEST_STEP / max(map(abs, step)))
+            d1, d2, d3, db, dc = (scale * each for each in step)
         th1a, th2a, th3a, th1b, th1c = state
         th1a, th2a, th3a, th1b, th1c = state = (
             th1a + d1, th2a + d2, th3a + d3, th1b + db, th1c + dc)
@@ -136,29 +134,17 @@ def fit(state: State[float], view: Linkage[float], readings: tuple[float, ...],
         chain_quaternion(th1a, th2a, th3a, g, FLOATS), covariance,
         vector[0] if len(vector) == 1 else hypot(*vector) if vector else None, vector,
         covariance[0] + covariance[4] + covariance[8] < DETERMINED_VARIANCE, sensors,
-        parity_sizes, gain_sizes, rows, spread, motions)
-
-
-def _shortened(step: State[float]) -> State[float]:
-    """Return a step of which no component is longer than `LONGEST_STEP`."""
-    longest = max(map(abs, step))
-    if longest < LONGEST_STEP:
-        return step
-    scale = LONGEST_STEP / longest
-    d1, d2, d3, db, dc = step
-    return scale * d1, scale * d2, scale * d3, scale * db, scale * dc
+        parity_sizes, gain_sizes, rows, spread)
 
 
 def _in_mode(th2a: float, legs: Legs[float], sensors: UsedSensors, working_mode: WorkingMode,
              g: Geometry) -> bool:
     """Return whether a solution is in a working mode; a leg without a sensor may have any."""
-    sign_a, sign_b, sign_c = working_mode
-    leg = g.legs[0]
-    weight_a, _, _, weight_3, _, _ = sensors.weights
+    leg, (sign_a, sign_b, sign_c) = g.legs[0], working_mode
     # B_AA is the volume of Z1A, Z2A, Z3A.
     return sign_b * legs[0][4] > -MODE_MARGIN and sign_c * legs[1][4] > -MODE_MARGIN and (
         sign_a * leg.sin_alpha * leg.sin_beta * sin(th2a) > -MODE_MARGIN
-        or not (weight_a or weight_3))
+        or {0, 3}.isdisjoint(sensors.used))
 
 
 def one_step(state: State[float], view: Linkage[float], readings: tuple[float, ...],
@@ -167,9 +153,8 @@ def one_step(state: State[float], view: Linkage[float], readings: tuple[float, .
     """
     Estimate a sample by one step from Case 2 of its readings; None if that is not enough.
 
-    Arguments as of `fit`, which gives the same numbers. This is `linearise`, `normal_equations`,
-    `gauss_newton_step` and `parities`, written out for th1A, th1B, th1C and th3A in use: the
-    readings are the start, so that th1A and th3A have no residual.
+    The numbers are those of `fit`, whose kernels are written out here for th1A, th1B, th1C and
+    th3A in use: the readings are the start, so that th1A and th3A have no residual.
     """
     th1a, th2a, th3a, _, _ = state
     turn_1, turn_3, leg_b, leg_c = view
@@ -280,4 +265,36 @@ def one_step(state: State[float], view: Linkage[float], readings: tuple[float, .
     return tuple.__new__(SampleEstimate, (
         chain_quaternion(th1a, th2a, th3a, g, FLOATS), spread, parity, vector,
         spread[0] + spread[4] + spread[8] < DETERMINED_VARIANCE, sensors, parity_sizes,
-        gain_sizes, rows, covariance, motions))
+        gain_sizes, rows, covariance))
+
+
+def fit_rows(readings: Array, sensors: UsedSensors, g: Geometry) -> tuple[Array, Array, Array]:
+    """Fit rows (n, N), rad: rotation, covariance, parity vector; NaN without convergence."""
+    columns: tuple[Batch, ...] = tuple(np.ascontiguousarray(readings.T))
+    th1a, th1b, th1c, th3a = columns[:4]
+    view = linkage(th1a, th1b, th1c, th3a, g, ARRAYS)
+    cosine, sine, determinant = turn_of_second_joint(view[2], view[3])
+    th2a: Batch = np.arctan2(sine * determinant, cosine * determinant)
+    state: State[Batch] = th1a, th2a, th3a, th1b, th1c
+    trusted = np.abs(determinant) > CLOSED_FORM_TRUST * sensors.largest
+    # Rows that are not trusted may diverge here; they are done one by one afterwards.
+    with np.errstate(all='ignore'):
+        for _ in range(BATCH_STEPS):
+            legs, rows = linearise(state, view, columns, sensors, g, ARRAYS)
+            right, entries, determinant, product = normal_equations(rows)
+            step, spread = gauss_newton_step(right, legs, entries, determinant)
+            d1, d2, d3, db, dc = step
+            th1a, th2a, th3a, th1b, th1c = state = (
+                th1a + d1, th2a + d2, th3a + d3, th1b + db, th1c + dc)
+            longest = np.max([np.abs(each) for each in step], axis=0)
+            trusted &= (longest < LONGEST_STEP) & (determinant > RANK_TOLERANCE * product)
+            settled = trusted & (longest < CONVERGED_STEP)
+            if np.array_equal(settled, trusted):
+                break
+            view = linkage(th1a, th1b, th1c, th3a, g, ARRAYS)
+        vector = np.stack(parities(rows, sensors, spread, ARRAYS)[0], axis=-1)
+        covariance = stack_matrix(in_base_frame(th1a, th2a, spread, g, ARRAYS)[0])
+        quaternion = chain_quaternion(th1a, th2a, th3a, g, ARRAYS)
+        rotation = stack_matrix(rotation_from_quaternion(*quaternion))
+    rotation[~settled], covariance[~settled], vector[~settled] = np.nan, np.nan, np.nan
+    return rotation, covariance, vector

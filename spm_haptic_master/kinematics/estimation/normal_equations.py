@@ -20,16 +20,20 @@ from __future__ import annotations
 import math
 from typing import TypeAlias
 
+from spm_haptic_master.exceptions import SingularityError
 from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.joints import FEWEST_USED, UsedSensors
 from spm_haptic_master.kinematics.leg_kernels import (
+    common_turn,
     Linkage,
+    linkage,
     passive_axes,
     Turn,
+    turn_equation,
     turn_through_link,
     View,
 )
-from spm_haptic_master.kinematics.number_backends import Backend, N, Rotation, Vector
+from spm_haptic_master.kinematics.number_backends import Backend, FLOATS, N, Rotation, Vector
 
 TURN = 2.0 * math.pi
 State: TypeAlias = tuple[N, N, N, N, N]
@@ -56,12 +60,11 @@ NO_SHARE = 1e-12
 def linearise(state: State[N], view: Linkage[N], readings: tuple[N, ...], sensors: UsedSensors,
               g: Geometry, m: Backend[N]) -> tuple[Legs[N], tuple[Row[N], ...]]:
     """
-    Linearise the legs B and C and all sensors at a state with its `linkage`.
+    Linearise the legs B and C and the N mounted sensors at a state with its `linkage`.
 
-    `readings` are those of the N mounted sensors, rad; any number for one that is left out. A
-    leg's correction is its fitted active angle less the one that closes it, with the rates of the
-    closing angle; zeros for a leg without a sensor in use. A residual is reading less prediction;
-    the weight is 0 for a sensor that is left out.
+    A leg's correction is its fitted active angle less the one that closes it, with the rates of
+    that; zeros for a leg without a sensor in use. A residual is reading less prediction, the
+    weight 0 for a sensor that is left out.
     """
     th1a, th2a, th3a, th1b, th1c = state
     turn_1, turn_3, leg_b, leg_c = view
@@ -86,10 +89,9 @@ def linearise(state: State[N], view: Linkage[N], readings: tuple[N, ...], sensor
 def closed_leg(turns: Turns[N], view: View[N], g: Geometry, place: int, reading: N | None,
                weight: float, m: Backend[N]) -> tuple[Closure[N], Row[N]]:
     """
-    Linearise leg B or C: its closure, and the row of a sensor on its third joint.
+    Linearise leg B (`place` 1) or C (2): its closure, and the row of a sensor on its third joint.
 
-    `place` is 1 or 2, `reading` that of the sensor, rad; None for one that is left out. Returned
-    are the elements of `linearise`.
+    `reading` is that of the sensor, rad; None for one that is left out.
     """
     (c1, s1), (c2, s2), (c3, s3) = turns
     (dx, dy, dz), (vx, vy, vz), cos_beta = view
@@ -127,11 +129,10 @@ def closed_leg(turns: Turns[N], view: View[N], g: Geometry, place: int, reading:
 def normal_equations(
         rows: tuple[Row[N], ...]) -> tuple[Vector[N], Symmetric[N], N, N]:
     """
-    Compute the normal equations and the inverse of their matrix.
+    Return right side (1 / rad), inverse times determinant (1 / rad^4), determinant, and a bound.
 
-    Returned are the right side (1 / rad), the inverse of the matrix times its determinant
-    (1 / rad^4), the determinant, and the product of the diagonal (1 / rad^6): where the
-    determinant is far smaller than that, the sensors do not measure every direction.
+    That is the product of the diagonal (1 / rad^6): where the determinant is far smaller, the
+    sensors do not measure every direction.
     """
     (left_a, _, _, _, weight_a), row_b, row_c, (left_3, _, _, _, weight_3), *further = rows
     # th1A and th3A are coordinates themselves.
@@ -154,10 +155,9 @@ def normal_equations(
 def gauss_newton_step(right: Vector[N], legs: Legs[N], entries: Symmetric[N],
                       determinant: N) -> tuple[State[N], Symmetric[N]]:
     """
-    Solve the normal equations.
+    Return the step of the state, rad, and the covariance of th1A, th2A, th3A, rad^2.
 
-    Returned are the Gauss-Newton step of the state, rad, in which th1B and th1C follow so that
-    their legs close, and the covariance of th1A, th2A, th3A, rad^2.
+    In the step th1B and th1C follow so that their legs close.
     """
     (fb, b1, b2, b3, _), (fc, c1, c2, c3, _) = legs
     e11, e12, e13, e22, e23, e33 = entries
@@ -173,12 +173,7 @@ def gauss_newton_step(right: Vector[N], legs: Legs[N], entries: Symmetric[N],
 
 def in_base_frame(th1a: N, th2a: N, covariance: Symmetric[N], g: Geometry, m: Backend[N],
                   ) -> tuple[Rotation[N], Motions[N]]:
-    """
-    Covariance of the rotation error in the base frame from that of th1A, th2A, th3A, rad^2.
-
-    Returned are nine numbers, row by row, and the covariance of the rotation error with the errors
-    of th1A, th2A, th3A, rad^2.
-    """
+    """Covariance of the rotation error in the base frame, and with errors of th1A, th2A, th3A."""
     # The platform turns about Z1A, Z2A and Z3A.
     x1, y1, z1 = g.legs[0].first
     (x2, y2, z2), (x3, y3, z3) = passive_axes(
@@ -198,11 +193,7 @@ def in_base_frame(th1a: N, th2a: N, covariance: Symmetric[N], g: Geometry, m: Ba
 
 def parities(rows: tuple[Row[N], ...], sensors: UsedSensors, covariance: Symmetric[N],
              m: Backend[N]) -> tuple[tuple[N, ...], tuple[ParityRow[N], ...]]:
-    """
-    Compute the parity vector from the covariance of th1A, th2A, th3A of `gauss_newton_step`.
-
-    An entry that nothing but rounding would make is 0, as is the change with a sensor left out.
-    """
+    """Parity vector, and its changes with the readings; 0 where only rounding makes them."""
     if sensors.count == FEWEST_USED:
         return (), ()
     places = sensors.used
@@ -253,3 +244,36 @@ def _volume(p: Vector[N], q: Vector[N], r: Vector[N]) -> N:
     q1, q2, q3 = q
     r1, r2, r3 = r
     return p1 * (q2 * r3 - q3 * r2) + p2 * (q3 * r1 - q1 * r3) + p3 * (q1 * r2 - q2 * r1)
+
+
+def theta3a_gains(th1a: float, th1b: float, th1c: float, th3a: float,
+                  geometry: Geometry) -> tuple[Vector[float], ...]:
+    """
+    Gains of Case 2: rotation vectors in the base frame, rad per rad of th1A, th1B, th1C, th3A.
+
+    The closed form weighs the closures of legs B and C by their terms N1 and N2, not by the noise
+    of their sensors, so that its gains are not those of the estimate. SingularityError if the
+    closures do not determine th2A, or a leg is on the boundary of its working mode.
+    """
+    turn_1, turn_3, leg_b, leg_c = linkage(th1a, th1b, th1c, th3a, geometry, FLOATS)
+    first, second = turn_equation(*leg_b), turn_equation(*leg_c)
+    cosine, sine, determinant = common_turn(first, second)
+    th2a = math.atan2(sine * determinant, cosine * determinant)
+    c2, s2 = math.cos(th2a), math.sin(th2a)
+    (_, b1, b2, b3, _), (_, d1, d2, d3, _) = (
+        closed_leg((turn_1, (c2, s2), turn_3), view, geometry, place, None, 0.0, FLOATS)[0]
+        for place, view in ((1, leg_b), (2, leg_c)))
+    if b2 == 0.0 or d2 == 0.0 or determinant == 0.0:
+        raise SingularityError('the closures of legs B and C do not determine th2A')
+    # Share of leg B's closure in th2A, of the linear system's solution at consistent readings.
+    (l1, m1, n1), (l2, m2, n2) = first, second
+    share_b = n2 * (l1 * s2 - m1 * c2)
+    share_c = n1 * (m2 * c2 - l2 * s2)
+    share_b, share_c = share_b / (share_b + share_c), share_c / (share_b + share_c)
+    along = (-share_b * b1 / b2 - share_c * d1 / d2, share_b / b2, share_c / d2,
+             -share_b * b3 / b2 - share_c * d3 / d2)
+    (x2, y2, z2), (x3, y3, z3) = passive_axes(*turn_1, c2, s2, geometry)
+    x1, y1, z1 = geometry.legs[0].first
+    gains = [(each * x2, each * y2, each * z2) for each in along]
+    (xa, ya, za), (xe, ye, ze) = gains[0], gains[3]
+    return (xa + x1, ya + y1, za + z1), gains[1], gains[2], (xe + x3, ye + y3, ze + z3)
