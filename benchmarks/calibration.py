@@ -31,7 +31,7 @@ import numpy as np
 from spm_haptic_master.calibration.motion.calibration import MotionCalibration, Origin
 from spm_haptic_master.calibration.motion.coverage import aligned_changes, WORKSPACE
 from spm_haptic_master.calibration.motion.free_motion import calibrate_motion
-from spm_haptic_master.calibration.motion.mechanism_parameters import Layout
+from spm_haptic_master.calibration.motion.model import Layout
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.simulation.rig import random_rig, Rig, Tolerances
 from spm_haptic_master.tools.calibration_verdict import FkmValues, published_share, supported

@@ -40,14 +40,9 @@ from spm_haptic_master.parameters.resolver import read_parameters
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.parameters.shared import SENSORS_SETTING
 from spm_haptic_master.simulation import trajectories
-from spm_haptic_master.tools import (
-    calibrate_motion,
-    check_calibration,
-    command_line,
-    outside_orientations,
-)
+from spm_haptic_master.tools import calibrate_motion, check_calibration, command_line
+from spm_haptic_master.tools.calibrate_motion import JIG_SECONDS
 from spm_haptic_master.tools.motion_source import check_source, record_pose, wait_for_pose
-from spm_haptic_master.tools.outside_orientations import JIG_SECONDS
 
 DESCRIPTION = """\
 Reads the encoders for some seconds while a static jig holds the device in a known pose, and writes
@@ -145,7 +140,7 @@ def _parser() -> Parser:
     parser.add_argument('--capture-topic', metavar='TOPIC',
                         help='topic of the captured PoseStamped, if --capture is a rosbag2')
     parser.add_argument('--capture-sigma', type=positive,
-                        default=outside_orientations.CAPTURE_SIGMA, metavar='DEG',
+                        default=calibrate_motion.CAPTURE_SIGMA, metavar='DEG',
                         help="standard deviation of the capture's orientations (default "
                         '%(default)g)')
     parser.add_argument('--jig-error', type=positive, metavar='DEG',

@@ -106,9 +106,9 @@ def supported(calibration: MotionCalibration,
         if limits else ''
     raise CalibrationError(
         f'the motion does not support alert_limit_deg {limit:g}: {cure}{least} (bias_deg over the '
-        f'workspace is {" ".join(f"{degrees(each):.2f}" for each in calibration.bias)}, noise up '
-        f'to {degrees(float(calibration.noise.max())):.2f} deg; the region moved, {moved.text}, '
-        f'{"is no better" if moved.is_large else "is too small"})')
+        f'workspace is {" ".join(f"{each:.2f}" for each in np.degrees(calibration.bias))}, noise '
+        f'up to {degrees(calibration.readings.noise.max()):.2f} deg; the region moved, '
+        f'{moved.text}, {"is no better" if moved.is_large else "is too small"})')
 
 
 def least_alert_limit(calibration: MotionCalibration, values: FkmValues) -> float | None:

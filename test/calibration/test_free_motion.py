@@ -28,7 +28,7 @@ from spm_haptic_master.calibration.motion.calibration import (
     zero_counts,
 )
 from spm_haptic_master.calibration.motion.free_motion import calibrate_motion, Guide
-from spm_haptic_master.calibration.motion.mechanism_parameters import Layout
+from spm_haptic_master.calibration.motion.model import Layout
 from spm_haptic_master.calibration.motion.outside_reference import mounted
 from spm_haptic_master.encoders.decoder_factory import make_harmonics
 from spm_haptic_master.exceptions import CalibrationError
@@ -85,7 +85,7 @@ def check(found, motion):
     alone = np.concatenate([found.vector[:4], np.zeros(found.layout.count - 4)])
     assert error < 0.3 * error_deg(found, alone, zeros)
     assert not found.unusual and not found.cautions
-    assert np.allclose(np.degrees(found.noise), 0.0405, rtol=0.05)
+    assert np.allclose(np.degrees(found.readings.noise), 0.0405, rtol=0.05)
     # No sensor is off by more than its bound, which is no more than needed.
     assert (sensor_errors(found, RIG, zeros) < found.bias).all()
     assert (found.bias < radians(0.6)).all()

@@ -6,7 +6,7 @@
 from free_motions import model_of, poses, random_vector, SIGMA, turned_a_little
 import numpy as np
 import pytest
-from spm_haptic_master.calibration.motion.mechanism_parameters import Layout
+from spm_haptic_master.calibration.motion.model import Layout
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics import estimate, Geometry, in_usual_frames, workspace_pose
 from spm_haptic_master.validation.alignment import rotation_vectors

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from spm_haptic_master.calibration.motion.coverage import inverse
 from spm_haptic_master.calibration.motion.fit import Fit, Normal, normal_equations
-from spm_haptic_master.calibration.motion.mechanism_parameters import Array
-from spm_haptic_master.calibration.motion.model import MotionModel
+from spm_haptic_master.calibration.motion.model import Array, MotionModel
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.kinematics import zxz_from_matrix
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES

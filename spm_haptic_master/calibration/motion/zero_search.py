@@ -22,8 +22,7 @@ from math import cos, degrees, radians, sin
 
 import numpy as np
 from spm_haptic_master.calibration.motion.fit import fit
-from spm_haptic_master.calibration.motion.mechanism_parameters import Array, Layout
-from spm_haptic_master.calibration.motion.model import MotionModel
+from spm_haptic_master.calibration.motion.model import Array, Layout, MotionModel
 from spm_haptic_master.calibration.motion.readings import MotionReadings, spread
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.kinematics import Geometry, inverse, matrix_from_quaternion
