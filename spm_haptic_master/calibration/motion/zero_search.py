@@ -267,11 +267,9 @@ def _cost(distance: Array) -> Array:
 
 def _distance(turned: Array, zeros: Array, nominal: Geometry) -> tuple[Array, Array]:
     """Return the distances from angles that fit, (m, n), rad, and their slopes by the zeros."""
-    # Cosines and sines of the joint angles, by those of readings and zeros.
-    readings = zip(np.cos(turned).T[:, None], np.sin(turned).T[:, None], strict=True)
-    at_zero = zip(np.cos(zeros).T[:, :, None], np.sin(zeros).T[:, :, None], strict=True)
-    turns = [(c * c0 + s * s0, s * c0 - c * s0)
-             for (c, s), (c0, s0) in zip(readings, at_zero, strict=True)]
+    # Cosines and sines of the joint angles.
+    angles = turned.T[:, None] - zeros.T[:, :, None]
+    turns = list(zip(np.cos(angles), np.sin(angles), strict=True))
     # The same of angles that are larger by `DIFFERENCE`.
     c_more, s_more = cos(DIFFERENCE), sin(DIFFERENCE)
     onward = [(c * c_more - s * s_more, s * c_more + c * s_more) for c, s in turns]
