@@ -4,6 +4,7 @@
 """Calibration of rigs of which nothing is known: what comes out, its file, and what is refused."""
 
 from dataclasses import replace
+from functools import cache
 from math import degrees, radians, tau
 
 from free_motions import (
@@ -41,7 +42,6 @@ from spm_haptic_master.parameters.resolver import read_parameters
 from spm_haptic_master.simulation.rig import random_rig
 from spm_haptic_master.tools import command_line
 from spm_haptic_master.validation.alignment import constant_frames, rotation_vectors
-import yaml
 
 ORIGIN = Origin('2026-01-02T03:04:05+00:00', 'motion.log', 'ab12', '1.2.3', (16384,) * 4,
                 {'can.channel': 'can1', 'source': 'can', 'encoders.id': (1, 2, 3, 4)})
@@ -57,6 +57,7 @@ def calibration():
     return short_calibration()
 
 
+@cache
 def exact(seed, count=200):
     """Return orientations of another motion, and readings without noise by their directions."""
     poses = hand_motion(RIG, replace(SHORT, seconds=10.0), seed)
@@ -151,7 +152,7 @@ def test_the_file_is_what_was_found(calibration, tmp_path):
     checked = command_line.checked(
         values | {'can.channel': 'vcan0'}, SOURCE_SETTINGS['can'], 'can')
     zeros, _ = zero_counts(calibration, (16384,) * 4)
-    turned = exact(78)[1] + calibration.vector[:4]
+    turned = exact(77)[1] + calibration.vector[:4]
     for sensor, harmonics in enumerate(make_harmonics(checked)):
         whole = calibration.direction[sensor] * zeros[sensor] * tau / 16384.0
         angle = harmonics.angles(turned[:, sensor] - whole)
@@ -161,18 +162,6 @@ def test_the_file_is_what_was_found(calibration, tmp_path):
             + calibration.vector[sensor]
         assert np.abs(wrapped(reading - turned[:, sensor])).max() < 1e-6
     assert parameter_dict_from_yaml_file(str(path), True, [])
-    # What calibrate keeps for itself.
-    record = yaml.safe_load(path.read_text())['calibration_record']['ros__parameters']
-    assert record | {
-        'method': 'motion', 'date': ORIGIN.date, 'checksum': 'ab12', 'version': '1.2.3',
-        'target_deg': 0.04, 'alert_limit_deg': 0.5, 'region_tilt_deg': 16.0,
-        'region_phi_deg': [0.0, 80.0], 'published_percent': 99.87,
-        'parameters': list(calibration.layout.names)} == record
-    assert record['values_deg'] == pytest.approx(np.degrees(calibration.vector), abs=1e-6)
-    head = path.read_text().partition('/**')[0]
-    assert 'alert limit of 0.5 deg or more, over the workspace' in head
-    assert f'{degrees(calibration.region_error):.3f} deg rms over the region, target 0.04 deg ' \
-        'NOT reached' in head
 
 
 @pytest.mark.parametrize('name', ['a "b": \\ # c.log', '1e5', 'y', 'line\nbreak', '0x1f', 'größe'])
@@ -186,7 +175,7 @@ def test_any_name_of_a_log_can_be_read_back(tmp_path, name):
 
 def test_poses_from_outside_give_the_mountings_and_improve_the_mechanism(calibration, motion):
     """One of a jig that of the base, a capture both."""
-    poses, read = exact(80, 100)
+    poses, read = exact(77, 100)
     turned = read + motion[3]
     base, handle = matrix_from_zxz(0.3, 0.2, -0.5), matrix_from_zxz(1.0, 0.4, 2.0)
     sigma = radians(0.05)
