@@ -40,7 +40,7 @@ from spm_haptic_master.parameters.resolver import read_parameters
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.parameters.shared import SENSORS_SETTING
 from spm_haptic_master.simulation import trajectories
-from spm_haptic_master.tools import calibrate_motion, check_calibration, command_line
+from spm_haptic_master.tools import calibrate_motion, calibration_verdict, command_line
 from spm_haptic_master.tools.calibrate_motion import JIG_SECONDS
 from spm_haptic_master.tools.motion_source import check_source, record_pose, wait_for_pose
 
@@ -70,7 +70,7 @@ def _run(args: list[str]) -> int:
     if options.check is not None:
         if not options.motion:
             raise InputError(f'--check {options.check} without --motion; expected both')
-        return check_calibration.run(options)
+        return calibration_verdict.check(options)
     if options.motion:
         return calibrate_motion.run(options)
     if options.output is None:
@@ -123,7 +123,7 @@ def _parser() -> Parser:
                         "drawing's link angles")
     parser.add_argument('--check', type=Path, metavar='FILE',
                         help='motion: parameter file of a calibration; check by a motion of '
-                        f'{check_calibration.SECONDS_DEFAULT:g} s whether it still holds, and '
+                        f'{calibration_verdict.SECONDS_DEFAULT:g} s whether it still holds, and '
                         'write nothing')
     parser.add_argument('-o', '--output', type=Path, metavar='FILE',
                         help='parameter file to write')

@@ -81,6 +81,10 @@ def motion_readings(stamps: NDArray[np.int64], readings: Array) -> MotionReading
         row = int(np.argmax(steps <= 0))
         raise CalibrationError(f'the stamp of set {row + 2} is {-int(steps[row])} ns before that '
                                'of the set before; expected stamps that increase')
+    for joint, column in zip(ALL_JOINT_NAMES, readings.T, strict=False):
+        if np.ptp(column) == 0.0:
+            raise CalibrationError(f'{joint} repeats one value, {np.degrees(column[0]):.2f} deg; '
+                                   'expected a motion of every joint')
     unwrapped = np.unwrap(readings, axis=0)
     noise = white_noise(stamps, unwrapped)
     if not (np.isfinite(noise) & (noise > 0.0)).all():
