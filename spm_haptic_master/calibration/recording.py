@@ -34,7 +34,7 @@ MISSING_MAXIMUM = 0.2
 
 def _whole_sets(samples: Sequence[JointSample], share: float = 0.0) -> tuple[Recording, str]:
     """Return the sets with a reading of every joint, and what lacks them in more than a share."""
-    angles = np.array([sample.angles for sample in samples] or np.empty((0, 0)))
+    angles = np.array([sample.angles for sample in samples] or np.empty((0, len(ALL_JOINT_NAMES))))
     missing = np.isnan(angles)
     lacking = '; '.join(
         f'{joint} has no reading in {count} of {len(samples)} sets' for joint, count in zip(

@@ -2,15 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Results of one simulated motion against recorded ones: file, report, guidance, checks, slips.
+Results of simulated motions against recorded ones: file, report, guidance, checks, slips.
 
-A result that shall change is recorded anew by running this file.
+A result that shall change is removed from test/data/calibration, and recorded anew by its test.
 """
 
 from dataclasses import replace
 from math import tau
 from pathlib import Path
-import re
 from tempfile import TemporaryDirectory
 
 from calibrated_rig import CalibratedRig, MODE, motion
@@ -24,9 +23,9 @@ from free_motions import (
     short_motion,
     SIGMA,
 )
-from harness import DATA
 import numpy as np
 import pytest
+from recorded_text import assert_recorded
 from simulated_hand import readings
 from spm_haptic_master.calibration import report_picture
 from spm_haptic_master.calibration.motion import free_motion, zero_search
@@ -41,8 +40,6 @@ from spm_haptic_master.calibration.report import write_report
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.simulation.rig import random_rig
 
-RECORDED = DATA / 'calibration'
-NUMBER = re.compile(r'[-+]?\d+\.?\d*(?:e[-+]\d+)?')
 ORIGIN = Origin('2026-03-01T10:00:00+01:00', 'hand | motion.log', 'ab' * 32, '1.2.3',
                 (16384, 16384, 4096, 65536), {'encoders.can_id': (1, 2, 3, 4)})
 
@@ -133,20 +130,6 @@ RESULTS = {'short.yaml': file_text, 'short.md': report_text, 'motion.txt': motio
            'slips.txt': slip_results}
 
 
-def split(text):
-    """Return what is between the numbers of a text, and these."""
-    return (NUMBER.sub('#', ' '.join(text.split())),
-            np.array([float(number) for number in NUMBER.findall(text)]))
-
-
 @pytest.mark.parametrize('name', RESULTS)
 def test_a_result_is_the_recorded_one(name):
-    words, numbers = split(RESULTS[name]())
-    expected, recorded = split((RECORDED / name).read_text(encoding='utf-8'))
-    assert words == expected
-    np.testing.assert_allclose(numbers, recorded, rtol=1e-4, atol=2e-4)
-
-
-if __name__ == '__main__':
-    for name, result in RESULTS.items():
-        (RECORDED / name).write_text(result(), encoding='utf-8')
+    assert_recorded(f'calibration/{name}', RESULTS[name]())

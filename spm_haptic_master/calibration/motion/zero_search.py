@@ -247,8 +247,7 @@ def _improve(turned: Array, zeros: Array, damping: Array, nominal: Geometry,
         weights = 1.0 / (1.0 + np.square(distance / HALF_WEIGHT))
         weighted = (weights[:, :, None] * slopes).swapaxes(1, 2)
         matrix = weighted @ slopes
-        matrix += (damping * np.trace(matrix, axis1=1, axis2=2) / 4.0 + 1e-12)[:, None, None] \
-            * np.eye(4)
+        matrix += (damping * np.trace(matrix, axis1=1, axis2=2) / 4.0)[:, None, None] * np.eye(4)
         moved = zeros - np.linalg.solve(matrix, weighted @ distance[:, :, None])[:, :, 0]
         after, slopes_after = _distance(turned, moved, nominal)
         cost_after = _cost(after)
