@@ -28,7 +28,7 @@ from spm_haptic_master.calibration.motion.calibration import (
     Verdict,
     zero_counts,
 )
-from spm_haptic_master.calibration.motion.free_motion import calibrate_motion, Guide
+from spm_haptic_master.calibration.motion.free_motion import calibrate_motion
 from spm_haptic_master.calibration.motion.model import Layout
 from spm_haptic_master.calibration.motion.outside_reference import mounted
 from spm_haptic_master.encoders.decoder_factory import make_harmonics
@@ -196,23 +196,6 @@ def test_poses_from_outside_give_the_mountings_and_improve_the_mechanism(calibra
     assert np.abs(off).max() < radians(1.0)
     with pytest.raises(CalibrationError, match='contradict the motion'):
         mounted(calibration, turned, outside[::-1], sigma)
-
-
-@pytest.mark.slow
-def test_the_guide_says_how_to_go_on_until_it_is_enough(motion):
-    stamps, raw, _, _ = motion
-    guide = Guide(Layout(4))
-    first = guide.evaluate(stamps[:2500], raw[:2500])
-    assert first.error is None and 'tilt the handle in all directions' in first.text
-    assert min(first.covered.values()) < 1.0
-    half, more, whole = (guide.evaluate(stamps[:count], raw[:count])
-                         for count in (16000, 24000, None))
-    assert half.error is not None and more.error <= half.error
-    assert 'predicted error' in whole.text and 'the handle farther' in whole.text
-    # The instruction is of the motion that has most left to give; the more there is, the less.
-    assert whole.text.endswith(min(whole.covered, key=whole.covered.get))
-    assert all(0.0 < share <= 1.0 for share in whole.covered.values())
-    assert np.mean(list(half.covered.values())) < np.mean(list(whole.covered.values()))
 
 
 @pytest.mark.slow

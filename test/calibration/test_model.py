@@ -52,16 +52,6 @@ def test_a_drawing_in_other_frames_is_refused():
 
 
 @pytest.mark.parametrize('sensors', (4, 5, 6))
-def test_readings_give_their_orientations_back(sensors):
-    model = model_of(sensors)
-    vector, true = random_vector(model, 1), poses(50)
-    found = model.orientations(model.readings(true, vector), vector)
-    assert np.abs(rotation_vectors(found @ true.swapaxes(1, 2))).max() < 1e-9
-    assert np.abs(model.linearised(model.readings(true, vector), found, vector, ()).parity
-                  ).max() < 1e-6
-
-
-@pytest.mark.parametrize('sensors', (4, 5, 6))
 def test_the_parity_is_that_of_the_estimate(sensors):
     """At the maximum-likelihood orientation, against `estimate`, which is another formula."""
     model = model_of(sensors)

@@ -115,12 +115,12 @@ def _outlier_limit(sizes: Array) -> float:
 
 
 def fit(model: MotionModel, turned: Array, vector: Array, columns: Sequence[int],
-        rotation: Array | None = None, progress: Callable[[], None] = lambda: None) -> Fit:
+        rotation: Array | None = None) -> Fit:
     """
     Return the parameters in `columns` that explain readings best, by Levenberg-Marquardt.
 
-    The others keep their value of `vector`. The orientations are near those at the start, and
-    `progress` is called after each step. CalibrationError where no sample has an orientation.
+    The others keep their value of `vector`. The orientations are near those at the start.
+    CalibrationError where no sample has an orientation.
     """
     chosen = tuple(columns)
     places = np.array(chosen)
@@ -161,7 +161,6 @@ def fit(model: MotionModel, turned: Array, vector: Array, columns: Sequence[int]
             after = normal_equations(model, turned, after.rotation, moved, chosen)
         vector, now = moved, after
         damping = damping / DAMPING if damping > DAMPING_START else 0.0
-        progress()
         # The length of the step in standard deviations of the result.
         if float(step @ matrix @ step) < CONVERGED ** 2 * len(places):
             break

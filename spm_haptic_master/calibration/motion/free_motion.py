@@ -12,8 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
-from functools import partial
+from dataclasses import dataclass
 from math import degrees, radians
 
 import numpy as np
@@ -96,17 +95,15 @@ def fitted(layout: Layout, means: MotionReadings, start: Start,
     vector, columns, left = choose(
         model, turned[chosen], means.seconds[chosen], first, factor,
         lambda group, number: progress(group, 0.5 + 0.05 * number))
-    whole = partial(progress, 'all parameters, whole motion')
-    whole(0.8)
-    found = fit(model, turned, vector, columns, model.orientations(turned, vector),
-                lambda: whole(0.85))
+    progress('all parameters, whole motion', 0.8)
+    found = fit(model, turned, vector, columns, model.orientations(turned, vector))
     check_slip(model, turned, means.seconds, found)
     split = contradiction(model, turned, found)
     slow = slow_factor(means.seconds, found.normal)
     if slow > 1.0:
+        progress('all parameters, with the slow part of the parity', 0.9)
         model = MotionModel(layout, model.sigma * np.sqrt(slow))
-        found = fit(model, turned, found.vector, columns, found.normal.rotation,
-                    lambda: whole(0.9))
+        found = fit(model, turned, found.vector, columns, found.normal.rotation)
     progress('errors', 0.95)
     every = normal_equations(model, turned, found.normal.rotation, found.vector,
                              tuple(range(layout.count)))
@@ -130,7 +127,7 @@ class Guidance:
 
     error: float | None  # predicted over the workspace, rad rms; None while zeros are unknown
     text: str  # what to do next
-    covered: Mapping[str, float] = field(default_factory=dict)  # 0 .. 1, by instruction or joint
+    covered: Mapping[str, float]  # 0 .. 1, by instruction or joint
 
 
 class Guide:
@@ -146,7 +143,7 @@ class Guide:
         try:
             means = motion_readings(stamps, readings)
         except CalibrationError as error:
-            return Guidance(None, str(error))
+            return Guidance(None, str(error), {})
         model = MotionModel(self._layout, means.sigma)
         travel = np.degrees(np.ptp(np.unwrap(means.readings, axis=0), axis=0))
         moved = {joint: min(1.0, float(each) / TRAVEL_DEG)
