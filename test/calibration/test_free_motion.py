@@ -20,6 +20,7 @@ from free_motions import (
 import numpy as np
 import pytest
 from rclpy.parameter import parameter_dict_from_yaml_file
+from recorded_text import assert_recorded
 from simulated_hand import deviations_of, hand_motion, joint_angles, readings
 from spm_haptic_master.calibration.calibration_file import file_text, write_text
 from spm_haptic_master.calibration.motion.calibration import (
@@ -194,8 +195,31 @@ def test_poses_from_outside_give_the_mountings_and_improve_the_mechanism(calibra
     off = rotation_vectors(np.array([one.base, found.base, found.handle]) @ np.array(
         [base, base, handle]).swapaxes(1, 2))
     assert np.abs(off).max() < radians(1.0)
+    assert_recorded('calibration/mounted.txt', '\n'.join(
+        f'{degrees(each.rms):.5f} {degrees(each.calibration.error):.5f} ' + ' '.join(
+            f'{angle:.5f}' for angle in np.degrees(np.concatenate([
+                each.base_deviations, each.handle_deviations, np.ravel(each.base),
+                np.ravel(each.handle), each.calibration.vector])))
+        for each in (one, mounted(calibration, turned[:2], base @ poses[:2], sigma), found)))
     with pytest.raises(CalibrationError, match='contradict the motion'):
         mounted(calibration, turned, outside[::-1], sigma)
+
+
+def test_cautions_name_what_an_engineer_should_look_at(calibration):
+    assert calibration.cautions == ()
+    c, vector = calibration, calibration.vector.copy()
+    vector[c.layout.names.index('distal link B')] = 3.6 * radians(0.5)
+    spiked = np.arange(c.readings.sets) % 500 == 0
+    found = replace(c, vector=vector, contradiction=3.1, readings=replace(
+        c.readings, spiked=spiked), kept=np.arange(len(c.kept)) % 100 > 0)
+    assert [caution[:60] for caution in found.cautions] == [
+        'farther from the drawing than 3.5 tolerances: distal link B;',
+        'halves of the motion contradict each other (3.1 times the va',
+        '0.2 % of the sets have a spike; fkm withholds ten orientatio',
+        '1.0 % of the samples do not fit the others and were cut: an ']
+    vector[c.layout.names.index('distal link B')] = -3.4 * radians(0.5)
+    assert replace(found, vector=vector, contradiction=2.9, kept=np.arange(len(c.kept)) % 250 > 0,
+                   readings=c.readings).cautions == ()
 
 
 @pytest.mark.slow
