@@ -159,23 +159,22 @@ def constant_frames(captured: np.ndarray, recorded: np.ndarray,
     products = np.einsum('nab,ncd->abcd', captured, recorded)
     if body_known:
         return nearest_rotation(np.einsum('abcb->ac', products)), np.eye(3)
-    best, found = -math.inf, (np.eye(3), np.eye(3))
+    found = []
     # One of the 24 rotations that map axes to axes is near every solution.
     turns = (np.eye(3)[list(columns)].T * signs for columns in permutations(range(3))
              for signs in product((1.0, -1.0), repeat=3))
     for body in (turn for turn in turns if np.linalg.det(turn) > 0.0):
-        before = -math.inf
+        fit = -math.inf
         for _ in range(FRAME_STEPS):
             frame = nearest_rotation(np.einsum('abcd,db->ac', products, body))
             along = np.einsum('abcd,ac->db', products, frame)
             body = nearest_rotation(along)
-            fit = float(np.sum(along * body))
+            before, fit = fit, float(np.sum(along * body))
             if fit - before <= FRAME_TOLERANCE * len(captured):
                 break
-            before = fit
-        if fit > best:
-            best, found = fit, (frame, body)
-    return found
+        found.append((fit, frame, body))
+    _, frame, body = max(found, key=lambda each: each[0])
+    return frame, body
 
 
 def rotation_vectors(matrices: np.ndarray) -> np.ndarray:

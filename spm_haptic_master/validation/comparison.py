@@ -143,7 +143,7 @@ def _mounted_classic(joints: Track, time: np.ndarray, start: np.ndarray, geometr
 
 def zxz_degrees(rotations: np.ndarray, unwrapped: bool = False) -> np.ndarray:
     """Return psi, theta, phi, deg, (3, n), NaN as in the input; unwrapped: without jumps."""
-    known = np.isfinite(rotations[:, 0, 0])
+    known = np.isfinite(rotations).all(axis=(1, 2))
     angles = np.full((3, len(rotations)), np.nan)
     found = zxz_from_matrix(rotations[known])
     angles[:, known] = np.degrees(np.unwrap(found, axis=-1) if unwrapped else found)
@@ -165,7 +165,7 @@ def error_table(comparison: Comparison) -> list[ErrorRow]:
     captured = zxz_from_matrix(comparison.captured)
     table = []
     for model, rotations in comparison.models.items():
-        known = np.isfinite(rotations[:, 0, 0])
+        known = np.isfinite(rotations).all(axis=(1, 2))
         if not known.any():
             continue
         errors = [np.angle(np.exp(1j * (angle - truth[known]))) for angle, truth in zip(

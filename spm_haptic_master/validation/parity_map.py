@@ -126,7 +126,7 @@ def white_noise(stamps: NDArray[np.int64], angles: Array) -> Array:
     steps = np.diff(stamps)
     if len(steps) < 3:
         return np.full(angles.shape[1], np.nan)
-    regular = steps < GAP * np.median(steps)
+    regular = steps <= GAP * np.median(steps)
     together = regular[:-2] & regular[1:-1] & regular[2:]
     third = np.diff(angles, n=3, axis=0)[together]
     noise = np.full(angles.shape[1], np.nan)

@@ -130,7 +130,12 @@ def test_a_recorders_directory_with_markers_of_another_clock_and_frame(
     # What is drawn is what is written, over the time from the first moment on.
     models = {'classic FKM (3 sensors)': 'classic', 'improved FKM (4 sensors)': 'improved',
               'motion capture': 'captured'}
-    assert sorted(drawn) == ['fig32.png', 'fig33.png', 'fig34.png']
+    assert_recorded('validation/figures.txt', '\n'.join(
+        f'{name}, {axes.get_title()}: {axes.get_xlabel()}; {axes.get_ylabel()}; '
+        f'below {axes.get_axisbelow()}; ' + ', '.join(
+            f'{line.get_label()} {line.get_color()} {line.get_linewidth()}' for line in axes.lines)
+        + ', '.join(each.get_text() for each in figure.legends[0].texts)
+        for name, figure in drawn.items() for axes in figure.axes))
     for name, angles, shown in (('fig32.png', ANGLES, 2), ('fig33.png', ANGLES[2:], 2),
                                 ('fig34.png', ANGLES[2:], 3)):
         for axes, angle in zip(drawn[name].axes, angles, strict=True):
