@@ -149,7 +149,7 @@ def _check_references(options: argparse.Namespace, source: str) -> None:
 
 
 def _mounted_by(options: argparse.Namespace, source: str, values: dict[str, Any],
-               found: MotionCalibration) -> Mounted:
+                found: MotionCalibration) -> Mounted:
     """Return a calibration with the mounting by a jig's poses or a motion capture."""
     if options.capture is not None:
         turned, outside = _captured(options, found)

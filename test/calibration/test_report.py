@@ -110,7 +110,7 @@ def test_what_was_left_and_which_motion_would_determine_it(calibration, output, 
     assert 'What would determine more: turn the handle farther.' in text
     assert [cells[-1] for cells in tables(text)['proximal link B']] == ['as drawn']
     text = written(output, replace(calibration, left={}, estimated=tuple(range(32)),
-                                  kept=np.arange(2400) % 50 > 0))
+                                   kept=np.arange(2400) % 50 > 0))
     assert 'Left as drawn: nothing.' in text
     assert '**CAUTION**: 2.0 % of the samples do not fit the others and were cut: ' in text
 
