@@ -59,10 +59,10 @@ def between(time: np.ndarray, quaternions: np.ndarray, at: np.ndarray) -> np.nda
 
     The chord is as good as the arc: a hand turns the platform by a degree or two.
     """
-    flips = np.sum(quaternions[1:] * quaternions[:-1], axis=-1) < 0.0
+    flips = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0.0
     signs = np.concatenate([[1.0], np.where(np.cumsum(flips) % 2, -1.0, 1.0)])
     return np.stack([np.interp(at, time, each) for each in (quaternions * signs[:, None]).T],
-                    axis=-1)
+                    axis=1)
 
 
 def interpolate(time: np.ndarray, quaternions: np.ndarray, at: np.ndarray) -> np.ndarray:
@@ -74,7 +74,7 @@ def interpolate(time: np.ndarray, quaternions: np.ndarray, at: np.ndarray) -> np
     place = np.clip(np.searchsorted(time, at), 1, len(time) - 1)
     known = (at >= time[0]) & (at <= time[-1]) & (time[place] - time[place - 1] <= GAP)
     found = between(time, quaternions, at)
-    found /= np.linalg.norm(found, axis=-1, keepdims=True)
+    found /= np.linalg.norm(found, axis=1, keepdims=True)
     return np.where(known[:, None], found, np.nan)
 
 
@@ -91,8 +91,8 @@ def angular_speed(time: np.ndarray, quaternions: np.ndarray) -> tuple[float, np.
         raise InputError(f'{time[-1] - time[0]:.2f} s are too short to be aligned; expected '
                          f'{4 * width * SPEED_STEP:g} s or more')
     smooth = np.stack([np.convolve(each, np.full(width, 1.0 / width), 'valid')
-                       for each in between(time, quaternions, grid).T], axis=-1)
-    chord = np.linalg.norm(smooth[width:] - smooth[:-width], axis=-1)
+                       for each in between(time, quaternions, grid).T], axis=1)
+    chord = np.linalg.norm(smooth[width:] - smooth[:-width], axis=1)
     speed = 4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)) / (width * SPEED_STEP)
     return grid[0] + 0.5 * (2 * width - 1) * SPEED_STEP, speed
 

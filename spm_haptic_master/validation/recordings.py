@@ -155,7 +155,7 @@ def _table_in(path: Path, name: str) -> Path:
 def _quaternions(path: Path, rows: list[list[float]]) -> Track:
     track = _track(path, [row for row in rows if any(row[1:])])
     with np.errstate(over='ignore'):
-        norm = np.linalg.norm(track.values, axis=-1)
+        norm = np.linalg.norm(track.values, axis=1)
     wrong = np.flatnonzero(np.abs(norm - 1.0) > NORM_TOLERANCE)
     if wrong.size:
         raise InputError(f'{path}: at time {track.time[wrong[0]]:.6f} s the quaternion has norm '
