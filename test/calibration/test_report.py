@@ -153,7 +153,12 @@ def test_the_picture_has_the_mean_parity_of_each_cell_before_and_after(calibrati
             mesh = axes[3 * row + column].collections[0]
             corners = mesh.get_coordinates()
             low, high = corners[:-1, :-1], corners[1:, 1:]
-            assert np.allclose(high - low, (4.0 if row else 2.0, 2.0))
+            width = np.array([4.0 if row else 2.0, 2.0])
+            assert np.allclose(high - low, width)
+            # Of all cells that have a sample, and no more.
+            outer = np.array([first.min(), second.min()]), np.array([first.max(), second.max()])
+            assert (np.abs(low[0, 0] - outer[0]) < width).all()
+            assert (np.abs(high[-1, -1] - outer[1]) <= width).all()
             drawn = np.ma.filled(mesh.get_array(), np.nan).reshape(low.shape[:2])
             inside = [[(first >= low[i, j, 0]) & (first < high[i, j, 0])
                        & (second >= low[i, j, 1]) & (second < high[i, j, 1])

@@ -275,8 +275,8 @@ def _distance(turned: Array, zeros: Array, nominal: Geometry) -> tuple[Array, Ar
     here = _closure(turns, nominal)
     slopes = np.stack([
         (_closure([*turns[:index], onward[index], *turns[index + 1:]], nominal) - here)
-        / DIFFERENCE for index in range(4)], axis=-1)
-    scale = 1.0 / np.sqrt((slopes ** 2).sum(axis=-1) + GRADIENT_FLOOR ** 2)
+        / DIFFERENCE for index in range(4)], axis=2)
+    scale = 1.0 / np.maximum(np.linalg.norm(slopes, axis=2), GRADIENT_FLOOR)
     return here * scale, -slopes * scale[:, :, None]
 
 
