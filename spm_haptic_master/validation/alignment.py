@@ -224,7 +224,7 @@ def align(recorded_time: np.ndarray, recorded: np.ndarray, captured_time: np.nda
         rows = np.concatenate(columns, axis=-1)
         # A motion about one axis does not separate frame and body: the solution is the least
         # rotation of both.
-        step = np.linalg.lstsq(rows.reshape(-1, rows.shape[-1]), ahead.ravel(), rcond=None)[0]
+        step = np.linalg.lstsq(np.concatenate(rows), ahead.ravel(), rcond=None)[0]
         offset += step[0]
         frame = frame @ matrix_from_vector(step[None, 1:4])[0]
         if not body_known:

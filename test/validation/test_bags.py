@@ -147,7 +147,7 @@ def test_a_directory_that_is_not_complete(split, library):
     (path / names[3]).unlink()
     refused(path, 'session_3.mcap is missing, of 12 files')
     (path / 'metadata.yaml').write_text('rosbag2_bagfile_information: 7')
-    refused(path, 'metadata.yaml: cannot be read', 'ros2 bag reindex')
+    refused(path, "metadata.yaml: cannot be read: 'int' object", 'ros2 bag reindex')
 
 
 @pytest.mark.parametrize('name, content', [

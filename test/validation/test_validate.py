@@ -159,6 +159,8 @@ def test_rosbag2_with_everything_in_it(tmp_path, capsys):
     code, out, err = run(capsys, path, path, '--capture-topic', 'platform/pose',
                          '-o', tmp_path / 'out')
     assert (code, err) == (0, '')
+    for name in ('fig32.png', 'fig33.png', 'fig34.png'):
+        assert (tmp_path / 'out' / name).read_bytes().startswith(b'\x89PNG')
     table = errors(tmp_path / 'out')
     assert float(table['improved', 'rotation']['max_deg']) < 0.02
     assert float(table['classic', 'phi']['rms_deg']) < 0.02
@@ -225,6 +227,21 @@ def test_joints_without_a_reading_cost_the_classic_model_their_time_alone(
     assert row.figures_deg[1] < 0.1
     assert row.samples + row.missing == len(CAPTURED)
     assert row.missing == pytest.approx(0.1 * len(CAPTURED), rel=0.3)
+
+
+def test_the_classic_model_is_of_the_joint_angles_nearest_in_time():
+    """From the first to the last of them, but for moments more than 0.1 s away from any."""
+    rows = np.array([row for row in range(100, 900, 6) if not 400 < row < 430])
+    recorded, captured = (recordings.Track(times, quaternion_from_matrix(motion(times)))
+                          for times in (RECORDED, CAPTURED))
+    joints = recordings.Track(RECORDED[rows], joint_angles()[rows])
+    found = compare(recorded, captured, joints, Geometry(), AZIMUTHS)
+    apart = np.abs(found.time[:, None] - joints.time)
+    known = apart.min(axis=1) < 0.1
+    assert 0 < (~known).sum() < 10 and len(known) > 390
+    expected = motion(joints.time[apart.argmin(axis=1)])
+    expected[~known] = np.nan
+    np.testing.assert_allclose(found.models['classic'], expected, atol=1e-4)
 
 
 @pytest.mark.parametrize('left', [(0, 1, 2, 3, 5), (0, 1, 2, 4, 5)])
