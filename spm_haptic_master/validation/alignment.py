@@ -127,7 +127,7 @@ def coarse_offset(recorded: tuple[float, np.ndarray],
     # A motion that repeats itself fits at every period: take the one with the longest overlap.
     alike = np.flatnonzero(misfit <= TIE * misfit.min())
     most = alike[np.argmax(number[alike])]
-    near = slice(max(most - SPEED_WINDOW, 0), most + SPEED_WINDOW + 1)
+    near = slice(max(most - SPEED_WINDOW, 0), most + SPEED_WINDOW)
     best = near.start + int(np.argmin(misfit[near]))
     spread = ((square_a - sum_a**2 / number) * (square_b - sum_b**2 / number))[best]
     covariance = (mixed - sum_a * sum_b / number)[best]

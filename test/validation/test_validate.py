@@ -18,6 +18,7 @@ from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics import (
     Geometry,
     inverse,
+    matrix_from_quaternion,
     matrix_from_zxz,
     quaternion_from_matrix,
     zxz_from_matrix,
@@ -28,7 +29,7 @@ from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.simulation import trajectories
 from spm_haptic_master.tools import validate
 from spm_haptic_master.validation import recordings
-from spm_haptic_master.validation.alignment import align
+from spm_haptic_master.validation.alignment import align, interpolate, rotation_vectors
 from spm_haptic_master.validation.comparison import (
     ANGLES,
     compare,
@@ -329,6 +330,19 @@ def test_a_motion_that_repeats_itself_is_not_taken_for_another_period():
     alignment = align(recorded + 1.7e9, repeated(recorded), captured, repeated(captured),
                       body_known=False)
     assert alignment.offset == pytest.approx(1.7e9, abs=1e-3)
+
+
+def test_orientations_are_interpolated_within_the_recording_and_short_gaps_alone():
+    time = np.array([1.0, 1.09, 1.15, 1.3])
+    signs = np.array([[1.0], [-1.0], [-1.0], [1.0]])
+    at = np.array([0.999, 1.0, 1.04, 1.09, 1.125, 1.15, 1.2, 1.2999, 1.3, 1.301])
+    found = interpolate(time, signs * quaternion_from_matrix(motion(time)), at)
+    known = [1, 2, 3, 4, 5]
+    assert np.flatnonzero(np.isfinite(found[:, 0])).tolist() == known
+    np.testing.assert_allclose(np.linalg.norm(found[known], axis=1), 1.0)
+    off = rotation_vectors(matrix_from_quaternion(found[known])
+                           @ motion(at[known]).swapaxes(1, 2))
+    assert np.abs(off).max() < 1e-3 and np.abs(off[[0, 2, 4]]).max() < 1e-12
 
 
 def test_pieces_of_which_neither_contains_the_other_are_aligned():
