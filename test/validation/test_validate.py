@@ -135,7 +135,8 @@ def test_a_recorders_directory_with_markers_of_another_clock_and_frame(
         f'{name}, {axes.get_title()}: {axes.get_xlabel()}; {axes.get_ylabel()}; '
         f'below {axes.get_axisbelow()}; ' + ', '.join(
             f'{line.get_label()} {line.get_color()} {line.get_linewidth()}' for line in axes.lines)
-        + ', '.join(each.get_text() for each in figure.legends[0].texts)
+        + f'; {axes.title.get_fontsize()}; ' + ', '.join(
+            f'{each.get_text()} {each.get_fontsize()}' for each in figure.legends[0].texts)
         for name, figure in drawn.items() for axes in figure.axes))
     for name, angles, shown in (('fig32.png', ANGLES, 2), ('fig33.png', ANGLES[2:], 2),
                                 ('fig34.png', ANGLES[2:], 3)):
