@@ -240,7 +240,8 @@ def test_the_classic_model_is_of_the_joint_angles_nearest_in_time():
     found = compare(recorded, captured, joints, Geometry(), AZIMUTHS)
     apart = np.abs(found.time[:, None] - joints.time)
     known = apart.min(axis=1) < 0.1
-    assert 0 < (~known).sum() < 10 and len(known) > 390
+    assert 0 < (~known).sum() < 10 and found.time[0] < 1.03
+    assert found.time[-1] > joints.time[-1] - 0.03
     expected = motion(joints.time[apart.argmin(axis=1)])
     expected[~known] = np.nan
     np.testing.assert_allclose(found.models['classic'], expected, atol=1e-4)
@@ -341,6 +342,7 @@ def test_orientations_are_interpolated_within_the_recording_and_short_gaps_alone
     known = [1, 2, 3, 4, 5]
     assert np.flatnonzero(np.isfinite(found[:, 0])).tolist() == known
     np.testing.assert_allclose(np.linalg.norm(found[known], axis=1), 1.0)
+    assert np.isfinite(interpolate(time[:3], found[[1, 3, 5]], time[:3])).all()
     off = rotation_vectors(matrix_from_quaternion(found[known])
                            @ motion(at[known]).swapaxes(1, 2))
     assert np.abs(off).max() < 1e-3 and np.abs(off[[0, 2, 4]]).max() < 1e-12
