@@ -31,11 +31,12 @@ import numpy as np
 from spm_haptic_master.calibration.motion.calibration import MotionCalibration, Origin
 from spm_haptic_master.calibration.motion.coverage import aligned_changes, WORKSPACE
 from spm_haptic_master.calibration.motion.free_motion import calibrate_motion
-from spm_haptic_master.calibration.motion.mechanism_parameters import Layout
+from spm_haptic_master.calibration.motion.model import Layout
 from spm_haptic_master.exceptions import CalibrationError
+from spm_haptic_master.kinematics.rotations import wrapped
 from spm_haptic_master.simulation.rig import random_rig, Rig, Tolerances
 from spm_haptic_master.tools.calibration_verdict import FkmValues, published_share, supported
-from spm_haptic_master.validation.alignment import rotation_vectors
+from spm_haptic_master.validation.alignment import nearest_rotation, rotation_vectors
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
 
@@ -135,7 +136,7 @@ def tried(condition: Condition, number: int) -> Outcome:
         refused = str(reason)
     true = truth(found, rig, zeros)
     off = found.vector - true
-    off[:4] = np.angle(np.exp(1j * off[:4]))
+    off[:4] = wrapped(off[:4])
     directions = tuple(direction.tolist()) == found.direction
     right = float(np.abs(off[:4]).max())
     # The error on another motion over the same part of the workspace, without noise.
@@ -161,7 +162,7 @@ def exceeded(found: MotionCalibration, rig: Rig, zeros: np.ndarray) -> float:
     angles = joint_angles(found.region.poses(model, found.vector), rig)
     angles = angles[np.isfinite(angles).all(axis=1)]
     corrected = model.corrected(angles + deviations_of(rig, angles) + zeros, found.vector)
-    errors = np.abs(np.angle(np.exp(1j * (corrected - angles))))
+    errors = np.abs(wrapped(corrected - angles))
     return float((errors / found.bias).max())
 
 
@@ -169,15 +170,9 @@ def aligned(estimated: np.ndarray, true: np.ndarray) -> np.ndarray:
     """Return the rotation vectors between orientations, one rotation of either frame taken off."""
     base, platform = np.eye(3), np.eye(3)
     for _ in range(30):
-        base = nearest(np.einsum('nij,nkj->ik', true, estimated @ platform))
-        platform = nearest(np.einsum('nji,njk->ik', base @ estimated, true))
+        base = nearest_rotation(np.einsum('nij,nkj->ik', true, estimated @ platform))
+        platform = nearest_rotation(np.einsum('nji,njk->ik', base @ estimated, true))
     return rotation_vectors(base @ estimated @ platform @ true.swapaxes(1, 2))
-
-
-def nearest(matrix: np.ndarray) -> np.ndarray:
-    """Return the rotation nearest to a matrix."""
-    left, _, right = np.linalg.svd(matrix)
-    return left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
 
 
 def wrong(outcome: Outcome) -> bool:

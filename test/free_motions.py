@@ -10,8 +10,7 @@ from mechanism import turn
 import numpy as np
 from simulated_hand import Condition, deviations_of, hand_motion, joint_angles, readings
 from spm_haptic_master.calibration.motion.free_motion import fitted
-from spm_haptic_master.calibration.motion.mechanism_parameters import Layout
-from spm_haptic_master.calibration.motion.model import MotionModel
+from spm_haptic_master.calibration.motion.model import Layout, MotionModel
 from spm_haptic_master.calibration.motion.readings import motion_readings
 from spm_haptic_master.calibration.motion.zero_search import Start
 from spm_haptic_master.kinematics import Geometry

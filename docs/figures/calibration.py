@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from spm_haptic_master.calibration import report_picture as figures
 from spm_haptic_master.calibration.motion.free_motion import calibrate_motion
-from spm_haptic_master.calibration.motion.mechanism_parameters import Layout
+from spm_haptic_master.calibration.motion.model import Layout
 from spm_haptic_master.simulation import trajectories
 from spm_haptic_master.simulation.noisy_motion import NoisyMotion
 from spm_haptic_master.simulation.rig import random_rig, Tolerances

@@ -6,24 +6,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from math import degrees, isfinite, radians
+from itertools import chain
+from math import degrees
 import os
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from spm_haptic_master.calibration.jig import Calibration, Station
-from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.exceptions import InputError, SettingError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.parameters.encoders import sensors_of
-from spm_haptic_master.parameters.files import PARAMETERS
+from spm_haptic_master.parameters.files import PARAMETERS, read_sections
+from spm_haptic_master.parameters.setting import Setting
 import yaml
 
 # Name of the section with calibrate's own record: no node has it, so that ROS ignores the section.
 RECORD = 'calibration_record'
 # No line is folded: a value stays on its line.
 LONGEST_LINE = 1_000_000
-# What a value of the file has to be, by its type.
-EXPECTED = {int: 'an integer', float: 'a number', bool: 'true or false'}
 
 
 def file_text(header: Iterable[str], parameters: Mapping[str, Any],
@@ -56,11 +57,11 @@ def _nested(values: Mapping[str, Any]) -> dict[str, Any]:
         at = tree
         for group in groups:
             at = at.setdefault(group, {})
-        at[last] = [*map(_plain, value)] if isinstance(value, (tuple, list)) else _plain(value)
+        at[last] = [*map(_quoted, value)] if isinstance(value, (tuple, list)) else _quoted(value)
     return tree
 
 
-def _plain(value: Any) -> Any:
+def _quoted(value: Any) -> Any:
     return _Text(value) if isinstance(value, str) else value
 
 
@@ -82,10 +83,10 @@ def calibration_text(calibration: Calibration, mechanism: Mapping[str, Any]) -> 
          'encoders.direction_verified': c.direction_verified,
          'encoders.zero_count': c.zero_count, **mechanism},
         {'method': 'jig', 'date': c.date,
-         'poses_deg': rounded(_chained(s.pose for s in stations)),
-         'angles_deg': rounded(_chained(s.angles for s in stations)),
-         'mean_counts': [round(each, 3) for each in _chained(s.counts for s in stations)],
-         'noise_deg': rounded(_chained(s.sigma for s in stations)),
+         'poses_deg': rounded(chain.from_iterable(s.pose for s in stations)),
+         'angles_deg': rounded(chain.from_iterable(s.angles for s in stations)),
+         'mean_counts': [round(each, 3) for s in stations for each in s.counts],
+         'noise_deg': rounded(chain.from_iterable(s.sigma for s in stations)),
          'sets': [s.sets for s in stations]})
 
 
@@ -101,53 +102,51 @@ def rounded(angles: Iterable[float], digits: int = 6) -> list[float]:
 
 def read_calibration(path: Path) -> Calibration:
     """Read a file that calibrate wrote; InputError where it cannot be read or is another one."""
+    found: dict[str, Any] = {
+        name: value for section in read_sections(path) if section.nodes in ('/**', f'/{RECORD}')
+        for name, value in section.values.items()}
+
+    def values(name: str, kind: type, count: int, allowed: tuple[int, ...] = ()) -> Any:
+        return Setting(name, kind, '', allowed=allowed, count=count).check(found.get(name))
+
+    def of_poses(name: str, count: int) -> Any:
+        """Return the values of each pose, degrees in rad: ROS allows no lists in lists."""
+        flat = np.reshape(values(name, float, poses * count), (poses, count))
+        return map(tuple, (np.radians(flat) if name.endswith('_deg') else flat).tolist())
+
     try:
-        content = yaml.safe_load(path.read_text(encoding='utf-8'))
-        record = content[RECORD]['ros__parameters']
-        parameters = content['/**']['ros__parameters']
-        encoders = parameters['encoders']
-        n = sensors_of(parameters)
-        sets = record.get('sets', [])  # a calibration from free motion has no poses
-
-        def groups(name: str, count: int) -> list[tuple[float, ...]]:
-            """Return a flat list as groups of `count` values: ROS allows no nested lists."""
-            flat = _values(record.get(name, []), len(sets) * count, float)
-            if name.endswith('_deg'):
-                flat = tuple(map(radians, flat))
-            return [flat[start:start + count] for start in range(0, len(flat), count)]
-
-        stations = tuple(map(Station, groups('poses_deg', 3), groups('angles_deg', n),
-                             groups('mean_counts', n), groups('noise_deg', n),
-                             _values(sets, len(sets), int)))
-        direction = _values(encoders['direction'], n, int)
-        for sign in direction:
-            if sign not in (1, -1):
-                raise ValueError(f'direction {sign}; expected 1 or -1')
+        n = sensors_of(found)
+        poses = len(np.atleast_1d(found.get('sets', ())))
+        # A calibration from free motion has no poses.
+        stations = tuple(map(
+            Station, of_poses('poses_deg', 3), of_poses('angles_deg', n),
+            of_poses('mean_counts', n), of_poses('noise_deg', n),
+            values('sets', int, poses))) if poses else ()
         return Calibration(
-            str(record['date']), stations, direction, _values(encoders['zero_count'], n, int),
-            _values(encoders['counts_per_turn'], n, int),
-            _values(encoders['direction_verified'], n, bool),
-            tuple(map(radians, _values(parameters['bias_deg'], n, float))))
-    except (OSError, ValueError, TypeError, KeyError, yaml.YAMLError) as error:
-        raise InputError(f'{path}: not a calibration that calibrate wrote: '
-                         f'{type(error).__name__}: {error}') from error
+            str(Setting('date', str, '').check(found.get('date'))), stations,
+            values('encoders.direction', int, n, (1, -1)),
+            values('encoders.zero_count', int, n), values('encoders.counts_per_turn', int, n),
+            values('encoders.direction_verified', bool, n),
+            tuple(np.radians(values('bias_deg', float, n)).tolist()))
+    except SettingError as error:
+        raise InputError(f'{path}: not a calibration that calibrate wrote: {error}') from error
 
 
 def check_output(path: Path, force: bool) -> None:
-    """Raise InputError where no calibration can or, without `force`, may be written."""
+    """Raise InputError where a file cannot or, without `force`, may not be written."""
     if path.is_file() and not force:
-        raise InputError(f'-o {path}: it already exists; expected --force to overwrite it, or '
-                         '--motion --check to compare a motion with it')
+        raise InputError(f'-o: {path} already exists; expected --force to overwrite it, or '
+                         '--motion --check to compare a motion with a calibration')
     if not path.parent.is_dir():
         raise InputError(f'-o {path}; expected a file in an existing directory')
     if path.exists() and not path.is_file():
-        raise InputError(f'-o {path}; expected a regular file, or none')
+        raise InputError(f'-o: {path} exists; expected a regular file, or none')
     beside = path.with_name(path.name + '.new')
     try:
         beside.touch()
         beside.unlink()
     except OSError as error:
-        raise InputError(f'-o {path}: cannot be written: {error}') from error
+        raise InputError(f'-o: {path} cannot be written: {error}') from error
 
 
 def write_text(path: Path, text: str) -> None:
@@ -158,19 +157,3 @@ def write_text(path: Path, text: str) -> None:
         os.replace(beside, path)
     except OSError as error:
         raise InputError(f'{path}: cannot be written: {error}') from error
-
-
-def _chained(groups: Iterable[Sequence[float]]) -> list[float]:
-    return [value for group in groups for value in group]
-
-
-def _values(values: Any, count: int, kind: type) -> tuple[Any, ...]:
-    """Return a list of numbers or flags as a tuple; ValueError where it is none."""
-    if not isinstance(values, list) or len(values) != count:
-        raise ValueError(f'{values!r} is not a list of {count}')
-    for value in values:
-        if type(value) is not kind and (kind, type(value)) != (float, int):
-            raise ValueError(f'{value!r}; expected {EXPECTED[kind]}')
-    if not all(map(isfinite, values)):
-        raise ValueError(f'{values!r} is not finite')
-    return tuple(values)

@@ -131,30 +131,24 @@ def calibrate(stations: Sequence[Station], direction: Sequence[int],
             found[index], known[index] = observed or since[index], True
         elif before is not None and before.direction_verified[index]:
             found[index], known[index] = before.direction[index], True
-    zero = tuple(_zero_count(index, stations, found[index], per_turn,
-                             tolerance if known[index] else None)
-                 for index, per_turn in enumerate(counts_per_turn))
-    return Calibration(date, tuple(stations), tuple(found), zero, tuple(counts_per_turn),
-                       tuple(known), tuple(bias))
-
-
-def _zero_count(index: int, stations: Sequence[Station], sign: int, per_turn: int,
-                tolerance: float | None) -> int:
-    """Return the mean zero count over the stations; CalibrationError if they differ too much."""
-    zeros = [station.counts[index] - sign * station.angles[index] * per_turn / TURN
-             for station in stations]
-    scale = TURN / per_turn
+    per_turn = np.array(counts_per_turn)
+    angles = np.array([station.angles for station in stations])
+    zeros = np.array([station.counts for station in stations]) \
+        - np.array(found) * angles * per_turn / TURN
     # Differences from the first, so that the mean is right where the counts wrap.
-    off = [wrapped((zero - zeros[0]) * scale) for zero in zeros]
-    mean = sum(off) / len(off)
-    worst = max(range(len(off)), key=lambda number: abs(off[number] - mean))
-    if tolerance is not None and max(off) - min(off) > tolerance:
+    off = wrapped((zeros - zeros[0]) * TURN / per_turn)
+    mean = off.mean(axis=0)
+    for index in np.flatnonzero((np.ptp(off, axis=0) > tolerance) & known).tolist():
+        apart = off[:, index] - mean[index]
+        worst = int(np.abs(apart).argmax())
         raise CalibrationError(
             f'the poses contradict each other: {ALL_JOINT_NAMES[index]} is '
-            f'{degrees(off[worst] - mean):+.3f} deg off at pose {worst + 1} of {len(off)} '
+            f'{degrees(apart[worst]):+.3f} deg off at pose {worst + 1} of {len(off)} '
             f'(tolerance {degrees(tolerance):g} deg between two); did its shaft slip, or is a '
             'pose not the stated one?')
-    return round(zeros[0] + mean / scale) % per_turn
+    zero = np.rint(zeros[0] + mean * per_turn / TURN).astype(int) % per_turn
+    return Calibration(date, tuple(stations), tuple(found), tuple(zero.tolist()),
+                       tuple(counts_per_turn), tuple(known), tuple(bias))
 
 
 def observed_directions(pairs: Iterable[tuple[Station, Station]],
@@ -165,17 +159,14 @@ def observed_directions(pairs: Iterable[tuple[Station, Station]],
     The pair that moves a joint farthest determines its direction, if that is by TRAVEL_MINIMUM or
     more, and if the counts moved by as much, one way or the other.
     """
-    observed = []
-    pairs = tuple(pairs)
-    for index, per_turn in enumerate(counts_per_turn):
-        expected, turned = max(
-            ((wrapped(second.angles[index] - first.angles[index]),
-              wrapped((second.counts[index] - first.counts[index]) * TURN / per_turn))
-             for first, second in pairs),
-            key=lambda pair: abs(pair[0]), default=(0.0, 0.0))
-        mismatch = abs(abs(turned) - abs(expected))
-        if abs(expected) < TRAVEL_MINIMUM or mismatch > TRAVEL_MISMATCH * abs(expected):
-            observed.append(0)
-        else:
-            observed.append(1 if turned * expected > 0.0 else -1)
-    return tuple(observed)
+    # Without a pair nothing moves.
+    steps = [(np.zeros(len(counts_per_turn)),) * 2]
+    steps += [(np.subtract(second.angles, first.angles),
+               np.subtract(second.counts, first.counts) * TURN / np.array(counts_per_turn))
+              for first, second in pairs]
+    expected, turned = wrapped(np.array(steps)).swapaxes(0, 1)
+    farthest = np.abs(expected).argmax(axis=0), np.arange(len(counts_per_turn))
+    expected, turned = expected[farthest], turned[farthest]
+    size = np.abs(expected)
+    known = (size >= TRAVEL_MINIMUM) & (np.abs(np.abs(turned) - size) <= TRAVEL_MISMATCH * size)
+    return tuple(np.where(known, np.sign(turned * expected), 0).astype(int).tolist())

@@ -5,11 +5,10 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from math import inf, isnan
+from math import inf
 import threading
 import time
 
@@ -33,49 +32,26 @@ PATIENCE = 5.0
 MISSING_MAXIMUM = 0.2
 
 
-class _Sets:
-    """The sets with a reading of every joint, up to `seconds` after the first; others counted."""
+def _whole_sets(samples: Sequence[JointSample], share: float = 0.0) -> tuple[Recording, str]:
+    """Return the sets with a reading of every joint, and what lacks them in more than a share."""
+    angles = np.array([sample.angles for sample in samples] or np.empty((0, len(ALL_JOINT_NAMES))))
+    missing = np.isnan(angles)
+    lacking = '; '.join(
+        f'{joint} has no reading in {count} of {len(samples)} sets' for joint, count in zip(
+            ALL_JOINT_NAMES, missing.sum(axis=0), strict=False) if count > share * len(samples))
+    stamps = np.array([sample.stamp for sample in samples], dtype=np.int64)
+    whole = ~missing.any(axis=1)
+    return (stamps[whole], angles[whole]), lacking
 
-    def __init__(self, seconds: float) -> None:
-        self._length = seconds * 1e9
-        self._count = 0  # with those that lack a reading
-        self._missing: Counter[int] = Counter()
-        self._stamps: list[int] = []
-        self._angles: list[tuple[float, ...]] = []
 
-    def take(self, sample: JointSample) -> bool:
-        """Take a set; return whether it is not too late."""
-        if self._stamps and sample.stamp - self._stamps[0] > self._length:
-            return False
-        self._count += 1
-        missing = [index for index, angle in enumerate(sample.angles) if isnan(angle)]
-        self._missing.update(missing)
-        if not missing:
-            # The angles last: `recording` takes as many stamps as there are angles.
-            self._stamps.append(sample.stamp)
-            self._angles.append(sample.angles)
-        return True
-
-    def recording(self) -> Recording:
-        """Return what came so far."""
-        count = len(self._angles)
-        return (np.array(self._stamps[:count], dtype=np.int64),
-                np.array(self._angles[:count]))
-
-    def lacking(self, share: float = MISSING_MAXIMUM) -> str:
-        """Return which joints lack readings in more than a share of the sets, and in how many."""
-        return '; '.join(
-            f'{ALL_JOINT_NAMES[index]} has no reading in {count} of {self._count} sets'
-            for index, count in sorted(self._missing.items()) if count > share * self._count)
-
-    def complete(self) -> tuple[Recording, list[str]]:
-        """Return the recording, and what is left out; CalibrationError if that is too much."""
-        if self.lacking():
-            raise CalibrationError(
-                f'{self.lacking()}; expected readings of all joints: check the encoder, or give '
-                '`sensors` without it')
-        lacking = self.lacking(0.0)
-        return self.recording(), [f'{lacking}; these are left out'] if lacking else []
+def _complete(samples: Sequence[JointSample]) -> tuple[Recording, list[str]]:
+    """Return the recording, and what is left out; CalibrationError if that is too much."""
+    _, too_often = _whole_sets(samples, MISSING_MAXIMUM)
+    if too_often:
+        raise CalibrationError(f'{too_often}; expected readings of all joints: check the encoder, '
+                               'or give `sensors` without it')
+    recording, lacking = _whole_sets(samples)
+    return recording, [f'{lacking}; these are left out'] if lacking else []
 
 
 def raw_counts(sensors: int) -> dict[str, object]:
@@ -93,12 +69,13 @@ def read_log(source: ReplaySource, progress: Callable[[int], None] = lambda coun
     ReplayError where the log is broken or has no set, CalibrationError where a joint lacks
     readings.
     """
-    sets = _Sets(seconds)
-    for number, sample in enumerate(source.recorded(), 1):
-        progress(number)
-        if not sets.take(sample):
+    samples: list[JointSample] = []
+    for sample in source.recorded():
+        if samples and sample.stamp - samples[0].stamp > seconds * 1e9:
             break
-    return sets.complete()
+        samples.append(sample)
+        progress(len(samples))
+    return _complete(samples)
 
 
 def record(source: EncoderSource, seconds: float, evaluate: Callable[[Recording, float], bool],
@@ -111,23 +88,23 @@ def record(source: EncoderSource, seconds: float, evaluate: Callable[[Recording,
     The texts say what is left out, and why no more came. CalibrationError where no set arrives,
     or a joint lacks readings.
     """
-    sets, stop = _Sets(seconds), threading.Event()
+    samples: list[JointSample] = []
+    stop = threading.Event()
     ended = ''
     begin, count, came = 0.0, 0, time.monotonic()
     # In a thread of its own, so that an evaluation costs no sample.
     with ThreadPoolExecutor(1) as pool:
-        collecting = pool.submit(_collect, source, sets, stop)
+        collecting = pool.submit(_collect, source, seconds, samples, stop)
         try:
             while not collecting.done() and not ended:
                 time.sleep(period)
-                found = sets.recording()
+                found, lacking = _whole_sets(samples[:], MISSING_MAXIMUM)
                 now = time.monotonic()
                 if len(found[0]) > count:
                     count, came = len(found[0]), now
                     begin = begin or now
                 elif now - came > PATIENCE:
-                    ended = 'no set of the encoders comes any more: ' \
-                        f'{sets.lacking() or source.fault}'
+                    ended = f'no set of the encoders comes any more: {lacking or source.fault}'
                 if count and (evaluate(found, now - begin) or now - begin > seconds):
                     break
         except KeyboardInterrupt:
@@ -135,7 +112,7 @@ def record(source: EncoderSource, seconds: float, evaluate: Callable[[Recording,
                 raise
         finally:
             stop.set()
-    recording, notes = sets.complete()
+    recording, notes = _complete(samples)
     error = collecting.exception()
     if error and not (keep and len(recording[0]) and isinstance(error, SpmError)):
         raise error
@@ -146,10 +123,14 @@ def record(source: EncoderSource, seconds: float, evaluate: Callable[[Recording,
     return recording, notes
 
 
-def _collect(source: EncoderSource, sets: _Sets, stop: threading.Event) -> None:
-    """Collect sets until the end of the source or of the recording, or until `stop`."""
+def _collect(source: EncoderSource, seconds: float, samples: list[JointSample],
+             stop: threading.Event) -> None:
+    """Collect samples until the end of the source or of the recording, or until `stop`."""
     with suppress(SourceEnded):
         while not stop.is_set():
             sample = source.read(READ_TIMEOUT)
-            if sample is not None and not sets.take(sample):
+            if sample is None:
+                continue
+            if samples and sample.stamp - samples[0].stamp > seconds * 1e9:
                 break
+            samples.append(sample)

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 import hashlib
-from math import acos, degrees, tau
+from itertools import pairwise
+from math import degrees, tau
 from pathlib import Path
 
 import numpy as np
@@ -18,34 +19,23 @@ from spm_haptic_master.calibration.motion.calibration import (
     Verdict,
     zero_counts,
 )
-from spm_haptic_master.calibration.motion.coverage import variances
-from spm_haptic_master.calibration.motion.mechanism_parameters import Array, GROUPS
+from spm_haptic_master.calibration.motion.coverage import around_middle, variances
+from spm_haptic_master.calibration.motion.model import Array, GROUPS
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, LEG_NAMES
-from spm_haptic_master.kinematics.rotations import wrapped
 
 # Step of the parameters in the differences of the angles between axes (rad).
 DIFFERENCE = 1e-6
 
 
-def report_paths(output: Path) -> tuple[Path, ...]:
-    """Return the files of the report beside a parameter file, the picture first."""
-    return output.with_name(f'{output.stem}_parity.png'), output.with_suffix('.md')
-
-
-def check_report(output: Path, force: bool) -> None:
-    """Raise InputError where a file's report cannot or, without `force`, may not be written."""
-    if output in report_paths(output):
+def report_paths(output: Path) -> tuple[Path, Path]:
+    """Return picture and text of the report beside a parameter file; InputError if that is one."""
+    found = output.with_name(f'{output.stem}_parity.png'), output.with_suffix('.md')
+    if output in found:
         raise InputError(f'-o {output}: the report is written there; expected another name, as '
                          f"{output.with_suffix('.yaml').name}")
-    for path in report_paths(output):
-        if path.exists() and not path.is_file():
-            raise InputError(f'{path}: the report is written there; expected a regular file, or '
-                             'none')
-        if path.exists() and not force:
-            raise InputError(f'{path}: the report is written there, and it already exists; '
-                             'expected --force to overwrite it')
+    return found
 
 
 def write_report(output: Path, verdict: Verdict) -> str:
@@ -55,7 +45,7 @@ def write_report(output: Path, verdict: Verdict) -> str:
     Without matplotlib it has no picture, and says so; that of an earlier report is removed.
     InputError where the report cannot be written; nothing of it is left.
     """
-    file, report = report_paths(output)
+    file, report = paths = report_paths(output)
     drawn, missing = None, ''
     try:
         from spm_haptic_master.calibration import report_picture
@@ -67,8 +57,13 @@ def write_report(output: Path, verdict: Verdict) -> str:
         picture = f'![parity]({file.name})\n\n{report_picture.CAPTION}'
     text = _text(verdict, output, picture)
     try:
-        _write({file: drawn, report: text.encode()})
+        file.unlink(missing_ok=True)
+        report.write_text(text, encoding='utf-8')
+        if drawn is not None:
+            file.write_bytes(drawn)
     except OSError as error:
+        for path in filter(Path.is_file, paths):
+            path.unlink()
         raise InputError(f'{report}: the report cannot be written: {error}; the parameter file '
                          f'{output} is complete') from error
     return f'report {report.name}' + (f' without picture: {missing}' if missing else '')
@@ -77,21 +72,6 @@ def write_report(output: Path, verdict: Verdict) -> str:
 def checksum(path: Path) -> str:
     """Return the SHA-256 of a file."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-def _write(content: dict[Path, bytes | None]) -> None:
-    """Write files, all or none; remove those without content."""
-    try:
-        for path, data in content.items():
-            if data is None:
-                path.unlink(missing_ok=True)
-            else:
-                path.write_bytes(data)
-    except OSError:
-        for path in content:
-            if path.is_file():
-                path.unlink()
-        raise
 
 
 def _text(verdict: Verdict, file: Path, picture: str) -> str:
@@ -141,15 +121,13 @@ def _made_from(c: MotionCalibration, origin: Origin, file: Path) -> str:
 def _encoders(c: MotionCalibration, origin: Origin) -> str:
     zeros, _ = zero_counts(c, origin.counts_per_turn)
     deviation = c.deviations[c.layout.slices['zeros']]
-    angles = c.model.corrected(c.readings.readings * np.array(c.direction), c.vector)
-    # Around the middle of the motion, without jumps by a turn.
-    middle = np.angle(np.nanmean(np.exp(1j * angles), axis=0))
-    moved = np.degrees(middle + wrapped(angles - middle))
+    angles = c.model.corrected(c.turned, c.vector)
+    moved = np.degrees([around_middle(angle) for angle in angles.T])
     rows = [(joint, f'{origin.counts_per_turn[at]}', f'{c.direction[at]:+d}', f'{zeros[at]}',
              f'{deviation[at] * origin.counts_per_turn[at] / tau:.2f}',
-             f'{degrees(deviation[at]):.4f}', f'{degrees(c.noise[at]):.4f}',
+             f'{degrees(deviation[at]):.4f}', f'{degrees(c.readings.noise[at]):.4f}',
              f'{degrees(c.bias[at]):.4f}',
-             f'{np.nanmin(moved[:, at]):.1f} to {np.nanmax(moved[:, at]):.1f}')
+             f'{np.nanmin(moved[at]):.1f} to {np.nanmax(moved[at]):.1f}')
             for at, joint in enumerate(ALL_JOINT_NAMES[:c.layout.sensors])]
     return _table(('encoder', 'counts a turn', 'direction', 'zero count', '± counts', '± deg',
                    'noise, deg', 'bias, deg', 'moved through, deg'), rows)
@@ -157,55 +135,45 @@ def _encoders(c: MotionCalibration, origin: Origin) -> str:
 
 def _mechanism(c: MotionCalibration) -> str:
     layout = c.layout
-    built, deviation = layout.geometry(c.vector), c.deviations
-    names = [f'{part} link {leg}' for part in ('proximal', 'distal') for leg in LEG_NAMES]
-    rows = [_row(name, drawn, found, deviation[column], _estimated(c, (column,)))
-            for name, drawn, found, column in zip(
-                names, (*layout.nominal.alphas, *layout.nominal.betas),
-                (*built.alphas, *built.betas), layout.columns('links'), strict=True)]
-    drawn, found = _between(layout.nominal), _between(built)
+    links, base, platform = map(layout.columns, ('links', 'base axes', 'platform axes'))
+    names = [*(layout.names[column] for column in links),
+             *(f'angle from Z{joint}{first} to Z{joint}{second}'
+               for joint in (1, 3) for first, second in pairwise((*LEG_NAMES, LEG_NAMES[0])))]
+    # Of each angle, the parameters that it depends on.
+    columns = [*((column,) for column in links), *[base] * 3, *[platform] * 3]
+    drawn, found = _angles(layout.nominal), _angles(layout.geometry(c.vector))
     change = np.zeros((len(found), layout.count))
-    for column in (*layout.columns('base axes'), *layout.columns('platform axes')):
+    for column in range(links.start, platform.stop):
         moved = c.vector.copy()
         moved[column] += DIFFERENCE
-        change[:, column] = (_between(layout.geometry(moved)) - found) / DIFFERENCE
-    angles = np.sqrt(variances(change, c.covariance))
-    for at in range(len(found)):
-        joint, group = ((1, 'base axes'), (3, 'platform axes'))[at // 3]
-        first, second = (LEG_NAMES[(at + step) % 3] for step in (0, 1))
-        columns = layout.columns(group)
-        rows.append(_row(f'angle from Z{joint}{first} to Z{joint}{second}', drawn[at], found[at],
-                         angles[at], _estimated(c, columns)))
-    return _table(('', 'drawn, deg', 'found, deg', 'off by, deg', '±', ''), rows)
+        change[:, column] = (_angles(layout.geometry(moved)) - found) / DIFFERENCE
+    figures = np.degrees([drawn, found, found - drawn, np.sqrt(variances(change, c.covariance))])
+    return _table(('', 'drawn, deg', 'found, deg', 'off by, deg', '±', ''), [
+        (name, f'{of[0]:.4f}', f'{of[1]:.4f}', f'{of[2]:+.4f}', f'{of[3]:.4f}',
+         _note(c, by)) for name, of, by in zip(names, figures.T, columns, strict=True)])
 
 
-def _row(name: str, drawn: float, found: float, deviation: float, note: str) -> tuple[str, ...]:
-    return (name, f'{degrees(drawn):.4f}', f'{degrees(found):.4f}',
-            f'{degrees(found - drawn):+.4f}', f'{degrees(deviation):.4f}', note)
+def _angles(geometry: Geometry) -> Array:
+    """Return the link angles, and those A to B, B to C, C to A of base and platform axes, rad."""
+    axes = np.array([geometry.base_axes, geometry.platform_axes])
+    between = np.arccos(np.clip((axes * np.roll(axes, -1, axis=1)).sum(axis=2), -1.0, 1.0))
+    return np.concatenate([geometry.alphas, geometry.betas, between.ravel()])
 
 
-def _between(geometry: Geometry) -> Array:
-    """Return the angles A to B, B to C, C to A of the base's and the platform's axes, rad."""
-    return np.array([acos(min(1.0, max(-1.0, float(np.dot(axes[leg], axes[(leg + 1) % 3])))))
-                     for axes in (geometry.base_axes, geometry.platform_axes)
-                     for leg in range(3)])
-
-
-def _left(c: MotionCalibration) -> str:
-    chosen = set(c.estimated)
-    reasons = [f'{group} ({reason})' for group, reason in c.left.items()]
-    for group in GROUPS:
-        alone = [c.layout.names[column] for column in c.layout.columns(group)
-                 if column not in chosen]
-        if group not in c.left and alone:
-            reasons.append(f'{", ".join(alone)} (the motion does not determine them)')
-    return '; '.join(reasons) or 'nothing'
-
-
-def _estimated(c: MotionCalibration, columns: Iterable[int]) -> str:
+def _note(c: MotionCalibration, columns: Iterable[int]) -> str:
     """Return a note on parameters that are not all estimated."""
     inside = [column in c.estimated for column in columns]
     return '' if all(inside) else 'partly as drawn' if any(inside) else 'as drawn'
+
+
+def _left(c: MotionCalibration) -> str:
+    reasons = [f'{group} ({reason})' for group, reason in c.left.items()]
+    for group in GROUPS:
+        alone = [c.layout.names[column] for column in c.layout.columns(group)
+                 if column not in c.estimated]
+        if group not in c.left and alone:
+            reasons.append(f'{", ".join(alone)} (the motion does not determine them)')
+    return '; '.join(reasons) or 'nothing'
 
 
 def _code(text: str) -> str:

@@ -11,11 +11,12 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 from spm_haptic_master.calibration.motion.calibration import MotionCalibration, rms
-from spm_haptic_master.calibration.motion.coverage import Region
-from spm_haptic_master.calibration.motion.mechanism_parameters import Array
-from spm_haptic_master.kinematics import workspace_pose, zxz_from_matrix
+from spm_haptic_master.calibration.motion.coverage import around_middle, Region
+from spm_haptic_master.calibration.motion.model import Array
+from spm_haptic_master.kinematics import workspace_pose
 from spm_haptic_master.kinematics.joints import LEG_NAMES
 from spm_haptic_master.validation import plot_style
+from spm_haptic_master.validation.parity_map import tilt_and_turn
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,6 +31,8 @@ SCALE_PERCENT = 98.0
 # Colours of signed values, distinguishable without red and green, and of what the motion did not
 # reach.
 SIGNED, NOWHERE = 'RdBu_r', '#c4c4c4'
+# Axis of the platform tilted by a right angle in the two directions of the map.
+TILTED = np.array([workspace_pose(0.5 * pi, azimuth, 0.0)[:, 2] for azimuth in (0.0, 0.5 * pi)])
 # Width of the rim with the legs' letters, beyond the outermost cell (deg).
 LETTERS = 3.0
 CAPTION = ('Parity of the motion over the workspace, means of cells, before (directions and zeros '
@@ -76,24 +79,16 @@ def draw(c: MotionCalibration) -> bytes:
                             location='bottom', shrink=0.9, aspect=40 if number == 1 else 20,
                             ticks=MaxNLocator(7 if number == 1 else 4))
     file = BytesIO()
-    figure.savefig(file, format='png', dpi=plot_style.RESOLUTION, metadata={'Software': None},
-                   pil_kwargs={'optimize': True})
+    plot_style.save(figure, file)
     return file.getvalue()
 
 
 def _places(rotation: Array) -> tuple[Array, Array, Array]:
     """Return the tilt towards (1, -1, 0) and (1, 1, -2), and the self-rotation, deg."""
-    centre, one, other = (workspace_pose(tilt, azimuth, 0.0)[:, 2] for tilt, azimuth in (
-        (0.0, 0.0), (0.5 * pi, 0.0), (0.5 * pi, 0.5 * pi)))
-    axis = rotation[:, :, 2]
-    x, y = axis @ one, axis @ other
-    factor = np.degrees(np.arctan2(np.hypot(x, y), axis @ centre)) / np.maximum(
-        np.hypot(x, y), 1e-12)
-    turn = zxz_from_matrix(rotation)[2]
-    # Around the middle of the motion, so that no map is cut at half a turn.
-    middle = np.angle(np.exp(1j * turn).sum())
-    turn = middle + np.angle(np.exp(1j * (turn - middle)))
-    return x * factor, y * factor, np.degrees(turn)
+    tilt, turn = tilt_and_turn(rotation)
+    x, y = (rotation[:, :, 2] @ direction for direction in TILTED)
+    factor = np.degrees(tilt) / np.maximum(np.hypot(x, y), 1e-12)
+    return x * factor, y * factor, np.degrees(around_middle(turn))
 
 
 def _edges(values: Array, step: float) -> Array:
@@ -129,9 +124,7 @@ def _tilt_map(axes: Axes, reach: float, title: str, labelled: bool) -> None:
                           'tilt towards (1, 1, −2), deg' if labelled else '', title)
     # The nominal motors A, B, C are on z, x, y.
     motors = np.eye(3)[[2, 0, 1]]
-    one, other = (workspace_pose(0.5 * pi, azimuth, 0.0)[:, 2] for azimuth in (0.0, 0.5 * pi))
-    for leg, motor in zip(LEG_NAMES, motors, strict=True):
-        at = np.array([motor @ one, motor @ other])
+    for leg, at in zip(LEG_NAMES, motors @ TILTED.T, strict=True):
         at *= (reach - 0.5 * LETTERS) / np.linalg.norm(at)
         axes.text(at[0], at[1], leg, ha='center', va='center', fontweight='bold', fontsize=10)
     axes.set_xlim(-reach, reach)

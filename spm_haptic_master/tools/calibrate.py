@@ -39,14 +39,9 @@ from spm_haptic_master.parameters.nodes import SOURCE_SETTINGS
 from spm_haptic_master.parameters.resolver import read_parameters
 from spm_haptic_master.parameters.setting import SENSORS_SETTING, Values
 from spm_haptic_master.simulation import trajectories
-from spm_haptic_master.tools import (
-    calibrate_motion,
-    check_calibration,
-    command_line,
-    outside_orientations,
-)
+from spm_haptic_master.tools import calibrate_motion, calibration_verdict, command_line
+from spm_haptic_master.tools.calibrate_motion import JIG_SECONDS
 from spm_haptic_master.tools.motion_source import check_source, record_pose, wait_for_pose
-from spm_haptic_master.tools.outside_orientations import JIG_SECONDS
 
 DESCRIPTION = """\
 Reads the encoders for some seconds while a static jig holds the device in a known pose, and writes
@@ -74,7 +69,7 @@ def _run(args: list[str]) -> int:
     if options.check is not None:
         if not options.motion:
             raise InputError(f'--check {options.check} without --motion; expected both')
-        return check_calibration.run(options)
+        return calibration_verdict.check(options)
     if options.motion:
         return calibrate_motion.run(options)
     if options.output is None:
@@ -127,7 +122,7 @@ def _parser() -> Parser:
                         "drawing's link angles")
     parser.add_argument('--check', type=Path, metavar='FILE',
                         help='motion: parameter file of a calibration; check by a motion of '
-                        f'{check_calibration.SECONDS_DEFAULT:g} s whether it still holds, and '
+                        f'{calibration_verdict.SECONDS_DEFAULT:g} s whether it still holds, and '
                         'write nothing')
     parser.add_argument('-o', '--output', type=Path, metavar='FILE',
                         help='parameter file to write')
@@ -144,7 +139,7 @@ def _parser() -> Parser:
     parser.add_argument('--capture-topic', metavar='TOPIC',
                         help='topic of the captured PoseStamped, if --capture is a rosbag2')
     parser.add_argument('--capture-sigma', type=positive,
-                        default=outside_orientations.CAPTURE_SIGMA, metavar='DEG',
+                        default=calibrate_motion.CAPTURE_SIGMA, metavar='DEG',
                         help="standard deviation of the capture's orientations (default "
                         '%(default)g)')
     parser.add_argument('--jig-error', type=positive, metavar='DEG',

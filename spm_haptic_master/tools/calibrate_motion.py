@@ -14,14 +14,29 @@ from math import degrees, radians
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from spm_haptic_master.calibration.calibration_file import check_output, write_text
-from spm_haptic_master.calibration.motion.calibration import motion_text, Origin, Verdict
+from spm_haptic_master.calibration.jig import read_still
+from spm_haptic_master.calibration.motion.calibration import (
+    motion_text,
+    MotionCalibration,
+    Origin,
+    Verdict,
+)
 from spm_haptic_master.calibration.motion.free_motion import calibrate_motion, Guide
-from spm_haptic_master.calibration.motion.mechanism_parameters import Layout
+from spm_haptic_master.calibration.motion.model import Array, Layout
+from spm_haptic_master.calibration.motion.outside_reference import Mounted, mounted
 from spm_haptic_master.calibration.recording import raw_counts, Recording
-from spm_haptic_master.calibration.report import check_report, checksum, write_report
+from spm_haptic_master.calibration.report import checksum, report_paths, write_report
+from spm_haptic_master.encoders.encoder_layout import TURN
 from spm_haptic_master.encoders.source import EncoderSource
-from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.exceptions import CalibrationError, InputError
+from spm_haptic_master.kinematics import (
+    matrix_from_quaternion,
+    matrix_from_zxz,
+    quaternion_from_matrix,
+    zxz_from_matrix,
+)
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.parameters.encoders import (
     ACCEPT_SETTING,
@@ -39,19 +54,31 @@ from spm_haptic_master.parameters.setting import CALIBRATION_SETTING, SENSORS_SE
 from spm_haptic_master.simulation.source_factory import source_text
 from spm_haptic_master.tools import command_line
 from spm_haptic_master.tools.calibration_verdict import FkmValues, published_share, supported
-from spm_haptic_master.tools.motion_source import Evaluate, given_for_motion, read_motion
-from spm_haptic_master.tools.outside_orientations import (
-    check_references,
-    mounted_by,
-    mounting_settings,
-    print_mounting,
+from spm_haptic_master.tools.motion_source import (
+    Evaluate,
+    given_for_motion,
+    read_motion,
+    record_pose,
+    wait_for_pose,
 )
 from spm_haptic_master.tools.progress_bar import ProgressBar, with_trouble
+from spm_haptic_master.validation.alignment import align, interpolate
+from spm_haptic_master.validation.recordings import read_capture
 
 # Takes an instruction and the shares of what it needs, 0 .. 1, by name.
 Publish = Callable[[str, Mapping[str, float]], None]
 # Longest motion (s), and predicted error at which a recording ends by itself (deg).
 SECONDS_DEFAULT, TARGET_DEFAULT = 120.0, 0.04
+# Standard deviation of a jig's pose without --jig-error, and of a capture (deg).
+JIG_SIGMA, CAPTURE_SIGMA = 0.1, 0.2
+# Length of a recording at a jig's pose (s).
+JIG_SECONDS = 5.0
+# Time between two captured orientations that are used (s): their errors last about so long.
+CAPTURE_PERIOD = 0.25
+# Columns of captured orientations.
+QUATERNION_COLUMNS = 4
+# Least number of captured orientations.
+CAPTURED_MINIMUM = 20
 # Settings that the calibration's file has in any case.
 DETERMINED = {CALIBRATION_SETTING.name, SENSORS_SETTING.name, VERIFIED_SETTING.name,
               ACCEPT_SETTING.name, 'encoders.direction', 'encoders.zero_count',
@@ -65,9 +92,9 @@ def run(options: argparse.Namespace) -> int:
     output = options.output
     if output is None:
         raise InputError('no -o FILE; expected the parameter file to write')
-    check_output(output, options.force)
-    check_report(output, options.force)
-    check_references(options, source)
+    for path in (output, *report_paths(output)):
+        check_output(path, options.force)
+    _check_references(options, source)
     sensors = sensors_of(given)
     values = command_line.checked(
         given | raw_counts(sensors) | {'encoders.direction_verified': (True,) * sensors},
@@ -90,14 +117,14 @@ def run(options: argparse.Namespace) -> int:
             bar.stage)
     mounting = None
     if options.pose or options.capture is not None:
-        mounting = mounted_by(options, source, values, found)
+        mounting = _mounted_by(options, source, values, found)
         found = mounting.calibration
     origin = Origin(
         datetime.now().astimezone().isoformat(timespec='seconds'),
         source_text(source, values).removeprefix('replay: '),
         checksum(Path(values['replay.path'])) if source == 'replay' else '',
         version('spm_haptic_master'), values['encoders.counts_per_turn'],
-        kept_settings(source, given, values, mechanism) | mounting_settings(mounting))
+        kept_settings(source, given, values, mechanism) | _mounting_settings(mounting))
     fkm = FkmValues(both, origin)
     with ProgressBar('calibrate') as bar:
         found, limit = supported(found, fkm)
@@ -106,8 +133,83 @@ def run(options: argparse.Namespace) -> int:
     write_text(output, motion_text(verdict))
     _print(output, write_report(output, verdict), verdict)
     if mounting is not None:
-        print_mounting(mounting)
+        _print_mounting(mounting)
     return 0
+
+
+def _check_references(options: argparse.Namespace, source: str) -> None:
+    """Raise InputError for orientations from outside that do not fit together."""
+    if options.pose and options.capture is not None:
+        raise InputError('--pose and --capture; expected one of the two')
+    if source != 'replay' and options.pose_recording:
+        raise InputError(f'--pose-recording with source {source!r}; expected it with replay')
+    if source == 'replay' and len(options.pose or ()) != len(options.pose_recording or ()):
+        raise InputError(f'--pose is given {len(options.pose or ())} times and --pose-recording '
+                         f'{len(options.pose_recording or ())} times; expected as many')
+
+
+def _mounted_by(options: argparse.Namespace, source: str, values: dict[str, Any],
+                found: MotionCalibration) -> Mounted:
+    """Return a calibration with the mounting by a jig's poses or a motion capture."""
+    if options.capture is not None:
+        turned, outside = _captured(options, found)
+        return mounted(found, turned, outside, radians(options.capture_sigma))
+    recordings = options.pose_recording or [None] * len(options.pose)
+    per_turn = values['encoders.counts_per_turn']
+    rows = []
+    for number, (pose, recording) in enumerate(zip(options.pose, recordings, strict=True), 1):
+        if recording is None:
+            wait_for_pose(number, len(options.pose), pose)
+        counts = record_pose(
+            source, values | ({} if recording is None else {'replay.path': str(recording)}),
+            JIG_SECONDS)
+        rows.append(read_still(counts, per_turn, radians(options.noise_limit),
+                               radians(options.drift_limit))[0])
+    return mounted(found, np.array(rows) * TURN / np.array(per_turn) * np.array(found.direction),
+                   matrix_from_zxz(*np.radians(options.pose).T),
+                   radians(options.jig_error or JIG_SIGMA))
+
+
+def _captured(options: argparse.Namespace,
+              found: MotionCalibration) -> tuple[Array, Array]:
+    """Return readings by their directions, and captured orientations, at the same times."""
+    capture = read_capture(options.capture, options.capture_topic)
+    if capture.values.shape[1] != QUATERNION_COLUMNS:
+        raise InputError(f'{options.capture}: markers; expected the pose of a body (qx, qy, qz, '
+                         'qw), as the motion capture computes it')
+    seconds = found.readings.seconds
+    known = np.isfinite(found.rotation).all(axis=(1, 2))
+    times, quaternions = seconds[known], quaternion_from_matrix(found.rotation[known])
+    begin = capture.time - capture.time[0]
+    fitted = align(times, quaternions, begin, capture.values, False)
+    rows = np.flatnonzero(known)[::max(1, int(CAPTURE_PERIOD / np.median(np.diff(times))))]
+    at = interpolate(begin + fitted.offset, capture.values, seconds[rows])
+    inside = np.isfinite(at).all(axis=1)
+    if inside.sum() < CAPTURED_MINIMUM:
+        raise CalibrationError(f'{options.capture}: {int(inside.sum())} orientations at times of '
+                               f'the motion; expected at least {CAPTURED_MINIMUM}')
+    rows = rows[inside]
+    return found.turned[rows], matrix_from_quaternion(at[inside])
+
+
+def _mounting_settings(mounting: Mounted | None) -> dict[str, Any]:
+    """Return the parameters of a mounting."""
+    if mounting is None:
+        return {}
+    return {f'mounting.{part}_zxz_deg': tuple(
+        round(degrees(float(angle)), 6) for angle in zxz_from_matrix(rotation))
+        for part, rotation in (('base', mounting.base), ('handle', mounting.handle))
+        if part == 'base' or mounting.handle_deviations.any()}
+
+
+def _print_mounting(mounting: Mounted) -> None:
+    """Print the mounting that the orientations from outside determined."""
+    for name, deviations in (('base', mounting.base_deviations),
+                             ('handle', mounting.handle_deviations)):
+        if deviations.any():
+            print(f'  mounting of the {name}: standard deviations '
+                  f'{" ".join(f"{degrees(each):.3f}" for each in deviations)} deg')
+    print(f'  left of the orientations from outside: {degrees(mounting.rms):.3f} deg rms')
 
 
 def _guidance_topic(remaps: Sequence[str]) -> AbstractContextManager[Publish]:
@@ -154,9 +256,10 @@ def _print(path: Path, report: str, verdict: Verdict) -> None:
     print(f'{path}: written; {report}')
     print(f'  {readings.sets} sets in {readings.seconds[-1]:.1f} s, {readings.spikes} left out as '
           f'spikes, {100.0 * found.cut:.1f} % of the samples cut')
-    for index, joint in enumerate(ALL_JOINT_NAMES[:found.layout.sensors]):
-        print(f'  {joint}: direction {found.direction[index]:+d}, sigma '
-              f'{degrees(found.noise[index]):.4f} deg, bias {degrees(found.bias[index]):.2f} deg')
+    for joint, direction, noise, bias in zip(
+            ALL_JOINT_NAMES, found.direction, readings.noise, found.bias, strict=False):
+        print(f'  {joint}: direction {direction:+d}, sigma {degrees(noise):.4f} deg, bias '
+              f'{degrees(bias):.2f} deg')
     for group, reason in found.left.items():
         print(f'  {group} left as drawn: {reason}')
     for caution in found.cautions:

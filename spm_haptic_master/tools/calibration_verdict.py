@@ -1,14 +1,16 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a calibration is good for, by the supervision of fkm: alert limit, region, share."""
+"""What a calibration is good for, by the supervision of fkm; whether it holds for a motion."""
 
 from __future__ import annotations
 
+import argparse
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import degrees, tau
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,20 +20,26 @@ from spm_haptic_master.calibration.motion.calibration import (
     MotionCalibration,
     Origin,
 )
+from spm_haptic_master.calibration.motion.calibration_check import CalibrationChecker, Check
 from spm_haptic_master.calibration.motion.coverage import region_of, WORKSPACE
+from spm_haptic_master.calibration.motion.model import Array
+from spm_haptic_master.calibration.motion.readings import motion_readings, MotionReadings
 from spm_haptic_master.calibration.recording import Recording
 from spm_haptic_master.encoders.decoder_factory import make_harmonics
-from spm_haptic_master.exceptions import CalibrationError
+from spm_haptic_master.exceptions import CalibrationError, InputError
 from spm_haptic_master.kinematics import workspace_pose
-from spm_haptic_master.parameters.fkm import FKM_SETTINGS
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics.rotations import wrapped
+from spm_haptic_master.parameters.fkm import FKM_SETTINGS, limits_from, sigma_from
+from spm_haptic_master.parameters.geometry import geometry_from
 from spm_haptic_master.parameters.nodes import SOURCE_SETTINGS
+from spm_haptic_master.parameters.resolver import read_parameters
 from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.supervision.recording import run, Supervised
 from spm_haptic_master.supervision.symptom import Reason, with_remedy
 from spm_haptic_master.tools import command_line
-from spm_haptic_master.tools.motion_source import FKM_NAMES
-
-Array = NDArray[np.float64]
+from spm_haptic_master.tools.motion_source import FKM_NAMES, given_for_motion, read_motion
+from spm_haptic_master.tools.progress_bar import ProgressBar
 
 # Least share of a motion that has to be published (unit 1).
 PUBLISHED = 0.99
@@ -45,6 +53,10 @@ SECONDS, RATE = 20.0, 100.0
 PERIODS = 2.9, 7.1, 9.7
 # Reasons that follow another one.
 FOLLOWING = (Reason.STARTING.value,)
+# Length of a live recording for a check (s).
+SECONDS_DEFAULT = 20.0
+# What makes a parameter file a calibration.
+NEEDED = ('encoders.zero_count', 'encoders.direction', 'sigma_deg', 'bias_deg')
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,8 +85,7 @@ class FkmValues:
         for sensor, harmonics in enumerate(make_harmonics(values)):
             zero = values['encoders.zero_count'][sensor] * tau \
                 / values['encoders.counts_per_turn'][sensor]
-            angle = values['encoders.direction'][sensor] * (readings[:, sensor] - zero)
-            angle = (angle + np.pi) % tau - np.pi
+            angle = wrapped(values['encoders.direction'][sensor] * (readings[:, sensor] - zero))
             found[:, sensor] = angle if harmonics is None else harmonics.angles(angle)
         return found
 
@@ -106,9 +117,9 @@ def supported(calibration: MotionCalibration,
         if limits else ''
     raise CalibrationError(
         f'the motion does not support alert_limit_deg {limit:g}: {cure}{least} (bias_deg over the '
-        f'workspace is {" ".join(f"{degrees(each):.2f}" for each in calibration.bias)}, noise up '
-        f'to {degrees(float(calibration.noise.max())):.2f} deg; the region moved, {moved.text}, '
-        f'{"is no better" if moved.is_large else "is too small"})')
+        f'workspace is {" ".join(f"{each:.2f}" for each in np.degrees(calibration.bias))}, noise '
+        f'up to {degrees(calibration.readings.noise.max()):.2f} deg; the region moved, '
+        f'{moved.text}, {"is no better" if moved.is_large else "is too small"})')
 
 
 def least_alert_limit(calibration: MotionCalibration, values: FkmValues) -> float | None:
@@ -167,3 +178,53 @@ def _simulated(calibration: MotionCalibration) -> tuple[NDArray[np.int64], Array
         poses, calibration.layout.geometry(calibration.vector))
     within = np.isfinite(angles).all(axis=1)
     return (t[within] * 1e9).astype(np.int64), angles[within]
+
+
+def check(options: argparse.Namespace) -> int:
+    """Check a calibration by a motion; 1 if it does not hold. Errors as SpmError."""
+    path = options.check
+    if options.output is not None:
+        raise InputError(f'-o {options.output} with --check {path}; expected one of them: a check '
+                         'writes nothing')
+    of_file = read_parameters(path)
+    missing = [name for name in NEEDED if name not in of_file]
+    if missing:
+        raise InputError(f'--check {path}: it has no {", ".join(missing)}; expected a file that '
+                         'calibrate wrote')
+    options.params_file.append(str(path))
+    source, given = given_for_motion(options, 'check')
+    values = command_line.checked(given, SOURCE_SETTINGS[source], source)
+    settings = command_line.checked(given, FKM_SETTINGS)
+    stamps, angles = read_motion(
+        source, values, options.seconds, SECONDS_DEFAULT, 'tilt the handle in all directions and '
+        f'turn it both ways, for {options.seconds or SECONDS_DEFAULT:g} s; Ctrl-C ends the '
+        'recording and keeps it')
+    readings = motion_readings(stamps, angles)
+    sigma = np.maximum(sigma_from(settings), readings.noise) / np.sqrt(readings.together)
+    with ProgressBar('calibrate') as bar:
+        found = CalibrationChecker(
+            sigma, np.array(limits_from(settings).bias), geometry_from(settings),
+            settings['working_mode'], bar.stage).check(readings.readings)
+    _print(path, found, readings, settings)
+    if not found.holds:
+        raise CalibrationError(f'{path} does not hold: {found.text}')
+    return 0
+
+
+def _print(path: Path, found: Check, readings: MotionReadings, settings: dict[str, Any]) -> None:
+    """Print the figures."""
+    verdict, each = 'holds' if found.holds else 'does not hold', found.evaluation
+    print(f'{path}: {verdict}; {readings.sets} sets in {readings.seconds[-1]:.1f} s, '
+          f'{readings.spikes} left out as spikes, {each.poses if each else 0} poses')
+    if each is None:
+        print(f'  only {100.0 * found.usable:.0f} % of the angles fit the mechanism')
+        return
+    print(f'  slow parity {degrees(each.slow):.4f} deg rms; noise alone '
+          f'{degrees(each.white):.4f}, noise and bias_deg {degrees(each.expected):.4f}')
+    print(f'  figure of merit {each.merit:.2f} (1: as large as noise and bias_deg explain)')
+    sigma = sigma_from(settings)
+    for index, name in enumerate(ALL_JOINT_NAMES[:len(sigma)]):
+        print(f'  {name}: if it alone slipped {degrees(each.slip[index]):+.3f} deg '
+              f'+- {degrees(each.deviation[index]):.3f}, least that shows '
+              f'{degrees(each.visible[index]):.3f}; noise {degrees(readings.noise[index]):.4f} '
+              f'deg, sigma_deg {degrees(sigma[index]):.4f}')

@@ -59,10 +59,10 @@ def between(time: np.ndarray, quaternions: np.ndarray, at: np.ndarray) -> np.nda
 
     The chord is as good as the arc: a hand turns the platform by a degree or two.
     """
-    flips = np.sum(quaternions[1:] * quaternions[:-1], axis=-1) < 0.0
+    flips = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0.0
     signs = np.concatenate([[1.0], np.where(np.cumsum(flips) % 2, -1.0, 1.0)])
     return np.stack([np.interp(at, time, each) for each in (quaternions * signs[:, None]).T],
-                    axis=-1)
+                    axis=1)
 
 
 def interpolate(time: np.ndarray, quaternions: np.ndarray, at: np.ndarray) -> np.ndarray:
@@ -74,7 +74,7 @@ def interpolate(time: np.ndarray, quaternions: np.ndarray, at: np.ndarray) -> np
     place = np.clip(np.searchsorted(time, at), 1, len(time) - 1)
     known = (at >= time[0]) & (at <= time[-1]) & (time[place] - time[place - 1] <= GAP)
     found = between(time, quaternions, at)
-    found /= np.linalg.norm(found, axis=-1, keepdims=True)
+    found /= np.linalg.norm(found, axis=1, keepdims=True)
     return np.where(known[:, None], found, np.nan)
 
 
@@ -91,8 +91,8 @@ def angular_speed(time: np.ndarray, quaternions: np.ndarray) -> tuple[float, np.
         raise InputError(f'{time[-1] - time[0]:.2f} s are too short to be aligned; expected '
                          f'{4 * width * SPEED_STEP:g} s or more')
     smooth = np.stack([np.convolve(each, np.full(width, 1.0 / width), 'valid')
-                       for each in between(time, quaternions, grid).T], axis=-1)
-    chord = np.linalg.norm(smooth[width:] - smooth[:-width], axis=-1)
+                       for each in between(time, quaternions, grid).T], axis=1)
+    chord = np.linalg.norm(smooth[width:] - smooth[:-width], axis=1)
     speed = 4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)) / (width * SPEED_STEP)
     return grid[0] + 0.5 * (2 * width - 1) * SPEED_STEP, speed
 
@@ -127,7 +127,7 @@ def coarse_offset(recorded: tuple[float, np.ndarray],
     # A motion that repeats itself fits at every period: take the one with the longest overlap.
     alike = np.flatnonzero(misfit <= TIE * misfit.min())
     most = alike[np.argmax(number[alike])]
-    near = slice(max(most - SPEED_WINDOW, 0), most + SPEED_WINDOW + 1)
+    near = slice(max(most - SPEED_WINDOW, 0), most + SPEED_WINDOW)
     best = near.start + int(np.argmin(misfit[near]))
     spread = ((square_a - sum_a**2 / number) * (square_b - sum_b**2 / number))[best]
     covariance = (mixed - sum_a * sum_b / number)[best]
@@ -159,23 +159,22 @@ def constant_frames(captured: np.ndarray, recorded: np.ndarray,
     products = np.einsum('nab,ncd->abcd', captured, recorded)
     if body_known:
         return nearest_rotation(np.einsum('abcb->ac', products)), np.eye(3)
-    best, found = -math.inf, (np.eye(3), np.eye(3))
+    found = []
     # One of the 24 rotations that map axes to axes is near every solution.
     turns = (np.eye(3)[list(columns)].T * signs for columns in permutations(range(3))
              for signs in product((1.0, -1.0), repeat=3))
     for body in (turn for turn in turns if np.linalg.det(turn) > 0.0):
-        before = -math.inf
+        fit = -math.inf
         for _ in range(FRAME_STEPS):
             frame = nearest_rotation(np.einsum('abcd,db->ac', products, body))
             along = np.einsum('abcd,ac->db', products, frame)
             body = nearest_rotation(along)
-            fit = float(np.sum(along * body))
+            before, fit = fit, float(np.sum(along * body))
             if fit - before <= FRAME_TOLERANCE * len(captured):
                 break
-            before = fit
-        if fit > best:
-            best, found = fit, (frame, body)
-    return found
+        found.append((fit, frame, body))
+    _, frame, body = max(found, key=lambda each: each[0])
+    return frame, body
 
 
 def rotation_vectors(matrices: np.ndarray) -> np.ndarray:
@@ -225,7 +224,7 @@ def align(recorded_time: np.ndarray, recorded: np.ndarray, captured_time: np.nda
         rows = np.concatenate(columns, axis=-1)
         # A motion about one axis does not separate frame and body: the solution is the least
         # rotation of both.
-        step = np.linalg.lstsq(rows.reshape(-1, rows.shape[-1]), ahead.ravel(), rcond=None)[0]
+        step = np.linalg.lstsq(np.concatenate(rows), ahead.ravel(), rcond=None)[0]
         offset += step[0]
         frame = frame @ matrix_from_vector(step[None, 1:4])[0]
         if not body_known:

@@ -11,8 +11,8 @@ by the library rosbags.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path, PurePath
 
 from spm_haptic_master.exceptions import InputError
@@ -52,13 +52,13 @@ def read_topic(path: Path, topic: str, optional: bool = False) -> Topic | None:
     An optional one without messages is None. InputError for a recording that was not ended,
     cannot be read or is incomplete, and where no or several such topics have messages.
     """
-    metadata = _metadata(path)
-    types, messages = _read(path, metadata.compressed, topic)
+    compressed, counts = _metadata(path)
+    types, messages = _read(path, compressed, topic)
     read = Counter(name for _, name, _ in messages)
-    for name in _select(metadata.counts, topic):
-        if read[name] != metadata.counts[name]:
+    for name in _select(counts, topic):
+        if read[name] != counts[name]:
             raise InputError(
-                f'{path}: {read[name]} messages on {name}, {metadata.counts[name]} according to '
+                f'{path}: {read[name]} messages on {name}, {counts[name]} according to '
                 f'{METADATA}; `ros2 bag reindex {path}` counts them again')
     # The files of a recording may overlap in time, and be listed in any order.
     messages.sort(key=lambda message: message[0])
@@ -75,22 +75,18 @@ def read_topic(path: Path, topic: str, optional: bool = False) -> Topic | None:
 
 # Complete or not -------------------------------------------------------------------------------
 
-@dataclass(frozen=True, slots=True)
-class _Metadata:
-    """What metadata.yaml has of a recording; of a file alone there is none."""
+def _metadata(path: Path) -> tuple[bool, Counter[str]]:
+    """
+    Return whether rosbag2 compressed a recording, and how many messages each topic has.
 
-    compressed: bool = False  # whether rosbag2 compressed files or messages
-    counts: Mapping[str, int] = field(default_factory=dict)  # messages of each topic
-
-
-def _metadata(path: Path) -> _Metadata:
-    """Return what metadata.yaml has; raise InputError if a recording is not complete."""
+    That is what metadata.yaml has; a file alone has none. InputError if a recording is incomplete.
+    """
     if not path.is_dir():
         if path.name.endswith(COMPRESSED_SUFFIX):
             raise InputError(f'{path}: compressed as a whole; expected its directory, with '
                              f'{METADATA}')
         _check_ended(path)
-        return _Metadata()
+        return False, Counter()
     if not (path / METADATA).exists():
         raise InputError(f'{path}: no {METADATA}; expected what `ros2 bag record` writes: it was '
                          f'not ended, and `ros2 bag reindex {path}` makes it readable')
@@ -116,7 +112,7 @@ def _metadata(path: Path) -> _Metadata:
         raise _not_ended(path, f'{", ".join(unknown)} not in {METADATA}', path)
     for name in listed:
         _check_ended(path / name)
-    return _Metadata(mode != 'none', counts)
+    return mode != 'none', counts
 
 
 def _check_ended(path: Path) -> None:
@@ -148,37 +144,26 @@ def _stored_name(name: str) -> str:
 
 def _read(path: Path, compressed: bool, topic: str) -> Content:
     """Return the topics of a recording, and the messages of those named `topic`."""
-    read = _library(path)
-    try:
-        return read(path, compressed, topic)
-    except Exception as error:
-        # The readers, their formats and their compressions have no common exception.
-        directory = path if path.is_dir() else path.parent
-        raise InputError(f'{path}: cannot be read as rosbag2: {type(error).__name__}: '
-                         f'{_first_line(error)}; if its recording was not ended, '
-                         f'`ros2 bag reindex {directory}` makes it readable') from error
+    for read in (_by_rosbag2_py, _by_rosbags):
+        try:
+            return read(path, compressed, topic)
+        except ImportError as error:
+            missing = error
+        except Exception as error:
+            # The readers, their formats and their compressions have no common exception.
+            directory = path if path.is_dir() else path.parent
+            raise InputError(f'{path}: cannot be read as rosbag2: {type(error).__name__}: '
+                             f'{_first_line(error)}; if its recording was not ended, '
+                             f'`ros2 bag reindex {directory}` makes it readable') from error
+    raise InputError(
+        f'{path}: reading it needs rosbag2_py (apt install ros-jazzy-rosbag2-py, and source '
+        'setup.bash of ROS 2), or rosbags (in a virtual environment: pip install '
+        f"'.[validate]'): {missing}") from missing
 
 
 def _select(names: Iterable[str], topic: str) -> list[str]:
     """Return the names that are, or end in, `topic`."""
     return [name for name in names if f'/{name.strip("/")}'.endswith(f'/{topic.strip("/")}')]
-
-
-def _library(path: Path) -> Callable[[Path, bool, str], Content]:
-    """Return the reader of what can be imported."""
-    try:
-        import rosbag2_py  # noqa: F401
-        return _by_rosbag2_py
-    except ImportError:
-        pass
-    try:
-        import rosbags.rosbag2  # noqa: F401
-        return _by_rosbags
-    except ImportError as error:
-        raise InputError(
-            f'{path}: reading it needs rosbag2_py (apt install ros-jazzy-rosbag2-py, and source '
-            'setup.bash of ROS 2), or rosbags (in a virtual environment: pip install '
-            f"'.[validate]'): {error}") from error
 
 
 def _by_rosbag2_py(source: Path, compressed: bool, topic: str) -> Content:

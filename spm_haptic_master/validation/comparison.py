@@ -88,10 +88,10 @@ def marker_directions(coordinates: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
     """
     a, b, c, d = np.moveaxis(coordinates.reshape(-1, 4, 3), 1, 0)
     span = float(np.median(
-        np.linalg.norm(coordinates.reshape(-1, 4, 3) - a[:, None], axis=-1).max(-1)))
+        np.linalg.norm(coordinates.reshape(-1, 4, 3) - a[:, None], axis=2).max(axis=1)))
     axis = _unit(b - a, span, 'A and B coincide')
     toward_c, toward_d = (
-        _unit(beside - np.sum(beside * axis, axis=-1, keepdims=True) * axis, span,
+        _unit(beside - np.sum(beside * axis, axis=1, keepdims=True) * axis, span,
               f'{name} lies on the axis A-B') for name, beside in (('C', c - a), ('D', d - a)))
     return axis, toward_c, toward_d
 
@@ -106,12 +106,12 @@ def orientation_of_markers(coordinates: np.ndarray, azimuths: tuple[float, float
     axis, *toward = marker_directions(coordinates)
     x = sum(np.cos(azimuth) * each - np.sin(azimuth) * np.cross(axis, each)
             for azimuth, each in zip(azimuths, toward, strict=True))
-    x /= np.linalg.norm(x, axis=-1, keepdims=True)
-    return np.stack([x, np.cross(axis, x), axis], axis=-1)
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    return np.stack([x, np.cross(axis, x), axis], axis=2)
 
 
 def _unit(vectors: np.ndarray, span: float, problem: str) -> np.ndarray:
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
     if not (length > LEAST_DISTANCE * span).all():
         raise InputError(f'markers: {problem}')
     return vectors / length
@@ -143,7 +143,7 @@ def _mounted_classic(joints: Track, time: np.ndarray, start: np.ndarray, geometr
 
 def zxz_degrees(rotations: np.ndarray, unwrapped: bool = False) -> np.ndarray:
     """Return psi, theta, phi, deg, (3, n), NaN as in the input; unwrapped: without jumps."""
-    known = np.isfinite(rotations[:, 0, 0])
+    known = np.isfinite(rotations).all(axis=(1, 2))
     angles = np.full((3, len(rotations)), np.nan)
     found = zxz_from_matrix(rotations[known])
     angles[:, known] = np.degrees(np.unwrap(found, axis=-1) if unwrapped else found)
@@ -165,13 +165,13 @@ def error_table(comparison: Comparison) -> list[ErrorRow]:
     captured = zxz_from_matrix(comparison.captured)
     table = []
     for model, rotations in comparison.models.items():
-        known = np.isfinite(rotations[:, 0, 0])
+        known = np.isfinite(rotations).all(axis=(1, 2))
         if not known.any():
             continue
         errors = [np.angle(np.exp(1j * (angle - truth[known]))) for angle, truth in zip(
             zxz_from_matrix(rotations[known]), captured, strict=True)]
         errors.append(np.linalg.norm(rotation_vectors(
-            rotations[known] @ comparison.captured[known].swapaxes(-1, -2)), axis=-1))
+            rotations[known] @ comparison.captured[known].swapaxes(1, 2)), axis=1))
         for quantity, error in zip((*ANGLES, 'rotation'), errors, strict=True):
             size = np.degrees(np.abs(error))
             table.append(ErrorRow(

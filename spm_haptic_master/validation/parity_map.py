@@ -85,10 +85,15 @@ def parity_map(angles: Array, sigma: tuple[float, ...], geometry: Geometry,
     normal = np.linalg.svd(matrices[usable])[0][:, :, 3]
     deviation = np.sqrt((normal ** 2 * np.square(sigma)).sum(axis=1))
     parity[rows] = np.degrees(found.parity[known][usable] * deviation)
-    axis = workspace_pose(0.0, 0.0, 0.0)[:, 2]
-    tilt[rows] = np.degrees(np.arccos(np.clip(rotation[:, :, 2] @ axis, -1.0, 1.0)))
-    phi[rows] = np.degrees(zxz_from_matrix(rotation)[2])
+    tilt[rows], phi[rows] = np.degrees(tilt_and_turn(rotation))
     return ParityMap(parity, tilt, phi)
+
+
+def tilt_and_turn(rotation: Array) -> tuple[Array, Array]:
+    """Return tilts from the centre of the workspace, and self-rotations, rad, (n,) each."""
+    axis = workspace_pose(0.0, 0.0, 0.0)[:, 2]
+    return (np.arccos(np.clip(rotation[:, :, 2] @ axis, -1.0, 1.0)),
+            zxz_from_matrix(rotation)[2])
 
 
 def regions(found: ParityMap, published: NDArray[np.bool_], level_deg: Array) -> list[Region]:
@@ -121,7 +126,7 @@ def white_noise(stamps: NDArray[np.int64], angles: Array) -> Array:
     steps = np.diff(stamps)
     if len(steps) < 3:
         return np.full(angles.shape[1], np.nan)
-    regular = steps < GAP * np.median(steps)
+    regular = steps <= GAP * np.median(steps)
     together = regular[:-2] & regular[1:-1] & regular[2:]
     third = np.diff(angles, n=3, axis=0)[together]
     noise = np.full(angles.shape[1], np.nan)

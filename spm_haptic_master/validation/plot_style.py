@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -47,10 +48,10 @@ def label_axes(axes: Axes, x: str, y: str, title: str = '') -> None:
     axes.set_axisbelow(True)
 
 
-def save(figure: Figure, path: Path) -> None:
+def save(figure: Figure, path: Path | BytesIO) -> None:
     """Write a PNG, the same bytes for the same picture; InputError where that is not possible."""
     try:
-        figure.savefig(path, dpi=RESOLUTION, metadata={'Software': None},
+        figure.savefig(path, format='png', dpi=RESOLUTION, metadata={'Software': None},
                        pil_kwargs={'optimize': True})
     except OSError as error:
         raise InputError(f'{path}: cannot be written: {error}') from error

@@ -26,7 +26,7 @@ stamps.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 import csv
 from dataclasses import dataclass
 import gzip
@@ -80,9 +80,8 @@ def read_orientation(path: Path, topic: str) -> Track:
     QuaternionStamped or PoseStamped. InputError: it cannot be read, or has no orientations.
     """
     path = _table_in(path, ORIENTATION_NAME)
-    rows = _topic_rows(path, topic, ORIENTATIONS) if bags.is_bag(path) \
-        else _csv_rows(path, QUATERNION)
-    return _quaternions(path, rows)
+    return _quaternions(path, _topic_rows(path, topic, ORIENTATIONS) if bags.is_bag(path)
+                        else _csv_rows(path, _csv_table(path), QUATERNION))
 
 
 def read_joints(path: Path, topic: str) -> Track | None:
@@ -102,11 +101,12 @@ def read_joints(path: Path, topic: str) -> Track | None:
             raise InputError(f'{path}: joint angles of {" and of ".join(map(str, numbers))} '
                              'sensors; expected one number of them')
         return _track(path, rows, len(JOINT_NAMES)) if rows else None
+    table = _csv_table(path)
     try:
-        names = _joints_among(_header(path))
+        names = _joints_among(table[0])
     except ValueError as error:
         raise InputError(f'{path}: {error}') from error
-    return _track(path, _csv_rows(path, names), len(JOINT_NAMES))
+    return _track(path, _csv_rows(path, table, names), len(JOINT_NAMES))
 
 
 def read_capture(path: Path, topic: str | None) -> Track:
@@ -120,12 +120,12 @@ def read_capture(path: Path, topic: str | None) -> Track:
         if topic is None:
             raise InputError(f'{path}: give the topic of the pose with --capture-topic')
         return _quaternions(path, _topic_rows(path, topic, ORIENTATIONS))
-    columns = _header(path)
-    if set(MARKERS) <= set(columns):
-        return _track(path, _csv_rows(path, MARKERS))
-    if set(QUATERNION) <= set(columns):
-        return _quaternions(path, _csv_rows(path, QUATERNION))
-    named = ', '.join(columns)
+    table = _csv_table(path)
+    if set(MARKERS) <= set(table[0]):
+        return _track(path, _csv_rows(path, table, MARKERS))
+    if set(QUATERNION) <= set(table[0]):
+        return _quaternions(path, _csv_rows(path, table, QUATERNION))
+    named = ', '.join(table[0])
     raise InputError(f'{path}: columns {named[:QUOTED]!r}; expected time and either '
                      f'{", ".join(MARKERS)} (markers) or {", ".join(QUATERNION)} (a pose)')
 
@@ -155,7 +155,7 @@ def _table_in(path: Path, name: str) -> Path:
 def _quaternions(path: Path, rows: list[list[float]]) -> Track:
     track = _track(path, [row for row in rows if any(row[1:])])
     with np.errstate(over='ignore'):
-        norm = np.linalg.norm(track.values, axis=-1)
+        norm = np.linalg.norm(track.values, axis=1)
     wrong = np.flatnonzero(np.abs(norm - 1.0) > NORM_TOLERANCE)
     if wrong.size:
         raise InputError(f'{path}: at time {track.time[wrong[0]]:.6f} s the quaternion has norm '
@@ -180,39 +180,37 @@ def _track(path: Path, rows: list[list[float]], least: int | None = None) -> Tra
 
 # CSV ------------------------------------------------------------------------------------------
 
-def _lines(path: Path) -> Iterator[list[str]]:
+def _csv_table(path: Path) -> list[list[str]]:
+    """Return the lines of a CSV file, of which the first is the header in small letters."""
     try:
         with (gzip.open if path.suffix == '.gz' else open)(
                 path, 'rt', newline='', encoding='utf-8-sig', errors='backslashreplace') as file:
-            yield from csv.reader(file)
+            header, *lines = [*csv.reader(file)] or [[]]
     except (OSError, EOFError, zlib.error, csv.Error) as error:
         raise InputError(f'{path}: cannot be read: {error}') from error
+    return [[name.strip().lower() for name in header], *lines]
 
 
-def _header(path: Path) -> list[str]:
-    return [name.strip().lower() for name in next(_lines(path), [])]
-
-
-def _csv_rows(path: Path, columns: tuple[str, ...]) -> list[list[float]]:
+def _csv_rows(path: Path, table: list[list[str]], columns: tuple[str, ...]) -> list[list[float]]:
     """Return the rows of `time` and these columns; NaN where a field is empty."""
-    header = _header(path)
+    header, *lines = table
     if TIME not in header and STAMP in header:
         header[header.index(STAMP)] = TIME
-    missing = [name for name in (TIME, *columns) if name not in header]
+    columns = (TIME, *columns)
+    missing = [name for name in columns if name not in header]
     if missing:
-        raise InputError(f'{path}: no column {", ".join(missing)}; expected '
-                         f'{", ".join((TIME, *columns))}')
-    places = [header.index(name) for name in (TIME, *columns)]
+        raise InputError(
+            f'{path}: no column {", ".join(missing)}; expected {", ".join(columns)}')
+    places = [header.index(name) for name in columns]
     rows = []
-    for number, line in enumerate(_lines(path), start=1):
-        if number == 1 or not line:
+    for number, line in enumerate(lines, start=2):
+        if not line:
             continue
         try:
-            rows.append([float(line[place]) if line[place].strip() else math.nan
-                         for place in places])
+            rows.append([float(line[place].strip() or 'nan') for place in places])
         except (ValueError, IndexError) as error:
             raise InputError(f'{path}, line {number}: not numbers in the columns '
-                             f'{", ".join((TIME, *columns))}') from error
+                             f'{", ".join(columns)}') from error
     return rows
 
 
@@ -236,14 +234,13 @@ class Cdr:
             raise ValueError(f'{len(self._body)} bytes')
         return struct.unpack_from(f'<{count}{code}', self._body, begin)
 
-    def count(self) -> int:
-        """Return the length of a sequence."""
-        (count,) = self.numbers('I', 1)
-        return int(count)
+    def sequence(self, code: str) -> tuple[Any, ...]:
+        """Return the numbers of a sequence, which begins with its length."""
+        return self.numbers(code, *self.numbers('I', 1))
 
     def string(self) -> str:
-        """Return a text; its length includes the zero at its end."""
-        return b''.join(self.numbers('s', self.count())).rstrip(b'\0').decode()
+        """Return a text, which ends in a zero."""
+        return b''.join(self.sequence('s')).rstrip(b'\0').decode()
 
     def stamp(self) -> float:
         """Return the stamp of a header, s, and skip its frame."""
@@ -254,8 +251,8 @@ class Cdr:
 
 def _joint_angles(cdr: Cdr) -> Sequence[float]:
     """Return the joint angles of the four, five or six sensors, in their order."""
-    names = [cdr.string() for _ in range(cdr.count())]
-    angles = dict(zip(names, cdr.numbers('d', cdr.count()), strict=True))
+    names = [cdr.string() for _ in range(*cdr.numbers('I', 1))]
+    angles = dict(zip(names, cdr.sequence('d'), strict=True))
     return [angles[name] for name in _joints_among(names)]
 
 

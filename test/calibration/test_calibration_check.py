@@ -59,9 +59,9 @@ def test_no_healthy_rig_is_reported_and_no_healthy_sensor_named(sensors):
     assert named >= 9
 
 
-@pytest.mark.parametrize('sensor, slip_deg', [(0, -0.1), (1, -0.1), (2, 0.1), (3, -0.1), *(
+@pytest.mark.parametrize('sensor, slip_deg', [(0, -0.1), (2, 0.1), *(
     pytest.param(sensor, slip_deg, marks=pytest.mark.evidence)
-    for sensor in range(4) for slip_deg in (0.3, -20.0))])
+    for sensor in range(4) for slip_deg in (-0.1, 0.3, -20.0))])
 def test_a_slip_is_named_with_its_size(sensor, slip_deg):
     found = slipped(sensor, slip_deg)
     assert not found.holds
@@ -76,16 +76,16 @@ def test_a_reversed_direction_and_angles_that_fit_nothing_are_reported(monkeypat
     # Fewer poses for each slip that is tried: seconds instead of half a minute.
     monkeypatch.setattr(calibration_check, 'TRIED_POSES', 10)
     found, angles = rig()
-    result = check(found, angles * [1.0, 1.0, 1.0, -1.0])
+    result = check(found, angles[::8] * [1.0, 1.0, 1.0, -1.0])
     assert not result.holds and result.text == 'joint_3a turns with the other direction'
-    result = check(found, angles[:, [1, 2, 0, 3]] + np.array([1.0, -1.2, 0.7, 0.0]))
+    result = check(found, angles[::8, [1, 2, 0, 3]] + np.array([1.0, -1.2, 0.7, 0.0]))
     assert not result.holds and result.changed is None
+    assert re.match(r'only \d+ % of the angles fit the mechanism, and no change', result.text)
 
 
 @pytest.mark.parametrize('slips_deg', [
-    (0.3, 0.0, 0.0, 0.3), pytest.param((1.0,) * 4, marks=pytest.mark.slow), *(
-        pytest.param(slips, marks=pytest.mark.evidence)
-        for slips in ((5.0, 0.0, 0.0, 5.0), (0.2,) * 4))])
+    (0.3, 0.0, 0.0, 0.3), *(pytest.param(slips, marks=pytest.mark.evidence)
+                            for slips in ((5.0, 0.0, 0.0, 5.0), (0.2,) * 4, (1.0,) * 4))])
 def test_several_that_slipped_are_not_taken_for_one(slips_deg):
     """After a slip of all, one sensor alone would have to slip by three times as much."""
     found, angles = rig()

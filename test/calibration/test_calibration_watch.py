@@ -48,9 +48,9 @@ def feed(into, seconds, drift=(0.0, 0.0, 0.0, 0.0), seed=5):
 
 
 @pytest.mark.parametrize('sensors', [4, 6])
-def test_a_healthy_hour_is_not_reported_and_a_drift_after_it_is(sensors):
+def test_a_healthy_rig_is_not_reported_and_its_drift_is(sensors):
     found = watch(sensors)
-    assert {caution for _, caution in feed(found, 3600, (0.0,) * sensors)} == {''}
+    assert {caution for _, caution in feed(found, 1200, (0.0,) * sensors)} == {''}
     assert 0.3 < found.evaluation.merit < 1.2
     # The last sensor drifts.
     *_, (_, caution) = feed(found, 900, (*(0.0,) * (sensors - 1), DRIFT))
@@ -60,7 +60,7 @@ def test_a_healthy_hour_is_not_reported_and_a_drift_after_it_is(sensors):
 def test_a_drift_is_reported_with_sensor_and_size_within_minutes_until_it_is_over():
     found = watch()
     assert {caution for _, caution in feed(found, 600)} == {''}
-    seen = feed(found, 1800, (0.0, DRIFT, 0.0, 0.0), seed=6)
+    seen = feed(found, 1000, (0.0, DRIFT, 0.0, 0.0), seed=6)
     first = next(second for second, caution in seen if caution)
     assert first <= 300
     drift = degrees(found.evaluation.slip[1])
@@ -69,10 +69,10 @@ def test_a_drift_is_reported_with_sensor_and_size_within_minutes_until_it_is_ove
     assert all('joint_1b' in caution for _, caution in seen if caution)
     # While the device rests, the estimate is frozen.
     before, sample = found.evaluation, at_rest(4)
-    assert found.take(*sample) and not any(found.take(*sample) for _ in range(5000))
+    assert found.take(*sample) and not any(found.take(*sample) for _ in range(500))
     found.evaluate()
     assert found.evaluation.slip[1] == pytest.approx(before.slip[1], abs=radians(0.005))
-    feed(found, 1800, seed=6)
+    feed(found, 1000, seed=6)
     assert found.caution == ''
 
 

@@ -188,13 +188,14 @@ def test_the_file_holds_it_all_and_every_node_loads_it(tmp_path):
 
 
 @pytest.mark.parametrize(('old', 'new', 'reason'), [
-    ('direction: [1,', 'direction: {1,', 'not a calibration that calibrate wrote: ParserError'),
-    ('/**', 'nodes', "not a calibration that calibrate wrote: KeyError: '/\\*\\*'"),
-    ('direction: [1, 1, -1, 1]', 'direction: [1, 1, 2, 1]', 'direction 2; expected 1 or -1'),
-    ('direction: [1, 1, -1, 1]', 'direction: [1, 1, -1]', 'is not a list of 4'),
-    ('zero_count: [', 'zero_count: [0.5, ', 'is not a list of 4'),
-    ('direction_verified: [false,', 'direction_verified: ["no",', "'no'; expected true or false"),
-    ('bias_deg: [0.05,', 'bias_deg: [.nan,', 'is not finite'),
+    ('direction: [1,', 'direction: {1,', 'not valid YAML'),
+    ('/**', 'nodes', "'encoders.direction' is not set; expected a list of 4"),
+    ('direction: [1, 1, -1, 1]', 'direction: [1, 1, 2, 1]', 'a list of 4, each one of 1, -1'),
+    ('direction: [1, 1, -1, 1]', 'direction: [1, 1, -1]', 'expected a list of 4'),
+    ('zero_count: [', 'zero_count: [7, ', 'expected a list of 4'),
+    ('direction_verified: [false,', 'direction_verified: ["no",', 'no'),
+    ('bias_deg: [0.05,', 'bias_deg: [.nan,', 'bias_deg'),
+    ('mean_counts: [', 'mean_counts: [1.0, ', "'mean_counts' is .*; expected a list of 4"),
     ('direction_verified', 'direction_checked', 'direction_verified'),
 ])
 def test_a_calibration_that_was_edited_wrongly_is_refused(tmp_path, old, new, reason):

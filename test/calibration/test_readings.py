@@ -77,6 +77,17 @@ def test_too_few_sets_rest_and_nothing_but_spikes_are_refused():
     still[:, 1] = 1.0 + NOISE * np.random.default_rng(2).normal(size=N)
     with pytest.raises(CalibrationError, match='joint_1b moved by 0.[01]. deg; expected a motion'):
         motion_readings(STAMPS, still)
+    # Neither does a joint move that is elsewhere for a twentieth of the time, as by spikes.
+    for part, moves in ((20, False), (7, True)):
+        still[:, 1] += 0.5 * ((np.arange(N) > N - N // part) - 1.0 * (np.arange(N) < N // part))
+        if moves:
+            motion_readings(STAMPS, still)
+            break
+        with pytest.raises(CalibrationError, match='joint_1b moved by 0.[01]. deg; expected'):
+            motion_readings(STAMPS, still)
+    still[:, 2] = 0.5
+    with pytest.raises(CalibrationError, match=r'joint_1c repeats one value, 28\.65 deg;'):
+        motion_readings(STAMPS, still)
     random = np.random.default_rng(4)
     wrong = random.uniform(size=N) < 0.6
     read[wrong, 0] = random.uniform(0.0, tau, wrong.sum())

@@ -27,6 +27,7 @@ def samples(direction, zeros, seed, links=0.0):
     return np.roll(read, -middle, axis=0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seed', [0, *(
     pytest.param(seed, marks=pytest.mark.evidence) for seed in (1, 2, 3))])
 def test_the_best_are_the_true_ones_and_stand_alone(seed):

@@ -72,7 +72,7 @@ def test_the_file_is_reported_checked_and_not_overwritten(path, capsys):
     assert read_calibration(path).direction == (1, 1, 1, -1)
     before = path.read_bytes()
     assert run(*MOTION, '-o', path) == 1
-    assert f'-o {path}: it already exists; expected --force' in capsys.readouterr().err
+    assert f'-o: {path} already exists; expected --force' in capsys.readouterr().err
     assert path.read_bytes() == before
 
 
@@ -93,7 +93,7 @@ def test_a_motion_is_refused_or_said_to_need_a_limit_above_that_of_fkm(tmp_path,
 
 @pytest.mark.parametrize('args, text', (
     ((), 'no -o FILE; expected the parameter file to write'),
-    (('-o', '/proc/c.yaml'), '-o /proc/c.yaml: cannot be written'),
+    (('-o', '/proc/c.yaml'), '-o: /proc/c.yaml cannot be written'),
     (('-o', '/no/such/directory/c.yaml'), 'expected a file in an existing directory'),
     (('-o', 'c.yaml', '--pose', '1', '2', '3', '--capture', 'a.csv'),
      '--pose and --capture; expected one of the two'),

@@ -3,11 +3,11 @@
 
 """What a recording says about its sensors, on simulated ones with known errors."""
 
-import csv
 from dataclasses import astuple
 
 import numpy as np
 import pytest
+from recorded_text import assert_recorded
 from spm_haptic_master.kinematics import Geometry, inverse, jacobian, workspace_pose
 from spm_haptic_master.validation import parity_map as module
 from spm_haptic_master.validation.parity_map import (
@@ -77,9 +77,7 @@ def test_regions_are_of_all_samples_with_an_orientation(tmp_path):
              np.sqrt(np.mean(parity ** 2)), np.median(level[inside & published])])
     assert np.isnan(regions(found, np.zeros(4000, bool), level)[0].level_deg)
     write_regions(tmp_path / 'regions.csv', table)
-    with open(tmp_path / 'regions.csv', newline='') as file:
-        assert [int(row['samples']) for row in csv.DictReader(file)] == [
-            row.samples for row in table]
+    assert_recorded('validation/regions.csv', (tmp_path / 'regions.csv').read_text())
 
 
 def test_noise_is_that_of_each_sensor_in_motion_and_at_rest():

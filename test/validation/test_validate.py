@@ -12,11 +12,13 @@ import sys
 from bag_writer import JOINTS, ORIENTATION, POSE, write_bag
 import numpy as np
 import pytest
+from recorded_text import assert_recorded
 from rig_as_built import mechanism
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics import (
     Geometry,
     inverse,
+    matrix_from_quaternion,
     matrix_from_zxz,
     quaternion_from_matrix,
     zxz_from_matrix,
@@ -27,8 +29,13 @@ from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.simulation import trajectories
 from spm_haptic_master.tools import validate
 from spm_haptic_master.validation import recordings
-from spm_haptic_master.validation.alignment import align
-from spm_haptic_master.validation.comparison import compare, error_table, orientation_of_markers
+from spm_haptic_master.validation.alignment import align, interpolate, rotation_vectors
+from spm_haptic_master.validation.comparison import (
+    ANGLES,
+    compare,
+    error_table,
+    orientation_of_markers,
+)
 
 OFFSET = 37.4215  # s; captured clock ahead of the recording's
 FRAME = matrix_from_zxz(0.8, 1.1, -2.0)
@@ -99,36 +106,50 @@ def errors(directory):
 
 
 def test_a_recorders_directory_with_markers_of_another_clock_and_frame(
-        tmp_path, recording, capsys):
+        tmp_path, recording, capsys, monkeypatch):
+    drawn = {}
+    monkeypatch.setattr('spm_haptic_master.validation.plot_style.save',
+                        lambda figure, path: drawn.update({path.name: figure}))
     capture = write_markers(tmp_path, captured_markers(noise=0.1))
     joints = joint_angles()[:, :4]
     joints[::50, 3] = np.nan
     write_csv(tmp_path / 'measured_js.csv', ('time', *JOINT_NAMES), RECORDED, joints)
     code, out, err = run(capsys, tmp_path, capture, '-o', tmp_path / 'out')
     assert (code, err) == (0, '')
-    assert '400 captured orientations' in out
-    assert '20 rows with fewer than 4 joint angles left out' in out
+    # 0.1 mm across 80 mm, of two markers: see errors.txt.
+    text = (tmp_path / 'out' / 'errors.csv').read_text()
+    assert_recorded('validation/errors.txt', out.replace(str(tmp_path), '') + text)
     assert float(re.search(r'clock is ([-+.\d]+) s off', out)[1]) == pytest.approx(
         OFFSET, abs=2e-4)
-    table = errors(tmp_path / 'out')
-    # 0.1 mm across 80 mm, of two markers.
-    for model, quantity, most in (
-            ('improved', 'phi', 0.15), ('improved', 'rotation', 0.25), ('classic', 'phi', 0.2)):
-        row = table[model, quantity]
-        assert 0.02 < float(row['rms_deg']) < most
-        found = re.search(rf'^{model} {quantity} +(.*)$', out, re.MULTILINE)[1].split()
-        assert [*map(float, found)] == pytest.approx([float(row[name]) for name in (
-            'mean_deg', 'rms_deg', 'p95_deg', 'max_deg', 'missing')], abs=1e-4)
     aligned = np.genfromtxt(tmp_path / 'out' / 'aligned.csv', delimiter=',', names=True)
     np.testing.assert_allclose(aligned['capture_time'], CAPTURED + OFFSET, atol=1e-5)
     np.testing.assert_allclose(aligned['time'], CAPTURED, atol=2e-4)
-    for name, angle in zip(('psi', 'theta', 'phi'), zxz_from_matrix(motion(CAPTURED)),
-                           strict=True):
+    true = np.degrees(zxz_from_matrix(motion(CAPTURED)))
+    for name, angle in zip(ANGLES, true, strict=True):
         for model in ('captured', 'improved', 'classic'):
-            np.testing.assert_allclose(
-                aligned[f'{model}_{name}_deg'], np.degrees(angle), atol=1.0)
-    for name in ('fig32.png', 'fig33.png', 'fig34.png'):
-        assert (tmp_path / 'out' / name).stat().st_size > 1000
+            np.testing.assert_allclose(aligned[f'{model}_{name}_deg'], angle, atol=1.0)
+    # What is drawn is what is written, over the time from the first moment on.
+    models = {'classic FKM (3 sensors)': 'classic', 'improved FKM (4 sensors)': 'improved',
+              'motion capture': 'captured'}
+    assert_recorded('validation/figures.txt', '\n'.join(
+        f'{name}, {axes.get_title()}: {axes.get_xlabel()}; {axes.get_ylabel()}; '
+        f'below {axes.get_axisbelow()}; ' + ', '.join(
+            f'{line.get_label()} {line.get_color()} {line.get_linewidth()}' for line in axes.lines)
+        + f'; {axes.title.get_fontsize()}; ' + ', '.join(
+            f'{each.get_text()} {each.get_fontsize()}' for each in figure.legends[0].texts)
+        for name, figure in drawn.items() for axes in figure.axes))
+    for name, angles, shown in (('fig32.png', ANGLES, 2), ('fig33.png', ANGLES[2:], 2),
+                                ('fig34.png', ANGLES[2:], 3)):
+        for axes, angle in zip(drawn[name].axes, angles, strict=True):
+            assert len(axes.lines) == shown
+            for line in axes.lines:
+                np.testing.assert_allclose(line.get_xydata().T, [
+                    aligned['time'] - aligned['time'][0],
+                    aligned[f'{models[line.get_label()]}_{angle}_deg']], atol=2e-6)
+            low, high = axes.get_ylim()
+            # An angle that hardly moves is not magnified.
+            data = np.concatenate([line.get_ydata() for line in axes.lines])
+            assert low <= data.min() and data.max() <= high and high - low >= 2.0
 
 
 def test_rosbag2_with_everything_in_it(tmp_path, capsys):
@@ -140,6 +161,8 @@ def test_rosbag2_with_everything_in_it(tmp_path, capsys):
     code, out, err = run(capsys, path, path, '--capture-topic', 'platform/pose',
                          '-o', tmp_path / 'out')
     assert (code, err) == (0, '')
+    for name in ('fig32.png', 'fig33.png', 'fig34.png'):
+        assert (tmp_path / 'out' / name).read_bytes().startswith(b'\x89PNG')
     table = errors(tmp_path / 'out')
     assert float(table['improved', 'rotation']['max_deg']) < 0.02
     assert float(table['classic', 'phi']['rms_deg']) < 0.02
@@ -206,6 +229,22 @@ def test_joints_without_a_reading_cost_the_classic_model_their_time_alone(
     assert row.figures_deg[1] < 0.1
     assert row.samples + row.missing == len(CAPTURED)
     assert row.missing == pytest.approx(0.1 * len(CAPTURED), rel=0.3)
+
+
+def test_the_classic_model_is_of_the_joint_angles_nearest_in_time():
+    """From the first to the last of them, but for moments more than 0.1 s away from any."""
+    rows = np.array([row for row in range(100, 900, 6) if not 400 < row < 430])
+    recorded, captured = (recordings.Track(times, quaternion_from_matrix(motion(times)))
+                          for times in (RECORDED, CAPTURED))
+    joints = recordings.Track(RECORDED[rows], joint_angles()[rows])
+    found = compare(recorded, captured, joints, Geometry(), AZIMUTHS)
+    apart = np.abs(found.time[:, None] - joints.time)
+    known = apart.min(axis=1) < 0.1
+    assert 0 < (~known).sum() < 10 and found.time[0] < 1.03
+    assert found.time[-1] > joints.time[-1] - 0.03
+    expected = motion(joints.time[apart.argmin(axis=1)])
+    expected[~known] = np.nan
+    np.testing.assert_allclose(found.models['classic'], expected, atol=1e-4)
 
 
 @pytest.mark.parametrize('left', [(0, 1, 2, 3, 5), (0, 1, 2, 4, 5)])
@@ -293,6 +332,20 @@ def test_a_motion_that_repeats_itself_is_not_taken_for_another_period():
     alignment = align(recorded + 1.7e9, repeated(recorded), captured, repeated(captured),
                       body_known=False)
     assert alignment.offset == pytest.approx(1.7e9, abs=1e-3)
+
+
+def test_orientations_are_interpolated_within_the_recording_and_short_gaps_alone():
+    time = np.array([1.0, 1.09, 1.15, 1.3])
+    signs = np.array([[1.0], [-1.0], [-1.0], [1.0]])
+    at = np.array([0.999, 1.0, 1.04, 1.09, 1.125, 1.15, 1.2, 1.2999, 1.3, 1.301])
+    found = interpolate(time, signs * quaternion_from_matrix(motion(time)), at)
+    known = [1, 2, 3, 4, 5]
+    assert np.flatnonzero(np.isfinite(found[:, 0])).tolist() == known
+    np.testing.assert_allclose(np.linalg.norm(found[known], axis=1), 1.0)
+    assert np.isfinite(interpolate(time[:3], found[[1, 3, 5]], time[:3])).all()
+    off = rotation_vectors(matrix_from_quaternion(found[known])
+                           @ motion(at[known]).swapaxes(1, 2))
+    assert np.abs(off).max() < 1e-3 and np.abs(off[[0, 2, 4]]).max() < 1e-12
 
 
 def test_pieces_of_which_neither_contains_the_other_are_aligned():

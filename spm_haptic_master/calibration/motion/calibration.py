@@ -12,6 +12,7 @@ from math import degrees, tau
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from spm_haptic_master.calibration.calibration_file import file_text, rounded, sensors_entry
 from spm_haptic_master.calibration.motion.coverage import (
     aligned_changes,
@@ -20,8 +21,8 @@ from spm_haptic_master.calibration.motion.coverage import (
     sensor_bounds,
     WORKSPACE,
 )
-from spm_haptic_master.calibration.motion.mechanism_parameters import Array, Layout
-from spm_haptic_master.calibration.motion.model import MotionModel
+from spm_haptic_master.calibration.motion.fit import normal_equations
+from spm_haptic_master.calibration.motion.model import Array, Layout, MotionModel
 from spm_haptic_master.calibration.motion.readings import MotionReadings
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 
@@ -31,6 +32,8 @@ UNUSUAL = 3.5
 CONTRADICTION = 3.0
 # Part of the sets with a spike, and of the samples that the fit cuts, that are reported (unit 1).
 SPIKES, CUT = 0.001, 0.005
+# Samples of which the orientations' error is predicted.
+ERROR_SAMPLES = 3000
 # Number of values of a table: exact for a constant, the first and the second harmonic.
 TABLE_VALUES = 5
 
@@ -45,16 +48,13 @@ class MotionCalibration:
     estimated: tuple[int, ...]  # parameters that were estimated
     left: dict[str, str]  # groups that were left as drawn, and why
     direction: tuple[int, ...]  # of the encoders, 1 or -1
-    noise: Array  # white noise of a reading, rad, 1 standard deviation, (N,)
     readings: MotionReadings  # means that it was computed from
     rotation: Array  # orientation at each of these, (n, 3, 3); NaN where there is none
-    parity: Array  # of each by the first four sensors, rad, (n,)
-    parity_before: Array  # the same with zeros and directions only
-    error: float  # predicted error of the orientations over the motion, frames aligned, rad rms
+    kept: NDArray[np.bool_]  # which of them are no outliers and have an orientation, (n,)
+    drawn: Array  # parameters with the mechanism as drawn, rad, (P,)
     unexplained: Array  # error of each sensor that no parameter explains, rad, (N,)
     advice: str  # the motion that would determine most of the rest, as an instruction
     contradiction: float  # variance between halves of the motion over that of noise (unit 1)
-    cut: float  # share of the samples that are outliers or have no orientation (unit 1)
     region: Region = WORKSPACE  # where `bias` and `region_error` hold
 
     @property
@@ -63,9 +63,42 @@ class MotionCalibration:
         return self.model.layout
 
     @property
+    def turned(self) -> Array:
+        """Return the readings by their directions, rad, (n, N)."""
+        return self.readings.readings * np.array(self.direction)
+
+    @property
     def deviations(self) -> Array:
         """Return the standard deviation of each parameter's error, rad."""
         return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def cut(self) -> float:
+        """Return the share of the samples that the fit cuts (unit 1)."""
+        return 1.0 - float(self.kept.mean())
+
+    @cached_property
+    def parity(self) -> Array:
+        """Return the parity of each sample by the first four sensors, rad, (n,)."""
+        return self._parity(self.rotation, self.vector)
+
+    @cached_property
+    def parity_before(self) -> Array:
+        """Return the same with the mechanism as drawn."""
+        return self._parity(self.model.orientations(self.turned, self.drawn), self.drawn)
+
+    def _parity(self, rotation: Array, vector: Array) -> Array:
+        found = normal_equations(self.model, self.turned, rotation, vector, ())
+        # In rad of one standard deviation.
+        return found.parity[:, 0] * rms(self.model.sigma)
+
+    @cached_property
+    def error(self) -> float:
+        """Return the predicted error of the orientations over the motion, aligned, rad rms."""
+        moved = self.rotation[self.kept]
+        moved = moved[::max(1, len(moved) // ERROR_SAMPLES)]
+        return orientation_error(
+            aligned_changes(self.model, moved, self.vector), self.covariance)
 
     @cached_property
     def _poses(self) -> Array:
@@ -193,7 +226,7 @@ def motion_parameters(calibration: MotionCalibration, origin: Origin) -> dict[st
     return {
         'calibration': f'motion, {origin.date}', **sensors_entry(joints),
         **dict(sorted(origin.settings.items())),
-        'sigma_deg': rounded(c.noise), 'bias_deg': rounded(c.bias),
+        'sigma_deg': rounded(c.readings.noise), 'bias_deg': rounded(c.bias),
         'geometry.proximal_deg': rounded(geometry.alphas),
         'geometry.distal_deg': rounded(geometry.betas),
         **{f'geometry.{name}': [round(float(component), 12)

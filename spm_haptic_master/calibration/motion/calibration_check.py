@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from math import degrees, radians
 
 import numpy as np
+from spm_haptic_master.calibration.motion.model import LONGEST_STEP, ROTATION_STEPS
 from spm_haptic_master.calibration.motion.readings import Array, spread
 from spm_haptic_master.calibration.watch.slip_evidence import (
     DECIDABLE,
@@ -40,9 +41,6 @@ SAMPLES = 2000
 USABLE = 0.9
 # Slow parity up to which slips follow from it to first order (rad).
 LINEAR = radians(1.0)
-# Gauss-Newton steps of an orientation from the closed form, and its longest step (rad): a longer
-# one comes of a sample that fits nothing.
-ROTATION_STEPS, LONGEST_STEP = 3, 0.3
 # Step of the slips that are tried over the turn (rad), and poses on which they are: a slip that is
 # half of it off converges.
 TRIED_STEP = radians(3.0)

@@ -19,10 +19,11 @@ from dataclasses import dataclass
 from math import radians
 
 import numpy as np
-from spm_haptic_master.calibration.motion.mechanism_parameters import Array
-from spm_haptic_master.calibration.motion.model import MotionModel
-from spm_haptic_master.kinematics import workspace_pose, zxz_from_matrix
+from spm_haptic_master.calibration.motion.model import Array, MotionModel
+from spm_haptic_master.kinematics import workspace_pose
 from spm_haptic_master.kinematics.joints import LEG_NAMES
+from spm_haptic_master.kinematics.rotations import wrapped
+from spm_haptic_master.validation.parity_map import tilt_and_turn
 
 # Directions of tilt (rad), in which poses are taken and motions proposed.
 AZIMUTHS = tuple(np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False).tolist())
@@ -77,16 +78,17 @@ WORKSPACE = Region(16.0, 0.0, 80.0)
 
 def region_of(rotation: Array) -> Region:
     """Return the region that orientations, NaN where there is none, are in, to whole degrees."""
-    known = rotation[np.isfinite(rotation).all(axis=(1, 2))]
-    axis = workspace_pose(0.0, 0.0, 0.0)[:, 2]
-    tilts = np.degrees(np.arccos(np.clip(known[:, :, 2] @ axis, -1.0, 1.0)))
-    turns = np.degrees(zxz_from_matrix(known)[2])
-    # Around the middle of the motion, so that no turn is cut.
-    middle = float(np.degrees(np.angle(np.exp(1j * np.radians(turns)).sum())))
-    turns = middle + (turns - middle + 180.0) % 360.0 - 180.0
-    low, high = np.percentile(turns, (RIM_PERCENT, 100.0 - RIM_PERCENT))
-    return Region(float(np.floor(np.percentile(tilts, 100.0 - 2.0 * RIM_PERCENT))),
-                  float(np.ceil(low)), float(np.floor(high)))
+    tilts, turns = tilt_and_turn(rotation[np.isfinite(rotation).all(axis=(1, 2))])
+    low, high = np.percentile(
+        np.degrees(around_middle(turns)), (RIM_PERCENT, 100.0 - RIM_PERCENT))
+    tilt = np.percentile(np.degrees(tilts), 100.0 - 2.0 * RIM_PERCENT)
+    return Region(float(np.floor(tilt)), float(np.ceil(low)), float(np.floor(high)))
+
+
+def around_middle(angles: Array) -> Array:
+    """Return angles, rad, (n,), or NaN, on the turn around their mean direction: without jumps."""
+    middle = np.angle(np.nanmean(np.exp(1j * angles)))
+    return np.asarray(middle + wrapped(angles - middle))
 
 
 def sensor_bounds(model: MotionModel, vector: Array, covariance: Array, poses: Array,
@@ -104,7 +106,8 @@ def sensor_bounds(model: MotionModel, vector: Array, covariance: Array, poses: A
     changes = np.stack([unit[zeros] + layout.harmonic_deviation(angles, unit)[0]
                         for unit in np.eye(layout.count)], axis=2)
     bound = BOUND_SIGMAS * np.sqrt(variances(changes, covariance).max(axis=0)) + unexplained
-    spread = model.linearised(model.readings(poses, vector), poses, vector).spread
+    # A zero's error is one of the reading.
+    spread = model.orientation_changes(poses, vector)[:, :, zeros]
     turned = np.sqrt(variances(aligned_changes(model, poses, vector), covariance).sum(axis=1))
     factor = BOUND_SIGMAS * float((turned / (np.linalg.norm(spread, axis=1) @ bound)).max())
     return np.ceil(max(1.0, factor) * bound / UNIT) * UNIT

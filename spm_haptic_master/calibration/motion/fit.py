@@ -15,8 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from spm_haptic_master.calibration.motion.coverage import inverse
-from spm_haptic_master.calibration.motion.mechanism_parameters import Array, GROUPS
-from spm_haptic_master.calibration.motion.model import MotionModel
+from spm_haptic_master.calibration.motion.model import Array, GROUPS, MotionModel
 from spm_haptic_master.exceptions import CalibrationError, GeometryError
 
 # Largest number of steps.
@@ -116,12 +115,12 @@ def _outlier_limit(sizes: Array) -> float:
 
 
 def fit(model: MotionModel, turned: Array, vector: Array, columns: Sequence[int],
-        rotation: Array | None = None, progress: Callable[[], None] = lambda: None) -> Fit:
+        rotation: Array | None = None) -> Fit:
     """
     Return the parameters in `columns` that explain readings best, by Levenberg-Marquardt.
 
-    The others keep their value of `vector`. The orientations are near those at the start, and
-    `progress` is called after each step. CalibrationError where no sample has an orientation.
+    The others keep their value of `vector`. The orientations are near those at the start.
+    CalibrationError where no sample has an orientation.
     """
     chosen = tuple(columns)
     places = np.array(chosen)
@@ -129,13 +128,15 @@ def fit(model: MotionModel, turned: Array, vector: Array, columns: Sequence[int]
     vector = vector.copy()
     if rotation is None:
         rotation = model.orientations(turned, vector)
+
+    def misfit(normal: Normal, vector: Array) -> float:
+        return normal.cost + float(weights @ vector[places] ** 2)
+
     now = normal_equations(model, turned, rotation, vector, chosen)
     if not now.kept.any():
         raise CalibrationError('no sample of the motion has an orientation')
     damping = 0.0
     for _ in range(STEPS):
-        limit = now.limit
-        cost = now.cost + float(weights @ vector[places] ** 2)
         matrix = now.matrix + np.diag(weights)
         # What nothing determines yet stays as it is.
         scale = np.sqrt(np.maximum(np.diag(matrix), LEAST_INFORMATION))
@@ -144,34 +145,26 @@ def fit(model: MotionModel, turned: Array, vector: Array, columns: Sequence[int]
             damped, (now.right + weights * vector[places]) / scale, rcond=None)[0] / scale
         moved = vector.copy()
         moved[places] += step
-        after = _tried(model, turned, now.rotation, moved, chosen, limit)
-        if after is None or after.cost + float(weights @ moved[places] ** 2) \
-                > cost * (1.0 + TOLERANCE):
+        try:
+            near = model.linearised(turned, now.rotation, moved).rotation
+            after = normal_equations(model, turned, near, moved, chosen, now.limit)
+            worse = misfit(after, moved) > misfit(now, vector) * (1.0 + TOLERANCE)
+        except GeometryError:  # an impossible mechanism
+            worse = True
+        if worse:
             damping = max(DAMPING * damping, DAMPING_START)
             if damping > DAMPING_LIMIT:
                 break
             continue
         # Fewer outliers, or more: with the limit of the samples themselves from here on.
-        own = _outlier_limit(after.sizes)
+        if abs(_outlier_limit(after.sizes) - now.limit) > LIMIT_CHANGE * now.limit:
+            after = normal_equations(model, turned, after.rotation, moved, chosen)
         vector, now = moved, after
-        if abs(own - limit) > LIMIT_CHANGE * limit:
-            now = normal_equations(model, turned, after.rotation, vector, chosen)
         damping = damping / DAMPING if damping > DAMPING_START else 0.0
-        progress()
         # The length of the step in standard deviations of the result.
         if float(step @ matrix @ step) < CONVERGED ** 2 * len(places):
             break
-    return Fit(vector, chosen, now, now.cost + float(weights @ vector[places] ** 2))
-
-
-def _tried(model: MotionModel, turned: Array, rotation: Array, vector: Array,
-           columns: tuple[int, ...], limit: float) -> Normal | None:
-    """Return the normal equations at a new vector, None if it is an impossible mechanism."""
-    try:
-        near = model.linearised(turned, rotation, vector).rotation
-        return normal_equations(model, turned, near, vector, columns, limit)
-    except GeometryError:
-        return None
+    return Fit(vector, chosen, now, misfit(now, vector))
 
 
 def choose(model: MotionModel, turned: Array, seconds: Array, first: Fit, factor: float,
@@ -242,17 +235,14 @@ def considered_covariance(information: Array, deviations: Array,
     The others keep the errors that they had before, `deviations`, which also enter the estimated
     ones; `information` is the normal matrix of all parameters.
     """
-    found = np.zeros_like(information)
     inside = np.array(columns)
     others = np.setdiff1d(np.arange(len(deviations)), inside)
-    weights = deviations ** -2.0
-    own = inverse(information[np.ix_(inside, inside)] + np.diag(weights[inside]))
-    gain = own @ information[np.ix_(inside, others)]
-    before = np.diag(deviations[others] ** 2)
-    found[np.ix_(inside, inside)] = own + gain @ before @ gain.T
-    found[np.ix_(inside, others)] = -gain @ before
-    found[np.ix_(others, inside)] = -before @ gain.T
-    found[np.ix_(others, others)] = before
+    own = inverse(information[np.ix_(inside, inside)] + np.diag(deviations[inside] ** -2.0))
+    # Of all errors by those of the others.
+    effect = np.eye(len(deviations))[:, others]
+    effect[inside] = -own @ information[np.ix_(inside, others)]
+    found = (effect * deviations[others] ** 2) @ effect.T
+    found[np.ix_(inside, inside)] += own
     return found
 
 

@@ -12,8 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
-from functools import partial
+from dataclasses import dataclass
 from math import degrees, radians
 
 import numpy as np
@@ -29,25 +28,23 @@ from spm_haptic_master.calibration.motion.coverage import (
 from spm_haptic_master.calibration.motion.fit import (
     choose,
     considered_covariance,
-    Fit,
     fit,
     held_out_part,
     normal_equations,
 )
-from spm_haptic_master.calibration.motion.mechanism_parameters import Array, Layout
 from spm_haptic_master.calibration.motion.misfit import (
     check_slip,
     contradiction,
     slow_factor,
     unexplained_errors,
 )
-from spm_haptic_master.calibration.motion.model import MotionModel
+from spm_haptic_master.calibration.motion.model import Array, Layout, MotionModel
 from spm_haptic_master.calibration.motion.readings import motion_readings, MotionReadings
 from spm_haptic_master.calibration.motion.zero_search import find_start, Progress, Start
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 
-# Samples of the fit of the zeros, and of which the orientations' errors are predicted.
+# Samples of the fit of the zeros, and of the choice of the parameters.
 CHOICE_SAMPLES = 3000
 # Predicted orientation error of the zeros alone beyond which a motion does not determine them
 # (rad).
@@ -88,49 +85,34 @@ def fitted(layout: Layout, means: MotionReadings, start: Start,
     progress('zeros', 0.5)
     first = fit(model, turned[chosen], start.vector, range(layout.sensors))
     advice = next(iter(_outlook(model, means, start)[1]))
-    _check_zeros(model, first, factor, advice)
-    vector, columns, left = choose(
-        model, turned[chosen], means.seconds[chosen], first, factor,
-        lambda group, number: progress(group, 0.5 + 0.05 * number))
-    whole = partial(progress, 'all parameters, whole motion')
-    whole(0.8)
-    found = fit(model, turned, vector, columns, model.orientations(turned, vector),
-                lambda: whole(0.85))
-    check_slip(model, turned, means.seconds, found)
-    split = contradiction(model, turned, found)
-    slow = slow_factor(means.seconds, found.normal)
-    if slow > 1.0:
-        model = MotionModel(layout, model.sigma * np.sqrt(slow))
-        found = fit(model, turned, found.vector, columns, found.normal.rotation,
-                    lambda: whole(0.9))
-    progress('errors', 0.95)
-    rotation, kept = found.normal.rotation, found.normal.kept
-    every = normal_equations(model, turned, rotation, found.vector, tuple(range(layout.count)))
-    covariance = considered_covariance(every.matrix, layout.deviations, columns)
-    inside = np.flatnonzero(kept)
-    over_motion = aligned_changes(
-        model, rotation[inside[::max(1, len(inside) // CHOICE_SAMPLES)]], found.vector)
-    # The parity in rad of one standard deviation.
-    scale = float(np.sqrt(np.mean(model.sigma ** 2)))
-    before = normal_equations(model, turned, model.orientations(turned, first.vector),
-                              first.vector, ())
-    return MotionCalibration(
-        white, found.vector, covariance, columns, left, start.direction, means.noise, means,
-        rotation, (found.normal.parity * scale)[:, 0], (before.parity * scale)[:, 0],
-        orientation_error(over_motion, covariance),
-        unexplained_errors(model, turned, means.seconds, found.vector, found.normal), advice,
-        split, 1.0 - float(kept.mean()))
-
-
-def _check_zeros(model: MotionModel, first: Fit, factor: float, advice: str) -> None:
-    """Raise CalibrationError if a motion does not even determine the zeros."""
     changes = aligned_changes(model, WORKSPACE.poses(model, first.vector), first.vector)
-    error = orientation_error(changes[:, :, :model.layout.sensors],
-                              inverse(first.normal.matrix * factor))
+    error = orientation_error(
+        changes[:, :, :layout.sensors], inverse(first.normal.matrix * factor))
     if error > ZEROS_LIMIT:
         raise CalibrationError(
             'the motion does not determine the zeros: they leave a predicted error of '
             f'{degrees(error):.2f} deg, limit {degrees(ZEROS_LIMIT):g} deg; {advice}')
+    vector, columns, left = choose(
+        model, turned[chosen], means.seconds[chosen], first, factor,
+        lambda group, number: progress(group, 0.5 + 0.05 * number))
+    progress('all parameters, whole motion', 0.8)
+    found = fit(model, turned, vector, columns, model.orientations(turned, vector))
+    check_slip(model, turned, means.seconds, found)
+    split = contradiction(model, turned, found)
+    slow = slow_factor(means.seconds, found.normal)
+    if slow > 1.0:
+        progress('all parameters, with the slow part of the parity', 0.9)
+        model = MotionModel(layout, model.sigma * np.sqrt(slow))
+        found = fit(model, turned, found.vector, columns, found.normal.rotation)
+    progress('errors', 0.95)
+    every = normal_equations(model, turned, found.normal.rotation, found.vector,
+                             tuple(range(layout.count)))
+    return MotionCalibration(
+        white, found.vector, considered_covariance(every.matrix, layout.deviations, columns),
+        columns, left, start.direction, means, found.normal.rotation, found.normal.kept,
+        first.vector,
+        unexplained_errors(model, turned, means.seconds, found.vector, found.normal), advice,
+        split)
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +127,7 @@ class Guidance:
 
     error: float | None  # predicted over the workspace, rad rms; None while zeros are unknown
     text: str  # what to do next
-    covered: Mapping[str, float] = field(default_factory=dict)  # 0 .. 1, by instruction or joint
+    covered: Mapping[str, float]  # 0 .. 1, by instruction or joint
 
 
 class Guide:
@@ -161,7 +143,7 @@ class Guide:
         try:
             means = motion_readings(stamps, readings)
         except CalibrationError as error:
-            return Guidance(None, str(error))
+            return Guidance(None, str(error), {})
         model = MotionModel(self._layout, means.sigma)
         travel = np.degrees(np.ptp(np.unwrap(means.readings, axis=0), axis=0))
         moved = {joint: min(1.0, float(each) / TRAVEL_DEG)

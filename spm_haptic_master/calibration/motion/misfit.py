@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from spm_haptic_master.calibration.motion.coverage import inverse
 from spm_haptic_master.calibration.motion.fit import Fit, Normal, normal_equations
-from spm_haptic_master.calibration.motion.mechanism_parameters import Array
-from spm_haptic_master.calibration.motion.model import MotionModel
+from spm_haptic_master.calibration.motion.model import Array, MotionModel
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.kinematics import zxz_from_matrix
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
@@ -131,25 +130,25 @@ def check_slip(model: MotionModel, turned: Array, seconds: Array, found: Fit) ->
     steps = np.tri(PIECES, PIECES - 1, -1).T
     shares = np.vstack([steps, (np.arange(PIECES) + 0.5) / PIECES])
     times = [*(float(piece[0]) for piece in np.array_split(seconds, PIECES)[1:]), None]
-    slips: list[tuple[float, int, float, float | None]] = []
-    for share, time in zip(shares, times, strict=True):
-        after, twice = (np.tensordot(part, matrices, 1) for part in (share, share ** 2))
-        change = share @ rights
-        for sensor in range(model.layout.sensors):
-            along = after[:, sensor]
-            size = float(twice[sensor, sensor] - along @ covariance @ along)
-            slope = float(change[sensor] - along @ covariance @ right)
-            if size > 0.0 and slope ** 2 / size > least:
-                slips.append((slope ** 2 / size, sensor, -slope / size, time))
-    if not slips:
+    sensors = model.layout.sensors
+    along = np.tensordot(shares, matrices, 1)[:, :, :sensors]
+    size = np.diagonal(np.tensordot(shares ** 2, matrices, 1), axis1=1, axis2=2)[:, :sensors] \
+        - np.einsum('tpi,pq,tqi->ti', along, covariance, along)
+    slope = (shares @ rights)[:, :sensors] - np.einsum('tpi,p->ti', along, covariance @ right)
+    # A change that nothing shows explains nothing.
+    explained = np.where(size > 0.0, slope ** 2 / np.maximum(size, np.finfo(float).tiny), 0.0)
+    row, sensor = np.unravel_index(explained.argmax(), explained.shape)
+    best = explained[row, sensor]
+    if best <= least:
         return
-    explained, sensor, slip, time = max(slips, key=lambda each: each[0])
-    alone = {each for part, each, _, _ in slips if part > (1.0 - AS_GOOD) * explained} == {sensor}
-    what = 'drifted' if time is None else 'slipped'
-    who = f'{ALL_JOINT_NAMES[sensor]} {what} by {degrees(slip):+.2f} deg' if alone \
-        else f'one of the encoders {what}'
+    others = np.delete(explained, sensor, axis=1).max()
+    what = 'drifted' if times[row] is None else 'slipped'
+    slip = degrees(-slope[row, sensor] / size[row, sensor])
+    who = f'one of the encoders {what}' if others > max(least, (1.0 - AS_GOOD) * best) \
+        else f'{ALL_JOINT_NAMES[sensor]} {what} by {slip:+.2f} deg'
     raise CalibrationError(
         f'{who} during the motion' + (
-            '; let it warm up, check its coupling and move the device again' if time is None else
-            f', about {time:.0f} s after its beginning; fasten the encoder and move the device '
-            'again'))
+            '; let it warm up, check its coupling and move the device again'
+            if times[row] is None else
+            f', about {times[row]:.0f} s after its beginning; fasten the encoder and move the '
+            'device again'))

@@ -2,7 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-How well a mechanism explains readings: parity of samples and its derivatives, in batches.
+The parameters that free motion may determine, and how well they explain its readings.
+
+The parameters are a vector, with N sensors in this order: N zeros; 6 deviations of the link angles
+(proximal A, B, C, distal A, B, C); 3 of the base axes; 3 of the platform axes; 2 N coefficients
+of the first harmonics (cosine, sine of each encoder); 2 N of the second ones. All in rad, all 0
+for the drawing. The axes have three numbers each set, as the frames take the other three: the
+base's are the angle from Z1A to Z1B and the two directions of Z1C, the platform's the three
+deviations that are no rotation of the platform.
 
 A sample with N sensors has N readings and three unknowns of its own, its orientation. In units of
 the sensors' noise, with the Jacobian J = d angles / d rotation and its null space U (U^T J = 0),
@@ -14,13 +21,31 @@ has its own maximum-likelihood orientation.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from itertools import accumulate, pairwise
+from math import radians
 
 import numpy as np
 from numpy.typing import NDArray
-from spm_haptic_master.calibration.motion.mechanism_parameters import Array, Layout
-from spm_haptic_master.kinematics import forward_theta3a, Geometry, inverse, jacobian
+from spm_haptic_master.calibration.watch.slip_evidence import projected, reached, sensor_angles
+from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.kinematics import (
+    forward_theta3a,
+    Geometry,
+    in_usual_frames,
+)
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, LEG_NAMES
 from spm_haptic_master.kinematics.rotations import matrix_from_vector, wrapped
 
+Array = NDArray[np.float64]
+
+# Groups of parameters, in the order in which a motion determines them.
+GROUPS = ('zeros', 'links', 'base axes', 'platform axes', 'first harmonics', 'second harmonics')
+
+# Tolerance of the second harmonics over that of the first ones (unit 1).
+SECOND_HARMONIC = 0.1
+# Number of mechanisms that are kept: those of a vector and of its differences.
+GEOMETRIES = 32
 # Step of the parameters in the forward differences (rad): truncation and rounding are below 1e-5
 # of the derivative.
 DIFFERENCE = 1e-6
@@ -28,6 +53,117 @@ DIFFERENCE = 1e-6
 ROTATION_STEPS = 3
 # Longest step of an orientation (rad): a longer one comes of a sample that fits nothing.
 LONGEST_STEP = 0.3
+
+
+@dataclass(frozen=True)
+class Layout:
+    """A rig as drawn, and the meaning of its parameter vector; InputError for unusual frames."""
+
+    sensors: int  # N
+    nominal: Geometry = Geometry()  # the drawing, in its usual frames
+    working_mode: tuple[int, int, int] = (1, 1, 1)
+    # Standard deviations before the fit, around the drawing.
+    mechanism_tolerance: float = radians(0.5)  # of each link angle and number of the axes, rad
+    harmonic_tolerance: float = radians(0.3)  # of each coefficient of the first harmonics, rad
+
+    def __post_init__(self) -> None:
+        """Raise InputError if Z1B of the drawing has a component in y."""
+        usual = in_usual_frames(self.nominal, self.nominal)
+        if not np.allclose(usual.base_axes, self.nominal.base_axes, rtol=0.0, atol=1e-9):
+            raise InputError('geometry.base_axes: expected axes of the drawing in the usual '
+                             'frames, Z1A = z and Z1B in the half plane of positive x of x and z')
+
+    @cached_property
+    def slices(self) -> dict[str, slice]:
+        """Return the place of each group in the vector."""
+        n = self.sensors
+        ends = [0, *accumulate((n, 6, 3, 3, 2 * n, 2 * n))]
+        return {group: slice(*place)
+                for group, place in zip(GROUPS, pairwise(ends), strict=True)}
+
+    @property
+    def count(self) -> int:
+        """Return the length P of the vector."""
+        return self.slices[GROUPS[-1]].stop
+
+    def columns(self, group: str) -> range:
+        """Return the places of a group's parameters."""
+        return range(self.count)[self.slices[group]]
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Return the name of each parameter."""
+        joints = ALL_JOINT_NAMES[:self.sensors]
+        return (*(f'zero of {joint}' for joint in joints),
+                *(f'{part} link {leg}' for part in ('proximal', 'distal') for leg in LEG_NAMES),
+                'angle from Z1A to Z1B', 'Z1C towards Z1A', 'Z1C across Z1A',
+                *(f'platform axes, deviation {number}' for number in (1, 2, 3)),
+                *(f'{order} harmonic of {joint}, {part}' for order in ('first', 'second')
+                  for joint in joints for part in ('cosine', 'sine')))
+
+    @cached_property
+    def deviations(self) -> Array:
+        """Return the standard deviation of each parameter before the fit, rad; inf for zeros."""
+        mechanism, harmonic = self.mechanism_tolerance, self.harmonic_tolerance
+        return np.repeat((np.inf, *[mechanism] * 3, harmonic, harmonic * SECOND_HARMONIC),
+                         [len(self.columns(group)) for group in GROUPS])
+
+    @cached_property
+    def base_tangents(self) -> tuple[Array, Array]:
+        """Return the directions in which Z1C deviates: towards Z1A, and across."""
+        first, _, third = np.array(self.nominal.base_axes)
+        towards = first - (first @ third) * third
+        towards /= np.linalg.norm(towards)
+        return towards, np.cross(third, towards)
+
+    @cached_property
+    def platform_tangents(self) -> Array:
+        """Return three deviations of the nine components that are no rotation, shape (3, 3, 3)."""
+        axes = np.array(self.nominal.platform_axes)
+        turns = np.stack([np.cross(unit, axes).ravel() for unit in np.eye(3)])
+        lengths = np.zeros((3, 9))
+        for leg, axis in enumerate(axes):
+            lengths[leg, 3 * leg:3 * leg + 3] = axis
+        # The null space of rotations and lengths.
+        return np.linalg.svd(np.vstack([turns, lengths]))[2][6:].reshape(3, 3, 3)
+
+    def geometry(self, vector: Array) -> Geometry:
+        """Return the mechanism of a vector, in its usual frames; GeometryError if impossible."""
+        mechanism = vector[self.slices['links'].start:self.slices['platform axes'].stop]
+        return _geometry(self, mechanism.tobytes())
+
+    def harmonics(self, vector: Array) -> tuple[Array, Array]:
+        """Return the cosine, sine of the first and second harmonics, shape (N, 2) each, rad."""
+        first, second = (vector[self.slices[group]].reshape(-1, 2) for group in GROUPS[4:])
+        return first, second
+
+    def harmonic_deviation(self, angles: Array, vector: Array) -> tuple[Array, Array]:
+        """Return reading minus angle by the harmonics, (n, N), rad, and its slope by the angle."""
+        first, second = self.harmonics(vector)
+        c1, s1, c2, s2 = (np.cos(angles), np.sin(angles), np.cos(2.0 * angles),
+                          np.sin(2.0 * angles))
+        return (first[:, 0] * c1 + first[:, 1] * s1 + second[:, 0] * c2 + second[:, 1] * s2,
+                first[:, 1] * c1 - first[:, 0] * s1
+                + 2.0 * (second[:, 1] * c2 - second[:, 0] * s2))
+
+
+@lru_cache(maxsize=GEOMETRIES)
+def _geometry(layout: Layout, numbers: bytes) -> Geometry:
+    """Return a mechanism by the bytes of its part of a vector: links, base and platform axes."""
+    nominal = layout.nominal
+    proximal, distal, (turn, towards, across), deviations = np.frombuffer(numbers).reshape(4, 3)
+    axes = np.array(nominal.base_axes)
+    angle = np.arctan2(axes[1, 0], axes[1, 2]) + turn
+    axes[1] = np.sin(angle), 0.0, np.cos(angle)
+    to, over = layout.base_tangents
+    axes[2] = axes[2] + towards * to + across * over
+    axes[2] /= np.linalg.norm(axes[2])
+    platform = np.array(nominal.platform_axes) + np.tensordot(
+        deviations, layout.platform_tangents, 1)
+    built = Geometry.from_axes(
+        axes, np.array([axis / np.linalg.norm(axis) for axis in platform]),
+        np.array(nominal.alphas) + proximal, np.array(nominal.betas) + distal)
+    return in_usual_frames(built, nominal)
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +179,6 @@ class Linearised:
     parity: Array  # (n, N - 3), standard deviations of white noise
     derivative: Array  # (n, N - 3, columns), 1/rad
     rotation: Array  # (n, 3, 3), one step closer to the maximum-likelihood ones
-    spread: Array  # (n, 3, N), orientation error by each reading's, rad/rad, base frame
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,9 +195,7 @@ class MotionModel:
 
     def joint_angles(self, rotation: Array, geometry: Geometry) -> Array:
         """Return the angles of the sensors' joints, rad, shape (n, N); NaN out of reach."""
-        found = inverse(rotation, geometry, self.layout.working_mode)
-        return np.column_stack([found.theta1, found.theta3a, found.theta3b,
-                                found.theta3c])[:, :self.layout.sensors]
+        return sensor_angles(rotation, geometry, self.layout.working_mode, self.layout.sensors)
 
     def orientations(self, turned: Array, vector: Array) -> Array:
         """Return the orientations of readings, shape (n, 3, 3); NaN where there is none."""
@@ -92,40 +225,29 @@ class MotionModel:
 
         The orientations are near the maximum-likelihood ones; NaN where there is none.
         """
-        layout, geometry = self.layout, self.layout.geometry(vector)
-        known = np.all(np.isfinite(rotation), axis=(1, 2))
-        matrices = np.where(known[:, None, None], rotation, np.eye(3))
-        angles = self.joint_angles(matrices, geometry)
-        rates = jacobian(matrices, geometry, layout.working_mode, sensors=layout.sensors)
-        usable = known & np.isfinite(angles).all(axis=1) & np.isfinite(rates).all(axis=(1, 2))
-        angles[~usable] = 0.0
-        rates[~usable] = np.eye(layout.sensors, 3)
+        layout = self.layout
+        usable, matrices, angles, rates = reached(
+            rotation, layout.geometry(vector), layout.working_mode, layout.sensors)
         deviation, slope = layout.harmonic_deviation(angles, vector)
         residual = wrapped(turned - vector[layout.slices['zeros']] - angles - deviation)
-        white_rates = rates * ((1.0 + slope) / self.sigma)[:, :, None]
-        orthogonal, upper = np.linalg.qr(white_rates, mode='complete')
-        across = _continuous(orthogonal[:, :, 3:], white_rates)
-        white = residual / self.sigma
-        spread = np.linalg.inv(upper[:, :3]) @ orthogonal[:, :, :3].swapaxes(1, 2)
-        step = np.einsum('nij,nj->ni', spread, white)
-        usable &= np.isfinite(step).all(axis=1) & (np.abs(step).max(axis=1) < LONGEST_STEP)
-        step[~usable] = 0.0
-        moved = matrix_from_vector(step) @ matrices
+        found = projected(usable, residual, rates * (1.0 + slope)[:, :, None], self.sigma)
+        # No step is NaN where a reading is.
+        usable = usable & (np.abs(found.step).max(axis=1) < LONGEST_STEP)
+        gain = np.where(usable[:, None, None], _continuous(found.gain, rates), 0.0)
+        parity = np.einsum('nki,ni->nk', gain, np.where(usable[:, None], residual, 0.0))
+        moved = matrix_from_vector(np.where(usable[:, None], found.step, 0.0)) @ rotation
         by = self._derivative(matrices, angles, slope, vector, columns)
-        parity = np.einsum('nik,ni->nk', across, white)
-        derivative = across.swapaxes(1, 2) @ (by / self.sigma[:, None])
-        parity[~usable] = 0.0
-        derivative[~usable] = 0.0
-        moved[~known] = np.nan
-        return Linearised(usable, parity, derivative, moved, spread / self.sigma)
+        return Linearised(usable, parity, gain @ by, moved)
 
     def orientation_changes(self, rotation: Array, vector: Array) -> Array:
-        """Return the orientations' changes with the parameters, rad, base frame, (n, 3, P)."""
-        angles = self.joint_angles(rotation, self.layout.geometry(vector))
-        slope = self.layout.harmonic_deviation(angles, vector)[1]
-        spread = self.linearised(self.readings(rotation, vector), rotation, vector).spread
-        return spread @ self._derivative(rotation, angles, slope, vector,
-                                         tuple(range(self.layout.count)))
+        """Return the changes of orientations within reach, rad, base frame, (n, 3, P)."""
+        layout = self.layout
+        _, _, angles, rates = reached(
+            rotation, layout.geometry(vector), layout.working_mode, layout.sensors)
+        slope = layout.harmonic_deviation(angles, vector)[1]
+        by = self._derivative(rotation, angles, slope, vector, tuple(range(layout.count)))
+        white = rates * (1.0 + slope)[:, :, None] / self.sigma[:, None]
+        return np.asarray(np.linalg.pinv(white) @ (by / self.sigma[:, None]))
 
     def _derivative(self, rotation: Array, angles: Array, slope: Array, vector: Array,
                     columns: tuple[int, ...]) -> Array:
@@ -152,27 +274,26 @@ class MotionModel:
         return found
 
 
-def _continuous(across: Array, rates: Array) -> Array:
+def _continuous(gain: Array, rates: Array) -> Array:
     """
-    Return a basis of the null space of J^T, (n, N, N - 3), that does not jump between poses.
+    Return gains, (n, N - 3, N), in a basis of the parity that does not jump between poses.
 
     Its first vector is along the signed 3 x 3 minors of the first four rows of J, `rates`, and 0
     for all further sensors. The vector of each of these is 0 for those after it and positive for
-    itself. (The vectors of a QR decomposition, as `across`, change their sign where an element of
-    J does.)
+    itself. (The vectors of a QR decomposition change their sign where an element of J does.)
     """
-    further = across.shape[2] - 1
+    further = gain.shape[1] - 1
     if further:
         # The last sensor comes first: its row becomes (x, 0, ...), the next one (x, x, ...).
-        rotation, lower = np.linalg.qr(across[:, :3:-1].swapaxes(1, 2), mode='complete')
+        rotation, lower = np.linalg.qr(gain[:, :, :3:-1], mode='complete')
         rotation[:, :, :further] *= np.where(
             np.diagonal(lower, axis1=1, axis2=2) < 0.0, -1.0, 1.0)[:, None]
-        across = (across @ rotation)[:, :, ::-1]
+        gain = (rotation.swapaxes(1, 2) @ gain)[:, ::-1]
     first = np.cross(rates[:, 0], rates[:, 1])
     last = np.cross(rates[:, 2], rates[:, 3])
     minors = np.stack([(rates[:, 1] * last).sum(1), -(rates[:, 0] * last).sum(1),
                        (rates[:, 3] * first).sum(1), -(rates[:, 2] * first).sum(1)], axis=1)
-    along = np.einsum('ni,ni->n', across[:, :4, 0], minors)
-    found = across.copy()
-    found[:, :, 0] *= np.where(along < 0.0, -1.0, 1.0)[:, None]
+    along = np.einsum('ni,ni->n', gain[:, 0, :4], minors)
+    found = gain.copy()
+    found[:, 0] *= np.where(along < 0.0, -1.0, 1.0)[:, None]
     return found

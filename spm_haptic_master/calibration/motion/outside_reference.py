@@ -18,13 +18,9 @@ from math import degrees
 
 import numpy as np
 from spm_haptic_master.calibration.motion.calibration import MotionCalibration
-from spm_haptic_master.calibration.motion.coverage import (
-    aligned_changes,
-    inverse,
-    orientation_error,
-)
+from spm_haptic_master.calibration.motion.coverage import inverse
 from spm_haptic_master.calibration.motion.fit import normal_equations
-from spm_haptic_master.calibration.motion.mechanism_parameters import Array
+from spm_haptic_master.calibration.motion.model import Array
 from spm_haptic_master.exceptions import CalibrationError, GeometryError
 from spm_haptic_master.kinematics.rotations import matrix_from_vector
 from spm_haptic_master.validation.alignment import constant_frames, rotation_vectors
@@ -107,21 +103,8 @@ def _fused(calibration: MotionCalibration, turned: Array, outside: Array,
     left = rotation_vectors(base @ rotation @ handle @ outside.swapaxes(1, 2))
     rms = float(np.sqrt(np.mean(left ** 2)))
     deviations = np.sqrt(np.diag(covariance))
-    return Mounted(_with_vector(calibration, vector, covariance[:count, :count]), base,
-                   handle, deviations[count:count + 3],
+    normal = normal_equations(model, calibration.turned, calibration.rotation, vector, ())
+    fused = replace(calibration, vector=vector, covariance=covariance[:count, :count],
+                    rotation=normal.rotation)
+    return Mounted(fused, base, handle, deviations[count:count + 3],
                    deviations[count + 3:] if both else np.zeros(3), rms)
-
-
-def _with_vector(calibration: MotionCalibration, vector: Array,
-                 covariance: Array) -> MotionCalibration:
-    """Return a calibration with other parameters and what follows from them."""
-    model = calibration.model
-    turned = calibration.readings.readings * np.array(calibration.direction)
-    normal = normal_equations(model, turned, calibration.rotation, vector, ())
-    scale = float(np.sqrt(np.mean(model.sigma ** 2)))
-    some = np.flatnonzero(normal.kept)[::max(1, int(normal.kept.sum()) // 1000)]
-    return replace(
-        calibration, vector=vector, covariance=covariance, rotation=normal.rotation,
-        parity=normal.parity[:, 0] * scale,
-        error=orientation_error(
-            aligned_changes(model, normal.rotation[some], vector), covariance))

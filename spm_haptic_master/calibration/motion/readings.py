@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, NUMBER_WORDS
 from spm_haptic_master.kinematics.rotations import wrapped
-from spm_haptic_master.validation.parity_map import white_noise
+from spm_haptic_master.validation.parity_map import GAP, white_noise
 
 Array = NDArray[np.float64]
 
@@ -32,8 +32,6 @@ SPIKE_SPEED = 10.0
 NOISE_LIMIT = radians(0.5)
 # Largest part of the sets with spikes (unit 1).
 SPIKES_MAXIMUM = 0.3
-# Largest distance of two sets of one piece over the median distance (unit 1).
-GAP = 1.5
 # Least travel of every joint (rad): less is rest.
 TRAVEL_MINIMUM = radians(2.0)
 # Part of the readings on either side that a joint's travel leaves out (percent): spikes.
@@ -83,6 +81,10 @@ def motion_readings(stamps: NDArray[np.int64], readings: Array) -> MotionReading
         row = int(np.argmax(steps <= 0))
         raise CalibrationError(f'the stamp of set {row + 2} is {-int(steps[row])} ns before that '
                                'of the set before; expected stamps that increase')
+    for joint, column in zip(ALL_JOINT_NAMES, readings.T, strict=False):
+        if np.ptp(column) == 0.0:
+            raise CalibrationError(f'{joint} repeats one value, {np.degrees(column[0]):.2f} deg; '
+                                   'expected a motion of every joint')
     unwrapped = np.unwrap(readings, axis=0)
     noise = white_noise(stamps, unwrapped)
     if not (np.isfinite(noise) & (noise > 0.0)).all():
@@ -162,8 +164,6 @@ def _pieces(steps: NDArray[np.int64], together: int) -> NDArray[np.intp]:
 def _alone(readings: Array, limit: Array) -> NDArray[np.bool_]:
     """Return which of consecutive readings are far from both of their neighbours."""
     far = np.zeros(len(readings), dtype=bool)
-    if len(readings) < 3:
-        return far
     step = np.abs(wrapped(np.diff(readings, axis=0)))
     across = np.abs(wrapped(readings[2:] - readings[:-2]))
     beyond = 3.0 * limit + 2.0 * across

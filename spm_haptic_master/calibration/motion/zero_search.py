@@ -22,8 +22,7 @@ from math import cos, degrees, radians, sin
 
 import numpy as np
 from spm_haptic_master.calibration.motion.fit import fit
-from spm_haptic_master.calibration.motion.mechanism_parameters import Array, Layout
-from spm_haptic_master.calibration.motion.model import MotionModel
+from spm_haptic_master.calibration.motion.model import Array, Layout, MotionModel
 from spm_haptic_master.calibration.motion.readings import MotionReadings, spread
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.kinematics import Geometry, inverse, matrix_from_quaternion
@@ -248,8 +247,7 @@ def _improve(turned: Array, zeros: Array, damping: Array, nominal: Geometry,
         weights = 1.0 / (1.0 + np.square(distance / HALF_WEIGHT))
         weighted = (weights[:, :, None] * slopes).swapaxes(1, 2)
         matrix = weighted @ slopes
-        matrix += (damping * np.trace(matrix, axis1=1, axis2=2) / 4.0 + 1e-12)[:, None, None] \
-            * np.eye(4)
+        matrix += (damping * np.trace(matrix, axis1=1, axis2=2) / 4.0)[:, None, None] * np.eye(4)
         moved = zeros - np.linalg.solve(matrix, weighted @ distance[:, :, None])[:, :, 0]
         after, slopes_after = _distance(turned, moved, nominal)
         cost_after = _cost(after)
@@ -268,19 +266,17 @@ def _cost(distance: Array) -> Array:
 
 def _distance(turned: Array, zeros: Array, nominal: Geometry) -> tuple[Array, Array]:
     """Return the distances from angles that fit, (m, n), rad, and their slopes by the zeros."""
-    # Cosines and sines of the joint angles, by those of readings and zeros.
-    readings = zip(np.cos(turned).T[:, None], np.sin(turned).T[:, None], strict=True)
-    at_zero = zip(np.cos(zeros).T[:, :, None], np.sin(zeros).T[:, :, None], strict=True)
-    turns = [(c * c0 + s * s0, s * c0 - c * s0)
-             for (c, s), (c0, s0) in zip(readings, at_zero, strict=True)]
+    # Cosines and sines of the joint angles.
+    angles = turned.T[:, None] - zeros.T[:, :, None]
+    turns = list(zip(np.cos(angles), np.sin(angles), strict=True))
     # The same of angles that are larger by `DIFFERENCE`.
     c_more, s_more = cos(DIFFERENCE), sin(DIFFERENCE)
     onward = [(c * c_more - s * s_more, s * c_more + c * s_more) for c, s in turns]
     here = _closure(turns, nominal)
     slopes = np.stack([
         (_closure([*turns[:index], onward[index], *turns[index + 1:]], nominal) - here)
-        / DIFFERENCE for index in range(4)], axis=-1)
-    scale = 1.0 / np.sqrt((slopes ** 2).sum(axis=-1) + GRADIENT_FLOOR ** 2)
+        / DIFFERENCE for index in range(4)], axis=2)
+    scale = 1.0 / np.maximum(np.linalg.norm(slopes, axis=2), GRADIENT_FLOOR)
     return here * scale, -slopes * scale[:, :, None]
 
 

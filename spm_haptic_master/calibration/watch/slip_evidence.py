@@ -64,6 +64,26 @@ class Parities(NamedTuple):
     step: Array  # rotation vectors to the maximum-likelihood orientations, base frame, rad, (n, 3)
 
 
+def sensor_angles(rotation: Array, geometry: Geometry, working_mode: WorkingMode,
+                  sensors: int) -> Array:
+    """Return the angles of the sensors' joints, rad, (n, N); NaN out of reach."""
+    found = inverse(rotation, geometry, working_mode)
+    return np.column_stack(
+        [found.theta1, found.theta3a, found.theta3b, found.theta3c])[:, :sensors]
+
+
+def reached(rotation: Array, geometry: Geometry, working_mode: WorkingMode,
+            sensors: int) -> tuple[NDArray[np.bool_], Array, Array, Array]:
+    """Return which orientations are within reach, these without NaN, joint angles, Jacobians."""
+    usable = np.all(np.isfinite(rotation), axis=(1, 2))
+    matrices = np.where(usable[:, None, None], rotation, np.eye(3))
+    angles = sensor_angles(matrices, geometry, working_mode, sensors)
+    rates = jacobian(matrices, geometry, working_mode, sensors=sensors)
+    usable &= np.isfinite(angles).all(axis=1) & np.isfinite(rates).all(axis=(1, 2))
+    angles[~usable], rates[~usable] = 0.0, np.eye(sensors, 3)
+    return usable, matrices, angles, rates
+
+
 def parities(angles: Array, rotation: Array, sigma: Array, geometry: Geometry,
              working_mode: WorkingMode) -> Parities:
     """
@@ -71,15 +91,8 @@ def parities(angles: Array, rotation: Array, sigma: Array, geometry: Geometry,
 
     NaN where there is none; `sigma` is the white noise of each reading, rad, (N,).
     """
-    sensors = angles.shape[1]
-    known = np.all(np.isfinite(rotation), axis=(1, 2))
-    matrices = np.where(known[:, None, None], rotation, np.eye(3))
-    found = inverse(matrices, geometry, working_mode)
-    expected = np.column_stack(
-        [found.theta1, found.theta3a, found.theta3b, found.theta3c])[:, :sensors]
-    rates = jacobian(matrices, geometry, working_mode, sensors=sensors)
-    usable = known & np.isfinite(expected).all(axis=1) & np.isfinite(rates).all(axis=(1, 2))
-    return _projected(usable, wrapped(angles - expected), rates, sigma)
+    usable, _, expected, rates = reached(rotation, geometry, working_mode, angles.shape[1])
+    return projected(usable, wrapped(angles - expected), rates, sigma)
 
 
 def parity_of_sample(angles: Sequence[float], quaternion: Quaternion[float], sigma: Array,
@@ -94,11 +107,11 @@ def parity_of_sample(angles: Sequence[float], quaternion: Quaternion[float], sig
     rotation = rotation_from_quaternion(*quaternion)
     usable, residual, rates = np.zeros(1, bool), np.zeros((1, sensors)), np.eye(sensors, 3)[None]
     if any(map(isnan, angles)):
-        return _projected(usable, residual, rates, sigma)
+        return projected(usable, residual, rates, sigma)
     try:
         expected = measured_angles(rotation, geometry, working_mode, sensors)
     except UnreachableError:
-        return _projected(usable, residual, rates, sigma)
+        return projected(usable, residual, rates, sigma)
     first_a, first_b, first_c, *_ = expected
     rows, diagonal = velocity_rows(rotation, (first_a, first_b, first_c), geometry, FLOATS)
     if min(map(abs, diagonal[:3])) >= MODE_BOUNDARY:
@@ -107,21 +120,18 @@ def parity_of_sample(angles: Sequence[float], quaternion: Quaternion[float], sig
                        for angle, each in zip(angles, expected, strict=True)]
         rates[0] = [(x / b, y / b, z / b)
                     for (x, y, z), b in zip(rows[:sensors], diagonal, strict=False)]
-    return _projected(usable, residual, rates, sigma)
+    return projected(usable, residual, rates, sigma)
 
 
-def _projected(usable: NDArray[np.bool_], residual: Array, rates: Array,
-               sigma: Array) -> Parities:
+def projected(usable: NDArray[np.bool_], residual: Array, rates: Array,
+              sigma: Array) -> Parities:
     """Return the part of residuals, rad, that no rotation explains, and that which one does."""
-    white = residual / sigma
-    rates[~usable] = np.eye(*rates.shape[1:])
-    white[~usable] = 0.0
+    white = np.where(usable[:, None], residual / sigma, 0.0)
     orthogonal, upper = np.linalg.qr(rates / sigma[:, None], mode='complete')
     across = orthogonal[:, :, 3:].swapaxes(1, 2)
     along = orthogonal[:, :, :3].swapaxes(1, 2) @ white[:, :, None]
     step = np.linalg.solve(upper[:, :3], along)[:, :, 0]
-    gain = across / sigma
-    gain[~usable] = 0.0
+    gain = np.where(usable[:, None, None], across / sigma, 0.0)
     return Parities(usable, (across @ white[:, :, None])[:, :, 0], gain, step)
 
 
