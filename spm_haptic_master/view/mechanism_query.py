@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import inf
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -49,8 +50,7 @@ class MechanismQuery:
         self._known: dict[str, Any] = {}
         self._checksum = ''
         # When fkm was asked (s, monotonic), and whether its mechanism is drawn, as far as known.
-        self._asked_at = float('-inf')
-        self._answered = False
+        self._asked_at, self._answered = -inf, False
 
     def ask(self, now: float) -> None:
         """Ask when that is due, at a time, s."""

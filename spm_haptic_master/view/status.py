@@ -14,14 +14,13 @@ from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, named_joints
 from spm_haptic_master.ros.diagnostic_status import MISSING_KEY
 from spm_haptic_master.supervision.orientation_state import (
     Condition,
-    EXPLAINED,
     HEALTHY,
     OrientationState,
     silent,
 )
 
-# Time without new joint angles after which the picture is no longer that of the device (s): 15 of
-# them are missing at 60 Hz, and half a second is the most that a silence may take to be seen.
+# Time without new joint angles after which the picture is an old one (s): a silence has to be seen
+# within half a second.
 STALE_AFTER = 0.25
 # Longest time between two ticks of which the second is not late (s): two periods.
 LONGEST_TICK = 0.1
@@ -58,9 +57,9 @@ class SampleAge:
     """Time since joint angles last came, as far as this process has had the time to read them."""
 
     def __init__(self, now: float) -> None:
-        # Time since they came (s); None before the first.
+        # Time since they came (s), None before the first; and when they came (s).
         self.value: float | None = None
-        self._came: float | None = None
+        self._came = now
         # When the last tick was (s), and whether it was late: this process stood still.
         self._ticked, self._late = now, False
 
@@ -71,11 +70,10 @@ class SampleAge:
     def tick(self, now: float) -> None:
         """Advance to a time, s; call it every 50 ms."""
         late = now - self._ticked > LONGEST_TICK
-        if self._came is not None:
-            age = max(0.0, now - self._came)
+        if self.value is not None:
+            age = now - self._came
             # After a pause of this process itself, what came meanwhile is not read yet.
-            self.value = min(age, (self.value or 0.0) + LONGEST_TICK) \
-                if late and not self._late else age
+            self.value = min(age, self.value + LONGEST_TICK) if late and not self._late else age
         self._ticked, self._late = now, late
 
 
@@ -87,26 +85,26 @@ def banner(state: OrientationState | None, age: float | None, diagnostics: str =
     `diagnostics` is why the node of that name has no joint angles, `heard` whether `fkm` is on
     /diagnostics: `state` is latched, and without that it may be an old one.
     """
+    text, publishes = ('', False) if state is None else (state.text, state.publishes)
     if state is not None and state.condition is Condition.SILENT:
-        return Banner(Light.RED, state.text, False)
-    publishes = state is not None and state.publishes
-    text = '' if state is None else state.text
+        return Banner(Light.RED, text, False)
     of_diagnostics = f'(diagnostics{diagnostics and f": {diagnostics}"})'
     if age is None:
         if publishes:
             return Banner(Light.AMBER, f'{text}, but no joint_states {of_diagnostics}', False)
         return Banner(Light.GREY, text or 'waiting for fkm', False)
-    if age > STALE_AFTER:
-        since = f'for {age:.0f} s' if age >= 1.0 else f'for {STALE_AFTER:g} s'
-        if not heard:
-            return Banner(
-                Light.RED, silent(f'nothing from fkm, no joint_states {since}').text, False)
+    if age <= STALE_AFTER:
+        light = Light.GREEN if state == HEALTHY else Light.AMBER
+        return Banner(light, text or 'state unknown: fkm publishes it', publishes)
+    since = f'for {age:.0f} s' if age >= 1.0 else f'for {STALE_AFTER:g} s'
+    if not heard:
+        missing = silent(f'nothing from fkm, no joint_states {since}').text
+    elif publishes:
         # With a state in which orientations go out it is not these that are missing.
-        missing = f'no joint_states {since} {of_diagnostics}' \
-            if publishes else silent(f'no orientation {since}').text
-        return Banner(Light.RED, missing, False)
-    light = Light.GREEN if state == HEALTHY else Light.AMBER
-    return Banner(light, text or 'state unknown: fkm publishes it', publishes)
+        missing = f'no joint_states {since} {of_diagnostics}'
+    else:
+        missing = silent(f'no orientation {since}').text
+    return Banner(Light.RED, missing, False)
 
 
 class SensorState(Enum):
@@ -173,8 +171,7 @@ class StatusEntries:
     def sensor_states(self, sensors: int, state: OrientationState | None) -> list[SensorState]:
         """Return the state of each sensor, with the state of the orientation, if that is known."""
         missing, figures = self.missing_joints(), self.numbers(ORIENTATION)
-        named = () if state is None or state.condition not in EXPLAINED \
-            else named_joints(state.why)
+        named = () if state is None else named_joints(state.why)
 
         def of(name: str) -> SensorState:
             if name in missing:

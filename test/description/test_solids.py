@@ -10,8 +10,14 @@ from built_mechanism import random_built
 from mechanism import turn
 import numpy as np
 import pytest
-from spm_haptic_master.description.links import DENSITY, LEGS, masses, solids
-from spm_haptic_master.description.solids import Solid, turned_profile
+from spm_haptic_master.description.solids import (
+    DENSITY,
+    LEGS,
+    masses,
+    Solid,
+    solids,
+    turned_profile,
+)
 from spm_haptic_master.kinematics import Geometry
 
 # Corners of a turned solid.

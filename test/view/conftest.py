@@ -18,13 +18,13 @@ PATIENCE = 20.0
 @pytest.fixture(scope='module')
 def serve():
     """Make servers of the page, each at an address and with further names of its own."""
-    from spm_haptic_master.view import page
+    from spm_haptic_master.view.server import serve
 
     servers = {}
 
     def make(host='127.0.0.1', names=''):
         if (host, names) not in servers:
-            servers[host, names] = page.serve(host, 28780, names)
+            servers[host, names] = serve(host, 28780, names, lambda _: None)
         return servers[host, names]
 
     yield make

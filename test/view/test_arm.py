@@ -31,7 +31,7 @@ arm_module = pytest.importorskip('spm_haptic_master.view.arm')
 mechanism_query = pytest.importorskip('spm_haptic_master.view.mechanism_query')
 page_module = pytest.importorskip('spm_haptic_master.view.page')
 stories = pytest.importorskip('spm_haptic_master.view.simulated_device').stories
-MAP_RADIUS = pytest.importorskip('spm_haptic_master.view.scene').MAP_RADIUS
+RADIUS = pytest.importorskip('spm_haptic_master.view.dome').RADIUS
 
 PATIENCE = 20.0
 # Time between two ticks, and between two joint angles (s).
@@ -118,8 +118,8 @@ class Shown:
     def beside(self):
         """Return what of the page is beside the device and its state."""
         scene = self.scene
-        return [scene._tiles, scene._singular, scene._rim, scene._line, scene._pin, scene._level,
-                *scene.overlay.labels]
+        return [scene.dome.tiles, scene.dome.singular, scene.dome.rim, scene.dome.trace,
+                scene.dome.pin, scene.level, *scene.labels]
 
 
 @pytest.fixture
@@ -227,7 +227,7 @@ def test_no_way_is_drawn_that_nobody_has_seen(shown, ends):
     shown.watched = True
     place = iter(np.arange(3.1, 4.0, 0.002))
     shown.run(2.0, lambda: shown.pose(0.3, next(place)))
-    line = shown.scene._line.points
+    line = shown.scene.dome.trace.points
     assert len(line) > 10
     assert np.linalg.norm(line[:, 1] - line[:, 0], axis=-1).max() < 0.02
 
@@ -264,7 +264,7 @@ def test_the_cone_of_the_protection_level(shown, level, half_angle):
     """Ten times as wide as it is, and never wider than a cone on the dome is legible."""
     shown.begin()
     shown.run(WHOLE, lambda: shown.fkm(**{'protection level (deg)': str(level)}))
-    cone = shown.scene._level
+    cone = shown.scene.level
     assert cone.visible
     assert np.degrees(np.arctan(cone.scale[0])) == pytest.approx(half_angle, abs=0.01)
     shown.run(0.4, lambda: shown.fkm(**{'protection level (deg)': 'none'}))
@@ -298,14 +298,15 @@ def test_the_map_of_a_silent_device_is_that_of_its_last_pose(shown, after):
     shown.run(after, lambda: shown.pose(phi=0.6))
     shown.state('silent: no joint samples')
     shown.run(WHOLE + TICK)
-    assert scene._tiles.visible
+    assert scene.dome.tiles.visible
     if after:
-        np.testing.assert_array_equal(scene._tiles.batched_colors, scene._map.colours(0.6))
+        colours = scene.dome._map.colours(0.6)
+        np.testing.assert_array_equal(scene.dome.tiles.batched_colors, colours)
         # Just outside the map.
-        axes = scene._map.singular_axes(0.6)
-        np.testing.assert_allclose(scene._singular.points, 1.01 * MAP_RADIUS * axes, rtol=0.009)
+        axes = scene.dome._map.singular_axes(0.6)
+        np.testing.assert_allclose(scene.dome.singular.points, 1.01 * RADIUS * axes, rtol=0.009)
         assert len(axes) > 1
-    assert scene._singular.visible == scene._pin.visible == bool(after)
+    assert scene.dome.singular.visible == scene.dome.pin.visible == bool(after)
 
 
 @pytest.mark.parametrize(('rate', 'least', 'most'), [(60.0, 57.0, 63.0), (500.0, 57.0, 84.0)])
@@ -330,7 +331,7 @@ def test_the_figures_and_arrows_of_dexterity_and_torques(shown, observer):
     dexterity = node.create_publisher(Float64MultiArray, 'dexterity', 1)
     outs = [node.create_publisher(WrenchStamped, f'body/{name}_cf', 1)
             for name in ('servo', 'measured')]
-    arrows = shown.begin(taker=taker).scene.overlay.torques
+    arrows = shown.begin(taker=taker).scene.torques
     message = WrenchStamped()
     message.wrench.torque.x = 0.2
 
@@ -349,7 +350,7 @@ def test_the_figures_and_arrows_of_dexterity_and_torques(shown, observer):
         tip = matrix_from_quaternion(np.roll(arrow.wxyz, -1)) @ [0.0, 0.0, arrow.scale[2]]
         np.testing.assert_allclose(tip, [0.6, 0.0, 0.0], atol=1e-6)
     # What is too small to be seen has no arrow.
-    shown.arm._samples.torques[1] = (0.0, 0.001, 0.0)
+    shown.arm._torques[1] = shown.now, (0.0, 0.001, 0.0)
     shown.run(TICK, shown.pose)
     assert [arrow.visible for arrow in arrows] == [True, False]
     shown.run(1.0, shown.pose)
@@ -392,7 +393,7 @@ def test_each_encoder_has_the_colour_of_its_state(shown):
 
 def test_the_ghost_is_over_a_device_that_is_alive(shown):
     scene = shown.begin().scene
-    ghost, turn = scene.overlay.ghost, (0.0, 0.0, 0.1, 0.99 ** 0.5)
+    ghost, turn = scene.ghost, (0.0, 0.0, 0.1, 0.99 ** 0.5)
 
     def three():
         shown.fkm()

@@ -18,6 +18,7 @@ from std_msgs.msg import String
 pytest.importorskip('viser', reason='viser is not installed (extra view)')
 mechanism_query = pytest.importorskip('spm_haptic_master.view.mechanism_query')
 page_module = pytest.importorskip('spm_haptic_master.view.page')
+server_module = pytest.importorskip('spm_haptic_master.view.server')
 ARM_DISTANCE = pytest.importorskip('spm_haptic_master.view.scene').ARM_DISTANCE
 
 
@@ -47,7 +48,7 @@ def test_a_calibration_is_on_the_page_while_its_program_runs(view, observer):
 @pytest.mark.parametrize('arms', [1, 8])
 def test_all_arms_are_in_each_view(arms):
     """On a page a fifth wider than high; a device is 1 in radius to each side."""
-    half = np.tan(0.5 * page_module.VIEW_ANGLE)
+    half = np.tan(0.5 * server_module.VIEW_ANGLE)
     views = page_module.views(arms)
     for name, at in (('front', (0.0, -1.0, 0.0)), ('side', (1.0, 0.0, 0.0)),
                      ('top', (0.0, 0.0, 1.0))):
@@ -75,12 +76,12 @@ def listening(port):
 
 def test_the_next_free_port_is_taken_and_none_beyond_the_last():
     with listening(28580):
-        assert page_module.free_port('127.0.0.1', 28580) == 28581
-    assert page_module.free_port('127.0.0.1', 28580) == 28580
+        assert server_module.free_port('127.0.0.1', 28580) == 28581
+    assert server_module.free_port('127.0.0.1', 28580) == 28580
     with listening(65535), pytest.raises(InputError, match="'view.port' is 65535; expected a po"):
-        page_module.free_port('127.0.0.1', 65535)
+        server_module.free_port('127.0.0.1', 65535)
     with pytest.raises(InputError, match="'view.host' is '192.0.2.1'; expected an address of thi"):
-        page_module.free_port('192.0.2.1', 28580)
+        server_module.free_port('192.0.2.1', 28580)
 
 
 def test_a_page_says_that_there_is_no_device_until_there_are_some(view, observer):

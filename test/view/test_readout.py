@@ -7,7 +7,7 @@ from math import isnan, nan, radians
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 import pytest
-from spm_haptic_master.view.readout import content, DASH, Seen
+from spm_haptic_master.view.page import content, DASH, Seen
 from spm_haptic_master.view.status import Banner, Light, SensorState, StatusEntries
 
 NAMES = ['1A', '1B', '1C', '3A', '3B', '3C']

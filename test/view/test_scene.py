@@ -8,7 +8,7 @@ from mechanism import about_x
 import numpy as np
 import pytest
 from spm_haptic_master.description.colours import rgb
-from spm_haptic_master.description.links import LEGS, solids
+from spm_haptic_master.description.solids import LEGS, solids
 from spm_haptic_master.kinematics import (
     Geometry,
     inverse,
@@ -37,7 +37,7 @@ def draw(serve):
     scenes = []
 
     def draw(geometry):
-        scenes.append(scene_module.Scene(serve(), '/links', 0, geometry, (1, 1, 1), UPRIGHT))
+        scenes.append(scene_module.Scene(serve(), 0, geometry, (1, 1, 1), UPRIGHT, 4))
         return scenes[-1]
 
     yield draw
@@ -104,8 +104,8 @@ def test_every_surface_is_seen_from_outside_and_turns_grey(draw):
     handles = [handle for handle, _ in scene._coloured]
     assert len(handles) == 5
     assert all(volume(handle) > 0.0 for handle in [
-        *handles, scene._pin, scene._motors, scene._others, scene.overlay.ghost,
-        *scene.overlay.torques])
+        *handles, scene.dome.pin, scene._motors, scene._others, scene.ghost,
+        *scene.torques])
     for alive in (True, False):
         scene.set_alive(alive)
         for handle, colours in scene._coloured:
@@ -116,7 +116,7 @@ def test_every_surface_is_seen_from_outside_and_turns_grey(draw):
         square.vertices, [[1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]], atol=1e-9)
     assert square.triangles.tolist() == [[0, 1, 2], [0, 2, 3]]
     # What is seen from both sides has its inner one first: the far wall of a cone.
-    cone = scene._level
+    cone = scene.level
     inner, outer = np.split(cone.faces, 2)
     for faces, sign in ((inner, -1.0), (outer, 1.0)):
         corners = cone.vertices.astype(float)[faces]
