@@ -141,12 +141,12 @@ def masses(geometry: Geometry) -> dict[str, MassProperties]:
     return {name: solid.mass_properties(DENSITY) for name, solid in named.items()}
 
 
-def onto(axis: Sequence[float] | NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a rotation matrix, shape (3, 3), that takes z to a unit vector."""
-    z = np.asarray(axis, dtype=float)
+def onto(axes: Sequence[object] | NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return rotation matrices, shape (..., 3, 3), that take z to unit vectors, (..., 3)."""
+    z = np.asarray(axes, dtype=float)
     # Any direction that is far from the axis.
-    x = np.cross(np.eye(3)[np.argmin(np.abs(z))], z)
-    x /= np.linalg.norm(x)
+    x = np.cross(np.eye(3)[np.argmin(np.abs(z), axis=-1)], z)
+    x /= np.sqrt(x[..., None, :] @ x[..., None])[..., 0]
     return np.stack([x, np.cross(z, x), z], axis=-1)
 
 

@@ -35,12 +35,12 @@ from spm_haptic_master.ros.inputs import SampledTopic
 from spm_haptic_master.ros.qos import DISPLAY, STATE
 from spm_haptic_master.supervision.orientation_state import OrientationState, received_state
 from spm_haptic_master.timing import Periodic, SECOND
-from spm_haptic_master.view.mechanism_query import ALERT_LIMIT_SETTING, MechanismQuery
 from spm_haptic_master.view.page import Page, Seen
 from spm_haptic_master.view.scene import Scene
 from spm_haptic_master.view.simulated_device import SimulatedDevice
 from spm_haptic_master.view.status import (
     banner,
+    MechanismQuery,
     ORIENTATION,
     SampleAge,
     SINGULARITY,
@@ -161,7 +161,7 @@ class Arm:
         self._geometry = geometry_from(values)
         mounting = mounting_from(values)
         self.seen.sensors = values[SENSORS_SETTING.name]
-        self.seen.alert_limit = values[ALERT_LIMIT_SETTING.name]
+        self.seen.alert_limit = values['alert_limit_deg']
         self._ghost = ThreeEncoders(self._geometry)
         if self._scene is not None:
             self._scene.remove()

@@ -30,7 +30,7 @@ from spm_haptic_master.kinematics.joints import (
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.nodes.console import FULL_DEXTERITY
 from spm_haptic_master.ros.diagnostic_status import CAUTION_KEY
-from spm_haptic_master.view.scene import ARM_DISTANCE
+from spm_haptic_master.view.scene import ARM_DISTANCE, GHOST
 from spm_haptic_master.view.status import (
     Banner,
     ENCODERS,
@@ -62,8 +62,8 @@ CAMERAS = {'front': (1.15, -3.1, 1.85), 'side': (3.9, -0.01, 0.4), 'top': (0.0, 
 LOOK_AT, BACK_OFF = (0.0, 0.0, 0.88), 0.75
 # Text of a figure without a value.
 DASH = '\u2013'
-# Colours of three encoders alone, of all, and of limits.
-GHOST, ALL, LIMIT = '#b0379b', '#2b6cb0', '#b42318'
+# Colours of all encoders, and of limits.
+ALL, LIMIT = '#2b6cb0', '#b42318'
 # Error of three encoders clear of the singularity that noise does not explain (deg).
 WRONG_SIDE = 3.0
 # Share above which a motion of a calibration has little left to give.

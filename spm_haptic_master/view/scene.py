@@ -1,16 +1,17 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The device in 3D, as nodes of viser's scene, and what is drawn over it."""
+"""The device in 3D, as nodes of viser's scene, what is drawn over it, and its workspace."""
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
-from math import isfinite, tan
+from math import isfinite, nan, pi, tan
 
 import numpy as np
 from numpy.typing import NDArray
-from spm_haptic_master.description.colours import rgb
+from spm_haptic_master.description.colours import css
 from spm_haptic_master.description.solids import (
     cylinder,
     LEGS,
@@ -23,42 +24,121 @@ from spm_haptic_master.description.solids import (
     THIRD_ENCODER,
     together,
 )
+from spm_haptic_master.description.workspace_map import HALF_ANGLE, WorkspaceMap
 from spm_haptic_master.kinematics import Geometry, mechanism_angles, workspace_pose
 from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.joints import SHORT_NAMES
 from spm_haptic_master.kinematics.mounting import IDENTITY
 from spm_haptic_master.kinematics.number_backends import Quaternion
-from spm_haptic_master.view import dome, surfaces
-from viser import BatchedMeshHandle, ViserServer
+from spm_haptic_master.view import surfaces
+from spm_haptic_master.view.surfaces import rgb, wxyz
+from viser import BatchedMeshHandle, LineSegmentsHandle, SceneApi, ViserServer
 
 # Units of the scene for a metre: the proximal links are 1 unit from O.
 SCALE = 1.0 / SIZE
 # Distance of two arms from each other (units of the scene): their bases are 2 wide.
 ARM_DISTANCE = 2.6
 # Colour of a device that is not shown as it is now, and of encoders without a state.
-GREY = (150, 150, 150)
+GREY = '#969696'
 # Pointer from the handle along the platform's x, the hand of its self-rotation: radius, length,
 # height on the handle (unit SIZE).
 POINTER, POINTER_AT = (0.018, 0.0, 0.8), 0.97
 # Axes of the platform's frame, as `cylinder` has them, and the colours of x, y, z.
 AXIS = 0.012, 0.0, 0.42
-AXIS_COLOURS = [(204, 0, 0), (0, 204, 0), (0, 0, 204)]
+AXIS_COLOURS = ['#cc0000', '#00cc00', '#0000cc']
 # Cone of the protection level: colour, corners, opacity; how many times as wide as it is, and the
 # half angle at which it ends (rad).
-LEVEL, LEVEL_CORNERS, LEVEL_OPACITY = (214, 96, 30), 36, 0.22
+LEVEL, LEVEL_CORNERS, LEVEL_OPACITY = '#d6601e', 36, 0.22
 MAGNIFICATION, WIDEST = 10.0, 0.35
 # What three encoders alone report: colour, opacity; size, relative to the platform (unit 1): where
 # both are the same, one surface is in front.
-GHOST, GHOST_OPACITY, GHOST_SCALE = (176, 55, 155), 0.55, 1.012
+GHOST, GHOST_OPACITY, GHOST_SCALE = '#b0379b', 0.55, 1.012
 # Colours of the torques commanded and rendered; length of an arrow for 1 N m (units of the scene),
 # and least torque with an arrow (N m).
-TORQUES = {'commanded': (90, 90, 90), 'rendered': (20, 120, 220)}
+TORQUES = {'commanded': '#5a5a5a', 'rendered': '#1478dc'}
 TORQUE_LENGTH, LEAST_TORQUE = 3.0, 0.005
 # Floor: colour, height, and radius (units of the scene), corners.
-FLOOR, FLOOR_HEIGHT, FLOOR_RADIUS, FLOOR_CORNERS = (238, 240, 243), -0.06, 1.05, 48
+FLOOR, FLOOR_HEIGHT, FLOOR_RADIUS, FLOOR_CORNERS = '#eef0f3', -0.06, 1.05, 48
 # Distances of the names from O: encoders on motors and on third joints, legs, handle (units of the
 # scene).
 AT_1, AT_3, OF_LEG, OF_HANDLE = 1.49, 1.02, 1.66, 1.7
+# Radius of the dome about O, outside the handle; radius of its tiles and of the ball at the end of
+# the trace (units of the scene); opacity.
+RADIUS, TILE, PIN, OPACITY = 1.78, 0.042, 0.03, 0.75
+# Singularities: colour, size (units of the scene), and how much higher than the tiles (unit 1).
+SINGULAR, POINT, ABOVE = '#460014', 0.022, 1.004
+# Lines: colours of trace and rim, width (pixels).
+TRACE, LINE = '#141414', 2.0
+# Points of the trace, and least distance of two of them (unit of the scene).
+TRACE_POINTS, TRACE_STEP = 300, 0.004
+# Least change of the self-rotation after which the map is painted again (rad).
+MAP_STEP = 0.004
+
+
+class Dome:
+    """The dome of a device, below its root in the scene."""
+
+    def __init__(self, scene: SceneApi, root: str, geometry: Geometry,
+                 working_mode: WorkingMode) -> None:
+        def line(name: str, segments: NDArray[np.float64],
+                 colour: str) -> LineSegmentsHandle:
+            # As wide as in the scene, a line is drawn twice, by two programs.
+            return scene.add_line_segments(f'{root}/{name}', segments, rgb([colour])[0],
+                                           thickness=LINE, thickness_units='screen')
+
+        self._map = WorkspaceMap(geometry, working_mode)
+        # Self-rotation for which the map is painted (rad); nan before it is.
+        self._phi = nan
+        self._points: deque[NDArray[np.float64]] = deque(maxlen=TRACE_POINTS)
+        axes = self._map.axes
+        self.tiles = surfaces.add(
+            scene, f'{root}/map', surfaces.two_sided(surfaces.polygon(TILE, 6)),
+            self._map.colours(0.0), axes, RADIUS * axes, opacity=OPACITY)
+        self.singular = scene.add_point_cloud(
+            f'{root}/singular', np.zeros((1, 3)), rgb([SINGULAR])[0], point_size=POINT,
+            point_shape='circle', point_shading='flat', precision='float32')
+        rim = RADIUS * workspace_pose(HALF_ANGLE, np.linspace(0.0, 2.0 * pi, 97), 0.0)[..., 2]
+        self.rim = line('rim', np.stack([rim[:-1], rim[1:]], axis=1), GREY)
+        self.trace = line('trace', np.zeros((1, 2, 3)), TRACE)
+        self.pin = surfaces.add(scene, f'{root}/pin', surfaces.ball(PIN), rgb([TRACE]))
+
+    def show(self, visible: bool) -> None:
+        """Show or hide the dome."""
+        self.tiles.visible = self.trace.visible = self.rim.visible = visible
+        # `paint` shows where they are, and `move` where the handle is.
+        self.singular.visible = False
+        self.pin.visible = visible and len(self._points) > 0
+
+    def move(self, axis: Sequence[float]) -> None:
+        """Continue the trace of the handle's axis, a unit vector in the base frame."""
+        point = RADIUS * np.asarray(axis)
+        self.pin.position = point
+        if self._points and np.abs(point - self._points[-1]).max() < TRACE_STEP:
+            return
+        self._points.append(point)
+        if self.trace.visible and not self.pin.visible:
+            self.pin.visible = True
+        points = np.array(self._points)
+        segments = np.stack([points[:-1], points[1:]], axis=1)
+        segments = segments[np.isfinite(segments).all(axis=(1, 2))]
+        if len(segments):
+            self.trace.points = segments.astype(np.float32)
+
+    def break_trace(self) -> None:
+        """Continue the trace without a line from its end: the way is not known."""
+        if self._points and np.isfinite(self._points[-1]).all():
+            self._points.append(np.full(3, np.nan))
+
+    def paint(self, phi: float) -> None:
+        """Paint the map for a self-rotation, rad, if that has changed."""
+        if abs(phi - self._phi) < MAP_STEP:
+            return
+        self._phi = phi
+        self.tiles.batched_colors = self._map.colours(phi)
+        points = ABOVE * RADIUS * self._map.singular_axes(phi)
+        self.singular.visible = len(points) > 0
+        if len(points):
+            self.singular.points = points.astype(np.float32)
 
 
 class Scene:
@@ -80,29 +160,29 @@ class Scene:
         place = np.array([ARM_DISTANCE * number, 0.0, 0.0])
         self._root = self._scene.add_frame(
             self._name, show_axes=False, position=place,
-            wxyz=surfaces.wxyz(_upright()) if table == IDENTITY else np.array([w, x, y, z]))
+            wxyz=wxyz(_upright()) if table == IDENTITY else np.array([w, x, y, z]))
         self._turns = LinkTurns(geometry)
         # What turns grey, and its own colours.
         self._coloured: list[tuple[BatchedMeshHandle, NDArray[np.uint8]]] = []
         # Links of one shape, which one message turns: where they are in `LinkTurns.at`.
         self._batches: list[tuple[list[int], BatchedMeshHandle]] = []
         # Colours of the encoders.
-        self._sensors = np.full((sensors, 3), GREY, np.uint8)
+        self._sensors = rgb([GREY] * sensors)
         shapes = solids(geometry)
-        self._add('base', shapes['base'], [rgb('base')])
+        self._add('base', shapes['base'], [css('base')])
         self._motors = self._add_encoders('motors', MOTOR_ENCODER, geometry.base_axes)
         for number, (kind, spans) in enumerate(
                 {'proximal': geometry.alphas, 'distal': geometry.betas}.items()):
             for span in dict.fromkeys(spans):
                 legs = [k for k, each in enumerate(spans) if each == span]
                 link = f'{kind}_{LEGS[legs[0]]}'
-                handle = self._add(link, shapes[link], [rgb(f'leg_{LEGS[k]}') for k in legs])
+                handle = self._add(link, shapes[link], [css(f'leg_{LEGS[k]}') for k in legs])
                 self._batches.append(([3 * number + k for k in legs], handle))
         pointer = cylinder(POINTER).turned(onto((1.0, 0.0, 0.0)))
         platform = together(shapes['platform'], Solid(
             pointer.vertices + (0.0, 0.0, SIZE * POINTER_AT), pointer.triangles))
         self._frame = self._scene.add_frame(f'{self._name}/platform', show_axes=False)
-        self._add('platform/solid', platform, [rgb('platform')])
+        self._add('platform/solid', platform, [css('platform')])
         # Encoders on third joints: th3A, th3B, th3C.
         thirds = geometry.platform_axes[:sensors - len(LEGS)]
         self._others = self._add_encoders('platform/encoder', THIRD_ENCODER, thirds)
@@ -110,19 +190,19 @@ class Scene:
         # To be scaled to the protection level.
         self.level = surfaces.add(
             self._scene, f'{self._frame.name}/level',
-            surfaces.two_sided(surfaces.cone(dome.RADIUS, LEVEL_CORNERS)), [LEVEL],
+            surfaces.two_sided(surfaces.cone(RADIUS, LEVEL_CORNERS)), rgb([LEVEL]),
             opacity=LEVEL_OPACITY, visible=False)
-        self.dome = dome.Dome(self._scene, self._name, geometry, working_mode)
+        self.dome = Dome(self._scene, self._name, geometry, working_mode)
         self.ghost = surfaces.add(
-            self._scene, f'{self._frame.name}/ghost', platform, [GHOST],
+            self._scene, f'{self._frame.name}/ghost', platform, rgb([GHOST]),
             scale=GHOST_SCALE / SIZE, opacity=GHOST_OPACITY, visible=False)
         self.torques = [
             surfaces.add(self._scene, f'{self._frame.name}/torque_{kind}', surfaces.ARROW,
-                         [colour], visible=False) for kind, colour in TORQUES.items()]
+                         rgb([colour]), visible=False) for kind, colour in TORQUES.items()]
         # It is in the scene's frame, whatever the mounting is.
         self._floor = surfaces.add(
             self._scene, f'/floor{self._name}', surfaces.polygon(FLOOR_RADIUS, FLOOR_CORNERS),
-            [FLOOR], places=place[None] + (0.0, 0.0, FLOOR_HEIGHT))
+            rgb([FLOOR]), places=place[None] + (0.0, 0.0, FLOOR_HEIGHT))
         first = np.array(geometry.base_axes)
         names = [
             *((self._root, f'th{SHORT_NAMES[k]}', AT_1 * axis) for k, axis in enumerate(first)),
@@ -139,19 +219,19 @@ class Scene:
         self.place(centre)
         self.set_alive(False)
 
-    def _add(self, path: str, solid: Solid, colours: Sequence[tuple[int, int, int]],
+    def _add(self, path: str, solid: Solid, colours: Sequence[str],
              axes: NDArray[np.float64] | None = None) -> BatchedMeshHandle:
         """Add a solid once for each colour, grey while the device is not alive."""
-        handle = surfaces.add(self._scene, f'{self._name}/{path}', solid, colours, axes,
+        handle = surfaces.add(self._scene, f'{self._name}/{path}', solid, rgb(colours), axes,
                               scale=SCALE)
-        self._coloured.append((handle, np.array(colours, np.uint8)))
+        self._coloured.append((handle, rgb(colours)))
         return handle
 
     def _add_encoders(self, path: str, encoder: Sequence[float],
                       axes: Sequence[Sequence[float]]) -> BatchedMeshHandle:
         """Add encoders on some axes; they have the colours of their states, grey at first."""
         return surfaces.add(self._scene, f'{self._name}/{path}', cylinder(encoder),
-                            [GREY] * len(axes), axes, scale=SCALE)
+                            rgb([GREY] * len(axes)), axes, scale=SCALE)
 
     def place(self, angles: Sequence[float]) -> None:
         """Turn the links to the angles of `joint_states`, rad."""
@@ -162,7 +242,7 @@ class Scene:
 
     def show_sensors(self, colours: Sequence[str]) -> None:
         """Give each encoder the colour of its state, as CSS has it: #rrggbb."""
-        sensors = np.array([tuple(bytes.fromhex(each[1:])) for each in colours], np.uint8)
+        sensors = rgb(colours)
         if not np.array_equal(sensors, self._sensors):
             self._sensors = sensors
             self._motors.batched_colors = sensors[:len(LEGS)]
@@ -194,7 +274,7 @@ class Scene:
             size = float(np.linalg.norm(torque))
             arrow.visible = shown = size >= LEAST_TORQUE
             if shown:
-                arrow.wxyz = surfaces.wxyz(onto(np.asarray(torque) / size))
+                arrow.wxyz = wxyz(onto(np.asarray(torque) / size))
                 arrow.scale = (1.0, 1.0, TORQUE_LENGTH * size)
 
     def set_alive(self, alive: bool) -> None:
@@ -203,7 +283,7 @@ class Scene:
             return
         self._alive = alive
         for handle, colours in self._coloured:
-            handle.batched_colors = colours if alive else np.full_like(colours, GREY)
+            handle.batched_colors = colours if alive else rgb([GREY] * len(colours))
         if not alive:
             self.level.visible = False
 

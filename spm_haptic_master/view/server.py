@@ -38,8 +38,6 @@ HOST = re.compile(r'(\[[0-9a-f:.]+\]|[^][:/@\s]+)(?::\d{1,5})?')
 QUOTED = 80
 # Size of the longest message of a client (byte): the pose of its camera takes some 500.
 LONGEST_MESSAGE = 65536
-# Last port of TCP.
-LAST_PORT = 65535
 # Light from everywhere (unit 1).
 AMBIENT = 0.8
 # Field of view, from top to bottom (rad).
@@ -173,22 +171,18 @@ def free_port(host: str, first: int) -> int:
     try:
         addresses = {(family, address) for family, *_, address in socket.getaddrinfo(
             host, None, type=socket.SOCK_STREAM)}
-        for port in range(first, LAST_PORT + 1):
+        for port in range(first, 65536):
             try:
                 for family, address in addresses:
-                    with socket.socket(family, socket.SOCK_STREAM) as trial:
-                        # As viser: a connection that has just ended does not keep the port.
-                        trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-                        # Of IPv6, a scope is behind the port.
-                        trial.bind((address[0], port, *address[2:]))
-                        trial.listen()
+                    # Of IPv6, a scope is behind the port.
+                    socket.create_server((address[0], port, *address[2:]), family=family).close()
                 return port
             except OSError as error:
                 if error.errno != errno.EADDRINUSE:
                     raise
     except OSError as error:
         raise InputError(f"parameter 'view.host' is {host!r}; expected an address of this host "
-                         f'({error.strerror})') from error
+                         f'({str(error.strerror).partition(" (while")[0]})') from error
     raise InputError(f"parameter 'view.port' is {first}; expected a port that is free, or has a "
                      'free one after it')
 

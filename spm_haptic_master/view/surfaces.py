@@ -11,7 +11,7 @@ its first picture. Here there is one for what is opaque, and one for what is not
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from math import pi
 
 import numpy as np
@@ -24,23 +24,28 @@ from viser import BatchedMeshHandle, SceneApi
 ARROW = turned_profile([(0.018, 0.0), (0.018, 0.75), (0.05, 0.75), (0.001, 1.0)])
 
 
-def add(scene: SceneApi, path: str, solid: Solid, colours: NDArray[np.uint8] | Sequence[object],
-        axes: Iterable[Sequence[float] | NDArray[np.float64]] | None = None,
+def add(scene: SceneApi, path: str, solid: Solid, colours: NDArray[np.uint8],
+        axes: Sequence[object] | NDArray[np.float64] | None = None,
         places: NDArray[np.float64] | None = None, scale: float = 1.0,
         opacity: float | None = None, visible: bool = True) -> BatchedMeshHandle:
     """
-    Add a solid, scaled, once for each colour (red, green, blue, 0 .. 255).
+    Add a solid, scaled, once for each colour as of `rgb`.
 
     Each is turned so that its z is on one of `axes`, unit vectors, by default not at all, and has
     one of `places` (n, 3), by default the origin. With an opacity, others are seen through it.
     """
     count = len(colours)
-    turns = [np.eye(3)] * count if axes is None else [onto(axis) for axis in axes]
+    turns = np.array([np.eye(3)] * count) if axes is None else onto(axes)
     return scene.add_batched_meshes_simple(
-        path, solid.vertices * scale, solid.triangles, wxyz(np.stack(turns)),
+        path, solid.vertices * scale, solid.triangles, wxyz(turns),
         np.zeros((count, 3)) if places is None else places,
-        batched_colors=np.array(colours, np.uint8), opacity=opacity, flat_shading=True,
+        batched_colors=colours, opacity=opacity, flat_shading=True,
         side='front', lod='off', cast_shadow=False, receive_shadow=False, visible=visible)
+
+
+def rgb(colours: Sequence[str]) -> NDArray[np.uint8]:
+    """Return red, green, blue, 0 .. 255, shape (n, 3), of colours as CSS has them: #rrggbb."""
+    return np.array([list(bytes.fromhex(colour[1:])) for colour in colours], np.uint8)
 
 
 def wxyz(rotations: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -28,10 +28,10 @@ from std_msgs.msg import Float64MultiArray, String
 
 pytest.importorskip('viser', reason='viser is not installed (extra view)')
 arm_module = pytest.importorskip('spm_haptic_master.view.arm')
-mechanism_query = pytest.importorskip('spm_haptic_master.view.mechanism_query')
+status_module = pytest.importorskip('spm_haptic_master.view.status')
 page_module = pytest.importorskip('spm_haptic_master.view.page')
 stories = pytest.importorskip('spm_haptic_master.view.simulated_device').stories
-RADIUS = pytest.importorskip('spm_haptic_master.view.dome').RADIUS
+RADIUS = pytest.importorskip('spm_haptic_master.view.scene').RADIUS
 
 PATIENCE = 20.0
 # Time between two ticks, and between two joint angles (s).
@@ -55,7 +55,7 @@ class Shown:
         """Make the arm, with the mechanism of some settings already drawn, in a state."""
         node = self.observer.node
         self.arm = arm_module.Arm(node, taker or node, page_module.Page(self.server), '/', 0)
-        self.arm._query.take(complete(mechanism_query.SETTINGS, values))
+        self.arm._query.take(complete(status_module.SETTINGS, values))
         self.state(state)
         return self
 
@@ -141,7 +141,7 @@ def another_fkm(observer, shown):
 
     def make(**given):
         observer._executor.add_node(node)
-        for name, value in complete(mechanism_query.SETTINGS, given).items():
+        for name, value in complete(status_module.SETTINGS, given).items():
             node.declare_parameter(name, list(value) if isinstance(value, tuple) else value)
         assert observer.spin_until(shown.begin().arm._query._client.service_is_ready, PATIENCE)
         return shown.arm._query, shown.scene
@@ -156,9 +156,9 @@ def test_another_mechanism_of_a_restarted_fkm_is_asked_for(shown, observer, anot
     given = {'geometry.beta_deg': 36.0}
     query, before = another_fkm(**given)
     # The answer that has been, and no question for its own sake.
-    monkeypatch.setattr(mechanism_query, 'ASK_PERIOD', 1e9)
+    monkeypatch.setattr(status_module, 'ASK_PERIOD', 1e9)
     query._asked_at, query._answered = 0.0, True
-    same, other = (mechanism_checksum(complete(mechanism_query.SETTINGS, each))
+    same, other = (mechanism_checksum(complete(status_module.SETTINGS, each))
                    for each in ({}, given))
     shown.run(2.0, lambda: shown.fkm(mechanism=same))
     assert query._asked_at == 0.0
@@ -177,7 +177,7 @@ def test_fkm_is_asked_again_and_only_another_mounting_is_drawn_anew(shown, obser
     assert observer.spin_until(lambda: shown.run(0.5, period=0.5) or (
         len(asked) >= 3 and query._answered), PATIENCE)
     assert (shown.scene is not before) == before._root._impl.removed == bool(given)
-    assert np.diff(asked).min() >= mechanism_query.ANSWER_TIMEOUT
+    assert np.diff(asked).min() >= status_module.ANSWER_TIMEOUT
 
 
 def test_the_reason_of_a_missing_picture_is_on_the_page(shown):
@@ -286,7 +286,7 @@ def test_the_device_comes_before_what_is_beside_it(shown):
     shown.run(1.5, shown.fkm)
     assert all(each.visible for each in shown.beside())
     # It stays for a mechanism that is drawn anew.
-    shown.arm._build(complete(mechanism_query.SETTINGS, {}))
+    shown.arm._build(complete(status_module.SETTINGS, {}))
     shown.run(1.0, shown.fkm)
     assert all(each.visible for each in shown.beside())
 

@@ -16,7 +16,7 @@ from spm_haptic_master.view.status import Light
 from std_msgs.msg import String
 
 pytest.importorskip('viser', reason='viser is not installed (extra view)')
-mechanism_query = pytest.importorskip('spm_haptic_master.view.mechanism_query')
+status_module = pytest.importorskip('spm_haptic_master.view.status')
 page_module = pytest.importorskip('spm_haptic_master.view.page')
 server_module = pytest.importorskip('spm_haptic_master.view.server')
 ARM_DISTANCE = pytest.importorskip('spm_haptic_master.view.scene').ARM_DISTANCE
@@ -33,7 +33,7 @@ def test_a_calibration_is_on_the_page_while_its_program_runs(view, observer):
         return view._page.content.get('left', {}).get('calibration')
 
     assert view.spin(lambda: '/left' in view._arms)
-    view._arms['/left']._query.take(complete(mechanism_query.SETTINGS, {}))
+    view._arms['/left']._query.take(complete(status_module.SETTINGS, {}))
     assert view.spin(shown)
     assert shown() == {'text': 'turn it', 'covered': [
         ('precision', 0.4, Light.AMBER.value), ('turn', 0.9, Light.GREEN.value)]}
@@ -110,7 +110,7 @@ def test_a_page_says_that_there_is_no_device_until_there_are_some(view, observer
     camera = view._server.initial_camera
     np.testing.assert_allclose((camera.position, camera.look_at), page_module.views(2)['front'])
     for arm in view._arms.values():
-        arm._query.take(complete(mechanism_query.SETTINGS, {}))
+        arm._query.take(complete(status_module.SETTINGS, {}))
     here, there = (arm._scene._root.position for arm in view._arms.values())
     np.testing.assert_allclose(there - here, [ARM_DISTANCE, 0.0, 0.0])
     assert len(kept) == 4

@@ -7,7 +7,7 @@ from built_mechanism import random_built
 from mechanism import about_x
 import numpy as np
 import pytest
-from spm_haptic_master.description.colours import rgb
+from spm_haptic_master.description.colours import css
 from spm_haptic_master.description.solids import LEGS, solids
 from spm_haptic_master.kinematics import (
     Geometry,
@@ -89,8 +89,8 @@ def test_each_link_joins_its_neighbours_with_its_own_shape_and_colour(draw, name
             kind, leg = ('proximal', 'distal')[link // 3], LEGS[link % 3]
             np.testing.assert_allclose(
                 handle.vertices, shapes[f'{kind}_{leg}'].vertices * scene_module.SCALE, atol=1e-6)
-            expected = rgb(f'leg_{leg}') if alive else scene_module.GREY
-            assert tuple(handle.batched_colors[row]) == expected
+            expected = css(f'leg_{leg}') if alive else scene_module.GREY
+            assert f'#{bytes(handle.batched_colors[row].tolist()).hex()}' == expected
 
 
 def volume(handle):
@@ -109,7 +109,8 @@ def test_every_surface_is_seen_from_outside_and_turns_grey(draw):
     for alive in (True, False):
         scene.set_alive(alive)
         for handle, colours in scene._coloured:
-            expected = colours if alive else np.full_like(colours, scene_module.GREY)
+            grey = scene_module.rgb([scene_module.GREY] * len(colours))
+            expected = colours if alive else grey
             np.testing.assert_array_equal(handle.batched_colors, expected)
     square = scene_module.surfaces.polygon(1.0, 4)
     np.testing.assert_allclose(
