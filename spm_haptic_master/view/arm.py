@@ -165,7 +165,6 @@ class Arm:
         self._ghost = ThreeEncoders(self._geometry)
         if self._scene is not None:
             self._scene.remove()
-            self._scene = None  # also if the next one cannot be drawn
         self._scene = Scene(
             self._server, self._number, self._geometry, values[WORKING_MODE_SETTING.name],
             IDENTITY if mounting is None else mounting.base, self.seen.sensors)

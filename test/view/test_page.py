@@ -12,7 +12,6 @@ from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
 from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.ros.qos import STATE
-from spm_haptic_master.view.status import Light
 from std_msgs.msg import String
 
 pytest.importorskip('viser', reason='viser is not installed (extra view)')
@@ -22,27 +21,12 @@ server_module = pytest.importorskip('spm_haptic_master.view.server')
 ARM_DISTANCE = pytest.importorskip('spm_haptic_master.view.scene').ARM_DISTANCE
 
 
-def test_a_calibration_is_on_the_page_while_its_program_runs(view, observer):
-    """A killed program leaves no last word; its last one is not the present."""
+def test_a_calibration_alone_is_a_device(view, observer):
     out = observer.node.create_publisher(String, f'/left/{COVERAGE_TOPIC}', STATE)
-    out.publish(String(
-        data='{"text": "turn it", "covered": {"precision": 0.4, "tilt": NaN, "turn": 0.9}}'))
+    out.publish(String(data='{"text": "turn it", "covered": {"precision": 0.4}}'))
     view._server.get_clients = lambda: {0: None}
-
-    def shown():
-        return view._page.content.get('left', {}).get('calibration')
-
-    assert view.spin(lambda: '/left' in view._arms)
-    view._arms['/left']._query.take(complete(status_module.SETTINGS, {}))
-    assert view.spin(shown)
-    assert shown() == {'text': 'turn it', 'covered': [
-        ('precision', 0.4, Light.AMBER.value), ('turn', 0.9, Light.GREEN.value)]}
-    # Words of another program are none.
-    out.publish(String(data='[1]'))
-    out.publish(String(data='turn'))
-    assert not view.spin(lambda: shown() is None, 0.2)
-    observer.node.destroy_publisher(out)
-    assert view.spin(lambda: shown() is None)
+    assert view.spin(lambda: view._page.content.get('left', {}).get('calibration'))
+    assert list(view._page.shown) == ['left']
 
 
 @pytest.mark.parametrize('arms', [1, 8])
