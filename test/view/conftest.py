@@ -4,6 +4,7 @@
 """Servers of the page and the node `view`, in the process of the tests."""
 
 import gc
+import os
 
 import pytest
 import rclpy
@@ -38,11 +39,14 @@ def view(observer):
     from spm_haptic_master.view.node import View
 
     rclpy.init()
-    node = View(Parameters(arguments=['view.port:=28480']), Future())
+    # The process that it goes with is this one.
+    done = Future()
+    node = View(Parameters(arguments=['view.port:=28480', f'view.process:={os.getpid()}']), done)
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     node.spin = lambda condition, patience=PATIENCE: observer.spin_until(
         lambda: executor.spin_once(0.01) or condition(), patience)
+    node.has_ended = done.done
     yield node
     executor.shutdown()
     node.destroy_node()

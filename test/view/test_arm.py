@@ -204,7 +204,7 @@ def turn_of(handle):
 
 def test_what_is_shown_is_the_pose_all_the_way_through_the_singularity(shown):
     """By other formulas: platform, trace, map, figures, and three encoders alone."""
-    shown.begin()
+    shown.begin(alert_limit_deg=2.0)
     shown.run(WHOLE, shown.pose)
     rng, errors = np.random.default_rng(5), []
     for phi in np.arange(SINGULAR_PHI - 0.2, SINGULAR_PHI + 0.25, 0.004):
@@ -232,6 +232,8 @@ def test_what_is_shown_is_the_pose_all_the_way_through_the_singularity(shown):
         f'{name} {angle:.2f}\u00b0' for name, angle in zip('ψθφ', euler, strict=True))
     assert [shown.rows[f'dexterity of {count}'] for count in (3, 4)] == [
         f'{each:.3f}' for each in eta]
+    assert [plot['limits'] for plot in shown.content['plots'] if plot['key'] == 'level'] == [
+        [(2.0, page_module.LIMIT)]]
     values = shown.content['sample']['values']
     np.testing.assert_allclose(values['angles'], np.degrees(readings), atol=1e-6)
     np.testing.assert_array_equal(shown.scene.dome.tiles.batched_colors,
@@ -533,6 +535,7 @@ def test_the_knobs_are_those_of_a_simulated_device_alone(shown):
     shown.parameters = {'sensors': 6}
     shown.run(6.0)
     assert list(shown.control('encoder').options) == list(ALL_JOINT_NAMES)
+    assert f'faults: {expected}<' in shown.arm.simulation._faults_html.content
     stop = shown.control('move by itself')._impl.update_cb
     shown.say('source', 'can: can0')
     assert not shown.server.gui._gui_input_handle_from_uuid

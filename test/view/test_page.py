@@ -98,3 +98,7 @@ def test_a_page_says_that_there_is_no_device_until_there_are_some(view, observer
     here, there = (arm._scene._root.position for arm in view._arms.values())
     np.testing.assert_allclose(there - here, [ARM_DISTANCE, 0.0, 0.0])
     assert len(kept) == 4
+    # It ends with the process that it goes with.
+    assert not view.has_ended()
+    view._process = 2 ** 22 + 1
+    assert view.spin(view.has_ended)

@@ -65,7 +65,7 @@ def test_a_sentence_says_which_encoders_determine_the_pose(known, words, warns):
 
 
 @pytest.mark.parametrize(('dexterities', 'colours'), [
-    ((0.01, 0.05), (Light.RED, Light.AMBER)), ((0.05, 0.4), (Light.AMBER, Light.GREEN)),
+    ((0.01, 0.05), (Light.RED, Light.AMBER)), ((0.033, 0.059), (Light.AMBER, Light.GREEN)),
     ((nan, 0.4), (Light.GREY, Light.GREEN)), (None, (Light.GREY, Light.GREY))])
 def test_the_bars_of_the_dexterity(dexterities, colours):
     """Full at 0.2; grey where the value or its limits are not known."""
