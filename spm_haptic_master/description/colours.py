@@ -11,15 +11,9 @@ COLOURS = {
     'leg_c': (0.17, 0.58, 0.30), 'platform': (0.28, 0.31, 0.36), 'encoder': (0.93, 0.67, 0.05)}
 
 
-def rgb(name: str) -> tuple[int, int, int]:
-    """Return red, green, blue of a part, 0 .. 255."""
-    red, green, blue = (round(255 * part) for part in COLOURS[name])
-    return red, green, blue
-
-
 def css(name: str) -> str:
     """Return the colour of a part as CSS and matplotlib have it."""
-    return '#{:02x}{:02x}{:02x}'.format(*rgb(name))
+    return f'#{bytes(round(255 * part) for part in COLOURS[name]).hex()}'
 
 
 # Colours of the legs A, B, C.

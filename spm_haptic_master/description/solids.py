@@ -1,25 +1,57 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Closed surfaces of triangles: turned profiles, arcs of a sphere, and their STL file."""
+"""
+The solids of the links, each in its own frame, which all have their origin in O, and their turns.
+
+A solid is a closed surface of triangles: a turned profile or an arc of a sphere. The links of a
+leg are stacked along their common joint axis, the proximal link outside the distal one and that
+outside the platform, with a gap between them: no two of them touch.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from math import cos, sin, tau
+from math import acos, cos, sin, tau
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from spm_haptic_master.kinematics import Geometry, quaternion_from_matrix
+from spm_haptic_master.kinematics.leg_kernels import chain_quaternion
+from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion
+from spm_haptic_master.kinematics.rotations import multiply_quaternions
 
-# Points on the circumference of a turned solid.
-TURN_POINTS = 24
-# Sections of an arc for each rad of its angle, at least two.
-ARC_SECTIONS = 18
+# Points on the circumference of a turned solid; sections of an arc for each rad of its angle.
+TURN_POINTS, ARC_SECTIONS = 24, 18
 # Part of a bar's thickness that its edges are chamfered by (unit 1).
 CHAMFER = 0.25
 # Bytes of the text at the beginning of a binary STL file.
 STL_HEADER = 80
+# Legs, in names of links and joints.
+LEGS = ('a', 'b', 'c')
+# Radius of the proximal links about O (m). The paper gives angles only; orientations do not
+# depend on it.
+SIZE = 0.1
+# Bars: radius about O of the middle, width and thickness (unit SIZE).
+PROXIMAL, DISTAL, PLATFORM = (1.0, 0.085, 0.06), (0.855, 0.085, 0.06), (0.722, 0.085, 0.06)
+BASE = 1.2, 0.13, 0.07
+# Cylinders: radius, and the radii about O between which each is (unit SIZE): discs of the proximal
+# link at Z1k and Z2k, of the distal link at Z2k and Z3k, of the platform at Z3k; pins of the third
+# joints; motors; encoders outside a motor or a distal link.
+PROXIMAL_AT_1, PROXIMAL_AT_2 = (0.075, 0.955, 1.06), (0.075, 0.92, 1.045)
+DISTAL_AT_2, DISTAL_AT_3 = (0.075, 0.81, 0.9), (0.075, 0.78, 0.9)
+PLATFORM_AT_3, PIN = (0.075, 0.68, 0.76), (0.03, 0.68, 0.9)
+MOTOR, MOTOR_ENCODER = (0.12, 1.08, 1.36), (0.095, 1.36, 1.41)
+THIRD_ENCODER = 0.095, 0.905, 0.945
+# Profile of the handle on Z_E: radius and distance from O (unit SIZE).
+HANDLE = ((0.075, 0.69), (0.09, 0.705), (0.09, 0.74), (0.045, 0.78), (0.036, 1.05), (0.036, 1.1),
+          (0.07, 1.17), (0.092, 1.27), (0.095, 1.4), (0.08, 1.55), (0.05, 1.61), (0.01, 1.625))
+# Density of the links, kg/m^3: aluminium.
+DENSITY = 2700.0
+# Least sine of the angle between two axes that an arc connects (unit 1): below, none is needed.
+LEAST_SINE = 1e-6
 
 
 class MassProperties(NamedTuple):
@@ -70,8 +102,52 @@ class Solid:
             ('normal', '<f4', 3), ('corners', '<f4', (3, 3)), ('attribute', '<u2')])
         facets['normal'] = normals / np.where(lengths > 0.0, lengths, 1.0)
         facets['corners'] = corners
-        return name.encode().ljust(STL_HEADER)[:STL_HEADER] \
-            + len(corners).to_bytes(4, 'little') + facets.tobytes()
+        return name.encode().ljust(STL_HEADER) + len(corners).to_bytes(4, 'little') \
+            + facets.tobytes()
+
+
+def solids(geometry: Geometry) -> dict[str, Solid]:
+    """
+    Return the solids of all links by name, each in the frame of its link.
+
+    A proximal link has Z1k on z and Z2k on Rx(alpha_k) z; a distal link Z2k on z and Z3k on
+    Rx(beta_k) z. The platform carries the handle.
+    """
+    axes, ends = np.array(geometry.base_axes), np.array(geometry.platform_axes)
+    platform = together(
+        *(cylinder(PLATFORM_AT_3).turned(onto(axis)) for axis in ends),
+        *(_arc_between(np.array([0.0, 0.0, 1.0]), axis, PLATFORM) for axis in ends),
+        turned_profile([(SIZE * radius, SIZE * height) for radius, height in HANDLE]))
+    return {'base': together(*(cylinder(MOTOR).turned(onto(axis)) for axis in axes),
+                             *(_arc_between(axes[k], axes[(k + 1) % 3], BASE) for k in range(3))),
+            **{f'proximal_{name}': _link(angle, PROXIMAL, PROXIMAL_AT_1, PROXIMAL_AT_2)
+               for name, angle in zip(LEGS, geometry.alphas, strict=True)},
+            **{f'distal_{name}': _link(angle, DISTAL, DISTAL_AT_2, DISTAL_AT_3)
+               for name, angle in zip(LEGS, geometry.betas, strict=True)},
+            'platform': platform}
+
+
+def masses(geometry: Geometry) -> dict[str, MassProperties]:
+    """
+    Return mass, centre and inertia of the moving links by their names in the URDF.
+
+    Encoders weigh nothing; the base does not move and is left out. The carriers are the pins of
+    the third joints.
+    """
+    named = solids(geometry)
+    del named['base']
+    named['spm_platform'] = named.pop('platform')
+    named |= {f'carrier_{name}': cylinder(PIN) for name in LEGS}
+    return {name: solid.mass_properties(DENSITY) for name, solid in named.items()}
+
+
+def onto(axes: Sequence[object] | NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return rotation matrices, shape (..., 3, 3), that take z to unit vectors, (..., 3)."""
+    z = np.asarray(axes, dtype=float)
+    # Any direction that is far from the axis.
+    x = np.cross(np.eye(3)[np.argmin(np.abs(z), axis=-1)], z)
+    x /= np.sqrt(x[..., None, :] @ x[..., None])[..., 0]
+    return np.stack([x, np.cross(z, x), z], axis=-1)
 
 
 def together(*solids: Solid) -> Solid:
@@ -82,27 +158,42 @@ def together(*solids: Solid) -> Solid:
                                  in zip(solids, offsets, strict=True)]).astype(np.int32))
 
 
-def turned_profile(profile: list[tuple[float, float]]) -> Solid:
+def cylinder(size: Sequence[float]) -> Solid:
+    """Return a chamfered cylinder about z: radius and the heights of its ends, unit SIZE."""
+    radius, low, high = (SIZE * each for each in size)
+    rim = CHAMFER * min(radius, high - low)
+    return turned_profile([(radius - rim, low), (radius, low + rim), (radius, high - rim),
+                           (radius - rim, high)])
+
+
+def turned_profile(profile: Sequence[tuple[float, float]]) -> Solid:
     """Return the solid of a profile (radius, height), m, from below, turned about z."""
     turn = np.arange(TURN_POINTS) * tau / TURN_POINTS
     circle = np.stack([np.cos(turn), np.sin(turn), np.zeros(TURN_POINTS)], axis=-1)
     return _tube([radius * circle + (0.0, 0.0, height) for radius, height in profile])
 
 
-def disc(radius: float, low: float, high: float) -> Solid:
-    """Return a cylinder about z from height `low` to `high`, with chamfered rims, m."""
-    rim = CHAMFER * min(radius, high - low)
-    return turned_profile([(radius - rim, low), (radius, low + rim), (radius, high - rim),
-                           (radius - rim, high)])
+def _link(angle: float, bar: Sequence[float], first: Sequence[float],
+          second: Sequence[float]) -> Solid:
+    """Return a bar of an angle, rad, with a disc at either end."""
+    c, s = np.cos(angle), np.sin(angle)
+    there = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+    return together(_arc_bar(angle, bar), cylinder(first), cylinder(second).turned(there))
 
 
-def arc_bar(angle: float, radius: float, width: float, thickness: float) -> Solid:
-    """
-    Return a bar bent along an arc of a sphere about the origin.
+def _arc_between(start: NDArray[np.float64], end: NDArray[np.float64],
+                 bar: Sequence[float]) -> Solid:
+    """Return a bar along the great circle from one unit vector to another."""
+    across = np.cross(start, end)
+    sine = float(np.linalg.norm(across))
+    angle = acos(max(-1.0, min(1.0, float(start @ end))))
+    x = across / sine if sine > LEAST_SINE else onto(start)[:, 0]
+    return _arc_bar(angle, bar).turned(np.stack([x, np.cross(start, x), start], axis=-1))
 
-    The arc goes from z to Rx(angle) z, rad, at the radius of the bar's middle, m; the width is
-    across the arc, the thickness along the radius.
-    """
+
+def _arc_bar(angle: float, bar: Sequence[float]) -> Solid:
+    """Return a bar, with its width across the arc, along a sphere from z to Rx(angle) z, rad."""
+    radius, width, thickness = (SIZE * each for each in bar)
     chamfer = CHAMFER * thickness
     x, r = 0.5 * width, 0.5 * thickness
     # Across and along the radius, counter-clockwise about the direction of the arc.
@@ -117,17 +208,38 @@ def arc_bar(angle: float, radius: float, width: float, thickness: float) -> Soli
 
 def _tube(rings: list[NDArray[np.float64]]) -> Solid:
     """Return the solid through rings of equally many points, closed at both ends."""
-    n = len(rings[0])
-    here = np.arange(n)
-    there = np.roll(here, -1)
-    triangles = []
-    for ring in range(len(rings) - 1):
-        low, high = ring * n, (ring + 1) * n
-        triangles += [np.stack([low + here, low + there, high + there], axis=-1),
-                      np.stack([low + here, high + there, high + here], axis=-1)]
-    first, last = len(rings) * n, len(rings) * n + 1
-    top = (len(rings) - 1) * n
-    triangles += [np.stack([np.full(n, first), there, here], axis=-1),
-                  np.stack([np.full(n, last), top + here, top + there], axis=-1)]
-    vertices = np.concatenate([*rings, rings[0].mean(axis=0)[None], rings[-1].mean(axis=0)[None]])
-    return Solid(vertices, np.concatenate(triangles).astype(np.int32))
+    count, n = len(rings), len(rings[0])
+    here = np.arange(count * n).reshape(count, n)
+    there = np.roll(here, -1, axis=1)
+    first, last = np.full(n, count * n), np.full(n, count * n + 1)
+    sides = [np.stack(corners, axis=-1) for corners in (
+        (here[:-1], there[:-1], there[1:]), (here[:-1], there[1:], here[1:]))]
+    ends = [np.stack(corners, axis=-1) for corners in (
+        (first, there[0], here[0]), (last, here[-1], there[-1]))]
+    return Solid(
+        np.concatenate([*rings, rings[0].mean(axis=0)[None], rings[-1].mean(axis=0)[None]]),
+        np.concatenate([np.stack(sides, axis=1).reshape(-1, 3), *ends]).astype(np.int32))
+
+
+class LinkTurns:
+    """How each link of a mechanism is turned."""
+
+    def __init__(self, geometry: Geometry) -> None:
+        self._geometry = geometry
+        frames = np.array([leg.base_frame for leg in geometry.legs]).reshape(3, 3, 3)
+        self._base = list(map(tuple, quaternion_from_matrix(frames).tolist()))
+        self._bent = [(sin(0.5 * alpha), 0.0, 0.0, cos(0.5 * alpha)) for alpha in geometry.alphas]
+
+    def at(self, angles: Sequence[float]) -> list[Quaternion[float]]:
+        """
+        Return the turn of each link in the base frame by the angles of all nine joints, rad.
+
+        Quaternions x, y, z, w: of the proximal links A, B, C: B_k Rz(th1k), eq. 1; of the distal
+        links A, B, C: that times Rx(alpha_k) Rz(th2k); of the platform, eq. 6.
+        """
+        turns = [(0.0, 0.0, sin(0.5 * angle), cos(0.5 * angle)) for angle in angles]
+        proximal = list(map(multiply_quaternions, self._base, turns[::3]))
+        bent = map(multiply_quaternions, proximal, self._bent)
+        th1a, th2a, th3a = angles[:3]
+        return [*proximal, *map(multiply_quaternions, bent, turns[1::3]),
+                chain_quaternion(th1a, th2a, th3a, self._geometry, FLOATS)]

@@ -22,15 +22,16 @@ from spm_haptic_master.ros.parameters import ParameterNode, Parameters, VIEW_SET
 from spm_haptic_master.standard_streams import print_within, STANDARD_OUTPUT
 from spm_haptic_master.timing import Periodic
 from spm_haptic_master.view.arm import Arm
-from spm_haptic_master.view.page import Page, serve
+from spm_haptic_master.view.page import Page
+from spm_haptic_master.view.server import in_url, serve
 from spm_haptic_master.view.status import Banner, Light
 
 # Periods of drawing and of looking for devices (s).
 TICK_PERIOD, FIND_PERIOD = 0.05, 0.5
 # Period of the garbage collection (s): Python's own comes after twenty minutes and more.
 COLLECT_PERIOD = 30.0
-# Period of the news that this program is alive, and least time between two refusals in the
-# log (s).
+# Period of the news that this program is alive, and least time between two refusals in the log
+# (s).
 NEWS_PERIOD, REFUSAL_PERIOD = 1.0, 1.0
 # By how much the priority of its process is below that of its parent: the device goes first.
 NICENESS = 10
@@ -59,7 +60,6 @@ class View(ParameterNode):
         self._done = done
         values = self.declare(VIEW_SETTINGS)
         self._process: int = values['view.process']
-        self._end_with_process()
         self._arms: dict[str, Arm] = {}
         # Messages are taken when they are drawn: at 1 kHz most of them never are.
         self._taker = rclpy.create_node('view_samples', namespace=self.get_namespace(),
@@ -70,14 +70,12 @@ class View(ParameterNode):
         self._page = Page(self._server)
         self._page.show('', NO_DEVICE)
         host = self._server.get_host()
-        shown = {'0.0.0.0': '127.0.0.1', '::': '::1'}.get(host, host)
-        if ':' in shown:
-            shown = f'[{shown}]'
+        shown = in_url({'0.0.0.0': '127.0.0.1', '::': '::1'}.get(host, host))
         self.url = f'http://{shown}:{self._server.get_port()}'
-        if not done.done():
-            print_within(STANDARD_OUTPUT, f'view: {self.url}', PRINT_TIMEOUT)
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         self._find()
+        if not done.done():
+            print_within(STANDARD_OUTPUT, f'view: {self.url}', PRINT_TIMEOUT)
         self.create_timer(TICK_PERIOD, self._tick, clock=STEADY)
         self.create_timer(FIND_PERIOD, self._find, clock=STEADY)
         # Objects of the start are never collected: the rest takes a few milliseconds.
@@ -93,8 +91,10 @@ class View(ParameterNode):
         super().destroy_node()
 
     def _find(self) -> None:
-        """Look for devices, their calibrations, and the process that this one goes with."""
-        self._end_with_process()
+        """Look for devices, and for the process that this one goes with."""
+        if self._process and not Path(f'/proc/{self._process}').exists() \
+                and not self._done.done():
+            self._done.set_result(None)
         own = self.get_namespace()
         for namespace in [own] if own != '/' else self._namespaces():
             if namespace not in self._arms and len(self._arms) < LARGEST_NUMBER:
@@ -103,13 +103,6 @@ class View(ParameterNode):
                 self._arms[namespace] = Arm(
                     self, self._taker, self._page, namespace, len(self._arms))
                 self._page.aim(len(self._arms))
-        for arm in self._arms.values():
-            arm.check_calibration()
-
-    def _end_with_process(self) -> None:
-        if self._process and not Path(f'/proc/{self._process}').exists() \
-                and not self._done.done():
-            self._done.set_result(None)
 
     def _namespaces(self) -> list[str]:
         """Return the namespaces with a device that runs or that is being calibrated."""

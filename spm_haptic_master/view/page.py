@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The page: its server, light and cameras, and what it shows beside the picture.
+The page beside the picture: banners, figures, plots and events of each device, and the views.
 
 Banners and cover belong to the page, not to its panel, which leaves the page when a user collapses
 it. viser has no element outside the panel; its message for a script brings `page/page.js`, which
@@ -11,26 +11,41 @@ shows what it is given and sends nothing.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from contextlib import redirect_stdout
-import errno
-from io import StringIO
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 import json
-import logging
+from math import degrees, nan
 from pathlib import Path
-import socket
 from typing import Any
 
+from spm_haptic_master.description.colours import LEGS
 from spm_haptic_master.description.workspace_map import colour_bar
-from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.view.access import guarded
-from spm_haptic_master.view.scene import ARM_DISTANCE
-from spm_haptic_master.view.status import Banner
+from spm_haptic_master.kinematics import zxz_angles
+from spm_haptic_master.kinematics.joints import (
+    ALL_JOINT_NAMES,
+    MECHANISM_JOINT_NAMES,
+    NUMBER_WORDS,
+    SHORT_NAMES,
+)
+from spm_haptic_master.kinematics.number_backends import Quaternion
+from spm_haptic_master.nodes.console import FULL_DEXTERITY
+from spm_haptic_master.ros.diagnostic_status import CAUTION_KEY
+from spm_haptic_master.view.scene import ARM_DISTANCE, GHOST
+from spm_haptic_master.view.status import (
+    Banner,
+    ENCODERS,
+    Light,
+    ORIENTATION,
+    SensorState,
+    SINGULARITY,
+    StatusEntries,
+    TIMING,
+)
 from viser import ViserServer
 from viser._messages import RunJavascriptMessage as ViserScript
 
-# Time after which a page that gets no news from this program covers itself (s).
-NEWS_TIMEOUT = 2.5
+# Time after which a page that gets no news from this program covers itself (ms).
+NEWS_TIMEOUT = 2500
 # The page's script and style.
 FOLDER = Path(__file__).with_name('page')
 # What signs and figures mean.
@@ -41,16 +56,39 @@ LEGEND = (
     'Cone about the handle: the protection level, ten times as wide, at most 20 deg.')
 # Begin of a script with news.
 NEWS = 'window.spm.show('
-# Last port of TCP.
-LAST_PORT = 65535
-# Light from everywhere (unit 1).
-AMBIENT = 0.8
 # Camera's position relative to its target in each view of one device, and the target (units of the
 # scene); share of that distance by which it backs off for each further device (unit 1).
 CAMERAS = {'front': (1.15, -3.1, 1.85), 'side': (3.9, -0.01, 0.4), 'top': (0.0, -0.01, 4.1)}
 LOOK_AT, BACK_OFF = (0.0, 0.0, 0.88), 0.75
-# Field of view, from top to bottom (rad).
-VIEW_ANGLE = 0.75
+# Text of a figure without a value.
+DASH = '\u2013'
+# Colours of all encoders, and of limits.
+ALL, LIMIT = '#2b6cb0', '#b42318'
+# Error of three encoders clear of the singularity that noise does not explain (deg).
+WRONG_SIDE = 3.0
+# Share above which a motion of a calibration has little left to give.
+ENOUGH = 0.9
+
+
+@dataclass(slots=True)
+class Seen:
+    """What is known of a device; of the past where the banner is not alive."""
+
+    banner: Banner
+    sensors: int = 4  # number of them
+    states: list[SensorState] = field(default_factory=list)
+    source: str = ''  # where the joint angles come from; empty: not known
+    force: str = ''  # state of the force feedback; empty: not known
+    alert_limit: float = nan  # largest protection level of a published orientation, deg
+    angles: Sequence[float] | None = None  # of all nine joints, rad
+    orientation: Quaternion[float] | None = None  # of the platform in the base frame
+    dexterities: Sequence[float] | None = None  # of three encoders, and of all
+    ghost: float | None = None  # error of three encoders alone, rad
+    pace: float = 0.0  # poses drawn per second
+    story: str = ''  # explanation of what the simulation plays; empty: nothing
+    happened: Sequence[str] = ()  # events since the last time
+    # What to do next in a calibration, and shares 0 .. 1 of what is needed.
+    calibration: tuple[str, dict[str, float]] | None = None
 
 
 class RunJavascriptMessage(ViserScript):
@@ -66,12 +104,12 @@ class Page:
 
     def __init__(self, server: ViserServer) -> None:
         self.server = server
-        # Banners, and contents as of `readout.content`, by the names of the devices.
+        # Banners and contents by the names of the devices; without a name it is the only one.
         self.shown: dict[str, Banner] = {}
-        self.content: dict[str, Mapping[str, Any]] = {}
+        self.content: dict[str, dict[str, Any]] = {}
         self.aim(1)
         setup = {
-            'css': (FOLDER / 'page.css').read_text(), 'timeout': round(1e3 * NEWS_TIMEOUT),
+            'css': (FOLDER / 'page.css').read_text(), 'timeout': NEWS_TIMEOUT,
             'lost': 'no news from view: the picture is old', 'dome': colour_bar(),
             'views': self.views, 'legend': LEGEND}
         self._run((FOLDER / 'page.js').read_text().replace('SETUP', json.dumps(setup)))
@@ -83,14 +121,14 @@ class Page:
         camera.position, camera.look_at = self.views['front']
 
     def show(self, name: str, banner: Banner) -> None:
-        """Show the state of a device; without a name it is the only one."""
+        """Show the state of a device."""
         if self.shown.get(name) != banner:
             self.shown[name] = banner
             self.refresh()
 
-    def show_content(self, name: str, content: Mapping[str, Any]) -> None:
+    def show_content(self, name: str, seen: Seen, entries: StatusEntries) -> None:
         """Show the figures of a device whose banner is shown."""
-        self.content[name] = content
+        self.content[name] = content(seen, entries)
         self.refresh()
 
     def remove(self, name: str) -> None:
@@ -112,58 +150,6 @@ class Page:
         self.server._websock_server.queue_message(RunJavascriptMessage(script))
 
 
-def serve(host: str, port: int, names: str = '',
-          report: Callable[[str], None] = lambda _: None) -> ViserServer:
-    """
-    Return the server of the page at a host and a port, or the next free one.
-
-    `names` are further names of the page; `report` is called, in the server's thread, with the
-    reason of a refused request. InputError: the address cannot be used.
-    """
-    # Its log is of connections, to standard error.
-    logging.getLogger('websockets').setLevel(logging.CRITICAL)
-    # viser would try one port after the other, for ever or beyond the last.
-    port = free_port(host, port)
-    # It prints its address in a frame; the first line of this program has it.
-    with redirect_stdout(StringIO()), guarded(host, names, report):
-        server = ViserServer(host=host, port=port, label='haptic master', verbose=False)
-    server.gui.configure_theme(control_width='large', show_logo=False, show_share_button=False)
-    server.gui.main_panel.dock_right()
-    server.scene.set_up_direction('+z')
-    # Shadows take most of the time where no GPU draws them.
-    server.scene.configure_default_lights(cast_shadow=False)
-    # So do reflections of surroundings that are not there.
-    server.scene.configure_environment_map(hdri=None)
-    server.scene.add_light_ambient('/ambient', intensity=AMBIENT)
-    server.initial_camera.fov = VIEW_ANGLE
-    return server
-
-
-def free_port(host: str, first: int) -> int:
-    """Return the first free port of an address; InputError: there is none."""
-    try:
-        addresses = {(family, address) for family, *_, address in socket.getaddrinfo(
-            host, None, type=socket.SOCK_STREAM)}
-        for port in range(first, LAST_PORT + 1):
-            try:
-                for family, address in addresses:
-                    with socket.socket(family, socket.SOCK_STREAM) as trial:
-                        # As viser: a connection that has just ended does not keep the port.
-                        trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-                        # Of IPv6, a scope is behind the port.
-                        trial.bind((address[0], port, *address[2:]))
-                        trial.listen()
-                return port
-            except OSError as error:
-                if error.errno != errno.EADDRINUSE:
-                    raise
-    except OSError as error:
-        raise InputError(f"parameter 'view.host' is {host!r}; expected an address of this host "
-                         f'({error.strerror})') from error
-    raise InputError(f"parameter 'view.port' is {first}; expected a port that is free, or has a "
-                     'free one after it')
-
-
 def views(arms: int) -> dict[str, tuple[tuple[float, ...], tuple[float, ...]]]:
     """Return the camera's position and target for each view of a number of devices in a row."""
     x, y, z = LOOK_AT
@@ -171,3 +157,111 @@ def views(arms: int) -> dict[str, tuple[tuple[float, ...], tuple[float, ...]]]:
     back = 1.0 + BACK_OFF * (arms - 1)
     return {name: ((x + back * dx, y + back * dy, z + back * dz), (x, y, z))
             for name, (dx, dy, dz) in CAMERAS.items()}
+
+
+def content(seen: Seen, entries: StatusEntries) -> dict[str, Any]:
+    """Return what the page shows of a device with its present entries on /diagnostics."""
+    if not seen.banner.alive:
+        seen = replace(seen, angles=None, orientation=None, dexterities=None, ghost=None)
+    limits, figures, timing = map(entries.numbers, (SINGULARITY, ORIENTATION, TIMING))
+    warn, error = limits.get('warn below', nan), limits.get('error below', nan)
+    three, every = dexterities = seen.dexterities or (nan, nan)
+    if seen.orientation is None:
+        figures = {}
+    level, parity = (figures.get(key, nan) for key in ('protection level (deg)', 'parity (sigma)'))
+    ghost = nan if seen.ghost is None else degrees(seen.ghost)
+    rate, p50, p99 = (timing.get(key, nan) for key in (
+        'orientation rate (Hz)', 'latency p50 (us)', 'latency p99 (us)'))
+    note, warns = (seen.story, False) if seen.story else _note(seen, warn)
+    driver, singularity = entries.entry(ENCODERS), entries.entry(SINGULARITY)
+    missing = entries.missing_joints()
+    # A joint without a reading has a gap in its plot.
+    angles = [nan if seen.angles is None or name in missing
+              else degrees(seen.angles[MECHANISM_JOINT_NAMES.index(name)])
+              for name in ALL_JOINT_NAMES[:seen.sensors]]
+    zxz = map(degrees, () if seen.orientation is None else zxz_angles(*seen.orientation))
+    # The same rows at any time: name, text, and share and colour of a bar, if any.
+    rows = [
+        ('source', seen.source or 'unknown'),
+        ('encoders', DASH if driver is None else driver.message),
+        ('orientation', ', '.join(f'{name} {angle:.2f}\u00b0' for name, angle in zip(
+            '\u03c8\u03b8\u03c6', zxz, strict=False)) or DASH),
+        ('three encoders', _known(f'{ghost:.2f}\u00b0 off', ghost)),
+        ('protection level', _known(f'{level:.2f}\u00b0', level)),
+        ('parity', _known(f'{parity:.1f} sigma', parity)),
+        ('singularity', DASH if singularity is None or seen.orientation is None
+         else singularity.message),
+        *((f'dexterity of {count}', _known(f'{value:.3f}', value),
+           0.0 if value != value else value / FULL_DEXTERITY, _light(value, warn, error).value)
+          for count, value in zip((3, seen.sensors), dexterities, strict=True)),
+        ('rate', _known(f'{rate:.0f} Hz', rate)),
+        ('latency', _known(f'p50 {p50:.0f} us, p99 {p99:.0f} us', p50 + p99)),
+        ('force', seen.force or DASH),
+        ('caution', entries.texts(ORIENTATION).get(CAUTION_KEY) or DASH),
+        ('picture', f'{seen.pace:.0f} poses a second')]
+    text, shares = seen.calibration or ('', {})
+    return {
+        'note': note, 'warns': warns, 'rows': rows,
+        'chips': [(SHORT_NAMES[k], f'{ALL_JOINT_NAMES[k]}: {state.words}', state.colour)
+                  for k, state in enumerate(seen.states)],
+        'calibration': seen.calibration and {'text': text, 'covered': [
+            (name, share, (Light.GREEN if share >= ENOUGH else Light.AMBER).value)
+            for name, share in shares.items()]},
+        'plots': [
+            _plot('dexterity', 'dexterity', [('3 encoders', GHOST),
+                                             (f'{seen.sensors} encoders', ALL)],
+                  [(warn, Light.AMBER.value), (error, LIMIT)]),
+            _plot('ghost', 'three encoders alone: error, deg', [('error', GHOST)]),
+            _plot('level', 'protection level, deg', [('level', ALL)],
+                  [(seen.alert_limit, LIMIT)]),
+            _plot('angles', 'joint angles, deg', [
+                (name, LEGS['ABC'.index(name[1])], name[0] == '3')
+                for name in SHORT_NAMES[:seen.sensors]], zero=False),
+            _plot('parity', 'parity, sigma', [('parity', ALL)], zero=False),
+            _plot('latency', 'latency, us', [('p50', ALL), ('p99', GHOST)])],
+        'sample': {
+            't': entries.now, 'state': seen.banner.text, 'colour': seen.banner.light.value,
+            'happened': seen.happened, 'values': {
+                'dexterity': [three, every], 'ghost': [ghost], 'level': [level],
+                'parity': [parity], 'angles': angles, 'latency': [p50, p99]}}}
+
+
+def _known(text: str, value: float) -> str:
+    """Return the text of a value, a dash of nan."""
+    return DASH if value != value else text
+
+
+def _plot(key: str, title: str, series: Sequence[Sequence[Any]],
+          limits: Sequence[tuple[float, str]] = (), zero: bool = True) -> dict[str, Any]:
+    """Return a plot: name, colour and whether dashed of each quantity; limits with colours."""
+    return {'key': key, 'title': title, 'series': series, 'zero': zero,
+            'limits': [each for each in limits if each[0] == each[0]]}
+
+
+def _note(seen: Seen, warn: float) -> tuple[str, bool]:
+    """Return which encoders determine the pose, in a sentence, and whether that is a warning."""
+    if seen.orientation is None:
+        return 'No orientation: the picture is not the present pose.', True
+    if seen.dexterities is None or warn != warn:
+        return DASH, False
+    three, every = seen.dexterities
+    lost = sum(state in (SensorState.MISSING, SensorState.EXCLUDED) for state in seen.states)
+    number = NUMBER_WORDS.get(seen.sensors - lost, 'the')
+    if every < warn:
+        return f'Not even {number} encoders determine this pose.', True
+    if not three >= warn:
+        return (f'Singularity: three encoders do not determine this pose; {number} do. The violet '
+                'ghost is what three alone would report.', True)
+    if seen.ghost is not None and degrees(seen.ghost) > WRONG_SIDE:
+        return ('Three encoders alone came out of the singularity on its wrong side. With '
+                f'{number} the device did not.', True)
+    return f'Three encoders determine this pose. With {number} they check one another.', False
+
+
+def _light(dexterity: float, warn: float, error: float) -> Light:
+    """Return the colour of a dexterity, grey without a limit."""
+    if dexterity != dexterity or warn != warn:
+        return Light.GREY
+    if dexterity < error:
+        return Light.RED
+    return Light.AMBER if dexterity < warn else Light.GREEN

@@ -5,10 +5,8 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
 from functools import partial
 from html import escape
 from math import atan2, degrees, hypot, radians
@@ -56,15 +54,6 @@ class Story(NamedTuple):
     end: float  # when it ends, s
 
 
-@dataclass(slots=True)
-class Playing:
-    """A story that is played."""
-
-    story: Story
-    steps: deque[Step]  # those to come
-    began: float | None = None  # when it began, s; None before the first tick
-
-
 class SimulatedDevice:
     """
     The knobs of a device and the topics behind them; with any other source, nothing.
@@ -77,13 +66,13 @@ class SimulatedDevice:
                  order: float, name: Callable[[str], str]) -> None:
         self._node, self._gui, self._panel, self._name = node, gui, folder, name
         self._order = order
-        self._simulated = False
         # By topic, once the source has been simulated.
         self._outs: dict[str, Publisher] = {}
         self.knobs: GuiFolderHandle | None = None
-        self._sensors = 0
-        # What is played; threads of the server replace it between any two lines of `tick`.
-        self._playing: Playing | None = None
+        self._sensors = 0  # number of them; 0 of a device that is not simulated
+        # The words of what is played, one a tick; threads of the server replace it at any time.
+        self._playing: Iterator[str] = iter(())
+        self._now = 0.0  # time of the latest tick, s
         # Whether a user leads the device; if not, the sliders follow it.
         self._touched = False
         # Faults that are present, as a text.
@@ -93,23 +82,26 @@ class SimulatedDevice:
 
     def show(self, source: str, sensors: int) -> None:
         """Show the knobs of a simulated source with a number of sensors, of another one none."""
-        self._simulated = source == SIMULATED
-        if self._simulated and not self._outs:
+        shown = sensors if source == SIMULATED else 0
+        if shown == self._sensors:
+            return
+        self._sensors = shown
+        if self.knobs is not None:
+            self.knobs.remove()
+            self.knobs = None
+            self._lead(False)
+        if not shown:
+            return
+        if not self._outs:
             node, name = self._node, self._name
             self._outs = {topic: node.create_publisher(kind, name(topic), 1) for topic, kind in (
                 (STEER_TOPIC, Float64MultiArray), (FAULT_TOPIC, String))}
             node.create_subscription(String, name(FAULTS_TOPIC), self._on_faults, STATE)
-        if self.knobs is not None and not (self._simulated and self._sensors == sensors):
-            self.knobs.remove()
-            self.knobs = None
-            self._lead(False)
-        if self._simulated and self.knobs is None:
-            self._sensors = sensors
-            with self._panel:
-                self.knobs = self._gui.add_folder('Simulation', order=self._order)
-            with self.knobs:
-                self._add_knobs()
-            self._show_faults()
+        with self._panel:
+            self.knobs = self._gui.add_folder('Simulation', order=self._order)
+        with self.knobs:
+            self._add_knobs()
+        self._show_faults()
 
     def _add_knobs(self) -> None:
         gui = self._gui
@@ -134,23 +126,8 @@ class SimulatedDevice:
 
     def tick(self, now: float) -> str:
         """Continue the story that is played, at a time, s; return its words, empty without."""
-        playing = self._playing
-        if playing is None:
-            return ''
-        if playing.began is None:
-            playing.began = now
-        elapsed = now - playing.began
-        while playing.steps and playing.steps[0].at <= elapsed:
-            step = playing.steps.popleft()
-            if step.faults is not None:
-                self._fail(step.faults)
-            if step.phi is not None:
-                self._steer(0.0, 0.0, radians(step.phi))
-        if elapsed < playing.story.end:
-            return playing.story.words
-        self._playing = None
-        self._steer()
-        return ''
+        self._now = now
+        return next(self._playing, '')
 
     def follow(self, orientation: Quaternion[float]) -> None:
         """Set the sliders to an orientation of the device, unless a user leads it."""
@@ -176,11 +153,25 @@ class SimulatedDevice:
     def _lead(self, touched: bool) -> None:
         """End the story; the device is led by the user or not."""
         self._touched = touched
-        self._playing = None
+        self._playing = iter(())
 
     def _play(self, story: Story, _: Any) -> None:
         self._touched = False
-        self._playing = Playing(story, deque(story.steps))
+        self._playing = self._steps(story)
+
+    def _steps(self, story: Story) -> Iterator[str]:
+        """Do each step of a story when it is due; yield its words until it ends."""
+        began = self._now
+        for step in story.steps:
+            while self._now - began < step.at:
+                yield story.words
+            if step.faults is not None:
+                self._fail(step.faults)
+            if step.phi is not None:
+                self._steer(0.0, 0.0, radians(step.phi))
+        while self._now - began < story.end:
+            yield story.words
+        self._steer()
 
     def _on_slider(self, event: GuiEvent[Any]) -> None:
         if event.client is None:
@@ -193,7 +184,7 @@ class SimulatedDevice:
         self._steer()
 
     def _set_faults(self, faults: str) -> None:
-        self._playing = None
+        self._playing = iter(())
         self._fail(faults)
 
     def _on_faults(self, message: String) -> None:
@@ -209,11 +200,11 @@ class SimulatedDevice:
 
     def _steer(self, *pose: float) -> None:
         """Lead the device to tilt, azimuth and phi, rad; without a pose it moves by itself."""
-        if self._simulated:
+        if self._sensors:
             self._outs[STEER_TOPIC].publish(Float64MultiArray(data=list(pose)))
 
     def _fail(self, faults: str) -> None:
-        if self._simulated:
+        if self._sensors:
             self._outs[FAULT_TOPIC].publish(String(data=faults))
 
 

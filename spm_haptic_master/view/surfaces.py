@@ -16,35 +16,41 @@ from math import pi
 
 import numpy as np
 from numpy.typing import NDArray
-from spm_haptic_master.description.links import onto, SIZE
-from spm_haptic_master.description.solids import disc, Solid, turned_profile
+from spm_haptic_master.description.solids import onto, Solid, turned_profile
 from spm_haptic_master.kinematics import quaternion_from_matrix
 from viser import BatchedMeshHandle, SceneApi
 
-# Pointer across the handle: radius, length, height on the handle (unit SIZE).
-POINTER, POINTER_LENGTH, POINTER_AT = 0.018, 0.8, 0.97
 # An arrow of length 1 along z, of a profile of radius and height.
 ARROW = turned_profile([(0.018, 0.0), (0.018, 0.75), (0.05, 0.75), (0.001, 1.0)])
 
 
-def add(scene: SceneApi, path: str, solid: Solid, colours: NDArray[np.uint8] | Sequence[object],
-        turns: Sequence[NDArray[np.float64]] | None = None,
+def add(scene: SceneApi, path: str, solid: Solid, colours: NDArray[np.uint8],
+        axes: Sequence[object] | NDArray[np.float64] | None = None,
         places: NDArray[np.float64] | None = None, scale: float = 1.0,
         opacity: float | None = None, visible: bool = True) -> BatchedMeshHandle:
     """
-    Add a solid, scaled, once for each colour (red, green, blue, 0 .. 255).
+    Add a solid, scaled, once for each colour as of `rgb`.
 
-    Each has a rotation matrix of `turns`, by default the identity, and one of `places` (n, 3), by
-    default the origin. With an opacity, others are seen through it.
+    Each is turned so that its z is on one of `axes`, unit vectors, by default not at all, and has
+    one of `places` (n, 3), by default the origin. With an opacity, others are seen through it.
     """
     count = len(colours)
-    matrices = np.stack([np.eye(3)] * count if turns is None else turns)
+    turns = np.array([np.eye(3)] * count) if axes is None else onto(axes)
     return scene.add_batched_meshes_simple(
-        path, solid.vertices * scale, solid.triangles,
-        quaternion_from_matrix(matrices)[:, [3, 0, 1, 2]],
+        path, solid.vertices * scale, solid.triangles, wxyz(turns),
         np.zeros((count, 3)) if places is None else places,
-        batched_colors=np.array(colours, np.uint8), opacity=opacity, flat_shading=True,
+        batched_colors=colours, opacity=opacity, flat_shading=True,
         side='front', lod='off', cast_shadow=False, receive_shadow=False, visible=visible)
+
+
+def rgb(colours: Sequence[str]) -> NDArray[np.uint8]:
+    """Return red, green, blue, 0 .. 255, shape (n, 3), of colours as CSS has them: #rrggbb."""
+    return np.array([list(bytes.fromhex(colour[1:])) for colour in colours], np.uint8)
+
+
+def wxyz(rotations: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the quaternions of rotation matrices, (..., 3, 3), as viser orders them, (..., 4)."""
+    return quaternion_from_matrix(rotations)[..., [3, 0, 1, 2]]
 
 
 def two_sided(solid: Solid) -> Solid:
@@ -60,29 +66,21 @@ def two_sided(solid: Solid) -> Solid:
 def polygon(radius: float, corners: int) -> Solid:
     """Return a flat regular polygon about z, seen from above."""
     fan = np.arange(1, corners - 1)
-    return Solid(_circle(radius, corners),
-                 np.stack([np.zeros_like(fan), fan, fan + 1], axis=-1).astype(np.int32))
+    return Solid(_circle(radius, corners), np.stack([np.zeros_like(fan), fan, fan + 1], axis=-1))
 
 
 def cone(height: float, corners: int) -> Solid:
     """Return a cone of half angle 45 deg about z, from O to a height, without its base."""
-    here = np.arange(corners)
-    side = np.stack([np.zeros(corners, int), np.roll(here, -1) + 1, here + 1], axis=-1)
+    here = np.arange(1, corners + 1)
     rim = _circle(height, corners) + (0.0, 0.0, height)
-    return Solid(np.concatenate([np.zeros((1, 3)), rim]), side)
+    return Solid(np.concatenate([np.zeros((1, 3)), rim]),
+                 np.stack([np.zeros_like(here), np.roll(here, -1), here], axis=-1))
 
 
 def ball(radius: float) -> Solid:
     """Return a ball about O."""
-    half_turn = np.linspace(-0.5 * pi, 0.5 * pi, 9)
-    return turned_profile(list(zip(radius * np.cos(half_turn), radius * np.sin(half_turn),
-                                   strict=True)))
-
-
-def pointer() -> Solid:
-    """Return a pointer from the handle along the platform's x: the hand of its self-rotation."""
-    bar = disc(SIZE * POINTER, 0.0, SIZE * POINTER_LENGTH).turned(onto((1.0, 0.0, 0.0)))
-    return Solid(bar.vertices + (0.0, 0.0, SIZE * POINTER_AT), bar.triangles)
+    turn = np.linspace(-0.5 * pi, 0.5 * pi, 9)
+    return turned_profile([(radius * np.cos(angle), radius * np.sin(angle)) for angle in turn])
 
 
 def _circle(radius: float, corners: int) -> NDArray[np.float64]:

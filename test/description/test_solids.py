@@ -7,12 +7,24 @@ from collections import Counter
 from math import cos, pi, sin
 
 from built_mechanism import random_built
-from mechanism import turn
+from mechanism import about_x, turn
 import numpy as np
 import pytest
-from spm_haptic_master.description.links import DENSITY, LEGS, masses, solids
-from spm_haptic_master.description.solids import Solid, turned_profile
-from spm_haptic_master.kinematics import Geometry
+from spm_haptic_master.description.solids import (
+    DENSITY,
+    LEGS,
+    LinkTurns,
+    masses,
+    Solid,
+    solids,
+    turned_profile,
+)
+from spm_haptic_master.kinematics import (
+    Geometry,
+    matrix_from_quaternion,
+    mechanism_angles,
+    workspace_pose,
+)
 
 # Corners of a turned solid.
 CORNERS = 24
@@ -54,6 +66,24 @@ def test_every_part_of_a_link_is_closed_and_filled_with_its_mass(seed):
         moments = np.linalg.eigvalsh(body.inertia)
         # Positive definite, and no moment exceeds the sum of the two others.
         assert moments[0] > 0.0 and moments[2] < moments[0] + moments[1]
+
+
+@pytest.mark.parametrize('seed', [None, 1])
+def test_each_link_is_turned_so_that_it_joins_its_neighbours(seed):
+    geometry = Geometry() if seed is None else \
+        random_built(np.random.default_rng(seed), 0.5).geometry
+    turns, z = LinkTurns(geometry), np.array([0.0, 0.0, 1.0])
+    for pose in ((0.0, 0.0, 0.0), (0.3, 1.0, 0.9), (0.2, 4.0, -0.3)):
+        R = workspace_pose(*pose)
+        *links, platform = map(matrix_from_quaternion, turns.at(
+            mechanism_angles(tuple(R.ravel()), geometry)))
+        np.testing.assert_allclose(platform, R, atol=1e-12)
+        for k, (proximal, distal) in enumerate(zip(links[:3], links[3:], strict=True)):
+            for one, other in (
+                    (proximal @ z, geometry.base_axes[k]),
+                    (proximal @ about_x(geometry.alphas[k]) @ z, distal @ z),
+                    (distal @ about_x(geometry.betas[k]) @ z, R @ geometry.platform_axes[k])):
+                np.testing.assert_allclose(one, other, atol=1e-12)
 
 
 def test_a_prism_has_its_mass_centre_and_inertia_wherever_it_is():

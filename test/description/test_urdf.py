@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 from built_mechanism import random_built
 import numpy as np
 import pytest
-from spm_haptic_master.description.links import LEGS, masses, solids
+from spm_haptic_master.description.solids import LEGS, masses, solids
 from spm_haptic_master.description.urdf import joint_limits, JOINT_SPEED, MOTOR_TORQUE, urdf
 from spm_haptic_master.force import ForceLimits
 from spm_haptic_master.kinematics import Geometry, inverse, mechanism_angles, workspace_pose

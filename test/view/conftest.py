@@ -4,6 +4,7 @@
 """Servers of the page and the node `view`, in the process of the tests."""
 
 import gc
+import os
 
 import pytest
 import rclpy
@@ -18,13 +19,13 @@ PATIENCE = 20.0
 @pytest.fixture(scope='module')
 def serve():
     """Make servers of the page, each at an address and with further names of its own."""
-    from spm_haptic_master.view import page
+    from spm_haptic_master.view.server import serve
 
     servers = {}
 
     def make(host='127.0.0.1', names=''):
         if (host, names) not in servers:
-            servers[host, names] = page.serve(host, 28780, names)
+            servers[host, names] = serve(host, 28780, names, lambda _: None)
         return servers[host, names]
 
     yield make
@@ -38,11 +39,14 @@ def view(observer):
     from spm_haptic_master.view.node import View
 
     rclpy.init()
-    node = View(Parameters(arguments=['view.port:=28480']), Future())
+    # The process that it goes with is this one.
+    done = Future()
+    node = View(Parameters(arguments=['view.port:=28480', f'view.process:={os.getpid()}']), done)
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     node.spin = lambda condition, patience=PATIENCE: observer.spin_until(
         lambda: executor.spin_once(0.01) or condition(), patience)
+    node.has_ended = done.done
     yield node
     executor.shutdown()
     node.destroy_node()

@@ -15,8 +15,7 @@ from std_msgs.msg import Float64MultiArray, String
 viser = pytest.importorskip('viser', reason='viser is not installed (extra view)')
 msgspec = pytest.importorskip('msgspec')
 client = pytest.importorskip('websockets.sync.client')
-access = pytest.importorskip('spm_haptic_master.view.access')
-page_server = pytest.importorskip('spm_haptic_master.view.page')
+server_module = pytest.importorskip('spm_haptic_master.view.server')
 view_node = pytest.importorskip('spm_haptic_master.view.node')
 
 PATIENCE = 20.0
@@ -98,7 +97,7 @@ def test_the_names_of_a_page(serve, server, client, hosts, good):
 
 
 def test_the_name_of_this_host_is_none_of_a_page_for_this_host_alone():
-    assert NAME not in access.own_names('127.0.0.1', '') or NAME == 'localhost'
+    assert NAME not in server_module.own_names('127.0.0.1', '') or NAME == 'localhost'
 
 
 def test_no_other_page_has_it_in_a_frame_and_it_connects_to_nobody_else(serve):
@@ -115,9 +114,9 @@ def test_no_other_page_has_it_in_a_frame_and_it_connects_to_nobody_else(serve):
 
 
 def test_a_server_that_cannot_be_guarded_is_none(monkeypatch):
-    monkeypatch.setattr(page_server, 'ViserServer', lambda **_: None)
+    monkeypatch.setattr(server_module, 'ViserServer', lambda **_: None)
     with pytest.raises(SpmError, match='cannot be guarded'):
-        page_server.serve('127.0.0.1', 28820)
+        server_module.serve('127.0.0.1', 28820, '', print)
 
 
 def test_a_page_operates_a_simulated_device_and_no_other(observer, view):
@@ -176,12 +175,12 @@ def test_a_page_operates_a_simulated_device_and_no_other(observer, view):
         {'disabled': True}, {'value': 'joint_1a', 'update_cb': []}, {}, None)),
     ({'updates': {'value': 7}}, False), ([1, 2], False)])
 def test_of_a_clients_messages_two_kinds_are_passed_on(message, wanted):
-    assert access.is_wanted(msgspec.msgpack.encode(message)) is wanted
+    assert server_module.is_wanted(msgspec.msgpack.encode(message)) is wanted
 
 
 @pytest.mark.parametrize('garbage', [b'', b'\xc1', 'a text'])
 def test_garbage_of_a_client_is_not_passed_on(garbage):
-    assert not access.is_wanted(garbage)
+    assert not server_module.is_wanted(garbage)
 
 
 def test_a_refusal_is_in_the_log_with_its_reason_and_many_are_not(view, monkeypatch):

@@ -3,72 +3,128 @@
 
 """One device on the page: what is drawn of its topics, and when it no longer is."""
 
+import json
+from math import degrees, pi, radians
 import re
 from types import SimpleNamespace
 
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import WrenchStamped
+from mechanism import SINGULAR_PHI
 import numpy as np
 import pytest
-from rclpy.node import Node
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from spm_haptic_master.kinematics import (
+    dexterity,
     Geometry,
     matrix_from_quaternion,
     mechanism_angles,
     workspace_pose,
 )
-from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, MECHANISM_JOINT_NAMES
+from spm_haptic_master.kinematics.joints import (
+    ALL_JOINT_NAMES,
+    JOINT_NAMES,
+    MECHANISM_JOINT_NAMES,
+)
+from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
+from spm_haptic_master.nodes.simulation_control import FAULT_TOPIC, FAULTS_TOPIC, STEER_TOPIC
 from spm_haptic_master.parameters.geometry import mechanism_checksum
 from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.simulation.fault_injection import parse_switched
 from spm_haptic_master.simulation.steering import PHI_LIMITS
-from spm_haptic_master.view.status import SensorState
+from spm_haptic_master.view.status import Light, SensorState
 from std_msgs.msg import Float64MultiArray, String
 
 pytest.importorskip('viser', reason='viser is not installed (extra view)')
 arm_module = pytest.importorskip('spm_haptic_master.view.arm')
-mechanism_query = pytest.importorskip('spm_haptic_master.view.mechanism_query')
+status_module = pytest.importorskip('spm_haptic_master.view.status')
 page_module = pytest.importorskip('spm_haptic_master.view.page')
 stories = pytest.importorskip('spm_haptic_master.view.simulated_device').stories
-MAP_RADIUS = pytest.importorskip('spm_haptic_master.view.scene').MAP_RADIUS
+RADIUS = pytest.importorskip('spm_haptic_master.view.scene').RADIUS
 
-PATIENCE = 20.0
+GEOMETRY = Geometry()
 # Time between two ticks, and between two joint angles (s).
 TICK = 0.05
 # Time after which all of the picture is there (s).
 WHOLE = arm_module.DEVICE_ALONE + 1.0
 
 
+class Sampled:
+    """A topic of which the newest message is the test's."""
+
+    def __init__(self, node, kind, topic):
+        self._node, self._topic = node, topic
+
+    def subscribe(self):
+        self._node.sampled.add(self._topic)
+
+    def unsubscribe(self):
+        self._node.sampled.discard(self._topic)
+
+    def take(self):
+        return self._node.newest.pop(self._topic, None)
+
+
 class Shown:
-    """An Arm on a real page that somebody looks at, on a clock of the test."""
+    """A device on a real page, and the node that it has: of the test's topics, on its clock."""
 
-    def __init__(self, observer, server):
-        self.now = 1000.0
-        self.observer, self.server = observer, server
-        # Whether somebody looks at the page.
-        self.watched = True
-        self.happened = []
-        self._samples = 0
+    def __init__(self, server):
+        self.server, self.now, self.watched = server, 1000.0, True
+        self.takers, self.newest, self.sampled, self.published = {}, {}, set(), []
+        # Parameters of fkm, when it was asked for them; whether a calibration runs.
+        self.parameters, self.asked, self.calibrates = {}, [], True
+        self.happened, self._samples = [], 0
 
-    def begin(self, state='healthy', taker=None, **values):
-        """Make the arm, with the mechanism of some settings already drawn, in a state."""
-        node = self.observer.node
-        self.arm = arm_module.Arm(node, taker or node, page_module.Page(self.server), '/', 0)
-        self.arm._query.take(complete(mechanism_query.SETTINGS, values))
+    def create_subscription(self, kind, topic, take, qos):
+        self.takers[topic] = take
+
+    def create_publisher(self, kind, topic, qos):
+        return SimpleNamespace(publish=lambda sent: self.published.append(
+            (topic.removeprefix('/'), getattr(sent.data, 'tolist', lambda: sent.data)())))
+
+    def create_client(self, kind, name):
+        def ask(request):
+            self.asked.append(self.now)
+            values = complete(status_module.SETTINGS, self.parameters)
+            answer = SimpleNamespace(values=[Parameter(
+                name, value=list(values[name]) if isinstance(values[name], tuple)
+                else values[name]).get_parameter_value() for name in request.names])
+            future = SimpleNamespace(result=lambda: answer)
+            return SimpleNamespace(add_done_callback=lambda take: take(future))
+
+        return SimpleNamespace(service_is_ready=lambda: self.parameters is not None,
+                               call_async=ask)
+
+    def count_publishers(self, topic):
+        return int(self.calibrates and topic == f'/{COVERAGE_TOPIC}')
+
+    def begin(self, state='healthy', source='', **parameters):
+        """Show the device with parameters of its fkm, in a state."""
+        self.parameters = parameters
+        self.arm = arm_module.Arm(self, self, page_module.Page(self.server), '/', 0)
+        self.arm.tick(self.now)
         self.state(state)
+        if source:
+            self.say('source', source)
         return self
 
-    def state(self, text):
-        self.arm._on_state(String(data=text))
+    def say(self, topic, text):
+        self.takers[f'/{topic}'](String(data=text))
 
-    def pose(self, tilt=0.1, azimuth=0.0, phi=0.6):
-        """Have new joint angles of a pose."""
-        self._samples += 1
-        message = JointState(name=list(MECHANISM_JOINT_NAMES), position=mechanism_angles(
-            tuple(workspace_pose(tilt, azimuth, phi).ravel().tolist()), Geometry()))
-        message.header.stamp.sec = self._samples
-        self.arm._on_joints(message)
+    def state(self, text):
+        self.say('state', text)
+
+    def pose(self, tilt=0.1, azimuth=0.0, phi=0.6, again=False):
+        """Have new joint angles of a pose, rad; return its matrix."""
+        R = workspace_pose(tilt, azimuth, phi)
+        self._samples += not again
+        message = JointState(name=list(MECHANISM_JOINT_NAMES),
+                             position=mechanism_angles(tuple(R.ravel()), GEOMETRY))
+        message.header.stamp = Time(sec=self._samples)
+        self.takers['/joint_states'](message)
+        return R
 
     def entry(self, name, message='', level=DiagnosticStatus.OK, **values):
         """Have an entry on /diagnostics."""
@@ -90,20 +146,27 @@ class Shown:
             if self.content:
                 self.happened += self.content['sample']['happened']
 
+    def operate(self, label, value=None):
+        """Operate the control with a label as a client does; return what was published."""
+        control = self.control(label)
+        if value is not None:
+            control._impl.value = value
+        self.published.clear()
+        for act in control._impl.update_cb:
+            act(SimpleNamespace(client=object(), target=control))
+        return self.published
+
+    def control(self, label):
+        return next(each for each in self.server.gui._gui_input_handle_from_uuid.values()
+                    if each.label == label)
+
     @property
     def scene(self):
         return self.arm._scene
 
     @property
-    def knobs(self):
-        """Return the knobs of the device, which is simulated."""
-        if self.arm.simulation.knobs is None:
-            self.arm._on_source(String(data='sim'))
-        return self.arm.simulation
-
-    @property
     def text(self):
-        return self.arm.seen.banner.text
+        return self.arm._page.shown[''].text
 
     @property
     def content(self):
@@ -117,67 +180,101 @@ class Shown:
 
     def beside(self):
         """Return what of the page is beside the device and its state."""
-        scene = self.scene
-        return [scene._tiles, scene._singular, scene._rim, scene._line, scene._pin, scene._level,
-                *scene.overlay.labels]
+        dome = self.scene.dome
+        return [dome.tiles, dome.singular, dome.rim, dome.trace, dome.pin, self.scene.level,
+                *self.scene.labels]
 
 
 @pytest.fixture
-def shown(observer, serve, monkeypatch):
+def shown(serve, monkeypatch):
     """Give a Shown that has not begun."""
     server = serve()
     server.gui.reset()
     server.scene.reset()
-    made = Shown(observer, server)
+    made = Shown(server)
     monkeypatch.setattr(arm_module, 'time', SimpleNamespace(monotonic=lambda: made.now))
+    monkeypatch.setattr(arm_module, 'SampledTopic', Sampled)
     monkeypatch.setattr(server, 'get_clients', lambda: {0: None} if made.watched else {})
     return made
 
 
-@pytest.fixture
-def another_fkm(observer, shown):
-    """Make a node `fkm` with some settings and show a device that has the default ones."""
-    node = Node('fkm', context=observer.context)
-
-    def make(**given):
-        observer._executor.add_node(node)
-        for name, value in complete(mechanism_query.SETTINGS, given).items():
-            node.declare_parameter(name, list(value) if isinstance(value, tuple) else value)
-        assert observer.spin_until(shown.begin().arm._query._client.service_is_ready, PATIENCE)
-        return shown.arm._query, shown.scene
-
-    yield make
-    node.destroy_node()
+def turn_of(handle):
+    return matrix_from_quaternion(np.roll(handle.wxyz, -1))
 
 
-def test_another_mechanism_of_a_restarted_fkm_is_asked_for(shown, observer, another_fkm,
-                                                           monkeypatch):
-    """By its checksum: its state was healthy before and is healthy now."""
-    given = {'geometry.beta_deg': 36.0}
-    query, before = another_fkm(**given)
-    # The answer that has been, and no question for its own sake.
-    monkeypatch.setattr(mechanism_query, 'ASK_PERIOD', 1e9)
-    query._asked_at, query._answered = 0.0, True
-    same, other = (mechanism_checksum(complete(mechanism_query.SETTINGS, each))
-                   for each in ({}, given))
-    shown.run(2.0, lambda: shown.fkm(mechanism=same))
-    assert query._asked_at == 0.0
-    assert observer.spin_until(lambda: shown.run(TICK, lambda: shown.fkm(mechanism=other))
-                               or shown.scene is not before, PATIENCE)
+def test_what_is_shown_is_the_pose_all_the_way_through_the_singularity(shown):
+    """By other formulas: platform, trace, map, figures, and three encoders alone."""
+    shown.begin(alert_limit_deg=2.0)
+    shown.run(WHOLE, shown.pose)
+    rng, errors = np.random.default_rng(5), []
+    for phi in np.arange(SINGULAR_PHI - 0.2, SINGULAR_PHI + 0.25, 0.004):
+        tilt, azimuth = 0.0005, 3.0 * phi
+        R = workspace_pose(tilt, azimuth, phi)
+        eta = float(dexterity(R)), float(dexterity(R, sensors=4))
+        shown.newest['/dexterity'] = Float64MultiArray(data=eta)
+        readings = np.array(mechanism_angles(tuple(R.ravel()), GEOMETRY))[[0, 3, 6, 2]]
+        message = JointState(name=list(JOINT_NAMES), position=readings + radians(0.04)
+                             * rng.standard_normal(4))
+        message.header.stamp = Time(sec=shown._samples, nanosec=999_999_999)
+        shown.newest['/readings'] = message
+        shown.run(TICK, lambda: shown.pose(tilt, azimuth, phi))  # noqa: B023
+        np.testing.assert_allclose(turn_of(shown.scene._frame), R, atol=1e-6)
+        sample = shown.content['sample']['values']
+        errors.append((eta[0], sample['ghost'][0]))
+    ghost = shown.scene.ghost
+    assert ghost.visible and ghost.name.startswith(f'{shown.scene._frame.name}/')
+    assert 2.0 * degrees(np.arccos(abs(ghost.wxyz[0]))) == pytest.approx(errors[-1][1], abs=0.5)
+    shown.run(1.0, lambda: shown.pose(tilt, azimuth, phi))
+    np.testing.assert_allclose(shown.scene.dome.pin.position, RADIUS * R[:, 2], atol=1e-6)
+    psi, theta = np.arctan2(R[0, 2], -R[1, 2]), np.arccos(R[2, 2])
+    euler = np.degrees([psi, theta, np.arctan2(R[2, 0], R[2, 1])])
+    assert shown.rows['orientation'] == ', '.join(
+        f'{name} {angle:.2f}\u00b0' for name, angle in zip('ψθφ', euler, strict=True))
+    assert [shown.rows[f'dexterity of {count}'] for count in (3, 4)] == [
+        f'{each:.3f}' for each in eta]
+    assert [plot['limits'] for plot in shown.content['plots'] if plot['key'] == 'level'] == [
+        [(2.0, page_module.LIMIT)]]
+    values = shown.content['sample']['values']
+    np.testing.assert_allclose(values['angles'], np.degrees(readings), atol=1e-6)
+    np.testing.assert_array_equal(shown.scene.dome.tiles.batched_colors,
+                                  shown.scene.dome._map.colours(euler[2] / 180.0 * pi))
+    # Noise alone clear of the singularity, and more at it.
+    near, clear = ([error for three, error in errors if low < three < high]
+                   for low, high in ((0.0, 0.02), (0.12, 1.0)))
+    assert len(clear) > 3 and max(near) > 1.0 > 2.0 * np.nanmax(clear)
+    # Readings of another robot, or a dexterity of another number, are none.
+    shown.newest['/dexterity'] = Float64MultiArray(data=[0.1])
+    shown.run(1.0, shown.pose)
+    assert shown.rows['dexterity of 3'] == shown.rows['three encoders'] == '\u2013'
 
 
-@pytest.mark.parametrize('given', [{}, {'mounting.base_zxz_deg': [0.0, 90.0, 0.0]}])
-def test_fkm_is_asked_again_and_only_another_mounting_is_drawn_anew(shown, observer, another_fkm,
-                                                                    monkeypatch, given):
-    """The mounting is no part of the mechanism's checksum."""
-    (query, before), asked = another_fkm(**given), []
-    call = query._client.call_async
-    monkeypatch.setattr(query._client, 'call_async',
-                        lambda request: asked.append(shown.now) or call(request))
-    assert observer.spin_until(lambda: shown.run(0.5, period=0.5) or (
-        len(asked) >= 3 and query._answered), PATIENCE)
-    assert (shown.scene is not before) == before._root._impl.removed == bool(given)
-    assert np.diff(asked).min() >= mechanism_query.ANSWER_TIMEOUT
+def test_fkm_is_asked_again_and_only_another_mechanism_or_mounting_is_drawn_anew(shown):
+    """By the checksum at once, though its state was healthy before and is healthy now."""
+    shown.begin()
+    before = shown.scene
+    same, other = (mechanism_checksum(complete(status_module.SETTINGS, each))
+                   for each in ({}, {'geometry.beta_deg': 36.0}))
+    shown.run(4.0, lambda: shown.fkm(mechanism=same))
+    assert len(shown.asked) == 1
+    shown.run(12.0, shown.fkm)
+    assert np.diff(shown.asked) == pytest.approx(status_module.ASK_PERIOD, abs=0.06)
+    assert shown.scene is before
+    # Another mounting is no part of the checksum.
+    shown.parameters = {'mounting.base_zxz_deg': [0.0, 90.0, 0.0]}
+    shown.run(5.1, shown.fkm)
+    assert shown.scene is not before and before._root._impl.removed
+    assert before._floor._impl.removed
+    np.testing.assert_allclose(turn_of(shown.scene._root), [[1, 0, 0], [0, 0, -1], [0, 1, 0]],
+                               atol=1e-6)
+    before, shown.parameters = shown.scene, {'geometry.beta_deg': 36.0}
+    shown.run(1.1, lambda: shown.fkm(mechanism=other))
+    assert shown.scene is not before
+    # What cannot be assembled is asked for again soon.
+    shown.parameters = {'geometry.alpha_deg': 80.0, 'geometry.beta_deg': 20.0}
+    shown.run(5.1, shown.fkm)
+    shown.asked.clear()
+    shown.run(3.1)
+    assert np.diff(shown.asked) == pytest.approx(status_module.ANSWER_TIMEOUT, abs=0.06)
 
 
 def test_the_reason_of_a_missing_picture_is_on_the_page(shown):
@@ -202,18 +299,20 @@ def test_the_reason_of_a_missing_picture_is_on_the_page(shown):
 
 
 def test_a_repeated_or_unreadable_pose_is_not_drawn(shown):
-    """An old value does not keep the picture alive, nor does another robot's."""
+    """An old value does not keep the picture alive, nor does another robot's or a silent one."""
     shown.begin()
     shown.run(1.0, shown.pose)
-    shown.run(1.2, lambda: setattr(shown, '_samples', 19) or shown.pose())
+    drawn = shown.scene._frame.wxyz
+    shown.run(1.2, lambda: shown.pose(0.3, again=True))
     assert shown.text == 'no joint_states for 1 s (diagnostics)'
     for name, position in ((['joint_1'] * 9, [0.0] * 9),
                            (list(MECHANISM_JOINT_NAMES), [np.nan] * 9)):
-        message = JointState(name=name, position=position)
-        message.header.stamp.sec = 77
-        shown.arm._on_joints(message)
+        shown.takers['/joint_states'](JointState(name=name, position=position))
         shown.run(TICK)
         assert not shown.arm.seen.banner.alive
+    shown.state('silent: no joint samples')
+    shown.run(0.5, lambda: shown.pose(0.3))
+    np.testing.assert_array_equal(shown.scene._frame.wxyz, drawn)
 
 
 @pytest.mark.parametrize('ends', ['silence', 'nobody looks'])
@@ -227,36 +326,20 @@ def test_no_way_is_drawn_that_nobody_has_seen(shown, ends):
     shown.watched = True
     place = iter(np.arange(3.1, 4.0, 0.002))
     shown.run(2.0, lambda: shown.pose(0.3, next(place)))
-    line = shown.scene._line.points
+    line = shown.scene.dome.trace.points
     assert len(line) > 10
-    assert np.linalg.norm(line[:, 1] - line[:, 0], axis=-1).max() < 0.02
+    assert 0.004 <= np.linalg.norm(line[:, 1] - line[:, 0], axis=-1).max() < 0.02
 
 
-def test_another_offset_replaces_the_one_before(shown):
-    """And nothing else: other faults stay, and one that is present is not there twice."""
-    knobs, asked = shown.begin().knobs, []
-    knobs._fail = asked.append
-    for kind, joint, offset, expected in (
-            ('offset', 'joint_1b', 5.0, 'offset:joint_1b=5'),
-            ('stuck', 'joint_1b', 5.0, 'offset:joint_1b=5, stuck:joint_1b'),
-            ('offset', 'joint_3a', 5.0, 'offset:joint_1b=5, stuck:joint_1b, offset:joint_3a=5'),
-            ('offset', 'joint_1b', 1.0, 'stuck:joint_1b, offset:joint_3a=5, offset:joint_1b=1'),
-            ('stuck', 'joint_1b', 1.0, 'offset:joint_3a=5, offset:joint_1b=1, stuck:joint_1b')):
-        knobs.joint.value, knobs.offset.value = joint, offset
-        knobs.add_fault(kind)
-        assert asked[-1] == expected
-        knobs._on_faults(String(data=expected))
-        assert f'faults: {expected}<' in knobs._faults_html.content
-    shown.run(0.5, shown.pose)
-    assert shown.happened[:2] == ['faults: offset:joint_1b=5',
-                                  'faults: offset:joint_1b=5, stuck:joint_1b']
-
-
-def test_a_mechanism_that_reaches_little_is_drawn(shown):
-    """At the centre it can be assembled, as any that is not refused; elsewhere it need not."""
+def test_a_mechanism_that_reaches_little_is_drawn_at_the_centre(shown):
+    """There it can be assembled, as any that is not refused; elsewhere it need not."""
     shown.begin(**{'geometry.alpha_deg': 20.0, 'geometry.beta_deg': 20.0,
                    'geometry.gamma_deg': 90.0})
-    assert shown.scene is not None
+    R = workspace_pose(0.0, 0.0, 0.0)
+    np.testing.assert_allclose(turn_of(shown.scene._frame), R, atol=1e-6)
+    # Upright: the handle is vertical.
+    np.testing.assert_allclose(turn_of(shown.scene._root) @ np.ones(3), [0.0, 0.0, 3.0 ** 0.5],
+                               atol=1e-6)
 
 
 @pytest.mark.parametrize(('level', 'half_angle'), [(0.5, 5.0), (3.0, 20.05)])
@@ -264,9 +347,9 @@ def test_the_cone_of_the_protection_level(shown, level, half_angle):
     """Ten times as wide as it is, and never wider than a cone on the dome is legible."""
     shown.begin()
     shown.run(WHOLE, lambda: shown.fkm(**{'protection level (deg)': str(level)}))
-    cone = shown.scene._level
+    cone = shown.scene.level
     assert cone.visible
-    assert np.degrees(np.arctan(cone.scale[0])) == pytest.approx(half_angle, abs=0.01)
+    assert np.degrees(np.arctan(cone.scale)) == pytest.approx([half_angle] * 2 + [45.0], abs=0.01)
     shown.run(0.4, lambda: shown.fkm(**{'protection level (deg)': 'none'}))
     assert not cone.visible
 
@@ -286,9 +369,12 @@ def test_the_device_comes_before_what_is_beside_it(shown):
     shown.run(1.5, shown.fkm)
     assert all(each.visible for each in shown.beside())
     # It stays for a mechanism that is drawn anew.
-    shown.arm._build(complete(mechanism_query.SETTINGS, {}))
-    shown.run(1.0, shown.fkm)
-    assert all(each.visible for each in shown.beside())
+    shown.parameters = {'geometry.beta_deg': 34.0}
+    shown.run(6.0, shown.fkm)
+    assert shown.scene is not scene and all(each.visible for each in shown.beside())
+    # Figures that are not seen end the cone at once, and the axes have the colour of a silence.
+    shown.state('silent: x')
+    assert not shown.scene.level.visible
 
 
 @pytest.mark.parametrize('after', [0.0, 1.0])
@@ -298,14 +384,15 @@ def test_the_map_of_a_silent_device_is_that_of_its_last_pose(shown, after):
     shown.run(after, lambda: shown.pose(phi=0.6))
     shown.state('silent: no joint samples')
     shown.run(WHOLE + TICK)
-    assert scene._tiles.visible
+    assert scene.dome.tiles.visible
     if after:
-        np.testing.assert_array_equal(scene._tiles.batched_colors, scene._map.colours(0.6))
+        colours = scene.dome._map.colours(0.6)
+        np.testing.assert_array_equal(scene.dome.tiles.batched_colors, colours)
         # Just outside the map.
-        axes = scene._map.singular_axes(0.6)
-        np.testing.assert_allclose(scene._singular.points, 1.01 * MAP_RADIUS * axes, rtol=0.009)
+        axes = scene.dome._map.singular_axes(0.6)
+        np.testing.assert_allclose(scene.dome.singular.points, 1.01 * RADIUS * axes, rtol=0.009)
         assert len(axes) > 1
-    assert scene._singular.visible == scene._pin.visible == bool(after)
+    assert scene.dome.singular.visible == scene.dome.pin.visible == bool(after)
 
 
 @pytest.mark.parametrize(('rate', 'least', 'most'), [(60.0, 57.0, 63.0), (500.0, 57.0, 84.0)])
@@ -318,53 +405,47 @@ def test_every_pose_at_60_hz_is_drawn_and_no_faster_than_is_seen(shown, rate, le
         if shown.content:
             rates.append(float(re.match(r'\d+', shown.rows['picture'])[0]))
 
-    shown.run(2.0, one_more, period=1.0 / rate)
+    shown.run(1.0, one_more, period=1.0 / rate)
     assert least <= np.mean(rates[len(rates) // 2:]) <= most
     shown.run(1.0)
     assert shown.rows['picture'] == '0 poses a second'
 
 
-def test_the_figures_and_arrows_of_dexterity_and_torques(shown, observer):
+def test_the_arrows_of_torques_and_the_state_of_the_force_feedback(shown):
     """By their topics; arrows end when torques do."""
-    node, taker = observer.node, Node('taker', context=observer.context)
-    dexterity = node.create_publisher(Float64MultiArray, 'dexterity', 1)
-    outs = [node.create_publisher(WrenchStamped, f'body/{name}_cf', 1)
-            for name in ('servo', 'measured')]
-    arrows = shown.begin(taker=taker).scene.overlay.torques
-    message = WrenchStamped()
-    message.wrench.torque.x = 0.2
+    arrows = shown.begin().scene.torques
 
-    def drawn():
-        dexterity.publish(Float64MultiArray(data=[0.021, 0.4]))
-        for out in outs:
-            out.publish(message)
-        shown.run(TICK, shown.fkm)
-        return shown.rows.get('dexterity of 3') == '0.021' and all(
-            arrow.visible for arrow in arrows)
+    def torque(size, *names):
+        for name in names:
+            message = WrenchStamped()
+            message.wrench.torque.x = size
+            shown.newest[f'/body/{name}_cf'] = message
+        shown.pose()
 
-    assert observer.spin_until(drawn, PATIENCE)
-    assert shown.rows['dexterity of 4'] == '0.400'
+    shown.run(TICK, lambda: torque(0.2, 'servo', 'measured'))
     for arrow in arrows:
         # Along x, three units for 1 N m.
-        tip = matrix_from_quaternion(np.roll(arrow.wxyz, -1)) @ [0.0, 0.0, arrow.scale[2]]
+        tip = turn_of(arrow) @ [0.0, 0.0, arrow.scale[2]]
         np.testing.assert_allclose(tip, [0.6, 0.0, 0.0], atol=1e-6)
-    # What is too small to be seen has no arrow.
-    shown.arm._samples.torques[1] = (0.0, 0.001, 0.0)
-    shown.run(TICK, shown.pose)
+    assert shown.sampled == {'/dexterity', '/readings', '/body/servo_cf', '/body/measured_cf'}
+    # What is too small to be seen has no arrow, and what no longer comes.
+    for size, least in ((0.001, False), (0.006, True)):
+        shown.run(TICK, lambda: torque(size, 'servo', 'measured'))  # noqa: B023
+        assert [arrow.visible for arrow in arrows] == [least, least]
+    shown.run(0.4, lambda: torque(0.2, 'servo'))
     assert [arrow.visible for arrow in arrows] == [True, False]
-    shown.run(1.0, shown.pose)
+    shown.state('silent: x')
+    shown.run(TICK, lambda: torque(0.2, 'servo', 'measured'))
     assert not any(arrow.visible for arrow in arrows)
     # Words of another program are no state of the force feedback.
     for words, figure in (('fading: no hand on the handle',) * 2, ('strong', '\u2013')):
-        shown.arm._on_force(String(data=words))
+        shown.say('force_state', words)
         shown.run(0.5, shown.pose)
         assert shown.rows['force'] == figure
     # What nobody looks at is not subscribed to.
     shown.watched = False
     shown.run(TICK)
-    assert observer.spin_until(lambda: not any(
-        out.get_subscription_count() for out in (dexterity, *outs)), PATIENCE)
-    taker.destroy_node()
+    assert not shown.sampled
 
 
 def test_each_encoder_has_the_colour_of_its_state(shown):
@@ -386,13 +467,32 @@ def test_each_encoder_has_the_colour_of_its_state(shown):
     shown.run(1.0, lambda: shown.entry('fkm: orientation', 'silent', **figures))
     expect(joint_3a=SensorState.UNCHECKED, joint_1b=SensorState.EXCLUDED)
     assert not scene._alive
-    assert list(dict.fromkeys(shown.happened)) == [
+    assert list(dict.fromkeys(shown.happened))[6:] == [
         'th3A not checked by the others', 'th1B faulty, excluded']
 
 
+def test_a_calibration_is_shown_until_it_ends(shown):
+    """A killed program leaves no last word; words of another program are none."""
+    shown.begin()
+
+    def says(text):
+        shown.say(COVERAGE_TOPIC, text)
+        shown.run(0.5)
+        return shown.content['calibration']
+
+    found = {'text': 'turn it', 'covered': {'tilt': 0.89, 'turn': 0.9, 'none': float('nan')}}
+    expected = {'text': 'turn it', 'covered': [('tilt', 0.89, Light.AMBER.value),
+                                               ('turn', 0.9, Light.GREEN.value)]}
+    assert says(json.dumps(found)) == says('[1]') == says('turn') == expected
+    assert says('{}') is None
+    assert says(json.dumps(found)) == expected
+    shown.calibrates = False
+    shown.run(0.5)
+    assert shown.content['calibration'] is None
+
+
 def test_the_ghost_is_over_a_device_that_is_alive(shown):
-    scene = shown.begin().scene
-    ghost, turn = scene.overlay.ghost, (0.0, 0.0, 0.1, 0.99 ** 0.5)
+    ghost, turn = shown.begin().scene.ghost, (0.0, 0.0, 0.1, 0.99 ** 0.5)
 
     def three():
         shown.fkm()
@@ -403,75 +503,127 @@ def test_the_ghost_is_over_a_device_that_is_alive(shown):
     shown.run(WHOLE, three)
     assert ghost.visible
     np.testing.assert_allclose(ghost.wxyz, [0.99 ** 0.5, 0.0, 0.0, 0.1])
-    # It is the platform's child: at no error it is the platform.
-    assert ghost.name.startswith(f'{scene._frame.name}/')
     assert shown.rows['three encoders'] == '11.48\u00b0 off'
     shown.state('silent: no joint samples')
     shown.run(0.5)
     assert not ghost.visible
 
 
+def test_the_knobs_are_those_of_a_simulated_device_alone(shown):
+    """Faults are added one by one; another offset of a joint replaces the one before."""
+    shown.begin(source='can: can0')
+    assert not shown.server.gui._gui_input_handle_from_uuid
+    shown.say('source', 'sim')
+    for kind, joint, offset, expected in (
+            ('offset', 'joint_1b', 5.0, 'offset:joint_1b=5'),
+            ('stuck', 'joint_1b', 5.0, 'offset:joint_1b=5, stuck:joint_1b'),
+            ('offset', 'joint_3a', 5.0, 'offset:joint_1b=5, stuck:joint_1b, offset:joint_3a=5'),
+            ('offset', 'joint_1b', 1.0, 'stuck:joint_1b, offset:joint_3a=5, offset:joint_1b=1'),
+            ('stuck', 'joint_1b', 1.0, 'offset:joint_3a=5, offset:joint_1b=1, stuck:joint_1b')):
+        shown.control('encoder')._impl.value = joint
+        shown.control('offset, deg')._impl.value = offset
+        assert shown.operate('fault', kind) == [(FAULT_TOPIC, expected)]
+        shown.say(FAULTS_TOPIC, expected)
+        assert f'faults: {expected}<' in shown.arm.simulation._faults_html.content
+    shown.run(0.5, shown.pose)
+    assert shown.happened[:2] == ['faults: offset:joint_1b=5',
+                                  'faults: offset:joint_1b=5, stuck:joint_1b']
+    assert shown.operate('no fault') == [(FAULT_TOPIC, '')]
+    # As many encoders as there are; none without a simulation.
+    encoders = shown.control('encoder')
+    assert list(encoders.options) == list(ALL_JOINT_NAMES[:4])
+    shown.parameters = {'sensors': 6}
+    shown.run(6.0)
+    assert list(shown.control('encoder').options) == list(ALL_JOINT_NAMES)
+    assert f'faults: {expected}<' in shown.arm.simulation._faults_html.content
+    stop = shown.control('move by itself')._impl.update_cb
+    shown.say('source', 'can: can0')
+    assert not shown.server.gui._gui_input_handle_from_uuid
+    shown.published.clear()
+    stop[0](None)
+    assert not shown.published
+
+
 def test_the_sliders_follow_the_device_until_a_user_moves_one(shown):
-    knobs, steered = shown.begin().knobs, []
-    knobs._steer = lambda *pose: steered.append(pose)
+    shown.begin(source='sim')
+    labels = 'tilt, deg', 'azimuth, deg', 'self-rotation, deg'
+    limits = [(shown.control(label).min, shown.control(label).max) for label in labels]
+    assert limits == [(0, 20), (-180, 180), (-40, 65)]
 
     def sliders(*degrees):
-        shown.run(1.0, lambda: shown.pose(*np.radians(degrees)))
-        return [slider.value for slider in knobs.sliders]
+        shown.run(0.5, lambda: shown.pose(*np.radians(degrees)))
+        return [shown.control(label).value for label in labels]
 
-    assert sliders(10.0, 40.0, 30.0) == [10.0, 40.0, 30.0]
-    assert steered == []
-    knobs._play(stories(4)[0], None)
-    knobs._on_slider(SimpleNamespace(client=object()))
-    assert steered == [pytest.approx(np.radians([10.0, 40.0, 30.0]))]
-    assert knobs.tick(shown.now) == ''
-    assert sliders(5.0, -40.0, 20.0) == [10.0, 40.0, 30.0]
-    knobs._release(None)
-    assert steered[1:] == [()]
-    assert sliders(5.0, -40.0, 20.0) == [5.0, -40.0, 20.0]
-    # Another source ends story and lead; its knobs are new ones.
-    knobs._on_slider(SimpleNamespace(client=object()))
-    knobs._play(stories(4)[0], None)
+    assert sliders(10.0, 40.0, 30.3) == [10.0, 40.0, 30.5]
+    assert not shown.published
+    shown.operate('cross the singularity')
+    (topic, pose), = shown.operate(labels[0], 9.0)
+    assert topic == STEER_TOPIC and pose == pytest.approx(np.radians([9.0, 40.0, 30.5]))
+    shown.run(0.5, shown.pose)
+    assert shown.content['note'] != stories(4)[0].words
+    assert sliders(5.0, -40.0, 20.0) == [9.0, 40.0, 30.5]
+    assert shown.operate('move by itself') == [(STEER_TOPIC, [])]
+    assert sliders(25.0, -40.0, 20.0) == [20.0, -40.0, 20.0]
+    # Another source ends the lead; its knobs are new ones.
+    shown.operate(labels[0], 9.0)
     for source in ('can: can0', 'sim'):
-        shown.arm._on_source(String(data=source))
-    assert knobs.tick(shown.now) == ''
+        shown.say('source', source)
     assert sliders(6.0, 40.0, 30.0) == [6.0, 40.0, 30.0]
 
 
 @pytest.mark.parametrize(('sensors', 'number'), [(4, 0), (4, 1), (4, 2), (6, 2)])
 def test_a_story_does_its_steps_is_explained_and_ends_without_a_fault(shown, sensors, number):
-    knobs, story = shown.begin(sensors=sensors).knobs, stories(sensors)[number]
-    period, done, expected = 0.2, [], []
-    knobs._steer = lambda *pose: done.append((shown.now, pose))
-    knobs._fail = lambda faults: done.append((shown.now, faults))
+    """From clear of the singularity, where it leads, to clear of it."""
+    shown.begin(source='sim', sensors=sensors)
+    story, period, done, expected = stories(sensors)[number], 0.25, [], []
     # It takes the place of another one.
-    knobs._play(stories(sensors)[number - 1], None)
-    shown.run(0.2, shown.pose)
-    done.clear()
-    knobs._play(story, None)
+    shown.operate(stories(sensors)[number - 1].name)
+    shown.run(0.25, shown.pose, period)
+    shown.operate(story.name)
     began = shown.now + period
-    shown.run(1.0, shown.pose, period)
+
+    def note():
+        done.extend((shown.now - period, *each) for each in shown.published)
+        shown.published.clear()
+        shown.pose()
+
+    shown.run(1.0, note, period)
     assert shown.content['note'] == story.words
-    shown.run(story.end, shown.pose, period)
+    shown.run(story.end, note, period)
     assert shown.content['note'] != story.words
     for at, phi, faults in story.steps:
         if faults is not None:
-            expected.append((at, faults))
+            expected.append((at, FAULT_TOPIC, faults))
             assert not faults or parse_switched(faults, sensors)
         if phi is not None:
-            expected.append((at, (0.0, 0.0, np.radians(phi))))
-            assert PHI_LIMITS[0] <= np.radians(phi) <= PHI_LIMITS[1]
-    expected.append((story.end, ()))
-    (times, what), (due, asked) = (zip(*each, strict=True) for each in (done, expected))
-    assert what == asked
-    assert np.abs(np.subtract(times, due) - began).max() <= 1.1 * period
-    assert [faults for faults in asked if isinstance(faults, str)][-1] == ''
+            expected.append((at, STEER_TOPIC, [0.0, 0.0, radians(phi)]))
+            assert PHI_LIMITS[0] <= radians(phi) <= PHI_LIMITS[1]
+    expected.append((story.end, STEER_TOPIC, []))
+    assert [each[1:] for each in done] == [each[1:] for each in expected]
+    assert np.abs(np.subtract([each[0] for each in done], [each[0] for each in expected])
+                  - began).max() <= 1.1 * period
+    assert [each[2] for each in done if each[1] == FAULT_TOPIC][-1:] in ([], [''])
+
+
+def test_the_stories_lead_to_the_singularity_and_across_it():
+    (cross, broken, unplugged), = {stories(4)}
+    phis = [step.phi for step in cross.steps]
+    assert degrees(SINGULAR_PHI) == pytest.approx(phis[1], abs=0.05)
+    etas = [float(dexterity(workspace_pose(0.0, 0.0, radians(phi)))) for phi in phis]
+    # It begins and ends clear of it, and is near it on its other side in between.
+    assert etas[1] < 0.001 and min(etas[0], *etas[3:]) > 0.1 > etas[2] > 0.05
+    assert phis[0] == phis[-1] < phis[1] < phis[2] < phis[3] and broken.steps[0].phi == phis[1]
+    for story in (cross, broken, unplugged):
+        times = [step.at for step in story.steps] + [story.end]
+        assert times[0] == 0.0 and all(1.9 < each < 8.0 for each in np.diff(times))
 
 
 def test_a_story_that_begins_as_another_one_ends_is_played(shown):
     """Its button is pressed in another thread than the ticks are in."""
-    knobs, (one, other, _) = shown.begin().knobs, stories(4)
-    knobs._steer = lambda *pose: pose or knobs._play(other, None)
-    knobs._play(one, None)
+    shown.begin(source='sim')
+    one, other, _ = stories(4)
+    simulation = shown.arm.simulation
+    simulation._steer = lambda *pose: pose or simulation._play(other, None)
+    shown.operate(one.name)
     shown.run(one.end + 1.0, shown.pose, 0.2)
     assert shown.content['note'] == other.words

@@ -12,42 +12,27 @@ from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
 from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.ros.qos import STATE
-from spm_haptic_master.view.status import Light
 from std_msgs.msg import String
 
 pytest.importorskip('viser', reason='viser is not installed (extra view)')
-mechanism_query = pytest.importorskip('spm_haptic_master.view.mechanism_query')
+status_module = pytest.importorskip('spm_haptic_master.view.status')
 page_module = pytest.importorskip('spm_haptic_master.view.page')
+server_module = pytest.importorskip('spm_haptic_master.view.server')
 ARM_DISTANCE = pytest.importorskip('spm_haptic_master.view.scene').ARM_DISTANCE
 
 
-def test_a_calibration_is_on_the_page_while_its_program_runs(view, observer):
-    """A killed program leaves no last word; its last one is not the present."""
+def test_a_calibration_alone_is_a_device(view, observer):
     out = observer.node.create_publisher(String, f'/left/{COVERAGE_TOPIC}', STATE)
-    out.publish(String(
-        data='{"text": "turn it", "covered": {"precision": 0.4, "tilt": NaN, "turn": 0.9}}'))
+    out.publish(String(data='{"text": "turn it", "covered": {"precision": 0.4}}'))
     view._server.get_clients = lambda: {0: None}
-
-    def shown():
-        return view._page.content.get('left', {}).get('calibration')
-
-    assert view.spin(lambda: '/left' in view._arms)
-    view._arms['/left']._query.take(complete(mechanism_query.SETTINGS, {}))
-    assert view.spin(shown)
-    assert shown() == {'text': 'turn it', 'covered': [
-        ('precision', 0.4, Light.AMBER.value), ('turn', 0.9, Light.GREEN.value)]}
-    # Words of another program are none.
-    out.publish(String(data='[1]'))
-    out.publish(String(data='turn'))
-    assert not view.spin(lambda: shown() is None, 0.2)
-    observer.node.destroy_publisher(out)
-    assert view.spin(lambda: shown() is None)
+    assert view.spin(lambda: view._page.content.get('left', {}).get('calibration'))
+    assert list(view._page.shown) == ['left']
 
 
 @pytest.mark.parametrize('arms', [1, 8])
 def test_all_arms_are_in_each_view(arms):
     """On a page a fifth wider than high; a device is 1 in radius to each side."""
-    half = np.tan(0.5 * page_module.VIEW_ANGLE)
+    half = np.tan(0.5 * server_module.VIEW_ANGLE)
     views = page_module.views(arms)
     for name, at in (('front', (0.0, -1.0, 0.0)), ('side', (1.0, 0.0, 0.0)),
                      ('top', (0.0, 0.0, 1.0))):
@@ -75,12 +60,12 @@ def listening(port):
 
 def test_the_next_free_port_is_taken_and_none_beyond_the_last():
     with listening(28580):
-        assert page_module.free_port('127.0.0.1', 28580) == 28581
-    assert page_module.free_port('127.0.0.1', 28580) == 28580
+        assert server_module.free_port('127.0.0.1', 28580) == 28581
+    assert server_module.free_port('127.0.0.1', 28580) == 28580
     with listening(65535), pytest.raises(InputError, match="'view.port' is 65535; expected a po"):
-        page_module.free_port('127.0.0.1', 65535)
+        server_module.free_port('127.0.0.1', 65535)
     with pytest.raises(InputError, match="'view.host' is '192.0.2.1'; expected an address of thi"):
-        page_module.free_port('192.0.2.1', 28580)
+        server_module.free_port('192.0.2.1', 28580)
 
 
 def test_a_page_says_that_there_is_no_device_until_there_are_some(view, observer):
@@ -109,7 +94,11 @@ def test_a_page_says_that_there_is_no_device_until_there_are_some(view, observer
     camera = view._server.initial_camera
     np.testing.assert_allclose((camera.position, camera.look_at), page_module.views(2)['front'])
     for arm in view._arms.values():
-        arm._query.take(complete(mechanism_query.SETTINGS, {}))
+        arm._query.take(complete(status_module.SETTINGS, {}))
     here, there = (arm._scene._root.position for arm in view._arms.values())
     np.testing.assert_allclose(there - here, [ARM_DISTANCE, 0.0, 0.0])
     assert len(kept) == 4
+    # It ends with the process that it goes with.
+    assert not view.has_ended()
+    view._process = 2 ** 22 + 1
+    assert view.spin(view.has_ended)

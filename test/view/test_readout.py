@@ -7,7 +7,7 @@ from math import isnan, nan, radians
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 import pytest
-from spm_haptic_master.view.readout import content, DASH, Seen
+from spm_haptic_master.view.page import content, DASH, Seen
 from spm_haptic_master.view.status import Banner, Light, SensorState, StatusEntries
 
 NAMES = ['1A', '1B', '1C', '3A', '3B', '3C']
@@ -65,7 +65,7 @@ def test_a_sentence_says_which_encoders_determine_the_pose(known, words, warns):
 
 
 @pytest.mark.parametrize(('dexterities', 'colours'), [
-    ((0.01, 0.05), (Light.RED, Light.AMBER)), ((0.05, 0.4), (Light.AMBER, Light.GREEN)),
+    ((0.01, 0.05), (Light.RED, Light.AMBER)), ((0.033, 0.059), (Light.AMBER, Light.GREEN)),
     ((nan, 0.4), (Light.GREY, Light.GREEN)), (None, (Light.GREY, Light.GREY))])
 def test_the_bars_of_the_dexterity(dexterities, colours):
     """Full at 0.2; grey where the value or its limits are not known."""

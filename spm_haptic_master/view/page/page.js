@@ -42,9 +42,8 @@ window.spm ??= ((setup) => {
     // The camera's angle is from top to bottom: a page that is higher than wide backs off.
     function look(name, smoothly) {
         const control = window.__viserMutable?.cameraControl, [place, target] = views[name];
-        if (!control) return false;
-        const {clientWidth, clientHeight} = window.__viserMutable.canvas;
-        if (!clientWidth) return false;
+        const {clientWidth, clientHeight} = window.__viserMutable?.canvas ?? {};
+        if (!control || !clientWidth) return false;
         const back = Math.min(Math.max(1, 0.8 * clientHeight / clientWidth), 3);
         // The panel is before its lower third then.
         const aim = [target[0], target[1], target[2] - 0.45 * (back - 1)];
@@ -70,7 +69,7 @@ window.spm ??= ((setup) => {
     function device(name) {
         if (devices.has(name)) return devices.get(name);
         const [root, lower] = ['div', 'div'].map((tag) => document.createElement(tag));
-        const made = {root, lower, rows: [], plots: new Map(), samples: [], events: [], end: null};
+        const made = {root, lower, rows: [], plots: [], samples: [], events: [], end: null};
         made.note = add(root, 'div', 'spm-note');
         made.chips = add(root, 'div', 'spm-chips');
         made.table = add(root, 'table', 'spm-table');
@@ -110,20 +109,17 @@ window.spm ??= ((setup) => {
     }
     function showRows(made, rows) {
         rows.forEach(([name, text, share, colour], index) => {
-            made.rows[index] ??= (() => {
-                const row = add(made.table, 'tr');
-                return [add(row, 'td'), add(row, 'td')].map((cell) => add(cell, 'span'));
+            const row = made.table.children[index] ?? add(made.table, 'tr');
+            const [label, value, bar] = made.rows[index] ??= (() => {
+                const [left, right] = [add(row, 'td'), add(row, 'td')];
+                return [add(left, 'span'), add(right, 'span'),
+                    share === undefined ? null : add(add(right, 'div', 'spm-bar'), 'div')];
             })();
-            const [label, value] = made.rows[index];
             put(label, name);
             put(value, text);
             value.parentElement.title = text;
-            let bar = value.nextSibling;
-            if (share === undefined) return bar?.remove();
-            bar ??= add(add(value.parentElement, 'div', 'spm-bar'), 'div').parentElement;
-            fill(bar.firstChild, share, colour);
+            if (bar) fill(bar, share, colour);
         });
-        while (made.rows.length > rows.length) made.rows.pop()[0].parentElement.parentElement.remove();
     }
 
     function showChips(made, chips) {
@@ -155,9 +151,8 @@ window.spm ??= ((setup) => {
         while (made.events.length && made.events[0].t < t - SPAN) made.events.shift();
         for (const text of [...(before?.state === state ? [] : [state]), ...happened]) {
             made.events.push({t, text});
-            const line = document.createElement('div');
-            line.textContent = `${new Date().toTimeString().slice(0, 8)}  ${text}`;
-            made.log.prepend(line);
+            const time = new Date().toTimeString().slice(0, 8);
+            made.log.prepend(add(made.log, 'div', '', `${time}  ${text}`));
             if (made.log.children.length > 100) made.log.lastChild.remove();
         }
     }
@@ -170,15 +165,13 @@ window.spm ??= ((setup) => {
         pen.scale(ratio, ratio);
         return [pen, width];
     };
-    const window_of = (made) => {
-        const end = made.end ?? newest(made);
-        return [end - SHOWN, end];
-    };
+    const endOf = (made) => made.end ?? newest(made);
+    const acrossOf = (end, width) => (t) => LEFT + (width - LEFT - 2) * (t - end + SHOWN) / SHOWN;
     function draw(made) {
         if (!made.lower.isConnected || !made.lower.clientWidth) return;
-        const [begin, end] = window_of(made), ink = isDark() ? '#ccc' : '#444';
-        const seen = made.samples.filter(({t}) => t >= begin && t <= end);
-        for (const {canvas, title, spec} of made.plots.values()) {
+        const end = endOf(made), ink = isDark() ? '#ccc' : '#444';
+        const within = ({t}) => t >= end - SHOWN && t <= end, seen = made.samples.filter(within);
+        for (const {canvas, title, spec} of made.plots) {
             const [pen, width] = fitted(canvas, HEIGHT);
             const rows = seen.map((sample) => sample.values[spec.key] ?? []);
             const numbers = [...rows.flat(), ...spec.limits.map(([value]) => value)].filter(
@@ -186,7 +179,7 @@ window.spm ??= ((setup) => {
             let low = Math.min(...(spec.zero ? [0] : []), ...numbers);
             let high = Math.max(...numbers);
             if (!(high > low)) [low, high] = [(high || 0) - 1, (high || 0) + 1];
-            const x = (t) => LEFT + (width - LEFT - 2) * (t - begin) / SHOWN;
+            const x = acrossOf(end, width);
             const y = (value) => HEIGHT - 4 - (HEIGHT - 10) * (value - low) / (high - low);
             pen.font = '10px sans-serif';
             pen.fillStyle = ink;
@@ -225,40 +218,35 @@ window.spm ??= ((setup) => {
                     ? Number(final[index].toPrecision(3)) : '–'}`));
         }
         const [pen, width] = fitted(made.strip, 16);
-        const x = (t) => LEFT + (width - LEFT - 2) * (t - begin) / SHOWN;
+        const x = acrossOf(end, width);
         seen.forEach(({t, colour}, k) => {
             const next = Math.min(seen[k + 1]?.t ?? t, t + GAP);
             pen.fillStyle = colour;
             pen.fillRect(x(t), 0, Math.max(x(next) - x(t) + 0.5, 1), 12);
         });
         pen.fillStyle = ink;
-        for (const {t} of made.events) if (t >= begin && t <= end) pen.fillRect(x(t), 0, 2, 16);
+        for (const {t} of made.events.filter(within)) pen.fillRect(x(t), 0, 2, 16);
     }
     function point(made, at) {
-        const [begin, end] = window_of(made), width = made.strip.clientWidth;
-        const t = begin + SHOWN * (at - LEFT) / (width - LEFT - 2);
+        const end = endOf(made), width = made.strip.clientWidth;
+        const t = end - SHOWN + SHOWN * (at - LEFT) / (width - LEFT - 2);
         const event = made.events.filter((each) => Math.abs(each.t - t) < SHOWN / 60).at(-1);
         const sample = made.samples.filter((each) => each.t <= t && t - each.t < GAP).at(-1);
         put(made.event, event || sample
             ? `${(t - end).toFixed(1)} s: ${event?.text ?? sample.state}` : '');
     }
     function showPlots(made, specs) {
-        for (const spec of specs) {
-            let plot = made.plots.get(spec.key);
-            if (!plot) {
-                const title = add(made.graphs, 'div', 'spm-title');
-                plot = {title, canvas: add(made.graphs, 'canvas', 'spm-plot')};
-                made.plots.set(spec.key, plot);
-            }
+        specs.forEach((spec, index) => {
+            const plot = made.plots[index] ??= {
+                title: add(made.graphs, 'div', 'spm-title'),
+                canvas: add(made.graphs, 'canvas', 'spm-plot')};
             if (plot.title.children.length !== spec.series.length + 1) {
                 plot.title.replaceChildren();
                 add(plot.title, 'b', '', spec.title);
-                for (const [name, colour] of spec.series) {
-                    add(plot.title, 'span', '', name).style.color = colour;
-                }
+                for (const [, colour] of spec.series) add(plot.title, 'span').style.color = colour;
             }
             plot.spec = spec;
-        }
+        });
     }
 
     // The picture and the plots of the first device as one file.

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Access to the page: requests of its own origin alone, and two kinds of messages.
+The server of the page, which answers requests of its own origin and takes two kinds of messages.
 
 A browser sends any page's requests to this host. They are refused before the upgrade to a
 websocket: another page has another Origin, and a foreign name that resolves to this host (DNS
@@ -11,35 +11,47 @@ rebinding) is not a name of the page.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import redirect_stdout
+import errno
 from functools import partial
 from http import HTTPStatus
+from io import StringIO
 import ipaddress
+import logging
 import re
 import socket
 from typing import Any
 
 import msgspec
-from spm_haptic_master.exceptions import SpmError
+from spm_haptic_master.exceptions import InputError, SpmError
+from viser import ViserServer
 from websockets.asyncio import server as websocket_server
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
 # Names that no DNS resolves: a request with them comes from this host, or through a tunnel.
-LOOPBACK = ('localhost', '127.0.0.1', '[::1]')
+LOOPBACK = 'localhost', '127.0.0.1', '[::1]'
 # A host with or without a port, as a request has it.
 HOST = re.compile(r'(\[[0-9a-f:.]+\]|[^][:/@\s]+)(?::\d{1,5})?')
 # Longest quotation of a header (characters).
 QUOTED = 80
 # Size of the longest message of a client (byte): the pose of its camera takes some 500.
 LONGEST_MESSAGE = 65536
+# Light from everywhere (unit 1).
+AMBIENT = 0.8
+# Field of view, from top to bottom (rad).
+VIEW_ANGLE = 0.75
 
 
 def own_names(host: str, further: str) -> frozenset[str]:
     """Return the names of a page at a host address, with further ones separated by commas."""
-    names = {*LOOPBACK, _in_url(host), *(_in_url(name.strip()) for name in further.split(','))}
-    if not _is_loopback(host):
+    names = {*LOOPBACK, in_url(host), *(in_url(name.strip()) for name in further.split(','))}
+    try:
+        is_local = ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        is_local = host.lower() == 'localhost'
+    if not is_local:
         name = socket.gethostname().lower()
         names |= {name, f'{name}.local'}
     return frozenset(names - {'', '0.0.0.0', '[::]'})
@@ -57,8 +69,8 @@ def refusal(headers: Headers, names: frozenset[str]) -> str:
     if match is None or match[1] not in names:
         return (f'Host {_quoted(hosts)} is not a name of this page; '
                 '-p view.hosts:=NAME allows one more')
-    if origins and (len(origins) > 1 or origins[0].lower() not in (
-            f'http://{host}', f'https://{host}')):
+    if origins and [origin.lower() for origin in origins] not in (
+            [f'http://{host}'], [f'https://{host}']):
         return f'Origin {_quoted(origins)} is another page than {host}'
     return ''
 
@@ -88,7 +100,7 @@ class GuardedConnection(websocket_server.ServerConnection):
         def answer(connection: websocket_server.ServerConnection,
                    request: Request) -> Response | None:
             reason = refusal(request.headers,
-                             self._names | {_in_url(str(self.local_address[0]))})
+                             self._names | {in_url(str(self.local_address[0]))})
             if reason:
                 self._report(reason)
                 return self.respond(HTTPStatus.FORBIDDEN, f'{reason}\n')
@@ -111,42 +123,74 @@ class GuardedConnection(websocket_server.ServerConnection):
         return message
 
 
-@contextmanager
-def guarded(host: str, further: str, report: Callable[[str], None]) -> Iterator[None]:
+def serve(host: str, port: int, names: str, report: Callable[[str], None]) -> ViserServer:
     """
-    Make the server that viser creates in this context refuse requests of other pages.
+    Return the server of the page at a host and a port, or the next free one.
 
-    viser has no option for that; websockets has `create_connection`. `report` is called in the
-    server's thread. SpmError: no server was created in this way, so that it would be open.
+    `names` are further names of the page, separated by commas; `report` is called, in the server's
+    thread, with the reason of a refused request. InputError: the address cannot be used. SpmError:
+    the server would not refuse anything.
     """
-    serve, served = websocket_server.serve, []
+    # Its log is of connections, to standard error.
+    logging.getLogger('websockets').setLevel(logging.CRITICAL)
+    # viser would try one port after the other, for ever or beyond the last.
+    port = free_port(host, port)
+    # viser passes no options to the server of websockets that it creates.
+    unguarded, guarded = websocket_server.serve, partial(
+        GuardedConnection, names=own_names(host, names), report=report)
+    created = []
 
     def serve_guarded(*args: Any, **options: Any) -> Any:
-        served.append(True)
-        return serve(*args, **{
-            **options, 'max_size': LONGEST_MESSAGE, 'create_connection': partial(
-                GuardedConnection, names=own_names(host, further), report=report)})
+        created.append(guarded)
+        return unguarded(*args, **options | {
+            'max_size': LONGEST_MESSAGE, 'create_connection': guarded})
 
     websocket_server.serve = serve_guarded
     try:
-        yield
+        # It prints its address in a frame; the first line of this program has it.
+        with redirect_stdout(StringIO()):
+            server = ViserServer(host=host, port=port, label='haptic master', verbose=False)
     finally:
-        websocket_server.serve = serve
-    if not served:
+        websocket_server.serve = unguarded
+    if not created:
         raise SpmError('this version of viser makes a server that cannot be guarded')
+    server.gui.configure_theme(control_width='large', show_logo=False, show_share_button=False)
+    server.gui.main_panel.dock_right()
+    server.scene.set_up_direction('+z')
+    # Shadows take most of the time where no GPU draws them.
+    server.scene.configure_default_lights(cast_shadow=False)
+    # So do reflections of surroundings that are not there.
+    server.scene.configure_environment_map(hdri=None)
+    server.scene.add_light_ambient('/ambient', intensity=AMBIENT)
+    server.initial_camera.fov = VIEW_ANGLE
+    return server
 
 
-def _in_url(host: str) -> str:
+def free_port(host: str, first: int) -> int:
+    """Return the first free port of an address; InputError: there is none."""
+    try:
+        addresses = {(family, address) for family, *_, address in socket.getaddrinfo(
+            host, None, type=socket.SOCK_STREAM)}
+        for port in range(first, 65536):
+            try:
+                for family, address in addresses:
+                    # Of IPv6, a scope is behind the port.
+                    socket.create_server((address[0], port, *address[2:]), family=family).close()
+                return port
+            except OSError as error:
+                if error.errno != errno.EADDRINUSE:
+                    raise
+    except OSError as error:
+        raise InputError(f"parameter 'view.host' is {host!r}; expected an address of this host "
+                         f'({str(error.strerror).partition(" (while")[0]})') from error
+    raise InputError(f"parameter 'view.port' is {first}; expected a port that is free, or has a "
+                     'free one after it')
+
+
+def in_url(host: str) -> str:
     """Return a name or address as a URL has it."""
     host = host.lower().partition('%')[0]
     return f'[{host}]' if ':' in host and not host.startswith('[') else host
-
-
-def _is_loopback(host: str) -> bool:
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host.lower() == 'localhost'
 
 
 def _quoted(values: list[str]) -> str:
