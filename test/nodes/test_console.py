@@ -21,8 +21,8 @@ import pytest
 from spm_haptic_master.benchmark.child_process import executable
 from spm_haptic_master.force import FORCE_STATES
 from spm_haptic_master.kinematics import matrix_from_zxz, quaternion_from_matrix
-from spm_haptic_master.nodes import console as console_module
-from spm_haptic_master.nodes.console import Colour, Console, PLAIN, Row, status_lines
+from spm_haptic_master.nodes import master as console_module
+from spm_haptic_master.nodes.master import AMBER, Console, PLAIN, RED, Row, status_lines
 from spm_haptic_master.ros.diagnostic_status import OK
 from spm_haptic_master.supervision.orientation_state import read_state
 from std_msgs.msg import String
@@ -240,7 +240,7 @@ LONG = ('silent: joint_1a, joint_1b, joint_1c, joint_3a: no answer, is the bus p
 @pytest.mark.parametrize('width', [0, 9, 30, 50, 80, 200])
 @pytest.mark.parametrize('height', [0, 2, 23])
 def test_a_status_fits_any_terminal_and_shows_all_where_there_is_room(width, height, coloured):
-    rows = [Row('state', LONG, Colour.RED), Row('caution', 'no \x1b[2J of\tcan0\n', Colour.AMBER),
+    rows = [Row('state', LONG, RED), Row('caution', 'no \x1b[2J of\tcan0\n', AMBER),
             Row('rates', 'joints 0 Hz')]
     found = status_lines(['title of the status'], rows, width, height, coloured)
     bare = [re.sub(r'\x1b\[\d+m', '', line) for line in found]
@@ -253,7 +253,7 @@ def test_a_status_fits_any_terminal_and_shows_all_where_there_is_room(width, hei
         assert ' '.join(' '.join(bare[1:-2]).split()) == f'state {LONG}'
         # A row that goes on has no name, and the colour of that above.
         assert all(line.startswith(' ' * 20) for line in bare[2:-2])
-        assert all((line.count(Colour.RED.value), line.endswith(PLAIN)) == (coloured, coloured)
+        assert all((line.count(RED), line.endswith(PLAIN)) == (coloured, coloured)
                    for line in found[1:-2])
 
 

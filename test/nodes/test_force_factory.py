@@ -14,7 +14,8 @@ from spm_haptic_master.kinematics import (
     quaternion_from_matrix,
     workspace_pose,
 )
-from spm_haptic_master.nodes.force_factory import limits_from, make_motors, WrenchFrames
+from spm_haptic_master.nodes.factories import limits_from, make_motors
+from spm_haptic_master.nodes.force_inputs import WrenchFrames
 from spm_haptic_master.parameters.nodes import NODE_SETTINGS
 from spm_haptic_master.parameters.setting import complete
 
