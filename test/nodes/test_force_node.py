@@ -68,6 +68,7 @@ class Rig:
     def __init__(self, host):
         self.host, self.teleop, self.angles = host, 'engaged', angles(POSE)
         host.publishers |= dict.fromkeys(WRENCHES, ())
+        host.subscribed = lambda topic: topic.endswith(('_cf', 'measured_js'))
 
     def send(self, torque, topic='servo_cf', frame='', age=None, force=ZERO):
         message = WrenchStamped()

@@ -245,7 +245,7 @@ def test_the_twist_continues_to_zero_and_stops(given, frame):
         rig.host.run(0.5)
         rates = [message.twist.angular.y for message in rig.twists]
         assert max(rates) > 0.1 and rates[-4:] == [0.0] * 4
-        assert {message.header.frame_id for message in rig.twists + rig.commands} == {frame}
+        assert {message.header.frame_id for message in (*rig.twists, *rig.commands)} == {frame}
         count = len(rig.twists)
         rig.run(40)
         assert len(rig.twists) == count
