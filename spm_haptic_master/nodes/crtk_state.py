@@ -10,12 +10,13 @@ Without it they are not there, and standard topics and services do the same.
 
 from __future__ import annotations
 
+from contextlib import suppress
+from functools import partial
 import time
 from typing import Any
 
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 from spm_haptic_master.ros import node_log
 from spm_haptic_master.ros.diagnostic_status import STEADY
 from spm_haptic_master.ros.qos import EVENTS, STATE
@@ -28,7 +29,7 @@ from std_srvs.srv import Trigger
 REPEAT_PERIOD = 0.1
 # Longest wait at the end until the last state is acknowledged (s).
 ACKNOWLEDGE_TIMEOUT = 0.2
-# Topics of the lines, by the level of an event.
+# Topics of the lines, and levels of an event.
 LEVELS = ('error', 'warning', 'status')
 # What is logged without crtk_msgs, once a service is called.
 ABSENT = ('crtk_msgs is not installed: no operating_state, no state_command; the services enable '
@@ -43,25 +44,23 @@ class CrtkState:
     def __init__(self, node: Node, frame_id: str) -> None:
         self._node = node
         self._state = OperatingState()
-        self._lines: dict[str, Publisher] = {
-            level: node.create_publisher(String, level, EVENTS) for level in LEVELS}
+        self._lines = {level: node.create_publisher(String, level, EVENTS) for level in LEVELS}
         self._text_out = node.create_publisher(String, 'operating_state_text', STATE)
         self._enabled_out = node.create_publisher(UInt64, 'enabled_at', STATE)
-        self._published: tuple[str, int, bool] | None = None
+        # State, enabling and whether it is homed, as published last.
+        self._published: tuple[str, int, bool] | tuple[None, ...] = (None,) * 3
         self._message: Any = None
         self._absence_logged = False
-        try:
+        with suppress(ImportError):  # it may not be installed
             from crtk_msgs import msg
-        except ImportError:
-            msg = None  # it may not be installed
-        if msg is not None:
+
             self._message = msg.OperatingState(is_busy=False)
             self._message.header.frame_id = frame_id
             self._out = node.create_publisher(msg.OperatingState, 'operating_state', EVENTS)
             node.create_subscription(msg.StringStamped, 'state_command', self._on_command, EVENTS)
             node.create_timer(REPEAT_PERIOD, self._publish_message, clock=STEADY)
         for text in ('enable', 'disable'):
-            node.create_service(Trigger, text, self._service(text))
+            node.create_service(Trigger, text, partial(self._serve, text))
         self._publish([])
 
     @property
@@ -96,33 +95,30 @@ class CrtkState:
     def _on_command(self, message: Any) -> None:
         self.command(message.string)
 
-    def _service(self, text: str) -> Any:
-        def serve(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-            response.success, response.message = self.command(text)
-            if self._message is None and not self._absence_logged:
-                # Whoever enables the device may look for the topics of crtk_msgs.
-                self._absence_logged = True
-                node_log.info(self._node, ABSENT)
-            return response
-        return serve
+    def _serve(self, text: str, _: Trigger.Request, answer: Trigger.Response) -> Trigger.Response:
+        answer.success, answer.message = self.command(text)
+        if self._message is None and not self._absence_logged:
+            # Whoever enables the device may look for the topics of crtk_msgs.
+            self._absence_logged = True
+            node_log.info(self._node, ABSENT)
+        return answer
 
     def _publish(self, events: list[Event]) -> None:
         """Publish the state first, where it has changed, then the lines."""
         state, before = self._state, self._published
-        current = self._published = state.name, state.enabling, state.is_homed
-        if current != before:
+        self._published = state.name, state.enabling, state.is_homed
+        if self._published != before:
             self._publish_message()
-            if before is None or before[1] != state.enabling:
-                self._enabled_out.publish(UInt64(data=state.enabling))
-            if before is None or before[0] != state.name:
-                self._text_out.publish(String(data=state.name))
+        if state.enabling != before[1]:
+            self._enabled_out.publish(UInt64(data=state.enabling))
+        if state.name != before[0]:
+            self._text_out.publish(String(data=state.name))
         for level, text in events:
             self._lines[level].publish(String(data=text))
 
     def _publish_message(self) -> None:
         message = self._message
-        if message is None:
-            return
-        message.header.stamp = self._node.get_clock().now().to_msg()
-        message.state, message.is_homed = self._state.name, self._state.is_homed
-        self._out.publish(message)
+        if message is not None:
+            message.header.stamp = self._node.get_clock().now().to_msg()
+            message.state, message.is_homed = self._state.name, self._state.is_homed
+            self._out.publish(message)

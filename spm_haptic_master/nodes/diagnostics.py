@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from contextlib import suppress
 from math import degrees
 import time
 
@@ -36,7 +36,7 @@ TEXTS = {
     WARN: 'near a singularity of the sensors in use',
     ERROR: 'at a singularity of the sensors in use',
 }
-# Messages while they do, by the level that the three active joints alone would have.
+# The same while they do, by the level that the three active joints alone would have.
 COVERED_TEXTS = {
     OK: 'clear of singularities',
     WARN: 'near a parallel singularity; the sensors in use cover it',
@@ -105,18 +105,16 @@ class Diagnostics(ParameterNode):
         self._values = self.declare(DIAGNOSTICS_SETTINGS)
         self._geometry = geometry_from(self._values)
         self._mounting = mounting_from(self._values)
-        self._checksum = mechanism_checksum(self._values)
         self._working_mode = self._values['working_mode']
         self.sensors: int = self._values['sensors']
         self._left_out: tuple[int, ...] = ()
-        # Words on `state` that are no state; empty if there are none.
-        self._unknown_state = ''
+        self._unknown_state = ''  # words on `state` that are no state; empty if there are none
         self.levels = Levels(self._values)
         self.on_change(DIAGNOSTICS_SETTINGS, self._apply)
         self._read = OrientationReader().read
-        # Stamp (ns) and quaternion of the latest orientation; None once it is evaluated.
+        # Stamp (ns) and quaternion of the latest orientation; None once it is evaluated, and once
+        # it is on `joint_states`, which has another rate.
         self._latest: tuple[int, Quaternion[float]] | None = None
-        # The same for `joint_states`, which has another rate.
         self._latest_to_show: tuple[int, Quaternion[float]] | None = None
         # When an orientation last came (s, monotonic).
         self._last_received: float | None = None
@@ -175,22 +173,24 @@ class Diagnostics(ParameterNode):
         now = time.monotonic()
         if latest is not None:
             self._last_received = now
-        obstacle = self._rivals.found() or self._unknown_state
-        if obstacle:
+        if obstacle := self._rivals.found() or self._unknown_state:
             self._report(ERROR, obstacle)
             return
         if latest is None:
-            self._report_missing(now)
+            if self._last_received is None:
+                self._report(WARN, 'starting: no orientation yet')
+            elif now - self._last_received > self._values['orientation_timeout']:
+                self._report(ERROR, 'no orientation')
             return
         quaternion = self._unmounted(latest[1])
         if quaternion is None:
-            self._report(ERROR, NO_QUATERNION, {'quaternion': latest[1]})
+            self._report(ERROR, NO_QUATERNION, quaternion=latest[1])
             return
         try:
             dexterities = nearness(
                 quaternion, self._geometry, self._working_mode, self.sensors, self._left_out)
         except SpmError as error:
-            self._report(ERROR, OUTSIDE, {'error': str(error)})
+            self._report(ERROR, OUTSIDE, error=str(error))
             return
         self.dexterities = dexterities
         self._message.data = dexterities[:2]
@@ -210,15 +210,12 @@ class Diagnostics(ParameterNode):
         quaternion = self._unmounted(given)
         if quaternion is None:
             return
-        try:
-            angles = mechanism_angles(
+        with suppress(SpmError):  # `_evaluate` reports it
+            self._joints.position = mechanism_angles(
                 rotation_from_quaternion(*quaternion), self._geometry, self._working_mode)
-        except SpmError:
-            return  # `_evaluate` reports it
-        time_of_sample = self._joints.header.stamp
-        time_of_sample.sec, time_of_sample.nanosec = divmod(stamp, SECOND)
-        self._joints.position = angles
-        self._joints_out.publish(self._joints)
+            at = self._joints.header.stamp
+            at.sec, at.nanosec = divmod(stamp, SECOND)
+            self._joints_out.publish(self._joints)
 
     def _unmounted(self, quaternion: Quaternion[float]) -> Quaternion[float] | None:
         """Return R_base_platform's quaternion; None if the given one is not of unit norm."""
@@ -237,7 +234,7 @@ class Diagnostics(ParameterNode):
             or 'none',
             'warn below': self._values['dexterity_warn'],
             'error below': self._values['dexterity_error'],
-            diagnostic_status.CHECKSUM_KEY: self._checksum,
+            diagnostic_status.CHECKSUM_KEY: mechanism_checksum(self._values),
         }
         way = approach(quaternion, self._geometry, self._working_mode)
         if way is not None:
@@ -245,18 +242,11 @@ class Diagnostics(ParameterNode):
             figures['by a turn about, in the base frame'] = ' '.join(f'{c:.3f}' for c in way.axis)
         return figures
 
-    def _report_missing(self, now: float) -> None:
-        """Publish on /diagnostics that no orientation comes, after the time-out."""
-        if self._last_received is None:
-            self._report(WARN, 'starting: no orientation yet')
-        elif now - self._last_received > self._values['orientation_timeout']:
-            self._report(ERROR, 'no orientation')
-
-    def _report(self, level: bytes, text: str, values: Mapping[str, object] | None = None) -> None:
+    def _report(self, level: bytes, text: str, **values: object) -> None:
         """Publish on /diagnostics why there is no dexterity."""
         self.dexterities = None
         if self._status.is_due(level, text):
-            self._status.publish(level, text, values or {})
+            self._status.publish(level, text, values)
 
 
 def main(args: list[str] | None = None) -> int:

@@ -46,6 +46,8 @@ LISTENER_SETTLE = 0.3
 READINGS_PERIOD = SECOND // 20
 # Longest wait at the end for subscribers to acknowledge the last sample (s).
 ACKNOWLEDGE_TIMEOUT = 2.0
+# Message without fault and caution.
+PUBLISHING = 'publishing'
 
 
 class EncoderDriver(ParameterNode):
@@ -69,19 +71,19 @@ class EncoderDriver(ParameterNode):
         values = self.declare((SOURCE_SETTING, *SOURCE_SETTINGS[self.source_name]),
                               source_defaults(self.source_name))
         self.source_text = source_text(self.source_name, values)
-        self._calibration = values.get(CALIBRATION_SETTING.name)
         self._unverified = unverified_joints(values)
-        self._mechanism = mechanism_checksum(values)
+        # What `fkm` compares with its own: mechanism, and calibration of a source that has one.
+        self._identity = {entry.CHECKSUM_KEY: mechanism_checksum(values)}
+        if CALIBRATION_SETTING.name in values:
+            self._identity[entry.CALIBRATION_KEY] = \
+                values[CALIBRATION_SETTING.name] or entry.UNNAMED
         self._write_joints = JointsFormat(
             values['sensors'], values[JOINTS_FRAME_SETTING.name]).write
         self._source = make_source(self.source_name, values)
         self._publisher = self.create_publisher(JointState, 'measured_js', SAMPLES)
         self._readings_out = self.create_publisher(JointState, 'readings', SAMPLES)
-        # Stamp of the latest set on it (ns).
-        self._read_at = 0
-        self._simulation: SimulationControl | None = None
-        if isinstance(self._source, SimSource):
-            self._simulation = SimulationControl(self, self._source)
+        self._simulation = SimulationControl(self, self._source) \
+            if isinstance(self._source, SimSource) else None
         self._rivals = Rivals(self, 'measured_js')
         self.overload = Overload(CHECK_PERIOD)
         # Time that the source had lost at the last report, s.
@@ -119,7 +121,7 @@ class EncoderDriver(ParameterNode):
     def _run(self) -> None:
         """Publish the source's samples until it ends, fails or the node is destroyed."""
         try:
-            if self._source.waits_for_listener:
+            if self._waiting:
                 self._wait_for_listener()
             self._publish_samples()
         except SpmError as end:
@@ -143,6 +145,7 @@ class EncoderDriver(ParameterNode):
         self._waiting = False
 
     def _publish_samples(self) -> None:
+        read_at = 0  # stamp of the latest set on `readings`, ns
         while not self._stop.is_set():
             sample = self._source.read(READ_TIMEOUT)
             if sample is None:
@@ -152,8 +155,8 @@ class EncoderDriver(ParameterNode):
             message = self._write_joints(sample.stamp, sample.angles)
             self._publisher.publish(message)
             # The clock may have been set back.
-            if not 0 <= sample.stamp - self._read_at < READINGS_PERIOD:
-                self._read_at = sample.stamp
+            if not 0 <= sample.stamp - read_at < READINGS_PERIOD:
+                read_at = sample.stamp
                 self._readings_out.publish(message)
             if self._simulation is not None:
                 self._simulation.publish_truth(sample.stamp)
@@ -180,9 +183,7 @@ class EncoderDriver(ParameterNode):
         if self._status.is_due(level, message):
             self._status.publish(level, message, logged=logged, values={
                 'source': self.source_text, 'set rate (Hz)': self.published.rate(),
-                entry.CHECKSUM_KEY: self._mechanism,
-                **({} if self._calibration is None else
-                   {entry.CALIBRATION_KEY: self._calibration or entry.UNNAMED}),
+                **self._identity,
                 entry.MISSING_KEY: ', '.join(
                     name for name, angle in zip(ALL_JOINT_NAMES, self._angles, strict=False)
                     if angle != angle) or 'none',
@@ -198,10 +199,11 @@ class EncoderDriver(ParameterNode):
         if fault:
             starting = not self.published.count and now < self._grace_until
             return (WARN, f'starting: {fault}') if starting else (ERROR, fault)
-        unverified = f'direction not verified: {", ".join(self._unverified)}'
         # What an engineer should investigate although samples come.
-        cautions = [*([caution] if caution else []), *([unverified] if self._unverified else [])]
-        return (WARN, '; '.join(cautions)) if cautions else (OK, 'publishing')
+        cautions = [caution] if caution else []
+        if self._unverified:
+            cautions.append(f'direction not verified: {", ".join(self._unverified)}')
+        return (WARN, '; '.join(cautions)) if cautions else (OK, PUBLISHING)
 
 
 def main(args: list[str] | None = None) -> int:

@@ -17,8 +17,8 @@ from spm_haptic_master.force import ForceState
 from spm_haptic_master.kinematics.estimation.gauss_newton import SampleEstimate
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.nodes.crtk_state import CrtkState
+from spm_haptic_master.nodes.factories import make_motors
 from spm_haptic_master.nodes.force import Force
-from spm_haptic_master.nodes.force_factory import make_motors
 from spm_haptic_master.nodes.orientation_outputs import OrientationOutputs, publish_mounting
 from spm_haptic_master.nodes.orientation_status import LatencyStatus, OrientationStatus
 from spm_haptic_master.nodes.sample_origin import SampleOrigin

@@ -10,15 +10,16 @@ from functools import partial
 from math import isfinite, nan
 import threading
 import time
+from typing import NamedTuple
 
 from geometry_msgs.msg import Quaternion as QuaternionMessage
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 from spm_haptic_master.force import Wrench
 from spm_haptic_master.force.statics import rotated
-from spm_haptic_master.kinematics.mounting import Mounting
-from spm_haptic_master.kinematics.number_backends import Quaternion
-from spm_haptic_master.nodes.force_factory import WrenchFrame, WrenchFrames
+from spm_haptic_master.kinematics.mounting import IDENTITY, Mounting
+from spm_haptic_master.kinematics.number_backends import Quaternion, Rotation
+from spm_haptic_master.kinematics.rotations import conjugate, rotation_from_quaternion
 from spm_haptic_master.parameters.fkm import BY_TELEOP
 from spm_haptic_master.parameters.geometry import mounting_from
 from spm_haptic_master.parameters.setting import Values
@@ -39,6 +40,39 @@ WRENCH_TOPICS = ('servo_cf', 'spatial/servo_cf', 'body/servo_cf')
 TELEOP_TIMEOUT = 0.6
 # Its words where a hand is missing.
 ABSENT = f'{Phase.DISENGAGED.value}: {NO_PRESENCE}'
+
+
+class WrenchFrame(NamedTuple):
+    """A frame of torques on the handle."""
+
+    name: str  # frame_id
+    in_handle: bool  # turns with the platform; else in the base frame
+    rotation: Rotation[float]  # R_platform_frame or R_base_frame
+
+
+class WrenchFrames:
+    """
+    The frames of a device; `reference` is that of `orientation`.
+
+    It is the table's where the base is mounted on it, or else the base's.
+    """
+
+    def __init__(self, values: Values, reference: str) -> None:
+        mounting = mounting_from(values) or Mounting()
+        base, platform, handle = (values[name] for name in (
+            'frame_id', 'mounting.platform_frame_id', 'mounting.handle_frame_id'))
+        same = rotation_from_quaternion(*IDENTITY)
+        is_mounted = tuple(map(abs, mounting.handle)) != IDENTITY
+        # Components in the table's frame to those in the base's: R_table_base^T.
+        self.spatial = WrenchFrame(
+            reference, False, rotation_from_quaternion(*conjugate(mounting.base)))
+        self.body = WrenchFrame(handle if is_mounted else platform, True,
+                                rotation_from_quaternion(*mounting.handle))
+        # CRTK clients leave the frame of a header empty: it is that of `orientation`.
+        self.by_name = {base: WrenchFrame(base, False, same),
+                        platform: WrenchFrame(platform, True, same),
+                        '': self.spatial, reference: self.spatial,
+                        handle: self.body._replace(name=handle)}
 
 
 class ForceInputs:

@@ -16,8 +16,7 @@ from spm_haptic_master.encoders.decoder_factory import unverified_joints
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.executables import FOLLOWER, PIPELINE
 from spm_haptic_master.kinematics import Geometry
-from spm_haptic_master.nodes.force_factory import make_motors
-from spm_haptic_master.nodes.teleop_factory import make_teleoperation
+from spm_haptic_master.nodes.factories import make_motors, make_teleoperation
 from spm_haptic_master.parameters.files import PACKAGE
 from spm_haptic_master.parameters.geometry import geometry_from, GEOMETRY_SETTINGS
 from spm_haptic_master.parameters.nodes import (

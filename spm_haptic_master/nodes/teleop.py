@@ -15,9 +15,8 @@ from typing import Any
 from geometry_msgs.msg import PoseStamped, QuaternionStamped, WrenchStamped
 from sensor_msgs.msg import Joy
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
-from spm_haptic_master.nodes.slave_torque import SLAVE_TOPIC, SlaveTorque
-from spm_haptic_master.nodes.teleop_factory import make_teleoperation
-from spm_haptic_master.nodes.twist_output import TwistOutput
+from spm_haptic_master.nodes.factories import make_teleoperation
+from spm_haptic_master.nodes.teleop_outputs import SLAVE_TOPIC, SlaveTorque, TwistOutput
 from spm_haptic_master.parameters.nodes import TELEOP_SETTINGS
 from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.ros import diagnostic_status, node_log, runner

@@ -146,8 +146,7 @@ class SimulatedNode(ObjectStore):
         self._more = sum(entry & 0xFF for entry in mapped[1:]) // 8
         self.heartbeat_period = 1e-3 * self.value(*canopen.HEARTBEAT_TIME)
         scaled = self.value(*canopen.OPERATING_PARAMETERS) & canopen.SCALING_ON
-        units = self.value(*(canopen.UNITS_PER_TURN if scaled
-                              else canopen.DISC_UNITS_PER_TURN))
+        units = self.value(*(canopen.UNITS_PER_TURN if scaled else canopen.DISC_UNITS_PER_TURN))
         layout = self._layout
         self.layout = replace(layout, counts_per_turn=units,
                               zero_count=layout.zero_count * units // layout.counts_per_turn)

@@ -28,7 +28,7 @@ from spm_haptic_master.kinematics.joints import (
     SHORT_NAMES,
 )
 from spm_haptic_master.kinematics.number_backends import Quaternion
-from spm_haptic_master.nodes.console import FULL_DEXTERITY
+from spm_haptic_master.nodes.master import FULL_DEXTERITY
 from spm_haptic_master.ros.diagnostic_status import CAUTION_KEY
 from spm_haptic_master.view.scene import ARM_DISTANCE, GHOST
 from spm_haptic_master.view.status import (

@@ -37,9 +37,25 @@ def ros(namespace: str = '/') -> Iterator[None]:
 
 def deliver(node: Node, topic: str, message: object) -> None:
     """Give a node a message on a topic that it has subscribed to, serialized if it wants that."""
-    (subscription,) = (each for each in node.subscriptions
-                       if each.topic_name == node.resolve_topic_name(topic))
+    name = node.resolve_topic_name(topic)
+    (subscription,) = (each for each in node.subscriptions if each.topic_name == name)
     subscription.callback(serialize_message(message) if subscription.raw else message)
+
+
+class Messages(list):
+    """Serialized messages and their types, read where they are looked at: few of them are."""
+
+    def __getitem__(self, index):
+        found = super().__getitem__(index)
+        return [*map(_read, found)] if isinstance(index, slice) else _read(found)
+
+    def __iter__(self):
+        return map(_read, super().__iter__())
+
+
+def _read(entry: tuple[object, type | None]) -> object:
+    data, kind = entry
+    return data if kind is None else deserialize_message(data, kind)
 
 
 class Hosted:
@@ -53,7 +69,7 @@ class Hosted:
 
     def __init__(self) -> None:
         self.node: Node | None = None
-        self.sent: dict[str, list] = defaultdict(list)
+        self.sent: dict[str, Messages] = defaultdict(Messages)
         self.publishers: dict[str, tuple[str, ...]] = {}
         self.subscribed: Callable[[str], bool] = lambda topic: True
         # What DDS calls where the publishers of a full topic change.
@@ -113,9 +129,10 @@ class Hosted:
 
     def entry(self, aspect: str) -> object:
         """Return the latest entry of an aspect on /diagnostics; None without one."""
-        found = [status for array in self.sent['/diagnostics'] for status in array.status
-                 if status.name.endswith(f': {aspect}')]
-        return found[-1] if found else None
+        arrays = self.sent['/diagnostics']
+        return next((status for index in reversed(range(len(arrays)))
+                     for status in arrays[index].status
+                     if status.name.endswith(f': {aspect}')), None)
 
     def figures(self, aspect: str) -> dict[str, str]:
         """Return keys and values of that entry."""
@@ -128,10 +145,8 @@ class Hosted:
 
             def publish(message):
                 # A copy: nodes use their messages again.
-                data = message if isinstance(message, bytes) or not is_real \
-                    else serialize_message(message)
-                self.sent[topic].append(
-                    deserialize_message(data, kind) if is_real else deepcopy(message))
+                self.sent[topic].append((deepcopy(message), None) if not is_real else (
+                    message if isinstance(message, bytes) else serialize_message(message), kind))
 
             out.publish = publish
             out.get_subscription_count = lambda: int(self.subscribed(topic))

@@ -90,25 +90,20 @@ def test_states_and_commands_by_crtk_msgs(device):
     assert states(device)[5:] == [('ENABLED', True)] * 10
 
 
-def test_words_that_are_no_state_are_a_fault(device):
-    """Whatever they begin with: nobody knows what they say of the orientation."""
-    state = device.node.state
-    state.take(received_state('healthy'))
-    state.command('enable')
-    state.take(received_state('healthy again'))
-    assert states(device)[-1] == ('FAULT', False)
-    assert texts(device, 'error') == ["silent: unknown state 'healthy again'"]
-
-
-def test_its_end_is_a_fault(device):
+@pytest.mark.parametrize(('end', 'error'), [
+    (lambda state: state.end(), 'silent: fkm has ended'),
+    # Whatever they begin with: nobody knows what they say of the orientation.
+    (lambda state: state.take(received_state('healthy again')),
+     "silent: unknown state 'healthy again'")])
+def test_its_end_and_words_that_are_no_state_are_a_fault(device, end, error):
     state = device.node.state
     state.take(received_state('healthy'))
     state.command('enable')
     device.subscribed = lambda topic: False
-    state.end()
+    end(state)
     assert states(device)[-1] == ('FAULT', False)
     assert texts(device, 'enabled_at')[-1] == 0
-    assert texts(device, 'error') == ['silent: fkm has ended']
+    assert texts(device, 'error') == [error]
 
 
 def test_without_crtk_msgs_one_line_says_so(without_messages, monkeypatch):

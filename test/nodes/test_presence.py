@@ -56,10 +56,7 @@ def test_a_held_button_is_repeated_unless_its_joystick_has_to_and_hangs(timeout,
         joy.sent['presence'].clear()
         joy.run(1.0)
         assert [each.buttons[0] for each in joy.sent['presence']] == [after] * 50
-
-
-def test_a_joystick_that_goes_releases_its_buttons_at_once():
-    with joystick(joy_timeout=0.0) as joy:
-        assert joy.hold(1) == (1,)
+        # A joystick that goes releases its buttons at once.
+        joy.hold(1)
         joy.restart_publisher('joy')
         assert joy.pedals() == (0,)

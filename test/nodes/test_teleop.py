@@ -21,10 +21,10 @@ from spm_haptic_master.supervision.orientation_state import received_state
 from std_msgs.msg import Float64MultiArray, String, UInt64
 
 # No limit changes a command, and there is one for each orientation.
-UNLIMITED = {'rate': 200.0, 'teleop.command_rate': 0.0, 'teleop.acceleration_limit': 1e6,
+UNLIMITED = {'rate': 100.0, 'teleop.command_rate': 0.0, 'teleop.acceleration_limit': 1e6,
              'teleop.presence_timeout': 0.0}
 POSITION = (0.01, -0.02, 0.11)
-PERIOD = 0.005
+PERIOD = 0.01
 
 
 class Rig:
@@ -56,7 +56,7 @@ class Rig:
         q.x, q.y, q.z, q.w = quaternion_from_matrix(self.master).tolist()
         self.host.give('orientation', message)
 
-    def run(self, count=20, turning=(0.0, 0.0, 0.0)):
+    def run(self, count=10, turning=(0.0, 0.0, 0.0)):
         """Give poses of the slave and orientations, each turned since the last."""
         for _ in range(count):
             self.master = turn(turning) @ self.master
@@ -76,14 +76,14 @@ class Rig:
 
     def engage(self):
         self.press('presence', True)
-        self.run(40)
+        self.run(20)
         answer = self.host.call('~/enable')
-        self.run(40)
+        self.run(20)
         assert self.state == 'engaged', answer
 
     def sends_nothing(self, **more):
         count = len(self.commands)
-        self.run(40, **more)
+        self.run(20, **more)
         return len(self.commands) == count
 
     @property
@@ -112,35 +112,32 @@ def rig():
         yield rig
 
 
-@pytest.fixture
-def turned_rig():
-    """Give the rig of a slave whose base is turned by 90 deg about z."""
+def test_it_follows_by_the_law_in_the_frame_and_at_the_position_of_the_slave():
+    """The slave's base is turned by 90 deg about z."""
+    registration = zxz(0.5 * np.pi, 0.0, 0.0)
     with running(teleop__registration_zxz_deg=[90.0, 0.0, 0.0]) as rig:
-        yield rig
-
-
-def test_it_follows_by_the_law_in_the_frame_and_at_the_position_of_the_slave(turned_rig):
-    rig, registration = turned_rig, zxz(0.5 * np.pi, 0.0, 0.0)
-    rig.run(20)
-    assert rig.state == 'disengaged: no presence'
-    rig.press('presence', True)
-    rig.run(20)
-    assert rig.state.startswith('disengaged: waiting for enable')
-    assert rig.commands == [] and rig.twists == []
-    rig.engage()
-    master, slave, before = rig.master, rig.slave, len(rig.commands)
-    rig.run(30, turning=(0.004, -0.002, 0.001))
-    assert len(rig.commands) == before + 30
-    for message, got in zip(rig.commands, rig.matrices, strict=True):
-        # Each by its own orientation, of which it has the stamp.
-        hand = rig.sent[stamp(message)] @ master.T
-        np.testing.assert_allclose(
-            got, registration @ hand @ registration.T @ slave, atol=1e-12)
-        assert message.header.frame_id == 'psm_base'
-        p = message.pose.position
-        assert (p.x, p.y, p.z) == POSITION
-    entry, figures = rig.host.entry('teleop'), rig.host.figures('teleop')
-    assert entry.message == 'engaged' and figures['engaged or clutched off (times)'] == '1'
+        rig.run(10)
+        assert rig.state == 'disengaged: no presence'
+        rig.press('presence', True)
+        rig.run(10)
+        assert rig.state.startswith('disengaged: waiting for enable')
+        assert rig.commands == [] and rig.twists == []
+        rig.engage()
+        master, slave, before = rig.master, rig.slave, len(rig.commands)
+        rig.run(15, turning=(0.004, -0.002, 0.001))
+        assert len(rig.commands) == before + 15
+        for message, got in zip(rig.commands, rig.matrices, strict=True):
+            # Each by its own orientation, of which it has the stamp.
+            hand = rig.sent[stamp(message)] @ master.T
+            np.testing.assert_allclose(
+                got, registration @ hand @ registration.T @ slave, atol=1e-12)
+            assert message.header.frame_id == 'psm_base'
+            p = message.pose.position
+            assert (p.x, p.y, p.z) == POSITION
+        rig.host.run(1.0)
+        figures = rig.host.figures('teleop')
+        assert figures['engaged or clutched off (times)'] == '1'
+        assert float(figures['angle from master to slave (deg)']) > 1.0
 
 
 def state(text):
@@ -154,7 +151,7 @@ def pedal(joy):
 def second_publisher(topic):
     def end(rig):
         rig.host.publishers[f'/{topic}'] = 'one', 'other'
-        rig.run(45)
+        rig.run(23)
     return end, f'2 publishers on /{topic}: /one, /other; {CURE}'
 
 
@@ -162,7 +159,7 @@ def unheard_publisher(rig):
     rig.host.publishers['/orientation'] = 'one', 'one'
     rig.host.node.get_publishers_info_by_topic = lambda _: [SimpleNamespace(
         node_name='one', node_namespace='/', topic_type='std_msgs/msg/Bool')]
-    rig.run(45)
+    rig.run(23)
 
 
 def set_to(name, value):
@@ -180,42 +177,35 @@ def set_to(name, value):
     # As a bridge does that has lost its slave.
     (set_to('slave_goes_on', False), 'no pose of the slave'),
     (set_to('level', 0.6), 'protection level above the limit'),
-    (lambda rig: rig.run(60, turning=(0.0, 0.0, 0.01)), 'the slave does not follow')])
+    (lambda rig: rig.run(30, turning=(0.0, 0.0, 0.02)), 'the slave does not follow')])
 def test_what_ends_it_ends_it_until_enable(end, reason):
     with running(teleop__protection_limit_deg=0.5, teleop__tracking_limit_deg=20.0) as rig:
         rig.level = 0.4
         rig.engage()
         end(rig)
-        rig.run(60)
+        rig.run(30)
         assert rig.sends_nothing()
         waits = 'waiting for enable, after: '
         assert rig.state.replace(waits, '') == f'disengaged: {reason}', rig.state
         assert rig.host.entry('teleop').message == rig.state
 
 
-def test_after_an_end_it_waits_for_enable(rig):
-    rig.engage()
-    rig.tell('starting')
-    rig.run(20)
-    rig.tell('healthy')
-    assert rig.sends_nothing()
-    assert rig.state == 'disengaged: waiting for enable, after: starting'
-    assert rig.host.call('~/enable').success
-    rig.run(20)
-    assert rig.state == 'engaged'
-
-
-def test_each_change_of_the_phase_is_one_line_of_the_log(rig, monkeypatch):
+def test_after_an_end_it_waits_for_enable_and_each_change_is_one_line_of_the_log(
+        rig, monkeypatch):
     lines = []
     for level in ('info', 'warning', 'error'):
         monkeypatch.setattr(
             node_log, level, lambda _, text, level=level: lines.append((level, text)))
     rig.engage()
     rig.tell('silent: joint_1a jumped')
-    rig.run(300)
+    rig.run(150)
     rig.tell('healthy')
-    rig.run(40)
+    assert rig.sends_nothing()
+    assert rig.state == 'disengaged: waiting for enable, after: silent: joint_1a jumped'
     assert lines == [('info', 'engaged'), ('warning', 'disengaged: silent: joint_1a jumped')]
+    assert rig.host.call('~/enable').success
+    rig.run(10)
+    assert rig.state == 'engaged'
 
 
 def test_the_clutch_and_the_presence(rig):
@@ -224,7 +214,7 @@ def test_the_clutch_and_the_presence(rig):
     assert rig.sends_nothing(turning=(0.0, 0.0, 0.02)) and rig.state == 'clutched'
     count = len(rig.commands)
     rig.press('clutch', False)
-    rig.run(10)
+    rig.run(5)
     np.testing.assert_allclose(rig.matrices[count], rig.slave, atol=1e-12)
     rig.press('presence', False)
     assert rig.sends_nothing()
@@ -240,80 +230,72 @@ def test_the_twist_continues_to_zero_and_stops(given, frame):
     """In the frame of the slave, or in that given, as the commands."""
     with running(teleop__acceleration_limit=20.0, teleop__frame_id=given) as rig:
         rig.engage()
-        rig.run(60, turning=(0.0, 0.003, 0.0))
+        rig.run(30, turning=(0.0, 0.003, 0.0))
         rig.press('presence', False)
         rig.host.run(0.5)
         rates = [message.twist.angular.y for message in rig.twists]
         assert max(rates) > 0.1 and rates[-4:] == [0.0] * 4
-        assert {message.header.frame_id for message in rig.twists + rig.commands} == {frame}
+        assert {message.header.frame_id for message in (*rig.twists, *rig.commands)} == {frame}
         count = len(rig.twists)
-        rig.run(40)
+        rig.run(20)
         assert len(rig.twists) == count
 
 
-def test_a_pose_of_the_slave_without_a_stamp_is_a_new_one(rig):
-    rig.slave_stamp, rig.slave_goes_on = 0, False
-    rig.engage()
-
-
 def test_an_old_enable_that_arrives_now_engages_nothing(rig):
+    # A pose of the slave without a stamp is a new one.
+    rig.slave_stamp, rig.slave_goes_on = 0, False
     rig.press('presence', True)
     for age in (0, 3600):
         rig.host.give('enabled_at', UInt64(data=rig.host.time_ns() - age * 10**9))
-        rig.run(20)
+        rig.run(10)
         assert rig.state.startswith('disengaged: waiting for enable')
     rig.host.give('enabled_at', UInt64(data=rig.host.time_ns()))
-    rig.run(40)
+    rig.run(20)
     assert rig.state == 'engaged'
 
 
 @pytest.mark.parametrize('way', ['restarted', 'no publisher', 'silent'])
-def test_a_pedal_that_ends_or_hangs_leads_nothing(way):
+@pytest.mark.parametrize(('pedal', 'cause'), [
+    ('presence', 'no presence'), ('clutch', 'clutch gone while pressed')])
+def test_a_pedal_that_ends_or_hangs_while_pressed_ends_it(pedal, cause, way):
     with running(teleop__presence_timeout=0.5) as rig:
         def held(count):
             for _ in range(count):
                 rig.press('presence', True)
                 rig.run(1)
 
-        rig.press('presence', True)
-        rig.run(20)
-        held(40)
+        held(20)
         assert rig.host.call('~/enable').success
-        held(40)
+        held(20)
         assert rig.state == 'engaged'
+        if pedal == 'clutch':
+            rig.press('clutch', True)
+            held(10)
+            assert rig.state == 'clutched'
         if way == 'restarted':
-            rig.host.restart_publisher('presence')
+            rig.host.restart_publisher(pedal)
         elif way == 'no publisher':
-            rig.host.publishers['/presence'] = ()
-            rig.run(45)
-        else:
-            rig.run(60)
+            rig.host.publishers[f'/{pedal}'] = ()
+        elif pedal == 'presence':
+            rig.run(30)
             assert rig.state == 'engaged'
-            rig.run(50)
-        assert rig.state == 'disengaged: no presence' and rig.sends_nothing()
-
-
-@pytest.mark.parametrize('way', ['restarted', 'no publisher'])
-def test_a_clutch_that_is_gone_while_pressed_ends_it_and_is_released(rig, way):
-    rig.engage()
-    rig.press('clutch', True)
-    rig.run(20)
-    assert rig.state == 'clutched'
-    if way == 'restarted':
-        rig.host.restart_publisher('clutch')
-    else:
-        rig.host.publishers['/clutch'] = ()
-    rig.run(45)
-    assert rig.state == 'disengaged: waiting for enable, after: clutch gone while pressed'
-    assert rig.host.call('~/enable').success
-    rig.run(40)
-    assert rig.state == 'engaged'
+        (rig.run if pedal == 'presence' else held)(25)
+        if pedal == 'presence':
+            assert rig.state == f'disengaged: {cause}' and rig.sends_nothing()
+        elif way == 'silent':
+            assert rig.state == 'clutched'
+        else:
+            assert rig.state == f'disengaged: waiting for enable, after: {cause}'
+            # It is released: it can be engaged again.
+            assert rig.host.call('~/enable').success
+            held(20)
+            assert rig.state == 'engaged'
 
 
 def test_the_state_is_repeated_and_a_process_that_was_stopped_goes_on_with_nothing(rig):
     rig.engage()
     rig.host.sent['teleop_state'].clear()
-    rig.run(200)
+    rig.run(100)
     assert [each.data for each in rig.host.sent['teleop_state']] == ['engaged'] * 5
     rig.host.pause(1.0)
     assert rig.sends_nothing(turning=(0.01, 0.0, 0.0))
@@ -354,12 +336,12 @@ def test_it_engages_in_simulated_time(monkeypatch):
     with running() as rig:
         rig.now = lambda: round(3600e9) + rig.host.time_ns() % 10**12
         monkeypatch.setattr(rig.host.node, 'clock_reader', lambda: rig.now)
-        rig.run(5)
+        rig.run(3)
         rig.press('presence', True)
-        rig.run(10)
+        rig.run(5)
         for enabled_at in (0, rig.host.time_ns()):
             rig.host.give('enabled_at', UInt64(data=enabled_at))
-            rig.run(40)
+            rig.run(20)
         assert rig.state == 'engaged'
 
 

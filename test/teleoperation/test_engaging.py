@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from spm_haptic_master.kinematics import matrix_from_quaternion, quaternion_from_matrix
 from spm_haptic_master.kinematics.rotations import rotation_distance, vector_from_quaternion
-from spm_haptic_master.nodes.teleop_factory import make_teleoperation
+from spm_haptic_master.nodes.factories import make_teleoperation
 from spm_haptic_master.parameters.nodes import TELEOP_SETTINGS
 from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.supervision.orientation_state import read_state, received_state
