@@ -7,9 +7,8 @@ import can
 import numpy as np
 import pytest
 from spm_haptic_master.drives.plan import make_plan
-from spm_haptic_master.parameters.drives import DRIVE_SETTINGS
-from spm_haptic_master.parameters.setting import complete
-from spm_haptic_master.parameters.shared import RATE_SETTING
+from spm_haptic_master.parameters.nodes import DRIVE_SETTINGS
+from spm_haptic_master.parameters.setting import complete, RATE_SETTING
 from spm_haptic_master.simulation.fault_injection import parse_fault
 from spm_haptic_master.simulation.simulated_drive import SimulatedDrives
 

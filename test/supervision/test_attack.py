@@ -24,6 +24,7 @@ from spm_haptic_master.supervision.protection import integrity, MISSED_DETECTION
 
 # Another solution -----------------------------------------------------------------------------
 
+
 def test_a_rival_in_another_working_mode_is_never_taken():
     """Near the locus where Case 2's determinant vanishes a rival explained the angles better."""
     pose = np.radians([70.871, 117.142, 132.383, -83.875])

@@ -11,9 +11,8 @@ import can
 import pytest
 from spm_haptic_master.drives.plan import make_plan
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.parameters.drives import DRIVE_SETTINGS
-from spm_haptic_master.parameters.setting import complete
-from spm_haptic_master.parameters.shared import RATE_SETTING
+from spm_haptic_master.parameters.nodes import DRIVE_SETTINGS
+from spm_haptic_master.parameters.setting import complete, RATE_SETTING
 from spm_haptic_master.simulation.bus_runner import DriveLoop
 from spm_haptic_master.simulation.simulated_drive import SimulatedDrives
 from spm_haptic_master.tools import can_scan, can_setup

@@ -12,10 +12,10 @@ import uuid
 import can
 from encoder_frames import LAYOUTS, values
 import pytest
-from spm_haptic_master.timing import DeadlineGrid
 from spm_haptic_master.simulation.bus_runner import BusRunner
 from spm_haptic_master.simulation.noisy_motion import make_motion
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus
+from spm_haptic_master.timing import DeadlineGrid
 from spm_haptic_master.tools import benchmark, can_scan, can_setup, urdf
 
 
