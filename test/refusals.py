@@ -335,10 +335,10 @@ REFUSALS = (
     Refusal('calibrate', ('-o', 'a.yaml'), '-o', 'a file that exists, without `--force`',
             'it is not overwritten', ('a.yaml', '--force to overwrite'), {'a.yaml': 'a: 1\n'}),
     Refusal('calibrate', ('-o', 'a.yaml', '--force'), '-o', 'a file that `calibrate` did not '
-            'write', 'it is not overwritten', ('a.yaml', 'not a calibration that calibrate wrote'),
+            'write', 'it is not overwritten', ('a.yaml:1', 'section /a has no ros__parameters'),
             {'a.yaml': 'a: 1\n'}),
     Refusal('calibrate', ('-o', 'a.yaml', '--force'), '-o', 'a calibration with a direction other '
-            'than 1 and -1', 'it was edited', ('a.yaml', 'direction 2; expected 1 or -1'),
+            'than 1 and -1', 'it was edited', ('a.yaml', '[1, 1, 2, 1]', 'each one of 1, -1'),
             {'a.yaml': CALIBRATION}),
     Refusal('calibrate', ('-o', 'a.yaml', '-p', 'source:=sim'), 'source', '`sim` for `calibrate`',
             'a simulation has nothing to calibrate', ("'source' is 'sim'",)),

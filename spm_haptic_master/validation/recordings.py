@@ -53,7 +53,7 @@ PLAIN_CDR = b'\x00\x01'
 # Length of the encapsulation (bytes); fields are aligned to what follows it.
 ENCAPSULATION = 4
 # Longest part of a header that is quoted (characters).
-QUOTED = 60
+QUOTED = 120
 # Least number of complete rows: fewer cannot be compared.
 ROWS_MINIMUM = 10
 
@@ -141,8 +141,8 @@ def _joints_among(names: Sequence[str]) -> tuple[str, ...]:
     expected = ALL_JOINT_NAMES[:max(count, len(JOINT_NAMES))]
     missing = [name for name in expected if name not in names]
     if missing:
-        raise ValueError(f'no {", ".join(missing)} among {", ".join(names) or "no joints"}; '
-                         f'expected {", ".join(expected)}')
+        found = ', '.join(names)[:QUOTED] or 'no joints'
+        raise ValueError(f'no {", ".join(missing)} among {found}; expected {", ".join(expected)}')
     return expected
 
 

@@ -159,7 +159,7 @@ class _Master:
         self._sample = ForceSample(
             stamp, angles, None, None, decided.protection_level,
             max(self._supervisor.joints.noise()) / SIGMA)
-        self.verdict, self.quaternion = decided.text, None
+        self.verdict, self.quaternion = decided.announced.text, None
         if decided.estimate is None:
             self._velocity = AngularVelocity(WINDOW)
         else:

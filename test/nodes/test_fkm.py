@@ -6,7 +6,7 @@
 from pathlib import Path
 import sys
 
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from fkm_rig import angles, CLEAR, fkm_rig, matrix, POSE
 from harness import stamp
 from in_process import hosted
@@ -191,6 +191,26 @@ def test_samples_that_show_nothing_of_the_calibration_are_counted():
         assert rig.send_many(405, [*sample[:4], float('nan'), sample[5]])
         rig.host.run(1.0)
         assert rig.host.figures('orientation')['calibration: samples not accepted'] == '2'
+
+
+def test_fkm_is_silent_with_a_driver_of_another_mechanism():
+    with fkm_rig() as rig:
+        def report(mechanism):
+            rig.host.give('/diagnostics', DiagnosticArray(status=[DiagnosticStatus(
+                name='encoder_driver: encoders',
+                values=[KeyValue(key='mechanism', value=mechanism)])]))
+            # It is looked at now and then.
+            rig.send_many(50, CLEAR)
+
+        rig.host.publishers['/measured_js'] = ('encoder_driver',)
+        report('of another rig')
+        assert rig.state == 'silent: another mechanism in the driver'
+        assert rig.send(CLEAR) == []
+        assert 'encoder_driver has of another rig' in rig.reason
+        assert 'for all nodes, /**' in rig.host.figures('orientation')['last rejected']
+        report(rig.host.figures('orientation')['mechanism'])
+        rig.send_many(50, CLEAR)
+        assert rig.state == 'healthy' and rig.send(CLEAR)
 
 
 def test_a_process_that_did_not_run_blames_the_machine_and_not_the_sensors(rig):

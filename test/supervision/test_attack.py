@@ -18,6 +18,11 @@ from spm_haptic_master.kinematics import (
     UsedSensors,
     workspace_pose,
 )
+from spm_haptic_master.kinematics.rotations import (
+    conjugate,
+    multiply_quaternions,
+    vector_from_quaternion,
+)
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS, limits_from
 from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.supervision.protection import integrity, MISSED_DETECTION
@@ -143,6 +148,17 @@ def test_what_nobody_can_see_at_the_singularity_is_declared(drift):
 
 # The level ------------------------------------------------------------------------------------
 
+def turned_by_reading(angles, used):
+    """Return d rotation / d reading (rad / rad, N x 3) of the estimate, by finite differences."""
+    def orientation(readings):
+        return estimate_sample(tuple(readings.tolist()), used, Geometry()).quaternion
+
+    return np.array([
+        vector_from_quaternion(*multiply_quaternions(
+            orientation(angles + change), conjugate(orientation(angles - change))))
+        for change in 1e-5 * np.eye(len(angles))]) / 2e-5
+
+
 def largest_error_over_level(sensors, bias_deg, sigma_deg, alert_deg, rng, poses):
     """Return the largest error over level of one faulty sensor and biases that oppose it."""
     used = UsedSensors((np.radians(sigma_deg),) * sensors)
@@ -156,7 +172,7 @@ def largest_error_over_level(sensors, bias_deg, sigma_deg, alert_deg, rng, poses
         found = estimate_sample(tuple(angles.tolist()), used, Geometry())
         worth = integrity(found, bias, (1.0,) * sensors)
         parts = worth.levels((threshold + MISSED_DETECTION) / np.sqrt(20.0))
-        gains, changes = np.array(found.gains), np.array(found.parity_gains)
+        gains, changes = turned_by_reading(angles, used), np.array(found.parity_gains)
         level = max([part for part in parts if part <= alert] + [worth.healthy])
         limit = threshold / np.sqrt(20.0) + worth.bias
         for sensor in np.flatnonzero(np.array(parts) <= alert):

@@ -8,7 +8,6 @@ from math import degrees, pi, radians
 import re
 from types import SimpleNamespace
 
-from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import WrenchStamped
 from mechanism import SINGULAR_PHI
@@ -122,7 +121,7 @@ class Shown:
         self._samples += not again
         message = JointState(name=list(MECHANISM_JOINT_NAMES),
                              position=mechanism_angles(tuple(R.ravel()), GEOMETRY))
-        message.header.stamp = Time(sec=self._samples)
+        message.header.stamp.sec = self._samples
         self.takers['/joint_states'](message)
         return R
 
@@ -215,7 +214,7 @@ def test_what_is_shown_is_the_pose_all_the_way_through_the_singularity(shown):
         readings = np.array(mechanism_angles(tuple(R.ravel()), GEOMETRY))[[0, 3, 6, 2]]
         message = JointState(name=list(JOINT_NAMES), position=readings + radians(0.04)
                              * rng.standard_normal(4))
-        message.header.stamp = Time(sec=shown._samples, nanosec=999_999_999)
+        message.header.stamp.sec, message.header.stamp.nanosec = shown._samples, 999_999_999
         shown.newest['/readings'] = message
         shown.run(TICK, lambda: shown.pose(tilt, azimuth, phi))  # noqa: B023
         np.testing.assert_allclose(turn_of(shown.scene._frame), R, atol=1e-6)
