@@ -16,14 +16,7 @@ from spm_haptic_master.drives import cia402
 from spm_haptic_master.drives.cia402 import State
 from spm_haptic_master.drives.drive import Drive, ENABLE_TIMEOUT, Handler, Steps
 from spm_haptic_master.drives.plan import check_load, make_plan, Plan, torque_frames
-from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.can_bus import (
-    BUS_ERRORS,
-    bus_name,
-    check_interface,
-    first_line,
-    open_bus,
-)
+from spm_haptic_master.encoders import can_bus, canopen
 from spm_haptic_master.exceptions import SetupError
 from spm_haptic_master.parameters.setting import Values
 
@@ -59,7 +52,7 @@ class Drives:
 
     Each step of the first samples takes the start-up further: read back, mode, proof. Every fault
     of one drive is zero torque of all in the same step. `open_bus` returns an open bus, or raises
-    one of BUS_ERRORS; `name` is that of the bus in texts.
+    one of `BUS_ERRORS`; `name` is that of the bus in texts.
     """
 
     def __init__(self, plan: Plan, open_bus: Callable[[], can.BusABC], name: str):
@@ -239,8 +232,8 @@ class Drives:
                         and not (message.is_extended_id or message.is_error_frame
                                  or message.is_remote_frame):
                     handler[1](message.data)
-        except BUS_ERRORS as error:
-            self._fail(f'{self._name}: {first_line(error)}')
+        except can_bus.BUS_ERRORS as error:
+            self._fail(f'{self._name}: {can_bus.first_line(error)}')
             self._retry_at = self._now + REOPEN
             self._close_bus(bus)
 
@@ -271,9 +264,9 @@ class Drives:
             return
         try:
             self._bus.send(message, 0.0)
-        except BUS_ERRORS as error:
+        except can_bus.BUS_ERRORS as error:
             self._fail(f'{self._name}: frame 0x{message.arbitration_id:X} not sent: '
-                       f'{first_line(error)}')
+                       f'{can_bus.first_line(error)}')
 
     def _open(self) -> can.BusABC | None:
         if self._now < self._retry_at:
@@ -281,15 +274,15 @@ class Drives:
         self._retry_at = self._now + REOPEN
         try:
             self._bus = self._open_bus()
-        except BUS_ERRORS as error:
-            self._missing = f'{self._name}: {first_line(error)}'
+        except can_bus.BUS_ERRORS as error:
+            self._missing = f'{self._name}: {can_bus.first_line(error)}'
             return None
         self._missing = None
         return self._bus
 
     def _close_bus(self, bus: can.BusABC) -> None:
         self._bus = None
-        with suppress(*BUS_ERRORS):  # the failure that closes it is already reported
+        with suppress(*can_bus.BUS_ERRORS):  # the failure that closes it is already reported
             bus.shutdown()
 
 
@@ -298,8 +291,8 @@ def make_drives(values: Values) -> Drives | None:
     interface, channel = values['drives.interface'], values['drives.channel']
     if not channel:
         return None
-    check_interface(interface, 'drives.interface')
+    can_bus.check_interface(interface, 'drives.interface')
     plan, bitrate = make_plan(values), values['drives.bitrate']
     check_load(plan, bitrate)
-    return Drives(plan, partial(open_bus, interface, channel, bitrate),
-                  bus_name(interface, channel))
+    return Drives(plan, partial(can_bus.open_bus, interface, channel, bitrate),
+                  can_bus.bus_name(interface, channel))

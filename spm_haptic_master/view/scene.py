@@ -46,12 +46,10 @@ POINTER, POINTER_AT = (0.018, 0.0, 0.8), 0.97
 # Axes of the platform's frame, as `cylinder` has them, and the colours of x, y, z.
 AXIS = 0.012, 0.0, 0.42
 AXIS_COLOURS = ['#cc0000', '#00cc00', '#0000cc']
-# Cone of the protection level: colour, corners, opacity; how many times as wide as it is, and the
-# half angle at which it ends (rad).
+# Cone of the protection level: colour, corners, opacity; magnification, widest half angle (rad).
 LEVEL, LEVEL_CORNERS, LEVEL_OPACITY = '#d6601e', 36, 0.22
 MAGNIFICATION, WIDEST = 10.0, 0.35
-# What three encoders alone report: colour, opacity; size, relative to the platform (unit 1): where
-# both are the same, one surface is in front.
+# What three encoders alone report: colour, opacity; size that keeps it in front of the platform.
 GHOST, GHOST_OPACITY, GHOST_SCALE = '#b0379b', 0.55, 1.012
 # Colours of the torques commanded and rendered; length of an arrow for 1 N m (units of the scene),
 # and least torque with an arrow (N m).

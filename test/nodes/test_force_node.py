@@ -314,8 +314,8 @@ def test_a_locked_orientation_pulls_and_is_let_go():
                                        atol=2e-3)
         for topic, away in (('unlock_orientation', 0.0), ('hold', 2.0)):
             rig.host.give(topic, Empty())
-            for turn in np.linspace(30.0, 30.0 + away, 40):
-                rig.angles = angles(matrix_from_zxz(*np.radians((130.0, 50.0, turn))))
+            for phi in np.linspace(30.0, 30.0 + away, 40):
+                rig.angles = angles(matrix_from_zxz(*np.radians((130.0, 50.0, phi))))
                 rig.run(1, ZERO)
             np.testing.assert_allclose(rig.rendered(ZERO), -0.5 * radians(away) * POSE[:, 2],
                                        atol=2e-3)
