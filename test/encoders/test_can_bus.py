@@ -61,6 +61,7 @@ def test_the_name_of_a_bus_between_processes_has_its_port(monkeypatch, config, e
 ERROR_CLASSES = [
     (0x020, '', 'no acknowledge (is any other node on the bus?)'),
     (0x088, '', 'protocol violation, bus error'), (0x200, '', 'unknown error 0x200'),
+    (0x041, '', 'transmit timeout, bus-off'),
     (0x004, '0030000000000000',
      'controller problem, receive error passive, transmit error passive'),
     # Too short for details, and details of another class.

@@ -179,17 +179,6 @@ def test_a_frame_of_29_bits_has_its_identifier_and_no_tpdo_of_the_node_id():
     assert identifier.changed(0xC0000181) == 0x78FF1234
 
 
-def test_the_objects_of_an_encoder_are_those_of_the_standards():
-    """Index, subindex, bytes and value (CiA 301 and 406)."""
-    wanted = wanted_objects(LAYOUTS[0], 1, True, 1e-3, 0.1)
-    assert [(each.index, each.subindex, each.size, each.value) for each in wanted.every] == [
-        (0x1800, 1, 4, 0x181), (0x1800, 2, 1, 1), (0x1800, 3, 2, 0), (0x1800, 5, 2, 0),
-        (0x1A00, 0, 1, 1), (0x1A00, 1, 4, 0x60040020),
-        *((0x1800 + number, 1, 4, 1 << 31) for number in (1, 2, 3)),
-        (0x1017, 0, 2, 100), (0x6000, 0, 2, 4), (0x6001, 0, 4, 16384), (0x6002, 0, 4, 16384),
-        (0x6200, 0, 2, 0)]
-
-
 @pytest.mark.parametrize(('name', 'words'), [
     ('UNKNOWN_COMMAND', 'Unknown SDO command'), ('READ_ONLY', 'write a read only object'),
     ('NO_SUCH_OBJECT', 'Object does not exist'), ('WRONG_LENGTH', 'length code'),
