@@ -90,7 +90,7 @@ def open_bus(interface: str, channel: str, bitrate: int, own: bool = False) -> c
 
     python-can reads further settings of an interface from its configuration files and from
     CAN_CONFIG. `bitrate`, bit/s, is for interfaces that set it themselves; 0 leaves it to the
-    system. `own` asks for the frames sent here, too, if the interface supports that.
+    system. With `own` the bus also returns the frames sent here, if it can.
     """
     # python-can logs the errors that it raises.
     logging.getLogger('can').setLevel(logging.CRITICAL)

@@ -28,7 +28,7 @@ from spm_haptic_master.encoders.source import JointSample
 from spm_haptic_master.encoders.sync import percentiles_text, SyncRate
 from spm_haptic_master.kinematics.joints import NUMBER_WORDS
 
-# Cure where the encoders send although nobody makes SYNC.
+# Remedy where the encoders send without a producer of SYNC.
 WITHOUT_SYNC = 'the encoders send without SYNC: give -p encoders.sync_id:=0'
 # Time for which a surplus answer or a rejected frame is reported (s): a period of /diagnostics at
 # least.

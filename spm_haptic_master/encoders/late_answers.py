@@ -11,7 +11,7 @@ without one, an encoder owes an answer. What shows whether it was lost or still 
 - a rolling counter: a number left out was lost; none left out is a late answer;
 - an answer that comes first in a cycle although another joint's usually does: a late one;
 - several encoders that miss the same cycle: the answers are queued somewhere;
-- a cycle of two periods (SYNC left out): whoever answers twice in it answers late by whole cycles.
+- a cycle of two periods (SYNC left out): an encoder that answers twice in it is late by cycles.
 
 A single answer that is missing without any of these counts as lost.
 """

@@ -33,7 +33,7 @@ class WantedObject:
     name: str  # a few words
     value: int
     mask: int = ALL  # bits that count; the others are left as they are
-    optional: bool = False  # a node without this object is as wanted, too
+    optional: bool = False  # a node without this object is also as wanted
     hexadecimal: bool = False  # its value is usually written so
     of_device: bool = False  # the value belongs to the device: compared and never written
 
@@ -117,7 +117,7 @@ def wanted_objects(layout: EncoderLayout, node_id: int, synchronised: bool, peri
             WantedObject(*canopen.OPERATING_PARAMETERS, 2, 'scaling on (bit 2)',
                          canopen.SCALING_ON, canopen.SCALING_ON),
             WantedObject(*canopen.UNITS_PER_TURN, 4, 'units per turn', layout.counts_per_turn),
-            # Where a mask selects the turn, the position may count turns, too.
+            # Where a mask selects the turn, the position may also count turns.
             *([] if layout.mask else [WantedObject(
                 *canopen.TOTAL_RANGE, 4, 'total range', layout.counts_per_turn)]),
             WantedObject(*canopen.CYCLIC_TIMER, 2, 'cyclic timer, ms', timer,

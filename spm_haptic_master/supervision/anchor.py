@@ -43,7 +43,7 @@ class Anchor:
         self._origin: Quaternion[float] | None = None
 
     def restart(self) -> None:
-        """Have the next orientation selected as the first one; it may be the same solution."""
+        """Select the next orientation as the first one; it may be the same solution."""
         self.stamp = None
 
     def prior(self, stamp: int) -> Quaternion[float] | None:

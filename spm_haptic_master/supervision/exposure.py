@@ -76,7 +76,7 @@ class Exposure:
         return level
 
     def seen(self, sensor: int, stamp: int) -> bool:
-        """Whether the others have seen a sensor for a window, be the solution confirmed or not."""
+        """Whether the others have seen a sensor for a window, even of an unconfirmed solution."""
         return self._seen[sensor] == stamp
 
     def times(self, stamp: int) -> tuple[float, ...]:

@@ -202,7 +202,7 @@ class JointMonitor:
                             remainder(reading - last - velocity * dt, TURN), elapsed)
                 return
             if size > limit:
-                # It leaves its new motion, too: no joint moves like that.
+                # It also leaves its new motion: no joint moves like that.
                 self._known, self.step = 0, Step.CERTAIN
                 return
             if elapsed > FORGET_PERIODS * period:
@@ -261,7 +261,7 @@ class JointMonitor:
         return self.away < AWAY_SAMPLES and self._left is not None
 
     def _check_step(self, reading: float, velocity: float, elapsed: float) -> None:
-        """Compare the motion after a step with that before it: an impact goes on."""
+        """Compare the motion after a step with that before it: an impact continues."""
         first, began, step = self._step
         elapsed -= began
         change = remainder(reading - first - velocity * elapsed, TURN)

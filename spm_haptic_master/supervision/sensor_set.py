@@ -195,7 +195,7 @@ class SensorSet:
         return bounds
 
     def too_noisy(self, sample: Sample) -> Symptom | None:
-        """Return the sensor of which the noise alone is most beyond its part of the level."""
+        """Return the sensor whose noise alone exceeds its part of the level most."""
         estimate, sigma, factors = self.estimate, self.sensors.sigma, sample.factors
         if estimate is None or not self.entries or max(factors) <= 1.0:
             return None

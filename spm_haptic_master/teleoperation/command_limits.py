@@ -27,7 +27,7 @@ from spm_haptic_master.timing import SECOND
 
 # Share by which a target may exceed a limit and still be followed exactly (unit 1): rounding.
 ROUNDING = 1e-9
-# Longest time in which a twist ends, whatever the acceleration (s): nobody leads it any more.
+# Longest time in which a twist ends, whatever the acceleration (s): nobody leads it by then.
 FADE_LONGEST = 0.1
 # Largest deviation of a pose's squared norm from 1 (unit 1): a controller in single precision
 # passes, a quaternion of zeros or of other numbers does not.
