@@ -166,8 +166,8 @@ def extended(defaults: Mapping[str, object], settings: tuple[Setting, ...]) -> d
     for setting in settings:
         values = found.get(setting.name)
         if setting.per_sensor and setting.count and isinstance(values, list):
-            step = setting.name in COUNTING
+            further = range(1, setting.count - len(values) + 1)
             found[setting.name] = values + [
-                values[-1] + step * number if step else values[-1]
-                for number in range(1, setting.count - len(values) + 1)]
+                values[-1] + number if setting.name in COUNTING else values[-1]
+                for number in further]
     return found
