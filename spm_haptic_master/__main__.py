@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Start of every executable: what has to come before the libraries are imported.
+Start of every executable, before the libraries are imported: `python -m spm_haptic_master NAME`.
 
-`python -m spm_haptic_master NAME [--ros-args ...]` starts one by name. Each is a function of this
-module besides: `ros2 run spm_haptic_master master` calls `master`.
+Each is a function of this module besides: `ros2 run spm_haptic_master master` calls `master`.
 """
 
 from __future__ import annotations
@@ -36,11 +35,7 @@ REMEDIES = {
 
 
 def start(name: str, argv: list[str] | None = None) -> int:
-    """
-    Run one of EXECUTABLES and return its exit code.
-
-    `argv` begins with the name; by default it is the command line of this process.
-    """
+    """Run one of EXECUTABLES; return its exit code. `argv`, by default sys.argv, has the name."""
     # Until the executable installs its own handler, SIGINT ends it by default: a KeyboardInterrupt
     # can be lost during an import, or end it with a traceback. A shell ignores SIGINT for its
     # background jobs.

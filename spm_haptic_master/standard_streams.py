@@ -18,12 +18,7 @@ LINES_WAITING = 1000
 
 
 def keep_open() -> None:
-    """
-    Connect each closed standard stream to /dev/null.
-
-    Otherwise the next file or socket that the process opens takes its descriptor, and what is
-    printed goes there.
-    """
+    """Connect each closed standard stream to /dev/null, before a file takes its descriptor."""
     for descriptor in (STANDARD_INPUT, STANDARD_OUTPUT, STANDARD_ERROR):
         try:
             os.fstat(descriptor)
@@ -50,12 +45,7 @@ def write_all(descriptor: int, text: str) -> None:
 
 
 class LineWriter:
-    """
-    Writes lines to a descriptor from a thread of its own.
-
-    A reader that has stopped (a held terminal, a full pipe) delays only that thread, which waits
-    without the interpreter's lock.
-    """
+    """Writes lines from a thread of its own, which alone waits for a reader that has stopped."""
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor

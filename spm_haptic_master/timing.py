@@ -56,12 +56,7 @@ class LatencyMeter:
 
 
 class StampGrid:
-    """
-    Decides which samples are the next of a lower rate.
-
-    The stamps' jitter is not passed on: over many samples the rate is the one asked for (Hz; 0:
-    that of all samples, `sample_rate`).
-    """
+    """Decides which samples are the next of a lower `rate`, Hz (0: all), despite their jitter."""
 
     def __init__(self, rate: float, sample_rate: float) -> None:
         self._period = round(SECOND / rate) if 0.0 < rate < sample_rate else 0
@@ -98,11 +93,7 @@ class Periodic:
 
 
 class DeadlineGrid:
-    """
-    Deadlines one `period`, s, apart, on an absolute grid that starts at the first wait.
-
-    Lateness does not accumulate, and misses are counted.
-    """
+    """Deadlines one `period`, s, apart, on an absolute grid that starts at the first wait."""
 
     def __init__(self, period: float):
         self._period = period

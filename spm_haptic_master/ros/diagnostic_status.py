@@ -43,11 +43,7 @@ STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 
 
 class StatusPublisher:
-    """
-    Publishes the status 'NODE: ASPECT' and logs when an error or a warning begins and ends.
-
-    Nothing is logged without `logs`: where a warning is part of normal work.
-    """
+    """Publishes the status 'NODE: ASPECT'; logs where errors and warnings begin and end."""
 
     def __init__(self, node: Node, aspect: str, hardware_id: str, logs: bool = True) -> None:
         self._node = node

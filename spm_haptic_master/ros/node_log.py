@@ -4,10 +4,9 @@
 """
 The nodes' log: to the console, to /rosout and to ROS's log file, from a thread of its own.
 
-rclpy logs in the calling thread and holds the interpreter's lock meanwhile: where nobody reads
-stderr, the whole process would stop. A process of this package therefore starts rclpy without its
-console output, and a node only puts its lines into a queue. A line that comes again soon is
-counted; a count is printed before any newer line: the last line about a node is its present.
+rclpy logs in the calling thread and holds the interpreter's lock: where nobody reads stderr, the
+process would stop. Therefore rclpy starts without its console, and nodes put lines into a queue.
+Repeated lines are counted; a count is printed before any newer line, so that the last one is new.
 """
 
 from __future__ import annotations

@@ -4,9 +4,8 @@
 """
 Whether this machine is too busy: one rule, for every node.
 
-A task that is due every period and runs more than one period late has missed its deadline. The
-machine is too busy while the time lost in this way within the last second exceeds `LIMIT`. What
-appears meanwhile is a consequence and not a fault of the rig.
+A periodic task that runs more than one period late has lost that time. The machine is too busy
+while the time lost within a second exceeds `LIMIT`; symptoms meanwhile are not faults of the rig.
 """
 
 from __future__ import annotations
@@ -23,24 +22,17 @@ SPAN = 1.0
 LIMIT = 0.05
 # Part of that limit below which the machine is no longer too busy.
 LEAVE = 0.5
-# Time after the first run of a task in which nothing counts (s): a process that starts is busy
-# with itself.
+# Time after the first run of a task in which nothing counts (s): the process starts.
 START = 1.0
-# Longest time for which the overload explains a symptom (s), without the time lost: a longer
-# symptom has a second reason. Heartbeats return within a second.
+# Longest time for which the overload explains a symptom (s), without the time lost: heartbeats
+# return within a second.
 EXPLAINED = 1.0
-# Steps above a power of ten in which lost time is reported: each other figure would be a line of
-# the log.
+# Steps of reported times above a power of ten.
 STEPS = (5, 2)
 
 
 class Overload:
-    """
-    The time that a process lost because it did not run when it was due.
-
-    `period` is that of the task that calls `tick`, s; `words` is the message with the time lost,
-    empty while the machine is not too busy.
-    """
+    """The time that a process lost because it did not run every `period`, s, when it was due."""
 
     def __init__(self, period: float) -> None:
         self._period = period
@@ -57,6 +49,7 @@ class Overload:
         self._known = ''
         # `_ran` when the symptom that it explains appeared; None without one.
         self._since: float | None = None
+        # Message with the time lost; empty while the machine is not too busy.
         self.words = ''
 
     def tick(self, now: float, elsewhere: float = 0.0, reported: str = '') -> None:
@@ -85,10 +78,9 @@ class Overload:
 
     def explains(self, symptom: str) -> bool:
         """
-        Return whether a symptom, empty without one, follows from the overload.
+        Return whether a symptom (empty: none) follows from the overload: new, and soon over.
 
-        It does if it was not there before, and not for longer than `EXPLAINED`. Call it after
-        each `tick`.
+        Call it after each `tick`.
         """
         if not self.words:
             self._known, self._since = symptom, None
@@ -101,7 +93,7 @@ class Overload:
 
 
 def more_than(seconds: float) -> str:
-    """Return a time above 0, s, in steps and in words, such as 'more than 0.2 s'."""
+    """Return a time above 0, s, in words and in steps: each other figure would be logged."""
     power = 10.0 ** floor(log10(seconds))
     step = next((step for step in STEPS if seconds >= step * power), 1)
     return f'more than {step * power:g} s'
