@@ -20,13 +20,12 @@ from spm_haptic_master.standard_streams import keep_open
 
 # Module of rclpy that the nodes need, and the first version of rclpy for ROS 2 Jazzy with it.
 EVENTS_EXECUTOR, RCLPY_MINIMUM = 'rclpy.experimental', '7.1.4'
-# Modules of ROS 2 that the nodes import.
-ROS = ('rclpy', 'diagnostic_msgs', 'geometry_msgs', 'rcl_interfaces', 'sensor_msgs', 'std_msgs')
-# Remedy where one of them is missing.
-ROS_REMEDY = ('source /opt/ros/jazzy/setup.bash (sudo apt install ros-jazzy-ros-base); without '
-              "ROS 2, in a virtual environment: pip install '.[ros]'")
-# Remedy for each other missing module.
+# Remedies for missing modules.
 REMEDIES = {
+    **dict.fromkeys(
+        ('rclpy', 'diagnostic_msgs', 'geometry_msgs', 'rcl_interfaces', 'sensor_msgs', 'std_msgs'),
+        'source /opt/ros/jazzy/setup.bash (sudo apt install ros-jazzy-ros-base); without ROS 2, '
+        "in a virtual environment: pip install '.[ros]'"),
     'can': 'sudo apt install python3-can',
     'numpy': 'sudo apt install python3-numpy',
     'viser': "in a virtual environment, pip install '.[view]'",
@@ -68,7 +67,7 @@ def _remedy(error: ImportError) -> str | None:
             version = 'of an unknown version'
         return (f'rclpy {version} is too old: {RCLPY_MINIMUM} or newer is needed; '
                 'sudo apt update && sudo apt install ros-jazzy-rclpy')
-    remedy = ROS_REMEDY if package in ROS else REMEDIES.get(package)
+    remedy = REMEDIES.get(package)
     return remedy and f'the Python module {package} is missing: {remedy}'
 
 

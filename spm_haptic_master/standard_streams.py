@@ -11,7 +11,6 @@ import os
 import sys
 import threading
 
-# File descriptors of standard input, output and error.
 STANDARD_INPUT, STANDARD_OUTPUT, STANDARD_ERROR = 0, 1, 2
 # Lines that wait for a reader: an evening of a rig's log. Later ones are lost, and counted.
 LINES_WAITING = 1000
@@ -52,7 +51,6 @@ class LineWriter:
         self._lines: deque[str] = deque()
         self._lost = 0
         self._changed = threading.Condition()
-        # Whether a line is being written.
         self._writing = False
         threading.Thread(target=self._run, name='lines', daemon=True).start()
 

@@ -39,7 +39,6 @@ class LatencyMeter:
 
     def __init__(self) -> None:
         self._values = [0] * WINDOW
-        # Latencies added.
         self.count = 0
 
     def add(self, latency: int) -> None:

@@ -55,12 +55,11 @@ def test_every_page_is_in_the_index():
 def test_generated_texts_are_current(monkeypatch):
     """And README keeps to its length."""
     monkeypatch.syspath_prepend(str(ROOT))
-    from docs import generate_executables, generate_parameters, generate_refusals
+    from docs import generate_executables, generate_refusals
 
     readme = text_of(generate_executables.README)
     assert generate_executables.table() in readme, 'run `make docs`'
     assert generate_refusals.page() == text_of(generate_refusals.PAGE), 'run `make docs`'
-    assert generate_parameters.page() == text_of(generate_parameters.OUTPUT), 'run `make docs`'
     assert len(readme.splitlines()) <= README_LINES
 
 

@@ -76,7 +76,6 @@ TABLE_SETTINGS = tuple(
     for joint in ALL_JOINT_NAMES)
 HARMONIC_SETTINGS = (*FIRST_HARMONIC_SETTINGS, *TABLE_SETTINGS)
 
-# Whether a calibration has verified the directions, and whether that is required.
 VERIFIED_SETTING = _each(
     'encoders.direction_verified', bool, 'whether a calibration has verified the direction')
 ACCEPT_SETTING = Setting(
@@ -108,7 +107,6 @@ DECODER_SETTINGS = (
             minimum=0.0, maximum=1.0),
 )
 
-# Settings of the bus, without encoders.
 BUS_SETTINGS = (
     Setting('can.interface', str, "python-can interface, 'socketcan' on a rig"),
     Setting('can.channel', str, "channel of that interface, such as 'can0'"),
@@ -116,7 +114,6 @@ BUS_SETTINGS = (
             'to check the bus load; 0: unknown', minimum=0, maximum=1000000),
 )
 
-# Settings of the source `can`.
 CAN_SETTINGS = (
     *BUS_SETTINGS,
     Setting('can.sync', str, 'consume: another master produces SYNC; produce: this driver '
@@ -127,14 +124,12 @@ CAN_SETTINGS = (
     *DECODER_SETTINGS,
 )
 
-# What a calibration measures of the encoders.
 MEASURED_SETTINGS = (*HARMONIC_SETTINGS, VERIFIED_SETTING, *(
     setting for setting in LAYOUT_SETTINGS
     if setting.name in ('encoders.direction', 'encoders.zero_count')))
 
 # Formats of a log that python-can reads.
 LOG_FORMATS = '.log, .asc, .blf, .csv, .trc, each also with .gz'
-# Settings of the source `replay`.
 REPLAY_SETTINGS = (
     Setting('replay.path', str, f'log file ({LOG_FORMATS})', blank=True),
     Setting('replay.rate', float, 'pace against the recorded one', minimum=0.01, maximum=100.0),

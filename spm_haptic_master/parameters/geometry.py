@@ -17,7 +17,6 @@ from spm_haptic_master.kinematics.rotations import zxz_quaternion
 from spm_haptic_master.kinematics.workspace import workspace_pose
 from spm_haptic_master.parameters.setting import Setting, Values
 
-# Settings of a nominal mechanism.
 NOMINAL_SETTINGS = tuple(
     Setting(f'geometry.{name}_deg', float, f'{part}, deg',
             default=degrees(getattr(PAPER_GEOMETRY, name)), minimum=0.1, maximum=179.9)
@@ -26,7 +25,6 @@ NOMINAL_SETTINGS = tuple(
         ('beta', 'angle of the distal link'),
         ('gamma', 'angle between the platform axis and each Z3k')))
 
-# Nominal base axes, x y z of each (unit 1).
 NOMINAL_BASE = tuple(component for axis in NOMINAL_BASE_AXES for component in axis)
 # Settings of the mechanism as built; without them it is nominal.
 BUILT_SETTINGS = (
@@ -67,9 +65,9 @@ def geometry_from(values: Values) -> Geometry:
     geometry = _built(values)
     if gap := _gap(geometry):
         given = [each for each in GEOMETRY_SETTINGS if values[each.name] != each.default]
-        # The first setting with whose default the mechanism could be assembled.
+        # The first setting whose default would let it be assembled, or else the last one.
         name = next((each.name for each in given if not _gap(
-            _built({**values, each.name: each.default}))), given[0].name)
+            _built({**values, each.name: each.default}))), given[-1].name)
         value = values[name]
         raise SettingError(
             name, list(value) if isinstance(value, tuple) else value,

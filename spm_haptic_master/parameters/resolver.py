@@ -111,18 +111,10 @@ def _check_files(name: str, sections: Sequence[Section]) -> None:
         return
     for (first, one), (second, other) in pairwise(by_origin.items()):
         if one != other:
-            shown = _in_hex if name.endswith('id') else str
             raise InputError(
-                f'{name} is {shown(one)} in {first} and {shown(other)} in {second}; expected the '
-                'same: a calibration holds for the bus and the encoders that it was measured with '
-                '(undo the change, or calibrate again)')
-
-
-def _in_hex(value: object) -> str:
-    """Return identifiers as they stand in the files of the package."""
-    if isinstance(value, list):
-        return f'[{", ".join(map(_in_hex, value))}]'
-    return f'{value:#x}' if isinstance(value, int) else str(value)
+                f'{name} is {one} in {first} and {other} in {second}; expected the same: a '
+                'calibration holds for the bus and the encoders that it was measured with (undo '
+                'the change, or calibrate again)')
 
 
 def _check_other(section: Section) -> None:

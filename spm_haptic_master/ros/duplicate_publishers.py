@@ -17,7 +17,6 @@ from spm_haptic_master.ros import node_log
 from spm_haptic_master.ros.diagnostic_status import RIVALS_PERIOD
 from spm_haptic_master.timing import Periodic
 
-# What to do about a second publisher.
 CURE = 'end one of them, or start it with another ROS_DOMAIN_ID or in another namespace'
 # Rounds of the search for others, and their period (s): others announce themselves every 0.25 s
 # (config/fastdds.xml). On a busy machine rounds take longer, as announcements do.

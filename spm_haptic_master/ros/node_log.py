@@ -29,7 +29,6 @@ from spm_haptic_master.standard_streams import LineWriter, STANDARD_ERROR
 
 # Lines in the queue, minutes of a node in trouble; later ones are lost.
 QUEUE_LENGTH = 1000
-# ROS arguments that switch the console on and off.
 CONSOLE, NO_CONSOLE = '--enable-stdout-logs', '--disable-stdout-logs'
 # Colours of a line on a terminal (ECMA-48), as rcutils has them.
 COLOURS = {LoggingSeverity.WARN: '\x1b[33m', LoggingSeverity.ERROR: '\x1b[31m'}
@@ -40,8 +39,7 @@ REPEAT_PERIOD = 10.0
 # what changes faster is summed up.
 QUIET = 1.0
 
-# Severity and text.
-Line = tuple[int, str]
+Line = tuple[int, str]  # severity, text
 
 
 class Sink(Protocol):
@@ -111,7 +109,6 @@ class NodeLog:
         self._displays = [] if sink is None else [sink]
         self._coloured = is_coloured(STANDARD_ERROR)
         self._queue: Queue[tuple[RcutilsLogger, Line] | None] = Queue(QUEUE_LENGTH)
-        # The lines of each node, by its logger.
         self._nodes: defaultdict[RcutilsLogger, RepeatedLines] = defaultdict(RepeatedLines)
         self._thread = threading.Thread(target=self._run, name='log', daemon=True)
         self._thread.start()
@@ -180,8 +177,7 @@ def write(logger: RcutilsLogger, severity: LoggingSeverity, text: str) -> None:
         logger.info(text)
 
 
-# Log of this process; None before `begin` and after `end`.
-_log: NodeLog | None = None
+_log: NodeLog | None = None  # of this process, between `begin` and `end`
 
 
 def begin(args: Sequence[str]) -> None:
@@ -207,7 +203,7 @@ def end(timeout: float) -> None:
 
 
 def is_coloured(descriptor: int) -> bool:
-    """Return whether what is written to a descriptor may have colours (no-color.org, rcutils)."""
+    """Return whether output to a descriptor may have colours (no-color.org, rcutils)."""
     wanted = os.environ.get('RCUTILS_COLORIZED_OUTPUT')
     if os.environ.get('NO_COLOR') or wanted == '0':
         return False

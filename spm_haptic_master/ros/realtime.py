@@ -100,22 +100,19 @@ def _set_slice(seconds: float, warn: Callable[[str], object]) -> None:
         return
     if seconds < SHORTEST:
         raise SettingError(SLICE.name, seconds, f'0, or {SHORTEST:g} to {SLICE.maximum:g}')
-    reason = ''
-    # A process that was started with less priority is not to preempt others.
-    if os.getpriority(os.PRIO_PROCESS, 0) > 0:
-        reason = 'the process has less priority (nice)'
-    elif os.sched_getscheduler(0) != os.SCHED_OTHER:
-        reason = 'the process is not under SCHED_OTHER'
-    else:
-        length = round(1e9 * seconds)
-        try:
-            _for_each_thread(lambda thread: _set_thread_slice(thread, length))
-            if round(1e9 * time_slice(0)) != length:
-                reason = 'Linux before 6.12 has none'
-        except OSError as error:
-            reason = error.strerror or str(error)
-    if reason and seconds != SLICE.default:
-        warn(f'realtime.slice {seconds:g} not set: {reason}')
+    length = round(1e9 * seconds)
+    try:
+        # A process that was started with less priority is not to preempt others.
+        if os.getpriority(os.PRIO_PROCESS, 0) > 0:
+            raise OSError('the process has less priority (nice)')
+        if os.sched_getscheduler(0) != os.SCHED_OTHER:
+            raise OSError('the process is not under SCHED_OTHER')
+        _for_each_thread(lambda thread: _set_thread_slice(thread, length))
+        if round(1e9 * time_slice(0)) != length:
+            raise OSError('Linux before 6.12 has none')
+    except OSError as error:
+        if seconds != SLICE.default:
+            warn(f'realtime.slice {seconds:g} not set: {error.strerror or error}')
 
 
 def _for_each_thread(action: Callable[[int], None]) -> None:

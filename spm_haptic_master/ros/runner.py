@@ -40,7 +40,6 @@ LOG_TIMEOUT = 0.5
 END_TIMEOUT = 5.0
 # Time for printing them (s). Then the kernel ends the process, whether stderr is read or not.
 PRINT_TIMEOUT = 1.0
-# Signals that end a process.
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 # Makes, adds and returns a node of a class, from the parameters of the process and its arguments.
