@@ -107,7 +107,7 @@ def _gap(geometry: Geometry) -> str:
         cosine = float(CENTRE @ geometry.platform_axes[leg] @ geometry.base_axes[leg])
         apart = acos(max(-1.0, min(1.0, cosine)))
         least, most = abs(alpha - beta), min(alpha + beta, tau - alpha - beta)
-        if not least <= apart <= most:
+        if apart < least or apart > most:
             return (f'Z1{name} and Z3{name} are {degrees(apart):.2f} deg apart, and links of '
                     f'{degrees(alpha):g} and {degrees(beta):g} deg span {degrees(least):.2f} to '
                     f'{degrees(most):.2f} deg')

@@ -57,10 +57,6 @@ def test_what_is_not_given_is_nominal():
 
 
 @pytest.mark.parametrize(('given', 'expected'), [
-    ({'geometry__base_axes': [0.0, 0.0, 1.0]}, "'geometry.base_axes' .* a list of 9"),
-    ({'geometry__proximal_deg': [39.3, 39.3]}, "'geometry.proximal_deg' .* a list of 3"),
-    ({'geometry__proximal_deg': [39.3, 39.3, 180.0]}, "'geometry.proximal_deg' .* to 179.9"),
-    ({'geometry__distal_deg': [34.1, float('nan'), 34.1]}, "'geometry.distal_deg' .*nan"),
     ({'geometry__base_axes': [*NOMINAL_BASE[:8], 1.0]},
      r"'geometry.base_axes' .* row 2 = \[0.0, 1.0, 1.0\] has length 1.41421356"),
     ({'geometry__platform_axes': [0.0, 0.1, 0.99, *NOMINAL_BASE[3:]]},
@@ -81,6 +77,11 @@ def test_what_is_not_given_is_nominal():
      "'geometry.platform_axes' .* Z1B and Z3B are 135.00 deg apart"),
     ({'geometry__base_axes': [0, 0, 1, 0.8, -0.6, 0, 0, 0.28, -0.96]},
      "'geometry.base_axes' .* assembled"),
+    # Of several: the one without which it could be assembled, or else the last.
+    ({'geometry__gamma_deg': 155.0, 'geometry__proximal_deg': [34.1, 39.3, 39.3]},
+     "'geometry.gamma_deg' is 155.0"),
+    ({'geometry__alpha_deg': 20.0, 'geometry__distal_deg': [34.1, 2.0, 80.0]},
+     r"'geometry.distal_deg' is \[34.1, 2.0, 80.0\]; .* Z1B and Z3B .* 20 and 2 deg"),
 ])
 def test_what_is_no_mechanism_is_refused(given, expected):
     with pytest.raises(SettingError, match=expected) as error:

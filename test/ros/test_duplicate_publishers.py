@@ -44,8 +44,11 @@ def search(monkeypatch):
 @pytest.mark.parametrize(('named_after', 'printed'), [
     (0.25, ['/fkm']), (1.0, ['a node without a name', '/fkm'])])
 def test_a_node_whose_name_comes_late_is_named(search, named_after, printed):
+    looks = []
     with pytest.raises(RivalError, match='/orientation is published by /fkm already'):
-        search(lambda passed: ('/fkm' if passed > named_after else NO_NAME,))
+        search(lambda passed: looks.append(passed) or (
+            '/fkm' if passed > named_after else NO_NAME,))
+    assert looks[-1] == pytest.approx(25.0, abs=0.1)
     assert search.lines == [
         f'nothing published: /orientation is published by {name}' for name in printed]
 
