@@ -99,7 +99,7 @@ def read_sections(path: str | Path) -> list[Section]:
     tree = _compose(str(path), text)
     if not isinstance(tree, yaml.MappingNode):
         raise InputError(f'{path}: not a ROS parameter file (NODE: {PARAMETERS}: ...)')
-    sections = list(_sections(str(path), '', tree))
+    sections = list(_sections(str(path), '', _entries(str(path), tree)))
     for name, count in Counter(section.nodes for section in sections).items():
         if count > 1:
             raise InputError(f'{path}: section {name} is given twice')
@@ -158,19 +158,18 @@ def _syntax(origin: str, text: str, line: int, problem: str) -> str:
     return f'{origin}:{line + 1}: not valid YAML: {problem}'
 
 
-def _sections(path: str, prefix: str, tree: yaml.Node) -> Iterator[Section]:
+def _sections(path: str, prefix: str, tree: dict[str, yaml.Node]) -> Iterator[Section]:
     """Yield the sections of a file; names may be nested, a namespace above its nodes."""
-    for name, node in _entries(path, tree):
+    for name, node in tree.items():
         nodes = _absolute(path, name, prefix)
-        entries = dict(_entries(path, node, f'section {nodes} has no {PARAMETERS}'))
+        entries = _entries(path, node, f'section {nodes} has no {PARAMETERS}')
         parameters = entries.pop(PARAMETERS, None)
         if parameters is not None:
             _entries(path, parameters, f'section {nodes}: {PARAMETERS} has no parameters')
             yield _section(path, nodes, '', parameters)
         elif not entries:
             raise InputError(f'{path}: section {nodes} has no {PARAMETERS}')
-        node.value = [pair for pair in node.value if pair[0].value != PARAMETERS]
-        yield from _sections(path, nodes, node)
+        yield from _sections(path, nodes, entries)
 
 
 def _section(origin: str, nodes: str, name: str, tree: yaml.Node) -> Section:
@@ -191,7 +190,7 @@ def _absolute(origin: str, name: str, prefix: str = '') -> str:
     return nodes
 
 
-def _entries(origin: str, tree: yaml.Node, missing: str = '') -> list[tuple[str, yaml.Node]]:
+def _entries(origin: str, tree: yaml.Node, missing: str = '') -> dict[str, yaml.Node]:
     """Return keys and nodes of a mapping; InputError for a key given twice, or for no mapping."""
     if not isinstance(tree, yaml.MappingNode):
         text = tree.value if isinstance(tree, yaml.ScalarNode) else ''
@@ -207,13 +206,13 @@ def _entries(origin: str, tree: yaml.Node, missing: str = '') -> list[tuple[str,
         if key.value in entries:
             raise InputError(f"{place}: key '{key.value}' is given twice")
         entries[key.value] = node
-    return list(entries.items())
+    return entries
 
 
 def _parameters(origin: str, name: str, node: yaml.Node) -> Iterator[tuple[str, object]]:
     """Yield dotted names and values of a node of the tree."""
     if isinstance(node, yaml.MappingNode):
-        for key, inner in _entries(origin, node):
+        for key, inner in _entries(origin, node).items():
             yield from _parameters(origin, f'{name}.{key}' if name else key, inner)
         return
     line = '' if origin.startswith(ARGUMENT) else f':{node.start_mark.line + 1}'

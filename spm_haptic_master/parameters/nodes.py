@@ -192,7 +192,6 @@ VIEW_SETTINGS = (
             minimum=0),
 )
 
-# Settings of the drives of the motors; values of a list for several of them.
 EACH = 'one value for all drives, or one for each'
 DRIVE_SETTINGS = (
     Setting('drives.interface', str, 'python-can interface of the drives', default='socketcan'),
@@ -243,7 +242,6 @@ ROS_SETTINGS = (
     Setting('start_type_description_service', bool, 'whether the node describes its types'),
 )
 
-# All settings of the encoder driver, of whatever source.
 DRIVER_SETTINGS = (SOURCE_SETTING, *{
     setting.name: setting for source in SOURCE_SETTINGS.values() for setting in source}.values())
 # Settings of each node, beside those of its process.

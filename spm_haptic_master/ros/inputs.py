@@ -96,11 +96,7 @@ class _Input:
 
 
 class SampledTopic(Generic[MessageType]):
-    """
-    A topic of which the newest message is taken when it is needed, and no other one costs time.
-
-    Its node is in no executor; it is not subscribed to until that is asked for.
-    """
+    """The newest message of a topic, taken on demand: its node is in no executor."""
 
     def __init__(self, taker: Node, kind: type[MessageType], topic: str) -> None:
         self._taker, self._kind, self._topic = taker, kind, topic

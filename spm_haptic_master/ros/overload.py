@@ -77,11 +77,7 @@ class Overload:
             f'{TOO_BUSY}: this process was due and did not run for {more_than(self._most)}'
 
     def explains(self, symptom: str) -> bool:
-        """
-        Return whether a symptom (empty: none) follows from the overload: new, and soon over.
-
-        Call it after each `tick`.
-        """
+        """Return whether a symptom (empty: none) follows from the overload; call after `tick`."""
         if not self.words:
             self._known, self._since = symptom, None
             return False

@@ -64,11 +64,7 @@ def check_cpus(text: str) -> set[int]:
 
 
 def apply(node: Node, values: Values) -> None:
-    """
-    Set the process up by `REALTIME_SETTINGS`; `node` logs a warning where a privilege is missing.
-
-    Every existing thread gets slice, priority and cores; later threads inherit them.
-    """
+    """Set up this process and its threads; `node` warns where a privilege is missing."""
     warn = partial(node_log.warning, node)
     if values['realtime.cpus']:
         cores = check_cpus(values['realtime.cpus'])
