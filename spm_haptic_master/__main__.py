@@ -34,7 +34,7 @@ REMEDIES = {
 
 
 def start(name: str, argv: list[str] | None = None) -> int:
-    """Run one of EXECUTABLES; return its exit code. `argv`, by default sys.argv, has the name."""
+    """Run one of EXECUTABLES with `argv` (by default sys.argv); return its exit code."""
     # Until the executable installs its own handler, SIGINT ends it by default: a KeyboardInterrupt
     # can be lost during an import, or end it with a traceback. A shell ignores SIGINT for its
     # background jobs.

@@ -44,7 +44,7 @@ def write_all(descriptor: int, text: str) -> None:
 
 
 class LineWriter:
-    """Writes lines from a thread of its own, which alone waits for a reader that has stopped."""
+    """Writes lines in a thread of its own: only it waits for a reader that has stopped."""
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor

@@ -55,7 +55,7 @@ class LatencyMeter:
 
 
 class StampGrid:
-    """Decides which samples are the next of a lower `rate`, Hz (0: all), despite their jitter."""
+    """Selects samples at a lower `rate`, Hz (0: all), despite the jitter of their stamps."""
 
     def __init__(self, rate: float, sample_rate: float) -> None:
         self._period = round(SECOND / rate) if 0.0 < rate < sample_rate else 0

@@ -87,7 +87,7 @@ def _config(name: str) -> dict[str, object]:
 
 
 def read_sections(path: str | Path) -> list[Section]:
-    """Return the sections of a ROS parameter file in order; InputError where it is not clear."""
+    """Return the sections of a ROS parameter file in order; InputError for what can be misread."""
     try:
         with open(path, 'rb') as file:
             content = file.read(LARGEST_FILE + 1)

@@ -67,14 +67,14 @@ class Parameters:
                      if name == what and of_node in ('', node)), default)
 
     def of(self, node: str) -> dict[str, object]:
-        """Return the values given to a node (before remapping) by name; InputError if unclear."""
+        """Return what a node (before remapping) is given; InputError where two files disagree."""
         reaching = self._reaching([node])
         for name in sorted(BUS_AND_LAYOUT):
             _check_files(name, [section for section in reaching if name in section.values])
         return {name: value for section in reaching for name, value in section.values.items()}
 
     def check(self, nodes: Sequence[str], names: Collection[str]) -> None:
-        """Raise InputError for what has no effect on nodes (before remapping) with `names`."""
+        """Refuse what has no effect on `nodes` (before remapping) with parameters of `names`."""
         by_name = {self.full_name(node): node for node in nodes}
         reaching = self._reaching(nodes)
         for origin in dict.fromkeys(section.origin for section in self._sections):

@@ -4,7 +4,7 @@
 """
 How fast a process finds the others: the profile of Fast DDS in config/fastdds.xml.
 
-If its answer to a new process gets lost, that waits for the next announcement, 3 s by default.
+Where its answer to a new process is lost, that waits for an announcement, by default 3 s.
 """
 
 from __future__ import annotations

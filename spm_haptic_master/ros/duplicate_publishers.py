@@ -54,7 +54,7 @@ class Rivals:
 
 def wait_until_alone(topics: Mapping[str, str], is_ended: Callable[[], object]) -> None:
     """
-    Return once no other process publishes on `topics`: relative names, by the node to publish.
+    Return once no other process publishes on `topics` (relative names, by the name of a node).
 
     RivalError after `LONGEST_WAIT`; ExternalShutdownException where the process is to end.
     """

@@ -6,7 +6,7 @@ The nodes' log: to the console, to /rosout and to ROS's log file, from a thread 
 
 rclpy logs in the calling thread and holds the interpreter's lock: where nobody reads stderr, the
 process would stop. Therefore rclpy starts without its console, and nodes put lines into a queue.
-Repeated lines are counted; a count is printed before any newer line, so that the last one is new.
+Repeated lines are counted; counts are printed before any newer line: the last line is the present.
 """
 
 from __future__ import annotations
@@ -131,7 +131,7 @@ class NodeLog:
             self._queue.put(None, timeout=timeout)
         except Full:
             return
-        self._thread.join(max(0.0, end - time.monotonic()))
+        self._thread.join(end - time.monotonic())
         for display in self._displays:
             display.close(max(0.0, end - time.monotonic()))
 

@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections import deque
 from math import floor, inf, log10
 
-# Name of the overload, everywhere.
 TOO_BUSY = 'this machine is too busy'
 # Time for which lost time counts (s).
 SPAN = 1.0
@@ -32,7 +31,7 @@ STEPS = (5, 2)
 
 
 class Overload:
-    """The time that a process lost because it did not run every `period`, s, when it was due."""
+    """The time that a process lost because a task did not run every `period`, s."""
 
     def __init__(self, period: float) -> None:
         self._period = period

@@ -58,7 +58,7 @@ class ParameterNode(Node):
 
     def on_change(self, settings: tuple[Setting, ...],
                   apply: Callable[[dict[str, Any]], None]) -> None:
-        """Have live settings changed by `apply`, which gets new values or raises SettingError."""
+        """Let `apply` take new values of live settings; it refuses them by a SettingError."""
         by_name = {setting.name: setting for setting in settings}
 
         def check(parameters: list[Parameter]) -> SetParametersResult:

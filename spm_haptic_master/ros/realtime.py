@@ -39,7 +39,7 @@ ATTRIBUTES = struct.Struct('=IIQiIQQQ')
 
 
 def agreed(values: Sequence[Values]) -> dict[str, Any]:
-    """Return the settings of a process: values of nodes but for defaults; SettingError if two."""
+    """Return the settings of a process from its nodes; SettingError where two of them differ."""
     result: dict[str, Any] = {}
     for setting in REALTIME_SETTINGS:
         chosen = {each[setting.name] for each in values} - {setting.default}
