@@ -8,6 +8,7 @@ import os
 import signal
 
 import pytest
+import rclpy
 from rclpy.executors import ExternalShutdownException
 from spm_haptic_master.exceptions import InputError, SettingError, SourceEnded
 from spm_haptic_master.ros import node_log, realtime, runner
@@ -89,6 +90,8 @@ def printed(capfd):
 def test_a_process_ends_with_its_result(ends, applied, capfd, result, failure, code, out, err):
     found = run_once('-p', 'realtime.gc:=freeze', result=result, failure=failure)
     assert found == (code, ['made', 'started', 'destroyed'])
+    # The log has ended, and the process has left the DDS domain.
+    assert not rclpy.ok() and node_log._log is None
     assert printed(capfd) == [out, err]
     ((name, values),) = applied
     assert (name, values['realtime.gc']) == ('fkm', 'freeze')
