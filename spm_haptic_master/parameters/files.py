@@ -135,9 +135,9 @@ def _compose(origin: str, text: str) -> yaml.Node | None:
                     problem_mark=event.start_mark)
         return yaml.compose(text, yaml.SafeLoader)
     except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        raise InputError(_syntax(origin, text, mark.line if mark else 0, str(error.problem))
-                         ) from error
+        # A parser marks each of its errors.
+        line: int = error.problem_mark.line  # type: ignore[union-attr]
+        raise InputError(_syntax(origin, text, line, str(error.problem))) from error
     except (yaml.YAMLError, RecursionError, OverflowError, ValueError) as error:
         kind = 'nested too deeply' if isinstance(error, RecursionError) else 'no such character'
         reason = getattr(error, 'reason', kind)
