@@ -54,11 +54,11 @@ def start(name: str, argv: list[str] | None = None) -> int:
 
 
 def _remedy(error: ImportError) -> str | None:
-    """Return what is missing and where it comes from, None for a module of this package."""
+    """Return the missing module and its source, None for a module of this package."""
     missing = error.name or ''
     package = missing.partition('.')[0]
     if missing.startswith(EVENTS_EXECUTOR):
-        # Imported here: what comes before `start` may be interrupted with a traceback.
+        # Imported here: an interrupted import before `start` would print a traceback.
         from importlib import metadata
 
         try:

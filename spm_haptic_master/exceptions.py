@@ -11,7 +11,7 @@ class SpmError(Exception):
     """Root of the package's errors; the text quotes the wrong value and the expected one."""
 
     def __reduce__(self) -> tuple[type, tuple[object, ...]]:
-        """Return what rebuilds the error in another process: its attributes, or else its text."""
+        """Return type and arguments that rebuild the error in another process."""
         return type(self), tuple(vars(self).values()) or self.args
 
 

@@ -30,7 +30,7 @@ def keep_open() -> None:
 
 
 def discard(descriptor: int) -> None:
-    """Connect a stream that cannot be written to /dev/null, for what is still buffered."""
+    """Connect a stream that cannot be written to /dev/null, which takes the buffered rest."""
     null = os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, descriptor)
     os.close(null)

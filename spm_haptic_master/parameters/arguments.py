@@ -84,7 +84,7 @@ def finite(text: str) -> float:
 
 def node_command_line(name: str, description: str, nodes: Sequence[str],
                       args: Sequence[str]) -> tuple[list[str], Parameters]:
-    """Return what rclpy takes of a command line (program first), and the parameters."""
+    """Return the command line (program first) for rclpy, and the parameters of it."""
     settings = process_settings(name)
     parser = Parser(name, f'{description}\n\n{help_text(settings)}')
     parser.add_argument('-e', '--enclave', metavar='PATH', action='append', default=[],

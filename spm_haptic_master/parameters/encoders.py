@@ -25,11 +25,11 @@ def _each(*definition: Any, **limits: Any) -> Setting:
     return replace(Setting(*definition, **limits), count=4, per_sensor=True)
 
 
-# Scale of each encoder; the simulation has it, too.
+# Scale of each encoder, real or simulated.
 COUNTS_PER_TURN_SETTING = _each(
     'encoders.counts_per_turn', int, 'counts per turn', minimum=2, maximum=2**31)
 
-# What to do without a calibration.
+# Remedy where there is no calibration.
 CALIBRATE = ('the zero counts of your rig, which nothing but a calibration knows: run `ros2 run '
              'spm_haptic_master calibrate --motion -o calibration.yaml`, then give `--params-file '
              'calibration.yaml`')
@@ -82,7 +82,7 @@ ACCEPT_SETTING = Setting(
     'encoders.accept_unverified_directions', bool, 'publish angles although not every direction '
     'is verified, at WARN (otherwise the driver refuses to start)')
 
-# Settings of the decoder, the same on a bus and for a recording.
+# Settings of the decoder, on a bus and for a recording.
 DECODER_SETTINGS = (
     RATE_SETTING,
     SENSORS_SETTING,

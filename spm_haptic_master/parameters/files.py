@@ -32,7 +32,7 @@ FLOAT = re.compile(r'[-+]?((\d+\.\d*|\.\d+)([eE][-+]?\d+)?|\d+[eE][-+]?\d+|\.(in
                    r'|\.(nan|NaN|NAN)', re.ASCII)
 RCL_ONLY = re.compile(r'[-+]?(\d+|inf|infinity|nan|0x[\da-f.]+(p[-+]?\d+)?)|y|n',
                       re.ASCII | re.IGNORECASE)
-# What YAML can write into a text, but neither a terminal nor ROS can take.
+# Characters that YAML can write into a text, but neither a terminal nor ROS can take.
 NO_TEXT = re.compile('[\0\ud800-\udfff]')
 # A key with its value and no space between them.
 NO_SPACE = re.compile(r'\s*([\w./*]+:[^\s:/].*)')
@@ -87,7 +87,7 @@ def _config(name: str) -> dict[str, object]:
 
 
 def read_sections(path: str | Path) -> list[Section]:
-    """Return the sections of a ROS parameter file in order; InputError for what can be misread."""
+    """Return the sections of a ROS parameter file, in order; InputError where it is unclear."""
     try:
         with open(path, 'rb') as file:
             content = file.read(LARGEST_FILE + 1)
@@ -145,7 +145,7 @@ def _compose(origin: str, text: str) -> yaml.Node | None:
 
 
 def _syntax(origin: str, text: str, line: int, problem: str) -> str:
-    """Return what is wrong with a text in YAML, which a parser finds a line or more later."""
+    """Describe the error in a text in YAML, which a parser finds a line or more later."""
     lines = text.splitlines()[:line + 1]
     if origin.startswith(ARGUMENT):
         cure = '' if problem.endswith('expected a plain value') else '; expected a value in YAML'

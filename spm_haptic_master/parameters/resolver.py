@@ -34,9 +34,9 @@ from spm_haptic_master.parameters.setting import Setting
 DRIVER = 'encoder_driver'  # node whose parameters most tools take
 # Prefix of the names that ROS has for a node's QoS; no publisher or subscription here takes them.
 QOS_PREFIX = 'qos_overrides.'
-# What is wrong with an argument for another program or source.
+# Fault of an argument for another program or source.
 NO_EFFECT = 'no parameter of this program as it is started: it has no effect (--help lists them)'
-# Part of a name; a node, a namespace, a topic, and what is remapped, as ROS has them.
+# Part of a name; a node, a namespace, a topic, the left side of a remapping, as in ROS.
 PART = r'(?!\w*__)[A-Za-z_]\w*'
 NODE_NAME = re.compile(PART, re.ASCII)
 NAMESPACE = re.compile(f'/|(/{PART})+', re.ASCII)
@@ -67,14 +67,14 @@ class Parameters:
                      if name == what and of_node in ('', node)), default)
 
     def of(self, node: str) -> dict[str, object]:
-        """Return what a node (before remapping) is given; InputError where two files disagree."""
+        """Return the given values of a node (before remapping); InputError if files disagree."""
         reaching = self._reaching([node])
         for name in sorted(BUS_AND_LAYOUT):
             _check_files(name, [section for section in reaching if name in section.values])
         return {name: value for section in reaching for name, value in section.values.items()}
 
     def check(self, nodes: Sequence[str], names: Collection[str]) -> None:
-        """Refuse what has no effect on `nodes` (before remapping) with parameters of `names`."""
+        """Refuse entries without effect on `nodes` (before remapping), which have `names`."""
         by_name = {self.full_name(node): node for node in nodes}
         reaching = self._reaching(nodes)
         for origin in dict.fromkeys(section.origin for section in self._sections):

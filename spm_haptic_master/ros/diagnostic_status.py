@@ -66,8 +66,8 @@ class StatusPublisher:
         """
         Publish the status now, with `values` as its key/value pairs; log a change.
 
-        `subject` is what a change is recognised by, where the message has figures that run;
-        `logged` what the log has of it, where a caution comes and goes in normal work.
+        `subject` identifies a change where the message has running figures;
+        `logged` replaces it in the log where a caution comes and goes in normal work.
         """
         if self._logs:
             self._log(*(logged or (level, message)))

@@ -76,7 +76,7 @@ class _Input:
         return next(filter(None, map(self._mismatch, publishers)), '')
 
     def _mismatch(self, publisher: TopicEndpointInfo) -> str:
-        """Return what of a publisher keeps it unheard, or become best-effort for it."""
+        """Return why a publisher is not heard, or become best-effort for it."""
         expected = f'{self._kind.__module__.partition(".")[0]}/msg/{self._kind.__name__}'
         reason = ''
         if publisher.topic_type != expected:

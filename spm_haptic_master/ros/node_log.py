@@ -36,7 +36,7 @@ COLOUR_END = '\x1b[0m'
 # Time in which a line that comes again is counted and not repeated (s).
 REPEAT_PERIOD = 10.0
 # Time without a further line after which counts are printed if the present is among them (s):
-# what changes faster is summed up.
+# faster changes are summed up.
 QUIET = 1.0
 
 Line = tuple[int, str]  # severity, text
@@ -61,7 +61,7 @@ class RepeatedLines:
         self._printed: Line | None = None
 
     def take(self, line: Line, now: float) -> list[Line]:
-        """Take a line and return what is to be printed now, in this order."""
+        """Take a line and return the lines to print now, in order."""
         printed = self.due(now)
         if line in self._lines:
             since, count = self._lines.pop(line)
@@ -73,7 +73,7 @@ class RepeatedLines:
         return printed
 
     def due(self, now: float) -> list[Line]:
-        """Return what is to be printed now although no line has come."""
+        """Return the lines to print now although none has come."""
         printed = self.counts(now) if now >= self.due_at() else []
         self._lines = {line: (since, count) for line, (since, count) in self._lines.items()
                        if count or now - since < REPEAT_PERIOD}
@@ -125,7 +125,7 @@ class NodeLog:
             self._sink = display
 
     def close(self, timeout: float) -> None:
-        """Log what is in the queue and end, within about `timeout` s."""
+        """Log the queued lines and end, within about `timeout` s."""
         end = time.monotonic() + timeout
         try:
             self._queue.put(None, timeout=timeout)
@@ -195,7 +195,7 @@ def attach(display: Sink, takes_lines: bool) -> None:
 
 
 def end(timeout: float) -> None:
-    """Log what is waiting, within about `timeout` s; from now on nodes log by rclpy."""
+    """Log the queued lines, within about `timeout` s; from now on nodes log by rclpy."""
     global _log
     log, _log = _log, None
     if log is not None:

@@ -55,7 +55,7 @@ class Overload:
         """
         Take a run of the task at a time, s, on a clock that is never set.
 
-        `elsewhere` is what other tasks of this process have lost since the last run, s;
+        `elsewhere` is the time that other tasks of this process have lost since the last run, s;
         `reported` the words of another process of this machine that lost time.
         """
         if self._last is None:

@@ -34,7 +34,7 @@ class ParameterNode(Node):
     """A node with the values that the package has resolved; InputError as of `Parameters`."""
 
     def __init__(self, name: str, parameters: Parameters) -> None:
-        # What files and command line give this node `name` (before remapping), by name.
+        # Values from files and command line for this node (before remapping), by name.
         self.given = parameters.of(name)
         # Checked values of the parameters declared so far, by name.
         self.values: dict[str, Any] = {}
@@ -72,7 +72,7 @@ class ParameterNode(Node):
         self.add_on_set_parameters_callback(check)
 
     def clock_reader(self) -> Callable[[], int]:
-        """Return what reads the time now, ns; ask again now and then: use_sim_time may change."""
+        """Return a reader of the time, ns; ask again now and then: use_sim_time may change."""
         clock: Any = self.get_clock()
         return (lambda: int(clock.now().nanoseconds)) if clock.ros_time_is_active \
             else time.time_ns

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""From command line to exit code: every executable starts, spins and ends the same way."""
+"""From command line to exit code: how every executable starts, spins and ends."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ def run(name: str, compose: Callable[[Future, AddNode], object],
 def _clean_up(nodes: list[ParameterNode], executor: Executor | None) -> None:
     """Destroy the nodes, end the log and leave the DDS domain, whatever fails of it."""
     with ExitStack() as stack:
-        # What is registered last is done first: the driver, made last, calls the other nodes.
+        # The last step registered is done first: the driver, made last, calls the other nodes.
         stack.callback(rclpy.try_shutdown)
         if executor is not None:
             stack.callback(executor.shutdown)

@@ -34,7 +34,7 @@ def test_both_styles_are_one(args):
     assert parameters.full_name('fkm') == '/left/fkm'
 
 
-def test_all_but_parameters_is_passed_on(tmp_path):
+def test_ros_arguments_are_passed_on(tmp_path):
     path = tmp_path / 'rig.yaml'
     path.write_text('/**:\n  ros__parameters: {rate: 1.0}\n')
     passed = [*(word for text in (
@@ -74,7 +74,7 @@ def test_all_but_parameters_is_passed_on(tmp_path):
     (('-p', 'dexterity_wran:=1.0'), 'such as dexterity_warn'),
     (('-p', 'qos_overrides./x.depth:=1'), 'the QoS of this package is fixed'),
 ])
-def test_what_would_have_no_effect_is_refused(args, reason):
+def test_an_argument_without_effect_is_refused(args, reason):
     with pytest.raises(InputError, match=reason) as error:
         command_line(*args)
     assert '\n' not in str(error.value)

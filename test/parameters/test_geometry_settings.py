@@ -35,7 +35,7 @@ def test_without_values_it_is_the_nominal_mechanism_of_the_paper():
         == Geometry(np.radians(40.0), Geometry().beta, np.radians(20.0))
 
 
-def test_what_is_not_given_is_nominal():
+def test_missing_values_are_nominal():
     nominal = Geometry()
     found = geometry_from(values(geometry__proximal_deg=[39.0, 0.0, 39.5],
                                  geometry__beta_deg=35.0))
@@ -77,7 +77,7 @@ def test_what_is_not_given_is_nominal():
     ({'geometry__alpha_deg': 20.0, 'geometry__distal_deg': [34.1, 2.0, 80.0]},
      r"'geometry.distal_deg' is \[34.1, 2.0, 80.0\]; .* Z1B and Z3B .* 20 and 2 deg"),
 ])
-def test_what_is_no_mechanism_is_refused(given, expected):
+def test_values_that_form_no_mechanism_are_refused(given, expected):
     with pytest.raises(SettingError, match=expected) as error:
         geometry_from(values(**given))
     assert '\n' not in str(error.value)

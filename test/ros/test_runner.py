@@ -115,7 +115,7 @@ def test_a_signal_is_a_normal_end_and_begins_its_limit(ends, applied, number):
     assert begun[0] == BEGUN and ends == [*BEGUN, *LIFTED]
 
 
-def test_what_fails_is_one_line_and_leaves_nothing(applied, monkeypatch, capfd):
+def test_a_failure_is_one_line_and_leaves_no_node(applied, monkeypatch, capfd):
     events = []
 
     def refused(done, add):
