@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Start of every executable: what has to come before the libraries are imported.
+Start of every executable, before the libraries are imported: `python -m spm_haptic_master NAME`.
 
-`python -m spm_haptic_master NAME [--ros-args ...]` starts one by name. Each is a function of this
-module besides: `ros2 run spm_haptic_master master` calls `master`.
+Each is a function of this module besides: `ros2 run spm_haptic_master master` calls `master`.
 """
 
 from __future__ import annotations
@@ -21,13 +20,12 @@ from spm_haptic_master.standard_streams import keep_open
 
 # Module of rclpy that the nodes need, and the first version of rclpy for ROS 2 Jazzy with it.
 EVENTS_EXECUTOR, RCLPY_MINIMUM = 'rclpy.experimental', '7.1.4'
-# Modules of ROS 2 that the nodes import.
-ROS = ('rclpy', 'diagnostic_msgs', 'geometry_msgs', 'rcl_interfaces', 'sensor_msgs', 'std_msgs')
-# Remedy where one of them is missing.
-ROS_REMEDY = ('source /opt/ros/jazzy/setup.bash (sudo apt install ros-jazzy-ros-base); without '
-              "ROS 2, in a virtual environment: pip install '.[ros]'")
-# Remedy for each other missing module.
+# Remedies for missing modules.
 REMEDIES = {
+    **dict.fromkeys(
+        ('rclpy', 'diagnostic_msgs', 'geometry_msgs', 'rcl_interfaces', 'sensor_msgs', 'std_msgs'),
+        'source /opt/ros/jazzy/setup.bash (sudo apt install ros-jazzy-ros-base); without ROS 2, '
+        "in a virtual environment: pip install '.[ros]'"),
     'can': 'sudo apt install python3-can',
     'numpy': 'sudo apt install python3-numpy',
     'viser': "in a virtual environment, pip install '.[view]'",
@@ -36,11 +34,7 @@ REMEDIES = {
 
 
 def start(name: str, argv: list[str] | None = None) -> int:
-    """
-    Run one of EXECUTABLES and return its exit code.
-
-    `argv` begins with the name; by default it is the command line of this process.
-    """
+    """Run one of EXECUTABLES with `argv` (by default sys.argv); return its exit code."""
     # Until the executable installs its own handler, SIGINT ends it by default: a KeyboardInterrupt
     # can be lost during an import, or end it with a traceback. A shell ignores SIGINT for its
     # background jobs.
@@ -60,11 +54,11 @@ def start(name: str, argv: list[str] | None = None) -> int:
 
 
 def _remedy(error: ImportError) -> str | None:
-    """Return what is missing and where it comes from, None for a module of this package."""
+    """Return the missing module and its source, None for a module of this package."""
     missing = error.name or ''
     package = missing.partition('.')[0]
     if missing.startswith(EVENTS_EXECUTOR):
-        # Imported here: what comes before `start` may be interrupted with a traceback.
+        # Imported here: an interrupted import before `start` would print a traceback.
         from importlib import metadata
 
         try:
@@ -73,7 +67,7 @@ def _remedy(error: ImportError) -> str | None:
             version = 'of an unknown version'
         return (f'rclpy {version} is too old: {RCLPY_MINIMUM} or newer is needed; '
                 'sudo apt update && sudo apt install ros-jazzy-rclpy')
-    remedy = ROS_REMEDY if package in ROS else REMEDIES.get(package)
+    remedy = REMEDIES.get(package)
     return remedy and f'the Python module {package} is missing: {remedy}'
 
 

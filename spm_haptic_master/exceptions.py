@@ -10,6 +10,10 @@ LONGEST = 160
 class SpmError(Exception):
     """Root of the package's errors; the text quotes the wrong value and the expected one."""
 
+    def __reduce__(self) -> tuple[type, tuple[object, ...]]:
+        """Return type and arguments that rebuild the error in another process."""
+        return type(self), tuple(vars(self).values()) or self.args
+
 
 class InputError(SpmError, ValueError):
     """
@@ -58,10 +62,6 @@ class RejectedError(SpmError):
         self.reason = reason
         self.detail = detail
 
-    def __reduce__(self) -> tuple[type, tuple[str, str]]:
-        """Return what rebuilds the error in another process."""
-        return type(self), (self.reason, self.detail)
-
 
 class SettingError(InputError):
     """
@@ -84,10 +84,6 @@ class SettingError(InputError):
         self.name = name
         self.value = value
         self.expected = expected
-
-    def __reduce__(self) -> tuple[type, tuple[str, object, str]]:
-        """Return what rebuilds the error in another process."""
-        return type(self), (self.name, self.value, self.expected)
 
 
 class ReplayError(SpmError):

@@ -36,5 +36,5 @@ EXECUTABLES = {
 
 # Nodes that `master` runs in one process, and `composed:=false` in one process each.
 PIPELINE = ('encoder_driver', 'fkm', 'diagnostics')
-# Node that `master` runs, too, with the parameter teleop.run.
+# Node that `master` also runs if teleop.run is true.
 FOLLOWER = 'teleop'

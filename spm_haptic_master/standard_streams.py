@@ -11,19 +11,13 @@ import os
 import sys
 import threading
 
-# File descriptors of standard input, output and error.
 STANDARD_INPUT, STANDARD_OUTPUT, STANDARD_ERROR = 0, 1, 2
 # Lines that wait for a reader: an evening of a rig's log. Later ones are lost, and counted.
 LINES_WAITING = 1000
 
 
 def keep_open() -> None:
-    """
-    Connect each closed standard stream to /dev/null.
-
-    Otherwise the next file or socket that the process opens takes its descriptor, and what is
-    printed goes there.
-    """
+    """Connect each closed standard stream to /dev/null, before a file takes its descriptor."""
     for descriptor in (STANDARD_INPUT, STANDARD_OUTPUT, STANDARD_ERROR):
         try:
             os.fstat(descriptor)
@@ -36,7 +30,7 @@ def keep_open() -> None:
 
 
 def discard(descriptor: int) -> None:
-    """Connect a stream that cannot be written to /dev/null, for what is still buffered."""
+    """Connect a stream that cannot be written to /dev/null, which takes the buffered rest."""
     null = os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, descriptor)
     os.close(null)
@@ -50,19 +44,13 @@ def write_all(descriptor: int, text: str) -> None:
 
 
 class LineWriter:
-    """
-    Writes lines to a descriptor from a thread of its own.
-
-    A reader that has stopped (a held terminal, a full pipe) delays only that thread, which waits
-    without the interpreter's lock.
-    """
+    """Writes lines in a thread of its own: only it waits for a reader that has stopped."""
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
         self._lines: deque[str] = deque()
         self._lost = 0
         self._changed = threading.Condition()
-        # Whether a line is being written.
         self._writing = False
         threading.Thread(target=self._run, name='lines', daemon=True).start()
 

@@ -39,7 +39,6 @@ class LatencyMeter:
 
     def __init__(self) -> None:
         self._values = [0] * WINDOW
-        # Latencies added.
         self.count = 0
 
     def add(self, latency: int) -> None:
@@ -56,12 +55,7 @@ class LatencyMeter:
 
 
 class StampGrid:
-    """
-    Decides which samples are the next of a lower rate.
-
-    The stamps' jitter is not passed on: over many samples the rate is the one asked for (Hz; 0:
-    that of all samples, `sample_rate`).
-    """
+    """Selects samples at a lower `rate`, Hz (0: all), despite the jitter of their stamps."""
 
     def __init__(self, rate: float, sample_rate: float) -> None:
         self._period = round(SECOND / rate) if 0.0 < rate < sample_rate else 0
@@ -98,11 +92,7 @@ class Periodic:
 
 
 class DeadlineGrid:
-    """
-    Deadlines one `period`, s, apart, on an absolute grid that starts at the first wait.
-
-    Lateness does not accumulate, and misses are counted.
-    """
+    """Deadlines one `period`, s, apart, on an absolute grid that starts at the first wait."""
 
     def __init__(self, period: float):
         self._period = period

@@ -7,27 +7,23 @@ What the programs refuse at their start: the cases of test_refusals, and the tab
 Values outside the range of a parameter are refused as well; they are in docs/parameters.md.
 """
 
-from __future__ import annotations
-
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 from spm_haptic_master.benchmark.child_process import parameter_arguments
 from spm_haptic_master.parameters.files import simulated_rig
 
 
-@dataclass(frozen=True)
-class Refusal:
+class Refusal(NamedTuple):
     """One refusal."""
 
     program: str  # executable
-    arguments: Sequence[str]  # its command line, without the name, in the working directory
+    arguments: tuple  # its command line, without the name, in the working directory
     what: str  # parameter or argument, as in the table
     refused: str  # value that is refused, as in the table
     why: str  # reason, as in the table
-    words: Sequence[str]  # words of the line that the program ends with
-    files: Mapping[str, str] = field(default_factory=dict)  # content of files by name
+    words: tuple  # words of the line that the program ends with
+    files: dict = {}  # content of files by name  # noqa: RUF012
 
 
 SIM = {'source': 'sim'}
@@ -41,37 +37,32 @@ LOG = Path(__file__).with_name('data') / 'fig9_canopen.log.gz'
 REPLAY = {'source': 'replay', 'replay.path': LOG, **simulated_rig()}
 
 
-def argument(program: str, given: str, what: str, refused: str, why: str,
-             *words: str) -> Refusal:
+def argument(program, given, what, refused, why, *words):
     """Return the refusal of a command line of words without blanks."""
     return Refusal(program, given.split(), what, refused, why, words)
 
 
-def parameter(program: str, parameters: Mapping[str, object], what: str, refused: str, why: str,
-              *words: str) -> Refusal:
+def parameter(program, parameters, what, refused, why, *words):
     """Return the refusal of a parameter; the line names it."""
     return Refusal(program, parameter_arguments(parameters), what, refused, why,
                    (f"'{what}'", *words))
 
 
-def driver(what: str, value: object, refused: str, why: str, *words: str,
-           **others: object) -> Refusal:
+def driver(what, value, *texts, **others):
     """Return the refusal of a parameter of a driver on a bus; in names, __ stands for a dot."""
     given = {name.replace('__', '.'): value for name, value in others.items()}
-    return parameter('encoder_driver', {**CAN, **given, what: value}, what, refused, why, *words)
+    return parameter('encoder_driver', {**CAN, **given, what: value}, what, *texts)
 
 
-def of_file(program: str, content: str, refused: str, why: str, *words: str,
-            arguments: Sequence[str] = ()) -> Refusal:
+def of_file(program, content, refused, why, *words, arguments=()):
     """Return the refusal of a parameter file."""
     return Refusal(program, ('--params-file', 'rig.yaml', *arguments), '--params-file', refused,
                    why, ('rig.yaml', *words), {'rig.yaml': content})
 
 
-def option(program: str, name: str, value: str, why: str, *words: str,
-           output: str = 'a.yaml') -> Refusal:
+def option(program, name, value, why, *words):
     """Return the refusal of an option of a tool."""
-    needed = ('-o', output) if program == 'calibrate' and name != '-o' else ()
+    needed = ('-o', 'a.yaml') if program == 'calibrate' and name != '-o' else ()
     named = name.removeprefix('--') if name == '--fault' else name
     return Refusal(program, (*needed, name, *value.split()), name, value, why, (named, *words))
 

@@ -84,15 +84,11 @@ def finite(text: str) -> float:
 
 def node_command_line(name: str, description: str, nodes: Sequence[str],
                       args: Sequence[str]) -> tuple[list[str], Parameters]:
-    """
-    Return a node's command line as rclpy takes it, without parameters, and the parameters.
-
-    `args` begins with the program. InputError for an argument that ROS does not have, a file that
-    is no parameter file, or a part of either that would have no effect.
-    """
+    """Return the command line (program first) for rclpy, and the parameters of it."""
     settings = process_settings(name)
     parser = Parser(name, f'{description}\n\n{help_text(settings)}')
-    parser.add_argument('-e', '--enclave', metavar='PATH', help=OF_ROS)
+    parser.add_argument('-e', '--enclave', metavar='PATH', action='append', default=[],
+                        help=OF_ROS)
     for option in ('--log-level', '--log-config-file'):
         parser.add_argument(option, metavar='VALUE', action='append', default=[], help=OF_ROS)
     for flag in FLAGS:
@@ -105,12 +101,10 @@ def node_command_line(name: str, description: str, nodes: Sequence[str],
         if not LOG_LEVEL.fullmatch(level):
             raise InputError(f"--log-level '{level}'; expected debug, info, warn, error, fatal or "
                              'unset, or LOGGER:= and one of them')
-    passed = {'--remap': found.remap, '--log-level': found.log_level,
-              '--log-config-file': found.log_config_file,
-              '--enclave': [found.enclave] if found.enclave else []}
-    return [*args[:1], MARKERS[0], *(word for option, values in passed.items()
-                                     for value in values for word in (option, value)),
-            *found.flags], given
+    passed = [word for option in ('remap', 'log_level', 'log_config_file', 'enclave')
+              for value in getattr(found, option)
+              for word in (f'--{option.replace("_", "-")}', value)]
+    return [*args[:1], MARKERS[0], *passed, *found.flags], given
 
 
 def parameters_of(found: argparse.Namespace) -> Parameters:

@@ -25,11 +25,11 @@ def _each(*definition: Any, **limits: Any) -> Setting:
     return replace(Setting(*definition, **limits), count=4, per_sensor=True)
 
 
-# Scale of each encoder; the simulation has it, too.
+# Scale of each encoder, real or simulated.
 COUNTS_PER_TURN_SETTING = _each(
     'encoders.counts_per_turn', int, 'counts per turn', minimum=2, maximum=2**31)
 
-# What to do without a calibration.
+# Remedy where there is no calibration.
 CALIBRATE = ('the zero counts of your rig, which nothing but a calibration knows: run `ros2 run '
              'spm_haptic_master calibrate --motion -o calibration.yaml`, then give `--params-file '
              'calibration.yaml`')
@@ -76,14 +76,13 @@ TABLE_SETTINGS = tuple(
     for joint in ALL_JOINT_NAMES)
 HARMONIC_SETTINGS = (*FIRST_HARMONIC_SETTINGS, *TABLE_SETTINGS)
 
-# Whether a calibration has verified the directions, and whether that is required.
 VERIFIED_SETTING = _each(
     'encoders.direction_verified', bool, 'whether a calibration has verified the direction')
 ACCEPT_SETTING = Setting(
     'encoders.accept_unverified_directions', bool, 'publish angles although not every direction '
     'is verified, at WARN (otherwise the driver refuses to start)')
 
-# Settings of the decoder, the same on a bus and for a recording.
+# Settings of the decoder, on a bus and for a recording.
 DECODER_SETTINGS = (
     RATE_SETTING,
     SENSORS_SETTING,
@@ -108,7 +107,6 @@ DECODER_SETTINGS = (
             minimum=0.0, maximum=1.0),
 )
 
-# Settings of the bus, without encoders.
 BUS_SETTINGS = (
     Setting('can.interface', str, "python-can interface, 'socketcan' on a rig"),
     Setting('can.channel', str, "channel of that interface, such as 'can0'"),
@@ -116,7 +114,6 @@ BUS_SETTINGS = (
             'to check the bus load; 0: unknown', minimum=0, maximum=1000000),
 )
 
-# Settings of the source `can`.
 CAN_SETTINGS = (
     *BUS_SETTINGS,
     Setting('can.sync', str, 'consume: another master produces SYNC; produce: this driver '
@@ -127,14 +124,12 @@ CAN_SETTINGS = (
     *DECODER_SETTINGS,
 )
 
-# What a calibration measures of the encoders.
 MEASURED_SETTINGS = (*HARMONIC_SETTINGS, VERIFIED_SETTING, *(
     setting for setting in LAYOUT_SETTINGS
     if setting.name in ('encoders.direction', 'encoders.zero_count')))
 
 # Formats of a log that python-can reads.
 LOG_FORMATS = '.log, .asc, .blf, .csv, .trc, each also with .gz'
-# Settings of the source `replay`.
 REPLAY_SETTINGS = (
     Setting('replay.path', str, f'log file ({LOG_FORMATS})', blank=True),
     Setting('replay.rate', float, 'pace against the recorded one', minimum=0.01, maximum=100.0),
@@ -166,8 +161,8 @@ def extended(defaults: Mapping[str, object], settings: tuple[Setting, ...]) -> d
     for setting in settings:
         values = found.get(setting.name)
         if setting.per_sensor and setting.count and isinstance(values, list):
-            step = setting.name in COUNTING
+            further = range(1, setting.count - len(values) + 1)
             found[setting.name] = values + [
-                values[-1] + step * number if step else values[-1]
-                for number in range(1, setting.count - len(values) + 1)]
+                values[-1] + number if setting.name in COUNTING else values[-1]
+                for number in further]
     return found

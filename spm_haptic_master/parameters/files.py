@@ -20,6 +20,7 @@ import yaml
 
 PACKAGE = 'spm_haptic_master'
 PARAMETERS = 'ros__parameters'  # key below a node's name
+ARGUMENT = '-p '  # before an argument, where it is named as the origin of a value
 # Regular expressions of the wildcards in a node's name, as rcl has them.
 WILDCARDS = {'/**': r'(/\w+)*', '/*': r'/\w+'}
 LARGEST_FILE = 1 << 20  # bytes; a rig's has some 5,000
@@ -31,7 +32,7 @@ FLOAT = re.compile(r'[-+]?((\d+\.\d*|\.\d+)([eE][-+]?\d+)?|\d+[eE][-+]?\d+|\.(in
                    r'|\.(nan|NaN|NAN)', re.ASCII)
 RCL_ONLY = re.compile(r'[-+]?(\d+|inf|infinity|nan|0x[\da-f.]+(p[-+]?\d+)?)|y|n',
                       re.ASCII | re.IGNORECASE)
-# What YAML can write into a text, but neither a terminal nor ROS can take.
+# Characters that YAML can write into a text, but neither a terminal nor ROS can take.
 NO_TEXT = re.compile('[\0\ud800-\udfff]')
 # A key with its value and no space between them.
 NO_SPACE = re.compile(r'\s*([\w./*]+:[^\s:/].*)')
@@ -44,7 +45,11 @@ class Section:
     origin: str  # the file, or the argument, for error messages
     nodes: str  # name of the nodes, absolute, with wildcards
     values: dict[str, object]  # by dotted name
-    of_file: bool = True
+
+    @property
+    def is_argument(self) -> bool:
+        """Return whether it is from the command line."""
+        return self.origin.startswith(ARGUMENT)
 
     def reaches(self, node: str) -> bool:
         """Return whether a node, by its fully qualified name, takes the section."""
@@ -82,12 +87,7 @@ def _config(name: str) -> dict[str, object]:
 
 
 def read_sections(path: str | Path) -> list[Section]:
-    """
-    Return the sections of a ROS parameter file, in their order.
-
-    InputError with file, line and value: the file cannot be read, is not a parameter file, gives a
-    name twice, or has a value that can be read in two ways.
-    """
+    """Return the sections of a ROS parameter file, in order; InputError where it is unclear."""
     try:
         with open(path, 'rb') as file:
             content = file.read(LARGEST_FILE + 1)
@@ -99,7 +99,7 @@ def read_sections(path: str | Path) -> list[Section]:
     tree = _compose(str(path), text)
     if not isinstance(tree, yaml.MappingNode):
         raise InputError(f'{path}: not a ROS parameter file (NODE: {PARAMETERS}: ...)')
-    sections = list(_sections(str(path), '', tree))
+    sections = list(_sections(str(path), '', _entries(str(path), tree)))
     for name, count in Counter(section.nodes for section in sections).items():
         if count > 1:
             raise InputError(f'{path}: section {name} is given twice')
@@ -112,43 +112,32 @@ def argument_section(text: str) -> Section:
     node, _, name = name.rpartition(':')
     if not separator or not name:
         raise InputError(f"-p '{text}'; expected NAME:=VALUE")
-    origin = f'-p {text}'
+    origin = f'{ARGUMENT}{text}'
     tree = _compose(origin, value)
     if tree is None:
         raise InputError(f"{origin}: {name} has no value; expected one, or '' for an empty text")
-    return _section(origin, _absolute(origin, node or '**'), name, tree, False)
-
-
-class _Composer(yaml.SafeLoader):
-    """A reader of plain YAML: what rcl does not know is an error."""
-
-    def compose_node(self, parent: Any, index: Any) -> Any:
-        """Return the next node."""
-        event = self.peek_event()
-        if isinstance(event, yaml.AliasEvent) or event.anchor is not None \
-                or getattr(event, 'tag', None) is not None:
-            raise yaml.composer.ComposerError(
-                None, None, 'an anchor (&), an alias (*) or a tag (!); expected a plain value',
-                event.start_mark)
-        return super().compose_node(parent, index)
-
-    def compose_scalar_node(self, anchor: Any) -> yaml.ScalarNode:
-        """Return the next key or single value."""
-        node = super().compose_scalar_node(anchor)
-        if NO_TEXT.search(node.value):
-            raise yaml.composer.ComposerError(
-                None, None, f'{ascii(node.value)} has a NUL or half a character', node.start_mark)
-        return node
+    return _section(origin, _absolute(origin, node or '**'), name, tree)
 
 
 def _compose(origin: str, text: str) -> yaml.Node | None:
-    """Return the tree of a text in YAML, None for an empty one."""
+    """Return the tree of a text in YAML, None for an empty one; InputError as `read_sections`."""
+    event: Any
     try:
-        return yaml.compose(text, _Composer)
+        for event in yaml.parse(text, yaml.SafeLoader):
+            if getattr(event, 'anchor', None) is not None \
+                    or getattr(event, 'tag', None) is not None:
+                raise yaml.MarkedYAMLError(
+                    problem='an anchor (&), an alias (*) or a tag (!); expected a plain value',
+                    problem_mark=event.start_mark)
+            if NO_TEXT.search(getattr(event, 'value', '')):
+                raise yaml.MarkedYAMLError(
+                    problem=f'{ascii(event.value)} has a NUL or half a character',
+                    problem_mark=event.start_mark)
+        return yaml.compose(text, yaml.SafeLoader)
     except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        raise InputError(_syntax(origin, text, mark.line if mark else 0, str(error.problem))
-                         ) from error
+        # A parser marks each of its errors.
+        line: int = error.problem_mark.line  # type: ignore[union-attr]
+        raise InputError(_syntax(origin, text, line, str(error.problem))) from error
     except (yaml.YAMLError, RecursionError, OverflowError, ValueError) as error:
         kind = 'nested too deeply' if isinstance(error, RecursionError) else 'no such character'
         reason = getattr(error, 'reason', kind)
@@ -156,9 +145,9 @@ def _compose(origin: str, text: str) -> yaml.Node | None:
 
 
 def _syntax(origin: str, text: str, line: int, problem: str) -> str:
-    """Return what is wrong with a text in YAML, which a parser finds a line or more later."""
+    """Describe the error in a text in YAML, which a parser finds a line or more later."""
     lines = text.splitlines()[:line + 1]
-    if origin.startswith('-p '):
+    if origin.startswith(ARGUMENT):
         cure = '' if problem.endswith('expected a plain value') else '; expected a value in YAML'
         return f'{origin}: {problem}{cure}'
     for number, content in reversed(list(enumerate(lines, 1))):
@@ -169,29 +158,28 @@ def _syntax(origin: str, text: str, line: int, problem: str) -> str:
     return f'{origin}:{line + 1}: not valid YAML: {problem}'
 
 
-def _sections(path: str, prefix: str, tree: yaml.Node) -> Iterator[Section]:
+def _sections(path: str, prefix: str, tree: dict[str, yaml.Node]) -> Iterator[Section]:
     """Yield the sections of a file; names may be nested, a namespace above its nodes."""
-    for name, node in _entries(path, tree):
+    for name, node in tree.items():
         nodes = _absolute(path, name, prefix)
-        entries = dict(_entries(path, node, f'section {nodes} has no {PARAMETERS}'))
+        entries = _entries(path, node, f'section {nodes} has no {PARAMETERS}')
         parameters = entries.pop(PARAMETERS, None)
         if parameters is not None:
             _entries(path, parameters, f'section {nodes}: {PARAMETERS} has no parameters')
             yield _section(path, nodes, '', parameters)
         elif not entries:
             raise InputError(f'{path}: section {nodes} has no {PARAMETERS}')
-        node.value = [pair for pair in node.value if pair[0].value != PARAMETERS]
-        yield from _sections(path, nodes, node)
+        yield from _sections(path, nodes, entries)
 
 
-def _section(origin: str, nodes: str, name: str, tree: yaml.Node, of_file: bool = True) -> Section:
+def _section(origin: str, nodes: str, name: str, tree: yaml.Node) -> Section:
     """Return the section of a tree's parameters; InputError for a name given twice."""
     values: dict[str, object] = {}
-    for full, value in _parameters(origin, name, tree, of_file):
+    for full, value in _parameters(origin, name, tree):
         if full in values:
             raise InputError(f'{origin}: {full} is given twice in section {nodes}')
         values[full] = value
-    return Section(origin, nodes, values, of_file)
+    return Section(origin, nodes, values)
 
 
 def _absolute(origin: str, name: str, prefix: str = '') -> str:
@@ -202,7 +190,7 @@ def _absolute(origin: str, name: str, prefix: str = '') -> str:
     return nodes
 
 
-def _entries(origin: str, tree: yaml.Node, missing: str = '') -> list[tuple[str, yaml.Node]]:
+def _entries(origin: str, tree: yaml.Node, missing: str = '') -> dict[str, yaml.Node]:
     """Return keys and nodes of a mapping; InputError for a key given twice, or for no mapping."""
     if not isinstance(tree, yaml.MappingNode):
         text = tree.value if isinstance(tree, yaml.ScalarNode) else ''
@@ -218,18 +206,17 @@ def _entries(origin: str, tree: yaml.Node, missing: str = '') -> list[tuple[str,
         if key.value in entries:
             raise InputError(f"{place}: key '{key.value}' is given twice")
         entries[key.value] = node
-    return list(entries.items())
+    return entries
 
 
-def _parameters(origin: str, name: str, node: yaml.Node,
-                lines: bool) -> Iterator[tuple[str, object]]:
+def _parameters(origin: str, name: str, node: yaml.Node) -> Iterator[tuple[str, object]]:
     """Yield dotted names and values of a node of the tree."""
     if isinstance(node, yaml.MappingNode):
-        for key, inner in _entries(origin, node):
-            yield from _parameters(origin, f'{name}.{key}' if name else key, inner, lines)
+        for key, inner in _entries(origin, node).items():
+            yield from _parameters(origin, f'{name}.{key}' if name else key, inner)
         return
-    place = f'{origin}:{node.start_mark.line + 1}' if lines else origin
-    yield name, _value(f'{place}: {name}', node)
+    line = '' if origin.startswith(ARGUMENT) else f':{node.start_mark.line + 1}'
+    yield name, _value(f'{origin}{line}: {name}', node)
 
 
 def _value(what: str, node: yaml.Node) -> object:

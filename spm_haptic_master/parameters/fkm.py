@@ -165,7 +165,7 @@ SUPERVISION_SETTINGS = (
     *MOUNTING_SETTINGS,
 )
 
-# All settings of `fkm`; `supervise` takes the same, and so the same parameter files.
+# All settings of `fkm` and of `supervise`, which takes its parameter files.
 FKM_SETTINGS = (*INTERFACE_SETTINGS, *SUPERVISION_SETTINGS, *FORCE_SETTINGS)
 
 
@@ -183,7 +183,7 @@ class Limits:
     """Limits of a healthy device and of a published orientation, of N sensors."""
 
     false_alarms_per_hour: float  # of the tests of parity and jumps together, 1/h at 1 kHz
-    bias: tuple[float, ...]  # rad; what is systematic on a healthy rig
+    bias: tuple[float, ...]  # rad; systematic error of a healthy rig
     alert_limit: float  # rad; largest protection level of a published orientation
     unchecked_limit: float  # s that a sensor may go unchecked by the others; 0: any
     start_checked: bool  # every sensor has to be checked before the first orientation

@@ -8,8 +8,8 @@ from __future__ import annotations
 import hashlib
 from math import acos, degrees, radians, tau
 
-from spm_haptic_master.exceptions import GeometryError, SettingError, UnreachableError
-from spm_haptic_master.kinematics import Geometry, inverse
+from spm_haptic_master.exceptions import GeometryError, SettingError
+from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.kinematics.geometry import NOMINAL_BASE_AXES, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.joints import LEG_NAMES
 from spm_haptic_master.kinematics.mounting import Mounting
@@ -17,7 +17,6 @@ from spm_haptic_master.kinematics.rotations import zxz_quaternion
 from spm_haptic_master.kinematics.workspace import workspace_pose
 from spm_haptic_master.parameters.setting import Setting, Values
 
-# Settings of a nominal mechanism.
 NOMINAL_SETTINGS = tuple(
     Setting(f'geometry.{name}_deg', float, f'{part}, deg',
             default=degrees(getattr(PAPER_GEOMETRY, name)), minimum=0.1, maximum=179.9)
@@ -26,7 +25,6 @@ NOMINAL_SETTINGS = tuple(
         ('beta', 'angle of the distal link'),
         ('gamma', 'angle between the platform axis and each Z3k')))
 
-# Nominal base axes, x y z of each (unit 1).
 NOMINAL_BASE = tuple(component for axis in NOMINAL_BASE_AXES for component in axis)
 # Settings of the mechanism as built; without them it is nominal.
 BUILT_SETTINGS = (
@@ -59,29 +57,27 @@ MOUNTING_SETTINGS = tuple(
 
 # Orientation at the workspace's centre.
 CENTRE = workspace_pose(0.0, 0.0, 0.0)
-# Digits of a checksum: two mechanisms in four billion have the same.
 CHECKSUM_DIGITS = 8
 
 
 def geometry_from(values: Values) -> Geometry:
-    """
-    Return the Geometry of checked settings.
-
-    SettingError: the axes are none of a mechanism, or it cannot be assembled at the workspace's
-    centre (psi = 135, theta = 54.74, phi = 0 deg).
-    """
-    nominal = Geometry(*(radians(values[setting.name]) for setting in NOMINAL_SETTINGS))
-    geometry = _built(values, nominal)
-    try:
-        # A leg reaches a pose in both signs of its working mode, or in none.
-        inverse(CENTRE, geometry)
-    except UnreachableError as error:
-        raise _not_assembled(values, geometry, nominal) from error
+    """Return the Geometry of checked settings; SettingError for one that cannot be assembled."""
+    geometry = _built(values)
+    if gap := _gap(geometry):
+        given = [each for each in GEOMETRY_SETTINGS if values[each.name] != each.default]
+        # The first setting whose default would let it be assembled, or else the last one.
+        name = next((each.name for each in given if not _gap(
+            _built({**values, each.name: each.default}))), given[-1].name)
+        value = values[name]
+        raise SettingError(
+            name, list(value) if isinstance(value, tuple) else value,
+            f"a mechanism that can be assembled at the workspace's centre: there {gap}")
     return geometry
 
 
-def _built(values: Values, nominal: Geometry) -> Geometry:
+def _built(values: Values) -> Geometry:
     """Return the mechanism as built; the nominal one where nothing else is given."""
+    nominal = Geometry(*(radians(values[setting.name]) for setting in NOMINAL_SETTINGS))
     proximal, distal, base, platform = (values[setting.name] for setting in BUILT_SETTINGS)
     if not any((*proximal, *distal, *platform)) and base == NOMINAL_BASE:
         return nominal
@@ -104,37 +100,18 @@ def _links(angles_deg: tuple[float, ...], nominal: float) -> list[float]:
     return [radians(angle) if angle else nominal for angle in angles_deg]
 
 
-def _not_assembled(values: Values, geometry: Geometry, nominal: Geometry) -> SettingError:
-    """Return the error of a mechanism that cannot be assembled, by its first such leg."""
-    for leg in range(3):
-        alpha, beta, apart = geometry.alphas[leg], geometry.betas[leg], _apart(geometry, leg)
-        if not _reaches(alpha, beta, apart):
-            break
-    # The links are to blame unless they would fit nominal axes; the one that is farther off.
-    if _reaches(alpha, beta, _apart(nominal, leg)):
-        setting = BUILT_SETTINGS[2 if values['geometry.base_axes'] != NOMINAL_BASE else 3]
-    elif (alpha, beta) != (nominal.alpha, nominal.beta):
-        setting = BUILT_SETTINGS[int(abs(beta - nominal.beta) > abs(alpha - nominal.alpha))]
-    else:
-        setting = NOMINAL_SETTINGS[int(
-            abs(beta - PAPER_GEOMETRY.beta) > abs(alpha - PAPER_GEOMETRY.alpha))]
-    name, value = LEG_NAMES[leg], values[setting.name]
-    return SettingError(
-        setting.name, list(value) if isinstance(value, tuple) else value,
-        f"a mechanism that can be assembled at the workspace's centre: there Z1{name} and "
-        f'Z3{name} are {degrees(apart):.2f} deg apart, and links of {degrees(alpha):g} and '
-        f'{degrees(beta):g} deg span {degrees(abs(alpha - beta)):.2f} to '
-        f'{degrees(min(alpha + beta, tau - alpha - beta)):.2f} deg')
-
-
-def _apart(geometry: Geometry, leg: int) -> float:
-    """Return the angle between Z1k and Z3k at the workspace's centre, rad."""
-    third = CENTRE @ geometry.platform_axes[leg]
-    return acos(max(-1.0, min(1.0, float(third @ geometry.base_axes[leg]))))
-
-
-def _reaches(alpha: float, beta: float, apart: float) -> bool:
-    return abs(alpha - beta) <= apart <= min(alpha + beta, tau - alpha - beta)
+def _gap(geometry: Geometry) -> str:
+    """Return why the first leg does not close at the workspace's centre; empty if all close."""
+    for leg, name in enumerate(LEG_NAMES):
+        alpha, beta = geometry.alphas[leg], geometry.betas[leg]
+        cosine = float(CENTRE @ geometry.platform_axes[leg] @ geometry.base_axes[leg])
+        apart = acos(max(-1.0, min(1.0, cosine)))
+        least, most = abs(alpha - beta), min(alpha + beta, tau - alpha - beta)
+        if apart < least or apart > most:
+            return (f'Z1{name} and Z3{name} are {degrees(apart):.2f} deg apart, and links of '
+                    f'{degrees(alpha):g} and {degrees(beta):g} deg span {degrees(least):.2f} to '
+                    f'{degrees(most):.2f} deg')
+    return ''
 
 
 def mounting_from(values: Values) -> Mounting | None:
@@ -146,12 +123,7 @@ def mounting_from(values: Values) -> Mounting | None:
 
 
 def mechanism_checksum(values: Values) -> str:
-    """
-    Return the checksum of the mechanism and working mode of checked settings, eight hex digits.
-
-    Two nodes with the same checksum have the same mechanism to 1e-9 (rad, or unit 1), whether it
-    is given as nominal or as built. SettingError as `geometry_from`.
-    """
+    """Return eight hex digits: equal for equal mechanisms (to 1e-9 rad) and working modes."""
     geometry = geometry_from(values)
     numbers = [*geometry.alphas, *geometry.betas,
                *(component for axes in (geometry.base_axes, geometry.platform_axes)

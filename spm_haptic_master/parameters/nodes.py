@@ -25,7 +25,6 @@ from spm_haptic_master.parameters.setting import (
     Setting,
 )
 
-# Settings of the simulated rig and its motion.
 MOTION_SETTINGS = (
     SENSORS_SETTING,
     Setting('sim.trajectory', str, 'simulated motion',
@@ -48,7 +47,6 @@ MOTION_SETTINGS = (
     *MECHANISM_SETTINGS,
 )
 
-# Settings of the source `sim`.
 SIM_SETTINGS = (RATE_SETTING, *MOTION_SETTINGS, COUNTS_PER_TURN_SETTING, *FIRST_HARMONIC_SETTINGS,
                 *TABLE_SETTINGS)
 # Settings of each source, by its name; encoders need no mechanism, but their driver reports it.
@@ -156,7 +154,6 @@ TELEOP_SETTINGS = (
     RATE_SETTING,
 )
 
-# Setting of `master` beside those of its nodes.
 MASTER_SETTINGS = (
     Setting('teleop.run', bool, 'run teleop in the process of master', default=False),
 )
@@ -195,7 +192,6 @@ VIEW_SETTINGS = (
             minimum=0),
 )
 
-# Settings of the drives of the motors; values of a list for several of them.
 EACH = 'one value for all drives, or one for each'
 DRIVE_SETTINGS = (
     Setting('drives.interface', str, 'python-can interface of the drives', default='socketcan'),
@@ -246,7 +242,6 @@ ROS_SETTINGS = (
     Setting('start_type_description_service', bool, 'whether the node describes its types'),
 )
 
-# All settings of the encoder driver, of whatever source.
 DRIVER_SETTINGS = (SOURCE_SETTING, *{
     setting.name: setting for source in SOURCE_SETTINGS.values() for setting in source}.values())
 # Settings of each node, beside those of its process.

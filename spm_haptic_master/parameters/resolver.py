@@ -34,9 +34,9 @@ from spm_haptic_master.parameters.setting import Setting
 DRIVER = 'encoder_driver'  # node whose parameters most tools take
 # Prefix of the names that ROS has for a node's QoS; no publisher or subscription here takes them.
 QOS_PREFIX = 'qos_overrides.'
-# What is wrong with an argument for another program or source.
+# Fault of an argument for another program or source.
 NO_EFFECT = 'no parameter of this program as it is started: it has no effect (--help lists them)'
-# Part of a name; a node, a namespace, a topic, and what is remapped, as ROS has them.
+# Part of a name; a node, a namespace, a topic, the left side of a remapping, as in ROS.
 PART = r'(?!\w*__)[A-Za-z_]\w*'
 NODE_NAME = re.compile(PART, re.ASCII)
 NAMESPACE = re.compile(f'/|(/{PART})+', re.ASCII)
@@ -67,23 +67,14 @@ class Parameters:
                      if name == what and of_node in ('', node)), default)
 
     def of(self, node: str) -> dict[str, object]:
-        """
-        Return the values that a node is given, by name; `node` is its name before remapping.
-
-        InputError where two files disagree about the bus or the layout of the encoders.
-        """
+        """Return the given values of a node (before remapping); InputError if files disagree."""
         reaching = self._reaching([node])
         for name in sorted(BUS_AND_LAYOUT):
             _check_files(name, [section for section in reaching if name in section.values])
         return {name: value for section in reaching for name, value in section.values.items()}
 
     def check(self, nodes: Sequence[str], names: Collection[str]) -> None:
-        """
-        Refuse what would have no effect on nodes (before remapping) with parameters of `names`.
-
-        InputError: nothing of a file or argument reaches a node, a section's name is almost that
-        of a node of the package, or the node of a section or every program lacks a name.
-        """
+        """Refuse entries without effect on `nodes` (before remapping), which have `names`."""
         by_name = {self.full_name(node): node for node in nodes}
         reaching = self._reaching(nodes)
         for origin in dict.fromkeys(section.origin for section in self._sections):
@@ -98,11 +89,13 @@ class Parameters:
                 _check_names(section, 'this program', {*names, *ALL_NAMES}, names)
             else:
                 node = next(by_name[name] for name in by_name if section.reaches(name))
-                _check_names(section, node, _names_of(node))
+                # `master` asks fkm for its own parameters.
+                own = (*process_settings(node), *(MASTER_SETTINGS if node == 'fkm' else ()))
+                _check_names(section, node, {setting.name for setting in own})
 
     def unused(self, nodes: Mapping[str, Collection[str]]) -> list[str]:
         """Return the arguments that reach no node (fully qualified) with such a parameter."""
-        return [section.origin for section in self._sections if not section.of_file
+        return [section.origin for section in self._sections if section.is_argument
                 and not any(section.values.keys() & names for node, names in nodes.items()
                             if section.reaches(node))]
 
@@ -114,22 +107,14 @@ class Parameters:
 def _check_files(name: str, sections: Sequence[Section]) -> None:
     """Raise InputError where two files differ in the value of a name that no argument gives."""
     by_origin = {section.origin: section.values[name] for section in sections}
-    if not all(section.of_file for section in sections):
+    if any(section.is_argument for section in sections):
         return
     for (first, one), (second, other) in pairwise(by_origin.items()):
         if one != other:
-            shown = _in_hex if name.endswith('id') else str
             raise InputError(
-                f'{name} is {shown(one)} in {first} and {shown(other)} in {second}; expected the '
-                'same: a calibration holds for the bus and the encoders that it was measured with '
-                '(undo the change, or calibrate again)')
-
-
-def _in_hex(value: object) -> str:
-    """Return identifiers as they stand in the files of the package."""
-    if isinstance(value, list):
-        return f'[{", ".join(map(_in_hex, value))}]'
-    return f'{value:#x}' if isinstance(value, int) else str(value)
+                f'{name} is {one} in {first} and {other} in {second}; expected the same: a '
+                'calibration holds for the bus and the encoders that it was measured with (undo '
+                'the change, or calibrate again)')
 
 
 def _check_other(section: Section) -> None:
@@ -144,12 +129,6 @@ def _check_other(section: Section) -> None:
         expected = f'{section.nodes.removesuffix(last)}{near[0]}'.replace('/**/**', '/**')
         raise InputError(f'{section.origin}: section {section.nodes} reaches no node; expected '
                          f'{expected}, or a name less like it')
-
-
-def _names_of(node: str) -> set[str]:
-    """Return the names of a node's parameters, `master`'s own with those of the node it asks."""
-    return {setting.name for setting in (
-        *process_settings(node), *(MASTER_SETTINGS if node == 'fkm' else ()))}
 
 
 def _check_names(section: Section, owner: str, known: Collection[str],
@@ -174,12 +153,7 @@ def similar(name: str, names: Collection[str]) -> list[str]:
 def resolve(given: Mapping[str, object], settings: tuple[Setting, ...],
             defaults: Mapping[str, object] | None = None,
             ) -> tuple[tuple[Setting, ...], dict[str, Any]]:
-    """
-    Return settings for the number of sensors that is given, and a checked value for each by name.
-
-    Given values of other settings are ignored; `defaults` override those of the settings, which
-    are of four sensors. SettingError where a setting cannot have its value.
-    """
+    """Return settings for the given `sensors`, and a checked value of each: given or default."""
     settings = for_sensors(settings, sensors_of(given))
     defaults = extended(defaults or {}, settings)
     return settings, {

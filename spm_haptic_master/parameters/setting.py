@@ -92,11 +92,7 @@ class Setting:
 
 
 def complete(settings: tuple[Setting, ...], values: Values) -> dict[str, Any]:
-    """
-    Return a checked value for each setting, by name: that of `values`, or else its default.
-
-    SettingError for an invalid value, a missing one, or a name that no setting has.
-    """
+    """Return the checked values, or defaults, by name; SettingError also for an unknown name."""
     known = {setting.name for setting in settings}
     for name, value in values.items():
         if name not in known:

@@ -13,7 +13,6 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from spm_haptic_master.ros import node_log
 
-# Levels of a status.
 OK: bytes = DiagnosticStatus.OK
 WARN: bytes = DiagnosticStatus.WARN
 ERROR: bytes = DiagnosticStatus.ERROR
@@ -22,8 +21,7 @@ ERROR: bytes = DiagnosticStatus.ERROR
 RIVALS_PERIOD = 0.2
 # Period of an unchanged entry on /diagnostics (s).
 REPEAT_PERIOD = 1.0
-# Period at which a node checks its own state for a change (s): well below the 50 ms in which a
-# fault has to be on /diagnostics.
+# Period at which a node checks its state for a change (s): faults are due within 50 ms.
 CHECK_PERIOD = 0.02
 # Hardware id of entries on the mechanism as a whole.
 MECHANISM = 'spherical parallel manipulator'
@@ -35,19 +33,14 @@ CALIBRATION_KEY = 'calibration'
 UNNAMED = 'not named'
 # Key of the joints without a reading in the driver's latest set, in its entry.
 MISSING_KEY = 'joints missing'
-# Key of what should be investigated although orientations are published, in fkm's entry; without a
-# caution it has no such key.
+# Key of a caution in fkm's entry, which has it only where something should be investigated.
 CAUTION_KEY = 'caution'
 # Clock of timers that continue while simulated time stands still or the clock is set back.
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 
 
 class StatusPublisher:
-    """
-    Publishes the status 'NODE: ASPECT' and logs when an error or a warning begins and ends.
-
-    Nothing is logged without `logs`: where a warning is part of normal work.
-    """
+    """Publishes the status 'NODE: ASPECT'; logs where errors and warnings begin and end."""
 
     def __init__(self, node: Node, aspect: str, hardware_id: str, logs: bool = True) -> None:
         self._node = node
@@ -73,8 +66,8 @@ class StatusPublisher:
         """
         Publish the status now, with `values` as its key/value pairs; log a change.
 
-        `subject` is what a change is recognised by, where the message has figures that run;
-        `logged` what the log has of it, where a caution comes and goes in normal work.
+        `subject` identifies a change where the message has running figures;
+        `logged` replaces it in the log where a caution comes and goes in normal work.
         """
         if self._logs:
             self._log(*(logged or (level, message)))

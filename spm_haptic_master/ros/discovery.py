@@ -4,8 +4,7 @@
 """
 How fast a process finds the others: the profile of Fast DDS in config/fastdds.xml.
 
-Fast DDS answers a process that has just started once, and that answer may get lost: the process
-is then connected at the next announcement of the other one, up to 3 s later by default.
+Where its answer to a new process is lost, that waits for an announcement, by default 3 s.
 """
 
 from __future__ import annotations
@@ -22,12 +21,7 @@ LOCAL_FILES = ('DEFAULT_FASTRTPS_PROFILES.xml', 'DEFAULT_FASTDDS_PROFILES.xml')
 
 
 def profile(environment: Mapping[str, str]) -> dict[str, str]:
-    """
-    Return the environment variables that select the package's profile.
-
-    None where the environment names another file or the working directory has one: that one is
-    in effect.
-    """
+    """Return the variables that select the package's profile; none if the user has one."""
     if any(environment.get(name) for name in VARIABLES) \
             or any(Path(name).exists() for name in LOCAL_FILES):
         return {}

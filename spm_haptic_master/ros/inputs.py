@@ -76,7 +76,7 @@ class _Input:
         return next(filter(None, map(self._mismatch, publishers)), '')
 
     def _mismatch(self, publisher: TopicEndpointInfo) -> str:
-        """Return what of a publisher keeps it unheard, or become best-effort for it."""
+        """Return why a publisher is not heard, or become best-effort for it."""
         expected = f'{self._kind.__module__.partition(".")[0]}/msg/{self._kind.__name__}'
         reason = ''
         if publisher.topic_type != expected:
@@ -96,11 +96,7 @@ class _Input:
 
 
 class SampledTopic(Generic[MessageType]):
-    """
-    A topic of which the newest message is taken when it is needed, and no other one costs time.
-
-    Its node is in no executor; it is not subscribed to until that is asked for.
-    """
+    """The newest message of a topic, taken on demand: its node is in no executor."""
 
     def __init__(self, taker: Node, kind: type[MessageType], topic: str) -> None:
         self._taker, self._kind, self._topic = taker, kind, topic

@@ -4,10 +4,9 @@
 """
 The nodes' log: to the console, to /rosout and to ROS's log file, from a thread of its own.
 
-rclpy logs in the calling thread and holds the interpreter's lock meanwhile: where nobody reads
-stderr, the whole process would stop. A process of this package therefore starts rclpy without its
-console output, and a node only puts its lines into a queue. A line that comes again soon is
-counted; a count is printed before any newer line: the last line about a node is its present.
+rclpy logs in the calling thread and holds the interpreter's lock: where nobody reads stderr, the
+process would stop. Therefore rclpy starts without its console, and nodes put lines into a queue.
+Repeated lines are counted; counts are printed before any newer line: the last line is the present.
 """
 
 from __future__ import annotations
@@ -30,7 +29,6 @@ from spm_haptic_master.standard_streams import LineWriter, STANDARD_ERROR
 
 # Lines in the queue, minutes of a node in trouble; later ones are lost.
 QUEUE_LENGTH = 1000
-# ROS arguments that switch the console on and off.
 CONSOLE, NO_CONSOLE = '--enable-stdout-logs', '--disable-stdout-logs'
 # Colours of a line on a terminal (ECMA-48), as rcutils has them.
 COLOURS = {LoggingSeverity.WARN: '\x1b[33m', LoggingSeverity.ERROR: '\x1b[31m'}
@@ -38,11 +36,10 @@ COLOUR_END = '\x1b[0m'
 # Time in which a line that comes again is counted and not repeated (s).
 REPEAT_PERIOD = 10.0
 # Time without a further line after which counts are printed if the present is among them (s):
-# what changes faster is summed up.
+# faster changes are summed up.
 QUIET = 1.0
 
-# Severity and text.
-Line = tuple[int, str]
+Line = tuple[int, str]  # severity, text
 
 
 class Sink(Protocol):
@@ -64,7 +61,7 @@ class RepeatedLines:
         self._printed: Line | None = None
 
     def take(self, line: Line, now: float) -> list[Line]:
-        """Take a line and return what is to be printed now, in this order."""
+        """Take a line and return the lines to print now, in order."""
         printed = self.due(now)
         if line in self._lines:
             since, count = self._lines.pop(line)
@@ -76,7 +73,7 @@ class RepeatedLines:
         return printed
 
     def due(self, now: float) -> list[Line]:
-        """Return what is to be printed now although no line has come."""
+        """Return the lines to print now although none has come."""
         printed = self.counts(now) if now >= self.due_at() else []
         self._lines = {line: (since, count) for line, (since, count) in self._lines.items()
                        if count or now - since < REPEAT_PERIOD}
@@ -112,7 +109,6 @@ class NodeLog:
         self._displays = [] if sink is None else [sink]
         self._coloured = is_coloured(STANDARD_ERROR)
         self._queue: Queue[tuple[RcutilsLogger, Line] | None] = Queue(QUEUE_LENGTH)
-        # The lines of each node, by its logger.
         self._nodes: defaultdict[RcutilsLogger, RepeatedLines] = defaultdict(RepeatedLines)
         self._thread = threading.Thread(target=self._run, name='log', daemon=True)
         self._thread.start()
@@ -129,13 +125,13 @@ class NodeLog:
             self._sink = display
 
     def close(self, timeout: float) -> None:
-        """Log what is in the queue and end, within about `timeout` s."""
+        """Log the queued lines and end, within about `timeout` s."""
         end = time.monotonic() + timeout
         try:
             self._queue.put(None, timeout=timeout)
         except Full:
             return
-        self._thread.join(max(0.0, end - time.monotonic()))
+        self._thread.join(end - time.monotonic())
         for display in self._displays:
             display.close(max(0.0, end - time.monotonic()))
 
@@ -181,8 +177,7 @@ def write(logger: RcutilsLogger, severity: LoggingSeverity, text: str) -> None:
         logger.info(text)
 
 
-# Log of this process; None before `begin` and after `end`.
-_log: NodeLog | None = None
+_log: NodeLog | None = None  # of this process, between `begin` and `end`
 
 
 def begin(args: Sequence[str]) -> None:
@@ -200,7 +195,7 @@ def attach(display: Sink, takes_lines: bool) -> None:
 
 
 def end(timeout: float) -> None:
-    """Log what is waiting, within about `timeout` s; from now on nodes log by rclpy."""
+    """Log the queued lines, within about `timeout` s; from now on nodes log by rclpy."""
     global _log
     log, _log = _log, None
     if log is not None:
@@ -208,7 +203,7 @@ def end(timeout: float) -> None:
 
 
 def is_coloured(descriptor: int) -> bool:
-    """Return whether what is written to a descriptor may have colours (no-color.org, rcutils)."""
+    """Return whether output to a descriptor may have colours (no-color.org, rcutils)."""
     wanted = os.environ.get('RCUTILS_COLORIZED_OUTPUT')
     if os.environ.get('NO_COLOR') or wanted == '0':
         return False

@@ -4,9 +4,8 @@
 """
 Whether this machine is too busy: one rule, for every node.
 
-A task that is due every period and runs more than one period late has missed its deadline. The
-machine is too busy while the time lost in this way within the last second exceeds `LIMIT`. What
-appears meanwhile is a consequence and not a fault of the rig.
+A periodic task that runs more than one period late has lost that time. The machine is too busy
+while the time lost within a second exceeds `LIMIT`; symptoms meanwhile are not faults of the rig.
 """
 
 from __future__ import annotations
@@ -14,7 +13,6 @@ from __future__ import annotations
 from collections import deque
 from math import floor, inf, log10
 
-# Name of the overload, everywhere.
 TOO_BUSY = 'this machine is too busy'
 # Time for which lost time counts (s).
 SPAN = 1.0
@@ -23,24 +21,17 @@ SPAN = 1.0
 LIMIT = 0.05
 # Part of that limit below which the machine is no longer too busy.
 LEAVE = 0.5
-# Time after the first run of a task in which nothing counts (s): a process that starts is busy
-# with itself.
+# Time after the first run of a task in which nothing counts (s): the process starts.
 START = 1.0
-# Longest time for which the overload explains a symptom (s), without the time lost: a longer
-# symptom has a second reason. Heartbeats return within a second.
+# Longest time for which the overload explains a symptom (s), without the time lost: heartbeats
+# return within a second.
 EXPLAINED = 1.0
-# Steps above a power of ten in which lost time is reported: each other figure would be a line of
-# the log.
+# Steps of reported times above a power of ten.
 STEPS = (5, 2)
 
 
 class Overload:
-    """
-    The time that a process lost because it did not run when it was due.
-
-    `period` is that of the task that calls `tick`, s; `words` is the message with the time lost,
-    empty while the machine is not too busy.
-    """
+    """The time that a process lost because a task did not run every `period`, s."""
 
     def __init__(self, period: float) -> None:
         self._period = period
@@ -57,13 +48,14 @@ class Overload:
         self._known = ''
         # `_ran` when the symptom that it explains appeared; None without one.
         self._since: float | None = None
+        # Message with the time lost; empty while the machine is not too busy.
         self.words = ''
 
     def tick(self, now: float, elsewhere: float = 0.0, reported: str = '') -> None:
         """
         Take a run of the task at a time, s, on a clock that is never set.
 
-        `elsewhere` is what other tasks of this process have lost since the last run, s;
+        `elsewhere` is the time that other tasks of this process have lost since the last run, s;
         `reported` the words of another process of this machine that lost time.
         """
         if self._last is None:
@@ -84,12 +76,7 @@ class Overload:
             f'{TOO_BUSY}: this process was due and did not run for {more_than(self._most)}'
 
     def explains(self, symptom: str) -> bool:
-        """
-        Return whether a symptom, empty without one, follows from the overload.
-
-        It does if it was not there before, and not for longer than `EXPLAINED`. Call it after
-        each `tick`.
-        """
+        """Return whether a symptom (empty: none) follows from the overload; call after `tick`."""
         if not self.words:
             self._known, self._since = symptom, None
             return False
@@ -101,7 +88,7 @@ class Overload:
 
 
 def more_than(seconds: float) -> str:
-    """Return a time above 0, s, in steps and in words, such as 'more than 0.2 s'."""
+    """Return a time above 0, s, in words and in steps: each other figure would be logged."""
     power = 10.0 ** floor(log10(seconds))
     step = next((step for step in STEPS if seconds >= step * power), 1)
     return f'more than {step * power:g} s'

@@ -31,14 +31,10 @@ __all__ = ('ParameterNode', 'Parameters', 'VIEW_SETTINGS')
 
 
 class ParameterNode(Node):
-    """
-    A node whose parameters have the values that the package has resolved.
-
-    InputError for a wrong value of a parameter of rclpy, or two files that disagree.
-    """
+    """A node with the values that the package has resolved; InputError as of `Parameters`."""
 
     def __init__(self, name: str, parameters: Parameters) -> None:
-        # What files and command line give this node `name` (before remapping), by name.
+        # Values from files and command line for this node (before remapping), by name.
         self.given = parameters.of(name)
         # Checked values of the parameters declared so far, by name.
         self.values: dict[str, Any] = {}
@@ -50,13 +46,7 @@ class ParameterNode(Node):
 
     def declare(self, settings: tuple[Setting, ...],
                 defaults: Mapping[str, object] | None = None) -> dict[str, Any]:
-        """
-        Declare each setting as a parameter and return the checked values by name.
-
-        Lists with a value for each sensor have as many as `sensors`, and so have their defaults.
-        `defaults` override those of the settings. SettingError for a value that a setting cannot
-        have.
-        """
+        """Declare each setting as a parameter and return the checked values; see `resolve`."""
         settings, values = resolve(self.given, settings, defaults)
         for setting in settings:
             value = values[setting.name]
@@ -68,11 +58,7 @@ class ParameterNode(Node):
 
     def on_change(self, settings: tuple[Setting, ...],
                   apply: Callable[[dict[str, Any]], None]) -> None:
-        """
-        Allow live settings to change while the node runs.
-
-        `apply` is called with the new values by name; it rejects them by raising SettingError.
-        """
+        """Let `apply` take new values of live settings; it refuses them by a SettingError."""
         by_name = {setting.name: setting for setting in settings}
 
         def check(parameters: list[Parameter]) -> SetParametersResult:
@@ -86,11 +72,7 @@ class ParameterNode(Node):
         self.add_on_set_parameters_callback(check)
 
     def clock_reader(self) -> Callable[[], int]:
-        """
-        Return what reads the time now, ns: simulated, or of the system by the cheaper call.
-
-        `use_sim_time` may change: ask again now and then.
-        """
+        """Return a reader of the time, ns; ask again now and then: use_sim_time may change."""
         clock: Any = self.get_clock()
         return (lambda: int(clock.now().nanoseconds)) if clock.ros_time_is_active \
             else time.time_ns

@@ -5,19 +5,16 @@
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-# QoS of the data topics: RELIABLE, VOLATILE, KEEP_LAST. A best-effort publisher would never match
-# a reliable CRTK client. The depth bridges a scheduling delay of 0.1 s at 1 kHz without loss; a
-# sample that waited longer is stale (fkm's max_age).
+# Data topics: RELIABLE, VOLATILE, KEEP_LAST. A best-effort publisher never matches a reliable CRTK
+# client. The depth bridges 0.1 s at 1 kHz; a sample that waited longer is stale (fkm's max_age).
 SAMPLES = QoSProfile(depth=100)
-# QoS of CRTK states, commands and lines: RELIABLE, VOLATILE, as their clients have them.
+# CRTK states, commands and lines: RELIABLE, VOLATILE, as their clients have them.
 EVENTS = QoSProfile(depth=10)
-# QoS of the commands of a slave: RELIABLE, VOLATILE. Few are kept, so that a slave that could not
-# read for a time does not get a burst of old ones.
+# Commands of a slave: RELIABLE, VOLATILE; few, so that a late reader gets no burst of old ones.
 COMMANDS = QoSProfile(depth=5)
-# QoS of wrenches: RELIABLE, VOLATILE. Only the newest counts: one that has waited is old.
+# Wrenches: RELIABLE, VOLATILE. Only the newest counts: one that has waited is old.
 WRENCHES = QoSProfile(depth=1)
-# QoS of `state`: latched, so that a controller that subscribes later gets the present state.
+# `state`: latched, so that a controller that subscribes later gets the present state.
 STATE = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-# QoS of what is only displayed: the newest message, and no acknowledgement that a publisher or
-# its other subscribers would ever wait for.
+# Displayed only: the newest message, without an acknowledgement for which a publisher could wait.
 DISPLAY = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)

@@ -4,9 +4,8 @@
 """
 Settings of the process: scheduling, cores, locked memory, garbage collection.
 
-From Linux 6.12 on, a thread under SCHED_OTHER with a shorter time slice preempts those with longer
-ones when it wakes, as long as it has not used more than its share of the processor; it needs no
-privilege. Neither Python nor its C library (before glibc 2.41) has the call.
+Since Linux 6.12 a thread under SCHED_OTHER with a shorter time slice preempts others when it
+wakes; it needs no privilege. Neither Python nor glibc before 2.41 has the call.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from spm_haptic_master.parameters.nodes import REALTIME_SETTINGS
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.ros import node_log
 
-SLICE = next(setting for setting in REALTIME_SETTINGS if setting.name == 'realtime.slice')
+SLICE = REALTIME_SETTINGS[0]
 # Shortest slice that Linux has (s).
 SHORTEST = 1e-4
 # Flags of mlockall (sys/mman.h): pages mapped now, and pages mapped later.
@@ -40,11 +39,7 @@ ATTRIBUTES = struct.Struct('=IIQiIQQQ')
 
 
 def agreed(values: Sequence[Values]) -> dict[str, Any]:
-    """
-    Return the settings of a process from those of its nodes: a value that is not the default.
-
-    SettingError if two nodes of the process have different ones.
-    """
+    """Return the settings of a process from its nodes; SettingError where two of them differ."""
     result: dict[str, Any] = {}
     for setting in REALTIME_SETTINGS:
         chosen = {each[setting.name] for each in values} - {setting.default}
@@ -56,11 +51,7 @@ def agreed(values: Sequence[Values]) -> dict[str, Any]:
 
 
 def check_cpus(text: str) -> set[int]:
-    """
-    Return the cores that a list such as '2' or '0,2-3' names.
-
-    SettingError for a text that is not such a list, or a core that this process must not use.
-    """
+    """Return the cores of a list such as '0,2-3'; SettingError for one that is not allowed."""
     allowed = os.sched_getaffinity(0)
     with suppress(ValueError):
         parts = (part.partition('-') for part in text.split(','))
@@ -73,12 +64,7 @@ def check_cpus(text: str) -> set[int]:
 
 
 def apply(node: Node, values: Values) -> None:
-    """
-    Set the process up by `REALTIME_SETTINGS`; `node` logs a warning where a privilege is missing.
-
-    Every existing thread gets slice, priority and cores; later threads inherit them. SettingError
-    for cores that do not exist, or a slice that Linux does not have.
-    """
+    """Set up this process and its threads; `node` warns where a privilege is missing."""
     warn = partial(node_log.warning, node)
     if values['realtime.cpus']:
         cores = check_cpus(values['realtime.cpus'])
@@ -110,22 +96,19 @@ def _set_slice(seconds: float, warn: Callable[[str], object]) -> None:
         return
     if seconds < SHORTEST:
         raise SettingError(SLICE.name, seconds, f'0, or {SHORTEST:g} to {SLICE.maximum:g}')
-    reason = ''
-    # A process that was started with less priority is not to preempt others.
-    if os.getpriority(os.PRIO_PROCESS, 0) > 0:
-        reason = 'the process has less priority (nice)'
-    elif os.sched_getscheduler(0) != os.SCHED_OTHER:
-        reason = 'the process is not under SCHED_OTHER'
-    else:
-        length = round(1e9 * seconds)
-        try:
-            _for_each_thread(lambda thread: _set_thread_slice(thread, length))
-            if round(1e9 * time_slice(0)) != length:
-                reason = 'Linux before 6.12 has none'
-        except OSError as error:
-            reason = error.strerror or str(error)
-    if reason and seconds != SLICE.default:
-        warn(f'realtime.slice {seconds:g} not set: {reason}')
+    length = round(1e9 * seconds)
+    try:
+        # A process that was started with less priority is not to preempt others.
+        if os.getpriority(os.PRIO_PROCESS, 0) > 0:
+            raise OSError('the process has less priority (nice)')
+        if os.sched_getscheduler(0) != os.SCHED_OTHER:
+            raise OSError('the process is not under SCHED_OTHER')
+        _for_each_thread(lambda thread: _set_thread_slice(thread, length))
+        if round(1e9 * time_slice(0)) != length:
+            raise OSError('Linux before 6.12 has none')
+    except OSError as error:
+        if seconds != SLICE.default:
+            warn(f'realtime.slice {seconds:g} not set: {error.strerror or error}')
 
 
 def _for_each_thread(action: Callable[[int], None]) -> None:

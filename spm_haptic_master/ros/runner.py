@@ -1,19 +1,16 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""From command line to exit code: every executable starts, spins and ends the same way."""
+"""From command line to exit code: how every executable starts, spins and ends."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 import faulthandler
-from functools import partial
 import os
 import signal
 import sys
-import threading
-import time
 from types import FrameType
 from typing import Any
 
@@ -38,83 +35,50 @@ SPIN_TIMEOUT = 0.2
 # Longest wait at the end for the log (s), and as long again for the last line.
 LOG_TIMEOUT = 0.5
 
-# Longest end of a process (s), from the signal on: a longer one hangs in a library.
+# Longest end of a process after the signal (s): a longer one hangs in a library, as the stacks of
+# its threads show.
 END_TIMEOUT = 5.0
-# Time for the line that says so (s). As long after it the stacks are printed by a thread that
-# needs no interpreter, and as long after that the kernel ends the process, whether stderr was read
-# or not.
+# Time for printing them (s). Then the kernel ends the process, whether stderr is read or not.
 PRINT_TIMEOUT = 1.0
-# Signals that end a process.
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
-# Makes, adds and returns a node of a class, which gets the parameters of the process and then the
-# other arguments.
+# Makes, adds and returns a node of a class, from the parameters of the process and its arguments.
 AddNode = Callable[..., Any]
 
 
-class EndLimit:
-    """The end of a process takes `END_TIMEOUT` at most: it then reports what it waits for."""
+def _limit_end() -> None:
+    """Have the process end within `END_TIMEOUT`, or print its stacks and end with code 1."""
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    signal.setitimer(signal.ITIMER_REAL, END_TIMEOUT + PRINT_TIMEOUT)
+    faulthandler.dump_traceback_later(END_TIMEOUT, exit=True, file=STANDARD_ERROR)
 
-    def __init__(self, name: str) -> None:
-        self._name = name
-        # When the end must be over, s, monotonic; None before it begins.
-        self._until: float | None = None
-        self._over = threading.Event()
-        # The step of the end that is being done.
-        self.waits_for = 'its nodes'
 
-    def begin(self) -> float:
-        """Begin to count, at the first call, also of a signal handler; return `_until`."""
-        if self._until is None:
-            self._until = time.monotonic() + END_TIMEOUT
-            signal.signal(signal.SIGALRM, signal.SIG_DFL)
-            signal.setitimer(signal.ITIMER_REAL, END_TIMEOUT + 2.0 * PRINT_TIMEOUT)
-            faulthandler.dump_traceback_later(
-                END_TIMEOUT + PRINT_TIMEOUT, exit=True, file=STANDARD_ERROR)
-        return self._until
-
-    def watch(self) -> None:
-        """Begin to count, and report by name what is waited for; not from a signal handler."""
-        threading.Thread(target=self._run, args=[self.begin()], name='end', daemon=True).start()
-
-    def lift(self) -> None:
-        """Let the process take its time."""
-        self._over.set()
-        faulthandler.cancel_dump_traceback_later()
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-
-    def _run(self, until: float) -> None:
-        if self._over.wait(until - time.monotonic()):
-            return
-        print_within(STANDARD_ERROR, f'{self._name}: still waiting for {self.waits_for} '
-                     f'{END_TIMEOUT:g} s after the end began: it ends without', PRINT_TIMEOUT)
-        faulthandler.dump_traceback(file=STANDARD_ERROR)
-        os._exit(1)
+def _lift_limit() -> None:
+    faulthandler.cancel_dump_traceback_later()
+    signal.setitimer(signal.ITIMER_REAL, 0.0)
 
 
 def run(name: str, compose: Callable[[Future, AddNode], object],
         args: list[str] | None = None, owned: Mapping[str, str] | None = None) -> int:
     """
-    Run nodes on one EventsExecutor until a signal arrives or until they are done.
+    Run nodes until a signal arrives or they are done; return the exit code, 1 after an error.
 
     `compose` makes the nodes by its second argument. Its first is the future that ends the
     process: SourceEnded as its result is a normal end, another SpmError a failure. Nodes with a
-    method `start` are started once the process is set up. Nobody else may publish on the topics
-    `owned` when the nodes are made; see `wait_until_alone`. Return the exit code: 0 after SIGINT,
-    SIGTERM or a normal end, 1 after an error, which is reported in one line.
+    method `start` are started once the process is set up; `owned` as of `wait_until_alone`.
     """
     nodes: list[ParameterNode] = []
     executor = None
     failure: SpmError | None = None
     done = Future()
     signals: list[int] = []
-    limit = EndLimit(name)
 
     # rclpy's own handlers would invalidate the context while a sample is being published. These
     # must not complete the future: its lock may be held where the signal interrupts.
     def handle(number: int, _: FrameType | None) -> None:
+        if not signals:
+            _limit_end()
         signals.append(number)
-        limit.begin()
 
     try:
         for number in SIGNALS:
@@ -154,39 +118,35 @@ def run(name: str, compose: Callable[[Future, AddNode], object],
     except SpmError as error:
         failure = error
     finally:
-        limit.watch()
+        if not signals:
+            _limit_end()
         # A second signal must not interrupt the clean-up.
         for number in SIGNALS:
             signal.signal(number, signal.SIG_IGN)
         try:
-            _clean_up(nodes, executor, limit)
+            _clean_up(nodes, executor)
         except SpmError as error:
             failure = failure or error
     # After an error of the program the limit stays: its traceback may wait for a reader.
-    limit.lift()
-    if isinstance(failure, SourceEnded):
-        print_within(STANDARD_OUTPUT, f'{name}: {failure}', LOG_TIMEOUT)
-    elif failure is not None:
-        print_within(STANDARD_ERROR, f'{name}: {failure}', LOG_TIMEOUT)
-        return 1
-    return 0
+    _lift_limit()
+    if failure is None:
+        return 0
+    is_end = isinstance(failure, SourceEnded)
+    print_within(STANDARD_OUTPUT if is_end else STANDARD_ERROR, f'{name}: {failure}', LOG_TIMEOUT)
+    return 0 if is_end else 1
 
 
-def _clean_up(nodes: list[ParameterNode], executor: Executor | None, limit: EndLimit) -> None:
+def _clean_up(nodes: list[ParameterNode], executor: Executor | None) -> None:
     """Destroy the nodes, end the log and leave the DDS domain, whatever fails of it."""
     with ExitStack() as stack:
-        # What is registered last is done first: the driver, made last, calls the other nodes.
-        def step(what: str, action: Callable[[], object]) -> None:
-            stack.callback(action)
-            stack.callback(setattr, limit, 'waits_for', what)
-
-        step('the DDS domain', rclpy.try_shutdown)
+        # The last step registered is done first: the driver, made last, calls the other nodes.
+        stack.callback(rclpy.try_shutdown)
         if executor is not None:
-            step('its callbacks', executor.shutdown)
+            stack.callback(executor.shutdown)
         # After the nodes, which log; before the shutdown, which gives rclpy its console again.
-        step('its log', partial(node_log.end, LOG_TIMEOUT))
+        stack.callback(node_log.end, LOG_TIMEOUT)
         for node in nodes:
-            step(f'node {node.get_fully_qualified_name()}', node.destroy_node)
+            stack.callback(node.destroy_node)
 
 
 def _init(command_line: list[str]) -> None:

@@ -66,7 +66,7 @@ def test_a_value_that_yaml_and_ros_read_differently_is_refused(read, text, place
 
 @pytest.mark.parametrize(('text', 'reason'), [
     ('a:=[1', 'expected a value in YAML'), ('a:=[[[[', 'expected a value in YAML'),
-    ('a:=' + '[' * 1_000, 'nested too deeply'),
+    ('a:=' + '[' * 1_000 + ']' * 1_000, 'nested too deeply'),
     ('a:=!!python/name:os.system', r'a tag \(!\); expected a plain value'),
     ('a:=&x [*x]', 'an anchor'), ('a:=*x', 'an alias'),
     ('a:=', "a has no value; expected one, or '' for an empty text"),

@@ -7,6 +7,7 @@ import pytest
 import rclpy
 from spm_haptic_master.benchmark.child_process import private_environment
 from spm_haptic_master.exceptions import InputError, SettingError
+from spm_haptic_master.parameters.files import simulated_rig
 from spm_haptic_master.parameters.resolver import Parameters, read_parameters, resolve_source
 
 
@@ -39,8 +40,7 @@ def test_a_later_file_wins_and_p_wins_over_all(write):
 
 @pytest.mark.parametrize(('one', 'other'), [
     ('can: {channel: can0}', 'can.channel: can1'), ('source: can', 'source: sim'),
-    ('encoders: {id: [1, 2, 3, 4]}', 'encoders: {id: [1, 2, 3, 5]}'),
-    ('sensors: 4', 'sensors: 6'), ('rate: 1000.0', 'rate: 500.0'),
+    ('encoders: {id: [1, 2, 3, 4]}', 'encoders: {id: [1, 2, 3, 5]}'), ('sensors: 4', 'sensors: 6'),
     ('encoders.counts_per_turn: [2, 2, 2, 2]', 'encoders.counts_per_turn: [4, 2, 2, 2]')])
 def test_two_files_that_disagree_about_bus_or_layout_are_named(write, one, other):
     files = [write('rig.yaml', {'/**/encoder_driver': f'{{{one}}}'}),
@@ -137,10 +137,17 @@ def test_a_shared_file_may_have_sections_for_other_programs(write):
     Parameters([path]).check(['encoder_driver', 'fkm'], {'rate'})
 
 
-def test_the_driver_has_the_defaults_of_its_source(write):
-    settings, values = resolve_source({'source': 'sim', 'sensors': 6})
-    assert values['sim.trajectory'] == 'fig9'
-    assert values['encoders.counts_per_turn'] == (16384,) * 6
+@pytest.mark.parametrize('sensors', [4, 5, 6])
+def test_the_driver_has_the_defaults_of_its_source(sensors):
+    settings, values = resolve_source({'source': 'can', **simulated_rig(sensors), 'rate': 500.0,
+                                       'sensors': sensors})
     assert {setting.name for setting in settings} == set(values)
+    # Identifiers count up, all else of further sensors is as of the fourth.
+    assert values['encoders.id'] == tuple(0x181 + k for k in range(sensors))
+    assert values['encoders.node_id'] == tuple(range(1, sensors + 1))
+    assert values['encoders.counts_per_turn'] == (16384,) * sensors
+    assert len(values['encoders.zero_count']) == sensors
+    assert len([name for name in values if '.table_deg.' in name]) == sensors
+    assert (values['rate'], values['can.protocol']) == (500.0, 'canopen')
     with pytest.raises(SettingError, match="'source' is not set; expected one of can"):
         resolve_source({})

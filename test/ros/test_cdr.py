@@ -41,24 +41,20 @@ def framed(message, frame, stamp=STAMPS[3]):
 
 
 @pytest.mark.parametrize('frame', ['', 'a', 'spm_base', 'left_spm_base', 'a_longer_frame_id'])
-@pytest.mark.parametrize('sensors', [4, 5, 6])
-def test_joints_are_written_and_read_as_by_rclpy(sensors, frame):
+@pytest.mark.parametrize(('sensors', 'missing'), [
+    (4, ()), (5, ()), (5, (4,)), (5, (0,)), (6, ()), (6, (5,)), (6, (0, 3))])
+def test_joints_are_written_and_read_as_by_rclpy(sensors, missing, frame):
+    """A joint without a reading is NaN."""
     names, form = ALL_JOINT_NAMES[:sensors], JointsFormat(sensors, frame)
     for stamp in STAMPS:
-        angles = numbers(stamp, sensors)
+        angles = tuple(nan if index in missing else angle
+                       for index, angle in enumerate(numbers(stamp, sensors)))
         message = joints(stamp, angles, names, frame)
         written = form.write(stamp, angles)
-        assert deserialize_message(written, JointState) == message
+        assert repr(deserialize_message(written, JointState)) == repr(message)
         for data in (written, serialize_message(message)):
-            assert form.read(data) == JointsFormat(sensors).read(data) == (stamp, angles)
-
-
-@pytest.mark.parametrize(('given', 'expected'), [(4, 6), (6, 4), (5, 4), (6, 5)])
-def test_another_number_of_sensors_is_refused(given, expected):
-    sample = JointsFormat(given).write(7, numbers(1, given))
-    with pytest.raises(RejectedError, match=f'another number of sensors: {given}, expected '
-                       f'{expected}: give `sensors` for all nodes'):
-        JointsFormat(expected).read(sample)
+            for reader in form, JointsFormat(sensors):
+                assert repr(reader.read(data)) == repr((stamp, angles))
 
 
 def test_a_joint_state_of_another_layout_is_read_too():
@@ -75,8 +71,11 @@ def test_a_joint_state_of_another_layout_is_read_too():
     *(({'name': name}, 'misnamed sample') for name in (
         (), JOINT_NAMES[:1], (JOINT_NAMES[1], JOINT_NAMES[0], *JOINT_NAMES[2:]),
         (*JOINT_NAMES[:3], 'joint_3b'), (*JOINT_NAMES, 'more'))),
+    *(({'name': ALL_JOINT_NAMES[:sensors], 'position': [1.0] * sensors},
+       f'another number of sensors: {sensors}, expected 4: give `sensors` for all nodes')
+      for sensors in (5, 6)),
     *(({'position': [1.0] * count}, 'incomplete sample') for count in (0, 1, 3, 5, 8))])
-def test_other_names_and_another_number_of_positions_are_refused(given, reason):
+def test_other_joints_and_another_number_of_positions_are_refused(given, reason):
     with pytest.raises(RejectedError, match=reason):
         FOUR.read(serialize_message(joints(**given)))
 
@@ -113,17 +112,6 @@ def test_the_frame_of_a_publisher_is_learnt(monkeypatch):
         assert reader.read(OrientationWriter('left_spm_base').write(k, numbers(2))) \
             == (k, numbers(2))
     assert calls == [JointState, QuaternionStamped]
-
-
-@pytest.mark.parametrize(('sensors', 'missing'), [(5, {4}), (5, {0}), (6, {5}), (6, {0, 3})])
-def test_a_joint_without_a_reading_is_nan_in_a_sample(sensors, missing):
-    angles = tuple(nan if index in missing else angle
-                   for index, angle in enumerate(numbers(4, sensors)))
-    form = JointsFormat(sensors)
-    written = form.write(STAMPS[3], angles)
-    message = joints(STAMPS[3], angles, ALL_JOINT_NAMES[:sensors])
-    for data in (written, serialize_message(message)):
-        assert form.read(data) == (STAMPS[3], pytest.approx(angles, abs=0.0, nan_ok=True))
 
 
 @pytest.mark.parametrize(('angles', 'reason'), [

@@ -128,21 +128,22 @@ def test_the_console_follows_the_ros_arguments(args, printed, capfd):
         [('ERROR', 'error'), ('WARN', 'warning'), ('INFO', 'info')], 1 + printed)
 
 
-@pytest.mark.parametrize(('changes', 'coloured'), [
-    ({}, False), ({'RCUTILS_COLORIZED_OUTPUT': '1'}, True),
-    ({'RCUTILS_COLORIZED_OUTPUT': '1', 'NO_COLOR': '1'}, False),
-    ({'RCUTILS_COLORIZED_OUTPUT': '1', 'NO_COLOR': ''}, True)])
-def test_colours_by_the_environment(sink, changes, coloured, monkeypatch):
-    for name in ('NO_COLOR', 'RCUTILS_COLORIZED_OUTPUT'):
-        monkeypatch.delenv(name, raising=False)
-    for name, value in changes.items():
-        monkeypatch.setenv(name, value)
-    with full_pipe() as (_, writing):
-        monkeypatch.setattr(node_log, 'STANDARD_ERROR', writing)
+@pytest.mark.parametrize(('environment', 'coloured'), [
+    ({}, True), ({'TERM': 'dumb'}, False), ({'RCUTILS_COLORIZED_OUTPUT': '0'}, False),
+    ({'TERM': 'dumb', 'RCUTILS_COLORIZED_OUTPUT': '1'}, True), ({'NO_COLOR': ''}, True),
+    ({'RCUTILS_COLORIZED_OUTPUT': '1', 'NO_COLOR': '1'}, False)])
+def test_an_error_on_a_terminal_is_red_by_the_environment(
+        sink, environment, coloured, monkeypatch):
+    with monkeypatch.context() as changed, open(os.openpty()[1], 'w') as terminal:
+        changed.setattr(os, 'environ', environment)
+        changed.setattr(node_log, 'STANDARD_ERROR', terminal.fileno())
         log = NodeLog(sink)
     put(log, 'silent')
+    put(log, 'healthy', LoggingSeverity.INFO)
     log.close(PATIENCE)
-    assert sink.lines[0].startswith('\x1b[31m[ERROR]' if coloured else '[ERROR]')
+    red, end = ('\x1b[31m', '\x1b[0m') if coloured else ('', '')
+    assert sink.lines[0].startswith(f'{red}[ERROR]') and sink.lines[0].endswith(f'silent{end}')
+    assert sink.lines[1].startswith('[INFO]')
 
 
 def test_lines_without_a_reader_are_lost_and_counted():
@@ -197,9 +198,6 @@ class Printed:
 
 
 @pytest.mark.parametrize(('given', 'printed'), [
-    # A count never comes after a newer state.
-    ([('engaged', 3.0), ('engaged', 3.0), ('disengaged: no presence', 30.0)],
-     ['engaged', 'engaged (1 more time in 6 s)', 'disengaged: no presence']),
     # A state that came back is printed although it is not new.
     ([(text, 2.0 * QUIET) for text in ('engaged', 'disengaged', 'engaged')],
      ['engaged', 'disengaged', 'engaged (1 more time in 5 s)']),

@@ -33,7 +33,7 @@ class Linux:
                 (os, 'sched_setscheduler', partial(self._set, 'sched_setscheduler')),
                 (os, 'sched_getscheduler', lambda of: self.policies.get(of, os.SCHED_OTHER)),
                 (os, 'getpriority', lambda *_: self.niceness),
-                (os, 'sched_getaffinity', lambda _: {0, 1, 2, 3}),
+                (os, 'sched_getaffinity', lambda of: set() if of else {0, 1, 2, 3}),
                 (os, 'listdir', lambda path: ['11', '12', '13']),
                 (ctypes, 'CDLL', self._library), (ctypes, 'get_errno', lambda: self.error),
                 (realtime.platform, 'machine', lambda: self.machine),

@@ -6,40 +6,32 @@
 import faulthandler
 import os
 import signal
-import threading
 
 import pytest
+import rclpy
 from rclpy.executors import ExternalShutdownException
 from spm_haptic_master.exceptions import InputError, SettingError, SourceEnded
 from spm_haptic_master.ros import node_log, realtime, runner
 from spm_haptic_master.ros.discovery import VARIABLES
 from spm_haptic_master.ros.parameters import ParameterNode
-from spm_haptic_master.ros.runner import EndLimit
 
-# Time that a busy machine may need (s).
-PATIENCE = 20.0
 # What begins the limit of the end, and what lifts it: alarm (s), then time, exit, descriptor.
-BEGUN, LIFTED = [7.0, (6.0, True, 2)], ['cancelled', 0.0]
+BEGUN, LIFTED = [6.0, (5.0, True, 2)], ['cancelled', 0.0]
 
 
 @pytest.fixture
 def ends(monkeypatch):
     """Give the timers of the end; what the process sets of itself is restored."""
-    timers, limits = [], []
+    timers = []
     monkeypatch.setattr(signal, 'setitimer', lambda which, seconds: timers.append(seconds))
     monkeypatch.setattr(faulthandler, 'dump_traceback_later',
                         lambda seconds, **given: timers.append((seconds, *given.values())))
     monkeypatch.setattr(faulthandler, 'cancel_dump_traceback_later',
                         lambda: timers.append('cancelled'))
-    watch = EndLimit.watch
-    monkeypatch.setattr(EndLimit, 'watch', lambda limit: limits.append(limit) or watch(limit))
     for name in VARIABLES:
         monkeypatch.setenv(name, '')
     before = {number: signal.getsignal(number) for number in (*runner.SIGNALS, signal.SIGALRM)}
     yield timers
-    # Its thread would end the process of the tests.
-    for limit in limits:
-        limit.lift()
     for number, handler in before.items():
         signal.signal(number, handler)
 
@@ -98,6 +90,8 @@ def printed(capfd):
 def test_a_process_ends_with_its_result(ends, applied, capfd, result, failure, code, out, err):
     found = run_once('-p', 'realtime.gc:=freeze', result=result, failure=failure)
     assert found == (code, ['made', 'started', 'destroyed'])
+    # The log has ended, and the process has left the DDS domain.
+    assert not rclpy.ok() and node_log._log is None
     assert printed(capfd) == [out, err]
     ((name, values),) = applied
     assert (name, values['realtime.gc']) == ('fkm', 'freeze')
@@ -109,7 +103,8 @@ def test_a_process_ends_with_its_result(ends, applied, capfd, result, failure, c
 def test_a_signal_is_a_normal_end_and_begins_its_limit(ends, applied, number):
     def compose(done, add):
         def interrupt():
-            os.kill(os.getpid(), number)
+            for _ in range(2):
+                os.kill(os.getpid(), number)
             # The handler has run: the end is limited while the nodes still work.
             begun.append(list(ends))
 
@@ -120,7 +115,7 @@ def test_a_signal_is_a_normal_end_and_begins_its_limit(ends, applied, number):
     assert begun[0] == BEGUN and ends == [*BEGUN, *LIFTED]
 
 
-def test_what_fails_is_one_line_and_leaves_nothing(applied, monkeypatch, capfd):
+def test_a_failure_is_one_line_and_leaves_no_node(applied, monkeypatch, capfd):
     events = []
 
     def refused(done, add):
@@ -164,25 +159,3 @@ def test_an_argument_without_effect_is_a_warning(applied, monkeypatch):
     monkeypatch.setattr(node_log, 'warning', lambda _, text: texts.append(text))
     run_once('-p', 'can.channel:=can1')
     assert texts == [f'-p can.channel:=can1: {runner.NO_EFFECT}']
-
-
-@pytest.mark.parametrize('is_lifted', [False, True])
-def test_an_end_beyond_its_limit_is_reported_and_cut_short(ends, monkeypatch, capfd, is_lifted):
-    exits = []
-    monkeypatch.setattr(runner, 'END_TIMEOUT', 0.2)
-    monkeypatch.setattr(os, '_exit', exits.append)
-    monkeypatch.setattr(faulthandler, 'dump_traceback', lambda file: exits.append(file))
-    limit = EndLimit('fkm')
-    limit.begin()
-    limit.watch()
-    limit.waits_for = 'its log'
-    if is_lifted:
-        limit.lift()
-    for thread in threading.enumerate():
-        if thread.name == 'end':
-            thread.join(PATIENCE)
-    assert exits == ([] if is_lifted else [2, 1])
-    assert capfd.readouterr().err == ('' if is_lifted else 'fkm: still waiting for its log 0.2 s '
-                                      'after the end began: it ends without\n')
-    assert ends == [pytest.approx(2.2), (pytest.approx(1.2), True, 2),
-                    *(LIFTED if is_lifted else [])]
