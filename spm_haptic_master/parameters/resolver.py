@@ -111,6 +111,10 @@ def _check_files(name: str, sections: Sequence[Section]) -> None:
         return
     for (first, one), (second, other) in pairwise(by_origin.items()):
         if one != other:
+            one, other = (
+                # Identifiers as the files have them.
+                re.sub(r'\d+', lambda found: f'{int(found[0]):#x}', str(value))
+                if name.endswith('id') else value for value in (one, other))
             raise InputError(
                 f'{name} is {one} in {first} and {other} in {second}; expected the same: a '
                 'calibration holds for the bus and the encoders that it was measured with (undo '

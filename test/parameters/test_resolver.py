@@ -48,6 +48,7 @@ def test_two_files_that_disagree_about_bus_or_layout_are_named(write, one, other
     with pytest.raises(InputError, match='rig.yaml and .* in calibration.yaml') as error:
         Parameters(files).of('encoder_driver')
     assert '\n' not in str(error.value)
+    assert ('[0x1, 0x2, 0x3, 0x4]' in str(error.value)) == ('id:' in one)
     # The same value in both is no contradiction, and the command line decides.
     files[1] = write('calibration.yaml', {'/**': f'{{{one}}}'})
     assert len(Parameters(files).of('encoder_driver')) == 1
