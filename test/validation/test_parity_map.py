@@ -3,8 +3,6 @@
 
 """What a recording says about its sensors, on simulated ones with known errors."""
 
-from dataclasses import astuple
-
 import numpy as np
 import pytest
 from recorded_text import assert_recorded
@@ -72,7 +70,7 @@ def test_regions_are_of_all_samples_with_an_orientation(tmp_path):
         inside = (found.tilt_deg >= row.tilt_from_deg) & (found.tilt_deg < row.tilt_to_deg) \
             & (found.phi_deg >= row.phi_from_deg) & (found.phi_deg < row.phi_to_deg)
         parity = found.parity_deg[inside]
-        assert [row.phi_to_deg - row.phi_from_deg, *astuple(row)[4:]] == pytest.approx(
+        assert [row.phi_to_deg - row.phi_from_deg, *row[4:]] == pytest.approx(
             [15.0, inside.sum(), published[inside].mean(), parity.mean(),
              np.sqrt(np.mean(parity ** 2)), np.median(level[inside & published])])
     assert np.isnan(regions(found, np.zeros(4000, bool), level)[0].level_deg)
