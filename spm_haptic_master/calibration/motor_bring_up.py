@@ -44,15 +44,15 @@ def motor_sign(torque: Array, angle: Array) -> int:
     """
     Return the sign of a motor from a small step at rest: 1, -1, or 0 if its joint does not turn.
 
-    `torque` (n,) is that of this motor, N m, for 5 samples or more that of rest; those of the
-    others stay as they are. `angle` (n,) is that of its joint, rad. InputError: too few samples.
+    By its torque, N m, (n,), of 5 samples or more at rest, and the angle of its joint, rad, (n,),
+    while the other motors' torques are constant. InputError: too few samples.
     """
     _check_length('a step', angle, FEWEST_OF_STEP)
     # A raw angle may differ by a turn.
     theta = np.unwrap(angle)
     turned = float(np.mean(theta[-5:]) - np.mean(theta[:5]))
     push = float(np.sum(torque - np.mean(torque[:5])))
-    return 0 if abs(turned) < SEEN or push == 0.0 else 1 if turned * push > 0.0 else -1
+    return 0 if abs(turned) < SEEN else int(np.sign(turned * push))
 
 
 @dataclass(frozen=True, slots=True)

@@ -63,12 +63,7 @@ def raw_counts(sensors: int) -> dict[str, object]:
 
 def read_log(source: ReplaySource, progress: Callable[[int], None] = lambda count: None,
              seconds: float = inf) -> tuple[Recording, list[str]]:
-    """
-    Return the sets of a log in which every joint has a reading, and what is left out, in words.
-
-    ReplayError where the log is broken or has no set, CalibrationError where a joint lacks
-    readings.
-    """
+    """Return the sets of a log with all joints, and what is left out; errors of `_complete`."""
     samples: list[JointSample] = []
     for sample in source.recorded():
         if samples and sample.stamp - samples[0].stamp > seconds * 1e9:

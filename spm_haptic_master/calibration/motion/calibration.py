@@ -195,14 +195,11 @@ class Verdict:
 def zero_counts(calibration: MotionCalibration,
                 counts_per_turn: Sequence[int]) -> tuple[tuple[int, ...], Array]:
     """Return the whole zero counts, and the reading that they leave at joint angle 0, rad."""
-    zeros = calibration.vector[calibration.layout.slices['zeros']]
-    whole, rest = [], []
-    for zero, sign, per_turn in zip(zeros, calibration.direction, counts_per_turn, strict=True):
-        counts = sign * zero * per_turn / tau
-        whole.append(round(counts) % per_turn)
-        # reading = direction (count - zero count) tau / counts per turn
-        rest.append(sign * (counts - round(counts)) * tau / per_turn)
-    return tuple(whole), np.array(rest)
+    sign, per_turn = np.array(calibration.direction), np.array(counts_per_turn)
+    counts = sign * calibration.vector[calibration.layout.slices['zeros']] * per_turn / tau
+    whole = np.rint(counts).astype(int)
+    # reading = direction (count - zero count) tau / counts per turn
+    return tuple((whole % per_turn).tolist()), sign * (counts - whole) * tau / per_turn
 
 
 def rms(values: Array) -> float:

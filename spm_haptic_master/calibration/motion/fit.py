@@ -101,17 +101,14 @@ def normal_equations(model: MotionModel, turned: Array, rotation: Array, vector:
         rows = part.derivative[inside].reshape(len(values), len(columns))
         matrix += rows.T @ rows
         right += rows.T @ values
-    cost = float(np.sum(np.minimum(size, limit)[usable] ** 2)) + limit ** 2 * float(
-        (~usable).sum())
-    return Normal(cost, matrix, right, parity, kept,
+    return Normal(float(np.sum(np.fmin(size, limit) ** 2)), matrix, right, parity, kept,
                   np.concatenate([part.rotation for part in parts]), limit)
 
 
 def _outlier_limit(sizes: Array) -> float:
     """Return the parity beyond which a sample is an outlier, by all samples' (unit 1)."""
     known = sizes[np.isfinite(sizes)]
-    return OUTLIER * max(1.0, NORMAL_DEVIATION * float(np.median(known))) if len(known) \
-        else OUTLIER
+    return OUTLIER * max(1.0, NORMAL_DEVIATION * float(np.median(known)) if len(known) else 0.0)
 
 
 def fit(model: MotionModel, turned: Array, vector: Array, columns: Sequence[int],
@@ -232,8 +229,7 @@ def considered_covariance(information: Array, deviations: Array,
     """
     Return the covariance of all parameters' errors after a fit of some of them, rad^2, (P, P).
 
-    The others keep the errors that they had before, `deviations`, which also enter the estimated
-    ones; `information` is the normal matrix of all parameters.
+    By all parameters' normal matrix; the others keep their `deviations`, which enter the fit.
     """
     inside = np.array(columns)
     others = np.setdiff1d(np.arange(len(deviations)), inside)
@@ -249,4 +245,4 @@ def considered_covariance(information: Array, deviations: Array,
 def _outside(model: MotionModel, turned: Array, vector: Array) -> Array:
     """Return the squared parities of held-out samples, outliers at their limit (unit 1)."""
     normal = normal_equations(model, turned, model.orientations(turned, vector), vector, ())
-    return np.minimum(np.nan_to_num(normal.sizes, nan=normal.limit), normal.limit) ** 2
+    return np.fmin(normal.sizes, normal.limit) ** 2

@@ -48,11 +48,7 @@ def slow_factor(seconds: Array, normal: Normal) -> float:
 
 def unexplained_errors(model: MotionModel, turned: Array, seconds: Array, vector: Array,
                        normal: Normal) -> Array:
-    """
-    Return the error of each sensor if it alone causes what is slow in the parity, rad, (N,).
-
-    As large as 99 % of the pieces have it; the model has white noise, `normal` is of the result.
-    """
+    """Return the error of each sensor, rad, (N,), that alone causes the slow parity of 99 %."""
     means, counts = _piece_means(seconds, normal)
     enough = counts > 0.5 * np.median(counts)
     size = np.linalg.norm(means[enough], axis=1)
@@ -69,8 +65,7 @@ def contradiction(model: MotionModel, turned: Array, found: Fit) -> float:
     """
     Return by how much halves of the motion contradict each other: variance over noise's (unit 1).
 
-    The halves are those of the tilt in two directions and of the self-rotation. A mechanism that
-    is not that of the model has other parameters in each; about 1 or less is noise.
+    Halves by the tilt in two directions and by the self-rotation: about 1 or less is noise.
     """
     rotation, columns = found.normal.rotation, np.array(found.columns)
     turn = np.exp(1j * zxz_from_matrix(np.nan_to_num(rotation))[2])
@@ -83,19 +78,17 @@ def contradiction(model: MotionModel, turned: Array, found: Fit) -> float:
              for each in np.unique(octant).tolist()}
     # Each half has half of what was known before.
     weights = 0.5 * model.layout.deviations[columns] ** -2.0
-    largest = 0.0
+    sizes = []
     for axis in range(3):
-        changes, covariances = [], []
-        for side in (0, 1):
+        difference, both = np.zeros(len(columns)), np.zeros((len(columns),) * 2)
+        for side, sign in ((0, 1.0), (1, -1.0)):
             half = [part for each, part in parts.items() if each >> axis & 1 == side]
             covariance = inverse(sum(part.matrix for part in half) + np.diag(weights))
             right = sum(part.right for part in half) + weights * found.vector[columns]
-            changes.append(covariance @ right)
-            covariances.append(covariance)
-        difference = changes[0] - changes[1]
-        size = difference @ np.linalg.solve(sum(covariances), difference)
-        largest = max(largest, float(size) / len(columns))
-    return largest
+            difference += sign * covariance @ right
+            both += covariance
+        sizes.append(float(difference @ np.linalg.solve(both, difference)))
+    return max(sizes) / len(columns)
 
 
 def _piece_means(seconds: Array, normal: Normal) -> tuple[Array, NDArray[np.intp]]:
@@ -111,9 +104,8 @@ def check_slip(model: MotionModel, turned: Array, seconds: Array, found: Fit) ->
     """
     Raise CalibrationError where a slip or a drift explains what a fit leaves; name the sensor.
 
-    For each sensor and each time, a change of its zero from then on is one more parameter, and so
-    is a drift from the beginning to the end. What it improves, and its value, follow from the
-    normal equations of the pieces. The zeros are the first parameters that were estimated.
+    A change of a zero after a time is one more parameter, and so is a drift over the motion; what
+    it improves follows from the normal equations of the pieces, in which the zeros come first.
     """
     rotation, vector, places = found.normal.rotation, found.vector, np.array(found.columns)
     weights = model.layout.deviations[places] ** -2.0

@@ -51,9 +51,8 @@ def mounted(calibration: MotionCalibration, turned: Array, outside: Array,
     """
     Return the calibration with what orientations from outside, R_table_handle, (k, 3, 3), add.
 
-    The readings by their directions, (k, N), rad, are those at the orientations, of which `sigma`
-    is the standard deviation about each axis, rad. CalibrationError where the orientations
-    contradict the motion, or readings have none.
+    `turned` are the readings there by their directions, rad, (k, N), `sigma` is the orientations'
+    standard deviation about each axis, rad. CalibrationError where they contradict the motion.
     """
     try:
         found = _fused(calibration, turned, outside, sigma)
