@@ -52,7 +52,7 @@ class Station:
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """Zero counts, directions, noise and bias of N sensors, and what they were computed from."""
+    """Zero counts, directions, noise and bias of N sensors, and the readings behind them."""
 
     date: str  # ISO 8601 with the offset to UTC
     stations: tuple[Station, ...]  # one for each pose

@@ -33,9 +33,9 @@ from spm_haptic_master.kinematics.number_backends import Array
 # Of one release, shape (n,): time (s), turn about one direction (rad), torque about it (N m).
 Release: TypeAlias = tuple[Array, Array, Array]
 # Least turn of a joint that shows a sign (rad): some ten times the noise of an encoder.
-SEEN = 0.005
+VISIBLE_TURN = 0.005
 # Share of the law that is allowed (unit 1).
-ALLOWED = 0.5
+STIFFNESS_SHARE = 0.5
 # Fewest samples of a step and of a release, and least turn of the handle in this (rad).
 FEWEST_OF_STEP, FEWEST, LEAST_TURN = 10, 20, 0.02
 
@@ -52,7 +52,7 @@ def motor_sign(torque: Array, angle: Array) -> int:
     theta = np.unwrap(angle)
     turned = float(np.mean(theta[-5:]) - np.mean(theta[:5]))
     push = float(np.sum(torque - np.mean(torque[:5])))
-    return 0 if abs(turned) < SEEN else int(np.sign(turned * push))
+    return 0 if abs(turned) < VISIBLE_TURN else int(np.sign(turned * push))
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,7 @@ class Friction:
 
     def stiffest(self, damping: float, period: float, latency: float) -> float:
         """Return the stiffness, N m/rad, that damping, N m s/rad, period and latency, s, allow."""
-        return ALLOWED * max(0.0, self.viscous + damping) / (0.5 * period + latency)
+        return STIFFNESS_SHARE * max(0.0, self.viscous + damping) / (0.5 * period + latency)
 
 
 def identify_friction(releases: Sequence[Release]) -> Friction:

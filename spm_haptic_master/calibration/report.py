@@ -41,7 +41,7 @@ def report_paths(output: Path) -> tuple[Path, Path]:
 
 def write_report(output: Path, verdict: Verdict) -> str:
     """
-    Write the report beside the parameter file; return what was written.
+    Write the report beside the parameter file; return a text that names it.
 
     Without matplotlib it has no picture, and says so; that of an earlier report is removed.
     """

@@ -24,7 +24,7 @@ OVERLAP = 0.5
 # Correlation of the two angular speeds below which they are not of one motion.
 CORRELATION_LIMIT = 0.5
 # Factor above the least misfit up to which misfits are alike: noise alone makes them differ so.
-TIE = 1.2
+TIE_RATIO = 1.2
 # Rounding of a correlation by FFT, over its largest value: ten units in the last place.
 FFT_ROUNDING = 2e-15
 # Longest gap between samples (s) within which orientations are interpolated.
@@ -112,7 +112,7 @@ def coarse_offset(recorded: tuple[float, np.ndarray],
     misfit = np.where(enough, np.maximum((square_a + square_b - 2.0 * mixed) / number, rounding),
                       np.inf)
     # A motion that repeats itself fits at every period: take the one with the longest overlap.
-    alike = np.flatnonzero(misfit <= TIE * misfit.min())
+    alike = np.flatnonzero(misfit <= TIE_RATIO * misfit.min())
     most = alike[np.argmax(number[alike])]
     near = slice(max(most - SPEED_WINDOW, 0), most + SPEED_WINDOW)
     best = near.start + int(np.argmin(misfit[near]))
@@ -144,7 +144,7 @@ def constant_frames(captured: np.ndarray, recorded: np.ndarray,
     products = np.einsum('nab,ncd->abcd', captured, recorded)
     if body_known:
         return nearest_rotation(np.einsum('abcb->ac', products)), np.eye(3)
-    found = []
+    best = -math.inf, np.eye(3), np.eye(3)
     # One of the 24 rotations that map axes to axes is near every solution.
     turns = (np.eye(3)[list(columns)].T * signs for columns in permutations(range(3))
              for signs in product((1.0, -1.0), repeat=3))
@@ -157,9 +157,8 @@ def constant_frames(captured: np.ndarray, recorded: np.ndarray,
             before, fit = fit, float(np.sum(along * body))
             if fit - before <= FRAME_TOLERANCE * len(captured):
                 break
-        found.append((fit, frame, body))
-    _, frame, body = max(found, key=lambda each: each[0])
-    return frame, body
+        best = max(best, (fit, frame, body), key=lambda each: each[0])
+    return best[1:]
 
 
 def rotation_vectors(matrices: np.ndarray) -> np.ndarray:

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path, PurePath
 
 from spm_haptic_master.exceptions import InputError
@@ -31,23 +30,15 @@ SQLITE_REMAINS = ('-wal', '-journal')
 Content = tuple[dict[str, str], list[tuple[int, str, bytes]]]
 
 
-@dataclass(frozen=True, slots=True)
-class Topic:
-    """A recorded topic."""
-
-    name: str  # full name
-    kind: str  # type of its messages, such as 'sensor_msgs/msg/JointState'
-    messages: list[bytes]  # serialized, in the order in which they were recorded
-
-
 def is_bag(path: Path) -> bool:
     """Return whether a path is of rosbag2: a directory, or a file of one of its formats."""
     return path.is_dir() or _stored_name(path.name).endswith(STORAGE_SUFFIXES)
 
 
-def read_topic(path: Path, topic: str, optional: bool = False) -> Topic | None:
+def read_topic(path: Path, topic: str,
+               optional: bool = False) -> tuple[str, str, list[bytes]] | None:
     """
-    Return the topic of a recording (directory, .mcap or .db3) whose name is, or ends in, `topic`.
+    Return name, type and serialized messages of the topic whose name is, or ends in, `topic`.
 
     An optional one without messages is None. InputError for a recording that was not ended,
     cannot be read or is incomplete, and where no or several such topics have messages.
@@ -65,7 +56,7 @@ def read_topic(path: Path, topic: str, optional: bool = False) -> Topic | None:
     for name in read:
         # The files of a recording may overlap in time, and be listed in any order.
         messages.sort(key=lambda message: message[0])
-        return Topic(name, types[name], [content for _, _, content in messages])
+        return name, types[name], [content for _, _, content in messages]
     if optional:
         return None
     raise InputError(f'{path}: nothing on topic {topic}; it has '

@@ -60,15 +60,11 @@ ROWS_MINIMUM = 10
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """
-    Values at n increasing times.
-
-    They are quaternions x, y, z, w; joint angles A, B, C, 3A, with more sensors 3B, 3C, in rad,
-    NaN without a reading; or the coordinates of the markers A, B, C, D.
-    """
+    """Values at n increasing times."""
 
     time: np.ndarray  # s, (n,)
-    values: np.ndarray  # (n, 4), with more sensors (n, 5) or (n, 6); markers (n, 12)
+    # Quaternions, (n, 4); joint angles, rad, (n, N), NaN without a reading; or markers, (n, 12).
+    values: np.ndarray
     left_out: int = 0  # rows with too few values
 
 
@@ -247,16 +243,15 @@ def _topic_rows(path: Path, topic: str, decoders: Mapping[str, Decoder],
     found = bags.read_topic(path, topic, optional)
     if found is None:
         return []
-    decoder = decoders.get(found.kind)
-    if decoder is None:
-        raise InputError(f'{path}: {found.name} is of type {found.kind}; expected '
-                         + ' or '.join(decoders))
+    name, kind, messages = found
+    if kind not in decoders:
+        raise InputError(f'{path}: {name} is of type {kind}; expected {" or ".join(decoders)}')
     rows = []
-    for number, message in enumerate(found.messages, start=1):
+    for number, message in enumerate(messages, start=1):
         try:
             cdr = Cdr(message)
-            rows.append([cdr.stamp(), *decoder(cdr)])
+            rows.append([cdr.stamp(), *decoders[kind](cdr)])
         except ValueError as error:
-            raise InputError(f'{path}: message {number} on {found.name}: not as expected: '
+            raise InputError(f'{path}: message {number} on {name}: not as expected: '
                              f'{error}') from error
     return rows

@@ -13,7 +13,7 @@ import pytest
 from spm_haptic_master.calibration.motion import calibration_check
 from spm_haptic_master.calibration.motion.calibration_check import CalibrationChecker
 from spm_haptic_master.calibration.watch.slip_evidence import (
-    chi_square_limit,
+    Evaluation,
     parities,
     parity_of_sample,
 )
@@ -91,6 +91,5 @@ def test_the_limit_is_the_quantile_of_chi_square():
     # Expected beyond the limit: 95 of 3 million.
     random = np.random.default_rng(1)
     for freedom in (3, 30):
-        beyond = (random.chisquare(freedom, 3_000_000) > chi_square_limit(freedom)).sum()
-        assert 40 < beyond < 180
-    assert chi_square_limit(0) == 0.0
+        limit = Evaluation(*[np.zeros(4)] * 4, 0.0, freedom, 0.0, 0.0, 0.0).limit
+        assert 40 < (random.chisquare(freedom, 3_000_000) > limit).sum() < 180

@@ -137,7 +137,7 @@ class MotionCalibration:
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """Return what an engineer should look at, a sentence each."""
+        """Return warnings for an engineer, a sentence each."""
         found = [self.unusual] if self.unusual else []
         if self.misfit:
             found.append(f'{self.misfit}; the true errors are larger than predicted')
@@ -167,7 +167,7 @@ class Origin:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What a calibration is good for."""
+    """Use of a calibration: alert limit, region, error."""
 
     calibration: MotionCalibration
     origin: Origin
@@ -177,7 +177,7 @@ class Verdict:
 
     @property
     def text(self) -> str:
-        """Return for what it is good, in one line."""
+        """Return alert limit and region, in one line."""
         region = self.calibration.region
         where = 'over the workspace' if region == WORKSPACE else 'ONLY for the region moved'
         return (f'Good for an alert limit of {self.alert_limit_deg:g} deg or more, {where}: '
@@ -214,7 +214,7 @@ def motion_parameters(calibration: MotionCalibration, origin: Origin) -> dict[st
     first, _ = layout.harmonics(c.vector)
     geometry = layout.geometry(c.vector)
     joints = ALL_JOINT_NAMES[:layout.sensors]
-    # The second harmonic, and what the whole zero count leaves.
+    # The second harmonic, and the fraction of a count that the whole zero count leaves.
     second = c.vector.copy()
     second[layout.slices['first harmonics']] = 0.0
     at = np.arange(TABLE_VALUES)[:, None] * tau / TABLE_VALUES

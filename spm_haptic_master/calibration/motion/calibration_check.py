@@ -33,8 +33,8 @@ from spm_haptic_master.kinematics import forward_theta3a, Geometry
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics.rotations import matrix_from_vector, wrapped
 
-# Samples that are evaluated, evenly spread in time: 20 s at 100 Hz. What is systematic bounds the
-# result, not the noise of so many.
+# Samples that are evaluated, evenly spread in time: 20 s at 100 Hz. Systematic errors bound the
+# result, not their noise.
 SAMPLES = 2000
 # Part of the samples that have an orientation if a hypothesis is true (unit 1): the others are
 # spikes and moments at the edge of the working mode.
@@ -61,7 +61,7 @@ class Hypothesis:
     slip: float  # reading, by the right direction, less true angle, rad
     deviation: float = np.inf  # its standard deviation by noise and bias, rad
     left: float = np.inf  # misfit that it leaves (unit 1); inf where the angles fit nothing
-    explains: bool = False  # whether noise and bias explain what it leaves
+    explains: bool = False  # whether noise and bias explain the rest
     fits: bool = False  # or the harmonics of an encoder that is another way round
 
     @property
@@ -116,7 +116,7 @@ class CalibrationChecker:
     bias: Array  # bound of its systematic error, rad, (N,)
     geometry: Geometry
     working_mode: WorkingMode
-    # Takes what is done, and the part of the whole that is done (unit 1).
+    # Takes the stage, and the part of the whole that is done (unit 1).
     progress: Callable[[str, float], None] = lambda text, share: None
 
     def check(self, angles: Array) -> Check:

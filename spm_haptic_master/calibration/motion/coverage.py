@@ -98,12 +98,10 @@ def sensor_bounds(model: MotionModel, vector: Array, covariance: Array, poses: A
 
     By the parameters' covariance, rad^2, and each sensor's error that no parameter explains, rad.
     """
-    layout, zeros = model.layout, model.layout.slices['zeros']
-    angles = model.joint_angles(poses, layout.geometry(vector))
-    # The change of each reading with each parameter, (n, N, P), as if the mechanism were known:
-    # the readings are linear in zeros and harmonics.
-    changes = np.stack([unit[zeros] + layout.harmonic_deviation(angles, unit)[0]
-                        for unit in np.eye(layout.count)], axis=2)
+    zeros = model.layout.slices['zeros']
+    angles = model.joint_angles(poses, model.layout.geometry(vector))
+    # The change of each reading with each parameter, (n, N, P), as if the mechanism were known.
+    changes = np.stack([model.linear_part(angles, unit) for unit in np.eye(len(vector))], axis=2)
     bound = BOUND_SIGMAS * np.sqrt(variances(changes, covariance).max(axis=0)) + unexplained
     # A zero's error is one of the reading.
     spread = model.orientation_changes(poses, vector)[:, :, zeros]

@@ -5,7 +5,7 @@
 Calibration of a rig from free motion: nothing is known of it but the drawing and its tolerances.
 
 First the zeros and directions, then the parameters that the motion determines and that a part of
-it that was held out confirms, then all samples together; and what a motion determines so far.
+it that was held out confirms, then all samples together; and guidance during the motion.
 """
 
 from __future__ import annotations
@@ -135,7 +135,7 @@ class Guide:
         self._searched = 0.0
 
     def evaluate(self, stamps: NDArray[np.int64], readings: Array) -> Guidance:
-        """Return what the motion so far determines; arguments of `calibrate_motion`."""
+        """Return the guidance after the motion so far; arguments of `calibrate_motion`."""
         try:
             means = motion_readings(stamps, readings)
         except CalibrationError as error:

@@ -30,14 +30,14 @@ PERCENT, NORMAL_DEVIATIONS = 99.0, 2.58
 SAMPLES = 500
 # Number of pieces of the motion; a slip is sought at the end of each.
 PIECES = 60
-# Least improvement of the squared parities by a slip (unit 1), and least part of what they have
-# beyond noise that it explains: play and unknown harmonics are explained by no slip.
+# Least improvement of the squared parities by a slip (unit 1), and least part of their excess over
+# noise that it explains: no slip explains play and unknown harmonics.
 LEAST_IMPROVEMENT, LEAST_PART = 100.0, 0.3
 # Part of what the best hypothesis explains within which another one is as good (unit 1): slips lie
 # within a piece, and near an end of the motion few poses distinguish the sensors.
 AS_GOOD = 0.1
 # Parity beyond which a sample does not count (unit 1): a spike that passed.
-LIMIT = 300.0
+SPIKE = 300.0
 
 
 def slow_factor(seconds: Array, normal: Normal) -> float:
@@ -76,7 +76,7 @@ def contradiction(model: MotionModel, turned: Array, found: Fit) -> float:
     parts = {each: normal_equations(model, turned[octant == each], rotation[octant == each],
                                     found.vector, found.columns, found.normal.limit)
              for each in np.unique(octant).tolist()}
-    # Each half has half of what was known before.
+    # Each half has half of the prior information.
     weights = 0.5 * model.layout.deviations[columns] ** -2.0
     sizes = []
     for axis in range(3):
@@ -109,7 +109,7 @@ def check_slip(model: MotionModel, turned: Array, seconds: Array, found: Fit) ->
     """
     rotation, vector, places = found.normal.rotation, found.vector, np.array(found.columns)
     weights = model.layout.deviations[places] ** -2.0
-    pieces = [normal_equations(model, turned[rows], rotation[rows], vector, found.columns, LIMIT)
+    pieces = [normal_equations(model, turned[rows], rotation[rows], vector, found.columns, SPIKE)
               for rows in np.array_split(np.arange(len(turned)), PIECES)]
     matrices = np.stack([piece.matrix for piece in pieces])
     rights = np.stack([piece.right for piece in pieces])
@@ -134,13 +134,11 @@ def check_slip(model: MotionModel, turned: Array, seconds: Array, found: Fit) ->
     if best <= least:
         return
     others = np.delete(explained, sensor, axis=1).max()
-    what = 'drifted' if times[row] is None else 'slipped'
     slip = degrees(-slope[row, sensor] / size[row, sensor])
-    who = f'one of the encoders {what}' if others > max(least, (1.0 - AS_GOOD) * best) \
-        else f'{ALL_JOINT_NAMES[sensor]} {what} by {slip:+.2f} deg'
-    raise CalibrationError(
-        f'{who} during the motion' + (
-            '; let it warm up, check its coupling and move the device again'
-            if times[row] is None else
-            f', about {times[row]:.0f} s after its beginning; fasten the encoder and move the '
-            'device again'))
+    name, by = ('one of the encoders', '') if others > max(least, (1.0 - AS_GOOD) * best) \
+        else (ALL_JOINT_NAMES[sensor], f' by {slip:+.2f} deg')
+    if times[row] is None:
+        raise CalibrationError(f'{name} drifted{by} during the motion; let it warm up, check its '
+                               'coupling and move the device again')
+    raise CalibrationError(f'{name} slipped{by} during the motion, about {times[row]:.0f} s after '
+                           'its beginning; fasten the encoder and move the device again')

@@ -170,8 +170,8 @@ class MotionModel:
     """
     The readings that a mechanism with its encoders gives at orientations.
 
-    Its methods take `turned`, readings by their directions before the zeros are subtracted, rad,
-    shape (n, N), orientations `rotation`, shape (n, 3, 3), and parameters `vector`, shape (P,).
+    Its methods take `turned`, readings by their directions with the zeros in them, rad, (n, N),
+    orientations `rotation`, (n, 3, 3), and parameters `vector`, (P,).
     """
 
     layout: Layout
@@ -199,8 +199,7 @@ class MotionModel:
     def readings(self, rotation: Array, vector: Array) -> Array:
         """Return the readings by their directions, rad, shape (n, N); NaN out of reach."""
         angles = self.joint_angles(rotation, self.layout.geometry(vector))
-        return (angles + self.layout.harmonic_deviation(angles, vector)[0]
-                + vector[self.layout.slices['zeros']])
+        return angles + self.linear_part(angles, vector)
 
     def linearised(self, turned: Array, rotation: Array, vector: Array,
                    columns: tuple[int, ...] = ()) -> Linearised:
@@ -233,25 +232,23 @@ class MotionModel:
                     columns: tuple[int, ...]) -> Array:
         """Return the derivative of reading minus predicted reading, shape (n, N, columns)."""
         layout = self.layout
-        n, sensors = angles.shape
-        zeros = layout.slices['zeros'].stop
-        harmonics = layout.slices['first harmonics'].start
-        found = np.zeros((n, sensors, len(columns)))
+        mechanism = range(layout.slices['links'].start, layout.slices['platform axes'].stop)
+        found = np.zeros((*angles.shape, len(columns)))
         for place, column in enumerate(columns):
-            if column < zeros:
-                found[:, column, place] = -1.0
-            elif column < harmonics:
-                moved = vector.copy()
-                moved[column] += DIFFERENCE
-                change = wrapped(
-                    self.joint_angles(rotation, layout.geometry(moved)) - angles) / DIFFERENCE
+            unit = np.zeros(layout.count)
+            unit[column] = 1.0
+            if column in mechanism:
+                change = wrapped(self.joint_angles(rotation, layout.geometry(
+                    vector + DIFFERENCE * unit)) - angles) / DIFFERENCE
                 found[:, :, place] = np.nan_to_num(-change * (1.0 + slope))
             else:
-                order, rest = divmod(column - harmonics, 2 * sensors)
-                sensor, part = divmod(rest, 2)
-                at = (order + 1) * angles[:, sensor]
-                found[:, sensor, place] = -(np.sin(at) if part else np.cos(at))
+                found[:, :, place] = -self.linear_part(angles, unit)
         return found
+
+    def linear_part(self, angles: Array, vector: Array) -> Array:
+        """Return reading minus angle, rad, (n, N), which is linear in zeros and harmonics."""
+        return vector[self.layout.slices['zeros']] \
+            + self.layout.harmonic_deviation(angles, vector)[0]
 
 
 def _continuous(gain: Array, rates: Array) -> Array:

@@ -35,7 +35,7 @@ from spm_haptic_master.kinematics.leg_kernels import (
 )
 from spm_haptic_master.kinematics.rotations import wrapped
 
-# Takes what is done, and the part of the whole that is done (unit 1).
+# Takes the stage, and the part of the whole that is done (unit 1).
 Progress = Callable[[str, float], None]
 # Cosine and sine of an angle.
 Turn = tuple[Array, Array]
@@ -64,9 +64,9 @@ GRADIENT_FLOOR = 1e-3
 DAMPING, BETTER_STEP, WORSE_STEP = 1e-2, 0.3, 4.0
 # Distance of the zeros below which two guesses have come to the same, and beyond which two starts
 # are different (rad).
-SAME, APART = radians(1.0), radians(2.0)
+SAME_ZEROS, DISTINCT_ZEROS = radians(1.0), radians(2.0)
 # Misfit over that of the best guess below which another one is as good (unit 1).
-NEAR = 3.0
+MISFIT_RATIO = 3.0
 # Results of the search that are compared with all parameters free.
 COMPARED = 4
 # Misfit of the true zeros with the drawing's links (rad): links and axes that are off by 0.5 deg
@@ -74,7 +74,7 @@ COMPARED = 4
 MISFIT_LIMIT = radians(1.5)
 # Misfit by which the best zeros explain the motion better than any others, in that of a sample
 # (unit 1): by chance it is 30 in a million.
-DISTINCT = 100.0
+MISFIT_MARGIN = 100.0
 # Parity that may be left (rad rms): more is another mechanism, or encoders that slip.
 PARITY_LIMIT = radians(0.25)
 
@@ -135,12 +135,9 @@ def _explaining(readings: Array, model: MotionModel, count: int) -> Start | None
     rows = spread(readings[:, :4], SEARCH_SAMPLES)
     guesses = search_zeros(readings[rows][:, :4], layout, count)
     near = [guess for guess in guesses
-            if guess.misfit < min(MISFIT_LIMIT, NEAR * guesses[0].misfit)]
+            if guess.misfit < min(MISFIT_LIMIT, MISFIT_RATIO * guesses[0].misfit)]
     if len(near) > COMPARED:
-        raise CalibrationError(
-            'the motion does not determine the zeros: many explain it equally well; check the '
-            'order of the joints (encoders.id and encoders.node_id), and tilt the handle farther '
-            'in all directions and turn it farther both ways')
+        raise _undetermined('many')
     compared = readings[spread(readings[:, :4], COMPARED_SAMPLES)]
     fits = [found for guess in guesses[:COMPARED] if guess.misfit < MISFIT_LIMIT
             if (found := _compared(compared, model, guess)) is not None]
@@ -149,15 +146,19 @@ def _explaining(readings: Array, model: MotionModel, count: int) -> Start | None
     (misfit, best), *others = sorted(fits, key=lambda found: found[0])
     each = max(1.0, misfit / len(compared))
     for other, start in others:
-        if other - misfit < DISTINCT * each and (
+        if other - misfit < MISFIT_MARGIN * each and (
                 start.direction != best.direction
-                or np.abs(wrapped(start.vector - best.vector)).max() > APART):
-            raise CalibrationError(
-                'the motion does not determine the zeros: different ones explain it equally '
-                f'well ({degrees(best.vector[0]):.1f} and {degrees(start.vector[0]):.1f} deg '
-                f'of {ALL_JOINT_NAMES[0]}); tilt the handle farther in all directions and '
-                'turn it farther both ways')
+                or np.abs(wrapped(start.vector - best.vector)).max() > DISTINCT_ZEROS):
+            raise _undetermined(f'{degrees(best.vector[0]):.1f} and '
+                                f'{degrees(start.vector[0]):.1f} deg of {ALL_JOINT_NAMES[0]}')
     return best
+
+
+def _undetermined(zeros: str) -> CalibrationError:
+    return CalibrationError(
+        f'the motion does not determine the zeros: {zeros} explain it equally well; check the '
+        'order of the joints (encoders.id and encoders.node_id), tilt the handle farther in all '
+        'directions and turn it farther both ways')
 
 
 def _compared(readings: Array, model: MotionModel, guess: ZeroGuess) -> tuple[float, Start] | None:
@@ -221,7 +222,7 @@ def search_zeros(readings: Array, layout: Layout, count: int) -> list[ZeroGuess]
     different: list[ZeroGuess] = []
     for guess in sorted(found, key=lambda guess: guess.misfit):
         if not any(guess.direction == other.direction
-                   and np.abs(wrapped(guess.zeros - other.zeros)).max() < SAME
+                   and np.abs(wrapped(guess.zeros - other.zeros)).max() < SAME_ZEROS
                    for other in different):
             different.append(guess)
     return different

@@ -15,6 +15,7 @@ from spm_haptic_master.calibration.watch.slip_evidence import (
     parity_of_sample,
     poses_of,
     PoseSums,
+    summed,
     suspects,
     WorkingMode,
 )
@@ -67,11 +68,10 @@ class CalibrationWatch:
         self._last = quaternion
         for each in self._sums:
             each *= 1.0 - 1.0 / MEMORY
-        row = self._row(tuple(poses_of(np.array([angles]))[0].tolist()))
-        gain, parity = found.gain[0], found.parity[0]
-        self._sums.samples[row] += 1.0
-        self._sums.information[row] += gain.T @ gain
-        self._sums.score[row] += gain.T @ parity
+        sample = np.array([angles])
+        row = self._row(tuple(poses_of(sample)[0].tolist()))
+        for total, of_one in zip(self._sums, summed(sample, found), strict=True):
+            total[row] += of_one[0]
         return True
 
     def _row(self, pose: tuple[int, ...]) -> int:

@@ -6,14 +6,14 @@ What the slow part of the parity says about a calibration: which sensor's zero h
 
 The whitened errors e of N readings move the parity vector by U^T e, with the columns of U
 orthogonal to the whitened Jacobian. A zero that slipped by d in sensor i adds U_i d / sigma_i at
-every pose, where U_i changes with the pose; what is systematic on a healthy rig, up to `bias_deg`
+every pose, where U_i changes with the pose; a systematic error of a healthy rig, up to `bias_deg`
 of each sensor, is another number at every pose. Readings are summed by pose, so that white noise
 averages out in each. A pose's mean parity then has the covariance
 
     C = 1 + H diag(bias / 2)^2 H^T,   H: parity by error of each sensor, of the pose's mean,
 
 as a bound is two standard deviations, and weighted least squares over the poses give each
-sensor's slip, its standard deviation, and what of the parity it explains.
+sensor's slip, its standard deviation, and the part of the parity that it explains.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from spm_haptic_master.kinematics.rotations import rotation_from_quaternion, wra
 Array = NDArray[np.float64]
 WorkingMode = tuple[int, int, int]
 
-# Turn of a joint after which what is systematic counts as another number (rad): 15 deg, a region
+# Turn of a joint after which a systematic error counts as another number (rad): 15 deg, a region
 # of the parity map; a second harmonic has gone through a third of its half wave.
 POSE_STEP = radians(15.0)
 # Standard deviations of the systematic error that its bound `bias_deg` is at least (unit 1):
@@ -122,7 +122,7 @@ def poses_of(angles: Array) -> NDArray[np.int64]:
 
 
 class PoseSums(NamedTuple):
-    """Sums over the samples of each of m poses, in which the basis of the parity is no matter."""
+    """Sums over the samples of each of m poses, independent of the basis of the parity."""
 
     samples: Array  # number of samples, or their weight, (m,)
     information: Array  # sum of gain^T gain, 1/rad^2, (m, N, N)
@@ -175,8 +175,9 @@ class Evaluation:
 
     @property
     def limit(self) -> float:
-        """Return the largest misfit of a calibration that holds: quantile of chi-square."""
-        return chi_square_limit(self.freedom)
+        """Return what a healthy misfit exceeds in 1 of 30,000 (Wilson and Hilferty 1931)."""
+        part = 2.0 / (9.0 * max(self.freedom, 1))
+        return self.freedom * (1.0 - part + TOTAL_DEVIATIONS * sqrt(part)) ** 3
 
     @property
     def poses(self) -> int:
@@ -202,14 +203,6 @@ def suspects(left: Array, freedom: int, limit: float) -> tuple[int, ...]:
         return ()
     scale = min(1.0, (len(left) + least) / (len(left) + freedom))
     return tuple(sensor for sensor in order if left[sensor] - least < ISOLATION * scale)
-
-
-def chi_square_limit(freedom: int) -> float:
-    """Return what chi-square exceeds by chance in 1 of 30,000 (Wilson and Hilferty 1931)."""
-    if freedom <= 0:
-        return 0.0
-    part = 2.0 / (9.0 * freedom)
-    return float(freedom * (1.0 - part + TOTAL_DEVIATIONS * sqrt(part)) ** 3)
 
 
 def evaluate(sums: PoseSums, bias: Array) -> Evaluation:
