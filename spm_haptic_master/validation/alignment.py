@@ -71,7 +71,7 @@ def interpolate(time: np.ndarray, quaternions: np.ndarray, at: np.ndarray) -> np
 
 
 def angular_speed(time: np.ndarray, quaternions: np.ndarray) -> tuple[float, np.ndarray]:
-    """Return a time, s, and the smoothed angular speeds, rad/s, every `SPEED_STEP` after it."""
+    """Return a time, s, and, later by a constant, smoothed speeds, rad/s, each `SPEED_STEP`."""
     grid = np.arange(math.ceil(time[0] / SPEED_STEP),
                      math.floor(time[-1] / SPEED_STEP) + 1) * SPEED_STEP
     width = SPEED_WINDOW
@@ -82,7 +82,7 @@ def angular_speed(time: np.ndarray, quaternions: np.ndarray) -> tuple[float, np.
                        for each in between(time, quaternions, grid).T], axis=1)
     chord = np.linalg.norm(smooth[width:] - smooth[:-width], axis=1)
     speed = 4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)) / (width * SPEED_STEP)
-    return grid[0] + 0.5 * (2 * width - 1) * SPEED_STEP, speed
+    return grid[0], speed
 
 
 def coarse_offset(recorded: tuple[float, np.ndarray],

@@ -97,6 +97,11 @@ def test_noise_ignores_steps_gaps_and_missing_readings():
     times[2000:] += 300_000_000
     angles[2000:, 0] += 0.3
     np.testing.assert_allclose(np.degrees(white_noise(times, angles)), 0.04, rtol=0.05)
+    # Nor is a motion within many gaps noise.
+    piece = np.arange(5000) // 8
+    moved = 6.0 * SIGMA[0] * np.random.default_rng(5).choice((-1.0, 1.0), 625).cumsum()
+    found = white_noise(stamps(5000) + 5_000_000 * piece, noise + moved[piece, None])
+    np.testing.assert_allclose(np.degrees(found), 0.04, rtol=0.05)
 
 
 def test_noise_is_at_least_that_of_the_rounding():
