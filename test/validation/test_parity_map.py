@@ -41,9 +41,11 @@ def stamps(n):
 
 @pytest.mark.parametrize('sigma_deg', [[0.04] * 4, [0.02, 0.04, 0.08, 0.05]])
 def test_the_parity_is_the_null_vector_times_the_errors(sigma_deg):
+    """Of the first four sensors: the fifth and the sixth have no reading."""
     rotations, _ = sweep(50)
     errors = np.radians([0.03, -0.05, 0.02, 0.08])
-    found = parity_map(joints(rotations) + errors, np.radians(sigma_deg))
+    angles = np.pad(joints(rotations) + errors, ((0, 0), (0, 2)), constant_values=np.nan)
+    found = parity_map(angles, np.radians([*sigma_deg, 0.04, 0.04]))
     normal = np.linalg.svd(jacobian(rotations, sensors=4))[0][:, :, 3]
     np.testing.assert_allclose(np.abs(found.parity_deg), np.abs(np.degrees(normal @ errors)),
                                atol=1e-3)
