@@ -106,7 +106,8 @@ def read_calibration(path: Path) -> Calibration:
         name: value for section in read_sections(path) if section.nodes in ('/**', f'/{RECORD}')
         for name, value in section.values.items()}
 
-    def values(name: str, kind: type, count: int, allowed: tuple[int, ...] = ()) -> Any:
+    def values(name: str, kind: type, count: int | None = None,
+               allowed: tuple[int, ...] = ()) -> Any:
         return Setting(name, kind, '', allowed=allowed, count=count).check(found.get(name))
 
     def of_poses(name: str, count: int) -> Any:
@@ -123,7 +124,7 @@ def read_calibration(path: Path) -> Calibration:
             of_poses('mean_counts', n), of_poses('noise_deg', n),
             values('sets', int, poses))) if poses else ()
         return Calibration(
-            str(Setting('date', str, '').check(found.get('date'))), stations,
+            values('date', str), stations,
             values('encoders.direction', int, n, (1, -1)),
             values('encoders.zero_count', int, n), values('encoders.counts_per_turn', int, n),
             values('encoders.direction_verified', bool, n),
@@ -150,10 +151,15 @@ def check_output(path: Path, force: bool) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file, completely or not at all; InputError where it cannot be written."""
+    """Write a text file as `write_bytes`."""
+    write_bytes(path, text.encode())
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write a file, completely or not at all; InputError where it cannot be written."""
     beside = path.with_name(path.name + '.new')
     try:
-        beside.write_text(text, encoding='utf-8')
+        beside.write_bytes(content)
         os.replace(beside, path)
     except OSError as error:
         raise InputError(f'{path}: cannot be written: {error}') from error

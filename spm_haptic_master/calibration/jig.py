@@ -52,7 +52,7 @@ class Station:
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """Zero counts, directions, noise and bias of N sensors, and what they were computed from."""
+    """Zero counts, directions, noise and bias of N sensors, and the readings behind them."""
 
     date: str  # ISO 8601 with the offset to UTC
     stations: tuple[Station, ...]  # one for each pose
@@ -74,10 +74,9 @@ class Calibration:
 def read_still(counts: NDArray[np.int64], counts_per_turn: Sequence[int], noise_limit: float,
                drift_limit: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """
-    Return the mean counts of encoders at rest, and their noise, rad, 1 standard deviation, (N,).
+    Return the mean counts of encoders at rest, and their noise, rad, (N,), by counts, (n, N).
 
-    By counts, (n, N). CalibrationError where the sets are too few, a sensor is noisier than its
-    limit, rad, or wraps, or the device moved by more than its limit, rad.
+    CalibrationError: too few sets, a noisy or wrapping sensor, a motion; the limits are in rad.
     """
     if len(counts) < SETS_MINIMUM:
         raise CalibrationError(f'{len(counts)} sets of {NUMBER_WORDS[len(counts_per_turn)]} '
@@ -119,8 +118,7 @@ def calibrate(stations: Sequence[Station], direction: Sequence[int],
     Return the zero counts and directions with which the readings yield the jig's joint angles.
 
     A direction that two poses determine, of these or of an earlier calibration, overrides the
-    given one. CalibrationError where the zeros of two poses differ by more than the tolerance,
-    rad: a shaft slipped, or a pose is not the stated one.
+    given one. CalibrationError: zeros of two poses differ by more than the tolerance, rad.
     """
     found, known = list(direction), [False] * len(direction)
     within = observed_directions(combinations(stations, 2), counts_per_turn)

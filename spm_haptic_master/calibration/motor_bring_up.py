@@ -33,9 +33,9 @@ from spm_haptic_master.kinematics.number_backends import Array
 # Of one release, shape (n,): time (s), turn about one direction (rad), torque about it (N m).
 Release: TypeAlias = tuple[Array, Array, Array]
 # Least turn of a joint that shows a sign (rad): some ten times the noise of an encoder.
-SEEN = 0.005
+VISIBLE_TURN = 0.005
 # Share of the law that is allowed (unit 1).
-ALLOWED = 0.5
+STIFFNESS_SHARE = 0.5
 # Fewest samples of a step and of a release, and least turn of the handle in this (rad).
 FEWEST_OF_STEP, FEWEST, LEAST_TURN = 10, 20, 0.02
 
@@ -44,15 +44,15 @@ def motor_sign(torque: Array, angle: Array) -> int:
     """
     Return the sign of a motor from a small step at rest: 1, -1, or 0 if its joint does not turn.
 
-    `torque` (n,) is that of this motor, N m, for 5 samples or more that of rest; those of the
-    others stay as they are. `angle` (n,) is that of its joint, rad. InputError: too few samples.
+    By its torque, N m, (n,), of 5 samples or more at rest, and the angle of its joint, rad, (n,),
+    while the other motors' torques are constant. InputError: too few samples.
     """
     _check_length('a step', angle, FEWEST_OF_STEP)
     # A raw angle may differ by a turn.
     theta = np.unwrap(angle)
     turned = float(np.mean(theta[-5:]) - np.mean(theta[:5]))
     push = float(np.sum(torque - np.mean(torque[:5])))
-    return 0 if abs(turned) < SEEN or push == 0.0 else 1 if turned * push > 0.0 else -1
+    return 0 if abs(turned) < VISIBLE_TURN else int(np.sign(turned * push))
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,7 @@ class Friction:
 
     def stiffest(self, damping: float, period: float, latency: float) -> float:
         """Return the stiffness, N m/rad, that damping, N m s/rad, period and latency, s, allow."""
-        return ALLOWED * max(0.0, self.viscous + damping) / (0.5 * period + latency)
+        return STIFFNESS_SHARE * max(0.0, self.viscous + damping) / (0.5 * period + latency)
 
 
 def identify_friction(releases: Sequence[Release]) -> Friction:

@@ -45,7 +45,7 @@ def _whole_sets(samples: Sequence[JointSample], share: float = 0.0) -> tuple[Rec
 
 
 def _complete(samples: Sequence[JointSample]) -> tuple[Recording, list[str]]:
-    """Return the recording, and what is left out; CalibrationError if that is too much."""
+    """Return the recording, and a note on sets left out; CalibrationError for too many."""
     _, too_often = _whole_sets(samples, MISSING_MAXIMUM)
     if too_often:
         raise CalibrationError(f'{too_often}; expected readings of all joints: check the encoder, '
@@ -63,12 +63,7 @@ def raw_counts(sensors: int) -> dict[str, object]:
 
 def read_log(source: ReplaySource, progress: Callable[[int], None] = lambda count: None,
              seconds: float = inf) -> tuple[Recording, list[str]]:
-    """
-    Return the sets of a log in which every joint has a reading, and what is left out, in words.
-
-    ReplayError where the log is broken or has no set, CalibrationError where a joint lacks
-    readings.
-    """
+    """Return the sets of a log with all joints, and a note on the others, as `_complete`."""
     samples: list[JointSample] = []
     for sample in source.recorded():
         if samples and sample.stamp - samples[0].stamp > seconds * 1e9:
@@ -83,10 +78,10 @@ def record(source: EncoderSource, seconds: float, evaluate: Callable[[Recording,
     """
     Record until an evaluation is content, for some seconds from the first set, or until Ctrl-C.
 
-    `evaluate` takes, about each `period` s, what came so far and the time, s, and returns whether
-    that is enough. With `keep`, what came before Ctrl-C or an error of the source is returned.
-    The texts say what is left out, and why no more came. CalibrationError where no set arrives,
-    or a joint lacks readings.
+    `evaluate` takes, about each `period` s, the sets so far and the time, s, and returns whether
+    they are enough. With `keep`, the sets before Ctrl-C or an error of the source are returned.
+    The notes name the sets that are left out, and why the recording ended. CalibrationError where
+    no set arrives, or a joint lacks readings.
     """
     samples: list[JointSample] = []
     stop = threading.Event()

@@ -12,6 +12,7 @@ from math import degrees, tau
 from pathlib import Path
 
 import numpy as np
+from spm_haptic_master.calibration.calibration_file import write_bytes, write_text
 from spm_haptic_master.calibration.motion.calibration import (
     MotionCalibration,
     Origin,
@@ -40,33 +41,23 @@ def report_paths(output: Path) -> tuple[Path, Path]:
 
 def write_report(output: Path, verdict: Verdict) -> str:
     """
-    Write the report beside the parameter file, which is complete; return what was written.
+    Write the report beside the parameter file; return a text that names it.
 
     Without matplotlib it has no picture, and says so; that of an earlier report is removed.
-    InputError where the report cannot be written; nothing of it is left.
     """
-    file, report = paths = report_paths(output)
-    drawn, missing = None, ''
+    file, report = report_paths(output)
+    missing = ''
     try:
         from spm_haptic_master.calibration import report_picture
     except InputError as error:
-        missing = str(error)
-        picture = f'No picture: {missing}.'
-    else:
-        drawn = report_picture.draw(verdict.calibration)
-        picture = f'![parity]({file.name})\n\n{report_picture.CAPTION}'
-    text = _text(verdict, output, picture)
-    try:
+        missing = f' without picture: {error}'
+        picture = f'No picture: {error}.'
         file.unlink(missing_ok=True)
-        report.write_text(text, encoding='utf-8')
-        if drawn is not None:
-            file.write_bytes(drawn)
-    except OSError as error:
-        for path in filter(Path.is_file, paths):
-            path.unlink()
-        raise InputError(f'{report}: the report cannot be written: {error}; the parameter file '
-                         f'{output} is complete') from error
-    return f'report {report.name}' + (f' without picture: {missing}' if missing else '')
+    else:
+        picture = f'![parity]({file.name})\n\n{report_picture.CAPTION}'
+        write_bytes(file, report_picture.draw(verdict.calibration))
+    write_text(report, _text(verdict, output, picture))
+    return f'report {report.name}{missing}'
 
 
 def checksum(path: Path) -> str:
@@ -162,8 +153,8 @@ def _angles(geometry: Geometry) -> Array:
 
 def _note(c: MotionCalibration, columns: Iterable[int]) -> str:
     """Return a note on parameters that are not all estimated."""
-    inside = [column in c.estimated for column in columns]
-    return '' if all(inside) else 'partly as drawn' if any(inside) else 'as drawn'
+    left = set(columns).difference(c.estimated)
+    return '' if not left else 'partly as drawn' if left < set(columns) else 'as drawn'
 
 
 def _left(c: MotionCalibration) -> str:

@@ -24,7 +24,7 @@ OVERLAP = 0.5
 # Correlation of the two angular speeds below which they are not of one motion.
 CORRELATION_LIMIT = 0.5
 # Factor above the least misfit up to which misfits are alike: noise alone makes them differ so.
-TIE = 1.2
+TIE_RATIO = 1.2
 # Rounding of a correlation by FFT, over its largest value: ten units in the last place.
 FFT_ROUNDING = 2e-15
 # Longest gap between samples (s) within which orientations are interpolated.
@@ -54,11 +54,7 @@ class Alignment:
 
 
 def between(time: np.ndarray, quaternions: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """
-    Return quaternions on the chords between samples at other times, s, shape (m, 4).
-
-    The chord is as good as the arc: a hand turns the platform by a degree or two.
-    """
+    """Return quaternions at other times, s, (m, 4), on chords: arcs of a degree or two."""
     flips = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0.0
     signs = np.concatenate([[1.0], np.where(np.cumsum(flips) % 2, -1.0, 1.0)])
     return np.stack([np.interp(at, time, each) for each in (quaternions * signs[:, None]).T],
@@ -66,11 +62,7 @@ def between(time: np.ndarray, quaternions: np.ndarray, at: np.ndarray) -> np.nda
 
 
 def interpolate(time: np.ndarray, quaternions: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """
-    Return unit quaternions, x, y, z, w, at other times, s, shape (m, 4).
-
-    They are NaN outside the recording and within gaps longer than `GAP`.
-    """
+    """Return unit quaternions at other times, s, (m, 4); NaN in gaps beyond `GAP`, and outside."""
     place = np.clip(np.searchsorted(time, at), 1, len(time) - 1)
     known = (at >= time[0]) & (at <= time[-1]) & (time[place] - time[place - 1] <= GAP)
     found = between(time, quaternions, at)
@@ -79,11 +71,7 @@ def interpolate(time: np.ndarray, quaternions: np.ndarray, at: np.ndarray) -> np
 
 
 def angular_speed(time: np.ndarray, quaternions: np.ndarray) -> tuple[float, np.ndarray]:
-    """
-    Return a time, s, and the smoothed angular speeds from it on, every `SPEED_STEP`, rad/s.
-
-    InputError for a recording that is too short.
-    """
+    """Return a time, s, and, later by a constant, smoothed speeds, rad/s, each `SPEED_STEP`."""
     grid = np.arange(math.ceil(time[0] / SPEED_STEP),
                      math.floor(time[-1] / SPEED_STEP) + 1) * SPEED_STEP
     width = SPEED_WINDOW
@@ -94,16 +82,15 @@ def angular_speed(time: np.ndarray, quaternions: np.ndarray) -> tuple[float, np.
                        for each in between(time, quaternions, grid).T], axis=1)
     chord = np.linalg.norm(smooth[width:] - smooth[:-width], axis=1)
     speed = 4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)) / (width * SPEED_STEP)
-    return grid[0] + 0.5 * (2 * width - 1) * SPEED_STEP, speed
+    return grid[0], speed
 
 
 def coarse_offset(recorded: tuple[float, np.ndarray],
                   captured: tuple[float, np.ndarray]) -> tuple[float, float]:
     """
-    Return the shift at which two results of `angular_speed` agree best, and their correlation.
+    Return the time to add to the captured times, s, by two results of `angular_speed`.
 
-    The shift is the time to add to the captured times, s, by least squares over all shifts.
-    InputError where the motions are not alike, or there is hardly any motion.
+    And their correlation there. InputError where the motions are not alike.
     """
     (begin_a, a), (begin_b, b) = recorded, captured
     n, m = len(a), len(b)
@@ -125,7 +112,7 @@ def coarse_offset(recorded: tuple[float, np.ndarray],
     misfit = np.where(enough, np.maximum((square_a + square_b - 2.0 * mixed) / number, rounding),
                       np.inf)
     # A motion that repeats itself fits at every period: take the one with the longest overlap.
-    alike = np.flatnonzero(misfit <= TIE * misfit.min())
+    alike = np.flatnonzero(misfit <= TIE_RATIO * misfit.min())
     most = alike[np.argmax(number[alike])]
     near = slice(max(most - SPEED_WINDOW, 0), most + SPEED_WINDOW)
     best = near.start + int(np.argmin(misfit[near]))
@@ -136,8 +123,7 @@ def coarse_offset(recorded: tuple[float, np.ndarray],
         raise InputError('recording and motion capture do not move alike: the best correlation of '
                          f'their angular speeds is {correlation:.2f}, expected '
                          f'{CORRELATION_LIMIT:g} or more')
-    shift = best - (m - 1)
-    return float(begin_a + shift * SPEED_STEP - begin_b), float(correlation)
+    return float(begin_a + (best - (m - 1)) * SPEED_STEP - begin_b), float(correlation)
 
 
 def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
@@ -150,16 +136,15 @@ def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
 def constant_frames(captured: np.ndarray, recorded: np.ndarray,
                     body_known: bool) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return X and Y of captured = X recorded Y, by least squares; Y approximately if it is sought.
+    Return X and, approximately, Y of captured = X recorded Y, orientations, (n, 3, 3).
 
-    Orientations at the same times, (n, 3, 3). With `body_known` the captured body is the
-    platform: Y is the unit matrix.
+    With `body_known` the captured body is the platform: Y is the unit matrix.
     """
     # These sums contain all of the data: the fit costs the same for any n.
     products = np.einsum('nab,ncd->abcd', captured, recorded)
     if body_known:
         return nearest_rotation(np.einsum('abcb->ac', products)), np.eye(3)
-    found = []
+    best = -math.inf, np.eye(3), np.eye(3)
     # One of the 24 rotations that map axes to axes is near every solution.
     turns = (np.eye(3)[list(columns)].T * signs for columns in permutations(range(3))
              for signs in product((1.0, -1.0), repeat=3))
@@ -172,9 +157,8 @@ def constant_frames(captured: np.ndarray, recorded: np.ndarray,
             before, fit = fit, float(np.sum(along * body))
             if fit - before <= FRAME_TOLERANCE * len(captured):
                 break
-        found.append((fit, frame, body))
-    _, frame, body = max(found, key=lambda each: each[0])
-    return frame, body
+        best = max(best, (fit, frame, body), key=lambda each: each[0])
+    return best[1:]
 
 
 def rotation_vectors(matrices: np.ndarray) -> np.ndarray:
@@ -190,11 +174,10 @@ def rotation_vectors(matrices: np.ndarray) -> np.ndarray:
 def align(recorded_time: np.ndarray, recorded: np.ndarray, captured_time: np.ndarray,
           captured: np.ndarray, body_known: bool) -> Alignment:
     """
-    Find the time offset and the constant rotations between a recording and a capture.
+    Return the time offset and the constant rotations between a recording and a capture.
 
-    A coarse offset is found from the angular speeds, which no constant rotation changes. Then
-    offset and frames are fitted together to the orientations: unit quaternions x, y, z, w, at
-    times, s, each by its own clock. With `body_known` the captured body is the platform itself.
+    Of unit quaternions at times, s, each by its own clock: first the offset from the angular
+    speeds, which no constant rotation changes, then all together from the orientations.
     InputError: too short, not of the same motion, or without overlap.
     """
     # Measured from the first sample, times in floats resolve far less than a microsecond.

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path, PurePath
 
 from spm_haptic_master.exceptions import InputError
@@ -31,23 +30,15 @@ SQLITE_REMAINS = ('-wal', '-journal')
 Content = tuple[dict[str, str], list[tuple[int, str, bytes]]]
 
 
-@dataclass(frozen=True, slots=True)
-class Topic:
-    """A recorded topic."""
-
-    name: str  # full name
-    kind: str  # type of its messages, such as 'sensor_msgs/msg/JointState'
-    messages: list[bytes]  # serialized, in the order in which they were recorded
-
-
 def is_bag(path: Path) -> bool:
     """Return whether a path is of rosbag2: a directory, or a file of one of its formats."""
     return path.is_dir() or _stored_name(path.name).endswith(STORAGE_SUFFIXES)
 
 
-def read_topic(path: Path, topic: str, optional: bool = False) -> Topic | None:
+def read_topic(path: Path, topic: str,
+               optional: bool = False) -> tuple[str, str, list[bytes]] | None:
     """
-    Return the topic of a recording (directory, .mcap or .db3) whose name is, or ends in, `topic`.
+    Return name, type and serialized messages of the topic whose name is, or ends in, `topic`.
 
     An optional one without messages is None. InputError for a recording that was not ended,
     cannot be read or is incomplete, and where no or several such topics have messages.
@@ -60,36 +51,26 @@ def read_topic(path: Path, topic: str, optional: bool = False) -> Topic | None:
             raise InputError(
                 f'{path}: {read[name]} messages on {name}, {counts[name]} according to '
                 f'{METADATA}; `ros2 bag reindex {path}` counts them again')
-    # The files of a recording may overlap in time, and be listed in any order.
-    messages.sort(key=lambda message: message[0])
-    found = sorted(read)
-    if len(found) > 1:
-        raise InputError(f'{path}: {topic} is ambiguous: {", ".join(found)}; name one')
-    if found:
-        return Topic(found[0], types[found[0]], [content for _, _, content in messages])
+    if len(read) > 1:
+        raise InputError(f'{path}: {topic} is ambiguous: {", ".join(sorted(read))}; name one')
+    for name in read:
+        # The files of a recording may overlap in time, and be listed in any order.
+        messages.sort(key=lambda message: message[0])
+        return name, types[name], [content for _, _, content in messages]
     if optional:
         return None
     raise InputError(f'{path}: nothing on topic {topic}; it has '
                      + (', '.join(sorted(types)) or 'no messages'))
 
 
-# Complete or not -------------------------------------------------------------------------------
-
 def _metadata(path: Path) -> tuple[bool, Counter[str]]:
-    """
-    Return whether rosbag2 compressed a recording, and how many messages each topic has.
-
-    That is what metadata.yaml has; a file alone has none. InputError if a recording is incomplete.
-    """
+    """Return whether a recording is compressed, and its messages by topic, by metadata.yaml."""
     if not path.is_dir():
         if path.name.endswith(COMPRESSED_SUFFIX):
             raise InputError(f'{path}: compressed as a whole; expected its directory, with '
                              f'{METADATA}')
         _check_ended(path)
         return False, Counter()
-    if not (path / METADATA).exists():
-        raise InputError(f'{path}: no {METADATA}; expected what `ros2 bag record` writes: it was '
-                         f'not ended, and `ros2 bag reindex {path}` makes it readable')
     try:
         content = yaml.safe_load((path / METADATA).read_text(encoding='utf-8'))
         about = content['rosbag2_bagfile_information']
@@ -100,16 +81,11 @@ def _metadata(path: Path) -> tuple[bool, Counter[str]]:
             counts[each['topic_metadata']['name']] += int(each['message_count'])
     except (OSError, ValueError, yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
         raise InputError(f'{path / METADATA}: cannot be read: {_first_line(error)}; '
-                         '`ros2 bag reindex` writes a new one') from error
-    missing = [name for name in listed if not (path / name).is_file()]
-    if missing:
-        raise InputError(f'{path}: {", ".join(missing)} is missing, of {len(listed)} files in '
-                         f'{METADATA}')
-    known = {_stored_name(name) for name in listed}
-    unknown = sorted(each.name for each in path.iterdir()
-                     if is_bag(each) and _stored_name(each.name) not in known)
-    if unknown:
-        raise _not_ended(path, f'{", ".join(unknown)} not in {METADATA}', path)
+                         f'`ros2 bag reindex {path}` writes a new one') from error
+    there = {_stored_name(each.name) for each in path.iterdir() if is_bag(each)}
+    alone = sorted(there ^ {_stored_name(name) for name in listed})
+    if alone:
+        raise _not_ended(path, f'{", ".join(alone)} in the directory or {METADATA} alone', path)
     for name in listed:
         _check_ended(path / name)
     return mode != 'none', counts
@@ -139,8 +115,6 @@ def _stored_name(name: str) -> str:
     """Return the name of a file as it was before it was compressed."""
     return name.removesuffix(COMPRESSED_SUFFIX)
 
-
-# Reading ---------------------------------------------------------------------------------------
 
 def _read(path: Path, compressed: bool, topic: str) -> Content:
     """Return the topics of a recording, and the messages of those named `topic`."""

@@ -53,11 +53,10 @@ class Comparison:
 def compare(recorded: Track, capture: Track, joints: Track | None, geometry: Geometry,
             azimuths: tuple[float, float], mounting: Mounting | None = None) -> Comparison:
     """
-    Transform capture and models to the capture's times with a recorded orientation, and its frame.
+    Return capture and models in one frame, at the capture's times with a recorded orientation.
 
     Without joints there is no classic model. `azimuths` are those of the markers C and D, rad;
-    `mounting` is the one with which the orientations were recorded. InputError where the
-    recordings are not of the same motion.
+    `mounting` is that of the recorded orientations. InputError: they are of another motion.
     """
     by_markers = capture.values.shape[-1] == len(MARKERS)
     quaternions = quaternion_from_matrix(orientation_of_markers(capture.values, azimuths)) \
@@ -83,12 +82,11 @@ def marker_directions(coordinates: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
     """
     Return the unit vectors, (n, 3), of the axis Z_E and of the projections of C and D across it.
 
-    `coordinates`, (n, 12), are of the markers A and B on that axis (B farther out), C and D
-    beside it, in any unit. InputError where A and B coincide, or C or D is on the axis.
+    `coordinates` are those of the markers, (n, 12). InputError where A and B coincide, or C or D
+    is on the axis.
     """
-    a, b, c, d = np.moveaxis(coordinates.reshape(-1, 4, 3), 1, 0)
-    span = float(np.median(
-        np.linalg.norm(coordinates.reshape(-1, 4, 3) - a[:, None], axis=2).max(axis=1)))
+    a, b, c, d = markers = coordinates.reshape(-1, 4, 3).swapaxes(0, 1)
+    span = float(np.median(np.linalg.norm(markers - a, axis=2).max(axis=0)))
     axis = _unit(b - a, span, 'A and B coincide')
     toward_c, toward_d = (
         _unit(beside - np.sum(beside * axis, axis=1, keepdims=True) * axis, span,
@@ -100,8 +98,7 @@ def orientation_of_markers(coordinates: np.ndarray, azimuths: tuple[float, float
     """
     Return the platform's orientation in the frame of the coordinates, shape (n, 3, 3).
 
-    `azimuths` are those of C and D about Z_E, rad from the platform's x axis. The self-rotation is
-    the average of those of both (Fig. 29).
+    The self-rotation is the mean by C and D (Fig. 29), whose azimuths are rad from the x axis.
     """
     axis, *toward = marker_directions(coordinates)
     x = sum(np.cos(azimuth) * each - np.sin(azimuth) * np.cross(axis, each)
@@ -120,10 +117,10 @@ def _unit(vectors: np.ndarray, span: float, problem: str) -> np.ndarray:
 def _mounted_classic(joints: Track, time: np.ndarray, start: np.ndarray, geometry: Geometry,
                      mounting: Mounting) -> np.ndarray:
     """
-    Return the classic model's orientations as mounted, from a recorded quaternion on.
+    Return the classic model's orientations as mounted, by the joint angles nearest to each time.
 
-    From three joint angles, those nearest to each time: the assembly mode nearest to the last
-    one; NaN where they close no mechanism, or are not known.
+    Each is the assembly mode nearest to the last one, the first to a recorded quaternion; NaN
+    where the angles close no mechanism, or are not known.
     """
     after = np.clip(np.searchsorted(joints.time, time), 1, len(joints.time) - 1)
     index = after - (time - joints.time[after - 1] < joints.time[after] - time)

@@ -11,8 +11,9 @@ unit vector n in the null space of the Jacobian's transpose and e the errors of 
 from __future__ import annotations
 
 import csv
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,8 +41,7 @@ OUTLIER = 8.0
 GAP = 1.5
 
 
-@dataclass(frozen=True, slots=True)
-class Region:
+class Region(NamedTuple):
     """Parity of the samples of one region of the workspace."""
 
     tilt_from_deg: float  # tilt from the centre of the workspace
@@ -66,12 +66,7 @@ class ParityMap:
 
 def parity_map(angles: Array, sigma: tuple[float, ...], geometry: Geometry,
                working_mode: tuple[int, int, int]) -> ParityMap:
-    """
-    Return the parity of samples in deg, and where the platform was.
-
-    `angles` are th1A, th1B, th1C, th3A, rad, (n, N), and `sigma` the standard deviations of the N
-    sensors, rad; those of further sensors are not used.
-    """
+    """Return the parity map of angles, rad, (n, N), and sigma, rad, (N,), by the first four."""
     n, angles, sigma = len(angles), angles[:, :4], sigma[:4]
     parity, tilt, phi = (np.full(n, np.nan) for _ in range(3))
     finite = np.flatnonzero(np.isfinite(angles).all(axis=1))
@@ -117,47 +112,42 @@ def regions(found: ParityMap, published: NDArray[np.bool_], level_deg: Array) ->
 
 def white_noise(stamps: NDArray[np.int64], angles: Array) -> Array:
     """
-    Return the standard deviation of each sensor's white noise, rad, shape (N,).
+    Return the white noise of each sensor, rad, (N,), by stamps, ns, and angles, rad, (n, N).
 
-    From the third differences of its readings, which a motion of the device hardly changes; with
-    at least the deviation of a rounding to the smallest step of the readings. NaN without readings
-    at equal distances. `stamps` are ns, `angles` rad, (n, N).
+    From third differences, which a motion of the device hardly changes; at least the deviation of
+    a rounding to the smallest step. NaN without readings at equal distances.
     """
+    noise = np.full(angles.shape[1], np.nan)
     steps = np.diff(stamps)
     if len(steps) < 3:
-        return np.full(angles.shape[1], np.nan)
+        return noise
     regular = steps <= GAP * np.median(steps)
-    together = regular[:-2] & regular[1:-1] & regular[2:]
-    third = np.diff(angles, n=3, axis=0)[together]
-    noise = np.full(angles.shape[1], np.nan)
-    for sensor, column in enumerate(third.T):
+    third = np.diff(angles, n=3, axis=0)[regular[:-2] & regular[1:-1] & regular[2:]]
+    for sensor, (column, each) in enumerate(zip(third.T, angles.T, strict=True)):
         size = np.abs(column[np.isfinite(column)])
         if not len(size):
             continue
         typical = np.median(size[size > 0.0]) if size.any() else 0.0
         size = size[size <= OUTLIER * typical]
-        changes = np.abs(np.diff(angles[:, sensor]))
-        resolution = changes[changes > 0.0].min(initial=np.inf)
-        rounding = resolution / np.sqrt(12.0) if np.isfinite(resolution) else 0.0
-        noise[sensor] = max(np.sqrt(np.mean(size ** 2) / THIRD_DIFFERENCE), rounding)
+        changes = np.abs(np.diff(each))
+        rounding = changes[changes > 0.0].min(initial=np.inf) / np.sqrt(12.0)
+        noise[sensor] = max(np.sqrt(np.mean(size ** 2) / THIRD_DIFFERENCE),
+                            rounding if np.isfinite(rounding) else 0.0)
     return noise
 
 
 def nominal_bias(table: list[Region]) -> float | None:
     """
-    Return the nominal bias of each sensor that a recording supports, deg.
+    Return the nominal bias of each sensor, deg; None where no region has enough samples.
 
-    The largest mean parity of a region: errors of that size in each of the four sensors, one
-    independent of the other, cause a parity of that size (n is a unit vector). None where no
-    region has enough samples.
+    The largest mean parity of a region: independent errors of that size in each of the four
+    sensors cause a parity of that size, as n is a unit vector.
     """
-    means = [abs(region.mean_deg) for region in table if region.samples >= REGION_SAMPLES]
-    return max(means) if means else None
+    return max((abs(region.mean_deg) for region in table if region.samples >= REGION_SAMPLES),
+               default=None)
 
 
 def write_regions(path: Path, table: list[Region]) -> None:
     """Write the regions as CSV."""
     with open(path, 'w', newline='', encoding='utf-8') as file:
-        writer = csv.DictWriter(file, [field.name for field in fields(Region)])
-        writer.writeheader()
-        writer.writerows(map(asdict, table))
+        csv.writer(file).writerows([Region._fields, *table])

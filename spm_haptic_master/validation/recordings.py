@@ -60,37 +60,23 @@ ROWS_MINIMUM = 10
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """
-    Values at n increasing times.
-
-    They are quaternions x, y, z, w; joint angles A, B, C, 3A, with more sensors 3B, 3C, in rad,
-    NaN without a reading; or the coordinates of the markers A, B, C, D.
-    """
+    """Values at n increasing times."""
 
     time: np.ndarray  # s, (n,)
-    values: np.ndarray  # (n, 4), with more sensors (n, 5) or (n, 6); markers (n, 12)
+    # Quaternions, (n, 4); joint angles, rad, (n, N), NaN without a reading; or markers, (n, 12).
+    values: np.ndarray
     left_out: int = 0  # rows with too few values
 
 
 def read_orientation(path: Path, topic: str) -> Track:
-    """
-    Return recorded orientations.
-
-    From a CSV file, a directory of rosbag2 or `recorder`, or an .mcap or .db3 file; `topic` is of
-    QuaternionStamped or PoseStamped. InputError: it cannot be read, or has no orientations.
-    """
+    """Return orientations (of a topic: QuaternionStamped or PoseStamped); InputError: none."""
     path = _table_in(path, ORIENTATION_NAME)
     return _quaternions(path, _topic_rows(path, topic, ORIENTATIONS) if bags.is_bag(path)
                         else _csv_rows(path, _csv_table(path), QUATERNION))
 
 
 def read_joints(path: Path, topic: str) -> Track | None:
-    """
-    Return recorded joint angles, or None if a recording of topics has none.
-
-    From the same files as orientations; `topic` is of JointState. InputError: it cannot be read,
-    or is a CSV file without joint angles.
-    """
+    """Return joint angles; None if a recording has none; InputError for a table without any."""
     path = _table_in(path, JOINTS_NAME)
     if _table_in(path, ORIENTATION_NAME) != path:
         return None  # of `recorder`, without joint angles
@@ -110,12 +96,7 @@ def read_joints(path: Path, topic: str) -> Track | None:
 
 
 def read_capture(path: Path, topic: str | None) -> Track:
-    """
-    Return motion capture: markers (12 columns) or poses of a body (quaternions, 4 columns).
-
-    From a CSV file of either, or from the PoseStamped of a topic. InputError: it cannot be read,
-    or has no motion capture.
-    """
+    """Return markers (12 columns) or poses of a body (quaternions); InputError: neither."""
     if bags.is_bag(path):
         if topic is None:
             raise InputError(f'{path}: give the topic of the pose with --capture-topic')
@@ -131,14 +112,10 @@ def read_capture(path: Path, topic: str | None) -> Track:
 
 
 def _joints_among(names: Sequence[str]) -> tuple[str, ...]:
-    """
-    Return the joints of the four, five or six sensors that have names, in their order.
-
-    ValueError where one is missing: the readings of those behind it would be taken for others.
-    """
-    count = max((number for number, name in enumerate(ALL_JOINT_NAMES, 1) if name in names),
-                default=0)
-    expected = ALL_JOINT_NAMES[:max(count, len(JOINT_NAMES))]
+    """Return the joints of four, five or six sensors; ValueError where one of them is missing."""
+    count = max(number for number, name in enumerate(ALL_JOINT_NAMES, 1)
+                if name in names or number == len(JOINT_NAMES))
+    expected = ALL_JOINT_NAMES[:count]
     missing = [name for name in expected if name not in names]
     if missing:
         found = ', '.join(names)[:QUOTED] or 'no joints'
@@ -178,8 +155,6 @@ def _track(path: Path, rows: list[list[float]], least: int | None = None) -> Tra
     return Track(time, values, len(rows) - len(known))
 
 
-# CSV ------------------------------------------------------------------------------------------
-
 def _csv_table(path: Path) -> list[list[str]]:
     """Return the lines of a CSV file, of which the first is the header in small letters."""
     try:
@@ -213,8 +188,6 @@ def _csv_rows(path: Path, table: list[list[str]], columns: tuple[str, ...]) -> l
                              f'{", ".join(columns)}') from error
     return rows
 
-
-# rosbag2 --------------------------------------------------------------------------------------
 
 class Cdr:
     """Reads the fields of a message one after the other; ValueError where it is not plain CDR."""
@@ -270,16 +243,15 @@ def _topic_rows(path: Path, topic: str, decoders: Mapping[str, Decoder],
     found = bags.read_topic(path, topic, optional)
     if found is None:
         return []
-    decoder = decoders.get(found.kind)
-    if decoder is None:
-        raise InputError(f'{path}: {found.name} is of type {found.kind}; expected '
-                         + ' or '.join(decoders))
+    name, kind, messages = found
+    if kind not in decoders:
+        raise InputError(f'{path}: {name} is of type {kind}; expected {" or ".join(decoders)}')
     rows = []
-    for number, message in enumerate(found.messages, start=1):
+    for number, message in enumerate(messages, start=1):
         try:
             cdr = Cdr(message)
-            rows.append([cdr.stamp(), *decoder(cdr)])
+            rows.append([cdr.stamp(), *decoders[kind](cdr)])
         except ValueError as error:
-            raise InputError(f'{path}: message {number} on {found.name}: not as expected: '
+            raise InputError(f'{path}: message {number} on {name}: not as expected: '
                              f'{error}') from error
     return rows

@@ -5,7 +5,6 @@
 
 from functools import cache
 from math import radians
-import re
 
 from calibrated_rig import CalibratedRig, MODE, motion
 import numpy as np
@@ -13,13 +12,12 @@ import pytest
 from spm_haptic_master.calibration.motion import calibration_check
 from spm_haptic_master.calibration.motion.calibration_check import CalibrationChecker
 from spm_haptic_master.calibration.watch.slip_evidence import (
-    chi_square_limit,
+    Evaluation,
     parities,
     parity_of_sample,
 )
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.kinematics import quaternion_from_matrix
-from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 
 
 @cache
@@ -35,12 +33,6 @@ def check(found, angles):
         (angles + np.pi) % (2.0 * np.pi) - np.pi)
 
 
-def slipped(sensor, slip_deg, seed=0, sensors=4):
-    """Return the check of a rig with a sensor that slipped."""
-    found, angles = rig(seed, sensors)
-    return check(found, angles + radians(slip_deg) * np.eye(sensors)[sensor])
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize('sensors', [
     4, *(pytest.param(number, marks=pytest.mark.evidence) for number in (5, 6))])
@@ -52,24 +44,11 @@ def test_no_healthy_rig_is_reported_and_no_healthy_sensor_named(sensors):
         assert healthy.holds, (seed, healthy.text)
         assert healthy.evaluation.merit < 1.2
         sensor, sign = seed % sensors, (-1) ** seed
-        changed = slipped(sensor, 0.1 * sign, seed, sensors)
+        changed = check(found, angles + radians(0.1) * sign * np.eye(sensors)[sensor])
         assert not changed.holds, seed
         assert sensor in [each.sensor for each in changed.candidates], (seed, changed.text)
         named += changed.changed is not None
     assert named >= 9
-
-
-@pytest.mark.parametrize('sensor, slip_deg', [(0, -0.1), (2, 0.1), *(
-    pytest.param(sensor, slip_deg, marks=pytest.mark.evidence)
-    for sensor in range(4) for slip_deg in (-0.1, 0.3, -20.0))])
-def test_a_slip_is_named_with_its_size(sensor, slip_deg):
-    found = slipped(sensor, slip_deg)
-    assert not found.holds
-    assert found.changed.sensor == sensor and not found.changed.turned
-    # A harmonic's correction is at another angle after a large slip; here none is corrected.
-    assert found.changed.slip == pytest.approx(
-        radians(slip_deg), abs=max(4.0 * found.changed.deviation, radians(0.05)))
-    assert found.text.startswith(f'{ALL_JOINT_NAMES[sensor]} slipped by {slip_deg:+.2f}'[:-3])
 
 
 def test_a_reversed_direction_and_angles_that_fit_nothing_are_reported(monkeypatch):
@@ -80,20 +59,7 @@ def test_a_reversed_direction_and_angles_that_fit_nothing_are_reported(monkeypat
     assert not result.holds and result.text == 'joint_3a turns with the other direction'
     result = check(found, angles[::8, [1, 2, 0, 3]] + np.array([1.0, -1.2, 0.7, 0.0]))
     assert not result.holds and result.changed is None
-    assert re.match(r'only \d+ % of the angles fit the mechanism, and no change', result.text)
-
-
-@pytest.mark.parametrize('slips_deg', [
-    (0.3, 0.0, 0.0, 0.3), *(pytest.param(slips, marks=pytest.mark.evidence)
-                            for slips in ((5.0, 0.0, 0.0, 5.0), (0.2,) * 4, (1.0,) * 4))])
-def test_several_that_slipped_are_not_taken_for_one(slips_deg):
-    """After a slip of all, one sensor alone would have to slip by three times as much."""
-    found, angles = rig()
-    result = check(found, angles + np.radians(slips_deg))
-    assert not result.holds and result.changed is None and not result.candidates
-    assert np.degrees(result.several) == pytest.approx(slips_deg, abs=0.1)
-    assert re.fullmatch(r'several zeros moved: (joint_\d\w by [-+]\d\.\d\d deg(, )?){4}',
-                        result.text)
+    assert result.text == 'no change of one sensor explains the angles' and result.usable < 0.9
 
 
 def test_a_small_motion_decides_nothing_but_a_slip_that_shows():
@@ -111,9 +77,9 @@ def test_the_parity_of_a_sample_is_that_of_a_batch(sensors):
     angles = found.angles(rotation)
     batch = parities(angles, rotation, found.sigma, found.geometry, MODE)
     for index, quaternion in enumerate(quaternion_from_matrix(rotation).tolist()):
-        one = parity_of_sample(angles[index].tolist(), tuple(quaternion), found.sigma,
+        turns = 2.0 * np.pi * (np.arange(sensors) - index % 3)
+        one = parity_of_sample((angles[index] + turns).tolist(), tuple(quaternion), found.sigma,
                                found.geometry, MODE)
-        assert one.usable[0]
         np.testing.assert_allclose(one.gain[0].T @ one.parity[0],
                                    batch.gain[index].T @ batch.parity[index], rtol=1e-6, atol=1e-3)
         np.testing.assert_allclose(one.gain[0].T @ one.gain[0],
@@ -124,6 +90,5 @@ def test_the_limit_is_the_quantile_of_chi_square():
     # Expected beyond the limit: 95 of 3 million.
     random = np.random.default_rng(1)
     for freedom in (3, 30):
-        beyond = (random.chisquare(freedom, 3_000_000) > chi_square_limit(freedom)).sum()
-        assert 40 < beyond < 180
-    assert chi_square_limit(0) == 0.0
+        limit = Evaluation(*[np.zeros(4)] * 4, 0.0, freedom, 0.0, 0.0, 0.0).limit
+        assert 40 < (random.chisquare(freedom, 3_000_000) > limit).sum() < 180

@@ -35,7 +35,7 @@ from spm_haptic_master.calibration.motion.model import Layout
 from spm_haptic_master.calibration.motion.outside_reference import mounted
 from spm_haptic_master.encoders.decoder_factory import make_harmonics
 from spm_haptic_master.exceptions import CalibrationError
-from spm_haptic_master.kinematics import Geometry, matrix_from_zxz
+from spm_haptic_master.kinematics import matrix_from_zxz
 from spm_haptic_master.kinematics.rotations import matrix_from_vector, wrapped
 from spm_haptic_master.parameters.files import read_sections
 from spm_haptic_master.parameters.geometry import geometry_from, MECHANISM_SETTINGS
@@ -129,14 +129,6 @@ def test_readings_of_another_mechanism_or_hardly_a_motion_are_refused(motion, ch
     stamps, raw, _, _ = motion
     with pytest.raises(CalibrationError, match=words):
         calibrate_motion(Layout(4), stamps, change(raw))
-
-
-@pytest.mark.slow
-def test_what_is_far_from_the_drawing_is_named(motion):
-    found = calibrate_motion(
-        Layout(4, Geometry(radians(41.5), radians(34.1), radians(18.2))), *motion[:2])
-    assert found.unusual.startswith('farther from the drawing than 3.5 tolerances: proximal link')
-    assert found.unusual in found.cautions
 
 
 def test_the_file_is_what_was_found(calibration, tmp_path):

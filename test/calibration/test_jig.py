@@ -98,11 +98,9 @@ def test_zero_counts_and_noise_are_found():
 def test_an_unusable_recording_is_refused(how, reason):
     with pytest.raises(CalibrationError, match=reason):
         read_still(recorded(FIRST, **how), PER_TURN, *LIMITS)
-
-
-@pytest.mark.parametrize('sets, noise', [(2000, 0.09), (120, 0.09)])
-def test_a_resting_device_is_not_refused_at_any_noise_within_the_limit(sets, noise):
-    read_still(recorded(FIRST, sets, noise), PER_TURN, *LIMITS)
+    # A few or many sets at rest are not refused for a noise within the limit.
+    for sets in (120, 2000):
+        read_still(recorded(FIRST, sets, 0.09), PER_TURN, *LIMITS)
 
 
 WRONG = (1, -1, -1, -1)

@@ -7,14 +7,14 @@ from functools import cache
 from math import radians, tau
 import re
 
-from free_motions import calibrated, DEVIATIONS, model_of, poses, random_vector, SIGMA
+from free_motions import calibrated, DEVIATIONS, model_of, random_vector, SIGMA
 from non_concentric import closed_angles
 import numpy as np
 import pytest
 from simulated_hand import Condition, hand_motion, readings
 from spm_haptic_master.calibration.motion.calibration import CONTRADICTION
-from spm_haptic_master.calibration.motion.fit import fit, normal_equations
-from spm_haptic_master.calibration.motion.misfit import contradiction, unexplained_errors
+from spm_haptic_master.calibration.motion.fit import fit
+from spm_haptic_master.calibration.motion.misfit import contradiction
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.kinematics import Geometry, inverse, workspace_pose
 from spm_haptic_master.simulation.rig import perfect_rig, random_rig
@@ -83,24 +83,6 @@ def test_axes_that_miss_the_centre_are_a_caution():
     stamps = (np.arange(len(rotation)) * STEP * 1e6).astype(np.int64)
     found = calibrated(stamps, direction * read, direction, zeros)
     assert any('axes that miss the centre' in caution for caution in found.cautions)
-
-
-def test_play_of_one_encoder_is_within_the_unexplained_error_of_each():
-    model = model_of()
-    vector = random_vector(model, 5)
-    rotation = poses(4000)
-    seconds = 0.01 * np.arange(len(rotation))
-    turned = model.readings(rotation, vector)
-    turned += SIGMA * np.random.default_rng(1).normal(size=turned.shape)
-    healthy = unexplained_errors(model, turned, seconds, vector,
-                                 normal_equations(model, turned, rotation, vector, ()))
-    assert (healthy < 1.5 * SIGMA).all()
-    play = radians(0.3)
-    turned[:, 2] += 0.5 * play * np.sign(np.sin(seconds))
-    near = model.linearised(turned, rotation, vector).rotation
-    found = unexplained_errors(model, turned, seconds, vector,
-                               normal_equations(model, turned, near, vector, ()))
-    assert 0.5 * play < found[2] < 2.0 * play
 
 
 def test_a_motion_through_few_parts_of_the_workspace_does_not_contradict_itself():

@@ -69,9 +69,9 @@ def test_a_gap_is_bridged_by_no_mean():
 def test_too_few_sets_rest_and_nothing_but_spikes_are_refused():
     read, _ = motion()
     with pytest.raises(CalibrationError, match=r'^1999 sets of four encoders in 2\.0 s; a motion '
-                       r'needs at least 200 sets and 2 s: 2 s at these 1000 Hz$'):
+                       r'needs at least 200 sets and 2 s$'):
         motion_readings(STAMPS[:1999], read[:1999])
-    with pytest.raises(CalibrationError, match=r'^150 sets .*: 20 s at these 10 Hz$'):
+    with pytest.raises(CalibrationError, match=r'^150 sets of four encoders in 14\.9 s; '):
         motion_readings(STAMPS[::100][:150], read[::100][:150])
     still = read.copy()
     still[:, 1] = 1.0 + NOISE * np.random.default_rng(2).normal(size=N)
@@ -86,7 +86,7 @@ def test_too_few_sets_rest_and_nothing_but_spikes_are_refused():
         with pytest.raises(CalibrationError, match='joint_1b moved by 0.[01]. deg; expected'):
             motion_readings(STAMPS, still)
     still[:, 2] = 0.5
-    with pytest.raises(CalibrationError, match=r'joint_1c repeats one value, 28\.65 deg;'):
+    with pytest.raises(CalibrationError, match=r'joint_1c moved by 0\.00 deg; expected'):
         motion_readings(STAMPS, still)
     random = np.random.default_rng(4)
     wrong = random.uniform(size=N) < 0.6

@@ -47,7 +47,7 @@ def test_the_best_are_the_true_ones_and_stand_alone(seed):
 
 def test_a_wrong_pair_that_several_zeros_explain_does_not_end_the_search(monkeypatch):
     """The last two of six are swapped; other swaps leave several choices."""
-    def explaining(readings, model, count, progress):
+    def explaining(readings, model, count):
         first = readings[0].tolist()
         if first == [0.0, 1.0, 2.0, 3.0, 5.0, 4.0]:
             return Start((1,) * 6, np.zeros(model.layout.count))

@@ -123,7 +123,7 @@ def test_a_recording_that_was_not_ended(split, library):
     path, names = split
     (path / 'metadata.yaml').unlink()
     (path / names[-1]).write_bytes((path / names[-1]).read_bytes()[:-20])
-    refused(path, 'no metadata.yaml', '`ros2 bag reindex ' + str(path))
+    refused(path, 'metadata.yaml: cannot be read', '`ros2 bag reindex ' + str(path))
     refused(path / names[-1], 'no end of an MCAP file', '`ros2 bag reindex ' + str(path))
 
 
@@ -141,11 +141,11 @@ def test_a_database_with_messages_beside_it(tmp_path, library):
 def test_a_directory_that_is_not_complete(split, library):
     path, names = split
     describe(path, names[:-1], dict.fromkeys(KINDS, 55))
-    refused(path, 'session_11.mcap not in metadata.yaml', 'ros2 bag reindex')
+    refused(path, 'session_11.mcap in the directory or metadata.yaml alone', 'ros2 bag reindex')
     describe(path, names, dict.fromkeys(KINDS, 61))
     refused(path, '60 messages on /left/orientation, 61 according to metadata.yaml')
     (path / names[3]).unlink()
-    refused(path, 'session_3.mcap is missing, of 12 files')
+    refused(path, 'session_3.mcap in the directory or metadata.yaml alone')
     (path / 'metadata.yaml').write_text('rosbag2_bagfile_information: 7')
     refused(path, "metadata.yaml: cannot be read: 'int' object", 'ros2 bag reindex')
 

@@ -3,8 +3,6 @@
 
 """What a recording says about its sensors, on simulated ones with known errors."""
 
-from dataclasses import astuple
-
 import numpy as np
 import pytest
 from recorded_text import assert_recorded
@@ -43,9 +41,11 @@ def stamps(n):
 
 @pytest.mark.parametrize('sigma_deg', [[0.04] * 4, [0.02, 0.04, 0.08, 0.05]])
 def test_the_parity_is_the_null_vector_times_the_errors(sigma_deg):
+    """Of the first four sensors: the fifth and the sixth have no reading."""
     rotations, _ = sweep(50)
     errors = np.radians([0.03, -0.05, 0.02, 0.08])
-    found = parity_map(joints(rotations) + errors, np.radians(sigma_deg))
+    angles = np.pad(joints(rotations) + errors, ((0, 0), (0, 2)), constant_values=np.nan)
+    found = parity_map(angles, np.radians([*sigma_deg, 0.04, 0.04]))
     normal = np.linalg.svd(jacobian(rotations, sensors=4))[0][:, :, 3]
     np.testing.assert_allclose(np.abs(found.parity_deg), np.abs(np.degrees(normal @ errors)),
                                atol=1e-3)
@@ -72,7 +72,7 @@ def test_regions_are_of_all_samples_with_an_orientation(tmp_path):
         inside = (found.tilt_deg >= row.tilt_from_deg) & (found.tilt_deg < row.tilt_to_deg) \
             & (found.phi_deg >= row.phi_from_deg) & (found.phi_deg < row.phi_to_deg)
         parity = found.parity_deg[inside]
-        assert [row.phi_to_deg - row.phi_from_deg, *astuple(row)[4:]] == pytest.approx(
+        assert [row.phi_to_deg - row.phi_from_deg, *row[4:]] == pytest.approx(
             [15.0, inside.sum(), published[inside].mean(), parity.mean(),
              np.sqrt(np.mean(parity ** 2)), np.median(level[inside & published])])
     assert np.isnan(regions(found, np.zeros(4000, bool), level)[0].level_deg)
@@ -99,6 +99,11 @@ def test_noise_ignores_steps_gaps_and_missing_readings():
     times[2000:] += 300_000_000
     angles[2000:, 0] += 0.3
     np.testing.assert_allclose(np.degrees(white_noise(times, angles)), 0.04, rtol=0.05)
+    # Nor is a motion within many gaps noise.
+    piece = np.arange(5000) // 8
+    moved = 6.0 * SIGMA[0] * np.random.default_rng(5).choice((-1.0, 1.0), 625).cumsum()
+    found = white_noise(stamps(5000) + 5_000_000 * piece, noise + moved[piece, None])
+    np.testing.assert_allclose(np.degrees(found), 0.04, rtol=0.05)
 
 
 def test_noise_is_at_least_that_of_the_rounding():

@@ -137,7 +137,7 @@ class MotionCalibration:
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """Return what an engineer should look at, a sentence each."""
+        """Return warnings for an engineer, a sentence each."""
         found = [self.unusual] if self.unusual else []
         if self.misfit:
             found.append(f'{self.misfit}; the true errors are larger than predicted')
@@ -167,7 +167,7 @@ class Origin:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What a calibration is good for."""
+    """Use of a calibration: alert limit, region, error."""
 
     calibration: MotionCalibration
     origin: Origin
@@ -177,7 +177,7 @@ class Verdict:
 
     @property
     def text(self) -> str:
-        """Return for what it is good, in one line."""
+        """Return alert limit and region, in one line."""
         region = self.calibration.region
         where = 'over the workspace' if region == WORKSPACE else 'ONLY for the region moved'
         return (f'Good for an alert limit of {self.alert_limit_deg:g} deg or more, {where}: '
@@ -195,14 +195,11 @@ class Verdict:
 def zero_counts(calibration: MotionCalibration,
                 counts_per_turn: Sequence[int]) -> tuple[tuple[int, ...], Array]:
     """Return the whole zero counts, and the reading that they leave at joint angle 0, rad."""
-    zeros = calibration.vector[calibration.layout.slices['zeros']]
-    whole, rest = [], []
-    for zero, sign, per_turn in zip(zeros, calibration.direction, counts_per_turn, strict=True):
-        counts = sign * zero * per_turn / tau
-        whole.append(round(counts) % per_turn)
-        # reading = direction (count - zero count) tau / counts per turn
-        rest.append(sign * (counts - round(counts)) * tau / per_turn)
-    return tuple(whole), np.array(rest)
+    sign, per_turn = np.array(calibration.direction), np.array(counts_per_turn)
+    counts = sign * calibration.vector[calibration.layout.slices['zeros']] * per_turn / tau
+    whole = np.rint(counts).astype(int)
+    # reading = direction (count - zero count) tau / counts per turn
+    return tuple((whole % per_turn).tolist()), sign * (counts - whole) * tau / per_turn
 
 
 def rms(values: Array) -> float:
@@ -217,7 +214,7 @@ def motion_parameters(calibration: MotionCalibration, origin: Origin) -> dict[st
     first, _ = layout.harmonics(c.vector)
     geometry = layout.geometry(c.vector)
     joints = ALL_JOINT_NAMES[:layout.sensors]
-    # The second harmonic, and what the whole zero count leaves.
+    # The second harmonic, and the fraction of a count that the whole zero count leaves.
     second = c.vector.copy()
     second[layout.slices['first harmonics']] = 0.0
     at = np.arange(TABLE_VALUES)[:, None] * tau / TABLE_VALUES

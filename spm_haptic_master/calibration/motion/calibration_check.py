@@ -33,8 +33,8 @@ from spm_haptic_master.kinematics import forward_theta3a, Geometry
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics.rotations import matrix_from_vector, wrapped
 
-# Samples that are evaluated, evenly spread in time: 20 s at 100 Hz. What is systematic bounds the
-# result, not the noise of so many.
+# Samples that are evaluated, evenly spread in time: 20 s at 100 Hz. Systematic errors bound the
+# result, not their noise.
 SAMPLES = 2000
 # Part of the samples that have an orientation if a hypothesis is true (unit 1): the others are
 # spikes and moments at the edge of the working mode.
@@ -61,7 +61,7 @@ class Hypothesis:
     slip: float  # reading, by the right direction, less true angle, rad
     deviation: float = np.inf  # its standard deviation by noise and bias, rad
     left: float = np.inf  # misfit that it leaves (unit 1); inf where the angles fit nothing
-    explains: bool = False  # whether noise and bias explain what it leaves
+    explains: bool = False  # whether noise and bias explain the rest
     fits: bool = False  # or the harmonics of an encoder that is another way round
 
     @property
@@ -100,12 +100,7 @@ class Check:
                     ALL_JOINT_NAMES, self.several, strict=False))
         if self.candidates:
             return 'not isolated: ' + ', or '.join(each.text for each in self.candidates)
-        if self.evaluation is None:
-            return (f'only {100.0 * self.usable:.0f} % of the angles fit the mechanism, and no '
-                    'change of one sensor explains that')
-        return (f'the slow parity is {degrees(self.evaluation.slow):.2f} deg rms, expected '
-                f'{degrees(self.evaluation.expected):.2f}, and no change of one sensor explains '
-                'that')
+        return 'no change of one sensor explains the angles'
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,14 +111,13 @@ class CalibrationChecker:
     bias: Array  # bound of its systematic error, rad, (N,)
     geometry: Geometry
     working_mode: WorkingMode
-    # Takes what is done, and the part of the whole that is done (unit 1).
+    # Takes the stage, and the part of the whole that is done (unit 1).
     progress: Callable[[str, float], None] = lambda text, share: None
 
     def check(self, angles: Array) -> Check:
         """Return the result for angles, (n, N), rad; CalibrationError if they decide nothing."""
         rows = np.unique(np.linspace(0, len(angles) - 1, SAMPLES).astype(np.intp))
         angles = angles[rows]
-        self.progress('as calibrated', 0.0)
         evaluation, usable = self._evaluated(angles)
         if evaluation is not None and evaluation.holds():
             self._check_decidable(evaluation)
@@ -133,9 +127,9 @@ class CalibrationChecker:
             several = self._several(angles)
             if several is not None:
                 return Check(evaluation, usable, several=several)
-        near = [found[sensor] for sensor in suspects(
-            np.array([each.left for each in found]), evaluation.freedom if evaluation else 0,
-            np.inf)]
+        left = np.array([each.left for each in found])
+        near = [found[each] for each in suspects(left, evaluation.freedom if evaluation else 0,
+                                                 np.inf)]
         candidates = tuple(each for each in near if each.fits)
         changed = candidates[0] if len(near) == len(candidates) == 1 else None
         return Check(evaluation, usable, changed, candidates)
@@ -172,18 +166,16 @@ class CalibrationChecker:
     def _hypotheses(self, angles: Array, evaluation: Evaluation | None) -> list[Hypothesis]:
         """Return the best hypothesis of each sensor."""
         sensors = angles.shape[1]
-        starts: list[list[tuple[bool, float]]] = [[] for _ in range(sensors)]
-        if evaluation is not None:
-            starts = [[(False, float(slip))] for slip in evaluation.slip]
-        if evaluation is None or evaluation.slow > LINEAR:
-            rows = spread(angles, TRIED_POSES)
-            for sensor in range(sensors):
-                self.progress(f'changes of {ALL_JOINT_NAMES[sensor]}', 0.1 + 0.1 * sensor)
-                starts[sensor] += [(other, self._tried(angles[rows], sensor, other))
-                                   for other in (False, True)]
-        self.progress('refinement', 0.7)
-        return [min((self._refined(angles, sensor, *start) for start in starts[sensor]),
-                    key=lambda each: each.left) for sensor in range(sensors)]
+        few = angles[spread(angles, TRIED_POSES)]
+        found = []
+        for sensor in range(sensors):
+            self.progress(f'changes of {ALL_JOINT_NAMES[sensor]}', sensor / sensors)
+            starts = [(False, float(evaluation.slip[sensor]))] if evaluation else []
+            if evaluation is None or evaluation.slow > LINEAR:
+                starts += [(other, self._tried(few, sensor, other)) for other in (False, True)]
+            found.append(min((self._refined(angles, sensor, *start) for start in starts),
+                             key=lambda each: each.left))
+        return found
 
     def _tried(self, angles: Array, sensor: int, other: bool) -> float:
         """Return the slip over the whole turn that leaves the least parity, rad."""
@@ -200,13 +192,10 @@ class CalibrationChecker:
 
     def _refined(self, angles: Array, sensor: int, other: bool, slip: float) -> Hypothesis:
         """Return a hypothesis with the slip that leaves the least."""
-        turned = angles.copy()
-        if other:
-            turned[:, sensor] *= -1.0
         result = Hypothesis(sensor, other, slip)
         for _ in range(REFINEMENTS):
-            trial = turned.copy()
-            trial[:, sensor] = wrapped(trial[:, sensor] - slip)
+            trial = angles.copy()
+            trial[:, sensor] = wrapped((-1.0 if other else 1.0) * angles[:, sensor] - slip)
             found, _ = self._evaluated(trial)
             if found is None:
                 return Hypothesis(sensor, other, slip)

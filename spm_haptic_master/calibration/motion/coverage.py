@@ -16,12 +16,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import radians
+from math import degrees, radians
 
 import numpy as np
 from spm_haptic_master.calibration.motion.model import Array, MotionModel
+from spm_haptic_master.calibration.watch.slip_evidence import reached
 from spm_haptic_master.kinematics import workspace_pose
-from spm_haptic_master.kinematics.joints import LEG_NAMES
 from spm_haptic_master.kinematics.rotations import wrapped
 from spm_haptic_master.validation.parity_map import tilt_and_turn
 
@@ -94,17 +94,14 @@ def around_middle(angles: Array) -> Array:
 def sensor_bounds(model: MotionModel, vector: Array, covariance: Array, poses: Array,
                   unexplained: Array) -> Array:
     """
-    Return the bound of each sensor's systematic error at poses within reach, rad, shape (N,).
+    Return the bound of each sensor's systematic error at poses within reach, rad, (N,).
 
-    By the covariance of the parameters' errors, (P, P), rad^2, and the error of each sensor that
-    no parameter explains, (N,), rad.
+    By the parameters' covariance, rad^2, and each sensor's error that no parameter explains, rad.
     """
-    layout, zeros = model.layout, model.layout.slices['zeros']
-    angles = model.joint_angles(poses, layout.geometry(vector))
-    # The change of each reading with each parameter, (n, N, P), as if the mechanism were known:
-    # the readings are linear in zeros and harmonics.
-    changes = np.stack([unit[zeros] + layout.harmonic_deviation(angles, unit)[0]
-                        for unit in np.eye(layout.count)], axis=2)
+    zeros = model.layout.slices['zeros']
+    angles = model.joint_angles(poses, model.layout.geometry(vector))
+    # The change of each reading with each parameter, (n, N, P), as if the mechanism were known.
+    changes = np.stack([model.linear_part(angles, unit) for unit in np.eye(len(vector))], axis=2)
     bound = BOUND_SIGMAS * np.sqrt(variances(changes, covariance).max(axis=0)) + unexplained
     # A zero's error is one of the reading.
     spread = model.orientation_changes(poses, vector)[:, :, zeros]
@@ -115,17 +112,14 @@ def sensor_bounds(model: MotionModel, vector: Array, covariance: Array, poses: A
 
 def aligned_changes(model: MotionModel, rotation: Array, vector: Array) -> Array:
     """
-    Return the changes of orientations within reach with the parameters, but for the frames.
+    Return the changes of orientations with the parameters, rad/rad, base frame, (n, 3, P).
 
-    A rotation of the base and one of the platform that all poses share are taken off. Shape
-    (n, 3, P), rad/rad, in the base frame.
+    Without a rotation of the base and one of the platform that all poses share.
     """
     changes = model.orientation_changes(rotation, vector)
-    n = len(rotation)
-    frames = np.concatenate([np.broadcast_to(np.eye(3), (n, 3, 3)), rotation], axis=2)
-    basis = np.linalg.svd(frames.reshape(3 * n, 6), full_matrices=False)
-    kept = basis[0][:, basis[1] > 1e-9 * basis[1][0]]
-    flat = changes.reshape(3 * n, -1)
+    frames = np.concatenate([np.broadcast_to(np.eye(3), rotation.shape), rotation], axis=2)
+    left, size, _ = np.linalg.svd(frames.reshape(-1, 6), full_matrices=False)
+    kept, flat = left[:, size > 1e-9 * size[0]], changes.reshape(-1, changes.shape[2])
     return (flat - kept @ (kept.T @ flat)).reshape(changes.shape)
 
 
@@ -143,8 +137,7 @@ def inverse(information: Array) -> Array:
     """Return the covariance of an information matrix; large where it has none."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-12))
     values, vectors = np.linalg.eigh(information * scale[:, None] * scale)
-    values = np.maximum(values, 1e-13)
-    half = vectors / np.sqrt(values) * scale[:, None]
+    half = vectors / np.sqrt(np.maximum(values, 1e-13)) * scale[:, None]
     return half @ half.T
 
 
@@ -153,21 +146,20 @@ def further_motions(model: MotionModel, vector: Array, information: Array, rate:
     """
     Return instructions for further motions, the one that determines most first.
 
-    With each the factor by which it reduces the variance of the orientation error at the poses of
-    `changes`. It adds samples of the model's noise at a rate, Hz, to the information, (P, P),
-    1/rad^2, of the motion so far and of what was known before.
+    With each the factor by which it reduces the variance of the orientation error, by `changes`,
+    as it adds samples at a rate, Hz, to the information so far, (P, P), 1/rad^2.
     """
     before = orientation_error(changes, inverse(information))
     columns = tuple(range(model.layout.count))
     gains: dict[str, float] = {}
-    motions = [(f'tilt the handle farther {_towards(azimuth)}',
-                _reachable(model, vector, PROPOSED_TILTS_DEG, (azimuth,), PROPOSED_TURNS_DEG))
-               for azimuth in AZIMUTHS]
-    motions += [(f'turn the handle farther to the {side}',
-                 _reachable(model, vector, (0.0, 8.0), AZIMUTHS[::3], turns_deg))
-                for side, turns_deg in (('right (clockwise)', RIGHT_TURNS_DEG),
-                                        ('left (counter-clockwise)', LEFT_TURNS_DEG))]
-    for text, poses in motions:
+    grids: list[tuple[str, Sequence[float], Sequence[float], Sequence[float]]] = [
+        (f'tilt the handle farther {_towards(azimuth)}', PROPOSED_TILTS_DEG, (azimuth,),
+         PROPOSED_TURNS_DEG) for azimuth in AZIMUTHS]
+    grids += [(f'turn the handle farther to the {side}', (0.0, 8.0), AZIMUTHS[::3], turns_deg)
+              for side, turns_deg in (('right (clockwise)', RIGHT_TURNS_DEG),
+                                      ('left (counter-clockwise)', LEFT_TURNS_DEG))]
+    for text, *grid in grids:
+        poses = _reachable(model, vector, *grid)
         if not len(poses):
             continue
         derivative = model.linearised(
@@ -188,20 +180,12 @@ def _reachable(model: MotionModel, vector: Array, tilts_deg: Sequence[float] | A
     # Without a tilt there is no direction.
     wanted = (tilt > 0.0) | (azimuth == azimuths[0])
     poses = workspace_pose(tilt[wanted], azimuth[wanted], turn[wanted])
-    readings = model.readings(poses, vector)
-    within = model.linearised(np.nan_to_num(readings), poses, vector).usable
-    return poses[within & np.isfinite(readings).all(axis=1)]
+    layout = model.layout
+    return poses[reached(poses, layout.geometry(vector), layout.working_mode, layout.sensors)[0]]
 
 
 def _towards(azimuth: float) -> str:
-    """Return a direction of tilt by the legs' motors."""
-    centre, tilted = (workspace_pose(tilt, azimuth, 0.0)[:, 2] for tilt in (0.0, 0.2))
-    # The nominal motors A, B, C are on z, x, y.
-    along = (tilted - centre)[[2, 0, 1]]
-    order = np.argsort(-along)
-    first, second, last = (LEG_NAMES[leg] for leg in order)
-    if along[order[1]] < 0.4 * along[order[0]] or along[order[1]] < 0.0:
-        return f"towards leg {first}'s motor"
-    if along[order[0]] - along[order[1]] < 0.5 * along[order[0]]:
-        return f"away from leg {last}'s motor"
-    return f'between the motors of legs {first} and {second}'
+    """Return one of `AZIMUTHS`, which begin towards (1, -1, 0), by the motors."""
+    third, rest = divmod(round(degrees(azimuth)), 120)
+    return f"away from leg {'ABC'[third]}'s motor" if rest == 90 \
+        else f"towards leg {'BCA'[third]}'s motor"

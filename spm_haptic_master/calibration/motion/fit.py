@@ -45,7 +45,7 @@ DETERMINED = 0.95
 HELD_OUT_SECONDS = 2.0
 # Standard errors by which a larger model may be worse on the held-out motion than the noise makes
 # it: one number for each parameter over the number of samples fitted.
-WORSE = 3.0
+WORSE_DEVIATIONS = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,11 +59,6 @@ class Normal:
     kept: NDArray[np.bool_]  # (n,); which samples are no outliers
     rotation: Array  # (n, 3, 3)
     limit: float  # parity beyond which a sample is an outlier (unit 1)
-
-    @property
-    def sizes(self) -> Array:
-        """Return the lengths of the parity vectors (unit 1); NaN where there is none."""
-        return np.linalg.norm(self.parity, axis=1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +86,7 @@ def normal_equations(model: MotionModel, turned: Array, rotation: Array, vector:
     parity = np.where(usable[:, None], np.concatenate([part.parity for part in parts]), np.nan)
     size = np.linalg.norm(parity, axis=1)
     if limit is None:
-        limit = _outlier_limit(size)
+        limit = _outlier_limit(parity)
     kept = size < limit
     matrix, right = np.zeros((len(columns),) * 2), np.zeros(len(columns))
     for number, part in enumerate(parts):
@@ -101,17 +96,14 @@ def normal_equations(model: MotionModel, turned: Array, rotation: Array, vector:
         rows = part.derivative[inside].reshape(len(values), len(columns))
         matrix += rows.T @ rows
         right += rows.T @ values
-    cost = float(np.sum(np.minimum(size, limit)[usable] ** 2)) + limit ** 2 * float(
-        (~usable).sum())
-    return Normal(cost, matrix, right, parity, kept,
+    return Normal(float(np.sum(np.fmin(size, limit) ** 2)), matrix, right, parity, kept,
                   np.concatenate([part.rotation for part in parts]), limit)
 
 
-def _outlier_limit(sizes: Array) -> float:
-    """Return the parity beyond which a sample is an outlier, by all samples' (unit 1)."""
-    known = sizes[np.isfinite(sizes)]
-    return OUTLIER * max(1.0, NORMAL_DEVIATION * float(np.median(known))) if len(known) \
-        else OUTLIER
+def _outlier_limit(parity: Array) -> float:
+    """Return the size of a parity beyond which a sample is an outlier, by all (unit 1)."""
+    known = np.linalg.norm(parity[np.isfinite(parity[:, 0])], axis=1)
+    return OUTLIER * max(1.0, NORMAL_DEVIATION * float(np.median(known)) if len(known) else 0.0)
 
 
 def fit(model: MotionModel, turned: Array, vector: Array, columns: Sequence[int],
@@ -157,7 +149,7 @@ def fit(model: MotionModel, turned: Array, vector: Array, columns: Sequence[int]
                 break
             continue
         # Fewer outliers, or more: with the limit of the samples themselves from here on.
-        if abs(_outlier_limit(after.sizes) - now.limit) > LIMIT_CHANGE * now.limit:
+        if abs(_outlier_limit(after.parity) - now.limit) > LIMIT_CHANGE * now.limit:
             after = normal_equations(model, turned, after.rotation, moved, chosen)
         vector, now = moved, after
         damping = damping / DAMPING if damping > DAMPING_START else 0.0
@@ -172,8 +164,8 @@ def choose(model: MotionModel, turned: Array, seconds: Array, first: Fit, factor
     """
     Return the start of a fit, the parameters to estimate, and which groups are left, and why.
 
-    It goes group by group from the fit of the zeros to readings, (n, N), rad, of which the whole
-    motion has `factor` times as many; `progress` takes the name and number of each group.
+    Group by group from the fit of the zeros to readings, rad, (n, N), of which the whole motion
+    has `factor` times as many; `progress` takes the name and number of each group.
     """
     layout = model.layout
     held = held_out_part(seconds)
@@ -190,7 +182,7 @@ def choose(model: MotionModel, turned: Array, seconds: Array, first: Fit, factor
         found = fit(model, turned[fitted], best.vector, columns + more, best.normal.rotation)
         now = _outside(model, turned[held], found.vector)
         change = now - outside - len(more) / fitted.sum()
-        if change.mean() > WORSE * change.std() / np.sqrt(len(change)):
+        if change.mean() > WORSE_DEVIATIONS * change.std() / np.sqrt(len(change)):
             return False
         best, columns, outside = found, columns + more, now
         return True
@@ -232,8 +224,7 @@ def considered_covariance(information: Array, deviations: Array,
     """
     Return the covariance of all parameters' errors after a fit of some of them, rad^2, (P, P).
 
-    The others keep the errors that they had before, `deviations`, which also enter the estimated
-    ones; `information` is the normal matrix of all parameters.
+    By all parameters' normal matrix; the others keep their `deviations`, which enter the fit.
     """
     inside = np.array(columns)
     others = np.setdiff1d(np.arange(len(deviations)), inside)
@@ -249,4 +240,4 @@ def considered_covariance(information: Array, deviations: Array,
 def _outside(model: MotionModel, turned: Array, vector: Array) -> Array:
     """Return the squared parities of held-out samples, outliers at their limit (unit 1)."""
     normal = normal_equations(model, turned, model.orientations(turned, vector), vector, ())
-    return np.minimum(np.nan_to_num(normal.sizes, nan=normal.limit), normal.limit) ** 2
+    return np.fmin(np.linalg.norm(normal.parity, axis=1), normal.limit) ** 2

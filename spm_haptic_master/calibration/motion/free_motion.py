@@ -5,7 +5,7 @@
 Calibration of a rig from free motion: nothing is known of it but the drawing and its tolerances.
 
 First the zeros and directions, then the parameters that the motion determines and that a part of
-it that was held out confirms, then all samples together; and what a motion determines so far.
+it that was held out confirms, then all samples together; and guidance during the motion.
 """
 
 from __future__ import annotations
@@ -61,8 +61,8 @@ def calibrate_motion(layout: Layout, stamps: NDArray[np.int64], readings: Array,
     """
     Return the calibration by stamps, ns, and readings, (n, N), rad, by the counts alone.
 
-    Directions that are given are verified. CalibrationError where the motion does not determine
-    the zeros, contradicts the drawing or the directions, or two encoders are swapped.
+    CalibrationError where the motion does not determine the zeros, contradicts the drawing or the
+    directions given, or two encoders are swapped.
     """
     held_out_part((stamps - stamps[0]) * 1e-9)  # refuses a motion that is too short
     means = motion_readings(stamps, readings)
@@ -117,17 +117,13 @@ def fitted(layout: Layout, means: MotionReadings, start: Start,
 
 @dataclass(frozen=True, slots=True)
 class Guidance:
-    """
-    State of a motion that is being recorded.
-
-    The share that is covered of a kind of motion is the variance of the orientation error after
-    more of it over that without; while the zeros are unknown, how far each joint has moved of
-    what the search for them needs.
-    """
+    """State of a motion that is being recorded."""
 
     error: float | None  # predicted over the workspace, rad rms; None while zeros are unknown
     text: str  # what to do next
-    covered: Mapping[str, float]  # 0 .. 1, by instruction or joint
+    # Variance of the orientation error after more of a motion over that without, by instruction;
+    # while zeros are unknown, how far each joint has moved of what the search for them needs.
+    covered: Mapping[str, float]
 
 
 class Guide:
@@ -139,7 +135,7 @@ class Guide:
         self._searched = 0.0
 
     def evaluate(self, stamps: NDArray[np.int64], readings: Array) -> Guidance:
-        """Return what the motion so far determines; arguments of `calibrate_motion`."""
+        """Return the guidance after the motion so far; arguments of `calibrate_motion`."""
         try:
             means = motion_readings(stamps, readings)
         except CalibrationError as error:

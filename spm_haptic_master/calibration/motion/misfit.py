@@ -30,14 +30,14 @@ PERCENT, NORMAL_DEVIATIONS = 99.0, 2.58
 SAMPLES = 500
 # Number of pieces of the motion; a slip is sought at the end of each.
 PIECES = 60
-# Least improvement of the squared parities by a slip (unit 1), and least part of what they have
-# beyond noise that it explains: play and unknown harmonics are explained by no slip.
+# Least improvement of the squared parities by a slip (unit 1), and least part of their excess over
+# noise that it explains: no slip explains play and unknown harmonics.
 LEAST_IMPROVEMENT, LEAST_PART = 100.0, 0.3
 # Part of what the best hypothesis explains within which another one is as good (unit 1): slips lie
 # within a piece, and near an end of the motion few poses distinguish the sensors.
 AS_GOOD = 0.1
 # Parity beyond which a sample does not count (unit 1): a spike that passed.
-LIMIT = 300.0
+SPIKE = 300.0
 
 
 def slow_factor(seconds: Array, normal: Normal) -> float:
@@ -48,11 +48,7 @@ def slow_factor(seconds: Array, normal: Normal) -> float:
 
 def unexplained_errors(model: MotionModel, turned: Array, seconds: Array, vector: Array,
                        normal: Normal) -> Array:
-    """
-    Return the error of each sensor if it alone causes what is slow in the parity, rad, (N,).
-
-    As large as 99 % of the pieces have it; the model has white noise, `normal` is of the result.
-    """
+    """Return the error of each sensor, rad, (N,), that alone causes the slow parity of 99 %."""
     means, counts = _piece_means(seconds, normal)
     enough = counts > 0.5 * np.median(counts)
     size = np.linalg.norm(means[enough], axis=1)
@@ -69,8 +65,7 @@ def contradiction(model: MotionModel, turned: Array, found: Fit) -> float:
     """
     Return by how much halves of the motion contradict each other: variance over noise's (unit 1).
 
-    The halves are those of the tilt in two directions and of the self-rotation. A mechanism that
-    is not that of the model has other parameters in each; about 1 or less is noise.
+    Halves by the tilt in two directions and by the self-rotation: about 1 or less is noise.
     """
     rotation, columns = found.normal.rotation, np.array(found.columns)
     turn = np.exp(1j * zxz_from_matrix(np.nan_to_num(rotation))[2])
@@ -81,21 +76,19 @@ def contradiction(model: MotionModel, turned: Array, found: Fit) -> float:
     parts = {each: normal_equations(model, turned[octant == each], rotation[octant == each],
                                     found.vector, found.columns, found.normal.limit)
              for each in np.unique(octant).tolist()}
-    # Each half has half of what was known before.
+    # Each half has half of the prior information.
     weights = 0.5 * model.layout.deviations[columns] ** -2.0
-    largest = 0.0
+    sizes = []
     for axis in range(3):
-        changes, covariances = [], []
-        for side in (0, 1):
+        difference, both = np.zeros(len(columns)), np.zeros((len(columns),) * 2)
+        for side, sign in ((0, 1.0), (1, -1.0)):
             half = [part for each, part in parts.items() if each >> axis & 1 == side]
             covariance = inverse(sum(part.matrix for part in half) + np.diag(weights))
             right = sum(part.right for part in half) + weights * found.vector[columns]
-            changes.append(covariance @ right)
-            covariances.append(covariance)
-        difference = changes[0] - changes[1]
-        size = difference @ np.linalg.solve(sum(covariances), difference)
-        largest = max(largest, float(size) / len(columns))
-    return largest
+            difference += sign * covariance @ right
+            both += covariance
+        sizes.append(float(difference @ np.linalg.solve(both, difference)))
+    return max(sizes) / len(columns)
 
 
 def _piece_means(seconds: Array, normal: Normal) -> tuple[Array, NDArray[np.intp]]:
@@ -111,13 +104,12 @@ def check_slip(model: MotionModel, turned: Array, seconds: Array, found: Fit) ->
     """
     Raise CalibrationError where a slip or a drift explains what a fit leaves; name the sensor.
 
-    For each sensor and each time, a change of its zero from then on is one more parameter, and so
-    is a drift from the beginning to the end. What it improves, and its value, follow from the
-    normal equations of the pieces. The zeros are the first parameters that were estimated.
+    A change of a zero after a time is one more parameter, and so is a drift over the motion; what
+    it improves follows from the normal equations of the pieces, in which the zeros come first.
     """
     rotation, vector, places = found.normal.rotation, found.vector, np.array(found.columns)
     weights = model.layout.deviations[places] ** -2.0
-    pieces = [normal_equations(model, turned[rows], rotation[rows], vector, found.columns, LIMIT)
+    pieces = [normal_equations(model, turned[rows], rotation[rows], vector, found.columns, SPIKE)
               for rows in np.array_split(np.arange(len(turned)), PIECES)]
     matrices = np.stack([piece.matrix for piece in pieces])
     rights = np.stack([piece.right for piece in pieces])
@@ -142,13 +134,11 @@ def check_slip(model: MotionModel, turned: Array, seconds: Array, found: Fit) ->
     if best <= least:
         return
     others = np.delete(explained, sensor, axis=1).max()
-    what = 'drifted' if times[row] is None else 'slipped'
     slip = degrees(-slope[row, sensor] / size[row, sensor])
-    who = f'one of the encoders {what}' if others > max(least, (1.0 - AS_GOOD) * best) \
-        else f'{ALL_JOINT_NAMES[sensor]} {what} by {slip:+.2f} deg'
-    raise CalibrationError(
-        f'{who} during the motion' + (
-            '; let it warm up, check its coupling and move the device again'
-            if times[row] is None else
-            f', about {times[row]:.0f} s after its beginning; fasten the encoder and move the '
-            'device again'))
+    name, by = ('one of the encoders', '') if others > max(least, (1.0 - AS_GOOD) * best) \
+        else (ALL_JOINT_NAMES[sensor], f' by {slip:+.2f} deg')
+    if times[row] is None:
+        raise CalibrationError(f'{name} drifted{by} during the motion; let it warm up, check its '
+                               'coupling and move the device again')
+    raise CalibrationError(f'{name} slipped{by} during the motion, about {times[row]:.0f} s after '
+                           'its beginning; fasten the encoder and move the device again')

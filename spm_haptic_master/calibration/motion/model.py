@@ -29,11 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 from spm_haptic_master.calibration.watch.slip_evidence import projected, reached, sensor_angles
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.kinematics import (
-    forward_theta3a,
-    Geometry,
-    in_usual_frames,
-)
+from spm_haptic_master.kinematics import forward_theta3a, Geometry, in_usual_frames
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, LEG_NAMES
 from spm_haptic_master.kinematics.rotations import matrix_from_vector, wrapped
 
@@ -109,21 +105,11 @@ class Layout:
                          [len(self.columns(group)) for group in GROUPS])
 
     @cached_property
-    def base_tangents(self) -> tuple[Array, Array]:
-        """Return the directions in which Z1C deviates: towards Z1A, and across."""
-        first, _, third = np.array(self.nominal.base_axes)
-        towards = first - (first @ third) * third
-        towards /= np.linalg.norm(towards)
-        return towards, np.cross(third, towards)
-
-    @cached_property
     def platform_tangents(self) -> Array:
         """Return three deviations of the nine components that are no rotation, shape (3, 3, 3)."""
         axes = np.array(self.nominal.platform_axes)
         turns = np.stack([np.cross(unit, axes).ravel() for unit in np.eye(3)])
-        lengths = np.zeros((3, 9))
-        for leg, axis in enumerate(axes):
-            lengths[leg, 3 * leg:3 * leg + 3] = axis
+        lengths = (np.eye(3)[:, :, None] * axes).reshape(3, 9)
         # The null space of rotations and lengths.
         return np.linalg.svd(np.vstack([turns, lengths]))[2][6:].reshape(3, 3, 3)
 
@@ -139,12 +125,13 @@ class Layout:
 
     def harmonic_deviation(self, angles: Array, vector: Array) -> tuple[Array, Array]:
         """Return reading minus angle by the harmonics, (n, N), rad, and its slope by the angle."""
-        first, second = self.harmonics(vector)
-        c1, s1, c2, s2 = (np.cos(angles), np.sin(angles), np.cos(2.0 * angles),
-                          np.sin(2.0 * angles))
-        return (first[:, 0] * c1 + first[:, 1] * s1 + second[:, 0] * c2 + second[:, 1] * s2,
-                first[:, 1] * c1 - first[:, 0] * s1
-                + 2.0 * (second[:, 1] * c2 - second[:, 0] * s2))
+        deviation = slope = np.zeros(self.sensors)
+        for order, (cosine, sine) in enumerate(
+                (each.T for each in self.harmonics(vector)), 1):
+            c, s = np.cos(order * angles), np.sin(order * angles)
+            deviation = deviation + cosine * c + sine * s
+            slope = slope + order * (sine * c - cosine * s)
+        return deviation, slope
 
 
 @lru_cache(maxsize=GEOMETRIES)
@@ -155,8 +142,10 @@ def _geometry(layout: Layout, numbers: bytes) -> Geometry:
     axes = np.array(nominal.base_axes)
     angle = np.arctan2(axes[1, 0], axes[1, 2]) + turn
     axes[1] = np.sin(angle), 0.0, np.cos(angle)
-    to, over = layout.base_tangents
-    axes[2] = axes[2] + towards * to + across * over
+    # Z1C deviates towards Z1A, and across.
+    to = axes[0] - (axes[0] @ axes[2]) * axes[2]
+    to /= np.linalg.norm(to)
+    axes[2] += towards * to + across * np.cross(axes[2], to)
     axes[2] /= np.linalg.norm(axes[2])
     platform = np.array(nominal.platform_axes) + np.tensordot(
         deviations, layout.platform_tangents, 1)
@@ -168,15 +157,10 @@ def _geometry(layout: Layout, numbers: bytes) -> Geometry:
 
 @dataclass(frozen=True, slots=True)
 class Linearised:
-    """
-    Parity of n samples and its derivatives at a parameter vector.
-
-    The first component of a parity vector is the parity of the first four sensors, with a sign
-    that is continuous over the workspace.
-    """
+    """Parity of n samples, that of the first four sensors first, and its derivatives."""
 
     usable: NDArray[np.bool_]  # (n,); which samples have an orientation within reach, others are 0
-    parity: Array  # (n, N - 3), standard deviations of white noise
+    parity: Array  # (n, N - 3), standard deviations of white noise, continuous over the workspace
     derivative: Array  # (n, N - 3, columns), 1/rad
     rotation: Array  # (n, 3, 3), one step closer to the maximum-likelihood ones
 
@@ -186,8 +170,8 @@ class MotionModel:
     """
     The readings that a mechanism with its encoders gives at orientations.
 
-    Its methods take `turned`, readings by their directions before the zeros are subtracted, rad,
-    shape (n, N), orientations `rotation`, shape (n, 3, 3), and parameters `vector`, shape (P,).
+    Its methods take `turned`, readings by their directions with the zeros in them, rad, (n, N),
+    orientations `rotation`, (n, 3, 3), and parameters `vector`, (P,).
     """
 
     layout: Layout
@@ -215,16 +199,11 @@ class MotionModel:
     def readings(self, rotation: Array, vector: Array) -> Array:
         """Return the readings by their directions, rad, shape (n, N); NaN out of reach."""
         angles = self.joint_angles(rotation, self.layout.geometry(vector))
-        return (angles + self.layout.harmonic_deviation(angles, vector)[0]
-                + vector[self.layout.slices['zeros']])
+        return angles + self.linear_part(angles, vector)
 
     def linearised(self, turned: Array, rotation: Array, vector: Array,
                    columns: tuple[int, ...] = ()) -> Linearised:
-        """
-        Return parity of samples, and its derivatives by the parameters in `columns`.
-
-        The orientations are near the maximum-likelihood ones; NaN where there is none.
-        """
+        """Return the parity near maximum-likelihood orientations, and derivatives by columns."""
         layout = self.layout
         usable, matrices, angles, rates = reached(
             rotation, layout.geometry(vector), layout.working_mode, layout.sensors)
@@ -253,25 +232,23 @@ class MotionModel:
                     columns: tuple[int, ...]) -> Array:
         """Return the derivative of reading minus predicted reading, shape (n, N, columns)."""
         layout = self.layout
-        n, sensors = angles.shape
-        zeros = layout.slices['zeros'].stop
-        harmonics = layout.slices['first harmonics'].start
-        found = np.zeros((n, sensors, len(columns)))
+        mechanism = range(layout.slices['links'].start, layout.slices['platform axes'].stop)
+        found = np.zeros((*angles.shape, len(columns)))
         for place, column in enumerate(columns):
-            if column < zeros:
-                found[:, column, place] = -1.0
-            elif column < harmonics:
-                moved = vector.copy()
-                moved[column] += DIFFERENCE
-                change = wrapped(
-                    self.joint_angles(rotation, layout.geometry(moved)) - angles) / DIFFERENCE
+            unit = np.zeros(layout.count)
+            unit[column] = 1.0
+            if column in mechanism:
+                change = wrapped(self.joint_angles(rotation, layout.geometry(
+                    vector + DIFFERENCE * unit)) - angles) / DIFFERENCE
                 found[:, :, place] = np.nan_to_num(-change * (1.0 + slope))
             else:
-                order, rest = divmod(column - harmonics, 2 * sensors)
-                sensor, part = divmod(rest, 2)
-                at = (order + 1) * angles[:, sensor]
-                found[:, sensor, place] = -(np.sin(at) if part else np.cos(at))
+                found[:, :, place] = -self.linear_part(angles, unit)
         return found
+
+    def linear_part(self, angles: Array, vector: Array) -> Array:
+        """Return reading minus angle, rad, (n, N), which is linear in zeros and harmonics."""
+        return vector[self.layout.slices['zeros']] \
+            + self.layout.harmonic_deviation(angles, vector)[0]
 
 
 def _continuous(gain: Array, rates: Array) -> Array:
@@ -279,8 +256,7 @@ def _continuous(gain: Array, rates: Array) -> Array:
     Return gains, (n, N - 3, N), in a basis of the parity that does not jump between poses.
 
     Its first vector is along the signed 3 x 3 minors of the first four rows of J, `rates`, and 0
-    for all further sensors. The vector of each of these is 0 for those after it and positive for
-    itself. (The vectors of a QR decomposition change their sign where an element of J does.)
+    for all further sensors; that of each of these is 0 for those after it and positive for itself.
     """
     further = gain.shape[1] - 1
     if further:
@@ -293,7 +269,6 @@ def _continuous(gain: Array, rates: Array) -> Array:
     last = np.cross(rates[:, 2], rates[:, 3])
     minors = np.stack([(rates[:, 1] * last).sum(1), -(rates[:, 0] * last).sum(1),
                        (rates[:, 3] * first).sum(1), -(rates[:, 2] * first).sum(1)], axis=1)
-    along = np.einsum('ni,ni->n', gain[:, 0, :4], minors)
-    found = gain.copy()
-    found[:, 0] *= np.where(along < 0.0, -1.0, 1.0)[:, None]
-    return found
+    signs = np.ones(gain.shape[:2])
+    signs[np.einsum('ni,ni->n', gain[:, 0, :4], minors) < 0.0, 0] = -1.0
+    return gain * signs[:, :, None]

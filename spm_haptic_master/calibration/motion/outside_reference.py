@@ -27,7 +27,7 @@ from spm_haptic_master.validation.alignment import constant_frames, rotation_vec
 
 # Least number of orientations that determine both mountings.
 BOTH_MINIMUM = 3
-# Steps of the linear least squares: the second one corrects what the first linearised.
+# Steps of the linear least squares: the second one corrects the linearisation of the first.
 STEPS = 3
 # Deviation of the orientations from outside beyond which they contradict the motion (standard
 # deviations, rms).
@@ -38,58 +38,43 @@ CONTRADICTION = 4.0
 class Mounted:
     """A calibration with its mounting."""
 
-    calibration: MotionCalibration  # with what the orientations from outside add
+    calibration: MotionCalibration  # fused with the orientations from outside
     base: Array  # R_table_base, (3, 3)
     handle: Array  # R_platform_handle, (3, 3)
     base_deviations: Array  # standard deviations of its rotation vector, rad, (3,)
     handle_deviations: Array  # the same of the handle; 0 where it was not estimated
-    rms: float  # what is left of the orientations from outside, rad rms
+    rms: float  # residual of the orientations from outside, rad rms
 
 
 def mounted(calibration: MotionCalibration, turned: Array, outside: Array,
             sigma: float) -> Mounted:
     """
-    Return the calibration with what orientations from outside, R_table_handle, (k, 3, 3), add.
+    Return the calibration fused with orientations from outside, R_table_handle, (k, 3, 3).
 
-    The readings by their directions, (k, N), rad, are those at the orientations, of which `sigma`
-    is the standard deviation about each axis, rad. CalibrationError where the orientations
-    contradict the motion, or readings have none.
+    `turned` are the readings there by their directions, rad, (k, N), `sigma` is the orientations'
+    standard deviation about each axis, rad. CalibrationError where they contradict the motion.
     """
-    try:
-        found = _fused(calibration, turned, outside, sigma)
-    except GeometryError as error:
-        raise CalibrationError(
-            f'the orientations from outside contradict the motion: {error}') from error
-    if len(outside) > 1 and found.rms > CONTRADICTION * sigma:
-        raise CalibrationError(
-            f'the orientations from outside contradict the motion: {degrees(found.rms):.3f} deg '
-            f'rms are left of them, expected up to {degrees(CONTRADICTION * sigma):.3f} deg')
-    return found
-
-
-def _fused(calibration: MotionCalibration, turned: Array, outside: Array,
-           sigma: float) -> Mounted:
-    """Return the least-squares solution; arguments and errors of `mounted`."""
     model, vector = calibration.model, calibration.vector
     both = len(outside) >= BOTH_MINIMUM
     before = inverse(calibration.covariance)
     base, handle = np.eye(3), np.eye(3)
     for step in range(STEPS):
-        rotation = model.orientations(turned, vector)
+        try:
+            rotation = model.orientations(turned, vector)
+        except GeometryError as error:
+            raise CalibrationError(
+                f'the orientations from outside contradict the motion: {error}') from error
         if not np.isfinite(rotation).all():
             raise CalibrationError('the readings at a pose from outside have no orientation')
         if step == 0:
             base, handle = constant_frames(outside, rotation, not both)
         carried = base @ rotation
         errors = rotation_vectors(carried @ handle @ outside.swapaxes(1, 2))
-        blocks = [base @ model.orientation_changes(rotation, vector),
-                  np.broadcast_to(np.eye(3), carried.shape)]
-        if both:
-            blocks.append(carried)
-        rows = np.concatenate(blocks, axis=2)
+        rows = np.concatenate([
+            base @ model.orientation_changes(rotation, vector),
+            np.broadcast_to(np.eye(3), carried.shape), *([carried] if both else [])], axis=2)
         flat = rows.reshape(-1, rows.shape[2]) / sigma
-        matrix = flat.T @ flat
-        count = len(vector)
+        matrix, count = flat.T @ flat, len(vector)
         matrix[:count, :count] += before
         right = flat.T @ errors.ravel() / sigma
         right[:count] += before @ (vector - calibration.vector)
@@ -102,6 +87,10 @@ def _fused(calibration: MotionCalibration, turned: Array, outside: Array,
     rotation = model.orientations(turned, vector)
     left = rotation_vectors(base @ rotation @ handle @ outside.swapaxes(1, 2))
     rms = float(np.sqrt(np.mean(left ** 2)))
+    if len(outside) > 1 and rms > CONTRADICTION * sigma:
+        raise CalibrationError(
+            f'the orientations from outside contradict the motion: {degrees(rms):.3f} deg rms are '
+            f'left of them, expected up to {degrees(CONTRADICTION * sigma):.3f} deg')
     deviations = np.sqrt(np.diag(covariance))
     normal = normal_equations(model, calibration.turned, calibration.rotation, vector, ())
     fused = replace(calibration, vector=vector, covariance=covariance[:count, :count],

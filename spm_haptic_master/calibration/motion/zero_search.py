@@ -15,7 +15,7 @@ gives all four zeros, for each of the sixteen combinations of directions.
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 from itertools import combinations, product
 from math import cos, degrees, radians, sin
@@ -24,8 +24,9 @@ import numpy as np
 from spm_haptic_master.calibration.motion.fit import fit
 from spm_haptic_master.calibration.motion.model import Array, Layout, MotionModel
 from spm_haptic_master.calibration.motion.readings import MotionReadings, spread
+from spm_haptic_master.calibration.watch.slip_evidence import sensor_angles
 from spm_haptic_master.exceptions import CalibrationError
-from spm_haptic_master.kinematics import Geometry, inverse, matrix_from_quaternion
+from spm_haptic_master.kinematics import Geometry, matrix_from_quaternion
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics.leg_kernels import (
     second_in_second_joint,
@@ -34,7 +35,7 @@ from spm_haptic_master.kinematics.leg_kernels import (
 )
 from spm_haptic_master.kinematics.rotations import wrapped
 
-# Takes what is done, and the part of the whole that is done (unit 1).
+# Takes the stage, and the part of the whole that is done (unit 1).
 Progress = Callable[[str, float], None]
 # Cosine and sine of an angle.
 Turn = tuple[Array, Array]
@@ -47,7 +48,7 @@ SEARCH_SAMPLES, COMPARED_SAMPLES = 120, 1000
 # true zeros after a motion of the whole workspace, one in thirty after a poor one. And of a second
 # search where the first one finds nothing.
 GUESSES, MORE_GUESSES = 48, 192
-# Random orientations tried for each guess that is needed: about one in sixteen is within reach.
+# Random orientations tried for each guess: about one in sixteen is within reach.
 ORIENTATIONS = 40
 # Steps of a guess, of all of them and of the better ones.
 FIRST_STEPS, STEPS = 10, 30
@@ -63,9 +64,9 @@ GRADIENT_FLOOR = 1e-3
 DAMPING, BETTER_STEP, WORSE_STEP = 1e-2, 0.3, 4.0
 # Distance of the zeros below which two guesses have come to the same, and beyond which two starts
 # are different (rad).
-SAME, APART = radians(1.0), radians(2.0)
+SAME_ZEROS, DISTINCT_ZEROS = radians(1.0), radians(2.0)
 # Misfit over that of the best guess below which another one is as good (unit 1).
-NEAR = 3.0
+MISFIT_RATIO = 3.0
 # Results of the search that are compared with all parameters free.
 COMPARED = 4
 # Misfit of the true zeros with the drawing's links (rad): links and axes that are off by 0.5 deg
@@ -73,7 +74,7 @@ COMPARED = 4
 MISFIT_LIMIT = radians(1.5)
 # Misfit by which the best zeros explain the motion better than any others, in that of a sample
 # (unit 1): by chance it is 30 in a million.
-DISTINCT = 100.0
+MISFIT_MARGIN = 100.0
 # Parity that may be left (rad rms): more is another mechanism, or encoders that slip.
 PARITY_LIMIT = radians(0.25)
 
@@ -103,27 +104,24 @@ def find_start(means: MotionReadings, model: MotionModel,
     CalibrationError where none explain the motion, or several do. With `swaps` it names a pair of
     encoders that are swapped.
     """
-    def search(readings: Array, count: int, done: float, share: float) -> Start | None:
-        return _explaining(readings, model, count, lambda part: progress(
-            'zeros and directions', done + part * share))
-
-    if found := search(means.readings, GUESSES, 0.0, 0.3):
-        return found
     joints = ALL_JOINT_NAMES[:model.layout.sensors]
-    pairs = list(combinations(range(len(joints)), 2)) if swaps else []
-    for number, (first, second) in enumerate(pairs):
-        swapped = means.readings.copy()
-        swapped[:, [first, second]] = swapped[:, [second, first]]
-        share = 0.1 / len(pairs)
-        # Several choices that explain this pair say nothing of other pairs.
-        with suppress(CalibrationError):
-            found = search(swapped, GUESSES, 0.3 + number * share, share)
+    pairs = combinations(range(len(joints)), 2) if swaps else ()
+    searches = [(GUESSES, []), *((GUESSES, [*pair]) for pair in pairs), (MORE_GUESSES, [])]
+    for number, (count, pair) in enumerate(searches):
+        progress('zeros and directions', 0.5 * number / len(searches))
+        readings = means.readings.copy()
+        readings[:, pair] = readings[:, pair[::-1]]
+        found = None
+        # Several choices that explain a swapped pair say nothing of other pairs.
+        with suppress(CalibrationError) if pair else nullcontext():
+            found = _explaining(readings, model, count)
+        if found and not pair:
+            return found
         if found:
             raise CalibrationError(
-                f'{joints[first]} and {joints[second]} are swapped: the motion fits the mechanism '
-                'if their encoders are exchanged; expected encoders.id in the order of the joints')
-    if found := search(means.readings, MORE_GUESSES, 0.4, 0.1):
-        return found
+                f'{" and ".join(joints[each] for each in pair)} are swapped: the motion fits the '
+                'mechanism if their encoders are exchanged; expected encoders.id in the order of '
+                'the joints')
     raise CalibrationError(
         'no zeros and directions of the encoders explain the motion with this mechanism; '
         "expected the drawing's link angles in geometry.*, the encoders in the order "
@@ -131,19 +129,15 @@ def find_start(means: MotionReadings, model: MotionModel,
         'directions, turn it both ways')
 
 
-def _explaining(readings: Array, model: MotionModel, count: int,
-                progress: Callable[[float], None]) -> Start | None:
+def _explaining(readings: Array, model: MotionModel, count: int) -> Start | None:
     """Return what explains readings, None if nothing does; CalibrationError if several do."""
     layout = model.layout
     rows = spread(readings[:, :4], SEARCH_SAMPLES)
-    guesses = search_zeros(readings[rows][:, :4], layout, count, progress)
+    guesses = search_zeros(readings[rows][:, :4], layout, count)
     near = [guess for guess in guesses
-            if guess.misfit < min(MISFIT_LIMIT, NEAR * guesses[0].misfit)]
+            if guess.misfit < min(MISFIT_LIMIT, MISFIT_RATIO * guesses[0].misfit)]
     if len(near) > COMPARED:
-        raise CalibrationError(
-            'the motion does not determine the zeros: many explain it equally well; check the '
-            'order of the joints (encoders.id and encoders.node_id), and tilt the handle farther '
-            'in all directions and turn it farther both ways')
+        raise _undetermined('many')
     compared = readings[spread(readings[:, :4], COMPARED_SAMPLES)]
     fits = [found for guess in guesses[:COMPARED] if guess.misfit < MISFIT_LIMIT
             if (found := _compared(compared, model, guess)) is not None]
@@ -152,15 +146,19 @@ def _explaining(readings: Array, model: MotionModel, count: int,
     (misfit, best), *others = sorted(fits, key=lambda found: found[0])
     each = max(1.0, misfit / len(compared))
     for other, start in others:
-        if other - misfit < DISTINCT * each and (
+        if other - misfit < MISFIT_MARGIN * each and (
                 start.direction != best.direction
-                or np.abs(wrapped(start.vector - best.vector)).max() > APART):
-            raise CalibrationError(
-                'the motion does not determine the zeros: different ones explain it equally '
-                f'well ({degrees(best.vector[0]):.1f} and {degrees(start.vector[0]):.1f} deg '
-                f'of {ALL_JOINT_NAMES[0]}); tilt the handle farther in all directions and '
-                'turn it farther both ways')
+                or np.abs(wrapped(start.vector - best.vector)).max() > DISTINCT_ZEROS):
+            raise _undetermined(f'{degrees(best.vector[0]):.1f} and '
+                                f'{degrees(start.vector[0]):.1f} deg of {ALL_JOINT_NAMES[0]}')
     return best
+
+
+def _undetermined(zeros: str) -> CalibrationError:
+    return CalibrationError(
+        f'the motion does not determine the zeros: {zeros} explain it equally well; check the '
+        'order of the joints (encoders.id and encoders.node_id), tilt the handle farther in all '
+        'directions and turn it farther both ways')
 
 
 def _compared(readings: Array, model: MotionModel, guess: ZeroGuess) -> tuple[float, Start] | None:
@@ -191,48 +189,40 @@ def _with_more(readings: Array, model: MotionModel, guess: ZeroGuess) -> Start:
         angles = model.joint_angles(rotation[known], layout.nominal)
         for sensor in range(4, layout.sensors):
             # The zero is the mean direction of what is left, which is short for the wrong sign.
-            sums = [np.nanmean(np.exp(1j * (sign * readings[known, sensor] - angles[:, sensor])))
-                    for sign in (1, -1)]
-            better = int(abs(sums[1]) > abs(sums[0]))
-            direction.append((1, -1)[better])
-            vector[sensor] = np.angle(sums[better])
+            mean, sign = max(((np.nanmean(np.exp(
+                1j * (sign * readings[known, sensor] - angles[:, sensor]))), sign)
+                for sign in (1, -1)), key=lambda each: abs(each[0]))
+            direction.append(sign)
+            vector[sensor] = np.angle(mean)
     return Start(tuple(direction), vector)
 
 
-def search_zeros(readings: Array, layout: Layout, count: int = GUESSES,
-                 progress: Callable[[float], None] = lambda share: None) -> list[ZeroGuess]:
+def search_zeros(readings: Array, layout: Layout, count: int) -> list[ZeroGuess]:
     """
-    Return different zeros and directions that explain samples, the best first.
+    Return different zeros and directions that explain readings by the counts, the best first.
 
-    The readings, (n, 4), of th1A, th1B, th1C, th3A, rad, have direction 1 and zero 0 and are far
-    from each other. For each combination of directions, `count` guesses are made at the first
-    sample, a middle one.
+    The readings of the first four sensors, rad, (n, 4), are far from each other, the first one a
+    middle one: there, `count` guesses are made for each combination of directions.
     """
     nominal = layout.nominal
-    random = np.random.default_rng(SEED)
-    angles = np.empty((0, 4))  # of random poses within reach
-    while len(angles) < count:
-        quaternions = random.normal(size=(ORIENTATIONS * count, 4))
-        quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
-        of = inverse(matrix_from_quaternion(quaternions), nominal, layout.working_mode)
-        more = np.column_stack([of.theta1, of.theta3a])
-        angles = np.vstack([angles, more[np.isfinite(more).all(axis=1)]])
-    directions = list(product((1, -1), repeat=4))
+    quaternions = np.random.default_rng(SEED).normal(size=(ORIENTATIONS * count, 4))
+    quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
+    angles = sensor_angles(matrix_from_quaternion(quaternions), nominal, layout.working_mode, 4)
+    angles = angles[np.isfinite(angles).all(axis=1)][:count]
     found = []
-    for number, direction in enumerate(directions, 1):
+    for direction in product((1, -1), repeat=4):
         turned = readings * np.array(direction)
         zeros, cost, damping = _improve(
-            turned, turned[0] - angles[:count], np.full(count, DAMPING), nominal, FIRST_STEPS)
+            turned, turned[0] - angles, np.full(len(angles), DAMPING), nominal, FIRST_STEPS)
         best = np.argsort(cost)[:max(1, int(BETTER * count))]
         zeros, _, _ = _improve(turned, zeros[best], damping[best], nominal, STEPS)
         misfit = np.median(np.abs(_distance(turned, zeros, nominal)[0]), axis=1)
         found += [ZeroGuess(direction, each, float(of))
                   for each, of in zip(zeros, misfit, strict=True)]
-        progress(number / len(directions))
     different: list[ZeroGuess] = []
     for guess in sorted(found, key=lambda guess: guess.misfit):
         if not any(guess.direction == other.direction
-                   and np.abs(wrapped(guess.zeros - other.zeros)).max() < SAME
+                   and np.abs(wrapped(guess.zeros - other.zeros)).max() < SAME_ZEROS
                    for other in different):
             different.append(guess)
     return different

@@ -15,6 +15,8 @@ from spm_haptic_master.calibration.watch.slip_evidence import (
     parity_of_sample,
     poses_of,
     PoseSums,
+    summed,
+    suspects,
     WorkingMode,
 )
 from spm_haptic_master.kinematics import Geometry
@@ -38,9 +40,8 @@ class CalibrationWatch:
     """
     Follows the slow parity of samples that come about once a second.
 
-    Nothing of it is on the way of a sample: the caller takes one now and then. `evaluation` is the
-    latest one, None before the first sample; `caution` says what drifted, and is empty while the
-    calibration holds. White noise and bounds of the sensors' errors are in rad.
+    `evaluation` is the latest one, None before the first sample; `caution` says what drifted, and
+    is empty while the calibration holds. Noise and bounds of the sensors' errors are in rad.
     """
 
     def __init__(self, sigma: Sequence[float], bias: Sequence[float], geometry: Geometry,
@@ -62,16 +63,15 @@ class CalibrationWatch:
             return False
         found = parity_of_sample(
             angles, quaternion, self._sigma, self._geometry, self._working_mode)
-        if not found.usable[0]:
+        if found is None:
             return False
         self._last = quaternion
         for each in self._sums:
             each *= 1.0 - 1.0 / MEMORY
-        row = self._row(tuple(poses_of(np.array([angles]))[0].tolist()))
-        gain, parity = found.gain[0], found.parity[0]
-        self._sums.samples[row] += 1.0
-        self._sums.information[row] += gain.T @ gain
-        self._sums.score[row] += gain.T @ parity
+        sample = np.array([angles])
+        row = self._row(tuple(poses_of(sample)[0].tolist()))
+        for total, of_one in zip(self._sums, summed(sample, found), strict=True):
+            total[row] += of_one[0]
         return True
 
     def _row(self, pose: tuple[int, ...]) -> int:
@@ -95,10 +95,11 @@ class CalibrationWatch:
 
 def _words(found: Evaluation) -> str:
     """Return what drifted, in words."""
-    names = [ALL_JOINT_NAMES[sensor] for sensor in found.suspects]
+    which = suspects(found.misfit - found.explained, found.freedom, found.limit)
+    names = [ALL_JOINT_NAMES[sensor] for sensor in which]
     if not names:
         return (f'slow parity {degrees(found.slow):.2f} deg, expected '
                 f'{degrees(found.expected):.2f}')
     if len(names) > 1:
         return f'{" or ".join(names)} drifted since'
-    return f'{names[0]} drifted by {degrees(abs(found.slip[found.suspects[0]])):.2f} deg since'
+    return f'{names[0]} drifted by {degrees(abs(found.slip[which[0]])):.2f} deg since'

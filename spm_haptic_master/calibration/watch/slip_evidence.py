@@ -6,21 +6,21 @@ What the slow part of the parity says about a calibration: which sensor's zero h
 
 The whitened errors e of N readings move the parity vector by U^T e, with the columns of U
 orthogonal to the whitened Jacobian. A zero that slipped by d in sensor i adds U_i d / sigma_i at
-every pose, where U_i changes with the pose; what is systematic on a healthy rig, up to `bias_deg`
+every pose, where U_i changes with the pose; a systematic error of a healthy rig, up to `bias_deg`
 of each sensor, is another number at every pose. Readings are summed by pose, so that white noise
 averages out in each. A pose's mean parity then has the covariance
 
     C = 1 + H diag(bias / 2)^2 H^T,   H: parity by error of each sensor, of the pose's mean,
 
 as a bound is two standard deviations, and weighted least squares over the poses give each
-sensor's slip, its standard deviation, and what of the parity it explains.
+sensor's slip, its standard deviation, and the part of the parity that it explains.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import isnan, pi, radians, remainder, sqrt
+from math import pi, radians, remainder, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -34,7 +34,7 @@ from spm_haptic_master.kinematics.rotations import rotation_from_quaternion, wra
 Array = NDArray[np.float64]
 WorkingMode = tuple[int, int, int]
 
-# Turn of a joint after which what is systematic counts as another number (rad): 15 deg, a region
+# Turn of a joint after which a systematic error counts as another number (rad): 15 deg, a region
 # of the parity map; a second harmonic has gone through a third of its half wave.
 POSE_STEP = radians(15.0)
 # Standard deviations of the systematic error that its bound `bias_deg` is at least (unit 1):
@@ -51,12 +51,7 @@ DECIDABLE = 2.0
 
 
 class Parities(NamedTuple):
-    """
-    Parity of n samples at given orientations.
-
-    A sample without an orientation is not usable: its values are 0. The basis of the parity is
-    another in each sample.
-    """
+    """Parity of n samples, in a basis of each; those without an orientation are 0."""
 
     usable: NDArray[np.bool_]  # (n,)
     parity: Array  # (n, N - 3), standard deviations of white noise
@@ -86,41 +81,27 @@ def reached(rotation: Array, geometry: Geometry, working_mode: WorkingMode,
 
 def parities(angles: Array, rotation: Array, sigma: Array, geometry: Geometry,
              working_mode: WorkingMode) -> Parities:
-    """
-    Return the parity of samples, (n, N), rad, at orientations near the maximum-likelihood ones.
-
-    NaN where there is none; `sigma` is the white noise of each reading, rad, (N,).
-    """
+    """Return the parity of samples, rad, (n, N), by their noise, rad, (N,), near orientations."""
     usable, _, expected, rates = reached(rotation, geometry, working_mode, angles.shape[1])
     return projected(usable, wrapped(angles - expected), rates, sigma)
 
 
 def parity_of_sample(angles: Sequence[float], quaternion: Quaternion[float], sigma: Array,
-                     geometry: Geometry, working_mode: WorkingMode) -> Parities:
-    """
-    Return the parity of one sample, n = 1, as `parities` of a quaternion x, y, z, w.
-
-    In plain floats as far as can be: a tenth of the time. Without a reading of each joint it is
-    not usable.
-    """
-    sensors = len(angles)
+                     geometry: Geometry, working_mode: WorkingMode) -> Parities | None:
+    """Return `parities` of a sample, in plain floats: a tenth of the time; None if unusable."""
     rotation = rotation_from_quaternion(*quaternion)
-    usable, residual, rates = np.zeros(1, bool), np.zeros((1, sensors)), np.eye(sensors, 3)[None]
-    if any(map(isnan, angles)):
-        return projected(usable, residual, rates, sigma)
     try:
-        expected = measured_angles(rotation, geometry, working_mode, sensors)
+        expected = measured_angles(rotation, geometry, working_mode, len(angles))
     except UnreachableError:
-        return projected(usable, residual, rates, sigma)
+        return None
     first_a, first_b, first_c, *_ = expected
     rows, diagonal = velocity_rows(rotation, (first_a, first_b, first_c), geometry, FLOATS)
-    if min(map(abs, diagonal[:3])) >= MODE_BOUNDARY:
-        usable[0] = True
-        residual[0] = [remainder(angle - each, 2.0 * pi)
-                       for angle, each in zip(angles, expected, strict=True)]
-        rates[0] = [(x / b, y / b, z / b)
-                    for (x, y, z), b in zip(rows[:sensors], diagonal, strict=False)]
-    return projected(usable, residual, rates, sigma)
+    residual = np.array([remainder(angle - each, 2.0 * pi)
+                         for angle, each in zip(angles, expected, strict=True)])
+    if not min(map(abs, diagonal[:3])) >= MODE_BOUNDARY or np.isnan(residual).any():
+        return None
+    rates = np.array(rows[:len(angles)]) / np.array(diagonal[:len(angles)])[:, None]
+    return projected(np.ones(1, bool), residual[None], rates[None], sigma)
 
 
 def projected(usable: NDArray[np.bool_], residual: Array, rates: Array,
@@ -141,7 +122,7 @@ def poses_of(angles: Array) -> NDArray[np.int64]:
 
 
 class PoseSums(NamedTuple):
-    """Sums over the samples of each of m poses, in which the basis of the parity is no matter."""
+    """Sums over the samples of each of m poses, independent of the basis of the parity."""
 
     samples: Array  # number of samples, or their weight, (m,)
     information: Array  # sum of gain^T gain, 1/rad^2, (m, N, N)
@@ -178,12 +159,8 @@ class Evaluation:
 
     @property
     def threshold(self) -> float:
-        """
-        Return the detection threshold of a slip, in standard deviations.
-
-        All sensors at the bound of their bias, with the worst signs, make sqrt(N) times two of
-        them at one pose: that is no slip.
-        """
+        """Return the detection threshold of a slip, in standard deviations."""
+        # All sensors at their bound, with the worst signs, make sqrt(N) times two at one pose.
         return BIAS_DEVIATIONS * sqrt(len(self.slip))
 
     @property
@@ -198,8 +175,9 @@ class Evaluation:
 
     @property
     def limit(self) -> float:
-        """Return the largest misfit of a calibration that holds: quantile of chi-square."""
-        return chi_square_limit(self.freedom)
+        """Return what a healthy misfit exceeds in 1 of 30,000 (Wilson and Hilferty 1931)."""
+        part = 2.0 / (9.0 * max(self.freedom, 1))
+        return self.freedom * (1.0 - part + TOTAL_DEVIATIONS * sqrt(part)) ** 3
 
     @property
     def poses(self) -> int:
@@ -211,34 +189,20 @@ class Evaluation:
         slipped = (self.explained > (part * self.threshold) ** 2).any()
         return not slipped and self.misfit <= part * self.limit
 
-    @property
-    def suspects(self) -> tuple[int, ...]:
-        """Return the sensors of which one alone may have slipped, the likeliest first."""
-        return suspects(self.misfit - self.explained, self.freedom, self.limit)
-
 
 def suspects(left: Array, freedom: int, limit: float) -> tuple[int, ...]:
     """
-    Return the sensors whose slips explain the parity about as well as the best one does.
+    Return the sensors whose slips explain the parity about as well as the best one, best first.
 
     By the misfit that each slip leaves, (N,). Differences count in units of what the best one
     leaves, where that is less than `bias_deg` allows: as if N further numbers had been as large as
     that. One sensor is isolated; none is returned where each slip leaves more than the limit.
     """
-    order = [int(sensor) for sensor in np.argsort(left)]
-    least = float(left[order[0]])
+    order, least = np.argsort(left).tolist(), float(left.min())
     if least > limit or not np.isfinite(least):
         return ()
     scale = min(1.0, (len(left) + least) / (len(left) + freedom))
     return tuple(sensor for sensor in order if left[sensor] - least < ISOLATION * scale)
-
-
-def chi_square_limit(freedom: int) -> float:
-    """Return what chi-square exceeds by chance in 1 of 30,000 (Wilson and Hilferty 1931)."""
-    if freedom <= 0:
-        return 0.0
-    part = 2.0 / (9.0 * freedom)
-    return float(freedom * (1.0 - part + TOTAL_DEVIATIONS * sqrt(part)) ** 3)
 
 
 def evaluate(sums: PoseSums, bias: Array) -> Evaluation:
@@ -258,12 +222,9 @@ def evaluate(sums: PoseSums, bias: Array) -> Evaluation:
     information = np.diag(every)
     score = np.einsum('mki,mk->i', gain, weighted[:, :, sensors])
     misfit = float(np.einsum('mk,mk->', parity, weighted[:, :, sensors]))
-    with np.errstate(divide='ignore'):
-        deviation = information ** -0.5
-    seen = information > 0.0
-    slip, explained = np.zeros(sensors), np.zeros(sensors)
-    slip[seen] = score[seen] / information[seen]
-    explained[seen] = score[seen] ** 2 / information[seen]
+    # Without information there is no score.
+    seen = np.maximum(information, np.finfo(float).tiny)
+    deviation = np.where(information > 0.0, seen ** -0.5, np.inf)
     together = np.linalg.lstsq(every, score, rcond=None)[0]
 
     def rms(squares: Array) -> float:
@@ -271,5 +232,5 @@ def evaluate(sums: PoseSums, bias: Array) -> Evaluation:
             if len(samples) else 0.0
 
     diagonal = np.einsum('mkk->mk', covariance)
-    return Evaluation(slip, deviation, explained, together, misfit, parity.size,
+    return Evaluation(score / seen, deviation, score ** 2 / seen, together, misfit, parity.size,
                       rms((parity / root) ** 2), rms(diagonal / root ** 2), rms(root ** -2.0))
