@@ -122,15 +122,6 @@ def test_three_sensors_fail_at_the_central_singularity_and_four_do_not():
     assert four[2] > 0.1 * four[0]
 
 
-def test_dexterity_by_the_frobenius_norm():
-    R = zxz(*CENTRE, PHI)
-    G = jacobian(R)
-    weighted = 3.0 / (np.linalg.norm(G) * np.linalg.norm(np.linalg.inv(G)))
-    assert dexterity(R, norm='frobenius') == pytest.approx(weighted, rel=1e-9)
-    rank_two = dexterity(zxz(*CENTRE, SINGULAR_PHI), norm='frobenius')
-    assert 0.0 <= rank_two < 1e-9
-
-
 @pytest.mark.parametrize('leg', range(3))
 @pytest.mark.parametrize('size, inside', [(1.5e-6, True), (0.7e-6, False)])
 def test_up_to_the_boundary_of_a_working_mode(leg, size, inside):
