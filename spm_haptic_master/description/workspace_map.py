@@ -16,7 +16,7 @@ from spm_haptic_master.kinematics import (
     workspace_pose,
 )
 from spm_haptic_master.kinematics.checks import WorkingMode
-from spm_haptic_master.kinematics.workspace import changes_of_sign, cone_grid
+from spm_haptic_master.kinematics.workspace import changes_of_sign
 
 # Half angle of the cone (rad).
 HALF_ANGLE = radians(26.0)
@@ -43,7 +43,6 @@ class WorkspaceMap:
         # Equal areas of the sphere.
         self._tilts = np.arccos(1.0 - (1.0 - cos(HALF_ANGLE)) * number / TILES)
         self._azimuths = np.mod(GOLDEN_ANGLE * number, 2.0 * pi)
-        self._grid = cone_grid(HALF_ANGLE, RAYS, CIRCLES)
         self.axes: NDArray[np.float64] = workspace_pose(
             self._tilts, self._azimuths, 0.0)[..., 2]
 
@@ -59,11 +58,11 @@ class WorkspaceMap:
 
     def singular_axes(self, phi: float) -> NDArray[np.float64]:
         """Return the platform axes at a parallel singularity, unit vectors, shape (n, 3)."""
-        values = parallel_determinant(
-            workspace_pose(self._grid[0], self._grid[1], phi), self._geometry, self._working_mode)
-        tilts, azimuths = np.concatenate([
-            (1.0 - one / (one - other)) * here + one / (one - other) * there
-            for here, there, one, other in changes_of_sign(self._grid, values)], axis=1)
+        here, there, one, other = changes_of_sign(
+            lambda points: parallel_determinant(
+                workspace_pose(points[0], points[1], phi), self._geometry, self._working_mode),
+            HALF_ANGLE, RAYS, CIRCLES)
+        tilts, azimuths = (1.0 - one / (one - other)) * here + one / (one - other) * there
         axes: NDArray[np.float64] = workspace_pose(tilts, azimuths, phi)[..., 2]
         return axes
 
