@@ -18,6 +18,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 from spm_haptic_master.exceptions import SingularityError, UnreachableError
+from spm_haptic_master.kinematics.assembly_modes import LockedChain
 from spm_haptic_master.kinematics.checks import check_angles, check_broadcast
 from spm_haptic_master.kinematics.estimation.normal_equations import State
 from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, Leg, PAPER_GEOMETRY
@@ -31,7 +32,6 @@ from spm_haptic_master.kinematics.leg_kernels import (
     second_axis,
     turn_equation,
     turn_of_second_joint,
-    turn_of_third_joint,
 )
 from spm_haptic_master.kinematics.number_backends import (
     Array,
@@ -128,7 +128,8 @@ def _case_2(th1a: Array, th1b: Array, th1c: Array, th3a: Array, geometry: Geomet
 
 
 def _case_1(th1a: Array, th1b: Array, th1c: Array, th2a: Array, geometry: Geometry) -> Array:
-    y, x = _common_turn_point(turn_of_third_joint(th1a, th1b, th1c, th2a, geometry, ARRAYS))
+    chain = LockedChain.of((th1a, th1b, th1c), geometry, ARRAYS)
+    y, x = _common_turn_point(common_turn(*chain.turn_equations(np.cos(th2a), np.sin(th2a))))
     return stack_matrix(rotation_from_quaternion(*chain_quaternion(
         th1a, th2a, np.arctan2(y, x), geometry, ARRAYS)))
 
