@@ -19,11 +19,9 @@ of the legs B and C belong.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from math import atan2, ceil, cos, floor, hypot, pi, radians, sin
 from pathlib import Path
 import re
-from typing import cast
 from xml.etree.ElementTree import Element, indent, SubElement, tostring
 
 import numpy as np
@@ -37,10 +35,12 @@ from spm_haptic_master.description.solids import (
     solids,
     THIRD_ENCODER,
 )
-from spm_haptic_master.exceptions import InputError, UnreachableError
-from spm_haptic_master.kinematics import Geometry, mechanism_angles, workspace_pose
+from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.kinematics import Geometry, workspace_pose
 from spm_haptic_master.kinematics.joints import MECHANISM_JOINT_NAMES
-from spm_haptic_master.kinematics.number_backends import Rotation
+from spm_haptic_master.kinematics.leg_kernels import leg_angles
+from spm_haptic_master.kinematics.number_backends import ARRAYS, Rotation
+from spm_haptic_master.kinematics.rotations import unstack_matrix
 
 # Frames of base and platform, as `fkm` names them by default.
 BASE_FRAME, PLATFORM_FRAME = 'spm_base', 'spm_platform'
@@ -186,13 +186,13 @@ def joint_limits(geometry: Geometry) -> tuple[tuple[float, float], ...]:
     """
     grid = np.ix_(np.radians([0.0, 13.0, 20.0, 26.0]), np.radians(np.arange(0.0, 360.0, STEP_DEG)),
                   np.radians(np.arange(-20.0, 100.0 + STEP_DEG, STEP_DEG)))
-    found = []
-    for pose in workspace_pose(*grid).reshape(-1, 9).tolist():
-        with suppress(UnreachableError):
-            found.append(mechanism_angles(cast('Rotation[float]', tuple(pose)), geometry))
-    return tuple((max(-pi, (floor(min(angles) / MARGIN) - 1) * MARGIN),
-                  min(pi, (ceil(max(angles) / MARGIN) + 1) * MARGIN))
-                 for angles in zip(*found, strict=True))
+    rotation = unstack_matrix(workspace_pose(*grid))
+    angles = np.stack([
+        angle for leg in geometry.legs for angle in leg_angles(rotation, leg, 1, ARRAYS)])
+    reached = angles[:, np.isfinite(angles).all(axis=0)]
+    return tuple((max(-pi, (floor(low / MARGIN) - 1) * MARGIN),
+                  min(pi, (ceil(high / MARGIN) + 1) * MARGIN))
+                 for low, high in zip(reached.min(axis=1), reached.max(axis=1), strict=True))
 
 
 def write(geometry: Geometry, directory: Path, prefix: str) -> Path:
