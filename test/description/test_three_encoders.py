@@ -7,7 +7,7 @@ from math import degrees, nan, pi, radians, sin
 
 import numpy as np
 import pytest
-from spm_haptic_master.description.three_encoders import RESULT_TIMEOUT, ThreeEncoders
+from spm_haptic_master.description.three_encoders import ThreeEncoders
 from spm_haptic_master.kinematics import (
     dexterity,
     Geometry,
@@ -94,11 +94,11 @@ def test_its_orientation_has_the_three_angles_that_were_read(still):
 
 
 def test_readings_that_no_longer_come_leave_no_ghost(still):
-    """One without a number is none, and the next one counts."""
+    """A result is shown for half a second; a reading without a number is none."""
     three, angles, feed = still
     assert feed(-1000, (nan, 0.0, 0.0)) is None
     assert feed(0) == pytest.approx(0.0, abs=1e-6)
-    for stamp, is_there in ((RESULT_TIMEOUT + 49, True), (RESULT_TIMEOUT + 50, False)):
+    for stamp, is_there in ((500_000_049, True), (500_000_050, False)):
         three.add_pose(stamp, angles)
         assert (three.error is not None) == is_there
 

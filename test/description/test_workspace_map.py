@@ -4,11 +4,12 @@
 """The map of the workspace against the dexterity and the determinant of its poses."""
 
 from math import radians
+import re
 
 import numpy as np
 import pytest
 from spm_haptic_master.description.workspace_map import (
-    COLOURS,
+    colour_bar,
     HALF_ANGLE,
     UNREACHABLE,
     WorkspaceMap,
@@ -43,7 +44,8 @@ def test_the_map_has_the_dexterity_and_the_singularities(phi):
     eta = dexterity(poses)
     # The nearer to a singularity, the nearer to the first colour.
     assert np.array_equal((colours == UNREACHABLE).all(axis=1), np.isnan(eta))
-    expected = [np.interp(eta, [0.0, 0.1, 0.2], channel) for channel in COLOURS.T]
+    bar = np.array([re.findall(r'\d+', colour) for colour in colour_bar()['colours']], dtype=int)
+    expected = [np.interp(eta, [0.0, 0.1, 0.2], channel) for channel in bar.T]
     reached = np.isfinite(eta)
     np.testing.assert_allclose(colours[reached], np.transpose(expected)[reached], atol=1.0)
     singular, determinants = drawn.singular_axes(phi), parallel_determinant(poses)

@@ -8,6 +8,7 @@ from runpy import run_path
 import sys
 
 from harness import ROOT
+from mechanism import SINGULAR_PHI
 import numpy as np
 import pytest
 from spm_haptic_master.encoders.recording_files import Table
@@ -16,7 +17,6 @@ from spm_haptic_master.kinematics.joints import JOINT_NAMES
 
 EXAMPLES = ROOT / 'examples'
 PYTHON = re.compile(r'^```python\n(.*?)^```', re.MULTILINE | re.DOTALL)
-SINGULAR_PHI = 49.358591780
 
 
 def run(monkeypatch, name, *arguments):
@@ -79,7 +79,7 @@ def test_the_singularity_is_drawn_where_it_is(monkeypatch, tmp_path):
     pytest.importorskip('matplotlib').use('Agg')
     names = run(monkeypatch, 'singularity.py', tmp_path / 'singularity.png')
     three, four = (line.get_ydata() for line in names['turn'].lines)
-    assert abs(names['phi'][np.argmin(three)] - SINGULAR_PHI) < 0.1
+    assert abs(names['phi'][np.argmin(three)] - np.degrees(SINGULAR_PHI)) < 0.1
     assert three.min() < 0.01 < 0.1 < four.min()
     assert [len(line.get_xdata()) > 50 for line in names['cone'].lines] == [True] * 4
     assert (tmp_path / 'singularity.png').stat().st_size > 10_000

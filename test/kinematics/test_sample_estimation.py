@@ -305,6 +305,8 @@ def test_one_step_takes_a_sensor_that_the_others_cannot_check(mounted, place):
     sigma[place] = 1e-9
     sensors, exact = UsedSensors(tuple(sigma)), UsedSensors((1e-9,) * mounted)
     for readings in samples(exact, 20):
-        found = one_step(*start_of(readings), readings, sensors, PAPER, (1, 1, 1), LAST_STEP)
+        arguments = *start_of(readings), readings, sensors, PAPER, (1, 1, 1), LAST_STEP
+        found = one_step(*arguments)
         assert found is not None and found.parity_sizes[place] == 0.0
+        np.testing.assert_allclose(found.parity_vector, fit(*arguments).parity_vector, atol=1e-6)
         assert min(size for other, size in enumerate(found.parity_sizes) if other != place) > 0.0
