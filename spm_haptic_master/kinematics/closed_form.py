@@ -244,12 +244,12 @@ def start_at(rotation: Rotation[float], readings: tuple[float | None, ...],
     angle of leg B or C without any reading is 0. UnreachableError if a leg that lacks a reading
     does not reach the orientation.
     """
-    th1a, th1b, th1c, th3a, th3b, th3c = readings
+    th1a, th3a = readings[0], readings[3]
     found_1a, th2a, found_3a = _fitting_angles(rotation, g.legs[0], th1a, th3a)
-    if th1b is None:
-        th1b = 0.0 if th3b is None else _fitting_angles(rotation, g.legs[1], None, th3b)[0]
-    if th1c is None:
-        th1c = 0.0 if th3c is None else _fitting_angles(rotation, g.legs[2], None, th3c)[0]
+    th1b, th1c = (
+        th1 if th1 is not None else 0.0 if th3 is None else
+        _fitting_angles(rotation, leg, None, th3)[0]
+        for leg, th1, th3 in zip(g.legs[1:], readings[1:3], readings[4:], strict=True))
     return (found_1a if th1a is None else th1a, th2a, found_3a if th3a is None else th3a,
             th1b, th1c)
 
