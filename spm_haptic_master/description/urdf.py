@@ -57,8 +57,8 @@ MARGIN = radians(5.0)
 URDF_NAME, MESHES_NAME = 'spm.urdf', 'meshes'
 # What the installed URDF names its directory by.
 INSTALLED = 'package://spm_haptic_master/urdf'
-# What a namespace comes after in the layout: the slash of each topic but /diagnostics, and what is
-# before the name of a node there, before the base frame, before the prefix of all links.
+# Text before a namespace in the layout: the slash of each topic but /diagnostics, and the text
+# before the name of a node there, the base frame, and the prefix of all links.
 BEFORE = re.compile(
     r'"/(?!diagnostics["\.])|\{name==\\"|"(?=spm_base")|"framePrefix": "')
 
@@ -159,7 +159,7 @@ def _joint(robot: Element, name: str, kind: str, parent: str, child: str,
 
 
 def _origin(element: Element, frame: Rotation[float], height: float) -> None:
-    """Add a frame at a height on its own z, m; roll and pitch are exact at 90 deg, too."""
+    """Add a frame at a height on its own z, m; roll and pitch are exact at 90 deg."""
     r00, r01, r02, r10, r11, r12, r20, _, r22 = frame
     yaw = atan2(r10, r00)
     c, s = cos(yaw), sin(yaw)
@@ -173,7 +173,7 @@ def _about_x(cosine: float, sine: float) -> Rotation[float]:
 
 
 def _numbers(values: Sequence[float]) -> str:
-    # Adding 0 makes -0 a 0; rounding hides what another machine's sine may differ by.
+    # Adding 0 makes -0 a 0; rounding hides the difference of another machine's sine.
     return ' '.join(f'{round(value, 15) + 0.0:.15g}' for value in values)
 
 

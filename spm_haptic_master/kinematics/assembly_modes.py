@@ -7,7 +7,7 @@ Classic forward model: the assembly modes of three active joint angles (eqs. 1 t
 `forward_all` finds all of them. Along a motion, `track_mode` selects the one nearest to the last
 orientation, and `continue_mode` follows one from its last passive angles.
 
-The turn equations of legs B and C are linear in cos th3A and sin th3A. Eliminating these (eqs. 3,
+The turn equations of legs B and C are linear in cos th3A and sin th3A. Eliminating both (eqs. 3,
 4) leaves a trigonometric polynomial of degree 4 in th2A with at most 8 real roots. As in the
 paper, it is solved as a polynomial of degree 8 in the tangent of a half angle, but with the half
 angle measured from where the polynomial is largest, so that no root is near infinity. Each root
@@ -66,8 +66,7 @@ CLOSURE_TOLERANCE = 1e-12
 # Largest closure error that may be rounding alone (unit 1): some ten units in the last place.
 ROUNDING = 2e-15
 # Largest |Im t| / (1 + |t|^2) of a root t = tan(th2A / 2) that is polished as a real one (unit 1):
-# rounding splits a double root by 1e-7 and a fourfold one by 1e-3. Polishing rejects what is no
-# mode.
+# rounding splits a double root by 1e-7 and a fourfold one by 1e-3. Polishing rejects the others.
 NEAR_REAL = 0.1
 # Smallest sine of the angle between (L1, M1) and (L2, M2) at which eq. 3 determines th3A (unit 1):
 # below, two modes may share th2A, and both solutions of one of the two equations are tried.
@@ -111,7 +110,7 @@ class LockedChain(Generic[N]):
         return first, second
 
     def closures(self: LockedChain[float], th2a: float, th3a: float) -> list[float]:
-        """Closure error of leg B, its rates along th2A and th3A, and those of leg C (unit 1)."""
+        """Return closure error, rates along th2A and th3A, of leg B, then of leg C (unit 1)."""
         c2, s2, c3, s3 = math.cos(th2a), math.sin(th2a), math.cos(th3a), math.sin(th3a)
         carrier, found = self.g.legs[0], []
         for second, carried in zip(self.seconds, self.g.carried, strict=True):
@@ -176,7 +175,7 @@ def _third_joint_candidates(chain: LockedChain[float], th2a: float) -> Sequence[
 
 def polish(chain: LockedChain[float], th2a: float,
            th3a: float) -> tuple[float, float, float, float]:
-    """Polish th2A, th3A (rad) by Newton's method; return closure error and determinant, too."""
+    """Polish th2A, th3A (rad) by Newton's method; return both, closure error, determinant."""
     fb, b2, b3, fc, c2, c3 = chain.closures(th2a, th3a)
     error = math.hypot(fb, fc)
     scale = 1.0
@@ -218,7 +217,7 @@ def assembly_modes(chain: LockedChain[float]) -> list[Mode]:
 
 
 def _same_mode(chain: LockedChain[float], mode: Mode, other: Mode) -> bool:
-    """Whether two solutions are one mode found twice: closed to rounding half-way between, too."""
+    """Return whether two solutions are one mode: half-way between them the legs close as well."""
     if rotation_distance(mode[0], other[0]) > MERGING_ANGLE:
         return False
     _, th2a, th3a, _ = mode

@@ -51,8 +51,8 @@ from spm_haptic_master.kinematics.rotations import rotation_from_quaternion, sta
 DETERMINANT_TOLERANCE = 1e-9
 # Smallest |L1 M2 - L2 M1| at which Gauss-Newton starts from the closed form (largest standard
 # deviation of the sensors, 1 / rad): the error of the closed form is about the noise over the
-# determinant, here a tenth of a radian, from which Gauss-Newton converges. Below, it may converge
-# to the wrong one of two solutions.
+# determinant, here a tenth of a radian: Gauss-Newton converges. Below, it may converge to the
+# wrong one of two solutions.
 CLOSED_FORM_TRUST = 10.0
 
 
@@ -135,7 +135,7 @@ def _case_1(th1a: Array, th1b: Array, th1c: Array, th2a: Array, geometry: Geomet
 
 
 def _common_turn_point(solution: Vector[Batch]) -> tuple[Array, Array]:
-    """Sine and cosine of a `common_turn`, each times the same; NaN where undetermined."""
+    """Return a point at the angle of a `common_turn`, y and x; NaN where undetermined."""
     cosine, sine, determinant = solution
     singular = ~(np.abs(determinant) > DETERMINANT_TOLERANCE)
     if singular.ndim == 0 and singular:
@@ -162,7 +162,7 @@ def trusted_start(readings: tuple[float | None, ...], largest: float,
 
 
 def possible_starts(readings: tuple[float | None, ...], g: Geometry) -> Iterator[State[float]]:
-    """Yield starts by both solutions of each turn equation: one is near each solution there is."""
+    """Yield starts by both solutions of each turn equation; each estimate is near one of them."""
     for leg, first, third, equations in _carriers(readings, g):
         for equation in equations:
             for th2 in both_turns(equation):
@@ -238,7 +238,7 @@ def _about_x(c: float, s: float, vector: Vector[float]) -> Vector[float]:
 def start_at(rotation: Rotation[float], readings: tuple[float | None, ...],
              g: Geometry) -> State[float]:
     """
-    Return th1A, th2A, th3A, th1B, th1C, rad: readings, and where there is none of an orientation.
+    Return th1A, th2A, th3A, th1B, th1C, rad: the readings; missing ones from an orientation.
 
     The six readings, None for one that is not used, select the working mode of a leg. An active
     angle of leg B or C without any reading is 0. UnreachableError if a leg that lacks a reading

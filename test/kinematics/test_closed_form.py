@@ -45,9 +45,11 @@ def check_models(built, mode, rng):
     # The independent mechanism closes, in the working mode asked for.
     np.testing.assert_allclose(built.closures(th1, R), 0.0, atol=1e-12)
     assert built.working_mode(th1, R) == mode
-    assert angle_between(built.chain(0, th1[0], th2a, th3a), R) < 1e-9
     floats = mechanism_angles(tuple(R.ravel().tolist()), g, mode)
-    np.testing.assert_allclose(floats[::3] + floats[1:3], [*th1, th2a, th3a], atol=1e-12)
+    for leg in range(3):
+        assert angle_between(built.chain(leg, *floats[3 * leg:3 * leg + 3]), R) < 1e-9
+    np.testing.assert_allclose(floats[::3] + floats[1:3] + floats[5::3], [
+        *th1, th2a, th3a, joints.theta3b, joints.theta3c], atol=1e-12)
     modes = forward_all(th1, g)
     assert len(modes) <= 8
     np.testing.assert_allclose(built.closures(th1, modes), 0.0, atol=2e-12)

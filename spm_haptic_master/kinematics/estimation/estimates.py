@@ -66,7 +66,7 @@ AMBIGUOUS_COST = 9.0
 # Largest squared parity of a solution that may be the true one of healthy sensors (unit 1): 10
 # sigma, for the noise and a nominal bias of the size of the noise.
 CONSISTENT_COST = 100.0
-# Largest angle between two results of the same solution (rad).
+# Largest angle between two results of one solution (rad).
 SAME_SOLUTION = 1e-4
 
 
@@ -78,7 +78,7 @@ def estimate_sample(readings: tuple[float, ...], sensors: UsedSensors, geometry:
     Maximum-likelihood orientation of one sample in plain floats, for the 1 kHz path.
 
     Nothing is validated. `readings` are finite numbers of the N mounted sensors th1A, th1B, th1C,
-    th3A, th3B, th3C, rad; that of a sensor that is left out is ignored and may be NaN.
+    th3A, th3B, th3C, rad; a sensor that is left out may have NaN.
 
     `prior`, the quaternion x, y, z, w of the last orientation, selects among solutions that the
     readings do not contradict by more than 10 sigma, and has no weight in the result. Three
@@ -174,8 +174,8 @@ class Estimate:
         healthy sensors; the norm of `parity_vector` with more.
     parity_vector : ndarray, shape (..., N - 3)
         Whitened residuals of the N sensors (unit 1): independent, of unit variance for
-        healthy sensors. The first is that of the first four; each further one is what the next
-        sensor differs by from the estimate of those before it.
+        healthy sensors. The first is the parity of the first four; each further one is the
+        difference of the next sensor from the estimate of those before it.
     determined : ndarray of bool, shape (...)
         Whether the sensors determine the orientation: total deviation below
         `DETERMINED_DEVIATION`. It does not say whether they agree: see `consistent`.
@@ -233,7 +233,7 @@ def estimate(th1: ArrayLike, theta3a: ArrayLike, sigma: ArrayLike,
     if prior is not None:
         last = quaternion_from_matrix(check_rotations('prior', prior))
         shapes.append(last.shape[:-1])
-    # One sample is the usual case, and its check the dearest part of what is not the estimate.
+    # One sample is the usual case: its check would cost as much as all but the estimate.
     batch = check_broadcast(', '.join(['th1', *names, 'prior']), *shapes) if any(shapes) else ()
     if not batch:
         readings = (*active.tolist(), *[angle.item() for angle in passive])

@@ -81,7 +81,7 @@ class SampleEstimate(NamedTuple):
     # Lengths of the N parity gains (1 / rad) and gains (unit 1); 0 for a sensor that is left out.
     parity_sizes: tuple[float, ...]
     gain_sizes: tuple[float, ...]
-    # Of `linearise` and `gauss_newton_step`: what the parity gains are made of.
+    # Of `linearise` and `gauss_newton_step`; `parity_gains` needs them.
     rows: tuple[Row[float], ...]
     spread: Symmetric[float]
 
@@ -141,7 +141,7 @@ def _in_mode(th2a: float, volume_b: float, volume_c: float, sensors: UsedSensors
              working_mode: WorkingMode, g: Geometry) -> bool:
     """Return whether a solution is in a working mode; a leg without a sensor may have any."""
     leg, (sign_a, sign_b, sign_c) = g.legs[0], working_mode
-    # B_AA is the volume of Z1A, Z2A, Z3A, as B_BB and B_CC are those of the legs B and C.
+    # B_AA, the volume of Z1A, Z2A, Z3A, is here sin alpha sin beta sin th2A.
     return sign_b * volume_b > -MODE_MARGIN and sign_c * volume_c > -MODE_MARGIN and (
         sign_a * leg.sin_alpha * leg.sin_beta * sin(th2a) > -MODE_MARGIN
         or {0, 3}.isdisjoint(sensors.used))
@@ -234,7 +234,7 @@ def one_step(state: State[float], view: Linkage[float], readings: tuple[float, .
         more: tuple[float, ...] = ()
         last = h1 = h2 = h3 = 0.0
         square = parity * parity
-        # From the last one: each parity is that of the sensors before it.
+        # Backwards: each parity compares a sensor with those before it.
         for residual, u, v, w, weight in reversed(further):
             g1, g2, g3 = (p11 * u + p12 * v + p13 * w, p12 * u + p22 * v + p23 * w,
                           p13 * u + p23 * v + p33 * w)
