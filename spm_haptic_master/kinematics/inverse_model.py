@@ -36,9 +36,7 @@ from spm_haptic_master.kinematics.rotations import unstack_matrix
 # Working mode of the rig as built: signs of B_AA, B_BB, B_CC.
 RIG_WORKING_MODE = (1, 1, 1)
 # Rows of A_r and diagonal of B_r, eqs. 20, 21 (unit 1).
-VelocityRows: TypeAlias = tuple[
-    tuple[Vector[N], Vector[N], Vector[N], Vector[N], Vector[N], Vector[N]],
-    tuple[N, N, N, N, N, N]]
+VelocityRows: TypeAlias = tuple[list[Vector[N]], list[N]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,9 +73,8 @@ def measured_angles(rotation: Rotation[float], geometry: Geometry, working_mode:
 
     Arguments and errors as of `mechanism_angles`.
     """
-    th1a, _, th3a, th1b, _, th3b, th1c, _, th3c = mechanism_angles(
-        rotation, geometry, working_mode)
-    return (th1a, th1b, th1c, th3a, th3b, th3c)[:sensors]
+    angles = mechanism_angles(rotation, geometry, working_mode)
+    return (angles[::3] + angles[2::3])[:sensors]
 
 
 def inverse(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
@@ -130,16 +127,12 @@ def velocity_rows(rotation: Rotation[N], th1: Vector[N], g: Geometry,
     th1A, th1B, th1C, th3A, th3B, th3C. The diagonal is B_AA, B_BB, B_CC, twice.
     (The paper prints Z3k x Z2k and Z3A . (Z2A x Z1A), which reverse the sign of the velocity.)
     """
-    leg_a, leg_b, leg_c = g.legs
-    third_a, third_b, third_c = third_axes(rotation, g)
-    second_a, second_b, second_c = [
-        second_axis(m.cos(angle), m.sin(angle), leg)
-        for angle, leg in zip(th1, g.legs, strict=True)]
-    row_a, row_b, row_c = (
-        cross(second_a, third_a), cross(second_b, third_b), cross(second_c, third_c))
-    b_a, b_b, b_c = dot(row_a, leg_a.first), dot(row_b, leg_b.first), dot(row_c, leg_c.first)
-    return ((row_a, row_b, row_c, cross(leg_a.first, second_a), cross(leg_b.first, second_b),
-             cross(leg_c.first, second_c)), (b_a, b_b, b_c, b_a, b_b, b_c))
+    seconds = [second_axis(m.cos(angle), m.sin(angle), leg)
+               for angle, leg in zip(th1, g.legs, strict=True)]
+    active = list(map(cross, seconds, third_axes(rotation, g)))
+    passive = [cross(leg.first, second) for leg, second in zip(g.legs, seconds, strict=True)]
+    return active + passive, 2 * [
+        dot(row, leg.first) for row, leg in zip(active, g.legs, strict=True)]
 
 
 def _velocity_rows_of(matrices: Array, geometry: Geometry,

@@ -32,14 +32,12 @@ def second_axis(c: N, s: N, leg: Leg) -> Vector[N]:
     return px + c * qx + s * rx, py + c * qy + s * ry, pz + c * qz + s * rz
 
 
-def third_axes(rotation: Rotation[N],
-               g: Geometry) -> tuple[Vector[N], Vector[N], Vector[N]]:
+def third_axes(rotation: Rotation[N], g: Geometry) -> list[Vector[N]]:
     """Z3A, Z3B, Z3C in the base frame, for a platform at `rotation`."""
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = rotation
-    third_a, third_b, third_c = [
+    return [
         (r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z, r20 * x + r21 * y + r22 * z)
         for x, y, z in g.platform_axes]
-    return third_a, third_b, third_c
 
 
 def leg_angles(rotation: Rotation[N], leg: Leg, sign: int, m: Backend[N]) -> Vector[N]:
