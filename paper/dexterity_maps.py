@@ -16,6 +16,7 @@ from spm_haptic_master.kinematics import (
     dexterity,
     Geometry,
     inverse,
+    jacobian,
     parallel_determinant,
     singularity_locus,
     workspace_pose,
@@ -74,11 +75,19 @@ def _levels(low: float, high: float, step: float) -> np.ndarray:
     return step * np.arange(np.floor(low / step), np.ceil(high / step) + 1.0)
 
 
+def weighted_dexterity(G: np.ndarray) -> np.ndarray:
+    """Return eq. 12 of Jacobians, (..., N, 3), in the Frobenius norm weighted by 1 / 3."""
+    squares = np.swapaxes(G, -1, -2) @ G
+    return 3.0 / np.sqrt(np.trace(squares, axis1=-2, axis2=-1)
+                         * np.trace(np.linalg.inv(squares), axis1=-2, axis2=-1))
+
+
 def _dexterity(out: Path, circles: int, rays: int) -> list[Entry]:
     tilt, azimuth = polar_grid(circles, rays)
     poses = workspace_pose(tilt, azimuth, radians(PHI))
     maps = {sensors: dexterity(poses, sensors=sensors) for sensors in (3, 4)}
-    weighted = {sensors: dexterity(poses, sensors=sensors, norm='frobenius') for sensors in (3, 4)}
+    weighted = {sensors: weighted_dexterity(jacobian(poses, sensors=sensors))
+                for sensors in (3, 4)}
     locus = singularity_locus(radians(PHI), radians(HALF_ANGLE))
     largest = max(float(np.nanmax(each)) for each in maps.values())
     figure = plot_style.new_figure(height=4.0)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from spm_haptic_master.kinematics import Geometry
-from spm_haptic_master.kinematics.assembly_modes import eliminant, LockedChain
+from spm_haptic_master.kinematics.assembly_modes import checked_chain, eliminant, LockedChain
 from spm_haptic_master.kinematics.geometry import PAPER_GEOMETRY
 from spm_haptic_master.kinematics.leg_kernels import into_second_link
 
@@ -26,7 +26,7 @@ def eq5_coefficients(th1: np.ndarray, geometry: Geometry = PAPER_GEOMETRY) -> np
     coefficient of x^i y^j; those with i + j > 4 are zero. The solutions are the curve's
     intersections with the circle x^2 + y^2 = 1.
     """
-    chain = LockedChain.checked(th1, geometry)
+    chain = checked_chain(th1, geometry)
     x, y, _ = chain.seconds[0]
     reference = math.atan2(x, -y)
     c, s = math.cos(reference), math.sin(reference)

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from spm_haptic_master.kinematics import Geometry, quaternion_from_matrix
+from spm_haptic_master.kinematics.geometry import BASE_TURNS, Geometry, leg_frame
 from spm_haptic_master.kinematics.leg_kernels import chain_quaternion
 from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion
 from spm_haptic_master.kinematics.rotations import multiply_quaternions
@@ -221,25 +221,18 @@ def _tube(rings: list[NDArray[np.float64]]) -> Solid:
         np.concatenate([np.stack(sides, axis=1).reshape(-1, 3), *ends]).astype(np.int32))
 
 
-class LinkTurns:
-    """How each link of a mechanism is turned."""
+def link_turns(geometry: Geometry, angles: Sequence[float]) -> list[Quaternion[float]]:
+    """
+    Return the turn of each link in the base frame by the angles of all nine joints, rad.
 
-    def __init__(self, geometry: Geometry) -> None:
-        self._geometry = geometry
-        frames = np.array([leg.base_frame for leg in geometry.legs]).reshape(3, 3, 3)
-        self._base = list(map(tuple, quaternion_from_matrix(frames).tolist()))
-        self._bent = [(sin(0.5 * alpha), 0.0, 0.0, cos(0.5 * alpha)) for alpha in geometry.alphas]
-
-    def at(self, angles: Sequence[float]) -> list[Quaternion[float]]:
-        """
-        Return the turn of each link in the base frame by the angles of all nine joints, rad.
-
-        Quaternions x, y, z, w: of the proximal links A, B, C: B_k Rz(th1k), eq. 1; of the distal
-        links A, B, C: that times Rx(alpha_k) Rz(th2k); of the platform, eq. 6.
-        """
-        turns = [(0.0, 0.0, sin(0.5 * angle), cos(0.5 * angle)) for angle in angles]
-        proximal = list(map(multiply_quaternions, self._base, turns[::3]))
-        bent = map(multiply_quaternions, proximal, self._bent)
-        th1a, th2a, th3a = angles[:3]
-        return [*proximal, *map(multiply_quaternions, bent, turns[1::3]),
-                chain_quaternion(th1a, th2a, th3a, self._geometry, FLOATS)]
+    Quaternions x, y, z, w: of the proximal links A, B, C: B_k Rz(th1k), eq. 1; of the distal links
+    A, B, C: that times Rx(alpha_k) Rz(th2k); of the platform, eq. 6.
+    """
+    turns = [(0.0, 0.0, sin(0.5 * angle), cos(0.5 * angle)) for angle in angles]
+    base = map(leg_frame, BASE_TURNS, geometry.base_axes)
+    proximal = list(map(multiply_quaternions, base, turns[::3]))
+    links = [(sin(0.5 * alpha), 0.0, 0.0, cos(0.5 * alpha)) for alpha in geometry.alphas]
+    bent = map(multiply_quaternions, proximal, links)
+    th1a, th2a, th3a = angles[:3]
+    return [*proximal, *map(multiply_quaternions, bent, turns[1::3]),
+            chain_quaternion(th1a, th2a, th3a, geometry, FLOATS)]

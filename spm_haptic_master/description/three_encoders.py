@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What three encoders alone would report: the classic model beside the published orientation."""
+"""The orientation by three encoders alone: the classic model beside the published one."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class ThreeEncoders:
         """
         Solve for the readings that wait, where the pose at their stamp is known by now.
 
-        `dexterity` is that of three encoders, 0 to 1; None where it is not known.
+        `dexterity` is the three encoders', 0 to 1; None if unknown.
         """
         if self._waiting is None:
             return

@@ -19,11 +19,9 @@ of the legs B and C belong.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from math import atan2, ceil, cos, floor, hypot, pi, radians, sin
 from pathlib import Path
 import re
-from typing import cast
 from xml.etree.ElementTree import Element, indent, SubElement, tostring
 
 import numpy as np
@@ -37,10 +35,12 @@ from spm_haptic_master.description.solids import (
     solids,
     THIRD_ENCODER,
 )
-from spm_haptic_master.exceptions import InputError, UnreachableError
-from spm_haptic_master.kinematics import Geometry, mechanism_angles, workspace_pose
+from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.kinematics import Geometry, workspace_pose
 from spm_haptic_master.kinematics.joints import MECHANISM_JOINT_NAMES
-from spm_haptic_master.kinematics.number_backends import Rotation
+from spm_haptic_master.kinematics.leg_kernels import leg_angles
+from spm_haptic_master.kinematics.number_backends import ARRAYS, Rotation
+from spm_haptic_master.kinematics.rotations import unstack_matrix
 
 # Frames of base and platform, as `fkm` names them by default.
 BASE_FRAME, PLATFORM_FRAME = 'spm_base', 'spm_platform'
@@ -57,8 +57,8 @@ MARGIN = radians(5.0)
 URDF_NAME, MESHES_NAME = 'spm.urdf', 'meshes'
 # What the installed URDF names its directory by.
 INSTALLED = 'package://spm_haptic_master/urdf'
-# What a namespace comes after in the layout: the slash of each topic but /diagnostics, and what is
-# before the name of a node there, before the base frame, before the prefix of all links.
+# Text before a namespace in the layout: the slash of each topic but /diagnostics, and the text
+# before the name of a node there, the base frame, and the prefix of all links.
 BEFORE = re.compile(
     r'"/(?!diagnostics["\.])|\{name==\\"|"(?=spm_base")|"framePrefix": "')
 
@@ -159,7 +159,7 @@ def _joint(robot: Element, name: str, kind: str, parent: str, child: str,
 
 
 def _origin(element: Element, frame: Rotation[float], height: float) -> None:
-    """Add a frame at a height on its own z, m; roll and pitch are exact at 90 deg, too."""
+    """Add a frame at a height on its own z, m; roll and pitch are exact at 90 deg."""
     r00, r01, r02, r10, r11, r12, r20, _, r22 = frame
     yaw = atan2(r10, r00)
     c, s = cos(yaw), sin(yaw)
@@ -173,7 +173,7 @@ def _about_x(cosine: float, sine: float) -> Rotation[float]:
 
 
 def _numbers(values: Sequence[float]) -> str:
-    # Adding 0 makes -0 a 0; rounding hides what another machine's sine may differ by.
+    # Adding 0 makes -0 a 0; rounding hides the difference of another machine's sine.
     return ' '.join(f'{round(value, 15) + 0.0:.15g}' for value in values)
 
 
@@ -186,13 +186,13 @@ def joint_limits(geometry: Geometry) -> tuple[tuple[float, float], ...]:
     """
     grid = np.ix_(np.radians([0.0, 13.0, 20.0, 26.0]), np.radians(np.arange(0.0, 360.0, STEP_DEG)),
                   np.radians(np.arange(-20.0, 100.0 + STEP_DEG, STEP_DEG)))
-    found = []
-    for pose in workspace_pose(*grid).reshape(-1, 9).tolist():
-        with suppress(UnreachableError):
-            found.append(mechanism_angles(cast('Rotation[float]', tuple(pose)), geometry))
-    return tuple((max(-pi, (floor(min(angles) / MARGIN) - 1) * MARGIN),
-                  min(pi, (ceil(max(angles) / MARGIN) + 1) * MARGIN))
-                 for angles in zip(*found, strict=True))
+    rotation = unstack_matrix(workspace_pose(*grid))
+    angles = np.stack([
+        angle for leg in geometry.legs for angle in leg_angles(rotation, leg, 1, ARRAYS)])
+    reached = angles[:, np.isfinite(angles).all(axis=0)]
+    return tuple((max(-pi, (floor(low / MARGIN) - 1) * MARGIN),
+                  min(pi, (ceil(high / MARGIN) + 1) * MARGIN))
+                 for low, high in zip(reached.min(axis=1), reached.max(axis=1), strict=True))
 
 
 def write(geometry: Geometry, directory: Path, prefix: str) -> Path:

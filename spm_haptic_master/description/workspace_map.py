@@ -16,26 +16,26 @@ from spm_haptic_master.kinematics import (
     workspace_pose,
 )
 from spm_haptic_master.kinematics.checks import WorkingMode
-from spm_haptic_master.kinematics.workspace import changes_of_sign, cone_grid
+from spm_haptic_master.kinematics.workspace import changes_of_sign
 
 # Half angle of the cone (rad).
 HALF_ANGLE = radians(26.0)
 # Tiles of the map.
 TILES = 480
-# Rays and circles on which the singularities are searched; between two of their points det A is
-# taken for linear, which looks the same as `singularity_locus` at a tenth of its cost.
+# Rays and circles of the search for singularities, with det A linear between two points: it looks
+# like `singularity_locus` at a tenth of its cost.
 RAYS, CIRCLES = 72, 12
 # Turn from one tile to the next about the cone's axis (rad): the golden angle fills a disc evenly.
 GOLDEN_ANGLE = pi * (3.0 - sqrt(5.0))
 # Dexterity above which the colour does not change (unit 1).
 FULL = 0.2
-# Colours, red, green, blue, of dexterity 0, FULL / 2, FULL, and of what is out of reach.
+# Colours, red, green, blue, of dexterity 0, FULL / 2, FULL, and of poses out of reach.
 COLOURS = np.array([(150, 0, 20), (225, 160, 30), (20, 95, 160)], dtype=float)
 UNREACHABLE = np.array([200, 200, 200], dtype=np.uint8)
 
 
 class WorkspaceMap:
-    """The map; `axes` are those of its tiles, unit vectors in the base frame, (TILES, 3)."""
+    """The map; `axes` are its tiles, unit vectors in the base frame, (TILES, 3)."""
 
     def __init__(self, geometry: Geometry, working_mode: WorkingMode) -> None:
         self._geometry, self._working_mode = geometry, working_mode
@@ -43,7 +43,6 @@ class WorkspaceMap:
         # Equal areas of the sphere.
         self._tilts = np.arccos(1.0 - (1.0 - cos(HALF_ANGLE)) * number / TILES)
         self._azimuths = np.mod(GOLDEN_ANGLE * number, 2.0 * pi)
-        self._grid = cone_grid(HALF_ANGLE, RAYS, CIRCLES)
         self.axes: NDArray[np.float64] = workspace_pose(
             self._tilts, self._azimuths, 0.0)[..., 2]
 
@@ -59,16 +58,16 @@ class WorkspaceMap:
 
     def singular_axes(self, phi: float) -> NDArray[np.float64]:
         """Return the platform axes at a parallel singularity, unit vectors, shape (n, 3)."""
-        values = parallel_determinant(
-            workspace_pose(self._grid[0], self._grid[1], phi), self._geometry, self._working_mode)
-        tilts, azimuths = np.concatenate([
-            (1.0 - one / (one - other)) * here + one / (one - other) * there
-            for here, there, one, other in changes_of_sign(self._grid, values)], axis=1)
+        here, there, one, other = changes_of_sign(
+            lambda points: parallel_determinant(
+                workspace_pose(points[0], points[1], phi), self._geometry, self._working_mode),
+            HALF_ANGLE, RAYS, CIRCLES)
+        tilts, azimuths = (1.0 - one / (one - other)) * here + one / (one - other) * there
         axes: NDArray[np.float64] = workspace_pose(tilts, azimuths, phi)[..., 2]
         return axes
 
 
 def colour_bar() -> dict[str, list[str]]:
-    """Return the colours of the map as CSS has them, and what is written at their ends."""
+    """Return the colours of the map in CSS, and their labels."""
     return {'colours': [f'rgb({red:.0f},{green:.0f},{blue:.0f})' for red, green, blue in COLOURS],
             'words': ['0: singular', f'{FULL / 2:g}', f'{FULL:g} and more']}

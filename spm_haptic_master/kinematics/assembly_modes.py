@@ -7,7 +7,7 @@ Classic forward model: the assembly modes of three active joint angles (eqs. 1 t
 `forward_all` finds all of them. Along a motion, `track_mode` selects the one nearest to the last
 orientation, and `continue_mode` follows one from its last passive angles.
 
-The turn equations of legs B and C are linear in cos th3A and sin th3A. Eliminating these (eqs. 3,
+The turn equations of legs B and C are linear in cos th3A and sin th3A. Eliminating both (eqs. 3,
 4) leaves a trigonometric polynomial of degree 4 in th2A with at most 8 real roots. As in the
 paper, it is solved as a polynomial of degree 8 in the tangent of a half angle, but with the half
 angle measured from where the polynomial is largest, so that no root is near infinity. Each root
@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 import math
-from typing import NamedTuple, TypeAlias
+from typing import Generic, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,7 +36,14 @@ from spm_haptic_master.kinematics.leg_kernels import (
     turn_equation,
     turn_through_link,
 )
-from spm_haptic_master.kinematics.number_backends import Array, FLOATS, Quaternion, Vector
+from spm_haptic_master.kinematics.number_backends import (
+    Array,
+    Backend,
+    FLOATS,
+    N,
+    Quaternion,
+    Vector,
+)
 from spm_haptic_master.kinematics.rotations import (
     quaternion_from_matrix,
     rotation_distance,
@@ -59,8 +66,7 @@ CLOSURE_TOLERANCE = 1e-12
 # Largest closure error that may be rounding alone (unit 1): some ten units in the last place.
 ROUNDING = 2e-15
 # Largest |Im t| / (1 + |t|^2) of a root t = tan(th2A / 2) that is polished as a real one (unit 1):
-# rounding splits a double root by 1e-7 and a fourfold one by 1e-3. Polishing rejects what is no
-# mode.
+# rounding splits a double root by 1e-7 and a fourfold one by 1e-3. Polishing rejects the others.
 NEAR_REAL = 0.1
 # Smallest sine of the angle between (L1, M1) and (L2, M2) at which eq. 3 determines th3A (unit 1):
 # below, two modes may share th2A, and both solutions of one of the two equations are tried.
@@ -81,38 +87,30 @@ Mode: TypeAlias = tuple[Quaternion[float], float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
-class LockedChain:
+class LockedChain(Generic[N]):
     """Mechanism with its active joints locked: th1A, rad, and Z2B, Z2C before leg A's joint 2."""
 
-    th1a: float
-    seconds: tuple[Vector[float], ...]
+    th1a: N
+    seconds: tuple[Vector[N], ...]
     g: Geometry
 
     @classmethod
-    def of(cls, th1: Sequence[float], g: Geometry) -> LockedChain:
-        """Return the chain of one triple th1 (rad) of a Geometry; nothing is validated."""
-        c1, s1 = math.cos(th1[0]), math.sin(th1[0])
+    def of(cls, th1: Sequence[N], g: Geometry, m: Backend[N]) -> LockedChain[N]:
+        """Return the chain of th1A, th1B, th1C (rad) of a Geometry; nothing is validated."""
+        c1, s1 = m.cos(th1[0]), m.sin(th1[0])
         return cls(th1[0], tuple(
-            second_in_second_joint(c1, s1, math.cos(angle), math.sin(angle), carried)
+            second_in_second_joint(c1, s1, m.cos(angle), m.sin(angle), carried)
             for angle, carried in zip(th1[1:], g.carried, strict=True)), g)
 
-    @classmethod
-    def checked(cls, th1: ArrayLike, geometry: Geometry) -> LockedChain:
-        """Return the chain of one triple th1 (3,), rad; InputError if an argument is wrong."""
-        triple = check_angles('th1', th1, (3,))
-        if triple.ndim != 1:
-            raise InputError(f'th1 has shape {triple.shape}: expected one triple, (3,)')
-        return cls.of(triple.tolist(), check_geometry(geometry))
-
-    def turn_equations(self, c: float, s: float) -> tuple[Vector[float], Vector[float]]:
+    def turn_equations(self, c: N, s: N) -> tuple[Vector[N], Vector[N]]:
         """Eqs. 1 and 2: (L, M, N) of legs B and C for th3A, from cosine and sine of th2A."""
         first, second = (
             turn_equation(into_third_joint(c, s, axis, self.g), carried.third, carried.cos_beta)
             for axis, carried in zip(self.seconds, self.g.carried, strict=True))
         return first, second
 
-    def closures(self, th2a: float, th3a: float) -> list[float]:
-        """Closure error of leg B, its rates along th2A and th3A, and those of leg C (unit 1)."""
+    def closures(self: LockedChain[float], th2a: float, th3a: float) -> list[float]:
+        """Return closure error, rates along th2A and th3A, of leg B, then of leg C (unit 1)."""
         c2, s2, c3, s3 = math.cos(th2a), math.sin(th2a), math.cos(th3a), math.sin(th3a)
         carrier, found = self.g.legs[0], []
         for second, carried in zip(self.seconds, self.g.carried, strict=True):
@@ -124,9 +122,17 @@ class LockedChain:
                       carrier.cos_beta * z - carrier.sin_beta * y]
         return found
 
-    def quaternion(self, th2a: float, th3a: float) -> Quaternion[float]:
+    def quaternion(self: LockedChain[float], th2a: float, th3a: float) -> Quaternion[float]:
         """Orientation of the platform, x, y, z, w, from leg A's passive angles in rad."""
         return chain_quaternion(self.th1a, th2a, th3a, self.g, FLOATS)
+
+
+def checked_chain(th1: ArrayLike, geometry: Geometry) -> LockedChain[float]:
+    """Return the chain of one triple th1 (3,), rad; InputError if an argument is wrong."""
+    triple = check_angles('th1', th1, (3,))
+    if triple.ndim != 1:
+        raise InputError(f'th1 has shape {triple.shape}: expected one triple, (3,)')
+    return LockedChain.of(triple.tolist(), check_geometry(geometry), FLOATS)
 
 
 def eliminant(first: Vector[float], second: Vector[float]) -> float:
@@ -135,7 +141,7 @@ def eliminant(first: Vector[float], second: Vector[float]) -> float:
     return cosine * cosine + sine * sine - determinant * determinant
 
 
-def _second_joint_roots(chain: LockedChain) -> list[float]:
+def _second_joint_roots(chain: LockedChain[float]) -> list[float]:
     """Return the candidates for th2A, rad: the real and nearly real roots of eq. 4."""
     samples = []
     size = 0.0
@@ -157,7 +163,7 @@ def _second_joint_roots(chain: LockedChain) -> list[float]:
         if 0.0 <= t.imag <= NEAR_REAL * (1.0 + abs(t) ** 2)]
 
 
-def _third_joint_candidates(chain: LockedChain, th2a: float) -> Sequence[float]:
+def _third_joint_candidates(chain: LockedChain[float], th2a: float) -> Sequence[float]:
     """Return the candidates for th3A, rad, at a root of eq. 4."""
     first, second = chain.turn_equations(math.cos(th2a), math.sin(th2a))
     cosine, sine, determinant = common_turn(first, second)
@@ -167,8 +173,9 @@ def _third_joint_candidates(chain: LockedChain, th2a: float) -> Sequence[float]:
     return both_turns(first if size1 > size2 else second)
 
 
-def polish(chain: LockedChain, th2a: float, th3a: float) -> tuple[float, float, float, float]:
-    """Polish th2A, th3A (rad) by Newton's method; return closure error and determinant, too."""
+def polish(chain: LockedChain[float], th2a: float,
+           th3a: float) -> tuple[float, float, float, float]:
+    """Polish th2A, th3A (rad) by Newton's method; return both, closure error, determinant."""
     fb, b2, b3, fc, c2, c3 = chain.closures(th2a, th3a)
     error = math.hypot(fb, fc)
     scale = 1.0
@@ -195,7 +202,7 @@ def polish(chain: LockedChain, th2a: float, th3a: float) -> tuple[float, float, 
     return th2a, th3a, error, b2 * c3 - b3 * c2
 
 
-def assembly_modes(chain: LockedChain) -> list[Mode]:
+def assembly_modes(chain: LockedChain[float]) -> list[Mode]:
     """All assembly modes; SingularityError where they are infinitely many."""
     modes: list[Mode] = []
     for root in _second_joint_roots(chain):
@@ -209,8 +216,8 @@ def assembly_modes(chain: LockedChain) -> list[Mode]:
     return modes
 
 
-def _same_mode(chain: LockedChain, mode: Mode, other: Mode) -> bool:
-    """Whether two solutions are one mode found twice: closed to rounding half-way between, too."""
+def _same_mode(chain: LockedChain[float], mode: Mode, other: Mode) -> bool:
+    """Return whether two solutions are one mode: half-way between them the legs close as well."""
     if rotation_distance(mode[0], other[0]) > MERGING_ANGLE:
         return False
     _, th2a, th3a, _ = mode
@@ -232,7 +239,7 @@ def forward_all(th1: ArrayLike, geometry: Geometry = PAPER_GEOMETRY) -> Array:
     InputError if an argument has a wrong type, shape or value; SingularityError if the platform
     moves freely with these joints locked, so that there are infinitely many modes.
     """
-    modes = assembly_modes(LockedChain.checked(th1, geometry))
+    modes = assembly_modes(checked_chain(th1, geometry))
     return np.array([rotation_from_quaternion(*mode[0]) for mode in modes]).reshape(-1, 3, 3)
 
 
@@ -255,7 +262,7 @@ def continue_mode(th1: Sequence[float], th2a: float, th3a: float,
     new th2A and th3A. Next to a parallel singularity noise takes the active angles beyond the last
     ones that can be assembled: then it is the pose with the least closure error.
     """
-    chain = LockedChain.of(th1, geometry)
+    chain = LockedChain.of(th1, geometry, FLOATS)
     th2a, th3a, *_ = polish(chain, th2a, th3a)
     return chain.quaternion(th2a, th3a), th2a, th3a
 
@@ -268,7 +275,7 @@ def track_mode(th1: ArrayLike, last: ArrayLike,
     `th1` (3,) are the active joints A, B, C, rad; `last` (3, 3) is the orientation to start from.
     No mode raises UnreachableError; infinitely many, and wrong arguments, as `forward_all`.
     """
-    chain = LockedChain.checked(th1, geometry)
+    chain = checked_chain(th1, geometry)
     matrix = check_rotations('last', last)
     if matrix.ndim != 2:
         raise InputError(f'last has shape {matrix.shape}: expected one rotation, (3, 3)')

@@ -18,6 +18,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 from spm_haptic_master.exceptions import SingularityError, UnreachableError
+from spm_haptic_master.kinematics.assembly_modes import LockedChain
 from spm_haptic_master.kinematics.checks import check_angles, check_broadcast
 from spm_haptic_master.kinematics.estimation.normal_equations import State
 from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, Leg, PAPER_GEOMETRY
@@ -31,7 +32,6 @@ from spm_haptic_master.kinematics.leg_kernels import (
     second_axis,
     turn_equation,
     turn_of_second_joint,
-    turn_of_third_joint,
 )
 from spm_haptic_master.kinematics.number_backends import (
     Array,
@@ -51,8 +51,8 @@ from spm_haptic_master.kinematics.rotations import rotation_from_quaternion, sta
 DETERMINANT_TOLERANCE = 1e-9
 # Smallest |L1 M2 - L2 M1| at which Gauss-Newton starts from the closed form (largest standard
 # deviation of the sensors, 1 / rad): the error of the closed form is about the noise over the
-# determinant, here a tenth of a radian, from which Gauss-Newton converges. Below, it may converge
-# to the wrong one of two solutions.
+# determinant, here a tenth of a radian: Gauss-Newton converges. Below, it may converge to the
+# wrong one of two solutions.
 CLOSED_FORM_TRUST = 10.0
 
 
@@ -128,13 +128,14 @@ def _case_2(th1a: Array, th1b: Array, th1c: Array, th3a: Array, geometry: Geomet
 
 
 def _case_1(th1a: Array, th1b: Array, th1c: Array, th2a: Array, geometry: Geometry) -> Array:
-    y, x = _common_turn_point(turn_of_third_joint(th1a, th1b, th1c, th2a, geometry, ARRAYS))
+    chain = LockedChain.of((th1a, th1b, th1c), geometry, ARRAYS)
+    y, x = _common_turn_point(common_turn(*chain.turn_equations(np.cos(th2a), np.sin(th2a))))
     return stack_matrix(rotation_from_quaternion(*chain_quaternion(
         th1a, th2a, np.arctan2(y, x), geometry, ARRAYS)))
 
 
 def _common_turn_point(solution: Vector[Batch]) -> tuple[Array, Array]:
-    """Sine and cosine of a `common_turn`, each times the same; NaN where undetermined."""
+    """Return a point at the angle of a `common_turn`, y and x; NaN where undetermined."""
     cosine, sine, determinant = solution
     singular = ~(np.abs(determinant) > DETERMINANT_TOLERANCE)
     if singular.ndim == 0 and singular:
@@ -161,7 +162,7 @@ def trusted_start(readings: tuple[float | None, ...], largest: float,
 
 
 def possible_starts(readings: tuple[float | None, ...], g: Geometry) -> Iterator[State[float]]:
-    """Yield starts by both solutions of each turn equation: one is near each solution there is."""
+    """Yield starts by both solutions of each turn equation; each estimate is near one of them."""
     for leg, first, third, equations in _carriers(readings, g):
         for equation in equations:
             for th2 in both_turns(equation):
@@ -237,18 +238,18 @@ def _about_x(c: float, s: float, vector: Vector[float]) -> Vector[float]:
 def start_at(rotation: Rotation[float], readings: tuple[float | None, ...],
              g: Geometry) -> State[float]:
     """
-    Return th1A, th2A, th3A, th1B, th1C, rad: readings, and where there is none of an orientation.
+    Return th1A, th2A, th3A, th1B, th1C, rad: the readings; missing ones from an orientation.
 
     The six readings, None for one that is not used, select the working mode of a leg. An active
     angle of leg B or C without any reading is 0. UnreachableError if a leg that lacks a reading
     does not reach the orientation.
     """
-    th1a, th1b, th1c, th3a, th3b, th3c = readings
+    th1a, th3a = readings[0], readings[3]
     found_1a, th2a, found_3a = _fitting_angles(rotation, g.legs[0], th1a, th3a)
-    if th1b is None:
-        th1b = 0.0 if th3b is None else _fitting_angles(rotation, g.legs[1], None, th3b)[0]
-    if th1c is None:
-        th1c = 0.0 if th3c is None else _fitting_angles(rotation, g.legs[2], None, th3c)[0]
+    th1b, th1c = (
+        th1 if th1 is not None else 0.0 if th3 is None else
+        _fitting_angles(rotation, leg, None, th3)[0]
+        for leg, th1, th3 in zip(g.legs[1:], readings[1:3], readings[4:], strict=True))
     return (found_1a if th1a is None else th1a, th2a, found_3a if th3a is None else th3a,
             th1b, th1c)
 

@@ -11,12 +11,7 @@ from typing import cast, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
-from spm_haptic_master.exceptions import (
-    InputError,
-    quoted,
-    SingularityError,
-    UnreachableError,
-)
+from spm_haptic_master.exceptions import SingularityError, UnreachableError
 from spm_haptic_master.kinematics.checks import (
     check_count,
     check_rotations,
@@ -40,12 +35,8 @@ from spm_haptic_master.kinematics.rotations import unstack_matrix
 
 # Working mode of the rig as built: signs of B_AA, B_BB, B_CC.
 RIG_WORKING_MODE = (1, 1, 1)
-# Norms of eq. 12: the 2-norm, and the Frobenius norm weighted by 1 / 3.
-DEXTERITY_NORMS = ('2', 'frobenius')
 # Rows of A_r and diagonal of B_r, eqs. 20, 21 (unit 1).
-VelocityRows: TypeAlias = tuple[
-    tuple[Vector[N], Vector[N], Vector[N], Vector[N], Vector[N], Vector[N]],
-    tuple[N, N, N, N, N, N]]
+VelocityRows: TypeAlias = tuple[list[Vector[N]], list[N]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,9 +73,8 @@ def measured_angles(rotation: Rotation[float], geometry: Geometry, working_mode:
 
     Arguments and errors as of `mechanism_angles`.
     """
-    th1a, _, th3a, th1b, _, th3b, th1c, _, th3c = mechanism_angles(
-        rotation, geometry, working_mode)
-    return (th1a, th1b, th1c, th3a, th3b, th3c)[:sensors]
+    angles = mechanism_angles(rotation, geometry, working_mode)
+    return (angles[::3] + angles[2::3])[:sensors]
 
 
 def inverse(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
@@ -137,16 +127,12 @@ def velocity_rows(rotation: Rotation[N], th1: Vector[N], g: Geometry,
     th1A, th1B, th1C, th3A, th3B, th3C. The diagonal is B_AA, B_BB, B_CC, twice.
     (The paper prints Z3k x Z2k and Z3A . (Z2A x Z1A), which reverse the sign of the velocity.)
     """
-    leg_a, leg_b, leg_c = g.legs
-    third_a, third_b, third_c = third_axes(rotation, g)
-    second_a, second_b, second_c = [
-        second_axis(m.cos(angle), m.sin(angle), leg)
-        for angle, leg in zip(th1, g.legs, strict=True)]
-    row_a, row_b, row_c = (
-        cross(second_a, third_a), cross(second_b, third_b), cross(second_c, third_c))
-    b_a, b_b, b_c = dot(row_a, leg_a.first), dot(row_b, leg_b.first), dot(row_c, leg_c.first)
-    return ((row_a, row_b, row_c, cross(leg_a.first, second_a), cross(leg_b.first, second_b),
-             cross(leg_c.first, second_c)), (b_a, b_b, b_c, b_a, b_b, b_c))
+    seconds = [second_axis(m.cos(angle), m.sin(angle), leg)
+               for angle, leg in zip(th1, g.legs, strict=True)]
+    active = list(map(cross, seconds, third_axes(rotation, g)))
+    passive = [cross(leg.first, second) for leg, second in zip(g.legs, seconds, strict=True)]
+    return active + passive, 2 * [
+        dot(row, leg.first) for row, leg in zip(active, g.legs, strict=True)]
 
 
 def _velocity_rows_of(matrices: Array, geometry: Geometry,
@@ -198,28 +184,16 @@ def parallel_determinant(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
 
 
 def dexterity(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
-              working_mode: Sequence[int] = RIG_WORKING_MODE, sensors: int = 3,
-              norm: str = '2') -> Array:
+              working_mode: Sequence[int] = RIG_WORKING_MODE, sensors: int = 3) -> Array:
     """
     Dexterity (...): the inverse of the Jacobian's condition number (eq. 12), in [0, 1].
 
-    It is 0 at a parallel singularity, and 1 where all directions are equal. The paper leaves the
-    `norm` open. '2': smallest over largest singular value of G. 'frobenius': the Frobenius norm
-    weighted by 1 / 3, i.e. 3 / sqrt(sum s^2 sum 1 / s^2). Other arguments and errors as of
-    `jacobian`; poses for which that gives NaN are NaN.
+    It is smallest over largest singular value of G: 0 at a parallel singularity, and 1 where all
+    directions are equal. Arguments and errors as of `jacobian`; poses for which that gives NaN
+    are NaN.
     """
-    if not isinstance(norm, str) or norm not in DEXTERITY_NORMS:
-        raise InputError(f'norm = {quoted(norm)}: expected one of {DEXTERITY_NORMS}')
     G = jacobian(R, geometry, working_mode, sensors)
     known = np.all(np.isfinite(G), axis=(-1, -2))
     # LAPACK does not accept NaN: such poses get a substitute here, and NaN again at the end.
     values = np.linalg.svd(np.where(known[..., None, None], G, 1.0), compute_uv=False)
-    if norm == '2':
-        eta = values[..., 2] / values[..., 0]
-    else:
-        # s3 is taken out of the sum of 1 / s^2, so that s3 = 0 gives 0.
-        s1, s2, s3 = np.moveaxis(values, -1, 0)
-        eta = 3.0 * s3 / np.sqrt(
-            (s1**2 + s2**2 + s3**2)
-            * (1.0 + np.divide(s3, s2, out=np.zeros_like(s2), where=s2 > 0.0)**2 + (s3 / s1)**2))
-    return np.where(known, eta, np.nan)
+    return np.where(known, values[..., 2] / values[..., 0], np.nan)

@@ -4,18 +4,7 @@
 """
 The formulas of one leg and of the closed chain, as kernels on numbers.
 
-Symbols, as the paper writes them, with k = A, B, C:
-
-=============  ==================================================================================
-Z1k            axis of the active joint, fixed in the base
-Z2k            axis between proximal and distal link
-Z3k            axis between distal link and platform
-th1k, th2k,    joint angles about them; each leg carries the platform by
-th3k           R = B_k Rz(th1k) Rx(alpha_k) Rz(th2k) Rx(beta_k) Rz(th3k) Q_k^T    (eq. 6)
-B_k, Q_k       frames of leg k in the base and in the platform (see `geometry`)
-B_kk           Z1k . (Z2k x Z3k), whose sign is leg k's working mode              (eq. 10)
-=============  ==================================================================================
-
+The symbols are the paper's: docs/kinematics.md has their table, `geometry` the frames B_k, Q_k.
 Angles are in rad. `m` holds the elementary functions (see `number_backends`), `g` is the Geometry,
 `leg` one of its legs, and `carried` leg B or C as seen from leg A.
 """
@@ -43,64 +32,39 @@ def second_axis(c: N, s: N, leg: Leg) -> Vector[N]:
     return px + c * qx + s * rx, py + c * qy + s * ry, pz + c * qz + s * rz
 
 
-def third_axes(rotation: Rotation[N],
-               g: Geometry) -> tuple[Vector[N], Vector[N], Vector[N]]:
+def third_axes(rotation: Rotation[N], g: Geometry) -> list[Vector[N]]:
     """Z3A, Z3B, Z3C in the base frame, for a platform at `rotation`."""
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = rotation
-    third_a, third_b, third_c = [
+    return [
         (r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z, r20 * x + r21 * y + r22 * z)
         for x, y, z in g.platform_axes]
-    return third_a, third_b, third_c
 
 
-def third_in_leg_frame(rotation: Rotation[N], leg: Leg) -> Vector[N]:
-    """Z3k in the leg's own base frame, for a platform at `rotation`: B_k^T R Z3k."""
+def leg_angles(rotation: Rotation[N], leg: Leg, sign: int, m: Backend[N]) -> Vector[N]:
+    """
+    Kernel of one leg: th1k, th2k, th3k, rad, of a rotation; `sign` is its working mode.
+
+    With Z3k = (x, y, z) in the leg's frame B_k, Z2k . Z3k = cos beta is
+    x sin th1 - y cos th1 = q. With x cos th1 + y sin th1 = p, B_kk = p sin alpha: the working
+    mode is the sign of p, and p^2 + q^2 = x^2 + y^2.
+    """
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = rotation
     px, py, pz = leg.third
     x, y, z = (r00 * px + r01 * py + r02 * pz, r10 * px + r11 * py + r12 * pz,
                r20 * px + r21 * py + r22 * pz)
     b00, b01, b02, b10, b11, b12, b20, b21, b22 = leg.base_frame
-    return (b00 * x + b10 * y + b20 * z, b01 * x + b11 * y + b21 * z,
-            b02 * x + b12 * y + b22 * z)
-
-
-def leg_closure(x: N, y: N, z: N, sign: int, leg: Leg, m: Backend[N]) -> tuple[N, N]:
-    """
-    Close one leg on its third axis (x, y, z), given in the leg's own base frame.
-
-    Z2k . Z3k = cos beta is  x sin th1 - y cos th1 = q.  With  x cos th1 + y sin th1 = p,
-    B_kk = p sin alpha: `sign`, the leg's working mode, is the sign of p. Returned are p and q
-    (unit 1), p^2 + q^2 = x^2 + y^2.
-    """
+    x, y, z = (b00 * x + b10 * y + b20 * z, b01 * x + b11 * y + b21 * z,
+               b02 * x + b12 * y + b22 * z)
     q = (leg.cos_beta - leg.cos_alpha * z) / leg.sin_alpha
-    return sign * m.reach_root(x * x + y * y - q * q), q
-
-
-def active_angle(x: N, y: N, p: N, q: N, m: Backend[N]) -> N:
-    """Return th1k, rad, of a leg with third axis (x, y, ...) and closure (p, q)."""
-    return m.atan2(q * x + p * y, p * x - q * y)
-
-
-def passive_angles(rotation: Rotation[N], z: N, th1: N, p: N, q: N, leg: Leg,
-                   m: Backend[N]) -> tuple[N, N]:
-    """Return th2k and th3k, rad, of a leg with closure (p, q), active angle th1, Z3k . Z1k = z."""
-    r00, r01, r02, r10, r11, r12, r20, r21, r22 = rotation
+    p = sign * m.reach_root(x * x + y * y - q * q)
+    th1 = m.atan2(q * x + p * y, p * x - q * y)
     th2 = m.atan2(p, leg.cos_alpha * q - leg.sin_alpha * z)
     # Z2k in the frame Q_k of the platform is (sin beta sin th3, sin beta cos th3, cos beta).
     x2, y2, z2 = second_axis(m.cos(th1), m.sin(th1), leg)
     x, y, z = (x2 * r00 + y2 * r10 + z2 * r20, x2 * r01 + y2 * r11 + z2 * r21,
                x2 * r02 + y2 * r12 + z2 * r22)
     q00, q01, _, q10, q11, _, q20, q21, _ = leg.platform_frame
-    return th2, m.atan2(q00 * x + q10 * y + q20 * z, q01 * x + q11 * y + q21 * z)
-
-
-def leg_angles(rotation: Rotation[N], leg: Leg, sign: int, m: Backend[N]) -> Vector[N]:
-    """Kernel of one leg: th1k, th2k, th3k, rad, of a rotation; `sign` is its working mode."""
-    x, y, z = third_in_leg_frame(rotation, leg)
-    p, q = leg_closure(x, y, z, sign, leg, m)
-    th1 = active_angle(x, y, p, q, m)
-    th2, th3 = passive_angles(rotation, z, th1, p, q, leg, m)
-    return th1, th2, th3
+    return th1, th2, m.atan2(q00 * x + q10 * y + q20 * z, q01 * x + q11 * y + q21 * z)
 
 
 def turn_equation(d: Vector[N], v: Vector[N], cos_beta: float) -> Vector[N]:
@@ -206,19 +170,6 @@ def linkage(th1a: N, th1b: N, th1c: N, th3a: N, g: Geometry, m: Backend[N]) -> L
 def turn_of_second_joint(leg_b: View[N], leg_c: View[N]) -> Vector[N]:
     """Case 2: cosine, sine of th2A = xi + xi', each times the determinant, and it; eqs. 15, 16."""
     return common_turn(turn_equation(*leg_b), turn_equation(*leg_c))
-
-
-def turn_of_third_joint(th1a: N, th1b: N, th1c: N, th2a: N, g: Geometry,
-                        m: Backend[N]) -> Vector[N]:
-    """Case 1: cosine and sine of th3A, each times the determinant, and it; eqs. 13, 14."""
-    c1, s1, c2, s2 = m.cos(th1a), m.sin(th1a), m.cos(th2a), m.sin(th2a)
-    first, second = (
-        turn_equation(
-            into_third_joint(c2, s2, second_in_second_joint(
-                c1, s1, m.cos(th1), m.sin(th1), carried), g),
-            carried.third, carried.cos_beta)
-        for th1, carried in zip((th1b, th1c), g.carried, strict=True))
-    return common_turn(first, second)
 
 
 def passive_axes(c1: N, s1: N, c2: N, s2: N, g: Geometry) -> tuple[Vector[N], Vector[N]]:

@@ -12,7 +12,7 @@ call) or `ARRAYS` for batches (arrays that broadcast together).
 from __future__ import annotations
 
 import math
-from typing import Final, Protocol, TypeAlias, TypeVar
+from typing import Any, Final, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,17 +114,11 @@ class _Arrays:
 
     __slots__ = ()
 
-    @staticmethod
-    def sin(angle: Batch) -> Array:
-        return np.sin(angle)
-
-    @staticmethod
-    def cos(angle: Batch) -> Array:
-        return np.cos(angle)
-
-    @staticmethod
-    def atan2(y: Batch, x: Batch) -> Array:
-        return np.arctan2(y, x)
+    # To a type checker, ufuncs do not take a Batch.
+    sin: Any = staticmethod(np.sin)
+    cos: Any = staticmethod(np.cos)
+    atan2: Any = staticmethod(np.arctan2)
+    sqrt: Any = staticmethod(np.sqrt)
 
     @staticmethod
     def remainder(angle: Batch, turn: float) -> Batch:
@@ -142,10 +136,6 @@ class _Arrays:
         ahead = x >= 0.0
         return np.where(ahead, larger, smaller), np.copysign(
             np.where(ahead, smaller, larger), y)
-
-    @staticmethod
-    def sqrt(square: Batch) -> Array:
-        return np.sqrt(square)
 
     @staticmethod
     def reciprocal_root(square: Batch, least: float) -> Array:

@@ -9,7 +9,7 @@ It is the cone of platform axes about (1, 1, 1), psi = 135 deg and theta = acos(
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Sequence
 import math
 from typing import NamedTuple
 
@@ -93,32 +93,32 @@ def singularity_locus(phi: float, half_angle: float, geometry: Geometry = PAPER_
         return parallel_determinant(
             workspace_pose(points[0], points[1], angle), geometry, working_mode)
 
-    grid = cone_grid(float(half), RAYS, CIRCLES)
-    found = []
-    for low, high, side, _ in changes_of_sign(grid, determinant(grid)):
-        for _ in range(BISECTIONS):
-            middle = 0.5 * (low + high)
-            before = determinant(middle) * side > 0.0
-            low, high = np.where(before, middle, low), np.where(before, high, middle)
-        found.append(0.5 * (low + high))
-    tilt, azimuth = np.concatenate(found, axis=1)
+    low, high, side, _ = changes_of_sign(determinant, float(half), RAYS, CIRCLES)
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        before = determinant(middle) * side > 0.0
+        low, high = np.where(before, middle, low), np.where(before, high, middle)
+    tilt, azimuth = 0.5 * (low + high)
     order = np.argsort(azimuth, kind='stable')
     return tilt[order], azimuth[order]
 
 
-def cone_grid(half_angle: float, rays: int, circles: int) -> Array:
-    """Return tilts and azimuths, rad, on rays and circles, (2, rays + 1, circles + 1)."""
-    return np.stack(np.meshgrid(
+def changes_of_sign(function: Callable[[Array], Array], half_angle: float, rays: int,
+                    circles: int) -> tuple[Array, Array, Array, Array]:
+    """
+    Return neighbouring points of the cone between which a function of them changes its sign.
+
+    A point is tilt and azimuth, rad. Of n pairs, found along rays and circles, both points,
+    (2, n), and both values, (n,), are returned.
+    """
+    points = np.stack(np.meshgrid(
         np.linspace(0.0, half_angle, circles + 1), 2.0 * math.pi * np.arange(rays + 1) / rays))
-
-
-def changes_of_sign(points: Array, values: Array) -> Iterator[tuple[Array, Array, Array, Array]]:
-    """Yield neighbouring points, (2, n), and their values, (n,): along the rays, the circles."""
-    for here, there in ((np.s_[:-1, :-1], np.s_[:-1, 1:]), (np.s_[:-1, 1:], np.s_[1:, 1:])):
-        changed = values[here] * values[there] < 0.0
-        one, other = (np.stack([grid[place][changed] for grid in points])
-                      for place in (here, there))
-        yield one, other, values[here][changed], values[there][changed]
+    table = np.concatenate([points, function(points)[None]])
+    one, other = (np.concatenate([part.reshape(3, -1) for part in parts], axis=1) for parts in (
+        (table[:, :-1, :-1], table[:, :-1, 1:]), (table[:, :-1, 1:], table[:, 1:, 1:])))
+    changed = one[2] * other[2] < 0.0
+    one, other = one[:, changed], other[:, changed]
+    return one[:2], other[:2], one[2], other[2]
 
 
 # One pose in plain floats, fast enough for a moving device ---------------------------------------

@@ -15,7 +15,7 @@ from spm_haptic_master.description.colours import css
 from spm_haptic_master.description.solids import (
     cylinder,
     LEGS,
-    LinkTurns,
+    link_turns,
     MOTOR_ENCODER,
     onto,
     SIZE,
@@ -151,6 +151,7 @@ class Scene:
         # A mechanism that cannot be assembled there is refused.
         centre = mechanism_angles(tuple(workspace_pose(0.0, 0.0, 0.0).ravel().tolist()), geometry,
                                   working_mode)
+        self._geometry = geometry
         self._scene, self._name = server.scene, f'/arm{number}'
         self._alive: bool | None = None
         # Without a mounting the device is upright: its workspace is about the vertical.
@@ -159,10 +160,9 @@ class Scene:
         self._root = self._scene.add_frame(
             self._name, show_axes=False, position=place,
             wxyz=wxyz(_upright()) if table == IDENTITY else np.array([w, x, y, z]))
-        self._turns = LinkTurns(geometry)
         # What turns grey, and its own colours.
         self._coloured: list[tuple[BatchedMeshHandle, NDArray[np.uint8]]] = []
-        # Links of one shape, which one message turns: where they are in `LinkTurns.at`.
+        # Links of one shape, which one message turns: where they are in `link_turns`.
         self._batches: list[tuple[list[int], BatchedMeshHandle]] = []
         # Colours of the encoders.
         self._sensors = rgb([GREY] * sensors)
@@ -233,7 +233,7 @@ class Scene:
 
     def place(self, angles: Sequence[float]) -> None:
         """Turn the links to the angles of `joint_states`, rad."""
-        rows = np.array(self._turns.at(angles))[:, [3, 0, 1, 2]]
+        rows = np.array(link_turns(self._geometry, angles))[:, [3, 0, 1, 2]]
         for links, batch in self._batches:
             batch.batched_wxyzs = rows[links]
         self._frame.wxyz = rows[-1]

@@ -13,7 +13,7 @@ import pytest
 from spm_haptic_master.description.solids import (
     DENSITY,
     LEGS,
-    LinkTurns,
+    link_turns,
     masses,
     Solid,
     solids,
@@ -72,11 +72,11 @@ def test_every_part_of_a_link_is_closed_and_filled_with_its_mass(seed):
 def test_each_link_is_turned_so_that_it_joins_its_neighbours(seed):
     geometry = Geometry() if seed is None else \
         random_built(np.random.default_rng(seed), 0.5).geometry
-    turns, z = LinkTurns(geometry), np.array([0.0, 0.0, 1.0])
+    z = np.array([0.0, 0.0, 1.0])
     for pose in ((0.0, 0.0, 0.0), (0.3, 1.0, 0.9), (0.2, 4.0, -0.3)):
         R = workspace_pose(*pose)
-        *links, platform = map(matrix_from_quaternion, turns.at(
-            mechanism_angles(tuple(R.ravel()), geometry)))
+        *links, platform = map(matrix_from_quaternion, link_turns(
+            geometry, mechanism_angles(tuple(R.ravel()), geometry)))
         np.testing.assert_allclose(platform, R, atol=1e-12)
         for k, (proximal, distal) in enumerate(zip(links[:3], links[3:], strict=True)):
             for one, other in (

@@ -149,8 +149,12 @@ def test_the_installed_files_are_current():
         layout = np.dtype([('normal', '<f4', 3), ('corners', '<f4', (3, 3)), ('rest', '<u2')])
         file = meshes[name]
         assert len(file) == 84 + 50 * count, 'run `make docs`'
-        corners = np.frombuffer(file, layout, count, 84)['corners']
-        assert np.abs(corners - solid.vertices[solid.triangles]).max() < 1e-7, 'run `make docs`'
+        facets, corners = np.frombuffer(file, layout, count, 84), solid.vertices[solid.triangles]
+        assert np.abs(facets['corners'] - corners).max() < 1e-7, 'run `make docs`'
+        written = np.frombuffer(solid.stl(name), layout, count, 84)['normal']
+        outward = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 1])
+        outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+        assert np.abs(written - outward).max() < 1e-4
     assert sum(map(len, meshes.values())) < 500_000
 
 

@@ -4,13 +4,13 @@
 """The map of the workspace against the dexterity and the determinant of its poses."""
 
 from math import radians
+import re
 
 import numpy as np
 import pytest
 from spm_haptic_master.description.workspace_map import (
-    COLOURS,
+    colour_bar,
     HALF_ANGLE,
-    UNREACHABLE,
     WorkspaceMap,
 )
 from spm_haptic_master.kinematics import (
@@ -38,12 +38,16 @@ def test_the_map_has_the_dexterity_and_the_singularities(phi):
     # Evenly over the cone: as many tiles within a part of it as its area has of the whole.
     assert np.mean(tilts < 0.5 * HALF_ANGLE) == pytest.approx(
         (1 - np.cos(0.5 * HALF_ANGLE)) / (1 - np.cos(HALF_ANGLE)), abs=0.01)
+    apart = np.linalg.norm(drawn.axes - drawn.axes[:, None], axis=-1) + 9.0 * np.eye(len(tilts))
+    assert apart.min() > 0.85 * np.sqrt(2.0 * np.pi * (1 - np.cos(HALF_ANGLE)) / len(tilts))
     poses, colours = poses_of(drawn.axes, phi), drawn.colours(phi)
     np.testing.assert_allclose(poses[..., 2], drawn.axes, atol=1e-12)
     eta = dexterity(poses)
     # The nearer to a singularity, the nearer to the first colour.
-    assert np.array_equal((colours == UNREACHABLE).all(axis=1), np.isnan(eta))
-    expected = [np.interp(eta, [0.0, 0.1, 0.2], channel) for channel in COLOURS.T]
+    grey = np.ptp(colours.astype(int), axis=1) == 0
+    assert np.array_equal(grey, np.isnan(eta))
+    bar = np.array([re.findall(r'\d+', colour) for colour in colour_bar()['colours']], dtype=int)
+    expected = [np.interp(eta, [0.0, 0.1, 0.2], channel) for channel in bar.T]
     reached = np.isfinite(eta)
     np.testing.assert_allclose(colours[reached], np.transpose(expected)[reached], atol=1.0)
     singular, determinants = drawn.singular_axes(phi), parallel_determinant(poses)

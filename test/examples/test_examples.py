@@ -8,6 +8,7 @@ from runpy import run_path
 import sys
 
 from harness import ROOT
+from mechanism import SINGULAR_PHI
 import numpy as np
 import pytest
 from spm_haptic_master.encoders.recording_files import Table
@@ -16,7 +17,6 @@ from spm_haptic_master.kinematics.joints import JOINT_NAMES
 
 EXAMPLES = ROOT / 'examples'
 PYTHON = re.compile(r'^```python\n(.*?)^```', re.MULTILINE | re.DOTALL)
-SINGULAR_PHI = 49.358591780
 
 
 def run(monkeypatch, name, *arguments):
@@ -31,13 +31,11 @@ def code_lines(name):
     return [line for line in text.splitlines() if line.strip() and not line.startswith('#')]
 
 
-def test_kinematics_in_ten_lines(monkeypatch, capsys):
+def test_the_kinematics_example_finds_its_pose(monkeypatch, capsys):
     names = run(monkeypatch, 'kinematics.py')
     assert np.abs(names['fit'].rotation - names['R']).max() < 1e-9
     assert 0.01 < np.degrees(np.sqrt(names['fit'].covariance.max())) < 0.1
     assert names['dexterity'](names['R']) < 0.01 < names['dexterity'](names['R'], sensors=4)
-    assert len(code_lines('kinematics.py')) <= 10
-    assert len(code_lines('slave.py')) <= 30
 
 
 def test_readme_has_the_ten_lines():
@@ -79,7 +77,7 @@ def test_the_singularity_is_drawn_where_it_is(monkeypatch, tmp_path):
     pytest.importorskip('matplotlib').use('Agg')
     names = run(monkeypatch, 'singularity.py', tmp_path / 'singularity.png')
     three, four = (line.get_ydata() for line in names['turn'].lines)
-    assert abs(names['phi'][np.argmin(three)] - SINGULAR_PHI) < 0.1
+    assert abs(names['phi'][np.argmin(three)] - np.degrees(SINGULAR_PHI)) < 0.1
     assert three.min() < 0.01 < 0.1 < four.min()
     assert [len(line.get_xdata()) > 50 for line in names['cone'].lines] == [True] * 4
     assert (tmp_path / 'singularity.png').stat().st_size > 10_000

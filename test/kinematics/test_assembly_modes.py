@@ -31,17 +31,6 @@ from spm_haptic_master.kinematics.leg_kernels import both_turns
 from spm_haptic_master.kinematics.rotations import matrix_from_vector
 
 
-@pytest.mark.parametrize('degrees, phis', [
-    (90.0, [-21.816527853, 122.199652679]), (100.0, [-42.000420410, 137.104732959]),
-    (-100.0, [])])
-def test_golden_assembly_modes(degrees, phis):
-    modes = forward_all(np.radians([degrees] * 3))
-    assert modes.shape == (len(phis), 3, 3)
-    expected = [zxz(*CENTRE, math.radians(phi)) for phi in phis]
-    for R in expected:
-        assert min(angle_between(R, mode) for mode in modes) < 1e-10
-
-
 def search(built, th1, rng, starts, steps=50):
     """All modes that a damped Newton finds on the closures from many random rotations."""
     second, R = built.second_axes(th1), random_rotations(rng, starts)
@@ -89,16 +78,6 @@ def test_complete_against_an_independent_search(mode):
         assert min(angle_between(R, matrix) for matrix in modes) < 1e-7
         counts.add(len(modes))
     assert len(counts) > 1
-
-
-def test_eight_modes():
-    built, rng = nominal(*np.radians([60.0, 70.0, 50.0])), np.random.default_rng(22)
-    triples = [inverse(built.reachable_rotation(rng, 0.0), built.geometry).theta1
-               for _ in range(30)]
-    eight = [th1 for th1 in triples if len(forward_all(th1, built.geometry)) == 8]
-    assert eight
-    for th1 in eight:
-        check_complete(built, th1, rng, 400)
 
 
 @functools.cache

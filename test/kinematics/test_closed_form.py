@@ -24,8 +24,9 @@ from spm_haptic_master.kinematics import (
     theta3a_quaternion,
     workspace_pose,
 )
+from spm_haptic_master.kinematics.assembly_modes import LockedChain
 from spm_haptic_master.kinematics.estimation.normal_equations import theta3a_gains
-from spm_haptic_master.kinematics.leg_kernels import turn_of_third_joint
+from spm_haptic_master.kinematics.leg_kernels import common_turn
 from spm_haptic_master.kinematics.number_backends import ARRAYS, FLOATS, SLICE
 
 # Smallest determinant of A, and |B_kk| of a leg, beyond which rounding of 1e-16 stays below 1e-9.
@@ -44,9 +45,11 @@ def check_models(built, mode, rng):
     # The independent mechanism closes, in the working mode asked for.
     np.testing.assert_allclose(built.closures(th1, R), 0.0, atol=1e-12)
     assert built.working_mode(th1, R) == mode
-    assert angle_between(built.chain(0, th1[0], th2a, th3a), R) < 1e-9
     floats = mechanism_angles(tuple(R.ravel().tolist()), g, mode)
-    np.testing.assert_allclose(floats[::3] + floats[1:3], [*th1, th2a, th3a], atol=1e-12)
+    for leg in range(3):
+        assert angle_between(built.chain(leg, *floats[3 * leg:3 * leg + 3]), R) < 1e-9
+    np.testing.assert_allclose(floats[::3] + floats[1:3] + floats[5::3], [
+        *th1, th2a, th3a, joints.theta3b, joints.theta3c], atol=1e-12)
     modes = forward_all(th1, g)
     assert len(modes) <= 8
     np.testing.assert_allclose(built.closures(th1, modes), 0.0, atol=2e-12)
@@ -59,7 +62,8 @@ def check_models(built, mode, rng):
     closed_forms = (
         forward_theta2a(th1, th2a, g), forward_theta3a(th1, th3a, g),
         matrix_from_quaternion(theta3a_quaternion(*th1.tolist(), th3a, g)))
-    case_1 = turn_of_third_joint(*th1.tolist(), th2a, g, FLOATS)[2]
+    chain = LockedChain.of(th1.tolist(), g, FLOATS)
+    case_1 = common_turn(*chain.turn_equations(math.cos(th2a), math.sin(th2a)))[2]
     case_2 = case_2_determinant([*th1, th3a], g)
     for found, determinant in zip(closed_forms, (case_1, case_2, case_2), strict=True):
         assert angle_between(found, R) < CLOSED_FORM_ROUNDING / abs(determinant)

@@ -3,12 +3,13 @@
 
 """The mechanism as a value: its zeros, its frames, and what is no mechanism."""
 
+from contextlib import nullcontext
 import copy
 import math
 import pickle
 
 from built_mechanism import ALPHA, BETA, Built, GAMMA, nominal, random_built
-from mechanism import random_rotations, turn
+from mechanism import turn
 import numpy as np
 import pytest
 from readings import all_angles
@@ -85,13 +86,11 @@ def test_impossible_mechanisms(name, value, quoted):
 def test_axes_apart_by_the_least_angle(degrees, accepted):
     near = turn([math.radians(degrees), 0.0, 0.0]) @ GOOD.base[0]
     opposite = turn([0.0, math.radians(degrees), 0.0]) @ -GOOD.base[1]
-    for base in (np.stack([GOOD.base[0], near, GOOD.base[2]]),
-                 np.stack([GOOD.base[0], opposite, GOOD.base[2]])):
-        if accepted:
-            assert Geometry.from_axes(base, GOOD.platform, GOOD.alpha, GOOD.beta)
-        else:
-            with pytest.raises(GeometryError, match='deg or more between them'):
-                Geometry.from_axes(base, GOOD.platform, GOOD.alpha, GOOD.beta)
+    for second in (near, opposite):
+        with nullcontext() if accepted else pytest.raises(
+                GeometryError, match='deg or more between them'):
+            Geometry.from_axes([GOOD.base[0], second, GOOD.base[2]], GOOD.platform, GOOD.alpha,
+                               GOOD.beta)
 
 
 def test_axes_in_single_precision_are_normalised():
@@ -123,12 +122,3 @@ def test_the_usual_frames_are_the_same_from_any_other_frames():
             axes = np.array(found)
             np.testing.assert_allclose(axes @ axes.T, drawn @ drawn.T, atol=1e-14)
             assert np.linalg.det(axes) == pytest.approx(np.linalg.det(drawn))
-
-
-def test_axes_opposite_to_their_directions_there_are_refused():
-    base = nominal().base.copy()
-    base[2] = -base[2]
-    mirrored = random_rotations(np.random.default_rng(302), 1)[0]
-    built = Built(base @ mirrored.T, nominal().platform, nominal().alpha, nominal().beta)
-    with pytest.raises(GeometryError, match='Z1C .* is opposite to'):
-        in_usual_frames(built.geometry)

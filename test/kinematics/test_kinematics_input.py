@@ -65,7 +65,7 @@ FUNCTIONS = [
     (forward_all, {'th1': TH1, **BUILT}), (inverse, AT_POSE), (parallel_determinant, AT_POSE),
     (forward_theta3a, {'th1': TH1, 'theta3a': TH3A, **BUILT}),
     (forward_theta2a, {'th1': TH1, 'theta2a': TH2A, **BUILT}),
-    (jacobian, {**AT_POSE, 'sensors': 4}), (dexterity, {**AT_POSE, 'sensors': 4, 'norm': '2'}),
+    (jacobian, {**AT_POSE, 'sensors': 4}), (dexterity, {**AT_POSE, 'sensors': 4}),
     (track_mode, {'th1': TH1, 'last': POSE, **BUILT}),
     (matrix_from_quaternion, {'q': [0.0, 0.0, 0.0, 1.0]}), (quaternion_from_matrix, {'R': POSE}),
     (zxz_from_matrix, {'R': POSE}), (matrix_from_zxz, {'psi': 0.1, 'theta': 0.2, 'phi': 0.3}),

@@ -3,7 +3,7 @@
 
 """Any three to six sensors in use of four, five or six mounted ones, one sample at a time."""
 
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from itertools import combinations
 import math
 import random
@@ -18,6 +18,7 @@ from readings import (
     case_2_determinant,
     estimated,
     four_angles,
+    near_boundary,
     PAPER,
     pose_of_zero,
     SIGMA,
@@ -120,6 +121,17 @@ def test_a_solution_in_another_working_mode_is_none(sensors, leg):
                 estimate_sample(readings, sensors, PAPER, prior, (1, 1, 1))
     else:
         estimate_sample(readings, sensors, PAPER, None, (1, 1, 1))
+
+
+@pytest.mark.parametrize('leg', range(3))
+@pytest.mark.parametrize(('beyond', 'answered'), [(0.018, True), (0.022, False)])
+def test_noise_may_take_a_leg_just_beyond_the_boundary_of_its_mode(leg, beyond, answered):
+    mode = tuple(-1 if each == leg else 1 for each in range(3))
+    readings = tuple(four_angles(near_boundary(leg, beyond), mode=mode).tolist())
+    for last_step in (1e-5, LAST_STEP):
+        with nullcontext() if answered else pytest.raises(SpmError):
+            estimate_sample(
+                readings, UsedSensors((SIGMA,) * 4), PAPER, None, (1, 1, 1), last_step)
 
 
 def test_a_variance_that_rounding_makes_negative_is_no_error_of_arithmetic():
@@ -305,6 +317,8 @@ def test_one_step_takes_a_sensor_that_the_others_cannot_check(mounted, place):
     sigma[place] = 1e-9
     sensors, exact = UsedSensors(tuple(sigma)), UsedSensors((1e-9,) * mounted)
     for readings in samples(exact, 20):
-        found = one_step(*start_of(readings), readings, sensors, PAPER, (1, 1, 1), LAST_STEP)
+        arguments = *start_of(readings), readings, sensors, PAPER, (1, 1, 1), LAST_STEP
+        found = one_step(*arguments)
         assert found is not None and found.parity_sizes[place] == 0.0
+        np.testing.assert_allclose(found.parity_vector, fit(*arguments).parity_vector, atol=1e-6)
         assert min(size for other, size in enumerate(found.parity_sizes) if other != place) > 0.0

@@ -66,7 +66,7 @@ AMBIGUOUS_COST = 9.0
 # Largest squared parity of a solution that may be the true one of healthy sensors (unit 1): 10
 # sigma, for the noise and a nominal bias of the size of the noise.
 CONSISTENT_COST = 100.0
-# Largest angle between two results of the same solution (rad).
+# Largest angle between two results of one solution (rad).
 SAME_SOLUTION = 1e-4
 
 
@@ -78,16 +78,13 @@ def estimate_sample(readings: tuple[float, ...], sensors: UsedSensors, geometry:
     Maximum-likelihood orientation of one sample in plain floats, for the 1 kHz path.
 
     Nothing is validated. `readings` are finite numbers of the N mounted sensors th1A, th1B, th1C,
-    th3A, th3B, th3C, rad; that of a sensor that is left out is ignored and may be NaN.
+    th3A, th3B, th3C, rad; a sensor that is left out may have NaN.
 
     `prior`, the quaternion x, y, z, w of the last orientation, selects among solutions that the
     readings do not contradict by more than 10 sigma, and has no weight in the result. Three
-    sensors require one (InputError): Gauss-Newton converges from it to one of their solutions.
-    Without th3A do not use them nearer than 4 deg to the parallel singularity: samples have no
-    answer there (half of them at 0.3 deg), and the others are biased.
+    sensors require one (InputError); without th3A, not within 4 deg of the parallel singularity.
     `working_mode` are the signs of B_kk of the legs A, B, C (eq. 10); by default the readings
-    decide. A leg without a sensor in use may have any. After a last step of `last_step`, rad, or
-    less, about its square is left.
+    decide. A leg without a sensor in use may have any. The last step is at most `last_step`, rad.
 
     SingularityError if two solutions explain the readings equally well and there is no prior, a
     direction is not measured, or a leg is on the boundary of its working mode or in another one.
@@ -177,8 +174,8 @@ class Estimate:
         healthy sensors; the norm of `parity_vector` with more.
     parity_vector : ndarray, shape (..., N - 3)
         Whitened residuals of the N sensors (unit 1): independent, of unit variance for
-        healthy sensors. The first is that of the first four; each further one is what the next
-        sensor differs by from the estimate of those before it.
+        healthy sensors. The first is the parity of the first four; each further one is the
+        difference of the next sensor from the estimate of those before it.
     determined : ndarray of bool, shape (...)
         Whether the sensors determine the orientation: total deviation below
         `DETERMINED_DEVIATION`. It does not say whether they agree: see `consistent`.
@@ -211,18 +208,12 @@ def estimate(th1: ArrayLike, theta3a: ArrayLike, sigma: ArrayLike,
     do not contradict, and has no weight in the result. In a batch, rows of samples that would
     raise on their own are NaN, and not determined.
 
-    Gauss-Newton starts from the closed form of Case 2. The result reaches the Cramer-Rao bound
-    wherever the noise is small compared with the mechanism's curvature. It holds in all eight
-    working modes: the readings determine the working mode of each leg.
+    The readings determine the working mode of each leg. The covariance is of first order:
+    docs/evidence.md states where it holds.
 
     The parity of four sensors detects a faulty one but does not isolate it; near a parallel
     singularity the active sensors cannot check th3A. With th3B every sensor is checked everywhere;
-    with th3C, too, the direction of the parity vector isolates the faulty one.
-
-    The covariance is of first order. By simulation the rms error is within 2 % of the stated one
-    with four sensors over the workspace, at the parallel singularity too, with noise up to 1 deg,
-    and as near as |B_kk| = 10 sigma to the boundary of a working mode; nearer than 3 sigma the
-    estimate may fail.
+    with th3C the direction of the parity vector isolates the faulty one.
 
     InputError if an argument has a wrong type, shape or value, or a batch has a NaN;
     SingularityError if a single sample does not determine the orientation (see `estimate_sample`),
@@ -242,7 +233,7 @@ def estimate(th1: ArrayLike, theta3a: ArrayLike, sigma: ArrayLike,
     if prior is not None:
         last = quaternion_from_matrix(check_rotations('prior', prior))
         shapes.append(last.shape[:-1])
-    # One sample is the usual case, and its check the dearest part of what is not the estimate.
+    # One sample is the usual case: its check would cost as much as all but the estimate.
     batch = check_broadcast(', '.join(['th1', *names, 'prior']), *shapes) if any(shapes) else ()
     if not batch:
         readings = (*active.tolist(), *[angle.item() for angle in passive])

@@ -22,7 +22,6 @@ from spm_haptic_master.kinematics.estimation.normal_equations import (
     closed_leg,
     gauss_newton_step,
     in_base_frame,
-    Legs,
     linearise,
     NO_SHARE,
     normal_equations,
@@ -82,7 +81,7 @@ class SampleEstimate(NamedTuple):
     # Lengths of the N parity gains (1 / rad) and gains (unit 1); 0 for a sensor that is left out.
     parity_sizes: tuple[float, ...]
     gain_sizes: tuple[float, ...]
-    # Of `linearise` and `gauss_newton_step`: what the parity gains are made of.
+    # Of `linearise` and `gauss_newton_step`; `parity_gains` needs them.
     rows: tuple[Row[float], ...]
     spread: Symmetric[float]
 
@@ -120,7 +119,8 @@ def fit(state: State[float], view: Linkage[float], readings: tuple[float, ...],
         view = linkage(th1a, th1b, th1c, th3a, g, FLOATS)
     else:
         raise UnreachableError(f'readings {readings} rad: no mechanism closes near them')
-    if working_mode is not None and not _in_mode(th2a, legs, sensors, working_mode, g):
+    if working_mode is not None and not _in_mode(
+            th2a, legs[0][4], legs[1][4], sensors, working_mode, g):
         raise SingularityError('the angles fit together only in another working mode than '
                                f'{list(working_mode)}')
     covariance, motions = in_base_frame(th1a, th2a, spread, g, FLOATS)
@@ -137,12 +137,12 @@ def fit(state: State[float], view: Linkage[float], readings: tuple[float, ...],
         parity_sizes, gain_sizes, rows, spread)
 
 
-def _in_mode(th2a: float, legs: Legs[float], sensors: UsedSensors, working_mode: WorkingMode,
-             g: Geometry) -> bool:
+def _in_mode(th2a: float, volume_b: float, volume_c: float, sensors: UsedSensors,
+             working_mode: WorkingMode, g: Geometry) -> bool:
     """Return whether a solution is in a working mode; a leg without a sensor may have any."""
     leg, (sign_a, sign_b, sign_c) = g.legs[0], working_mode
-    # B_AA is the volume of Z1A, Z2A, Z3A.
-    return sign_b * legs[0][4] > -MODE_MARGIN and sign_c * legs[1][4] > -MODE_MARGIN and (
+    # B_AA, the volume of Z1A, Z2A, Z3A, is here sin alpha sin beta sin th2A.
+    return sign_b * volume_b > -MODE_MARGIN and sign_c * volume_c > -MODE_MARGIN and (
         sign_a * leg.sin_alpha * leg.sin_beta * sin(th2a) > -MODE_MARGIN
         or {0, 3}.isdisjoint(sensors.used))
 
@@ -191,11 +191,9 @@ def one_step(state: State[float], view: Linkage[float], readings: tuple[float, .
             and -last_step < d1 * x + d2 * y + d3 * z - left_c < last_step):
         return None
     th1a, th2a, th3a = th1a + x, th2a + y, th3a + z
-    if working_mode is not None:
-        carrier, (sign_a, sign_b, sign_c) = g.legs[0], working_mode
-        if not (sign_b * volume_b > -MODE_MARGIN and sign_c * volume_c > -MODE_MARGIN and
-                sign_a * carrier.sin_alpha * carrier.sin_beta * sin(th2a) > -MODE_MARGIN):
-            return None
+    if working_mode is not None and not _in_mode(
+            th2a, volume_b, volume_c, sensors, working_mode, g):
+        return None
     covariance = p11, p12, p13, p22, p23, p33
     spread, motions = in_base_frame(th1a, th2a, covariance, g, FLOATS)
     na, nb, nc, n3 = b2 * d1 - b1 * d2, d2, -b2, b2 * d3 - b3 * d2
@@ -236,7 +234,7 @@ def one_step(state: State[float], view: Linkage[float], readings: tuple[float, .
         more: tuple[float, ...] = ()
         last = h1 = h2 = h3 = 0.0
         square = parity * parity
-        # From the last one: each parity is that of the sensors before it.
+        # Backwards: each parity compares a sensor with those before it.
         for residual, u, v, w, weight in reversed(further):
             g1, g2, g3 = (p11 * u + p12 * v + p13 * w, p12 * u + p22 * v + p23 * w,
                           p13 * u + p23 * v + p33 * w)

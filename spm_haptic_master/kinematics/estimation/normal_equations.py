@@ -11,8 +11,8 @@ matrix is 11, 12, 13, 22, 23, 33.
 
 The parity vector is U^T r of the whitened residuals r, with an orthonormal U whose columns no
 motion of the platform reaches: U^T H = 0 with the whitened Jacobian H, and U U^T = P = I - H K.
-Its first entry is the parity of the first four sensors in use. Each further one is what the next
-sensor differs by from the estimate of those before it, over its standard deviation.
+Its first entry is the parity of the first four sensors in use. Each further one is the difference
+of the next sensor from the estimate of those before it, over its standard deviation.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ def closed_leg(turns: Turns[N], view: View[N], g: Geometry, place: int, reading:
     """
     Linearise leg B (`place` 1) or C (2): its closure, and the row of a sensor on its third joint.
 
-    `reading` is that of the sensor, rad; None for one that is left out.
+    `reading` is the sensor's, rad; None for a sensor that is left out.
     """
     (c1, s1), (c2, s2), (c3, s3) = turns
     (dx, dy, dz), (vx, vy, vz), cos_beta = view
@@ -199,7 +199,7 @@ def parities(rows: tuple[Row[N], ...], sensors: UsedSensors, covariance: Symmetr
     places = sensors.used
     p11, p12, p13, p22, p23, p33 = covariance
     lines: list[list[N]] = []
-    # From the last one: the covariance is that of all sensors, and without it of those before it.
+    # Backwards: the covariance is of all sensors, then without the last, and so on.
     for index in range(sensors.count - 1, 3, -1):
         place = places[index]
         _, x, y, z, weight = rows[place]
