@@ -35,12 +35,9 @@ IN_ORDER = (', in the order of the node ids: put both lists into that of the joi
             'device is wired')
 
 
-def main(args: list[str] | None = None) -> int:
+@command_line.program('can_scan')
+def main(args: list[str]) -> int:
     """Scan the bus, and print what is on it."""
-    return command_line.run('can_scan', _run, args)
-
-
-def _run(args: list[str]) -> int:
     options = _parser().parse(args)
     if options.start and options.passive:
         raise InputError('--start with --passive, which sends nothing; expected one of the two')

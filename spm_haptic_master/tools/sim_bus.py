@@ -71,12 +71,9 @@ TWIN = ('a second sim_bus, or encoders; udp_multicast needs a port for each bus,
         'CAN_CONFIG=\'{"port": 43114}\'')
 
 
-def main(args: list[str] | None = None) -> int:
+@command_line.program('sim_bus')
+def main(args: list[str]) -> int:
     """Run the simulated bus until Ctrl-C, or for the given time."""
-    return command_line.run('sim_bus', _run, args)
-
-
-def _run(args: list[str]) -> int:
     options = _parser().parse(args)
     given = command_line.given(options, (DRIVER, 'fkm'), DRIVER_NAMES | DRIVE_NAMES)
     sensors = sensors_of(given)
