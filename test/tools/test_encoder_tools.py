@@ -5,7 +5,6 @@
 
 from contextlib import contextmanager
 import re
-import signal
 import threading
 import uuid
 
@@ -17,15 +16,6 @@ from spm_haptic_master.simulation.noisy_motion import make_motion
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus
 from spm_haptic_master.timing import DeadlineGrid
 from spm_haptic_master.tools import benchmark, can_scan, can_setup, urdf
-
-
-@pytest.fixture(autouse=True)
-def handlers():
-    """Leave the handling of signals as it was."""
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    yield
-    for number, handler in before.items():
-        signal.signal(number, handler)
 
 
 @pytest.fixture
