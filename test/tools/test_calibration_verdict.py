@@ -7,16 +7,12 @@ from dataclasses import replace
 from math import radians
 import re
 
-from free_motions import calibrated as calibration_of
-from free_motions import DEVIATIONS
 import numpy as np
 import pytest
 from recorded_text import assert_recorded
 from rig_as_built import calibration, mechanism
-from simulated_hand import Condition, readings
 from spm_haptic_master.calibration.motion.coverage import region_of, WORKSPACE
 from spm_haptic_master.exceptions import CalibrationError
-from spm_haptic_master.simulation.rig import random_rig
 from spm_haptic_master.tools.calibrate import main
 from spm_haptic_master.tools.calibration_verdict import (
     ALERT_LIMITS_DEG,
@@ -103,17 +99,16 @@ def test_the_angles_are_those_of_the_driver_by_the_file(found, fkm):
         found.model.corrected(found.turned, found.vector), atol=2e-6)
 
 
-@pytest.mark.evidence
-def test_a_part_of_the_workspace_is_for_its_region_only(fkm):
-    stamps, sampled, direction, zeros = readings(random_rig(12, DEVIATIONS), Condition(
-        'motion', seconds=40.0, noise=0.01, tilt=11.0, turn_from=20.0, turn_to=75.0), 41)
-    found = calibration_of(stamps[::5], sampled[::5], direction, zeros)
-    region = region_of(found.rotation)
-    least = least_alert_limit(replace(found, region=region), fkm(alert_limit_deg=30.0))
-    assert least < least_alert_limit(found, fkm(alert_limit_deg=30.0))
-    with pytest.raises(CalibrationError, match=rf'-p alert_limit_deg:={least:g} '):
-        supported(found, fkm(alert_limit_deg=0.25))
-    part, limit = supported(found, fkm(alert_limit_deg=least))
+def test_a_part_of_the_workspace_is_for_its_region_only(found, fkm):
+    """Where less than half of the largest tilt and of the turn has been moved."""
+    rotation = found.rotation.copy()
+    tilt = np.arccos(np.clip(rotation[:, :, 2].sum(axis=1) / np.sqrt(3.0), -1.0, 1.0))
+    rotation[tilt > radians(11.0)] = np.nan
+    moved = replace(found, rotation=rotation)
+    region = region_of(rotation)
+    least = least_alert_limit(replace(moved, region=region), fkm())
+    assert least < least_alert_limit(found, fkm())
+    part, limit = supported(moved, fkm(alert_limit_deg=least))
     assert (part.region, limit) == (region, least) and region != WORKSPACE
     assert part.region_error < found.region_error and (part.bias <= found.bias).all()
 

@@ -145,24 +145,6 @@ def test_from_two_poses_of_a_jig_to_angles(encoders, start, observer, bus_channe
     assert samples[-1][1].position.tolist() == pytest.approx(true, abs=2e-3)
 
 
-def test_calibrate_reports_another_rate_and_other_nodes(tmp_path, encoders, bus_channel):
-    """What a rig.yaml that is not this rig's leads to, while it is recorded and at the end."""
-    encoders('--sync', '-p', 'rate:=50.0', '-p', 'sim.trajectory:=hand')
-    path = tmp_path / 'calibration.yaml'
-    slow = ('-p', 'rate:=500.0', '-p', 'can.timeout:=0.5')
-    with Disturbance(BESIDE_OTHERS) as machine:
-        _, _, err = run('calibrate', '--motion', *bus(bus_channel), *slow, '--seconds', 4, '-o',
-                        path)
-    machine.expect('SYNC comes at 50 Hz, rate is 500 Hz: give rate, as it is on the bus' in err,
-                   err)
-    code, _, err = run('calibrate', '--motion', *bus(bus_channel), *slow, '-o', path, '-p',
-                       'encoders.node_id:=[11, 12, 13, 14]', '-p',
-                       'encoders.id:=[0x18B, 0x18C, 0x18D, 0x18E]')
-    assert code == 1
-    assert re.search(r'not in encoders\.node_id: 1, 2, 3, 4 \(can_scan prints the lines for '
-                     r'rig\.yaml\)$', err.splitlines()[-1]), err
-
-
 def test_sim_bus_ends_well(encoders):
     program = encoders('--sync', '--seconds', 0.5)
     assert program.wait(PATIENCE) == 0
