@@ -61,7 +61,7 @@ class BusRunner:
         _send(self._bus, self._encoders.boot())
 
     def step(self) -> tuple[str, ...]:
-        """Do what is due next; return the faults that began or ended."""
+        """Do the next step that is due; return the faults that began or ended."""
         timeout = TEND_PERIOD if self._grid is None else 0.0
         if self._grid is not None and self._grid.wait(TEND_PERIOD):
             now = time.monotonic()
@@ -96,7 +96,7 @@ class DriveLoop:
     """
     Carries frames between an open bus and the simulated drives, in a thread, until it is closed.
 
-    `error` is why the bus has ended the loop, or None.
+    `error` is the reason for which the bus ended the loop, or None.
     """
 
     def __init__(self, bus: can.BusABC, drives: SimulatedDrives):
@@ -116,7 +116,7 @@ class DriveLoop:
             _send(self._bus, self._drives.boot())
             while not self._stop.is_set():
                 timeout = STEP
-                # All that waits is taken before a time-out counts: the machine may be busy.
+                # Take all waiting frames before a time-out counts: the machine may be busy.
                 while (message := self._bus.recv(timeout)) is not None:
                     _send(self._bus, self._drives.receive(message, time.monotonic()))
                     timeout = 0.0

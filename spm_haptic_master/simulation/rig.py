@@ -44,7 +44,7 @@ NOT_READ = ('zero', 'direction')
 
 @dataclass(frozen=True, slots=True)
 class SensorErrors:
-    """What distinguishes one sensor's reading from the joint angle; all 0: nothing."""
+    """Errors of one sensor's reading of the joint angle; all are 0 for a perfect sensor."""
 
     # Cosine and sine coefficient of the error over one turn of the joint angle, rad: the encoder's
     # eccentricity, and what repeats twice a turn.
@@ -78,7 +78,7 @@ class Rig:
 
 @dataclass(frozen=True, slots=True)
 class Tolerances:
-    """Standard deviations of what a random rig is off by, rad."""
+    """Standard deviations of the errors of a random rig, rad."""
 
     links: float = 0.0  # of each of the six link angles
     axes: float = 0.0  # of each of the six axes in either direction
@@ -192,7 +192,7 @@ def make_rig(values: Values) -> Rig:
 
 
 def _complaint(key: str, value: Any, sensors: int) -> str:
-    """Return what is expected instead of a key or its value; empty if it fits."""
+    """Return the expectation that a key or its value violates; empty if it fits."""
     if key in NOT_READ:
         return ''
     if key not in KEYS:

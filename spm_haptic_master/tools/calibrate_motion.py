@@ -209,7 +209,7 @@ def _print_mounting(mounting: Mounted) -> None:
 
 
 def _guidance_topic(remaps: Sequence[str]) -> AbstractContextManager[Publish]:
-    """Return what publishes the state for `view`: without rclpy only the terminal shows it."""
+    """Return the publisher of the guidance for `view`; without rclpy it publishes nothing."""
     try:
         from spm_haptic_master.nodes.guidance_publisher import published
     except ImportError:
@@ -218,7 +218,7 @@ def _guidance_topic(remaps: Sequence[str]) -> AbstractContextManager[Publish]:
 
 
 def _guided(guide: Guide, target: float, publish: Publish) -> Evaluate:
-    """Return what shows how to go on; a motion is enough at an error, rad, of the target."""
+    """Return an evaluation that shows the guidance, and ends at a target error, rad."""
     def evaluate(bar: ProgressBar, source: EncoderSource, recording: Recording,
                  seconds: float) -> bool:
         found = guide.evaluate(*recording)

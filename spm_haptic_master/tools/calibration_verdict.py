@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a calibration is good for, by the supervision of fkm; whether it holds for a motion."""
+"""The alert limit that a calibration supports in fkm, and whether it holds for a motion."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What calibrate records: a motion or a pose, from a log at once or from a bus, with a bar."""
+"""Recordings of a motion or a pose for calibrate, from a log at once or from a bus."""
 
 from __future__ import annotations
 

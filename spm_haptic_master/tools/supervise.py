@@ -129,7 +129,7 @@ def _is_can_log(path: Path) -> bool:
 
 
 def _report_gaps(angles: NDArray[np.float64], left_out: int) -> None:
-    """Print which joints lack readings, and what cannot be computed without them."""
+    """Print the joints without readings, and the number of samples without parity."""
     if left_out:
         print(f'{left_out} rows with fewer than {len(JOINT_NAMES)} readings left out')
     missing = np.isnan(angles)
