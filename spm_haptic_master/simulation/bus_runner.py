@@ -84,10 +84,9 @@ class BusRunner:
     def _cycle(self, now: float) -> None:
         answers = self._encoders.cycle(now)
         _send(self._bus, answers)
-        if not answers:
-            return
-        self.cycles += 1
-        if self._record is not None and (truth := self._encoders.orientation(now)) is not None:
+        self.cycles += bool(answers)
+        if answers and self._record is not None \
+                and (truth := self._encoders.orientation(now)) is not None:
             age = round((time.monotonic() - now) * 1e9)
             self._record(time.time_ns() - age, truth)
 

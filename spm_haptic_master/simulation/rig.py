@@ -103,9 +103,6 @@ def random_rig(seed: int, tolerances: Tolerances, geometry: Geometry | None = No
     nominal = geometry or Geometry()
     gauss = random.Random(seed).gauss
 
-    def angles(nominal_angles: Sequence[float]) -> list[float]:
-        return [angle + tolerances.links * gauss(0.0, 1.0) for angle in nominal_angles]
-
     def axes(nominal_axes: Sequence[Sequence[float]]) -> list[list[float]]:
         moved = [[each + tolerances.axes * gauss(0.0, 1.0) for each in axis]
                  for axis in nominal_axes]
@@ -114,7 +111,8 @@ def random_rig(seed: int, tolerances: Tolerances, geometry: Geometry | None = No
     def harmonic(deviation: float) -> Harmonic:
         return deviation * gauss(0.0, 1.0), deviation * gauss(0.0, 1.0)
 
-    alphas, betas = angles(nominal.alphas), angles(nominal.betas)
+    alphas, betas = ([angle + tolerances.links * gauss(0.0, 1.0) for angle in each]
+                     for each in (nominal.alphas, nominal.betas))
     base, platform = axes(nominal.base_axes), axes(nominal.platform_axes)
     built = in_usual_frames(Geometry.from_axes(base, platform, alphas, betas), nominal)
     return Rig(built, tuple(

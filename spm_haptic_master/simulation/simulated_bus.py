@@ -65,17 +65,16 @@ class SimulatedBus:
 
     def cycle(self, now: float) -> list[can.Message]:
         """Return the answers to SYNC at the time `now`, s."""
+        answers: list[can.Message] = []
         if self._began is None:
             if not any(node.state == canopen.OPERATIONAL for node in self.nodes):
                 return []
             self._began = now
-            # A fault at 0 s affects the first answers, too.
-            return [*self._update_faults(now), *self.cycle(now)]
-        t = now - self._began
-        angles = self._motion.angles(t)
+            # A fault at 0 s affects the first answers too.
+            answers += self._update_faults(now)
+        angles = self._motion.angles(now - self._began)
         if self._mute():
-            return []
-        answers: list[can.Message] = []
+            return answers
         for index, (node, angle) in enumerate(zip(self.nodes, angles, strict=True)):
             if self._fault(index, 'reboot', 'unplug', 'dropout') is not None:
                 continue
