@@ -61,7 +61,7 @@ class BusRunner:
         _send(self._bus, self._encoders.boot())
 
     def step(self) -> tuple[str, ...]:
-        """Do what is due next; return the faults that began or ended."""
+        """Do the next step that is due; return the faults that began or ended."""
         timeout = TEND_PERIOD if self._grid is None else 0.0
         if self._grid is not None and self._grid.wait(TEND_PERIOD):
             now = time.monotonic()
@@ -84,10 +84,9 @@ class BusRunner:
     def _cycle(self, now: float) -> None:
         answers = self._encoders.cycle(now)
         _send(self._bus, answers)
-        if not answers:
-            return
-        self.cycles += 1
-        if self._record is not None and (truth := self._encoders.orientation(now)) is not None:
+        self.cycles += bool(answers)
+        if answers and self._record is not None \
+                and (truth := self._encoders.orientation(now)) is not None:
             age = round((time.monotonic() - now) * 1e9)
             self._record(time.time_ns() - age, truth)
 
@@ -96,7 +95,7 @@ class DriveLoop:
     """
     Carries frames between an open bus and the simulated drives, in a thread, until it is closed.
 
-    `error` is why the bus has ended the loop, or None.
+    `error` is the reason for which the bus ended the loop, or None.
     """
 
     def __init__(self, bus: can.BusABC, drives: SimulatedDrives):
@@ -116,7 +115,7 @@ class DriveLoop:
             _send(self._bus, self._drives.boot())
             while not self._stop.is_set():
                 timeout = STEP
-                # All that waits is taken before a time-out counts: the machine may be busy.
+                # Take all waiting frames before a time-out counts: the machine may be busy.
                 while (message := self._bus.recv(timeout)) is not None:
                     _send(self._bus, self._drives.receive(message, time.monotonic()))
                     timeout = 0.0

@@ -70,7 +70,7 @@ class Fault:
 
 
 class Faults:
-    """Faults as time goes on: `present` are those that have begun and not ended."""
+    """Faults over time: `present` are those that have begun and have not ended."""
 
     def __init__(self, faults: Iterable[Fault]):
         self._faults = tuple(faults)

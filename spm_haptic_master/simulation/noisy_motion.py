@@ -56,7 +56,7 @@ class NoisyMotion:
                      for index, sensor in enumerate(self.rig.sensors))
 
     def _reading(self, index: int, angle: float) -> float:
-        """Return what a sensor reads at its joint's angle, rad."""
+        """Return a sensor's reading at its joint's angle, rad."""
         sensor = self.rig.sensors[index]
         if sensor.play:
             # The shaft trails its joint by half the play at most.

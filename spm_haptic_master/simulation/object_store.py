@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What simulated CANopen nodes share: NMT states, and objects read, written and stored by SDO."""
+"""Shared parts of simulated CANopen nodes: NMT states; objects by SDO, read, written, stored."""
 
 from __future__ import annotations
 
@@ -121,4 +121,4 @@ class ObjectStore:
         """Raise SdoAbortError for a value that the node does not take now."""
 
     def _derive(self) -> None:
-        """Take note of what follows from the values."""
+        """Update the state that depends on the values."""

@@ -21,39 +21,30 @@ from spm_haptic_master.parameters.setting import Values
 
 # Cosine and sine coefficient of a harmonic.
 Harmonic = tuple[float, float]
-# What the value of a key is: the lengths of its nested lists (ALL: the number of sensors), whether
-# an element fits, and what is expected of it.
-Kind = tuple[tuple[int, ...], Callable[[Any], bool], str]
+# Length of a list of all sensors.
 ALL = 0
-
-
-def _numbers(shape: tuple[int, ...], least: float, most: float) -> Kind:
-    return shape, lambda value: type(value) in (int, float) and least <= value <= most, \
-        f'a number from {least:g} to {most:g}'
-
-
-# Keys of the mechanism; the range of a link angle is that of the geometry's parameters.
+# Keys of the mechanism: lengths of the nested lists, least and largest number; the range of a link
+# angle is that of the geometry's parameters.
 MECHANISM = {
-    'alpha_deg': _numbers((3,), 0.1, 179.9), 'beta_deg': _numbers((3,), 0.1, 179.9),
-    'base_axes': _numbers((3, 3), -1.0, 1.0), 'platform_axes': _numbers((3, 3), -1.0, 1.0)}
-# Errors of the sensors: keys, fields of SensorErrors, and values (beyond these ranges one was not
+    'alpha_deg': ((3,), 0.1, 179.9), 'beta_deg': ((3,), 0.1, 179.9),
+    'base_axes': ((3, 3), -1.0, 1.0), 'platform_axes': ((3, 3), -1.0, 1.0)}
+# Keys of the sensors' errors: fields of SensorErrors, and numbers (none beyond these ranges is
 # meant, and within them an encoder's reading grows with the angle).
 ERRORS = {
-    'eccentricity_deg_cos_sin': ('first_harmonic', _numbers((ALL, 2), -10.0, 10.0)),
-    'second_harmonic_deg': ('second_harmonic', _numbers((ALL, 2), -10.0, 10.0)),
-    'play_deg': ('play', _numbers((ALL,), 0.0, 10.0)),
-    'noise_deg': ('noise', _numbers((ALL,), 0.0, 10.0)),
-    'resolution_deg': ('resolution', _numbers((ALL,), 0.0, 10.0)),
-    'delay': ('delay', _numbers((ALL,), 0.0, 0.1))}
-# All keys: also of the encoders' scale, which is only checked: the parameters `encoders.*` set it.
-KEYS = MECHANISM | {key: kind for key, (_, kind) in ERRORS.items()} | {
-    'zero': ((ALL,), lambda value: type(value) is int and value >= 0, 'an integer of at least 0'),
-    'direction': ((ALL,), lambda value: type(value) is int and value in (1, -1), '1 or -1')}
+    'eccentricity_deg_cos_sin': ('first_harmonic', ((ALL, 2), -10.0, 10.0)),
+    'second_harmonic_deg': ('second_harmonic', ((ALL, 2), -10.0, 10.0)),
+    'play_deg': ('play', ((ALL,), 0.0, 10.0)),
+    'noise_deg': ('noise', ((ALL,), 0.0, 10.0)),
+    'resolution_deg': ('resolution', ((ALL,), 0.0, 10.0)),
+    'delay': ('delay', ((ALL,), 0.0, 0.1))}
+# All keys; of the encoders' scale nothing is read: the parameters `encoders.*` set it.
+KEYS = MECHANISM | {key: kind for key, (_, kind) in ERRORS.items()}
+NOT_READ = ('zero', 'direction')
 
 
 @dataclass(frozen=True, slots=True)
 class SensorErrors:
-    """What distinguishes one sensor's reading from the joint angle; all 0: nothing."""
+    """Errors of one sensor's reading of the joint angle; all are 0 for a perfect sensor."""
 
     # Cosine and sine coefficient of the error over one turn of the joint angle, rad: the encoder's
     # eccentricity, and what repeats twice a turn.
@@ -87,7 +78,7 @@ class Rig:
 
 @dataclass(frozen=True, slots=True)
 class Tolerances:
-    """Standard deviations of what a random rig is off by, rad."""
+    """Standard deviations of the errors of a random rig, rad."""
 
     links: float = 0.0  # of each of the six link angles
     axes: float = 0.0  # of each of the six axes in either direction
@@ -112,9 +103,6 @@ def random_rig(seed: int, tolerances: Tolerances, geometry: Geometry | None = No
     nominal = geometry or Geometry()
     gauss = random.Random(seed).gauss
 
-    def angles(nominal_angles: Sequence[float]) -> list[float]:
-        return [angle + tolerances.links * gauss(0.0, 1.0) for angle in nominal_angles]
-
     def axes(nominal_axes: Sequence[Sequence[float]]) -> list[list[float]]:
         moved = [[each + tolerances.axes * gauss(0.0, 1.0) for each in axis]
                  for axis in nominal_axes]
@@ -123,7 +111,8 @@ def random_rig(seed: int, tolerances: Tolerances, geometry: Geometry | None = No
     def harmonic(deviation: float) -> Harmonic:
         return deviation * gauss(0.0, 1.0), deviation * gauss(0.0, 1.0)
 
-    alphas, betas = angles(nominal.alphas), angles(nominal.betas)
+    alphas, betas = ([angle + tolerances.links * gauss(0.0, 1.0) for angle in each]
+                     for each in (nominal.alphas, nominal.betas))
     base, platform = axes(nominal.base_axes), axes(nominal.platform_axes)
     built = in_usual_frames(Geometry.from_axes(base, platform, alphas, betas), nominal)
     return Rig(built, tuple(
@@ -201,19 +190,19 @@ def make_rig(values: Values) -> Rig:
 
 
 def _complaint(key: str, value: Any, sensors: int) -> str:
-    """Return what is expected instead of a key or its value; empty if it fits."""
-    if key not in KEYS:
-        return f'one of the keys {", ".join(KEYS)}'
-    shape, fits, each = KEYS[key]
-    lengths = [length or sensors for length in shape]
-    if _fits(value, lengths, fits):
+    """Return the expectation that a key or its value violates; empty if it fits."""
+    if key in NOT_READ:
         return ''
-    return f'a list of {" of lists of ".join(map(str, lengths))}, each {each}'
+    if key not in KEYS:
+        return f'one of the keys {", ".join((*KEYS, *NOT_READ))}'
+    shape, least, most = KEYS[key]
+    lengths = [length or sensors for length in shape]
 
+    def fits(part: Any, depth: int) -> bool:
+        if depth == len(lengths):
+            return type(part) in (int, float) and least <= part <= most
+        return isinstance(part, list) and len(part) == lengths[depth] \
+            and all(fits(each, depth + 1) for each in part)
 
-def _fits(value: Any, lengths: Sequence[int], fits: Callable[[Any], bool]) -> bool:
-    """Return whether a value is made of nested lists of these lengths, whose elements fit."""
-    if not lengths:
-        return fits(value)
-    return isinstance(value, list) and len(value) == lengths[0] and all(
-        _fits(element, lengths[1:], fits) for element in value)
+    return '' if fits(value, 0) else (f'a list of {" of lists of ".join(map(str, lengths))}, each '
+                                      f'a number from {least:g} to {most:g}')

@@ -29,7 +29,7 @@ class SimSource(EncoderSource):
     """
     Encoders on a simulated master: those of a motion, at a rate in Hz, quantised.
 
-    `harmonics` are what each reading is corrected by, as the driver does with those of a bus.
+    Each reading is corrected by its `harmonics`, as the driver corrects those of a bus.
     `faults` are those that are present; another thread may replace them.
     """
 

@@ -65,26 +65,26 @@ class SimulatedBus:
 
     def cycle(self, now: float) -> list[can.Message]:
         """Return the answers to SYNC at the time `now`, s."""
+        answers: list[can.Message] = []
         if self._began is None:
             if not any(node.state == canopen.OPERATIONAL for node in self.nodes):
                 return []
             self._began = now
-            # A fault at 0 s affects the first answers, too.
-            return [*self._update_faults(now), *self.cycle(now)]
-        t = now - self._began
-        angles = self._motion.angles(t)
+            # A fault at 0 s affects the first answers too.
+            answers += self._update_faults(now)
+        angles = self._motion.angles(now - self._began)
         if self._mute():
-            return []
-        answers: list[can.Message] = []
+            return answers
         for index, (node, angle) in enumerate(zip(self.nodes, angles, strict=True)):
-            if self._off(index) or self._is(index, 'dropout'):
+            if self._fault(index, 'reboot', 'unplug', 'dropout') is not None:
                 continue
-            sent = node.sample(self._faulty(index, angle), self._is(index, 'counter'))
-            loss = self._size(index, 'loss')
-            if loss and 100.0 * self._random.random() < loss:
+            sent = node.sample(self._faulty(index, angle),
+                               self._fault(index, 'counter') is not None)
+            loss, late = self._fault(index, 'loss'), self._fault(index, 'late')
+            if loss is not None and 100.0 * self._random.random() < loss.value:
                 continue
-            late = self._size(index, 'late')
-            self._queues[index].extend((now + late, each) for each in sent)
+            due = now + (0.0 if late is None else late.value)
+            self._queues[index].extend((due, each) for each in sent)
             answers += self._due(index, now)
         return answers
 
@@ -149,20 +149,17 @@ class SimulatedBus:
             elif fault.kind == 'jump' and fault not in self._jumped:
                 self._jumped.append(fault)
                 angle += radians(fault.value)
-        if self._is(index, 'stuck'):
+        if self._fault(index, 'stuck') is not None:
             angle = self._held.setdefault(index, angle)
         return angle
 
     def _mute(self) -> bool:
-        return self._is(None, 'silence') or self._is(None, 'busoff')
+        return self._fault(None, 'silence', 'busoff') is not None
 
     def _off(self, index: int) -> bool:
-        return self._is(index, 'reboot') or self._is(index, 'unplug')
+        return self._fault(index, 'reboot', 'unplug') is not None
 
-    def _size(self, index: int, kind: str) -> float:
-        """Return the value of a joint's fault, 0 without it."""
-        return next((fault.value for fault in self.faults.present
-                     if fault.kind == kind and fault.joint == index), 0.0)
-
-    def _is(self, index: int | None, kind: str) -> bool:
-        return any(fault.kind == kind and fault.joint == index for fault in self.faults.present)
+    def _fault(self, index: int | None, *kinds: str) -> Fault | None:
+        """Return a joint's fault of these kinds; None without it."""
+        return next((fault for fault in self.faults.present
+                     if fault.kind in kinds and fault.joint == index), None)

@@ -51,13 +51,11 @@ def run(parser: OneLineParser, measure: Callable[[argparse.Namespace, dict[str, 
         given = parser.parse_args([each for each in words if each != '--ros-args'])
         if getattr(given, 'rounds', 1) < 1:
             raise InputError(f'--rounds {given.rounds}; expected 1 or more')
-        for text in given.param:
-            if ':=' not in text:
-                raise InputError(f"-p '{text}'; expected NAME:=VALUE")
+        of_nodes = Parameters(arguments=given.param)
         parameters = dict(text.split(':=', 1) for text in given.param)
         if 'rate' in parameters:
             raise InputError(f"-p 'rate:={parameters['rate']}'; expected --rate HZ")
-        Parameters(arguments=given.param).check((*PIPELINE, FOLLOWER), ALL_NAMES)
+        of_nodes.check((*PIPELINE, FOLLOWER), ALL_NAMES)
         print(machine(), flush=True)
         measure(given, parameters)
         return 0

@@ -5,12 +5,10 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from datetime import datetime
 from math import degrees, radians
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from spm_haptic_master.calibration.calibration_file import (
@@ -59,12 +57,9 @@ KEPT = {each.name: each.default for each in (*MECHANISM_SETTINGS, *HARMONIC_SETT
 BIAS_DEFAULT = 0.05
 
 
-def main(args: list[str] | None = None) -> int:
+@command_line.program('calibrate')
+def main(args: list[str]) -> int:
     """Calibrate, or check a calibration by a motion; 1 if it cannot be trusted."""
-    return command_line.run('calibrate', _run, args)
-
-
-def _run(args: list[str]) -> int:
     options = _parser().parse(args)
     if options.check is not None:
         if not options.motion:
@@ -99,8 +94,15 @@ def _run(args: list[str]) -> int:
     if before is not None and before.counts_per_turn != counts_per_turn:
         raise InputError(f'{options.output}: it is for {list(before.counts_per_turn)} counts per '
                          f'turn, the encoders have {list(counts_per_turn)}')
-    stations = [_station(source, values, options, number, pose, of_pose, len(poses))
-                for number, (pose, of_pose) in enumerate(zip(poses, angles, strict=True), 1)]
+    stations = []
+    for number, (pose, of_pose) in enumerate(zip(poses, angles, strict=True), 1):
+        if len(poses) > 1:
+            wait_for_pose(number, len(poses), pose)
+        counts = record_pose(source, values, options.seconds or JIG_SECONDS)
+        means, noise = read_still(counts, counts_per_turn, radians(options.noise_limit),
+                                  radians(options.drift_limit))
+        stations.append(Station(tuple(map(radians, pose)), of_pose, tuple(means.tolist()),
+                                tuple(noise.tolist()), len(counts)))
     bias = [radians(BIAS_DEFAULT)] * sensors if options.jig_error is None else np.max([
         jig_bias([*map(radians, pose)], geometry_from(mechanism), mechanism['working_mode'],
                  radians(options.jig_error), sensors) for pose in poses], axis=0).tolist()
@@ -178,20 +180,7 @@ def _joint_angles(pose: Sequence[float], values: Values, sensors: int) -> tuple[
                          'out of reach of the manipulator') from error
 
 
-def _station(source: str, values: dict[str, Any], options: argparse.Namespace, number: int,
-             pose: Sequence[float], angles: tuple[float, ...], count: int) -> Station:
-    """Return the readings at pose `number` of `count`, once the device is there and at rest."""
-    if count > 1:
-        wait_for_pose(number, count, pose)
-    counts = record_pose(source, values, options.seconds or JIG_SECONDS)
-    means, noise = read_still(counts, values['encoders.counts_per_turn'],
-                              radians(options.noise_limit), radians(options.drift_limit))
-    return Station(tuple(map(radians, pose)), angles, tuple(means.tolist()),
-                   tuple(noise.tolist()), len(counts))
-
-
 def _report(path: Path, calibration: Calibration, replaced: Calibration | None) -> None:
-    """Print what was written."""
     print(f'{path}: overwritten (it held the calibration of {replaced.date})' if replaced
           else f'{path}: written')
     for index, joint in enumerate(ALL_JOINT_NAMES[:len(calibration.zero_count)]):

@@ -54,14 +54,15 @@ from spm_haptic_master.parameters.setting import CALIBRATION_SETTING, SENSORS_SE
 from spm_haptic_master.simulation.source_factory import source_text
 from spm_haptic_master.tools import command_line
 from spm_haptic_master.tools.calibration_verdict import FkmValues, published_share, supported
+from spm_haptic_master.tools.command_line import ProgressBar
 from spm_haptic_master.tools.motion_source import (
     Evaluate,
     given_for_motion,
     read_motion,
     record_pose,
     wait_for_pose,
+    with_trouble,
 )
-from spm_haptic_master.tools.progress_bar import ProgressBar, with_trouble
 from spm_haptic_master.validation.alignment import align, interpolate
 from spm_haptic_master.validation.recordings import read_capture
 
@@ -75,8 +76,6 @@ JIG_SIGMA, CAPTURE_SIGMA = 0.1, 0.2
 JIG_SECONDS = 5.0
 # Time between two captured orientations that are used (s): their errors last about so long.
 CAPTURE_PERIOD = 0.25
-# Columns of captured orientations.
-QUATERNION_COLUMNS = 4
 # Least number of captured orientations.
 CAPTURED_MINIMUM = 20
 # Settings that the calibration's file has in any case.
@@ -111,11 +110,11 @@ def run(options: argparse.Namespace) -> int:
             _guided(Guide(layout), radians(options.target), publish),
             output.with_name(f'{output.stem}_motion.log'))
     directions = given.get('encoders.direction')
+    mounting = None
     with ProgressBar('calibrate') as bar:
         found = calibrate_motion(
             layout, stamps, angles, directions if isinstance(directions, (list, tuple)) else None,
             bar.stage)
-    mounting = None
     if options.pose or options.capture is not None:
         mounting = _mounted_by(options, source, values, found)
         found = mounting.calibration
@@ -124,7 +123,8 @@ def run(options: argparse.Namespace) -> int:
         source_text(source, values).removeprefix('replay: '),
         checksum(Path(values['replay.path'])) if source == 'replay' else '',
         version('spm_haptic_master'), values['encoders.counts_per_turn'],
-        kept_settings(source, given, values, mechanism) | _mounting_settings(mounting))
+        kept_settings(source, given, values, mechanism)
+        | ({} if mounting is None else _mounting_settings(mounting)))
     fkm = FkmValues(both, origin)
     with ProgressBar('calibrate') as bar:
         found, limit = supported(found, fkm)
@@ -174,7 +174,7 @@ def _captured(options: argparse.Namespace,
               found: MotionCalibration) -> tuple[Array, Array]:
     """Return readings by their directions, and captured orientations, at the same times."""
     capture = read_capture(options.capture, options.capture_topic)
-    if capture.values.shape[1] != QUATERNION_COLUMNS:
+    if capture.values.shape[1] != len('xyzw'):
         raise InputError(f'{options.capture}: markers; expected the pose of a body (qx, qy, qz, '
                          'qw), as the motion capture computes it')
     seconds = found.readings.seconds
@@ -192,10 +192,7 @@ def _captured(options: argparse.Namespace,
     return found.turned[rows], matrix_from_quaternion(at[inside])
 
 
-def _mounting_settings(mounting: Mounted | None) -> dict[str, Any]:
-    """Return the parameters of a mounting."""
-    if mounting is None:
-        return {}
+def _mounting_settings(mounting: Mounted) -> dict[str, Any]:
     return {f'mounting.{part}_zxz_deg': tuple(
         round(degrees(float(angle)), 6) for angle in zxz_from_matrix(rotation))
         for part, rotation in (('base', mounting.base), ('handle', mounting.handle))
@@ -203,7 +200,6 @@ def _mounting_settings(mounting: Mounted | None) -> dict[str, Any]:
 
 
 def _print_mounting(mounting: Mounted) -> None:
-    """Print the mounting that the orientations from outside determined."""
     for name, deviations in (('base', mounting.base_deviations),
                              ('handle', mounting.handle_deviations)):
         if deviations.any():
@@ -213,7 +209,7 @@ def _print_mounting(mounting: Mounted) -> None:
 
 
 def _guidance_topic(remaps: Sequence[str]) -> AbstractContextManager[Publish]:
-    """Return what publishes the state for `view`: without rclpy only the terminal shows it."""
+    """Return the publisher of the guidance for `view`; without rclpy it publishes nothing."""
     try:
         from spm_haptic_master.nodes.guidance_publisher import published
     except ImportError:
@@ -222,7 +218,7 @@ def _guidance_topic(remaps: Sequence[str]) -> AbstractContextManager[Publish]:
 
 
 def _guided(guide: Guide, target: float, publish: Publish) -> Evaluate:
-    """Return what shows how to go on; a motion is enough at an error, rad, of the target."""
+    """Return an evaluation that shows the guidance, and ends at a target error, rad."""
     def evaluate(bar: ProgressBar, source: EncoderSource, recording: Recording,
                  seconds: float) -> bool:
         found = guide.evaluate(*recording)

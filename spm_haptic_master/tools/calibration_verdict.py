@@ -1,15 +1,15 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a calibration is good for, by the supervision of fkm; whether it holds for a motion."""
+"""The alert limit that a calibration supports in fkm, and whether it holds for a motion."""
 
 from __future__ import annotations
 
 import argparse
-from collections import Counter
+from bisect import bisect_left
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from math import degrees, tau
+from math import degrees, inf, tau
 from pathlib import Path
 from typing import Any
 
@@ -34,12 +34,11 @@ from spm_haptic_master.parameters.fkm import FKM_SETTINGS, limits_from, sigma_fr
 from spm_haptic_master.parameters.geometry import geometry_from
 from spm_haptic_master.parameters.nodes import SOURCE_SETTINGS
 from spm_haptic_master.parameters.resolver import read_parameters
-from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.supervision.recording import run, Supervised
 from spm_haptic_master.supervision.symptom import Reason, with_remedy
 from spm_haptic_master.tools import command_line
+from spm_haptic_master.tools.command_line import ProgressBar
 from spm_haptic_master.tools.motion_source import FKM_NAMES, given_for_motion, read_motion
-from spm_haptic_master.tools.progress_bar import ProgressBar
 
 # Least share of a motion that has to be published (unit 1).
 PUBLISHED = 0.99
@@ -51,8 +50,6 @@ ERROR_LIMIT_DEG = 0.5
 # self-rotation (s), which are no multiples of each other.
 SECONDS, RATE = 20.0, 100.0
 PERIODS = 2.9, 7.1, 9.7
-# Reasons that follow another one.
-FOLLOWING = (Reason.STARTING.value,)
 # Length of a live recording for a check (s).
 SECONDS_DEFAULT = 20.0
 # What makes a parameter file a calibration.
@@ -70,17 +67,15 @@ class FkmValues:
         """Return the checked values with a calibration."""
         given = {name: value for name, value in self.given.items()
                  if not name.startswith('geometry.')}
-        own = motion_parameters(calibration, self.origin)
-        return complete(FKM_SETTINGS, {
-            name: value for name, value in (
-                given | own | {'sensors': calibration.layout.sensors}).items()
-            if name in FKM_NAMES})
+        values = given | motion_parameters(calibration, self.origin)
+        return command_line.checked(
+            {name: values[name] for name in FKM_NAMES & values.keys()}, FKM_SETTINGS)
 
     def angles(self, calibration: MotionCalibration, readings: Array) -> Array:
         """Return the joint angles of raw readings with a calibration, rad, shape (n, N)."""
-        own = motion_parameters(calibration, self.origin)
         values = command_line.checked(
-            own | {'replay.path': self.origin.recording}, SOURCE_SETTINGS['replay'], 'replay')
+            motion_parameters(calibration, self.origin)
+            | {'replay.path': self.origin.recording}, SOURCE_SETTINGS['replay'], 'replay')
         found = np.empty_like(readings)
         for sensor, harmonics in enumerate(make_harmonics(values)):
             zero = values['encoders.zero_count'][sensor] * tau \
@@ -106,36 +101,33 @@ def supported(calibration: MotionCalibration,
             else replace(calibration, region=region)
         if degrees(candidate.region_error) > ERROR_LIMIT_DEG:
             continue
-        found = least_alert_limit(candidate, values)
-        if found is not None and found <= limit:
-            return candidate, found
-        limits += [] if found is None else [found]
+        limits.append(least_alert_limit(candidate, values))
+        if limits[-1] <= limit:
+            return candidate, limits[-1]
     # No further motion mends a rig that is not the model's.
     cure = calibration.misfit or calibration.unusual \
         or f'{calibration.advice}, and move for longer'
-    least = f'; a task that tolerates more may take -p alert_limit_deg:={min(limits):g}' \
-        if limits else ''
+    least = min(limits, default=inf)
+    more = f'; a task that tolerates more may take -p alert_limit_deg:={least:g}' \
+        if least < inf else ''
     raise CalibrationError(
-        f'the motion does not support alert_limit_deg {limit:g}: {cure}{least} (bias_deg over the '
+        f'the motion does not support alert_limit_deg {limit:g}: {cure}{more} (bias_deg over the '
         f'workspace is {" ".join(f"{each:.2f}" for each in np.degrees(calibration.bias))}, noise '
         f'up to {degrees(calibration.readings.noise.max()):.2f} deg; the region moved, '
         f'{moved.text}, {"is no better" if moved.is_large else "is too small"})')
 
 
-def least_alert_limit(calibration: MotionCalibration, values: FkmValues) -> float | None:
-    """Return the least alert limit that a calibration supports over its region, deg; or None."""
+def least_alert_limit(calibration: MotionCalibration, values: FkmValues) -> float:
+    """Return the least alert limit that a calibration supports over its region, deg; or inf."""
     stamps, angles = _simulated(calibration)
     fkm = values.of(calibration)
     tried = sorted({*ALERT_LIMITS_DEG, float(fkm['alert_limit_deg'])})
-    low, high = 0, len(tried)
-    while low < high:
-        middle = (low + high) // 2
-        result = run(stamps, angles, fkm | {'alert_limit_deg': tried[middle]})
-        if result.published.mean() >= PUBLISHED:
-            high = middle
-        else:
-            low = middle + 1
-    return tried[low] if low < len(tried) else None
+
+    def suffices(limit: float) -> bool:
+        result = run(stamps, angles, fkm | {'alert_limit_deg': limit})
+        return bool(result.published.mean() >= PUBLISHED)
+
+    return [*tried, inf][bisect_left(tried, True, key=suffices)]
 
 
 def published_share(calibration: MotionCalibration, recording: Recording, values: FkmValues,
@@ -159,10 +151,9 @@ def published_share(calibration: MotionCalibration, recording: Recording, values
 
 
 def _reason(result: Supervised) -> str:
-    """Return the most frequent reason of silence; those that follow another one come last."""
-    causes: Counter[str] = Counter({reason: count for reason, count in result.reasons.items()
-                                    if reason not in FOLLOWING})
-    reason, count = (causes or result.reasons).most_common(1)[0]
+    """Return the most frequent reason of silence; the start, which follows others, comes last."""
+    reason, count = max(result.reasons.items(), key=lambda each: (
+        each[0] != Reason.STARTING.value, each[1]))
     return f'{with_remedy(reason, reason)} ({count} samples)'
 
 
@@ -212,7 +203,6 @@ def check(options: argparse.Namespace) -> int:
 
 
 def _print(path: Path, found: Check, readings: MotionReadings, settings: dict[str, Any]) -> None:
-    """Print the figures."""
     verdict, each = 'holds' if found.holds else 'does not hold', found.evaluation
     print(f'{path}: {verdict}; {readings.sets} sets in {readings.seconds[-1]:.1f} s, '
           f'{readings.spikes} left out as spikes, {each.poses if each else 0} poses')

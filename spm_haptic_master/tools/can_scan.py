@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 import sys
 
 from spm_haptic_master.drives.plan import is_shared, make_plan
@@ -35,12 +36,9 @@ IN_ORDER = (', in the order of the node ids: put both lists into that of the joi
             'device is wired')
 
 
-def main(args: list[str] | None = None) -> int:
+@command_line.program('can_scan')
+def main(args: list[str]) -> int:
     """Scan the bus, and print what is on it."""
-    return command_line.run('can_scan', _run, args)
-
-
-def _run(args: list[str]) -> int:
     options = _parser().parse(args)
     if options.start and options.passive:
         raise InputError('--start with --passive, which sends nothing; expected one of the two')
@@ -53,7 +51,8 @@ def _run(args: list[str]) -> int:
     scan = BusScan(decoder.sync_id)
     interface, channel = values['can.interface'], values['can.channel']
     with command_line.bus_of(values) as bus:
-        scanner = BusScanner(bus, scan, expected.rate, interface == ECHOING, _report)
+        scanner = BusScanner(bus, scan, expected.rate, interface == ECHOING,
+                             partial(print, 'can_scan:', file=sys.stderr, flush=True))
         scanner.listen(options.seconds, not options.passive,
                        (expected.node_ids or ()) if options.start else None)
     print(f'{command_line.bus_name(values)}, {options.seconds:g} s:')
@@ -86,10 +85,6 @@ def _drives(given: Values, values: Values) -> tuple[dict[int, str], dict[int, st
                    drive.control_id: f'command to the {drive.name}'}
     frames[canopen.HEARTBEAT_BASE + plan.master_id] = 'heartbeat of the master of the drives'
     return names, frames
-
-
-def _report(text: str) -> None:
-    print(f'can_scan: {text}', file=sys.stderr, flush=True)
 
 
 def _parser() -> Parser:

@@ -44,50 +44,52 @@ Exit code 0 if the encoders are as configured, 1 if not."""
 # Time to listen for SYNC before something is written (s): two periods of 10 Hz.
 LISTEN = 0.2
 
+# Joint, node id and wanted objects of each node.
+Nodes = list[tuple[str, int, WantedObjects]]
+# The settings of the bus, the nodes, and the kind and identifier of a master's frames, if known.
+Plan = tuple[dict[str, Any], Nodes, tuple[str, int] | None]
 
-def main(args: list[str] | None = None) -> int:
+
+@command_line.program('can_setup')
+def main(args: list[str]) -> int:
     """Compare the encoders with the configuration, and set them up on request."""
-    return command_line.run('can_setup', _run, args)
-
-
-def _run(args: list[str]) -> int:
     options = _parser().parse(args)
     given = command_line.given(options, (DRIVER, 'fkm'), DRIVER_NAMES | DRIVE_NAMES)
-    if options.drives:
-        return _drives(given, options)
+    of, plan = ('drives', _drives) if options.drives else ('can', _encoders)
+    values, nodes, master = plan(given, options)
+    import_canopen()
+    with command_line.bus_of(values, of) as bus, network_on(bus) as network:
+        if options.write and master is not None:
+            kind, identifier = master
+            with awaited(network, identifier) as heard:
+                running = heard.wait(LISTEN)
+            if running:
+                raise SetupError(f'{kind} 0x{identifier:X} on the bus: a master is running; stop '
+                                 'it before anything is written')
+        return _set_up(network, command_line.bus_name(values, of), nodes, options)
+
+
+def _encoders(given: Values, options: argparse.Namespace) -> Plan:
+    """Return how the encoders are to be set up."""
     values = command_line.bus_values(given)
     decoder = make_decoder(values)
     if decoder.network is None:
         raise SettingError('can.protocol', values['can.protocol'], "'canopen': other encoders "
                            'have no objects')
-    wanted = {layout.joint: wanted_objects(
-        layout, node_id, decoder.sync_id is not None, 1.0 / values['rate'], options.heartbeat)
-        for layout, node_id in zip(decoder.layouts, values['encoders.node_id'], strict=True)}
+    nodes = [(layout.joint, node_id, wanted_objects(
+        layout, node_id, decoder.sync_id is not None, 1.0 / values['rate'], options.heartbeat))
+        for layout, node_id in zip(decoder.layouts, values['encoders.node_id'], strict=True)]
+    joints = [joint for joint, _, _ in nodes]
     for joint in options.joint or ():
-        if joint not in wanted:
-            raise InputError(f'joint {joint}; expected one of {", ".join(wanted)} '
-                             f'(sensors: {len(wanted)})')
-    import_canopen()
-    with command_line.bus_of(values) as bus, network_on(bus) as network:
-        if options.write and decoder.sync_id is not None:
-            _refuse_a_running_master(network, 'SYNC', decoder.sync_id)
-        nodes = [(joint, node_id, objects) for (joint, objects), node_id
-                 in zip(wanted.items(), values['encoders.node_id'], strict=True)
-                 if joint in (options.joint or wanted)]
-        return _set_up(network, command_line.bus_name(values), nodes, options.write,
-                       canopen.ENCODER_PROFILE)
+        if joint not in joints:
+            raise InputError(f'joint {joint}; expected one of {", ".join(joints)} '
+                             f'(sensors: {len(joints)})')
+    return (values, [node for node in nodes if node[0] in (options.joint or joints)],
+            None if decoder.sync_id is None else ('SYNC', decoder.sync_id))
 
 
-def _refuse_a_running_master(network: Any, kind: str, identifier: int) -> None:
-    with awaited(network, identifier) as heard:
-        running = heard.wait(LISTEN)
-    if running:
-        raise SetupError(f'{kind} 0x{identifier:X} on the bus: a master is running; stop it '
-                         'before anything is written')
-
-
-def _drives(given: Values, options: argparse.Namespace) -> int:
-    """Compare the drives with the configuration, and set them up on request."""
+def _drives(given: Values, options: argparse.Namespace) -> Plan:
+    """Return how the drives are to be set up."""
     values = command_line.checked(given, (*DRIVE_SETTINGS, RATE_SETTING))
     if not values['drives.channel']:
         raise SettingError('drives.channel', '', "the channel of the drives' bus")
@@ -99,30 +101,25 @@ def _drives(given: Values, options: argparse.Namespace) -> int:
     if not nodes:
         raise InputError(f'--joint {options.joint[0]} with --drives; expected one of '
                          + ', '.join(JOINT_NAMES[:len(plan.drives)]))
-    import_canopen()
-    with command_line.bus_of(values, 'drives') as bus, network_on(bus) as network:
-        if options.write:
-            _refuse_a_running_master(network, 'heartbeat',
-                                     canopen.HEARTBEAT_BASE + plan.master_id)
-        return _set_up(network, command_line.bus_name(values, 'drives'), nodes, options.write,
-                       canopen.DRIVE_PROFILE)
+    return values, nodes, ('heartbeat', canopen.HEARTBEAT_BASE + plan.master_id)
 
 
-def _set_up(network: Any, bus: str, nodes: list[tuple[str, int, WantedObjects]], writes: bool,
-            profile: int) -> int:
-    """Set nodes up: joint, node id and wanted objects of each; return the exit code."""
+def _set_up(network: Any, bus: str, nodes: Nodes, options: argparse.Namespace) -> int:
+    """Set nodes up; return the exit code."""
+    kind, profile = ('drives', canopen.DRIVE_PROFILE) if options.drives \
+        else ('encoders', canopen.ENCODER_PROFILE)
     different = failed = 0
     for joint, node_id, objects in nodes:
         try:
-            different += _set_up_one(joint, Node(network, node_id), objects, writes, profile)
+            different += _set_up_one(joint, Node(network, node_id), objects, options.write,
+                                     profile)
         except SetupError as error:
             failed += 1
             print(f'{joint}: {error}', flush=True)
-    kind = 'drives' if profile == canopen.DRIVE_PROFILE else 'encoders'
     if failed:
         print(f'{bus}: {failed} of {len(nodes)} {kind} not set up')
         return 1
-    if different and not writes:
+    if different and not options.write:
         print(f'{bus}: {different} of {len(nodes)} {kind} not as configured; nothing was '
               'written (--write)')
         return 1

@@ -1,15 +1,18 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Shared parts of the programs: the driver's parameters, the bus, one line for an error."""
+"""Shared parts of the programs: parameters, the bus, progress, one line for an error."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from functools import partial
+import shutil
 import signal
 import sys
+import time
 from typing import Any
 
 import can
@@ -28,6 +31,11 @@ from spm_haptic_master.standard_streams import discard, keep_open, STANDARD_OUTP
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 # Exit code after one, as a shell reports it for SIGINT.
 INTERRUPTED = 130
+# Time between two lines where the output is not a terminal, and between two updates of the bar on
+# a terminal (s).
+LINE_PERIOD, TERMINAL_PERIOD = 1.0, 0.1
+# Width of the bar (characters).
+BAR = 30
 
 
 def given(found: argparse.Namespace, nodes: Sequence[str] = (DRIVER,),
@@ -91,7 +99,47 @@ def bus_of(values: Values, of: str = 'can') -> Iterator[can.BusABC]:
         raise InputError(f'{bus_name(values, of)}: {can_bus.first_line(error)}') from error
 
 
-def run(name: str, program: Callable[[list[str]], int], args: list[str] | None) -> int:
+class ProgressBar:
+    """
+    Progress on stderr: a bar on a terminal, otherwise one line a second.
+
+    Each line begins with the name of the program; work shorter than LINE_PERIOD shows nothing.
+    """
+
+    def __init__(self, name: str):
+        self._name = name
+        self._terminal = sys.stderr.isatty()
+        self._next = time.monotonic() + LINE_PERIOD
+        self._shown = False
+
+    def show(self, text: str, share: float | None = None) -> None:
+        """Show a text and the part done, None where it is unknown, if that is due."""
+        now = time.monotonic()
+        if now < self._next:
+            return
+        self._next = now + (TERMINAL_PERIOD if self._terminal else LINE_PERIOD)
+        self._shown = True
+        if not self._terminal:
+            print(f'{self._name}: {text}', file=sys.stderr, flush=True)
+            return
+        bar = '' if share is None else \
+            f'[{("#" * round(BAR * min(max(share, 0.0), 1.0))).ljust(BAR, ".")}] '
+        width = shutil.get_terminal_size().columns - 1
+        print(f'\r{f"{bar}{text}"[:width]}\x1b[K', end='', file=sys.stderr, flush=True)
+
+    def stage(self, text: str, share: float) -> None:
+        """Show a stage of a computation and the part of the whole that is done."""
+        self.show(text if self._terminal else f'{100.0 * share:3.0f} %, {text}', share)
+
+    def __enter__(self) -> ProgressBar:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if self._terminal and self._shown:
+            print(file=sys.stderr)
+
+
+def run(name: str, program: Callable[[list[str]], int], args: list[str] | None = None) -> int:
     """
     Run a program and return its exit code: 130 after Ctrl-C or SIGTERM, 1 after an error.
 
@@ -122,3 +170,8 @@ def run(name: str, program: Callable[[list[str]], int], args: list[str] | None) 
             print(f'{name}: {error}', file=sys.stderr)
         return 1
     return code
+
+
+def program(name: str) -> Callable[[Callable[[list[str]], int]], Callable[..., int]]:
+    """Make a function of the command line without the name the `main` of a program, by `run`."""
+    return lambda body: partial(run, name, body)

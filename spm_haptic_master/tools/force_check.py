@@ -69,12 +69,9 @@ class Part:
     torque: Array  # (n, motors), N m
 
 
-def main(args: list[str] | None = None) -> int:
+@command_line.program('force_check')
+def main(args: list[str]) -> int:
     """Check a recorded bring-up; 1 if something does not hold."""
-    return command_line.run('force_check', _run, args)
-
-
-def _run(args: list[str]) -> int:
     options = _parser().parse(args)
     given = command_line.given(options, NODES, NAMES)
     values = command_line.checked(given, FKM_SETTINGS)

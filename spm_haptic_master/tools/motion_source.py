@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What calibrate records: a motion or a pose, from a log at once or from a bus, with a bar."""
+"""Recordings of a motion or a pose for calibrate, from a log at once or from a bus."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.nodes import DRIVER_NAMES
 from spm_haptic_master.simulation.source_factory import make_replay, make_source
 from spm_haptic_master.tools import command_line
-from spm_haptic_master.tools.progress_bar import LINE_PERIOD, ProgressBar, with_trouble
+from spm_haptic_master.tools.command_line import ProgressBar
 
 # Shows the state of a live source's recording, which has lasted some s; returns whether it is
 # enough.
@@ -63,8 +63,7 @@ def read_motion(source: str, values: dict[str, Any], given: float | None, live_s
     free number is appended to its name. CalibrationError or ReplayError where no set comes.
     """
     if source == 'replay':
-        with closing(make_replay(values)) as replay, \
-                ProgressBar('calibrate', LINE_PERIOD) as bar:
+        with closing(make_replay(values)) as replay, ProgressBar('calibrate') as bar:
             recording, notes = read_log(
                 replay, lambda count: bar.show(f'{count} sets read'), given or inf)
         _say(*notes)
@@ -101,6 +100,12 @@ def _recorded(live: EncoderSource, seconds: float, evaluate: Evaluate | None = N
         recording, notes = record(live, seconds, show, **how)
     _say(*notes)
     return recording
+
+
+def with_trouble(text: str, source: EncoderSource) -> str:
+    """Return a text with the fault or the caution of a source, if it has any."""
+    trouble = source.fault or source.caution
+    return f'{text} ({trouble})' if trouble else text
 
 
 def wait_for_pose(number: int, count: int, pose: Sequence[float]) -> None:

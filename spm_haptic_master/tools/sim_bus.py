@@ -71,12 +71,9 @@ TWIN = ('a second sim_bus, or encoders; udp_multicast needs a port for each bus,
         'CAN_CONFIG=\'{"port": 43114}\'')
 
 
-def main(args: list[str] | None = None) -> int:
+@command_line.program('sim_bus')
+def main(args: list[str]) -> int:
     """Run the simulated bus until Ctrl-C, or for the given time."""
-    return command_line.run('sim_bus', _run, args)
-
-
-def _run(args: list[str]) -> int:
     options = _parser().parse(args)
     given = command_line.given(options, (DRIVER, 'fkm'), DRIVER_NAMES | DRIVE_NAMES)
     sensors = sensors_of(given)
@@ -116,7 +113,13 @@ def _run(args: list[str]) -> int:
         print(f'sim_bus: {decoder.words} on {name}, zero counts '
               f'{list(values["encoders.zero_count"])}, directions '
               f'{list(values["encoders.direction"])}', flush=True)
-        loop = None if drives is None else _start(drives, values, stack)
+        loop = None
+        if drives is not None:
+            of = 'drives' if values['drives.channel'] else 'can'
+            loop = DriveLoop(stack.enter_context(command_line.bus_of(values, of)), drives)
+            stack.callback(loop.close)
+            print(f'sim_bus: {len(drives.drives)} drives on {command_line.bus_name(values, of)}, '
+                  f'nodes {[drive.node_id for drive in drives.drives]}', flush=True)
         try:
             while time.monotonic() < end:
                 lines = runner.step()
@@ -148,16 +151,6 @@ def _drives(values: Values, options: argparse.Namespace,
         taken['drives.rated_torque'] = (SIMULATED_RATED_TORQUE,)
     check_shared_bus(taken, values)
     return SimulatedDrives(make_plan(taken), faults, options.factory)
-
-
-def _start(drives: SimulatedDrives, values: Values, stack: ExitStack) -> DriveLoop:
-    """Open the bus of the drives, and start their loop."""
-    of = 'drives' if values['drives.channel'] else 'can'
-    loop = DriveLoop(stack.enter_context(command_line.bus_of(values, of)), drives)
-    stack.callback(loop.close)
-    print(f'sim_bus: {len(drives.drives)} drives on {command_line.bus_name(values, of)}, nodes '
-          f'{[drive.node_id for drive in drives.drives]}', flush=True)
-    return loop
 
 
 def _parser() -> Parser:

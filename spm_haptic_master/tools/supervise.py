@@ -26,7 +26,7 @@ from spm_haptic_master.supervision import recording
 from spm_haptic_master.supervision.recording import Supervised
 from spm_haptic_master.supervision.symptom import with_remedy
 from spm_haptic_master.tools import command_line
-from spm_haptic_master.tools.progress_bar import LINE_PERIOD, ProgressBar
+from spm_haptic_master.tools.command_line import ProgressBar
 from spm_haptic_master.validation import bags, recordings
 from spm_haptic_master.validation.parity_map import (
     nominal_bias,
@@ -50,12 +50,9 @@ BIAS_UNIT = 0.01
 REASONS = 8
 
 
-def main(args: list[str] | None = None) -> int:
+@command_line.program('supervise')
+def main(args: list[str]) -> int:
     """Supervise a recording; 1 if it is not as expected."""
-    return command_line.run('supervise', _run, args)
-
-
-def _run(args: list[str]) -> int:
     options = _parser().parse(args)
     # matplotlib is an extra: report that it is missing before anything is computed.
     from spm_haptic_master.tools import supervision_figure
@@ -69,7 +66,7 @@ def _run(args: list[str]) -> int:
         raise SettingError(SENSORS_SETTING.name, values[SENSORS_SETTING.name],
                            f'{sensors}, as {options.recording} has')
     n = len(stamps)
-    with ProgressBar('supervise', LINE_PERIOD) as bar:
+    with ProgressBar('supervise') as bar:
         result = recording.run(stamps, angles, values,
                                lambda done: bar.show(f'{done} of {n} samples', done / n))
     found = parity_map(angles, sigma_from(values), geometry_from(values), values['working_mode'])
@@ -114,7 +111,7 @@ def _read(options: argparse.Namespace,
     values = command_line.checked(
         given | {'replay.path': str(path)}, SOURCE_SETTINGS['replay'], 'replay')
     samples = []
-    with closing(make_replay(values)) as source, ProgressBar('supervise', LINE_PERIOD) as bar:
+    with closing(make_replay(values)) as source, ProgressBar('supervise') as bar:
         for sample in source.recorded():
             samples.append(sample)
             bar.show(f'{len(samples)} sets read')
@@ -132,7 +129,7 @@ def _is_can_log(path: Path) -> bool:
 
 
 def _report_gaps(angles: NDArray[np.float64], left_out: int) -> None:
-    """Print which joints lack readings, and what cannot be computed without them."""
+    """Print the joints without readings, and the number of samples without parity."""
     if left_out:
         print(f'{left_out} rows with fewer than {len(JOINT_NAMES)} readings left out')
     missing = np.isnan(angles)

@@ -17,12 +17,9 @@ Writes DIR/spm.urdf and DIR/meshes/*.stl: the mechanism of the parameters geomet
 the nominal one. Give it the files that `fkm` has: the URDF is then that of the rig."""
 
 
-def main(args: list[str] | None = None) -> int:
+@command_line.program('urdf')
+def main(args: list[str]) -> int:
     """Write the files."""
-    return command_line.run('urdf', _run, args)
-
-
-def _run(args: list[str]) -> int:
     parser = Parser('urdf', DESCRIPTION)
     parser.add_argument('-o', '--output', type=Path, default=Path('urdf'), metavar='DIR',
                         help='directory (default: urdf)')

@@ -34,23 +34,19 @@ Compares recorded orientations of the platform with a motion capture. The captur
 need not be those of the recording: the offset in time is found from the angular speeds, the
 constant rotation by least squares. Writes the pictures fig32.png to fig34.png of Saafi et al.
 (2015), errors.csv and aligned.csv."""
-# Node whose parameters it takes, and those parameters.
-NODES = ('fkm',)
+# The parameters of fkm that it takes.
 SETTINGS = (*GEOMETRY_SETTINGS, WORKING_MODE_SETTING, *MOUNTING_SETTINGS)
-NAMES = {setting.name for setting in SETTINGS}
 # Default azimuths of the markers C and D (deg): if they are opposite each other, a displacement of
 # both across the axis cancels in their average.
 MARKER_AZIMUTHS = (0.0, 180.0)
 
 
-def main(args: list[str] | None = None) -> int:
+@command_line.program('validate')
+def main(args: list[str]) -> int:
     """Validate a recording; 1 if its files are not as expected."""
-    return command_line.run('validate', _run, args)
-
-
-def _run(args: list[str]) -> int:
     options = _parser().parse(args)
-    values = command_line.checked(command_line.given(options, NODES, NAMES), SETTINGS)
+    values = command_line.checked(command_line.given(
+        options, ('fkm',), {setting.name for setting in SETTINGS}), SETTINGS)
     # matplotlib is an extra: report that it is missing before anything is read.
     from spm_haptic_master.validation import figures
 

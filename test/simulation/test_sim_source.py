@@ -92,12 +92,13 @@ def test_samples_come_at_the_rate_with_the_angles_of_their_time(monkeypatch):
     monkeypatch.setattr(timing, 'time', clock)
     monkeypatch.setattr(sim_source, 'time', clock)
     source = source_of(rate=200.0, sim__noise_deg=0.0, sim__trajectory='perturbed')
+    motion = make_motion(values('sim', sim__noise_deg=0.0, sim__trajectory='perturbed'))
+    assert source.orientation() == motion.orientation(0.0)
     samples = read(source, 100)
     t = np.array([sample.stamp - samples[0].stamp for sample in samples]) * 1e-9
     assert t[-1] == pytest.approx((99 + 2) / 200.0 + 1e-4, abs=2e-5)
     assert source.statistics() == {'sets': 100, 'missed deadlines': 2}
     assert source.lost == 2 / 200.0
-    motion = make_motion(values('sim', sim__noise_deg=0.0, sim__trajectory='perturbed'))
     off = np.array([sample.angles for sample in samples]) - [motion.joints(each) for each in t]
     # At most 1 rad/s, for as long as the angles prepared may be old.
     assert np.abs(off).max() < COUNT + PUNCTUAL

@@ -5,12 +5,18 @@
 
 import re
 
+from harness import DATA
 import numpy as np
 import pytest
-from rig_as_built import errors_deg, truth
-from spm_haptic_master.calibration.calibration_file import read_calibration
+from recorded_text import assert_recorded
+from rig_as_built import errors_deg, rig, truth
 from spm_haptic_master.calibration.recording import raw_counts
-from spm_haptic_master.kinematics import matrix_from_quaternion
+from spm_haptic_master.kinematics import (
+    matrix_from_quaternion,
+    matrix_from_zxz,
+    quaternion_from_matrix,
+    zxz_from_matrix,
+)
 from spm_haptic_master.parameters.encoders import LAYOUT_SETTINGS
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.geometry import MECHANISM_SETTINGS
@@ -22,8 +28,8 @@ from spm_haptic_master.tools import command_line
 from spm_haptic_master.tools.calibrate import main
 from spm_haptic_master.tools.calibrate_motion import kept_settings
 
-MOTION = ('-p', 'source:=replay', '-p', 'replay.path:=test/data/rig/dev_motion.log.gz')
-CHECK = ('-p', 'source:=replay', '-p', 'replay.path:=test/data/rig/dev_check.log.gz')
+MOTION, CHECK = (('-p', 'source:=replay', '-p', f'replay.path:={DATA}/rig/{name}.log.gz')
+                 for name in ('dev_motion', 'dev_check'))
 
 
 def run(*args):
@@ -31,17 +37,11 @@ def run(*args):
     return main(['calibrate', '--motion', *map(str, args)])
 
 
-@pytest.fixture(scope='module')
-def path(tmp_path_factory):
-    """Return the file of a calibration from the motion."""
-    found = tmp_path_factory.mktemp('motion') / 'calibration.yaml'
-    assert run(*MOTION, '-o', found) == 0
-    return found
-
-
 @pytest.mark.slow
-def test_another_log_of_the_rig_becomes_right_orientations(path):
+def test_another_log_of_the_rig_becomes_right_orientations(tmp_path):
     """At least 99.9 % of them, 0.06 deg rms, 0.3 at most, through the supervision of fkm."""
+    path = tmp_path / 'calibration.yaml'
+    assert run(*MOTION, '-o', path) == 0
     given = read_parameters(path)
     values = command_line.checked(
         given | {'replay.path': CHECK[-1].removeprefix('replay.path:=')},
@@ -61,34 +61,54 @@ def test_another_log_of_the_rig_becomes_right_orientations(path):
     print(f'{known.sum()} orientations, rms {rms:.4f} deg, largest {errors.max():.3f} deg')
     assert rms <= 0.06 and errors.max() <= 0.3
     assert (errors < found.protection_level[rows[known]]).all()
-
-
-@pytest.mark.slow
-def test_the_file_is_reported_checked_and_not_overwritten(path, capsys):
+    assert path.with_suffix('.md').read_text().startswith('# Good for an alert limit of ')
     assert run('--check', path, *CHECK) == 0
-    assert f'{path}: holds' in capsys.readouterr().out
-    text = path.with_suffix('.md').read_text()
-    assert 'dev_motion.log.gz' in text and text.startswith('# Good for an alert limit of ')
-    assert read_calibration(path).direction == (1, 1, 1, -1)
+
+
+def test_the_motion_is_summed_up_and_its_file_has_what_it_determined(calibrated, motion, capsys):
+    path, printed, verdict = calibrated
+    assert_recorded('calibration/motion_printed.txt', printed.replace(str(path), 'c.yaml'))
+    found = read_parameters(path)
+    assert found['encoders.direction'] == rig()['direction']
+    assert found['sigma_deg'] == pytest.approx([0.0405] * 4, rel=0.06)
+    # The limit is the task's, in rig.yaml.
+    assert 'alert_limit_deg' not in found and 'mounting.base_zxz_deg' not in found
+    assert verdict.origin.recording == 'dev_motion.log' and len(verdict.origin.checksum) == 64
+    assert verdict.alert_limit_deg > 1.0 and verdict.published > 0.99
     before = path.read_bytes()
-    assert run(*MOTION, '-o', path) == 1
+    assert run(*motion, '-o', path) == 1
     assert f'-o: {path} already exists; expected --force' in capsys.readouterr().err
     assert path.read_bytes() == before
 
 
-@pytest.mark.slow
-def test_a_motion_is_refused_or_said_to_need_a_limit_above_that_of_fkm(tmp_path, capsys):
-    """The file does not set it: it is the task's, in rig.yaml."""
-    short = (*MOTION, '--seconds', '12', '-o', tmp_path / 'c.yaml')
-    assert run(*short) == 1
-    out, err = capsys.readouterr()
-    assert not out and 'does not support alert_limit_deg 1: ' in err.splitlines()[-1]
-    assert not list(tmp_path.iterdir())
-    assert run(*short, '-p', 'alert_limit_deg:=30.0') == 0
-    *_, needed, _, verdict = capsys.readouterr().out.splitlines()
-    limit = float(re.search(r'alert limit of ([\d.]+) deg', verdict)[1])
-    assert limit > 1.0 and needed.startswith(f'fkm needs alert_limit_deg {limit:g} or more')
-    assert 'alert_limit_deg' not in read_parameters(tmp_path / 'c.yaml')
+def test_a_captured_motion_gives_the_mounting_of_both_ends(
+        calibrated, motion, tmp_path, monkeypatch, capsys):
+    """The capture is the calibration's own motion, turned at both ends, on another clock."""
+    calibration = calibrated[2].calibration
+    base, handle = (matrix_from_zxz(*np.radians(each)) for each in ((20, 30, 40), (-50, 25, 10)))
+    known = np.isfinite(calibration.rotation).all(axis=(1, 2))
+    turned = base @ calibration.rotation[known] @ handle
+    capture, output = tmp_path / 'capture.csv', tmp_path / 'c.yaml'
+    np.savetxt(capture, np.column_stack([
+        calibration.readings.seconds[known] + 7.3, quaternion_from_matrix(turned)]),
+        delimiter=',', comments='', header='time,qx,qy,qz,qw', fmt='%.9f')
+    monkeypatch.setattr('spm_haptic_master.tools.calibrate_motion.calibrate_motion',
+                        lambda *_: calibration)
+    monkeypatch.setattr('spm_haptic_master.tools.calibrate_motion.write_report', lambda *_: '')
+    args = (*motion, '-p', 'alert_limit_deg:=30.0', '-o', output, '--capture', capture)
+    assert run(*args) == 0, capsys.readouterr().err
+    figures = r'standard deviations 0\.\d+ 0\.\d+ 0\.\d+ deg\n'
+    assert re.search(rf'\n  mounting of the base: {figures}  mounting of the handle: {figures}'
+                     r'  left of the orientations from outside: 0\.000 deg rms\n$',
+                     capsys.readouterr().out)
+    found = read_parameters(output)
+    for name, rotation in (('base', base), ('handle', handle)):
+        expected = np.degrees(zxz_from_matrix(rotation))
+        assert found[f'mounting.{name}_zxz_deg'] == pytest.approx(expected, abs=0.05)
+    capture.write_text('time,ax,ay,az,bx,by,bz,cx,cy,cz,dx,dy,dz\n' + ''.join(
+        f'{time},0,0,0,0,0,1,1,0,0,0,1,0\n' for time in range(20)))
+    assert run(*args, '--force') == 1
+    assert 'markers; expected the pose of a body' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize('args, text', (
@@ -101,7 +121,7 @@ def test_a_motion_is_refused_or_said_to_need_a_limit_above_that_of_fkm(tmp_path,
      '--pose is given 1 times and --pose-recording 0 times; expected as many'),
     (('-o', 'c.yaml', '--pose-recording', 'a.log'),
      "--pose-recording with source 'can'; expected it with replay"),
-))
+    (('-o', 'c.yaml', '-p', 'source:=sim'), "'source' is 'sim'; expected can or replay")))
 def test_arguments_that_lead_to_nothing_are_refused_in_one_line(
         tmp_path, monkeypatch, capsys, args, text):
     monkeypatch.chdir(tmp_path)
@@ -127,3 +147,5 @@ def test_the_file_has_the_bus_as_given_and_the_layout():
         del layout[f'encoders.{measured}']
     assert kept == layout | {
         'source': 'can', 'can.channel': 'can1', 'can.sync': 'produce', 'rate': 250.0}
+    assert kept_settings('replay', {}, values, mechanism | {'working_mode': (1, -1, 1)}) \
+        == layout | {'working_mode': (1, -1, 1)}

@@ -1,100 +1,175 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a calibration is good for: refused, or for a region in words, and never a silent fkm."""
+"""What a calibration is good for: refused, for a region, or no longer; never a silent fkm."""
 
 from dataclasses import replace
 from math import radians
 import re
 
-from free_motions import calibrated, DEVIATIONS
+import numpy as np
 import pytest
-from simulated_hand import Condition, readings
-from spm_haptic_master.calibration.motion.calibration import Origin
+from recorded_text import assert_recorded
+from rig_as_built import calibration, mechanism
 from spm_haptic_master.calibration.motion.coverage import region_of, WORKSPACE
 from spm_haptic_master.exceptions import CalibrationError
-from spm_haptic_master.simulation.rig import random_rig
+from spm_haptic_master.tools.calibrate import main
 from spm_haptic_master.tools.calibration_verdict import (
+    ALERT_LIMITS_DEG,
     FkmValues,
     least_alert_limit,
     published_share,
     supported,
 )
 
-pytestmark = pytest.mark.slow
-
-RIG = random_rig(12, DEVIATIONS)
-# Of a good encoder, which a short motion at 200 Hz determines enough.
-QUIET = {'seconds': 40.0, 'noise': 0.01}
-ORIGIN = Origin('', 'simulated', '', '', (16384,) * 4, {})
-
 
 def silent(text, share):
     """Show no progress."""
 
 
-def moved(**condition):
-    """Return stamps, raw readings, directions and zeros of a motion at 200 Hz."""
-    stamps, raw, direction, zeros = readings(RIG, Condition('motion', **QUIET | condition), 41)
-    return stamps[::5], raw[::5], direction, zeros
+@pytest.fixture
+def found(calibrated):
+    """Return the calibration of the motion."""
+    return calibrated[2].calibration
 
 
-@pytest.fixture(scope='module')
-def motion():
-    """Return a good motion."""
-    return moved()
+@pytest.fixture
+def fkm(calibrated):
+    """Return a function that gives the parameters of fkm with a calibration."""
+    return lambda **given: FkmValues(given, calibrated[2].origin)
 
 
-@pytest.fixture(scope='module')
-def calibration(motion):
-    """Return the calibration of the motion, and its model."""
-    return calibrated(*motion)
+def raw(found):
+    """Return stamps, ns, and readings, rad, as the motion was recorded."""
+    return (found.readings.seconds * 1e9).astype(np.int64), found.readings.readings
 
 
-def test_a_good_motion_is_for_the_workspace_and_is_published(calibration, motion):
-    fkm = FkmValues({}, ORIGIN)
-    found, limit = supported(calibration, fkm)
-    assert found.region == WORKSPACE and limit <= 1.0
-    assert published_share(found, motion[:2], fkm, silent) > 0.99
-    # A task that tolerates more needs no more; one that tolerates less may need another motion.
-    assert supported(calibration, FkmValues({'alert_limit_deg': 5.0}, ORIGIN))[1] == limit
+def test_a_limit_is_supported_from_the_least_one_on(found, fkm):
+    least = least_alert_limit(found, fkm())
+    assert 1.0 < least < 30.0 and least in ALERT_LIMITS_DEG
+    with pytest.raises(CalibrationError) as caught:
+        supported(found, fkm())
+    # It begins with what to do, and names the limit that is accepted.
+    assert re.match(r'the motion does not support alert_limit_deg 1: (tilt|turn) the handle .*, '
+                    r'and move for longer; a task that tolerates more may take -p '
+                    rf'alert_limit_deg:={least:g} \(bias_deg over the', str(caught.value))
+    assert supported(found, fkm(alert_limit_deg=least)) == (found, least)
+    below = ALERT_LIMITS_DEG[ALERT_LIMITS_DEG.index(least) - 1]
+    with pytest.raises(CalibrationError):
+        supported(found, fkm(alert_limit_deg=below))
+    # A limit of its own is tried too.
+    own = 0.5 * (below + least)
+    assert least_alert_limit(found, fkm(alert_limit_deg=own)) in (own, least)
 
 
-def test_a_refusal_begins_with_what_to_do_and_names_a_limit_that_is_accepted(calibration):
-    with pytest.raises(CalibrationError, match=r'^the motion does not support alert_limit_deg '
-                       r'0\.25: (tilt|turn) the handle .*, and move for longer; a task that '
-                       r'tolerates more may take -p alert_limit_deg:=[\d.]+ \(bias_deg'
-                       ) as caught:
-        supported(calibration, FkmValues({'alert_limit_deg': 0.25}, ORIGIN))
-    named = float(re.search(r':=([\d.]+)', str(caught.value))[1])
-    assert supported(calibration, FkmValues({'alert_limit_deg': named}, ORIGIN))[1] == named
+def test_a_motion_that_determines_too_little_names_no_limit(found, fkm):
+    nothing = replace(found, covariance=found.covariance * 50.0)
+    assert nothing.region_error > radians(0.5)
+    small = replace(nothing, rotation=found.rotation[:1].repeat(len(found.rotation), axis=0))
+    for each, words in ((nothing, 'is no better'), (small, 'is too small')):
+        with pytest.raises(CalibrationError, match=f'the region moved, .*, {words}') as caught:
+            supported(each, fkm(alert_limit_deg=30.0))
+        assert 'a task that tolerates more' not in str(caught.value)
 
 
-def test_a_slip_that_leaves_fkm_silent_is_refused_with_the_reason(calibration, motion):
-    stamps, raw, direction, _ = motion
-    slipped = raw.copy()
-    slipped[len(raw) // 2:, 1] += direction[1] * radians(1.0)
+def test_the_motion_is_published_but_for_the_start_and_a_slip_is_refused(found, fkm):
+    values = fkm(alert_limit_deg=30.0)
+    stamps, readings = raw(found)
+    whole = replace(found, readings=replace(found.readings, spiked=np.zeros(len(stamps), bool)))
+    shown = []
+    assert published_share(whole, (stamps, readings), values,
+                           lambda *each: shown.append(each)) == 1.0 - 4 / len(stamps)
+    assert {text for text, _ in shown} == {'supervision of the motion'}
+    assert all(0.0 <= share <= 1.0 for _, share in shown)
+    slipped = readings.copy()
+    slipped[len(slipped) // 2:, 1] += radians(8.0)
     with pytest.raises(CalibrationError, match=r'fkm publishes \d\d\.\d % of the motion, expected '
-                       r'99 % at least: (?!settling).*\(\d+ samples\); nothing is written'):
-        published_share(calibration, (stamps, slipped), FkmValues({}, ORIGIN), silent)
+                       r'99 % at least: (?!starting|settling).*\(\d+ samples\); nothing is'):
+        published_share(whole, (stamps, slipped), values, silent)
+    # Without the sets that have a spike.
+    spiked = replace(found.readings, spiked=np.arange(len(stamps)) >= len(stamps) // 2)
+    assert published_share(replace(found, readings=spiked), (stamps, slipped), values,
+                           silent) > 0.99
 
 
-def test_small_tilts_are_refused():
-    """The zeros of such a motion are known to some tenths of a degree over the workspace."""
-    found = calibrated(*moved(tilt=5.0))
-    with pytest.raises(CalibrationError, match='the region moved, .* is too small'):
-        supported(found, FkmValues({}, ORIGIN))
+def test_the_angles_are_those_of_the_driver_by_the_file(found, fkm):
+    """Of the model that was fitted, but for the rounding of the file."""
+    np.testing.assert_allclose(
+        fkm().angles(found, found.readings.readings),
+        found.model.corrected(found.turned, found.vector), atol=2e-6)
 
 
-@pytest.mark.evidence
-def test_a_part_of_the_workspace_is_for_its_region_only():
-    found = calibrated(*moved(tilt=11.0, turn_from=20.0, turn_to=75.0))
-    any_limit = FkmValues({'alert_limit_deg': 30.0}, ORIGIN)
-    region = region_of(found.rotation)
-    least = least_alert_limit(replace(found, region=region), any_limit)
-    assert least < least_alert_limit(found, any_limit)
-    with pytest.raises(CalibrationError, match=rf'-p alert_limit_deg:={least:g} '):
-        supported(found, FkmValues({'alert_limit_deg': 0.25}, ORIGIN))
-    part, limit = supported(found, FkmValues({'alert_limit_deg': least}, ORIGIN))
-    assert (part.region, limit) == (region, least)
+def test_a_part_of_the_workspace_is_for_its_region_only(found, fkm):
+    """Where less than half of the largest tilt and of the turn has been moved."""
+    rotation = found.rotation.copy()
+    tilt = np.arccos(np.clip(rotation[:, :, 2].sum(axis=1) / np.sqrt(3.0), -1.0, 1.0))
+    rotation[tilt > radians(11.0)] = np.nan
+    moved = replace(found, rotation=rotation)
+    region = region_of(rotation)
+    least = least_alert_limit(replace(moved, region=region), fkm())
+    assert least < least_alert_limit(found, fkm())
+    part, limit = supported(moved, fkm(alert_limit_deg=least))
+    assert (part.region, limit) == (region, least) and region != WORKSPACE
     assert part.region_error < found.region_error and (part.bias <= found.bias).all()
+
+
+def write(path, **changes):
+    """Write the rig's calibration, without the second harmonics, that no model knows."""
+    values = calibration() | mechanism() | {
+        'sigma_deg': [0.0405] * 4, 'bias_deg': [0.07] * 4} | {
+        name.replace('__', '.'): value for name, value in changes.items()}
+    path.write_text('/**:\n  ros__parameters:\n' + ''.join(
+        f'    {name}: {value}\n'.replace('True', 'true') for name, value in values.items()
+        if value is not None))
+    return path
+
+
+@pytest.fixture(scope='module')
+def another_motion(motion_log):
+    """Return the arguments of another motion of the rig."""
+    return motion_log('dev_check')
+
+
+@pytest.fixture
+def check(another_motion, capsys, tmp_path):
+    """Return what checks a calibration with changes; it returns exit code, stdout and stderr."""
+    def check(*args, **changes):
+        path = write(tmp_path / 'c.yaml', **changes)
+        code = main(['calibrate', '--motion', '--check', str(path), *(args or another_motion)])
+        out, err = (each.replace(f'{tmp_path}/', '') for each in capsys.readouterr())
+        assert [each.name for each in tmp_path.iterdir()] == ['c.yaml']
+        return code, out, err
+    return check
+
+
+def test_a_calibration_holds_until_a_zero_slips_or_a_direction_is_another(check):
+    code, out, err = check()
+    assert code == 0
+    assert_recorded('calibration/check_printed.txt', out)
+    zero, direction = ([*calibration()[f'encoders.{name}']]
+                       for name in ('zero_count', 'direction'))
+    # Counts that are 0.22 deg.
+    zero[3] += 10
+    code, out, err = check(encoders__zero_count=zero)
+    assert code == 1 and 'c.yaml: does not hold; 1951 sets' in out
+    slip = re.fullmatch(r'calibrate: c.yaml does not hold: joint_3a slipped by ([-+.\d]+) deg '
+                        r'\(\+- 0.0\d\)', err.splitlines()[-1])
+    assert float(slip[1]) == pytest.approx(-direction[3] * 0.22, abs=0.04)
+    direction[2] *= -1
+    code, out, err = check(encoders__direction=direction)
+    assert code == 1 and err.splitlines()[-1] == \
+        'calibrate: c.yaml does not hold: joint_1c turns with the other direction'
+    assert re.search(r'\n  only \d+ % of the angles fit the mechanism\n', out)
+
+
+@pytest.mark.parametrize(('args', 'changes', 'words'), [
+    ((), {'sigma_deg': None}, 'c.yaml: it has no sigma_deg; expected a file that calibrate wrote'),
+    (('--check', '/none.yaml'), {}, '/none.yaml: cannot be read: '),
+    (('-o', 'out.yaml'), {}, '-o out.yaml with --check .*; expected one of them'),
+    (('-p', 'source:=sim'), {}, "'source' is 'sim'; expected can or replay"),
+    (('--seconds', '1'), {}, r'100 sets of four encoders in 1\.0 s; a motion needs at least 200')])
+def test_no_calibration_or_no_motion_is_refused_in_one_line(
+        check, another_motion, args, changes, words):
+    code, out, err = check(*another_motion, *args, **changes)
+    assert (code, out) == (1, '') and re.match(f'calibrate: .*{words}', err), err
+    assert err.count('\n') == 1

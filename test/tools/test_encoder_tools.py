@@ -5,7 +5,6 @@
 
 from contextlib import contextmanager
 import re
-import signal
 import threading
 import uuid
 
@@ -16,16 +15,7 @@ from spm_haptic_master.simulation.bus_runner import BusRunner
 from spm_haptic_master.simulation.noisy_motion import make_motion
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus
 from spm_haptic_master.timing import DeadlineGrid
-from spm_haptic_master.tools import benchmark, can_scan, can_setup, urdf
-
-
-@pytest.fixture(autouse=True)
-def handlers():
-    """Leave the handling of signals as it was."""
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    yield
-    for number, handler in before.items():
-        signal.signal(number, handler)
+from spm_haptic_master.tools import can_scan, can_setup, urdf
 
 
 @pytest.fixture
@@ -130,12 +120,3 @@ def test_what_is_wrong_is_named_in_one_line(run, program, args, words):
     pytest.importorskip('canopen')
     code, out, err = run(program, *args)
     assert (code, out) == (1, '') and re.search(words, err) and err.count('\n') == 1, err
-
-
-@pytest.mark.parametrize(('args', 'words'), [
-    (('-p', 'rate'), 'expected NAME:=VALUE'), (('-p', 'rate:=500'), 'expected --rate'),
-    (('--ros-args', '-p', 'ratte:=1'), "parameter 'ratte'"),
-    (('--rounds', '0'), '--rounds 0; expected 1 or more')])
-def test_a_wrong_argument_of_the_benchmark_is_reported(capsys, args, words):
-    assert benchmark.main(['benchmark', *args]) == 1
-    assert words in capsys.readouterr().err

@@ -4,7 +4,6 @@
 """What a calibration by motion shows of itself as a topic."""
 
 import json
-import sys
 
 import pytest
 from spm_haptic_master.nodes.guidance_publisher import published
@@ -23,9 +22,3 @@ def test_it_is_there_while_a_motion_is_recorded(observer):
         assert json.loads(found[-1][1].data) == {
             'text': 'tilt the handle', 'covered': {'precision': 0.25}}
     assert observer.spin_until(lambda: found[-1][1].data == '{}', PATIENCE)
-
-
-def test_without_rclpy_there_is_none(monkeypatch):
-    monkeypatch.setitem(sys.modules, 'spm_haptic_master.nodes.guidance_publisher', None)
-    with published([]) as publish:
-        publish('tilt the handle', {'precision': 0.25})

@@ -145,81 +145,12 @@ def test_from_two_poses_of_a_jig_to_angles(encoders, start, observer, bus_channe
     assert samples[-1][1].position.tolist() == pytest.approx(true, abs=2e-3)
 
 
-def test_calibrate_reports_why_no_set_comes(tmp_path, encoders, bus_channel):
-    encoders('--fault', 'dropout:joint_1b@0', '--sync')
-    with Disturbance(BESIDE_OTHERS) as machine:
-        code, _, err = run('calibrate', '-o', tmp_path / 'rig.yaml', *bus(bus_channel))
-    assert code == 1
-    machine.expect(err.splitlines()[-1] == 'calibrate: no set of the encoders came: '
-                   'joint_1b silent (no frames)', err)
-
-
-def test_calibrate_reports_another_rate_and_other_nodes(tmp_path, encoders, bus_channel):
-    """What a rig.yaml that is not this rig's leads to, while it is recorded and at the end."""
-    encoders('--sync', '-p', 'rate:=50.0', '-p', 'sim.trajectory:=hand')
-    path = tmp_path / 'calibration.yaml'
-    slow = ('-p', 'rate:=500.0', '-p', 'can.timeout:=0.5')
-    with Disturbance(BESIDE_OTHERS) as machine:
-        _, _, err = run('calibrate', '--motion', *bus(bus_channel), *slow, '--seconds', 4, '-o',
-                        path)
-    machine.expect('SYNC comes at 50 Hz, rate is 500 Hz: give rate, as it is on the bus' in err,
-                   err)
-    code, _, err = run('calibrate', '--motion', *bus(bus_channel), *slow, '-o', path, '-p',
-                       'encoders.node_id:=[11, 12, 13, 14]', '-p',
-                       'encoders.id:=[0x18B, 0x18C, 0x18D, 0x18E]')
-    assert code == 1
-    assert re.search(r'not in encoders\.node_id: 1, 2, 3, 4 \(can_scan prints the lines for '
-                     r'rig\.yaml\)$', err.splitlines()[-1]), err
-
-
-def test_a_bus_on_another_port_has_the_port_in_the_line(tmp_path, encoders, bus_channel):
-    encoders('--sync')
-    program = start_program('calibrate', '--motion', *bus(bus_channel), '-o',
-                            str(tmp_path / 'calibration.yaml'), CAN_CONFIG='{"port": 19999}')
-    assert program.wait(PATIENCE) == 1
-    assert program.stderr.splitlines()[-1] == (
-        'calibrate: no set of the encoders came: no frames on udp_multicast '
-        f'{bus_channel} port 19999')
-
-
-def test_sim_bus_simulates_raw_encoders_without_sync(encoders, bus_channel):
-    raw = ('-p', 'can.protocol:=raw', '-p', 'encoders.sync_id:=0', '-p', 'rate:=100.0')
-    encoders(*raw)
-    with Disturbance(BESIDE_OTHERS) as machine:
-        code, out, _ = run('can_scan', *bus(bus_channel), *raw, '--passive', '--seconds', 1)
-    machine.expect(code == 0, out)
-    assert 'node' not in out
-
-
 def test_sim_bus_ends_well(encoders):
     program = encoders('--sync', '--seconds', 0.5)
     assert program.wait(PATIENCE) == 0
     assert re.search(r'\d+ cycles answered, \d+ deadlines missed', program.stdout)
     assert program.stderr == ''
     assert encoders().stop(signal.SIGTERM) == 130
-
-
-def test_from_the_makers_defaults_to_a_bus_as_configured(encoders, bus_channel):
-    """A scan finds no answers to SYNC; objects by SDO; a scan finds all as configured."""
-    pytest.importorskip('canopen')
-    # A rate at which a busy machine meets the deadlines.
-    encoders('--factory', '-p', 'rate:=25.0')
-
-    def ends(code, name, *args):
-        found, out, err = run(name, *bus(bus_channel), '-p', 'rate:=25.0', *args)
-        assert found == code, out + err
-        return out
-
-    assert 'joint_3a: 0x184 missing; its node 4 is present: does 0x1800:02 answer SYNC?' in ends(
-        1, 'can_scan', '--start', '--seconds', 1)
-    assert ends(1, 'can_setup').endswith(
-        '4 of 4 encoders not as configured; nothing was written (--write)\n')
-    assert ends(0, 'can_setup', '--write').count('after a reset') == 1
-    out = ends(0, 'can_scan', '--start', '--seconds', 2)
-    assert 'all four encoders are there, as configured' in out
-    assert 'node   2: operational, device type 0x00010196 (CiA 406, encoder)' in out
-    # What it sends itself is no frame of the bus.
-    assert not re.search(r'^  0x0[08]0 ', out, re.MULTILINE)
 
 
 def test_a_long_log_without_sets_ends_at_a_signal(start, tmp_path):
@@ -251,11 +182,3 @@ def test_a_recording_on_a_full_disk_ends_in_one_line(start, tmp_path):
                             r'\[Errno 27\] File too large\n', recorder.stderr), recorder.stderr
     finally:
         recorder.kill()
-
-
-def test_a_directory_that_cannot_be_made_is_one_line(start):
-    start('master', parameters={**SIM, 'rate': 100.0})
-    recorder = start('recorder', '-p', 'directory:=/dev/full/recording')
-    assert recorder.wait(PATIENCE) == 1
-    assert re.fullmatch(BEGUN + 'recorder: /dev/full/recording/.*\n', recorder.stderr), \
-        recorder.stderr

@@ -7,23 +7,55 @@ import gzip
 from itertools import islice
 import re
 
+from encoder_frames import T0
 from harness import SIMULATED
+from matplotlib.patches import Polygon, Rectangle
 import numpy as np
 import pytest
+from recorded_text import assert_recorded
 from recording import LOG, recorded_angles, truth
 from spm_haptic_master.kinematics import inverse, matrix_from_quaternion
-from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.tools.supervise import main, proposed_bias
+from spm_haptic_master.validation import plot_style
+
+# Rows of the session that rest: the first of them, and the one after the last.
+PART = slice(12_500, 13_300)
+
+
+def write(path, angles):
+    """Write a table of joint angles at the times of the part."""
+    np.savetxt(path, np.column_stack([truth()[0][PART] * 1e-9, angles]), delimiter=',',
+               comments='', fmt='%.9f',
+               header=','.join(['time', *ALL_JOINT_NAMES[:angles.shape[1]]]))
+    return path
 
 
 @pytest.fixture(scope='module')
 def table(tmp_path_factory):
-    """Write 0.8 s of the session as a table of joint angles, beginning at 12.5 s."""
-    path = tmp_path_factory.mktemp('session') / 'measured_js.csv'
-    rows = np.column_stack([truth()[0] * 1e-9, recorded_angles()])[12_500:13_300]
-    np.savetxt(path, rows, delimiter=',', comments='', header=','.join(['time', *JOINT_NAMES]),
-               fmt='%.9f')
-    return path
+    """Write 0.8 s of the session as a table of joint angles."""
+    return write(tmp_path_factory.mktemp('session') / 'measured_js.csv', recorded_angles()[PART])
+
+
+@pytest.fixture(scope='module')
+def six(tmp_path_factory):
+    """Write 0.8 s of six sensors: th3B never read, th1A not in each tenth sample."""
+    found = inverse(matrix_from_quaternion(truth()[1][PART]))
+    angles = np.column_stack([found.theta1, found.theta3a, found.theta3b, found.theta3c])
+    angles += np.radians(np.random.default_rng(8).normal(0.0, 0.04, angles.shape))
+    angles[:, 4] = np.nan
+    angles[::10, 0] = np.nan
+    angles[5::100, 2:] = np.nan
+    return write(tmp_path_factory.mktemp('six') / 'measured_js.csv', angles)
+
+
+@pytest.fixture(autouse=True)
+def figures(request, monkeypatch):
+    """Collect the pictures that would be written, but in slow tests: a PNG takes seconds."""
+    drawn = []
+    if not request.node.get_closest_marker('slow'):
+        monkeypatch.setattr(plot_style, 'save', lambda figure, path: drawn.append(figure))
+    return drawn
 
 
 def run(capsys, *args):
@@ -38,7 +70,7 @@ def supervise(capsys, tmp_path):
     def supervise(*args):
         code, out, err = run(capsys, *args, '-o', tmp_path)
         assert code == 0, err
-        return out
+        return out.replace(str(tmp_path), 'directory')
     return supervise
 
 
@@ -60,90 +92,72 @@ def test_a_log_of_the_bus(supervise, tmp_path):
     assert (tmp_path / 'regions.csv').read_text().count('\n') == 3
 
 
-def test_a_directory_of_recorder_with_parameters(supervise, tmp_path, table):
-    path = tmp_path / 'rig.yaml'
-    path.write_text('/**:\n  ros__parameters:\n    sigma_deg: [0.05, 0.04, 0.04, 0.04]\n'
-                    '    encoders:\n      zero_count: [1, 2, 3, 4]\n    dexterity_rate: 20.0\n')
-    out = supervise(table.parent, '--params-file', path, '-p', 'unchecked_limit:=0.5')
-    assert '800 samples in' in out and '# now [0.05, 0.04, 0.04, 0.04]' in out
-    # It rests: no motion confirms the solution, so that no sensor counts as checked.
-    assert 'withheld: joint_1a unchecked for too long' in out
-    assert 's: silent: joint_1a unchecked for too long' in out
-
-
-def test_no_bias_below_the_calibrations_is_proposed(supervise, table):
-    out = supervise(table, '-p', 'bias_deg:=[0.14, 0.02, 0.0, 0.3]')
-    parity = float(re.search(r'largest mean parity ([\d.]+) deg', out)[1])
-    seen = np.ceil(parity / 0.01) * 0.01
-    assert listed('bias_deg', out) == pytest.approx([0.14, 0.02, seen, 0.3])
-    assert 'not below the bias_deg in use: a recording shows one combination of the errors' in out
-    assert proposed_bias(0.121, [0.14, 0.05, 0.0, 0.12]) == [0.14, 0.13, 0.13, 0.13]
-    assert proposed_bias(0.13, [0.05] * 4) == [0.13] * 4
-
-
-@pytest.mark.slow
-def test_another_rigs_calibration_is_suspected(supervise, tmp_path):
+def test_a_short_log_and_another_rigs_calibration(supervise, tmp_path):
     other, log = tmp_path / 'other.yaml', tmp_path / 'short.log'
     other.write_text('/**:\n  ros__parameters:\n    encoders:\n'
                      '      zero_count: [9123, 4011, 13000, 2345]\n'
                      '      direction: [1, 1, 1, -1]\n'
                      '      direction_verified: [true, true, true, true]\n')
     with gzip.open(LOG, 'rt') as file:
-        log.write_text(''.join(islice(file, 5 * 1000)))
+        log.write_text(''.join(islice(file, 5 * 400)))
+    assert_recorded('supervision/log.txt', supervise(log, *SIMULATED))
     assert re.search("[0-9]+ withheld: no orientation fits: the calibration may be another rig's, "
                      'or no longer hold: calibrate --motion --check calibration.yaml\n',
                      supervise(log, '--params-file', other))
 
 
+def test_a_directory_of_recorder_with_parameters(supervise, tmp_path, table, figures):
+    """It rests: no motion confirms the solution, so that no sensor counts as checked."""
+    path = tmp_path / 'rig.yaml'
+    path.write_text('/**:\n  ros__parameters:\n    sigma_deg: [0.05, 0.04, 0.04, 0.04]\n'
+                    '    encoders:\n      zero_count: [1, 2, 3, 4]\n    dexterity_rate: 20.0\n')
+    assert_recorded('supervision/table.txt', supervise(
+        table.parent, '--params-file', path, '-p', 'unchecked_limit:=0.5',
+        '-p', 'bias_deg:=[0.14, 0.02, 0.0, 0.3]'))
+    # The start and the end of the session are shaded, in which nothing is published.
+    parity, level, exposure, *_ = figures[0].axes
+    for axes in (parity, level, exposure):
+        shaded = [each.get_extents().transformed(axes.transData.inverted())
+                  for each in axes.patches if isinstance(each, (Polygon, Rectangle))]
+        assert [(each.x0, each.x1) for each in shaded] == [
+            pytest.approx((0.0, 0.004), abs=1e-4), pytest.approx((0.501, 0.799), abs=2e-3)]
+        assert axes.get_xlim() == pytest.approx((0.0, 0.799), abs=1e-3)
+    assert [len(axes.lines) for axes in (parity, level, exposure)] == [1, 2, 4]
+    assert all(len(line.get_xdata()) == 800 for line in (*parity.lines, *exposure.lines))
+    assert level.lines[1].get_ydata()[0] == 1.0 and level.get_ylim()[0] == 0.0
+    np.testing.assert_allclose(exposure.lines[0].get_ydata(), np.arange(800) * 1e-3, atol=1e-4)
+
+
+def test_no_bias_below_the_calibrations_is_proposed():
+    assert proposed_bias(0.121, [0.14, 0.05, 0.0, 0.12]) == [0.14, 0.13, 0.13, 0.13]
+    assert proposed_bias(0.13, [0.05] * 4) == [0.13] * 4
+
+
+def test_joints_without_a_reading_are_counted_and_cost_the_others_nothing(
+        supervise, tmp_path, six):
+    out = supervise(six)
+    assert_recorded('supervision/six.txt', out)
+    assert listed('sigma_deg', out) == pytest.approx([0.04] * 6, abs=0.004)
+    regions = np.genfromtxt(tmp_path / 'regions.csv', delimiter=',', names=True)
+    assert regions['samples'].sum() == 712
+
+
+def test_without_a_sensor_of_the_parity_there_are_no_regions(supervise, tmp_path, six):
+    rows = np.genfromtxt(six, delimiter=',', skip_header=1)[:300, 1:]
+    rows[:, 3], rows[:, 4] = np.nan, 0.1
+    path = tmp_path / 'measured_js.csv'
+    np.savetxt(path, np.column_stack([T0 + 1e-3 * np.arange(300), rows]), delimiter=',',
+               comments='', header=','.join(['time', *ALL_JOINT_NAMES]), fmt='%.9f')
+    out = supervise(path)
+    assert '297 samples without parity' in out and 'no bias_deg: no region has' in out
+
+
 @pytest.mark.parametrize(('recording', 'args', 'words'), [
     (None, ('-p', 'sigma:=1'), "'sigma'"), (None, ('-p', 'sigma_deg:=[1, 2]'), 'sigma_deg'),
+    (None, ('-p', 'sensors:=6'), "'sensors' is 6; expected 4, as"),
     (None, ('-o', '/dev/null/x'), '/dev/null/x: cannot be written'),
     *((name, SIMULATED, name) for name in ('none.log', 'none.csv', 'none.mcap'))])
 def test_what_is_wrong_is_named_in_one_line(capsys, tmp_path, table, recording, args, words):
     code, _, err = run(capsys, tmp_path / recording if recording else table, '-o', tmp_path, *args)
     assert code == 1
     assert words in err.splitlines()[-1]
-
-
-@pytest.fixture(scope='module')
-def six(tmp_path_factory):
-    """Write 0.8 s of six sensors: th3B never read, th1A not in each tenth sample."""
-    stamps, quaternions = truth()
-    stamps, chosen = stamps[12_500:13_300], quaternions[12_500:13_300]
-    found = inverse(matrix_from_quaternion(chosen))
-    angles = np.column_stack([found.theta1, found.theta3a, found.theta3b, found.theta3c])
-    angles += np.radians(np.random.default_rng(8).normal(0.0, 0.04, angles.shape))
-    angles[:, 4] = np.nan
-    angles[::10, 0] = np.nan
-    angles[5::100, 2:] = np.nan
-    path = tmp_path_factory.mktemp('six') / 'measured_js.csv'
-    np.savetxt(path, np.column_stack([stamps * 1e-9, angles]), delimiter=',', comments='',
-               header=','.join(['time', *ALL_JOINT_NAMES]), fmt='%.9f')
-    return path
-
-
-def test_joints_without_a_reading_are_counted_and_cost_the_others_nothing(
-        supervise, tmp_path, six):
-    out = supervise(six)
-    assert '8 rows with fewer than 4 readings left out' in out
-    assert '  joint_1a has no reading in 80 samples' in out
-    assert '  joint_3b has no reading in 792 samples' in out
-    assert '  80 samples without parity, which needs joint_1a, joint_1b, joint_1c, ' in out
-    found = re.search(r'sigma_deg: \[(.*?)\].*as it is for joint_3b, which lack', out)
-    noise = [float(each) for each in found[1].split(',')]
-    assert noise == pytest.approx([0.04] * 6, abs=0.004)
-    assert noise[4] == 0.04
-    regions = np.genfromtxt(tmp_path / 'regions.csv', delimiter=',', names=True)
-    assert regions['samples'].sum() == 712
-
-
-@pytest.mark.slow
-def test_without_a_sensor_of_the_parity_there_are_no_regions(supervise, tmp_path, six):
-    rows = np.genfromtxt(six, delimiter=',', names=True)
-    rows['joint_3a'] = np.nan
-    rows['joint_3b'] = 0.1
-    path = tmp_path / 'measured_js.csv'
-    np.savetxt(path, np.array(rows.tolist()), delimiter=',', comments='',
-               header=','.join(rows.dtype.names), fmt='%.9f')
-    out = supervise(path)
-    assert '792 samples without parity' in out and 'no bias_deg: no region has' in out

@@ -1,0 +1,62 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Signals as they were, and a rig's motion: its log at a tenth of the rate, its calibration."""
+
+import gzip
+import signal
+
+from harness import DATA
+import pytest
+from spm_haptic_master.tools import calibrate, calibrate_motion
+
+# Length of the part of the log that is used (s), and the sets of the log to one that is.
+SECONDS, EVERY = 20.0, 10
+
+
+@pytest.fixture(autouse=True)
+def handlers():
+    """Leave the handling of signals as it was."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.fixture(scope='session')
+def motion_log(tmp_path_factory):
+    """Return a function that writes the begin of a log at 100 Hz, and returns its arguments."""
+    def write(name):
+        path = tmp_path_factory.mktemp('log') / f'{name}.log'
+        cycles = begin = 0
+        with gzip.open(DATA / 'rig' / f'{name}.log.gz', 'rt') as source, path.open('w') as log:
+            for line in source:
+                time = float(line[1:line.index(')')])
+                begin = begin or time
+                if time - begin > SECONDS:
+                    break
+                cycles += ' 080#' in line
+                if cycles % EVERY == 1:
+                    log.write(line)
+        return ('-p', 'source:=replay', '-p', f'replay.path:={path}', '-p', 'rate:=100.0')
+    return write
+
+
+@pytest.fixture(scope='session')
+def motion(motion_log):
+    """Return the arguments of a motion."""
+    return motion_log('dev_motion')
+
+
+@pytest.fixture(scope='session')
+def calibrated(motion, tmp_path_factory):
+    """Calibrate from the motion; return the file, what is printed, and the verdict."""
+    path, verdicts, lines = tmp_path_factory.mktemp('motion') / 'c.yaml', [], []
+    with pytest.MonkeyPatch.context() as patch:
+        # The report has tests of its own, and its picture takes seconds.
+        patch.setattr(calibrate_motion, 'write_report',
+                      lambda path, verdict: verdicts.append(verdict) or 'report c.md')
+        patch.setattr(calibrate_motion, 'print', lines.append, raising=False)
+        assert calibrate.main(['calibrate', '--motion', *motion, '-o', str(path),
+                               '-p', 'alert_limit_deg:=30.0']) == 0
+    return path, '\n'.join(lines), *verdicts

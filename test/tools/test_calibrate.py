@@ -1,0 +1,150 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""`calibrate` in a jig: of four or six encoders with harmonics on a mechanism as built."""
+
+import io
+from math import degrees, radians
+import re
+
+import can
+from encoder_frames import cycle, values
+import numpy as np
+import pytest
+from recording import LOG
+from rig_as_built import calibration, mechanism
+from spm_haptic_master.calibration.calibration_file import read_calibration
+from spm_haptic_master.encoders.decoder_factory import (
+    make_harmonics,
+    make_layouts,
+    unverified_joints,
+)
+from spm_haptic_master.kinematics import measured_angles, zxz_rotation
+from spm_haptic_master.parameters.geometry import (
+    geometry_from,
+    GEOMETRY_SETTINGS,
+    WORKING_MODE_SETTING,
+)
+from spm_haptic_master.parameters.resolver import read_parameters
+from spm_haptic_master.parameters.setting import complete
+from spm_haptic_master.tools.calibrate import main
+
+POSES = ((135.0, 54.7356, 0.0), (125.0, 50.0, 25.0))
+ZEROS, DIRECTIONS = [100, 5000, 9000, 16000, 300, 7000], [1, -1, 1, -1, -1, 1]
+HARMONICS = {name: value for name, value in calibration().items() if 'harmonic' in name}
+
+
+def record(path, pose, sensors=4, without=(), noise=0.04):
+    """Write a log of the rig at rest in a pose; some encoders do not answer; noise in deg."""
+    geometry = geometry_from(complete((*GEOMETRY_SETTINGS, WORKING_MODE_SETTING), mechanism()))
+    angles = measured_angles(zxz_rotation(*map(radians, pose)), geometry, (1, 1, 1), sensors)
+    if sensors == 4:
+        angles = [each.readings(angle) for each, angle in zip(make_harmonics(values(**{
+            name.replace('.', '__'): tuple(value) for name, value in HARMONICS.items()})), angles,
+            strict=True)]
+    layouts = make_layouts(values(sensors=sensors, encoders__zero_count=ZEROS[:sensors],
+                                  encoders__direction=DIRECTIONS[:sensors]))
+    rows = np.random.default_rng(13).normal(0.0, radians(noise), (400, sensors)) + angles
+    with can.CanutilsLogWriter(path) as log:
+        for number, row in enumerate(rows.tolist()):
+            for index, message in enumerate(cycle(number, row, layouts), start=-1):
+                if index not in without:
+                    log.on_message_received(message)
+    return path
+
+
+def run(capsys, *args):
+    """Return exit code, stdout and the last line of stderr."""
+    code = main(['calibrate', *map(str, args)])
+    out, err = capsys.readouterr()
+    return code, out, ['', *err.splitlines()][-1]
+
+
+def at(log, output, pose, *args):
+    """Return the arguments of a calibration from a log."""
+    return ('-p', 'source:=replay', '-p', f'replay.path:={log}', '--seconds', 0.3, '-o', output,
+            '--pose', *pose, *args)
+
+
+@pytest.mark.parametrize('sensors', [4, 6])
+def test_two_poses_give_a_file_that_is_all_that_the_nodes_need(capsys, tmp_path, sensors):
+    rig_file, output = tmp_path / 'rig.yaml', tmp_path / 'calibration.yaml'
+    rig = mechanism() | (HARMONICS if sensors == 4 else {'sensors': 6})
+    rig_file.write_text('/**:\n  ros__parameters:\n' + ''.join(
+        f'    {name}: {value}\n' for name, value in rig.items()))
+    first, second = (record(tmp_path / f'{number}.log', pose, sensors)
+                     for number, pose in enumerate(POSES))
+    code, out, err = run(capsys, *at(first, output, POSES[0], '--params-file', rig_file))
+    assert (code, err) == (0, '') and f'{output}: written' in out
+    assert out.count('direction +1 (NOT verified)') == sensors
+    assert 'The driver refuses directions that are not verified' in out
+    assert read_calibration(output).bias == pytest.approx([radians(0.05)] * sensors)
+    written = output.read_text()
+    code, out, err = run(capsys, *at(second, output, POSES[1]))
+    assert code == 1 and 'already exists; expected --force' in err
+    scale = f'encoders.counts_per_turn:={[8192] * sensors}'
+    code, out, err = run(capsys, *at(second, output, POSES[1], '--force', '-p', scale))
+    assert code == 1 and f'counts per turn, the encoders have {[8192] * sensors}' in err
+    assert output.read_text() == written
+    # The second run takes the mechanism from the file that it completes.
+    code, out, err = run(capsys, *at(second, output, POSES[1], '--force', '--jig-error', 0.1))
+    assert (code, err) == (0, '') and 'overwritten (it held the calibration of' in out
+    found = read_calibration(output)
+    for index, sign in enumerate(DIRECTIONS[:sensors]):
+        sigma, bias = degrees(found.sigma[index]), degrees(found.bias[index])
+        assert 0.03 < sigma < 0.05 and 0.1 < bias < 1.0
+        assert f': zero count {found.zero_count[index]}, sigma {sigma:.4f} deg, bias {bias:.4f} ' \
+            f'deg, direction {sign:+d} (verified)\n' in out
+    assert 'The driver refuses' not in out
+    # Noise of a count, averaged over 300.
+    np.testing.assert_allclose(found.zero_count, ZEROS[:sensors], atol=1)
+    parameters = read_parameters(output)
+    for name, value in rig.items():
+        assert parameters[name] == pytest.approx(value, abs=1e-12), name
+    assert not any('table' in name or name.endswith(('alpha_deg', 'working_mode'))
+                   for name in parameters)
+    assert unverified_joints(values(sensors=sensors, **{
+        name.replace('.', '__'): tuple(value) for name, value in parameters.items()
+        if name.startswith('encoders')})) == ()
+    # The file of a nominal rig has neither mechanism nor harmonics.
+    nominal = tmp_path / 'nominal.yaml'
+    assert run(capsys, *at(first, nominal, POSES[0], '-p', f'sensors:={sensors}'))[0] == 0
+    assert not any(name.startswith(('geometry', 'encoders.harmonic', 'encoders.table'))
+                   for name in read_parameters(nominal))
+
+
+@pytest.mark.parametrize(('args', 'words'), [
+    ((), 'calibrate: no -o FILE; expected the parameter file to write'),
+    (('--check', 'c.yaml'), '--check c.yaml without --motion; expected both'),
+    (('-o', 'rig.yaml', '-p', 'source:=sim'), "'source' is 'sim'; expected can or replay"),
+    (('-o', 'rig.yaml', '--pose', 0, 0, 0), '--pose 0 0 0: out of reach of the manipulator'),
+    (('-o', 'rig.yaml', '--pose', 135, 54, 0, '--pose', 130, 50, 10),
+     'standard input has ended; expected Enter for each of 2 poses'),
+    (('-o', 'rig.yaml', '-p', 'source:=replay', '-p', f'replay.path:={LOG}', '--pose', 135, 54, 0,
+      '--pose', 130, 50, 10), '--pose is given 2 times; expected once for a recording'),
+    (('-o', 'rig.yaml', '-p', 'source:=replay', '-p', f'replay.path:={LOG}', '-p',
+      'replay.rate:=10.0', '--seconds', 0.5), 'the device moved: joint_')])
+def test_without_a_device_at_rest_nothing_is_written(capsys, monkeypatch, tmp_path, args, words):
+    monkeypatch.setattr('sys.stdin', io.StringIO())
+    monkeypatch.chdir(tmp_path)
+    code, out, err = run(capsys, *args)
+    assert (code, out) == (1, '') and words in err
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_noisy_encoder_is_refused_below_the_limit_given(capsys, tmp_path):
+    noisy = record(tmp_path / 'noisy.log', POSES[0], noise=0.2)
+    code, _, err = run(capsys, *at(noisy, tmp_path / 'c.yaml', POSES[0]))
+    assert code == 1 and re.search(r'joint_1a .* limit 0\.1', err), err
+    assert run(capsys, *at(noisy, tmp_path / 'c.yaml', POSES[0], '--noise-limit', 0.3))[0] == 0
+
+
+@pytest.mark.parametrize('arguments', [
+    ('--pose', *POSES[0], '--jig-error', 0.1, '--seconds', 0.3), ('--motion',)])
+def test_a_calibration_of_six_with_one_missing_names_it(tmp_path, capsys, arguments):
+    log = record(tmp_path / 'five.log', POSES[0], 6, without={4})
+    code, _, err = run(capsys, '-p', 'source:=replay', '-p', f'replay.path:={log}', '-p',
+                       'sensors:=6', '-o', tmp_path / 'calibration.yaml', *arguments)
+    assert code == 1
+    assert 'joint_3b has no reading in ' in err and 'check the encoder, or give `sensors`' in err
+    assert not (tmp_path / 'calibration.yaml').exists()
