@@ -24,7 +24,6 @@ from spm_haptic_master.timing import Periodic
 from spm_haptic_master.view.arm import Arm
 from spm_haptic_master.view.page import Page
 from spm_haptic_master.view.server import in_url, serve
-from spm_haptic_master.view.status import Banner, Light
 
 # Periods of drawing and of looking for devices (s).
 TICK_PERIOD, FIND_PERIOD = 0.05, 0.5
@@ -41,8 +40,6 @@ TOPIC, TOPIC_TYPE = 'joint_states', 'sensor_msgs/msg/JointState'
 STATE_TOPIC = 'state'
 # Most devices in one picture.
 LARGEST_NUMBER = 8
-# What the page shows before the first device.
-NO_DEVICE = Banner(Light.GREY, 'no device found: is master running?', False)
 # Time for the first line (s).
 PRINT_TIMEOUT = 1.0
 
@@ -68,14 +65,12 @@ class View(ParameterNode):
         self._server = serve(values['view.host'], values['view.port'], values['view.hosts'],
                              self._report_refusal)
         self._page = Page(self._server)
-        self._page.show('', NO_DEVICE)
         host = self._server.get_host()
         shown = in_url({'0.0.0.0': '127.0.0.1', '::': '::1'}.get(host, host))
         self.url = f'http://{shown}:{self._server.get_port()}'
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         self._find()
-        if not done.done():
-            print_within(STANDARD_OUTPUT, f'view: {self.url}', PRINT_TIMEOUT)
+        print_within(STANDARD_OUTPUT, f'view: {self.url}', PRINT_TIMEOUT)
         self.create_timer(TICK_PERIOD, self._tick, clock=STEADY)
         self.create_timer(FIND_PERIOD, self._find, clock=STEADY)
         # Objects of the start are never collected: the rest takes a few milliseconds.
@@ -92,14 +87,11 @@ class View(ParameterNode):
 
     def _find(self) -> None:
         """Look for devices, and for the process that this one goes with."""
-        if self._process and not Path(f'/proc/{self._process}').exists() \
-                and not self._done.done():
+        if self._process and not Path(f'/proc/{self._process}').exists():
             self._done.set_result(None)
         own = self.get_namespace()
         for namespace in [own] if own != '/' else self._namespaces():
             if namespace not in self._arms and len(self._arms) < LARGEST_NUMBER:
-                if not self._arms:
-                    self._page.remove('')
                 self._arms[namespace] = Arm(
                     self, self._taker, self._page, namespace, len(self._arms))
                 self._page.aim(len(self._arms))

@@ -60,6 +60,8 @@ NEWS = 'window.spm.show('
 # scene); share of that distance by which it backs off for each further device (unit 1).
 CAMERAS = {'front': (1.15, -3.1, 1.85), 'side': (3.9, -0.01, 0.4), 'top': (0.0, -0.01, 4.1)}
 LOOK_AT, BACK_OFF = (0.0, 0.0, 0.88), 0.75
+# What the page shows before the first device.
+NO_DEVICE = Banner(Light.GREY, 'no device found: is master running?', False)
 # Text of a figure without a value.
 DASH = '\u2013'
 # Colours of all encoders, and of limits.
@@ -104,7 +106,7 @@ class Page:
 
     def __init__(self, server: ViserServer) -> None:
         self.server = server
-        # Banners and contents by the names of the devices; without a name it is the only one.
+        # Banners and contents by the names of the devices; the only one need not have a name.
         self.shown: dict[str, Banner] = {}
         self.content: dict[str, dict[str, Any]] = {}
         self.aim(1)
@@ -113,6 +115,7 @@ class Page:
             'lost': 'no news from view: the picture is old', 'dome': colour_bar(),
             'views': self.views, 'legend': LEGEND}
         self._run((FOLDER / 'page.js').read_text().replace('SETUP', json.dumps(setup)))
+        self.refresh()
 
     def aim(self, arms: int) -> None:
         """Have each view, and the first picture, show a number of devices in a row."""
@@ -131,17 +134,13 @@ class Page:
         self.content[name] = content(seen, entries)
         self.refresh()
 
-    def remove(self, name: str) -> None:
-        """Take a banner from the page."""
-        del self.shown[name]
-        self.refresh()
-
     def refresh(self) -> None:
         """Let the page know that this program is alive; call it every second."""
         devices = [{
             'name': name, 'content': self.content.get(name),
             'banner': (f'{name}: {banner.text}' if name else banner.text, banner.light.value,
-                       banner.alive)} for name, banner in self.shown.items()]
+                       banner.alive)}
+            for name, banner in (self.shown or {'': NO_DEVICE}).items()]
         # A text in JSON is one in a script, and so are its NaN and Infinity.
         self._run(f'{NEWS}{json.dumps({"devices": devices, "views": self.views})});')
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+from functools import partial
 from math import isfinite, nan, pi, tan
 
 import numpy as np
@@ -32,7 +33,7 @@ from spm_haptic_master.kinematics.mounting import IDENTITY
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.view import surfaces
 from spm_haptic_master.view.surfaces import rgb, wxyz
-from viser import BatchedMeshHandle, LineSegmentsHandle, SceneApi, ViserServer
+from viser import BatchedMeshHandle, LineSegmentsHandle, SceneApi
 
 # Units of the scene for a metre: the proximal links are 1 unit from O.
 SCALE = 1.0 / SIZE
@@ -74,7 +75,7 @@ MAP_STEP = 0.004
 
 
 class Dome:
-    """The dome of a device, below its root in the scene."""
+    """The dome of a device, below a frame of the scene, `root`."""
 
     def __init__(self, scene: SceneApi, root: str, geometry: Geometry,
                  working_mode: WorkingMode) -> None:
@@ -90,32 +91,24 @@ class Dome:
         self._points: deque[NDArray[np.float64]] = deque(maxlen=TRACE_POINTS)
         axes = self._map.axes
         self.tiles = surfaces.add(
-            scene, f'{root}/map', surfaces.two_sided(surfaces.polygon(TILE, 6)),
+            scene, f'{root}/map', surfaces.two_sided(surfaces.fan(TILE, 0.0, 6)),
             self._map.colours(0.0), axes, RADIUS * axes, opacity=OPACITY)
         self.singular = scene.add_point_cloud(
             f'{root}/singular', np.zeros((1, 3)), rgb([SINGULAR])[0], point_size=POINT,
-            point_shape='circle', point_shading='flat', precision='float32')
+            point_shape='circle', point_shading='flat', precision='float32', visible=False)
         rim = RADIUS * workspace_pose(HALF_ANGLE, np.linspace(0.0, 2.0 * pi, 97), 0.0)[..., 2]
         self.rim = line('rim', np.stack([rim[:-1], rim[1:]], axis=1), GREY)
         self.trace = line('trace', np.zeros((1, 2, 3)), TRACE)
-        self.pin = surfaces.add(scene, f'{root}/pin', surfaces.ball(PIN), rgb([TRACE]))
-
-    def show(self, visible: bool) -> None:
-        """Show or hide the dome."""
-        self.tiles.visible = self.trace.visible = self.rim.visible = visible
-        # `paint` shows where they are, and `move` where the handle is.
-        self.singular.visible = False
-        self.pin.visible = visible and len(self._points) > 0
+        self.pin = surfaces.add(scene, f'{root}/pin', surfaces.ball(PIN), rgb([TRACE]),
+                                visible=False)
 
     def move(self, axis: Sequence[float]) -> None:
         """Continue the trace of the handle's axis, a unit vector in the base frame."""
         point = RADIUS * np.asarray(axis)
-        self.pin.position = point
+        self.pin.position, self.pin.visible = point, True
         if self._points and np.abs(point - self._points[-1]).max() < TRACE_STEP:
             return
         self._points.append(point)
-        if self.trace.visible and not self.pin.visible:
-            self.pin.visible = True
         points = np.array(self._points)
         segments = np.stack([points[:-1], points[1:]], axis=1)
         segments = segments[np.isfinite(segments).all(axis=(1, 2))]
@@ -146,90 +139,78 @@ class Scene:
     `table` is the quaternion x, y, z, w of R_table_base, `sensors` the number of encoders.
     """
 
-    def __init__(self, server: ViserServer, number: int, geometry: Geometry,
+    def __init__(self, scene: SceneApi, number: int, geometry: Geometry,
                  working_mode: WorkingMode, table: Quaternion[float], sensors: int) -> None:
         # A mechanism that cannot be assembled there is refused.
         centre = mechanism_angles(tuple(workspace_pose(0.0, 0.0, 0.0).ravel().tolist()), geometry,
                                   working_mode)
-        self._scene, self._name = server.scene, f'/arm{number}'
-        self._alive: bool | None = None
         # Without a mounting the device is upright: its workspace is about the vertical.
         x, y, z, w = table
         place = np.array([ARM_DISTANCE * number, 0.0, 0.0])
-        self._root = self._scene.add_frame(
-            self._name, show_axes=False, position=place,
+        self._root = scene.add_frame(
+            f'/arm{number}', show_axes=False, position=place,
             wxyz=wxyz(_upright()) if table == IDENTITY else np.array([w, x, y, z]))
-        self._turns = LinkTurns(geometry)
-        # What turns grey, and its own colours.
-        self._coloured: list[tuple[BatchedMeshHandle, NDArray[np.uint8]]] = []
+        self._frame = scene.add_frame(f'{self._root.name}/platform', show_axes=False)
+        # Frames of what is beside the device: `show_rest` shows it.
+        self._rest = [scene.add_frame(f'{frame.name}/rest', show_axes=False, visible=False)
+                      for frame in (self._root, self._frame)]
+        fixed, turned, fixed_rest, turned_rest = (
+            frame.name for frame in (self._root, self._frame, *self._rest))
+        add = partial(surfaces.add, scene, scale=SCALE)
+        self._turns, shapes = LinkTurns(geometry), solids(geometry)
+        base = add(f'{fixed}/base', shapes['base'], rgb([css('base')]))
+        # Encoders have the colours of their states: first those on motors, then those on the third
+        # joints th3A, th3B, th3C.
+        self._motors = add(f'{fixed}/motors', cylinder(MOTOR_ENCODER), rgb([GREY] * len(LEGS)),
+                           geometry.base_axes)
+        thirds = geometry.platform_axes[:sensors - len(LEGS)]
+        self._others = add(f'{turned}/encoder', cylinder(THIRD_ENCODER),
+                           rgb([GREY] * len(thirds)), thirds)
         # Links of one shape, which one message turns: where they are in `LinkTurns.at`.
         self._batches: list[tuple[list[int], BatchedMeshHandle]] = []
-        # Colours of the encoders.
-        self._sensors = rgb([GREY] * sensors)
-        shapes = solids(geometry)
-        self._add('base', shapes['base'], [css('base')])
-        self._motors = self._add_encoders('motors', MOTOR_ENCODER, geometry.base_axes)
-        for number, (kind, spans) in enumerate(
-                {'proximal': geometry.alphas, 'distal': geometry.betas}.items()):
+        for first, kind, spans in ((0, 'proximal', geometry.alphas),
+                                   (len(LEGS), 'distal', geometry.betas)):
             for span in dict.fromkeys(spans):
                 legs = [k for k, each in enumerate(spans) if each == span]
                 link = f'{kind}_{LEGS[legs[0]]}'
-                handle = self._add(link, shapes[link], [css(f'leg_{LEGS[k]}') for k in legs])
-                self._batches.append(([3 * number + k for k in legs], handle))
+                self._batches.append(([first + k for k in legs], add(
+                    f'{fixed}/{link}', shapes[link], rgb([css(f'leg_{LEGS[k]}') for k in legs]))))
         pointer = cylinder(POINTER).turned(onto((1.0, 0.0, 0.0)))
         platform = together(shapes['platform'], Solid(
             pointer.vertices + (0.0, 0.0, SIZE * POINTER_AT), pointer.triangles))
-        self._frame = self._scene.add_frame(f'{self._name}/platform', show_axes=False)
-        self._add('platform/solid', platform, [css('platform')])
-        # Encoders on third joints: th3A, th3B, th3C.
-        thirds = geometry.platform_axes[:sensors - len(LEGS)]
-        self._others = self._add_encoders('platform/encoder', THIRD_ENCODER, thirds)
-        self._add('platform/axes', cylinder(AXIS), AXIS_COLOURS, np.eye(3))
+        # What turns grey, and its own colours.
+        self._coloured = [(handle, handle.batched_colors.copy()) for handle in (
+            base, *(links for _, links in self._batches),
+            add(f'{turned}/solid', platform, rgb([css('platform')])),
+            add(f'{turned}/axes', cylinder(AXIS), rgb(AXIS_COLOURS), np.eye(3)))]
         # To be scaled to the protection level.
         self.level = surfaces.add(
-            self._scene, f'{self._frame.name}/level',
-            surfaces.two_sided(surfaces.cone(RADIUS, LEVEL_CORNERS)), rgb([LEVEL]),
+            scene, f'{turned_rest}/level',
+            surfaces.two_sided(surfaces.fan(RADIUS, RADIUS, LEVEL_CORNERS)), rgb([LEVEL]),
             opacity=LEVEL_OPACITY, visible=False)
-        self.dome = Dome(self._scene, self._name, geometry, working_mode)
+        self.dome = Dome(scene, fixed_rest, geometry, working_mode)
         self.ghost = surfaces.add(
-            self._scene, f'{self._frame.name}/ghost', platform, rgb([GHOST]),
+            scene, f'{turned_rest}/ghost', platform, rgb([GHOST]),
             scale=GHOST_SCALE / SIZE, opacity=GHOST_OPACITY, visible=False)
         self.torques = [
-            surfaces.add(self._scene, f'{self._frame.name}/torque_{kind}', surfaces.ARROW,
-                         rgb([colour]), visible=False) for kind, colour in TORQUES.items()]
+            surfaces.add(scene, f'{turned}/torque_{kind}', surfaces.ARROW, rgb([colour]),
+                         visible=False) for kind, colour in TORQUES.items()]
         # It is in the scene's frame, whatever the mounting is.
         self._floor = surfaces.add(
-            self._scene, f'/floor{self._name}', surfaces.polygon(FLOOR_RADIUS, FLOOR_CORNERS),
+            scene, f'/floor{fixed}', surfaces.fan(FLOOR_RADIUS, 0.0, FLOOR_CORNERS),
             rgb([FLOOR]), places=place[None] + (0.0, 0.0, FLOOR_HEIGHT))
-        first = np.array(geometry.base_axes)
-        names = [
-            *((self._root, f'th{SHORT_NAMES[k]}', AT_1 * axis) for k, axis in enumerate(first)),
-            *((self._root, LEGS[k].upper(), OF_LEG * axis) for k, axis in enumerate(first)),
-            *((self._frame, f'th{SHORT_NAMES[3 + k]}', AT_3 * np.array(axis))
-              for k, axis in enumerate(thirds)),
-            (self._frame, 'handle', OF_HANDLE * np.array([0.0, 0.0, 1.0])),
-            (self._root, 'O', np.zeros(3))]
-        self.labels = [
-            self._scene.add_label(f'{parent.name}/label_{text}', text, position=at, visible=False,
-                                  anchor='center-center', font_screen_scale=1.0)
-            for parent, text, at in names]
-        self.show_rest(False)
+        axes = np.array(geometry.base_axes)
+        for parent, text, at in (
+                *((fixed_rest, f'th{SHORT_NAMES[k]}', AT_1 * axis) for k, axis in enumerate(axes)),
+                *((fixed_rest, LEGS[k].upper(), OF_LEG * axis) for k, axis in enumerate(axes)),
+                *((turned_rest, f'th{SHORT_NAMES[len(LEGS) + k]}', AT_3 * np.array(axis))
+                  for k, axis in enumerate(thirds)),
+                (turned_rest, 'handle', np.array([0.0, 0.0, OF_HANDLE])),
+                (fixed_rest, 'O', np.zeros(3))):
+            scene.add_label(f'{parent}/label_{text}', text, position=at, anchor='center-center',
+                            font_screen_scale=1.0)
         self.place(centre)
         self.set_alive(False)
-
-    def _add(self, path: str, solid: Solid, colours: Sequence[str],
-             axes: NDArray[np.float64] | None = None) -> BatchedMeshHandle:
-        """Add a solid once for each colour, grey while the device is not alive."""
-        handle = surfaces.add(self._scene, f'{self._name}/{path}', solid, rgb(colours), axes,
-                              scale=SCALE)
-        self._coloured.append((handle, rgb(colours)))
-        return handle
-
-    def _add_encoders(self, path: str, encoder: Sequence[float],
-                      axes: Sequence[Sequence[float]]) -> BatchedMeshHandle:
-        """Add encoders on some axes; they have the colours of their states, grey at first."""
-        return surfaces.add(self._scene, f'{self._name}/{path}', cylinder(encoder),
-                            rgb([GREY] * len(axes)), axes, scale=SCALE)
 
     def place(self, angles: Sequence[float]) -> None:
         """Turn the links to the angles of `joint_states`, rad."""
@@ -241,16 +222,13 @@ class Scene:
     def show_sensors(self, colours: Sequence[str]) -> None:
         """Give each encoder the colour of its state, as CSS has it: #rrggbb."""
         sensors = rgb(colours)
-        if not np.array_equal(sensors, self._sensors):
-            self._sensors = sensors
-            self._motors.batched_colors = sensors[:len(LEGS)]
-            self._others.batched_colors = sensors[len(LEGS):]
+        self._motors.batched_colors = sensors[:len(LEGS)]
+        self._others.batched_colors = sensors[len(LEGS):]
 
-    def show_rest(self, whole: bool) -> None:
-        """Show or hide what is beside the device."""
-        self.dome.show(whole)
-        for label in self.labels:
-            label.visible = whole
+    def show_rest(self) -> None:
+        """Show what is beside the device: dome, names, cone, and what three encoders report."""
+        for frame in self._rest:
+            frame.visible = True
 
     def show_level(self, level: float) -> None:
         """Show the cone of the protection level, rad, magnified; nan: none."""
@@ -277,9 +255,6 @@ class Scene:
 
     def set_alive(self, alive: bool) -> None:
         """Give the device its colours, or turn it grey: it does not show the present pose."""
-        if alive == self._alive:
-            return
-        self._alive = alive
         for handle, colours in self._coloured:
             handle.batched_colors = colours if alive else rgb([GREY] * len(colours))
         if not alive:

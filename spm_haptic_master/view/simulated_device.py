@@ -46,12 +46,11 @@ class Step(NamedTuple):
 
 
 class Story(NamedTuple):
-    """A sequence of steps, and its explanation."""
+    """A sequence of steps, and its explanation; it ends with the last step."""
 
     name: str
     words: str
     steps: tuple[Step, ...]
-    end: float  # when it ends, s
 
 
 class SimulatedDevice:
@@ -136,9 +135,7 @@ class SimulatedDevice:
         u, v, phi = place(*zxz_angles(*orientation))
         for slider, value, step in zip(
                 self.sliders, (hypot(u, v), atan2(v, u), phi), STEPS, strict=True):
-            shown = min(max(step * round(degrees(value) / step), slider.min), slider.max)
-            if shown != slider.value:
-                slider.value = shown
+            slider.value = min(max(step * round(degrees(value) / step), slider.min), slider.max)
 
     def add_fault(self, kind: str) -> None:
         """Ask for one more fault, beside those that are present."""
@@ -169,8 +166,6 @@ class SimulatedDevice:
                 self._fail(step.faults)
             if step.phi is not None:
                 self._steer(0.0, 0.0, radians(step.phi))
-        while self._now - began < story.end:
-            yield story.words
         self._steer()
 
     def _on_slider(self, event: GuiEvent[Any]) -> None:
@@ -217,7 +212,7 @@ def stories(sensors: int) -> tuple[Story, ...]:
               'Three encoders lose the handle at the singularity: the violet ghost is what they '
               f'would report. The device has {number} and goes through as if nothing were there.',
               (Step(0.0, SINGULAR - AWAY, ''), Step(3.0, SINGULAR), Step(6.0, SINGULAR + NEAR),
-               Step(10.0, SINGULAR + AWAY), Step(13.0, SINGULAR - AWAY)), 17.0),
+               Step(10.0, SINGULAR + AWAY), Step(13.0, SINGULAR - AWAY), Step(17.0))),
         Story('break th3A there',
               'Here th3A alone knows the self-rotation and no other encoder checks it: its chip '
               'is amber. It freezes, its own stillness gives it away, and the device is silent.'
@@ -225,11 +220,11 @@ def stories(sensors: int) -> tuple[Story, ...]:
               f'With {number} encoders the others check th3A even at the singularity. It freezes, '
               'is excluded, and the device continues without it.',
               (Step(0.0, SINGULAR, ''), Step(5.0, None, 'stuck:joint_3a'),
-               Step(7.0, SINGULAR - AWAY), Step(14.0, None, '')), 16.0),
+               Step(7.0, SINGULAR - AWAY), Step(14.0, None, ''), Step(16.0))),
         Story(f'unplug one of {number}',
               'With four encoders none may be missing: without th1B the device is silent. With '
               'six it continues: start it with -p sensors:=6.' if four else
               f'One of {number} encoders does not answer: its chip is black, and the state says '
               'so. The device continues with the others.',
-              (Step(0.0, None, ''), Step(2.0, None, 'dropout:joint_1b'), Step(9.0, None, '')),
-              11.0))
+              (Step(0.0, None, ''), Step(2.0, None, 'dropout:joint_1b'), Step(9.0, None, ''),
+               Step(11.0))))

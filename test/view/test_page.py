@@ -1,104 +1,203 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The page of all devices: which are on it, and what is there without any."""
+"""Figures, plots and the encoders' states: of what is known now, and a dash for all else."""
 
-import socket
+import json
+from math import isnan, nan, radians
 
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import WrenchStamped
 import numpy as np
 import pytest
+from recorded_text import assert_recorded
 from sensor_msgs.msg import JointState
-from spm_haptic_master.exceptions import InputError
+from shown_device import entry_of, GEOMETRY
+from spm_haptic_master.kinematics import mechanism_angles
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
-from spm_haptic_master.parameters.setting import complete
-from spm_haptic_master.ros.qos import STATE
-from std_msgs.msg import String
+from spm_haptic_master.view.page import content, DASH, Seen
+from spm_haptic_master.view.status import Banner, Light, SensorState, StatusEntries
+from std_msgs.msg import Float64MultiArray
 
-pytest.importorskip('viser', reason='viser is not installed (extra view)')
-status_module = pytest.importorskip('spm_haptic_master.view.status')
-page_module = pytest.importorskip('spm_haptic_master.view.page')
-server_module = pytest.importorskip('spm_haptic_master.view.server')
-ARM_DISTANCE = pytest.importorskip('spm_haptic_master.view.scene').ARM_DISTANCE
-
-
-def test_a_calibration_alone_is_a_device(view, observer):
-    out = observer.node.create_publisher(String, f'/left/{COVERAGE_TOPIC}', STATE)
-    out.publish(String(data='{"text": "turn it", "covered": {"precision": 0.4}}'))
-    view._server.get_clients = lambda: {0: None}
-    assert view.spin(lambda: view._page.content.get('left', {}).get('calibration'))
-    assert list(view._page.shown) == ['left']
+NAMES = ['1A', '1B', '1C', '3A', '3B', '3C']
+# Entries by name: level, message and values.
+CLEAR = {'diagnostics: singularity': (
+    DiagnosticStatus.OK, 'clear', {'warn below': '0.059', 'error below': '0.033'})}
+DRIVER = {'encoder_driver: encoders': (DiagnosticStatus.OK, 'publishing', {})}
 
 
-@pytest.mark.parametrize('arms', [1, 8])
-def test_all_arms_are_in_each_view(arms):
-    """On a page a fifth wider than high; a device is 1 in radius to each side."""
-    half = np.tan(0.5 * server_module.VIEW_ANGLE)
-    views = page_module.views(arms)
-    for name, at in (('front', (0.0, -1.0, 0.0)), ('side', (1.0, 0.0, 0.0)),
-                     ('top', (0.0, 0.0, 1.0))):
-        position, target = map(np.array, views[name])
-        ahead = (target - position) / np.linalg.norm(target - position)
-        assert ahead @ at < -0.8
-        right = np.cross(ahead, [0.0, 0.0, 1.0])
-        right /= np.linalg.norm(right)
-        for x in (-1.0, 1.0, ARM_DISTANCE * (arms - 1) - 1.0, ARM_DISTANCE * (arms - 1) + 1.0):
-            point = [x, 0.0, 0.7] - position
-            depth = point @ ahead
-            assert abs(point @ right) / depth < 1.2 * half
-            assert abs(point @ np.cross(right, ahead)) / depth < half
-    assert ARM_DISTANCE > 2.2
-
-
-def listening(port):
-    """Return a socket that has a port."""
-    made = socket.socket()
-    made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    made.bind(('127.0.0.1', port))
-    made.listen()
+def entries_of(entries, now=1.0):
+    """Return entries that came at 1 s."""
+    made = StatusEntries('')
+    for name, (level, message, values) in entries.items():
+        made.take(entry_of(name, message, level, values), 1.0)
+    made.now = now
     return made
 
 
-def test_the_next_free_port_is_taken_and_none_beyond_the_last():
-    with listening(28580):
-        assert server_module.free_port('127.0.0.1', 28580) == 28581
-    assert server_module.free_port('127.0.0.1', 28580) == 28580
-    with listening(65535), pytest.raises(InputError, match="'view.port' is 65535; expected a po"):
-        server_module.free_port('127.0.0.1', 65535)
-    with pytest.raises(InputError, match="'view.host' is '192.0.2.1'; expected an address of thi"):
-        server_module.free_port('192.0.2.1', 28580)
+def figures(entries=None, now=1.0, **known):
+    """Return what the page has of a device that is alive at the centre."""
+    return content(Seen(**{
+        'banner': Banner(Light.GREEN, 'healthy', True), 'sensors': 4, 'angles': [0.1] * 9,
+        'states': [SensorState.HEALTHY] * known.get('sensors', 4),
+        'orientation': (0.0, 0.0, 0.0, 1.0), 'dexterities': (0.15, 0.4)} | known),
+        entries_of(entries or {}, now))
 
 
-def test_a_page_says_that_there_is_no_device_until_there_are_some(view, observer):
-    """It knows that the program is alive, too; all devices are in its first picture."""
-    buffer = view._server._websock_server.get_message_buffer()
+# A device whose picture is of the past.
+SILENT = {'banner': Banner(Light.RED, 'silent: x', False)}
 
-    def news():
-        """Return the news that a page to come would have, by their number; one is its script."""
-        scripts = {number: message.source for number, message in buffer.message_from_id.items()
-                   if isinstance(message, page_module.RunJavascriptMessage)}
-        news = {number: source for number, source in scripts.items()
-                if source.startswith(page_module.NEWS)}
-        assert len(scripts) == len(news) + 1 and min(scripts) not in news
-        return news
 
-    first = news()
-    assert 'no device found' in ''.join(first.values())
-    assert view.spin(lambda: not first.keys() & news().keys())
-    # Not one more for each second that it runs.
-    assert len(news()) == 1
-    kept = [observer.node.create_publisher(kind, f'/{name}/{topic}', 1) for name in ('a', 'b')
-            for kind, topic in ((JointState, 'joint_states'), (String, 'state'))]
-    assert view.spin(lambda: {name: banner.text for name, banner in view._page.shown.items()}
-                     == dict.fromkeys('ab', 'waiting for fkm'))
-    assert 'a: waiting for fkm' in ''.join(news().values())
-    camera = view._server.initial_camera
-    np.testing.assert_allclose((camera.position, camera.look_at), page_module.views(2)['front'])
-    for arm in view._arms.values():
-        arm._query.take(complete(status_module.SETTINGS, {}))
-    here, there = (arm._scene._root.position for arm in view._arms.values())
-    np.testing.assert_allclose(there - here, [ARM_DISTANCE, 0.0, 0.0])
-    assert len(kept) == 4
-    # It ends with the process that it goes with.
-    assert not view.has_ended()
-    view._process = 2 ** 22 + 1
-    assert view.spin(view.has_ended)
+def rows(found):
+    return {name: text for name, text, *_ in found['rows']}
+
+
+@pytest.mark.parametrize(('known', 'words', 'warns'), [
+    ({}, 'Three encoders determine this pose. With four they check', False),
+    ({'dexterities': (0.01, 0.059)}, 'three encoders do not determine this pose; four do', True),
+    ({'dexterities': (0.001, 0.002)}, 'Not even four encoders', True),
+    ({'dexterities': None}, DASH, False),
+    ({'sensors': 6, 'states': [SensorState.MISSING, *[SensorState.HEALTHY] * 5]},
+     'With five they check', False),
+    ({'sensors': 6, 'states': [SensorState.EXCLUDED, *[SensorState.HEALTHY] * 5]},
+     'With five they check', False),
+    ({'ghost': radians(3.1)}, 'wrong side', True),
+    ({'ghost': radians(2.9)}, 'Three encoders determine', False),
+    (SILENT, 'not the present pose', True),
+    # Limits are those of the node diagnostics, while it runs.
+    ({'now': 10.0}, DASH, False),
+    ({'story': 'Watch.'} | SILENT, 'Watch.', False)])
+def test_a_sentence_says_which_encoders_determine_the_pose(known, words, warns):
+    found = figures(CLEAR, **known)
+    assert words in found['note'] and found['warns'] == warns
+
+
+@pytest.mark.parametrize(('dexterities', 'colours'), [
+    ((0.01, 0.05), (Light.RED, Light.AMBER)), ((0.033, 0.059), (Light.AMBER, Light.GREEN)),
+    ((nan, 0.4), (Light.GREY, Light.GREEN)), (None, (Light.GREY, Light.GREY))])
+def test_the_bars_of_the_dexterity(dexterities, colours):
+    """Full at 0.2; grey where the value or its limits are not known."""
+    for entries, expected in ((CLEAR, colours), ({}, (Light.GREY, Light.GREY))):
+        found = [row for row in figures(entries, dexterities=dexterities)['rows'] if len(row) > 2]
+        assert [colour for *_, colour in found] == [light.value for light in expected]
+        for value, (_, text, share, _) in zip(dexterities or (nan, nan), found, strict=True):
+            assert (text, share) == ((DASH, 0.0) if value != value else (
+                f'{value:.3f}', pytest.approx(value / 0.2)))
+
+
+@pytest.mark.parametrize('sensors', [4, 5, 6])
+def test_every_sensor_has_a_chip_and_a_line_in_the_plots(sensors):
+    found = figures(CLEAR, sensors=sensors, alert_limit=1.0, ghost=radians(2.5))
+    assert found['chips'] == [
+        (name, f'joint_{name.lower()}: healthy', SensorState.HEALTHY.colour)
+        for name in NAMES[:sensors]]
+    assert rows(found)['three encoders'] == '2.50\u00b0 off'
+    plots = {plot['key']: plot for plot in found['plots']}
+    assert [name for name, *_ in plots['angles']['series']] == NAMES[:sensors]
+    # One colour a leg: th1 and th3 of a leg differ by the dash.
+    colours = {name: (colour, dashed) for name, colour, dashed in plots['angles']['series']}
+    assert colours['1A'][0] == colours['3A'][0] != colours['1B'][0]
+    assert not colours['1A'][1] and colours['3A'][1]
+    values = found['sample']['values']
+    assert {key: len(value) for key, value in values.items()} \
+        == {key: len(plot['series']) for key, plot in plots.items()}
+    assert values['ghost'] == [pytest.approx(2.5)]
+    assert {key: [value for value, _ in plot['limits']] for key, plot in plots.items()
+            if plot['limits']} == {'dexterity': [0.059, 0.033], 'level': [1.0]}
+    assert not any(plot['limits'] for plot in figures()['plots'])
+
+
+def test_the_rows_stay_where_they_are_whatever_is_known():
+    """Also of a silent device, whose figures of an orientation are dashes."""
+    entries = DRIVER | {
+        'fkm: orientation': (DiagnosticStatus.OK, 'healthy', {
+            'parity (sigma)': '0.5', 'protection level (deg)': '0.3', 'caution': 'x <b>'}),
+        'fkm: timing': (DiagnosticStatus.OK, 'in time', {
+            'orientation rate (Hz)': '1000', 'latency p50 (us)': '130',
+            'latency p99 (us)': '300'})}
+    alive, nothing = rows(figures(entries, force='ready', source='sim')), rows(figures(**SILENT))
+    assert alive == nothing | {
+        'source': 'sim', 'encoders': 'publishing', 'force': 'ready', 'caution': 'x <b>',
+        'orientation': '\u03c8 0.00\u00b0, \u03b8 0.00\u00b0, \u03c6 0.00\u00b0',
+        'protection level': '0.30\u00b0', 'parity': '0.5 sigma', 'rate': '1000 Hz',
+        'dexterity of 3': '0.150', 'dexterity of 4': '0.400',
+        'latency': 'p50 130 us, p99 300 us'}
+    assert {text for name, text in nothing.items() if name not in ('source', 'picture')} == {DASH}
+    silent = figures(entries, **SILENT)
+    assert list(rows(silent)) == list(alive) and rows(silent)['parity'] == DASH
+    assert rows(silent)['encoders'] == 'publishing'
+    assert isnan(silent['sample']['values']['level'][0])
+
+
+def test_the_plot_of_a_joint_without_a_reading_has_a_gap():
+    """The angle that follows from the orientation is no reading of its encoder."""
+    values = figures({'encoder_driver: encoders': (DiagnosticStatus.OK, 'publishing', {
+        'joints missing': 'joint_1b, joint_3c'})}, sensors=6)['sample']['values']['angles']
+    assert [isnan(value) for value in values] == [False, True, False, False, False, True]
+
+# Fields of a message that differ from run to run.
+UNLIKE = 'order', 'uuid', 'container_uuid', 'run_id'
+
+
+def in_words(value):
+    """Return a value of a message as text, of an array its shape and four figures."""
+    if isinstance(value, np.ndarray):
+        flat = value.astype(float).ravel()
+        rise = flat @ np.arange(len(flat)) / len(flat)
+        return f'{value.shape} {flat.mean():.5g} {flat.std():.5g} {flat[-1]:.5g} {rise:.5g}'
+    if isinstance(value, dict):
+        return ' '.join(f'{name}: {in_words(each)}' for name, each in value.items())
+    if hasattr(value, '__dataclass_fields__'):
+        return in_words({name: each for name, each in vars(value).items()
+                         if name not in UNLIKE and not name.startswith('_')})
+    return str(value)
+
+
+def sent(server):
+    """Return all that a page to come is sent, one line a message."""
+    lines = []
+    for message in server._websock_server.get_message_buffer().message_from_id.values():
+        _, call, setup = getattr(message, 'source', '').rpartition('})(')
+        if call:
+            # Of the page's own script, what it is called with; not its style.
+            message = json.loads(setup.rpartition(')')[0])
+            del message['css']
+        lines.append(f'{type(message).__name__} {in_words(message)}')
+    return lines
+
+
+def test_a_page_is_sent_what_is_recorded(serve, shown, monkeypatch):
+    """Device, dome, panel and figures of a simulated device that is healthy, then silent."""
+    server = shown.server = serve(names='recorded')
+    monkeypatch.setattr(server, 'get_clients', lambda: {0: None})
+    shown.begin(source='sim', sensors=6, alert_limit_deg=2.0)
+    shown.say('force_state', 'engaged')
+    shown.say(COVERAGE_TOPIC, '{"text": "turn it", "covered": {"tilt": 0.4, "turn": 1.0}}')
+
+    def healthy():
+        R = shown.pose(0.2, 1.0 + 0.1 * (shown.now - 1000.0), 0.8)
+        shown.entry('fkm: orientation', 'healthy', **{
+            'protection level (deg)': '0.5', 'parity (sigma)': '1.2', 'caution': 'slow',
+            **{f'{name} unchecked (s)': str(0.3 * k) for k, name in enumerate(ALL_JOINT_NAMES)}})
+        shown.entry('fkm: timing', 'in time', **{
+            'orientation rate (Hz)': '999', 'latency p50 (us)': '130', 'latency p99 (us)': '300'})
+        shown.entry('diagnostics: singularity', 'clear', **{
+            'warn below': '0.059', 'error below': '0.033'})
+        shown.entry('encoder_driver: encoders', 'publishing', **{'joints missing': 'joint_3c'})
+        shown.newest['/dexterity'] = Float64MultiArray(data=(0.05, 0.4))
+        angles = np.array(mechanism_angles(tuple(R.ravel()), GEOMETRY))[[0, 3, 6, 2]]
+        readings = JointState(name=list(JOINT_NAMES), position=angles + (0.01, 0.0, 0.0, 0.0))
+        readings.header.stamp.sec = shown._samples
+        shown.newest['/readings'] = readings
+        for name, size in (('servo', 0.2), ('measured', 0.1)):
+            message = WrenchStamped()
+            message.wrench.torque.y = size
+            shown.newest[f'/body/{name}_cf'] = message
+
+    shown.run(5.0, healthy)
+    first = sent(server)
+    shown.say('state', 'silent: joint_1b stuck')
+    shown.run(0.5)
+    changed = [line for line in sent(server) if line not in first]
+    assert_recorded('page.txt', '\n'.join([*first, 'silent', *changed]))

@@ -5,18 +5,17 @@
 
 import socket
 
+import msgspec
 import pytest
 from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import SpmError
 from spm_haptic_master.nodes.simulation_control import FAULT_TOPIC, STEER_TOPIC
 from spm_haptic_master.ros.qos import STATE
+from spm_haptic_master.view import node as view_node
+from spm_haptic_master.view import server as server_module
 from std_msgs.msg import Float64MultiArray, String
-
-viser = pytest.importorskip('viser', reason='viser is not installed (extra view)')
-msgspec = pytest.importorskip('msgspec')
-client = pytest.importorskip('websockets.sync.client')
-server_module = pytest.importorskip('spm_haptic_master.view.server')
-view_node = pytest.importorskip('spm_haptic_master.view.node')
+import viser
+from websockets.sync import client
 
 PATIENCE = 20.0
 UPGRADE = ('Upgrade: websocket', 'Connection: Upgrade', 'Sec-WebSocket-Version: 13',
