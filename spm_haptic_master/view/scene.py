@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from functools import partial
-from math import isfinite, nan, pi, tan
+from math import isfinite, pi, tan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,8 +70,6 @@ SINGULAR, POINT, ABOVE = '#460014', 0.022, 1.004
 TRACE, LINE = '#141414', 2.0
 # Points of the trace, and least distance of two of them (unit of the scene).
 TRACE_POINTS, TRACE_STEP = 300, 0.004
-# Least change of the self-rotation after which the map is painted again (rad).
-MAP_STEP = 0.004
 
 
 class Dome:
@@ -86,8 +84,6 @@ class Dome:
                                            thickness=LINE, thickness_units='screen')
 
         self._map = WorkspaceMap(geometry, working_mode)
-        # Self-rotation for which the map is painted (rad); nan before it is.
-        self._phi = nan
         self._points: deque[NDArray[np.float64]] = deque(maxlen=TRACE_POINTS)
         axes = self._map.axes
         self.tiles = surfaces.add(
@@ -121,10 +117,7 @@ class Dome:
             self._points.append(np.full(3, np.nan))
 
     def paint(self, phi: float) -> None:
-        """Paint the map for a self-rotation, rad, if that has changed."""
-        if abs(phi - self._phi) < MAP_STEP:
-            return
-        self._phi = phi
+        """Paint the map for a self-rotation, rad."""
         self.tiles.batched_colors = self._map.colours(phi)
         points = ABOVE * RADIUS * self._map.singular_axes(phi)
         self.singular.visible = len(points) > 0

@@ -16,7 +16,6 @@ from sensor_msgs.msg import JointState
 from shown_device import GEOMETRY, TICK, turn_of
 from spm_haptic_master.kinematics import dexterity, mechanism_angles, workspace_pose
 from spm_haptic_master.kinematics.joints import (
-    ALL_JOINT_NAMES,
     JOINT_NAMES,
     MECHANISM_JOINT_NAMES,
 )
@@ -24,7 +23,7 @@ from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
 from spm_haptic_master.view.arm import DEVICE_ALONE
 from spm_haptic_master.view.page import LIMIT
 from spm_haptic_master.view.scene import RADIUS
-from spm_haptic_master.view.status import Light, SensorState
+from spm_haptic_master.view.status import Light
 from std_msgs.msg import Float64MultiArray
 
 # Time after which all of the picture is there (s).
@@ -210,24 +209,6 @@ def test_the_device_comes_before_what_is_beside_it(shown):
     assert not shown.scene.level.visible
 
 
-@pytest.mark.parametrize('after', [0.0, 1.0])
-def test_the_map_of_a_silent_device_is_that_of_its_last_pose(shown, after):
-    """Also where the silence comes before the map; without a pose, no point is shown."""
-    scene = shown.begin().scene
-    shown.run(after, lambda: shown.pose(phi=0.6))
-    shown.say('state', 'silent: no joint samples')
-    shown.run(WHOLE + TICK)
-    assert scene.dome.tiles.visible
-    if after:
-        colours = scene.dome._map.colours(0.6)
-        np.testing.assert_array_equal(scene.dome.tiles.batched_colors, colours)
-        # Just outside the map.
-        axes = scene.dome._map.singular_axes(0.6)
-        np.testing.assert_allclose(scene.dome.singular.points, 1.01 * RADIUS * axes, rtol=0.009)
-        assert len(axes) > 1
-    assert scene.dome.singular.visible == scene.dome.pin.visible == bool(after)
-
-
 @pytest.mark.parametrize(('rate', 'least', 'most'), [(60.0, 57.0, 63.0), (500.0, 57.0, 84.0)])
 def test_every_pose_at_60_hz_is_drawn_and_no_faster_than_is_seen(shown, rate, least, most):
     shown.begin()
@@ -281,28 +262,6 @@ def test_the_arrows_of_torques_and_the_state_of_the_force_feedback(shown):
     assert not shown.sampled
 
 
-def test_each_encoder_has_the_colour_of_its_state(shown):
-    """In a silence, too: there it matters which one it is."""
-    scene = shown.begin(sensors=6).scene
-    figures = {f'{name} unchecked (s)': '0.0' for name in ALL_JOINT_NAMES}
-
-    def expect(**states):
-        found = [f'#{bytes(each.tolist()).hex()}' for handle in (scene._motors, scene._others)
-                 for each in handle.batched_colors]
-        assert found == [states.get(name, SensorState.HEALTHY).colour for name in ALL_JOINT_NAMES]
-
-    shown.run(1.0, lambda: shown.fkm(**figures))
-    expect()
-    figures['joint_3a unchecked (s)'] = '4.0'
-    shown.run(1.0, lambda: shown.fkm(**figures))
-    expect(joint_3a=SensorState.UNCHECKED)
-    shown.say('state', 'silent: joint_1b stuck')
-    shown.run(1.0, lambda: shown.entry('fkm: orientation', 'silent', **figures))
-    expect(joint_3a=SensorState.UNCHECKED, joint_1b=SensorState.EXCLUDED)
-    assert list(dict.fromkeys(shown.happened))[6:] == [
-        'th3A not checked by the others', 'th1B faulty, excluded']
-
-
 def test_a_calibration_is_shown_until_it_ends(shown):
     """A killed program leaves no last word; words of another program are none."""
     shown.begin()
@@ -321,19 +280,3 @@ def test_a_calibration_is_shown_until_it_ends(shown):
     shown.calibrates = False
     shown.run(0.5)
     assert shown.content['calibration'] is None
-
-
-def test_the_ghost_is_over_a_device_that_is_alive(shown):
-    ghost, turn = shown.begin().scene.ghost, (0.0, 0.0, 0.1, 0.99 ** 0.5)
-
-    def three():
-        shown.fkm()
-        shown.arm._ghost.turn = turn
-
-    shown.run(1.0, three)
-    assert ghost.visible
-    np.testing.assert_allclose(ghost.wxyz, [0.99 ** 0.5, 0.0, 0.0, 0.1])
-    assert shown.rows['three encoders'] == '11.48\u00b0 off'
-    shown.say('state', 'silent: no joint samples')
-    shown.run(0.5)
-    assert not ghost.visible

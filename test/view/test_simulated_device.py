@@ -124,14 +124,3 @@ def test_the_stories_lead_to_the_singularity_and_across_it():
     for story in (cross, broken, unplugged):
         times = [step.at for step in story.steps]
         assert times[0] == 0.0 and all(1.9 < each < 8.0 for each in np.diff(times))
-
-
-def test_a_story_that_begins_as_another_one_ends_is_played(shown):
-    """Its button is pressed in another thread than the ticks are in."""
-    shown.begin(source='sim')
-    one, other, _ = stories(4)
-    simulation = shown.arm.simulation
-    simulation._steer = lambda *pose: pose or simulation._play(other, None)
-    shown.operate(one.name)
-    shown.run(one.steps[-1].at + 1.0, shown.pose, 0.2)
-    assert shown.content['note'] == other.words
