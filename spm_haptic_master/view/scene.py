@@ -134,15 +134,15 @@ class Scene:
 
     def __init__(self, scene: SceneApi, number: int, geometry: Geometry,
                  working_mode: WorkingMode, table: Quaternion[float], sensors: int) -> None:
+        centre = workspace_pose(0.0, 0.0, 0.0)
         # A mechanism that cannot be assembled there is refused.
-        centre = mechanism_angles(tuple(workspace_pose(0.0, 0.0, 0.0).ravel().tolist()), geometry,
-                                  working_mode)
-        # Without a mounting the device is upright: its workspace is about the vertical.
+        angles = mechanism_angles(tuple(centre.ravel().tolist()), geometry, working_mode)
+        # Without a mounting the device is upright: the axis of its workspace is vertical.
         x, y, z, w = table
         place = np.array([ARM_DISTANCE * number, 0.0, 0.0])
         self._root = scene.add_frame(
             f'/arm{number}', show_axes=False, position=place,
-            wxyz=wxyz(_upright()) if table == IDENTITY else np.array([w, x, y, z]))
+            wxyz=wxyz(centre.T) if table == IDENTITY else np.array([w, x, y, z]))
         self._frame = scene.add_frame(f'{self._root.name}/platform', show_axes=False)
         # Frames of what is beside the device: `show_rest` shows it.
         self._rest = [scene.add_frame(f'{frame.name}/rest', show_axes=False, visible=False)
@@ -202,7 +202,7 @@ class Scene:
                 (fixed_rest, 'O', np.zeros(3))):
             scene.add_label(f'{parent}/label_{text}', text, position=at, anchor='center-center',
                             font_screen_scale=1.0)
-        self.place(centre)
+        self.place(angles)
         self.set_alive(False)
 
     def place(self, angles: Sequence[float]) -> None:
@@ -257,12 +257,3 @@ class Scene:
         """Take the device out of the scene."""
         self._root.remove()
         self._floor.remove()
-
-
-def _upright() -> NDArray[np.float64]:
-    """Return the matrix that takes (1, 1, 1) to the vertical, with leg A at the back."""
-    up = np.ones(3) / np.sqrt(3.0)
-    back = np.array([0.0, 0.0, 1.0]) - up[2] * up
-    back /= np.linalg.norm(back)
-    # Rows: the scene's x, y, z in the base frame.
-    return np.stack([np.cross(back, up), back, up])
