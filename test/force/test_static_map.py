@@ -8,7 +8,7 @@ import math
 from built_mechanism import random_built
 import numpy as np
 import pytest
-from spm_haptic_master.force import ForceLimits, Gravity, identify_gravity, render
+from spm_haptic_master.force import ForceLimits, identify_gravity, render
 from spm_haptic_master.force.gravity import Weight
 from spm_haptic_master.force.rendering import make_statics
 from spm_haptic_master.kinematics import Geometry, inverse, jacobian, workspace_pose
@@ -132,9 +132,3 @@ def test_poses_that_are_all_alike_identify_nothing():
         identify_gravity(R, np.zeros((12, 3)))
     with pytest.raises(ValueError, match='as many of each'):
         identify_gravity(R, np.zeros((11, 3)))
-
-
-def test_no_mass_needs_no_torque():
-    statics = make_statics(Geometry(), (1, 1, 1), 3, ForceLimits())
-    statics.place(tuple(np.ravel(drawn_poses(4, 8)[0]).tolist()))
-    assert Weight(Gravity(), statics).torque() == (0.0, 0.0, 0.0)
