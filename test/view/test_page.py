@@ -114,7 +114,7 @@ def test_a_page_is_sent_what_is_recorded(serve, shown, monkeypatch):
     """Device, dome, panel and figures of a simulated device that is healthy, then silent."""
     server = shown.server = serve(names='recorded')
     monkeypatch.setattr(server, 'get_clients', lambda: {0: None})
-    shown.begin(source='sim', sensors=6, alert_limit_deg=2.0)
+    shown.begin(source='sim', sensors=5, alert_limit_deg=2.0)
     shown.say('force_state', 'engaged')
     shown.say(COVERAGE_TOPIC, '{"text": "turn it", "covered": {"tilt": 0.4, "turn": 1.0}}')
 
@@ -127,7 +127,7 @@ def test_a_page_is_sent_what_is_recorded(serve, shown, monkeypatch):
             'orientation rate (Hz)': '999', 'latency p50 (us)': '130', 'latency p99 (us)': '300'})
         shown.entry('diagnostics: singularity', 'clear', **{
             'warn below': '0.059', 'error below': '0.033'})
-        shown.entry('encoder_driver: encoders', 'publishing', **{'joints missing': 'joint_3c'})
+        shown.entry('encoder_driver: encoders', 'publishing', **{'joints missing': 'joint_3b'})
         shown.newest['/dexterity'] = Float64MultiArray(data=(0.05, 0.4))
         angles = np.array(mechanism_angles(tuple(R.ravel()), GEOMETRY))[[0, 3, 6, 2]]
         readings = JointState(name=list(JOINT_NAMES), position=angles + (0.01, 0.0, 0.0, 0.0))
