@@ -47,20 +47,12 @@ def test_all_arms_are_in_each_view(arms):
     assert ARM_DISTANCE > 2.2
 
 
-def listening(port):
-    """Return a socket that has a port."""
-    made = socket.socket()
-    made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    made.bind(('127.0.0.1', port))
-    made.listen()
-    return made
-
-
 def test_the_next_free_port_is_taken_and_none_beyond_the_last():
-    with listening(28580):
+    with socket.create_server(('127.0.0.1', 28580)):
         assert free_port('127.0.0.1', 28580) == 28581
     assert free_port('127.0.0.1', 28580) == 28580
-    with listening(65535), pytest.raises(InputError, match="'view.port' is 65535; expected a po"):
+    with socket.create_server(('127.0.0.1', 65535)), pytest.raises(
+            InputError, match="'view.port' is 65535; expected a port that is free"):
         free_port('127.0.0.1', 65535)
     with pytest.raises(InputError, match="'view.host' is '192.0.2.1'; expected an address of thi"):
         free_port('192.0.2.1', 28580)
