@@ -186,26 +186,25 @@ class Drives:
             for drive in self._drives:
                 self._send(canopen.nmt(canopen.NMT_START, drive.own.node_id))
         asked, self._sends, self._operate = self._now, True, state is State.ENABLED
-        while waiting := [drive for drive in self._drives
-                          if drive.status_at <= asked or drive.state is not state]:
-            if self._now - asked > ENABLE_TIMEOUT:
+        while True:
+            waiting = [drive for drive in self._drives
+                       if drive.status_at <= asked or drive.state is not state]
+            if waiting and self._now - asked > ENABLE_TIMEOUT:
                 drive = waiting[0]
                 shown = 'no status frame' if drive.status_at <= asked else drive.state.value
                 cause = f' ({drive.emergency})' if drive.emergency else ''
                 raise SetupError(f'{drive.own.name}: {shown} {ENABLE_TIMEOUT:g} s after its '
                                  f'start{cause}; expected {state.value}')
-            self._check(state)
+            # It may have another mode or torque on its way to enabled.
+            for drive in self._drives:
+                if state is State.ENABLED and (found := drive.refusal(True)):
+                    raise SetupError(f'{drive.own.name}: {found}')
+            if not waiting:
+                break
             yield
-        self._check(state)
         # What the pause has caused is over.
         for drive in self._drives:
             drive.restart()
-
-    def _check(self, state: State) -> None:
-        """Raise SetupError if a drive has another mode or torque on its way to enabled."""
-        for drive in self._drives:
-            if state is State.ENABLED and (found := drive.refusal(True)):
-                raise SetupError(f'{drive.own.name}: {found}')
 
     def _fail(self, text: str) -> None:
         """Latch a fault: the first one is the reason of those that follow."""

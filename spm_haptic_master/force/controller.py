@@ -158,8 +158,7 @@ class ForceController:
             # The usual case: nothing is in the way.
             obstacle = None
         else:
-            obstacle = obstacles.take(
-                sample, self._motion.is_missing, generated, clutched)
+            obstacle = obstacles.take(sample, self._motion.is_missing, generated)
             if obstacle is not None or state is not ENGAGED or clutched:
                 self._change(sample, obstacle, dt)
                 state = self._state

@@ -155,13 +155,12 @@ class Obstacles:
         """Count small wrenches from the next message on."""
         self._count = 0
 
-    def take(self, sample: ForceSample, angle_missing: bool, energy_generated: bool,
-             clutched: bool) -> Reason | None:
+    def take(self, sample: ForceSample, angle_missing: bool,
+             energy_generated: bool) -> Reason | None:
         """
         Return the first obstacle: those that latch precede the others.
 
-        `energy_generated` is whether the energy has left the wrench without use for too long,
-        `clutched` whether no wrench is rendered: it may be old.
+        `energy_generated` is whether the energy has left the wrench without use for too long.
         """
         limits, velocity = self._limits, sample.velocity
         wrench = NO_WRENCH if sample.wrench is None else sample.wrench
@@ -179,7 +178,8 @@ class Obstacles:
             (Reason.DRIVES_OFF, sample.drives is Drives.OFF),
             (Reason.DISENGAGED, not sample.engaged),
             (Reason.ABSENT, not sample.present),
-            (Reason.STALE, not clutched and self._is_old(wrench, sample.stamp)),
+            # With the clutch pressed no wrench is rendered: it may be old.
+            (Reason.STALE, not sample.clutched and self._is_old(wrench, sample.stamp)),
         ) if is_found), None)
 
     def may_begin(self, wrench: Wrench | None, stamp: int) -> bool:
