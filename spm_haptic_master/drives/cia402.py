@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The profile of drives, CiA 402: objects, states, and the controlword that leads on from each."""
+"""The profile of drives, CiA 402: objects, states, and the controlword of each next transition."""
 
 from __future__ import annotations
 

@@ -22,9 +22,9 @@ from spm_haptic_master.parameters.setting import Values
 
 # Time between two attempts to open the bus (s).
 REOPEN = 1.0
-# Most frames read in one step: what waits beyond them is read in the next.
+# Largest number of frames read in one step; the rest waits for the next one.
 FRAMES_AT_ONCE = 500
-# Samples for which the reset of a fault is on, and off again: it counts by its edge.
+# Samples for which the reset of a fault is on, then off: drives act on its edge.
 RESET_SAMPLES = 8
 # Time in which a drive has to disable its motor after the last frame, against the configured one
 # (unit 1): its own grid of time, and the frames on their way.
@@ -125,7 +125,7 @@ class Drives:
             self._close_bus(self._bus)
 
     def _starts(self, start_up: Steps) -> bool:
-        """Take the start-up one step further; return whether it goes on."""
+        """Advance the start-up by one step; return whether it continues."""
         try:
             next(start_up)
         except StopIteration:

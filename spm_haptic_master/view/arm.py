@@ -58,15 +58,15 @@ from std_msgs.msg import Float64MultiArray, String
 SETTINGS = (*GEOMETRY_SETTINGS, WORKING_MODE_SETTING, *MOUNTING_SETTINGS, SENSORS_SETTING,
             *(setting for setting in FKM_SETTINGS if setting.name == 'alert_limit_deg'))
 ASK_PERIOD = 1.0
-# Least time between two drawings of the joints (s): what comes faster is not seen.
+# Shortest time between two drawings of the joints (s): nobody sees faster ones.
 LEAST_PERIOD = 0.012
 # Periods of the map, of the trace and of the figures (s).
 MAP_PERIOD, TRACE_PERIOD, FIGURES_PERIOD = 0.8, 0.1, 0.25
-# Time for which the first page has the device without map, trace, cones and plots (s): a browser
-# without a GPU takes a second for these, and the device would wait for that.
+# Time for which the first page has the device without dome, names and cones (s): a browser without
+# a GPU takes a second for these, and the device would wait for that.
 DEVICE_ALONE = 3.0
-# Topics of the torques commanded and rendered, in the handle's frame; time after which a torque
-# without a new message is over (s).
+# Topics of the torques commanded and rendered, in the handle's frame; time without a message after
+# which a torque ends (s).
 TORQUE_TOPICS, TORQUE_TIMEOUT = ('body/servo_cf', 'body/measured_cf'), 0.25
 NO_TORQUE = 0.0, 0.0, 0.0
 
@@ -75,8 +75,8 @@ class Arm:
     """
     One device: the topics of a namespace, '/' or '/NAME', and its number in the scene.
 
-    `node` subscribes and publishes for it; `taker`, a node of no executor, has the topics whose
-    newest message is taken when it is drawn.
+    `node` subscribes and publishes for it; `taker`, a node without an executor, has the topics of
+    which only the newest message is taken, when it is drawn.
     """
 
     def __init__(self, node: Node, taker: Node, page: Page, namespace: str,
@@ -92,7 +92,7 @@ class Arm:
         self._stamp: int | None = None  # of the latest joint angles, ns
         now = time.monotonic()
         self._age = SampleAge()
-        # Since when a page has the device (s, monotonic).
+        # Time since which a page shows the device (s, monotonic).
         self._seen_since = now
         self._joints, self._trace = Periodic(LEAST_PERIOD), Periodic(TRACE_PERIOD)
         self._map, self._figures = Periodic(MAP_PERIOD), Periodic(FIGURES_PERIOD)
@@ -166,7 +166,7 @@ class Arm:
         self._entries.take(entry, time.monotonic())
 
     def _on_settings(self, future: Future) -> None:
-        """Take the answer of fkm; what cannot be drawn is of another version, or asked again."""
+        """Take the answer of fkm; ignore settings that cannot be drawn."""
         answers = map(parameter_value_to_python, future.result().values)
         given = {setting.name: value for setting, value in zip(SETTINGS, answers, strict=False)
                  if value is not None}
@@ -201,7 +201,7 @@ class Arm:
         watched = bool(self._server.get_clients())
         seen, scene, alive = self.seen, self._scene, self.seen.banner.alive
         if scene is not None and not (watched and alive):
-            # The trace must not join before and after.
+            # The trace must not bridge the gap.
             scene.dome.break_trace()
         if scene is None or not watched:
             self._seen_since = now
@@ -217,7 +217,7 @@ class Arm:
             self._show_figures(now)
 
     def _take_samples(self, now: float, watched: bool) -> None:
-        """Take the newest messages; subscribe only while somebody looks."""
+        """Take the newest messages; subscribe only while a page is open."""
         for topic in (self._dexterity, self._readings, *self._wrenches):
             if watched:
                 topic.subscribe()
@@ -262,7 +262,7 @@ class Arm:
         seen.pace = self._drawn / max(now - self._shown_at, FIGURES_PERIOD)
         self._drawn, self._shown_at = 0, now
         if not self._node.count_publishers(self._name(COVERAGE_TOPIC)):
-            seen.calibration = None  # its program has ended without a last word
+            seen.calibration = None  # its program has ended
         if self._scene is not None:
             self._scene.show_sensors([state.colour for state in seen.states])
         self._page.show_content(self._title, seen, self._entries)

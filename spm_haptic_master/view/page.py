@@ -5,8 +5,8 @@
 The page beside the picture: banners, figures, plots and events of each device, and the views.
 
 Banners and cover belong to the page, not to its panel, which leaves the page when a user collapses
-it. viser has no element outside the panel; its message for a script brings `page/page.js`, which
-shows what it is given and sends nothing.
+it. viser has no elements outside the panel: a script, `page/page.js`, draws them and sends
+nothing.
 """
 
 from __future__ import annotations
@@ -44,11 +44,11 @@ from spm_haptic_master.view.status import (
 from viser import ViserServer
 from viser._messages import RunJavascriptMessage as ViserScript
 
-# Time after which a page that gets no news from this program covers itself (ms).
+# Time without news from this program after which the page covers itself (ms).
 NEWS_TIMEOUT = 2500
 # The page's script and style.
 FOLDER = Path(__file__).with_name('page')
-# What signs and figures mean.
+# Meaning of colours and figures.
 LEGEND = (
     'Encoder: green healthy, amber not checked by the others, red faulty, black no reading.',
     'Parity: how far the encoders disagree, in standard deviations; of noise mostly below 3.',
@@ -68,13 +68,13 @@ DASH = '\u2013'
 ALL, LIMIT = '#2b6cb0', '#b42318'
 # Error of three encoders clear of the singularity that noise does not explain (deg).
 WRONG_SIDE = 3.0
-# Share above which a motion of a calibration has little left to give.
+# Share above which further motion improves a calibration little.
 ENOUGH = 0.9
 
 
 @dataclass(slots=True)
 class Seen:
-    """What is known of a device; of the past where the banner is not alive."""
+    """State of a device; a past one if the banner is not alive."""
 
     banner: Banner
     sensors: int = 4  # number of them
@@ -94,7 +94,7 @@ class Seen:
 
 
 class RunJavascriptMessage(ViserScript):
-    """A script; viser, which knows it by its name, keeps the latest of each kind for new pages."""
+    """A script, by the name that viser knows; one of each kind is kept for new pages."""
 
     def redundancy_key(self) -> str:
         """Return the key under which a message replaces the one before."""
@@ -135,17 +135,17 @@ class Page:
         self.refresh()
 
     def refresh(self) -> None:
-        """Let the page know that this program is alive; call it every second."""
+        """Send all of it, as a sign of life; call it every second."""
         devices = [{
             'name': name, 'content': self.content.get(name),
             'banner': (f'{name}: {banner.text}' if name else banner.text, banner.light.value,
                        banner.alive)}
             for name, banner in (self.shown or {'': NO_DEVICE}).items()]
-        # A text in JSON is one in a script, and so are its NaN and Infinity.
+        # JSON of Python, with NaN and Infinity, is valid in a script.
         self._run(f'{NEWS}{json.dumps({"devices": devices, "views": self.views})});')
 
     def _run(self, script: str) -> None:
-        # viser's own script, plotly, goes the same way.
+        # viser sends its own script, plotly, in this way.
         self.server._websock_server.queue_message(RunJavascriptMessage(script))
 
 
@@ -179,7 +179,7 @@ def content(seen: Seen, entries: StatusEntries) -> dict[str, Any]:
               else degrees(seen.angles[MECHANISM_JOINT_NAMES.index(name)])
               for name in ALL_JOINT_NAMES[:seen.sensors]]
     zxz = map(degrees, () if seen.orientation is None else zxz_angles(*seen.orientation))
-    # The same rows at any time: name, text, and share and colour of a bar, if any.
+    # Always these rows: name, text, and share and colour of a bar, if any.
     rows = [
         ('source', seen.source or 'unknown'),
         ('encoders', DASH if driver is None else driver.message),

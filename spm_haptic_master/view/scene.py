@@ -50,7 +50,7 @@ AXIS_COLOURS = ['#cc0000', '#00cc00', '#0000cc']
 # Cone of the protection level: colour, corners, opacity; magnification, widest half angle (rad).
 LEVEL, LEVEL_CORNERS, LEVEL_OPACITY = '#d6601e', 36, 0.22
 MAGNIFICATION, WIDEST = 10.0, 0.35
-# What three encoders alone report: colour, opacity; size that keeps it in front of the platform.
+# Ghost of three encoders alone: colour, opacity; size that keeps it in front of the platform.
 GHOST, GHOST_OPACITY, GHOST_SCALE = '#b0379b', 0.55, 1.012
 # Colours of the torques commanded and rendered; length of an arrow for 1 N m (units of the scene),
 # and least torque with an arrow (N m).
@@ -112,7 +112,7 @@ class Dome:
             self.trace.points = segments.astype(np.float32)
 
     def break_trace(self) -> None:
-        """Continue the trace without a line from its end: the way is not known."""
+        """Interrupt the trace: the motion meanwhile is not known."""
         if self._points and np.isfinite(self._points[-1]).all():
             self._points.append(np.full(3, np.nan))
 
@@ -159,7 +159,7 @@ class Scene:
         thirds = geometry.platform_axes[:sensors - len(LEGS)]
         self._others = add(f'{turned}/encoder', cylinder(THIRD_ENCODER),
                            rgb([GREY] * len(thirds)), thirds)
-        # Links of one shape, which one message turns: where they are in `LinkTurns.at`.
+        # Links of one shape, turned by one message: their rows in `LinkTurns.at`.
         self._batches: list[tuple[list[int], BatchedMeshHandle]] = []
         for first, kind, spans in ((0, 'proximal', geometry.alphas),
                                    (len(LEGS), 'distal', geometry.betas)):
@@ -171,7 +171,7 @@ class Scene:
         pointer = cylinder(POINTER).turned(onto((1.0, 0.0, 0.0)))
         platform = together(shapes['platform'], Solid(
             pointer.vertices + (0.0, 0.0, SIZE * POINTER_AT), pointer.triangles))
-        # What turns grey, and its own colours.
+        # Parts that turn grey, with their own colours.
         self._coloured = [(handle, handle.batched_colors.copy()) for handle in (
             base, *(links for _, links in self._batches),
             add(f'{turned}/solid', platform, rgb([css('platform')])),

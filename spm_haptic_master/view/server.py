@@ -105,9 +105,9 @@ def serve(host: str, port: int, names: str, report: Callable[[str], None]) -> Vi
     thread, with the reason of a refused request. InputError: the address cannot be used. SpmError:
     the server would not refuse anything.
     """
-    # Its log is of connections, to standard error.
+    # It logs each connection on standard error.
     logging.getLogger('websockets').setLevel(logging.CRITICAL)
-    # viser would try one port after the other, for ever or beyond the last.
+    # viser would try ports without end, or beyond the last one.
     port = free_port(host, port)
     # viser passes no options to the server of websockets that it creates.
     unguarded, known, guards = websocket_server.serve, own_names(host, names), []
@@ -135,7 +135,7 @@ def serve(host: str, port: int, names: str, report: Callable[[str], None]) -> Vi
 
     websocket_server.serve = serve_guarded
     try:
-        # It prints its address in a frame; the first line of this program has it.
+        # viser prints its address in a frame; `view` prints a line of its own.
         with redirect_stdout(StringIO()):
             server = ViserServer(host=host, port=port, label='haptic master', verbose=False)
     finally:

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""All that a client of the page can operate; only a device whose source is simulated has it."""
+"""The controls of the page; only a device with a simulated source has them."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ OFFSET = 5.0
 # Pose of the sliders before the first one of the device (deg): tilt, azimuth, self-rotation; and
 # their steps (deg).
 FIRST_POSE, STEPS = (0.0, 0.0, 45.0), (0.5, 1.0, 0.5)
-# Self-rotation of the singularity at the workspace's centre (deg), how far a story goes to either
-# side of it, clear of it, and where three encoders are on the wrong side still.
+# Self-rotation of the singularity at the workspace's centre; distances from it at which a story is
+# clear of it, and three encoders are still on the wrong side (deg).
 SINGULAR, AWAY, NEAR = 49.36, 15.0, 7.0
 
 
@@ -40,9 +40,9 @@ class Step(NamedTuple):
     """What happens at a time."""
 
     at: float  # time from the beginning, s
-    # Self-rotation at the centre to which the device is led, deg; None: where it goes anyway.
+    # Self-rotation at the centre to which the device is led, deg; None: unchanged.
     phi: float | None = None
-    faults: str | None = None  # faults that are present from then on; None: as before
+    faults: str | None = None  # faults from then on; None: unchanged
 
 
 class Story(NamedTuple):
@@ -55,7 +55,7 @@ class Story(NamedTuple):
 
 class SimulatedDevice:
     """
-    The knobs of a device and the topics behind them; with any other source, nothing.
+    The knobs of a simulated device and the topics behind them; none for another source.
 
     `folder` is the device's part of the panel and `order` the knobs' place in it; `name` returns
     the name of a topic in the device's namespace.
@@ -65,11 +65,11 @@ class SimulatedDevice:
                  order: float, name: Callable[[str], str]) -> None:
         self._node, self._gui, self._panel, self._name = node, gui, folder, name
         self._order = order
-        # By topic, once the source has been simulated.
+        # Publishers by topic, made for the first simulated source.
         self._outs: dict[str, Publisher] = {}
         self.knobs: GuiFolderHandle | None = None
         self._sensors = 0  # number of them; 0 of a device that is not simulated
-        # The words of what is played, one a tick; threads of the server replace it at any time.
+        # Words of the story that is played, one a tick; threads of the server may replace it.
         self._playing: Iterator[str] = iter(())
         self._now = 0.0  # time of the latest tick, s
         # Whether a user leads the device; if not, the sliders follow it.

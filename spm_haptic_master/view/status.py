@@ -20,10 +20,10 @@ from spm_haptic_master.supervision.orientation_state import (
     silent,
 )
 
-# Time without new joint angles after which the picture is an old one (s): a silence has to be seen
+# Time without new joint angles after which the picture is stale (s): a silence has to be visible
 # within half a second.
 STALE_AFTER = 0.25
-# Longest time between two ticks of which the second is not late (s): two periods.
+# Longest time between two ticks that is no pause of this process (s): two periods.
 LONGEST_TICK = 0.1
 # Names of entries, without a namespace.
 ENCODERS, ORIENTATION, TIMING = 'encoder_driver: encoders', 'fkm: orientation', 'fkm: timing'
@@ -81,8 +81,8 @@ def banner(state: OrientationState | None, age: float | None, diagnostics: str =
     """
     Return the banner for the latest state and the time since joint angles came, s, if any did.
 
-    `diagnostics` is why the node of that name has no joint angles, `heard` whether `fkm` is on
-    /diagnostics: `state` is latched, and without that it may be an old one.
+    `diagnostics` is the reason of the node diagnostics why there are no joint angles. `heard` is
+    whether `fkm` is on /diagnostics: if not, its latched `state` may be an old one.
     """
     text, publishes = ('', False) if state is None else (state.text, state.publishes)
     if state is not None and state.condition is Condition.SILENT:
@@ -99,7 +99,7 @@ def banner(state: OrientationState | None, age: float | None, diagnostics: str =
     if not heard:
         missing = silent(f'nothing from fkm, no joint_states {since}').text
     elif publishes:
-        # With a state in which orientations go out it is not these that are missing.
+        # fkm publishes orientations: joint_states alone are missing.
         missing = f'no joint_states {since} {of_diagnostics}'
     else:
         missing = silent(f'no orientation {since}').text
@@ -136,11 +136,11 @@ class StatusEntries:
             self._entries[name] = entry, now
 
     def has_ended(self, name: str) -> bool:
-        """Return whether an entry came before, and does no longer."""
+        """Return whether an entry came once, but not lately."""
         return name in self._entries and self.entry(name) is None
 
     def entry(self, name: str) -> DiagnosticStatus | None:
-        """Return an entry, None without a new one."""
+        """Return an entry, None if there is none or only an old one."""
         entry, came = self._entries.get(name, (None, 0.0))
         return entry if self.now - came <= ENTRY_TIMEOUT else None
 
