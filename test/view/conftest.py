@@ -40,7 +40,7 @@ def serve():
 @pytest.fixture
 def shown(serve, monkeypatch):
     """Give a device on a page that has not begun."""
-    from shown_device import Sampled, Shown
+    from shown_device import sampled, Shown
     from spm_haptic_master.view import arm
 
     server = serve()
@@ -48,7 +48,7 @@ def shown(serve, monkeypatch):
     server.scene.reset()
     made = Shown(server)
     monkeypatch.setattr(arm, 'time', SimpleNamespace(monotonic=lambda: made.now))
-    monkeypatch.setattr(arm, 'SampledTopic', Sampled)
+    monkeypatch.setattr(arm, 'SampledTopic', sampled)
     monkeypatch.setattr(server, 'get_clients', lambda: {0: None} if made.watched else {})
     return made
 

@@ -38,20 +38,11 @@ def turn_of(handle):
     return matrix_from_quaternion(np.roll(handle.wxyz, -1))
 
 
-class Sampled:
-    """A topic of which the newest message is the test's."""
-
-    def __init__(self, node, kind, topic):
-        self._node, self._topic = node, topic
-
-    def subscribe(self):
-        self._node.sampled.add(self._topic)
-
-    def unsubscribe(self):
-        self._node.sampled.discard(self._topic)
-
-    def take(self):
-        return self._node.newest.pop(self._topic, None)
+def sampled(node, kind, topic):
+    """Return a topic of which the newest message is the test's."""
+    return SimpleNamespace(subscribe=lambda: node.sampled.add(topic),
+                           unsubscribe=lambda: node.sampled.discard(topic),
+                           take=lambda: node.newest.pop(topic, None))
 
 
 class Shown:

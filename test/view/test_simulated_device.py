@@ -80,24 +80,22 @@ def test_the_sliders_follow_the_device_until_a_user_moves_one(shown):
 
 @pytest.mark.parametrize(('sensors', 'number'), [(4, 0), (4, 1), (4, 2), (6, 2)])
 def test_a_story_does_its_steps_is_explained_and_ends_without_a_fault(shown, sensors, number):
-    """From clear of the singularity, where it leads, to clear of it."""
+    """In place of another one that is played."""
     shown.begin(source='sim', sensors=sensors)
     story, period, done, expected = stories(sensors)[number], 0.25, [], []
-    # It takes the place of another one.
     shown.operate(stories(sensors)[number - 1].name)
-    shown.run(0.25, shown.pose, period)
+    shown.run(period, shown.pose, period)
     shown.operate(story.name)
     began = shown.now + period
 
     def note():
-        done.extend((shown.now - period, *each) for each in shown.published)
+        done.extend((shown.now - period - began, *each) for each in shown.published)
         shown.published.clear()
         shown.pose()
 
     shown.run(1.0, note, period)
     assert shown.content['note'] == story.words
-    end = story.steps[-1].at
-    shown.run(end, note, period)
+    shown.run(story.steps[-1].at, note, period)
     assert shown.content['note'] != story.words
     for at, phi, faults in story.steps:
         if faults is not None:
@@ -106,11 +104,11 @@ def test_a_story_does_its_steps_is_explained_and_ends_without_a_fault(shown, sen
         if phi is not None:
             expected.append((at, STEER_TOPIC, [0.0, 0.0, radians(phi)]))
             assert PHI_LIMITS[0] <= radians(phi) <= PHI_LIMITS[1]
-    expected.append((end, STEER_TOPIC, []))
+    expected.append((story.steps[-1].at, STEER_TOPIC, []))
     assert [each[1:] for each in done] == [each[1:] for each in expected]
-    assert np.abs(np.subtract([each[0] for each in done], [each[0] for each in expected])
-                  - began).max() <= 1.1 * period
-    assert [each[2] for each in done if each[1] == FAULT_TOPIC][-1:] in ([], [''])
+    assert all(abs(one - other) <= 1.1 * period
+               for (one, *_), (other, *_) in zip(done, expected, strict=True))
+    assert [faults for _, topic, faults in done if topic == FAULT_TOPIC][-1:] in ([], [''])
 
 
 def test_the_stories_lead_to_the_singularity_and_across_it():
