@@ -51,7 +51,7 @@ from spm_haptic_master.kinematics.rotations import (
 
 # Longest gap between two samples that the torque survives (s).
 GAP = 0.01
-LONGEST = round(1e9 * GAP)
+GAP_NS = round(1e9 * GAP)
 # Stands for an unknown velocity, rad/s.
 UNKNOWN = (inf, inf, inf)
 # Looked up once, not at each sample.
@@ -129,7 +129,7 @@ class ForceController:
         energy, state, obstacles = self._energy, self._state, self._obstacles
         elapsed = stamp - self._stamp
         self._stamp = stamp
-        if 0 < elapsed <= LONGEST:
+        if 0 < elapsed <= GAP_NS:
             dt = 1e-9 * elapsed
         else:
             # The drives may have dropped the torque meanwhile: it begins from zero.

@@ -60,14 +60,14 @@ TORQUE_LENGTH, LEAST_TORQUE = 3.0, 0.005
 FLOOR, FLOOR_HEIGHT, FLOOR_RADIUS, FLOOR_CORNERS = '#eef0f3', -0.06, 1.05, 48
 # Distances of the names from O: encoders on motors and on third joints, legs, handle (units of the
 # scene).
-AT_1, AT_3, OF_LEG, OF_HANDLE = 1.49, 1.02, 1.66, 1.7
+MOTOR_AT, THIRD_AT, LEG_AT, HANDLE_AT = 1.49, 1.02, 1.66, 1.7
 # Radius of the dome about O, outside the handle; radius of its tiles and of the ball at the end of
 # the trace (units of the scene); opacity.
-RADIUS, TILE, PIN, OPACITY = 1.78, 0.042, 0.03, 0.75
+RADIUS, TILE_RADIUS, PIN_RADIUS, TILE_OPACITY = 1.78, 0.042, 0.03, 0.75
 # Singularities: colour, size (units of the scene), and how much higher than the tiles (unit 1).
-SINGULAR, POINT, ABOVE = '#460014', 0.022, 1.004
+SINGULAR, SINGULAR_SIZE, SINGULAR_RATIO = '#460014', 0.022, 1.004
 # Lines: colours of trace and rim, width (pixels).
-TRACE, LINE = '#141414', 2.0
+TRACE_COLOUR, LINE_WIDTH = '#141414', 2.0
 # Points of the trace, and least distance of two of them (unit of the scene).
 TRACE_POINTS, TRACE_STEP = 300, 0.004
 
@@ -81,22 +81,22 @@ class Dome:
                  colour: str) -> LineSegmentsHandle:
             # As wide as in the scene, a line is drawn twice, by two programs.
             return scene.add_line_segments(f'{root}/{name}', segments, rgb([colour])[0],
-                                           thickness=LINE, thickness_units='screen')
+                                           thickness=LINE_WIDTH, thickness_units='screen')
 
         self._map = WorkspaceMap(geometry, working_mode)
         self._points: deque[NDArray[np.float64]] = deque(maxlen=TRACE_POINTS)
         axes = self._map.axes
         self.tiles = surfaces.add(
-            scene, f'{root}/map', surfaces.two_sided(surfaces.fan(TILE, 0.0, 6)),
-            self._map.colours(0.0), axes, RADIUS * axes, opacity=OPACITY)
+            scene, f'{root}/map', surfaces.two_sided(surfaces.fan(TILE_RADIUS, 0.0, 6)),
+            self._map.colours(0.0), axes, RADIUS * axes, opacity=TILE_OPACITY)
         self.singular = scene.add_point_cloud(
-            f'{root}/singular', np.zeros((1, 3)), rgb([SINGULAR])[0], point_size=POINT,
+            f'{root}/singular', np.zeros((1, 3)), rgb([SINGULAR])[0], point_size=SINGULAR_SIZE,
             point_shape='circle', point_shading='flat', precision='float32', visible=False)
         rim = RADIUS * workspace_pose(HALF_ANGLE, np.linspace(0.0, 2.0 * pi, 97), 0.0)[..., 2]
         self.rim = line('rim', np.stack([rim[:-1], rim[1:]], axis=1), GREY)
-        self.trace = line('trace', np.zeros((1, 2, 3)), TRACE)
-        self.pin = surfaces.add(scene, f'{root}/pin', surfaces.ball(PIN), rgb([TRACE]),
-                                visible=False)
+        self.trace = line('trace', np.zeros((1, 2, 3)), TRACE_COLOUR)
+        self.pin = surfaces.add(scene, f'{root}/pin', surfaces.ball(PIN_RADIUS),
+                                rgb([TRACE_COLOUR]), visible=False)
 
     def move(self, axis: Sequence[float]) -> None:
         """Continue the trace of the handle's axis, a unit vector in the base frame."""
@@ -119,7 +119,7 @@ class Dome:
     def paint(self, phi: float) -> None:
         """Paint the map for a self-rotation, rad."""
         self.tiles.batched_colors = self._map.colours(phi)
-        points = ABOVE * RADIUS * self._map.singular_axes(phi)
+        points = SINGULAR_RATIO * RADIUS * self._map.singular_axes(phi)
         self.singular.visible = len(points) > 0
         if len(points):
             self.singular.points = points.astype(np.float32)
@@ -194,11 +194,11 @@ class Scene:
             rgb([FLOOR]), places=place[None] + (0.0, 0.0, FLOOR_HEIGHT))
         axes = np.array(geometry.base_axes)
         for parent, text, at in (
-                *((fixed_rest, f'th{SHORT_NAMES[k]}', AT_1 * axis) for k, axis in enumerate(axes)),
-                *((fixed_rest, LEGS[k].upper(), OF_LEG * axis) for k, axis in enumerate(axes)),
-                *((turned_rest, f'th{SHORT_NAMES[len(LEGS) + k]}', AT_3 * np.array(axis))
-                  for k, axis in enumerate(thirds)),
-                (turned_rest, 'handle', np.array([0.0, 0.0, OF_HANDLE])),
+                *((fixed_rest, f'th{SHORT_NAMES[k]}', MOTOR_AT * z) for k, z in enumerate(axes)),
+                *((fixed_rest, LEGS[k].upper(), LEG_AT * z) for k, z in enumerate(axes)),
+                *((turned_rest, f'th{SHORT_NAMES[len(LEGS) + k]}', THIRD_AT * np.array(z))
+                  for k, z in enumerate(thirds)),
+                (turned_rest, 'handle', np.array([0.0, 0.0, HANDLE_AT])),
                 (fixed_rest, 'O', np.zeros(3))):
             scene.add_label(f'{parent}/label_{text}', text, position=at, anchor='center-center',
                             font_screen_scale=1.0)
