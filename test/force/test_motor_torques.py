@@ -11,7 +11,7 @@ from mechanism import MODES
 import numpy as np
 import pytest
 from spm_haptic_master.exceptions import InputError, SpmError, UnreachableError
-from spm_haptic_master.force import ForceLimits, Gravity, render
+from spm_haptic_master.force import ForceController, ForceLimits, Gravity, render
 from spm_haptic_master.force.gravity import Weight
 from spm_haptic_master.force.rendering import make_statics
 from spm_haptic_master.kinematics import (
@@ -19,6 +19,7 @@ from spm_haptic_master.kinematics import (
     inverse,
     jacobian,
     matrix_from_quaternion,
+    quaternion_from_matrix,
     workspace_pose,
 )
 
@@ -174,6 +175,16 @@ def test_four_motors_of_which_two_alone_turn_against_each_other():
     tau, felt = motors.render((0.8, 0.0, 0.0))
     np.testing.assert_allclose(tau, (0.2, 0.2, 0.0, 0.0), atol=1e-12)
     np.testing.assert_allclose(felt, (0.4, 0.0, 0.0), atol=1e-12)
+
+
+@pytest.mark.parametrize('motors', [3, 4])
+def test_the_weakness_of_a_pose_is_the_largest_torque_of_its_motors(motors):
+    """As a vector, for 1 N m on the handle in the worst direction."""
+    controller = ForceController(motors=motors)
+    for R, G in zip(*poses(20, seed=11), strict=True):
+        worst = np.linalg.norm(np.linalg.pinv(G[:motors]), 2)
+        assert controller.weakness(quaternion_from_matrix(R)) == pytest.approx(worst, rel=1e-6)
+    assert controller.weakness((0.0, 0.0, 0.0, 1.0)) is None
 
 
 def test_a_batch_is_its_samples():
