@@ -251,9 +251,9 @@ class ForceController:
         elif condition is not Condition.FAULT:
             if obstacle is not None:
                 self._enter(ForceState(Condition.FADING, obstacle))
-            elif condition is Condition.ENGAGED and sample.clutched:
-                self._enter(HOLDING)
-            elif condition is Condition.HOLDING and may_begin:
+            elif condition is Condition.ENGAGED:
+                self._enter(HOLDING)  # nothing but the clutch asks for a change
+            elif may_begin:
                 self._enter(ENGAGED)
 
     def _enter(self, state: ForceState) -> None:
