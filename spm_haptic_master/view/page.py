@@ -136,11 +136,11 @@ class Page:
 
     def refresh(self) -> None:
         """Send all of it, as a sign of life; call it every second."""
+        shown = self.shown or {'': NO_DEVICE}
         devices = [{
             'name': name, 'content': self.content.get(name),
             'banner': (f'{name}: {banner.text}' if name else banner.text, banner.light.value,
-                       banner.alive)}
-            for name, banner in (self.shown or {'': NO_DEVICE}).items()]
+                       banner.alive)} for name, banner in shown.items()]
         # JSON of Python, with NaN and Infinity, is valid in a script.
         self._run(f'{NEWS}{json.dumps({"devices": devices, "views": self.views})});')
 
