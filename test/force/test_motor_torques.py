@@ -199,13 +199,17 @@ def test_a_batch_is_its_samples():
         assert one.fraction.shape == () and one.fraction == batch.fraction[7, 2]
 
 
-def test_out_of_reach():
-    far = workspace_pose(math.radians(85.0), 0.0, 0.0)
+@pytest.mark.parametrize('motors', [3, 4])
+def test_poses_that_a_leg_does_not_reach_are_those_without_a_jacobian(motors):
     with pytest.raises(UnreachableError):
-        render(far, (0.0, 0.0, 0.1))
-    found = render(np.stack([far, workspace_pose(0.0, 0.0, 0.0)]), (0.0, 0.0, 0.1))
-    assert np.isnan(found.motor_torque[0]).all() and np.isnan(found.fraction[0])
-    assert np.isfinite(found.motor_torque[1]).all()
+        render(workspace_pose(math.radians(85.0), 0.0, 0.0), (0.0, 0.0, 0.1), motors=motors)
+    tilt, azimuth, phi = np.random.default_rng(12).random((3, 300))
+    R = workspace_pose(1.2 * tilt, 6.3 * azimuth, 2.5 * phi)
+    reached = np.isfinite(jacobian(R)).all((1, 2))
+    found = render(R, (0.0, 0.0, 0.1), motors=motors)
+    assert 50 < reached.sum() < 250
+    np.testing.assert_array_equal(np.isfinite(found.motor_torque).all(axis=1), reached)
+    np.testing.assert_array_equal(np.isfinite(found.fraction), reached)
 
 
 @pytest.mark.parametrize('wrong', [
