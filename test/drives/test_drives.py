@@ -341,3 +341,4 @@ def test_a_bus_that_cannot_be_opened_is_reported_and_tried_every_second(starting
     assert attempts == pytest.approx([100.0, 101.0, 102.0], abs=2 * MS)
     starting.drives._open_bus = opened
     starting.ready(TORQUES)
+    assert starting.report.fault is None
