@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The profile of drives, CiA 402: objects, states, and the controlword that leads on from each."""
+"""The profile of drives, CiA 402: objects, states, and the controlword of each next transition."""
 
 from __future__ import annotations
 
@@ -55,14 +55,12 @@ class State(Enum):
     UNKNOWN = 'no state of CiA 402'
 
 
-# Mask and value of the statusword in each state, and the states by its bits 0 to 6.
+# Mask and value of the statusword in each state.
 PATTERNS = (
     (0x4F, 0x00, State.NOT_READY), (0x4F, 0x40, State.DISABLED), (0x6F, 0x21, State.READY),
     (0x6F, 0x23, State.SWITCHED_ON), (0x6F, 0x27, State.ENABLED), (0x6F, 0x07, State.QUICK_STOP),
     (0x4F, 0x0F, State.REACTING), (0x4F, 0x08, State.FAULT),
 )
-STATES = {word: next((state for mask, value, state in PATTERNS if word & mask == value),
-                     State.UNKNOWN) for word in range(0x80)}
 
 # Commands of the controlword.
 DISABLE_VOLTAGE, SHUTDOWN, SWITCH_ON, ENABLE_OPERATION, FAULT_RESET = 0x00, 0x06, 0x07, 0x0F, 0x80
@@ -74,7 +72,8 @@ ONWARDS = {State.DISABLED: SHUTDOWN, State.READY: SWITCH_ON, State.SWITCHED_ON: 
 
 def state_of(statusword: int) -> State:
     """Return the state that a statusword (6041h) reports."""
-    return STATES[statusword & 0x7F]
+    return next((state for mask, value, state in PATTERNS if statusword & mask == value),
+                State.UNKNOWN)
 
 
 def controlword(state: State, operate: bool) -> int:

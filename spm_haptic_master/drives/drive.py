@@ -33,7 +33,7 @@ class Drive:
     """
     State of one drive, as it is configured by `own` of a plan; `send` sends one frame.
 
-    `now` is the time of the present sample, s: who takes samples sets it.
+    `now` is the time of the present sample, s; the caller sets it.
     """
 
     def __init__(self, own: DrivePlan, plan: Plan, send: Callable[[can.Message], None]):

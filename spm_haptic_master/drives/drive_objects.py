@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the objects of a drive have to be, for can_setup and for the check at the start."""
+"""Required objects of a drive, for can_setup and for the check at the start."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ AT_ONCE = 255
 # Index of a data type in a mapping: so many bits of a frame that a drive leaves out.
 INTEGER16 = 0x0003
 # Value of the error behaviour: the loss of a heartbeat leaves the NMT state, so that the status
-# frames go on.
+# frames continue.
 KEEP_STATE = 1
 # Exponent of a time in ms, as an INTEGER8.
 MILLI = 0xFD
 
 
 def drive_objects(plan: Plan, drive: DrivePlan) -> WantedObjects:
-    """Return what the objects of a drive have to be."""
+    """Return the required objects of a drive."""
     control, torque, status, shown, mode = (
         (index << 16 | subindex << 8 | bits) for (index, subindex), bits in (
             (cia402.CONTROLWORD, 16), (cia402.TARGET_TORQUE, 16), (cia402.STATUSWORD, 16),
@@ -63,7 +63,7 @@ def drive_objects(plan: Plan, drive: DrivePlan) -> WantedObjects:
     if drive.speed_limit:
         others.append(WantedObject(*cia402.MAXIMUM_MOTOR_SPEED, 4, 'maximum motor speed, 1/min',
                                    drive.speed_limit))
-    # The period of the torques, which a drive need not have, is left if it is not in whole ms.
+    # A drive need not have the period of the torques; it is written in whole ms only.
     period = round(1e3 * plan.period)
     if 1 <= period <= 0xFF and abs(1e3 * plan.period - period) <= 1e-6:
         others += [

@@ -22,9 +22,9 @@ from spm_haptic_master.parameters.setting import Values
 
 # Time between two attempts to open the bus (s).
 REOPEN = 1.0
-# Most frames read in one step: what waits beyond them is read in the next.
+# Largest number of frames read in one step; the rest waits for the next one.
 FRAMES_AT_ONCE = 500
-# Samples for which the reset of a fault is on, and off again: it counts by its edge.
+# Samples for which the reset of a fault is on, then off: drives act on its edge.
 RESET_SAMPLES = 8
 # Time in which a drive has to disable its motor after the last frame, against the configured one
 # (unit 1): its own grid of time, and the frames on their way.
@@ -125,7 +125,7 @@ class Drives:
             self._close_bus(self._bus)
 
     def _starts(self, start_up: Steps) -> bool:
-        """Take the start-up one step further; return whether it goes on."""
+        """Advance the start-up by one step; return whether it continues."""
         try:
             next(start_up)
         except StopIteration:
@@ -186,26 +186,25 @@ class Drives:
             for drive in self._drives:
                 self._send(canopen.nmt(canopen.NMT_START, drive.own.node_id))
         asked, self._sends, self._operate = self._now, True, state is State.ENABLED
-        while waiting := [drive for drive in self._drives
-                          if drive.status_at <= asked or drive.state is not state]:
-            if self._now - asked > ENABLE_TIMEOUT:
+        while True:
+            waiting = [drive for drive in self._drives
+                       if drive.status_at <= asked or drive.state is not state]
+            if waiting and self._now - asked > ENABLE_TIMEOUT:
                 drive = waiting[0]
                 shown = 'no status frame' if drive.status_at <= asked else drive.state.value
                 cause = f' ({drive.emergency})' if drive.emergency else ''
                 raise SetupError(f'{drive.own.name}: {shown} {ENABLE_TIMEOUT:g} s after its '
                                  f'start{cause}; expected {state.value}')
-            self._check(state)
+            # It may have another mode or torque on its way to enabled.
+            for drive in self._drives:
+                if state is State.ENABLED and (found := drive.refusal(True)):
+                    raise SetupError(f'{drive.own.name}: {found}')
+            if not waiting:
+                break
             yield
-        self._check(state)
         # What the pause has caused is over.
         for drive in self._drives:
             drive.restart()
-
-    def _check(self, state: State) -> None:
-        """Raise SetupError if a drive has another mode or torque on its way to enabled."""
-        for drive in self._drives:
-            if state is State.ENABLED and (found := drive.refusal(True)):
-                raise SetupError(f'{drive.own.name}: {found}')
 
     def _fail(self, text: str) -> None:
         """Latch a fault: the first one is the reason of those that follow."""

@@ -49,16 +49,16 @@ from spm_haptic_master.kinematics.rotations import (
     vector_from_quaternion,
 )
 
-# Longest time between two samples after which the torque goes on (s).
+# Longest gap between two samples that the torque survives (s).
 GAP = 0.01
-LONGEST = round(1e9 * GAP)
-# What stands for a velocity that is not known, rad/s.
+GAP_NS = round(1e9 * GAP)
+# Stands for an unknown velocity, rad/s.
 UNKNOWN = (inf, inf, inf)
-# Without a look-up at each sample.
+# Looked up once, not at each sample.
 OPERATING = Drives.OPERATING
 # Time without torque between off and ready (s).
 IDLE = 0.1
-# A named tuple of all its fields, in a third of the time.
+# Makes a named tuple of all its fields in a third of the time.
 _output = tuple.__new__
 
 
@@ -78,7 +78,7 @@ class ForceController:
         self._geometry, self._mode = geometry, working_mode
         self._weight = None if gravity is None else Weight(gravity, self._statics)
         self._obstacles = Obstacles(limits)
-        # What each sample is compared with.
+        # Limits of each sample.
         self._figures = (
             limits.speed ** 2, limits.protection_level, limits.noise, limits.torque, limits.slew,
             limits.ramp, limits.damping, -self._obstacles.latest, self._obstacles.latest)
@@ -129,7 +129,7 @@ class ForceController:
         energy, state, obstacles = self._energy, self._state, self._obstacles
         elapsed = stamp - self._stamp
         self._stamp = stamp
-        if 0 < elapsed <= LONGEST:
+        if 0 < elapsed <= GAP_NS:
             dt = 1e-9 * elapsed
         else:
             # The drives may have dropped the torque meanwhile: it begins from zero.
@@ -158,8 +158,7 @@ class ForceController:
             # The usual case: nothing is in the way.
             obstacle = None
         else:
-            obstacle = obstacles.take(
-                sample, self._motion.is_missing, generated, clutched)
+            obstacle = obstacles.take(sample, self._motion.is_missing, generated)
             if obstacle is not None or state is not ENGAGED or clutched:
                 self._change(sample, obstacle, dt)
                 state = self._state
@@ -252,9 +251,9 @@ class ForceController:
         elif condition is not Condition.FAULT:
             if obstacle is not None:
                 self._enter(ForceState(Condition.FADING, obstacle))
-            elif condition is Condition.ENGAGED and sample.clutched:
-                self._enter(HOLDING)
-            elif condition is Condition.HOLDING and may_begin:
+            elif condition is Condition.ENGAGED:
+                self._enter(HOLDING)  # nothing but the clutch asks for a change
+            elif may_begin:
                 self._enter(ENGAGED)
 
     def _enter(self, state: ForceState) -> None:
@@ -275,9 +274,9 @@ class ForceController:
     # Torque -------------------------------------------------------------------------------------
 
     def _faded(self, dt: float) -> Torques:
-        """Return what the fade has left of the torques; end it where that is nothing."""
+        """Return the torques of the fade; end it when nothing is left."""
         why = self._state.why
-        # After a gap, or where time stands still, there is nothing to go on from.
+        # After a gap, or if time stands still, no torque is left to fade.
         self._left -= dt / (DRIVE_FADE if why is Reason.DRIVE else FADE) if dt else 1.0
         if why is None or self._left <= 0.0:
             self._enter(ForceState(Condition.FAULT, why) if why in LATCHED else READY)

@@ -63,7 +63,7 @@ class EnergyBudget:
         self.restart()
 
     def restart(self) -> None:
-        """Begin with what is given in advance; the damping goes as slowly as ever."""
+        """Begin with the advance; the damping still decreases slowly."""
         self.energy, self.share = ADVANCE, 1.0  # E, J, and g (unit 1)
         self._useless = 0.0  # how long the wrench has been without use, s
 

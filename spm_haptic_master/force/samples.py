@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What the force feedback takes with each joint sample, what it gives back, and what keeps it off.
+Inputs and outputs of the force feedback for a joint sample, and the obstacles to force.
 
 The words of its state on the topic `force_state` are made and read here alone. They are a
 contract: `off`, `ready`, `engaged`, `holding`, `fading: WHY`, `fault: WHY`.
@@ -50,11 +50,11 @@ class Reason(Enum):
     ENERGY = 'energy generated'
 
 
-# Reasons after which somebody has to acknowledge; after the others force may begin again.
+# Reasons that latch a fault until it is acknowledged; after the others force may begin again.
 LATCHED = frozenset((
     Reason.DRIVE, Reason.ANGLE, Reason.NO_ORIENTATION, Reason.UNPROTECTED, Reason.NOISY,
     Reason.SPEED, Reason.NOT_FINITE, Reason.SOURCES, Reason.ENERGY))
-# Messages in a row with a small torque, with which force may begin.
+# Consecutive messages with a small torque after which force may begin.
 SMALL_MESSAGES = 3
 # Time in which torque fades out (s); after a drive's fault the other motors alone pull askew. A
 # wrench that ends is no torque after 50 ms: 30 are its longest age, 5 its way.
@@ -99,7 +99,7 @@ class Wrench(NamedTuple):
 
 
 class ForceSample(NamedTuple):
-    """A joint sample with what force feedback has to know of it."""
+    """A joint sample and its circumstances."""
 
     stamp: int  # ns
     angles: tuple[float, ...]  # raw, rad: th1A, th1B, th1C, th3A, ...; NaN without a reading
@@ -129,12 +129,12 @@ class ForceOutput(NamedTuple):
     # frame: without gravity and damping.
     asked: Vector[float]
     rendered: Vector[float] | None  # what the handle gets of all, N m; None without an orientation
-    obstacle: Reason | None  # what keeps force from beginning or going on
+    obstacle: Reason | None  # what prevents or ends force
     energy: float  # that the motors may still give, J
     share: float  # of the arriving wrench that the energy leaves, 0 to 1
 
 
-# A stamp before every sample (ns), and what stands for no wrench.
+# A stamp before every sample (ns), and the stand-in for a missing wrench.
 LONG_AGO = -1 << 100
 NO_WRENCH = Wrench(LONG_AGO, NOTHING)
 
@@ -152,16 +152,15 @@ class Obstacles:
         self._latest, self._count = LONG_AGO, 0
 
     def restart(self) -> None:
-        """Count small wrenches from the next message on."""
+        """Restart the count of small wrenches."""
         self._count = 0
 
-    def take(self, sample: ForceSample, angle_missing: bool, energy_generated: bool,
-             clutched: bool) -> Reason | None:
+    def take(self, sample: ForceSample, angle_missing: bool,
+             energy_generated: bool) -> Reason | None:
         """
         Return the first obstacle: those that latch precede the others.
 
-        `energy_generated` is whether the energy has left the wrench without use for too long,
-        `clutched` whether no wrench is rendered: it may be old.
+        `energy_generated` is whether the energy has left the wrench without use for too long.
         """
         limits, velocity = self._limits, sample.velocity
         wrench = NO_WRENCH if sample.wrench is None else sample.wrench
@@ -179,7 +178,8 @@ class Obstacles:
             (Reason.DRIVES_OFF, sample.drives is Drives.OFF),
             (Reason.DISENGAGED, not sample.engaged),
             (Reason.ABSENT, not sample.present),
-            (Reason.STALE, not clutched and self._is_old(wrench, sample.stamp)),
+            # With the clutch pressed no wrench is rendered: it may be old.
+            (Reason.STALE, not sample.clutched and self._is_old(wrench, sample.stamp)),
         ) if is_found), None)
 
     def may_begin(self, wrench: Wrench | None, stamp: int) -> bool:

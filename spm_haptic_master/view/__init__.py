@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The device in a browser: what the topics say, drawn in 3D, and a hand for the simulated source.
+The device in a browser: its topics drawn in 3D, and controls for a simulated source.
 
 Imports nodes, ros, simulation, force, description, parameters, kinematics and the top-level
-modules; rclpy; and viser, which is an extra, with what viser serves its page with.
+modules; rclpy; and viser, an extra, with the libraries of its server.
 """

@@ -5,17 +5,20 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 import json
 from math import inf, isfinite, nan, radians
 import time
-from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
+from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
+from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from spm_haptic_master.description.three_encoders import ThreeEncoders
+from spm_haptic_master.exceptions import SpmError
 from spm_haptic_master.force import FORCE_STATES
 from spm_haptic_master.kinematics import Geometry, zxz_angles
 from spm_haptic_master.kinematics.joints import JOINT_NAMES, MECHANISM_JOINT_NAMES, SHORT_NAMES
@@ -25,12 +28,15 @@ from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
 from spm_haptic_master.nodes.diagnostics import MESSAGES
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
+from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.geometry import (
     geometry_from,
+    GEOMETRY_SETTINGS,
     mounting_from,
+    MOUNTING_SETTINGS,
     WORKING_MODE_SETTING,
 )
-from spm_haptic_master.parameters.setting import SENSORS_SETTING
+from spm_haptic_master.parameters.setting import complete, SENSORS_SETTING, Values
 from spm_haptic_master.ros.inputs import SampledTopic
 from spm_haptic_master.ros.qos import DISPLAY, STATE
 from spm_haptic_master.supervision.orientation_state import OrientationState, received_state
@@ -40,7 +46,6 @@ from spm_haptic_master.view.scene import Scene
 from spm_haptic_master.view.simulated_device import SimulatedDevice
 from spm_haptic_master.view.status import (
     banner,
-    MechanismQuery,
     ORIENTATION,
     SampleAge,
     SINGULARITY,
@@ -48,15 +53,20 @@ from spm_haptic_master.view.status import (
 )
 from std_msgs.msg import Float64MultiArray, String
 
-# Least time between two drawings of the joints (s): what comes faster is not seen.
+# Settings of fkm that the page needs, and the period of asking for them (s): another fkm may have
+# another mechanism or mounting.
+SETTINGS = (*GEOMETRY_SETTINGS, WORKING_MODE_SETTING, *MOUNTING_SETTINGS, SENSORS_SETTING,
+            *(setting for setting in FKM_SETTINGS if setting.name == 'alert_limit_deg'))
+ASK_PERIOD = 1.0
+# Shortest time between two drawings of the joints (s): nobody sees faster ones.
 LEAST_PERIOD = 0.012
 # Periods of the map, of the trace and of the figures (s).
 MAP_PERIOD, TRACE_PERIOD, FIGURES_PERIOD = 0.8, 0.1, 0.25
-# Time for which the first page has the device without map, trace, cones and plots (s): a browser
-# without a GPU takes a second for these, and the device would wait for that.
+# Time for which the first page has the device without dome, names and cones (s): a browser without
+# a GPU takes a second for these, and the device would wait for that.
 DEVICE_ALONE = 3.0
-# Topics of the torques commanded and rendered, in the handle's frame; time after which a torque
-# without a new message is over (s).
+# Topics of the torques commanded and rendered, in the handle's frame; time without a message after
+# which a torque ends (s).
 TORQUE_TOPICS, TORQUE_TIMEOUT = ('body/servo_cf', 'body/measured_cf'), 0.25
 NO_TORQUE = 0.0, 0.0, 0.0
 
@@ -65,8 +75,8 @@ class Arm:
     """
     One device: the topics of a namespace, '/' or '/NAME', and its number in the scene.
 
-    `node` subscribes and publishes for it; `taker`, a node of no executor, has the topics whose
-    newest message is taken when it is drawn.
+    `node` subscribes and publishes for it; `taker`, a node without an executor, has the topics of
+    which only the newest message is taken, when it is drawn.
     """
 
     def __init__(self, node: Node, taker: Node, page: Page, namespace: str,
@@ -81,9 +91,9 @@ class Arm:
         self._state: OrientationState | None = None
         self._stamp: int | None = None  # of the latest joint angles, ns
         now = time.monotonic()
-        self._age = SampleAge(now)
-        # When all of the picture is due on the first page (s, monotonic), and whether it is there.
-        self._whole_at, self._whole = inf, False
+        self._age = SampleAge()
+        # Time since which a page shows the device (s, monotonic).
+        self._seen_since = now
         self._joints, self._trace = Periodic(LEAST_PERIOD), Periodic(TRACE_PERIOD)
         self._map, self._figures = Periodic(MAP_PERIOD), Periodic(FIGURES_PERIOD)
         # Poses drawn since the figures were shown, and when that was (s).
@@ -107,7 +117,10 @@ class Arm:
                           for topic in TORQUE_TOPICS]
         # Torques commanded and rendered, N m, in the handle's frame, and when they came (s).
         self._torques = [(-inf, NO_TORQUE)] * len(TORQUE_TOPICS)
-        self._query = MechanismQuery(node, name('fkm/get_parameters'), self._build)
+        self._fkm, self._asks = node.create_client(
+            GetParameters, name('fkm/get_parameters')), Periodic(ASK_PERIOD)
+        # Settings of the mechanism that is drawn, none before the first.
+        self._settings: Values = {}
 
     def _name(self, topic: str) -> str:
         return f'{self._prefix}/{topic}'
@@ -142,22 +155,28 @@ class Arm:
         self.simulation.show(message.data, self.seen.sensors)
 
     def _on_coverage(self, message: String) -> None:
-        try:
+        # Words of another program change nothing.
+        with suppress(ValueError, TypeError, AttributeError):
             found = json.loads(message.data)
-            covered = {str(name): float(share)
-                       for name, share in found.get('covered', {}).items()}
-            shares = {name: share for name, share in covered.items() if isfinite(share)}
-            self.seen.calibration = (str(found.get('text', '')), shares) if covered else None
-        except (ValueError, TypeError, AttributeError):
-            return  # of another program
+            shares = {str(name): float(share) for name, share in found.get('covered', {}).items()}
+            self.seen.calibration = (str(found.get('text', '')), shares) if shares else None
 
     def on_diagnostics(self, entry: DiagnosticStatus) -> None:
         """Take an entry of /diagnostics, if it is this device's."""
-        if self._entries.take(entry, time.monotonic()) == ORIENTATION:
-            self._query.check(entry)
+        self._entries.take(entry, time.monotonic())
 
-    def _build(self, values: dict[str, Any]) -> None:
-        """Draw the mechanism of checked settings."""
+    def _on_settings(self, future: Future) -> None:
+        """Take the answer of fkm; ignore settings that cannot be drawn."""
+        answers = map(parameter_value_to_python, future.result().values)
+        given = {setting.name: value for setting, value in zip(SETTINGS, answers, strict=False)
+                 if value is not None}
+        with suppress(SpmError):
+            self.build(complete(SETTINGS, given))
+
+    def build(self, values: Values) -> None:
+        """Draw the mechanism of checked settings, if they are new; SpmError: it cannot be."""
+        if values == self._settings:
+            return
         self._geometry = geometry_from(values)
         mounting = mounting_from(values)
         self.seen.sensors = values[SENSORS_SETTING.name]
@@ -166,50 +185,39 @@ class Arm:
         if self._scene is not None:
             self._scene.remove()
         self._scene = Scene(
-            self._server, self._number, self._geometry, values[WORKING_MODE_SETTING.name],
+            self._server.scene, self._number, self._geometry, values[WORKING_MODE_SETTING.name],
             IDENTITY if mounting is None else mounting.base, self.seen.sensors)
         self.seen.states = []
-        self._scene.show_rest(self._whole)
-        self._map = Periodic(MAP_PERIOD)  # due at once
         self.simulation.show(self.seen.source, self.seen.sensors)
+        self._settings = values
 
     def tick(self, now: float) -> None:
         """Draw what is due; call it every 50 ms."""
-        self._query.ask(now)
+        if self._fkm.service_is_ready() and self._asks.is_due(now):
+            self._fkm.call_async(GetParameters.Request(names=[
+                setting.name for setting in SETTINGS])).add_done_callback(self._on_settings)
         self._age.tick(now)
         self._show_state(now)
         watched = bool(self._server.get_clients())
         seen, scene, alive = self.seen, self._scene, self.seen.banner.alive
         if scene is not None and not (watched and alive):
-            # The trace must not join before and after.
+            # The trace must not bridge the gap.
             scene.dome.break_trace()
-        self._wait_for_rest(now, watched)
+        if scene is None or not watched:
+            self._seen_since = now
+        elif now - self._seen_since >= DEVICE_ALONE:
+            scene.show_rest()
         seen.story = self.simulation.tick(now)
         self._take_samples(now, watched)
-        if not watched:
-            return
-        if seen.angles is not None:
+        if watched and scene is not None and seen.angles is not None:
             th1a, th2a, th3a = seen.angles[:3]
             seen.orientation = chain_quaternion(th1a, th2a, th3a, self._geometry, FLOATS)
-            if scene is not None:
-                self._draw_over(scene, seen.orientation, now)
-        if self._figures.is_due(now):
+            self._draw_over(scene, seen.orientation, now)
+        if watched and self._figures.is_due(now):
             self._show_figures(now)
 
-    def _wait_for_rest(self, now: float, watched: bool) -> None:
-        """Show what is beside the device once somebody has seen the device for a while."""
-        if self._whole:
-            return
-        if not watched or self._scene is None:
-            self._whole_at = inf
-            return
-        self._whole_at = min(self._whole_at, now + DEVICE_ALONE)
-        if now >= self._whole_at:
-            self._whole = True
-            self._scene.show_rest(True)
-
     def _take_samples(self, now: float, watched: bool) -> None:
-        """Take the newest messages; subscribe only while somebody looks."""
+        """Take the newest messages; subscribe only while a page is open."""
         for topic in (self._dexterity, self._readings, *self._wrenches):
             if watched:
                 topic.subscribe()
@@ -235,10 +243,10 @@ class Arm:
         if alive and self._trace.is_due(now):
             scene.dome.move(rotation_from_quaternion(*orientation)[2::3])
             level = self._entries.numbers(ORIENTATION).get('protection level (deg)', nan)
-            scene.show_level(radians(level) if self._whole else nan)
-        if self._whole and self._map.is_due(now):
+            scene.show_level(radians(level))
+        if self._map.is_due(now):
             scene.dome.paint(zxz_angles(*orientation)[2])
-        scene.show_ghost(self._ghost.turn if alive and self._whole else None)
+        scene.show_ghost(self._ghost.turn if alive else None)
         scene.show_torques([torque if alive and now - came <= TORQUE_TIMEOUT else NO_TORQUE
                             for came, torque in self._torques])
 
@@ -254,7 +262,7 @@ class Arm:
         seen.pace = self._drawn / max(now - self._shown_at, FIGURES_PERIOD)
         self._drawn, self._shown_at = 0, now
         if not self._node.count_publishers(self._name(COVERAGE_TOPIC)):
-            seen.calibration = None  # its program has ended without a last word
+            seen.calibration = None  # its program has ended
         if self._scene is not None:
             self._scene.show_sensors([state.colour for state in seen.states])
         self._page.show_content(self._title, seen, self._entries)

@@ -24,25 +24,21 @@ from spm_haptic_master.timing import Periodic
 from spm_haptic_master.view.arm import Arm
 from spm_haptic_master.view.page import Page
 from spm_haptic_master.view.server import in_url, serve
-from spm_haptic_master.view.status import Banner, Light
 
 # Periods of drawing and of looking for devices (s).
 TICK_PERIOD, FIND_PERIOD = 0.05, 0.5
 # Period of the garbage collection (s): Python's own comes after twenty minutes and more.
 COLLECT_PERIOD = 30.0
-# Period of the news that this program is alive, and least time between two refusals in the log
-# (s).
+# Period of the signs of life, and shortest time between two refusals in the log (s).
 NEWS_PERIOD, REFUSAL_PERIOD = 1.0, 1.0
-# By how much the priority of its process is below that of its parent: the device goes first.
+# Niceness of the process above that of its parent: the device has priority.
 NICENESS = 10
-# Type and name of the topic that a device has.
+# Name and type of the topic by which a device is found.
 TOPIC, TOPIC_TYPE = 'joint_states', 'sensor_msgs/msg/JointState'
-# Topic of fkm, by which a device differs from any other robot.
+# Topic of fkm, which distinguishes a device from other robots.
 STATE_TOPIC = 'state'
-# Most devices in one picture.
+# Largest number of devices in one picture.
 LARGEST_NUMBER = 8
-# What the page shows before the first device.
-NO_DEVICE = Banner(Light.GREY, 'no device found: is master running?', False)
 # Time for the first line (s).
 PRINT_TIMEOUT = 1.0
 
@@ -51,7 +47,7 @@ class View(ParameterNode):
     """
     Serves a page with every device that it finds; in a namespace, with that of the namespace.
 
-    `done` is completed when the process that it goes with has ended. InputError: the address
+    `done` is completed when the process `view.process` has ended. InputError: the address
     cannot be used.
     """
 
@@ -61,26 +57,24 @@ class View(ParameterNode):
         values = self.declare(VIEW_SETTINGS)
         self._process: int = values['view.process']
         self._arms: dict[str, Arm] = {}
-        # Messages are taken when they are drawn: at 1 kHz most of them never are.
+        # Only messages that are drawn are taken: at 1 kHz these are few.
         self._taker = rclpy.create_node('view_samples', namespace=self.get_namespace(),
                                         start_parameter_services=False, enable_rosout=False)
         self._refusals, self._news = Periodic(REFUSAL_PERIOD), Periodic(NEWS_PERIOD)
         self._server = serve(values['view.host'], values['view.port'], values['view.hosts'],
                              self._report_refusal)
         self._page = Page(self._server)
-        self._page.show('', NO_DEVICE)
         host = self._server.get_host()
         shown = in_url({'0.0.0.0': '127.0.0.1', '::': '::1'}.get(host, host))
         self.url = f'http://{shown}:{self._server.get_port()}'
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         self._find()
-        if not done.done():
-            print_within(STANDARD_OUTPUT, f'view: {self.url}', PRINT_TIMEOUT)
+        print_within(STANDARD_OUTPUT, f'view: {self.url}', PRINT_TIMEOUT)
         self.create_timer(TICK_PERIOD, self._tick, clock=STEADY)
         self.create_timer(FIND_PERIOD, self._find, clock=STEADY)
         # Objects of the start are never collected: the rest takes a few milliseconds.
         gc.freeze()
-        # rclpy passes an argument to a function that takes one, as `gc.collect` does.
+        # rclpy would pass an argument to `gc.collect`, which accepts one.
         self.create_timer(COLLECT_PERIOD, lambda: gc.collect(), clock=STEADY)
 
     def destroy_node(self) -> None:
@@ -91,15 +85,12 @@ class View(ParameterNode):
         super().destroy_node()
 
     def _find(self) -> None:
-        """Look for devices, and for the process that this one goes with."""
-        if self._process and not Path(f'/proc/{self._process}').exists() \
-                and not self._done.done():
+        """Poll for devices, and for the process that ends this one."""
+        if self._process and not Path(f'/proc/{self._process}').exists():
             self._done.set_result(None)
         own = self.get_namespace()
         for namespace in [own] if own != '/' else self._namespaces():
             if namespace not in self._arms and len(self._arms) < LARGEST_NUMBER:
-                if not self._arms:
-                    self._page.remove('')
                 self._arms[namespace] = Arm(
                     self, self._taker, self._page, namespace, len(self._arms))
                 self._page.aim(len(self._arms))
@@ -129,7 +120,7 @@ class View(ParameterNode):
             self._page.refresh()
 
     def _report_refusal(self, reason: str) -> None:
-        """Log a request that is refused, in a thread of the server, and not each of many."""
+        """Log a refused request, at most one a second; a thread of the server calls it."""
         if self._refusals.is_due(time.monotonic()):
             node_log.warning(self, f'a request is refused: {reason}')
 

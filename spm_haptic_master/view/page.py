@@ -5,8 +5,8 @@
 The page beside the picture: banners, figures, plots and events of each device, and the views.
 
 Banners and cover belong to the page, not to its panel, which leaves the page when a user collapses
-it. viser has no element outside the panel; its message for a script brings `page/page.js`, which
-shows what it is given and sends nothing.
+it. viser has no elements outside the panel: a script, `page/page.js`, draws them and sends
+nothing.
 """
 
 from __future__ import annotations
@@ -44,11 +44,11 @@ from spm_haptic_master.view.status import (
 from viser import ViserServer
 from viser._messages import RunJavascriptMessage as ViserScript
 
-# Time after which a page that gets no news from this program covers itself (ms).
+# Time without news from this program after which the page covers itself (ms).
 NEWS_TIMEOUT = 2500
 # The page's script and style.
 FOLDER = Path(__file__).with_name('page')
-# What signs and figures mean.
+# Meaning of colours and figures.
 LEGEND = (
     'Encoder: green healthy, amber not checked by the others, red faulty, black no reading.',
     'Parity: how far the encoders disagree, in standard deviations; of noise mostly below 3.',
@@ -60,19 +60,21 @@ NEWS = 'window.spm.show('
 # scene); share of that distance by which it backs off for each further device (unit 1).
 CAMERAS = {'front': (1.15, -3.1, 1.85), 'side': (3.9, -0.01, 0.4), 'top': (0.0, -0.01, 4.1)}
 LOOK_AT, BACK_OFF = (0.0, 0.0, 0.88), 0.75
+# What the page shows before the first device.
+NO_DEVICE = Banner(Light.GREY, 'no device found: is master running?', False)
 # Text of a figure without a value.
 DASH = '\u2013'
 # Colours of all encoders, and of limits.
 ALL, LIMIT = '#2b6cb0', '#b42318'
 # Error of three encoders clear of the singularity that noise does not explain (deg).
 WRONG_SIDE = 3.0
-# Share above which a motion of a calibration has little left to give.
+# Share above which further motion improves a calibration little.
 ENOUGH = 0.9
 
 
 @dataclass(slots=True)
 class Seen:
-    """What is known of a device; of the past where the banner is not alive."""
+    """State of a device; a past one if the banner is not alive."""
 
     banner: Banner
     sensors: int = 4  # number of them
@@ -92,7 +94,7 @@ class Seen:
 
 
 class RunJavascriptMessage(ViserScript):
-    """A script; viser, which knows it by its name, keeps the latest of each kind for new pages."""
+    """A script, by the name that viser knows; one of each kind is kept for new pages."""
 
     def redundancy_key(self) -> str:
         """Return the key under which a message replaces the one before."""
@@ -104,7 +106,7 @@ class Page:
 
     def __init__(self, server: ViserServer) -> None:
         self.server = server
-        # Banners and contents by the names of the devices; without a name it is the only one.
+        # Banners and contents by the names of the devices; the only one need not have a name.
         self.shown: dict[str, Banner] = {}
         self.content: dict[str, dict[str, Any]] = {}
         self.aim(1)
@@ -113,6 +115,7 @@ class Page:
             'lost': 'no news from view: the picture is old', 'dome': colour_bar(),
             'views': self.views, 'legend': LEGEND}
         self._run((FOLDER / 'page.js').read_text().replace('SETUP', json.dumps(setup)))
+        self.refresh()
 
     def aim(self, arms: int) -> None:
         """Have each view, and the first picture, show a number of devices in a row."""
@@ -131,22 +134,18 @@ class Page:
         self.content[name] = content(seen, entries)
         self.refresh()
 
-    def remove(self, name: str) -> None:
-        """Take a banner from the page."""
-        del self.shown[name]
-        self.refresh()
-
     def refresh(self) -> None:
-        """Let the page know that this program is alive; call it every second."""
+        """Send all of it, as a sign of life; call it every second."""
+        shown = self.shown or {'': NO_DEVICE}
         devices = [{
             'name': name, 'content': self.content.get(name),
             'banner': (f'{name}: {banner.text}' if name else banner.text, banner.light.value,
-                       banner.alive)} for name, banner in self.shown.items()]
-        # A text in JSON is one in a script, and so are its NaN and Infinity.
+                       banner.alive)} for name, banner in shown.items()]
+        # JSON of Python, with NaN and Infinity, is valid in a script.
         self._run(f'{NEWS}{json.dumps({"devices": devices, "views": self.views})});')
 
     def _run(self, script: str) -> None:
-        # viser's own script, plotly, goes the same way.
+        # viser sends its own script, plotly, in this way.
         self.server._websock_server.queue_message(RunJavascriptMessage(script))
 
 
@@ -180,7 +179,7 @@ def content(seen: Seen, entries: StatusEntries) -> dict[str, Any]:
               else degrees(seen.angles[MECHANISM_JOINT_NAMES.index(name)])
               for name in ALL_JOINT_NAMES[:seen.sensors]]
     zxz = map(degrees, () if seen.orientation is None else zxz_angles(*seen.orientation))
-    # The same rows at any time: name, text, and share and colour of a bar, if any.
+    # Always these rows: name, text, and share and colour of a bar, if any.
     rows = [
         ('source', seen.source or 'unknown'),
         ('encoders', DASH if driver is None else driver.message),

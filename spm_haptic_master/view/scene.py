@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from math import isfinite, nan, pi, tan
+from functools import partial
+from math import isfinite, pi, tan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +33,7 @@ from spm_haptic_master.kinematics.mounting import IDENTITY
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.view import surfaces
 from spm_haptic_master.view.surfaces import rgb, wxyz
-from viser import BatchedMeshHandle, LineSegmentsHandle, SceneApi, ViserServer
+from viser import BatchedMeshHandle, LineSegmentsHandle, SceneApi
 
 # Units of the scene for a metre: the proximal links are 1 unit from O.
 SCALE = 1.0 / SIZE
@@ -49,7 +50,7 @@ AXIS_COLOURS = ['#cc0000', '#00cc00', '#0000cc']
 # Cone of the protection level: colour, corners, opacity; magnification, widest half angle (rad).
 LEVEL, LEVEL_CORNERS, LEVEL_OPACITY = '#d6601e', 36, 0.22
 MAGNIFICATION, WIDEST = 10.0, 0.35
-# What three encoders alone report: colour, opacity; size that keeps it in front of the platform.
+# Ghost of three encoders alone: colour, opacity; size that keeps it in front of the platform.
 GHOST, GHOST_OPACITY, GHOST_SCALE = '#b0379b', 0.55, 1.012
 # Colours of the torques commanded and rendered; length of an arrow for 1 N m (units of the scene),
 # and least torque with an arrow (N m).
@@ -59,22 +60,20 @@ TORQUE_LENGTH, LEAST_TORQUE = 3.0, 0.005
 FLOOR, FLOOR_HEIGHT, FLOOR_RADIUS, FLOOR_CORNERS = '#eef0f3', -0.06, 1.05, 48
 # Distances of the names from O: encoders on motors and on third joints, legs, handle (units of the
 # scene).
-AT_1, AT_3, OF_LEG, OF_HANDLE = 1.49, 1.02, 1.66, 1.7
+MOTOR_AT, THIRD_AT, LEG_AT, HANDLE_AT = 1.49, 1.02, 1.66, 1.7
 # Radius of the dome about O, outside the handle; radius of its tiles and of the ball at the end of
 # the trace (units of the scene); opacity.
-RADIUS, TILE, PIN, OPACITY = 1.78, 0.042, 0.03, 0.75
+RADIUS, TILE_RADIUS, PIN_RADIUS, TILE_OPACITY = 1.78, 0.042, 0.03, 0.75
 # Singularities: colour, size (units of the scene), and how much higher than the tiles (unit 1).
-SINGULAR, POINT, ABOVE = '#460014', 0.022, 1.004
+SINGULAR, SINGULAR_SIZE, SINGULAR_RATIO = '#460014', 0.022, 1.004
 # Lines: colours of trace and rim, width (pixels).
-TRACE, LINE = '#141414', 2.0
+TRACE_COLOUR, LINE_WIDTH = '#141414', 2.0
 # Points of the trace, and least distance of two of them (unit of the scene).
 TRACE_POINTS, TRACE_STEP = 300, 0.004
-# Least change of the self-rotation after which the map is painted again (rad).
-MAP_STEP = 0.004
 
 
 class Dome:
-    """The dome of a device, below its root in the scene."""
+    """The dome of a device, below a frame of the scene, `root`."""
 
     def __init__(self, scene: SceneApi, root: str, geometry: Geometry,
                  working_mode: WorkingMode) -> None:
@@ -82,40 +81,30 @@ class Dome:
                  colour: str) -> LineSegmentsHandle:
             # As wide as in the scene, a line is drawn twice, by two programs.
             return scene.add_line_segments(f'{root}/{name}', segments, rgb([colour])[0],
-                                           thickness=LINE, thickness_units='screen')
+                                           thickness=LINE_WIDTH, thickness_units='screen')
 
         self._map = WorkspaceMap(geometry, working_mode)
-        # Self-rotation for which the map is painted (rad); nan before it is.
-        self._phi = nan
         self._points: deque[NDArray[np.float64]] = deque(maxlen=TRACE_POINTS)
         axes = self._map.axes
         self.tiles = surfaces.add(
-            scene, f'{root}/map', surfaces.two_sided(surfaces.polygon(TILE, 6)),
-            self._map.colours(0.0), axes, RADIUS * axes, opacity=OPACITY)
+            scene, f'{root}/map', surfaces.two_sided(surfaces.fan(TILE_RADIUS, 0.0, 6)),
+            self._map.colours(0.0), axes, RADIUS * axes, opacity=TILE_OPACITY)
         self.singular = scene.add_point_cloud(
-            f'{root}/singular', np.zeros((1, 3)), rgb([SINGULAR])[0], point_size=POINT,
-            point_shape='circle', point_shading='flat', precision='float32')
+            f'{root}/singular', np.zeros((1, 3)), rgb([SINGULAR])[0], point_size=SINGULAR_SIZE,
+            point_shape='circle', point_shading='flat', precision='float32', visible=False)
         rim = RADIUS * workspace_pose(HALF_ANGLE, np.linspace(0.0, 2.0 * pi, 97), 0.0)[..., 2]
         self.rim = line('rim', np.stack([rim[:-1], rim[1:]], axis=1), GREY)
-        self.trace = line('trace', np.zeros((1, 2, 3)), TRACE)
-        self.pin = surfaces.add(scene, f'{root}/pin', surfaces.ball(PIN), rgb([TRACE]))
-
-    def show(self, visible: bool) -> None:
-        """Show or hide the dome."""
-        self.tiles.visible = self.trace.visible = self.rim.visible = visible
-        # `paint` shows where they are, and `move` where the handle is.
-        self.singular.visible = False
-        self.pin.visible = visible and len(self._points) > 0
+        self.trace = line('trace', np.zeros((1, 2, 3)), TRACE_COLOUR)
+        self.pin = surfaces.add(scene, f'{root}/pin', surfaces.ball(PIN_RADIUS),
+                                rgb([TRACE_COLOUR]), visible=False)
 
     def move(self, axis: Sequence[float]) -> None:
         """Continue the trace of the handle's axis, a unit vector in the base frame."""
         point = RADIUS * np.asarray(axis)
-        self.pin.position = point
+        self.pin.position, self.pin.visible = point, True
         if self._points and np.abs(point - self._points[-1]).max() < TRACE_STEP:
             return
         self._points.append(point)
-        if self.trace.visible and not self.pin.visible:
-            self.pin.visible = True
         points = np.array(self._points)
         segments = np.stack([points[:-1], points[1:]], axis=1)
         segments = segments[np.isfinite(segments).all(axis=(1, 2))]
@@ -123,17 +112,14 @@ class Dome:
             self.trace.points = segments.astype(np.float32)
 
     def break_trace(self) -> None:
-        """Continue the trace without a line from its end: the way is not known."""
+        """Interrupt the trace: the motion meanwhile is not known."""
         if self._points and np.isfinite(self._points[-1]).all():
             self._points.append(np.full(3, np.nan))
 
     def paint(self, phi: float) -> None:
-        """Paint the map for a self-rotation, rad, if that has changed."""
-        if abs(phi - self._phi) < MAP_STEP:
-            return
-        self._phi = phi
+        """Paint the map for a self-rotation, rad."""
         self.tiles.batched_colors = self._map.colours(phi)
-        points = ABOVE * RADIUS * self._map.singular_axes(phi)
+        points = SINGULAR_RATIO * RADIUS * self._map.singular_axes(phi)
         self.singular.visible = len(points) > 0
         if len(points):
             self.singular.points = points.astype(np.float32)
@@ -146,90 +132,78 @@ class Scene:
     `table` is the quaternion x, y, z, w of R_table_base, `sensors` the number of encoders.
     """
 
-    def __init__(self, server: ViserServer, number: int, geometry: Geometry,
+    def __init__(self, scene: SceneApi, number: int, geometry: Geometry,
                  working_mode: WorkingMode, table: Quaternion[float], sensors: int) -> None:
+        centre = workspace_pose(0.0, 0.0, 0.0)
         # A mechanism that cannot be assembled there is refused.
-        centre = mechanism_angles(tuple(workspace_pose(0.0, 0.0, 0.0).ravel().tolist()), geometry,
-                                  working_mode)
-        self._geometry = geometry
-        self._scene, self._name = server.scene, f'/arm{number}'
-        self._alive: bool | None = None
-        # Without a mounting the device is upright: its workspace is about the vertical.
+        angles = mechanism_angles(tuple(centre.ravel().tolist()), geometry, working_mode)
+        # Without a mounting the device is upright: the axis of its workspace is vertical.
         x, y, z, w = table
         place = np.array([ARM_DISTANCE * number, 0.0, 0.0])
-        self._root = self._scene.add_frame(
-            self._name, show_axes=False, position=place,
-            wxyz=wxyz(_upright()) if table == IDENTITY else np.array([w, x, y, z]))
-        # What turns grey, and its own colours.
-        self._coloured: list[tuple[BatchedMeshHandle, NDArray[np.uint8]]] = []
-        # Links of one shape, which one message turns: where they are in `link_turns`.
+        self._root = scene.add_frame(
+            f'/arm{number}', show_axes=False, position=place,
+            wxyz=wxyz(centre.T) if table == IDENTITY else np.array([w, x, y, z]))
+        self._frame = scene.add_frame(f'{self._root.name}/platform', show_axes=False)
+        # Frames of what is beside the device: `show_rest` shows it.
+        self._rest = [scene.add_frame(f'{frame.name}/rest', show_axes=False, visible=False)
+                      for frame in (self._root, self._frame)]
+        fixed, turned, fixed_rest, turned_rest = (
+            frame.name for frame in (self._root, self._frame, *self._rest))
+        add = partial(surfaces.add, scene, scale=SCALE)
+        self._geometry, shapes = geometry, solids(geometry)
+        base = add(f'{fixed}/base', shapes['base'], rgb([css('base')]))
+        # Encoders have the colours of their states: first those on motors, then those on the third
+        # joints th3A, th3B, th3C.
+        self._motors = add(f'{fixed}/motors', cylinder(MOTOR_ENCODER), rgb([GREY] * len(LEGS)),
+                           geometry.base_axes)
+        thirds = geometry.platform_axes[:sensors - len(LEGS)]
+        self._others = add(f'{turned}/encoder', cylinder(THIRD_ENCODER),
+                           rgb([GREY] * len(thirds)), thirds)
+        # Links of one shape, turned by one message: their rows in `link_turns`.
         self._batches: list[tuple[list[int], BatchedMeshHandle]] = []
-        # Colours of the encoders.
-        self._sensors = rgb([GREY] * sensors)
-        shapes = solids(geometry)
-        self._add('base', shapes['base'], [css('base')])
-        self._motors = self._add_encoders('motors', MOTOR_ENCODER, geometry.base_axes)
-        for number, (kind, spans) in enumerate(
-                {'proximal': geometry.alphas, 'distal': geometry.betas}.items()):
+        for first, kind, spans in ((0, 'proximal', geometry.alphas),
+                                   (len(LEGS), 'distal', geometry.betas)):
             for span in dict.fromkeys(spans):
                 legs = [k for k, each in enumerate(spans) if each == span]
                 link = f'{kind}_{LEGS[legs[0]]}'
-                handle = self._add(link, shapes[link], [css(f'leg_{LEGS[k]}') for k in legs])
-                self._batches.append(([3 * number + k for k in legs], handle))
+                self._batches.append(([first + k for k in legs], add(
+                    f'{fixed}/{link}', shapes[link], rgb([css(f'leg_{LEGS[k]}') for k in legs]))))
         pointer = cylinder(POINTER).turned(onto((1.0, 0.0, 0.0)))
         platform = together(shapes['platform'], Solid(
             pointer.vertices + (0.0, 0.0, SIZE * POINTER_AT), pointer.triangles))
-        self._frame = self._scene.add_frame(f'{self._name}/platform', show_axes=False)
-        self._add('platform/solid', platform, [css('platform')])
-        # Encoders on third joints: th3A, th3B, th3C.
-        thirds = geometry.platform_axes[:sensors - len(LEGS)]
-        self._others = self._add_encoders('platform/encoder', THIRD_ENCODER, thirds)
-        self._add('platform/axes', cylinder(AXIS), AXIS_COLOURS, np.eye(3))
+        # Parts that turn grey, with their own colours.
+        self._coloured = [(handle, handle.batched_colors.copy()) for handle in (
+            base, *(links for _, links in self._batches),
+            add(f'{turned}/solid', platform, rgb([css('platform')])),
+            add(f'{turned}/axes', cylinder(AXIS), rgb(AXIS_COLOURS), np.eye(3)))]
         # To be scaled to the protection level.
         self.level = surfaces.add(
-            self._scene, f'{self._frame.name}/level',
-            surfaces.two_sided(surfaces.cone(RADIUS, LEVEL_CORNERS)), rgb([LEVEL]),
+            scene, f'{turned_rest}/level',
+            surfaces.two_sided(surfaces.fan(RADIUS, RADIUS, LEVEL_CORNERS)), rgb([LEVEL]),
             opacity=LEVEL_OPACITY, visible=False)
-        self.dome = Dome(self._scene, self._name, geometry, working_mode)
+        self.dome = Dome(scene, fixed_rest, geometry, working_mode)
         self.ghost = surfaces.add(
-            self._scene, f'{self._frame.name}/ghost', platform, rgb([GHOST]),
+            scene, f'{turned_rest}/ghost', platform, rgb([GHOST]),
             scale=GHOST_SCALE / SIZE, opacity=GHOST_OPACITY, visible=False)
         self.torques = [
-            surfaces.add(self._scene, f'{self._frame.name}/torque_{kind}', surfaces.ARROW,
-                         rgb([colour]), visible=False) for kind, colour in TORQUES.items()]
+            surfaces.add(scene, f'{turned}/torque_{kind}', surfaces.ARROW, rgb([colour]),
+                         visible=False) for kind, colour in TORQUES.items()]
         # It is in the scene's frame, whatever the mounting is.
         self._floor = surfaces.add(
-            self._scene, f'/floor{self._name}', surfaces.polygon(FLOOR_RADIUS, FLOOR_CORNERS),
+            scene, f'/floor{fixed}', surfaces.fan(FLOOR_RADIUS, 0.0, FLOOR_CORNERS),
             rgb([FLOOR]), places=place[None] + (0.0, 0.0, FLOOR_HEIGHT))
-        first = np.array(geometry.base_axes)
-        names = [
-            *((self._root, f'th{SHORT_NAMES[k]}', AT_1 * axis) for k, axis in enumerate(first)),
-            *((self._root, LEGS[k].upper(), OF_LEG * axis) for k, axis in enumerate(first)),
-            *((self._frame, f'th{SHORT_NAMES[3 + k]}', AT_3 * np.array(axis))
-              for k, axis in enumerate(thirds)),
-            (self._frame, 'handle', OF_HANDLE * np.array([0.0, 0.0, 1.0])),
-            (self._root, 'O', np.zeros(3))]
-        self.labels = [
-            self._scene.add_label(f'{parent.name}/label_{text}', text, position=at, visible=False,
-                                  anchor='center-center', font_screen_scale=1.0)
-            for parent, text, at in names]
-        self.show_rest(False)
-        self.place(centre)
+        axes = np.array(geometry.base_axes)
+        for parent, text, at in (
+                *((fixed_rest, f'th{SHORT_NAMES[k]}', MOTOR_AT * z) for k, z in enumerate(axes)),
+                *((fixed_rest, LEGS[k].upper(), LEG_AT * z) for k, z in enumerate(axes)),
+                *((turned_rest, f'th{SHORT_NAMES[len(LEGS) + k]}', THIRD_AT * np.array(z))
+                  for k, z in enumerate(thirds)),
+                (turned_rest, 'handle', np.array([0.0, 0.0, HANDLE_AT])),
+                (fixed_rest, 'O', np.zeros(3))):
+            scene.add_label(f'{parent}/label_{text}', text, position=at, anchor='center-center',
+                            font_screen_scale=1.0)
+        self.place(angles)
         self.set_alive(False)
-
-    def _add(self, path: str, solid: Solid, colours: Sequence[str],
-             axes: NDArray[np.float64] | None = None) -> BatchedMeshHandle:
-        """Add a solid once for each colour, grey while the device is not alive."""
-        handle = surfaces.add(self._scene, f'{self._name}/{path}', solid, rgb(colours), axes,
-                              scale=SCALE)
-        self._coloured.append((handle, rgb(colours)))
-        return handle
-
-    def _add_encoders(self, path: str, encoder: Sequence[float],
-                      axes: Sequence[Sequence[float]]) -> BatchedMeshHandle:
-        """Add encoders on some axes; they have the colours of their states, grey at first."""
-        return surfaces.add(self._scene, f'{self._name}/{path}', cylinder(encoder),
-                            rgb([GREY] * len(axes)), axes, scale=SCALE)
 
     def place(self, angles: Sequence[float]) -> None:
         """Turn the links to the angles of `joint_states`, rad."""
@@ -241,16 +215,13 @@ class Scene:
     def show_sensors(self, colours: Sequence[str]) -> None:
         """Give each encoder the colour of its state, as CSS has it: #rrggbb."""
         sensors = rgb(colours)
-        if not np.array_equal(sensors, self._sensors):
-            self._sensors = sensors
-            self._motors.batched_colors = sensors[:len(LEGS)]
-            self._others.batched_colors = sensors[len(LEGS):]
+        self._motors.batched_colors = sensors[:len(LEGS)]
+        self._others.batched_colors = sensors[len(LEGS):]
 
-    def show_rest(self, whole: bool) -> None:
-        """Show or hide what is beside the device."""
-        self.dome.show(whole)
-        for label in self.labels:
-            label.visible = whole
+    def show_rest(self) -> None:
+        """Show what is beside the device: dome, names, cone, and what three encoders report."""
+        for frame in self._rest:
+            frame.visible = True
 
     def show_level(self, level: float) -> None:
         """Show the cone of the protection level, rad, magnified; nan: none."""
@@ -277,9 +248,6 @@ class Scene:
 
     def set_alive(self, alive: bool) -> None:
         """Give the device its colours, or turn it grey: it does not show the present pose."""
-        if alive == self._alive:
-            return
-        self._alive = alive
         for handle, colours in self._coloured:
             handle.batched_colors = colours if alive else rgb([GREY] * len(colours))
         if not alive:
@@ -289,12 +257,3 @@ class Scene:
         """Take the device out of the scene."""
         self._root.remove()
         self._floor.remove()
-
-
-def _upright() -> NDArray[np.float64]:
-    """Return the matrix that takes (1, 1, 1) to the vertical, with leg A at the back."""
-    up = np.ones(3) / np.sqrt(3.0)
-    back = np.array([0.0, 0.0, 1.0]) - up[2] * up
-    back /= np.linalg.norm(back)
-    # Rows: the scene's x, y, z in the base frame.
-    return np.stack([np.cross(back, up), back, up])

@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import redirect_stdout
 import errno
-from functools import partial
 from http import HTTPStatus
 from io import StringIO
 import ipaddress
@@ -27,6 +26,7 @@ import msgspec
 from spm_haptic_master.exceptions import InputError, SpmError
 from viser import ViserServer
 from websockets.asyncio import server as websocket_server
+from websockets.asyncio.server import ServerConnection
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
@@ -87,34 +87,8 @@ def is_wanted(message: str | bytes) -> bool:
         return False
 
 
-class GuardedConnection(websocket_server.ServerConnection):
-    """A connection to a page with some names; `report` is called with the reason of a refusal."""
-
-    def __init__(self, *args: Any, names: frozenset[str], report: Callable[[str], None],
-                 **options: Any) -> None:
-        super().__init__(*args, **options)
-        self._names, self._report = names, report
-
-    async def handshake(self, process_request: Any = None, *args: Any, **options: Any) -> None:
-        """Answer the request, if it is one of the page's own."""
-        def answer(connection: websocket_server.ServerConnection,
-                   request: Request) -> Response | None:
-            reason = refusal(request.headers,
-                             self._names | {in_url(str(self.local_address[0]))})
-            if reason:
-                self._report(reason)
-                return self.respond(HTTPStatus.FORBIDDEN, f'{reason}\n')
-            response: Response | None = process_request(connection, request)
-            if response is not None:
-                # No other page has this one in a frame, below its own buttons, to steal clicks;
-                # and this page connects to no other server that a link names (?websocket=).
-                host = request.headers['Host']
-                response.headers['Content-Security-Policy'] = (
-                    f"frame-ancestors 'none'; connect-src http://{host} https://{host} "
-                    f'ws://{host} wss://{host} data: blob:')
-            return response
-
-        await super().handshake(answer, *args, **options)
+class GuardedConnection(ServerConnection):
+    """A connection that drops the messages that are not passed on."""
 
     async def recv(self, decode: bool | None = None) -> Any:
         """Return the next message that is passed on."""
@@ -131,28 +105,42 @@ def serve(host: str, port: int, names: str, report: Callable[[str], None]) -> Vi
     thread, with the reason of a refused request. InputError: the address cannot be used. SpmError:
     the server would not refuse anything.
     """
-    # Its log is of connections, to standard error.
+    # It logs each connection on standard error.
     logging.getLogger('websockets').setLevel(logging.CRITICAL)
-    # viser would try one port after the other, for ever or beyond the last.
+    # viser would try ports without end, or beyond the last one.
     port = free_port(host, port)
     # viser passes no options to the server of websockets that it creates.
-    unguarded, guarded = websocket_server.serve, partial(
-        GuardedConnection, names=own_names(host, names), report=report)
-    created = []
+    unguarded, known, guards = websocket_server.serve, own_names(host, names), []
 
-    def serve_guarded(*args: Any, **options: Any) -> Any:
-        created.append(guarded)
+    def serve_guarded(*args: Any, process_request: Any, **options: Any) -> Any:
+        def answer(connection: ServerConnection, request: Request) -> Response | None:
+            reason = refusal(request.headers, known | {in_url(connection.local_address[0])})
+            if reason:
+                report(reason)
+                return connection.respond(HTTPStatus.FORBIDDEN, f'{reason}\n')
+            response: Response | None = process_request(connection, request)
+            if response is not None:
+                # No other page has this one in a frame, below its own buttons, to steal clicks;
+                # and this page connects to no other server that a link names (?websocket=).
+                host = request.headers['Host']
+                response.headers['Content-Security-Policy'] = (
+                    f"frame-ancestors 'none'; connect-src http://{host} https://{host} "
+                    f'ws://{host} wss://{host} data: blob:')
+            return response
+
+        guards.append(answer)
         return unguarded(*args, **options | {
-            'max_size': LONGEST_MESSAGE, 'create_connection': guarded})
+            'process_request': answer, 'max_size': LONGEST_MESSAGE,
+            'create_connection': GuardedConnection})
 
     websocket_server.serve = serve_guarded
     try:
-        # It prints its address in a frame; the first line of this program has it.
+        # viser prints its address in a frame; `view` prints a line of its own.
         with redirect_stdout(StringIO()):
             server = ViserServer(host=host, port=port, label='haptic master', verbose=False)
     finally:
         websocket_server.serve = unguarded
-    if not created:
+    if not guards:
         raise SpmError('this version of viser makes a server that cannot be guarded')
     server.gui.configure_theme(control_width='large', show_logo=False, show_share_button=False)
     server.gui.main_panel.dock_right()

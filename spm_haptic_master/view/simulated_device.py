@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""All that a client of the page can operate; only a device whose source is simulated has it."""
+"""The controls of the page; only a device with a simulated source has them."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ OFFSET = 5.0
 # Pose of the sliders before the first one of the device (deg): tilt, azimuth, self-rotation; and
 # their steps (deg).
 FIRST_POSE, STEPS = (0.0, 0.0, 45.0), (0.5, 1.0, 0.5)
-# Self-rotation of the singularity at the workspace's centre (deg), how far a story goes to either
-# side of it, clear of it, and where three encoders are on the wrong side still.
+# Self-rotation of the singularity at the workspace's centre; distances from it at which a story is
+# clear of it, and three encoders are still on the wrong side (deg).
 SINGULAR, AWAY, NEAR = 49.36, 15.0, 7.0
 
 
@@ -40,23 +40,22 @@ class Step(NamedTuple):
     """What happens at a time."""
 
     at: float  # time from the beginning, s
-    # Self-rotation at the centre to which the device is led, deg; None: where it goes anyway.
+    # Self-rotation at the centre to which the device is led, deg; None: unchanged.
     phi: float | None = None
-    faults: str | None = None  # faults that are present from then on; None: as before
+    faults: str | None = None  # faults from then on; None: unchanged
 
 
 class Story(NamedTuple):
-    """A sequence of steps, and its explanation."""
+    """A sequence of steps, and its explanation; it ends with the last step."""
 
     name: str
     words: str
     steps: tuple[Step, ...]
-    end: float  # when it ends, s
 
 
 class SimulatedDevice:
     """
-    The knobs of a device and the topics behind them; with any other source, nothing.
+    The knobs of a simulated device and the topics behind them; none for another source.
 
     `folder` is the device's part of the panel and `order` the knobs' place in it; `name` returns
     the name of a topic in the device's namespace.
@@ -66,11 +65,11 @@ class SimulatedDevice:
                  order: float, name: Callable[[str], str]) -> None:
         self._node, self._gui, self._panel, self._name = node, gui, folder, name
         self._order = order
-        # By topic, once the source has been simulated.
+        # Publishers by topic, made for the first simulated source.
         self._outs: dict[str, Publisher] = {}
         self.knobs: GuiFolderHandle | None = None
         self._sensors = 0  # number of them; 0 of a device that is not simulated
-        # The words of what is played, one a tick; threads of the server replace it at any time.
+        # Words of the story that is played, one a tick; threads of the server may replace it.
         self._playing: Iterator[str] = iter(())
         self._now = 0.0  # time of the latest tick, s
         # Whether a user leads the device; if not, the sliders follow it.
@@ -136,9 +135,7 @@ class SimulatedDevice:
         u, v, phi = place(*zxz_angles(*orientation))
         for slider, value, step in zip(
                 self.sliders, (hypot(u, v), atan2(v, u), phi), STEPS, strict=True):
-            shown = min(max(step * round(degrees(value) / step), slider.min), slider.max)
-            if shown != slider.value:
-                slider.value = shown
+            slider.value = min(max(step * round(degrees(value) / step), slider.min), slider.max)
 
     def add_fault(self, kind: str) -> None:
         """Ask for one more fault, beside those that are present."""
@@ -169,8 +166,6 @@ class SimulatedDevice:
                 self._fail(step.faults)
             if step.phi is not None:
                 self._steer(0.0, 0.0, radians(step.phi))
-        while self._now - began < story.end:
-            yield story.words
         self._steer()
 
     def _on_slider(self, event: GuiEvent[Any]) -> None:
@@ -217,7 +212,7 @@ def stories(sensors: int) -> tuple[Story, ...]:
               'Three encoders lose the handle at the singularity: the violet ghost is what they '
               f'would report. The device has {number} and goes through as if nothing were there.',
               (Step(0.0, SINGULAR - AWAY, ''), Step(3.0, SINGULAR), Step(6.0, SINGULAR + NEAR),
-               Step(10.0, SINGULAR + AWAY), Step(13.0, SINGULAR - AWAY)), 17.0),
+               Step(10.0, SINGULAR + AWAY), Step(13.0, SINGULAR - AWAY), Step(17.0))),
         Story('break th3A there',
               'Here th3A alone knows the self-rotation and no other encoder checks it: its chip '
               'is amber. It freezes, its own stillness gives it away, and the device is silent.'
@@ -225,11 +220,11 @@ def stories(sensors: int) -> tuple[Story, ...]:
               f'With {number} encoders the others check th3A even at the singularity. It freezes, '
               'is excluded, and the device continues without it.',
               (Step(0.0, SINGULAR, ''), Step(5.0, None, 'stuck:joint_3a'),
-               Step(7.0, SINGULAR - AWAY), Step(14.0, None, '')), 16.0),
+               Step(7.0, SINGULAR - AWAY), Step(14.0, None, ''), Step(16.0))),
         Story(f'unplug one of {number}',
               'With four encoders none may be missing: without th1B the device is silent. With '
               'six it continues: start it with -p sensors:=6.' if four else
               f'One of {number} encoders does not answer: its chip is black, and the state says '
               'so. The device continues with the others.',
-              (Step(0.0, None, ''), Step(2.0, None, 'dropout:joint_1b'), Step(9.0, None, '')),
-              11.0))
+              (Step(0.0, None, ''), Step(2.0, None, 'dropout:joint_1b'), Step(9.0, None, ''),
+               Step(11.0))))

@@ -1,33 +1,18 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a device reports: its entries on /diagnostics, its banner, the mechanism of its fkm."""
+"""What a device reports: its entries on /diagnostics, its banner, the states of its encoders."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 from math import inf
-from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from rcl_interfaces.srv import GetParameters
-from rclpy.node import Node
-from rclpy.parameter import parameter_value_to_python
-from rclpy.task import Future
-from spm_haptic_master.exceptions import SpmError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, named_joints
-from spm_haptic_master.parameters.fkm import FKM_SETTINGS
-from spm_haptic_master.parameters.geometry import (
-    GEOMETRY_SETTINGS,
-    mechanism_checksum,
-    MOUNTING_SETTINGS,
-    WORKING_MODE_SETTING,
-)
-from spm_haptic_master.parameters.setting import complete, SENSORS_SETTING
-from spm_haptic_master.ros.diagnostic_status import CHECKSUM_KEY, MISSING_KEY
+from spm_haptic_master.ros.diagnostic_status import MISSING_KEY
 from spm_haptic_master.supervision.orientation_state import (
     Condition,
     HEALTHY,
@@ -35,10 +20,10 @@ from spm_haptic_master.supervision.orientation_state import (
     silent,
 )
 
-# Time without new joint angles after which the picture is an old one (s): a silence has to be seen
+# Time without new joint angles after which the picture is stale (s): a silence has to be visible
 # within half a second.
 STALE_AFTER = 0.25
-# Longest time between two ticks of which the second is not late (s): two periods.
+# Longest time between two ticks that is no pause of this process (s): two periods.
 LONGEST_TICK = 0.1
 # Names of entries, without a namespace.
 ENCODERS, ORIENTATION, TIMING = 'encoder_driver: encoders', 'fkm: orientation', 'fkm: timing'
@@ -48,12 +33,6 @@ ENTRY_TIMEOUT = 2.5
 # Time without a check by the others after which an encoder is unchecked (s): less is a moment on
 # the way through a singularity, and the figures come once a second.
 UNCHECKED_AFTER = 1.0
-# Settings of fkm that the page needs.
-SETTINGS = (*GEOMETRY_SETTINGS, WORKING_MODE_SETTING, *MOUNTING_SETTINGS, SENSORS_SETTING,
-            *(setting for setting in FKM_SETTINGS if setting.name == 'alert_limit_deg'))
-# Time after which fkm is asked again without an answer, and after one (s): another fkm may have
-# another mechanism or mounting.
-ANSWER_TIMEOUT, ASK_PERIOD = 1.0, 5.0
 
 
 class Light(Enum):
@@ -78,12 +57,11 @@ class Banner:
 class SampleAge:
     """Time since joint angles last came, as far as this process has had the time to read them."""
 
-    def __init__(self, now: float) -> None:
-        # Time since they came (s), None before the first; and when they came (s).
-        self.value: float | None = None
-        self._came = now
-        # When the last tick was (s), and whether it was late: this process stood still.
-        self._ticked, self._late = now, False
+    def __init__(self) -> None:
+        self.value: float | None = None  # s, None before the first
+        # When they came, when the last tick was (s), and whether it was late.
+        self._came = self._ticked = -inf
+        self._late = False
 
     def renew(self, now: float) -> None:
         """Note joint angles that came at a time, s."""
@@ -92,10 +70,9 @@ class SampleAge:
     def tick(self, now: float) -> None:
         """Advance to a time, s; call it every 50 ms."""
         late = now - self._ticked > LONGEST_TICK
-        if self.value is not None:
-            age = now - self._came
-            # After a pause of this process itself, what came meanwhile is not read yet.
-            self.value = min(age, self.value + LONGEST_TICK) if late and not self._late else age
+        # After a pause of this process itself, what came meanwhile is not read yet.
+        if self.value is not None and (self._late or not late):
+            self.value = now - self._came
         self._ticked, self._late = now, late
 
 
@@ -104,8 +81,8 @@ def banner(state: OrientationState | None, age: float | None, diagnostics: str =
     """
     Return the banner for the latest state and the time since joint angles came, s, if any did.
 
-    `diagnostics` is why the node of that name has no joint angles, `heard` whether `fkm` is on
-    /diagnostics: `state` is latched, and without that it may be an old one.
+    `diagnostics` is the reason of the node diagnostics why there are no joint angles. `heard` is
+    whether `fkm` is on /diagnostics: if not, its latched `state` may be an old one.
     """
     text, publishes = ('', False) if state is None else (state.text, state.publishes)
     if state is not None and state.condition is Condition.SILENT:
@@ -122,7 +99,7 @@ def banner(state: OrientationState | None, age: float | None, diagnostics: str =
     if not heard:
         missing = silent(f'nothing from fkm, no joint_states {since}').text
     elif publishes:
-        # With a state in which orientations go out it is not these that are missing.
+        # fkm publishes orientations: joint_states alone are missing.
         missing = f'no joint_states {since} {of_diagnostics}'
     else:
         missing = silent(f'no orientation {since}').text
@@ -152,20 +129,18 @@ class StatusEntries:
         # The present, s: the caller sets it.
         self.now = 0.0
 
-    def take(self, entry: DiagnosticStatus, now: float) -> str:
-        """Keep an entry; return its name without namespace, '' of another device's."""
-        name: str = entry.name.removeprefix(self._prefix)
-        if '/' in name or not entry.name.startswith(self._prefix):
-            return ''
-        self._entries[name] = entry, now
-        return name
+    def take(self, entry: DiagnosticStatus, now: float) -> None:
+        """Keep an entry if it is this device's."""
+        name = entry.name.removeprefix(self._prefix)
+        if '/' not in name and entry.name.startswith(self._prefix):
+            self._entries[name] = entry, now
 
     def has_ended(self, name: str) -> bool:
-        """Return whether an entry came before, and does no longer."""
+        """Return whether an entry came once, but not lately."""
         return name in self._entries and self.entry(name) is None
 
     def entry(self, name: str) -> DiagnosticStatus | None:
-        """Return an entry, None without a new one."""
+        """Return an entry, None if there is none or only an old one."""
         entry, came = self._entries.get(name, (None, 0.0))
         return entry if self.now - came <= ENTRY_TIMEOUT else None
 
@@ -206,51 +181,3 @@ class StatusEntries:
             return SensorState.UNCHECKED if unchecked > UNCHECKED_AFTER else SensorState.HEALTHY
 
         return [of(name) for name in ALL_JOINT_NAMES[:sensors]]
-
-
-class MechanismQuery:
-    """
-    Asks fkm for its parameters, again and again.
-
-    `build` is called with checked settings that differ from the last ones; it raises SpmError if
-    they cannot be drawn.
-    """
-
-    def __init__(self, node: Node, service: str, build: Callable[[dict[str, Any]], None]) -> None:
-        self._build = build
-        self._client = node.create_client(GetParameters, service)
-        # Settings of the mechanism that is drawn, none before the first, and its checksum.
-        self._known: dict[str, Any] = {}
-        self._checksum = ''
-        # When fkm was asked (s, monotonic), and whether its mechanism is drawn, as far as known.
-        self._asked_at, self._answered = -inf, False
-
-    def ask(self, now: float) -> None:
-        """Ask when that is due, at a time, s."""
-        period = ASK_PERIOD if self._answered else ANSWER_TIMEOUT
-        if now - self._asked_at >= period and self._client.service_is_ready():
-            self._asked_at, self._answered = now, False
-            request = GetParameters.Request(names=[setting.name for setting in SETTINGS])
-            self._client.call_async(request).add_done_callback(self._on_answer)
-
-    def check(self, entry: DiagnosticStatus) -> None:
-        """Ask again soon if fkm reports another mechanism than the drawn one."""
-        reported = next((value.value for value in entry.values if value.key == CHECKSUM_KEY), '')
-        if reported not in ('', self._checksum):
-            self._answered = False
-
-    def take(self, values: dict[str, Any]) -> None:
-        """Build the mechanism of checked settings if they are new."""
-        if values != self._known:
-            self._build(values)
-            self._known, self._checksum = values, mechanism_checksum(values)
-
-    def _on_answer(self, future: Future) -> None:
-        answers = map(parameter_value_to_python, future.result().values)
-        given = {setting.name: value for setting, value in zip(SETTINGS, answers, strict=False)
-                 if value is not None}
-        try:
-            self.take(complete(SETTINGS, given))
-        except SpmError:
-            return  # of another version: asked again
-        self._answered = True

@@ -55,35 +55,23 @@ def wxyz(rotations: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def two_sided(solid: Solid) -> Solid:
     """
-    Return a surface that is seen from both sides.
+    Return a surface that is seen from above and from below.
 
-    The triangles seen from behind come first: of a cone they are the far wall, which is drawn
+    The triangles seen from above come first: of a cone they are the far wall, which is drawn
     before the near one.
     """
-    return Solid(solid.vertices, np.concatenate([solid.triangles[:, ::-1], solid.triangles]))
+    return Solid(solid.vertices, np.concatenate([solid.triangles, solid.triangles[:, ::-1]]))
 
 
-def polygon(radius: float, corners: int) -> Solid:
-    """Return a flat regular polygon about z, seen from above."""
-    fan = np.arange(1, corners - 1)
-    return Solid(_circle(radius, corners), np.stack([np.zeros_like(fan), fan, fan + 1], axis=-1))
-
-
-def cone(height: float, corners: int) -> Solid:
-    """Return a cone of half angle 45 deg about z, from O to a height, without its base."""
-    here = np.arange(1, corners + 1)
-    rim = _circle(height, corners) + (0.0, 0.0, height)
+def fan(radius: float, height: float, corners: int) -> Solid:
+    """Return the triangles from O to a regular polygon about z at a height, seen from above."""
+    turn, here = np.arange(corners) * 2.0 * pi / corners, np.arange(1, corners + 1)
+    rim = np.stack([radius * np.cos(turn), radius * np.sin(turn), 0.0 * turn + height], axis=1)
     return Solid(np.concatenate([np.zeros((1, 3)), rim]),
-                 np.stack([np.zeros_like(here), np.roll(here, -1), here], axis=-1))
+                 np.stack([np.zeros_like(here), here, np.roll(here, -1)], axis=1))
 
 
 def ball(radius: float) -> Solid:
     """Return a ball about O."""
     turn = np.linspace(-0.5 * pi, 0.5 * pi, 9)
     return turned_profile([(radius * np.cos(angle), radius * np.sin(angle)) for angle in turn])
-
-
-def _circle(radius: float, corners: int) -> NDArray[np.float64]:
-    """Return corners on a circle about z, shape (corners, 3)."""
-    turn = np.arange(corners) * 2.0 * pi / corners
-    return radius * np.stack([np.cos(turn), np.sin(turn), np.zeros(corners)], axis=-1)

@@ -65,22 +65,19 @@ def follow(drive, commands, late, share=1.0):
     return found
 
 
-@pytest.mark.parametrize('late', [0, 1, 4, 7])
-def test_ramps_of_10_newton_metres_a_second_are_followed_as_late_as_two_periods(drive, late):
-    """With 0.5 N m rated 10 N m/s are 20 per mille a ms, for as long as the limit allows."""
-    ramp = [20 * number for number in range(-50, 50)]
-    assert not any(follow(drive, (ramp + ramp[::-1]) * 3, late))
+# With 0.5 N m rated 10 N m/s are 20 per mille a ms, for as long as the limit allows.
+RAMP = [20 * number for number in range(-50, 50)]
 
 
-@pytest.mark.parametrize('late', [0, 1, 2, 3])
-def test_a_command_that_is_reversed_between_status_frames_is_followed(drive, late):
-    assert not any(follow(drive, [200, -200] * 100, late))
-
-
-@pytest.mark.parametrize('sign', [1, -1])
-def test_a_torque_that_is_off_is_found_on_a_ramp_too(drive, sign):
-    ramp = [sign * (400 + 5 * number) for number in range(100)]
-    assert any(follow(drive, ramp, 4, 0.6))
+@pytest.mark.parametrize(('commands', 'late', 'share', 'fails'), [
+    *(((RAMP + RAMP[::-1]) * 3, late, 1.0, False) for late in (0, 1, 4, 7)),
+    *(([200, -200] * 100, late, 1.0, False) for late in (0, 1, 2, 3)),
+    *(([sign * (400 + 5 * number) for number in range(100)], 4, 0.6, True) for sign in (1, -1)),
+    # A motor of the wrong sign crosses its command now and then.
+    *(([round(600 * math.sin(2.0 * math.pi * hertz * number * MS)) for number in range(500)],
+       4, sign, sign < 0.0) for hertz in (1, 10, 30) for sign in (1.0, -1.0))])
+def test_a_torque_follows_its_command_as_late_as_two_periods(drive, commands, late, share, fails):
+    assert any(follow(drive, commands, late, share)) is fails
 
 
 @pytest.mark.parametrize(('command', 'torque', 'fails'), [
@@ -111,14 +108,6 @@ def test_a_torque_is_a_fault_after_50_ms_off_its_command(drive):
         in run(84, 88, 70)[-1]
     drive.restart()
     assert trouble(drive, 0.088) is None
-
-
-@pytest.mark.parametrize('hertz', [1, 10, 30])
-def test_a_motor_of_the_wrong_sign_is_found_though_it_crosses_its_command(drive, hertz):
-    wave = [round(600 * math.sin(2.0 * math.pi * hertz * number * MS)) for number in range(500)]
-    assert not any(follow(drive, wave, 4))
-    drive.restart()
-    assert any(follow(drive, wave, 4, -1.0))
 
 
 @pytest.mark.parametrize(('frames', 'now', 'words'), [

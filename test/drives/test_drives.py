@@ -293,15 +293,22 @@ def test_closing_sends_zero_torque_and_then_disables_the_voltage(rig):
 
 # Bus --------------------------------------------------------------------------------------
 
-def test_a_full_buffer_is_a_fault_and_no_exception(rig):
+@pytest.mark.parametrize(('seconds', 'identifier'), [(0.02, 0x60B), (STARTED, 0x20B)])
+def test_a_full_buffer_is_a_fault_and_ends_the_start_up(starting, seconds, identifier):
     def full(message, timeout):
         raise can.CanOperationError('Transmit buffer full')
 
-    send, rig.bus.send = rig.bus.send, full
-    report = rig.run(TORQUES, 2 * MS)
-    rig.bus.send = send
-    assert not report.ready
-    assert report.fault == 'virtual test: frame 0x20B not sent: Transmit buffer full'
+    starting.run(TORQUES, seconds)
+    send, starting.bus.send = starting.bus.send, full
+    starting.run(TORQUES, 5 * MS)
+    starting.bus.send = send
+    starting.sent.clear()
+    report = starting.run(TORQUES, 0.5)
+    assert not report.ready and report.fault == (
+        f'virtual test: frame 0x{identifier:X} not sent: Transmit buffer full')
+    # In the start-up nothing goes out any more, after it no torque.
+    assert set(starting.commands()) <= {(0, 0)}
+    assert bool(starting.sent) is (seconds == STARTED)
 
 
 def test_a_bus_that_fails_is_opened_again_and_comes_back_by_an_acknowledgement_only(rig):
@@ -334,3 +341,4 @@ def test_a_bus_that_cannot_be_opened_is_reported_and_tried_every_second(starting
     assert attempts == pytest.approx([100.0, 101.0, 102.0], abs=2 * MS)
     starting.drives._open_bus = opened
     starting.ready(TORQUES)
+    assert starting.report.fault is None

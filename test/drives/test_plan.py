@@ -29,7 +29,7 @@ def test_nothing_is_opened_before_the_first_step():
     ({'drives__node_id': [11, 11, 12]}, 'drives.node_id', 'different node ids'),
     ({'drives__node_id': [11, 12, 126]}, 'drives.node_id', 'drives.master_id'),
     ({'drives__node_id': [1, 2, 3, 4, 5]}, 'drives.node_id', 'at most 4 drives'),
-    ({'drives__torque_limit': 20.0}, 'drives.torque_limit', 'it is 40000'),
+    ({'drives__torque_limit': 16.384}, 'drives.torque_limit', 'it is 32768'),
     ({'drives__torque_limit': 0.001, 'drives__rated_torque': [2.0]}, 'drives.torque_limit',
      'it is 0'),
     ({'drives__event_timer': 0.0105}, 'drives.event_timer', 'whole milliseconds'),

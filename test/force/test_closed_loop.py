@@ -5,6 +5,7 @@
 
 import numpy as np
 import pytest
+from spm_haptic_master.kinematics.rotations import multiply_quaternions, quaternion_from_vector
 
 pytest.importorskip('mujoco', reason='needs mujoco')
 
@@ -96,17 +97,10 @@ def test_a_local_wall_of_2_is_stable_with_a_latency_of_one_sample():
     R = pose(0.0)
     for about in ('roll', 'tilt'):
         direction = axis(R, about)
-        turned = quaternion(R)
-        found = run(R, Slave(_beside(turned, direction, 2.0)), 0.8, hand=FREE,
-                    controller=Bare(0.005))
+        centre = multiply_quaternions(
+            quaternion_from_vector(*(0.02 * direction).tolist()), quaternion(R))
+        found = run(R, Slave(spring(centre, 2.0)), 0.8, hand=FREE, controller=Bare(0.005))
         assert swing(found, direction, 0.6, 0.2) < 0.5 * swing(found, direction, 0.0, 0.2)
-
-
-def _beside(turned, direction, stiffness):
-    """Return a spring whose centre is 0.02 rad beside an orientation."""
-    from spm_haptic_master.kinematics.rotations import multiply_quaternions, quaternion_from_vector
-    centre = multiply_quaternions(quaternion_from_vector(*(0.02 * direction).tolist()), turned)
-    return spring(centre, stiffness)
 
 
 def test_across_the_singular_surface_under_a_torque_there_is_no_step():

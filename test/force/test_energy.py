@@ -3,6 +3,7 @@
 
 """The energy that the motors give: budget, loops in the fade zone, noise at rest."""
 
+from itertools import islice
 import math
 
 from bench import ANGLES, Bench, MS
@@ -112,28 +113,30 @@ def test_a_wrench_without_use_for_a_second_is_a_fault():
     assert spend(budget, 0.0, 1) == [False]
 
 
+def yielding(bench, **changed):
+    """Yield outputs of a bench whose angles turn with the torque by themselves, as by no hand."""
+    angles = ANGLES
+    while True:
+        output = bench.step(angles=angles, **changed)
+        yield output, angles
+        angles = tuple(angle + 1e-2 * torque for angle, torque in zip(
+            angles, (*output.motor_torque, 0.0), strict=True))
+
+
 def test_energy_that_is_generated_ends_in_a_latched_fault():
-    """Angles that turn with the torque by themselves: no hand does that."""
     bench = Bench()
     bench.engage()
-    state = bench.outputs[-1].state
-    angles, seconds = ANGLES, 0.0
-    while state.condition is not Condition.FAULT and seconds < 5.0:
-        tau = bench.outputs[-1].motor_torque
-        angles = tuple(angle + 1e-2 * torque for angle, torque in zip(
-            angles, (*tau, 0.0), strict=True))
-        state = bench.step(angles=angles).state
-        seconds += DT
-    assert state.text == 'fault: energy generated'
+    for output, _ in islice(yielding(bench), 5000):
+        if output.state.condition is Condition.FAULT:
+            break
+    assert output.state.text == 'fault: energy generated'
     assert bench.now > 1000 * MS
 
 
 def test_the_clutch_gives_a_new_budget_and_lets_the_damping_go_slowly():
-    bench, angles = Bench(), ANGLES
+    bench = Bench()
     bench.engage()
-    while (output := bench.step(angles=angles)).energy > -5e-3:
-        angles = tuple(angle + 1e-2 * torque for angle, torque in zip(
-            angles, (*output.motor_torque, 0.0), strict=True))
+    angles = next(angles for output, angles in yielding(bench) if output.energy <= -5e-3)
     spins = (0.0, 0.0, 1.0)
     bench.torque = (0.0, 0.0, 0.0)
     torques = [bench.run(60, angles=angles, velocity=spins).motor_torque]
@@ -146,13 +149,10 @@ def test_the_clutch_gives_a_new_budget_and_lets_the_damping_go_slowly():
 
 
 def test_a_lock_that_generates_energy_falls_with_its_share():
-    bench, angles = Bench(), ANGLES
+    bench = Bench()
     bench.engage((0.0, 0.0, 0.0))
-    for _ in range(400):
-        output = bench.step(angles=angles, lock=(0.0, 0.2, 0.0))
+    for output, _ in islice(yielding(bench, lock=(0.0, 0.2, 0.0)), 400):
         assert math.hypot(*output.asked) <= 0.2 * output.share + 0.02
-        angles = tuple(angle + 1e-2 * torque for angle, torque in zip(
-            angles, (*output.motor_torque, 0.0), strict=True))
     assert output.state.text == 'engaged' and output.share < 0.9
 
 

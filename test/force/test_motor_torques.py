@@ -11,7 +11,7 @@ from mechanism import MODES
 import numpy as np
 import pytest
 from spm_haptic_master.exceptions import InputError, SpmError, UnreachableError
-from spm_haptic_master.force import ForceLimits, Gravity, render
+from spm_haptic_master.force import ForceController, ForceLimits, Gravity, render
 from spm_haptic_master.force.gravity import Weight
 from spm_haptic_master.force.rendering import make_statics
 from spm_haptic_master.kinematics import (
@@ -19,6 +19,7 @@ from spm_haptic_master.kinematics import (
     inverse,
     jacobian,
     matrix_from_quaternion,
+    quaternion_from_matrix,
     workspace_pose,
 )
 
@@ -176,6 +177,16 @@ def test_four_motors_of_which_two_alone_turn_against_each_other():
     np.testing.assert_allclose(felt, (0.4, 0.0, 0.0), atol=1e-12)
 
 
+@pytest.mark.parametrize('motors', [3, 4])
+def test_the_weakness_of_a_pose_is_the_largest_torque_of_its_motors(motors):
+    """As a vector, for 1 N m on the handle in the worst direction."""
+    controller = ForceController(motors=motors)
+    for R, G in zip(*poses(20, seed=11), strict=True):
+        worst = np.linalg.norm(np.linalg.pinv(G[:motors]), 2)
+        assert controller.weakness(quaternion_from_matrix(R)) == pytest.approx(worst, rel=1e-6)
+    assert controller.weakness((0.0, 0.0, 0.0, 1.0)) is None
+
+
 def test_a_batch_is_its_samples():
     R, _ = poses(30, seed=9)
     torque = directions(len(R), 0.3)
@@ -188,13 +199,17 @@ def test_a_batch_is_its_samples():
         assert one.fraction.shape == () and one.fraction == batch.fraction[7, 2]
 
 
-def test_out_of_reach():
-    far = workspace_pose(math.radians(85.0), 0.0, 0.0)
+@pytest.mark.parametrize('motors', [3, 4])
+def test_poses_that_a_leg_does_not_reach_are_those_without_a_jacobian(motors):
     with pytest.raises(UnreachableError):
-        render(far, (0.0, 0.0, 0.1))
-    found = render(np.stack([far, workspace_pose(0.0, 0.0, 0.0)]), (0.0, 0.0, 0.1))
-    assert np.isnan(found.motor_torque[0]).all() and np.isnan(found.fraction[0])
-    assert np.isfinite(found.motor_torque[1]).all()
+        render(workspace_pose(math.radians(85.0), 0.0, 0.0), (0.0, 0.0, 0.1), motors=motors)
+    tilt, azimuth, phi = np.random.default_rng(12).random((3, 300))
+    R = workspace_pose(1.2 * tilt, 6.3 * azimuth, 2.5 * phi)
+    reached = np.isfinite(jacobian(R)).all((1, 2))
+    found = render(R, (0.0, 0.0, 0.1), motors=motors)
+    assert 50 < reached.sum() < 250
+    np.testing.assert_array_equal(np.isfinite(found.motor_torque).all(axis=1), reached)
+    np.testing.assert_array_equal(np.isfinite(found.fraction), reached)
 
 
 @pytest.mark.parametrize('wrong', [

@@ -45,6 +45,9 @@ ENDS = [
     ({'wrench': Wrench(0, TORQUE)}, Reason.STALE),
     ({'wrench': Wrench(10 ** 12, TORQUE)}, Reason.STALE),
     ({'wrench': None}, Reason.STALE),
+    ({'wrench': Wrench(0, (NAN, 0.0, 0.0))}, Reason.NOT_FINITE),
+    ({'lock': (NAN, 0.0, 0.0)}, Reason.NOT_FINITE),
+    ({'lock': (0.0, -math.inf, 0.0)}, Reason.NOT_FINITE),
 ]
 
 
@@ -163,7 +166,7 @@ def test_what_ends_force(changed, reason, motors):
     after = bench.run(700)
     if reason in LATCHED:
         assert after.state.text == f'fault: {reason.value}'
-        bench.controller.acknowledge()
+        assert bench.controller.acknowledge() and not bench.controller.acknowledge()
         assert bench.step().state.text == 'off'
     bench.engage()
     assert bench.outputs[-1].state.condition is Condition.ENGAGED
@@ -204,14 +207,6 @@ def test_torque_of_before_a_fade_does_not_come_back():
     while bench.step().state.condition is not Condition.ENGAGED:
         assert bench.outputs[-1].asked == ZERO
     assert bench.outputs[-1].asked == ZERO and bench.outputs[-1].motor_torque == ZERO
-
-
-def test_a_wrench_that_is_not_a_number():
-    bench = Bench()
-    bench.engage()
-    bench.torque = (NAN, 0.0, 0.0)
-    assert bench.step().state.why is Reason.NOT_FINITE
-    assert all(map(math.isfinite, bench.outputs[-1].motor_torque))
 
 
 def test_a_wrench_that_stops_is_let_go_within_50_ms():
@@ -266,23 +261,16 @@ def test_a_gap_of_the_samples_begins_at_zero():
     assert np.linalg.norm(bench.step().rendered) <= 0.01 + 1e-9
 
 
-def test_without_a_velocity_no_wrench_is_rendered():
+@pytest.mark.parametrize('lock', [STILL, LOCK])
+def test_without_a_velocity_neither_wrench_nor_lock_is_rendered(lock):
     """Nothing could damp it; the torque goes down by the slew rate and comes up again."""
     bench = Bench()
     bench.engage((0.18, 0.0, 0.24))
-    output = bench.run(40, velocity=None)
+    output = bench.run(40, velocity=None, lock=lock)
     assert output.state.condition is Condition.ENGAGED and output.asked == ZERO
     assert bench.run(40).asked == pytest.approx((0.18, 0.0, 0.24))
     steps = np.diff([each.asked for each in bench.outputs[-81:]], axis=0)
     assert np.linalg.norm(steps, axis=1).max() <= 0.01 + 1e-9
-
-
-def test_an_orientation_that_is_not_a_number_ends_force():
-    bench = Bench()
-    bench.engage()
-    output = bench.step(quaternion=(NAN, 0.0, 0.0, 1.0))
-    assert output.state.why is Reason.NO_ORIENTATION
-    assert all(map(math.isfinite, output.motor_torque))
 
 
 def test_samples_whose_time_stands_still_do_not_hold_a_fade():
@@ -300,12 +288,13 @@ def test_a_gap_of_the_samples_leaves_nothing_to_fade():
     assert bench.step(quaternion=None).state.text == f'fault: {Reason.NO_ORIENTATION.value}'
 
 
-def test_a_pose_beyond_the_reach_of_a_leg_ends_force():
+@pytest.mark.parametrize('quaternion', [(0.0, 0.0, 0.0, 1.0), (NAN, 0.0, 0.0, 1.0)])
+def test_a_pose_that_a_leg_does_not_reach_ends_force(quaternion):
     bench = Bench()
     bench.engage()
-    output = bench.step(quaternion=(0.0, 0.0, 0.0, 1.0))
+    output = bench.step(quaternion=quaternion)
     assert output.state.text == f'fading: {Reason.NO_ORIENTATION.value}'
-    assert output.rendered is None
+    assert output.rendered is None and all(map(math.isfinite, output.motor_torque))
 
 
 @pytest.mark.slow
@@ -345,8 +334,7 @@ def test_ten_thousand_random_faults_and_transitions():
     {'noise': True}])
 def test_wrong_limits(wrong):
     with pytest.raises(InputError, match=next(iter(wrong))):
-        ForceLimits(**wrong) if 'sigma_off' not in wrong else ForceLimits(
-            sigma_off=0.2, sigma_full=0.15)
+        ForceLimits(**wrong)
 
 
 def test_wrong_number_of_motors():
@@ -360,12 +348,6 @@ def test_every_word_of_the_state_is_read_as_it_was_made():
               for condition in Condition for why in whys.get(condition, [None])]
     assert len(states) == 4 + 2 * len(Reason)
     assert [FORCE_STATES.get(state.text) for state in states] == states
-
-
-@pytest.mark.parametrize('text', [
-    '', 'on', 'fault', 'fading: ', 'fading', 'ready: disabled', 'fault: bad luck', 'ready '])
-def test_other_words_are_no_state(text):
-    assert text not in FORCE_STATES
 
 
 def test_a_lock_is_rendered_beside_the_wrench_and_without_a_step():
@@ -406,13 +388,6 @@ def test_a_lock_alone_engages_nothing():
     assert not any(any(output.motor_torque) for output in bench.outputs)
 
 
-def test_without_a_velocity_a_lock_is_let_go():
-    bench = Bench()
-    bench.engage(STILL)
-    bench.run(60, lock=LOCK)
-    assert bench.run(60, lock=LOCK, velocity=None).asked == STILL
-
-
 def test_the_compensation_of_weight_goes_and_comes_over_the_ramp():
     bench = Bench(gravity=Gravity(handle=(0.0, 0.0, 0.004)))
     weight = np.linalg.norm(bench.engage(STILL).rendered)
@@ -426,14 +401,6 @@ def test_the_compensation_of_weight_goes_and_comes_over_the_ramp():
 
 def test_make_bench_measures_a_sample():
     assert 0.0 < force(3)() < 0.01
-
-
-@pytest.mark.parametrize('lock', [(math.nan, 0.0, 0.0), (0.0, -math.inf, 0.0)])
-def test_a_lock_that_is_not_finite_is_a_fault(lock):
-    bench = Bench()
-    bench.engage()
-    assert bench.step(lock=lock).state.why is Reason.NOT_FINITE
-    assert all(map(math.isfinite, bench.run(30).motor_torque))
 
 
 def test_a_clutch_that_is_released_holds_nothing_without_wrenches():

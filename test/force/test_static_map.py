@@ -8,7 +8,7 @@ import math
 from built_mechanism import random_built
 import numpy as np
 import pytest
-from spm_haptic_master.force import ForceLimits, Gravity, identify_gravity, render
+from spm_haptic_master.force import ForceLimits, identify_gravity, render
 from spm_haptic_master.force.gravity import Weight
 from spm_haptic_master.force.rendering import make_statics
 from spm_haptic_master.kinematics import Geometry, inverse, jacobian, workspace_pose
@@ -109,32 +109,9 @@ def test_gravity_is_identified_from_twelve_noisy_poses():
         assert np.linalg.norm(asked - truth) <= 2e-3
 
 
-def test_a_mass_along_a_distal_axis_is_found_as_such():
-    """0.05 kg at 0.02 m on Z2B: the first value of leg B, kg m."""
-    body = MultiBody(Geometry())
-    model = body.model
-    model.opt.gravity[:] = 0.0, 0.0, -9.80665
-    model.body_mass[1:] = 1e-9
-    distal = model.body('distal_b').id
-    model.body_mass[distal], model.body_ipos[distal] = 0.05, (0.0, 0.0, 0.02)
-    mujoco.mj_setConst(model, body.data)
-    R = drawn_poses(60, 9)
-    R = R[np.linalg.svd(jacobian(R), compute_uv=False)[:, 2] > 0.3]
-    gravity, residual = identify_gravity(R, [holding(body, pose) for pose in R])
-    assert residual < 1e-6
-    np.testing.assert_allclose(gravity.handle, 0.0, atol=1e-6)
-    np.testing.assert_allclose(gravity.proximal[2:], (1e-3, 0.0, 0.0, 0.0), atol=1e-6)
-
-
 def test_poses_that_are_all_alike_identify_nothing():
     R = np.repeat(drawn_poses(4, 7)[:1], 12, axis=0)
     with pytest.raises(ValueError, match='determine 3 values'):
         identify_gravity(R, np.zeros((12, 3)))
     with pytest.raises(ValueError, match='as many of each'):
         identify_gravity(R, np.zeros((11, 3)))
-
-
-def test_no_mass_needs_no_torque():
-    statics = make_statics(Geometry(), (1, 1, 1), 3, ForceLimits())
-    statics.place(tuple(np.ravel(drawn_poses(4, 8)[0]).tolist()))
-    assert Weight(Gravity(), statics).torque() == (0.0, 0.0, 0.0)

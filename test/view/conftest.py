@@ -1,10 +1,12 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Servers of the page and the node `view`, in the process of the tests."""
+"""Servers of the page, a device on it and the node `view`, in the process of the tests."""
 
 import gc
+from importlib.util import find_spec
 import os
+from types import SimpleNamespace
 
 import pytest
 import rclpy
@@ -12,6 +14,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.task import Future
 from spm_haptic_master.parameters.resolver import Parameters
 
+# Without viser (extra view) there is no page; `view` says so.
+collect_ignore_glob = [] if find_spec('viser') else ['test_[!v]*.py']
 # Longest wait (s).
 PATIENCE = 20.0
 
@@ -31,6 +35,22 @@ def serve():
     yield make
     for each in servers.values():
         each.stop()
+
+
+@pytest.fixture
+def shown(serve, monkeypatch):
+    """Give a device on a page that has not begun."""
+    from shown_device import sampled, Shown
+    from spm_haptic_master.view import arm
+
+    server = serve()
+    server.gui.reset()
+    server.scene.reset()
+    made = Shown(server)
+    monkeypatch.setattr(arm, 'time', SimpleNamespace(monotonic=lambda: made.now))
+    monkeypatch.setattr(arm, 'SampledTopic', sampled)
+    monkeypatch.setattr(server, 'get_clients', lambda: {0: None} if made.watched else {})
+    return made
 
 
 @pytest.fixture

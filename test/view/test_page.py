@@ -1,104 +1,146 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The page of all devices: which are on it, and what is there without any."""
+"""Figures, plots and the encoders' states: of what is known now, and a dash for all else."""
 
-import socket
+import json
+from math import nan, radians
 
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import WrenchStamped
 import numpy as np
 import pytest
+from recorded_text import assert_recorded
 from sensor_msgs.msg import JointState
-from spm_haptic_master.exceptions import InputError
+from shown_device import entry_of, GEOMETRY
+from spm_haptic_master.kinematics import mechanism_angles
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
-from spm_haptic_master.parameters.setting import complete
-from spm_haptic_master.ros.qos import STATE
-from std_msgs.msg import String
+from spm_haptic_master.view.page import content, DASH, Seen
+from spm_haptic_master.view.status import Banner, Light, SensorState, StatusEntries
+from std_msgs.msg import Float64MultiArray
 
-pytest.importorskip('viser', reason='viser is not installed (extra view)')
-status_module = pytest.importorskip('spm_haptic_master.view.status')
-page_module = pytest.importorskip('spm_haptic_master.view.page')
-server_module = pytest.importorskip('spm_haptic_master.view.server')
-ARM_DISTANCE = pytest.importorskip('spm_haptic_master.view.scene').ARM_DISTANCE
-
-
-def test_a_calibration_alone_is_a_device(view, observer):
-    out = observer.node.create_publisher(String, f'/left/{COVERAGE_TOPIC}', STATE)
-    out.publish(String(data='{"text": "turn it", "covered": {"precision": 0.4}}'))
-    view._server.get_clients = lambda: {0: None}
-    assert view.spin(lambda: view._page.content.get('left', {}).get('calibration'))
-    assert list(view._page.shown) == ['left']
+# Fields of a message that differ from run to run.
+UNLIKE = 'order', 'uuid', 'container_uuid', 'run_id'
+# Entries by name: level, message and values.
+CLEAR = {'diagnostics: singularity': (
+    DiagnosticStatus.OK, 'clear', {'warn below': '0.059', 'error below': '0.033'})}
 
 
-@pytest.mark.parametrize('arms', [1, 8])
-def test_all_arms_are_in_each_view(arms):
-    """On a page a fifth wider than high; a device is 1 in radius to each side."""
-    half = np.tan(0.5 * server_module.VIEW_ANGLE)
-    views = page_module.views(arms)
-    for name, at in (('front', (0.0, -1.0, 0.0)), ('side', (1.0, 0.0, 0.0)),
-                     ('top', (0.0, 0.0, 1.0))):
-        position, target = map(np.array, views[name])
-        ahead = (target - position) / np.linalg.norm(target - position)
-        assert ahead @ at < -0.8
-        right = np.cross(ahead, [0.0, 0.0, 1.0])
-        right /= np.linalg.norm(right)
-        for x in (-1.0, 1.0, ARM_DISTANCE * (arms - 1) - 1.0, ARM_DISTANCE * (arms - 1) + 1.0):
-            point = [x, 0.0, 0.7] - position
-            depth = point @ ahead
-            assert abs(point @ right) / depth < 1.2 * half
-            assert abs(point @ np.cross(right, ahead)) / depth < half
-    assert ARM_DISTANCE > 2.2
-
-
-def listening(port):
-    """Return a socket that has a port."""
-    made = socket.socket()
-    made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    made.bind(('127.0.0.1', port))
-    made.listen()
+def entries_of(entries, now=1.0):
+    """Return entries that came at 1 s."""
+    made = StatusEntries('')
+    for name, (level, message, values) in entries.items():
+        made.take(entry_of(name, message, level, values), 1.0)
+    made.now = now
     return made
 
 
-def test_the_next_free_port_is_taken_and_none_beyond_the_last():
-    with listening(28580):
-        assert server_module.free_port('127.0.0.1', 28580) == 28581
-    assert server_module.free_port('127.0.0.1', 28580) == 28580
-    with listening(65535), pytest.raises(InputError, match="'view.port' is 65535; expected a po"):
-        server_module.free_port('127.0.0.1', 65535)
-    with pytest.raises(InputError, match="'view.host' is '192.0.2.1'; expected an address of thi"):
-        server_module.free_port('192.0.2.1', 28580)
+def figures(entries=None, now=1.0, **known):
+    """Return what the page has of a device that is alive at the centre."""
+    return content(Seen(**{
+        'banner': Banner(Light.GREEN, 'healthy', True), 'sensors': 4, 'angles': [0.1] * 9,
+        'states': [SensorState.HEALTHY] * known.get('sensors', 4),
+        'orientation': (0.0, 0.0, 0.0, 1.0), 'dexterities': (0.15, 0.4)} | known),
+        entries_of(entries or {}, now))
 
 
-def test_a_page_says_that_there_is_no_device_until_there_are_some(view, observer):
-    """It knows that the program is alive, too; all devices are in its first picture."""
-    buffer = view._server._websock_server.get_message_buffer()
+# A device whose picture is of the past.
+SILENT = {'banner': Banner(Light.RED, 'silent: x', False)}
 
-    def news():
-        """Return the news that a page to come would have, by their number; one is its script."""
-        scripts = {number: message.source for number, message in buffer.message_from_id.items()
-                   if isinstance(message, page_module.RunJavascriptMessage)}
-        news = {number: source for number, source in scripts.items()
-                if source.startswith(page_module.NEWS)}
-        assert len(scripts) == len(news) + 1 and min(scripts) not in news
-        return news
 
-    first = news()
-    assert 'no device found' in ''.join(first.values())
-    assert view.spin(lambda: not first.keys() & news().keys())
-    # Not one more for each second that it runs.
-    assert len(news()) == 1
-    kept = [observer.node.create_publisher(kind, f'/{name}/{topic}', 1) for name in ('a', 'b')
-            for kind, topic in ((JointState, 'joint_states'), (String, 'state'))]
-    assert view.spin(lambda: {name: banner.text for name, banner in view._page.shown.items()}
-                     == dict.fromkeys('ab', 'waiting for fkm'))
-    assert 'a: waiting for fkm' in ''.join(news().values())
-    camera = view._server.initial_camera
-    np.testing.assert_allclose((camera.position, camera.look_at), page_module.views(2)['front'])
-    for arm in view._arms.values():
-        arm._query.take(complete(status_module.SETTINGS, {}))
-    here, there = (arm._scene._root.position for arm in view._arms.values())
-    np.testing.assert_allclose(there - here, [ARM_DISTANCE, 0.0, 0.0])
-    assert len(kept) == 4
-    # It ends with the process that it goes with.
-    assert not view.has_ended()
-    view._process = 2 ** 22 + 1
-    assert view.spin(view.has_ended)
+@pytest.mark.parametrize(('known', 'words', 'warns'), [
+    ({}, 'Three encoders determine this pose. With four they check', False),
+    ({'dexterities': (0.01, 0.059)}, 'three encoders do not determine this pose; four do', True),
+    ({'dexterities': (0.001, 0.002)}, 'Not even four encoders', True),
+    ({'dexterities': (0.059, 0.4)}, 'Three encoders determine this pose', False),
+    ({'dexterities': None}, DASH, False),
+    ({'sensors': 6, 'states': [SensorState.MISSING, *[SensorState.HEALTHY] * 5]},
+     'With five they check', False),
+    ({'sensors': 6, 'states': [SensorState.EXCLUDED, *[SensorState.HEALTHY] * 5]},
+     'With five they check', False),
+    ({'ghost': radians(3.1)}, 'wrong side', True),
+    ({'ghost': radians(2.9)}, 'Three encoders determine', False),
+    (SILENT, 'not the present pose', True),
+    # Limits are those of the node diagnostics, while it runs.
+    ({'now': 10.0}, DASH, False),
+    ({'story': 'Watch.'} | SILENT, 'Watch.', False)])
+def test_a_sentence_says_which_encoders_determine_the_pose(known, words, warns):
+    found = figures(CLEAR, **known)
+    assert words in found['note'] and found['warns'] == warns
+
+
+@pytest.mark.parametrize(('dexterities', 'colours'), [
+    ((0.01, 0.05), (Light.RED, Light.AMBER)), ((0.033, 0.059), (Light.AMBER, Light.GREEN)),
+    ((nan, 0.4), (Light.GREY, Light.GREEN)), (None, (Light.GREY, Light.GREY))])
+def test_the_bars_of_the_dexterity(dexterities, colours):
+    """Full at 0.2; grey where the value or its limits are not known."""
+    for entries, expected in ((CLEAR, colours), ({}, (Light.GREY, Light.GREY))):
+        found = [row for row in figures(entries, dexterities=dexterities)['rows'] if len(row) > 2]
+        assert [colour for *_, colour in found] == [light.value for light in expected]
+        for value, (_, text, share, _) in zip(dexterities or (nan, nan), found, strict=True):
+            assert (text, share) == ((DASH, 0.0) if value != value else (
+                f'{value:.3f}', pytest.approx(value / 0.2)))
+
+
+def in_words(value):
+    """Return a value of a message as text, of an array its shape and four figures."""
+    if isinstance(value, np.ndarray):
+        flat = value.astype(float).ravel()
+        rise = flat @ np.arange(len(flat)) / len(flat)
+        return f'{value.shape} {flat.mean():.5g} {flat.std():.5g} {flat[-1]:.5g} {rise:.5g}'
+    if isinstance(value, dict):
+        return ' '.join(f'{name}: {in_words(each)}' for name, each in value.items())
+    if hasattr(value, '__dataclass_fields__'):
+        return in_words({name: each for name, each in vars(value).items()
+                         if name not in UNLIKE and not name.startswith('_')})
+    return str(value)
+
+
+def sent(server):
+    """Return all that a page to come is sent, one line a message."""
+    lines = []
+    for message in server._websock_server.get_message_buffer().message_from_id.values():
+        _, call, setup = getattr(message, 'source', '').rpartition('})(')
+        if call:
+            # Of the page's own script, what it is called with; not its style.
+            message = json.loads(setup.rpartition(')')[0])
+            del message['css']
+        lines.append(f'{type(message).__name__} {in_words(message)}')
+    return lines
+
+
+def test_a_page_is_sent_what_is_recorded(serve, shown, monkeypatch):
+    """Device, dome, panel and figures of a simulated device that is healthy, then silent."""
+    server = shown.server = serve(names='recorded')
+    monkeypatch.setattr(server, 'get_clients', lambda: {0: None})
+    shown.begin(source='sim', sensors=5, alert_limit_deg=2.0)
+    shown.say('force_state', 'engaged')
+    shown.say(COVERAGE_TOPIC, '{"text": "turn it", "covered": {"tilt": 0.4, "turn": 1.0}}')
+
+    def healthy():
+        R = shown.pose(0.2, 1.0 + 0.1 * (shown.now - 1000.0), 0.8)
+        shown.entry('fkm: orientation', 'healthy', **{
+            'protection level (deg)': '0.5', 'parity (sigma)': '1.2', 'caution': 'slow',
+            **{f'{name} unchecked (s)': str(0.3 * k) for k, name in enumerate(ALL_JOINT_NAMES)}})
+        shown.entry('fkm: timing', 'in time', **{
+            'orientation rate (Hz)': '999', 'latency p50 (us)': '130', 'latency p99 (us)': '300'})
+        shown.entry('diagnostics: singularity', 'clear', **{
+            'warn below': '0.059', 'error below': '0.033'})
+        shown.entry('encoder_driver: encoders', 'publishing', **{'joints missing': 'joint_3b'})
+        shown.newest['/dexterity'] = Float64MultiArray(data=(0.05, 0.4))
+        angles = np.array(mechanism_angles(tuple(R.ravel()), GEOMETRY))[[0, 3, 6, 2]]
+        readings = JointState(name=list(JOINT_NAMES), position=angles + (0.01, 0.0, 0.0, 0.0))
+        readings.header.stamp.sec = shown._samples
+        shown.newest['/readings'] = readings
+        for name, size in (('servo', 0.2), ('measured', 0.1)):
+            message = WrenchStamped()
+            message.wrench.torque.y = size
+            shown.newest[f'/body/{name}_cf'] = message
+
+    shown.run(5.0, healthy)
+    first = sent(server)
+    shown.say('state', 'silent: joint_1b stuck')
+    shown.run(0.25)
+    changed = [line for line in sent(server) if line not in first]
+    assert_recorded('page.txt', '\n'.join([*first, 'silent', *changed]))

@@ -1,0 +1,152 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""A device on a real page, with topics and a clock of the test's own."""
+
+from types import SimpleNamespace
+
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+import numpy as np
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import JointState
+from spm_haptic_master.kinematics import (
+    Geometry,
+    matrix_from_quaternion,
+    mechanism_angles,
+    workspace_pose,
+)
+from spm_haptic_master.kinematics.joints import MECHANISM_JOINT_NAMES
+from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
+from spm_haptic_master.parameters.setting import complete
+from spm_haptic_master.view.arm import Arm, SETTINGS
+from spm_haptic_master.view.page import Page
+from std_msgs.msg import String
+
+GEOMETRY = Geometry()
+# Time between two ticks (s).
+TICK = 0.05
+
+
+def entry_of(name, message='', level=DiagnosticStatus.OK, values=()):
+    """Return an entry of /diagnostics."""
+    return DiagnosticStatus(level=level, name=name, message=message, values=[
+        KeyValue(key=key, value=value) for key, value in dict(values).items()])
+
+
+def turn_of(handle):
+    """Return the rotation matrix of a node of the scene."""
+    return matrix_from_quaternion(np.roll(handle.wxyz, -1))
+
+
+def sampled(node, kind, topic):
+    """Return a topic of which the newest message is the test's."""
+    return SimpleNamespace(subscribe=lambda: node.sampled.add(topic),
+                           unsubscribe=lambda: node.sampled.discard(topic),
+                           take=lambda: node.newest.pop(topic, None))
+
+
+class Shown:
+    """A device on a real page, and the node that it has."""
+
+    def __init__(self, server):
+        self.server, self.now, self.watched = server, 1000.0, True
+        self.takers, self.newest, self.sampled, self.published = {}, {}, set(), []
+        # Parameters of fkm, when it was asked for them; whether a calibration runs.
+        self.parameters, self.asked, self.calibrates = {}, [], True
+        self.happened, self._samples = [], 0
+
+    def create_subscription(self, kind, topic, take, qos):
+        self.takers[topic] = take
+
+    def create_publisher(self, kind, topic, qos):
+        return SimpleNamespace(publish=lambda sent: self.published.append(
+            (topic.removeprefix('/'), getattr(sent.data, 'tolist', lambda: sent.data)())))
+
+    def create_client(self, kind, name):
+        def ask(request):
+            self.asked.append(self.now)
+            values = complete(SETTINGS, self.parameters)
+            answer = SimpleNamespace(values=[Parameter(
+                name, value=list(values[name]) if isinstance(values[name], tuple)
+                else values[name]).get_parameter_value() for name in request.names])
+            future = SimpleNamespace(result=lambda: answer)
+            return SimpleNamespace(add_done_callback=lambda take: take(future))
+
+        return SimpleNamespace(service_is_ready=lambda: self.parameters is not None,
+                               call_async=ask)
+
+    def count_publishers(self, topic):
+        return int(self.calibrates and topic == f'/{COVERAGE_TOPIC}')
+
+    def begin(self, state='healthy', source='', **parameters):
+        """Show the device with parameters of its fkm, in a state."""
+        self.parameters = parameters
+        self.arm = Arm(self, self, Page(self.server), '/', 0)
+        self.arm.tick(self.now)
+        self.say('state', state)
+        if source:
+            self.say('source', source)
+        return self
+
+    def say(self, topic, text):
+        self.takers[f'/{topic}'](String(data=text))
+
+    def pose(self, tilt=0.1, azimuth=0.0, phi=0.6, again=False):
+        """Have new joint angles of a pose, rad; return its matrix."""
+        R = workspace_pose(tilt, azimuth, phi)
+        self._samples += not again
+        message = JointState(name=list(MECHANISM_JOINT_NAMES),
+                             position=mechanism_angles(tuple(R.ravel()), GEOMETRY))
+        message.header.stamp.sec = self._samples
+        self.takers['/joint_states'](message)
+        return R
+
+    def entry(self, name, message='', level=DiagnosticStatus.OK, **values):
+        """Have an entry on /diagnostics."""
+        self.arm.on_diagnostics(entry_of(name, message, level, values))
+
+    def fkm(self, **values):
+        """Have a pose and an entry of a healthy fkm."""
+        self.pose()
+        self.entry('fkm: orientation', 'healthy', **{'protection level (deg)': '0.5', **values})
+
+    def run(self, seconds, each=lambda: None, period=TICK):
+        """Let time pass, with something before each tick."""
+        for _ in range(round(seconds / period)):
+            self.now += period
+            each()
+            self.arm.tick(self.now)
+            if self.content:
+                self.happened += self.content['sample']['happened']
+
+    def operate(self, label, value=None):
+        """Operate the control with a label as a client does; return what was published."""
+        control = self.control(label)
+        if value is not None:
+            control._impl.value = value
+        self.published.clear()
+        for act in control._impl.update_cb:
+            act(SimpleNamespace(client=object(), target=control))
+        return self.published
+
+    def control(self, label):
+        return next(each for each in self.server.gui._gui_input_handle_from_uuid.values()
+                    if each.label == label)
+
+    @property
+    def scene(self):
+        return self.arm._scene
+
+    @property
+    def text(self):
+        return self.arm._page.shown[''].text
+
+    @property
+    def content(self):
+        """Return what the page has of the device; empty before it has anything."""
+        return self.arm._page.content.get('', {})
+
+    @property
+    def rows(self):
+        """Return the figures by the names of their rows."""
+        return {name: text for name, text, *_ in self.content.get('rows', ())}

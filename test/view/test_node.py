@@ -1,0 +1,94 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The page of all devices: which are on it, and what is there without any."""
+
+import socket
+
+import numpy as np
+import pytest
+from sensor_msgs.msg import JointState
+from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
+from spm_haptic_master.parameters.setting import complete
+from spm_haptic_master.ros.qos import STATE
+from spm_haptic_master.view.arm import SETTINGS
+from spm_haptic_master.view.page import NEWS, RunJavascriptMessage, views
+from spm_haptic_master.view.scene import ARM_DISTANCE
+from spm_haptic_master.view.server import free_port, VIEW_ANGLE
+from std_msgs.msg import String
+
+
+def test_a_calibration_alone_is_a_device(view, observer):
+    out = observer.node.create_publisher(String, f'/left/{COVERAGE_TOPIC}', STATE)
+    out.publish(String(data='{"text": "turn it", "covered": {"precision": 0.4}}'))
+    view._server.get_clients = lambda: {0: None}
+    assert view.spin(lambda: view._page.content.get('left', {}).get('calibration'))
+    assert list(view._page.shown) == ['left']
+
+
+@pytest.mark.parametrize('arms', [1, 8])
+def test_all_arms_are_in_each_view(arms):
+    """On a page a fifth wider than high; a device is 1 in radius to each side."""
+    half = np.tan(0.5 * VIEW_ANGLE)
+    cameras = views(arms)
+    for name, at in (('front', (0.0, -1.0, 0.0)), ('side', (1.0, 0.0, 0.0)),
+                     ('top', (0.0, 0.0, 1.0))):
+        position, target = map(np.array, cameras[name])
+        ahead = (target - position) / np.linalg.norm(target - position)
+        assert ahead @ at < -0.8
+        right = np.cross(ahead, [0.0, 0.0, 1.0])
+        right /= np.linalg.norm(right)
+        for x in (-1.0, 1.0, ARM_DISTANCE * (arms - 1) - 1.0, ARM_DISTANCE * (arms - 1) + 1.0):
+            point = [x, 0.0, 0.7] - position
+            depth = point @ ahead
+            assert abs(point @ right) / depth < 1.2 * half
+            assert abs(point @ np.cross(right, ahead)) / depth < half
+    assert ARM_DISTANCE > 2.2
+
+
+def test_the_next_free_port_is_taken_and_none_beyond_the_last():
+    with socket.create_server(('127.0.0.1', 28580)):
+        assert free_port('127.0.0.1', 28580) == 28581
+    assert free_port('127.0.0.1', 28580) == 28580
+    with socket.create_server(('127.0.0.1', 65535)), pytest.raises(
+            InputError, match="'view.port' is 65535; expected a port that is free"):
+        free_port('127.0.0.1', 65535)
+    with pytest.raises(InputError, match="'view.host' is '192.0.2.1'; expected an address of thi"):
+        free_port('192.0.2.1', 28580)
+
+
+def test_a_page_says_that_there_is_no_device_until_there_are_some(view, observer):
+    """It knows that the program is alive, too; all devices are in its first picture."""
+    buffer = view._server._websock_server.get_message_buffer()
+
+    def news():
+        """Return the news that a page to come would have, by their number; one is its script."""
+        scripts = {number: message.source for number, message in buffer.message_from_id.items()
+                   if isinstance(message, RunJavascriptMessage)}
+        news = {number: source for number, source in scripts.items()
+                if source.startswith(NEWS)}
+        assert len(scripts) == len(news) + 1 and min(scripts) not in news
+        return news
+
+    first = news()
+    assert 'no device found' in ''.join(first.values())
+    assert view.spin(lambda: not first.keys() & news().keys())
+    # Not one more for each second that it runs.
+    assert len(news()) == 1
+    kept = [observer.node.create_publisher(kind, f'/{name}/{topic}', 1) for name in ('a', 'b')
+            for kind, topic in ((JointState, 'joint_states'), (String, 'state'))]
+    assert view.spin(lambda: {name: banner.text for name, banner in view._page.shown.items()}
+                     == dict.fromkeys('ab', 'waiting for fkm'))
+    assert 'a: waiting for fkm' in ''.join(news().values())
+    camera = view._server.initial_camera
+    np.testing.assert_allclose((camera.position, camera.look_at), views(2)['front'])
+    for arm in view._arms.values():
+        arm.build(complete(SETTINGS, {}))
+    here, there = (arm._scene._root.position for arm in view._arms.values())
+    np.testing.assert_allclose(there - here, [ARM_DISTANCE, 0.0, 0.0])
+    assert len(kept) == 4
+    # It ends with the process that it goes with.
+    assert not view.has_ended()
+    view._process = 2 ** 22 + 1
+    assert view.spin(view.has_ended)
