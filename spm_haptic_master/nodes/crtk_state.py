@@ -49,9 +49,10 @@ class CrtkState:
         self._enabled_out = node.create_publisher(UInt64, 'enabled_at', STATE)
         # State, enabling and whether it is homed, as published last.
         self._published: tuple[str, int, bool] | tuple[None, ...] = (None,) * 3
+        # Message of crtk_msgs; None where that is not installed.
         self._message: Any = None
         self._absence_logged = False
-        with suppress(ImportError):  # it may not be installed
+        with suppress(ImportError):
             from crtk_msgs import msg
 
             self._message = msg.OperatingState(is_busy=False)
@@ -78,6 +79,9 @@ class CrtkState:
         self._publish(events)
         return accepted, self.name if accepted else events[-1][1]
 
+    def _on_command(self, message: Any) -> None:
+        self.command(message.string)
+
     def warn(self, text: str) -> None:
         """Publish a warning."""
         self._lines['warning'].publish(String(data=text))
@@ -89,11 +93,7 @@ class CrtkState:
         if self._message is not None:
             publishers.append(self._out)
         for publisher in publishers:
-            if publisher.get_subscription_count():
-                publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGE_TIMEOUT))
-
-    def _on_command(self, message: Any) -> None:
-        self.command(message.string)
+            publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGE_TIMEOUT))
 
     def _serve(self, text: str, _: Trigger.Request, answer: Trigger.Response) -> Trigger.Response:
         answer.success, answer.message = self.command(text)

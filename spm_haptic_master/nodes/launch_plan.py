@@ -71,11 +71,11 @@ def plan(source: str, config: str, calibration: str, namespace: str, composed: b
     """
     Return the processes of one arm.
 
-    An empty `source` is that of the files `config` and `calibration`, of which a later one
-    overrides; empty: none. Without a `follower`, `teleop` is not started. `frame_prefix` begins
-    the names of the arm's frames where the files do not name them, and `argument_prefix` those of
-    its launch arguments in errors. InputError where a file or a value has no effect or differs
-    between two nodes, and where something is missing.
+    An empty `source` is that of the files `config` and `calibration`; the calibration overrides.
+    Without a `follower`, `teleop` is not started. `frame_prefix` begins the names of the arm's
+    frames where the files do not name them, and `argument_prefix` those of its launch arguments
+    in errors. InputError where a file or a value is missing, has no effect or differs between two
+    nodes.
     """
     paths, own = _files(config, calibration, argument_prefix), _namespace(namespace)
     if follower is not None and follower.pose and not follower.slave:
@@ -96,7 +96,7 @@ def plan(source: str, config: str, calibration: str, namespace: str, composed: b
         *(word for path in paths
           if any(Parameters([path], (), own).of(name) for name in of_process)
           for word in ('--params-file', path)),
-        *(_words(source_words, follower, of_process)), *(frames if 'fkm' in of_process else ())))
+        *_words(source_words, follower, of_process), *(frames if 'fkm' in of_process else ())))
         for executable, of_process in processes.items()]
     if follower is not None and not follower.slave:
         found.append(Process('sim_slave', ()))
@@ -105,15 +105,14 @@ def plan(source: str, config: str, calibration: str, namespace: str, composed: b
 
 def _checked(node: str, given: Mapping[str, object]) -> dict[str, object]:
     """Return a node's values; SettingError where it would end at once: the launch ends before."""
-    if node != 'encoder_driver':
-        values = resolve(given, NODE_SETTINGS[node])[1]
-        if node == FOLLOWER:
-            make_teleoperation(values)
-        elif node == 'fkm' and values['force.enabled']:
-            make_motors(values)
-        return values
-    values = resolve_source(given)[1]
-    unverified_joints(values)
+    is_driver = node == 'encoder_driver'
+    _, values = resolve_source(given) if is_driver else resolve(given, NODE_SETTINGS[node])
+    if is_driver:
+        unverified_joints(values)
+    elif node == FOLLOWER:
+        make_teleoperation(values)
+    elif node == 'fkm' and values['force.enabled']:
+        make_motors(values)
     return values
 
 
@@ -173,8 +172,7 @@ def check_installed(package: str, cure: str) -> None:
     """
     Refuse to start a package that is not installed, with the cure.
 
-    `ros2 launch` would have started other processes before. The package has an executable of its
-    own name.
+    The package has an executable of its own name.
     """
     prefixes = filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep))
     if not any(os.access(Path(prefix, 'lib', package, package), os.X_OK) for prefix in prefixes):
@@ -186,18 +184,13 @@ def _namespace(namespace: str) -> list[str]:
 
 
 def _files(config: str, calibration: str, argument_prefix: str = '') -> list[str]:
-    """Return the absolute paths of the parameter files that are given, in their order."""
-    return [_existing(f'{argument_prefix}{name}', path)
-            for name, path in (('config', config), ('calibration', calibration)) if path]
-
-
-def _existing(name: str, path: str) -> str:
-    """Return the path of a file, absolute; InputError if there is none."""
-    try:
-        found = Path(path).expanduser().absolute()
-    except RuntimeError as error:
-        raise InputError(f'{name}:={path}; expected an existing file ({error})') from error
-    if not found.is_file():
-        kind = 'it is a directory' if found.is_dir() else 'it does not exist'
-        raise InputError(f'{name}:={path}; expected an existing file ({found}: {kind})')
-    return str(found)
+    """Return the absolute paths of the given parameter files; InputError where one is missing."""
+    found = []
+    for name, given in (('config', config), ('calibration', calibration)):
+        path = Path(os.path.expanduser(given)).absolute()
+        if given and not path.is_file():
+            kind = 'it is a directory' if path.is_dir() else 'it does not exist'
+            raise InputError(f'{argument_prefix}{name}:={given}; expected an existing file '
+                             f'({path}: {kind})')
+        found += [str(path)] if given else []
+    return found

@@ -46,7 +46,7 @@ def static_transforms(values: Values) -> list[TransformStamped]:
     """
     Return the constant rotations of the mounting, from parent to child frame.
 
-    The values are those of `FKM_SETTINGS`; SettingError if two frames have the same name.
+    SettingError if two frames have the same name.
     """
     mounting = mounting_from(values)
     if mounting is None:
@@ -69,7 +69,7 @@ def publish_mounting(node: Node, values: Values) -> tuple[str, str]:
     """
     Publish the mounting for tf; return the frame of the outputs, and the mounting in words.
 
-    The frame is the table's where the base is mounted on it, or else the base's. Without a
+    The frame is that of the table if the base is mounted on one, else of the base. Without a
     mounting the words are empty.
     """
     transforms = static_transforms(values)
@@ -94,9 +94,8 @@ class OrientationOutputs:
     """
     Publishes protection level, covariance and the CRTK topics of an orientation.
 
-    The values are those of `FKM_SETTINGS`. The gripper has the position of an axis of
-    `gripper/joy`, or a constant one. `wanted` has the topics with a subscriber; `effort` returns
-    the torque of each joint, N m, on a device with force feedback.
+    The gripper has the position of an axis of `gripper/joy`, or a constant one. `wanted` has the
+    topics with a subscriber; `effort` returns the torque of each joint, N m, with force feedback.
     """
 
     def __init__(self, node: Node, values: Values, frame_id: str,
@@ -117,16 +116,15 @@ class OrientationOutputs:
         self._twist = TwistStamped(header=header)
         self._joints = JointState(header=header, name=list(names))
         self._gripper = JointState(header=header, name=['gripper'])
-        # An unpowered device is where it is commanded to be: clients ask for the setpoint, too.
+        # The setpoint of an unpowered device is its pose: clients ask for it.
         self._crtk = {'measured_cp': pose, 'setpoint_cp': pose, TWIST: self._twist,
                       JOINTS: self._joints, GRIPPER: self._gripper}
-        # A client may need the first message within 20 ms: do not wait for the next poll.
+        # A client may need the first message within 20 ms, before the next poll.
         matched = PublisherEventCallbacks(matched=lambda _: self.count_subscribers())
         self._outs = {
             topic: node.create_publisher(type(message), topic, SAMPLES, event_callbacks=matched)
             for topic, message in (
                 (LEVEL, self._level), (COVARIANCE, self._covariance), *self._crtk.items())}
-        # The grid chooses the samples of the CRTK topics.
         self._grid = StampGrid(values['crtk_rate'], values['rate'])
         window = max(values['velocity_window'], VELOCITY_PERIODS / values['rate'])
         self._velocity = AngularVelocity(round(window * SECOND))
@@ -141,7 +139,7 @@ class OrientationOutputs:
         self.wanted: frozenset[str] = frozenset()
 
     def count_subscribers(self) -> None:
-        """Find what is to be computed: call it at each poll; it is called for each new one."""
+        """Find which topics have a subscriber: at each poll, and for each new subscriber."""
         self.wanted = frozenset(
             topic for topic, out in self._outs.items() if out.get_subscription_count() > 0
             and (topic != GRIPPER or len(self._gripper.position) > 0))
@@ -151,11 +149,10 @@ class OrientationOutputs:
         """
         Publish what has a subscriber and is due.
 
-        The sample has a stamp, ns, and angles, rad, NaN without a reading; the estimate is the
-        orientation as published, and its protection level is in rad.
+        `stamp` is in ns, `angles` in rad, NaN without a reading; `estimate` is the orientation as
+        published, `level` its protection level, rad.
         """
-        # Another thread may notice a subscriber meanwhile: one look for the whole sample.
-        wanted = self.wanted
+        wanted = self.wanted  # another thread may change it meanwhile
         if LEVEL in wanted:
             self._level.data = array('d', (degrees(level), *self._supervisor.unchecked(),
                                            *map(degrees, self._supervisor.parts)))
@@ -169,7 +166,7 @@ class OrientationOutputs:
         time_of_sample.sec, time_of_sample.nanosec = divmod(stamp, SECOND)
         orientation.x, orientation.y, orientation.z, orientation.w = estimate.quaternion
         if COVARIANCE in wanted:
-            # Of the 6 x 6 matrix (x, y, z, rotations about fixed x, y, z) the lower right block.
+            # The lower right block of the 6 x 6 matrix (x, y, z, rotations about fixed x, y, z).
             field, block = self._covariance.pose.covariance, estimate.covariance
             field[21:24], field[27:30], field[33:36] = block[0:3], block[3:6], block[6:9]
             self._outs[COVARIANCE].publish(self._covariance)

@@ -33,8 +33,8 @@ class SampleOrigin:
     """
     Finds why no sample can be taken, whatever its angles are.
 
-    After `watch`, the driver of the topic is compared by what it reports on /diagnostics. A
-    publisher that reports nothing, such as a bag or another program, is not compared.
+    After `watch` the driver of the topic is compared by its entry on /diagnostics; a publisher
+    without one, such as a bag, is not compared.
     """
 
     def __init__(self, node: Node, mechanism: str, calibration: str) -> None:
@@ -80,7 +80,6 @@ class SampleOrigin:
         """Return reason and detail of the first difference of the driver of the topic."""
         if not self._found:
             return None
-        # Several publishers are rivals.
         names = (f'{publisher.node_namespace}/{publisher.node_name}'.strip('/')
                  for publisher in self._node.get_publishers_info_by_topic(self._topic))
         driver = next((name for name in names if name in self._found), '')

@@ -53,8 +53,7 @@ class SimSlave(ParameterNode):
 
     def _on_command(self, message: PoseStamped) -> None:
         q = message.pose.orientation
-        commanded = unit_quaternion((q.x, q.y, q.z, q.w))
-        if commanded is not None:
+        if commanded := unit_quaternion((q.x, q.y, q.z, q.w)):
             self._commanded = commanded
             self._commands += 1
 
@@ -66,7 +65,7 @@ class SimSlave(ParameterNode):
         part = 1.0 - exp(-min(now - self._advanced, LONGEST_STEP) / self._time_constant)
         moved = multiply_quaternions(
             quaternion_from_vector(part * x, part * y, part * z), self._rotation)
-        # A product of unit quaternions: only rounding is taken off.
+        # Without the rounding of the product.
         self._rotation = unit_quaternion(moved) or self._rotation
         self._advanced = now
         q = self._pose.pose.orientation
