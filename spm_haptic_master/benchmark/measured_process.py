@@ -4,9 +4,9 @@
 """
 One process of the benchmark: python -m ... NAME DIRECTORY [--ros-args ...].
 
-NAME is an executable of the package; a bare node, which passes on the same messages as the
-pipeline and computes nothing; or an observer, which writes into the directory. `STACKS_SIGNAL`
-prints the stacks of all threads on standard error.
+NAME is an executable of the package, a bare node with the same messages and no computation, or an
+observer, which writes into the directory. `STACKS_SIGNAL` prints the stacks of all threads on
+standard error.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ WAIT_TIMEOUT = 0.05
 HEALTH_PERIOD = 1.0
 # Frame of the orientations.
 FRAME = 'spm_base'
-# Four "joint angles" that are a unit quaternion: the relay copies them.
+# Four joint angles that are a unit quaternion: the relay copies them.
 POSITIONS = [0.5, 0.5, 0.5, 0.5]
 # Line on standard output after the first sample.
 READY = 'first orientation'
@@ -124,10 +124,9 @@ class BareListener(ParameterNode):
 
 class Observer(ParameterNode):
     """
-    Records (arrival, stamp) of each `orientation`, ns, and every status on /diagnostics.
+    Records (arrival, stamp) of each `orientation`, ns, and every status on /diagnostics, in files.
 
-    Its files in the directory grow while it observes. 'observer_of_all' subscribes to the other
-    outputs of `fkm` as well.
+    'observer_of_all' subscribes to the other outputs of `fkm` as well.
     """
 
     def __init__(self, parameters: Parameters, name: str, directory: Path) -> None:
@@ -179,10 +178,10 @@ def main() -> int:
         return code
 
     def compose(_: Future, add: runner.AddNode) -> None:
-        for node in BARE_NODES.get(name, ()):
-            add(node)
         if name not in BARE_NODES:
             add(Observer, name, Path(directory))
+        for node in BARE_NODES.get(name, ()):
+            add(node)
 
     return runner.run(name if name in BARE_NODES else 'observer', compose, [name, *args])
 
