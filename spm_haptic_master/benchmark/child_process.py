@@ -23,8 +23,8 @@ from spm_haptic_master.ros import discovery
 # DDS domains to choose from: their ports are below the ephemeral ports of Linux, and domain 0 is
 # the default one of every other program.
 DOMAINS = range(1, 102)
-# Lowest UDP port of the simulated CAN buses, one for each domain. The port separates two buses, not
-# the multicast group: a socket on Linux receives the datagrams of every group on its port.
+# Lowest UDP port of the simulated CAN buses, one for each domain: a socket on Linux receives the
+# datagrams of every multicast group on its port.
 FIRST_BUS_PORT = 20_000
 # Time between two evaluations of a condition that is waited for (s).
 POLL_PERIOD = 0.05
