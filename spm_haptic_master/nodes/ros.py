@@ -35,7 +35,7 @@ class Commands:
     """The commands: `do_VERB` of each; they raise InputError."""
 
     def __init__(self) -> None:
-        self._node = rclpy.create_node('ros_command')
+        self._node = rclpy.create_node('ros_command', enable_rosout=False)
         self._executor = EventsExecutor()
         self._executor.add_node(self._node)
 
