@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from recorded_text import assert_recorded
 from spm_haptic_master.force import FORCE_STATES
 from spm_haptic_master.kinematics import matrix_from_zxz, quaternion_from_matrix
 from spm_haptic_master.nodes import master as console_module
@@ -108,52 +109,18 @@ def console(**given):
     return found
 
 
-def rows_of(**given):
-    """Return the lines of a status below the title."""
-    return status_lines([], console(**given)._rows(), 80, 23, False)
-
-
-def test_all_rows_of_a_status_with_force_feedback_and_cautions():
-    """The bar is that of the page of `view`."""
-    assert rows_of(encoders='joint_1b: EMCY 0x5000', caution='joint_3a unchecked',
-                   force=FORCE_STATES['holding'], pose=(130.0, 50.0, 30.0)) == [
-        '  state             healthy',
-        '  caution           joint_3a unchecked',
-        '  caution           encoders: joint_1b: EMCY 0x5000',
-        '  force             holding',
-        '  orientation       psi  130.000 theta  50.000 phi   30.000 deg',
-        '  protection level  0.57 deg',
-        '  parity            +0.1 sigma',
-        '  singularity       clear of singularities',
-        '                    at [###############-----] far',
-        '  dexterity         0.1500 (3 sensors), 0.4000 (4 sensors)',
-        '  rates             joints 1000 Hz, orientation 1000 Hz',
-        '  latency           p50 90 us, p99 200 us']
-
-
-def test_without_an_orientation_the_state_and_what_the_driver_knows_have_rows():
-    assert rows_of(state='starting', encoders='no frames on socketcan can0', dexterity=None) == [
-        '  state             starting',
-        '  caution           encoders: no frames on socketcan can0',
-        '  singularity       unknown: clear of singularities',
-        '  rates             joints 1000 Hz, orientation 1000 Hz',
-        '  latency           p50 90 us, p99 200 us']
-
-
-def test_a_line_for_a_log_has_all_in_it():
-    assert console(encoders='', caution='joint_3a unchecked', state='degraded: joint_3b missing',
-                   force=FORCE_STATES['holding'])._line() == (
-        'source can, state degraded: joint_3b missing, caution joint_3a unchecked, force holding, '
-        'orientation psi    0.000 theta   0.000 phi    0.000 deg, protection level 0.57 deg, '
-        'parity +0.1 sigma, singularity clear of singularities, '
-        'dexterity 0.1500 (3 sensors), 0.4000 (4 sensors), '
-        'rates joints 1000 Hz, orientation 1000 Hz, latency p50 90 us, p99 200 us\n')
-
-
-@pytest.mark.parametrize(('eta', 'expected'), [(0.0, 0), (0.1, 10), (7.0, 20)])
-def test_the_bar_is_empty_at_the_singularity_as_on_the_page(eta, expected):
-    (found,) = re.findall(r'at \[(#*)-*\] far', '\n'.join(rows_of(dexterity=eta)))
-    assert len(found) == expected
+def test_the_status_of_each_state_is_as_recorded():
+    """With colours, as on a terminal, and in a line, as in a log."""
+    lines = []
+    for given in (*(
+            {'state': state, 'dexterity': dexterity, 'pose': (130.0, 50.0, 30.0)}
+            for state in ('starting', 'healthy', 'degraded: joint_3b missing', 'silent: jumped')
+            for dexterity in (None, 0.0, 0.1, 7.0)),
+            {'encoders': 'joint_1b: EMCY 0x5000', 'caution': 'joint_3a unchecked'},
+            *({'force': state, 'encoders': ''} for state in FORCE_STATES.values())):
+        shown = console(**given)
+        lines += [*status_lines(shown._title(), shown._rows(), 80, 23, True), shown._line()]
+    assert_recorded('sessions/console.txt', '\n'.join(lines).replace('\x1b', '~'))
 
 
 @pytest.mark.parametrize('coloured', [True, False])
