@@ -28,12 +28,11 @@ from geometry_msgs.msg import (
     QuaternionStamped,
     TwistStamped,
 )
-from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from spm_haptic_master.executables import EXECUTABLES
 from spm_haptic_master.kinematics.joints import JOINT_NAMES
 from spm_haptic_master.ros import runner
-from spm_haptic_master.ros.diagnostic_status import OK, StatusPublisher
+from spm_haptic_master.ros.diagnostic_status import OK, REPEAT_PERIOD, StatusPublisher
 from spm_haptic_master.ros.parameters import ParameterNode, Parameters
 from spm_haptic_master.ros.qos import SAMPLES
 from spm_haptic_master.timing import DeadlineGrid, SECOND
@@ -42,8 +41,6 @@ from spm_haptic_master.timing import DeadlineGrid, SECOND
 STACKS_SIGNAL = signal.SIGUSR1
 # Longest wait for a deadline (s): the thread polls its end after each.
 WAIT_TIMEOUT = 0.05
-# Time between two statuses (s).
-HEALTH_PERIOD = 1.0
 # Frame of the orientations.
 FRAME = 'spm_base'
 # Four joint angles that are a unit quaternion: the relay copies them.
@@ -70,7 +67,7 @@ class BareDriver(ParameterNode):
         self._grid = DeadlineGrid(1.0 / float(str(self.given['rate'])))
         self._publisher = self.create_publisher(JointState, 'measured_js', SAMPLES)
         self._status = StatusPublisher(self, 'encoders', 'bare', logs=False)
-        self.create_timer(HEALTH_PERIOD, self._report)
+        self.create_timer(REPEAT_PERIOD, self._report)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name='driver')
         self._thread.start()
@@ -177,13 +174,11 @@ def main() -> int:
         code: int = import_module(f'spm_haptic_master.{EXECUTABLES[name][0]}').main([name, *args])
         return code
 
-    def compose(_: Future, add: runner.AddNode) -> None:
-        if name not in BARE_NODES:
-            add(Observer, name, Path(directory))
-        for node in BARE_NODES.get(name, ()):
-            add(node)
-
-    return runner.run(name if name in BARE_NODES else 'observer', compose, [name, *args])
+    if name not in BARE_NODES:
+        return runner.run('observer', lambda _, add: add(Observer, name, Path(directory)),
+                          [name, *args])
+    return runner.run(name, lambda _, add: [add(node) for node in BARE_NODES[name]],
+                      [name, *args])
 
 
 if __name__ == '__main__':

@@ -17,21 +17,11 @@ from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.executables import FOLLOWER, PIPELINE
 from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.nodes.factories import make_motors, make_teleoperation
+from spm_haptic_master.parameters import nodes as settings
+from spm_haptic_master.parameters import resolver
 from spm_haptic_master.parameters.files import PACKAGE
 from spm_haptic_master.parameters.geometry import geometry_from, GEOMETRY_SETTINGS
-from spm_haptic_master.parameters.nodes import (
-    ALL_NAMES,
-    FKM_SETTINGS,
-    MASTER_SETTINGS,
-    NODE_SETTINGS,
-    SOURCE_SETTING,
-)
-from spm_haptic_master.parameters.resolver import (
-    check_agreement,
-    Parameters,
-    resolve,
-    resolve_source,
-)
+from spm_haptic_master.parameters.resolver import Parameters
 
 # Names of the frames that an arm does not share with another one: parameters of `fkm`.
 ARM_FRAMES = ('frame_id', 'mounting.platform_frame_id', 'mounting.handle_frame_id')
@@ -81,13 +71,13 @@ def plan(source: str, config: str, calibration: str, namespace: str, composed: b
     if follower is not None and follower.pose and not follower.slave:
         raise InputError(f'{argument_prefix}slave_pose:={follower.pose}; expected '
                          f'{argument_prefix}slave, too: without one the slave is simulated')
-    source_words = [f'{SOURCE_SETTING.name}:={source}'] if source else []
+    source_words = [f'{settings.SOURCE_SETTING.name}:={source}'] if source else []
     # A file may have parameters of teleop, which is not started without a follower.
-    Parameters(paths, (), own).check((*PIPELINE, FOLLOWER), ALL_NAMES)
+    Parameters(paths, (), own).check((*PIPELINE, FOLLOWER), settings.ALL_NAMES)
     given = Parameters(paths, source_words, own)
     names = PIPELINE if follower is None else (*PIPELINE, FOLLOWER)
     checked = {name: _checked(name, given.of(name)) for name in names}
-    check_agreement(checked)
+    resolver.check_agreement(checked)
     if checked['fkm']['force.enabled'] and 'can.channel' in checked['encoder_driver']:
         check_shared_bus(checked['fkm'], checked['encoder_driver'])
     frames = _prefixed_frames(given.of('fkm'), frame_prefix)
@@ -105,11 +95,12 @@ def plan(source: str, config: str, calibration: str, namespace: str, composed: b
 
 def _checked(node: str, given: Mapping[str, object]) -> dict[str, object]:
     """Return a node's values; SettingError where it would end at once: the launch ends before."""
-    is_driver = node == 'encoder_driver'
-    _, values = resolve_source(given) if is_driver else resolve(given, NODE_SETTINGS[node])
-    if is_driver:
+    if node == 'encoder_driver':
+        _, values = resolver.resolve_source(given)
         unverified_joints(values)
-    elif node == FOLLOWER:
+        return values
+    _, values = resolver.resolve(given, settings.NODE_SETTINGS[node])
+    if node == FOLLOWER:
         make_teleoperation(values)
     elif node == 'fkm' and values['force.enabled']:
         make_motors(values)
@@ -118,7 +109,7 @@ def _checked(node: str, given: Mapping[str, object]) -> dict[str, object]:
 
 def _prefixed_frames(values: Mapping[str, object], prefix: str) -> list[str]:
     """Return the arguments that name the frames of `fkm` as robot_state_publisher does."""
-    return [word for setting in FKM_SETTINGS
+    return [word for setting in settings.FKM_SETTINGS
             if prefix and setting.name in ARM_FRAMES and setting.name not in values
             for word in ('-p', f'{setting.name}:={prefix}{setting.default}')]
 
@@ -133,7 +124,7 @@ def _words(source: Sequence[str], follower: Follower | None, names: Sequence[str
     words = ['-p', *source] if source and PIPELINE[0] in names else []
     if follower is not None and FOLLOWER in names:
         if len(names) > 1:
-            words += ['-p', f'{MASTER_SETTINGS[0].name}:=true']
+            words += ['-p', f'{settings.MASTER_SETTINGS[0].name}:=true']
         for topic, name in follower.remaps():
             words += ['-r', f'{FOLLOWER}:{topic}:={name}']
     return words
@@ -147,7 +138,7 @@ def source_to_show(source: str, config: str, calibration: str) -> str:
 def mechanism(config: str, calibration: str, namespace: str) -> Geometry:
     """Return the mechanism that the files of one arm give its nodes; InputError as `plan`."""
     given = Parameters(_files(config, calibration), (), _namespace(namespace)).of('fkm')
-    return geometry_from(resolve(given, GEOMETRY_SETTINGS)[1])
+    return geometry_from(resolver.resolve(given, GEOMETRY_SETTINGS)[1])
 
 
 def check_arguments(command_line: Sequence[str], file: str, names: Collection[str]) -> None:

@@ -9,13 +9,7 @@ from array import array
 from collections.abc import Callable, Sequence
 from math import degrees, isfinite, radians
 
-from geometry_msgs.msg import (
-    PoseStamped,
-    PoseWithCovarianceStamped,
-    Quaternion,
-    TransformStamped,
-    TwistStamped,
-)
+from geometry_msgs import msg as geometry
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from sensor_msgs.msg import JointState, Joy
@@ -42,7 +36,7 @@ NO_AXIS = -1
 STATIC_TRANSFORMS = '/tf_static'
 
 
-def static_transforms(values: Values) -> list[TransformStamped]:
+def static_transforms(values: Values) -> list[geometry.TransformStamped]:
     """
     Return the constant rotations of the mounting, from parent to child frame.
 
@@ -58,9 +52,9 @@ def static_transforms(values: Values) -> list[TransformStamped]:
     for parent, child, (x, y, z, w) in ((table, values['frame_id'], mounting.base),
                                         (platform, handle, mounting.handle)):
         if (x, y, z, w) != IDENTITY:
-            transform = TransformStamped(child_frame_id=child)
+            transform = geometry.TransformStamped(child_frame_id=child)
             transform.header.frame_id = parent
-            transform.transform.rotation = Quaternion(x=x, y=y, z=z, w=w)
+            transform.transform.rotation = geometry.Quaternion(x=x, y=y, z=z, w=w)
             found.append(transform)
     return found
 
@@ -104,16 +98,16 @@ class OrientationOutputs:
         names = ALL_JOINT_NAMES[:values['sensors']]
         # The messages of a sample share one header and one quaternion.
         header = self._header = Header(frame_id=frame_id)
-        self._orientation = Quaternion()
+        self._orientation = geometry.Quaternion()
         labels = (f'{LEVEL}_deg', *(f'unchecked_{name}_s' for name in names),
                   *(f'bound_{name}_deg' for name in names))
         self._level = Float64MultiArray(layout=MultiArrayLayout(dim=[MultiArrayDimension(
             label=', '.join(labels), size=len(labels), stride=len(labels))]))
-        self._covariance = PoseWithCovarianceStamped(header=header)
+        self._covariance = geometry.PoseWithCovarianceStamped(header=header)
         self._covariance.pose.pose.orientation = self._orientation
-        pose = PoseStamped(header=header)
+        pose = geometry.PoseStamped(header=header)
         pose.pose.orientation = self._orientation
-        self._twist = TwistStamped(header=header)
+        self._twist = geometry.TwistStamped(header=header)
         self._joints = JointState(header=header, name=list(names))
         self._gripper = JointState(header=header, name=['gripper'])
         # The setpoint of an unpowered device is its pose: clients ask for it.
