@@ -9,6 +9,7 @@ To record a session anew, delete its file in test/data/sessions and run its test
 
 from contextlib import contextmanager
 
+from geometry_msgs.msg import PoseStamped
 from in_process import hosted
 import pytest
 from rclpy.task import Future
@@ -147,6 +148,10 @@ def test_a_session_is_as_recorded(monkeypatch, name):
             5.0: fail('dropout:joint_3a'), 5.5: fail(''),
             6.2: lambda: host.call('enable'), 6.6: lambda: host.pause(0.6),
             7.6: publish_twice, 8.0: host.publishers.clear, 8.2: fail('melt:joint_1c'),
+            # What cannot be done is logged, and changes nothing.
+            8.3: give('simulation/steer', Float64MultiArray, data=[1.0, 0.0, 0.0]),
+            8.4: give('simulation/steer', Float64MultiArray, data=[1.0]),
+            8.5: give('servo_cp', PoseStamped), 8.55: give('joy', Joy, buttons=[2]),
             8.6: give('simulation/steer', Float64MultiArray, data=[0.1, 0.2, 0.3]),
-            9.2: lambda: host.call('disable')})
+            9.2: lambda: host.call('disable'), 9.4: give('simulation/steer', Float64MultiArray)})
         assert_recorded(f'sessions/{name}.txt', rig.text())
