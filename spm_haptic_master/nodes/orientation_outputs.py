@@ -36,49 +36,36 @@ NO_AXIS = -1
 STATIC_TRANSFORMS = '/tf_static'
 
 
-def static_transforms(values: Values) -> list[geometry.TransformStamped]:
-    """
-    Return the constant rotations of the mounting, from parent to child frame.
-
-    SettingError if two frames have the same name.
-    """
-    mounting = mounting_from(values)
-    if mounting is None:
-        return []
-    check_frames(values)
-    table, platform, handle = (
-        values[f'mounting.{part}_frame_id'] for part in ('table', 'platform', 'handle'))
-    found = []
-    for parent, child, (x, y, z, w) in ((table, values['frame_id'], mounting.base),
-                                        (platform, handle, mounting.handle)):
-        if (x, y, z, w) != IDENTITY:
-            transform = geometry.TransformStamped(child_frame_id=child)
-            transform.header.frame_id = parent
-            transform.transform.rotation = geometry.Quaternion(x=x, y=y, z=z, w=w)
-            found.append(transform)
-    return found
-
-
 def publish_mounting(node: Node, values: Values) -> tuple[str, str]:
     """
     Publish the mounting for tf; return the frame of the outputs, and the mounting in words.
 
     The frame is that of the table if the base is mounted on one, else of the base. Without a
-    mounting the words are empty.
+    mounting the words are empty. SettingError if two frames have the same name.
     """
-    transforms = static_transforms(values)
+    mounting, base = mounting_from(values), str(values['frame_id'])
+    if mounting is None:
+        return base, ''
+    check_frames(values)
+    table, platform, handle = (
+        values[f'mounting.{part}_frame_id'] for part in ('table', 'platform', 'handle'))
+    transforms = []
+    for parent, child, rotation in ((table, base, mounting.base),
+                                    (platform, handle, mounting.handle)):
+        if rotation != IDENTITY:
+            found = geometry.TransformStamped(child_frame_id=child)
+            found.header.frame_id, found.header.stamp = parent, node.get_clock().now().to_msg()
+            q = found.transform.rotation
+            q.x, q.y, q.z, q.w = rotation
+            transforms.append(found)
     parents = {each.child_frame_id: each.header.frame_id for each in transforms}
-    reference = str(parents.get(values['frame_id'], values['frame_id']))
+    reference = parents.get(base, base)
     text = ', '.join(f'{child} on {parent}' for child, parent in parents.items())
-    if not transforms:
-        return reference, text
     try:
         # A message of ROS's own package, which the client library alone does not bring.
         from tf2_msgs.msg import TFMessage
     except ImportError:
         return reference, f'{text} (not on {STATIC_TRANSFORMS}: no tf2_msgs)'
-    for each in transforms:
-        each.header.stamp = node.get_clock().now().to_msg()
     node.create_publisher(TFMessage, STATIC_TRANSFORMS, STATE).publish(
         TFMessage(transforms=transforms))
     return reference, text

@@ -78,7 +78,7 @@ class Pipeline:
 
     def during(self, seconds, processes, directory):
         """Write what an observer writes: samples 1 ms apart, 0.4 ms old, one of which is lost."""
-        stamps = np.delete(self.now + np.arange(-50, 1050) * MS, 500)
+        stamps = np.delete(self.now + np.arange(-50, 2050) * MS, 500)
         self.sleep(seconds)
         pairs = np.column_stack([stamps + 400_000, stamps])
         (directory / run.SAMPLES_FILE).write_bytes(pairs.tobytes() + b'1')
@@ -97,7 +97,7 @@ def pipeline(monkeypatch):
 
 def test_a_run_counts_what_its_processes_did_within_its_window(pipeline):
     case = Case('one', ('fkm', 'encoder_driver'), own={'fkm': {'fkm:max_age': 1.0}})
-    found = measure(case, 1.0, 500.0, {'realtime.priority': '3'}, pipeline.during)
+    found = measure(case, 2.0, 500.0, {'realtime.priority': '3'}, pipeline.during)
     # The observer is scheduled as the nodes, and knows no rate.
     assert pipeline.started == {
         'observer': {'realtime.priority': '3'},
@@ -105,13 +105,13 @@ def test_a_run_counts_what_its_processes_did_within_its_window(pipeline):
         'encoder_driver': {'source': 'sim', 'rate': 500.0, 'realtime.priority': '3'}}
     assert pipeline.signals == [
         (name, signal.SIGINT) for name in ('encoder_driver', 'fkm', 'observer')]
-    assert (found.case, found.rate, found.span) == (case, 500.0, 1.0)
-    assert len(found.stamps) == 999 and found.achieved == 999.0
+    assert (found.case, found.rate, found.span) == (case, 500.0, 2.0)
+    assert len(found.stamps) == 1999 and found.achieved == 999.5
     np.testing.assert_allclose(found.latencies, 400.0)
     assert (found.made, found.lost, found.missed) == (1080, 1, 0)
     # Per cent of a core, in ticks of 10 ms; this process counts for nothing.
-    assert found.load == {'observer': 30.0, 'fkm': 20.0, 'encoder_driver': 40.0}
-    assert found.others == 25.0 and len(found.statuses) == 2
+    assert found.load == {'observer': 15.0, 'fkm': 10.0, 'encoder_driver': 20.0}
+    assert found.others == 12.5 and len(found.statuses) == 2
     assert not pipeline.directory.exists()
 
 
