@@ -44,8 +44,8 @@ from spm_haptic_master.teleoperation.operating_state import ENABLED
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-# Reason of the silence without samples, and the state of a machine that is too busy.
-NO_SAMPLES, BUSY = 'no joint samples', silent(TOO_BUSY)
+# States without samples, and on a machine that is too busy.
+NO_SAMPLES, BUSY = silent('no joint samples'), silent(TOO_BUSY)
 
 
 class Fkm(ParameterNode):
@@ -227,7 +227,7 @@ class Fkm(ParameterNode):
         elif self._last_received is None:
             found = STARTING
         elif now - self._last_received > self._sample_timeout:
-            found = silent(NO_SAMPLES)
+            found = NO_SAMPLES
         elif not received:
             return  # a pause shorter than the time-out changes nothing
         elif changes:

@@ -311,11 +311,12 @@ def test_all_rounds_are_compared_and_written(monkeypatch, tmp_path, capsys):
         return replace(found, load=dict.fromkeys(case.processes, 12.5), statuses=statuses)
 
     monkeypatch.setattr(comparison, 'measure', measure)
-    comparison.compare(2.0, 2, 500.0, {'a': '1'}, tmp_path / 'new')
+    comparison.compare(2.0, 2, 500.0, {'a': '1'}, tmp_path / 'new' / 'directory')
     assert measured == 2 * [(case.name, 2.0, 500.0, {'a': '1'}) for case in comparison.CASES]
     out = capsys.readouterr().out.replace(str(tmp_path), 'DIR')
-    with open(tmp_path / 'new' / 'runs.csv') as file:
+    with open(tmp_path / 'new' / 'directory' / 'runs.csv') as file:
         assert_recorded('sessions/benchmark.txt', out + file.read())
+    comparison.compare(2.0, 1, 500.0, {}, tmp_path)
 
 
 def test_the_publication_by_fkm_is_its_median_and_the_machine_is_named(monkeypatch):
@@ -327,14 +328,20 @@ def test_the_publication_by_fkm_is_its_median_and_the_machine_is_named(monkeypat
                         r'rclpy \d[\d.]*, rmw_nothing \(version unknown\)', machine())
 
 
-def test_a_control_thread_and_the_ticks_of_processes_are_measured():
+def test_a_control_thread_measures_its_lateness(monkeypatch):
+    waited = []
+    monkeypatch.setattr(run, 'DeadlineGrid', lambda period: SimpleNamespace(
+        lateness=0.002 + period, wait=lambda seconds: (time.sleep(seconds), waited.append(1))))
     control = run.Control()
-    assert wait_until(lambda: len(control._lateness) > 3, 60.0)
-    lateness = control.stop()
-    # A wake-up takes more than a nanosecond, in us, and less than a minute.
-    assert len(lateness) > 3 and 1e-3 < max(lateness) < 60e6
-    spun, deadline = 0, time.monotonic() + 60.0
-    before = run.all_processes()[os.getpid()]
-    while run.all_processes()[os.getpid()][1] < before[1] + 5 and time.monotonic() < deadline:
-        spun += 1
-    assert before[0] == os.getppid() and run.all_processes()[os.getpid()][1] >= before[1] + 5
+    assert wait_until(lambda: len(waited) > 3, 60.0)
+    np.testing.assert_allclose(control.stop(), 7000.0)  # us, at a period of 5 ms
+
+
+def test_the_cpu_time_of_a_process_is_counted_in_ticks():
+    deadline = time.monotonic() + 60.0
+    parent, before = run.all_processes()[os.getpid()]
+    while run.all_processes()[os.getpid()][1] < before + 5 and time.monotonic() < deadline:
+        pass
+    used = sum(os.times()[:4]) / run.TICK
+    assert parent == os.getppid() and before + 5 <= used + 2
+    assert run.all_processes()[os.getpid()][1] == pytest.approx(used, abs=20)

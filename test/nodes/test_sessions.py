@@ -8,6 +8,7 @@ To record a session anew, delete its file in test/data/sessions and run its test
 """
 
 from contextlib import contextmanager
+import sys
 
 from geometry_msgs.msg import PoseStamped
 from in_process import hosted
@@ -100,6 +101,9 @@ def device(monkeypatch, *settings):
         monkeypatch.setattr(node_log, level, lambda node, text, level=level: logged.append(
             f'{node.get_name()} {level}: {text}'))
     monkeypatch.setattr(master, 'Console', Console)
+    # As recorded: without the messages of packages that may be installed.
+    for name in ('crtk_msgs', 'tf2_msgs', 'tf2_msgs.msg'):
+        monkeypatch.setitem(sys.modules, name, None)
 
     def make(parameters):
         nodes = []
