@@ -23,8 +23,6 @@ from spm_haptic_master.benchmark.measured_process import READY, SAMPLES_FILE, ST
 from spm_haptic_master.exceptions import SpmError
 from spm_haptic_master.timing import DeadlineGrid, SECOND
 
-# Module that runs each process of a pipeline.
-MODULE = 'spm_haptic_master.benchmark.measured_process'
 # Parameters of the nodes that the observer gets, too.
 SCHEDULING = ('realtime.slice', 'realtime.priority')
 # Time until the first orientation (s).
@@ -118,8 +116,8 @@ def running(case: Case, parameters: Mapping[str, object],
 
 def start_process(name: str, directory: Path, parameters: Mapping[str, object]) -> Program:
     """Start a process of the benchmark, which writes into a directory."""
-    return Program([sys.executable, '-m', MODULE, name, str(directory),
-                    *parameter_arguments(parameters)])
+    return Program([sys.executable, '-m', 'spm_haptic_master.benchmark.measured_process', name,
+                    str(directory), *parameter_arguments(parameters)])
 
 
 def check_alive(case: Case, running: Mapping[str, Program]) -> None:

@@ -44,12 +44,6 @@ COVERED_TEXTS = {
 }
 # All of them: an orientation comes.
 MESSAGES = frozenset((*TEXTS.values(), *COVERED_TEXTS.values()))
-# Angles of the sensors beyond the three active joints.
-FURTHER = 'th3A', 'th3B', 'th3C'
-# Message for an orientation that the legs do not reach in this working mode.
-OUTSIDE = 'outside the working mode'
-# Message for a quaternion that is not of unit norm.
-NO_QUATERNION = 'the quaternion on orientation is not a unit quaternion'
 # Largest deviation of a unit quaternion's squared norm from 1 (unit 1): rounding, no error.
 UNIT_TOLERANCE = 1e-6
 
@@ -121,8 +115,8 @@ class Diagnostics(ParameterNode):
         self.dexterities: Nearness | None = None
         self._message = Float64MultiArray()
         self._message.layout.dim = [MultiArrayDimension(
-            label='dexterity of 3 sensors (th1A th1B th1C), '
-            f'of {self.sensors} sensors (+ {" ".join(FURTHER[:self.sensors - 3])})',
+            label='dexterity of 3 sensors (th1A th1B th1C), of '
+            f'{self.sensors} sensors (+ {" ".join(("th3A", "th3B", "th3C")[:self.sensors - 3])})',
             size=2, stride=2)]
         self._status = diagnostic_status.StatusPublisher(
             self, 'singularity', diagnostic_status.MECHANISM, logs=False)
@@ -183,13 +177,14 @@ class Diagnostics(ParameterNode):
             return
         quaternion = self._unmounted(latest[1])
         if quaternion is None:
-            self._report(ERROR, NO_QUATERNION, quaternion=latest[1])
+            self._report(ERROR, 'the quaternion on orientation is not a unit quaternion',
+                         quaternion=latest[1])
             return
         try:
             dexterities = nearness(
                 quaternion, self._geometry, self._working_mode, self.sensors, self._left_out)
         except SpmError as error:
-            self._report(ERROR, OUTSIDE, error=str(error))
+            self._report(ERROR, 'outside the working mode', error=str(error))
             return
         self.dexterities = dexterities
         self._message.data = dexterities[:2]

@@ -145,8 +145,6 @@ class Fkm(ParameterNode):
             'acknowledged' if of_force else 'no fault waits for an acknowledgement'
         return response
 
-    # Samples ------------------------------------------------------------------------------------
-
     def _on_joints(self, joints: bytes) -> None:
         try:
             stamp, angles = self._read_joints(joints)
@@ -195,8 +193,6 @@ class Fkm(ParameterNode):
         self.latency_status.add(stamp, published, self._supervisor.parity or 0.0)
         if self._outputs.wanted:
             self._outputs.publish(stamp, angles, estimate, level)
-
-    # State --------------------------------------------------------------------------------------
 
     def _poll(self) -> None:
         """Update the clock and the subscribed outputs, and evaluate the samples since then."""

@@ -37,8 +37,6 @@ MISSING_TOLERATED = 0.02
 EXCESS_TOLERATED = 0.1
 # Distance of two stamps from which samples between them are missing (sample periods).
 GAP = 1.5
-# Microseconds per second.
-MICROSECONDS = 1e6
 
 
 class OrientationStatus:
@@ -149,7 +147,7 @@ class LatencyStatus:
         self._period = SECOND / rate
         self._gap = GAP * self._period
         self._tolerated = MISSING_TOLERATED * rate * diagnostic_status.REPEAT_PERIOD
-        self._latency_limit = latency_limit * MICROSECONDS
+        self._latency_limit = latency_limit * 1e6  # us
         self._least_span = self._period / (1.0 + EXCESS_TOLERATED)
         # Stamp of the latest orientation, ns, and samples missing since the start.
         self._last: int | None = None
@@ -197,7 +195,7 @@ class LatencyStatus:
                        sqrt(max(0.0, self._parity_squares / count - mean * mean))}
             p99 = percentiles[2]
             if p99 > self._latency_limit:
-                text = f'{TOO_BUSY}: latency p99 {more_than(p99 / MICROSECONDS)}'
+                text = f'{TOO_BUSY}: latency p99 {more_than(p99 / 1e6)}'
             elif self._missing > self._tolerated:
                 text = self.busy or 'samples missing'
             # From the stamps: samples that a busy machine held up come in a burst.
