@@ -28,6 +28,7 @@ from geometry_msgs.msg import (
     QuaternionStamped,
     TwistStamped,
 )
+from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from spm_haptic_master.executables import EXECUTABLES
 from spm_haptic_master.kinematics.joints import JOINT_NAMES
@@ -174,11 +175,13 @@ def main() -> int:
         code: int = import_module(f'spm_haptic_master.{EXECUTABLES[name][0]}').main([name, *args])
         return code
 
-    if name not in BARE_NODES:
-        return runner.run('observer', lambda _, add: add(Observer, name, Path(directory)),
-                          [name, *args])
-    return runner.run(name, lambda _, add: [add(node) for node in BARE_NODES[name]],
-                      [name, *args])
+    def compose(_: Future, add: runner.AddNode) -> None:
+        for node in BARE_NODES.get(name, ()):
+            add(node)
+        if name not in BARE_NODES:
+            add(Observer, name, Path(directory))
+
+    return runner.run(name if name in BARE_NODES else 'observer', compose, [name, *args])
 
 
 if __name__ == '__main__':
