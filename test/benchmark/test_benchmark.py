@@ -48,7 +48,7 @@ class Pipeline:
         self.started, self.signals = {}, []
         # Exit codes of programs that end by themselves, and of others at the end.
         self.early, self.late = {}, {}
-        self.directory, self.output = None, run.READY
+        self.directory, self.output, self.slept = None, run.READY, []
         self.ticks = [{7: (1, 100), 8: (1, 10), 9: (1, 1), 10: (1, 50), os.getpid(): (1, 5)},
                       {7: (1, 130), 8: (1, 30), 9: (1, 41), 10: (1, 75), os.getpid(): (1, 900)}]
         self.now = 10**18
@@ -60,6 +60,7 @@ class Pipeline:
             time_ns=lambda: self.now, sleep=self.sleep))
 
     def sleep(self, seconds):
+        self.slept.append(seconds)
         self.now += round(seconds * 1e9)
 
     def start(self, name, directory, parameters):
@@ -83,7 +84,7 @@ class Pipeline:
         pairs = np.column_stack([stamps + 400_000, stamps])
         (directory / run.SAMPLES_FILE).write_bytes(pairs.tobytes() + b'1')
         begin = int(stamps[0])
-        reports = [(begin - 5 * 10**9, 'old', {'sets': '0'})] + [
+        reports = [(begin - 2 * 10**9, 'old', {'sets': '0'})] + [
             (begin + ms * MS + MS // 2, 'encoders', {'sets': str(ms), 'missed deadlines': '3'})
             for ms in (10, 1090)]
         (directory / run.STATUSES_FILE).write_text(''.join(
@@ -113,6 +114,9 @@ def test_a_run_counts_what_its_processes_did_within_its_window(pipeline):
     assert found.load == {'observer': 15.0, 'fkm': 10.0, 'encoder_driver': 20.0}
     assert found.others == 12.5 and len(found.statuses) == 2
     assert not pipeline.directory.exists()
+    # The driver reports its count once a second, after the window too.
+    settled, window, after = pipeline.slept
+    assert settled == run.SETTLE and window == 2.0 and after >= 1.0
 
 
 @pytest.mark.parametrize(('trouble', 'words'), [
@@ -281,7 +285,7 @@ def test_samples_are_lost_that_were_counted_and_did_not_arrive():
 
 
 def run_of(case, latency, lost=0, late=0.0, others=0.0):
-    return Run(case, 1000.0, 2.0, latency + np.arange(101.0), np.zeros(101), 200, lost, 5,
+    return Run(case, 1000.0, 3.0, latency + np.arange(101.0), np.zeros(101), 200, lost, 5,
                {case.processes[0]: 12.5}, others, np.full(10, late), [])
 
 
@@ -289,8 +293,8 @@ def test_the_table_has_medians_of_the_rounds_and_all_that_was_lost():
     runs = [run_of(ONE, 100.0), run_of(OTHER, 200.0), run_of(ONE, 300.0, lost=2),
             run_of(OTHER, 100.0), run_of(ONE, 200.0), run_of(OTHER, 400.0)]
     assert table(runs).splitlines()[2:] == [
-        '| one | 50.5 | 250 | 290 | 299 | 300 | 300 | 2 of 600 | 15 | fkm 12.5 |',
-        '| other | 50.5 | 250 | 290 | 299 | 300 | 300 | 0 of 600 | 15 | bare_relay 12.5 |']
+        '| one | 33.7 | 250 | 290 | 299 | 300 | 300 | 2 of 600 | 15 | fkm 12.5 |',
+        '| other | 33.7 | 250 | 290 | 299 | 300 | 300 | 0 of 600 | 15 | bare_relay 12.5 |']
     assert ratio(runs, ONE, OTHER, lambda run: run.latencies[0]) == '0.50 (0.50 .. 3.00)'
 
 
