@@ -6,6 +6,7 @@
 from dataclasses import replace
 import json
 import os
+from pathlib import Path
 import re
 import signal
 import subprocess
@@ -203,7 +204,8 @@ def callback(node, topic):
 
 def test_a_bare_pipeline_passes_positions_on_at_the_rate(node):
     relay = node(measured_process.BareRelay)
-    node(measured_process.BareListener)
+    listener = node(measured_process.BareListener)
+    assert '/orientation' in [each.topic_name for each in listener.subscriptions]
     sent = []
     relay._publisher.publish = lambda message: sent.append(serialize_message(message))
     joints = JointState(position=[0.1, 0.2, 0.3, 0.4])
@@ -330,6 +332,8 @@ def test_the_publication_by_fkm_is_its_median_and_the_machine_is_named(monkeypat
     monkeypatch.setenv('RMW_IMPLEMENTATION', 'rmw_nothing')
     assert re.fullmatch(r'\d{4}-\d\d-\d\d, \d+ x \S.*, Linux \d.*, Python 3[\d.]+, '
                         r'rclpy \d[\d.]*, rmw_nothing \(version unknown\)', machine())
+    cpu = Path('/proc/cpuinfo').read_text()
+    assert (', virtual machine,' in machine()) == (' hypervisor ' in cpu)
 
 
 def test_a_control_thread_measures_its_lateness(monkeypatch):
