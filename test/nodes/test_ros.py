@@ -113,6 +113,7 @@ def test_a_message_is_published_until_ctrl_c(device, run, monkeypatch):
     def wait_or_end(commands, condition, seconds):
         if len(arrived) >= 3:
             raise KeyboardInterrupt
+        assert (condition(), seconds) == (False, 1.0 / 20.0)
         return wait(commands, condition, seconds)
 
     monkeypatch.setattr(ros.Commands, '_wait', wait_or_end)
