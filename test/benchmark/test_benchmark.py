@@ -343,6 +343,7 @@ def test_a_control_thread_measures_its_lateness(monkeypatch):
     control = run.Control()
     assert wait_until(lambda: len(waited) > 3, 60.0)
     np.testing.assert_allclose(control.stop(), 7000.0)  # us, at a period of 5 ms
+    assert not control._thread.is_alive()
 
 
 def test_the_cpu_time_of_a_process_is_counted_in_ticks():

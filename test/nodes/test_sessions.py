@@ -11,6 +11,7 @@ from contextlib import contextmanager
 import sys
 
 from geometry_msgs.msg import PoseStamped
+from harness import stamp
 from in_process import hosted
 import pytest
 from rclpy.task import Future
@@ -159,3 +160,7 @@ def test_a_session_is_as_recorded(monkeypatch, name):
             8.6: give('simulation/steer', Float64MultiArray, data=[0.1, 0.2, 0.3]),
             9.2: lambda: host.call('disable'), 9.4: give('simulation/steer', Float64MultiArray)})
         assert_recorded(f'sessions/{name}.txt', rig.text())
+        # A client ignores what is not newer.
+        for topic in ('slave/measured_cp', 'presence', 'orientation', 'ground_truth/orientation'):
+            stamps = list(map(stamp, host.sent[topic]))
+            assert stamps == sorted(set(stamps))
