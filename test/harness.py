@@ -76,10 +76,10 @@ def full_pipe() -> Iterator[tuple[int, int]]:
 class Observer:
     """A node of the test: collects messages with their times of arrival."""
 
-    def __init__(self) -> None:
+    def __init__(self, name: str = 'observer') -> None:
         self.context = rclpy.Context()
         rclpy.init(context=self.context)
-        self.node = rclpy.create_node('observer', context=self.context)
+        self.node = rclpy.create_node(name, context=self.context)
         self._executor = EventsExecutor(context=self.context)
         self._executor.add_node(self.node)
 

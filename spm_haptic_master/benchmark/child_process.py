@@ -23,9 +23,8 @@ from spm_haptic_master.ros import discovery
 # DDS domains to choose from: their ports are below the ephemeral ports of Linux, and domain 0 is
 # the default one of every other program.
 DOMAINS = range(1, 102)
-# Lowest UDP port of the simulated CAN buses; each domain has its own. A socket on Linux receives
-# the datagrams of every multicast group that any socket of the host has joined on its port: the
-# port, not the group, separates two buses.
+# Lowest UDP port of the simulated CAN buses, one for each domain: a socket on Linux receives the
+# datagrams of every multicast group on its port.
 FIRST_BUS_PORT = 20_000
 # Time between two evaluations of a condition that is waited for (s).
 POLL_PERIOD = 0.05
@@ -37,11 +36,11 @@ STOP_TIMEOUT = 15.0
 def _domain() -> tuple[int, socket.socket]:
     """Return this process's DDS domain, and the socket that reserves it until the process ends."""
     # An abstract Unix socket is unique within a network namespace, as DDS and multicast on
-    # localhost are. Domains are reused as late as possible.
+    # localhost are. A run begins at another domain than the last one.
     first = os.getpid() % len(DOMAINS)
     for domain in (*DOMAINS[first:], *DOMAINS[:first]):
         if os.environ.get('ROS_DOMAIN_ID') == str(domain):
-            continue  # other nodes of this user, or the parent process
+            continue  # that of other nodes of this user, or of the parent process
         reservation = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         try:
             reservation.bind(f'\0spm_haptic_master/domain/{domain}')
@@ -57,7 +56,7 @@ def private_environment() -> dict[str, str]:
     """
     Return this process's environment with a DDS domain and a CAN bus port of its own.
 
-    Two processes at the same time on one host get different ones. RuntimeError: all are reserved.
+    They differ from those of other processes on the host. RuntimeError: all are reserved.
     """
     domain, _ = _domain()
     return {**os.environ, **discovery.profile(os.environ), 'ROS_DOMAIN_ID': str(domain),
@@ -98,8 +97,8 @@ class Program:
     """
     A child process; what it prints is kept in files without a name.
 
-    As a context manager it is stopped at the end. `environment` is `private_environment()` by
-    default; with `error_to` its standard error goes to that file descriptor.
+    A `with` block stops it at its end. `environment` is `private_environment()` by default;
+    `error_to` is a file descriptor for its standard error.
     """
 
     def __init__(self, command: Sequence[str], *, environment: Mapping[str, str] | None = None,
@@ -111,7 +110,6 @@ class Program:
             self.command, cwd=directory, stdin=subprocess.DEVNULL, stdout=self._out,
             stderr=self._err if error_to is None else error_to, start_new_session=new_session,
             env=private_environment() if environment is None else environment)
-        # The process id; the exit code, None while it runs; and a signal to it, if it still runs.
         self.pid, self.poll, self.send_signal = process.pid, process.poll, process.send_signal
 
     def __enter__(self) -> Program:

@@ -25,27 +25,25 @@ BARE_THREE = Case('bare relay and listener', ('bare_relay', 'bare_listener', 'ba
 THREE = Case('three processes', ('fkm', 'diagnostics', 'encoder_driver'))
 BARE_MASTER = Case('bare, composed', ('bare_master',))
 MASTER = Case('master (composed)', ('master',))
-# Pipelines in the order of a round: those that are compared run one after the other, so that drift
-# of the machine affects both.
+# Pipelines in the order of a round: those that are compared run one after the other, because the
+# machine drifts.
 CASES = (BARE, NODES, ALL_OUTPUTS, BARE_THREE, THREE, MASTER, BARE_MASTER)
 
 # Percentiles of a latency in the tables, by column.
 QUANTILES = {'p50': 50.0, 'p90': 90.0, 'p99': 99.0, 'p99.9': 99.9, 'max': 100.0}
-# 99th percentile of the control thread's lateness from which the machine was disturbed (us): one
-# period of 1 kHz.
-DISTURBED_LATENESS = 1000.0
-# CPU time of other programs from which the machine was disturbed (% of a core).
-DISTURBED_LOAD = 20.0
+# Largest 99th percentile of the control thread's lateness (us: one period of 1 kHz), and CPU time
+# of other programs (% of a core), of an undisturbed machine.
+DISTURBED_LATENESS, DISTURBED_LOAD = 1000.0, 20.0
 
 
 def p50(run: Run) -> float:
     """Return the median latency, us."""
-    return quantiles(run.latencies)['p50']
+    return float(np.percentile(run.latencies, 50.0))
 
 
 def p99(run: Run) -> float:
     """Return the 99th percentile of the latency, us."""
-    return quantiles(run.latencies)['p99']
+    return float(np.percentile(run.latencies, 99.0))
 
 
 def load_of_relay(run: Run) -> float:
@@ -83,7 +81,7 @@ def compare(seconds: float, rounds: int, rate: float, parameters: Mapping[str, s
             run = measure(case, seconds, rate, parameters)
             runs.append(run)
             rows.append(row(number, run))
-            disturbed = disturbance(run)
+            disturbed = rows[-1]['disturbed']
             print(f'round {number} of {rounds}, {case.name}: {summary(run.latencies)} us, '
                   f'lost {run.lost}' + (f' (disturbed: {disturbed})' if disturbed else ''),
                   flush=True)
@@ -97,7 +95,7 @@ def compare(seconds: float, rounds: int, rate: float, parameters: Mapping[str, s
             print(f'  {text:<75} {ratio(runs, above, below, figure)}')
     control = np.concatenate([run.control for run in runs])
     print(f'control thread, lateness: {summary(control)} us; '
-          f'{sum(bool(disturbance(run)) for run in runs)} of {len(runs)} runs disturbed')
+          f'{sum(bool(each["disturbed"]) for each in rows)} of {len(rows)} runs disturbed')
     path = output / 'runs.csv'
     with open(path, 'w', newline='') as file:
         writer = csv.DictWriter(file, list(rows[0]))
@@ -149,7 +147,7 @@ def disturbance(run: Run) -> str:
 
 def row(number: int, run: Run) -> dict[str, object]:
     """Return the figures of a run by column."""
-    control = np.percentile(run.control, [50.0, 99.0, 100.0])
+    control = quantiles(run.control)
     return {
         'round': number, 'pipeline': run.case.name, 'rate asked (Hz)': run.rate,
         'rate (Hz)': round(run.achieved, 1),
@@ -157,9 +155,8 @@ def row(number: int, run: Run) -> dict[str, object]:
            for name, value in quantiles(run.latencies).items()},
         'made': run.made, 'lost': run.lost, 'deadlines missed': run.missed,
         'CPU (%)': ' '.join(f'{name} {load:.1f}' for name, load in run.load.items()),
-        'control p50 (us)': round(control[0]), 'control p99 (us)': round(control[1]),
-        'control max (us)': round(control[2]), 'others CPU (%)': round(run.others),
-        'disturbed': disturbance(run),
+        **{f'control {name} (us)': round(control[name]) for name in ('p50', 'p99', 'max')},
+        'others CPU (%)': round(run.others), 'disturbed': disturbance(run),
     }
 
 

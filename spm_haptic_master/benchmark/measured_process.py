@@ -4,9 +4,9 @@
 """
 One process of the benchmark: python -m ... NAME DIRECTORY [--ros-args ...].
 
-NAME is an executable of the package; a bare node, which passes on the same messages as the
-pipeline and computes nothing; or an observer, which writes into the directory. `STACKS_SIGNAL`
-prints the stacks of all threads on standard error.
+NAME is an executable of the package, a bare node with the same messages and no computation, or an
+observer, which writes into the directory. `STACKS_SIGNAL` prints the stacks of all threads on
+standard error.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from sensor_msgs.msg import JointState
 from spm_haptic_master.executables import EXECUTABLES
 from spm_haptic_master.kinematics.joints import JOINT_NAMES
 from spm_haptic_master.ros import runner
-from spm_haptic_master.ros.diagnostic_status import OK, StatusPublisher
+from spm_haptic_master.ros.diagnostic_status import OK, REPEAT_PERIOD, StatusPublisher
 from spm_haptic_master.ros.parameters import ParameterNode, Parameters
 from spm_haptic_master.ros.qos import SAMPLES
 from spm_haptic_master.timing import DeadlineGrid, SECOND
@@ -42,11 +42,9 @@ from spm_haptic_master.timing import DeadlineGrid, SECOND
 STACKS_SIGNAL = signal.SIGUSR1
 # Longest wait for a deadline (s): the thread polls its end after each.
 WAIT_TIMEOUT = 0.05
-# Time between two statuses (s).
-HEALTH_PERIOD = 1.0
 # Frame of the orientations.
 FRAME = 'spm_base'
-# Four "joint angles" that are a unit quaternion: the relay copies them.
+# Four joint angles that are a unit quaternion: the relay copies them.
 POSITIONS = [0.5, 0.5, 0.5, 0.5]
 # Line on standard output after the first sample.
 READY = 'first orientation'
@@ -70,7 +68,7 @@ class BareDriver(ParameterNode):
         self._grid = DeadlineGrid(1.0 / float(str(self.given['rate'])))
         self._publisher = self.create_publisher(JointState, 'measured_js', SAMPLES)
         self._status = StatusPublisher(self, 'encoders', 'bare', logs=False)
-        self.create_timer(HEALTH_PERIOD, self._report)
+        self.create_timer(REPEAT_PERIOD, self._report)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name='driver')
         self._thread.start()
@@ -124,10 +122,9 @@ class BareListener(ParameterNode):
 
 class Observer(ParameterNode):
     """
-    Records (arrival, stamp) of each `orientation`, ns, and every status on /diagnostics.
+    Records (arrival, stamp) of each `orientation`, ns, and every status on /diagnostics, in files.
 
-    Its files in the directory grow while it observes. 'observer_of_all' subscribes to the other
-    outputs of `fkm` as well.
+    'observer_of_all' subscribes to the other outputs of `fkm` as well.
     """
 
     def __init__(self, parameters: Parameters, name: str, directory: Path) -> None:

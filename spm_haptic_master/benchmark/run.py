@@ -23,8 +23,6 @@ from spm_haptic_master.benchmark.measured_process import READY, SAMPLES_FILE, ST
 from spm_haptic_master.exceptions import SpmError
 from spm_haptic_master.timing import DeadlineGrid, SECOND
 
-# Module that runs each process of a pipeline.
-MODULE = 'spm_haptic_master.benchmark.measured_process'
 # Parameters of the nodes that the observer gets, too.
 SCHEDULING = ('realtime.slice', 'realtime.priority')
 # Time until the first orientation (s).
@@ -68,11 +66,9 @@ class Run:
     span: float  # length of the window, s
     latencies: np.ndarray  # from sample stamp to arrival at the observer, us
     stamps: np.ndarray  # sample stamps of these, ns
-    # Samples that the driver counted from its first status about the window to its last; samples
-    # of these that did not arrive as an orientation; deadlines that its thread missed then.
-    made: int
-    lost: int
-    missed: int
+    made: int  # samples that the driver counted between its statuses about the window
+    lost: int  # of these, without an orientation
+    missed: int  # deadlines of the driver's thread
     load: Mapping[str, float]  # CPU time of each process, % of a core
     others: float  # CPU time of all other programs on the machine, % of a core
     control: np.ndarray  # lateness of the control thread, us
@@ -120,8 +116,8 @@ def running(case: Case, parameters: Mapping[str, object],
 
 def start_process(name: str, directory: Path, parameters: Mapping[str, object]) -> Program:
     """Start a process of the benchmark, which writes into a directory."""
-    return Program([sys.executable, '-m', MODULE, name, str(directory),
-                    *parameter_arguments(parameters)])
+    return Program([sys.executable, '-m', 'spm_haptic_master.benchmark.measured_process', name,
+                    str(directory), *parameter_arguments(parameters)])
 
 
 def check_alive(case: Case, running: Mapping[str, Program]) -> None:
@@ -139,20 +135,18 @@ def _failed(case: Case, how: str, running: Mapping[str, Program]) -> PipelineErr
 
 def measure(case: Case, seconds: float, rate: float, parameters: Mapping[str, str],
             during: Callable[[float, Mapping[str, Program], Path], None] =
-            lambda seconds, processes, directory: time.sleep(seconds),
-            settle: float | None = None) -> Run:
+            lambda seconds, processes, directory: time.sleep(seconds)) -> Run:
     """
     Run a pipeline and measure it for a window, s, at a sample rate, Hz.
 
     `during` is called for the window with its length, s, the processes by name and the directory
-    of the observer's files; before it passes `settle`, s. PipelineError: no orientation arrived,
-    or a process ended by itself.
+    of the observer's files. PipelineError: no orientation arrived, or a process ended by itself.
     """
     with tempfile.TemporaryDirectory(prefix='benchmark_') as name:
         directory = Path(name)
         given = {'source': 'sim', 'rate': rate, **parameters}
         with running(case, given, directory) as processes:
-            time.sleep(SETTLE if settle is None else settle)
+            time.sleep(SETTLE)
             control = Control()
             try:
                 before, opened = all_processes(), time.time_ns()
@@ -186,9 +180,9 @@ def count_samples(statuses: Sequence[Status], stamps: np.ndarray) -> tuple[int, 
     """
     Return samples made, samples lost and deadlines missed about the window.
 
-    The driver reports its counts in statuses with a stamp. Between two of them it made as many
-    samples as its count grew; those that arrived have stamps between the two, ns. PipelineError:
-    there are fewer than two statuses of the driver.
+    The driver reports its counts in statuses with a stamp, ns. Samples that it counted between
+    two of them arrived if their stamps are between the two. PipelineError: the driver has fewer
+    than two statuses.
     """
     stamps = np.sort(stamps)
     reported = []
@@ -199,7 +193,7 @@ def count_samples(statuses: Sequence[Status], stamps: np.ndarray) -> tuple[int, 
         certain = arrived == np.searchsorted(stamps, at - COUNT_UNCERTAIN)
         reported.append((certain, int(values['sets']), int(arrived),
                          int(values.get('missed deadlines', 0))))
-    # At high rates there is always a sample in between: a count may be one off.
+    # At high rates a sample is always in between: a count may be one off.
     reported = [entry for entry in reported if entry[0]] or reported
     if len(reported) < 2:
         raise PipelineError('overloaded: the driver reported fewer than two counts of its samples')
@@ -240,10 +234,10 @@ def all_processes() -> dict[int, tuple[int, int]]:
     """Return parent and CPU time, with that of ended children, clock ticks, of each process id."""
     found = {}
     for path in Path('/proc').glob('[0-9]*/stat'):
-        # One that has ended meanwhile has left its ticks to its parent.
+        # A process that has ended meanwhile has left its ticks to its parent.
         with suppress(FileNotFoundError, ProcessLookupError):
-            # After the name in brackets: state, parent, and from the 12th utime, stime, and both
-            # of ended children.
+            # After the name in brackets: state, parent; the 12th to 15th are utime, stime, and
+            # those of ended children.
             fields = path.read_text().rpartition(')')[2].split()
             found[int(path.parent.name)] = int(fields[1]), sum(map(int, fields[11:15]))
     return found

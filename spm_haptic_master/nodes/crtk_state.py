@@ -29,8 +29,6 @@ from std_srvs.srv import Trigger
 REPEAT_PERIOD = 0.1
 # Longest wait at the end until the last state is acknowledged (s).
 ACKNOWLEDGE_TIMEOUT = 0.2
-# Topics of the lines, and levels of an event.
-LEVELS = ('error', 'warning', 'status')
 # What is logged without crtk_msgs, once a service is called.
 ABSENT = ('crtk_msgs is not installed: no operating_state, no state_command; the services enable '
           'and disable and the topic operating_state_text do the same')
@@ -44,14 +42,16 @@ class CrtkState:
     def __init__(self, node: Node, frame_id: str) -> None:
         self._node = node
         self._state = OperatingState()
-        self._lines = {level: node.create_publisher(String, level, EVENTS) for level in LEVELS}
+        self._lines = {level: node.create_publisher(String, level, EVENTS)
+                       for level in ('error', 'warning', 'status')}
         self._text_out = node.create_publisher(String, 'operating_state_text', STATE)
         self._enabled_out = node.create_publisher(UInt64, 'enabled_at', STATE)
         # State, enabling and whether it is homed, as published last.
         self._published: tuple[str, int, bool] | tuple[None, ...] = (None,) * 3
+        # Message of crtk_msgs; None where that is not installed.
         self._message: Any = None
         self._absence_logged = False
-        with suppress(ImportError):  # it may not be installed
+        with suppress(ImportError):
             from crtk_msgs import msg
 
             self._message = msg.OperatingState(is_busy=False)
@@ -78,6 +78,9 @@ class CrtkState:
         self._publish(events)
         return accepted, self.name if accepted else events[-1][1]
 
+    def _on_command(self, message: Any) -> None:
+        self.command(message.string)
+
     def warn(self, text: str) -> None:
         """Publish a warning."""
         self._lines['warning'].publish(String(data=text))
@@ -89,11 +92,7 @@ class CrtkState:
         if self._message is not None:
             publishers.append(self._out)
         for publisher in publishers:
-            if publisher.get_subscription_count():
-                publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGE_TIMEOUT))
-
-    def _on_command(self, message: Any) -> None:
-        self.command(message.string)
+            publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGE_TIMEOUT))
 
     def _serve(self, text: str, _: Trigger.Request, answer: Trigger.Response) -> Trigger.Response:
         answer.success, answer.message = self.command(text)

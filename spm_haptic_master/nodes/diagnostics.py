@@ -44,12 +44,6 @@ COVERED_TEXTS = {
 }
 # All of them: an orientation comes.
 MESSAGES = frozenset((*TEXTS.values(), *COVERED_TEXTS.values()))
-# Angles of the sensors beyond the three active joints.
-FURTHER = 'th3A', 'th3B', 'th3C'
-# Message for an orientation that the legs do not reach in this working mode.
-OUTSIDE = 'outside the working mode'
-# Message for a quaternion that is not of unit norm.
-NO_QUATERNION = 'the quaternion on orientation is not a unit quaternion'
 # Largest deviation of a unit quaternion's squared norm from 1 (unit 1): rounding, no error.
 UNIT_TOLERANCE = 1e-6
 
@@ -58,12 +52,11 @@ class Levels:
     """
     Level and message along the dexterities of a moving device.
 
-    A level is entered below its threshold, and left above it by a margin. It follows the sensors
-    in use; the three active joints alone are in the message of level OK.
+    A level is entered below its threshold, and left above it by a margin. The level is that of the
+    sensors in use; the message of level OK is that of the three active joints.
     """
 
     def __init__(self, values: Values) -> None:
-        # Latest level: OK, WARN or ERROR.
         self.level = self._of_three = OK
         self.use(values)
 
@@ -94,10 +87,10 @@ class Diagnostics(ParameterNode):
     """
     Publishes `dexterity` and the nearest singularity at a set rate, from the latest `orientation`.
 
-    At a rate of its own, and while there is a subscriber, `joint_states` has the angles of all
-    nine joints, which draw the device in one piece. Without a new orientation neither is
-    published, and /diagnostics gives the reason. An `fkm` in the same process passes orientations
-    to `take`; after `subscribe` they come from the topic.
+    `joint_states` has the angles of all nine joints at a rate of its own, while it has a
+    subscriber. Without a new orientation neither is published, and /diagnostics has the reason.
+    An `fkm` in the same process passes orientations to `take`; after `subscribe` they come from
+    the topic.
     """
 
     def __init__(self, parameters: Parameters) -> None:
@@ -108,12 +101,12 @@ class Diagnostics(ParameterNode):
         self._working_mode = self._values['working_mode']
         self.sensors: int = self._values['sensors']
         self._left_out: tuple[int, ...] = ()
-        self._unknown_state = ''  # words on `state` that are no state; empty if there are none
+        self._unknown_state = ''  # words on `state` that are not a state; else empty
         self.levels = Levels(self._values)
         self.on_change(DIAGNOSTICS_SETTINGS, self._apply)
         self._read = OrientationReader().read
-        # Stamp (ns) and quaternion of the latest orientation; None once it is evaluated, and once
-        # it is on `joint_states`, which has another rate.
+        # Stamp (ns) and quaternion of the latest orientation; None once it is evaluated, or shown
+        # on `joint_states`.
         self._latest: tuple[int, Quaternion[float]] | None = None
         self._latest_to_show: tuple[int, Quaternion[float]] | None = None
         # When an orientation last came (s, monotonic).
@@ -122,8 +115,8 @@ class Diagnostics(ParameterNode):
         self.dexterities: Nearness | None = None
         self._message = Float64MultiArray()
         self._message.layout.dim = [MultiArrayDimension(
-            label='dexterity of 3 sensors (th1A th1B th1C), '
-            f'of {self.sensors} sensors (+ {" ".join(FURTHER[:self.sensors - 3])})',
+            label='dexterity of 3 sensors (th1A th1B th1C), of '
+            f'{self.sensors} sensors (+ {" ".join(("th3A", "th3B", "th3C")[:self.sensors - 3])})',
             size=2, stride=2)]
         self._status = diagnostic_status.StatusPublisher(
             self, 'singularity', diagnostic_status.MECHANISM, logs=False)
@@ -156,7 +149,7 @@ class Diagnostics(ParameterNode):
         self.take(*self._read(data))
 
     def _on_state(self, message: String) -> None:
-        """Note which sensors the orientation is computed without, if anybody knows."""
+        """Store which sensors the orientation is computed without."""
         state = received_state(message.data)
         self._left_out = tuple(
             index for index, name in enumerate(ALL_JOINT_NAMES[:self.sensors])
@@ -164,7 +157,7 @@ class Diagnostics(ParameterNode):
         self._unknown_state = '' if read_state(message.data) else state.text
 
     def take(self, stamp: int, quaternion: Quaternion[float], level: float = 0.0) -> None:
-        """Store an orientation of a stamp (ns), whatever its protection level, as the latest."""
+        """Store an orientation and its stamp (ns) as the latest, at any protection level."""
         self._latest = self._latest_to_show = stamp, quaternion
 
     def _evaluate(self) -> None:
@@ -184,13 +177,14 @@ class Diagnostics(ParameterNode):
             return
         quaternion = self._unmounted(latest[1])
         if quaternion is None:
-            self._report(ERROR, NO_QUATERNION, quaternion=latest[1])
+            self._report(ERROR, 'the quaternion on orientation is not a unit quaternion',
+                         quaternion=latest[1])
             return
         try:
             dexterities = nearness(
                 quaternion, self._geometry, self._working_mode, self.sensors, self._left_out)
         except SpmError as error:
-            self._report(ERROR, OUTSIDE, error=str(error))
+            self._report(ERROR, 'outside the working mode', error=str(error))
             return
         self.dexterities = dexterities
         self._message.data = dexterities[:2]
@@ -204,7 +198,7 @@ class Diagnostics(ParameterNode):
         """Publish the angles of all joints at the latest orientation, if there is a new one."""
         latest, self._latest_to_show = self._latest_to_show, None
         if latest is None or not self._joints_out.get_subscription_count() \
-                or self._rivals.found() is not None or self._unknown_state:
+                or self._rivals.found() or self._unknown_state:
             return
         stamp, given = latest
         quaternion = self._unmounted(given)

@@ -54,13 +54,9 @@ class EncoderDriver(ParameterNode):
     """
     Publishes `measured_js` from a source, one message per set of joint angles.
 
-    `readings` has twenty of them a second, for who looks at the device: a subscriber of
-    `measured_js` would cost the driver time at each set.
-
-    A thread of its own reads the source and publishes; it begins with `start`.
-
+    `readings` has twenty of them a second for displays: a subscriber of `measured_js` costs the
+    driver time at each set. After `start` a thread of its own reads the source and publishes.
     `done` is completed when the source ends or fails, with SourceEnded or another SpmError.
-    SettingError for a wrong parameter.
     """
 
     def __init__(self, parameters: Parameters, done: Future) -> None:
@@ -72,7 +68,7 @@ class EncoderDriver(ParameterNode):
                               source_defaults(self.source_name))
         self.source_text = source_text(self.source_name, values)
         self._unverified = unverified_joints(values)
-        # What `fkm` compares with its own: mechanism, and calibration of a source that has one.
+        # Mechanism, and calibration of a source that has one: `fkm` compares them with its own.
         self._identity = {entry.CHECKSUM_KEY: mechanism_checksum(values)}
         if CALIBRATION_SETTING.name in values:
             self._identity[entry.CALIBRATION_KEY] = \
@@ -94,15 +90,13 @@ class EncoderDriver(ParameterNode):
         self._status = entry.StatusPublisher(self, entry.ENCODERS, self.source_text)
         # State of the encoders, as on /diagnostics, without the source.
         self.state = ''
-        self._source_out = self.create_publisher(String, 'source', STATE)
-        self._source_out.publish(String(data=self.source_text))
+        self.create_publisher(String, 'source', STATE).publish(String(data=self.source_text))
         self._waiting = self._source.waits_for_listener
         self._grace_until = time.monotonic() + START_GRACE
         self.create_timer(CHECK_PERIOD, self._report, clock=STEADY)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name='encoders')
-        # Called with stamp (ns) and angles (rad; NaN without a reading) of each set, before that
-        # is published.
+        # Called with stamp (ns) and angles (rad, NaN without a reading) before a set is published.
         self.listener: Callable[[int, tuple[float, ...]], None] | None = None
 
     def start(self) -> None:
@@ -128,8 +122,7 @@ class EncoderDriver(ParameterNode):
             if isinstance(end, SourceEnded):
                 self._publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGE_TIMEOUT))
             self._done.set_result(end)
-        except Exception as error:
-            # A bug: the process ends with its traceback instead of running on without a driver.
+        except Exception as error:  # a bug ends the process with its traceback
             self._done.set_exception(error)
         finally:
             self._source.close()
@@ -176,7 +169,7 @@ class EncoderDriver(ParameterNode):
         level, text = self._evaluate(fault, caution, now)
         logged = level, f'{text} [{self.source_text}]'
         if busy and busy not in text:
-            # Without a consequence it is on /diagnostics only.
+            # The log does not have it: it is no fault of the encoders.
             level, text = max(level, WARN), busy if level == OK else f'{text}; {busy}'
         self.state = text
         message = f'{text} [{self.source_text}]'

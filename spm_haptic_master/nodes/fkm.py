@@ -44,20 +44,17 @@ from spm_haptic_master.teleoperation.operating_state import ENABLED
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-# Reason of the silence without samples, and the state of a machine that is too busy.
-NO_SAMPLES, BUSY = 'no joint samples', silent(TOO_BUSY)
+# States without samples, and on a machine that is too busy.
+NO_SAMPLES, BUSY = silent('no joint samples'), silent(TOO_BUSY)
 
 
 class Fkm(ParameterNode):
     """
     Publishes `orientation` for each joint sample that passes the supervision.
 
-    `protection_level`, `pose_with_covariance` and the CRTK topics follow while they have
-    subscribers. A sample that is incomplete, misnamed, not finite, stale, out of order or
-    inconsistent is rejected, and nothing is published for it. `state` is published when it
-    changes: starting, healthy, degraded: WHY, silent: WHY; the operating state follows it.
-
-    A driver in the same process passes samples to `take`; after `subscribe` they come from the
+    Nothing is published for a sample that is incomplete, misnamed, not finite, stale, out of
+    order or inconsistent. `state` is published when it changes; the operating state follows it. A
+    driver in the same process passes samples to `take`; after `subscribe` they come from the
     topic `measured_js`.
     """
 
@@ -71,14 +68,14 @@ class Fkm(ParameterNode):
         mechanism = mechanism_checksum(values)
         self._origin = SampleOrigin(self, mechanism, values[CALIBRATION_SETTING.name])
         self._overload = Overload(CHECK_PERIOD)
-        # Returns the words of a driver in this process that loses time; empty if none does.
+        # Returns the words of a driver in this process that loses time; else empty.
         self.driver_overload: Callable[[], str] = str
         self._read_joints = JointsFormat(values['sensors']).read
         self._max_age = round(values['max_age'] * SECOND)
         self._sample_timeout = values['sample_timeout']
         self._now = self.clock_reader()
-        # Called with stamp (ns), quaternion and protection level (rad) of each `orientation`, once
-        # that is published and before any other output.
+        # Called with stamp (ns), quaternion and protection level (rad) of each `orientation` after
+        # it is published, before any other output.
         self.followers: list[Callable[[int, Quaternion[float], float], None]] = []
         # Guards all below: shared by the thread of the samples and the timers.
         self._lock = threading.Lock()
@@ -87,25 +84,23 @@ class Fkm(ParameterNode):
         self.protection_level: float | None = None
         self.latency_status = LatencyStatus(self, values['rate'], values['latency_limit'])
         constants = {diagnostic_status.CHECKSUM_KEY: mechanism}
-        if frames:
-            constants['mounting'] = frames
-        self.status = OrientationStatus(self, values, self._supervisor, constants)
+        self.status = OrientationStatus(self, values, self._supervisor, constants | (
+            {'mounting': frames} if frames else {}))
         # Reason and detail of what forbids any orientation; None if nothing does.
         self._obstacle: tuple[str, str] | None = None
-        # States of the samples since the last poll; none if no sample reached the supervision.
+        # States of the samples since the last poll that reached the supervision.
         self._changes: list[OrientationState] = []
         # Samples received until the last poll, and when one last came (s, monotonic).
         self._polled = 0
         self._last_received: float | None = None
         # As on the topic `state`.
         self.state = STARTING
-        self._words = String()
+        self._is_announced = False
         self._state_out = self.create_publisher(String, 'state', STATE)
         self._write_orientation = OrientationWriter(frame).write
         self._orientation_out = self.create_publisher(QuaternionStamped, 'orientation', SAMPLES)
         self._outputs = OrientationOutputs(self, values, frame, self._supervisor)
         self._crtk = CrtkState(self, frame)
-        # None without force feedback: a sample then costs no more.
         self._force: Force | None = None
         if motors is not None:
             self._force = Force(
@@ -133,8 +128,7 @@ class Fkm(ParameterNode):
     def subscribe(self) -> None:
         """Take samples from the topic `measured_js`."""
         self._origin.watch()
-        self.create_subscription(
-            JointState, 'measured_js', self._on_joints, SAMPLES, raw=True)
+        self.create_subscription(JointState, 'measured_js', self._on_joints, SAMPLES, raw=True)
 
     def _apply(self, changed: Values) -> None:
         if 'alert_limit_deg' in changed:
@@ -142,7 +136,7 @@ class Fkm(ParameterNode):
                 self._supervisor.alert_limit = radians(changed['alert_limit_deg'])
 
     def _acknowledge(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Clear a fault that only a person may clear: two sensors that jumped, or of the force."""
+        """Clear a fault that waits for a person: two sensors that jumped, or of the force."""
         with self._lock:
             of_force = self._force is not None and self._force.acknowledge()
             of_sensors = self._supervisor.latch.acknowledge()
@@ -150,8 +144,6 @@ class Fkm(ParameterNode):
         response.message = 'acknowledged: consistent samples clear the fault' if of_sensors else \
             'acknowledged' if of_force else 'no fault waits for an acknowledgement'
         return response
-
-    # Samples ------------------------------------------------------------------------------------
 
     def _on_joints(self, joints: bytes) -> None:
         try:
@@ -190,21 +182,17 @@ class Fkm(ParameterNode):
         measured = estimate.quaternion
         if self._mounting is not None:
             estimate = self._mounting.applied(estimate)
-        quaternion = estimate.quaternion
-        self._orientation_out.publish(self._write_orientation(stamp, quaternion))
+        self.quaternion, self.protection_level = estimate.quaternion, level
+        self._orientation_out.publish(self._write_orientation(stamp, estimate.quaternion))
         published = time.time_ns()
         if self._force is not None:
             self._force.take(stamp, angles, measured, level)
         for follow in self.followers:
-            follow(stamp, quaternion, level)
+            follow(stamp, estimate.quaternion, level)
         # The supervisor has a parity since the first sample that it has not rejected.
         self.latency_status.add(stamp, published, self._supervisor.parity or 0.0)
-        self.quaternion = quaternion
-        self.protection_level = level
         if self._outputs.wanted:
             self._outputs.publish(stamp, angles, estimate, level)
-
-    # State --------------------------------------------------------------------------------------
 
     def _poll(self) -> None:
         """Update the clock and the subscribed outputs, and evaluate the samples since then."""
@@ -225,9 +213,9 @@ class Fkm(ParameterNode):
 
     def _evaluate(self) -> None:
         """Derive the state from the samples since the last poll, and publish what changed."""
-        now = time.monotonic()
-        received, changes = self.status.received.count - self._polled, self._changes
-        self._polled, self._changes = self.status.received.count, []
+        now, count, changes = time.monotonic(), self.status.received.count, self._changes
+        received = count - self._polled
+        self._polled, self._changes = count, []
         if received:
             self._last_received = now
         if self._obstacle is not None:
@@ -235,7 +223,7 @@ class Fkm(ParameterNode):
         elif self._last_received is None:
             found = STARTING
         elif now - self._last_received > self._sample_timeout:
-            found = silent(NO_SAMPLES)
+            found = NO_SAMPLES
         elif not received:
             return  # a pause shorter than the time-out changes nothing
         elif changes:
@@ -249,7 +237,7 @@ class Fkm(ParameterNode):
             self._announce(each)
 
     def _explained(self, state: OrientationState) -> tuple[OrientationState, str]:
-        """Return state and message: where the machine is too busy, that is what they say."""
+        """Return state and message: those of a busy machine where it explains the silence."""
         is_symptom = state.condition is Condition.SILENT and self._obstacle is None
         if self._overload.explains(state.text if is_symptom else ''):
             return BUSY, silent(self._overload.words).text
@@ -259,11 +247,9 @@ class Fkm(ParameterNode):
 
     def _announce(self, state: OrientationState) -> None:
         """Publish the state, if it changed."""
-        changed = state != self.state
-        self.state = state
-        if changed or not self._words.data:
-            self._words.data = state.text
-            self._state_out.publish(self._words)
+        if state != self.state or not self._is_announced:
+            self.state, self._is_announced = state, True
+            self._state_out.publish(String(data=state.text))
             self._crtk.take(state)
 
 

@@ -48,5 +48,4 @@ def published(remaps: Sequence[str]) -> Iterator[Publish]:
     finally:
         out.publish(String(data='{}'))
         out.wait_for_all_acked(Duration(seconds=LAST_TIMEOUT))
-        node.destroy_node()
         context.try_shutdown()

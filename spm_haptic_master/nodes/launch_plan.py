@@ -17,21 +17,11 @@ from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.executables import FOLLOWER, PIPELINE
 from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.nodes.factories import make_motors, make_teleoperation
+from spm_haptic_master.parameters import nodes as settings
+from spm_haptic_master.parameters import resolver
 from spm_haptic_master.parameters.files import PACKAGE
 from spm_haptic_master.parameters.geometry import geometry_from, GEOMETRY_SETTINGS
-from spm_haptic_master.parameters.nodes import (
-    ALL_NAMES,
-    FKM_SETTINGS,
-    MASTER_SETTINGS,
-    NODE_SETTINGS,
-    SOURCE_SETTING,
-)
-from spm_haptic_master.parameters.resolver import (
-    check_agreement,
-    Parameters,
-    resolve,
-    resolve_source,
-)
+from spm_haptic_master.parameters.resolver import Parameters
 
 # Names of the frames that an arm does not share with another one: parameters of `fkm`.
 ARM_FRAMES = ('frame_id', 'mounting.platform_frame_id', 'mounting.handle_frame_id')
@@ -71,23 +61,23 @@ def plan(source: str, config: str, calibration: str, namespace: str, composed: b
     """
     Return the processes of one arm.
 
-    An empty `source` is that of the files `config` and `calibration`, of which a later one
-    overrides; empty: none. Without a `follower`, `teleop` is not started. `frame_prefix` begins
-    the names of the arm's frames where the files do not name them, and `argument_prefix` those of
-    its launch arguments in errors. InputError where a file or a value has no effect or differs
-    between two nodes, and where something is missing.
+    An empty `source` is that of the files `config` and `calibration`; the calibration overrides.
+    Without a `follower`, `teleop` is not started. `frame_prefix` begins the names of the arm's
+    frames where the files do not name them, and `argument_prefix` those of its launch arguments
+    in errors. InputError where a file or a value is missing, has no effect or differs between two
+    nodes.
     """
     paths, own = _files(config, calibration, argument_prefix), _namespace(namespace)
     if follower is not None and follower.pose and not follower.slave:
         raise InputError(f'{argument_prefix}slave_pose:={follower.pose}; expected '
                          f'{argument_prefix}slave, too: without one the slave is simulated')
-    source_words = [f'{SOURCE_SETTING.name}:={source}'] if source else []
+    source_words = [f'{settings.SOURCE_SETTING.name}:={source}'] if source else []
     # A file may have parameters of teleop, which is not started without a follower.
-    Parameters(paths, (), own).check((*PIPELINE, FOLLOWER), ALL_NAMES)
+    Parameters(paths, (), own).check((*PIPELINE, FOLLOWER), settings.ALL_NAMES)
     given = Parameters(paths, source_words, own)
     names = PIPELINE if follower is None else (*PIPELINE, FOLLOWER)
     checked = {name: _checked(name, given.of(name)) for name in names}
-    check_agreement(checked)
+    resolver.check_agreement(checked)
     if checked['fkm']['force.enabled'] and 'can.channel' in checked['encoder_driver']:
         check_shared_bus(checked['fkm'], checked['encoder_driver'])
     frames = _prefixed_frames(given.of('fkm'), frame_prefix)
@@ -96,7 +86,7 @@ def plan(source: str, config: str, calibration: str, namespace: str, composed: b
         *(word for path in paths
           if any(Parameters([path], (), own).of(name) for name in of_process)
           for word in ('--params-file', path)),
-        *(_words(source_words, follower, of_process)), *(frames if 'fkm' in of_process else ())))
+        *_words(source_words, follower, of_process), *(frames if 'fkm' in of_process else ())))
         for executable, of_process in processes.items()]
     if follower is not None and not follower.slave:
         found.append(Process('sim_slave', ()))
@@ -105,21 +95,21 @@ def plan(source: str, config: str, calibration: str, namespace: str, composed: b
 
 def _checked(node: str, given: Mapping[str, object]) -> dict[str, object]:
     """Return a node's values; SettingError where it would end at once: the launch ends before."""
-    if node != 'encoder_driver':
-        values = resolve(given, NODE_SETTINGS[node])[1]
-        if node == FOLLOWER:
-            make_teleoperation(values)
-        elif node == 'fkm' and values['force.enabled']:
-            make_motors(values)
+    if node == 'encoder_driver':
+        _, values = resolver.resolve_source(given)
+        unverified_joints(values)
         return values
-    values = resolve_source(given)[1]
-    unverified_joints(values)
+    _, values = resolver.resolve(given, settings.NODE_SETTINGS[node])
+    if node == FOLLOWER:
+        make_teleoperation(values)
+    elif node == 'fkm' and values['force.enabled']:
+        make_motors(values)
     return values
 
 
 def _prefixed_frames(values: Mapping[str, object], prefix: str) -> list[str]:
     """Return the arguments that name the frames of `fkm` as robot_state_publisher does."""
-    return [word for setting in FKM_SETTINGS
+    return [word for setting in settings.FKM_SETTINGS
             if prefix and setting.name in ARM_FRAMES and setting.name not in values
             for word in ('-p', f'{setting.name}:={prefix}{setting.default}')]
 
@@ -134,7 +124,7 @@ def _words(source: Sequence[str], follower: Follower | None, names: Sequence[str
     words = ['-p', *source] if source and PIPELINE[0] in names else []
     if follower is not None and FOLLOWER in names:
         if len(names) > 1:
-            words += ['-p', f'{MASTER_SETTINGS[0].name}:=true']
+            words += ['-p', f'{settings.MASTER_SETTINGS[0].name}:=true']
         for topic, name in follower.remaps():
             words += ['-r', f'{FOLLOWER}:{topic}:={name}']
     return words
@@ -148,7 +138,7 @@ def source_to_show(source: str, config: str, calibration: str) -> str:
 def mechanism(config: str, calibration: str, namespace: str) -> Geometry:
     """Return the mechanism that the files of one arm give its nodes; InputError as `plan`."""
     given = Parameters(_files(config, calibration), (), _namespace(namespace)).of('fkm')
-    return geometry_from(resolve(given, GEOMETRY_SETTINGS)[1])
+    return geometry_from(resolver.resolve(given, GEOMETRY_SETTINGS)[1])
 
 
 def check_arguments(command_line: Sequence[str], file: str, names: Collection[str]) -> None:
@@ -173,8 +163,7 @@ def check_installed(package: str, cure: str) -> None:
     """
     Refuse to start a package that is not installed, with the cure.
 
-    `ros2 launch` would have started other processes before. The package has an executable of its
-    own name.
+    The package has an executable of its own name.
     """
     prefixes = filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep))
     if not any(os.access(Path(prefix, 'lib', package, package), os.X_OK) for prefix in prefixes):
@@ -186,18 +175,13 @@ def _namespace(namespace: str) -> list[str]:
 
 
 def _files(config: str, calibration: str, argument_prefix: str = '') -> list[str]:
-    """Return the absolute paths of the parameter files that are given, in their order."""
-    return [_existing(f'{argument_prefix}{name}', path)
-            for name, path in (('config', config), ('calibration', calibration)) if path]
-
-
-def _existing(name: str, path: str) -> str:
-    """Return the path of a file, absolute; InputError if there is none."""
-    try:
-        found = Path(path).expanduser().absolute()
-    except RuntimeError as error:
-        raise InputError(f'{name}:={path}; expected an existing file ({error})') from error
-    if not found.is_file():
-        kind = 'it is a directory' if found.is_dir() else 'it does not exist'
-        raise InputError(f'{name}:={path}; expected an existing file ({found}: {kind})')
-    return str(found)
+    """Return the absolute paths of the given parameter files; InputError where one is missing."""
+    found = []
+    for name, given in (('config', config), ('calibration', calibration)):
+        path = Path(os.path.expanduser(given)).absolute()
+        if given and not path.is_file():
+            kind = 'it is a directory' if path.is_dir() else 'it does not exist'
+            raise InputError(f'{argument_prefix}{name}:={given}; expected an existing file '
+                             f'({path}: {kind})')
+        found += [str(path)] if given else []
+    return found

@@ -22,6 +22,7 @@ from spm_haptic_master.kinematics import zxz_angles
 from spm_haptic_master.nodes.diagnostics import Diagnostics
 from spm_haptic_master.nodes.encoder_driver import EncoderDriver, PUBLISHING
 from spm_haptic_master.nodes.fkm import Fkm
+from spm_haptic_master.nodes.orientation_status import LEVELS
 from spm_haptic_master.nodes.teleop import Teleop
 from spm_haptic_master.parameters.nodes import MASTER_SETTINGS
 from spm_haptic_master.parameters.resolver import check_agreement
@@ -33,7 +34,6 @@ from spm_haptic_master.standard_streams import (
     STANDARD_OUTPUT,
     write_all,
 )
-from spm_haptic_master.supervision.orientation_state import Condition
 
 # What a second master must not publish: it would silence the first.
 OWNED = {'fkm': 'orientation', 'encoder_driver': 'measured_js'}
@@ -41,38 +41,29 @@ OWNED = {'fkm': 'orientation', 'encoder_driver': 'measured_js'}
 TERMINAL_PERIOD = 0.25
 # Period of the lines where standard output is not a terminal (s).
 LINE_PERIOD = 1.0
-# Columns of the names and of the space before them, and fewest of the values: a narrower terminal
-# cuts them.
+# Columns of the names, with the space before them, and least columns of the values.
 NAMES, LEAST = 20, 20
-
-
-# Colours of values, and their end: controls of a terminal (ECMA-48).
+# Terminal controls (ECMA-48): colours and their end; erase below the cursor; move N lines up.
 GREEN, AMBER, RED, PLAIN = '\x1b[32m', '\x1b[33m', '\x1b[31m', '\x1b[0m'
-# Colours of the levels of the singularity.
+ERASE, UP = '\x1b[J', '\x1b[{}F'
 LEVEL_COLOURS = {OK: GREEN, WARN: AMBER, ERROR: RED}
-# Colours of the states of the force feedback.
+# Colours of the states of the force feedback; the others have none.
 FORCE_COLOURS = {ForceCondition.ENGAGED: GREEN, ForceCondition.HOLDING: GREEN,
                  ForceCondition.FADING: AMBER, ForceCondition.FAULT: RED}
-# Colours of the states of `fkm`.
-STATE_COLOURS = {Condition.STARTING: AMBER, Condition.HEALTHY: GREEN,
-                 Condition.DEGRADED: AMBER, Condition.SILENT: RED}
-# Dexterity of three sensors from which the bar is full, as on the page of `view` (unit 1), and the
-# bar's columns.
+# Dexterity of three sensors at which the bar is full, as on the page of `view` (unit 1), and the
+# columns of the bar.
 FULL_DEXTERITY, BAR = 0.2, 20
 # Size of a terminal that does not report it (characters).
 WIDTH, HEIGHT = 80, 24
-# Terminal controls (ECMA-48): erase from the cursor on; to the beginning of the line N lines up.
-ERASE, UP = '\x1b[J', '\x1b[{}F'
 # Trajectories of the simulation that cross the parallel singularity near phi = 50 deg; a remark.
 CROSSING = ('fig9', 'perturbed', 'hand', 'tour')
 CROSSING_REMARK = 'the simulated motion crosses the singularity on purpose'
-ANGLES = 'psi {:8.3f} theta {:7.3f} phi {:8.3f} deg'
 
 
 class Row(NamedTuple):
     """A value of the status; a long one takes several lines."""
 
-    name: str  # of the value; empty: the row goes on with that above, and no log has it
+    name: str  # of the value; empty: the row continues the one above, and is in no log
     text: str  # value in words and digits, with its unit
     colour: str = ''
 
@@ -81,9 +72,8 @@ class Console:
     """
     Prints the state of three nodes: refreshed in place on a terminal, else one line per second.
 
-    It runs in a thread of its own and bypasses Python's buffers: a paused terminal or a closed
-    pipe must not delay an orientation. Where the log goes to the same terminal, its lines are
-    printed here, above the status.
+    A thread of its own prints without Python's buffers: a paused terminal or a closed pipe must
+    not delay an orientation. Lines of a log on the same terminal are printed above the status.
     """
 
     def __init__(self, driver: EncoderDriver, fkm: Fkm, diagnostics: Diagnostics) -> None:
@@ -96,7 +86,6 @@ class Console:
         self._thread = threading.Thread(target=self._run, name='console', daemon=True)
         self._thread.start()
         if self._in_place:
-            # The log goes to this terminal, too, or elsewhere.
             node_log.attach(self, takes_lines=os.isatty(STANDARD_ERROR) and os.fstat(
                 STANDARD_ERROR).st_rdev == os.fstat(STANDARD_OUTPUT).st_rdev)
 
@@ -116,7 +105,7 @@ class Console:
     def _run(self) -> None:
         with suppress(OSError):  # the reader has closed the pipe
             if not self._in_place:
-                write_all(STANDARD_OUTPUT, ': '.join(filter(None, self._title())) + '\n')
+                write_all(STANDARD_OUTPUT, ': '.join(self._title()) + '\n')
             closing = False
             while not closing:
                 with self._changed:
@@ -131,38 +120,33 @@ class Console:
 
     def _refreshed(self, lines: list[str], closing: bool) -> str:
         """Return what prints the log's lines and then the status, over the status before."""
-        # The cursor stays at the beginning of an empty line above the status: what other libraries
-        # print is not written into it, and a terminal that wraps lines anew when it becomes
-        # narrower keeps the cursor above all of them.
+        # The cursor stays on an empty line above the status: what other libraries print is not
+        # written into it, and a terminal that becomes narrower and wraps lines keeps the cursor
+        # above all of them.
         size = os.get_terminal_size(STANDARD_OUTPUT)
         # A terminal without a size, such as a serial line, reports 0.
-        width, height = size.columns or WIDTH, size.lines or HEIGHT
-        title, remark = self._title()
-        shown = status_lines([title, f'  {remark}'] if remark else [title], self._rows(), width,
-                             height - 1, self._coloured)
+        shown = status_lines('\n  '.join(self._title()).splitlines(), self._rows(),
+                             size.columns or WIDTH, (size.lines or HEIGHT) - 1, self._coloured)
         above = f'\r{ERASE}' + ''.join(line + '\r\n' for line in lines)
         if closing:
             return above + ''.join(line + '\r\n' for line in shown)
         return above + '\r\n'.join(['', *shown]) + (UP.format(len(shown)) if shown else '')
 
-    def _title(self) -> tuple[str, str]:
-        """Return source and remark: what a user should know of the angles."""
-        driver = self._driver
-        is_crossing = driver.source_name == 'sim' \
+    def _title(self) -> list[str]:
+        """Return the source, and a remark on its motion where there is one."""
+        driver, source = self._driver, self._driver.source_name
+        is_crossing = source == 'sim' \
             and driver.get_parameter('sim.trajectory').value in CROSSING
-        return (f'haptic master, source {driver.source_name} (Ctrl-C ends)',
-                CROSSING_REMARK if is_crossing else '')
+        return [f'haptic master, source {source} (Ctrl-C ends)', *[CROSSING_REMARK] * is_crossing]
 
     def _line(self) -> str:
-        """Return all in one line, for a log."""
         rows = ', '.join(f'{row.name} {row.text}' for row in self._rows() if row.name)
         return f'source {self._driver.source_name}, {rows}\n'
 
     def _rows(self) -> list[Row]:
-        """Return the rows below the title."""
         driver, fkm, diagnostics = self._driver, self._fkm, self._diagnostics
         encoders, force = driver.state, fkm.force_state
-        rows = [Row('state', fkm.state.text, STATE_COLOURS[fkm.state.condition])]
+        rows = [Row('state', fkm.state.text, LEVEL_COLOURS[LEVELS[fkm.state.condition]])]
         if fkm.status.caution:
             rows.append(Row('caution', fkm.status.caution, AMBER))
         if encoders not in ('', PUBLISHING):
@@ -170,7 +154,8 @@ class Console:
         if force is not None:
             rows.append(Row('force', force.text, FORCE_COLOURS.get(force.condition, '')))
         if fkm.quaternion is not None and fkm.state.publishes:
-            rows += [Row('orientation', ANGLES.format(*map(degrees, zxz_angles(*fkm.quaternion)))),
+            psi, theta, phi = map(degrees, zxz_angles(*fkm.quaternion))
+            rows += [Row('orientation', f'psi {psi:8.3f} theta {theta:7.3f} phi {phi:8.3f} deg'),
                      Row('protection level', f'{degrees(fkm.protection_level or 0.0):.2f} deg'),
                      Row('parity', f'{fkm.latency_status.parity or 0.0:+.1f} sigma')]
         dexterities = diagnostics.dexterities
@@ -197,7 +182,7 @@ def status_lines(title: Iterable[str], rows: Iterable[Row], width: int, height: 
     """Return the lines of a status that a terminal shows: the title, and a column of values."""
     lines = [text[:width] for text in title]
     for name, text, colour in rows:
-        # A control character of a name would move the cursor.
+        # A control character would move the cursor.
         printable = ''.join(each if each.isprintable() else '?' for each in text)
         for part in wrap(printable, max(width - NAMES, LEAST), break_on_hyphens=False) or ['']:
             value = part[:max(0, width - NAMES)]
@@ -216,7 +201,6 @@ def compose(done: Future, add: runner.AddNode) -> None:
     check_agreement({node.get_name(): node.values for node in (
         driver, fkm, diagnostics, *([] if teleop is None else [teleop]))})
     if fkm.force_state is not None and driver.source_name == 'can':
-        # Encoders and drives on one bus.
         check_shared_bus(fkm.values, driver.values)
     if _is_one_topic('measured_js', driver, fkm):
         driver.listener = fkm.take

@@ -9,13 +9,7 @@ from array import array
 from collections.abc import Callable, Sequence
 from math import degrees, isfinite, radians
 
-from geometry_msgs.msg import (
-    PoseStamped,
-    PoseWithCovarianceStamped,
-    Quaternion,
-    TransformStamped,
-    TwistStamped,
-)
+from geometry_msgs import msg as geometry
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from sensor_msgs.msg import JointState, Joy
@@ -42,49 +36,36 @@ NO_AXIS = -1
 STATIC_TRANSFORMS = '/tf_static'
 
 
-def static_transforms(values: Values) -> list[TransformStamped]:
-    """
-    Return the constant rotations of the mounting, from parent to child frame.
-
-    The values are those of `FKM_SETTINGS`; SettingError if two frames have the same name.
-    """
-    mounting = mounting_from(values)
-    if mounting is None:
-        return []
-    check_frames(values)
-    table, platform, handle = (
-        values[f'mounting.{part}_frame_id'] for part in ('table', 'platform', 'handle'))
-    found = []
-    for parent, child, (x, y, z, w) in ((table, values['frame_id'], mounting.base),
-                                        (platform, handle, mounting.handle)):
-        if (x, y, z, w) != IDENTITY:
-            transform = TransformStamped(child_frame_id=child)
-            transform.header.frame_id = parent
-            transform.transform.rotation = Quaternion(x=x, y=y, z=z, w=w)
-            found.append(transform)
-    return found
-
-
 def publish_mounting(node: Node, values: Values) -> tuple[str, str]:
     """
     Publish the mounting for tf; return the frame of the outputs, and the mounting in words.
 
-    The frame is the table's where the base is mounted on it, or else the base's. Without a
-    mounting the words are empty.
+    The frame is that of the table if the base is mounted on one, else of the base. Without a
+    mounting the words are empty. SettingError if two frames have the same name.
     """
-    transforms = static_transforms(values)
+    mounting, base = mounting_from(values), str(values['frame_id'])
+    if mounting is None:
+        return base, ''
+    check_frames(values)
+    table, platform, handle = (
+        values[f'mounting.{part}_frame_id'] for part in ('table', 'platform', 'handle'))
+    transforms = []
+    for parent, child, rotation in ((table, base, mounting.base),
+                                    (platform, handle, mounting.handle)):
+        if rotation != IDENTITY:
+            found = geometry.TransformStamped(child_frame_id=child)
+            found.header.frame_id, found.header.stamp = parent, node.get_clock().now().to_msg()
+            q = found.transform.rotation
+            q.x, q.y, q.z, q.w = rotation
+            transforms.append(found)
     parents = {each.child_frame_id: each.header.frame_id for each in transforms}
-    reference = str(parents.get(values['frame_id'], values['frame_id']))
+    reference = parents.get(base, base)
     text = ', '.join(f'{child} on {parent}' for child, parent in parents.items())
-    if not transforms:
-        return reference, text
     try:
         # A message of ROS's own package, which the client library alone does not bring.
         from tf2_msgs.msg import TFMessage
     except ImportError:
         return reference, f'{text} (not on {STATIC_TRANSFORMS}: no tf2_msgs)'
-    for each in transforms:
-        each.header.stamp = node.get_clock().now().to_msg()
     node.create_publisher(TFMessage, STATIC_TRANSFORMS, STATE).publish(
         TFMessage(transforms=transforms))
     return reference, text
@@ -94,9 +75,8 @@ class OrientationOutputs:
     """
     Publishes protection level, covariance and the CRTK topics of an orientation.
 
-    The values are those of `FKM_SETTINGS`. The gripper has the position of an axis of
-    `gripper/joy`, or a constant one. `wanted` has the topics with a subscriber; `effort` returns
-    the torque of each joint, N m, on a device with force feedback.
+    The gripper has the position of an axis of `gripper/joy`, or a constant one. `wanted` has the
+    topics with a subscriber; `effort` returns the torque of each joint, N m, with force feedback.
     """
 
     def __init__(self, node: Node, values: Values, frame_id: str,
@@ -105,28 +85,27 @@ class OrientationOutputs:
         names = ALL_JOINT_NAMES[:values['sensors']]
         # The messages of a sample share one header and one quaternion.
         header = self._header = Header(frame_id=frame_id)
-        self._orientation = Quaternion()
+        self._orientation = geometry.Quaternion()
         labels = (f'{LEVEL}_deg', *(f'unchecked_{name}_s' for name in names),
                   *(f'bound_{name}_deg' for name in names))
         self._level = Float64MultiArray(layout=MultiArrayLayout(dim=[MultiArrayDimension(
             label=', '.join(labels), size=len(labels), stride=len(labels))]))
-        self._covariance = PoseWithCovarianceStamped(header=header)
+        self._covariance = geometry.PoseWithCovarianceStamped(header=header)
         self._covariance.pose.pose.orientation = self._orientation
-        pose = PoseStamped(header=header)
+        pose = geometry.PoseStamped(header=header)
         pose.pose.orientation = self._orientation
-        self._twist = TwistStamped(header=header)
+        self._twist = geometry.TwistStamped(header=header)
         self._joints = JointState(header=header, name=list(names))
         self._gripper = JointState(header=header, name=['gripper'])
-        # An unpowered device is where it is commanded to be: clients ask for the setpoint, too.
+        # The setpoint of an unpowered device is its pose: clients ask for it.
         self._crtk = {'measured_cp': pose, 'setpoint_cp': pose, TWIST: self._twist,
                       JOINTS: self._joints, GRIPPER: self._gripper}
-        # A client may need the first message within 20 ms: do not wait for the next poll.
+        # A client may need the first message within 20 ms, before the next poll.
         matched = PublisherEventCallbacks(matched=lambda _: self.count_subscribers())
         self._outs = {
             topic: node.create_publisher(type(message), topic, SAMPLES, event_callbacks=matched)
             for topic, message in (
                 (LEVEL, self._level), (COVARIANCE, self._covariance), *self._crtk.items())}
-        # The grid chooses the samples of the CRTK topics.
         self._grid = StampGrid(values['crtk_rate'], values['rate'])
         window = max(values['velocity_window'], VELOCITY_PERIODS / values['rate'])
         self._velocity = AngularVelocity(round(window * SECOND))
@@ -141,7 +120,7 @@ class OrientationOutputs:
         self.wanted: frozenset[str] = frozenset()
 
     def count_subscribers(self) -> None:
-        """Find what is to be computed: call it at each poll; it is called for each new one."""
+        """Find which topics have a subscriber: at each poll, and for each new subscriber."""
         self.wanted = frozenset(
             topic for topic, out in self._outs.items() if out.get_subscription_count() > 0
             and (topic != GRIPPER or len(self._gripper.position) > 0))
@@ -151,11 +130,10 @@ class OrientationOutputs:
         """
         Publish what has a subscriber and is due.
 
-        The sample has a stamp, ns, and angles, rad, NaN without a reading; the estimate is the
-        orientation as published, and its protection level is in rad.
+        `stamp` is in ns, `angles` in rad, NaN without a reading; `estimate` is the orientation as
+        published, `level` its protection level, rad.
         """
-        # Another thread may notice a subscriber meanwhile: one look for the whole sample.
-        wanted = self.wanted
+        wanted = self.wanted  # another thread may change it meanwhile
         if LEVEL in wanted:
             self._level.data = array('d', (degrees(level), *self._supervisor.unchecked(),
                                            *map(degrees, self._supervisor.parts)))
@@ -169,7 +147,7 @@ class OrientationOutputs:
         time_of_sample.sec, time_of_sample.nanosec = divmod(stamp, SECOND)
         orientation.x, orientation.y, orientation.z, orientation.w = estimate.quaternion
         if COVARIANCE in wanted:
-            # Of the 6 x 6 matrix (x, y, z, rotations about fixed x, y, z) the lower right block.
+            # The lower right block of the 6 x 6 matrix (x, y, z, rotations about fixed x, y, z).
             field, block = self._covariance.pose.covariance, estimate.covariance
             field[21:24], field[27:30], field[33:36] = block[0:3], block[3:6], block[6:9]
             self._outs[COVARIANCE].publish(self._covariance)

@@ -37,16 +37,13 @@ MISSING_TOLERATED = 0.02
 EXCESS_TOLERATED = 0.1
 # Distance of two stamps from which samples between them are missing (sample periods).
 GAP = 1.5
-# Microseconds per second.
-MICROSECONDS = 1e6
 
 
 class OrientationStatus:
     """
     Publishes the entry, and counts what it reports of the samples.
 
-    The values are those of `FKM_SETTINGS`; the caller guards the supervisor. `constants` are the
-    entry's values that do not change, by key: mechanism, frames of the mounting.
+    The caller guards the supervisor. `constants` are the values of the entry that do not change.
     """
 
     def __init__(self, node: Node, values: Values, supervisor: Supervisor,
@@ -65,7 +62,7 @@ class OrientationStatus:
         self._rejected: Counter[str] = Counter()
         # Why a sample was withheld last; None before the first.
         self.rejection: RejectedError | None = None
-        # What should be investigated although orientations are published; empty if nothing.
+        # Warnings beside published orientations, in words; empty if there are none.
         self.caution = ''
 
     def reject(self, rejection: RejectedError) -> None:
@@ -85,21 +82,19 @@ class OrientationStatus:
 
     def publish(self, state: OrientationState, text: str, level: float | None) -> None:
         """Publish the entry if it is due: the state, as logged, and the latest level, rad."""
-        severity = LEVELS[state.condition]
-        logged = severity, text
+        level_of_state = severity = LEVELS[state.condition]
         message = with_remedy(state.why, text)
-        cautions: dict[str, str] = {}
-        if state.publishes:
-            cautions = self._supervisor.cautions()
-            if self._watch.caution:
-                cautions['calibration'] = f'calibration: {self._watch.caution}'
+        cautions = self._supervisor.cautions() if state.publishes else {}
+        if state.publishes and self._watch.caution:
+            cautions['calibration'] = f'calibration: {self._watch.caution}'
         self.caution = ', '.join(cautions.values())
         if cautions and severity == OK:
             severity, message = WARN, f'{text}; {self.caution}'
-        # The figures in a caution grow; which sensors it names is what changes.
+        # The figures in a caution grow: its sensors, not its words, decide whether it changed.
         subject = text + ', '.join(cautions)
         if self._publisher.is_due(severity, subject):
-            self._publisher.publish(severity, message, self._figures(level), subject, logged)
+            self._publisher.publish(severity, message, self._figures(level), subject,
+                                    (level_of_state, text))
 
     def _figures(self, level: float | None) -> dict[str, object]:
         figures: dict[str, object] = {
@@ -140,8 +135,8 @@ class LatencyStatus:
     """
     The entry 'timing' of `fkm` on /diagnostics, and the measurements behind it.
 
-    The samples are expected at `rate`, Hz; `latency_limit`, s, is the largest 99th percentile
-    from sample stamp to publication without a warning.
+    `rate` is that of the samples, Hz; `latency_limit` the largest 99th percentile of the latency
+    without a warning, s.
     """
 
     def __init__(self, node: Node, rate: float, latency_limit: float) -> None:
@@ -152,27 +147,28 @@ class LatencyStatus:
         self._period = SECOND / rate
         self._gap = GAP * self._period
         self._tolerated = MISSING_TOLERATED * rate * diagnostic_status.REPEAT_PERIOD
-        self._latency_limit = latency_limit * MICROSECONDS
+        self._latency_limit = latency_limit * 1e6  # us
         self._least_span = self._period / (1.0 + EXCESS_TOLERATED)
-        # Stamp of the latest orientation, and samples missing since the start.
+        # Stamp of the latest orientation, ns, and samples missing since the start.
         self._last: int | None = None
-        self._missing = 0
+        self._all_missing = 0
         self._begin_period()
         self._status = diagnostic_status.StatusPublisher(
             node, 'timing', diagnostic_status.MECHANISM, logs=False)
 
     def _begin_period(self) -> None:
-        """Forget what was counted since the entry was published last."""
         # Why samples were missing; empty if it is not known.
         self.busy = ''
-        # Stamp of the latest orientation before, orientations and samples missing until then.
-        self._before = self._last, self.published.count, self._missing
+        # Stamp of the latest orientation before the period, ns; its orientations and gaps.
+        self._before = self._last
+        self._count = self._missing = 0
         self._parity_sum = self._parity_squares = 0.0
 
     def add(self, stamp: int, now: int, parity: float) -> None:
         """Count an orientation: sample stamp (ns), time of publication (ns), parity (sigma)."""
         self.latency.add(now - stamp)
         self.published.count += 1
+        self._count += 1
         if self._last is not None and stamp - self._last > self._gap:
             self._missing += round((stamp - self._last) / self._period) - 1
         self._last = stamp
@@ -182,32 +178,31 @@ class LatencyStatus:
 
     def publish(self) -> None:
         """Publish the entry; call it every `diagnostic_status.REPEAT_PERIOD`."""
-        last, counted, missed = self._before
-        count, missing = self.published.count - counted, self._missing - missed
-        # From the stamps: samples that a busy machine held up come in a burst.
-        excess = self._last is not None and last is not None \
-            and self._last - last < count * self._least_span
+        count, last, before = self._count, self._last, self._before
+        self._all_missing += self._missing
         values: dict[str, object] = {
             'orientation rate (Hz)': self.published.rate(),
-            'missed deadlines': self._missing,
-            'missed in the last second': missing,
+            'missed deadlines': self._all_missing,
+            'missed in the last second': self._missing,
         }
-        level, text = OK, 'in time'
+        level, text = WARN, 'no orientations'
         percentiles = self.latency.percentiles(0.5, 0.9, 0.99, 1.0) if count else None
-        if percentiles is None:
-            level, text = WARN, 'no orientations'
-        else:
-            p50, p90, p99, largest = percentiles
-            values |= {'latency p50 (us)': p50, 'latency p90 (us)': p90, 'latency p99 (us)': p99,
-                       'latency max (us)': largest}
+        if percentiles is not None:
+            values |= {f'latency {name} (us)': value for name, value in zip(
+                ('p50', 'p90', 'p99', 'max'), percentiles, strict=True)}
             mean = self._parity_sum / count
             values |= {'parity mean (sigma)': mean, 'parity deviation (sigma)':
                        sqrt(max(0.0, self._parity_squares / count - mean * mean))}
+            p99 = percentiles[2]
             if p99 > self._latency_limit:
-                level, text = WARN, f'{TOO_BUSY}: latency p99 {more_than(p99 / MICROSECONDS)}'
-            elif missing > self._tolerated:
-                level, text = WARN, self.busy or 'samples missing'
-            elif excess:
-                level, text = WARN, 'more samples than expected'
+                text = f'{TOO_BUSY}: latency p99 {more_than(p99 / 1e6)}'
+            elif self._missing > self._tolerated:
+                text = self.busy or 'samples missing'
+            # From the stamps: samples that a busy machine held up come in a burst.
+            elif last is not None and before is not None \
+                    and last - before < count * self._least_span:
+                text = 'more samples than expected'
+            else:
+                level, text = OK, 'in time'
         self._begin_period()
         self._status.publish(level, text, values)

@@ -32,14 +32,13 @@ class Presence(ParameterNode):
         super().__init__('presence', parameters)
         values = self.declare(PRESENCE_SETTINGS)
         self._timeout: float = values['presence.joy_timeout']
-        # Topics and buttons: presence first, which ends the following, whatever the clutch does.
+        # Publishers and buttons; presence first: its release ends all following.
         buttons = {'presence': values['presence.button'],
                    'clutch': values['presence.clutch_button']}
         self._outs = [
             (self.create_publisher(Joy, topic, EVENTS), button)
             for topic, button in buttons.items() if button >= 0]
-        # Buttons of the latest message, and when it came, s, monotonic; None before the first and
-        # without a publisher.
+        # Buttons of the latest message, None without a publisher, and when it came, s, monotonic.
         self._buttons: tuple[int, ...] | None = None
         self._heard_at = 0.0
         self._inputs = Inputs(self)
@@ -48,10 +47,9 @@ class Presence(ParameterNode):
         self.create_timer(1.0 / values['presence.rate'], self._repeat, clock=STEADY)
 
     def _on_joy(self, message: Joy) -> None:
-        buttons = tuple(message.buttons)
+        before, self._buttons = self._buttons, tuple(message.buttons)
         self._heard_at = time.monotonic()
-        if buttons != self._buttons:
-            self._buttons = buttons
+        if self._buttons != before:
             self._publish()
 
     def _lose(self) -> None:

@@ -31,26 +31,23 @@ class Recorder(ParameterNode):
     """
     Writes the files that `validate` reads: stamps in s, quaternions x, y, z, w, angles in rad.
 
-    Of a simulated source also the truth: the orientation at each sample, and the rig. A file is
-    created with its first message; an earlier recording is never overwritten.
-
-    `done` is completed with an InputError when the files cannot be written; a recording that
-    already exists raises it.
+    Of a simulated source also the true orientations and the rig. A file is created with its first
+    message. InputError for a recording that already exists; `done` is completed with it where a
+    file cannot be written.
     """
 
     def __init__(self, parameters: Parameters, done: Future) -> None:
         super().__init__('recorder', parameters)
         self._done = done
         self._directory = directory = Path(self.declare(RECORDER_SETTINGS)['directory'])
-        # By their names, in the order of the report; the truth has one from its first message on:
-        # `sim_bus` may write it into the same directory.
+        # By their names, in the order of the report. That of the truth is made at its first
+        # message: `sim_bus` may write it into the same directory.
         self._tables = {
             files.ORIENTATION_NAME: Table(
                 directory / files.ORIENTATION_NAME, QUATERNION_COLUMNS),
             files.JOINTS_NAME: Table(directory / files.JOINTS_NAME, JOINT_NAMES)}
-        # Joints of the first message on measured_js; empty before it.
+        # Joints of the first message on measured_js, and messages that lack one of them.
         self._names: tuple[str, ...] = ()
-        # Messages on measured_js that lack one of them.
         self._incomplete = 0
         self._rig: str | None = None
         for kind, topic, take, qos in (
@@ -115,20 +112,18 @@ class Recorder(ParameterNode):
             self._incomplete += 1
             return
         if not self._names:
-            # A column for each sensor that there is.
             self._names = names = tuple(name for name in ALL_JOINT_NAMES if name in angles)
             self._tables[files.JOINTS_NAME] = Table(self._directory / files.JOINTS_NAME, names)
         self._write(files.JOINTS_NAME, message, [angles[name] for name in names])
 
     def _take_rig(self, message: String) -> None:
-        """Write the simulated rig; a driver that starts again has to have the same."""
-        if message.data == self._rig:
-            return
-        if self._rig is not None:
+        """Write the simulated rig; InputError for another one in the same recording."""
+        if self._rig is None:
+            self._rig = message.data
+            files.write_new(self._directory / files.RIG_NAME, message.data)
+        elif self._rig != message.data:
             raise InputError('another simulated rig than at the start; expected one rig in a '
                              'recording')
-        self._rig = message.data
-        files.write_new(self._directory / files.RIG_NAME, message.data)
 
     def _write(self, name: str, message: QuaternionStamped | JointState,
                values: Sequence[float]) -> None:

@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterator
+from functools import reduce
 from importlib import import_module
+from math import inf
 import signal
 import sys
 import time
@@ -23,17 +25,17 @@ from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.parameters.arguments import OneLineParser, positive
 from spm_haptic_master.parameters.files import argument_section
 
-# Time in which a topic, node or service has to be found, and to answer (s).
+# Longest wait for a topic, node or service, and for its answer (s).
 PATIENCE = 5.0
 # Messages that wait to be printed.
 DEPTH = 100
 
 
 class Commands:
-    """The commands; the errors of each are InputErrors."""
+    """The commands: `do_VERB` of each; they raise InputError."""
 
     def __init__(self) -> None:
-        self._node = rclpy.create_node('ros_command')
+        self._node = rclpy.create_node('ros_command', enable_rosout=False)
         self._executor = EventsExecutor()
         self._executor.add_node(self._node)
 
@@ -49,18 +51,17 @@ class Commands:
         if not self._wait(lambda: self._node.get_publishers_info_by_topic(topic), PATIENCE):
             raise InputError(f'{topic}: nobody publishes it (`ros topic list` shows the topics)')
         (first, *_) = self._node.get_publishers_info_by_topic(topic)
-        seen: list[Any] = []
+        shown: list[Any] = []
 
         def show(message: Any) -> None:
-            if not given.once or not seen:
+            if not (given.once and shown):
                 print('\n'.join([*_lines(message), '---']), flush=True)
-            seen[:] = [message]
+            shown[:] = [message]
 
         offered = first.qos_profile
         self._node.create_subscription(_type(first.topic_type), topic, show, QoSProfile(
             depth=DEPTH, durability=offered.durability, reliability=offered.reliability))
-        while not self._wait(lambda: given.once and seen, PATIENCE):
-            pass
+        self._wait(lambda: given.once and shown, inf)
 
     def do_pub(self, given: argparse.Namespace) -> None:
         """Publish a message again and again."""
@@ -112,7 +113,7 @@ class Commands:
         return answer.result()
 
     def _wait(self, condition: Callable[[], Any], seconds: float) -> Any:
-        """Receive until a condition holds, and return its value; that of the last try after."""
+        """Receive until a condition holds or a time is over; return the value of the condition."""
         end = time.monotonic() + seconds
         while not (found := condition()) and time.monotonic() < end:
             self._executor.spin_once(timeout_sec=max(0.0, min(0.05, end - time.monotonic())))
@@ -124,7 +125,7 @@ def _absolute(name: str) -> str:
 
 
 def _type(name: str) -> Any:
-    """Return the class of a type such as std_msgs/msg/String; InputError if it is not there."""
+    """Return the class of a type such as std_msgs/msg/String; InputError without one."""
     package, part, kind = name.split('/')
     try:
         return getattr(import_module(f'{package}.{part}'), kind)
@@ -133,11 +134,10 @@ def _type(name: str) -> Any:
 
 
 def _set_field(message: Any, names: list[str], value: object) -> None:
-    """Set a field of a message by its path; InputError names one that there is not."""
+    """Set a field of a message by its path; InputError for a wrong path or value."""
     *path, last = names or ['']
     try:
-        for name in path:
-            message = getattr(message, name)
+        message = reduce(getattr, path, message)
         field = getattr(message, last)
         setattr(message, last, float(value) if isinstance(field, float) else value)  # type: ignore
     except (AttributeError, AssertionError, TypeError, ValueError) as error:
@@ -154,16 +154,14 @@ def _lines(message: Any, indent: str = '') -> Iterator[str]:
             yield from _lines(value, f'{indent}  ')
         elif isinstance(value, bytes):  # one byte, such as the level of a diagnostic status
             yield f'{indent}{name}: {value[0]}'
-        elif not isinstance(value, str) and hasattr(value, '__len__') and len(value):
+        elif isinstance(value, (str, bool, int, float)) or not len(value):
+            yield f'{indent}{name}: {value}'
+        else:
             yield f'{indent}{name}:'
             for each in value:
-                if hasattr(each, 'get_fields_and_field_types'):
-                    first, *others = _lines(each, f'{indent}  ')
-                    yield from (f'{indent}- {first.strip()}', *others)
-                else:
-                    yield f'{indent}- {each}'
-        else:
-            yield f'{indent}{name}: {value}'
+                is_message = hasattr(each, 'get_fields_and_field_types')
+                first, *more = _lines(each, f'{indent}  ') if is_message else [str(each)]
+                yield from (f'{indent}- {first.strip()}', *more)
 
 
 def _parser() -> argparse.ArgumentParser:

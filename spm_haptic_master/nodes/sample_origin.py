@@ -15,6 +15,7 @@ from spm_haptic_master.ros import diagnostic_status
 from spm_haptic_master.ros.cdr import SECOND
 from spm_haptic_master.ros.duplicate_publishers import Rivals
 from spm_haptic_master.ros.overload import more_than, TOO_BUSY
+from spm_haptic_master.ros.qos import EVENTS
 
 # Reason of the silence and its cure where a driver differs, by the key of its entry on
 # /diagnostics.
@@ -23,8 +24,6 @@ DIFFERENCES = {
                                      'give geometry.* and working_mode for all nodes, /**'),
     diagnostic_status.CALIBRATION_KEY: ('another calibration in the driver',
                                         'give fkm the calibration file of the driver')}
-# Depth of the queue of /diagnostics, on which many nodes publish now and then (messages).
-DEPTH = 10
 # Bytes in the serialized entry of a driver.
 MARK = f': {diagnostic_status.ENCODERS}\0'.encode()
 
@@ -33,8 +32,8 @@ class SampleOrigin:
     """
     Finds why no sample can be taken, whatever its angles are.
 
-    After `watch`, the driver of the topic is compared by what it reports on /diagnostics. A
-    publisher that reports nothing, such as a bag or another program, is not compared.
+    After `watch` the driver of the topic is compared by its entry on /diagnostics; a publisher
+    without one, such as a bag, is not compared.
     """
 
     def __init__(self, node: Node, mechanism: str, calibration: str) -> None:
@@ -55,7 +54,7 @@ class SampleOrigin:
         """Expect the samples on the topic, and watch its drivers."""
         self._is_watching = True
         self._node.create_subscription(
-            DiagnosticArray, '/diagnostics', self._take, DEPTH, raw=True)
+            DiagnosticArray, '/diagnostics', self._take, EVENTS, raw=True)
 
     def obstacle(self) -> tuple[str, str] | None:
         """Return reason and detail of what forbids any orientation, polled now and then; None."""
@@ -80,7 +79,6 @@ class SampleOrigin:
         """Return reason and detail of the first difference of the driver of the topic."""
         if not self._found:
             return None
-        # Several publishers are rivals.
         names = (f'{publisher.node_namespace}/{publisher.node_name}'.strip('/')
                  for publisher in self._node.get_publishers_info_by_topic(self._topic))
         driver = next((name for name in names if name in self._found), '')

@@ -9,14 +9,7 @@ from math import degrees, exp, radians
 import time
 
 from geometry_msgs.msg import PoseStamped
-from spm_haptic_master.kinematics.rotations import (
-    conjugate,
-    multiply_quaternions,
-    quaternion_from_vector,
-    rotation_distance,
-    vector_from_quaternion,
-    zxz_quaternion,
-)
+from spm_haptic_master.kinematics import rotations
 from spm_haptic_master.parameters.nodes import SLAVE_SETTINGS
 from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.ros import runner
@@ -39,7 +32,7 @@ class SimSlave(ParameterNode):
     def __init__(self, parameters: Parameters) -> None:
         super().__init__('sim_slave', parameters)
         values = self.declare(SLAVE_SETTINGS)
-        self._rotation = self._commanded = zxz_quaternion(
+        self._rotation = self._commanded = rotations.zxz_quaternion(
             *map(radians, values['slave.pose_zxz_deg']))
         self._time_constant = values['slave.time_constant']
         self._advanced = time.monotonic()
@@ -53,20 +46,19 @@ class SimSlave(ParameterNode):
 
     def _on_command(self, message: PoseStamped) -> None:
         q = message.pose.orientation
-        commanded = unit_quaternion((q.x, q.y, q.z, q.w))
-        if commanded is not None:
+        if commanded := unit_quaternion((q.x, q.y, q.z, q.w)):
             self._commanded = commanded
             self._commands += 1
 
     def _advance(self) -> None:
         now = time.monotonic()
-        x, y, z = vector_from_quaternion(
-            *multiply_quaternions(self._commanded, conjugate(self._rotation)))
+        x, y, z = rotations.vector_from_quaternion(
+            *rotations.multiply_quaternions(self._commanded, rotations.conjugate(self._rotation)))
         # A lag of first order.
         part = 1.0 - exp(-min(now - self._advanced, LONGEST_STEP) / self._time_constant)
-        moved = multiply_quaternions(
-            quaternion_from_vector(part * x, part * y, part * z), self._rotation)
-        # A product of unit quaternions: only rounding is taken off.
+        moved = rotations.multiply_quaternions(
+            rotations.quaternion_from_vector(part * x, part * y, part * z), self._rotation)
+        # Without the rounding of the product.
         self._rotation = unit_quaternion(moved) or self._rotation
         self._advanced = now
         q = self._pose.pose.orientation
@@ -77,7 +69,7 @@ class SimSlave(ParameterNode):
             self._status.publish(OK, 'following', {
                 'commands': self._commands,
                 'tracking error (deg)': degrees(
-                    rotation_distance(self._rotation, self._commanded))})
+                    rotations.rotation_distance(self._rotation, self._commanded))})
 
 
 def main(args: list[str] | None = None) -> int:

@@ -5,11 +5,10 @@
 Topics of a simulated device: its truth, and requests to move it and to let its encoders fail.
 
 `simulation/steer` (Float64MultiArray) has tilt, azimuth and phi of a pose, rad, as in
-`workspace_pose`; without numbers the motion goes on by itself. `simulation/fault` (String) has the
-faults that are present from then on, such as 'stuck:joint_1a, offset:joint_3a=5'; an empty text
-ends them. `simulation/faults` (String, latched) has those that are present. For recordings,
-`ground_truth/orientation` has the true orientation of each sample and `ground_truth/rig` (latched)
-the rig.
+`workspace_pose`; without numbers the trajectory continues. `simulation/fault` (String) sets the
+faults, such as 'stuck:joint_1a, offset:joint_3a=5'; an empty text ends them. `simulation/faults`
+(String, latched) has those that are present. `ground_truth/orientation` has the true orientation
+of each sample, and `ground_truth/rig` (latched) the rig, for recordings.
 """
 
 from __future__ import annotations

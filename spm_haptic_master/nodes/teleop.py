@@ -19,7 +19,7 @@ from spm_haptic_master.nodes.factories import make_teleoperation
 from spm_haptic_master.nodes.teleop_outputs import SLAVE_TOPIC, SlaveTorque, TwistOutput
 from spm_haptic_master.parameters.nodes import TELEOP_SETTINGS
 from spm_haptic_master.parameters.resolver import Parameters
-from spm_haptic_master.ros import diagnostic_status, node_log, runner
+from spm_haptic_master.ros import node_log, runner
 from spm_haptic_master.ros.cdr import OrientationReader, PoseWriter, SECOND
 from spm_haptic_master.ros.diagnostic_status import OK, StatusPublisher, STEADY, WARN
 from spm_haptic_master.ros.duplicate_publishers import Rivals
@@ -32,11 +32,10 @@ from spm_haptic_master.timing import LatencyMeter, RateMeter
 from std_msgs.msg import Float64MultiArray, String, UInt64
 from std_srvs.srv import Trigger
 
-# Period at which time passes without an input (s): by as much `teleop_state` may be late. Whether
-# a command goes out is decided when it is due.
+# Period at which time passes without an input (s): the delay of `teleop_state`, not of commands.
 WATCH_PERIOD = 0.01
-# Time between two messages of an unchanged `teleop_state` (s): a state that is older than three of
-# them is nobody's.
+# Time between two messages of an unchanged `teleop_state` (s): one older than three of them is
+# no longer valid.
 STATE_PERIOD = 0.2
 # Time without a command after which the twist fades (command periods).
 FADE_PERIODS = 2.5
@@ -49,11 +48,9 @@ class Teleop(ParameterNode):
     Publishes `servo_cp` for one slave while it is engaged, and nothing while it is not.
 
     It takes `orientation` and `state` of the master, `slave/measured_cp` of the slave, and the
-    pedals `presence` and `clutch`. `servo_cp` has the position that the slave had when it was
-    engaged. `delta_twist_cmds` is the same as a rate, which fades to zero at the end.
-
-    An `fkm` in the same process passes orientations to `take`; after `subscribe` they come from
-    the topic.
+    pedals `presence` and `clutch`. `servo_cp` has the position of the slave at engaging.
+    `delta_twist_cmds` has the rate of the commands, which fades to zero at the end. An `fkm` in
+    the same process passes orientations to `take`; after `subscribe` they come from the topic.
     """
 
     def __init__(self, parameters: Parameters) -> None:
@@ -70,16 +67,15 @@ class Teleop(ParameterNode):
         self._passed = self._commanded_at = time.monotonic()
         self._now = self.clock_reader()
         self._read = OrientationReader().read
-        self._frame: str = values['teleop.frame_id']
-        self._takes_frame = not self._frame
-        self._write = PoseWriter(self._frame).write
+        self._takes_frame = not values['teleop.frame_id']
         # Frame and stamp of the slave's last pose; None before the first.
         self._slave_frame: str | None = None
         self._slave_stamp: tuple[int, int] | None = None
-        # Position of the slave, and that of the commands since the start of that number, m.
+        # Position of the slave, and that of the commands since the start of this number, m.
         self._position: Vector[float] = (0.0, 0.0, 0.0)
         self._held, self._start = self._position, 0
         self._make_outputs(values['teleop.acceleration_limit'])
+        self._use_frame(values['teleop.frame_id'])
         self._inputs = Inputs(self)
         subscribe = self._inputs.subscribe
         subscribe(PoseStamped, 'slave/measured_cp', self._on_slave, EVENTS)
@@ -89,16 +85,15 @@ class Teleop(ParameterNode):
                   gone=lambda: self._take(self._machine.take_clutch, None))
         subscribe(String, 'state', self._on_state, STATE)
         subscribe(UInt64, 'enabled_at', self._on_enabled_at, STATE)
+        topics = ['servo_cp', 'orientation', 'state', 'enabled_at', 'slave/measured_cp']
         # None where the hand feels nothing of the slave.
         self._torque = SlaveTorque(self, values) if values['teleop.force_scale'] else None
         if self._torque is not None:
+            topics.append(SLAVE_TOPIC)
             subscribe(WrenchStamped, SLAVE_TOPIC, self._on_torque, WRENCHES)
+        self._rivals = Rivals(self, *topics)
         self.create_service(Trigger, '~/enable', self._enable)
         self.create_service(Trigger, '~/disable', self._disable)
-        self._rivals = Rivals(
-            self, 'servo_cp', 'orientation', 'state', 'enabled_at', 'slave/measured_cp',
-            *(() if self._torque is None else (SLAVE_TOPIC,)))
-        self._count_pedals_at = 0.0
         self.create_timer(WATCH_PERIOD, self._watch, clock=STEADY)
 
     def _make_outputs(self, acceleration: float) -> None:
@@ -111,6 +106,11 @@ class Teleop(ParameterNode):
         self._latency, self._commands = LatencyMeter(), RateMeter()
         self._stale = 0
         self._status = StatusPublisher(self, 'teleop', 'slave', logs=False)
+
+    def _use_frame(self, frame: str) -> None:
+        """Use a frame_id in the commands."""
+        self._write = PoseWriter(frame).write
+        self._twist.set_frame(frame)
 
     def subscribe(self) -> None:
         """Take orientations from the topic `orientation`."""
@@ -136,7 +136,7 @@ class Teleop(ParameterNode):
                 self._publish_state()
 
     def _publish(self, stamp: int, command: Quaternion[float]) -> None:
-        # This process may have been stopped since it looked at the time.
+        # This process may have been stopped since the time passed.
         if time.monotonic() - self._passed > self._timeout:
             self._pass_time()
             return
@@ -149,39 +149,25 @@ class Teleop(ParameterNode):
         self._twist.follow(stamp, self._machine.velocity, self._passed)
 
     def _pass_time(self) -> None:
-        """Let the time pass since the last input: before each one, so that it hides no silence."""
+        """Let the time pass since the last input, before each input: it must hide no silence."""
         now = time.monotonic()
         self._machine.pass_time(now - self._passed)
         self._passed = now
 
     def _watch(self) -> None:
-        """Notice what does not come, and let the twist fade."""
+        """Detect missing inputs, and let the twist fade."""
         # One assignment: another thread may read the time meanwhile.
         self._now = self.clock_reader()
         self._twist.count_subscribers()
         hindrance = self._rivals.found() or self._inputs.unheard()
-        gone = self._pedals_gone()
         with self._lock:
             self._machine.hindrance = hindrance
             self._pass_time()
-            if 'presence' in gone:
-                self._machine.take_presence(False)
-            if 'clutch' in gone:
-                self._machine.take_clutch(None)
             if self._phase is not Phase.ENGAGED \
                     or self._passed - self._commanded_at > FADE_PERIODS * self._period:
                 self._twist.fade(self._now(), self._passed)
             self._publish_state(repeats=self._passed - self._stated_at >= STATE_PERIOD)
             self._report()
-
-    def _pedals_gone(self) -> list[str]:
-        """Return the pedals that nothing publishes, polled now and then."""
-        now = time.monotonic()
-        if now < self._count_pedals_at:
-            return []
-        self._count_pedals_at = now + diagnostic_status.RIVALS_PERIOD
-        return [pedal for pedal in ('presence', 'clutch')
-                if not self.count_publishers(self.resolve_topic_name(pedal))]
 
     def _on_orientation(self, data: bytes) -> None:
         self.take(*self._read(data))
@@ -189,25 +175,23 @@ class Teleop(ParameterNode):
     def _on_slave(self, message: PoseStamped) -> None:
         p, q = message.pose.position, message.pose.orientation
         position = p.x, p.y, p.z
-        # A pose without a usable position is none: the position is commanded, too.
+        # The position is commanded, too: without one the pose is not usable.
         usable = all(map(isfinite, position))
-        stamp = message.header.stamp.sec, message.header.stamp.nanosec
+        frame, at = message.header.frame_id, message.header.stamp
+        stamp = at.sec, at.nanosec
         with self._lock:
             self._pass_time()
-            # A bridge may repeat its last pose for ever. Without a stamp, nobody knows.
+            # A bridge may repeat its last pose; a pose without a stamp counts as new.
             if stamp == self._slave_stamp and any(stamp):
                 return
             self._slave_stamp = stamp
-            if message.header.frame_id != self._slave_frame:
+            if frame != self._slave_frame:
                 self._machine.disengage('another frame of the slave')
-                self._slave_frame = message.header.frame_id
-            if self._takes_frame and message.header.frame_id != self._frame:
-                self._frame = message.header.frame_id
-                self._write = PoseWriter(self._frame).write
-            self._twist.set_frame(self._frame)
+                self._slave_frame = frame
+                if self._takes_frame:
+                    self._use_frame(frame)
             self._position = position
-            self._machine.take_slave(
-                (q.x, q.y, q.z, q.w) if usable else (0.0, 0.0, 0.0, 0.0))
+            self._machine.take_slave((q.x, q.y, q.z, q.w) if usable else (0.0,) * 4)
 
     def _on_torque(self, message: WrenchStamped) -> None:
         with self._lock:

@@ -27,8 +27,8 @@ class TwistOutput:
     """
     Publishes `delta_twist_cmds` while it has a subscriber.
 
-    The acceleration of its fading is in rad/s^2, the period of the commands and the times
-    (monotonic) in s.
+    `acceleration` is that of the fading, rad/s^2, `period` that of the commands, s; all times are
+    monotonic, s.
     """
 
     def __init__(self, node: Node, acceleration: float, period: float, now: float) -> None:
@@ -65,11 +65,7 @@ class TwistOutput:
 
 
 class SlaveTorque:
-    """
-    Publishes a share of the slave's torque: m_master = scale R_slave_master^T m_slave.
-
-    A turn of the hand turns the instrument about the same axis in space: so does the torque.
-    """
+    """Publishes a share of the slave's torque: m_master = scale R_slave_master^T m_slave."""
 
     def __init__(self, node: Node, values: Values) -> None:
         self._node, self._scale = node, values['teleop.force_scale']

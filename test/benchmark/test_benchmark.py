@@ -3,18 +3,30 @@
 
 """The benchmark of the pipeline: what a run counts, what it prints and writes; no timings."""
 
-import csv
+from dataclasses import replace
+import json
 import os
-import platform
+from pathlib import Path
 import re
+import signal
+import subprocess
+import sys
+import time
+from types import SimpleNamespace
 
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import QuaternionStamped
 import numpy as np
 import pytest
-from spm_haptic_master.benchmark import comparison
-from spm_haptic_master.benchmark.child_process import wait_until
-from spm_haptic_master.benchmark.comparison import disturbance, MASTER, ratio, table
-from spm_haptic_master.benchmark.run import Case, count_samples, PipelineError, Run, running
-from spm_haptic_master.ros.realtime import time_slice
+import rclpy
+from rclpy.serialization import serialize_message
+from recorded_text import assert_recorded
+from sensor_msgs.msg import JointState
+from spm_haptic_master.benchmark import child_process, comparison, measured_process, run
+from spm_haptic_master.benchmark.child_process import Program, wait_until
+from spm_haptic_master.benchmark.comparison import disturbance, machine, published, ratio, table
+from spm_haptic_master.benchmark.run import Case, count_samples, measure, PipelineError, Run
+from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.tools.benchmark import main
 
 MS = 1_000_000
@@ -24,37 +36,238 @@ ONE, OTHER = Case('one', ('fkm',)), Case('other', ('bare_relay',))
 @pytest.mark.process
 @pytest.mark.alone
 @pytest.mark.evidence
-def test_compare_prints_tables_and_ratios_and_writes_a_line_a_run(measured, tmp_path):
+def test_all_pipelines_run(measured, tmp_path):
     out = measured(main, '--seconds', '1', '--rounds', '1', '--output', str(tmp_path))
-    assert re.search(r'^\d{4}-\d\d-\d\d, \d+ x .*, Python \d.*, rclpy \d', out)
-    pipelines = [case.name for case in comparison.CASES]
-    assert re.findall(r'^\| (.*?) \| [\d.]+ \|', out, re.MULTILINE) == pipelines
-    assert len(re.findall(r'\d\.\d\d \(\d+\.\d\d \.\. \d+\.\d\d\)', out)) == 11
-    with open(tmp_path / 'runs.csv') as file:
-        rows = list(csv.DictReader(file))
-    assert [row['pipeline'] for row in rows] == pipelines
-    for row in rows:
-        quantiles = [float(row[f'latency {name} (us)'])
-                     for name in ('p50', 'p90', 'p99', 'p99.9', 'max')]
-        assert 0.0 < quantiles[0] and quantiles == sorted(quantiles)
-        assert 0.0 < float(row['rate (Hz)']) < 1100.0
-        assert 0 <= int(row['lost']) <= int(row['made'])
-    assert [name.split()[0] for name in rows[4]['CPU (%)'].split(' ')[::2]] \
-        == ['observer', 'fkm', 'diagnostics', 'encoder_driver']
+    assert re.findall(r'^\| (.*?) \| [\d.]+ \|', out, re.MULTILINE) == [
+        case.name for case in comparison.CASES]
 
 
-@pytest.mark.process
-def test_two_runs_on_one_host_have_different_domains_and_buses(start_python):
+class Pipeline:
+    """Programs that do not run: an observer that has received every sample but one."""
+
+    def __init__(self, monkeypatch):
+        self.started, self.signals = {}, []
+        # Exit codes of programs that end by themselves, and of others at the end.
+        self.early, self.late = {}, {}
+        self.directory, self.output, self.slept = None, run.READY, []
+        self.ticks = [{7: (1, 100), 8: (1, 10), 9: (1, 1), 10: (1, 50), os.getpid(): (1, 5)},
+                      {7: (1, 130), 8: (1, 30), 9: (1, 41), 10: (1, 75), os.getpid(): (1, 900)}]
+        self.now = 10**18
+        monkeypatch.setattr(run, 'start_process', self.start)
+        monkeypatch.setattr(run, 'all_processes', lambda: self.ticks.pop(0))
+        monkeypatch.setattr(run, 'Control', lambda: SimpleNamespace(stop=lambda: np.zeros(3)))
+        monkeypatch.setattr(run, 'wait_until', lambda condition, seconds: condition())
+        monkeypatch.setattr(run, 'time', SimpleNamespace(
+            time_ns=lambda: self.now, sleep=self.sleep))
+
+    def sleep(self, seconds):
+        self.slept.append(seconds)
+        self.now += round(seconds * 1e9)
+
+    def start(self, name, directory, parameters):
+        self.directory, self.started[name] = directory, parameters
+
+        def poll():
+            return self.late.get(name, 0) if self.signals else self.early.get(name)
+
+        def wait():
+            if poll() == -signal.SIGKILL:
+                raise TimeoutError('was killed')
+
+        return SimpleNamespace(
+            pid=7 + len(self.started) - 1, stdout=self.output, stderr=f'{name} says', wait=wait,
+            poll=poll, send_signal=lambda number: self.signals.append((name, number)))
+
+    def during(self, seconds, processes, directory):
+        """Write what an observer writes: samples 1 ms apart, 0.4 ms old, one of which is lost."""
+        stamps = np.delete(self.now + np.arange(-50, 2050) * MS, 500)
+        self.sleep(seconds)
+        pairs = np.column_stack([stamps + 400_000, stamps])
+        (directory / run.SAMPLES_FILE).write_bytes(pairs.tobytes() + b'1')
+        begin = int(stamps[0])
+        reports = [(begin - 2 * 10**9, 'old', {'sets': '0'})] + [
+            (begin + ms * MS + MS // 2, 'encoders', {'sets': str(ms), 'missed deadlines': '3'})
+            for ms in (10, 1090)]
+        (directory / run.STATUSES_FILE).write_text(''.join(
+            json.dumps(each) + '\n' for each in reports))
+
+
+@pytest.fixture
+def pipeline(monkeypatch):
+    return Pipeline(monkeypatch)
+
+
+def test_a_run_counts_what_its_processes_did_within_its_window(pipeline):
+    case = Case('one', ('fkm', 'encoder_driver'), own={'fkm': {'fkm:max_age': 1.0}})
+    found = measure(case, 2.0, 500.0, {'realtime.priority': '3'}, pipeline.during)
+    # The observer is scheduled as the nodes, and knows no rate.
+    assert pipeline.started == {
+        'observer': {'realtime.priority': '3'},
+        'fkm': {'source': 'sim', 'rate': 500.0, 'realtime.priority': '3', 'fkm:max_age': 1.0},
+        'encoder_driver': {'source': 'sim', 'rate': 500.0, 'realtime.priority': '3'}}
+    assert pipeline.signals == [
+        (name, signal.SIGINT) for name in ('encoder_driver', 'fkm', 'observer')]
+    assert (found.case, found.rate, found.span) == (case, 500.0, 2.0)
+    assert len(found.stamps) == 1999 and found.achieved == 999.5
+    np.testing.assert_allclose(found.latencies, 400.0)
+    assert (found.made, found.lost, found.missed) == (1080, 1, 0)
+    # Per cent of a core, in ticks of 10 ms; this process counts for nothing.
+    assert found.load == {'observer': 15.0, 'fkm': 10.0, 'encoder_driver': 20.0}
+    assert found.others == 12.5 and len(found.statuses) == 2
+    assert not pipeline.directory.exists()
+    # The driver reports its count once a second, after the window too.
+    settled, window, after = pipeline.slept
+    assert settled == run.SETTLE and window == 2.0 and after >= 1.0
+
+
+@pytest.mark.parametrize(('trouble', 'words'), [
+    ({'output': ''}, 'one: no orientation within 30 s\nobserver saysfkm says'),
+    ({'early': {'fkm': 2}}, 'one: fkm ended by itself\nobserver saysfkm says'),
+    ({'late': {'fkm': 3}}, 'one: fkm ended with 3\nobserver saysfkm says')])
+def test_a_pipeline_that_fails_is_named_with_its_errors(pipeline, trouble, words):
+    vars(pipeline).update(trouble)
+    with pytest.raises(PipelineError, match=words):
+        measure(ONE, 1.0, 500.0, {}, pipeline.during)
+    assert len(pipeline.signals) == 2
+
+
+def test_a_process_that_had_to_be_killed_is_reported(pipeline, capsys):
+    pipeline.late = {'fkm': -signal.SIGKILL}
+    assert measure(ONE, 1.0, 500.0, {}, pipeline.during).lost == 1
+    assert capsys.readouterr().err == 'one: fkm: was killed\n'
+
+
+def test_without_an_orientation_in_its_window_a_run_is_overloaded(pipeline):
+    def during(*given):
+        pipeline.during(*given)
+        (pipeline.directory / run.SAMPLES_FILE).write_bytes(b'')
+
+    with pytest.raises(PipelineError, match='of 1080 samples not one orientation'):
+        measure(ONE, 1.0, 500.0, {}, during)
+
+
+def test_a_program_is_started_stopped_and_killed_with_its_output(tmp_path):
+    code = ('import os, sys, time; print("out", flush=True); '
+            'print(os.environ["ROS_DOMAIN_ID"], os.getcwd(), file=sys.stderr, flush=True)')
+    own = child_process.private_environment()['ROS_DOMAIN_ID']
+    with Program([sys.executable, '-c', f'{code}; time.sleep(60)'], directory=tmp_path) as program:
+        assert wait_until(lambda: program.stderr.count('\n'), 60.0)
+        # Reading moves nothing.
+        assert program.stdout == program.stdout == 'out\n'
+        assert program.stderr == f'{own} {tmp_path}\n'
+        assert program.poll() is None
+    assert program.poll() == -signal.SIGTERM
+    stubborn = Program([sys.executable, '-c', 'import signal, time; signal.signal('
+                        'signal.SIGTERM, signal.SIG_IGN); print(1, flush=True); time.sleep(60)'])
+    assert wait_until(lambda: stubborn.stdout, 60.0)
+    with pytest.raises(TimeoutError, match='within 0.1 s and was killed'):
+        stubborn.stop(timeout=0.1)
+    assert stubborn.poll() == -signal.SIGKILL
+    assert not wait_until(lambda: False, 0.0)
+
+
+def test_parameters_are_words_of_a_command():
+    assert child_process.executable('fkm', '--x', parameters={'a': True, 'b.c': 0.5})[3:] == [
+        'fkm', '--x', '--ros-args', '-p', 'a:=true', '-p', 'b.c:=0.5']
+
+
+def test_two_runs_on_one_host_have_different_domains_and_buses():
     code = ('from spm_haptic_master.benchmark.child_process import *\n'
-            'import time; e = private_environment()\n'
-            'print(e["ROS_DOMAIN_ID"], e["CAN_CONFIG"], bus_channel(), flush=True)\n'
-            'time.sleep(600)')
-    programs = [start_python('-c', code) for _ in range(2)]
-    assert all(wait_until(lambda p=program: p.stdout.count('\n'), 60.0)
-               for program in programs), programs[0].stderr
-    for one, other in zip(*(program.stdout.split(maxsplit=1) for program in programs),
-                          strict=True):
-        assert one != other
+            'e = private_environment()\nprint(e["ROS_DOMAIN_ID"], e["CAN_CONFIG"], bus_channel())')
+    other = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True).stdout
+    own = child_process.private_environment()
+    assert other.split()[-1] != child_process.bus_channel()
+    assert not {own['ROS_DOMAIN_ID'], own['CAN_CONFIG']} & set(other.split(maxsplit=1))
+    assert 1 <= int(other.split()[0]) <= 101 and '"port": 20' in other
+
+
+@pytest.fixture
+def node():
+    """Make nodes of the benchmark by name, in this process."""
+    rclpy.init(domain_id=int(child_process.private_environment()['ROS_DOMAIN_ID']))
+    made = []
+
+    def node(kind, *args, **given):
+        made.append(kind(Parameters(arguments=[f'{k}:={v}' for k, v in given.items()]), *args))
+        return made[-1]
+
+    yield node
+    for each in made:
+        each.destroy_node()
+    rclpy.try_shutdown()
+
+
+def callback(node, topic):
+    (found,) = (each for each in node.subscriptions if each.topic_name == topic)
+    return found.callback
+
+
+def test_a_bare_pipeline_passes_positions_on_at_the_rate(node):
+    relay = node(measured_process.BareRelay)
+    listener = node(measured_process.BareListener)
+    assert '/orientation' in [each.topic_name for each in listener.subscriptions]
+    sent = []
+    relay._publisher.publish = lambda message: sent.append(serialize_message(message))
+    joints = JointState(position=[0.1, 0.2, 0.3, 0.4])
+    joints.header.stamp.sec = 7
+    callback(relay, '/measured_js')(joints)
+    expected = QuaternionStamped(header=joints.header)
+    expected.header.frame_id = 'spm_base'
+    q = expected.quaternion
+    q.x, q.y, q.z, q.w = joints.position
+    assert sent == [serialize_message(expected)]
+    driver = node(measured_process.BareDriver, rate=200.0)
+    assert wait_until(lambda: driver._sets >= 20, 60.0)
+    # Not faster than its rate.
+    assert driver._grid._period == 1.0 / 200.0
+    reported = []
+    driver._status.publish = lambda *entry: reported.append(entry)
+    driver._report()
+    assert reported[0][2]['sets'] >= 20 and set(reported[0][2]) == {'sets', 'missed deadlines'}
+
+
+@pytest.mark.parametrize(('name', 'program', 'nodes'), [
+    ('bare_master', 'bare_master', ['BareRelay', 'BareListener', 'BareDriver']),
+    ('bare_relay', 'bare_relay', ['BareRelay']), ('observer_of_all', 'observer', ['Observer'])])
+def test_a_process_runs_the_nodes_of_its_name(monkeypatch, name, program, nodes):
+    ran, added = [], []
+    monkeypatch.setattr(measured_process.runner, 'run', lambda *given: ran.append(given) or 3)
+    monkeypatch.setattr(sys, 'argv', ['module', name, 'DIR', '-p', 'a:=1'])
+    assert measured_process.main() == 3
+    ((started, compose, args),) = ran
+    compose(None, lambda kind, *more: added.append((kind.__name__, *map(str, more))))
+    assert (started, args) == (program, [name, '-p', 'a:=1'])
+    assert added == [(each, name, 'DIR') if each == 'Observer' else (each,) for each in nodes]
+
+
+def test_an_executable_runs_as_by_itself(monkeypatch):
+    monkeypatch.setattr('spm_haptic_master.nodes.sim_slave.main', lambda args: args)
+    monkeypatch.setattr(sys, 'argv', ['module', 'sim_slave', 'DIR', '-p', 'a:=1'])
+    assert measured_process.main() == ['sim_slave', '-p', 'a:=1']
+
+
+def test_an_observer_writes_arrivals_and_statuses(node, tmp_path, capsys):
+    observer = node(measured_process.Observer, 'observer_of_all', tmp_path)
+    assert {each.topic_name for each in observer.subscriptions} >= {
+        '/orientation', '/diagnostics', '/measured_cp', '/pose_with_covariance', '/measured_cv'}
+    message = QuaternionStamped()
+    message.header.stamp.sec, message.header.stamp.nanosec = 5, 6
+    began = time.time_ns()
+    for _ in range(3):
+        callback(observer, '/orientation')(message)
+    assert capsys.readouterr().out == f'{run.READY}\n'
+    # The first is written at once.
+    assert run.read_samples(tmp_path).shape == (2, 1)
+    array = DiagnosticArray(status=[DiagnosticStatus(
+        name='fkm: timing', values=[KeyValue(key='sets', value='3')])])
+    array.header.stamp.sec = 9
+    callback(observer, '/diagnostics')(array)
+    observer._samples_file.close()
+    observer._statuses_file.close()
+    arrivals, stamps = run.read_samples(tmp_path)
+    assert stamps.tolist() == [5_000_000_006] * 3 and 0 <= min(arrivals) - began < 60e9
+    assert [json.loads(line) for line in (tmp_path / run.STATUSES_FILE).open()] == [
+        [9 * 10**9, 'fkm: timing', {'sets': '3'}]]
 
 
 def status(ms, sets, missed):
@@ -74,7 +287,7 @@ def test_samples_are_lost_that_were_counted_and_did_not_arrive():
 
 
 def run_of(case, latency, lost=0, late=0.0, others=0.0):
-    return Run(case, 1000.0, 2.0, latency + np.arange(101.0), np.zeros(101), 200, lost, 5,
+    return Run(case, 1000.0, 3.0, latency + np.arange(101.0), np.zeros(101), 200, lost, 5,
                {case.processes[0]: 12.5}, others, np.full(10, late), [])
 
 
@@ -82,8 +295,8 @@ def test_the_table_has_medians_of_the_rounds_and_all_that_was_lost():
     runs = [run_of(ONE, 100.0), run_of(OTHER, 200.0), run_of(ONE, 300.0, lost=2),
             run_of(OTHER, 100.0), run_of(ONE, 200.0), run_of(OTHER, 400.0)]
     assert table(runs).splitlines()[2:] == [
-        '| one | 50.5 | 250 | 290 | 299 | 300 | 300 | 2 of 600 | 15 | fkm 12.5 |',
-        '| other | 50.5 | 250 | 290 | 299 | 300 | 300 | 0 of 600 | 15 | bare_relay 12.5 |']
+        '| one | 33.7 | 250 | 290 | 299 | 300 | 300 | 2 of 600 | 15 | fkm 12.5 |',
+        '| other | 33.7 | 250 | 290 | 299 | 300 | 300 | 0 of 600 | 15 | bare_relay 12.5 |']
     assert ratio(runs, ONE, OTHER, lambda run: run.latencies[0]) == '0.50 (0.50 .. 3.00)'
 
 
@@ -94,16 +307,50 @@ def test_a_machine_that_was_busy_is_named(late, others, words):
     assert disturbance(run_of(ONE, 100.0, late=late, others=others)) == words
 
 
-@pytest.mark.process
-@pytest.mark.skipif(os.getpriority(os.PRIO_PROCESS, 0) > 0,
-                    reason='this process has less priority')
-@pytest.mark.skipif(tuple(map(int, platform.release().split('.')[:2])) < (6, 12),
-                    reason='Linux before 6.12 has no time slices')
-def test_the_observer_has_the_slice_of_the_nodes(tmp_path):
-    slice_ = 0.05  # s; that of nothing else
-    # The rate is none of the observer's parameters: it would refuse it.
-    parameters = {'source': 'sim', 'rate': '100.0', 'realtime.slice': str(slice_)}
-    with running(MASTER, parameters, tmp_path) as processes:
-        assert set(processes) == {'observer', 'master'}
-        for process in processes.values():
-            assert time_slice(process.pid) == pytest.approx(slice_, abs=1e-9)
+def test_all_rounds_are_compared_and_written(monkeypatch, tmp_path, capsys):
+    measured, latencies = [], iter(range(100, 10_000, 100))
+
+    def measure(case, seconds, rate, parameters):
+        measured.append((case.name, seconds, rate, parameters))
+        found = run_of(case, next(latencies), lost=1, others=30.0 * (len(measured) == 3))
+        statuses = [(1, 'fkm: timing', {'latency p50 (us)': '80'}), (2, 'x', {})]
+        return replace(found, load=dict.fromkeys(case.processes, 12.5), statuses=statuses)
+
+    monkeypatch.setattr(comparison, 'measure', measure)
+    comparison.compare(2.0, 2, 500.0, {'a': '1'}, tmp_path / 'new' / 'directory')
+    assert measured == 2 * [(case.name, 2.0, 500.0, {'a': '1'}) for case in comparison.CASES]
+    out = capsys.readouterr().out.replace(str(tmp_path), 'DIR')
+    with open(tmp_path / 'new' / 'directory' / 'runs.csv') as file:
+        assert_recorded('sessions/benchmark.txt', out + file.read())
+    comparison.compare(2.0, 1, 500.0, {}, tmp_path)
+
+
+def test_the_publication_by_fkm_is_its_median_and_the_machine_is_named(monkeypatch):
+    entries = [(1, 'fkm: timing', {'latency p50 (us)': text}) for text in ('70', '90', '80')]
+    assert published(replace(run_of(ONE, 1.0), statuses=entries)) == 80.0
+    assert np.isnan(published(run_of(ONE, 1.0)))
+    monkeypatch.setenv('RMW_IMPLEMENTATION', 'rmw_nothing')
+    assert re.fullmatch(r'\d{4}-\d\d-\d\d, \d+ x \S.*, Linux \d.*, Python 3[\d.]+, '
+                        r'rclpy \d[\d.]*, rmw_nothing \(version unknown\)', machine())
+    cpu = Path('/proc/cpuinfo').read_text()
+    assert (', virtual machine,' in machine()) == (' hypervisor ' in cpu)
+
+
+def test_a_control_thread_measures_its_lateness(monkeypatch):
+    waited = []
+    monkeypatch.setattr(run, 'DeadlineGrid', lambda period: SimpleNamespace(
+        lateness=0.002 + period, wait=lambda seconds: (time.sleep(seconds), waited.append(1))))
+    control = run.Control()
+    assert wait_until(lambda: len(waited) > 3, 60.0)
+    np.testing.assert_allclose(control.stop(), 7000.0)  # us, at a period of 5 ms
+    assert not control._thread.is_alive()
+
+
+def test_the_cpu_time_of_a_process_is_counted_in_ticks():
+    deadline = time.monotonic() + 60.0
+    parent, before = run.all_processes()[os.getpid()]
+    while run.all_processes()[os.getpid()][1] < before + 5 and time.monotonic() < deadline:
+        pass
+    used = sum(os.times()[:4]) / run.TICK
+    assert parent == os.getppid() and before + 5 <= used + 2
+    assert run.all_processes()[os.getpid()][1] == pytest.approx(used, abs=20)

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""A node of the test's own process, which gets its messages and its time by plain calls."""
+"""Nodes of the test's own process, which get their messages and their time by plain calls."""
 
 from __future__ import annotations
 
@@ -35,13 +35,6 @@ def ros(namespace: str = '/') -> Iterator[None]:
         rclpy.try_shutdown()
 
 
-def deliver(node: Node, topic: str, message: object) -> None:
-    """Give a node a message on a topic that it has subscribed to, serialized if it wants that."""
-    name = node.resolve_topic_name(topic)
-    (subscription,) = (each for each in node.subscriptions if each.topic_name == name)
-    subscription.callback(serialize_message(message) if subscription.raw else message)
-
-
 class Messages(list):
     """Serialized messages and their types, read where they are looked at: few of them are."""
 
@@ -60,15 +53,15 @@ def _read(entry: tuple[object, type | None]) -> object:
 
 class Hosted:
     """
-    A node, all that it publishes, and the time, which stands still between calls.
+    Nodes, all that they publish, and the time, which stands still between calls.
 
-    `sent` has the messages by topic, as it is in the code. Each topic has one publisher, but for
-    those of `publishers`: names of nodes by full topic. `subscribed` decides for a topic whether
-    it has subscribers.
+    `sent` has the messages by topic, as it is in the code; the nodes receive them from each other.
+    Each topic has one publisher, but for those of `publishers`: names of nodes by full topic.
+    `subscribed` decides for a topic whether it has subscribers.
     """
 
     def __init__(self) -> None:
-        self.node: Node | None = None
+        self.nodes: list[Node] = []
         self.sent: dict[str, Messages] = defaultdict(Messages)
         self.publishers: dict[str, tuple[str, ...]] = {}
         self.subscribed: Callable[[str], bool] = lambda topic: True
@@ -79,7 +72,12 @@ class Hosted:
         self._passed = 0
         self._due: dict[object, int] = {}
 
-    # Time of the node, in place of the module `time`
+    @property
+    def node(self) -> Node:
+        """Return the first node."""
+        return self.nodes[0]
+
+    # Time of the nodes, in place of the module `time`
     def monotonic(self) -> float:
         return 1e-9 * self._passed + 1000.0
 
@@ -96,10 +94,10 @@ class Hosted:
     sleep = pause
 
     def run(self, seconds: float) -> None:
-        """Let the time pass, with the timers of the node."""
+        """Let the time pass, with the timers of the nodes."""
         end = self._passed + round(seconds * 1e9)
         while True:
-            for timer in self.node.timers:
+            for timer in (timer for node in self.nodes for timer in node.timers):
                 self._due.setdefault(timer, self._passed + timer.timer_period_ns)
             timer, due = min(self._due.items(), key=lambda each: each[1], default=(None, end + 1))
             if due > end:
@@ -110,8 +108,17 @@ class Hosted:
         self._passed = end
 
     def give(self, topic: str, message: object) -> None:
-        """Deliver a message on a topic."""
-        deliver(self.node, topic, message)
+        """Deliver a message on a topic, of the first node's names, to its subscribers."""
+        assert self._deliver(self.node.resolve_topic_name(topic), message)
+
+    def _deliver(self, name: str, message: object) -> int:
+        found = [each for node in self.nodes for each in node.subscriptions
+                 if each.topic_name == name]
+        for each in found:
+            is_raw = isinstance(message, bytes)
+            each.callback(message if is_raw is each.raw else serialize_message(message)
+                          if each.raw else deserialize_message(message, each.msg_type))
+        return len(found)
 
     def restart_publisher(self, topic: str) -> None:
         """Have DDS report that another publisher has taken the place of the one of a topic."""
@@ -120,7 +127,8 @@ class Hosted:
 
     def call(self, name: str) -> object:
         """Call a service of the node that takes no arguments, by its name in the code."""
-        (service,) = (each for each in self.node.services if each.srv_name == name)
+        (service,) = (each for node in self.nodes for each in node.services
+                      if each.srv_name == name)
         return service.callback(service.srv_type.Request(), service.srv_type.Response())
 
     def last(self, topic: str) -> object:
@@ -147,8 +155,10 @@ class Hosted:
                 # A copy: nodes use their messages again.
                 self.sent[topic].append((deepcopy(message), None) if not is_real else (
                     message if isinstance(message, bytes) else serialize_message(message), kind))
+                if is_real:
+                    self._deliver(out.topic_name, message)
 
-            out.publish = publish
+            out.publish, out.wait_for_all_acked = publish, lambda timeout: None
             out.get_subscription_count = lambda: int(self.subscribed(topic))
             return out
         return created
@@ -174,7 +184,11 @@ class Hosted:
 @contextmanager
 def hosted(make: Callable, *settings: str, namespace: str = '/',
            subscribes: bool = False) -> Iterator[Hosted]:
-    """Yield a node that is made with parameters, such as 'rate:=200.0', after `subscribe`."""
+    """
+    Yield what `make` returns for parameters such as 'rate:=200.0': a node, or a list of them.
+
+    With `subscribes` they take their samples or orientations from the topics.
+    """
     host = Hosted()
     modules = [module for name, module in sys.modules.items()
                if name.startswith('spm_haptic_master') and '.benchmark' not in name
@@ -186,14 +200,16 @@ def hosted(make: Callable, *settings: str, namespace: str = '/',
         for module in modules:
             module.time = host
         try:
-            node = host.node = make(Parameters(
-                arguments=list(settings), remaps=[f'__ns:={namespace}']))
-            node.count_publishers = lambda topic: len(host._infos(topic))
-            node.get_publishers_info_by_topic = host._infos
-            if subscribes:
-                node.subscribe()
+            made = make(Parameters(arguments=list(settings), remaps=[f'__ns:={namespace}']))
+            host.nodes += made if isinstance(made, list) else [made]
+            for node in host.nodes:
+                node.count_publishers = lambda topic: len(host._infos(topic))
+                node.get_publishers_info_by_topic = host._infos
+                if subscribes:
+                    node.subscribe()
             yield host
-            node.destroy_node()
+            for node in reversed(host.nodes):
+                node.destroy_node()
         finally:
             for module in modules:
                 module.time = time

@@ -3,209 +3,61 @@
 
 """The live status on a terminal, as an emulator shows it, and its words."""
 
-import fcntl
 import os
-import pty
 import re
 import select
-import signal
-import struct
-import subprocess
-import termios
-import time
 from types import SimpleNamespace
 
-from harness import environment, ROOT, SIM
 import numpy as np
 import pytest
-from spm_haptic_master.benchmark.child_process import executable
+from recorded_text import assert_recorded
 from spm_haptic_master.force import FORCE_STATES
 from spm_haptic_master.kinematics import matrix_from_zxz, quaternion_from_matrix
 from spm_haptic_master.nodes import master as console_module
 from spm_haptic_master.nodes.master import AMBER, Console, PLAIN, RED, Row, status_lines
 from spm_haptic_master.ros.diagnostic_status import OK
 from spm_haptic_master.supervision.orientation_state import read_state
-from std_msgs.msg import String
 
-pyte = pytest.importorskip('pyte', reason='pyte is not installed (extra test)')
-
-# Time that a busy machine may need for a program (s).
-PATIENCE = 60.0
-TITLE = 'haptic master, source sim (Ctrl-C ends)'
-# The lines of a status with an orientation.
-BLOCK = (
-    r'haptic master, source (sim|can) \(Ctrl-C ends\)',
-    r'  the simulated motion crosses the singularity on purpose',
-    r'  state             healthy',
-    r'  orientation       psi +[-\d.]+ theta +[-\d.]+ phi +[-\d.]+ deg',
-    r'  protection level  [\d.]+ deg',
-    r'  parity            [-+][\d.]+ sigma',
-    r'  singularity       [a-z ;]+',
-    r'                    at \[#*-*\] far',
-    r'  dexterity         [\d.]+ \(3 sensors\), [\d.]+ \(4 sensors\)',
-    r'  rates             joints \d+ Hz, orientation \d+ Hz',
-    r'  latency           p50 \d+ us, p99 \d+ us',
-)
-LOGGED = re.compile(r'\[(ERROR|WARN|INFO)\] \[[\d.]+\] \[\w+\]: ')
-# A line more where there is a caution: Fig. 9 begins where the others cannot check th3A.
-# What does not fit into it is in lines below it.
-CAUTION = re.compile(r'  caution           \S.*| {20}(?!at \[)\S.*')
+TITLE = 'haptic master, source can (Ctrl-C ends)'
 
 
-class Terminal:
-    """A program on a pseudo-terminal of a size, and what an emulator shows of it."""
+def test_status_and_log_stay_in_their_places_whatever_the_size(monkeypatch):
+    """Also where the window becomes smaller, and where other libraries print."""
+    pyte = pytest.importorskip('pyte', reason='pyte is not installed (extra test)')
+    screen = pyte.HistoryScreen(80, 24, history=10_000)
+    stream, printed = pyte.Stream(screen), console()
+    monkeypatch.setattr(os, 'get_terminal_size', lambda _: os.terminal_size(
+        (screen.columns, screen.lines)))
 
-    def __init__(self, command, columns, lines):
-        self._emulator, self._device = pty.openpty()
-        self._screen = pyte.HistoryScreen(columns, lines, history=10_000)
-        self._stream = pyte.ByteStream(self._screen)
-        # All that the program printed.
-        self.raw = b''
-        self._set_size(columns, lines)
-        self._process = subprocess.Popen(
-            command, cwd=ROOT, env=environment(TERM='xterm'), stdin=self._device,
-            stdout=self._device, stderr=self._device, start_new_session=True)
+    def shown():
+        return [line.rstrip() for line in screen.display]
 
-    def _set_size(self, columns, lines):
-        fcntl.ioctl(self._device, termios.TIOCSWINSZ, struct.pack('HHHH', lines, columns, 0, 0))
-
-    def resize(self, columns, lines):
-        """Give the window another size; as xterm, a lower one loses lines below the cursor."""
-        self.read(0.0)
-        self._set_size(columns, lines)
-        screen, row = self._screen, self._screen.cursor.y
-        removed = max(0, screen.lines - lines)
+    for number, (columns, lines) in enumerate(
+            ((80, 24), (50, 20), (9, 3), (200, 60), (80, 5), (120, 24))):
+        stream.feed(f'a library prints {number}\r\n')
+        # As in xterm, a lower window loses lines below the cursor, and those above it leave it.
+        row = screen.cursor.y
         above = max(0, row + 1 - lines)
-        if removed > above:
-            screen.cursor_position(1, 1)
-            screen.insert_lines(removed - above)
+        screen.cursor_position(1, 1)
+        screen.insert_lines(max(0, screen.lines - lines - above))
         screen.resize(lines, columns)
         screen.cursor_position(row - above + 1, 1)
-
-    def print_to(self, text):
-        """Print as another library of the program does."""
-        os.write(self._device, text.encode())
-
-    def read(self, seconds):
-        """Show what is printed within some seconds."""
-        end = time.monotonic() + seconds
-        while True:
-            left = max(0.0, end - time.monotonic())
-            if not select.select([self._emulator], [], [], left)[0]:
-                return
-            data = os.read(self._emulator, 1 << 16)
-            self.raw += data
-            self._stream.feed(data)
-
-    def read_until(self, condition, seconds):
-        """Show what is printed until a condition holds; False if it did not in time."""
-        end = time.monotonic() + seconds
-        while not condition():
-            if time.monotonic() > end:
-                return False
-            self.read(0.1)
-        return True
-
-    @property
-    def shown(self):
-        """Return the lines on the screen."""
-        return [line.rstrip() for line in self._screen.display]
-
-    @property
-    def text(self):
-        """Return the lines on the screen and those that have left it upwards."""
-        above = [''.join(line[column].data for column in range(self._screen.columns)).rstrip()
-                 for line in self._screen.history.top]
-        return above + self.shown
-
-    @property
-    def cursor(self):
-        """Return column and line of the cursor."""
-        return self._screen.cursor.x, self._screen.cursor.y
-
-    def end(self, seconds):
-        """Interrupt the program, show its end and return its exit code."""
-        self._process.send_signal(signal.SIGINT)
-        self.read_until(lambda: self._process.poll() is not None, seconds)
-        self.read(0.1)
-        return self._process.wait(seconds)
-
-    def close(self):
-        """Kill the program and close the terminal."""
-        self._process.kill()
-        self._process.wait()
-        os.close(self._emulator)
-        os.close(self._device)
-
-
-def block_of(lines):
-    """Return the part of some lines from the title on, without the empty ones below."""
-    found = [number for number, line in enumerate(lines) if line.startswith('haptic')]
-    assert len(found) == 1, '\n'.join(lines)
-    block = lines[found[0]:]
-    while block and not block[-1]:
-        block.pop()
-    return block
-
-
-def is_whole(block):
-    """Return whether a block is a status with an orientation, with or without a caution."""
-    lines = [line for line in block if not CAUTION.fullmatch(line)]
-    return len(lines) == len(BLOCK) and all(map(re.fullmatch, BLOCK, lines))
-
-
-def heights(lines):
-    """Return the numbers of lines that a status may have on a terminal."""
-    return {min(len(BLOCK) + more, lines - 1) for more in range(12)}
-
-
-@pytest.fixture
-def screen():
-    """Run a simulated master on a terminal."""
-    screen = Terminal(executable('master', parameters={**SIM, 'rate': 250.0}), 80, 24)
-    yield screen
-    screen.close()
-
-
-@pytest.mark.process
-def test_status_and_log_stay_in_their_places_whatever_the_size(screen, observer):
-    assert screen.read_until(lambda: screen.raw.count(b'psi') > 6, PATIENCE)
-    # A busy machine may withhold orientations meanwhile; the status then has another line.
-    assert screen.read_until(
-        lambda: is_whole(block_of(screen.text)), PATIENCE), screen.text
-    assert b'\x1b[32mhealthy\x1b[0m' in screen.raw
-    # The cursor waits on an empty line above it.
-    column, line = screen.cursor
-    assert (column, screen.shown[line], screen.shown[line + 1]) == (0, '', TITLE)
-    # Another size, and what other libraries print, leave no ghosts.
-    for columns, lines in (50, 20), (9, 3), (200, 60), (80, 5), (120, 24):
-        screen.print_to(f'a library prints at {columns} {lines}\n')
-        screen.read(0.4)
-        screen.resize(columns, lines)
-        seen = screen.raw.count(b'haptic')
-        assert screen.read_until(
-            lambda seen=seen: screen.raw.count(b'haptic') > seen + 1, PATIENCE)
-        block = block_of(screen.shown)
-        assert block[0] == TITLE[:columns].rstrip() and len(block) in heights(lines)
-        # Each line of the screen is one of the status: none is wrapped.
-        assert all(line.startswith('  ') for line in block[1:])
-    # The log is above it, in whole lines.
-    faults = observer.node.create_publisher(String, 'simulation/fault', 1)
-    assert observer.spin_until(faults.get_subscription_count, PATIENCE)
-    for fault, words in (('dropout:joint_3a', 'silent: no joint samples'), ('', 'healthy')):
-        faults.publish(String(data=fault))
-        assert screen.read_until(lambda words=words: any(
-            LOGGED.sub('', line) == words for line in screen.text if LOGGED.match(line)),
-            PATIENCE), screen.text
-    assert screen.end(PATIENCE) == 0
-    first = next(number for number, line in enumerate(screen.text)
-                 if LOGGED.sub('', line) == 'silent: no joint samples')
-    assert all(LOGGED.match(line)
-               for line in screen.text[first:screen.text.index(TITLE)] if line)
-    # The last status stays, and what comes next is printed below it.
-    assert block_of(screen.text)[-1].startswith('  latency')
-    assert screen.shown[screen.cursor[1] - 1].startswith('  latency')
-    assert screen.cursor[0] == 0
+        logged = [f'{each} logged' for each in (f'first {number}', f'next {number}', 'last')]
+        for line in logged:
+            closing = columns == 120 and line == logged[-1]
+            stream.feed(printed._refreshed([line], closing))
+            (begin,) = [at for at, line in enumerate(shown()) if line.startswith('haptic')]
+            expected = status_lines([TITLE], printed._rows(), columns, lines - 1, False)
+            assert shown()[begin:begin + len(expected)] == list(map(str.rstrip, expected))
+            if not closing:
+                # The cursor waits on an empty line above the status.
+                assert (screen.cursor.x, screen.cursor.y, shown()[begin - 1]) == (0, begin - 1, '')
+    # The last status remains, and what comes next is printed below it.
+    assert shown()[screen.cursor.y - 1].startswith('  latency') and screen.cursor.x == 0
+    above = [''.join(line[column].data for column in range(screen.columns)).rstrip()
+             for line in screen.history.top] + shown()
+    assert [line for line in above if 'logged' in line][-3:] == logged
+    assert sum(line.startswith('haptic') for line in above) == 1
 
 
 @pytest.mark.parametrize('term', ['dumb', 'xterm'])
@@ -252,56 +104,23 @@ def parts_of(state='healthy', encoders='publishing', dexterity=0.15, pose=(0.0, 
 def console(**given):
     """Return a console without its thread."""
     found, parts = Console.__new__(Console), parts_of(**given)
+    found._coloured = True
     found._driver, found._fkm, found._diagnostics = parts.driver, parts.fkm, parts.diagnostics
     return found
 
 
-def rows_of(**given):
-    """Return the lines of a status below the title."""
-    return status_lines([], console(**given)._rows(), 80, 23, False)
-
-
-def test_all_rows_of_a_status_with_force_feedback_and_cautions():
-    """The bar is that of the page of `view`."""
-    assert rows_of(encoders='joint_1b: EMCY 0x5000', caution='joint_3a unchecked',
-                   force=FORCE_STATES['holding'], pose=(130.0, 50.0, 30.0)) == [
-        '  state             healthy',
-        '  caution           joint_3a unchecked',
-        '  caution           encoders: joint_1b: EMCY 0x5000',
-        '  force             holding',
-        '  orientation       psi  130.000 theta  50.000 phi   30.000 deg',
-        '  protection level  0.57 deg',
-        '  parity            +0.1 sigma',
-        '  singularity       clear of singularities',
-        '                    at [###############-----] far',
-        '  dexterity         0.1500 (3 sensors), 0.4000 (4 sensors)',
-        '  rates             joints 1000 Hz, orientation 1000 Hz',
-        '  latency           p50 90 us, p99 200 us']
-
-
-def test_without_an_orientation_the_state_and_what_the_driver_knows_have_rows():
-    assert rows_of(state='starting', encoders='no frames on socketcan can0', dexterity=None) == [
-        '  state             starting',
-        '  caution           encoders: no frames on socketcan can0',
-        '  singularity       unknown: clear of singularities',
-        '  rates             joints 1000 Hz, orientation 1000 Hz',
-        '  latency           p50 90 us, p99 200 us']
-
-
-def test_a_line_for_a_log_has_all_in_it():
-    assert console(encoders='', caution='joint_3a unchecked', state='degraded: joint_3b missing',
-                   force=FORCE_STATES['holding'])._line() == (
-        'source can, state degraded: joint_3b missing, caution joint_3a unchecked, force holding, '
-        'orientation psi    0.000 theta   0.000 phi    0.000 deg, protection level 0.57 deg, '
-        'parity +0.1 sigma, singularity clear of singularities, '
-        'dexterity 0.1500 (3 sensors), 0.4000 (4 sensors), '
-        'rates joints 1000 Hz, orientation 1000 Hz, latency p50 90 us, p99 200 us\n')
-
-
-@pytest.mark.parametrize(('eta', 'expected'), [(0.0, 0), (0.1, 10), (7.0, 20)])
-def test_the_bar_is_empty_at_the_singularity_as_on_the_page(eta, expected):
-    (found,) = re.findall(r'at \[(#*)-*\] far', '\n'.join(rows_of(dexterity=eta)))
-    assert len(found) == expected
+def test_the_status_of_each_state_is_as_recorded():
+    """With colours, as on a terminal, and in a line, as in a log."""
+    lines = []
+    for given in (*(
+            {'state': state, 'dexterity': dexterity, 'pose': (130.0, 50.0, 30.0)}
+            for state in ('starting', 'healthy', 'degraded: joint_3b missing', 'silent: jumped')
+            for dexterity in (None, 0.0, 0.1, 7.0)),
+            {'encoders': 'joint_1b: EMCY 0x5000', 'caution': 'joint_3a unchecked'},
+            *({'force': state, 'encoders': ''} for state in FORCE_STATES.values())):
+        shown = console(**given)
+        lines += [*status_lines(shown._title(), shown._rows(), 80, 23, True), shown._line()]
+    assert_recorded('sessions/console.txt', '\n'.join(lines).replace('\x1b', '~'))
 
 
 @pytest.mark.parametrize('coloured', [True, False])

@@ -12,7 +12,7 @@ from harness import stamp
 from in_process import hosted
 import pytest
 from rclpy.node import Node
-from spm_haptic_master.nodes.crtk_state import ABSENT, CrtkState
+from spm_haptic_master.nodes.crtk_state import CrtkState
 from spm_haptic_master.supervision.orientation_state import received_state
 from std_msgs.msg import Header
 
@@ -104,19 +104,6 @@ def test_its_end_and_words_that_are_no_state_are_a_fault(device, end, error):
     assert states(device)[-1] == ('FAULT', False)
     assert texts(device, 'enabled_at')[-1] == 0
     assert texts(device, 'error') == [error]
-
-
-def test_without_crtk_msgs_one_line_says_so(without_messages, monkeypatch):
-    logged = []
-    monkeypatch.setattr(
-        'spm_haptic_master.ros.node_log.info', lambda _, text: logged.append(text))
-    with hosted(make) as device:
-        device.node.state.take(received_state('healthy'))
-        assert logged == []
-        for _ in range(2):
-            assert device.call('enable').message == 'ENABLED'
-        assert logged == [ABSENT]
-        assert 'operating_state' not in device.sent and not device.callbacks
 
 
 def test_silence_is_a_fault_until_enable_without_crtk_msgs(without_messages):

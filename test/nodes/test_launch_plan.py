@@ -30,12 +30,6 @@ def launch(source='', config='', calibration='', namespace='', composed=True):
             for each in plan(source, config, calibration, namespace, composed)]
 
 
-def test_files_come_in_their_order_with_the_home_directory(file):
-    rig = file(DRIVER)
-    assert launch('', '~/rig.yaml', CALIBRATION) == [
-        ('master', ['--params-file', rig, '--params-file', CALIBRATION])]
-
-
 def test_each_process_gets_the_files_that_have_something_for_it(file):
     rig = file(DRIVER)
     assert launch('', rig, CALIBRATION, composed=False) == [
@@ -106,20 +100,6 @@ def test_six_encoders_have_a_calibration_of_their_own(file):
     other = file(DRIVER + '/**/fkm:\n  ros__parameters: {sensors: 5}\n', 'other.yaml')
     with pytest.raises(InputError, match="'sensors' is 5; expected the same value in fkm"):
         plan('', other, CALIBRATION, '', True)
-
-
-def test_an_arm_with_its_slave_and_pedals(file):
-    rig = file('/left/teleop:\n  ros__parameters: {teleop: {registration_zxz_deg: '
-               '[90.0, 0.0, 0.0]}}\n')
-    follower = Follower('/PSM2/', '/footpedals/coag', '/footpedals/clutch')
-    remaps = [word for pair in (
-        'servo_cp:=/PSM2/servo_cp', 'slave/measured_cp:=/PSM2/measured_cp',
-        'presence:=/footpedals/coag', 'clutch:=/footpedals/clutch')
-        for word in ('-r', f'teleop:{pair}')]
-    assert [(each.executable, list(each.arguments)) for each in plan(
-        'sim', rig, '', 'left', False, follower)] == [
-            ('encoder_driver', ['-p', 'source:=sim']), ('fkm', []), ('diagnostics', []),
-            ('teleop', ['--params-file', rig, *remaps])]
 
 
 def test_parameters_of_teleop_are_checked_before_the_start(file):

@@ -3,7 +3,9 @@
 
 """What fkm publishes beside the orientation, and the frames of a mounted device."""
 
+import sys
 import time
+from types import SimpleNamespace
 
 from fkm_rig import angles, fkm_rig, matrix, PERIOD, POSE
 from geometry_msgs.msg import PoseStamped
@@ -15,10 +17,7 @@ from rclpy.experimental.events_executor import EventsExecutor
 from sensor_msgs.msg import Joy
 from spm_haptic_master.kinematics import matrix_from_zxz, workspace_pose
 from spm_haptic_master.nodes.fkm import Fkm
-from spm_haptic_master.nodes.orientation_outputs import static_transforms
-from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.resolver import Parameters
-from spm_haptic_master.parameters.setting import complete
 
 CRTK = 'measured_cp', 'setpoint_cp', 'measured_cv', 'crtk/measured_js', 'gripper/measured_js'
 BASE_DEG, HANDLE_DEG = [30.0, 40.0, -70.0], [0.0, 0.0, 45.0]
@@ -156,22 +155,28 @@ def test_the_covariance_is_the_scatter_that_the_orientations_have():
     np.testing.assert_allclose(vectors.std(axis=0), np.sqrt(np.diag(covariance)[3:]), rtol=0.15)
 
 
-def test_the_frames_are_on_diagnostics_and_on_tf_where_it_is_installed():
-    with fkm_rig(*MOUNTED) as rig:
+@pytest.mark.parametrize('is_installed', [True, False])
+@pytest.mark.parametrize(('settings', 'words'), [
+    (MOUNTED, 'spm_base on operating_table, spm_handle on spm_platform'),
+    (MOUNTED[1:], 'spm_handle on spm_platform'), ((), None)])
+def test_the_frames_are_on_diagnostics_and_on_tf_where_it_is_installed(
+        monkeypatch, is_installed, settings, words):
+    monkeypatch.setitem(sys.modules, 'tf2_msgs', SimpleNamespace())
+    monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', SimpleNamespace(
+        TFMessage=SimpleNamespace) if is_installed else None)
+    with fkm_rig(*settings) as rig:
         rig.host.run(1.0)
-        text = rig.host.figures('orientation')['mounting']
-        assert text.startswith('spm_base on operating_table, spm_handle on spm_platform')
-        if not text.endswith(' (not on /tf_static: no tf2_msgs)'):
-            (message,) = rig.sent['/tf_static']
-            assert [each.child_frame_id for each in message.transforms] == [
-                'spm_base', 'spm_handle']
-    given = {'mounting.base_zxz_deg': BASE_DEG, 'mounting.handle_zxz_deg': HANDLE_DEG,
-             'mounting.table_frame_id': 'operating_table'}
-    table, handle = static_transforms(complete(FKM_SETTINGS, given))
-    assert (table.header.frame_id, table.child_frame_id) == ('operating_table', 'spm_base')
-    assert (handle.header.frame_id, handle.child_frame_id) == ('spm_platform', 'spm_handle')
-    for transform, expected in ((table, TABLE), (handle, HANDLE)):
-        np.testing.assert_allclose(matrix(transform.transform.rotation), expected, atol=1e-14)
-    (only,) = static_transforms(complete(FKM_SETTINGS, {'mounting.handle_zxz_deg': HANDLE_DEG}))
-    assert only.child_frame_id == 'spm_handle'
-    assert static_transforms(complete(FKM_SETTINGS, {})) == []
+        found, messages = rig.host.figures('orientation').get('mounting'), rig.sent['/tf_static']
+        if words is None or not is_installed:
+            assert found == (words and f'{words} (not on /tf_static: no tf2_msgs)')
+            assert not messages
+            return
+        assert found == words
+        (message,) = messages
+        transforms = {each.child_frame_id: each for each in message.transforms}
+        assert words == ', '.join(
+            f'{child} on {each.header.frame_id}' for child, each in transforms.items())
+        for child, expected in (('spm_base', TABLE), ('spm_handle', HANDLE)):
+            if child in transforms:
+                np.testing.assert_allclose(
+                    matrix(transforms[child].transform.rotation), expected, atol=1e-14)

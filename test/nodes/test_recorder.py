@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from math import nan
 
 from geometry_msgs.msg import QuaternionStamped
-from in_process import deliver, ros
+from in_process import hosted
 import numpy as np
 import pytest
 from rclpy.task import Future
@@ -15,7 +15,6 @@ from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.nodes.recorder import Recorder
-from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.ros import node_log
 from spm_haptic_master.validation import recordings
 from std_msgs.msg import String
@@ -24,27 +23,22 @@ from std_msgs.msg import String
 class Session:
     """A recorder of this process."""
 
-    def __init__(self, directory, logged):
-        self.done, self.logged = Future(), logged
-        self._recorder = Recorder(
-            Parameters(arguments=[f'directory:={directory}']), self.done)
+    def __init__(self, host, done, logged):
+        self._host, self.done, self.logged = host, done, logged
 
     def joints(self, second, position, names=ALL_JOINT_NAMES):
         message = JointState(name=[*names], position=position)
         message.header.stamp.sec = second
-        deliver(self._recorder, 'measured_js', message)
+        self._host.give('measured_js', message)
 
     def orientation(self, second, topic='orientation'):
         message = QuaternionStamped()
         message.header.stamp.sec, message.header.stamp.nanosec = second, 250_000_000
         message.quaternion.y, message.quaternion.w = 0.6, 0.8
-        deliver(self._recorder, topic, message)
+        self._host.give(topic, message)
 
     def rig(self, text):
-        deliver(self._recorder, 'ground_truth/rig', String(data=text))
-
-    def close(self):
-        self._recorder.destroy_node()
+        self._host.give('ground_truth/rig', String(data=text))
 
     @property
     def error(self):
@@ -61,12 +55,11 @@ def record(monkeypatch):
 
     @contextmanager
     def record(directory):
-        session = Session(directory, logged)
-        yield session
-        session.close()
+        done = Future()
+        with hosted(lambda given: Recorder(given, done), f'directory:={directory}') as host:
+            yield Session(host, done, logged)
 
-    with ros():
-        yield record
+    return record
 
 
 def test_joints_without_a_reading_are_recorded_and_messages_without_a_joint_are_counted(
