@@ -172,11 +172,9 @@ class SensorSet:
             return None
         return self._window.check(sample.stamp, estimate.parity_vector, worth.noise, worth.bias)
 
-    def levels(self) -> list[float]:
+    def levels(self, worth: Integrity) -> list[float]:
         """Return each mounted sensor's part of the protection level, rad; inf if unchecked."""
-        if self.worth is None:
-            return [inf] * len(self.sensors.sigma)
-        return self.worth.levels(self._reach / self._window.root)
+        return worth.levels(self._reach / self._window.root)
 
     def noise_bounds(self) -> list[float]:
         """
@@ -197,10 +195,9 @@ class SensorSet:
     def too_noisy(self, sample: Sample) -> Symptom | None:
         """Return the sensor of which the noise alone is most beyond its part of the level."""
         estimate, sigma, factors = self.estimate, self.sensors.sigma, sample.factors
-        if estimate is None or not self.entries or max(factors) <= 1.0:
+        if estimate is None or max(factors) <= 1.0:
             return None
-        parts = integrity(estimate, sample.bias, (1.0,) * len(sigma)).levels(
-            self._reach / self._window.root)
+        parts = self.levels(integrity(estimate, sample.bias, (1.0,) * len(sigma)))
         excess, worst = max((
             MISSED_DETECTION * factors[sensor] * sigma[sensor] * estimate.gain_sizes[sensor]
             / parts[sensor], sensor) for sensor in self.sensors.used)
@@ -227,8 +224,6 @@ class SensorSet:
 
     def fits(self, sample: Sample) -> bool:
         """Whether one sample is consistent, and its orientation continues the last one."""
-        if not self.entries:
-            return False
         try:
             estimate, _ = self._solver.solve(sample.angles, self.sensors, sample.prior)
         except SpmError:
