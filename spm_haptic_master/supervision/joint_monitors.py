@@ -19,8 +19,8 @@ HEALTHY_DEVIATIONS = 5.0
 # Samples after which a quiet joint is on its motion: half a period of 50 Hz at 1 kHz.
 QUIET_SAMPLES = 10
 JITTER_DEVIATIONS = 4.0  # mean deviations of the jitter that a stamp may be off by
-# Measured over configured noise that is counted, and that is a caution (unit 1): what an average
-# over 256 samples does not reach by chance, with 12 bits; jitter of sampling may add a quarter.
+# Ratios of measured to configured noise that count, and that are a caution: more than an average
+# over 256 samples reaches by chance, with 12 bits; jitter of sampling may add a quarter.
 NOISE_FACTOR, NOISE_CAUTION = 1.25, 1.5
 
 

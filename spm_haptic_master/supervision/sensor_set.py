@@ -38,7 +38,7 @@ AGREEMENT_DEVIATIONS = 6.0
 # 30 deg, 0.12 % of the orientation's standard deviation is left (rms), 2.4 % at most.
 REMAINDER = 0.01
 TH3A = 3  # its place among the sensors
-# Smallest share of a sensor's variance in the parity that counts (unit 1).
+# Smallest share of a sensor's variance in the parity that counts.
 VISIBLE_SHARE = 1e-6
 # Largest turn from the last orientation to that of the sensors without a faulty one, beside noise
 # (rad): what a human turns in three samples, and no more than where another solution may be.
@@ -51,7 +51,7 @@ class Solver:
 
     `sigma` are the standard deviations of the N sensors th1A, th1B, th1C, th3A, th3B, th3C, rad;
     `method` is one of `METHODS`; `working_mode` has the signs of B_kk of the legs A, B, C (eq.
-    10), and a solution in another working mode is none.
+    10); a solution in another working mode is rejected.
     """
 
     def __init__(self, geometry: Geometry, sigma: tuple[float, ...],

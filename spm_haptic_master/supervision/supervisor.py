@@ -203,7 +203,7 @@ class Supervisor:
         return self.joints.jumps(self._sensors.used.sensors.used, self._hidden, is_gap)
 
     def _may_exclude(self, sample: Sample) -> bool:
-        """Whether the others can go on without a sensor; three select a solution by the last."""
+        """Whether the others suffice without a sensor; three need a recent orientation."""
         count = self._sensors.used.sensors.count
         return count > self._limits.fewest_sensors and (
             count > FOUR or sample.prior is not None)
@@ -235,7 +235,7 @@ class Supervisor:
         cause = self._unworthy(stamp, worth.deviation, level)
         if cause is not None:
             if not used.entries:
-                # Two solutions of three sensors may meet: only all sensors can go on behind it.
+                # Two solutions of three sensors may meet: only all sensors can select beyond it.
                 latch.latch(cause)
             return self._withhold(stamp, cause)
         if quaternion is not estimate.quaternion:
