@@ -174,3 +174,13 @@ def test_no_undetected_fault_is_beyond_the_level_whatever_the_signs_of_the_biase
     bias, sigma = noise
     rng = np.random.default_rng(1)
     assert 0.1 < largest_error_over_level(sensors, bias, sigma, alert, rng, 10) <= 1.0
+
+
+@pytest.mark.parametrize(('kind', 'rate'), few(['sweep', 'rest', 'turning'], [1000.0, 250.0],
+                                               count=2))
+def test_two_of_four_that_jump_and_cancel_wait_for_an_acknowledgement(kind, rate):
+    half = round(0.5 * rate)
+    found = run(kind, seconds=1.0, rate=rate, change=offset(half, [0, 1], [2.0, -1.87]))
+    # Two readings after a step make it certain.
+    assert not found.published[half + 2:].any()
+    assert found.states[-1] == 'silent: joint_1a and joint_1b jumped, to be acknowledged'

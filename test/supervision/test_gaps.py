@@ -48,3 +48,10 @@ def test_a_stuck_value_that_gaps_interrupt_stays_silent():
     # Twenty equal readings with their gaps.
     assert not outcome.published[index[keep] > 1340].any()
     assert 'joint_3a frozen' in outcome.states[-1]
+
+
+def test_a_known_fault_outlasts_a_gap():
+    outcome = run('singular', seconds=0.5, change=offset(200, 3, 5.0),
+                  times=paused(500, (300, 700)))
+    assert not outcome.published[200:].any()
+    assert outcome.states[-1] == 'silent: joint_3a jumped'

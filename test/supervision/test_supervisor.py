@@ -162,3 +162,13 @@ def test_only_with_its_own_mechanism_a_rig_is_published():
                   geometry__distal_deg=np.degrees(built.betas))
     assert own.published[4:].mean() > 0.99 and own.within_level
     assert Outcome(rotations, readings, rate=250.0).published.mean() < 0.5
+
+
+@pytest.mark.parametrize('sensor', few(SENSORS, count=1))
+def test_a_value_stuck_before_its_noise_is_known_is_detected_by_the_others(sensor):
+    outcome = run('turning', seconds=1.1, spoil=stuck(1000, sensor), seed=sensor)
+    assert outcome.published[5:1000].all()
+    assert not outcome.published[1060:].any()
+    assert outcome.longest_undeclared(sensor) <= 0.02
+    # And wrong by less than the alert limit until then.
+    assert np.nanmax(outcome.error[1000:]) < 0.5
