@@ -12,7 +12,7 @@ every sensor explains it; then the sensor that left its motion alone is the faul
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection
 
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.supervision.joint_monitors import JointMonitors
@@ -155,8 +155,8 @@ class FaultLatch:
         if not lasts and fault is None and (used.entries < 2 or not self.is_series):
             return None
         # One parity shows a second fault, and not which.
-        sensor = None if fault is not None and used.entries < 2 else isolated(
-            self._sensors, sample, symptoms, self._alone, self._evidence)
+        sensor = None if fault is not None and used.entries < 2 else self._isolated(
+            sample, symptoms)
         left = self._joints.left(used.sensors.used)
         if fault is not None:
             self.widen(fault, left, {symptom.sensor for symptom in symptoms}, sensor)
@@ -165,35 +165,28 @@ class FaultLatch:
             self.latch(cause._replace(reason=reason, sensor=sensor), left)
         return sensor
 
+    def _isolated(self, sample: Sample, symptoms: list[Symptom]) -> int | None:
+        """Return the faulty sensor; None if the evidence does not isolate one."""
+        named = {symptom.sensor for symptom in symptoms
+                 if symptom.sensor is not None and symptom.severity > Severity.WITHHOLD}
+        if named:
+            return named.pop() if len(named) == 1 else None
+        sensors, used = self._sensors, self._sensors.used
+        if used.entries < 2:
+            return self._alone[0] if len(self._alone) == 1 else None
+        fitting = [sensor for sensor in used.sensors.used
+                   if sensors.without(sensor, *sensors.left_out).fits(sample)]
+        if len(fitting) < 2 or not self._evidence:
+            return fitting[0] if len(fitting) == 1 else None
+        costs = {sensor: [used.unexplained(sensor, vector) / limit
+                          for vector, limit in self._evidence] for sensor in fitting}
+        explaining = [sensor for sensor in fitting if max(costs[sensor]) <= 1.0]
+        if len(explaining) == 1 or (explaining and used.entries >= ENOUGH_ENTRIES):
+            return min(explaining, key=lambda sensor: sum(costs[sensor]))
+        return None
+
     def latch_suspected(self, jumps: list[Symptom]) -> None:
         """Latch jumps that a pause has hidden; in a series of bad samples they are no evidence."""
         if jumps and self.symptom is None and not self.is_series:
             self.latch(jumps[0] if len(jumps) == 1 else jumps[0]._replace(sensor=None),
                        self._joints.left(self._sensors.used.sensors.used))
-
-
-def isolated(sensors: SensorsInUse, sample: Sample, symptoms: Sequence[Symptom],
-             alone: Sequence[int], evidence: Sequence[tuple[Parity, float]]) -> int | None:
-    """
-    Return the faulty sensor; None if the evidence does not isolate one.
-
-    `alone` are the sensors that left their motion, `evidence` parity vectors and their limits.
-    """
-    named = {symptom.sensor for symptom in symptoms
-             if symptom.sensor is not None and symptom.severity > Severity.WITHHOLD}
-    if named:
-        return named.pop() if len(named) == 1 else None
-    used = sensors.used
-    if used.entries < 2:
-        return alone[0] if len(alone) == 1 else None
-    fitting = [sensor for sensor in used.sensors.used
-               if (others := sensors.without(sensor, *sensors.left_out)) is not None
-               and others.fits(sample)]
-    if len(fitting) < 2 or not evidence:
-        return fitting[0] if len(fitting) == 1 else None
-    costs = {sensor: [used.unexplained(sensor, vector) / limit for vector, limit in evidence]
-             for sensor in fitting}
-    explaining = [sensor for sensor in fitting if max(costs[sensor]) <= 1.0]
-    if len(explaining) == 1 or (explaining and used.entries >= ENOUGH_ENTRIES):
-        return min(explaining, key=lambda sensor: sum(costs[sensor]))
-    return None

@@ -22,7 +22,7 @@ _VELOCITY = 2.0 * BETA * BETA / _TOTAL
 _COVARIANCE = BETA * (2.0 * ALPHA - BETA) / _TOTAL
 
 HOLD = 0.01  # s, longest time that a slow encoder repeats a reading: it has 100 Hz or more
-# Share of repeats of a moving joint above which its encoder is slower than the bus (unit 1), and
+# Share of repeats of a moving joint above which its encoder is slower than the bus, and
 # the samples over which it is averaged.
 HOLD_SHARE, HOLD_SAMPLES = 0.4, 8.0
 FORGET_PERIODS = 5.0  # without a reading, after which the velocity is set anew
@@ -30,7 +30,7 @@ AWAY_SAMPLES = 3  # after which a joint that left its motion is followed from wh
 # Samples for which a step is evidence: the other joints may seem to move in one of them.
 STEP_SAMPLES = 6
 RETURN_TIME = 0.05  # s, in which a joint that left its motion can be found back on it
-# Part of a jump's limit within which a reading is back on the motion (unit 1).
+# Part of a jump's limit within which a reading is back on the motion.
 RETURN_FRACTION = 0.5
 # Standard deviations of the noise, or else a count, that a slow joint moves in a sample at most:
 # its noise can be measured, and equal readings say nothing of its encoder's rate.
@@ -39,7 +39,7 @@ SLOW_DEVIATIONS = 2.0
 # counts for at the start.
 NOISE_SAMPLES, LEARNT_SAMPLES = 256.0, 64.0
 OUTLIER = 16.0  # largest square of a difference, over the mean square, that the noise counts
-# Noise over resolution above which equal readings are rare at every angle (unit 1): two in a row
+# Ratio of noise to resolution above which equal readings are rare at every angle: two in a row
 # have a probability of 0.26 at most, 20 of 2e-12. And changes of the reading up and down after
 # which that is known to be noise: a motion has few.
 NOISY, REVERSALS = 1.5, 500
@@ -235,7 +235,7 @@ class JointMonitor:
 
     def _is_away(self, left: tuple[float, float, float], reading: float, last: float, dt: float,
                  period: float) -> bool:
-        """Compare a reading with the motion that the joint has left; whether that is all."""
+        """Compare a reading with the motion that the joint left; whether the sample is done."""
         angle, velocity, elapsed = left
         elapsed += dt
         innovation = remainder(reading - angle - velocity * elapsed, TURN)

@@ -11,7 +11,6 @@ from math import degrees, inf
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.parameters.fkm import FOUR, Limits
 from spm_haptic_master.supervision.joint_monitor import JointMonitor, Step
-from spm_haptic_master.supervision.sample_clock import JITTER_DEVIATIONS, SampleClock
 from spm_haptic_master.supervision.sensor_set import Angles
 from spm_haptic_master.supervision.symptom import Reason, Severity, Symptom
 
@@ -19,8 +18,9 @@ from spm_haptic_master.supervision.symptom import Reason, Severity, Symptom
 HEALTHY_DEVIATIONS = 5.0
 # Samples after which a quiet joint is on its motion: half a period of 50 Hz at 1 kHz.
 QUIET_SAMPLES = 10
-# Measured over configured noise that is counted, and that is a caution (unit 1): what an average
-# over 256 samples does not reach by chance, with 12 bits; jitter of sampling may add a quarter.
+JITTER_DEVIATIONS = 4.0  # mean deviations of the jitter that a stamp may be off by
+# Ratios of measured to configured noise that count, and that are a caution: more than an average
+# over 256 samples reaches by chance, with 12 bits; jitter of sampling may add a quarter.
 NOISE_FACTOR, NOISE_CAUTION = 1.25, 1.5
 
 
@@ -46,16 +46,16 @@ class JointMonitors:
         self.samples, self._disturbed = 0, [0] * len(sigma)
         self._vibrates = False
 
-    def check(self, angles: Angles, dt: float, clock: SampleClock,
+    def check(self, angles: Angles, dt: float, period: float, jitter: float,
               left_out: Collection[int]) -> tuple[bool, list[Symptom]]:
         """
         Follow each joint's motion; return whether one is away from it, and what those in use show.
 
-        A joint away from its motion is no symptom by itself: see `alone`.
+        `period` is the usual time between samples, `jitter` the mean deviation from it, s. A joint
+        away from its motion is no symptom by itself: see `alone`.
         """
-        period = clock.period or dt
         skew = self._limits.skew
-        timing = skew + JITTER_DEVIATIONS * clock.jitter
+        timing = skew + JITTER_DEVIATIONS * jitter
         away, late = False, skew > 0.0
         symptoms: list[Symptom] = []
         self.samples += 1

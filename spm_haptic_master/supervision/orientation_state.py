@@ -60,11 +60,6 @@ STARTING = OrientationState(Condition.STARTING)
 HEALTHY = OrientationState(Condition.HEALTHY)
 
 
-def degraded(why: str) -> OrientationState:
-    """Return the state of orientations that are published with a reservation."""
-    return OrientationState(Condition.DEGRADED, why)
-
-
 def silent(why: str) -> OrientationState:
     """Return the state in which no orientation is published, for a reason."""
     return OrientationState(Condition.SILENT, why)
@@ -95,7 +90,8 @@ class StateMachine:
         if fault:
             announced = silent(fault)
         elif cause is None:
-            announced = degraded(reservations) if reservations else HEALTHY
+            announced = OrientationState(Condition.DEGRADED, reservations) if reservations \
+                else HEALTHY
         elif published is None and (
                 cause.reason is Reason.STARTING or cause.severity > Severity.WITHHOLD
                 or stamp - self.since < BRIEF):

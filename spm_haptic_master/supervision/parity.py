@@ -53,7 +53,7 @@ class ParityWindow:
         return self._x / count, self._y / count, self._z / count
 
     def limit(self, noise: float, bias: float, samples: float = 1.0) -> float:
-        """Return the limit of the norm of a mean of samples (unit 1)."""
+        """Return the limit of the norm of a mean of samples."""
         return self._threshold * noise / sqrt(samples) + bias
 
     def check(self, stamp: int, parity: tuple[float, ...], noise: float,

@@ -38,7 +38,7 @@ AGREEMENT_DEVIATIONS = 6.0
 # 30 deg, 0.12 % of the orientation's standard deviation is left (rms), 2.4 % at most.
 REMAINDER = 0.01
 TH3A = 3  # its place among the sensors
-# Smallest share of a sensor's variance in the parity that counts (unit 1).
+# Smallest share of a sensor's variance in the parity that counts.
 VISIBLE_SHARE = 1e-6
 # Largest turn from the last orientation to that of the sensors without a faulty one, beside noise
 # (rad): what a human turns in three samples, and no more than where another solution may be.
@@ -51,7 +51,7 @@ class Solver:
 
     `sigma` are the standard deviations of the N sensors th1A, th1B, th1C, th3A, th3B, th3C, rad;
     `method` is one of `METHODS`; `working_mode` has the signs of B_kk of the legs A, B, C (eq.
-    10), and a solution in another working mode is none.
+    10); a solution in another working mode is rejected.
     """
 
     def __init__(self, geometry: Geometry, sigma: tuple[float, ...],
@@ -172,11 +172,9 @@ class SensorSet:
             return None
         return self._window.check(sample.stamp, estimate.parity_vector, worth.noise, worth.bias)
 
-    def levels(self) -> list[float]:
+    def levels(self, worth: Integrity) -> list[float]:
         """Return each mounted sensor's part of the protection level, rad; inf if unchecked."""
-        if self.worth is None:
-            return [inf] * len(self.sensors.sigma)
-        return self.worth.levels(self._reach / self._window.root)
+        return worth.levels(self._reach / self._window.root)
 
     def noise_bounds(self) -> list[float]:
         """
@@ -197,10 +195,9 @@ class SensorSet:
     def too_noisy(self, sample: Sample) -> Symptom | None:
         """Return the sensor whose noise alone exceeds its part of the level most."""
         estimate, sigma, factors = self.estimate, self.sensors.sigma, sample.factors
-        if estimate is None or not self.entries or max(factors) <= 1.0:
+        if estimate is None or max(factors) <= 1.0:
             return None
-        parts = integrity(estimate, sample.bias, (1.0,) * len(sigma)).levels(
-            self._reach / self._window.root)
+        parts = self.levels(integrity(estimate, sample.bias, (1.0,) * len(sigma)))
         excess, worst = max((
             MISSED_DETECTION * factors[sensor] * sigma[sensor] * estimate.gain_sizes[sensor]
             / parts[sensor], sensor) for sensor in self.sensors.used)
@@ -227,8 +224,6 @@ class SensorSet:
 
     def fits(self, sample: Sample) -> bool:
         """Whether one sample is consistent, and its orientation continues the last one."""
-        if not self.entries:
-            return False
         try:
             estimate, _ = self._solver.solve(sample.angles, self.sensors, sample.prior)
         except SpmError:

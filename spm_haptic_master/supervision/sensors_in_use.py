@@ -51,18 +51,17 @@ class SensorsInUse:
         for each in self._sets.values():
             each.restart()
 
-    def without(self, *left_out: int) -> SensorSet | None:
-        """Return the set without some sensors; None if fewer than three are left."""
+    def without(self, *left_out: int) -> SensorSet:
+        """Return the set without some sensors: three are left at least."""
         key = tuple(sorted(set(left_out)))
-        if len(self._gone) - len(key) < THREE:
-            return None
         if key not in self._sets:
             self._sets[key] = self._make(key)
         return self._sets[key]
 
     def _update(self) -> None:
         self.left_out = tuple(sorted({*self.missing, *self.distrusted}))
-        self.used = self.without(*self.left_out) or self.used
+        if len(self._gone) - len(self.left_out) >= THREE:
+            self.used = self.without(*self.left_out)
         self.words = ', '.join(f'{ALL_JOINT_NAMES[place]} {self.distrusted[place].word}'
                                for place in sorted(self.distrusted))
 
@@ -99,8 +98,8 @@ class SensorsInUse:
         """
         for sensor in [each for each in self.distrusted if each not in self.missing]:
             trial, distrust = self.without(*{*self.left_out} - {sensor}), self.distrusted[sensor]
-            agrees = trial is not None and not bad and trial.take(sample) is None \
-                and trial.levels()[sensor] <= alert_limit \
+            agrees = not bad and trial.take(sample) is None and trial.worth is not None \
+                and trial.levels(trial.worth)[sensor] <= alert_limit \
                 and ((noisy := trial.too_noisy(sample)) is None or noisy.sensor != sensor)
             distrust.agreed = distrust.agreed + dt if agrees else 0.0
             if distrust.agreed >= distrust.time:

@@ -22,12 +22,15 @@ from spm_haptic_master.supervision.exposure import Exposure
 from spm_haptic_master.supervision.fault import FaultLatch
 from spm_haptic_master.supervision.joint_monitors import JointMonitors
 from spm_haptic_master.supervision.orientation_state import HEALTHY, OrientationState, StateMachine
-from spm_haptic_master.supervision.sample_clock import SampleClock
 from spm_haptic_master.supervision.sensor_set import Angles, Sample, SensorSet, Solver
 from spm_haptic_master.supervision.sensors_in_use import SensorsInUse
 from spm_haptic_master.supervision.symptom import Reason, Symptom, withheld, worst
 
 GAP_PERIODS = 5.0  # without a sample, which may hide whether a jump was a step
+RESTART_GAP = 0.5  # s; the motion before such a gap is of no use
+OLDER_SAMPLES = 100  # consecutive samples with older stamps: the clock was set back
+PERIOD_SAMPLES = 50.0  # over which period and jitter are averaged
+LONGEST_GAP = 20.0  # periods that a longer gap counts for in the average
 NOISE_PERIOD = 16  # samples between two evaluations of the noise
 # What `state` says of a series of bad samples while the others go out.
 SERIES = 'inconsistent angles again and again'
@@ -42,6 +45,52 @@ class Verdict(NamedTuple):
     # may cause; infinite where the sample is withheld.
     protection_level: float
     cause: Symptom | None = None  # why the sample is withheld
+
+
+class SampleClock:
+    """
+    Times between samples.
+
+    `stamp` is the latest stamp, ns, None before the first; `period` the usual time between
+    samples, s, 0 before the second; `jitter` the mean deviation from it, s.
+    """
+
+    def __init__(self) -> None:
+        self.stamp: int | None = None
+        # Stamps in a row that went back.
+        self._older = 0
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget the period."""
+        self.period = self.jitter = 0.0
+
+    def step(self, stamp: int) -> float:
+        """
+        Return the time since the last sample, s, and take the stamp in.
+
+        0 at the first sample, infinite after a gap that ends the motion, negative where the stamp
+        does not grow (it is not taken in then), negative infinite once that shows that the clock
+        was set back: the next sample is then the first one.
+        """
+        if self.stamp is None:
+            self.stamp = stamp
+            return 0.0
+        dt = (stamp - self.stamp) * 1e-9
+        if dt <= 0.0:
+            self._older += 1
+            if self._older < OLDER_SAMPLES:
+                return dt or -1e-9
+            self.stamp, self._older = None, 0
+            return -inf
+        self.stamp, self._older = stamp, 0
+        if dt > RESTART_GAP:
+            return inf
+        period = self.period or dt
+        self.period = period + (min(dt, LONGEST_GAP * period) - period) / PERIOD_SAMPLES
+        if dt < 1.5 * period:
+            self.jitter += (abs(dt - period) - self.jitter) / PERIOD_SAMPLES
+        return dt
 
 
 class Supervisor:
@@ -79,13 +128,14 @@ class Supervisor:
         `stamp` is its time, ns, which has to grow; `angles` are th1A, th1B, th1C, th3A, and th3B
         and th3C of such sensors, rad; NaN of a sensor without a reading.
         """
-        dt = self._clock.step(stamp)
+        clock = self._clock
+        dt = clock.step(stamp)
         if dt < 0.0:
             if dt == -inf:
                 self._restart()
             return self._withhold(stamp, withheld(Reason.OLD, f'{-dt:.6f} s older'))
         sensors, joints = self._sensors, self.joints
-        is_gap = dt > GAP_PERIODS * self._clock.period > 0.0
+        is_gap = dt > GAP_PERIODS * clock.period > 0.0
         suspected = self._jumps(True) if is_gap else []
         if dt == inf:
             self.latch.latch_suspected(suspected)
@@ -95,7 +145,8 @@ class Supervisor:
             cause = sensors.note(angles)
             if cause is not None:
                 return self._withhold(stamp, cause)
-        away, symptoms = joints.check(angles, dt, self._clock, sensors.left_out)
+        away, symptoms = joints.check(
+            angles, dt, clock.period or dt, clock.jitter, sensors.left_out)
         used = sensors.used
         # As Sample(...) and Verdict(...) do, without their calls.
         sample = tuple.__new__(Sample, (
@@ -172,7 +223,7 @@ class Supervisor:
         quaternion = self._anchor.follow(stamp, estimate.quaternion)
         # A fault of one sensor with which all fit another orientation needs a single parity.
         right = self._anchor.confirmed or used.entries > 1
-        parts = self.parts = used.levels()
+        parts = self.parts = used.levels(worth)
         level = self._exposure.take(stamp, parts, self.alert_limit, right, worth.healthy)
         if latch.symptom is not None:
             # Not onto another orientation with which all angles fit.

@@ -32,7 +32,7 @@ FADE_LONGEST = 0.1
 # Largest deviation of a pose's squared norm from 1 (unit 1): a controller in single precision
 # passes, a quaternion of zeros or of other numbers does not.
 NORM_TOLERANCE = 1e-3
-# Offset that is none (rad): far below what any encoder resolves.
+# Offset that counts as none (rad): far below the resolution of any encoder.
 ALIGNED = 1e-9
 ZERO: Vector[float] = (0.0, 0.0, 0.0)
 

@@ -53,15 +53,11 @@ class Conditions:
 class Inputs:
     """The latest of each input and its age; only a unit quaternion counts as a rotation."""
 
-    # Times at which rotations and presence came, and the slave came to rest: set with these, s.
-    _master_at: float
-    _slave_at: float
-    _rest_at: float
-    present_at: float
-
     def __init__(self, conditions: Conditions) -> None:
         self._conditions = conditions
         self.now = 0.0  # time that has passed, s
+        # Times at which rotations and presence came, and the slave came to rest, s.
+        self._master_at = self._slave_at = self._rest_at = self.present_at = -inf
         # Rotations of master and slave in the slave's base frame.
         self.master: Quaternion[float] | None = None
         self.slave: Quaternion[float] | None = None
@@ -77,11 +73,9 @@ class Inputs:
     def take_master(self, quaternion: Quaternion[float]) -> None:
         """Take the master's rotation in its own base frame."""
         master = unit_quaternion(quaternion)
-        if master is None:
-            self.master = None
-            return
-        self.master = multiply_quaternions(self._conditions.registration, master)
         self._master_at = self.now
+        self.master = None if master is None else multiply_quaternions(
+            self._conditions.registration, master)
 
     def take_slave(self, quaternion: Quaternion[float]) -> None:
         """Take the slave's measured rotation."""

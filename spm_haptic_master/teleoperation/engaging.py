@@ -30,8 +30,8 @@ from spm_haptic_master.teleoperation.conditions import (
 )
 from spm_haptic_master.timing import SECOND, StampGrid
 
-# Time (s) beyond the longest step whose commands may go out at once: what a computer without real
-# time delays now and then. How much faster than it passes the time grows back (unit 1).
+# Largest backlog (s) of commands that may go out at once beyond the longest step: a computer
+# without real time delays that much now and then. Factor at which that time grows back.
 BURST, GROWTH = 0.01, 1.25
 
 

@@ -100,16 +100,6 @@ def test_with_start_checked_nothing_is_published_before_every_sensor_was_checked
 
 # Several sensors ------------------------------------------------------------------------------
 
-@pytest.mark.parametrize(('kind', 'rate'), few(['sweep', 'rest', 'turning'], [1000.0, 250.0],
-                                               count=2))
-def test_two_of_four_that_jump_and_cancel_wait_for_an_acknowledgement(kind, rate):
-    half = round(0.5 * rate)
-    found = run(kind, seconds=1.0, rate=rate, change=offset(half, [0, 1], [2.0, -1.87]))
-    # Two readings after a step make it certain.
-    assert not found.published[half + 2:].any()
-    assert found.states[-1] == 'silent: joint_1a and joint_1b jumped, to be acknowledged'
-
-
 def test_two_sensors_that_jump_during_another_fault_stay_one_as_well():
     """A disturbance below a jump latches first, and is gone before the two sensors slip."""
     found = run('rest', seconds=2.5, change=every(
@@ -117,18 +107,6 @@ def test_two_sensors_that_jump_during_another_fault_stay_one_as_well():
     assert not found.published[500:].any()
     assert 'silent: inconsistent angles, sensor undetermined' in found.states
     assert 'acknowledged' in found.states[-1]
-
-
-@pytest.mark.parametrize('sensors', few([4, 6, 5], count=2))
-def test_while_each_twelfth_sample_is_a_spike_the_state_is_not_healthy(sensors):
-    """A hundred consistent samples of four end it."""
-    def spikes(readings):
-        readings[100:500:12, 1] += np.radians(5.0)
-    found = run('turning', sensors, 0.7, spoil=spikes)
-    assert any(text.startswith('degraded: ') for text in found.states)
-    assert found.published[100:].mean() > 0.9 and found.within_level
-    last = found.result.state[-1]
-    assert sensors > 4 or last[1] == 'healthy' and 590 < last[0] < 610, last
 
 
 # Unchecked ------------------------------------------------------------------------------------
@@ -196,3 +174,13 @@ def test_no_undetected_fault_is_beyond_the_level_whatever_the_signs_of_the_biase
     bias, sigma = noise
     rng = np.random.default_rng(1)
     assert 0.1 < largest_error_over_level(sensors, bias, sigma, alert, rng, 10) <= 1.0
+
+
+@pytest.mark.parametrize(('kind', 'rate'), few(['sweep', 'rest', 'turning'], [1000.0, 250.0],
+                                               count=2))
+def test_two_of_four_that_jump_and_cancel_wait_for_an_acknowledgement(kind, rate):
+    half = round(0.5 * rate)
+    found = run(kind, seconds=1.0, rate=rate, change=offset(half, [0, 1], [2.0, -1.87]))
+    # Two readings after a step make it certain.
+    assert not found.published[half + 2:].any()
+    assert found.states[-1] == 'silent: joint_1a and joint_1b jumped, to be acknowledged'

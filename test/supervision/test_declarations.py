@@ -32,16 +32,6 @@ def test_the_level_is_the_largest_part_and_that_of_healthy_sensors_at_least():
     assert min(rig.supervisor.unchecked()) > 0.0
 
 
-def test_after_a_restart_the_level_falls_while_the_window_fills_and_no_sensor_is_checked():
-    rig = settled()
-    before = rig.verdict.protection_level
-    rig.sample(after=600)
-    assert rig.state == 'starting' and rig.supervisor.unchecked() == (inf,) * 4
-    levels = [rig.sample().protection_level for _ in range(100)]
-    assert levels[4] > 1.1 * before
-    assert levels[-1] == pytest.approx(before, rel=0.01)
-
-
 def test_another_method_adds_its_distance_to_every_part():
     usual, theta3a = settled(), settled(solver='theta3a')
     apart = rotation_distance(usual.verdict.estimate.quaternion,

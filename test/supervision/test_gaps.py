@@ -9,13 +9,6 @@ import pytest
 from rig import few
 
 
-def test_a_known_fault_outlasts_a_gap():
-    outcome = run('singular', seconds=0.5, change=offset(200, 3, 5.0),
-                  times=paused(500, (300, 700)))
-    assert not outcome.published[200:].any()
-    assert outcome.states[-1] == 'silent: joint_3a jumped'
-
-
 @pytest.mark.parametrize(('place', 'gap', 'wrong'), few(
     ['singular', 'rest', 'sweep'], [6, 20, 200, 700], [1, 2], count=6))
 def test_a_jump_that_a_gap_interrupts_does_not_come_through_after_it(place, gap, wrong):
@@ -57,9 +50,8 @@ def test_a_stuck_value_that_gaps_interrupt_stays_silent():
     assert 'joint_3a frozen' in outcome.states[-1]
 
 
-@pytest.mark.parametrize('gap', [200, 450, 2000])
-def test_after_a_gap_jumps_are_detected_as_before(gap):
-    outcome = run('singular', seconds=1.0, change=offset(530, 3, 1.0),
-                  times=paused(1000, (500, gap)))
-    assert outcome.published[505:530].all() and not outcome.published[530:].any()
-    assert 'joint_3a jumped' in outcome.states[-1]
+def test_a_known_fault_outlasts_a_gap():
+    outcome = run('singular', seconds=0.5, change=offset(200, 3, 5.0),
+                  times=paused(500, (300, 700)))
+    assert not outcome.published[200:].any()
+    assert outcome.states[-1] == 'silent: joint_3a jumped'

@@ -5,8 +5,9 @@
 
 import pytest
 from spm_haptic_master.supervision.orientation_state import (
-    degraded,
+    Condition,
     HEALTHY,
+    OrientationState,
     read_state,
     received_state,
     silent,
@@ -16,7 +17,7 @@ from spm_haptic_master.supervision.orientation_state import (
 WORDS = {
     'starting': STARTING,
     'healthy': HEALTHY,
-    'degraded: joint_3b missing': degraded('joint_3b missing'),
+    'degraded: joint_3b missing': OrientationState(Condition.DEGRADED, 'joint_3b missing'),
     'silent: 2 publishers on measured_js: fkm, other': silent(
         '2 publishers on measured_js: fkm, other'),
 }

@@ -4,7 +4,7 @@
 """The usual time between samples, and its jitter."""
 
 import pytest
-from spm_haptic_master.supervision.sample_clock import SampleClock
+from spm_haptic_master.supervision.supervisor import SampleClock
 
 MS = 1_000_000
 
@@ -26,6 +26,7 @@ def test_period_and_jitter_are_averages():
     assert clock.jitter == pytest.approx(0.2e-3, rel=0.02)
 
 
-def test_a_gap_counts_for_twenty_periods_at_most_and_for_no_jitter():
+def test_a_gap_counts_for_twenty_periods_at_most_and_a_lost_sample_for_no_jitter():
     clock = after(MS, 400 * MS)
     assert clock.period == pytest.approx(1e-3 * (1.0 + 19.0 / 50.0)) and clock.jitter == 0.0
+    assert after(MS, 2 * MS).jitter == 0.0

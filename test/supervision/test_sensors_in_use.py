@@ -56,9 +56,3 @@ def test_an_excluded_sensor_need_not_be_checked():
     rig = Rig(6, unchecked_limit=0.1, start_checked=True)
     assert rig.samples(300, th1b=5.0)[30:] == [None] * 270
     assert rig.state == 'degraded: joint_1b excluded'
-
-
-def test_several_sensors_are_named_in_their_order():
-    rig = Rig(6, alert_limit_deg=5.0)
-    rig.samples(3, th3c=nan, th1c=nan)
-    assert rig.state == 'degraded: joint_1c missing, joint_3c missing'

@@ -98,8 +98,3 @@ def test_where_the_motion_was_lost_three_sensors_give_no_orientation(after):
     rig.sample(after=after, **WRONG)
     assert rig.errors(400, **WRONG) == []
     assert rig.state.startswith('silent')
-
-
-@pytest.mark.parametrize(('samples', 'size'), [(100, 1.0), (100, 20.0), (20, 5.0)])
-def test_a_second_sensor_that_jumps_is_silence(samples, size):
-    assert degraded(samples).errors(100, **WRONG, th3a=size)[1:] == []
