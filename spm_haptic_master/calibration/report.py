@@ -13,13 +13,7 @@ from pathlib import Path
 
 import numpy as np
 from spm_haptic_master.calibration.calibration_file import write_bytes, write_text
-from spm_haptic_master.calibration.motion.calibration import (
-    MotionCalibration,
-    Origin,
-    rms,
-    Verdict,
-    zero_counts,
-)
+from spm_haptic_master.calibration.motion import calibration
 from spm_haptic_master.calibration.motion.coverage import around_middle, variances
 from spm_haptic_master.calibration.motion.model import Array, GROUPS
 from spm_haptic_master.exceptions import InputError
@@ -39,7 +33,7 @@ def report_paths(output: Path) -> tuple[Path, Path]:
     return found
 
 
-def write_report(output: Path, verdict: Verdict) -> str:
+def write_report(output: Path, verdict: calibration.Verdict) -> str:
     """
     Write the report beside the parameter file; return a text that names it.
 
@@ -65,7 +59,7 @@ def checksum(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def _text(verdict: Verdict, file: Path, picture: str) -> str:
+def _text(verdict: calibration.Verdict, file: Path, picture: str) -> str:
     """Return one page of Markdown, with the verdict in its first line; the picture is Markdown."""
     c, origin = verdict.calibration, verdict.origin
     cautions = ''.join(f'**CAUTION**: {caution}.\n\n' for caution in c.cautions)
@@ -92,7 +86,7 @@ Left as drawn: {_left(c)}. What would determine more: {c.advice}.
 """
 
 
-def _made_from(c: MotionCalibration, origin: Origin, file: Path) -> str:
+def _made_from(c: calibration.MotionCalibration, origin: calibration.Origin, file: Path) -> str:
     readings = c.readings
     return _table(('', ''), (
         ('recording', _code(origin.recording)),
@@ -104,13 +98,13 @@ def _made_from(c: MotionCalibration, origin: Origin, file: Path) -> str:
         ('SHA-256 of the parameter file', _code(checksum(file))),
         ('sets of readings', f'{readings.sets} in {readings.seconds[-1]:.1f} s, of which '
          f'{readings.spikes} left out as spikes and {100.0 * c.cut:.1f} % cut'),
-        ('parity', f'{degrees(rms(c.parity)):.4f} deg rms, as drawn '
-         f'{degrees(rms(c.parity_before)):.4f}, white noise {degrees(rms(c.readings.sigma)):.4f}'
-         )))
+        ('parity', f'{degrees(calibration.rms(c.parity)):.4f} deg rms, as drawn '
+         f'{degrees(calibration.rms(c.parity_before)):.4f}, white noise '
+         f'{degrees(calibration.rms(c.readings.sigma)):.4f}')))
 
 
-def _encoders(c: MotionCalibration, origin: Origin) -> str:
-    zeros, _ = zero_counts(c, origin.counts_per_turn)
+def _encoders(c: calibration.MotionCalibration, origin: calibration.Origin) -> str:
+    zeros, _ = calibration.zero_counts(c, origin.counts_per_turn)
     deviation = c.deviations[c.layout.slices['zeros']]
     angles = c.model.corrected(c.turned, c.vector)
     moved = np.degrees([around_middle(angle) for angle in angles.T])
@@ -124,7 +118,7 @@ def _encoders(c: MotionCalibration, origin: Origin) -> str:
                    'noise, deg', 'bias, deg', 'moved through, deg'), rows)
 
 
-def _mechanism(c: MotionCalibration) -> str:
+def _mechanism(c: calibration.MotionCalibration) -> str:
     layout = c.layout
     links, base, platform = map(layout.columns, ('links', 'base axes', 'platform axes'))
     names = [*(layout.names[column] for column in links),
@@ -151,13 +145,13 @@ def _angles(geometry: Geometry) -> Array:
     return np.concatenate([geometry.alphas, geometry.betas, between.ravel()])
 
 
-def _note(c: MotionCalibration, columns: Iterable[int]) -> str:
+def _note(c: calibration.MotionCalibration, columns: Iterable[int]) -> str:
     """Return a note on parameters that are not all estimated."""
     left = set(columns).difference(c.estimated)
     return '' if not left else 'partly as drawn' if left < set(columns) else 'as drawn'
 
 
-def _left(c: MotionCalibration) -> str:
+def _left(c: calibration.MotionCalibration) -> str:
     reasons = [f'{group} ({reason})' for group, reason in c.left.items()]
     for group in GROUPS:
         alone = [c.layout.names[column] for column in c.layout.columns(group)

@@ -9,12 +9,7 @@ from math import cos, pi, radians, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
-from spm_haptic_master.kinematics import (
-    dexterity,
-    Geometry,
-    parallel_determinant,
-    workspace_pose,
-)
+from spm_haptic_master import kinematics
 from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.workspace import changes_of_sign
 
@@ -37,19 +32,19 @@ UNREACHABLE = np.array([200, 200, 200], dtype=np.uint8)
 class WorkspaceMap:
     """The map; `axes` are its tiles, unit vectors in the base frame, (TILES, 3)."""
 
-    def __init__(self, geometry: Geometry, working_mode: WorkingMode) -> None:
+    def __init__(self, geometry: kinematics.Geometry, working_mode: WorkingMode) -> None:
         self._geometry, self._working_mode = geometry, working_mode
         number = np.arange(TILES) + 0.5
         # Equal areas of the sphere.
         self._tilts = np.arccos(1.0 - (1.0 - cos(HALF_ANGLE)) * number / TILES)
         self._azimuths = np.mod(GOLDEN_ANGLE * number, 2.0 * pi)
-        self.axes: NDArray[np.float64] = workspace_pose(
+        self.axes: NDArray[np.float64] = kinematics.workspace_pose(
             self._tilts, self._azimuths, 0.0)[..., 2]
 
     def colours(self, phi: float) -> NDArray[np.uint8]:
         """Return the tiles' colours, shape (TILES, 3), by the dexterity of three sensors."""
-        eta = dexterity(workspace_pose(self._tilts, self._azimuths, phi), self._geometry,
-                        self._working_mode)
+        poses = kinematics.workspace_pose(self._tilts, self._azimuths, phi)
+        eta = kinematics.dexterity(poses, self._geometry, self._working_mode)
         reached = np.isfinite(eta)
         steps = np.linspace(0.0, FULL, len(COLOURS))
         colours = np.stack([np.interp(np.where(reached, eta, 0.0), steps, channel)
@@ -59,11 +54,12 @@ class WorkspaceMap:
     def singular_axes(self, phi: float) -> NDArray[np.float64]:
         """Return the platform axes at a parallel singularity, unit vectors, shape (n, 3)."""
         here, there, one, other = changes_of_sign(
-            lambda points: parallel_determinant(
-                workspace_pose(points[0], points[1], phi), self._geometry, self._working_mode),
+            lambda points: kinematics.parallel_determinant(
+                kinematics.workspace_pose(points[0], points[1], phi), self._geometry,
+                self._working_mode),
             HALF_ANGLE, RAYS, CIRCLES)
         tilts, azimuths = (1.0 - one / (one - other)) * here + one / (one - other) * there
-        axes: NDArray[np.float64] = workspace_pose(tilts, azimuths, phi)[..., 2]
+        axes: NDArray[np.float64] = kinematics.workspace_pose(tilts, azimuths, phi)[..., 2]
         return axes
 
 

@@ -6,14 +6,7 @@
 from __future__ import annotations
 
 from spm_haptic_master.executables import FOLLOWER, PIPELINE
-from spm_haptic_master.parameters.encoders import (
-    CAN_SETTINGS,
-    COUNTS_PER_TURN_SETTING,
-    FIRST_HARMONIC_SETTINGS,
-    MEASURED_SETTINGS,
-    REPLAY_SETTINGS,
-    TABLE_SETTINGS,
-)
+from spm_haptic_master.parameters import encoders
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.geometry import MECHANISM_SETTINGS, MOUNTING_SETTINGS
 from spm_haptic_master.parameters.setting import (
@@ -47,13 +40,13 @@ MOTION_SETTINGS = (
     *MECHANISM_SETTINGS,
 )
 
-SIM_SETTINGS = (RATE_SETTING, *MOTION_SETTINGS, COUNTS_PER_TURN_SETTING, *FIRST_HARMONIC_SETTINGS,
-                *TABLE_SETTINGS)
+SIM_SETTINGS = (RATE_SETTING, *MOTION_SETTINGS, encoders.COUNTS_PER_TURN_SETTING,
+                *encoders.FIRST_HARMONIC_SETTINGS, *encoders.TABLE_SETTINGS)
 # Settings of each source, by its name; encoders need no mechanism, but their driver reports it.
 SOURCE_SETTINGS = {
     'sim': (*SIM_SETTINGS, JOINTS_FRAME_SETTING),
-    'replay': (*REPLAY_SETTINGS, *MECHANISM_SETTINGS, JOINTS_FRAME_SETTING),
-    'can': (*CAN_SETTINGS, *MECHANISM_SETTINGS, JOINTS_FRAME_SETTING),
+    'replay': (*encoders.REPLAY_SETTINGS, *MECHANISM_SETTINGS, JOINTS_FRAME_SETTING),
+    'can': (*encoders.CAN_SETTINGS, *MECHANISM_SETTINGS, JOINTS_FRAME_SETTING),
 }
 
 SOURCE_SETTING = Setting(
@@ -271,5 +264,5 @@ ALL_NAMES = {setting.name for node in ('master', *NODE_SETTINGS)
 # Names in which two files have to agree: the bus, and how the encoders are read. What a
 # calibration measures is its own.
 BUS_AND_LAYOUT = {SOURCE_SETTING.name, *(
-    setting.name for setting in CAN_SETTINGS
-    if setting not in MEASURED_SETTINGS and setting != CALIBRATION_SETTING)}
+    setting.name for setting in encoders.CAN_SETTINGS
+    if setting not in encoders.MEASURED_SETTINGS and setting != CALIBRATION_SETTING)}

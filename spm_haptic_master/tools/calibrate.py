@@ -11,12 +11,7 @@ from math import degrees, radians
 from pathlib import Path
 
 import numpy as np
-from spm_haptic_master.calibration.calibration_file import (
-    calibration_text,
-    check_output,
-    read_calibration,
-    write_text,
-)
+from spm_haptic_master.calibration import calibration_file
 from spm_haptic_master.calibration.jig import (
     calibrate,
     Calibration,
@@ -76,8 +71,8 @@ def main(args: list[str]) -> int:
     if source == 'replay' and len(poses) > 1:
         raise InputError(f'--pose is given {len(poses)} times; expected once for a recording: run '
                          'calibrate again, with --force, for the recording at the next pose')
-    check_output(options.output, options.force)
-    before = read_calibration(options.output) if options.output.exists() else None
+    calibration_file.check_output(options.output, options.force)
+    before = calibration_file.read_calibration(options.output) if options.output.exists() else None
     if before is not None:
         # What is not given is as in the file: a calibration belongs to its mechanism.
         given = {name: value for name, value in read_parameters(options.output).items()
@@ -110,7 +105,7 @@ def main(args: list[str]) -> int:
         stations, values['encoders.direction'], counts_per_turn,
         datetime.now().astimezone().isoformat(timespec='seconds'), bias,
         radians(options.tolerance), before)
-    write_text(options.output, calibration_text(calibration, {
+    calibration_file.write_text(options.output, calibration_file.calibration_text(calibration, {
         name: value for name, value in (values | mechanism).items() if name in KEPT
         and (any(value) if KEPT[name] is None else value != KEPT[name])}))
     _report(options.output, calibration, replaced=before)

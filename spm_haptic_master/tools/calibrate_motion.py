@@ -15,14 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from spm_haptic_master import kinematics
 from spm_haptic_master.calibration.calibration_file import check_output, write_text
 from spm_haptic_master.calibration.jig import read_still
-from spm_haptic_master.calibration.motion.calibration import (
-    motion_text,
-    MotionCalibration,
-    Origin,
-    Verdict,
-)
+from spm_haptic_master.calibration.motion import calibration
 from spm_haptic_master.calibration.motion.free_motion import calibrate_motion, Guide
 from spm_haptic_master.calibration.motion.model import Array, Layout
 from spm_haptic_master.calibration.motion.outside_reference import Mounted, mounted
@@ -31,38 +27,16 @@ from spm_haptic_master.calibration.report import checksum, report_paths, write_r
 from spm_haptic_master.encoders.encoder_layout import TURN
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import CalibrationError, InputError
-from spm_haptic_master.kinematics import (
-    matrix_from_quaternion,
-    matrix_from_zxz,
-    quaternion_from_matrix,
-    zxz_from_matrix,
-)
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
-from spm_haptic_master.parameters.encoders import (
-    ACCEPT_SETTING,
-    CAN_SETTINGS,
-    for_sensors,
-    HARMONIC_SETTINGS,
-    LAYOUT_SETTINGS,
-    sensors_of,
-    VERIFIED_SETTING,
-)
+from spm_haptic_master.parameters import encoders
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.geometry import geometry_from, MECHANISM_SETTINGS
 from spm_haptic_master.parameters.nodes import DRIVER_NAMES, SOURCE_SETTINGS
 from spm_haptic_master.parameters.setting import CALIBRATION_SETTING, SENSORS_SETTING
 from spm_haptic_master.simulation.source_factory import source_text
-from spm_haptic_master.tools import command_line
+from spm_haptic_master.tools import command_line, motion_source
 from spm_haptic_master.tools.calibration_verdict import FkmValues, published_share, supported
 from spm_haptic_master.tools.command_line import ProgressBar
-from spm_haptic_master.tools.motion_source import (
-    Evaluate,
-    given_for_motion,
-    read_motion,
-    record_pose,
-    wait_for_pose,
-    with_trouble,
-)
 from spm_haptic_master.validation.alignment import align, interpolate
 from spm_haptic_master.validation.recordings import read_capture
 
@@ -79,14 +53,14 @@ CAPTURE_PERIOD = 0.25
 # Least number of captured orientations.
 CAPTURED_MINIMUM = 20
 # Settings that the calibration's file has in any case.
-DETERMINED = {CALIBRATION_SETTING.name, SENSORS_SETTING.name, VERIFIED_SETTING.name,
-              ACCEPT_SETTING.name, 'encoders.direction', 'encoders.zero_count',
-              'encoders.counts_per_turn', *(setting.name for setting in HARMONIC_SETTINGS)}
+DETERMINED = {CALIBRATION_SETTING.name, SENSORS_SETTING.name, encoders.VERIFIED_SETTING.name,
+              encoders.ACCEPT_SETTING.name, 'encoders.direction', 'encoders.zero_count',
+              'encoders.counts_per_turn', *(each.name for each in encoders.HARMONIC_SETTINGS)}
 
 
 def run(options: argparse.Namespace) -> int:
     """Calibrate from free motion; errors as SpmError."""
-    source, both = given_for_motion(options, 'calibrate')
+    source, both = motion_source.given_for_motion(options, 'calibrate')
     given = {name: value for name, value in both.items() if name in DRIVER_NAMES}
     output = options.output
     if output is None:
@@ -94,7 +68,7 @@ def run(options: argparse.Namespace) -> int:
     for path in (output, *report_paths(output)):
         check_output(path, options.force)
     _check_references(options, source)
-    sensors = sensors_of(given)
+    sensors = encoders.sensors_of(given)
     values = command_line.checked(
         given | raw_counts(sensors) | {'encoders.direction_verified': (True,) * sensors},
         SOURCE_SETTINGS[source], source)
@@ -103,7 +77,7 @@ def run(options: argparse.Namespace) -> int:
                     radians(options.mechanism_tolerance), radians(options.harmonic_tolerance))
     seconds = options.seconds or SECONDS_DEFAULT
     with _guidance_topic(options.remap) as publish:
-        stamps, angles = read_motion(
+        stamps, angles = motion_source.read_motion(
             source, values, options.seconds, SECONDS_DEFAULT, 'move the handle through its whole '
             'workspace: tilt it in all directions and turn it both ways,\ncalibrate: for '
             f'{seconds:g} s at most; Ctrl-C ends the recording and keeps it',
@@ -118,7 +92,7 @@ def run(options: argparse.Namespace) -> int:
     if options.pose or options.capture is not None:
         mounting = _mounted_by(options, source, values, found)
         found = mounting.calibration
-    origin = Origin(
+    origin = calibration.Origin(
         datetime.now().astimezone().isoformat(timespec='seconds'),
         source_text(source, values).removeprefix('replay: '),
         checksum(Path(values['replay.path'])) if source == 'replay' else '',
@@ -129,8 +103,8 @@ def run(options: argparse.Namespace) -> int:
     with ProgressBar('calibrate') as bar:
         found, limit = supported(found, fkm)
         share = published_share(found, (stamps, angles), fkm, bar.stage)
-    verdict = Verdict(found, origin, limit, share, options.target)
-    write_text(output, motion_text(verdict))
+    verdict = calibration.Verdict(found, origin, limit, share, options.target)
+    write_text(output, calibration.motion_text(verdict))
     _print(output, write_report(output, verdict), verdict)
     if mounting is not None:
         _print_mounting(mounting)
@@ -149,7 +123,7 @@ def _check_references(options: argparse.Namespace, source: str) -> None:
 
 
 def _mounted_by(options: argparse.Namespace, source: str, values: dict[str, Any],
-                found: MotionCalibration) -> Mounted:
+                found: calibration.MotionCalibration) -> Mounted:
     """Return a calibration with the mounting by a jig's poses or a motion capture."""
     if options.capture is not None:
         turned, outside = _captured(options, found)
@@ -159,19 +133,19 @@ def _mounted_by(options: argparse.Namespace, source: str, values: dict[str, Any]
     rows = []
     for number, (pose, recording) in enumerate(zip(options.pose, recordings, strict=True), 1):
         if recording is None:
-            wait_for_pose(number, len(options.pose), pose)
-        counts = record_pose(
+            motion_source.wait_for_pose(number, len(options.pose), pose)
+        counts = motion_source.record_pose(
             source, values | ({} if recording is None else {'replay.path': str(recording)}),
             JIG_SECONDS)
         rows.append(read_still(counts, per_turn, radians(options.noise_limit),
                                radians(options.drift_limit))[0])
     return mounted(found, np.array(rows) * TURN / np.array(per_turn) * np.array(found.direction),
-                   matrix_from_zxz(*np.radians(options.pose).T),
+                   kinematics.matrix_from_zxz(*np.radians(options.pose).T),
                    radians(options.jig_error or JIG_SIGMA))
 
 
 def _captured(options: argparse.Namespace,
-              found: MotionCalibration) -> tuple[Array, Array]:
+              found: calibration.MotionCalibration) -> tuple[Array, Array]:
     """Return readings by their directions, and captured orientations, at the same times."""
     capture = read_capture(options.capture, options.capture_topic)
     if capture.values.shape[1] != len('xyzw'):
@@ -179,7 +153,7 @@ def _captured(options: argparse.Namespace,
                          'qw), as the motion capture computes it')
     seconds = found.readings.seconds
     known = np.isfinite(found.rotation).all(axis=(1, 2))
-    times, quaternions = seconds[known], quaternion_from_matrix(found.rotation[known])
+    times, quaternions = seconds[known], kinematics.quaternion_from_matrix(found.rotation[known])
     begin = capture.time - capture.time[0]
     fitted = align(times, quaternions, begin, capture.values, False)
     rows = np.flatnonzero(known)[::max(1, int(CAPTURE_PERIOD / np.median(np.diff(times))))]
@@ -189,12 +163,12 @@ def _captured(options: argparse.Namespace,
         raise CalibrationError(f'{options.capture}: {int(inside.sum())} orientations at times of '
                                f'the motion; expected at least {CAPTURED_MINIMUM}')
     rows = rows[inside]
-    return found.turned[rows], matrix_from_quaternion(at[inside])
+    return found.turned[rows], kinematics.matrix_from_quaternion(at[inside])
 
 
 def _mounting_settings(mounting: Mounted) -> dict[str, Any]:
     return {f'mounting.{part}_zxz_deg': tuple(
-        round(degrees(float(angle)), 6) for angle in zxz_from_matrix(rotation))
+        round(degrees(float(angle)), 6) for angle in kinematics.zxz_from_matrix(rotation))
         for part, rotation in (('base', mounting.base), ('handle', mounting.handle))
         if part == 'base' or mounting.handle_deviations.any()}
 
@@ -217,14 +191,15 @@ def _guidance_topic(remaps: Sequence[str]) -> AbstractContextManager[Publish]:
     return published(remaps)
 
 
-def _guided(guide: Guide, target: float, publish: Publish) -> Evaluate:
+def _guided(guide: Guide, target: float, publish: Publish) -> motion_source.Evaluate:
     """Return an evaluation that shows the guidance, and ends at a target error, rad."""
     def evaluate(bar: ProgressBar, source: EncoderSource, recording: Recording,
                  seconds: float) -> bool:
         found = guide.evaluate(*recording)
         # The information there is, over that of the target: the inverse variance.
         share = 0.0 if found.error is None else min(1.0, (target / found.error) ** 2)
-        text = with_trouble(f'{seconds:.0f} s, {len(recording[0])} sets: {found.text}', source)
+        text = motion_source.with_trouble(
+            f'{seconds:.0f} s, {len(recording[0])} sets: {found.text}', source)
         bar.stage(text, share)
         publish(text, {'precision': share, **found.covered})
         return found.error is not None and found.error <= target
@@ -235,10 +210,10 @@ def _guided(guide: Guide, target: float, publish: Publish) -> Evaluate:
 def kept_settings(source: str, given: dict[str, object], values: dict[str, Any],
                   mechanism: dict[str, Any]) -> dict[str, Any]:
     """Return the settings of the bus that were given, and the layout that it was measured with."""
-    layout = {setting.name for setting in LAYOUT_SETTINGS}
+    layout = {setting.name for setting in encoders.LAYOUT_SETTINGS}
     kept: dict[str, Any] = {'source': 'can'} if source == 'can' else {}
     kept |= {setting.name: values[setting.name]
-             for setting in for_sensors(CAN_SETTINGS, values['sensors'])
+             for setting in encoders.for_sensors(encoders.CAN_SETTINGS, values['sensors'])
              if (setting.name in given or setting.name in layout) and setting.name in values
              and setting.name not in DETERMINED}
     if mechanism['working_mode'] != (1, 1, 1):
@@ -246,7 +221,7 @@ def kept_settings(source: str, given: dict[str, object], values: dict[str, Any],
     return kept
 
 
-def _print(path: Path, report: str, verdict: Verdict) -> None:
+def _print(path: Path, report: str, verdict: calibration.Verdict) -> None:
     """Print what was written; what it is good for comes last."""
     found, readings = verdict.calibration, verdict.calibration.readings
     print(f'{path}: written; {report}')

@@ -9,16 +9,9 @@ from functools import partial
 import sys
 
 from spm_haptic_master.drives.plan import is_shared, make_plan
-from spm_haptic_master.encoders import canopen
+from spm_haptic_master.encoders import canopen, scan_report
 from spm_haptic_master.encoders.bus_scan import BusScan, BusScanner, ECHOING
 from spm_haptic_master.encoders.decoder_factory import make_decoder
-from spm_haptic_master.encoders.scan_report import (
-    busy,
-    Expected,
-    listing,
-    problems,
-    rig_lines,
-)
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.parameters.arguments import Parser, positive
 from spm_haptic_master.parameters.nodes import DRIVE_NAMES, DRIVE_SETTINGS, DRIVER_NAMES
@@ -45,7 +38,7 @@ def main(args: list[str]) -> int:
     given = command_line.given(options, (DRIVER, 'fkm'), DRIVER_NAMES | DRIVE_NAMES)
     values = command_line.bus_values(given)
     decoder = make_decoder(values)
-    expected = Expected(decoder.layouts,
+    expected = scan_report.Expected(decoder.layouts,
                         values['encoders.node_id'] if decoder.network else None, values['rate'],
                         *_drives(given, values))
     scan = BusScan(decoder.sync_id)
@@ -56,18 +49,18 @@ def main(args: list[str]) -> int:
         scanner.listen(options.seconds, not options.passive,
                        (expected.node_ids or ()) if options.start else None)
     print(f'{command_line.bus_name(values)}, {options.seconds:g} s:')
-    print('\n'.join(listing(scan, expected)) or '  nothing')
-    found = problems(scan, expected)
+    print('\n'.join(scan_report.listing(scan, expected)) or '  nothing')
+    found = scan_report.problems(scan, expected)
     if found:
         print('not as configured:\n  ' + '\n  '.join(found))
     else:
         print(f'all {decoder.words} are there, as configured')
-    if (text := busy(scan, expected.rate)) is not None:
+    if (text := scan_report.busy(scan, expected.rate)) is not None:
         print(text)
     if expected.node_ids is not None:
         known = any(name in given for name in CHOSEN)
         print('lines for rig.yaml' + ('' if known else IN_ORDER) + ':')
-        print('\n'.join(rig_lines(scan, expected, known, interface, channel,
+        print('\n'.join(scan_report.rig_lines(scan, expected, known, interface, channel,
                                   values['can.bitrate'] if 'can.bitrate' in given else None)))
     return 1 if found else 0
 

@@ -10,22 +10,8 @@ from typing import Any
 
 from spm_haptic_master.drives.drive_objects import drive_objects
 from spm_haptic_master.drives.plan import check_shared_bus, make_plan
-from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.canopen_network import (
-    awaited,
-    import_canopen,
-    network_on,
-    Node,
-)
+from spm_haptic_master.encoders import canopen, canopen_network, node_setup
 from spm_haptic_master.encoders.decoder_factory import make_decoder
-from spm_haptic_master.encoders.node_setup import (
-    differences,
-    identity,
-    wanted_objects,
-    WantedObjects,
-    words,
-    write,
-)
 from spm_haptic_master.exceptions import InputError, SettingError, SetupError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.parameters.arguments import Parser, positive
@@ -45,7 +31,7 @@ Exit code 0 if the encoders are as configured, 1 if not."""
 LISTEN = 0.2
 
 # Joint, node id and wanted objects of each node.
-Nodes = list[tuple[str, int, WantedObjects]]
+Nodes = list[tuple[str, int, node_setup.WantedObjects]]
 # The settings of the bus, the nodes, and the kind and identifier of a master's frames, if known.
 Plan = tuple[dict[str, Any], Nodes, tuple[str, int] | None]
 
@@ -57,11 +43,11 @@ def main(args: list[str]) -> int:
     given = command_line.given(options, (DRIVER, 'fkm'), DRIVER_NAMES | DRIVE_NAMES)
     of, plan = ('drives', _drives) if options.drives else ('can', _encoders)
     values, nodes, master = plan(given, options)
-    import_canopen()
-    with command_line.bus_of(values, of) as bus, network_on(bus) as network:
+    canopen_network.import_canopen()
+    with command_line.bus_of(values, of) as bus, canopen_network.network_on(bus) as network:
         if options.write and master is not None:
             kind, identifier = master
-            with awaited(network, identifier) as heard:
+            with canopen_network.awaited(network, identifier) as heard:
                 running = heard.wait(LISTEN)
             if running:
                 raise SetupError(f'{kind} 0x{identifier:X} on the bus: a master is running; stop '
@@ -76,7 +62,7 @@ def _encoders(given: Values, options: argparse.Namespace) -> Plan:
     if decoder.network is None:
         raise SettingError('can.protocol', values['can.protocol'], "'canopen': other encoders "
                            'have no objects')
-    nodes = [(layout.joint, node_id, wanted_objects(
+    nodes = [(layout.joint, node_id, node_setup.wanted_objects(
         layout, node_id, decoder.sync_id is not None, 1.0 / values['rate'], options.heartbeat))
         for layout, node_id in zip(decoder.layouts, values['encoders.node_id'], strict=True)]
     joints = [joint for joint, _, _ in nodes]
@@ -111,8 +97,8 @@ def _set_up(network: Any, bus: str, nodes: Nodes, options: argparse.Namespace) -
     different = failed = 0
     for joint, node_id, objects in nodes:
         try:
-            different += _set_up_one(joint, Node(network, node_id), objects, options.write,
-                                     profile)
+            node = canopen_network.Node(network, node_id)
+            different += _set_up_one(joint, node, objects, options.write, profile)
         except SetupError as error:
             failed += 1
             print(f'{joint}: {error}', flush=True)
@@ -128,17 +114,17 @@ def _set_up(network: Any, bus: str, nodes: Nodes, options: argparse.Namespace) -
     return 0
 
 
-def _set_up_one(joint: str, node: Node, wanted: WantedObjects, writes: bool,
-                profile: int) -> bool:
+def _set_up_one(joint: str, node: canopen_network.Node, wanted: node_setup.WantedObjects,
+                writes: bool, profile: int) -> bool:
     """Print and, on request, write what differs; return whether something did."""
-    print(f'{joint}, node {node.node_id}: {identity(node, profile)}', flush=True)
+    print(f'{joint}, node {node.node_id}: {node_setup.identity(node, profile)}', flush=True)
     if not all(pdo.mapping for pdo in wanted.pdos):
         print('  the mapping cannot be derived from this layout: left as it is')
-    found = differences(node, wanted)
-    for line in words(found):
+    found = node_setup.differences(node, wanted)
+    for line in node_setup.words(found):
         print(f'  {line}')
     if found and writes:
-        write(node, wanted, found)
+        node_setup.write(node, wanted, found)
     print(f'  {len(wanted.every) - len(found)} of {len(wanted.every)} objects as configured'
           + (f'; {len(found)} written' if found and writes else ''), flush=True)
     return bool(found)

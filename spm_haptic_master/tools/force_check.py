@@ -22,15 +22,10 @@ from spm_haptic_master.force.gravity import Weight
 from spm_haptic_master.force.rendering import make_statics
 from spm_haptic_master.kinematics import estimate
 from spm_haptic_master.kinematics.number_backends import Array
+from spm_haptic_master.parameters import nodes
 from spm_haptic_master.parameters.arguments import Parser, positive
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS, sigma_from
 from spm_haptic_master.parameters.geometry import geometry_from
-from spm_haptic_master.parameters.nodes import (
-    DRIVE_NAMES,
-    DRIVE_SETTINGS,
-    DRIVER_NAMES,
-    SOURCE_SETTINGS,
-)
 from spm_haptic_master.parameters.setting import RATE_SETTING, Values
 from spm_haptic_master.simulation.source_factory import make_source
 from spm_haptic_master.tools import command_line
@@ -45,7 +40,7 @@ tau1b, tau1c and tau3a of a fourth motor (N m); parts are named 'step 1a', 'pose
 Exit code 0 if all of it holds, 1 if not."""
 # Nodes whose parameters it takes, and the names of these.
 NODES = ('encoder_driver', 'fkm')
-NAMES = DRIVER_NAMES | DRIVE_NAMES | {setting.name for setting in FKM_SETTINGS}
+NAMES = nodes.DRIVER_NAMES | nodes.DRIVE_NAMES | {setting.name for setting in FKM_SETTINGS}
 # Samples at rest with which a release begins.
 AT_REST = 5
 # Poses of a recording.
@@ -105,10 +100,10 @@ def _record(path: Path, given: Values, values: dict[str, Any], poses: int) -> No
     kind = str(given.get('source', 'can'))
     if kind != 'can':
         raise InputError(f"source = '{kind}' with --record: expected can, a device's encoders")
-    drives = make_drives(command_line.checked(given, (*DRIVE_SETTINGS, RATE_SETTING)))
+    drives = make_drives(command_line.checked(given, (*nodes.DRIVE_SETTINGS, RATE_SETTING)))
     if drives is None:
         raise InputError("drives.channel = '' with --record: expected the bus of the drives")
-    settings = command_line.checked(given, SOURCE_SETTINGS[kind], kind)
+    settings = command_line.checked(given, nodes.SOURCE_SETTINGS[kind], kind)
     print('force_check: the motors turn the handle by some degrees: balance it, and touch it only '
           'when asked', file=sys.stderr, flush=True)
     source = make_source(kind, settings)

@@ -13,35 +13,17 @@ import sys
 import time
 
 from spm_haptic_master.drives.plan import check_shared_bus, make_plan
+from spm_haptic_master.encoders import recording_files
 from spm_haptic_master.encoders.decoder_factory import make_decoder
-from spm_haptic_master.encoders.recording_files import (
-    GROUND_TRUTH_NAME,
-    QUATERNION_COLUMNS,
-    RIG_NAME,
-    Table,
-    write_new,
-)
 from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.parameters import nodes
 from spm_haptic_master.parameters.arguments import Parser, positive
 from spm_haptic_master.parameters.encoders import sensors_of
 from spm_haptic_master.parameters.files import simulated_rig
-from spm_haptic_master.parameters.nodes import (
-    DRIVE_NAMES,
-    DRIVE_SETTINGS,
-    DRIVER_NAMES,
-    MOTION_SETTINGS,
-    SOURCE_SETTINGS,
-)
 from spm_haptic_master.parameters.resolver import DRIVER
 from spm_haptic_master.parameters.setting import Values
+from spm_haptic_master.simulation import fault_injection
 from spm_haptic_master.simulation.bus_runner import BusRunner, DriveLoop
-from spm_haptic_master.simulation.fault_injection import (
-    DRIVE_KINDS,
-    Fault,
-    KINDS,
-    parse_fault,
-    SYNTAX,
-)
 from spm_haptic_master.simulation.noisy_motion import make_motion
 from spm_haptic_master.simulation.rig import rig_text
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus
@@ -75,11 +57,11 @@ TWIN = ('a second sim_bus, or encoders; udp_multicast needs a port for each bus,
 def main(args: list[str]) -> int:
     """Run the simulated bus until Ctrl-C, or for the given time."""
     options = _parser().parse(args)
-    given = command_line.given(options, (DRIVER, 'fkm'), DRIVER_NAMES | DRIVE_NAMES)
+    given = command_line.given(options, (DRIVER, 'fkm'), nodes.DRIVER_NAMES | nodes.DRIVE_NAMES)
     sensors = sensors_of(given)
-    faults = tuple(parse_fault(text, sensors) for text in options.fault)
-    values = command_line.checked(simulated_rig(sensors) | given, (
-        *SOURCE_SETTINGS['can'], *MOTION_SETTINGS, *DRIVE_SETTINGS), 'sim', 'can')
+    faults = tuple(fault_injection.parse_fault(text, sensors) for text in options.fault)
+    settings = (*nodes.SOURCE_SETTINGS['can'], *nodes.MOTION_SETTINGS, *nodes.DRIVE_SETTINGS)
+    values = command_line.checked(simulated_rig(sensors) | given, settings, 'sim', 'can')
     decoder = make_decoder(values)
     node_ids = values['encoders.node_id'] if decoder.network else None
     if options.factory and node_ids is None:
@@ -90,7 +72,7 @@ def main(args: list[str]) -> int:
         # The rig's are those of its encoders, not the ones that a driver corrects.
         layouts = tuple(replace(layout, harmonics=None) for layout in layouts)
     of_encoders, of_drives = (tuple(each for each in faults if each.kind in kinds)
-                              for kinds in (KINDS, DRIVE_KINDS))
+                              for kinds in (fault_injection.KINDS, fault_injection.DRIVE_KINDS))
     encoders = SimulatedBus(layouts, node_ids, motion, of_encoders, options.heartbeat,
                             values['sim.seed'], decoder.sync_id is not None, options.factory)
     drives = _drives(values, options, of_drives)
@@ -99,9 +81,10 @@ def main(args: list[str]) -> int:
     with ExitStack() as stack:
         record = None
         if (directory := options.ground_truth) is not None:
-            table = Table(directory / GROUND_TRUTH_NAME, QUATERNION_COLUMNS)
+            table = recording_files.Table(
+                directory / recording_files.GROUND_TRUTH_NAME, recording_files.QUATERNION_COLUMNS)
             stack.callback(table.close)
-            write_new(directory / RIG_NAME, rig_text(motion.rig))
+            recording_files.write_new(directory / recording_files.RIG_NAME, rig_text(motion.rig))
             record = table.write
         bus = stack.enter_context(command_line.bus_of(values))
         name = command_line.bus_name(values)
@@ -136,7 +119,7 @@ def main(args: list[str]) -> int:
 
 
 def _drives(values: Values, options: argparse.Namespace,
-            faults: tuple[Fault, ...]) -> SimulatedDrives | None:
+            faults: tuple[fault_injection.Fault, ...]) -> SimulatedDrives | None:
     """Return the simulated drives, None without any; InputError for faults without drives."""
     if options.drives is None and not values['drives.channel']:
         if faults:
@@ -164,14 +147,16 @@ def _parser() -> Parser:
     parser.add_argument('--factory', action='store_true',
                         help="with their maker's defaults, for can_setup")
     parser.add_argument('--ground-truth', type=Path, metavar='DIRECTORY',
-                        help=f'write the true orientation of each cycle to {GROUND_TRUTH_NAME} '
-                        f'there, and the rig to {RIG_NAME}')
+                        help='write the true orientation of each cycle to '
+                        f'{recording_files.GROUND_TRUTH_NAME} there, and the rig to '
+                        f'{recording_files.RIG_NAME}')
     parser.add_argument('--drives', type=int, choices=(1, 2, 3, 4), metavar='N',
                         help='simulate N drives, too (rated torque '
                         f'{SIMULATED_RATED_TORQUE:g} N m unless it is given)')
     parser.add_argument('--fault', action='append', default=[], metavar='FAULT',
-                        help=f'{SYNTAX}; may be repeated')
+                        help=f'{fault_injection.SYNTAX}; may be repeated')
+    every = fault_injection.KINDS | fault_injection.DRIVE_KINDS
     kinds = '\n'.join(f'  {kind:13}{what}' + (f' (=VALUE, {unit})' if unit else '')
-                      for kind, (what, unit) in (KINDS | DRIVE_KINDS).items())
+                      for kind, (what, unit) in every.items())
     parser.epilog = f'faults:\n{kinds}\nexample: --fault offset:joint_3a@5+2=1.5'
     return parser

@@ -10,14 +10,8 @@ from pathlib import Path
 
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics.joints import JOINT_NAMES
+from spm_haptic_master.parameters import geometry
 from spm_haptic_master.parameters.arguments import finite, Parser
-from spm_haptic_master.parameters.geometry import (
-    geometry_from,
-    GEOMETRY_SETTINGS,
-    mounting_from,
-    MOUNTING_SETTINGS,
-    WORKING_MODE_SETTING,
-)
 from spm_haptic_master.tools import command_line
 from spm_haptic_master.validation import bags, recordings
 from spm_haptic_master.validation.comparison import (
@@ -35,7 +29,7 @@ need not be those of the recording: the offset in time is found from the angular
 constant rotation by least squares. Writes the pictures fig32.png to fig34.png of Saafi et al.
 (2015), errors.csv and aligned.csv."""
 # The parameters of fkm that it takes.
-SETTINGS = (*GEOMETRY_SETTINGS, WORKING_MODE_SETTING, *MOUNTING_SETTINGS)
+SETTINGS = (*geometry.MECHANISM_SETTINGS, *geometry.MOUNTING_SETTINGS)
 # Default azimuths of the markers C and D (deg): if they are opposite each other, a displacement of
 # both across the axis cancels in their average.
 MARKER_AZIMUTHS = (0.0, 180.0)
@@ -55,8 +49,8 @@ def main(args: list[str]) -> int:
         if options.joints or bags.is_bag(options.recording) else None
     capture = recordings.read_capture(options.capture, options.capture_topic)
     azimuth_c, azimuth_d = map(math.radians, options.marker_azimuths)
-    comparison = compare(recorded, capture, joints, geometry_from(values),
-                         (azimuth_c, azimuth_d), mounting_from(values))
+    comparison = compare(recorded, capture, joints, geometry.geometry_from(values),
+                         (azimuth_c, azimuth_d), geometry.mounting_from(values))
     table = error_table(comparison)
     try:
         options.output.mkdir(parents=True, exist_ok=True)

@@ -17,13 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from spm_haptic_master.kinematics import (
-    estimate,
-    Geometry,
-    jacobian,
-    workspace_pose,
-    zxz_from_matrix,
-)
+from spm_haptic_master import kinematics
 
 Array = NDArray[np.float64]
 
@@ -64,16 +58,16 @@ class ParityMap:
     phi_deg: Array  # self-rotation
 
 
-def parity_map(angles: Array, sigma: tuple[float, ...], geometry: Geometry,
+def parity_map(angles: Array, sigma: tuple[float, ...], geometry: kinematics.Geometry,
                working_mode: tuple[int, int, int]) -> ParityMap:
     """Return the parity map of angles, rad, (n, N), and sigma, rad, (N,), by the first four."""
     n, angles, sigma = len(angles), angles[:, :4], sigma[:4]
     parity, tilt, phi = (np.full(n, np.nan) for _ in range(3))
     finite = np.flatnonzero(np.isfinite(angles).all(axis=1))
-    found = estimate(angles[finite, :3], angles[finite, 3], sigma, geometry)
+    found = kinematics.estimate(angles[finite, :3], angles[finite, 3], sigma, geometry)
     known = np.isfinite(found.parity)
     rows, rotation = finite[known], found.rotation[known]
-    matrices = jacobian(rotation, geometry, working_mode, sensors=4)
+    matrices = kinematics.jacobian(rotation, geometry, working_mode, sensors=4)
     usable = np.isfinite(matrices).all(axis=(1, 2))
     rows, rotation = rows[usable], rotation[usable]
     # The null vector of the Jacobian's transpose: the last left singular vector.
@@ -86,9 +80,9 @@ def parity_map(angles: Array, sigma: tuple[float, ...], geometry: Geometry,
 
 def tilt_and_turn(rotation: Array) -> tuple[Array, Array]:
     """Return tilts from the centre of the workspace, and self-rotations, rad, (n,) each."""
-    axis = workspace_pose(0.0, 0.0, 0.0)[:, 2]
+    axis = kinematics.workspace_pose(0.0, 0.0, 0.0)[:, 2]
     return (np.arccos(np.clip(rotation[:, :, 2] @ axis, -1.0, 1.0)),
-            zxz_from_matrix(rotation)[2])
+            kinematics.zxz_from_matrix(rotation)[2])
 
 
 def regions(found: ParityMap, published: NDArray[np.bool_], level_deg: Array) -> list[Region]:

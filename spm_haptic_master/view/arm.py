@@ -28,34 +28,22 @@ from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
 from spm_haptic_master.nodes.diagnostics import MESSAGES
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
+from spm_haptic_master.parameters import geometry
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
-from spm_haptic_master.parameters.geometry import (
-    geometry_from,
-    GEOMETRY_SETTINGS,
-    mounting_from,
-    MOUNTING_SETTINGS,
-    WORKING_MODE_SETTING,
-)
 from spm_haptic_master.parameters.setting import complete, SENSORS_SETTING, Values
 from spm_haptic_master.ros.inputs import SampledTopic
 from spm_haptic_master.ros.qos import DISPLAY, STATE
 from spm_haptic_master.supervision.orientation_state import OrientationState, received_state
 from spm_haptic_master.timing import Periodic, SECOND
+from spm_haptic_master.view import status
 from spm_haptic_master.view.page import Page, Seen
 from spm_haptic_master.view.scene import Scene
 from spm_haptic_master.view.simulated_device import SimulatedDevice
-from spm_haptic_master.view.status import (
-    banner,
-    ORIENTATION,
-    SampleAge,
-    SINGULARITY,
-    StatusEntries,
-)
 from std_msgs.msg import Float64MultiArray, String
 
 # Settings of fkm that the page needs, and the period of asking for them (s): another fkm may have
 # another mechanism or mounting.
-SETTINGS = (*GEOMETRY_SETTINGS, WORKING_MODE_SETTING, *MOUNTING_SETTINGS, SENSORS_SETTING,
+SETTINGS = (*geometry.MECHANISM_SETTINGS, *geometry.MOUNTING_SETTINGS, SENSORS_SETTING,
             *(setting for setting in FKM_SETTINGS if setting.name == 'alert_limit_deg'))
 ASK_PERIOD = 1.0
 # Shortest time between two drawings of the joints (s): nobody sees faster ones.
@@ -91,15 +79,15 @@ class Arm:
         self._state: OrientationState | None = None
         self._stamp: int | None = None  # of the latest joint angles, ns
         now = time.monotonic()
-        self._age = SampleAge()
+        self._age = status.SampleAge()
         # Time since which a page shows the device (s, monotonic).
         self._seen_since = now
         self._joints, self._trace = Periodic(LEAST_PERIOD), Periodic(TRACE_PERIOD)
         self._map, self._figures = Periodic(MAP_PERIOD), Periodic(FIGURES_PERIOD)
         # Poses drawn since the figures were shown, and when that was (s).
         self._drawn, self._shown_at = 0, now
-        self.seen = Seen(banner(None, None))
-        self._entries = StatusEntries(self._prefix)
+        self.seen = Seen(status.banner(None, None))
+        self._entries = status.StatusEntries(self._prefix)
         folder = server.gui.add_folder(self._title) if self._title else nullcontext()
         with folder:
             figures, _ = (server.gui.add_html(
@@ -177,15 +165,16 @@ class Arm:
         """Draw the mechanism of checked settings, if they are new; SpmError: it cannot be."""
         if values == self._settings:
             return
-        self._geometry = geometry_from(values)
-        mounting = mounting_from(values)
+        self._geometry = geometry.geometry_from(values)
+        mounting = geometry.mounting_from(values)
         self.seen.sensors = values[SENSORS_SETTING.name]
         self.seen.alert_limit = values['alert_limit_deg']
         self._ghost = ThreeEncoders(self._geometry)
         if self._scene is not None:
             self._scene.remove()
         self._scene = Scene(
-            self._server.scene, self._number, self._geometry, values[WORKING_MODE_SETTING.name],
+            self._server.scene, self._number, self._geometry,
+            values[geometry.WORKING_MODE_SETTING.name],
             IDENTITY if mounting is None else mounting.base, self.seen.sensors)
         self.seen.states = []
         self.simulation.show(self.seen.source, self.seen.sensors)
@@ -242,7 +231,7 @@ class Arm:
         alive = self.seen.banner.alive
         if alive and self._trace.is_due(now):
             scene.dome.move(rotation_from_quaternion(*orientation)[2::3])
-            level = self._entries.numbers(ORIENTATION).get('protection level (deg)', nan)
+            level = self._entries.numbers(status.ORIENTATION).get('protection level (deg)', nan)
             scene.show_level(radians(level))
         if self._map.is_due(now):
             scene.dome.paint(zxz_angles(*orientation)[2])
@@ -272,10 +261,10 @@ class Arm:
     def _show_state(self, now: float) -> None:
         """Show the state at a time, s, and whether the picture is alive."""
         self._entries.now = now
-        entry = self._entries.entry(SINGULARITY)
+        entry = self._entries.entry(status.SINGULARITY)
         reason = '' if entry is None or entry.message in MESSAGES else entry.message
-        self.seen.banner = shown = banner(self._state, self._age.value, reason,
-                                          heard=not self._entries.has_ended(ORIENTATION))
+        self.seen.banner = shown = status.banner(self._state, self._age.value, reason,
+                                          heard=not self._entries.has_ended(status.ORIENTATION))
         if self._scene is not None:
             self._scene.set_alive(shown.alive)
         self._page.show(self._title, shown)

@@ -20,27 +20,12 @@ from typing import Any
 
 from spm_haptic_master.description.colours import LEGS
 from spm_haptic_master.description.workspace_map import colour_bar
-from spm_haptic_master.kinematics import zxz_angles
-from spm_haptic_master.kinematics.joints import (
-    ALL_JOINT_NAMES,
-    MECHANISM_JOINT_NAMES,
-    NUMBER_WORDS,
-    SHORT_NAMES,
-)
+from spm_haptic_master.kinematics import joints, zxz_angles
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.nodes.master import FULL_DEXTERITY
 from spm_haptic_master.ros.diagnostic_status import CAUTION_KEY
+from spm_haptic_master.view import status
 from spm_haptic_master.view.scene import ARM_DISTANCE, GHOST
-from spm_haptic_master.view.status import (
-    Banner,
-    ENCODERS,
-    Light,
-    ORIENTATION,
-    SensorState,
-    SINGULARITY,
-    StatusEntries,
-    TIMING,
-)
 from viser import ViserServer
 from viser._messages import RunJavascriptMessage as ViserScript
 
@@ -61,7 +46,7 @@ NEWS = 'window.spm.show('
 CAMERAS = {'front': (1.15, -3.1, 1.85), 'side': (3.9, -0.01, 0.4), 'top': (0.0, -0.01, 4.1)}
 LOOK_AT, BACK_OFF = (0.0, 0.0, 0.88), 0.75
 # What the page shows before the first device.
-NO_DEVICE = Banner(Light.GREY, 'no device found: is master running?', False)
+NO_DEVICE = status.Banner(status.Light.GREY, 'no device found: is master running?', False)
 # Text of a figure without a value.
 DASH = '\u2013'
 # Colours of all encoders, and of limits.
@@ -76,9 +61,9 @@ ENOUGH = 0.9
 class Seen:
     """State of a device; a past one if the banner is not alive."""
 
-    banner: Banner
+    banner: status.Banner
     sensors: int = 4  # number of them
-    states: list[SensorState] = field(default_factory=list)
+    states: list[status.SensorState] = field(default_factory=list)
     source: str = ''  # where the joint angles come from; empty: not known
     force: str = ''  # state of the force feedback; empty: not known
     alert_limit: float = nan  # largest protection level of a published orientation, deg
@@ -107,7 +92,7 @@ class Page:
     def __init__(self, server: ViserServer) -> None:
         self.server = server
         # Banners and contents by the names of the devices; the only one need not have a name.
-        self.shown: dict[str, Banner] = {}
+        self.shown: dict[str, status.Banner] = {}
         self.content: dict[str, dict[str, Any]] = {}
         self.aim(1)
         setup = {
@@ -123,13 +108,13 @@ class Page:
         camera = self.server.initial_camera
         camera.position, camera.look_at = self.views['front']
 
-    def show(self, name: str, banner: Banner) -> None:
+    def show(self, name: str, banner: status.Banner) -> None:
         """Show the state of a device."""
         if self.shown.get(name) != banner:
             self.shown[name] = banner
             self.refresh()
 
-    def show_content(self, name: str, seen: Seen, entries: StatusEntries) -> None:
+    def show_content(self, name: str, seen: Seen, entries: status.StatusEntries) -> None:
         """Show the figures of a device whose banner is shown."""
         self.content[name] = content(seen, entries)
         self.refresh()
@@ -158,11 +143,12 @@ def views(arms: int) -> dict[str, tuple[tuple[float, ...], tuple[float, ...]]]:
             for name, (dx, dy, dz) in CAMERAS.items()}
 
 
-def content(seen: Seen, entries: StatusEntries) -> dict[str, Any]:
+def content(seen: Seen, entries: status.StatusEntries) -> dict[str, Any]:
     """Return what the page shows of a device with its present entries on /diagnostics."""
     if not seen.banner.alive:
         seen = replace(seen, angles=None, orientation=None, dexterities=None, ghost=None)
-    limits, figures, timing = map(entries.numbers, (SINGULARITY, ORIENTATION, TIMING))
+    limits, figures, timing = map(
+        entries.numbers, (status.SINGULARITY, status.ORIENTATION, status.TIMING))
     warn, error = limits.get('warn below', nan), limits.get('error below', nan)
     three, every = dexterities = seen.dexterities or (nan, nan)
     if seen.orientation is None:
@@ -172,12 +158,12 @@ def content(seen: Seen, entries: StatusEntries) -> dict[str, Any]:
     rate, p50, p99 = (timing.get(key, nan) for key in (
         'orientation rate (Hz)', 'latency p50 (us)', 'latency p99 (us)'))
     note, warns = (seen.story, False) if seen.story else _note(seen, warn)
-    driver, singularity = entries.entry(ENCODERS), entries.entry(SINGULARITY)
+    driver, singularity = entries.entry(status.ENCODERS), entries.entry(status.SINGULARITY)
     missing = entries.missing_joints()
     # A joint without a reading has a gap in its plot.
     angles = [nan if seen.angles is None or name in missing
-              else degrees(seen.angles[MECHANISM_JOINT_NAMES.index(name)])
-              for name in ALL_JOINT_NAMES[:seen.sensors]]
+              else degrees(seen.angles[joints.MECHANISM_JOINT_NAMES.index(name)])
+              for name in joints.ALL_JOINT_NAMES[:seen.sensors]]
     zxz = map(degrees, () if seen.orientation is None else zxz_angles(*seen.orientation))
     # Always these rows: name, text, and share and colour of a bar, if any.
     rows = [
@@ -196,26 +182,26 @@ def content(seen: Seen, entries: StatusEntries) -> dict[str, Any]:
         ('rate', _known(f'{rate:.0f} Hz', rate)),
         ('latency', _known(f'p50 {p50:.0f} us, p99 {p99:.0f} us', p50 + p99)),
         ('force', seen.force or DASH),
-        ('caution', entries.texts(ORIENTATION).get(CAUTION_KEY) or DASH),
+        ('caution', entries.texts(status.ORIENTATION).get(CAUTION_KEY) or DASH),
         ('picture', f'{seen.pace:.0f} poses a second')]
     text, shares = seen.calibration or ('', {})
     return {
         'note': note, 'warns': warns, 'rows': rows,
-        'chips': [(SHORT_NAMES[k], f'{ALL_JOINT_NAMES[k]}: {state.words}', state.colour)
-                  for k, state in enumerate(seen.states)],
+        'chips': [(short, f'{name}: {state.words}', state.colour) for short, name, state in zip(
+            joints.SHORT_NAMES, joints.ALL_JOINT_NAMES, seen.states, strict=False)],
         'calibration': seen.calibration and {'text': text, 'covered': [
-            (name, share, (Light.GREEN if share >= ENOUGH else Light.AMBER).value)
+            (name, share, (status.Light.GREEN if share >= ENOUGH else status.Light.AMBER).value)
             for name, share in shares.items()]},
         'plots': [
             _plot('dexterity', 'dexterity', [('3 encoders', GHOST),
                                              (f'{seen.sensors} encoders', ALL)],
-                  [(warn, Light.AMBER.value), (error, LIMIT)]),
+                  [(warn, status.Light.AMBER.value), (error, LIMIT)]),
             _plot('ghost', 'three encoders alone: error, deg', [('error', GHOST)]),
             _plot('level', 'protection level, deg', [('level', ALL)],
                   [(seen.alert_limit, LIMIT)]),
             _plot('angles', 'joint angles, deg', [
                 (name, LEGS['ABC'.index(name[1])], name[0] == '3')
-                for name in SHORT_NAMES[:seen.sensors]], zero=False),
+                for name in joints.SHORT_NAMES[:seen.sensors]], zero=False),
             _plot('parity', 'parity, sigma', [('parity', ALL)], zero=False),
             _plot('latency', 'latency, us', [('p50', ALL), ('p99', GHOST)])],
         'sample': {
@@ -244,8 +230,9 @@ def _note(seen: Seen, warn: float) -> tuple[str, bool]:
     if seen.dexterities is None or warn != warn:
         return DASH, False
     three, every = seen.dexterities
-    lost = sum(state in (SensorState.MISSING, SensorState.EXCLUDED) for state in seen.states)
-    number = NUMBER_WORDS.get(seen.sensors - lost, 'the')
+    lost = sum(state in (status.SensorState.MISSING, status.SensorState.EXCLUDED)
+               for state in seen.states)
+    number = joints.NUMBER_WORDS.get(seen.sensors - lost, 'the')
     if every < warn:
         return f'Not even {number} encoders determine this pose.', True
     if not three >= warn:
@@ -257,10 +244,10 @@ def _note(seen: Seen, warn: float) -> tuple[str, bool]:
     return f'Three encoders determine this pose. With {number} they check one another.', False
 
 
-def _light(dexterity: float, warn: float, error: float) -> Light:
+def _light(dexterity: float, warn: float, error: float) -> status.Light:
     """Return the colour of a dexterity, grey without a limit."""
     if dexterity != dexterity or warn != warn:
-        return Light.GREY
+        return status.Light.GREY
     if dexterity < error:
-        return Light.RED
-    return Light.AMBER if dexterity < warn else Light.GREEN
+        return status.Light.RED
+    return status.Light.AMBER if dexterity < warn else status.Light.GREEN

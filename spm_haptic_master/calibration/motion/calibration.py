@@ -14,13 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from spm_haptic_master.calibration.calibration_file import file_text, rounded, sensors_entry
-from spm_haptic_master.calibration.motion.coverage import (
-    aligned_changes,
-    orientation_error,
-    Region,
-    sensor_bounds,
-    WORKSPACE,
-)
+from spm_haptic_master.calibration.motion import coverage
 from spm_haptic_master.calibration.motion.fit import normal_equations
 from spm_haptic_master.calibration.motion.model import Array, Layout, MotionModel
 from spm_haptic_master.calibration.motion.readings import MotionReadings
@@ -55,7 +49,7 @@ class MotionCalibration:
     unexplained: Array  # error of each sensor that no parameter explains, rad, (N,)
     advice: str  # the motion that would determine most of the rest, as an instruction
     contradiction: float  # variance between halves of the motion over that of noise (unit 1)
-    region: Region = WORKSPACE  # where `bias` and `region_error` hold
+    region: coverage.Region = coverage.WORKSPACE  # where `bias` and `region_error` hold
 
     @property
     def layout(self) -> Layout:
@@ -97,8 +91,8 @@ class MotionCalibration:
         """Return the predicted error of the orientations over the motion, aligned, rad rms."""
         moved = self.rotation[self.kept]
         moved = moved[::max(1, len(moved) // ERROR_SAMPLES)]
-        return orientation_error(
-            aligned_changes(self.model, moved, self.vector), self.covariance)
+        return coverage.orientation_error(
+            coverage.aligned_changes(self.model, moved, self.vector), self.covariance)
 
     @cached_property
     def _poses(self) -> Array:
@@ -107,14 +101,14 @@ class MotionCalibration:
     @cached_property
     def bias(self) -> Array:
         """Return the bounds of the sensors' systematic errors over the region, rad, (N,)."""
-        return sensor_bounds(self.model, self.vector, self.covariance, self._poses,
+        return coverage.sensor_bounds(self.model, self.vector, self.covariance, self._poses,
                              self.unexplained)
 
     @cached_property
     def region_error(self) -> float:
         """Return the predicted error of the orientations over the region, rad rms."""
-        return orientation_error(
-            aligned_changes(self.model, self._poses, self.vector), self.covariance)
+        return coverage.orientation_error(
+            coverage.aligned_changes(self.model, self._poses, self.vector), self.covariance)
 
     @property
     def unusual(self) -> str:
@@ -179,7 +173,8 @@ class Verdict:
     def text(self) -> str:
         """Return alert limit and region, in one line."""
         region = self.calibration.region
-        where = 'over the workspace' if region == WORKSPACE else 'ONLY for the region moved'
+        where = 'over the workspace' if region == coverage.WORKSPACE \
+            else 'ONLY for the region moved'
         return (f'Good for an alert limit of {self.alert_limit_deg:g} deg or more, {where}: '
                 f'{region.text}.')
 

@@ -17,26 +17,14 @@ from math import degrees, radians
 
 import numpy as np
 from numpy.typing import NDArray
+from spm_haptic_master.calibration.motion import coverage, misfit
 from spm_haptic_master.calibration.motion.calibration import MotionCalibration
-from spm_haptic_master.calibration.motion.coverage import (
-    aligned_changes,
-    further_motions,
-    inverse,
-    orientation_error,
-    WORKSPACE,
-)
 from spm_haptic_master.calibration.motion.fit import (
     choose,
     considered_covariance,
     fit,
     held_out_part,
     normal_equations,
-)
-from spm_haptic_master.calibration.motion.misfit import (
-    check_slip,
-    contradiction,
-    slow_factor,
-    unexplained_errors,
 )
 from spm_haptic_master.calibration.motion.model import Array, Layout, MotionModel
 from spm_haptic_master.calibration.motion.readings import motion_readings, MotionReadings
@@ -85,9 +73,10 @@ def fitted(layout: Layout, means: MotionReadings, start: Start,
     progress('zeros', 0.5)
     first = fit(model, turned[chosen], start.vector, range(layout.sensors))
     advice = next(iter(_outlook(model, means, start)[1]))
-    changes = aligned_changes(model, WORKSPACE.poses(model, first.vector), first.vector)
-    error = orientation_error(
-        changes[:, :, :layout.sensors], inverse(first.normal.matrix * factor))
+    changes = coverage.aligned_changes(
+        model, coverage.WORKSPACE.poses(model, first.vector), first.vector)
+    error = coverage.orientation_error(
+        changes[:, :, :layout.sensors], coverage.inverse(first.normal.matrix * factor))
     if error > ZEROS_LIMIT:
         raise CalibrationError(
             'the motion does not determine the zeros: they leave a predicted error of '
@@ -97,9 +86,9 @@ def fitted(layout: Layout, means: MotionReadings, start: Start,
         lambda group, number: progress(group, 0.5 + 0.05 * number))
     progress('all parameters, whole motion', 0.8)
     found = fit(model, turned, vector, columns, model.orientations(turned, vector))
-    check_slip(model, turned, means.seconds, found)
-    split = contradiction(model, turned, found)
-    slow = slow_factor(means.seconds, found.normal)
+    misfit.check_slip(model, turned, means.seconds, found)
+    split = misfit.contradiction(model, turned, found)
+    slow = misfit.slow_factor(means.seconds, found.normal)
     if slow > 1.0:
         progress('all parameters, with the slow part of the parity', 0.9)
         model = MotionModel(layout, model.sigma * np.sqrt(slow))
@@ -111,8 +100,8 @@ def fitted(layout: Layout, means: MotionReadings, start: Start,
         white, found.vector, considered_covariance(every.matrix, layout.deviations, columns),
         columns, left, start.direction, means, found.normal.rotation, found.normal.kept,
         first.vector,
-        unexplained_errors(model, turned, means.seconds, found.vector, found.normal), advice,
-        split)
+        misfit.unexplained_errors(model, turned, means.seconds, found.vector, found.normal),
+        advice, split)
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,6 +161,7 @@ def _outlook(model: MotionModel, means: MotionReadings,
                               tuple(range(model.layout.count)))
     information = normal.matrix * (len(means.readings) / len(chosen)) + np.diag(
         model.layout.deviations ** -2.0)
-    changes = aligned_changes(model, WORKSPACE.poses(model, start.vector), start.vector)
-    return (orientation_error(changes, inverse(information)),
-            further_motions(model, start.vector, information, means.rate, changes))
+    changes = coverage.aligned_changes(
+        model, coverage.WORKSPACE.poses(model, start.vector), start.vector)
+    return (coverage.orientation_error(changes, coverage.inverse(information)),
+            coverage.further_motions(model, start.vector, information, means.rate, changes))

@@ -9,16 +9,7 @@ from collections.abc import Sequence
 from math import degrees
 
 import numpy as np
-from spm_haptic_master.calibration.watch.slip_evidence import (
-    evaluate,
-    Evaluation,
-    parity_of_sample,
-    poses_of,
-    PoseSums,
-    summed,
-    suspects,
-    WorkingMode,
-)
+from spm_haptic_master.calibration.watch import slip_evidence
 from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics.number_backends import Quaternion
@@ -45,23 +36,23 @@ class CalibrationWatch:
     """
 
     def __init__(self, sigma: Sequence[float], bias: Sequence[float], geometry: Geometry,
-                 working_mode: WorkingMode) -> None:
+                 working_mode: slip_evidence.WorkingMode) -> None:
         sensors = len(sigma)
         self._sigma, self._bias = np.array(sigma), np.array(bias)
         self._geometry, self._working_mode = geometry, working_mode
         # Row of each pose in the sums.
         self._rows: dict[tuple[int, ...], int] = {}
-        self._sums = PoseSums(np.zeros(POSES), np.zeros((POSES, sensors, sensors)),
+        self._sums = slip_evidence.PoseSums(np.zeros(POSES), np.zeros((POSES, sensors, sensors)),
                               np.zeros((POSES, sensors)))
         self._last: Quaternion[float] | None = None
-        self.evaluation: Evaluation | None = None
+        self.evaluation: slip_evidence.Evaluation | None = None
         self.caution = ''
 
     def take(self, quaternion: Quaternion[float], angles: tuple[float, ...]) -> bool:
         """Take a sample, of an orientation without a mounting; return whether it counts."""
         if self._last is not None and rotation_distance(quaternion, self._last) < LEAST_TURN:
             return False
-        found = parity_of_sample(
+        found = slip_evidence.parity_of_sample(
             angles, quaternion, self._sigma, self._geometry, self._working_mode)
         if found is None:
             return False
@@ -69,8 +60,8 @@ class CalibrationWatch:
         for each in self._sums:
             each *= 1.0 - 1.0 / MEMORY
         sample = np.array([angles])
-        row = self._row(tuple(poses_of(sample)[0].tolist()))
-        for total, of_one in zip(self._sums, summed(sample, found), strict=True):
+        row = self._row(tuple(slip_evidence.poses_of(sample)[0].tolist()))
+        for total, of_one in zip(self._sums, slip_evidence.summed(sample, found), strict=True):
             total[row] += of_one[0]
         return True
 
@@ -89,13 +80,13 @@ class CalibrationWatch:
         """Evaluate the samples taken so far."""
         if not self._rows:
             return
-        found = self.evaluation = evaluate(self._sums, self._bias)
+        found = self.evaluation = slip_evidence.evaluate(self._sums, self._bias)
         self.caution = '' if found.holds(HYSTERESIS if self.caution else 1.0) else _words(found)
 
 
-def _words(found: Evaluation) -> str:
+def _words(found: slip_evidence.Evaluation) -> str:
     """Return what drifted, in words."""
-    which = suspects(found.misfit - found.explained, found.freedom, found.limit)
+    which = slip_evidence.suspects(found.misfit - found.explained, found.freedom, found.limit)
     names = [ALL_JOINT_NAMES[sensor] for sensor in which]
     if not names:
         return (f'slow parity {degrees(found.slow):.2f} deg, expected '
