@@ -10,18 +10,11 @@ from math import pi, radians
 import numpy as np
 import pytest
 from rclpy.parameter import parameter_dict_from_yaml_file, parameter_value_to_python
+from spm_haptic_master.calibration import jig
 from spm_haptic_master.calibration.calibration_file import (
     calibration_text,
     read_calibration,
     write_text,
-)
-from spm_haptic_master.calibration.jig import (
-    calibrate,
-    Calibration,
-    jig_bias,
-    observed_directions,
-    read_still,
-    Station,
 )
 from spm_haptic_master.encoders.encoder_layout import counts_from_angle
 from spm_haptic_master.exceptions import CalibrationError, InputError
@@ -59,13 +52,13 @@ def recorded(angles, sets=2000, noise_deg=0.04, drift_deg=0.0, direction=DIRECTI
 
 def station(angles, stated=None, sets=2000, **how):
     """Return the readings at joint angles, with those that the jig states."""
-    means, noise = read_still(recorded(angles, sets, **how), PER_TURN, *LIMITS)
-    return Station((2.3, 0.9, 0.0), stated or angles, tuple(means.tolist()),
+    means, noise = jig.read_still(recorded(angles, sets, **how), PER_TURN, *LIMITS)
+    return jig.Station((2.3, 0.9, 0.0), stated or angles, tuple(means.tolist()),
                    tuple(noise.tolist()), sets)
 
 
 def calibrated(*stations, direction=DIRECTION, before=None):
-    return calibrate(stations or [station(FIRST)], direction, PER_TURN,
+    return jig.calibrate(stations or [station(FIRST)], direction, PER_TURN,
                      '2026-01-02T03:04:05+00:00', BIAS, TOLERANCE, before)
 
 
@@ -97,17 +90,17 @@ def test_zero_counts_and_noise_are_found():
 ])
 def test_an_unusable_recording_is_refused(how, reason):
     with pytest.raises(CalibrationError, match=reason):
-        read_still(recorded(FIRST, **how), PER_TURN, *LIMITS)
+        jig.read_still(recorded(FIRST, **how), PER_TURN, *LIMITS)
     # A few or many sets at rest are not refused for a noise within the limit.
     for sets in (120, 2000):
-        read_still(recorded(FIRST, sets, 0.09), PER_TURN, *LIMITS)
+        jig.read_still(recorded(FIRST, sets, 0.09), PER_TURN, *LIMITS)
 
 
 WRONG = (1, -1, -1, -1)
 
 
 def directions(*stations):
-    return observed_directions(combinations(stations, 2), PER_TURN)
+    return jig.observed_directions(combinations(stations, 2), PER_TURN)
 
 
 def test_one_pose_verifies_no_direction_and_further_ones_determine_it():
@@ -151,7 +144,7 @@ def test_poses_that_contradict_each_other_are_refused():
 def test_the_error_of_the_jig_becomes_the_bias_of_each_sensor():
     """No pose off by that angle, about any axis, has a joint angle that is off by more."""
     error, pose = radians(0.1), [*map(radians, POSES[0])]
-    bias = np.array(jig_bias(pose, GEOMETRY, (1, 1, 1), error, 4))
+    bias = np.array(jig.jig_bias(pose, GEOMETRY, (1, 1, 1), error, 4))
     axes = np.random.default_rng(3).normal(size=(2000, 3))
     turned = matrix_from_vector(error * axes / np.linalg.norm(axes, axis=1, keepdims=True)) \
         @ matrix_from_zxz(*pose)
@@ -165,7 +158,7 @@ def test_the_file_holds_it_all_and_every_node_loads_it(tmp_path):
     found = calibrated(station(FIRST), station(SECOND))
     write_text(path, calibration_text(found, {'geometry.alpha_deg': 39.0}))
     read = read_calibration(path)
-    assert isinstance(read, Calibration)
+    assert isinstance(read, jig.Calibration)
     assert replace(read, stations=(), bias=()) == replace(found, stations=(), bias=())
     assert read.bias == pytest.approx(found.bias, abs=1e-7)
     for one, other in zip(read.stations, found.stations, strict=True):

@@ -10,6 +10,7 @@ from built_mechanism import random_built
 from mechanism import about_x, turn
 import numpy as np
 import pytest
+from spm_haptic_master import kinematics
 from spm_haptic_master.description.solids import (
     DENSITY,
     LEGS,
@@ -18,12 +19,6 @@ from spm_haptic_master.description.solids import (
     Solid,
     solids,
     turned_profile,
-)
-from spm_haptic_master.kinematics import (
-    Geometry,
-    matrix_from_quaternion,
-    mechanism_angles,
-    workspace_pose,
 )
 
 # Corners of a turned solid.
@@ -47,7 +42,7 @@ def volumes(solid):
 
 @pytest.mark.parametrize('seed', [None, 1])
 def test_every_part_of_a_link_is_closed_and_filled_with_its_mass(seed):
-    geometry = Geometry() if seed is None else \
+    geometry = kinematics.Geometry() if seed is None else \
         random_built(np.random.default_rng(seed), 0.5).geometry
     bodies, named = masses(geometry), solids(geometry)
     bodies['platform'] = bodies.pop('spm_platform')
@@ -70,13 +65,13 @@ def test_every_part_of_a_link_is_closed_and_filled_with_its_mass(seed):
 
 @pytest.mark.parametrize('seed', [None, 1])
 def test_each_link_is_turned_so_that_it_joins_its_neighbours(seed):
-    geometry = Geometry() if seed is None else \
+    geometry = kinematics.Geometry() if seed is None else \
         random_built(np.random.default_rng(seed), 0.5).geometry
     z = np.array([0.0, 0.0, 1.0])
     for pose in ((0.0, 0.0, 0.0), (0.3, 1.0, 0.9), (0.2, 4.0, -0.3)):
-        R = workspace_pose(*pose)
-        *links, platform = map(matrix_from_quaternion, link_turns(
-            geometry, mechanism_angles(tuple(R.ravel()), geometry)))
+        R = kinematics.workspace_pose(*pose)
+        *links, platform = map(kinematics.matrix_from_quaternion, link_turns(
+            geometry, kinematics.mechanism_angles(tuple(R.ravel()), geometry)))
         np.testing.assert_allclose(platform, R, atol=1e-12)
         for k, (proximal, distal) in enumerate(zip(links[:3], links[3:], strict=True)):
             for one, other in (

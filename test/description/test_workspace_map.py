@@ -8,16 +8,11 @@ import re
 
 import numpy as np
 import pytest
+from spm_haptic_master import kinematics
 from spm_haptic_master.description.workspace_map import (
     colour_bar,
     HALF_ANGLE,
     WorkspaceMap,
-)
-from spm_haptic_master.kinematics import (
-    dexterity,
-    Geometry,
-    parallel_determinant,
-    workspace_pose,
 )
 
 CENTRE = np.ones(3) / 3.0 ** 0.5
@@ -27,12 +22,12 @@ def poses_of(axes, phi):
     """Return the poses of the cone with these platform axes."""
     across, along = np.array([[1.0, -1.0, 0.0], [1.0, 1.0, -2.0]]) / [[2.0 ** 0.5], [6.0 ** 0.5]]
     tilts = np.arccos(np.clip(axes @ CENTRE, -1.0, 1.0))
-    return workspace_pose(tilts, np.arctan2(axes @ along, axes @ across), phi)
+    return kinematics.workspace_pose(tilts, np.arctan2(axes @ along, axes @ across), phi)
 
 
 @pytest.mark.parametrize('phi', [0.0, 45.0, 49.36, 60.0])
 def test_the_map_has_the_dexterity_and_the_singularities(phi):
-    phi, drawn = radians(phi), WorkspaceMap(Geometry(), (1, 1, 1))
+    phi, drawn = radians(phi), WorkspaceMap(kinematics.Geometry(), (1, 1, 1))
     tilts = np.arccos(drawn.axes @ CENTRE)
     assert tilts.max() < HALF_ANGLE
     # Evenly over the cone: as many tiles within a part of it as its area has of the whole.
@@ -42,7 +37,7 @@ def test_the_map_has_the_dexterity_and_the_singularities(phi):
     assert apart.min() > 0.85 * np.sqrt(2.0 * np.pi * (1 - np.cos(HALF_ANGLE)) / len(tilts))
     poses, colours = poses_of(drawn.axes, phi), drawn.colours(phi)
     np.testing.assert_allclose(poses[..., 2], drawn.axes, atol=1e-12)
-    eta = dexterity(poses)
+    eta = kinematics.dexterity(poses)
     # The nearer to a singularity, the nearer to the first colour.
     grey = np.ptp(colours.astype(int), axis=1) == 0
     assert np.array_equal(grey, np.isnan(eta))
@@ -50,7 +45,7 @@ def test_the_map_has_the_dexterity_and_the_singularities(phi):
     expected = [np.interp(eta, [0.0, 0.1, 0.2], channel) for channel in bar.T]
     reached = np.isfinite(eta)
     np.testing.assert_allclose(colours[reached], np.transpose(expected)[reached], atol=1.0)
-    singular, determinants = drawn.singular_axes(phi), parallel_determinant(poses)
+    singular, determinants = drawn.singular_axes(phi), kinematics.parallel_determinant(poses)
     assert bool(len(singular)) == (np.nanmin(determinants) < 0.0 < np.nanmax(determinants))
     # 1e-3 is a twentieth of a degree here.
-    assert np.abs(parallel_determinant(poses_of(singular, phi))).max(initial=0.0) < 2e-3
+    assert np.abs(kinematics.parallel_determinant(poses_of(singular, phi))).max(initial=0.0) < 2e-3

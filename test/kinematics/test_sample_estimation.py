@@ -29,18 +29,13 @@ from spm_haptic_master.kinematics import (
     estimate_sample,
     forward_theta3a,
     inverse,
+    leg_kernels,
     matrix_from_quaternion,
     quaternion_from_matrix,
     UsedSensors,
     workspace_pose,
 )
 from spm_haptic_master.kinematics.estimation.gauss_newton import fit, one_step
-from spm_haptic_master.kinematics.leg_kernels import (
-    both_turns,
-    linkage,
-    turn_equation,
-    turn_of_second_joint,
-)
 from spm_haptic_master.kinematics.number_backends import FLOATS
 
 SETS = [UsedSensors(tuple(UNEQUAL[:mounted].tolist()), left_out) for mounted in (4, 5, 6)
@@ -213,8 +208,8 @@ def test_where_the_closed_form_is_degenerate_a_prior_or_a_further_sensor_selects
 def rival_of(R):
     """Return the other root of leg B's turn equation at a pose, as an orientation."""
     th1a, th1b, th1c, th3a = four_angles(R).tolist()
-    _, _, leg_b, _ = linkage(th1a, th1b, th1c, th3a, PAPER, FLOATS)
-    th2a = max(both_turns(turn_equation(*leg_b)), key=lambda th2a: abs(
+    _, _, leg_b, _ = leg_kernels.linkage(th1a, th1b, th1c, th3a, PAPER, FLOATS)
+    th2a = max(leg_kernels.both_turns(leg_kernels.turn_equation(*leg_b)), key=lambda th2a: abs(
         math.remainder(th2a - inverse(R).theta2a, 2.0 * math.pi)))
     return nominal().chain(0, th1a, th2a, th3a)
 
@@ -265,8 +260,8 @@ USUAL = [sensors for sensors in SETS if sensors.usual] + [
 def start_of(readings):
     """Return state and linkage of Case 2."""
     th1a, th1b, th1c, th3a = readings[:4]
-    view = linkage(th1a, th1b, th1c, th3a, PAPER, FLOATS)
-    cosine, sine, determinant = turn_of_second_joint(*view[2:])
+    view = leg_kernels.linkage(th1a, th1b, th1c, th3a, PAPER, FLOATS)
+    cosine, sine, determinant = leg_kernels.turn_of_second_joint(*view[2:])
     th2a = math.atan2(sine * determinant, cosine * determinant)
     return (th1a, th2a, th3a, th1b, th1c), view
 

@@ -9,16 +9,8 @@ from built_mechanism import nominal, random_built, random_nominal
 from mechanism import angle_between, MODES, tilted, turn
 import numpy as np
 import pytest
+from spm_haptic_master import kinematics
 from spm_haptic_master.exceptions import UnreachableError
-from spm_haptic_master.kinematics import (
-    estimate,
-    forward_all,
-    forward_theta2a,
-    forward_theta3a,
-    Geometry,
-    inverse,
-    jacobian,
-)
 
 mujoco = pytest.importorskip('mujoco', reason='needs mujoco')
 MultiBody = pytest.importorskip('paper.mujoco_model').MultiBody
@@ -27,17 +19,17 @@ MultiBody = pytest.importorskip('paper.mujoco_model').MultiBody
 def compare(body, R, mode, rng):
     """Worst disagreement in rad over all forward models, and the multi-body model's own error."""
     g = body.g
-    joints = inverse(R, g, mode)
+    joints = kinematics.inverse(R, g, mode)
     near = turn(math.radians(0.2) * rng.normal(size=3)) @ R
     body.place(joints.theta1, near)
     found, error = body.assemble(joints.theta1)
     measured = float(body.data.qpos[body.third])
     assert abs(math.remainder(measured - joints.theta3a, 2.0 * math.pi)) < 1e-6
     models = [
-        forward_theta3a(joints.theta1, measured, g),
-        forward_theta2a(joints.theta1, body.data.qpos[body._address('joint_2a')], g),
-        estimate(joints.theta1, measured, 1e-3, g, prior=near).rotation,
-        min(forward_all(joints.theta1, g), key=lambda mode: angle_between(mode, found))]
+        kinematics.forward_theta3a(joints.theta1, measured, g),
+        kinematics.forward_theta2a(joints.theta1, body.data.qpos[body._address('joint_2a')], g),
+        kinematics.estimate(joints.theta1, measured, 1e-3, g, prior=near).rotation,
+        min(kinematics.forward_all(joints.theta1, g), key=lambda mode: angle_between(mode, found))]
     return max(angle_between(found, model) for model in [R, *models]), error
 
 
@@ -59,7 +51,7 @@ def joint_rates(body):
 @pytest.mark.parametrize('phi_deg', [-10.0, 0.0, 20.0, 40.0, 48.0, 55.0])
 def test_agreement_over_the_workspace(phi_deg):
     rng = np.random.default_rng(30)
-    body = MultiBody(Geometry())
+    body = MultiBody(kinematics.Geometry())
     compared = 0
     for tilt in np.radians([0.0, 10.0, 20.0, 26.0]):
         for azimuth in np.radians(np.arange(0.0, 360.0, 60.0)):
@@ -81,7 +73,7 @@ def test_agreement_in_every_working_mode_on_other_mechanisms_and_as_built(mode):
     while compared < 12:
         built = (nominal(), random_nominal(rng), random_built(rng))[compared % 3]
         R, g = built.reachable_rotation(rng), built.geometry
-        G = jacobian(R, g, mode, sensors=4)
+        G = kinematics.jacobian(R, g, mode, sensors=4)
         if np.linalg.cond(G[:3]) > 20.0:
             continue  # at a parallel singularity three angles do not determine the platform's pose
         body = MultiBody(g)

@@ -7,12 +7,7 @@ from math import radians
 
 import numpy as np
 import pytest
-from spm_haptic_master.kinematics import (
-    dexterity,
-    inverse,
-    matrix_from_zxz,
-    parallel_determinant,
-)
+from spm_haptic_master import kinematics
 from spm_haptic_master.simulation import trajectories
 
 
@@ -32,8 +27,8 @@ def test_the_sweep_stays_within_reach_over_whole_periods(tilt_deg):
     """All of 7 x 11 x 17 s; the largest tilt is the given one."""
     at = trajectories.sweep(radians(tilt_deg))
     poses = np.array([at(t) for t in np.arange(0.0, 1309.0, 0.05)])
-    rotations = matrix_from_zxz(*poses.T)
-    joints = inverse(rotations)
+    rotations = kinematics.matrix_from_zxz(*poses.T)
+    joints = kinematics.inverse(rotations)
     assert np.isfinite(joints.theta1).all() and np.isfinite(joints.theta3a).all()
     tilt = np.degrees(np.arccos(np.clip(rotations[:, :, 2].sum(axis=1) / np.sqrt(3.0), -1.0, 1.0)))
     assert tilt.max() == pytest.approx(tilt_deg, abs=0.01)
@@ -43,8 +38,8 @@ def test_the_sweep_stays_within_reach_over_whole_periods(tilt_deg):
 
 def test_the_tour_begins_clear_of_the_singularity_and_crosses_it_within_ten_seconds():
     times = np.arange(0.0, 13.0 * 19.0 * 16.0, 0.2)
-    rotations = matrix_from_zxz(*np.array([trajectories.tour(t) for t in times]).T)
-    assert np.isfinite(inverse(rotations).theta3a).all()
-    assert dexterity(rotations[times < 2.0]).min() > 0.1
-    signs = np.sign(parallel_determinant(rotations[times < 10.0]))
+    rotations = kinematics.matrix_from_zxz(*np.array([trajectories.tour(t) for t in times]).T)
+    assert np.isfinite(kinematics.inverse(rotations).theta3a).all()
+    assert kinematics.dexterity(rotations[times < 2.0]).min() > 0.1
+    signs = np.sign(kinematics.parallel_determinant(rotations[times < 10.0]))
     assert signs.min() < 0.0 < signs.max()

@@ -6,12 +6,7 @@
 from __future__ import annotations
 
 import numpy as np
-from spm_haptic_master.kinematics import (
-    inverse,
-    matrix_from_quaternion,
-    quaternion_from_matrix,
-    workspace_pose,
-)
+from spm_haptic_master import kinematics
 from spm_haptic_master.supervision import supervise
 
 SINGULAR = 49.358591780  # deg; central singularity of the rig's working mode
@@ -59,19 +54,19 @@ def motion_at(kind: str, t: np.ndarray) -> np.ndarray:
             zero, zero, SINGULAR + 6.0 * np.sin(np.pi * np.maximum(t - 1.2, 0.0))),
         'near singular': (zero, zero, SINGULAR + swing(2.0, 0.5)),
     }[kind]
-    return workspace_pose(*map(np.radians, (tilt, azimuth, phi)))
+    return kinematics.workspace_pose(*map(np.radians, (tilt, azimuth, phi)))
 
 
 def about(pose: np.ndarray, axis: np.ndarray, angles: np.ndarray) -> np.ndarray:
     """Return the orientations of a pose that is turned about an axis by angles, rad, (n, 3, 3)."""
     half = 0.5 * angles[:, None]
     quaternions = np.hstack([axis / np.linalg.norm(axis) * np.sin(half), np.cos(half)])
-    return matrix_from_quaternion(quaternions) @ pose
+    return kinematics.matrix_from_quaternion(quaternions) @ pose
 
 
 def random_pose(rng: np.random.Generator) -> np.ndarray:
     """Return a pose of the inner workspace."""
-    return workspace_pose(*np.radians(
+    return kinematics.workspace_pose(*np.radians(
         [rng.uniform(0.0, 12.0), rng.uniform(0.0, 360.0), rng.uniform(5.0, 60.0)]))
 
 
@@ -109,7 +104,7 @@ def disturbance(kind: str, seed: int) -> np.ndarray:
 
 def joint_angles(rotations: np.ndarray, sensors: int = 4) -> np.ndarray:
     """Return the true th1A, th1B, th1C, th3A, and th3B and th3C if asked, rad, (n, sensors)."""
-    joints = inverse(rotations)
+    joints = kinematics.inverse(rotations)
     return np.column_stack(
         [joints.theta1, joints.theta3a, joints.theta3b, joints.theta3c])[:, :sensors]
 
@@ -168,7 +163,7 @@ def every(*changes):
 
 def errors(result, rotations: np.ndarray) -> np.ndarray:
     """Return the rotation error of each orientation, deg; NaN where none is published."""
-    true = quaternion_from_matrix(rotations)
+    true = kinematics.quaternion_from_matrix(rotations)
     chord = np.minimum(np.linalg.norm(true - result.quaternion, axis=1),
                        np.linalg.norm(true + result.quaternion, axis=1))
     return np.degrees(4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)))

@@ -9,12 +9,7 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 import numpy as np
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
-from spm_haptic_master.kinematics import (
-    Geometry,
-    matrix_from_quaternion,
-    mechanism_angles,
-    workspace_pose,
-)
+from spm_haptic_master import kinematics
 from spm_haptic_master.kinematics.joints import MECHANISM_JOINT_NAMES
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
 from spm_haptic_master.parameters.setting import complete
@@ -22,7 +17,7 @@ from spm_haptic_master.view.arm import Arm, SETTINGS
 from spm_haptic_master.view.page import Page
 from std_msgs.msg import String
 
-GEOMETRY = Geometry()
+GEOMETRY = kinematics.Geometry()
 # Time between two ticks (s).
 TICK = 0.05
 
@@ -35,7 +30,7 @@ def entry_of(name, message='', level=DiagnosticStatus.OK, values=()):
 
 def turn_of(handle):
     """Return the rotation matrix of a node of the scene."""
-    return matrix_from_quaternion(np.roll(handle.wxyz, -1))
+    return kinematics.matrix_from_quaternion(np.roll(handle.wxyz, -1))
 
 
 def sampled(node, kind, topic):
@@ -93,10 +88,10 @@ class Shown:
 
     def pose(self, tilt=0.1, azimuth=0.0, phi=0.6, again=False):
         """Have new joint angles of a pose, rad; return its matrix."""
-        R = workspace_pose(tilt, azimuth, phi)
+        R = kinematics.workspace_pose(tilt, azimuth, phi)
         self._samples += not again
         message = JointState(name=list(MECHANISM_JOINT_NAMES),
-                             position=mechanism_angles(tuple(R.ravel()), GEOMETRY))
+                             position=kinematics.mechanism_angles(tuple(R.ravel()), GEOMETRY))
         message.header.stamp.sec = self._samples
         self.takers['/joint_states'](message)
         return R
