@@ -54,6 +54,8 @@ def test_a_program_ends_with_a_code_and_at_most_one_line(monkeypatch, capsys, pr
 
 
 class Terminal(io.StringIO):
+    """A text that passes for a terminal."""
+
     def isatty(self):
         return True
 
