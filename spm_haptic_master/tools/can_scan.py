@@ -38,9 +38,9 @@ def main(args: list[str]) -> int:
     given = command_line.given(options, (DRIVER, 'fkm'), DRIVER_NAMES | DRIVE_NAMES)
     values = command_line.bus_values(given)
     decoder = make_decoder(values)
-    expected = scan_report.Expected(decoder.layouts,
-                        values['encoders.node_id'] if decoder.network else None, values['rate'],
-                        *_drives(given, values))
+    expected = scan_report.Expected(
+        decoder.layouts, values['encoders.node_id'] if decoder.network else None, values['rate'],
+        *_drives(given, values))
     scan = BusScan(decoder.sync_id)
     interface, channel = values['can.interface'], values['can.channel']
     with command_line.bus_of(values) as bus:
@@ -60,8 +60,9 @@ def main(args: list[str]) -> int:
     if expected.node_ids is not None:
         known = any(name in given for name in CHOSEN)
         print('lines for rig.yaml' + ('' if known else IN_ORDER) + ':')
-        print('\n'.join(scan_report.rig_lines(scan, expected, known, interface, channel,
-                                  values['can.bitrate'] if 'can.bitrate' in given else None)))
+        print('\n'.join(scan_report.rig_lines(
+            scan, expected, known, interface, channel,
+            values['can.bitrate'] if 'can.bitrate' in given else None)))
     return 1 if found else 0
 
 

@@ -263,8 +263,9 @@ class Arm:
         self._entries.now = now
         entry = self._entries.entry(status.SINGULARITY)
         reason = '' if entry is None or entry.message in MESSAGES else entry.message
-        self.seen.banner = shown = status.banner(self._state, self._age.value, reason,
-                                          heard=not self._entries.has_ended(status.ORIENTATION))
+        self.seen.banner = shown = status.banner(
+            self._state, self._age.value, reason,
+            heard=not self._entries.has_ended(status.ORIENTATION))
         if self._scene is not None:
             self._scene.set_alive(shown.alive)
         self._page.show(self._title, shown)

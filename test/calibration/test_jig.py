@@ -54,12 +54,12 @@ def station(angles, stated=None, sets=2000, **how):
     """Return the readings at joint angles, with those that the jig states."""
     means, noise = jig.read_still(recorded(angles, sets, **how), PER_TURN, *LIMITS)
     return jig.Station((2.3, 0.9, 0.0), stated or angles, tuple(means.tolist()),
-                   tuple(noise.tolist()), sets)
+                       tuple(noise.tolist()), sets)
 
 
 def calibrated(*stations, direction=DIRECTION, before=None):
     return jig.calibrate(stations or [station(FIRST)], direction, PER_TURN,
-                     '2026-01-02T03:04:05+00:00', BIAS, TOLERANCE, before)
+                         '2026-01-02T03:04:05+00:00', BIAS, TOLERANCE, before)
 
 
 def assert_zeros(found):

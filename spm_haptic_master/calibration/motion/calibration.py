@@ -102,7 +102,7 @@ class MotionCalibration:
     def bias(self) -> Array:
         """Return the bounds of the sensors' systematic errors over the region, rad, (N,)."""
         return coverage.sensor_bounds(self.model, self.vector, self.covariance, self._poses,
-                             self.unexplained)
+                                      self.unexplained)
 
     @cached_property
     def region_error(self) -> float:

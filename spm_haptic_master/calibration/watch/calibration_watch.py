@@ -43,7 +43,7 @@ class CalibrationWatch:
         # Row of each pose in the sums.
         self._rows: dict[tuple[int, ...], int] = {}
         self._sums = slip_evidence.PoseSums(np.zeros(POSES), np.zeros((POSES, sensors, sensors)),
-                              np.zeros((POSES, sensors)))
+                                            np.zeros((POSES, sensors)))
         self._last: Quaternion[float] | None = None
         self.evaluation: slip_evidence.Evaluation | None = None
         self.caution = ''
