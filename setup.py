@@ -60,7 +60,7 @@ setup(
     maintainer_email=EMAIL,
     keywords=['ROS', 'haptics', 'parallel manipulator', 'forward kinematics', 'CAN'],
     classifiers=[
-        'Development Status :: 3 - Alpha',
+        'Development Status :: 4 - Beta',
         'Intended Audience :: Science/Research',
         'License :: OSI Approved :: Apache Software License',
         'Operating System :: POSIX :: Linux',

@@ -25,6 +25,9 @@ def ready(tmp_path):
     shutil.copytree(ROOT / 'resource', tmp_path / 'resource')
     shutil.copytree(ROOT / 'spm_haptic_master', tmp_path / 'spm_haptic_master',
                     ignore=shutil.ignore_patterns('__pycache__'))
+    changelog = tmp_path / 'CHANGELOG.rst'
+    if '\nForthcoming\n' not in changelog.read_text():  # a checkout that is to be tagged
+        replace(changelog, '^\n\n', '^\n\nForthcoming\n-----------\n* Add a change.\n\n')
     checks.prepare(tmp_path, '3.2.1', DAY)
     return tmp_path
 
