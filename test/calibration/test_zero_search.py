@@ -8,6 +8,7 @@ from math import radians
 from free_motions import model_of, poses
 import numpy as np
 import pytest
+from spm_haptic_master.calibration.motion import zero_search
 from spm_haptic_master.calibration.motion.readings import MotionReadings
 from spm_haptic_master.calibration.motion.zero_search import find_start, search_zeros, Start
 from spm_haptic_master.exceptions import CalibrationError
@@ -60,3 +61,16 @@ def test_a_wrong_pair_that_several_zeros_explain_does_not_end_the_search(monkeyp
     means = MotionReadings(np.arange(10.0), readings, np.ones(6), 1, np.zeros(10, dtype=bool))
     with pytest.raises(CalibrationError, match='^joint_3b and joint_3c are swapped: '):
         find_start(means, model_of(6))
+
+
+def test_further_sensors_have_the_zeros_and_directions_that_those_of_four_leave():
+    model, random = model_of(6), np.random.default_rng(7)
+    zeros, direction = random.uniform(-np.pi, np.pi, 6), (1, -1, 1, 1, -1, 1)
+    readings = (model.readings(poses(60), np.zeros(model.layout.count)) + zeros) * direction
+    # Of a pose without an orientation nothing follows.
+    readings[5, :4] += 1.0
+    found = zero_search._with_more(
+        readings, model, zero_search.ZeroGuess(direction[:4], zeros[:4], 0.0))
+    assert found.direction == direction
+    assert np.abs(wrapped(found.vector[:6] - zeros)).max() < 1e-6
+    assert not found.vector[6:].any()
