@@ -29,7 +29,14 @@ from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.simulation import trajectories
 from spm_haptic_master.tools import validate
 from spm_haptic_master.validation import recordings
-from spm_haptic_master.validation.alignment import align, interpolate, rotation_vectors
+from spm_haptic_master.validation.alignment import (
+    align,
+    angular_speed,
+    coarse_offset,
+    constant_frames,
+    interpolate,
+    rotation_vectors,
+)
 from spm_haptic_master.validation.comparison import (
     ANGLES,
     compare,
@@ -329,6 +336,22 @@ def test_orientations_are_interpolated_within_the_recording_and_short_gaps_alone
     off = rotation_vectors(matrix_from_quaternion(found[known])
                            @ motion(at[known]).swapaxes(1, 2))
     assert np.abs(off).max() < 1e-3 and np.abs(off[[0, 2, 4]]).max() < 1e-12
+
+
+def test_the_speed_of_a_steady_turn_is_constant_and_equal_periods_are_not_shifted():
+    half = 0.35 * RECORDED
+    turning = np.column_stack([0.0 * half, 0.0 * half, np.sin(half), np.cos(half)])
+    np.testing.assert_allclose(angular_speed(RECORDED, turning)[1], 0.7, rtol=1e-3)
+    periodic = 1.0 + np.sin(np.arange(2000) * math.tau / 50)
+    assert coarse_offset((5.0, periodic), (3.0, periodic)) == pytest.approx((2.0, 1.0))
+
+
+@pytest.mark.parametrize('body', [BODY, np.eye(3)])
+def test_constant_frames_are_those_of_the_orientations(body):
+    recorded = motion(RECORDED)
+    found = constant_frames(FRAME @ recorded @ body, recorded, body is not BODY)
+    # Of the body approximately: the motion tilts the platform by some degrees only.
+    np.testing.assert_allclose(found[0] @ recorded @ found[1], FRAME @ recorded @ body, atol=0.01)
 
 
 def test_pieces_of_which_neither_contains_the_other_are_aligned():
