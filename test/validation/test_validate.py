@@ -28,7 +28,7 @@ from spm_haptic_master.parameters.geometry import geometry_from, GEOMETRY_SETTIN
 from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.simulation import trajectories
 from spm_haptic_master.tools import validate
-from spm_haptic_master.validation import recordings
+from spm_haptic_master.validation import plot_style, recordings
 from spm_haptic_master.validation.alignment import (
     align,
     angular_speed,
@@ -342,6 +342,10 @@ def test_the_speed_of_a_steady_turn_is_constant_and_equal_periods_are_not_shifte
     half = 0.35 * RECORDED
     turning = np.column_stack([0.0 * half, 0.0 * half, np.sin(half), np.cos(half)])
     np.testing.assert_allclose(angular_speed(RECORDED, turning)[1], 0.7, rtol=1e-3)
+    with pytest.raises(InputError, match='too short') as error:
+        angular_speed(RECORDED[:9], turning[:9])
+    enough = RECORDED <= float(re.search(r'expected ([\d.]+) s', str(error.value))[1]) + 1e-9
+    assert len(angular_speed(RECORDED[enough], turning[enough])[1])
     periodic = 1.0 + np.sin(np.arange(2000) * math.tau / 50)
     assert coarse_offset((5.0, periodic), (3.0, periodic)) == pytest.approx((2.0, 1.0))
 
@@ -360,6 +364,11 @@ def test_pieces_of_which_neither_contains_the_other_are_aligned():
                       quaternion_from_matrix(FRAME @ motion(second)), body_known=True)
     assert alignment.offset == pytest.approx(100.0, abs=1e-4)
     np.testing.assert_allclose(alignment.frame, FRAME, atol=1e-5)
+
+
+def test_a_picture_that_cannot_be_written_is_named(tmp_path):
+    with pytest.raises(InputError, match='missing/a.png: cannot be written: '):
+        plot_style.save(plot_style.new_figure(), tmp_path / 'missing' / 'a.png')
 
 
 @pytest.mark.parametrize('names', [['matplotlib.figure'], ['rosbag2_py', 'rosbags.rosbag2']])
