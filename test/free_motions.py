@@ -24,6 +24,8 @@ DEVIATIONS = Tolerances(radians(0.3), radians(0.3), radians(0.12), radians(0.015
 SHORT = Condition('short', seconds=24.0)
 # An ordinary rig, and the seed of its short motion.
 RIG, SEED = random_rig(12, DEVIATIONS), 41
+# What `short_calibration` reported of its progress (unit 1).
+SHARES = []
 
 
 @cache
@@ -36,7 +38,8 @@ def short_motion():
 def short_calibration():
     """Return the calibration from every tenth of its samples, with zeros that are known about."""
     stamps, raw, direction, zeros = short_motion()
-    return calibrated(stamps[::10], raw[::10], direction, zeros)
+    return calibrated(stamps[::10], raw[::10], direction, zeros,
+                      lambda text, share: SHARES.append(share))
 
 
 def model_of(sensors=4, nominal=None):
@@ -44,13 +47,13 @@ def model_of(sensors=4, nominal=None):
     return MotionModel(Layout(sensors, nominal or Geometry()), np.full(sensors, SIGMA))
 
 
-def calibrated(stamps, raw, direction, zeros):
+def calibrated(stamps, raw, direction, zeros, progress=lambda text, share: None):
     """Return the calibration of a motion whose zeros are known: it saves the search for them."""
     means = motion_readings(stamps, raw)
     layout = Layout(raw.shape[1])
     start = np.zeros(layout.count)
     start[layout.slices['zeros']] = zeros
-    return fitted(layout, means, Start(tuple(direction.tolist()), start))
+    return fitted(layout, means, Start(tuple(direction.tolist()), start), progress)
 
 
 def sensor_errors(found, rig, zeros):

@@ -9,7 +9,12 @@ from free_motions import model_of, poses, random_vector, SIGMA
 import numpy as np
 import pytest
 from spm_haptic_master.calibration.motion.coverage import inverse
-from spm_haptic_master.calibration.motion.fit import considered_covariance, fit, normal_equations
+from spm_haptic_master.calibration.motion.fit import (
+    considered_covariance,
+    fit,
+    held_out_part,
+    normal_equations,
+)
 from spm_haptic_master.exceptions import CalibrationError
 
 
@@ -80,3 +85,11 @@ def test_a_motion_without_an_orientation_is_refused():
     with pytest.raises(CalibrationError, match='no sample of the motion has an orientation'):
         fit(model, turned, vector, (0, 1), rotation)
     assert not normal_equations(model, turned, rotation, vector, (0,)).kept.any()
+
+
+def test_a_third_of_the_motion_in_pieces_of_seconds_confirms_the_fit():
+    held = held_out_part(np.arange(0.0, 90.0, 0.1))
+    assert held.mean() == pytest.approx(1.0 / 3.0, abs=0.03)
+    assert 10 < np.abs(np.diff(held.astype(int))).sum() < 90
+    with pytest.raises(CalibrationError, match='the motion lasts 1.9 s; expected more than'):
+        held_out_part(np.arange(0.0, 2.0, 0.1))

@@ -14,6 +14,7 @@ from free_motions import (
     RIG,
     SEED,
     sensor_errors,
+    SHARES,
     SHORT,
     short_calibration,
     short_motion,
@@ -57,6 +58,10 @@ def motion():
 @pytest.fixture
 def calibration():
     return short_calibration()
+
+
+def test_the_progress_only_grows(calibration):
+    assert len(SHARES) > 4 and SHARES == sorted(SHARES) and SHARES[0] > 0.0 and SHARES[-1] < 1.0
 
 
 @cache
