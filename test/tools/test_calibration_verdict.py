@@ -47,6 +47,7 @@ def raw(found):
 def test_a_limit_is_supported_from_the_least_one_on(found, fkm):
     least = least_alert_limit(found, fkm())
     assert 1.0 < least < 30.0 and least in ALERT_LIMITS_DEG
+    assert [*ALERT_LIMITS_DEG] == sorted(set(ALERT_LIMITS_DEG))
     with pytest.raises(CalibrationError) as caught:
         supported(found, fkm())
     # It begins with what to do, and names the limit that is accepted.

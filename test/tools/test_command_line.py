@@ -3,8 +3,10 @@
 
 """How programs end, show progress, and open the bus; and those whose rooms test the rest."""
 
+from importlib import import_module
 import io
 import os
+from pathlib import Path
 import re
 import signal
 from types import SimpleNamespace
@@ -142,3 +144,17 @@ def test_a_validation_prints_alignment_and_errors(tmp_path, monkeypatch, capsys)
         'aligned.csv', 'errors.csv'} and drawn == ['validation']
     assert validate.main(['validate', 'orientation.csv', 'capture.csv', '-o', '/dev/null/x']) == 1
     assert re.search('^validate: /dev/null/x: cannot be written: ', capsys.readouterr().err)
+
+
+@pytest.mark.parametrize('tool', [
+    'calibrate', 'can_scan', 'can_setup', 'force_check', 'sim_bus', 'supervise', 'validate'])
+def test_the_defaults_of_a_program_are_those_of_its_help(tool):
+    parser = import_module(f'spm_haptic_master.tools.{tool}')._parser()
+    named = 0
+    for action in parser._actions:
+        stated = re.search(r'\(default:? ([\w.]+)\)', (action.help or '') % vars(action))
+        if stated and action.default is not None:  # None: it depends on the arguments
+            named += 1
+            assert action.default in (stated[1], float(stated[1]) if stated[1][0].isdigit()
+                                      else Path(stated[1])), action.dest
+    assert named
