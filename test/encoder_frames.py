@@ -46,9 +46,7 @@ LAYOUTS = make_layouts(values())
 
 def sync(at, counter=None):
     """Return SYNC at a time in s."""
-    message = canopen.frame(0x80, b'' if counter is None else bytes((counter,)))
-    message.timestamp = at
-    return message
+    return canopen.frame(0x80, b'' if counter is None else bytes((counter,)), at)
 
 
 def answer(index, at, angle=0.1, layouts=LAYOUTS, **fields):

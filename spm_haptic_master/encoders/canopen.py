@@ -139,9 +139,9 @@ def reserved_for(identifier: int) -> str | None:
     return None if name is None or name.startswith('TPDO') else name
 
 
-def frame(identifier: int, data: bytes = b'') -> can.Message:
-    """Return a data frame with an 11-bit identifier."""
-    return can.Message(arbitration_id=identifier, data=data, is_extended_id=False)
+def frame(identifier: int, data: bytes = b'', stamp: float = 0.0) -> can.Message:
+    """Return a data frame with an 11-bit identifier, and with a time, s."""
+    return can.Message(stamp, identifier, is_extended_id=False, data=data)
 
 
 def nmt(command: int, node_id: int) -> can.Message:
@@ -174,36 +174,27 @@ def state_word(state: int) -> str:
     return STATE_WORDS.get(state & 0x7F, f'in unknown state 0x{state:02X}')
 
 
-def _sdo(identifier: int, command: int, index: int, subindex: int, value: int = 0) -> can.Message:
+def sdo(identifier: int, command: int, index: int, subindex: int, value: int = 0) -> can.Message:
+    """Return an SDO frame: a request, or an answer (with SDO_ABORT, `value` is the code)."""
     return frame(identifier, bytes((command,)) + index.to_bytes(2, 'little') + bytes((subindex,))
                  + value.to_bytes(4, 'little'))
 
 
 def sdo_upload(node_id: int, index: int, subindex: int) -> can.Message:
     """Return the SDO request for an object's value."""
-    return _sdo(SDO_REQUEST_BASE + node_id, SDO_UPLOAD_REQUEST, index, subindex)
+    return sdo(SDO_REQUEST_BASE + node_id, SDO_UPLOAD_REQUEST, index, subindex)
 
 
 def sdo_write(node_id: int, index: int, subindex: int, value: int, size: int) -> can.Message:
     """Return the SDO request that writes an unsigned number of one to four bytes."""
-    return _sdo(SDO_REQUEST_BASE + node_id, SDO_DOWNLOAD_REQUEST | 4 - size << 2, index, subindex,
-                value)
+    return sdo(SDO_REQUEST_BASE + node_id, SDO_DOWNLOAD_REQUEST | 4 - size << 2, index, subindex,
+               value)
 
 
 def sdo_answer(node_id: int, index: int, subindex: int, value: int,
                size: int = 4) -> can.Message:
     """Return the expedited answer to an SDO upload: an unsigned number of one to four bytes."""
-    return _sdo(SDO_ANSWER_BASE + node_id, 0x43 | 4 - size << 2, index, subindex, value)
-
-
-def sdo_done(node_id: int, index: int, subindex: int) -> can.Message:
-    """Return the answer to an SDO download."""
-    return _sdo(SDO_ANSWER_BASE + node_id, SDO_DOWNLOAD_ANSWER, index, subindex)
-
-
-def sdo_abort(node_id: int, index: int, subindex: int, code: int) -> can.Message:
-    """Return the abort of an SDO request, with its abort code."""
-    return _sdo(SDO_ANSWER_BASE + node_id, SDO_ABORT, index, subindex, code)
+    return sdo(SDO_ANSWER_BASE + node_id, 0x43 | 4 - size << 2, index, subindex, value)
 
 
 def sdo_object(data: bytes | bytearray) -> tuple[int, int]:

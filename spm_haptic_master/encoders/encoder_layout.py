@@ -116,13 +116,11 @@ class EncoderLayout:
 
     def angle(self, counts: int) -> float:
         """Return the joint angle at `counts`, rad in (-pi, pi]."""
-        harmonics = self.harmonics
-        if harmonics is None:
-            return angle_from_counts(
-                counts, self.zero_count, self.direction, self.counts_per_turn)
         per_turn = self.counts_per_turn
+        if self.harmonics is None:
+            return angle_from_counts(counts, self.zero_count, self.direction, per_turn)
         turns = (self.direction * (counts - self.zero_count)) % per_turn
-        angle = turns * TURN / per_turn + harmonics.corrections[turns * KNOTS // per_turn]
+        angle = turns * TURN / per_turn + self.harmonics.corrections[turns * KNOTS // per_turn]
         return angle - TURN if angle > math.pi else angle
 
     def data(self, angle: float, counter: int = 0, healthy: bool = True) -> bytes:

@@ -47,19 +47,20 @@ class FrameDecoder:
     Distributes frames, by identifier, to the assembler and the CANopen nodes.
 
     `layouts` are of four, five or six encoders, in the order of ALL_JOINT_NAMES; `sync_id` and
-    `network` are None where there is no SYNC, or no node. With `emcy_stops`, four encoders give no
+    `network` are None where there is no SYNC, or no node; `period` and `window`, s, are those of
+    SetAssembler. With `emcy_stops`, four encoders give no
     set while one reports an emergency. Of five or six, one with an emergency, a lost heartbeat or
     a wrong NMT state has no reading.
     """
 
     def __init__(self, layouts: tuple[EncoderLayout, ...], sync_id: int | None,
-                 assembler: SetAssembler, network: CanopenNodes | None, emcy_stops: bool,
-                 sync_rate: SyncRate):
+                 period: float, window: float, network: CanopenNodes | None, emcy_stops: bool):
         self.layouts = layouts
         self.encoders = tuple(map(Encoder, layouts))
         self.words = f'{NUMBER_WORDS[len(layouts)]} encoders'
         self.sync_id = sync_id
-        self.assembler = assembler
+        self.assembler = SetAssembler(
+            tuple(layout.joint for layout in layouts), sync_id is not None, window, period)
         self.network = network
         # Number of frames, and of rejected ones by reason.
         self.counters: Counter[str] = Counter()
@@ -68,7 +69,7 @@ class FrameDecoder:
         self.bus_off = False
         # Time of the latest SYNC, s since the Unix epoch; None before the first.
         self.sync_heard: float | None = None
-        self._sync_rate = sync_rate
+        self._sync_rate = SyncRate(period)
         self._by_key = {
             encoder.layout.can_id | EXTENDED * encoder.layout.extended: (index, encoder)
             for index, encoder in enumerate(self.encoders)}

@@ -41,8 +41,8 @@ class Harmonics:
     """
     Harmonics of one encoder.
 
-    Raises InputError if a number is not finite, a table is too short or too long, or the reading
-    does not increase with the joint angle everywhere.
+    Raises InputError if a table is too short or too long, or the reading does not increase with
+    the joint angle everywhere.
     """
 
     # Amplitudes of the first harmonic, rad.
@@ -55,9 +55,6 @@ class Harmonics:
     _deviations: NDArray[np.float64] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        for value in (self.cosine, self.sine, *self.table):
-            if not math.isfinite(value):
-                raise InputError(f'harmonics: {value}, expected finite numbers')
         if self.table and not TABLE_MINIMUM <= len(self.table) <= TABLE_MAXIMUM:
             raise InputError(f'a table of {len(self.table)} values, expected '
                              f'{TABLE_MINIMUM} to {TABLE_MAXIMUM}')

@@ -13,14 +13,8 @@ from spm_haptic_master.encoders.canopen_network import Node
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout
 from spm_haptic_master.exceptions import InputError, SetupError
 
-# Entry of a mapping object: the position, 32 bits.
-POSITION_ENTRY = canopen.POSITION[0] << 16 | canopen.POSITION[1] << 8 | 32
 # Largest value of an UNSIGNED16 (ms).
 TIME_MAXIMUM = 0xFFFF
-# Mask of a CiA 301 device type: the device profile.
-PROFILE_MASK = 0xFFFF
-# Bits of an object that all count.
-ALL = 0xFFFFFFFF
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +26,7 @@ class WantedObject:
     size: int  # bytes
     name: str  # a few words
     value: int
-    mask: int = ALL  # bits that count; the others are left as they are
+    mask: int = 0xFFFFFFFF  # bits that count; the others are left as they are
     optional: bool = False  # a node without this object is also as wanted
     hexadecimal: bool = False  # its value is usually written so
     of_device: bool = False  # the value belongs to the device: compared and never written
@@ -100,6 +94,7 @@ def wanted_objects(layout: EncoderLayout, node_id: int, synchronised: bool, peri
     # A frame with nothing but the 32 bits of the position has a known mapping.
     plain = (layout.data_length, layout.byte_offset, layout.bit_length, layout.byte_order) \
         == (4, 0, 32, 'little')
+    index, subindex = canopen.POSITION
     return WantedObjects(
         pdos=(wanted_pdo(
             parameters, name,
@@ -109,7 +104,7 @@ def wanted_objects(layout: EncoderLayout, node_id: int, synchronised: bool, peri
                              optional=True),
                 WantedObject(parameters, canopen.TPDO_EVENT_TIMER, 2, f'{name} event timer', 0,
                              optional=True)),
-            [POSITION_ENTRY] if plain else []),),
+            [index << 16 | subindex << 8 | 32] if plain else []),),
         others=(
             *other_tpdos_off(number),
             WantedObject(*canopen.HEARTBEAT_TIME, 2, 'heartbeat time, ms',
@@ -160,7 +155,7 @@ def identity(node: Node, profile: int) -> str:
     """Return device type and identity of a node in words; SetupError for another profile."""
     kind = canopen.PROFILES[profile]
     device_type, _ = node.read(*canopen.DEVICE_TYPE)
-    if device_type is None or device_type & PROFILE_MASK != profile:
+    if device_type is None or device_type & 0xFFFF != profile:
         shown = 'none' if device_type is None else f'0x{device_type:08X}'
         raise SetupError(f'node {node.node_id} has device type {shown}; expected profile '
                          f'{profile} ({kind})')

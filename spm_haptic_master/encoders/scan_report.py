@@ -16,11 +16,6 @@ from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 
 # Largest relative deviation of a rate from the expected one (unit 1).
 RATE_TOLERANCE = 0.05
-# Significant digits of a period of SYNC that a master is set to, and how far it may be from the
-# measured one (unit 1); a period that is not as round is taken as measured.
-PERIOD_DIGITS, PERIOD_TOLERANCE = 2, 0.01
-# Significant digits of a measured rate.
-RATE_DIGITS = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,10 +217,10 @@ def rig_lines(scan: BusScan, expected: Expected, known: bool, interface: str, ch
 
 
 def round_rate(rate: float) -> float:
-    """Return the rate that a master is set to, Hz, from a measured one: its period is round."""
-    period = float(f'{1.0 / rate:.{PERIOD_DIGITS - 1}e}')
-    near = abs(period * rate - 1.0) <= PERIOD_TOLERANCE
-    return float(f'{1.0 / period if near else rate:.{RATE_DIGITS}g}')
+    """Return a measured rate, Hz, as that of a period of two digits if one is within 1 %."""
+    period = float(f'{1.0 / rate:.1e}')
+    near = abs(period * rate - 1.0) <= 0.01
+    return float(f'{1.0 / period if near else rate:.4g}')
 
 
 def _identifiers(scan: BusScan, expected: Expected) -> dict[int, int]:

@@ -13,7 +13,7 @@ from encoder_frames import LAYOUTS, values
 import pytest
 from scripted_bus import Clock, ScriptedBus
 from spm_haptic_master import timing
-from spm_haptic_master.encoders import bus_scan, can_source, replay_source, sync
+from spm_haptic_master.encoders import bus_scan, can_bus, can_source, replay_source, sync
 from spm_haptic_master.encoders.sync import SyncProducer
 from spm_haptic_master.simulation.bus_runner import BusRunner
 from spm_haptic_master.simulation.noisy_motion import make_motion
@@ -83,7 +83,7 @@ def rig(monkeypatch, clock):
                 raise bus
             return bus
 
-        monkeypatch.setattr(can_source, 'open_bus', opening)
+        monkeypatch.setattr(can_bus, 'open_bus', opening)
         source = make_source('can', values(
             can__interface='virtual', can__channel='can7', **overrides))
         source.opened, source.buses, source.clock = opened, scripted, clock

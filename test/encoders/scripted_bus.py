@@ -98,9 +98,7 @@ def error_frame(at, identifier, data=bytes(8)):
 
 
 def node_frame(at, identifier, data):
-    message = canopen.frame(identifier, data)
-    message.timestamp = T0 + at
-    return (at, message)
+    return (at, canopen.frame(identifier, data, T0 + at))
 
 
 def opening_of(script):

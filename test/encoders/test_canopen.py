@@ -56,13 +56,6 @@ WORDS = 'EMCY 0x5000 device hardware, error register 0x01'
 EMERGENCY = bytes((0x00, 0x50, 0x01, 0, 0, 0, 0, 0))
 
 
-def heard(identifier, data, at):
-    """Return a node's frame, `at` seconds into the test."""
-    message = canopen.frame(identifier, data)
-    message.timestamp = T0 + at
-    return message
-
-
 def test_a_boot_up_calls_for_a_start_at_once_and_silence_not_too_often():
     taker = decoder()
 
@@ -73,7 +66,7 @@ def test_a_boot_up_calls_for_a_start_at_once_and_silence_not_too_often():
     assert started(0.0, 0, 2) == started(0.1, 0, 2) == []
     # A node that boots again and again, as in a recording in a loop, is started once.
     for _ in range(3):
-        taker.feed(heard(0x703, b'\x00', 0.15))
+        taker.feed(canopen.frame(0x703, b'\x00', T0 + 0.15))
     assert started(0.15, 2) == [3]
     assert started(0.499, 0, 2) == []
     assert started(0.5, 0, 2) == [1]
@@ -97,7 +90,7 @@ def test_nodes_are_followed_by_heartbeat_boot_up_and_emergency():
             (0.7, 0x82, bytes(8), 0.7, 'heartbeat lost', beats + '450 ms ago (lost)', 'none (2'),
             (0.8, 0x82, EMERGENCY, 0.8, WORDS, beats + '550 ms ago (lost)', WORDS + ' (3'),
             (0.9, 0x702, b'\x00', 9.0, 'booting', 'booting, no heartbeat yet', 'none (3')):
-        taker.feed(heard(identifier, data, at))
+        taker.feed(canopen.frame(identifier, data, T0 + at))
         assert node.trouble(T0 + now) == trouble
         # A state alone is no caution: the encoder may answer.
         assert node.caution(T0 + now) == (None if trouble == 'booting' else trouble)

@@ -188,7 +188,7 @@ def test_a_scan_lists_identifiers_nodes_and_errors():
           for length, when in ((8, 0.0), (2, 0.25), (8, 0.5))),
         at(canopen.frame(0x80)), at(canopen.sdo_upload(9, 0x1000, 0)),
         *(at(canopen.sdo_answer(7, *key, value)) for key, value in identity.items()),
-        at(canopen.sdo_abort(2, *canopen.SERIAL_NUMBER, 0x06020000)),
+        at(canopen.sdo(0x582, canopen.SDO_ABORT, *canopen.SERIAL_NUMBER, 0x06020000)),
         at(canopen.sdo_answer(2, *canopen.DEVICE_TYPE, 0x00010196)),
         *(at(canopen.frame(0x702, bytes((state,)))) for state in (0, 0x7F, 0, 0x85))])
     assert listing(scan, DEFAULT) == [
