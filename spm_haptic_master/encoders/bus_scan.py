@@ -39,8 +39,7 @@ class HeardFrame:
     first: float  # receive time of the first, s
     last: float  # receive time of the latest, s
     count: int = 0
-    # Number of frames by data length, bytes.
-    lengths: Counter[int] = field(default_factory=Counter)
+    lengths: set[int] = field(default_factory=set)  # of their data, bytes
     # Numbers of SYNCs before the first and before the latest.
     first_cycle: int = 0
     last_cycle: int = 0
@@ -140,7 +139,7 @@ class BusScan:
                                        HeardFrame(now, now, first_cycle=self._cycles))
         heard.last, heard.last_cycle = now, self._cycles
         heard.count += 1
-        heard.lengths[len(message.data)] += 1
+        heard.lengths.add(len(message.data))
 
     def _node_frame(self, base: int, node_id: int, data: bytes | bytearray) -> None:
         length = {canopen.HEARTBEAT_BASE: canopen.HEARTBEAT_LENGTH,
@@ -237,7 +236,7 @@ class BusScanner:
     def _start_nodes(self, start: tuple[int, ...], now: float) -> None:
         """Send NMT start to these nodes and those heard, unless operational, now and then."""
         nodes = self._scan.nodes
-        for node_id in (*start, *(nodes.keys() - set(start))):
+        for node_id in {*start, *nodes}:
             if (node_id not in nodes or nodes[node_id].state != canopen.OPERATIONAL) \
                     and now - self._started_at.get(node_id, float('-inf')) > START_PERIOD:
                 self._started_at[node_id] = now

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from math import radians
 
 from spm_haptic_master.encoders import canopen
@@ -97,10 +96,9 @@ def _check_identifiers(layouts: tuple[EncoderLayout, ...], sync_id: int | None,
 def make_layouts(values: Values) -> tuple[EncoderLayout, ...]:
     """Return the layouts of the encoders; SettingError if one contradicts itself or another."""
     joints = ALL_JOINT_NAMES[:values['sensors']]
-    columns = zip(*(values[setting.name] for setting in encoders.LAYOUT_SETTINGS), strict=True)
-    layouts = tuple(replace(EncoderLayout(joint, *column), harmonics=harmonics)
-                    for joint, column, harmonics
-                    in zip(joints, columns, make_harmonics(values), strict=True))
+    columns = zip(joints, *(values[setting.name] for setting in encoders.LAYOUT_SETTINGS),
+                  make_harmonics(values), strict=True)
+    layouts = tuple(EncoderLayout(*column) for column in columns)
     seen: dict[int, str] = {}
     for layout in layouts:
         if not layout.extended and layout.can_id > 0x7FF:

@@ -31,10 +31,6 @@ class WantedObject:
     hexadecimal: bool = False  # its value is usually written so
     of_device: bool = False  # the value belongs to the device: compared and never written
 
-    def text(self, value: int) -> str:
-        """Return the bits of a value that count, as such a value is usually written."""
-        return f'0x{value & self.mask:X}' if self.hexadecimal else str(value & self.mask)
-
     def holds(self, present: int | None) -> bool:
         """Return whether a value is as wanted; None stands for no such object."""
         return self.optional if present is None else not (present ^ self.value) & self.mask
@@ -45,9 +41,10 @@ class WantedObject:
 
     def difference(self, present: int | None) -> str:
         """Return the object, a value that is not as wanted, and the wanted one, in words."""
-        shown = 'missing' if present is None else self.text(present)
+        form = '0x{:X}' if self.hexadecimal else '{}'
+        shown = 'missing' if present is None else form.format(present & self.mask)
         return (f'0x{self.index:04X}:{self.subindex:02X} {self.name}: {shown}, '
-                f'wanted {self.text(self.value)}')
+                f'wanted {form.format(self.value)}')
 
 
 @dataclass(frozen=True, slots=True)

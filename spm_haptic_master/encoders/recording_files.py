@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from io import TextIOWrapper
-from itertools import count
+from itertools import chain, count
 from pathlib import Path
 import struct
 from typing import Any, TextIO
@@ -134,10 +134,7 @@ class LogFile:
 def free_path(path: Path) -> Path:
     """Return a path that does not exist: the given one, or with the next free number."""
     numbered = (path.with_name(f'{path.stem}_{number}{path.suffix}') for number in count(2))
-    found = path
-    while found.exists():
-        found = next(numbered)
-    return found
+    return next(each for each in chain((path,), numbered) if not each.exists())
 
 
 class FrameLog:

@@ -121,7 +121,7 @@ def _encoder_problems(scan: BusScan, layout: EncoderLayout, node_id: int | None,
     if heard is None:
         return [f'{identifier} missing{_missing_because(scan, layout, node_id)}']
     found = []
-    if set(heard.lengths) != {layout.data_length}:
+    if heard.lengths != {layout.data_length}:
         found.append(f'{identifier} has {", ".join(map(str, sorted(heard.lengths)))} bytes, '
                      f'configured {layout.data_length}')
     if wrong := _rate_problem(scan, heard, rate):
@@ -204,8 +204,7 @@ def rig_lines(scan: BusScan, expected: Expected, known: bool, interface: str, ch
            f'sync: {"produce" if scan.master_sync is None else "consume"}']
     heard = [scan.frames.get((False, identifiers[node_id])) for node_id in node_ids]
     # None of an encoder whose frames do not have one length.
-    lengths = [next(iter(each.lengths)) if each and len(each.lengths) == 1 else None
-               for each in heard]
+    lengths = [min(each.lengths) if each and len(each.lengths) == 1 else None for each in heard]
     return [
         '/**:', '  ros__parameters:', '    source: can',
         *([] if count == len(JOINT_NAMES) else [f'    sensors: {count}']),
