@@ -243,7 +243,6 @@ class CanSource(EncoderSource):
         return bus
 
     def _fail(self, error: Exception) -> None:
-        """Record the error, close the bus, and set the time of the next attempt."""
         self._failure = f'{self._name}: {can_bus.first_line(error)}'
         self._retry_at = time.monotonic() + self._backoff
         self._backoff = min(2.0 * self._backoff, REOPEN_LAST)

@@ -189,7 +189,6 @@ class FrameDecoder:
         return found
 
     def _trouble(self, index: int, now: float, timeout: float) -> str:
-        """Return the reason why a joint is silent."""
         refused = self.encoders[index].refused
         if refused and recent(refused[0], now, timeout):
             return f'frames rejected, {refused[1]}'

@@ -33,7 +33,7 @@ class Expected:
 
 
 def listing(scan: BusScan, expected: Expected) -> list[str]:
-    """Return one line for each identifier, node and kind of error, and for what was sent."""
+    """Return one line for each identifier and node, and for what was sent."""
     names = {(layout.extended, layout.can_id): layout.joint for layout in expected.layouts} \
         | {(False, identifier): name for identifier, name in expected.frames.items()} \
         | {(False, scan.sync_id): 'SYNC'}
@@ -44,7 +44,6 @@ def listing(scan: BusScan, expected: Expected) -> list[str]:
                      f'bytes  {heard.count:7} frames  {names.get(key) or _frame_name(*key)}')
     found += [f'  node {node_id:3}: {_node_words(node)}'
               for node_id, node in sorted(scan.nodes.items())]
-    found += [f'  error frames: {count} x {words}' for words, count in scan.errors.items()]
     if scan.remote:
         found.append(f'  remote frames: {scan.remote}')
     if scan.own_sync is not None:
@@ -53,8 +52,7 @@ def listing(scan: BusScan, expected: Expected) -> list[str]:
     if scan.started:
         found.append('  sent from here: NMT start to node '
                      + ', '.join(map(str, sorted(scan.started))))
-    return found + [f'  not sent: {count} frames, {words}'
-                    for words, count in scan.unsent.items()]
+    return found
 
 
 def _frame_name(extended: bool, identifier: int) -> str:
@@ -96,9 +94,9 @@ def problems(scan: BusScan, expected: Expected) -> list[str]:
         found += [f'{name}: {words}'
                   for words in (['not heard'] if node is None else node.emergencies)]
     found += _unexpected(scan, expected)
-    found += [f'error frames: {words}' for words in scan.errors]
-    return found + [f'sending: {words} (does any other node acknowledge?)'
-                    for words in scan.unsent]
+    found += [f'error frames: {count} x {words}' for words, count in scan.errors.items()]
+    return found + [f'{count} frames not sent: {words} (does any other node acknowledge?)'
+                    for words, count in scan.unsent.items()]
 
 
 def busy(scan: BusScan, rate: float) -> str | None:
@@ -145,7 +143,6 @@ def _rate_problem(scan: BusScan, heard: HeardFrame, rate: float) -> str | None:
 
 
 def _missing_because(scan: BusScan, layout: EncoderLayout, node_id: int | None) -> str:
-    """Return why an encoder's frame is missing, as far as the scan shows it."""
     if (not layout.extended, layout.can_id) in scan.frames:
         return f'; it comes with {11 if layout.extended else 29} bits instead'
     if node_id is None:
