@@ -64,6 +64,19 @@ def cycle(number, angles=(0.1, 0.2, 0.3, 0.4), layouts=LAYOUTS):
                         for index, angle in enumerate(angles))]
 
 
+def stream(*numbers):
+    """Return the frames of cycles."""
+    return [message for number in numbers for message in cycle(number)]
+
+
+def record(path, messages):
+    """Write a log with python-can's own writer; return its path."""
+    with can.Logger(str(path)) as logger:
+        for message in messages:
+            logger(message)
+    return path
+
+
 def feed(taker, messages):
     """Return the sets that frames complete."""
     return [sample for message in messages if (sample := taker.feed(message)) is not None]

@@ -11,8 +11,7 @@ from pathlib import Path
 import random
 import re
 
-import can
-from encoder_frames import cycle, values
+from encoder_frames import record, stream, values
 import numpy as np
 import pytest
 from spm_haptic_master.exceptions import SpmError
@@ -77,10 +76,7 @@ def whole(tmp_path_factory):
     """Return the content of a recording of each kind and format, by the end of its name."""
     directory = tmp_path_factory.mktemp('whole')
     for suffix in FORMATS:
-        with can.Logger(str(directory / f'log{suffix}')) as logger:
-            for number in range(60):
-                for message in cycle(number):
-                    logger(message)
+        record(directory / f'log{suffix}', stream(*range(60)))
     for suffix, opened in zip(TABLES, (open, gzip.open), strict=True):
         with opened(directory / f'table{suffix}', 'wt', newline='') as file:
             writer = csv.writer(file)

@@ -10,10 +10,8 @@ from spm_haptic_master.encoders import canopen
 
 # s that a wait takes at least: a clock that stood still would never end one of no length.
 TICK = 1e-6
-# What a user is promised, s: first and last time between attempts to open a bus, silence after
-# which it is reopened, polls, the time that a reason holds, the longest wait to send.
-REOPEN_FIRST, REOPEN_LAST, REOPEN_SILENT = 0.1, 2.0, 2.0
-POLL_PERIOD, REASON_HOLD, SEND_TIMEOUT = 0.02, 0.5, 0.01
+# Longest wait to send, s.
+SEND_TIMEOUT = 0.01
 
 
 class Clock:

@@ -9,21 +9,14 @@ from unittest.mock import call
 import can
 from encoder_frames import answer, sync, T0
 import pytest
-from scripted_bus import (
-    cycles,
-    error_frame,
-    node_frame,
-    opening_of,
-    POLL_PERIOD,
-    REASON_HOLD,
-    REOPEN_FIRST,
-    REOPEN_LAST,
-    REOPEN_SILENT,
-    run,
-)
+from scripted_bus import cycles, error_frame, node_frame, opening_of, run
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.can_bus import open_bus, ReceiveClock
 
+# What a user is promised, s: first and last time between attempts to open a bus, silence after
+# which it is reopened, polls, the time that a reason holds.
+REOPEN_FIRST, REOPEN_LAST, REOPEN_SILENT = 0.1, 2.0, 2.0
+POLL_PERIOD, REASON_HOLD = 0.02, 0.5
 # s; a day apart a device has an epoch of its own.
 OWN_EPOCH = 86400.0
 

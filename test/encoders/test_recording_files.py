@@ -6,7 +6,7 @@
 import gzip
 
 import can
-from encoder_frames import cycle, sync, T0, values
+from encoder_frames import cycle, record, stream, sync, T0, values
 import pytest
 from scripted_bus import cycles, error_frame, opening_of, run
 from spm_haptic_master.encoders import canopen
@@ -20,26 +20,6 @@ FORMATS = ('.log', '.asc', '.blf', '.csv', '.trc',
 MICROSECOND = 1000
 
 
-def write(path, messages):
-    """Record messages with python-can's own writer, compressed by gzip where that has none."""
-    if path.name.endswith('.blf.gz'):
-        return compressed(write(path.with_suffix(''), messages))
-    with can.Logger(str(path)) as logger:
-        for message in messages:
-            logger(message)
-    return path
-
-
-def compressed(path):
-    packed = path.with_name(path.name + '.gz')
-    packed.write_bytes(gzip.compress(path.read_bytes()))
-    return packed
-
-
-def stream(*numbers):
-    return [message for number in numbers for message in cycle(number)]
-
-
 def replayed(path, **overrides):
     """Return the sets of a recording, with their recorded stamps."""
     source = make_replay(values('replay', replay__path=str(path), **overrides))
@@ -51,48 +31,30 @@ def replayed(path, **overrides):
 
 @pytest.mark.parametrize('suffix', FORMATS)
 def test_every_format_keeps_sets_and_spacing(tmp_path, suffix):
-    got = replayed(write(tmp_path / f'recorded{suffix}', stream(*range(30))))
+    # python-can reads .blf.gz and does not write it.
+    path = record(tmp_path / f'a{suffix}'.replace('.blf.gz', '.blf'), stream(*range(30)))
+    if suffix == '.blf.gz':
+        path = path.with_suffix('.blf.gz')
+        path.write_bytes(gzip.compress(path.with_suffix('').read_bytes()))
+    got = replayed(path)
     assert [s.angles for s in got] == [pytest.approx((0.1, 0.2, 0.3, 0.4), abs=4e-4)] * 30
     spacing = [(b.stamp - a.stamp) * 1e-3 for a, b in zip(got, got[1:], strict=False)]
     # us; how finely a format writes the time.
     assert spacing == pytest.approx([1000.0] * 29, abs=110.0 if suffix.startswith('.trc') else 2.0)
 
 
-def cut(path):
-    data = path.read_bytes()
-    path.write_bytes(data[:len(data) * 2 // 3])
-    return path
-
-
-def garbled(path):
-    lines = path.read_text().splitlines()
-    lines[40] = lines[40][:20]
-    path.write_text('\n'.join(lines))
-    return path
-
-
-LONG, SHORT = stream(*range(700)), stream(*range(20))
-BROKEN = {
-    'cut gzip': (lambda d: cut(write(d / 'a.log.gz', LONG)), 'not readable after'),
-    'cut blf': (lambda d: cut(write(d / 'a.blf', LONG)), 'not readable after'),
-    'cut line': (lambda d: garbled(write(d / 'a.log', SHORT)), 'not readable after 40 frames: '
-                 "line 41 is '(1760000000.008000)"),
-    'log called blf': (lambda d: write(d / 'a.log', SHORT).rename(d / 'a.blf'), 'read'),
-    'one encoder missing': (
-        lambda d: write(d / 'a.log', [m for m in SHORT if m.arbitration_id != 0x184]),
-        'no answer from joint_3a'),
-}
-
-
-@pytest.mark.parametrize('name', BROKEN)
-def test_a_broken_recording_ends_with_a_clear_error(tmp_path, name):
-    make, expected = BROKEN[name]
-    path = make(tmp_path)
-    with pytest.raises(ReplayError) as error:
+@pytest.mark.parametrize('suffix', ['.log.gz', '.blf'])
+def test_a_cut_recording_is_not_taken_for_a_whole_one(tmp_path, suffix):
+    path = record(tmp_path / f'a{suffix}', stream(*range(700)))
+    path.write_bytes(path.read_bytes()[:path.stat().st_size * 2 // 3])
+    with pytest.raises(ReplayError, match=f'{path}: not readable after'):
         replayed(path)
-    assert str(path) in str(error.value)
-    assert expected in str(error.value)
-    assert '\n' not in str(error.value)
+
+
+def test_a_recording_without_one_encoder_has_no_set_and_names_it(tmp_path):
+    frames = [frame for frame in stream(*range(20)) if frame.arbitration_id != 0x184]
+    with pytest.raises(ReplayError, match='no answer from joint_3a'):
+        replayed(record(tmp_path / 'a.log', frames))
 
 
 @pytest.mark.parametrize(('name', 'expected'), [
@@ -111,7 +73,7 @@ def test_what_is_no_log_is_a_wrong_setting(tmp_path, name, expected):
 def test_frames_may_be_swapped_by_less_than_a_cycle(tmp_path, back, fine):
     messages = stream(*range(10))
     last = messages[-1].timestamp
-    path = write(tmp_path / 'recorded.log', [
+    path = record(tmp_path / 'recorded.log', [
         *messages, canopen.frame(0x123, stamp=last - back)])
     if fine:
         assert len(replayed(path)) == 10
@@ -123,7 +85,7 @@ def test_frames_may_be_swapped_by_less_than_a_cycle(tmp_path, back, fine):
 
 def test_a_path_may_begin_with_the_home_directory(tmp_path, monkeypatch):
     monkeypatch.setenv('HOME', str(tmp_path))
-    write(tmp_path / 'recorded.log', stream(0, 1))
+    record(tmp_path / 'recorded.log', stream(0, 1))
     assert len(replayed('~/recorded.log')) == 2
 
 
