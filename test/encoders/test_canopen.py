@@ -7,27 +7,6 @@ from encoder_frames import decoder, T0
 import pytest
 from spm_haptic_master.encoders import canopen
 
-# Emergencies (CiA 301, 7.2.7): code (2 bytes, little-endian), register, specific; their words.
-EMERGENCIES = [
-    ('0050 01 0000000000', 'EMCY 0x5000 device hardware, error register 0x01'),
-    ('1081 11 0102000000', 'EMCY 0x8110 CAN overrun (objects lost), error register 0x11, '
-     'specific 01 02 00 00 00'),
-    # Class 0x42, class 0xFF with the last specific byte, the end of all errors, of no class.
-    ('2042 09 0000000000', 'EMCY 0x4220 device temperature, error register 0x09'),
-    ('34FF 81 0000000007', 'EMCY 0xFF34 device specific, error register 0x81, '
-     'specific 00 00 00 00 07'),
-    ('0000 00 0000000000', 'EMCY 0x0000 error reset, error register 0x00'),
-    ('FFEE 01 0000000000', 'EMCY 0xEEFF code not in CiA 301, error register 0x01'),
-]
-# Answers to an SDO upload (CiA 301, 7.2.4.3): command, 0x1000:00, four bytes; the value in them.
-SDO_ANSWERS = [
-    # Expedited, with a size of four, three, two bytes and one; and without: all four bytes.
-    ('43 001000 96010100', 0x00010196), ('47 001000 960102FF', 0x020196),
-    ('4B 001000 9601FFFF', 0x0196), ('4F 001000 05FFFFFF', 5), ('42 001000 01020304', 0x04030201),
-    # An abort, the answer to a download, a segmented upload.
-    ('80 001000 00000206', None), ('60 001000 00000000', None), ('41 001000 10000000', None),
-]
-
 
 @pytest.mark.parametrize(('identifier', 'name'), [
     (0, 'NMT'), (0x80, 'SYNC'), (0x100, 'TIME'), (0x7E4, 'LSS'), (0x7E5, 'LSS'),
@@ -40,13 +19,31 @@ def test_identifiers_have_names(identifier, name):
     assert canopen.reserved_for(identifier) == (None if free else name)
 
 
-@pytest.mark.parametrize(('data', 'words'), EMERGENCIES)
+# Emergencies (CiA 301, 7.2.7): code (2 bytes, little-endian), register, specific; their words.
+@pytest.mark.parametrize(('data', 'words'), [
+    ('0050 01 0000000000', 'EMCY 0x5000 device hardware, error register 0x01'),
+    ('1081 11 0102000000', 'EMCY 0x8110 CAN overrun (objects lost), error register 0x11, '
+     'specific 01 02 00 00 00'),
+    # Class 0x42, class 0xFF with the last specific byte, the end of all errors, of no class.
+    ('2042 09 0000000000', 'EMCY 0x4220 device temperature, error register 0x09'),
+    ('34FF 81 0000000007', 'EMCY 0xFF34 device specific, error register 0x81, '
+     'specific 00 00 00 00 07'),
+    ('0000 00 0000000000', 'EMCY 0x0000 error reset, error register 0x00'),
+    ('FFEE 01 0000000000', 'EMCY 0xEEFF code not in CiA 301, error register 0x01'),
+])
 def test_emergencies_have_words(data, words):
     assert canopen.emcy_words(bytes.fromhex(data)) == words
     assert canopen.emcy_code(bytes.fromhex(data)) == int(words[7:11], 16)
 
 
-@pytest.mark.parametrize(('data', 'value'), SDO_ANSWERS)
+# Answers to an SDO upload (CiA 301, 7.2.4.3): command, 0x1000:00, four bytes; the value in them.
+@pytest.mark.parametrize(('data', 'value'), [
+    # Expedited, with a size of four, three, two bytes and one; and without: all four bytes.
+    ('43 001000 96010100', 0x00010196), ('47 001000 960102FF', 0x020196),
+    ('4B 001000 9601FFFF', 0x0196), ('4F 001000 05FFFFFF', 5), ('42 001000 01020304', 0x04030201),
+    # An abort, the answer to a download, a segmented upload.
+    ('80 001000 00000206', None), ('60 001000 00000000', None), ('41 001000 10000000', None),
+])
 def test_sdo_answers(data, value):
     assert canopen.sdo_value(bytes.fromhex(data)) == value
     assert canopen.sdo_object(bytes.fromhex(data)) == (0x1000, 0)

@@ -30,10 +30,12 @@ def test_other_numbers_of_sensors_are_refused(sensors):
         sensors_of({'sensors': sensors})
 
 
+COUNTER, STATUS = {'counter_mask': 0xF0}, {'status_mask': 0b101}
+
+
 # Values of one encoder, or (None) of all settings, at the edge of what the others allow: index,
 # settings, and the error if they are refused.
-COUNTER, STATUS = {'counter_mask': 0xF0}, {'status_mask': 0b101}
-EDGES = [
+@pytest.mark.parametrize(('index', 'changes', 'expected'), [
     (2, {'id': 0x182}, "'encoders.id' .* four different identifiers; joint_1b and joint_1c both "
      'have 0x182'),
     (2, {'id': 0x7FF}, None), (2, {'id': 0x800, 'extended': True}, None),
@@ -84,10 +86,7 @@ EDGES = [
     (None, {'encoders__window': 0.0031}, "'encoders.window' is 0.0031; .* 3 periods, 0.003 s"),
     (None, {'encoders__window': 0.009, 'rate': 333.33333}, None),
     (None, {'encoders__window': 1e-6}, "'encoders.window' is 1e-06; .* from 1e-05 s"),
-]
-
-
-@pytest.mark.parametrize(('index', 'changes', 'expected'), EDGES)
+])
 def test_settings_are_checked_against_each_other(index, changes, expected):
     overrides = dict(changes)
     if index is not None:

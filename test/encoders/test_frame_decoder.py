@@ -11,7 +11,6 @@ from marked_cycles import angle, by_cycle, rig, STATUS
 from marked_cycles import cycle as marked
 import pytest
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.frame_decoder import recent
 
 NOW = T0 + 1.0
 EMERGENCY = 'EMCY 0x5000 device hardware, error register 0x01'
@@ -214,9 +213,3 @@ def test_statistics_have_rates_ages_missed_cycles_and_percentiles(clock):
     figures = without_sync.statistics(T0)
     assert figures['cycle jitter p50 / p99 / max (us)'] == '0 / 0 / 0'
     assert figures['joint_1a node 1'] == 'unknown, no heartbeat yet'
-
-
-@pytest.mark.parametrize(('when', 'expected'), [
-    (None, False), (64.0, True), (63.51, True), (63.5, False), (64.49, True), (64.5, False)])
-def test_recent_is_within_the_span_on_either_side(when, expected):
-    assert recent(when, 64.0, 0.5) == expected

@@ -9,16 +9,9 @@ import can
 from encoder_frames import answer, cycle, LAYOUTS, T0
 import numpy as np
 import pytest
-from spm_haptic_master.encoders import canopen
+from spm_haptic_master.encoders import canopen, scan_report
 from spm_haptic_master.encoders.bus_scan import BusScan
-from spm_haptic_master.encoders.scan_report import (
-    busy,
-    Expected,
-    listing,
-    problems,
-    rig_lines,
-    round_rate,
-)
+from spm_haptic_master.encoders.scan_report import Expected, problems
 from spm_haptic_master.parameters.resolver import read_parameters
 
 NODES = (1, 2, 3, 4)
@@ -108,7 +101,7 @@ def test_drives_on_the_bus_are_expected():
     scan = scanned([*good(), at(canopen.frame(0x189)), at(canopen.emcy(9, 0x5000, 1))])
     assert problems(scan, expected) == [
         f'drive of joint_1a: {WORDS}', 'drive of joint_1b: not heard']
-    assert listing(scan, expected)[6].endswith('status of the drive')
+    assert scan_report.listing(scan, expected)[6].endswith('status of the drive')
 
 
 def test_without_canopen_a_missing_frame_is_missing_and_nodes_are_not_expected():
@@ -162,14 +155,14 @@ def test_a_frame_of_another_form_is_no_nodes(identifier, data):
 
 def test_a_sync_that_this_machine_sends_too_slowly_is_not_the_encoders_fault():
     scan = bus_of(NODES, rate=1000.0, master=False)
-    assert problems(scan, DEFAULT) == [] and busy(scan, 1000.0) is None
+    assert problems(scan, DEFAULT) == [] and scan_report.busy(scan, 1000.0) is None
     scan.started |= {3, 1}
-    assert listing(scan, DEFAULT)[4:] == [
+    assert scan_report.listing(scan, DEFAULT)[4:] == [
         '  sent from here: 500 x SYNC 0x80, 1000.0 Hz', '  sent from here: NMT start to node 1, 3']
     for every in (1, 2):
         scan = bus_of(NODES, rate=612.0, master=False, every=every)
         assert problems(scan, DEFAULT) == []
-        assert busy(scan, 1000.0).startswith(
+        assert scan_report.busy(scan, 1000.0).startswith(
             'this machine is too busy: SYNC was sent at 612.0 Hz instead of 1000 Hz; ')
     # At its rate it is theirs.
     assert len(problems(bus_of(NODES, rate=1000.0, master=False, every=2), DEFAULT)) == 4
@@ -190,7 +183,7 @@ def test_a_scan_lists_identifiers_nodes_and_errors():
         at(canopen.sdo(0x582, canopen.SDO_ABORT, *canopen.SERIAL_NUMBER, 0x06020000)),
         at(canopen.sdo_answer(2, *canopen.DEVICE_TYPE, 0x00010196)),
         *(at(canopen.frame(0x702, bytes((state,)))) for state in (0, 0x7F, 0, 0x85))])
-    assert listing(scan, DEFAULT) == [
+    assert scan_report.listing(scan, DEFAULT) == [
         '  0x080       0.0 Hz    0 bytes        1 frames  SYNC',
         '  0x083       0.0 Hz    8 bytes        2 frames  EMCY of node 3',
         '  0x183       4.0 Hz  2/8 bytes        3 frames  joint_1c',
@@ -230,7 +223,7 @@ def test_the_lines_for_a_rig_are_what_the_bus_has(tmp_path, scan, options, expec
     given = {'expected': DEFAULT, 'known': False, 'interface': 'socketcan', 'channel': 'can0',
              'bitrate': None, **options}
     path = tmp_path / 'rig.yaml'
-    path.write_text('\n'.join(rig_lines(scan, **given)) + '\n')
+    path.write_text('\n'.join(scan_report.rig_lines(scan, **given)) + '\n')
     found = read_parameters(path)
     assert found | expected == found
 
@@ -242,7 +235,7 @@ def test_the_lines_for_a_rig_are_what_the_bus_has(tmp_path, scan, options, expec
 def test_too_few_or_too_many_are_no_rig(nodes, started, words):
     scan = bus_of(nodes)
     scan.started |= {1} if started else set()
-    (line,) = rig_lines(scan, DEFAULT, False, 'socketcan', 'can0', None)
+    (line,) = scan_report.rig_lines(scan, DEFAULT, False, 'socketcan', 'can0', None)
     assert line.startswith(words)
     assert ('--start' in line) != started
 
@@ -250,4 +243,4 @@ def test_too_few_or_too_many_are_no_rig(nodes, started, words):
 @pytest.mark.parametrize(('measured', 'expected'), [
     (1003.2, 1000.0), (333.1, 333.3), (25.02, 25.0), (888.9, 888.9)])
 def test_a_measured_rate_is_that_of_a_round_period(measured, expected):
-    assert round_rate(measured) == expected
+    assert scan_report.round_rate(measured) == expected
