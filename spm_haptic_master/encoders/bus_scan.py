@@ -226,7 +226,7 @@ class BusScanner:
             timeout = 0.0
 
     def _send_sync(self, grid: DeadlineGrid) -> None:
-        """Send SYNC, if it is due; end that for good where a master makes it."""
+        """Send SYNC if it is due; stop for good once a master makes it."""
         if self._scan.master_sync is not None:
             self._sync_grid = None
             self._report('another master makes SYNC: none is sent from here any more')
@@ -234,7 +234,7 @@ class BusScanner:
             self._scan.sent_sync(time.monotonic())
 
     def _start_nodes(self, start: tuple[int, ...], now: float) -> None:
-        """Send NMT start to these nodes and those heard, unless operational, now and then."""
+        """Send NMT start every START_PERIOD to these nodes and those heard, unless operational."""
         nodes = self._scan.nodes
         for node_id in {*start, *nodes}:
             if (node_id not in nodes or nodes[node_id].state != canopen.OPERATIONAL) \

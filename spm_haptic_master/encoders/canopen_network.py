@@ -53,7 +53,7 @@ def network_on(bus: can.BusABC) -> Iterator[Any]:
 
 @contextmanager
 def awaited(network: Any, identifier: int, data: bytes | None = None) -> Iterator[threading.Event]:
-    """Give an event that a frame with an identifier sets meanwhile; if given, with these data."""
+    """Give an event that a frame with this identifier sets, if given only with these data."""
     heard = threading.Event()
 
     def take(_: int, received: bytes, __: float) -> None:

@@ -81,7 +81,7 @@ class EncoderLayout:
 
     @property
     def counter_modulus(self) -> int:
-        """How many values the rolling counter has."""
+        """Number of values of the rolling counter."""
         return (self.counter_mask >> lowest_bit(self.counter_mask)) + 1
 
     def counts(self, data: bytes | bytearray) -> int | None:
@@ -186,7 +186,7 @@ class Encoder:
         return reason
 
     def _is_unchanged(self, counter: int | None) -> bool:
-        """Note the rolling counter, if there is one; return whether it is that of before."""
+        """Note the rolling counter, if there is one; return whether it repeats the one before."""
         if counter is None:
             return False
         before, self._counter, self.lost = self._counter, counter, None

@@ -210,7 +210,7 @@ class FrameDecoder:
         return self.assembler.answer(index, encoder.layout.angle(counts), stamp, encoder.lost)
 
     def _unfit(self, index: int, now: float) -> str | None:
-        """Return why an answer of a joint's node is no reading, None if it is one."""
+        """Return why an answer of a joint's node is not a reading, None if it is one."""
         if self.network is None:
             return None
         node = self.network.nodes[index]
@@ -220,7 +220,7 @@ class FrameDecoder:
 
 
 def _other_kind(message: can.Message) -> str | None:
-    """Return what a frame is that is no classical data frame."""
+    """Return the kind of a frame, None for a classical data frame."""
     if message.is_error_frame:
         return 'error frame'
     if message.is_remote_frame:

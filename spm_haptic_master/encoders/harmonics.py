@@ -90,5 +90,4 @@ def _deviations(cosine: float, sine: float, table: tuple[float, ...]) -> NDArray
         # The order n / 2 is there once, and twice in the finer series.
         spectrum[-1] *= 0.5
     spectrum[1] += 0.5 * KNOTS * complex(cosine, -sine)
-    found: NDArray[Any] = np.fft.irfft(spectrum, KNOTS)
-    return found
+    return np.fft.irfft(spectrum, KNOTS)

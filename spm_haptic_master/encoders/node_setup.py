@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the objects of a CANopen node have to be; compare, write, store and verify them."""
+"""Wanted objects of a CANopen node: compare, write, store and verify them."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class WantedObjects:
 def wanted_objects(layout: EncoderLayout, node_id: int, synchronised: bool, period: float,
                    heartbeat: float) -> WantedObjects:
     """
-    Return what the objects of an encoder have to be.
+    Return the wanted objects of an encoder.
 
     Unless `synchronised` by SYNC it sends by itself with a `period`, s; its heartbeats are
     `heartbeat` s apart. InputError for a time that no object can hold.
@@ -117,7 +117,7 @@ def wanted_objects(layout: EncoderLayout, node_id: int, synchronised: bool, peri
 
 
 def milliseconds(name: str, seconds: float) -> int:
-    """Return a time in whole ms; InputError if it is none, or none that an object can hold."""
+    """Return a time in ms; InputError if it is not whole, or no object can hold it."""
     value = 1e3 * seconds
     if not (1.0 <= value <= TIME_MAXIMUM and abs(value - round(value)) < 1e-6 * value):
         raise InputError(f'{name} {seconds:g} s; expected whole milliseconds, 0.001 to '
@@ -163,13 +163,13 @@ def identity(node: Node, profile: int) -> str:
 
 
 def differences(node: Node, wanted: WantedObjects) -> dict[WantedObject, int | None]:
-    """Return the present values, None for no such object, of what is not as wanted."""
+    """Return the values of the objects that are not as wanted; None for no such object."""
     values = {each: node.read(each.index, each.subindex)[0] for each in wanted.every}
     return {each: value for each, value in values.items() if not each.holds(value)}
 
 
 def words(found: dict[WantedObject, int | None]) -> list[str]:
-    """Return in a line each what is not as wanted."""
+    """Return a line for each object that is not as wanted."""
     return [each.difference(value) for each, value in found.items()]
 
 

@@ -126,8 +126,7 @@ class LogFile:
             quoted = self._line.rstrip('\r\n')
             dots = ' ...' if len(quoted) > QUOTED else ''
             return f'line {self._number} is {quoted[:QUOTED]!r}{dots}; expected {self._expected}'
-        first, *_ = str(error).splitlines() or ['']
-        reason = 'it is cut' if isinstance(error, struct.error) else first
+        reason = 'it is cut' if isinstance(error, struct.error) else str(error).partition('\n')[0]
         return f'{reason}; expected {self._expected}'
 
 

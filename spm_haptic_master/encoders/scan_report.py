@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a scan shows, in lines: a list, what is not as configured, and lines for rig.yaml."""
+"""Report of a scan, in lines: what was heard, what is wrong, and the lines for rig.yaml."""
 
 from __future__ import annotations
 
