@@ -17,6 +17,7 @@ from spm_haptic_master.encoders import can_bus, canopen
 from spm_haptic_master.encoders.frame_decoder import FrameDecoder, recent, WITHOUT_SYNC
 from spm_haptic_master.encoders.source import EncoderSource, JointSample
 from spm_haptic_master.encoders.sync import SyncProducer
+from spm_haptic_master.timing import Periodic
 
 # Time between the first two attempts to open a bus (s), doubled each time up to the last.
 REOPEN_FIRST, REOPEN_LAST = 0.1, 2.0
@@ -71,7 +72,7 @@ class CanSource(EncoderSource):
         self._poll_at: float
         self._last_frame: float | None = None
         self._ready: deque[JointSample] = deque()  # sets that `read` has not returned yet
-        self._skip_at = 0.0
+        self._skips = Periodic(SKIP_PERIOD)
         self._keep: Callable[[can.Message], None] | None = None
         self._last_set: float | None = None  # its time, s since the Unix epoch
         self._reason: str | None = None  # reported by `fault` since a monotonic time, s
@@ -201,8 +202,7 @@ class CanSource(EncoderSource):
         if network := self._decoder.network:
             for node in network.to_start(time.time(), silent):
                 self._command(canopen.NMT_START, node.node_id)
-        if self._sync and now >= self._skip_at and self._decoder.assembler.late.unproven:
-            self._skip_at = now + SKIP_PERIOD
+        if self._sync and self._decoder.assembler.late.unproven and self._skips.is_due(now):
             self._sync.skip()
         if now - (self._last_frame or self._opened_at) > REOPEN_SILENT:
             self._close_bus()

@@ -6,7 +6,7 @@
 from encoder_frames import cycle, record, stream, values
 import pytest
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.exceptions import ReplayError, SourceEnded
+from spm_haptic_master.exceptions import SourceEnded
 from spm_haptic_master.simulation.source_factory import make_source
 
 
@@ -24,16 +24,6 @@ def replay(tmp_path):
     yield make
     for source in made:
         source.close()
-
-
-def test_a_log_without_times_cannot_be_played(replay):
-    frames = stream(*range(9))
-    for message in frames:
-        message.timestamp = 64.0
-    source = replay(frames)
-    with pytest.raises(ReplayError, match='no times: its first 3 sets all have the stamp 64 s'):
-        for _ in range(9):
-            source.read(1.0)
 
 
 def test_two_sets_of_one_stamp_are_played_in_every_round(replay):
