@@ -256,7 +256,7 @@ class BusScanner:
 
     def _identity_requests(self) -> Iterator[can.Message]:
         """Yield requests for the type to every node id, then for the rest to those heard."""
-        for entry in canopen.IDENTITY:
+        for entry in (canopen.DEVICE_TYPE, *canopen.IDENTITY):
             for node_id in range(1, canopen.NODE_ID_MAXIMUM + 1):
                 if entry == canopen.DEVICE_TYPE or node_id in self._scan.nodes:
                     yield canopen.sdo_upload(node_id, *entry)

@@ -125,15 +125,15 @@ class CanSource(EncoderSource):
         decoder = self._decoder
         if decoder.bus_off:
             return f'{self._name}: bus-off'
-        silent = decoder.silent(now, self._timeout)
         if not recent(self._last_frame, time.monotonic(), self._timeout):
             refused = self._send_error
             return f'no frames on {self._name}' + (f' (sending: {refused})' if refused else '')
-        if (error := decoder.bus_error) and len(silent) == len(decoder.encoders):
+        if (error := decoder.bus_error) \
+                and len(decoder.silent(now, self._timeout)) == len(decoder.encoders):
             return f'{self._name}: {error}'
         if decoder.sync_id and not recent(decoder.sync_heard, now, self._timeout):
             return f'no SYNC 0x{decoder.sync_id:X} on {self._name}: {self._why_no_sync()}'
-        return decoder.explain(silent, now, self._timeout) \
+        return decoder.explain(now, self._timeout) \
             or f'frames on {self._name}, but no set of {decoder.words}'
 
     def _why_no_sync(self) -> str:

@@ -47,14 +47,14 @@ PRE_OPERATIONAL = 0x7F
 STATE_WORDS = {BOOT_UP: 'booting', STOPPED: 'stopped', OPERATIONAL: 'operational',
                PRE_OPERATIONAL: 'pre-operational'}
 
-# Objects that identify a node: index and subindex.
+# Objects that identify a node: index and subindex; names of those beside the device type.
 DEVICE_TYPE = (0x1000, 0)
 VENDOR_ID = (0x1018, 1)
 PRODUCT_CODE = (0x1018, 2)
 REVISION = (0x1018, 3)
 SERIAL_NUMBER = (0x1018, 4)
-IDENTITY = {DEVICE_TYPE: 'device type', VENDOR_ID: 'vendor', PRODUCT_CODE: 'product',
-            REVISION: 'revision', SERIAL_NUMBER: 'serial'}
+IDENTITY = {VENDOR_ID: 'vendor', PRODUCT_CODE: 'product', REVISION: 'revision',
+            SERIAL_NUMBER: 'serial'}
 # Objects of communication: storing, heartbeat time (ms), parameters and mapping of RPDO1, TPDO1.
 STORE = (0x1010, 1)
 HEARTBEAT_TIME = (0x1017, 0)

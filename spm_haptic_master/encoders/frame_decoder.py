@@ -125,10 +125,10 @@ class FrameDecoder:
         return tuple(index for index, encoder in enumerate(self.encoders)
                      if not recent(encoder.heard, now, timeout))
 
-    def explain(self, silent: tuple[int, ...], now: float, timeout: float) -> str | None:
+    def explain(self, now: float, timeout: float) -> str | None:
         """Return the reason why no sets come, by silent joint or cycle; None if it is unknown."""
         troubles = {self.encoders[index].layout.joint: self._trouble(index, now, timeout)
-                    for index in silent}
+                    for index in self.silent(now, timeout)}
         if not troubles:
             return self.assembler.cause
         others = self.network.others_text() \

@@ -156,8 +156,7 @@ def identity(node: Node, profile: int) -> str:
         shown = 'none' if device_type is None else f'0x{device_type:08X}'
         raise SetupError(f'node {node.node_id} has device type {shown}; expected profile '
                          f'{profile} ({kind})')
-    known = {name: node.read(*key)[0] for key, name in canopen.IDENTITY.items()
-             if key != canopen.DEVICE_TYPE}
+    known = {name: node.read(*key)[0] for key, name in canopen.IDENTITY.items()}
     return f'{kind} 0x{device_type:08X}, ' + ', '.join(
         f'{name} 0x{value:X}' for name, value in known.items() if value is not None)
 

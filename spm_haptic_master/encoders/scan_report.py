@@ -69,7 +69,7 @@ def _node_words(node: HeardNode) -> str:
         parts.append(f'device type 0x{node.objects[canopen.DEVICE_TYPE]:08X} '
                      f'(CiA {node.profile}{f", {kind}" if kind else ""})')
     parts += [f'{name} 0x{node.objects[key]:X}' for key, name in canopen.IDENTITY.items()
-              if key in node.objects and key != canopen.DEVICE_TYPE]
+              if key in node.objects]
     return ', '.join(parts + [f'{words} ({count} x)'
                               for words, count in node.emergencies.items()])
 

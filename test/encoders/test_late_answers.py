@@ -85,7 +85,7 @@ def test_a_cycle_of_two_periods_shows_an_encoder_that_is_late_since_its_start(se
 def test_four_encoders_of_which_one_is_late_are_silent_with_the_reason():
     taker, layouts = rig(4)
     assert max(missing_of(feed(taker, late_stream(layouts, 3, 1, 0, 80, gaps={20})))) <= 20
-    assert taker.explain((), T0 + 80 * PERIOD, 1.0) == f'joint_3a: {LATE}'
+    assert taker.explain(T0 + 80 * PERIOD, 1.0) == f'joint_3a: {LATE}'
 
 
 def test_an_encoder_that_is_in_time_again_is_taken_after_three_cycles_of_two_periods():
