@@ -5,7 +5,6 @@
 
 import can
 from encoder_frames import answer, sync, T0
-import pytest
 from spm_haptic_master.encoders import canopen
 
 # s that a wait takes at least: a clock that stood still would never end one of no length.
@@ -71,12 +70,6 @@ class ScriptedBus:
 
     def shutdown(self):
         self.shut += 1
-
-    def starts(self):
-        """Return when which node was started, s."""
-        return [(pytest.approx(at, abs=1e-9), message.data[1]) for at, message in self.sent
-                if message.arbitration_id == canopen.NMT_ID
-                and message.data[0] == canopen.NMT_START]
 
 
 def cycles(begin, count, without=(), period=0.01):

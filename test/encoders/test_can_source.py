@@ -117,13 +117,14 @@ def test_silent_and_booting_nodes_are_started(rig):
     driver = rig([*cycles(0.005, 25, without=(1,)), *cycles(0.255, 15, without=(1, 2)),
                   *cycles(0.405, 80, without=(1,)), node_frame(0.3511, 0x703, b'\x00')])
     run(driver, 1.19)
-    starts = driver.buses[0].starts()
+    starts = [(at, *message.data[1:]) for at, message in driver.buses[0].sent
+              if bytes(message.data[:1]) == bytes((canopen.NMT_START,))]
     # All four before any was heard; node 2 every half second; node 3 when it has booted.
     assert starts[:4] == [(0.0, 1), (0.0, 2), (0.0, 3), (0.0, 4)]
     assert [node for _, node in starts[4:]] == [3, 2, 2]
-    assert 0.0 < starts[4][0].expected - 0.3511 <= POLL_PERIOD
+    assert 0.0 < starts[4][0] - 0.3511 <= POLL_PERIOD
     for place, expected in ((5, 0.5), (6, 1.0)):
-        assert -1e-6 < starts[place][0].expected - expected < 3 * POLL_PERIOD
+        assert -1e-6 < starts[place][0] - expected < 3 * POLL_PERIOD
 
 
 def test_a_refused_start_is_reported_and_not_fatal(rig):
