@@ -14,6 +14,7 @@ import time
 import can
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.can_bus import BUS_ERRORS, error_words, first_line
+from spm_haptic_master.encoders.canopen_nodes import START_AGAIN
 from spm_haptic_master.timing import DeadlineGrid
 
 # Time between two SDO requests (s): they take a tenth of a 1 Mbit/s bus at most.
@@ -26,8 +27,6 @@ SYNC_LISTEN = 1.1
 # Most frames that are read before it is time to send again: more wait only on a machine that is
 # too busy, and the rate of SYNC shows that.
 FRAMES_AT_ONCE = 32
-# Time between two NMT starts to a node that is not operational (s).
-START_PERIOD = 0.5
 # Interface of python-can that returns the frames sent, without a mark.
 ECHOING = 'udp_multicast'
 
@@ -234,11 +233,11 @@ class BusScanner:
             self._scan.sent_sync(time.monotonic())
 
     def _start_nodes(self, start: tuple[int, ...], now: float) -> None:
-        """Send NMT start every START_PERIOD to these nodes and those heard, unless operational."""
+        """Send NMT start every START_AGAIN to these nodes and those heard, unless operational."""
         nodes = self._scan.nodes
         for node_id in {*start, *nodes}:
             if (node_id not in nodes or nodes[node_id].state != canopen.OPERATIONAL) \
-                    and now - self._started_at.get(node_id, float('-inf')) > START_PERIOD:
+                    and now - self._started_at.get(node_id, float('-inf')) > START_AGAIN:
                 self._started_at[node_id] = now
                 if self._send(canopen.nmt(canopen.NMT_START, node_id)):
                     self._scan.started.add(node_id)

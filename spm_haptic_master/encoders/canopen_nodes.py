@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import can
 from spm_haptic_master.encoders import canopen
 
-# Time between two NMT starts to a silent node (s): its boot-up message may have been lost.
+# Time between two NMT starts to a node (s): its boot-up message may have been lost.
 START_AGAIN = 0.5
 
 

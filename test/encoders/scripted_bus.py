@@ -72,20 +72,19 @@ class ScriptedBus:
         self.shut += 1
 
 
-def cycles(begin, count, without=(), period=0.01):
+def cycles(begin, count, without=()):
     """Return a script of SYNC and answers, the first at `begin` s."""
     script = []
-    for number in range(count):
-        at = begin + number * period
-        script.append((at, sync(T0 + at)))
-        script += [(at + 1e-4 * (index + 1), answer(index, T0 + at + 1e-4 * (index + 1)))
+    for start in (begin + 0.01 * number for number in range(count)):
+        script.append((start, sync(T0 + start)))
+        script += [(at := start + 1e-4 * (index + 1), answer(index, T0 + at))
                    for index in range(4) if index not in without]
     return script
 
 
-def error_frame(at, identifier, data=bytes(8)):
+def error_frame(at, identifier):
     return (at, can.Message(arbitration_id=identifier, is_error_frame=True, is_extended_id=False,
-                            timestamp=T0 + at, data=data))
+                            timestamp=T0 + at, data=bytes(8)))
 
 
 def node_frame(at, identifier, data):

@@ -58,7 +58,7 @@ def test_a_recording_without_one_encoder_has_no_set_and_names_it(tmp_path):
     # python-can's writer drops frames of a .db; what is left would play without a word.
     *((name, r'a format that keeps all frames \(\.log, \.asc, \.blf')
       for name in ('a.txt', 'a.db', 'a.log.DB'))])
-def test_what_is_no_log_is_a_wrong_setting(tmp_path, name, expected):
+def test_a_path_that_is_not_a_log_is_refused(tmp_path, name, expected):
     if name.startswith('a.'):
         (tmp_path / name).write_text('nothing')
     with pytest.raises(SettingError, match=f"'replay.path' is .*{expected}"):
@@ -113,7 +113,7 @@ def test_a_clock_that_is_set_back_a_little_leaves_a_log_that_can_be_read(tmp_pat
 
 
 @pytest.mark.parametrize('produces', [False, True])
-def test_a_replay_of_what_a_source_kept_gives_its_sets(rig, producing, tmp_path, produces):
+def test_the_replay_of_kept_frames_gives_the_same_sets(rig, producing, tmp_path, produces):
     """Also where SYNC is sent and not received."""
     script = [*cycles(0.01, 120), *cycles(1.21, 5, without=(2,)), error_frame(1.262, 0x20),
               (1.263, can.Message(arbitration_id=0x5AB, data=b'\1\2', is_extended_id=True,

@@ -149,7 +149,7 @@ def test_syncs_that_are_read_late_are_counted_once(late):
 @pytest.mark.parametrize(('identifier', 'data'), [
     (0x700, b'\x05'), (0x702, b'\x05\x00'), (0x702, b''), (0x82, bytes(7)), (0x582, bytes(4)),
     (0x80, bytes(8)), (0x580, bytes(8)), (0x212, bytes(8)), (0x602, bytes(8))])
-def test_a_frame_of_another_form_is_no_nodes(identifier, data):
+def test_a_frame_of_another_form_is_not_taken_for_a_node(identifier, data):
     assert scanned([at(canopen.frame(identifier, data))]).nodes == {}
 
 
@@ -232,7 +232,7 @@ def test_the_lines_for_a_rig_are_what_the_bus_has(tmp_path, scan, options, expec
     ((), False, '# none: 0 encoders heard, expected 4 to 6; can_scan --start starts'),
     ((1, 2, 3), True, '# none: 3 encoders heard, expected 4 to 6'),
     (range(1, 8), True, '# none: 7 encoders heard, expected 4 to 6')])
-def test_too_few_or_too_many_are_no_rig(nodes, started, words):
+def test_too_few_or_too_many_encoders_give_no_lines(nodes, started, words):
     scan = bus_of(nodes)
     scan.started |= {1} if started else set()
     (line,) = scan_report.rig_lines(scan, DEFAULT, False, 'socketcan', 'can0', None)

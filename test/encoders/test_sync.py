@@ -106,7 +106,7 @@ def test_another_master_keeps_it_quiet_for_the_pause_and_it_resumes(producer, cl
     assert made.openings(T0 + 100.0) == []
 
 
-def test_every_sync_of_another_master_counts_as_its(producer, clock):
+def test_each_sync_of_another_master_is_counted(producer, clock):
     """Also while SYNCs sent here, of which no frame has come since, wait for their cycles."""
     made = producer(0.5, lambda number: number == 10 and made.heard(T0))
     made._run()
