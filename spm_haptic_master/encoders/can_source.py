@@ -168,9 +168,7 @@ class CanSource(EncoderSource):
 
     def close(self) -> None:
         """Stop the nodes, if that is configured, and close the bus."""
-        if self._bus is None:
-            return
-        if self._stop_nodes and self._decoder.network:
+        if self._bus is not None and self._stop_nodes and self._decoder.network:
             for node in self._decoder.network.nodes:
                 self._command(canopen.NMT_STOP, node.node_id)
         self._close_bus()
