@@ -81,7 +81,7 @@ class EncoderLayout:
 
     @property
     def counter_modulus(self) -> int:
-        """Number of values of the rolling counter."""
+        """Return the number of values of the rolling counter."""
         return (self.counter_mask >> lowest_bit(self.counter_mask)) + 1
 
     def counts(self, data: bytes | bytearray) -> int | None:

@@ -127,11 +127,11 @@ def test_silent_encoders_are_explained_by_what_is_known_of_each():
     assert taker.silent(NOW, 0.03) == (2, 3)
     assert taker.explain(NOW, 0.03) == 'joint_1c silent (no frames); joint_3a silent (no frames)'
     feed(taker, [answer(2, NOW - 0.02, data=bytes(3))])
-    assert taker.explain(NOW, 0.03) == ('joint_1c silent (frames rejected, 3 bytes instead of 4); '
-                                'joint_3a silent (no frames)')
+    assert taker.explain(NOW, 0.03) == (
+        'joint_1c silent (frames rejected, 3 bytes instead of 4); joint_3a silent (no frames)')
     # A rejection as old as the timeout explains nothing any more.
-    assert taker.explain(NOW + 0.02, 0.03).startswith('joint_1b silent (no frames); '
-                                                         'joint_1c silent (no frames)')
+    assert taker.explain(NOW + 0.02, 0.03).startswith(
+        'joint_1b silent (no frames); joint_1c silent (no frames)')
     feed(taker, [at(1.0, canopen.frame(0x704, b'\x7f'))])
     assert taker.explain(NOW, 0.03).endswith('joint_3a silent (pre-operational)')
 
