@@ -46,9 +46,7 @@ LAYOUTS = make_layouts(values())
 
 def sync(at, counter=None):
     """Return SYNC at a time in s."""
-    message = canopen.frame(0x80, b'' if counter is None else bytes((counter,)))
-    message.timestamp = at
-    return message
+    return canopen.frame(0x80, b'' if counter is None else bytes((counter,)), at)
 
 
 def answer(index, at, angle=0.1, layouts=LAYOUTS, **fields):
@@ -64,6 +62,19 @@ def cycle(number, angles=(0.1, 0.2, 0.3, 0.4), layouts=LAYOUTS):
     at = T0 + number * PERIOD
     return [sync(at), *(answer(index, at + 1.5e-4 * (index + 1), angle, layouts)
                         for index, angle in enumerate(angles))]
+
+
+def stream(*numbers):
+    """Return the frames of cycles."""
+    return [message for number in numbers for message in cycle(number)]
+
+
+def record(path, messages):
+    """Write a log with python-can's own writer; return its path."""
+    with can.Logger(str(path)) as logger:
+        for message in messages:
+            logger(message)
+    return path
 
 
 def feed(taker, messages):

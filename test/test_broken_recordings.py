@@ -11,8 +11,7 @@ from pathlib import Path
 import random
 import re
 
-import can
-from encoder_frames import cycle, values
+from encoder_frames import record, stream, values
 import numpy as np
 import pytest
 from spm_haptic_master.exceptions import SpmError
@@ -77,10 +76,7 @@ def whole(tmp_path_factory):
     """Return the content of a recording of each kind and format, by the end of its name."""
     directory = tmp_path_factory.mktemp('whole')
     for suffix in FORMATS:
-        with can.Logger(str(directory / f'log{suffix}')) as logger:
-            for number in range(60):
-                for message in cycle(number):
-                    logger(message)
+        record(directory / f'log{suffix}', stream(*range(60)))
     for suffix, opened in zip(TABLES, (open, gzip.open), strict=True):
         with opened(directory / f'table{suffix}', 'wt', newline='') as file:
             writer = csv.writer(file)
@@ -139,7 +135,7 @@ def test_a_damaged_recording_gives_what_is_in_it_or_one_line(
           ('nan', 'the stamp of frame 1 is nan s; expected 0 to 4294967296 s'),
           ('inf', 'the stamp of frame 1 is inf s'), ('-1', 'the stamp of frame 1 is -1 s'),
           ('0', 'has no times: its first 3 sets all have the stamp 0 s')))))
-def test_calibrate_says_where_a_log_is_none_and_ends(tmp_path, capsys, name, content, words):
+def test_calibrate_reports_where_a_file_is_not_a_log(tmp_path, capsys, name, content, words):
     path = tmp_path / name
     path.write_bytes(content)
     # Times are needed by a replay, as of a jig's pose.

@@ -14,6 +14,7 @@ import time
 import can
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.can_bus import BUS_ERRORS, error_words, first_line
+from spm_haptic_master.encoders.canopen_nodes import START_AGAIN
 from spm_haptic_master.timing import DeadlineGrid
 
 # Time between two SDO requests (s): they take a tenth of a 1 Mbit/s bus at most.
@@ -26,8 +27,6 @@ SYNC_LISTEN = 1.1
 # Most frames that are read before it is time to send again: more wait only on a machine that is
 # too busy, and the rate of SYNC shows that.
 FRAMES_AT_ONCE = 32
-# Time between two NMT starts to a node that is not operational (s).
-START_PERIOD = 0.5
 # Interface of python-can that returns the frames sent, without a mark.
 ECHOING = 'udp_multicast'
 
@@ -39,8 +38,7 @@ class HeardFrame:
     first: float  # receive time of the first, s
     last: float  # receive time of the latest, s
     count: int = 0
-    # Number of frames by data length, bytes.
-    lengths: Counter[int] = field(default_factory=Counter)
+    lengths: set[int] = field(default_factory=set)  # of their data, bytes
     # Numbers of SYNCs before the first and before the latest.
     first_cycle: int = 0
     last_cycle: int = 0
@@ -140,7 +138,7 @@ class BusScan:
                                        HeardFrame(now, now, first_cycle=self._cycles))
         heard.last, heard.last_cycle = now, self._cycles
         heard.count += 1
-        heard.lengths[len(message.data)] += 1
+        heard.lengths.add(len(message.data))
 
     def _node_frame(self, base: int, node_id: int, data: bytes | bytearray) -> None:
         length = {canopen.HEARTBEAT_BASE: canopen.HEARTBEAT_LENGTH,
@@ -227,7 +225,7 @@ class BusScanner:
             timeout = 0.0
 
     def _send_sync(self, grid: DeadlineGrid) -> None:
-        """Send SYNC, if it is due; end that for good where a master makes it."""
+        """Send SYNC if it is due; stop for good once a master makes it."""
         if self._scan.master_sync is not None:
             self._sync_grid = None
             self._report('another master makes SYNC: none is sent from here any more')
@@ -235,11 +233,11 @@ class BusScanner:
             self._scan.sent_sync(time.monotonic())
 
     def _start_nodes(self, start: tuple[int, ...], now: float) -> None:
-        """Send NMT start to these nodes and those heard, unless operational, now and then."""
+        """Send NMT start every START_AGAIN to these nodes and those heard, unless operational."""
         nodes = self._scan.nodes
-        for node_id in (*start, *(nodes.keys() - set(start))):
+        for node_id in {*start, *nodes}:
             if (node_id not in nodes or nodes[node_id].state != canopen.OPERATIONAL) \
-                    and now - self._started_at.get(node_id, float('-inf')) > START_PERIOD:
+                    and now - self._started_at.get(node_id, float('-inf')) > START_AGAIN:
                 self._started_at[node_id] = now
                 if self._send(canopen.nmt(canopen.NMT_START, node_id)):
                     self._scan.started.add(node_id)
@@ -257,7 +255,7 @@ class BusScanner:
 
     def _identity_requests(self) -> Iterator[can.Message]:
         """Yield requests for the type to every node id, then for the rest to those heard."""
-        for entry in canopen.IDENTITY:
+        for entry in (canopen.DEVICE_TYPE, *canopen.IDENTITY):
             for node_id in range(1, canopen.NODE_ID_MAXIMUM + 1):
                 if entry == canopen.DEVICE_TYPE or node_id in self._scan.nodes:
                     yield canopen.sdo_upload(node_id, *entry)

@@ -13,18 +13,11 @@ import threading
 import time
 
 import can
-from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.can_bus import (
-    BUS_ERRORS,
-    bus_name,
-    check_interface,
-    first_line,
-    open_bus,
-    ReceiveClock,
-)
+from spm_haptic_master.encoders import can_bus, canopen
 from spm_haptic_master.encoders.frame_decoder import FrameDecoder, recent, WITHOUT_SYNC
 from spm_haptic_master.encoders.source import EncoderSource, JointSample
 from spm_haptic_master.encoders.sync import SyncProducer
+from spm_haptic_master.timing import Periodic
 
 # Time between the first two attempts to open a bus (s), doubled each time up to the last.
 REOPEN_FIRST, REOPEN_LAST = 0.1, 2.0
@@ -44,7 +37,7 @@ SEND_TIMEOUT = 0.01
 
 class CanSource(EncoderSource):
     """
-    Source that reads the encoders from a CAN bus (see `open_bus`), in the caller's thread.
+    Source that reads the encoders from a CAN bus (see `can_bus.open_bus`), in the caller's thread.
 
     A bus that is missing or fails is reopened, with back-off. Nodes of the decoder's network that
     boot or are silent are started, and with `stop_nodes` stopped at the end. `fault` is the reason
@@ -55,9 +48,10 @@ class CanSource(EncoderSource):
 
     def __init__(self, interface: str, channel: str, bitrate: int, decoder: FrameDecoder,
                  timeout: float, produce: float | None, stop_nodes: bool):
-        check_interface(interface)
-        self._open_bus = partial(open_bus, interface, channel, bitrate, produce is not None)
-        self._name = bus_name(interface, channel)
+        can_bus.check_interface(interface)
+        self._open_bus = partial(
+            can_bus.open_bus, interface, channel, bitrate, produce is not None)
+        self._name = can_bus.bus_name(interface, channel)
         self._decoder = decoder
         self._timeout = timeout
         self._stop_nodes = stop_nodes
@@ -73,12 +67,12 @@ class CanSource(EncoderSource):
         self._send_error: str | None = None  # of the latest send
         # Clock of the open bus; monotonic times of its opening, of the next poll and of the
         # latest frame, s. All are set by `_open`.
-        self._clock: ReceiveClock
+        self._clock: can_bus.ReceiveClock
         self._opened_at: float
         self._poll_at: float
         self._last_frame: float | None = None
         self._ready: deque[JointSample] = deque()  # sets that `read` has not returned yet
-        self._skip_at = 0.0
+        self._skips = Periodic(SKIP_PERIOD)
         self._keep: Callable[[can.Message], None] | None = None
         self._last_set: float | None = None  # its time, s since the Unix epoch
         self._reason: str | None = None  # reported by `fault` since a monotonic time, s
@@ -103,7 +97,7 @@ class CanSource(EncoderSource):
                     continue
             try:
                 message = bus.recv(min(deadline, self._poll_at) - now)
-            except BUS_ERRORS as error:
+            except can_bus.BUS_ERRORS as error:
                 self._fail(error)
                 continue
             if message is not None:
@@ -131,15 +125,15 @@ class CanSource(EncoderSource):
         decoder = self._decoder
         if decoder.bus_off:
             return f'{self._name}: bus-off'
-        silent = decoder.silent(now, self._timeout)
         if not recent(self._last_frame, time.monotonic(), self._timeout):
             refused = self._send_error
             return f'no frames on {self._name}' + (f' (sending: {refused})' if refused else '')
-        if (error := decoder.bus_error) and len(silent) == len(decoder.encoders):
+        if (error := decoder.bus_error) \
+                and len(decoder.silent(now, self._timeout)) == len(decoder.encoders):
             return f'{self._name}: {error}'
         if decoder.sync_id and not recent(decoder.sync_heard, now, self._timeout):
             return f'no SYNC 0x{decoder.sync_id:X} on {self._name}: {self._why_no_sync()}'
-        return decoder.explain(silent, now, self._timeout) \
+        return decoder.explain(now, self._timeout) \
             or f'frames on {self._name}, but no set of {decoder.words}'
 
     def _why_no_sync(self) -> str:
@@ -174,9 +168,7 @@ class CanSource(EncoderSource):
 
     def close(self) -> None:
         """Stop the nodes, if that is configured, and close the bus."""
-        if self._bus is None:
-            return
-        if self._stop_nodes and self._decoder.network:
+        if self._bus is not None and self._stop_nodes and self._decoder.network:
             for node in self._decoder.network.nodes:
                 self._command(canopen.NMT_STOP, node.node_id)
         self._close_bus()
@@ -191,9 +183,7 @@ class CanSource(EncoderSource):
             self._sync.heard(stamp)
         elif self._sync:
             for sent in self._sync.openings(stamp):
-                sync = canopen.frame(self._decoder.sync_id or 0)
-                sync.timestamp = sent
-                self._decode(sync)
+                self._decode(canopen.frame(self._decoder.sync_id or 0, stamp=sent))
         self._decode(message)
         if self._ready:
             self._last_set = arrived
@@ -210,14 +200,14 @@ class CanSource(EncoderSource):
         if network := self._decoder.network:
             for node in network.to_start(time.time(), silent):
                 self._command(canopen.NMT_START, node.node_id)
-        if self._sync and now >= self._skip_at and self._decoder.assembler.late.unproven:
-            self._skip_at = now + SKIP_PERIOD
+        if self._sync and self._decoder.assembler.late.unproven and self._skips.is_due(now):
             self._sync.skip()
         if now - (self._last_frame or self._opened_at) > REOPEN_SILENT:
             self._close_bus()
 
     def _command(self, command: int, node_id: int) -> None:
-        with suppress(*BUS_ERRORS):  # reported by `fault`; repeated while the node is silent
+        # Reported by `fault`, and repeated while the node is silent.
+        with suppress(*can_bus.BUS_ERRORS):
             self._send(canopen.nmt(command, node_id))
 
     def _send(self, message: can.Message) -> None:
@@ -226,8 +216,8 @@ class CanSource(EncoderSource):
                 # The bus is open: the threads that send stop before it is closed.
                 self._bus.send(message, SEND_TIMEOUT)  # type: ignore[union-attr]
                 self._send_error = None
-            except BUS_ERRORS as error:
-                self._send_error = first_line(error)
+            except can_bus.BUS_ERRORS as error:
+                self._send_error = can_bus.first_line(error)
                 raise
 
     def _open(self, now: float) -> can.BusABC | None:
@@ -236,12 +226,12 @@ class CanSource(EncoderSource):
             return None
         try:
             bus = self._bus = self._open_bus()
-        except BUS_ERRORS as error:
+        except can_bus.BUS_ERRORS as error:
             self._fail(error)
             return None
         self._decoder.assembler.reset()
         self._ready.clear()
-        self._clock = ReceiveClock()
+        self._clock = can_bus.ReceiveClock()
         self._opened += 1
         self._failure = None
         self._last_frame = None
@@ -251,8 +241,7 @@ class CanSource(EncoderSource):
         return bus
 
     def _fail(self, error: Exception) -> None:
-        """Record the error, close the bus, and set the time of the next attempt."""
-        self._failure = f'{self._name}: {first_line(error)}'
+        self._failure = f'{self._name}: {can_bus.first_line(error)}'
         self._retry_at = time.monotonic() + self._backoff
         self._backoff = min(2.0 * self._backoff, REOPEN_LAST)
         self._close_bus()
@@ -261,6 +250,6 @@ class CanSource(EncoderSource):
         if self._sync:
             self._sync.stop()
         if self._bus is not None:
-            with suppress(*BUS_ERRORS):  # the failure that closes it is already reported
+            with suppress(*can_bus.BUS_ERRORS):  # the failure that closes it is already reported
                 self._bus.shutdown()
             self._bus = None

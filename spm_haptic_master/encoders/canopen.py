@@ -47,14 +47,14 @@ PRE_OPERATIONAL = 0x7F
 STATE_WORDS = {BOOT_UP: 'booting', STOPPED: 'stopped', OPERATIONAL: 'operational',
                PRE_OPERATIONAL: 'pre-operational'}
 
-# Objects that identify a node: index and subindex.
+# Objects that identify a node: index and subindex; names of those beside the device type.
 DEVICE_TYPE = (0x1000, 0)
 VENDOR_ID = (0x1018, 1)
 PRODUCT_CODE = (0x1018, 2)
 REVISION = (0x1018, 3)
 SERIAL_NUMBER = (0x1018, 4)
-IDENTITY = {DEVICE_TYPE: 'device type', VENDOR_ID: 'vendor', PRODUCT_CODE: 'product',
-            REVISION: 'revision', SERIAL_NUMBER: 'serial'}
+IDENTITY = {VENDOR_ID: 'vendor', PRODUCT_CODE: 'product', REVISION: 'revision',
+            SERIAL_NUMBER: 'serial'}
 # Objects of communication: storing, heartbeat time (ms), parameters and mapping of RPDO1, TPDO1.
 STORE = (0x1010, 1)
 HEARTBEAT_TIME = (0x1017, 0)
@@ -139,9 +139,9 @@ def reserved_for(identifier: int) -> str | None:
     return None if name is None or name.startswith('TPDO') else name
 
 
-def frame(identifier: int, data: bytes = b'') -> can.Message:
-    """Return a data frame with an 11-bit identifier."""
-    return can.Message(arbitration_id=identifier, data=data, is_extended_id=False)
+def frame(identifier: int, data: bytes = b'', stamp: float = 0.0) -> can.Message:
+    """Return a data frame with an 11-bit identifier, and with a time, s."""
+    return can.Message(stamp, identifier, is_extended_id=False, data=data)
 
 
 def nmt(command: int, node_id: int) -> can.Message:
@@ -174,36 +174,27 @@ def state_word(state: int) -> str:
     return STATE_WORDS.get(state & 0x7F, f'in unknown state 0x{state:02X}')
 
 
-def _sdo(identifier: int, command: int, index: int, subindex: int, value: int = 0) -> can.Message:
+def sdo(identifier: int, command: int, index: int, subindex: int, value: int = 0) -> can.Message:
+    """Return an SDO frame: a request, or an answer (with SDO_ABORT, `value` is the code)."""
     return frame(identifier, bytes((command,)) + index.to_bytes(2, 'little') + bytes((subindex,))
                  + value.to_bytes(4, 'little'))
 
 
 def sdo_upload(node_id: int, index: int, subindex: int) -> can.Message:
     """Return the SDO request for an object's value."""
-    return _sdo(SDO_REQUEST_BASE + node_id, SDO_UPLOAD_REQUEST, index, subindex)
+    return sdo(SDO_REQUEST_BASE + node_id, SDO_UPLOAD_REQUEST, index, subindex)
 
 
 def sdo_write(node_id: int, index: int, subindex: int, value: int, size: int) -> can.Message:
     """Return the SDO request that writes an unsigned number of one to four bytes."""
-    return _sdo(SDO_REQUEST_BASE + node_id, SDO_DOWNLOAD_REQUEST | 4 - size << 2, index, subindex,
-                value)
+    return sdo(SDO_REQUEST_BASE + node_id, SDO_DOWNLOAD_REQUEST | 4 - size << 2, index, subindex,
+               value)
 
 
 def sdo_answer(node_id: int, index: int, subindex: int, value: int,
                size: int = 4) -> can.Message:
     """Return the expedited answer to an SDO upload: an unsigned number of one to four bytes."""
-    return _sdo(SDO_ANSWER_BASE + node_id, 0x43 | 4 - size << 2, index, subindex, value)
-
-
-def sdo_done(node_id: int, index: int, subindex: int) -> can.Message:
-    """Return the answer to an SDO download."""
-    return _sdo(SDO_ANSWER_BASE + node_id, SDO_DOWNLOAD_ANSWER, index, subindex)
-
-
-def sdo_abort(node_id: int, index: int, subindex: int, code: int) -> can.Message:
-    """Return the abort of an SDO request, with its abort code."""
-    return _sdo(SDO_ANSWER_BASE + node_id, SDO_ABORT, index, subindex, code)
+    return sdo(SDO_ANSWER_BASE + node_id, 0x43 | 4 - size << 2, index, subindex, value)
 
 
 def sdo_object(data: bytes | bytearray) -> tuple[int, int]:

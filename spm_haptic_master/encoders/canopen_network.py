@@ -24,8 +24,6 @@ REQUESTS = 2
 BOOT_TIMEOUT = 5.0
 # Longest wait of the receiving thread for a frame (s), and so of the end for that thread.
 RECEIVE_TIMEOUT = 0.1
-# Abort codes that mean that there is no such object.
-MISSING = (protocol.SDO_NO_SUCH_OBJECT, protocol.SDO_NO_SUCH_SUBINDEX)
 
 
 def import_canopen() -> Any:
@@ -55,7 +53,7 @@ def network_on(bus: can.BusABC) -> Iterator[Any]:
 
 @contextmanager
 def awaited(network: Any, identifier: int, data: bytes | None = None) -> Iterator[threading.Event]:
-    """Give an event that a frame with an identifier sets meanwhile; if given, with these data."""
+    """Give an event that a frame with this identifier sets, if given only with these data."""
     heard = threading.Event()
 
     def take(_: int, received: bytes, __: float) -> None:
@@ -86,9 +84,9 @@ class Node:
             try:
                 data = self._sdo.upload(index, subindex)
             except self._canopen.SdoAbortedError as abort:
-                if abort.code in MISSING:
-                    return None, 0
-                raise
+                if abort.code not in (protocol.SDO_NO_SUCH_OBJECT, protocol.SDO_NO_SUCH_SUBINDEX):
+                    raise
+                return None, 0
         return int.from_bytes(data, 'little'), len(data)
 
     def write(self, index: int, subindex: int, value: int, size: int) -> None:

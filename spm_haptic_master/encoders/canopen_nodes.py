@@ -11,9 +11,7 @@ from dataclasses import dataclass
 import can
 from spm_haptic_master.encoders import canopen
 
-# Base identifiers of the frames that show that a node is on the bus.
-SHOWING = (*canopen.TPDO_BASES, canopen.HEARTBEAT_BASE)
-# Time between two NMT starts to a silent node (s): its boot-up message may have been lost.
+# Time between two NMT starts to a node (s): its boot-up message may have been lost.
 START_AGAIN = 0.5
 
 
@@ -123,7 +121,7 @@ class CanopenNodes:
     def note_other(self, identifier: int) -> None:
         """Note a frame that no encoder is configured to send: a node with another id may."""
         node_id = identifier & 0x7F
-        if node_id and identifier - node_id in SHOWING:
+        if node_id and identifier - node_id in (*canopen.TPDO_BASES, canopen.HEARTBEAT_BASE):
             self._others.add(node_id)
 
     def others_text(self) -> str:

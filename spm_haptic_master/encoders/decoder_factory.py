@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from math import radians
 
 from spm_haptic_master.encoders import canopen
@@ -13,17 +12,9 @@ from spm_haptic_master.encoders.canopen_nodes import CanopenNodes
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout, lowest_bit
 from spm_haptic_master.encoders.frame_decoder import FrameDecoder
 from spm_haptic_master.encoders.harmonics import Harmonics
-from spm_haptic_master.encoders.set_assembler import SetAssembler
-from spm_haptic_master.encoders.sync import SyncRate
 from spm_haptic_master.exceptions import InputError, SettingError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, NUMBER_WORDS
-from spm_haptic_master.parameters.encoders import (
-    ACCEPT_SETTING,
-    FIRST_HARMONIC_SETTINGS,
-    LAYOUT_SETTINGS,
-    TABLE_SETTINGS,
-    VERIFIED_SETTING,
-)
+from spm_haptic_master.parameters import encoders
 from spm_haptic_master.parameters.setting import Values
 
 # Longest window of an answer (periods): after a lost frame, sets wait for as long for the end of
@@ -34,8 +25,6 @@ WINDOW_PERIODS = 3
 WINDOW_DEFAULT = 0.005
 # Shortest window (s): no frames of a set fit into less at 1 Mbit/s.
 WINDOW_MINIMUM = 1e-5
-# Table of an encoder without one (deg).
-NO_TABLE = (0.0,)
 # Relative rounding error of a rate or window written with six digits (unit 1).
 ROUNDING = 1e-5
 # Length of a data frame without data (bits), with an identifier of 11 and of 29 bits and with 3
@@ -63,9 +52,7 @@ def make_decoder(values: Values) -> FrameDecoder:
                                f'{NUMBER_WORDS[len(joints)]} different node ids')
         network = CanopenNodes(joints, node_ids, values['can.heartbeat_timeout'])
     _check_identifiers(layouts, sync_id, network is not None)
-    assembler = SetAssembler(joints, sync_id is not None, window, period)
-    return FrameDecoder(layouts, sync_id, assembler, network, values['can.emcy_stops'],
-                        SyncRate(period))
+    return FrameDecoder(layouts, sync_id, period, window, network, values['can.emcy_stops'])
 
 
 def _window(values: Values) -> float:
@@ -109,10 +96,9 @@ def _check_identifiers(layouts: tuple[EncoderLayout, ...], sync_id: int | None,
 def make_layouts(values: Values) -> tuple[EncoderLayout, ...]:
     """Return the layouts of the encoders; SettingError if one contradicts itself or another."""
     joints = ALL_JOINT_NAMES[:values['sensors']]
-    columns = zip(*(values[setting.name] for setting in LAYOUT_SETTINGS), strict=True)
-    layouts = tuple(replace(EncoderLayout(joint, *column), harmonics=harmonics)
-                    for joint, column, harmonics
-                    in zip(joints, columns, make_harmonics(values), strict=True))
+    columns = zip(joints, *(values[setting.name] for setting in encoders.LAYOUT_SETTINGS),
+                  make_harmonics(values), strict=True)
+    layouts = tuple(EncoderLayout(*column) for column in columns)
     seen: dict[int, str] = {}
     for layout in layouts:
         if not layout.extended and layout.can_id > 0x7FF:
@@ -133,14 +119,13 @@ def make_layouts(values: Values) -> tuple[EncoderLayout, ...]:
 
 def make_harmonics(values: Values) -> tuple[Harmonics | None, ...]:
     """Return the harmonics of the encoders, None for one without any; SettingError."""
-    first = zip(*(values[setting.name] for setting in FIRST_HARMONIC_SETTINGS), strict=True)
-    tables = TABLE_SETTINGS[:values['sensors']]
+    first_settings = encoders.FIRST_HARMONIC_SETTINGS
+    first = zip(*(values[setting.name] for setting in first_settings), strict=True)
+    tables = encoders.TABLE_SETTINGS[:values['sensors']]
     found: list[Harmonics | None] = []
     for index, ((cosine, sine), setting) in enumerate(zip(first, tables, strict=True)):
-        table = values[setting.name]
-        name = setting.name if any(table) else FIRST_HARMONIC_SETTINGS[0 if cosine else 1].name
-        if table == NO_TABLE:
-            table = ()
+        table = () if values[setting.name] == (0.0,) else values[setting.name]
+        name = setting.name if any(table) else first_settings[0 if cosine else 1].name
         if not (cosine or sine or table):
             found.append(None)
             continue
@@ -204,17 +189,17 @@ def unverified_joints(values: Values) -> tuple[str, ...]:
     cannot show a wrong direction of joint_3a: on the centre line the mirrored angle fits another
     assembly mode exactly.
     """
-    verified = values.get(VERIFIED_SETTING.name)
+    verified = values.get(encoders.VERIFIED_SETTING.name)
     if verified is None:
         return ()
     joints = tuple(joint for joint, known in zip(ALL_JOINT_NAMES, verified, strict=False)
                    if not known)
-    if joints and not values[ACCEPT_SETTING.name]:
+    if joints and not values[encoders.ACCEPT_SETTING.name]:
         raise SettingError(
-            VERIFIED_SETTING.name, list(verified),
+            encoders.VERIFIED_SETTING.name, list(verified),
             f'true for each: the direction of {", ".join(joints)} is not verified; calibrate at '
             'two poses (calibrate --pose ... --pose ...) and give the file that it writes, or set '
-            f'{ACCEPT_SETTING.name} to true to run at WARN')
+            f'{encoders.ACCEPT_SETTING.name} to true to run at WARN')
     return joints
 
 

@@ -81,7 +81,7 @@ class EncoderLayout:
 
     @property
     def counter_modulus(self) -> int:
-        """How many values the rolling counter has."""
+        """Return the number of values of the rolling counter."""
         return (self.counter_mask >> lowest_bit(self.counter_mask)) + 1
 
     def counts(self, data: bytes | bytearray) -> int | None:
@@ -116,13 +116,11 @@ class EncoderLayout:
 
     def angle(self, counts: int) -> float:
         """Return the joint angle at `counts`, rad in (-pi, pi]."""
-        harmonics = self.harmonics
-        if harmonics is None:
-            return angle_from_counts(
-                counts, self.zero_count, self.direction, self.counts_per_turn)
         per_turn = self.counts_per_turn
+        if self.harmonics is None:
+            return angle_from_counts(counts, self.zero_count, self.direction, per_turn)
         turns = (self.direction * (counts - self.zero_count)) % per_turn
-        angle = turns * TURN / per_turn + harmonics.corrections[turns * KNOTS // per_turn]
+        angle = turns * TURN / per_turn + self.harmonics.corrections[turns * KNOTS // per_turn]
         return angle - TURN if angle > math.pi else angle
 
     def data(self, angle: float, counter: int = 0, healthy: bool = True) -> bytes:
@@ -188,7 +186,7 @@ class Encoder:
         return reason
 
     def _is_unchanged(self, counter: int | None) -> bool:
-        """Note the rolling counter, if there is one; return whether it is that of before."""
+        """Note the rolling counter, if there is one; return whether it repeats the one before."""
         if counter is None:
             return False
         before, self._counter, self.lost = self._counter, counter, None

@@ -47,19 +47,20 @@ class FrameDecoder:
     Distributes frames, by identifier, to the assembler and the CANopen nodes.
 
     `layouts` are of four, five or six encoders, in the order of ALL_JOINT_NAMES; `sync_id` and
-    `network` are None where there is no SYNC, or no node. With `emcy_stops`, four encoders give no
+    `network` are None where there is no SYNC, or no node; `period` and `window`, s, are those of
+    SetAssembler. With `emcy_stops`, four encoders give no
     set while one reports an emergency. Of five or six, one with an emergency, a lost heartbeat or
     a wrong NMT state has no reading.
     """
 
     def __init__(self, layouts: tuple[EncoderLayout, ...], sync_id: int | None,
-                 assembler: SetAssembler, network: CanopenNodes | None, emcy_stops: bool,
-                 sync_rate: SyncRate):
+                 period: float, window: float, network: CanopenNodes | None, emcy_stops: bool):
         self.layouts = layouts
         self.encoders = tuple(map(Encoder, layouts))
         self.words = f'{NUMBER_WORDS[len(layouts)]} encoders'
         self.sync_id = sync_id
-        self.assembler = assembler
+        self.assembler = SetAssembler(
+            tuple(layout.joint for layout in layouts), sync_id is not None, window, period)
         self.network = network
         # Number of frames, and of rejected ones by reason.
         self.counters: Counter[str] = Counter()
@@ -68,7 +69,7 @@ class FrameDecoder:
         self.bus_off = False
         # Time of the latest SYNC, s since the Unix epoch; None before the first.
         self.sync_heard: float | None = None
-        self._sync_rate = sync_rate
+        self._sync_rate = SyncRate(period)
         self._by_key = {
             encoder.layout.can_id | EXTENDED * encoder.layout.extended: (index, encoder)
             for index, encoder in enumerate(self.encoders)}
@@ -124,10 +125,10 @@ class FrameDecoder:
         return tuple(index for index, encoder in enumerate(self.encoders)
                      if not recent(encoder.heard, now, timeout))
 
-    def explain(self, silent: tuple[int, ...], now: float, timeout: float) -> str | None:
+    def explain(self, now: float, timeout: float) -> str | None:
         """Return the reason why no sets come, by silent joint or cycle; None if it is unknown."""
         troubles = {self.encoders[index].layout.joint: self._trouble(index, now, timeout)
-                    for index in silent}
+                    for index in self.silent(now, timeout)}
         if not troubles:
             return self.assembler.cause
         others = self.network.others_text() \
@@ -188,7 +189,6 @@ class FrameDecoder:
         return found
 
     def _trouble(self, index: int, now: float, timeout: float) -> str:
-        """Return the reason why a joint is silent."""
         refused = self.encoders[index].refused
         if refused and recent(refused[0], now, timeout):
             return f'frames rejected, {refused[1]}'
@@ -210,7 +210,7 @@ class FrameDecoder:
         return self.assembler.answer(index, encoder.layout.angle(counts), stamp, encoder.lost)
 
     def _unfit(self, index: int, now: float) -> str | None:
-        """Return why an answer of a joint's node is no reading, None if it is one."""
+        """Return why an answer of a joint's node is not a reading, None if it is one."""
         if self.network is None:
             return None
         node = self.network.nodes[index]
@@ -220,7 +220,7 @@ class FrameDecoder:
 
 
 def _other_kind(message: can.Message) -> str | None:
-    """Return what a frame is that is no classical data frame."""
+    """Return the kind of a frame, None for a classical data frame."""
     if message.is_error_frame:
         return 'error frame'
     if message.is_remote_frame:

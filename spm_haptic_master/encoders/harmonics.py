@@ -41,8 +41,8 @@ class Harmonics:
     """
     Harmonics of one encoder.
 
-    Raises InputError if a number is not finite, a table is too short or too long, or the reading
-    does not increase with the joint angle everywhere.
+    Raises InputError if a table is too short or too long, or the reading does not increase with
+    the joint angle everywhere.
     """
 
     # Amplitudes of the first harmonic, rad.
@@ -55,9 +55,6 @@ class Harmonics:
     _deviations: NDArray[np.float64] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        for value in (self.cosine, self.sine, *self.table):
-            if not math.isfinite(value):
-                raise InputError(f'harmonics: {value}, expected finite numbers')
         if self.table and not TABLE_MINIMUM <= len(self.table) <= TABLE_MAXIMUM:
             raise InputError(f'a table of {len(self.table)} values, expected '
                              f'{TABLE_MINIMUM} to {TABLE_MAXIMUM}')
@@ -93,5 +90,4 @@ def _deviations(cosine: float, sine: float, table: tuple[float, ...]) -> NDArray
         # The order n / 2 is there once, and twice in the finer series.
         spectrum[-1] *= 0.5
     spectrum[1] += 0.5 * KNOTS * complex(cosine, -sine)
-    found: NDArray[Any] = np.fft.irfft(spectrum, KNOTS)
-    return found
+    return np.fft.irfft(spectrum, KNOTS)

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the objects of a CANopen node have to be; compare, write, store and verify them."""
+"""Wanted objects of a CANopen node: compare, write, store and verify them."""
 
 from __future__ import annotations
 
@@ -13,14 +13,8 @@ from spm_haptic_master.encoders.canopen_network import Node
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout
 from spm_haptic_master.exceptions import InputError, SetupError
 
-# Entry of a mapping object: the position, 32 bits.
-POSITION_ENTRY = canopen.POSITION[0] << 16 | canopen.POSITION[1] << 8 | 32
 # Largest value of an UNSIGNED16 (ms).
 TIME_MAXIMUM = 0xFFFF
-# Mask of a CiA 301 device type: the device profile.
-PROFILE_MASK = 0xFFFF
-# Bits of an object that all count.
-ALL = 0xFFFFFFFF
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,14 +26,10 @@ class WantedObject:
     size: int  # bytes
     name: str  # a few words
     value: int
-    mask: int = ALL  # bits that count; the others are left as they are
+    mask: int = 0xFFFFFFFF  # bits that count; the others are left as they are
     optional: bool = False  # a node without this object is also as wanted
     hexadecimal: bool = False  # its value is usually written so
     of_device: bool = False  # the value belongs to the device: compared and never written
-
-    def text(self, value: int) -> str:
-        """Return the bits of a value that count, as such a value is usually written."""
-        return f'0x{value & self.mask:X}' if self.hexadecimal else str(value & self.mask)
 
     def holds(self, present: int | None) -> bool:
         """Return whether a value is as wanted; None stands for no such object."""
@@ -51,9 +41,10 @@ class WantedObject:
 
     def difference(self, present: int | None) -> str:
         """Return the object, a value that is not as wanted, and the wanted one, in words."""
-        shown = 'missing' if present is None else self.text(present)
+        form = '0x{:X}' if self.hexadecimal else '{}'
+        shown = 'missing' if present is None else form.format(present & self.mask)
         return (f'0x{self.index:04X}:{self.subindex:02X} {self.name}: {shown}, '
-                f'wanted {self.text(self.value)}')
+                f'wanted {form.format(self.value)}')
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +78,7 @@ class WantedObjects:
 def wanted_objects(layout: EncoderLayout, node_id: int, synchronised: bool, period: float,
                    heartbeat: float) -> WantedObjects:
     """
-    Return what the objects of an encoder have to be.
+    Return the wanted objects of an encoder.
 
     Unless `synchronised` by SYNC it sends by itself with a `period`, s; its heartbeats are
     `heartbeat` s apart. InputError for a time that no object can hold.
@@ -100,6 +91,7 @@ def wanted_objects(layout: EncoderLayout, node_id: int, synchronised: bool, peri
     # A frame with nothing but the 32 bits of the position has a known mapping.
     plain = (layout.data_length, layout.byte_offset, layout.bit_length, layout.byte_order) \
         == (4, 0, 32, 'little')
+    index, subindex = canopen.POSITION
     return WantedObjects(
         pdos=(wanted_pdo(
             parameters, name,
@@ -109,7 +101,7 @@ def wanted_objects(layout: EncoderLayout, node_id: int, synchronised: bool, peri
                              optional=True),
                 WantedObject(parameters, canopen.TPDO_EVENT_TIMER, 2, f'{name} event timer', 0,
                              optional=True)),
-            [POSITION_ENTRY] if plain else []),),
+            [index << 16 | subindex << 8 | 32] if plain else []),),
         others=(
             *other_tpdos_off(number),
             WantedObject(*canopen.HEARTBEAT_TIME, 2, 'heartbeat time, ms',
@@ -125,7 +117,7 @@ def wanted_objects(layout: EncoderLayout, node_id: int, synchronised: bool, peri
 
 
 def milliseconds(name: str, seconds: float) -> int:
-    """Return a time in whole ms; InputError if it is none, or none that an object can hold."""
+    """Return a time in ms; InputError if it is not whole, or no object can hold it."""
     value = 1e3 * seconds
     if not (1.0 <= value <= TIME_MAXIMUM and abs(value - round(value)) < 1e-6 * value):
         raise InputError(f'{name} {seconds:g} s; expected whole milliseconds, 0.001 to '
@@ -160,24 +152,23 @@ def identity(node: Node, profile: int) -> str:
     """Return device type and identity of a node in words; SetupError for another profile."""
     kind = canopen.PROFILES[profile]
     device_type, _ = node.read(*canopen.DEVICE_TYPE)
-    if device_type is None or device_type & PROFILE_MASK != profile:
+    if device_type is None or device_type & 0xFFFF != profile:
         shown = 'none' if device_type is None else f'0x{device_type:08X}'
         raise SetupError(f'node {node.node_id} has device type {shown}; expected profile '
                          f'{profile} ({kind})')
-    known = {name: node.read(*key)[0] for key, name in canopen.IDENTITY.items()
-             if key != canopen.DEVICE_TYPE}
+    known = {name: node.read(*key)[0] for key, name in canopen.IDENTITY.items()}
     return f'{kind} 0x{device_type:08X}, ' + ', '.join(
         f'{name} 0x{value:X}' for name, value in known.items() if value is not None)
 
 
 def differences(node: Node, wanted: WantedObjects) -> dict[WantedObject, int | None]:
-    """Return the present values, None for no such object, of what is not as wanted."""
+    """Return the values of the objects that are not as wanted; None for no such object."""
     values = {each: node.read(each.index, each.subindex)[0] for each in wanted.every}
     return {each: value for each, value in values.items() if not each.holds(value)}
 
 
 def words(found: dict[WantedObject, int | None]) -> list[str]:
-    """Return in a line each what is not as wanted."""
+    """Return a line for each object that is not as wanted."""
     return [each.difference(value) for each, value in found.items()]
 
 

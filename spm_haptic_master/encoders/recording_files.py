@@ -6,8 +6,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from io import TextIOWrapper
-from itertools import count
+from itertools import chain, count
 from pathlib import Path
 import struct
 from typing import Any, TextIO
@@ -28,7 +29,9 @@ GROUND_TRUTH_NAME, RIG_NAME = 'ground_truth.csv', 'rig.json'
 BACKWARDS_TOLERANCE = 1e-3
 # Largest stamp of a frame (s): later than the 32 bits of a ROS message hold.
 STAMP_LIMIT = 2.0 ** 32
-# Description of a line, or of the whole file, by the suffix without .gz.
+# Description of a line, or of the whole file, by the suffix without .gz. Other formats are
+# refused: python-can's writer of .db (4.6), for one, drops what it has not yet written when it is
+# stopped, and nothing in the file shows that.
 EXPECTED = {
     '.log': '(SECONDS) CHANNEL ID#DATA, as `candump -l` writes it',
     '.asc': 'a line of a Vector ASC file',
@@ -37,19 +40,16 @@ EXPECTED = {
     '.blf': 'a whole Vector BLF file',
 }
 COMPRESSED = '.gz'
-# Suffix of a format that is refused: python-can's writer of it (4.6) drops what it has not yet
-# written when it is stopped, and nothing in the file shows that.
-LOSSY_SUFFIX = '.db'
 # Longest part of a line that is quoted (characters).
 QUOTED = 60
 
 
 class LogFile:
     """
-    Frames of a log file, in a format that python-can reads.
+    Frames of a log file.
 
-    Raises SettingError if the file does not exist, or its format cannot be read, or not be
-    trusted, and ReplayError if it cannot be opened.
+    Raises SettingError if the file does not exist or has another format, and ReplayError if it
+    cannot be opened.
     """
 
     def __init__(self, path: str):
@@ -58,20 +58,16 @@ class LogFile:
         self._number, self._line = 0, ''
         if not self.path.is_file():
             raise SettingError('replay.path', path, 'an existing file')
-        if self.path.suffix.lower() == LOSSY_SUFFIX:
-            raise SettingError(
-                'replay.path', str(self.path), f'a log in another format ({LOG_FORMATS}): '
-                f'python-can drops frames when it ends a {LOSSY_SUFFIX}, without a trace in the '
-                'file')
+        suffix = Path(self.path.name.lower().removesuffix(COMPRESSED)).suffix
+        if suffix not in EXPECTED:
+            raise SettingError('replay.path', str(self.path), f'a log in a format that keeps all '
+                               f'frames ({LOG_FORMATS})')
+        self._expected = EXPECTED[suffix]
         self._open().stop()
 
     def _open(self) -> Any:
         try:
             return can.LogReader(str(self.path))
-        except ValueError as error:
-            raise SettingError(
-                'replay.path', str(self.path), f'a log that python-can reads ({LOG_FORMATS})'
-            ) from error
         except Exception as error:
             # As below: the exception depends on the reader.
             raise ReplayError(f'{self.path}: cannot be read: {self._trouble(error)}') from error
@@ -126,23 +122,18 @@ class LogFile:
             return f'{at}the compressed data end or are broken; expected a whole {COMPRESSED} file'
         if isinstance(error, OSError):
             return f'{at}{error.strerror or error}'
-        expected = next((EXPECTED[each] for each in map(str.lower, self.path.suffixes[::-1])
-                         if each in EXPECTED), 'a log that python-can reads')
         if self._number:
             quoted = self._line.rstrip('\r\n')
             dots = ' ...' if len(quoted) > QUOTED else ''
-            return f'line {self._number} is {quoted[:QUOTED]!r}{dots}; expected {expected}'
-        first, *_ = str(error).splitlines() or ['']
-        return f'{"it is cut" if isinstance(error, struct.error) else first}; expected {expected}'
+            return f'line {self._number} is {quoted[:QUOTED]!r}{dots}; expected {self._expected}'
+        reason = 'it is cut' if isinstance(error, struct.error) else str(error).partition('\n')[0]
+        return f'{reason}; expected {self._expected}'
 
 
 def free_path(path: Path) -> Path:
     """Return a path that does not exist: the given one, or with the next free number."""
     numbered = (path.with_name(f'{path.stem}_{number}{path.suffix}') for number in count(2))
-    found = path
-    while found.exists():
-        found = next(numbered)
-    return found
+    return next(each for each in chain((path,), numbered) if not each.exists())
 
 
 class FrameLog:
@@ -194,36 +185,30 @@ class Table:
     def write(self, stamp: int, values: Sequence[float]) -> None:
         """Append a row: a stamp in ns, and the values; InputError if it cannot be written."""
         seconds, nanoseconds = divmod(stamp, SECOND)
-        try:
+        with _reported(self.path):
             if self._file is None:
                 self.path.parent.mkdir(parents=True, exist_ok=True)
                 self._file = open(self.path, 'x', encoding='utf-8')
                 self._file.write(','.join(('time', *self._columns)) + '\n')
             self._file.write(f'{seconds}.{nanoseconds:09d},'
                              + ','.join(f'{value:.9f}' for value in values) + '\n')
-            self.span = (self.span[0] if self.rows else stamp), stamp
-            self.rows += 1
-        except OSError as error:
-            raise _unwritable(self.path, error) from error
+        self.span = (self.span[0] if self.rows else stamp), stamp
+        self.rows += 1
 
     def close(self) -> None:
         """Close the file, if it was created; InputError if its end cannot be written."""
-        try:
-            if self._file is not None:
+        if self._file is not None:
+            with _reported(self.path):
                 self._file.close()
-        except OSError as error:
-            raise _unwritable(self.path, error) from error
 
 
 def write_new(path: Path, text: str) -> None:
     """Write a text file that does not exist; InputError if it does, or cannot be written."""
     _check_new(path)
-    try:
+    with _reported(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         with open(path, 'x', encoding='utf-8') as file:
             file.write(text)
-    except OSError as error:
-        raise _unwritable(path, error) from error
 
 
 def _check_new(path: Path) -> None:
@@ -231,5 +216,10 @@ def _check_new(path: Path) -> None:
         raise InputError(f'{path}: already exists; choose another directory')
 
 
-def _unwritable(path: Path, error: OSError) -> InputError:
-    return InputError(f'{path}: cannot be written: {error}')
+@contextmanager
+def _reported(path: Path) -> Iterator[None]:
+    """Raise InputError where the file cannot be written."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f'{path}: cannot be written: {error}') from error

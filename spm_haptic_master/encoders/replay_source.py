@@ -150,7 +150,6 @@ class ReplaySource(EncoderSource):
                 return
 
     def _require_sets(self) -> None:
-        """Raise ReplayError if the round has added no set."""
         if self._sets == self._sets_before:
             raise ReplayError(
                 f'{self._log.path}: no set of {self._decoder.words} in it; its frames: '

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a scan shows, in lines: a list, what is not as configured, and lines for rig.yaml."""
+"""Report of a scan, in lines: what was heard, what is wrong, and the lines for rig.yaml."""
 
 from __future__ import annotations
 
@@ -16,11 +16,6 @@ from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 
 # Largest relative deviation of a rate from the expected one (unit 1).
 RATE_TOLERANCE = 0.05
-# Significant digits of a period of SYNC that a master is set to, and how far it may be from the
-# measured one (unit 1); a period that is not as round is taken as measured.
-PERIOD_DIGITS, PERIOD_TOLERANCE = 2, 0.01
-# Significant digits of a measured rate.
-RATE_DIGITS = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +33,7 @@ class Expected:
 
 
 def listing(scan: BusScan, expected: Expected) -> list[str]:
-    """Return one line for each identifier, node and kind of error, and for what was sent."""
+    """Return one line for each identifier and node, and for what was sent."""
     names = {(layout.extended, layout.can_id): layout.joint for layout in expected.layouts} \
         | {(False, identifier): name for identifier, name in expected.frames.items()} \
         | {(False, scan.sync_id): 'SYNC'}
@@ -49,7 +44,6 @@ def listing(scan: BusScan, expected: Expected) -> list[str]:
                      f'bytes  {heard.count:7} frames  {names.get(key) or _frame_name(*key)}')
     found += [f'  node {node_id:3}: {_node_words(node)}'
               for node_id, node in sorted(scan.nodes.items())]
-    found += [f'  error frames: {count} x {words}' for words, count in scan.errors.items()]
     if scan.remote:
         found.append(f'  remote frames: {scan.remote}')
     if scan.own_sync is not None:
@@ -58,8 +52,7 @@ def listing(scan: BusScan, expected: Expected) -> list[str]:
     if scan.started:
         found.append('  sent from here: NMT start to node '
                      + ', '.join(map(str, sorted(scan.started))))
-    return found + [f'  not sent: {count} frames, {words}'
-                    for words, count in scan.unsent.items()]
+    return found
 
 
 def _frame_name(extended: bool, identifier: int) -> str:
@@ -76,7 +69,7 @@ def _node_words(node: HeardNode) -> str:
         parts.append(f'device type 0x{node.objects[canopen.DEVICE_TYPE]:08X} '
                      f'(CiA {node.profile}{f", {kind}" if kind else ""})')
     parts += [f'{name} 0x{node.objects[key]:X}' for key, name in canopen.IDENTITY.items()
-              if key in node.objects and key != canopen.DEVICE_TYPE]
+              if key in node.objects]
     return ', '.join(parts + [f'{words} ({count} x)'
                               for words, count in node.emergencies.items()])
 
@@ -101,9 +94,9 @@ def problems(scan: BusScan, expected: Expected) -> list[str]:
         found += [f'{name}: {words}'
                   for words in (['not heard'] if node is None else node.emergencies)]
     found += _unexpected(scan, expected)
-    found += [f'error frames: {words}' for words in scan.errors]
-    return found + [f'sending: {words} (does any other node acknowledge?)'
-                    for words in scan.unsent]
+    found += [f'error frames: {count} x {words}' for words, count in scan.errors.items()]
+    return found + [f'{count} frames not sent: {words} (does any other node acknowledge?)'
+                    for words, count in scan.unsent.items()]
 
 
 def busy(scan: BusScan, rate: float) -> str | None:
@@ -126,7 +119,7 @@ def _encoder_problems(scan: BusScan, layout: EncoderLayout, node_id: int | None,
     if heard is None:
         return [f'{identifier} missing{_missing_because(scan, layout, node_id)}']
     found = []
-    if set(heard.lengths) != {layout.data_length}:
+    if heard.lengths != {layout.data_length}:
         found.append(f'{identifier} has {", ".join(map(str, sorted(heard.lengths)))} bytes, '
                      f'configured {layout.data_length}')
     if wrong := _rate_problem(scan, heard, rate):
@@ -150,7 +143,6 @@ def _rate_problem(scan: BusScan, heard: HeardFrame, rate: float) -> str | None:
 
 
 def _missing_because(scan: BusScan, layout: EncoderLayout, node_id: int | None) -> str:
-    """Return why an encoder's frame is missing, as far as the scan shows it."""
     if (not layout.extended, layout.can_id) in scan.frames:
         return f'; it comes with {11 if layout.extended else 29} bits instead'
     if node_id is None:
@@ -209,8 +201,7 @@ def rig_lines(scan: BusScan, expected: Expected, known: bool, interface: str, ch
            f'sync: {"produce" if scan.master_sync is None else "consume"}']
     heard = [scan.frames.get((False, identifiers[node_id])) for node_id in node_ids]
     # None of an encoder whose frames do not have one length.
-    lengths = [next(iter(each.lengths)) if each and len(each.lengths) == 1 else None
-               for each in heard]
+    lengths = [min(each.lengths) if each and len(each.lengths) == 1 else None for each in heard]
     return [
         '/**:', '  ros__parameters:', '    source: can',
         *([] if count == len(JOINT_NAMES) else [f'    sensors: {count}']),
@@ -222,10 +213,10 @@ def rig_lines(scan: BusScan, expected: Expected, known: bool, interface: str, ch
 
 
 def round_rate(rate: float) -> float:
-    """Return the rate that a master is set to, Hz, from a measured one: its period is round."""
-    period = float(f'{1.0 / rate:.{PERIOD_DIGITS - 1}e}')
-    near = abs(period * rate - 1.0) <= PERIOD_TOLERANCE
-    return float(f'{1.0 / period if near else rate:.{RATE_DIGITS}g}')
+    """Return a measured rate, Hz, as that of a period of two digits if one is within 1 %."""
+    period = float(f'{1.0 / rate:.1e}')
+    near = abs(period * rate - 1.0) <= 0.01
+    return float(f'{1.0 / period if near else rate:.4g}')
 
 
 def _identifiers(scan: BusScan, expected: Expected) -> dict[int, int]:

@@ -43,8 +43,7 @@ class Cycle:
     start: float
     # Latest angles, rad; NaN for an answer without a reading, None before the first answer.
     angles: list[float | None]
-    # Number of joints that are waited for, and of those of them that have answered.
-    expected: int
+    # Number of joints that have answered, of those that are waited for.
     answered: int = 0
     # Joint that answered first, and the time of its answer, s.
     leader: int | None = None
@@ -129,8 +128,7 @@ class SetAssembler:
             self.jitter.add(round(abs(length - self._period) * 1e9))
             if length > OVERDUE * self._period:
                 self.counters['overdue cycles'] += 1
-        joints = len(self._joints)
-        self._cycle = Cycle(stamp, [None] * joints, joints - len(self.absent))
+        self._cycle = Cycle(stamp, [None] * len(self._joints))
         return ended
 
     def answer(self, index: int, angle: float, stamp: float, lost: int | None = None,
@@ -169,7 +167,8 @@ class SetAssembler:
             cycle.leader, cycle.first = index, stamp
         angles[index] = angle
         cycle.answered += 1
-        if cycle.answered != cycle.expected or self._unsettled and self.late.undecided:
+        if cycle.answered + len(self.absent) < len(self._joints) \
+                or self._unsettled and self.late.undecided:
             return ended
         sample = self._make(cycle)
         if sample is not None:

@@ -80,7 +80,7 @@ class ObjectStore:
 
     def answer(self, node_id: int, data: bytes) -> can.Message:
         """Return the answer to an SDO request."""
-        key = canopen.sdo_object(data)
+        key, identifier = canopen.sdo_object(data), canopen.SDO_ANSWER_BASE + node_id
         try:
             if data[0] == canopen.SDO_UPLOAD_REQUEST:
                 entry = self._entry(key)
@@ -90,8 +90,8 @@ class ObjectStore:
                 raise SdoAbortError(canopen.SDO_UNKNOWN_COMMAND)
             self._write(key, value)
         except SdoAbortError as abort:
-            return canopen.sdo_abort(node_id, *key, abort.args[0])
-        return canopen.sdo_done(node_id, *key)
+            return canopen.sdo(identifier, canopen.SDO_ABORT, *key, abort.args[0])
+        return canopen.sdo(identifier, canopen.SDO_DOWNLOAD_ANSWER, *key)
 
     def _entry(self, key: Key) -> Entry:
         entry = self._entries.get(key)

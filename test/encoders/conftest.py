@@ -3,7 +3,7 @@
 
 """A virtual bus of the test's own with simulated encoders, and a source on a scripted bus."""
 
-from contextlib import contextmanager, ExitStack
+from contextlib import ExitStack
 import threading
 from unittest.mock import Mock
 import uuid
@@ -13,36 +13,13 @@ from encoder_frames import LAYOUTS, values
 import pytest
 from scripted_bus import Clock, ScriptedBus
 from spm_haptic_master import timing
-from spm_haptic_master.encoders import bus_scan, can_source, replay_source, sync
+from spm_haptic_master.encoders import bus_scan, can_bus, can_source, replay_source, sync
 from spm_haptic_master.encoders.sync import SyncProducer
 from spm_haptic_master.simulation.bus_runner import BusRunner
 from spm_haptic_master.simulation.noisy_motion import make_motion
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus
 from spm_haptic_master.simulation.source_factory import make_source
 from spm_haptic_master.timing import DeadlineGrid
-
-
-@contextmanager
-def simulated(channel, factory=False, sync=False, layouts=LAYOUTS, node_ids=(1, 2, 3, 4)):
-    """Run sim_bus's encoders, still or with SYNC, in a thread; give its nodes."""
-    encoders = SimulatedBus(layouts, node_ids, make_motion(values('sim', sim__noise_deg=0.0)),
-                            (), 0.1, 1, factory=factory)
-    with can.Bus(interface='virtual', channel=channel) as bus:
-        runner = BusRunner(bus, encoders, 0x80, DeadlineGrid(0.01) if sync else None)
-        end = threading.Event()
-
-        def loop():
-            runner.boot()
-            while not end.is_set():
-                runner.step()
-
-        thread = threading.Thread(target=loop)
-        thread.start()
-        try:
-            yield encoders.nodes
-        finally:
-            end.set()
-            thread.join()
 
 
 @pytest.fixture
@@ -53,9 +30,28 @@ def channel():
 
 @pytest.fixture
 def encoders(channel):
-    """Make encoders on the channel; they leave it at the test's end."""
+    """Run sim_bus's encoders, still or with SYNC, until the test's end; give their nodes."""
+    end = threading.Event()
+
+    def make(factory=False, sync=False, layouts=LAYOUTS, node_ids=(1, 2, 3, 4)):
+        made = SimulatedBus(layouts, node_ids, make_motion(values('sim', sim__noise_deg=0.0)),
+                            (), 0.1, 1, factory=factory)
+        bus = stack.enter_context(can.Bus(interface='virtual', channel=channel))
+        runner = BusRunner(bus, made, 0x80, DeadlineGrid(0.01) if sync else None)
+
+        def loop():
+            runner.boot()
+            while not end.is_set():
+                runner.step()
+
+        thread = threading.Thread(target=loop)
+        thread.start()
+        stack.callback(thread.join)
+        return made.nodes
+
     with ExitStack() as stack:
-        yield lambda **options: stack.enter_context(simulated(channel, **options))
+        yield make
+        end.set()
 
 
 @pytest.fixture
@@ -83,7 +79,7 @@ def rig(monkeypatch, clock):
                 raise bus
             return bus
 
-        monkeypatch.setattr(can_source, 'open_bus', opening)
+        monkeypatch.setattr(can_bus, 'open_bus', opening)
         source = make_source('can', values(
             can__interface='virtual', can__channel='can7', **overrides))
         source.opened, source.buses, source.clock = opened, scripted, clock

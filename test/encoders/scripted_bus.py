@@ -5,15 +5,12 @@
 
 import can
 from encoder_frames import answer, sync, T0
-import pytest
 from spm_haptic_master.encoders import canopen
 
 # s that a wait takes at least: a clock that stood still would never end one of no length.
 TICK = 1e-6
-# What a user is promised, s: first and last time between attempts to open a bus, silence after
-# which it is reopened, polls, the time that a reason holds, the longest wait to send.
-REOPEN_FIRST, REOPEN_LAST, REOPEN_SILENT = 0.1, 2.0, 2.0
-POLL_PERIOD, REASON_HOLD, SEND_TIMEOUT = 0.02, 0.5, 0.01
+# Longest wait to send, s.
+SEND_TIMEOUT = 0.01
 
 
 class Clock:
@@ -74,33 +71,24 @@ class ScriptedBus:
     def shutdown(self):
         self.shut += 1
 
-    def starts(self):
-        """Return when which node was started, s."""
-        return [(pytest.approx(at, abs=1e-9), message.data[1]) for at, message in self.sent
-                if message.arbitration_id == canopen.NMT_ID
-                and message.data[0] == canopen.NMT_START]
 
-
-def cycles(begin, count, without=(), period=0.01):
+def cycles(begin, count, without=()):
     """Return a script of SYNC and answers, the first at `begin` s."""
     script = []
-    for number in range(count):
-        at = begin + number * period
-        script.append((at, sync(T0 + at)))
-        script += [(at + 1e-4 * (index + 1), answer(index, T0 + at + 1e-4 * (index + 1)))
+    for start in (begin + 0.01 * number for number in range(count)):
+        script.append((start, sync(T0 + start)))
+        script += [(at := start + 1e-4 * (index + 1), answer(index, T0 + at))
                    for index in range(4) if index not in without]
     return script
 
 
-def error_frame(at, identifier, data=bytes(8)):
+def error_frame(at, identifier):
     return (at, can.Message(arbitration_id=identifier, is_error_frame=True, is_extended_id=False,
-                            timestamp=T0 + at, data=data))
+                            timestamp=T0 + at, data=bytes(8)))
 
 
 def node_frame(at, identifier, data):
-    message = canopen.frame(identifier, data)
-    message.timestamp = T0 + at
-    return (at, message)
+    return (at, canopen.frame(identifier, data, T0 + at))
 
 
 def opening_of(script):

@@ -10,28 +10,23 @@ import sys
 
 import can
 import pytest
-from spm_haptic_master.encoders.can_bus import (
-    BUS_ERRORS,
-    bus_name,
-    error_words,
-    first_line,
-    open_bus,
-)
+from spm_haptic_master.encoders import can_bus
 
 
 def test_the_first_line_is_enough():
-    assert first_line(OSError('down\nTraceback')) == 'down'
-    assert first_line(ValueError()) == 'ValueError'
+    assert can_bus.first_line(OSError('down\nTraceback')) == 'down'
+    assert can_bus.first_line(ValueError()) == 'ValueError'
 
 
 def test_a_missing_msgpack_has_a_remedy(monkeypatch):
     monkeypatch.setitem(sys.modules, 'msgpack', None)
     for name in [name for name in sys.modules if 'udp_multicast' in name]:
         monkeypatch.delitem(sys.modules, name)
-    with pytest.raises(BUS_ERRORS) as caught:
-        open_bus('udp_multicast', '239.74.0.1', 0)
-    assert first_line(caught.value) == ('msgpack not installed: sudo apt install python3-msgpack; '
-                                        'in a virtual environment: pip install msgpack')
+    with pytest.raises(can_bus.BUS_ERRORS) as caught:
+        can_bus.open_bus('udp_multicast', '239.74.0.1', 0)
+    assert can_bus.first_line(caught.value) == (
+        'msgpack not installed: sudo apt install python3-msgpack; in a virtual environment: pip '
+        'install msgpack')
 
 
 @pytest.mark.parametrize(('number', 'words'), [
@@ -41,7 +36,7 @@ def test_a_missing_msgpack_has_a_remedy(monkeypatch):
 def test_a_bus_that_is_not_there_says_what_to_give(number, words):
     for error in (OSError(number, os.strerror(number)),
                   can.CanInitializationError(os.strerror(number), number)):
-        text = first_line(error)
+        text = can_bus.first_line(error)
         assert os.strerror(number) in text and '\n' not in text
         assert all(word in text for word in words)
 
@@ -51,14 +46,14 @@ def test_a_bus_that_is_not_there_says_what_to_give(number, words):
     ({'port': 43999}, 'udp_multicast 239.74.0.1 port 43999')])
 def test_the_name_of_a_bus_between_processes_has_its_port(monkeypatch, config, expected):
     monkeypatch.setenv('CAN_CONFIG', json.dumps(config))
-    assert bus_name('udp_multicast', '239.74.0.1') == expected
-    assert bus_name('socketcan', 'can0') == 'socketcan can0'
+    assert can_bus.bus_name('udp_multicast', '239.74.0.1') == expected
+    assert can_bus.bus_name('socketcan', 'can0') == 'socketcan can0'
     monkeypatch.setenv('CAN_CONFIG', '{')
-    assert bus_name('udp_multicast', '239.74.0.1') == 'udp_multicast 239.74.0.1'
+    assert can_bus.bus_name('udp_multicast', '239.74.0.1') == 'udp_multicast 239.74.0.1'
 
 
 # Linux, include/uapi/linux/can/error.h: classes in the identifier, and byte 1 of a controller's.
-ERROR_CLASSES = [
+@pytest.mark.parametrize(('identifier', 'data', 'words'), [
     (0x020, '', 'no acknowledge (is any other node on the bus?)'),
     (0x088, '', 'protocol violation, bus error'), (0x200, '', 'unknown error 0x200'),
     (0x041, '', 'transmit timeout, bus-off'),
@@ -66,10 +61,7 @@ ERROR_CLASSES = [
      'controller problem, receive error passive, transmit error passive'),
     # Too short for details, and details of another class.
     (0x004, '01', 'controller problem'), (0x008, '0030000000000000', 'protocol violation'),
-]
-
-
-@pytest.mark.parametrize(('identifier', 'data', 'words'), ERROR_CLASSES)
+])
 def test_error_frames_have_words(identifier, data, words):
-    assert error_words(can.Message(
+    assert can_bus.error_words(can.Message(
         arbitration_id=identifier, is_error_frame=True, data=bytes.fromhex(data))) == words

@@ -7,27 +7,6 @@ from encoder_frames import decoder, T0
 import pytest
 from spm_haptic_master.encoders import canopen
 
-# Emergencies (CiA 301, 7.2.7): code (2 bytes, little-endian), register, specific; their words.
-EMERGENCIES = [
-    ('0050 01 0000000000', 'EMCY 0x5000 device hardware, error register 0x01'),
-    ('1081 11 0102000000', 'EMCY 0x8110 CAN overrun (objects lost), error register 0x11, '
-     'specific 01 02 00 00 00'),
-    # Class 0x42, class 0xFF with the last specific byte, the end of all errors, of no class.
-    ('2042 09 0000000000', 'EMCY 0x4220 device temperature, error register 0x09'),
-    ('34FF 81 0000000007', 'EMCY 0xFF34 device specific, error register 0x81, '
-     'specific 00 00 00 00 07'),
-    ('0000 00 0000000000', 'EMCY 0x0000 error reset, error register 0x00'),
-    ('FFEE 01 0000000000', 'EMCY 0xEEFF code not in CiA 301, error register 0x01'),
-]
-# Answers to an SDO upload (CiA 301, 7.2.4.3): command, 0x1000:00, four bytes; the value in them.
-SDO_ANSWERS = [
-    # Expedited, with a size of four, three, two bytes and one; and without: all four bytes.
-    ('43 001000 96010100', 0x00010196), ('47 001000 960102FF', 0x020196),
-    ('4B 001000 9601FFFF', 0x0196), ('4F 001000 05FFFFFF', 5), ('42 001000 01020304', 0x04030201),
-    # An abort, the answer to a download, a segmented upload.
-    ('80 001000 00000206', None), ('60 001000 00000000', None), ('41 001000 10000000', None),
-]
-
 
 @pytest.mark.parametrize(('identifier', 'name'), [
     (0, 'NMT'), (0x80, 'SYNC'), (0x100, 'TIME'), (0x7E4, 'LSS'), (0x7E5, 'LSS'),
@@ -40,13 +19,31 @@ def test_identifiers_have_names(identifier, name):
     assert canopen.reserved_for(identifier) == (None if free else name)
 
 
-@pytest.mark.parametrize(('data', 'words'), EMERGENCIES)
+# Emergencies (CiA 301, 7.2.7): code (2 bytes, little-endian), register, specific; their words.
+@pytest.mark.parametrize(('data', 'words'), [
+    ('0050 01 0000000000', 'EMCY 0x5000 device hardware, error register 0x01'),
+    ('1081 11 0102000000', 'EMCY 0x8110 CAN overrun (objects lost), error register 0x11, '
+     'specific 01 02 00 00 00'),
+    # Class 0x42, class 0xFF with the last specific byte, the end of all errors, of no class.
+    ('2042 09 0000000000', 'EMCY 0x4220 device temperature, error register 0x09'),
+    ('34FF 81 0000000007', 'EMCY 0xFF34 device specific, error register 0x81, '
+     'specific 00 00 00 00 07'),
+    ('0000 00 0000000000', 'EMCY 0x0000 error reset, error register 0x00'),
+    ('FFEE 01 0000000000', 'EMCY 0xEEFF code not in CiA 301, error register 0x01'),
+])
 def test_emergencies_have_words(data, words):
     assert canopen.emcy_words(bytes.fromhex(data)) == words
     assert canopen.emcy_code(bytes.fromhex(data)) == int(words[7:11], 16)
 
 
-@pytest.mark.parametrize(('data', 'value'), SDO_ANSWERS)
+# Answers to an SDO upload (CiA 301, 7.2.4.3): command, 0x1000:00, four bytes; the value in them.
+@pytest.mark.parametrize(('data', 'value'), [
+    # Expedited, with a size of four, three, two bytes and one; and without: all four bytes.
+    ('43 001000 96010100', 0x00010196), ('47 001000 960102FF', 0x020196),
+    ('4B 001000 9601FFFF', 0x0196), ('4F 001000 05FFFFFF', 5), ('42 001000 01020304', 0x04030201),
+    # An abort, the answer to a download, a segmented upload.
+    ('80 001000 00000206', None), ('60 001000 00000000', None), ('41 001000 10000000', None),
+])
 def test_sdo_answers(data, value):
     assert canopen.sdo_value(bytes.fromhex(data)) == value
     assert canopen.sdo_object(bytes.fromhex(data)) == (0x1000, 0)
@@ -54,13 +51,6 @@ def test_sdo_answers(data, value):
 
 WORDS = 'EMCY 0x5000 device hardware, error register 0x01'
 EMERGENCY = bytes((0x00, 0x50, 0x01, 0, 0, 0, 0, 0))
-
-
-def heard(identifier, data, at):
-    """Return a node's frame, `at` seconds into the test."""
-    message = canopen.frame(identifier, data)
-    message.timestamp = T0 + at
-    return message
 
 
 def test_a_boot_up_calls_for_a_start_at_once_and_silence_not_too_often():
@@ -73,7 +63,7 @@ def test_a_boot_up_calls_for_a_start_at_once_and_silence_not_too_often():
     assert started(0.0, 0, 2) == started(0.1, 0, 2) == []
     # A node that boots again and again, as in a recording in a loop, is started once.
     for _ in range(3):
-        taker.feed(heard(0x703, b'\x00', 0.15))
+        taker.feed(canopen.frame(0x703, b'\x00', T0 + 0.15))
     assert started(0.15, 2) == [3]
     assert started(0.499, 0, 2) == []
     assert started(0.5, 0, 2) == [1]
@@ -97,7 +87,7 @@ def test_nodes_are_followed_by_heartbeat_boot_up_and_emergency():
             (0.7, 0x82, bytes(8), 0.7, 'heartbeat lost', beats + '450 ms ago (lost)', 'none (2'),
             (0.8, 0x82, EMERGENCY, 0.8, WORDS, beats + '550 ms ago (lost)', WORDS + ' (3'),
             (0.9, 0x702, b'\x00', 9.0, 'booting', 'booting, no heartbeat yet', 'none (3')):
-        taker.feed(heard(identifier, data, at))
+        taker.feed(canopen.frame(identifier, data, T0 + at))
         assert node.trouble(T0 + now) == trouble
         # A state alone is no caution: the encoder may answer.
         assert node.caution(T0 + now) == (None if trouble == 'booting' else trouble)

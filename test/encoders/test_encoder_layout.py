@@ -56,7 +56,7 @@ def test_every_layout_carries_every_angle(data):
     ('FF3F0000', {}, 0x3FFF),
     ('01200000', {'signed': True}, None),
 ])
-def test_counts_stand_where_the_layout_says(data, changes, counts):
+def test_counts_are_read_as_the_layout_defines(data, changes, counts):
     assert replace(PLAIN, **changes).counts(bytes.fromhex(data)) == counts
 
 

@@ -6,8 +6,7 @@
 from math import pi
 import time
 
-import can
-from encoder_frames import cycle, values
+from encoder_frames import record, stream, values
 import pytest
 from spm_haptic_master.simulation.source_factory import make_source
 
@@ -22,11 +21,7 @@ def test_samples_are_whole_and_their_stamps_increase(kind, tmp_path, channel, en
         encoders()
         options |= {'can__interface': 'virtual', 'can__channel': channel, 'can__sync': 'produce'}
     elif kind == 'replay':
-        path = tmp_path / 'recorded.log'
-        with can.Logger(str(path)) as logger:
-            for number in range(20):
-                for message in cycle(number):
-                    logger(message)
+        path = record(tmp_path / 'recorded.log', stream(*range(20)))
         options = {'replay__path': str(path), 'replay__loop': True}
     source = make_source(kind, values(kind, **options))
     begin, deadline = time.time_ns(), time.monotonic() + 20.0

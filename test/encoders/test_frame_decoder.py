@@ -11,7 +11,6 @@ from marked_cycles import angle, by_cycle, rig, STATUS
 from marked_cycles import cycle as marked
 import pytest
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.frame_decoder import recent
 
 NOW = T0 + 1.0
 EMERGENCY = 'EMCY 0x5000 device hardware, error register 0x01'
@@ -20,10 +19,6 @@ EMERGENCY = 'EMCY 0x5000 device hardware, error register 0x01'
 def at(when, message):
     message.timestamp = T0 + when
     return message
-
-
-def explained(taker, timeout=0.03, now=NOW):
-    return taker.explain(taker.silent(now, timeout), now, timeout)
 
 
 @pytest.mark.parametrize(('fields', 'reason'), [
@@ -120,25 +115,25 @@ def test_too_many_nodes_that_are_not_well_are_all_named():
     for node_id in (1, 5, 6):
         taker.feed(at(0.0, canopen.emcy(node_id, 0x5000, 1)))
     assert feed(taker, marked(layouts, 0)) == []
-    assert taker.explain((), T0, 1.0) == '; '.join(
+    assert taker.explain(T0, 1.0) == '; '.join(
         f'{joint}: {EMERGENCY}' for joint in ('joint_1a', 'joint_3b', 'joint_3c'))
 
 
 def test_silent_encoders_are_explained_by_what_is_known_of_each():
     taker = decoder()
     assert taker.silent(NOW, 0.03) == (0, 1, 2, 3)
-    assert explained(taker) == 'all encoders silent (no frames)'
+    assert taker.explain(NOW, 0.03) == 'all encoders silent (no frames)'
     feed(taker, [answer(0, NOW), answer(1, NOW - 0.029)])
     assert taker.silent(NOW, 0.03) == (2, 3)
-    assert explained(taker) == 'joint_1c silent (no frames); joint_3a silent (no frames)'
+    assert taker.explain(NOW, 0.03) == 'joint_1c silent (no frames); joint_3a silent (no frames)'
     feed(taker, [answer(2, NOW - 0.02, data=bytes(3))])
-    assert explained(taker) == ('joint_1c silent (frames rejected, 3 bytes instead of 4); '
-                                'joint_3a silent (no frames)')
+    assert taker.explain(NOW, 0.03) == (
+        'joint_1c silent (frames rejected, 3 bytes instead of 4); joint_3a silent (no frames)')
     # A rejection as old as the timeout explains nothing any more.
-    assert explained(taker, 0.03, NOW + 0.02).startswith('joint_1b silent (no frames); '
-                                                         'joint_1c silent (no frames)')
+    assert taker.explain(NOW + 0.02, 0.03).startswith(
+        'joint_1b silent (no frames); joint_1c silent (no frames)')
     feed(taker, [at(1.0, canopen.frame(0x704, b'\x7f'))])
-    assert explained(taker).endswith('joint_3a silent (pre-operational)')
+    assert taker.explain(NOW, 0.03).endswith('joint_3a silent (pre-operational)')
 
 
 def test_counters_are_read_while_another_thread_adds_new_ones():
@@ -214,9 +209,3 @@ def test_statistics_have_rates_ages_missed_cycles_and_percentiles(clock):
     figures = without_sync.statistics(T0)
     assert figures['cycle jitter p50 / p99 / max (us)'] == '0 / 0 / 0'
     assert figures['joint_1a node 1'] == 'unknown, no heartbeat yet'
-
-
-@pytest.mark.parametrize(('when', 'expected'), [
-    (None, False), (64.0, True), (63.51, True), (63.5, False), (64.49, True), (64.5, False)])
-def test_recent_is_within_the_span_on_either_side(when, expected):
-    assert recent(when, 64.0, 0.5) == expected

@@ -4,14 +4,14 @@
 """Harmonics of an encoder: from the joint angle to the reading, and from the counts back."""
 
 from dataclasses import replace
-from math import inf, nan, pi, radians
+from math import pi, radians
 
 from encoder_frames import LAYOUTS, values
 import numpy as np
 import pytest
 from spm_haptic_master.encoders.decoder_factory import make_harmonics, make_layouts
 from spm_haptic_master.encoders.harmonics import Harmonics
-from spm_haptic_master.exceptions import InputError, SettingError
+from spm_haptic_master.exceptions import SettingError
 
 ANGLES = np.random.default_rng(13).uniform(-9.0, 9.0, 5000)
 FIRST = radians(0.4), radians(-0.3)
@@ -85,10 +85,3 @@ def test_harmonics_that_no_encoder_has_are_refused(overrides, expected):
     with pytest.raises(SettingError, match=expected) as error:
         make_layouts(values(**{name: tuple(value) for name, value in overrides.items()}))
     assert '\n' not in str(error.value)
-
-
-@pytest.mark.parametrize(('cosine', 'sine', 'table', 'expected'), [
-    (nan, 0.0, (), 'nan'), (0.0, inf, (), 'inf'), (0.0, 0.0, (0.0, nan, 0.0, 0.0, 0.0), 'nan')])
-def test_wrong_harmonics_are_refused_in_python(cosine, sine, table, expected):
-    with pytest.raises(InputError, match=expected):
-        Harmonics(cosine, sine, table)

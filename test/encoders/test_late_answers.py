@@ -71,21 +71,17 @@ def test_an_unchanged_rolling_counter_yields_no_set():
     assert taker.tally()['joint_1c rejected: rolling counter jumped (frame kept)'] == 1
 
 
-@pytest.mark.parametrize('sensors', [5, 6])
+@pytest.mark.parametrize('sensors', [4, 5, 6])
 @pytest.mark.parametrize('late', [0, 3])
 @pytest.mark.parametrize('by', [1, 2])
 def test_a_cycle_of_two_periods_shows_an_encoder_that_is_late_since_its_start(sensors, late, by):
     taker, layouts = rig(sensors)
     found = missing_of(feed(taker, late_stream(layouts, late, by, 0, 80, gaps={20, 60})))
     assert {number: joints for number, joints in found.items() if number > 20} \
-        == {number: {late} for number in range(21, 80) if number != 60}
+        == {number: {late} for number in range(21, 80) if number != 60 and sensors > 4}
     assert LATE in taker.caution(T0 + 80 * PERIOD)
-
-
-def test_four_encoders_of_which_one_is_late_are_silent_with_the_reason():
-    taker, layouts = rig(4)
-    assert max(missing_of(feed(taker, late_stream(layouts, 3, 1, 0, 80, gaps={20})))) <= 20
-    assert taker.explain((), T0 + 80 * PERIOD, 1.0) == f'joint_3a: {LATE}'
+    reason = taker.explain(T0 + 80 * PERIOD, 1.0)
+    assert reason == (f'joint_{"3a" if late else "1a"}: {LATE}' if sensors == 4 else None)
 
 
 def test_an_encoder_that_is_in_time_again_is_taken_after_three_cycles_of_two_periods():

@@ -3,16 +3,11 @@
 
 """Recordings at their pace: when sets are due, rounds, gaps, and the end."""
 
-import can
-from encoder_frames import cycle, values
+from encoder_frames import cycle, record, stream, values
 import pytest
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.exceptions import ReplayError, SourceEnded
+from spm_haptic_master.exceptions import SourceEnded
 from spm_haptic_master.simulation.source_factory import make_source
-
-
-def stream(*numbers):
-    return [message for number in numbers for message in cycle(number)]
 
 
 @pytest.fixture
@@ -21,10 +16,7 @@ def replay(tmp_path):
     made = []
 
     def make(messages, rate=100.0, **overrides):
-        path = tmp_path / 'recorded.log'
-        with can.Logger(str(path)) as logger:
-            for message in messages:
-                logger(message)
+        path = record(tmp_path / 'recorded.log', messages)
         made.append(make_source('replay', values(
             'replay', replay__path=str(path), replay__rate=rate, **overrides)))
         return made[-1]
@@ -32,16 +24,6 @@ def replay(tmp_path):
     yield make
     for source in made:
         source.close()
-
-
-def test_a_log_without_times_cannot_be_played(replay):
-    frames = stream(*range(9))
-    for message in frames:
-        message.timestamp = 64.0
-    source = replay(frames)
-    with pytest.raises(ReplayError, match='no times: its first 3 sets all have the stamp 64 s'):
-        for _ in range(9):
-            source.read(1.0)
 
 
 def test_two_sets_of_one_stamp_are_played_in_every_round(replay):

@@ -9,16 +9,9 @@ import can
 from encoder_frames import answer, cycle, LAYOUTS, T0
 import numpy as np
 import pytest
-from spm_haptic_master.encoders import canopen
+from spm_haptic_master.encoders import canopen, scan_report
 from spm_haptic_master.encoders.bus_scan import BusScan
-from spm_haptic_master.encoders.scan_report import (
-    busy,
-    Expected,
-    listing,
-    problems,
-    rig_lines,
-    round_rate,
-)
+from spm_haptic_master.encoders.scan_report import Expected, problems
 from spm_haptic_master.parameters.resolver import read_parameters
 
 NODES = (1, 2, 3, 4)
@@ -63,8 +56,6 @@ def bus_of(nodes, base=0x180, length=4, rate=200.0, master=True, kinds=None, eve
 HEARTBEAT = at(canopen.frame(0x702, b'\x05'))
 MISSING = 'joint_1b: 0x182 missing; '
 WORDS = 'EMCY 0x5000 device hardware, error register 0x01'
-UNEXPECTED = ['unexpected: 0x281 (TPDO2 of node 1)', 'unexpected: 0x282 (TPDO2 of node 2)',
-              'unexpected: 0x382 (TPDO3 of node 2)']
 
 
 @pytest.mark.parametrize(('change', 'expected'), [
@@ -79,7 +70,9 @@ UNEXPECTED = ['unexpected: 0x281 (TPDO2 of node 1)', 'unexpected: 0x282 (TPDO2 o
      [MISSING + 'its node 2 is present: does 0x1800:02 answer SYNC?']),
     (lambda m: [*without(0x182, m), HEARTBEAT, *(
         at(canopen.frame(identifier, bytes(8))) for identifier in (0x382, 0x282, 0x281))],
-     [MISSING + 'its node sends on 0x282, 0x382', *UNEXPECTED]),
+     [MISSING + 'its node sends on 0x282, 0x382', *(
+         f'unexpected: 0x{identifier:X} (TPDO{number} of node {identifier & 7})'
+         for number, identifier in ((2, 0x281), (2, 0x282), (3, 0x382)))]),
     (lambda m: [*without(0x182, m), answer(1, T0, is_extended_id=True)],
      [MISSING + 'it comes with 29 bits instead', 'unexpected: 0x182 (29-bit frame)']),
     (lambda m: [*m[:-3], answer(1, T0 + 0.049, data=bytes(8)), *m[-2:]],
@@ -89,7 +82,7 @@ UNEXPECTED = ['unexpected: 0x281 (TPDO2 of node 1)', 'unexpected: 0x282 (TPDO2 o
     (lambda m: [*m, at(canopen.emcy(2, 0x5000, 1)), at(canopen.emcy(9, 0x5000, 1))],
      [f'joint_1b: {WORDS}', f'unexpected: node 9 (no heartbeat, {WORDS} (1 x))']),
     (lambda m: [*m, can.Message(arbitration_id=0x40, is_error_frame=True, timestamp=T0)],
-     ['error frames: bus-off']),
+     ['error frames: 1 x bus-off']),
     # One that does not answer every SYNC.
     (lambda m: [x for n, x in enumerate(m) if x.arbitration_id != 0x182 or n // 5 % 2 == 0],
      ['joint_1b: 0x182 comes 25 times in 49 cycles of SYNC; expected one answer each']),
@@ -108,7 +101,7 @@ def test_drives_on_the_bus_are_expected():
     scan = scanned([*good(), at(canopen.frame(0x189)), at(canopen.emcy(9, 0x5000, 1))])
     assert problems(scan, expected) == [
         f'drive of joint_1a: {WORDS}', 'drive of joint_1b: not heard']
-    assert listing(scan, expected)[6].endswith('status of the drive')
+    assert scan_report.listing(scan, expected)[6].endswith('status of the drive')
 
 
 def test_without_canopen_a_missing_frame_is_missing_and_nodes_are_not_expected():
@@ -156,42 +149,41 @@ def test_syncs_that_are_read_late_are_counted_once(late):
 @pytest.mark.parametrize(('identifier', 'data'), [
     (0x700, b'\x05'), (0x702, b'\x05\x00'), (0x702, b''), (0x82, bytes(7)), (0x582, bytes(4)),
     (0x80, bytes(8)), (0x580, bytes(8)), (0x212, bytes(8)), (0x602, bytes(8))])
-def test_a_frame_of_another_form_is_no_nodes(identifier, data):
+def test_a_frame_of_another_form_is_not_taken_for_a_node(identifier, data):
     assert scanned([at(canopen.frame(identifier, data))]).nodes == {}
 
 
 def test_a_sync_that_this_machine_sends_too_slowly_is_not_the_encoders_fault():
     scan = bus_of(NODES, rate=1000.0, master=False)
-    assert problems(scan, DEFAULT) == [] and busy(scan, 1000.0) is None
+    assert problems(scan, DEFAULT) == [] and scan_report.busy(scan, 1000.0) is None
     scan.started |= {3, 1}
-    assert listing(scan, DEFAULT)[4:] == [
+    assert scan_report.listing(scan, DEFAULT)[4:] == [
         '  sent from here: 500 x SYNC 0x80, 1000.0 Hz', '  sent from here: NMT start to node 1, 3']
     for every in (1, 2):
         scan = bus_of(NODES, rate=612.0, master=False, every=every)
         assert problems(scan, DEFAULT) == []
-        assert busy(scan, 1000.0).startswith(
+        assert scan_report.busy(scan, 1000.0).startswith(
             'this machine is too busy: SYNC was sent at 612.0 Hz instead of 1000 Hz; ')
     # At its rate it is theirs.
     assert len(problems(bus_of(NODES, rate=1000.0, master=False, every=2), DEFAULT)) == 4
 
 
 def test_a_scan_lists_identifiers_nodes_and_errors():
-    error = can.Message(arbitration_id=0x40, is_error_frame=True, timestamp=T0)
     remote = can.Message(arbitration_id=0x181, is_remote_frame=True, is_extended_id=False,
                          timestamp=T0)
     identity = {canopen.DEVICE_TYPE: 0x00020191, canopen.VENDOR_ID: 0x1F,
                 canopen.PRODUCT_CODE: 2, canopen.REVISION: 0x10001, canopen.SERIAL_NUMBER: 77}
     scan = scanned([
         answer(0, T0, is_extended_id=True), at(canopen.emcy(3, 0x5000, 1)),
-        at(canopen.emcy(3, 0x5000, 1)), error, error, remote,
+        at(canopen.emcy(3, 0x5000, 1)), remote,
         *(at(canopen.frame(0x183, bytes(length)), T0 + when)
           for length, when in ((8, 0.0), (2, 0.25), (8, 0.5))),
         at(canopen.frame(0x80)), at(canopen.sdo_upload(9, 0x1000, 0)),
         *(at(canopen.sdo_answer(7, *key, value)) for key, value in identity.items()),
-        at(canopen.sdo_abort(2, *canopen.SERIAL_NUMBER, 0x06020000)),
+        at(canopen.sdo(0x582, canopen.SDO_ABORT, *canopen.SERIAL_NUMBER, 0x06020000)),
         at(canopen.sdo_answer(2, *canopen.DEVICE_TYPE, 0x00010196)),
         *(at(canopen.frame(0x702, bytes((state,)))) for state in (0, 0x7F, 0, 0x85))])
-    assert listing(scan, DEFAULT) == [
+    assert scan_report.listing(scan, DEFAULT) == [
         '  0x080       0.0 Hz    0 bytes        1 frames  SYNC',
         '  0x083       0.0 Hz    8 bytes        2 frames  EMCY of node 3',
         '  0x183       4.0 Hz  2/8 bytes        3 frames  joint_1c',
@@ -201,7 +193,7 @@ def test_a_scan_lists_identifiers_nodes_and_errors():
         f'  node   3: no heartbeat, {WORDS} (2 x)',
         '  node   7: no heartbeat, device type 0x00020191 (CiA 401), vendor 0x1F, product 0x2, '
         'revision 0x10001, serial 0x4D',
-        '  error frames: 2 x bus-off', '  remote frames: 1']
+        '  remote frames: 1']
 
 
 KNOWN = Expected(tuple(replace(layout, can_id=0x180 + node) for layout, node
@@ -231,7 +223,7 @@ def test_the_lines_for_a_rig_are_what_the_bus_has(tmp_path, scan, options, expec
     given = {'expected': DEFAULT, 'known': False, 'interface': 'socketcan', 'channel': 'can0',
              'bitrate': None, **options}
     path = tmp_path / 'rig.yaml'
-    path.write_text('\n'.join(rig_lines(scan, **given)) + '\n')
+    path.write_text('\n'.join(scan_report.rig_lines(scan, **given)) + '\n')
     found = read_parameters(path)
     assert found | expected == found
 
@@ -240,10 +232,10 @@ def test_the_lines_for_a_rig_are_what_the_bus_has(tmp_path, scan, options, expec
     ((), False, '# none: 0 encoders heard, expected 4 to 6; can_scan --start starts'),
     ((1, 2, 3), True, '# none: 3 encoders heard, expected 4 to 6'),
     (range(1, 8), True, '# none: 7 encoders heard, expected 4 to 6')])
-def test_too_few_or_too_many_are_no_rig(nodes, started, words):
+def test_too_few_or_too_many_encoders_give_no_lines(nodes, started, words):
     scan = bus_of(nodes)
     scan.started |= {1} if started else set()
-    (line,) = rig_lines(scan, DEFAULT, False, 'socketcan', 'can0', None)
+    (line,) = scan_report.rig_lines(scan, DEFAULT, False, 'socketcan', 'can0', None)
     assert line.startswith(words)
     assert ('--start' in line) != started
 
@@ -251,4 +243,4 @@ def test_too_few_or_too_many_are_no_rig(nodes, started, words):
 @pytest.mark.parametrize(('measured', 'expected'), [
     (1003.2, 1000.0), (333.1, 333.3), (25.02, 25.0), (888.9, 888.9)])
 def test_a_measured_rate_is_that_of_a_round_period(measured, expected):
-    assert round_rate(measured) == expected
+    assert scan_report.round_rate(measured) == expected

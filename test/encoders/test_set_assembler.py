@@ -172,9 +172,9 @@ def assembler(synchronised=True, window=WINDOW):
     return SetAssembler(JOINT_NAMES, synchronised, window, ALONE)
 
 
-def answer_all(taker, stamp, without=(), spacing=0.1):
+def answer_all(taker, stamp, without=()):
     """Answer for the joints in order, from `stamp`; return the set, if any."""
-    got = [taker.answer(index, 0.1 * index, stamp + spacing * index)
+    got = [taker.answer(index, 0.1 * index, stamp + 0.1 * index)
            for index in range(4) if index not in without]
     return next((sample for sample in got if sample is not None), None)
 
@@ -265,5 +265,5 @@ def test_without_sync_a_frame_beyond_the_window_or_a_second_one_opens_a_cycle(in
     assert taker.cause == (None if same else 'no answer from joint_3a')
     assert taker.counters['cycles'] == (1 if same else 2)
     if not same:
-        sample = answer_all(taker, 64.0 + at, without=(index,), spacing=0.1)
+        sample = answer_all(taker, 64.0 + at, without=(index,))
         assert (sample.stamp, sample.angles[index]) == (round((64.0 + at) * 1e9), 0.2)
