@@ -125,6 +125,19 @@ def test_messages_of_a_page_are_those_of_the_code(page, heading, rooms):
     assert [each for each in words if each not in code] == []
 
 
+def test_each_topic_and_each_reason_of_silence_is_in_its_page():
+    recordings = ''.join(map(text_of, sorted((ROOT / 'test' / 'data' / 'sessions').glob('*.txt'))))
+    topics = set(re.findall(r'^([\w/]+): \d+$', recordings, re.MULTILINE))
+    pages = ''.join(text_of(ROOT / 'docs' / name)
+                    for name in ('interfaces.md', 'slave.md', 'diagnostics.md'))
+    assert len(topics) > 20 and [each for each in topics if f'{each}`' not in pages] == []
+    from spm_haptic_master.supervision.symptom import Reason
+
+    cures = section_of('safety.md', 'Reasons and cures')
+    assert [each.value for each in Reason
+            if each.value not in cures and each is not Reason.STARTING] == []
+
+
 def test_commands_of_the_evidence_exist():
     """Each section has the day and a command: a target, module, test or measurement."""
     _, *sections = text_of(ROOT / 'docs' / 'evidence.md').split('\n## ')

@@ -96,7 +96,7 @@ CASES = {
                       'alert_limit_deg': 2.0},
     'clock set back': {'kind': 'turning', 'times': paused(600, (300, -10_000))},
     'out of range': {
-        'kind': 'rest', 'change': offset(300, 1, 20.0), 'joint_max_deg': [60.0] * 4},
+        'kind': 'rest', 'change': offset(300, 1, 20.0), 'joint_max_deg': [80.0] * 4},
     'slow sampling': {'kind': 'sweep', 'rate': 100.0, 'seconds': 5.0,
                       'change': offset(300, 0, 2.0)}}
 
