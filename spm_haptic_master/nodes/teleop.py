@@ -159,9 +159,9 @@ class Teleop(ParameterNode):
         # One assignment: another thread may read the time meanwhile.
         self._now = self.clock_reader()
         self._twist.count_subscribers()
-        hindrance = self._rivals.found() or self._inputs.unheard()
+        external_block = self._rivals.found() or self._inputs.unheard()
         with self._lock:
-            self._machine.hindrance = hindrance
+            self._machine.external_block = external_block
             self._pass_time()
             if self._phase is not Phase.ENGAGED \
                     or self._passed - self._commanded_at > FADE_PERIODS * self._period:
@@ -248,13 +248,13 @@ class Teleop(ParameterNode):
         if before is self._phase:
             return
         if self._phase is Phase.DISENGAGED:
-            node_log.warning(self, f'disengaged: {self._machine.cause}')
+            node_log.warning(self, f'disengaged: {self._machine.last_disengage_reason}')
         else:
             node_log.info(self, state)
 
     def _report(self) -> None:
         """Publish the entry on /diagnostics."""
-        level = WARN if self._machine.is_hindered else OK
+        level = WARN if self._machine.is_blocked else OK
         if not self._status.is_due(level, self._state):
             return
         offset = self._machine.offset
@@ -264,7 +264,7 @@ class Teleop(ParameterNode):
             'latency p50 (us)': p50,
             'latency p99 (us)': p99,
             'engaged or clutched off (times)': self._machine.starts,
-            'disengaged last by': self._machine.cause or 'nothing',
+            'disengaged last by': self._machine.last_disengage_reason or 'nothing',
             'angle from master to slave (deg)': 'none' if offset is None else degrees(offset),
             'stale orientations': self._stale,
             **({} if self._torque is None else {

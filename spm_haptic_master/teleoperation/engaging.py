@@ -56,9 +56,9 @@ class Teleoperation:
         self._limits = limits
         self.phase = Phase.DISENGAGED
         # What disengaged it last; empty before the first time.
-        self.cause = ''
+        self.last_disengage_reason = ''
         # What else forbids that the slave follows, such as a second publisher; empty if nothing.
-        self.hindrance = ''
+        self.external_block = ''
         # How often the slave has begun to follow, by engaging or after the clutch.
         self.starts = 0
         self._inputs = Inputs(conditions)
@@ -80,12 +80,12 @@ class Teleoperation:
         if self.phase is not Phase.DISENGAGED:
             return str(self.phase.value)
         why = self._blocking() or self._pending()
-        if why == NO_ENABLE and self.cause:
-            why += f', after: {self.cause}'
+        if why == NO_ENABLE and self.last_disengage_reason:
+            why += f', after: {self.last_disengage_reason}'
         return f'{Phase.DISENGAGED.value}: {why or NO_ENABLE}'
 
     @property
-    def is_hindered(self) -> bool:
+    def is_blocked(self) -> bool:
         """Return whether it could not be engaged, whatever the surgeon does."""
         return bool(self._blocking())
 
@@ -113,7 +113,7 @@ class Teleoperation:
     def disengage(self, cause: str = 'disabled') -> None:
         """Disengage, and use up an enable, whatever the state is."""
         if self.phase is not Phase.DISENGAGED:
-            self.cause = cause
+            self.last_disengage_reason = cause
         self.phase = Phase.DISENGAGED
         self._enabled_at = None
         self._following = None
@@ -243,7 +243,7 @@ class Teleoperation:
 
     def _blocking(self) -> str:
         """Return what forbids that the slave follows; empty if nothing does."""
-        return self.hindrance or self._inputs.blocking()
+        return self.external_block or self._inputs.blocking()
 
     def _pending(self) -> str:
         """Return what engaging waits for; empty if for nothing."""
