@@ -13,7 +13,7 @@ from rclpy.serialization import deserialize_message
 from spm_haptic_master.exceptions import RejectedError
 from spm_haptic_master.ros import diagnostic_status
 from spm_haptic_master.ros.cdr import SECOND
-from spm_haptic_master.ros.duplicate_publishers import Rivals
+from spm_haptic_master.ros.duplicate_publishers import publishers, Rivals
 from spm_haptic_master.ros.overload import more_than, TOO_BUSY
 from spm_haptic_master.ros.qos import EVENTS
 
@@ -79,8 +79,7 @@ class SampleOrigin:
         """Return reason and detail of the first difference of the driver of the topic."""
         if not self._found:
             return None
-        names = (f'{publisher.node_namespace}/{publisher.node_name}'.strip('/')
-                 for publisher in self._node.get_publishers_info_by_topic(self._topic))
+        names = (name.strip('/') for name in publishers(self._node, self._topic))
         driver = next((name for name in names if name in self._found), '')
         found = self._found.get(driver, {})
         for key, expected in self._own.items():
