@@ -164,7 +164,6 @@ class Teleop(ParameterNode):
         """Detect missing inputs, and let the twist fade."""
         # One assignment: another thread may read the time meanwhile.
         self._now = self.clock_reader()
-        self._twist.count_subscribers()
         external_block = self._rivals.found() or self._inputs.unheard()
         with self._lock:
             self._machine.external_block = external_block

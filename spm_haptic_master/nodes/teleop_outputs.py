@@ -33,17 +33,13 @@ class TwistOutput:
 
     def __init__(self, node: Node, acceleration: float, period: float, now: float) -> None:
         self._out = node.create_publisher(TwistStamped, 'delta_twist_cmds', COMMANDS)
-        self._message, self._is_wanted = TwistStamped(), False
+        self._message = TwistStamped()
         self._fading = FadingTwist(acceleration, ZEROS)
         self._period, self._passed = period, now
 
     def set_frame(self, frame: str) -> None:
         """Have the frame_id of the messages."""
         self._message.header.frame_id = frame
-
-    def count_subscribers(self) -> None:
-        """Find whether anybody listens: call it at each poll."""
-        self._is_wanted = self._out.get_subscription_count() > 0
 
     def follow(self, stamp: int, velocity: Vector[float], now: float) -> None:
         """Publish the velocity of a command (rad/s) with its stamp (ns)."""
@@ -56,7 +52,7 @@ class TwistOutput:
         self._passed = now
 
     def _publish(self, stamp: int, velocity: Vector[float] | None) -> None:
-        if velocity is None or not self._is_wanted:
+        if velocity is None or not self._out.get_subscription_count():
             return
         header, angular = self._message.header, self._message.twist.angular
         header.stamp.sec, header.stamp.nanosec = divmod(stamp, SECOND)
