@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What goes on from `teleop` beside its commands: them as a rate, and the slave's torque."""
+"""What `teleop` publishes beside its commands: their angular velocity, the slave's torque."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class SlaveTorque:
         self.count = self.refused = 0
 
     def forward(self, message: WrenchStamped, frame: str | None) -> None:
-        """Forward a torque of the slave, whose pose is in a frame; its stamp goes on with it."""
+        """Forward a torque of the slave, whose pose is in a frame, with its stamp."""
         given = message.header.frame_id
         if given and given != frame:
             if not self.refused:

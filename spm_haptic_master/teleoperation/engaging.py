@@ -55,9 +55,9 @@ class Teleoperation:
         self._conditions = conditions
         self._limits = limits
         self.phase = Phase.DISENGAGED
-        # What disengaged it last; empty before the first time.
+        # Why it was disengaged last; empty before the first time.
         self.last_disengage_reason = ''
-        # What else forbids that the slave follows, such as a second publisher; empty if nothing.
+        # Why the caller forbids that the slave follows, such as a second publisher; else empty.
         self.external_block = ''
         # How often the slave has begun to follow, by engaging or after the clutch.
         self.starts = 0
@@ -110,10 +110,10 @@ class Teleoperation:
                 or self._blocking()):
             self._enabled_at = None
 
-    def disengage(self, cause: str = 'disabled') -> None:
+    def disengage(self, reason: str = 'disabled') -> None:
         """Disengage, and use up an enable, whatever the state is."""
         if self.phase is not Phase.DISENGAGED:
-            self.last_disengage_reason = cause
+            self.last_disengage_reason = reason
         self.phase = Phase.DISENGAGED
         self._enabled_at = None
         self._following = None
@@ -236,10 +236,10 @@ class Teleoperation:
         self._following = Following(
             self._limits, conditions.align_speed, master, inputs.slave, stamp)
 
-    def _release(self, cause: str) -> None:
-        """Disengage for a cause, if there is one, from engaged or clutched alone."""
-        if cause and self.phase is not Phase.DISENGAGED:
-            self.disengage(cause)
+    def _release(self, reason: str) -> None:
+        """Disengage for a reason, if there is one, from engaged or clutched alone."""
+        if reason and self.phase is not Phase.DISENGAGED:
+            self.disengage(reason)
 
     def _blocking(self) -> str:
         """Return what forbids that the slave follows; empty if nothing does."""
