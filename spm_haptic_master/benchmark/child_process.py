@@ -18,7 +18,7 @@ import tempfile
 import time
 from typing import IO
 
-from spm_haptic_master.ros import discovery
+from spm_haptic_master.ros import runner
 
 # DDS domains to choose from: their ports are below the ephemeral ports of Linux, and domain 0 is
 # the default one of every other program.
@@ -59,7 +59,7 @@ def private_environment() -> dict[str, str]:
     They differ from those of other processes on the host. RuntimeError: all are reserved.
     """
     domain, _ = _domain()
-    return {**os.environ, **discovery.profile(os.environ), 'ROS_DOMAIN_ID': str(domain),
+    return {**os.environ, **runner.discovery_profile(os.environ), 'ROS_DOMAIN_ID': str(domain),
             'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
             'CAN_CONFIG': json.dumps({'port': FIRST_BUS_PORT + domain}),
             'PYTHONUNBUFFERED': '1'}

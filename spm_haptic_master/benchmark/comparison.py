@@ -36,21 +36,6 @@ QUANTILES = {'p50': 50.0, 'p90': 90.0, 'p99': 99.0, 'p99.9': 99.9, 'max': 100.0}
 DISTURBED_LATENESS, DISTURBED_LOAD = 1000.0, 20.0
 
 
-def p50(run: Run) -> float:
-    """Return the median latency, us."""
-    return float(np.percentile(run.latencies, 50.0))
-
-
-def p99(run: Run) -> float:
-    """Return the 99th percentile of the latency, us."""
-    return float(np.percentile(run.latencies, 99.0))
-
-
-def load_of_relay(run: Run) -> float:
-    """Return the CPU time of `fkm` or of the bare relay in its place, % of a core."""
-    return run.load.get('fkm') or run.load['bare_relay']
-
-
 def published(run: Run) -> float:
     """Return the median time from sample stamp to publication by `fkm`, us; NaN if unknown."""
     return float(np.median([
@@ -58,13 +43,19 @@ def published(run: Run) -> float:
         if name == 'fkm: timing' and 'latency p50 (us)' in values] or [np.nan]))
 
 
+# Figures of a run: latencies, us, and CPU time of `fkm` or of the bare relay in its place.
+FIGURES: dict[str, Callable[[Run], float]] = {
+    'p50': lambda run: float(np.percentile(run.latencies, 50.0)),
+    'p99': lambda run: float(np.percentile(run.latencies, 99.0)),
+    'CPU of fkm': lambda run: run.load.get('fkm') or run.load['bare_relay'],
+    'p50 of the publication': published}
 # The figures of a pipeline that are compared with those of another one.
 COMPARISONS = (
-    (NODES, BARE, {'p50': p50, 'p99': p99, 'CPU of fkm': load_of_relay}),
-    (ALL_OUTPUTS, BARE, {'p50': p50}),
-    (THREE, BARE_THREE, {'p50': p50, 'p99': p99, 'CPU of fkm': load_of_relay}),
-    (MASTER, BARE_MASTER, {'p50': p50, 'p99': p99}),
-    (MASTER, THREE, {'p50': p50, 'p50 of the publication': published}))
+    (NODES, BARE, ('p50', 'p99', 'CPU of fkm')),
+    (ALL_OUTPUTS, BARE, ('p50',)),
+    (THREE, BARE_THREE, ('p50', 'p99', 'CPU of fkm')),
+    (MASTER, BARE_MASTER, ('p50', 'p99')),
+    (MASTER, THREE, ('p50', 'p50 of the publication')))
 
 
 def compare(seconds: float, rounds: int, rate: float, parameters: Mapping[str, str],
@@ -89,10 +80,10 @@ def compare(seconds: float, rounds: int, rate: float, parameters: Mapping[str, s
           f'{seconds:g} s at {rate:g} Hz; lost and missed of all runs.\n')
     print(table(runs))
     print('\nratio, median of the rounds (least .. largest)')
-    for above, below, figures in COMPARISONS:
-        for name, figure in figures.items():
+    for above, below, names in COMPARISONS:
+        for name in names:
             text = f'{name}, {above.name} over {below.name}'
-            print(f'  {text:<75} {ratio(runs, above, below, figure)}')
+            print(f'  {text:<75} {ratio(runs, above, below, FIGURES[name])}')
     control = np.concatenate([run.control for run in runs])
     print(f'control thread, lateness: {summary(control)} us; '
           f'{sum(bool(each["disturbed"]) for each in rows)} of {len(rows)} runs disturbed')

@@ -22,12 +22,8 @@ import threading
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import (
-    PoseStamped,
-    PoseWithCovarianceStamped,
-    QuaternionStamped,
-    TwistStamped,
-)
+from geometry_msgs import msg as geometry
+from geometry_msgs.msg import QuaternionStamped
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from spm_haptic_master.executables import EXECUTABLES
@@ -55,8 +51,8 @@ SAMPLE = Struct('=qq')
 # Time between two writes of samples (ns).
 WRITE_PERIOD = 100_000_000
 # Outputs of `fkm` beside the orientation, by topic.
-OTHERS = {'measured_cp': PoseStamped, 'pose_with_covariance': PoseWithCovarianceStamped,
-          'measured_cv': TwistStamped}
+OTHERS = {'measured_cp': geometry.PoseStamped, 'measured_cv': geometry.TwistStamped,
+          'pose_with_covariance': geometry.PoseWithCovarianceStamped}
 
 
 class BareDriver(ParameterNode):

@@ -55,13 +55,11 @@ def make_motors(values: Values) -> tuple[ForceController, Drives | None]:
             given = values[name]
             raise SettingError(name, list(given) if isinstance(given, tuple) else given, expected)
     handle, proximal = values['force.gravity_handle'], values['force.gravity_proximal']
-    gravity = None
-    if any((*handle, *proximal)):
-        gravity = Gravity(handle, proximal, values['force.gravity_down'])
-    controller = ForceController(
+    gravity = Gravity(handle, proximal, values['force.gravity_down']) \
+        if any((*handle, *proximal)) else None
+    return ForceController(
         geometry_from(values), values[WORKING_MODE_SETTING.name], motors, limits_from(values),
-        gravity)
-    return controller, make_drives(values)
+        gravity), make_drives(values)
 
 
 def limits_from(values: Values) -> ForceLimits:

@@ -234,7 +234,10 @@ class Fkm(ParameterNode):
         state, text = self._explained(found)
         self.status.publish(state, text, self.protection_level)
         for each in changes if changes and state is changes[-1] else (state,):
-            self._announce(each)
+            if each != self.state or not self._is_announced:
+                self.state, self._is_announced = each, True
+                self._state_out.publish(String(data=each.text))
+                self._crtk.take(each)
 
     def _explained(self, state: OrientationState) -> tuple[OrientationState, str]:
         """Return state and message: those of a busy machine where it explains the silence."""
@@ -244,13 +247,6 @@ class Fkm(ParameterNode):
         if state == BUSY:
             return state, silent(str(self.status.rejection)).text
         return state, state.text
-
-    def _announce(self, state: OrientationState) -> None:
-        """Publish the state, if it changed."""
-        if state != self.state or not self._is_announced:
-            self.state, self._is_announced = state, True
-            self._state_out.publish(String(data=state.text))
-            self._crtk.take(state)
 
 
 def main(args: list[str] | None = None) -> int:

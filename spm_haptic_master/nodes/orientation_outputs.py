@@ -151,11 +151,7 @@ class OrientationOutputs:
             field, block = self._covariance.pose.covariance, estimate.covariance
             field[21:24], field[27:30], field[33:36] = block[0:3], block[3:6], block[6:9]
             self._outs[COVARIANCE].publish(self._covariance)
-        if is_crtk_due:
-            self._publish_crtk(angles, wanted)
-
-    def _publish_crtk(self, angles: Sequence[float], wanted: frozenset[str]) -> None:
-        for topic, message in self._crtk.items():
+        for topic, message in self._crtk.items() if is_crtk_due else ():
             if topic not in wanted:
                 continue
             if topic == TWIST:

@@ -12,10 +12,10 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from spm_haptic_master.exceptions import RejectedError
 from spm_haptic_master.ros import diagnostic_status
-from spm_haptic_master.ros.cdr import SECOND
-from spm_haptic_master.ros.duplicate_publishers import Rivals
+from spm_haptic_master.ros.duplicate_publishers import publishers, Rivals
 from spm_haptic_master.ros.overload import more_than, TOO_BUSY
 from spm_haptic_master.ros.qos import EVENTS
+from spm_haptic_master.timing import Periodic, SECOND
 
 # Reason of the silence and its cure where a driver differs, by the key of its entry on
 # /diagnostics.
@@ -48,7 +48,7 @@ class SampleOrigin:
         # Whether the driver is another process.
         self._is_watching = False
         self._obstacle: tuple[str, str] | None = None
-        self._find_at = 0.0
+        self._poll = Periodic(diagnostic_status.RIVALS_PERIOD)
 
     def watch(self) -> None:
         """Expect the samples on the topic, and watch its drivers."""
@@ -58,9 +58,7 @@ class SampleOrigin:
 
     def obstacle(self) -> tuple[str, str] | None:
         """Return reason and detail of what forbids any orientation, polled now and then; None."""
-        now = time.monotonic()
-        if now >= self._find_at:
-            self._find_at = now + diagnostic_status.RIVALS_PERIOD
+        if self._poll.is_due(time.monotonic()):
             rivals = self._rivals.found()
             self._obstacle = self._difference() if rivals is None else (rivals, 'expected one')
         return self._obstacle
@@ -79,8 +77,7 @@ class SampleOrigin:
         """Return reason and detail of the first difference of the driver of the topic."""
         if not self._found:
             return None
-        names = (f'{publisher.node_namespace}/{publisher.node_name}'.strip('/')
-                 for publisher in self._node.get_publishers_info_by_topic(self._topic))
+        names = (name.strip('/') for name in publishers(self._node, self._topic))
         driver = next((name for name in names if name in self._found), '')
         found = self._found.get(driver, {})
         for key, expected in self._own.items():

@@ -79,11 +79,16 @@ class Teleop(ParameterNode):
         self._inputs = Inputs(self)
         subscribe = self._inputs.subscribe
         subscribe(PoseStamped, 'slave/measured_cp', self._on_slave, EVENTS)
-        subscribe(Joy, 'presence', self._on_presence, EVENTS,
-                  gone=lambda: self._take(self._machine.take_presence, False))
-        subscribe(Joy, 'clutch', self._on_clutch, EVENTS,
-                  gone=lambda: self._take(self._machine.take_clutch, None))
-        subscribe(String, 'state', self._on_state, STATE)
+        machine = self._machine
+        subscribe(Joy, 'presence', lambda message: self._take(
+            machine.take_presence, message.buttons[:1] == PRESSED), EVENTS,
+            gone=lambda: self._take(machine.take_presence, False))
+        # A message without a button is no release.
+        subscribe(Joy, 'clutch', lambda message: self._take(
+            machine.take_clutch, message.buttons[:1] in (PRESSED, NO_BUTTON)), EVENTS,
+            gone=lambda: self._take(machine.take_clutch, None))
+        subscribe(String, 'state', lambda message: self._take(
+            machine.take_state, received_state(message.data)), STATE)
         subscribe(UInt64, 'enabled_at', self._on_enabled_at, STATE)
         topics = ['servo_cp', 'orientation', 'state', 'enabled_at', 'slave/measured_cp']
         # None where the hand feels nothing of the slave.
@@ -115,7 +120,8 @@ class Teleop(ParameterNode):
     def subscribe(self) -> None:
         """Take orientations from the topic `orientation`."""
         self._inputs.subscribe(
-            QuaternionStamped, 'orientation', self._on_orientation, SAMPLES, raw=True)
+            QuaternionStamped, 'orientation', lambda data: self.take(*self._read(data)),
+            SAMPLES, raw=True)
         if self._has_limit:
             self._inputs.subscribe(
                 Float64MultiArray, 'protection_level', self._on_level, SAMPLES)
@@ -158,19 +164,15 @@ class Teleop(ParameterNode):
         """Detect missing inputs, and let the twist fade."""
         # One assignment: another thread may read the time meanwhile.
         self._now = self.clock_reader()
-        self._twist.count_subscribers()
-        hindrance = self._rivals.found() or self._inputs.unheard()
+        external_block = self._rivals.found() or self._inputs.unheard()
         with self._lock:
-            self._machine.hindrance = hindrance
+            self._machine.external_block = external_block
             self._pass_time()
             if self._phase is not Phase.ENGAGED \
                     or self._passed - self._commanded_at > FADE_PERIODS * self._period:
                 self._twist.fade(self._now(), self._passed)
             self._publish_state(repeats=self._passed - self._stated_at >= STATE_PERIOD)
             self._report()
-
-    def _on_orientation(self, data: bytes) -> None:
-        self.take(*self._read(data))
 
     def _on_slave(self, message: PoseStamped) -> None:
         p, q = message.pose.position, message.pose.orientation
@@ -198,16 +200,6 @@ class Teleop(ParameterNode):
             self._pass_time()
             if self._torque is not None and self._machine.phase is Phase.ENGAGED:
                 self._torque.forward(message, self._slave_frame)
-
-    def _on_presence(self, message: Joy) -> None:
-        self._take(self._machine.take_presence, message.buttons[:1] == PRESSED)
-
-    def _on_clutch(self, message: Joy) -> None:
-        # A message without a button is no release.
-        self._take(self._machine.take_clutch, message.buttons[:1] in (PRESSED, NO_BUTTON))
-
-    def _on_state(self, message: String) -> None:
-        self._take(self._machine.take_state, received_state(message.data))
 
     def _on_enabled_at(self, message: UInt64) -> None:
         # System time, whatever the clock of the orientations is: a person gives it.
@@ -248,13 +240,13 @@ class Teleop(ParameterNode):
         if before is self._phase:
             return
         if self._phase is Phase.DISENGAGED:
-            node_log.warning(self, f'disengaged: {self._machine.cause}')
+            node_log.warning(self, f'disengaged: {self._machine.last_disengage_reason}')
         else:
             node_log.info(self, state)
 
     def _report(self) -> None:
         """Publish the entry on /diagnostics."""
-        level = WARN if self._machine.is_hindered else OK
+        level = WARN if self._machine.is_blocked else OK
         if not self._status.is_due(level, self._state):
             return
         offset = self._machine.offset
@@ -264,7 +256,7 @@ class Teleop(ParameterNode):
             'latency p50 (us)': p50,
             'latency p99 (us)': p99,
             'engaged or clutched off (times)': self._machine.starts,
-            'disengaged last by': self._machine.cause or 'nothing',
+            'disengaged last by': self._machine.last_disengage_reason or 'nothing',
             'angle from master to slave (deg)': 'none' if offset is None else degrees(offset),
             'stale orientations': self._stale,
             **({} if self._torque is None else {

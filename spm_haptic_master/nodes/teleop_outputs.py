@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What goes on from `teleop` beside its commands: them as a rate, and the slave's torque."""
+"""What `teleop` publishes beside its commands: their angular velocity, the slave's torque."""
 
 from __future__ import annotations
 
@@ -33,17 +33,13 @@ class TwistOutput:
 
     def __init__(self, node: Node, acceleration: float, period: float, now: float) -> None:
         self._out = node.create_publisher(TwistStamped, 'delta_twist_cmds', COMMANDS)
-        self._message, self._is_wanted = TwistStamped(), False
+        self._message = TwistStamped()
         self._fading = FadingTwist(acceleration, ZEROS)
         self._period, self._passed = period, now
 
     def set_frame(self, frame: str) -> None:
         """Have the frame_id of the messages."""
         self._message.header.frame_id = frame
-
-    def count_subscribers(self) -> None:
-        """Find whether anybody listens: call it at each poll."""
-        self._is_wanted = self._out.get_subscription_count() > 0
 
     def follow(self, stamp: int, velocity: Vector[float], now: float) -> None:
         """Publish the velocity of a command (rad/s) with its stamp (ns)."""
@@ -56,7 +52,7 @@ class TwistOutput:
         self._passed = now
 
     def _publish(self, stamp: int, velocity: Vector[float] | None) -> None:
-        if velocity is None or not self._is_wanted:
+        if velocity is None or not self._out.get_subscription_count():
             return
         header, angular = self._message.header, self._message.twist.angular
         header.stamp.sec, header.stamp.nanosec = divmod(stamp, SECOND)
@@ -75,7 +71,7 @@ class SlaveTorque:
         self.count = self.refused = 0
 
     def forward(self, message: WrenchStamped, frame: str | None) -> None:
-        """Forward a torque of the slave, whose pose is in a frame; its stamp goes on with it."""
+        """Forward a torque of the slave, whose pose is in a frame, with its stamp."""
         given = message.header.frame_id
         if given and given != frame:
             if not self.refused:

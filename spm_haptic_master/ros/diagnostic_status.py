@@ -75,7 +75,8 @@ class StatusPublisher:
         self.message, self._published_at = message, time.monotonic()
         array = DiagnosticArray(status=[DiagnosticStatus(
             level=level, name=self._name, message=message, hardware_id=self._hardware_id,
-            values=[KeyValue(key=key, value=_text(value)) for key, value in values.items()])])
+            values=[KeyValue(key=key, value=f'{value:.6g}' if isinstance(value, float)
+                             else str(value)) for key, value in values.items()])])
         array.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(array)
 
@@ -92,7 +93,3 @@ class StatusPublisher:
             node_log.warning(self._node, message)
         elif previous != OK:
             node_log.info(self._node, message)
-
-
-def _text(value: object) -> str:
-    return f'{value:.6g}' if isinstance(value, float) else str(value)

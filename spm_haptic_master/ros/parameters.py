@@ -9,14 +9,8 @@ from collections.abc import Callable, Mapping, Sequence
 import time
 from typing import Any
 
-from rcl_interfaces.msg import (
-    FloatingPointRange,
-    IntegerRange,
-    ParameterDescriptor,
-    ParameterType,
-    SetParametersResult,
-)
-from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces import msg
+from rcl_interfaces.msg import ParameterType, SetParametersResult
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -106,7 +100,7 @@ class _ParameterServices(ParameterService):
         response.result = self._set(request.parameters)
         return response
 
-    def _set(self, messages: Sequence[ParameterMessage]) -> SetParametersResult:
+    def _set(self, messages: Sequence[msg.Parameter]) -> SetParametersResult:
         parameters = []
         for message in messages:
             try:
@@ -119,15 +113,15 @@ class _ParameterServices(ParameterService):
         return self._get_node().set_parameters_atomically(parameters)
 
 
-def _descriptor(setting: Setting) -> ParameterDescriptor:
-    descriptor = ParameterDescriptor(
+def _descriptor(setting: Setting) -> msg.ParameterDescriptor:
+    descriptor = msg.ParameterDescriptor(
         description=setting.description, read_only=not setting.live)
     if setting.allowed or setting.count is not None or None in (setting.minimum, setting.maximum):
         descriptor.additional_constraints = setting.expected
     elif setting.kind is float:
-        descriptor.floating_point_range = [FloatingPointRange(
+        descriptor.floating_point_range = [msg.FloatingPointRange(
             from_value=setting.minimum, to_value=setting.maximum)]
     else:
-        descriptor.integer_range = [IntegerRange(
+        descriptor.integer_range = [msg.IntegerRange(
             from_value=setting.minimum, to_value=setting.maximum, step=1)]
     return descriptor

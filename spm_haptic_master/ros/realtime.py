@@ -104,7 +104,9 @@ def _set_slice(seconds: float, warn: Callable[[str], object]) -> None:
         if os.sched_getscheduler(0) != os.SCHED_OTHER:
             raise OSError('the process is not under SCHED_OTHER')
         _for_each_thread(lambda thread: _set_thread_slice(thread, length))
-        if round(1e9 * time_slice(0)) != length:
+        found = ctypes.create_string_buffer(ATTRIBUTES.size)
+        _call(1, 0, found, ATTRIBUTES.size, 0)
+        if ATTRIBUTES.unpack(found.raw)[5] != length:
             raise OSError('Linux before 6.12 has none')
     except OSError as error:
         if seconds != SLICE.default:
@@ -124,13 +126,6 @@ def _set_thread_slice(thread: int, length: int) -> None:
         attributes = ATTRIBUTES.pack(
             ATTRIBUTES.size, os.SCHED_OTHER, 0, niceness, 0, length, 0, 0)
         _call(0, thread, ctypes.create_string_buffer(attributes, len(attributes)), 0)
-
-
-def time_slice(thread: int) -> float:
-    """Return the time slice of a thread under SCHED_OTHER, s; 0 before Linux 6.12."""
-    buffer = ctypes.create_string_buffer(ATTRIBUTES.size)
-    _call(1, thread, buffer, ATTRIBUTES.size, 0)
-    return 1e-9 * float(ATTRIBUTES.unpack(buffer.raw)[5])
 
 
 def _call(which: int, *values: object) -> None:

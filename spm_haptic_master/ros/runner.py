@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 import faulthandler
 import os
+from pathlib import Path
 import signal
 import sys
 from types import FrameType
@@ -22,9 +23,10 @@ from rclpy.task import Future
 from spm_haptic_master.exceptions import InputError, SourceEnded, SpmError
 from spm_haptic_master.executables import EXECUTABLES, FOLLOWER, PIPELINE
 from spm_haptic_master.parameters.arguments import node_command_line
+from spm_haptic_master.parameters.files import config_directory
 from spm_haptic_master.parameters.nodes import REALTIME_SETTINGS
 from spm_haptic_master.parameters.resolver import NO_EFFECT
-from spm_haptic_master.ros import discovery, node_log, realtime
+from spm_haptic_master.ros import node_log, realtime
 from spm_haptic_master.ros.duplicate_publishers import wait_until_alone
 from spm_haptic_master.ros.parameters import ParameterNode
 from spm_haptic_master.standard_streams import print_within, STANDARD_ERROR, STANDARD_OUTPUT
@@ -34,13 +36,16 @@ from spm_haptic_master.standard_streams import print_within, STANDARD_ERROR, STA
 SPIN_TIMEOUT = 0.2
 # Longest wait at the end for the log (s), and as long again for the last line.
 LOG_TIMEOUT = 0.5
-
 # Longest end of a process after the signal (s): a longer one hangs in a library, as the stacks of
 # its threads show.
 END_TIMEOUT = 5.0
 # Time for printing them (s). Then the kernel ends the process, whether stderr is read or not.
 PRINT_TIMEOUT = 1.0
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
+# Environment variables that name a file of profiles: of Fast DDS 2, which Jazzy has, and of 3.
+PROFILE_VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
+# Files of profiles that Fast DDS reads in the working directory.
+PROFILES = ('DEFAULT_FASTRTPS_PROFILES.xml', 'DEFAULT_FASTDDS_PROFILES.xml')
 
 # Makes, adds and returns a node of a class, from the parameters of the process and its arguments.
 AddNode = Callable[..., Any]
@@ -51,11 +56,6 @@ def _limit_end() -> None:
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     signal.setitimer(signal.ITIMER_REAL, END_TIMEOUT + PRINT_TIMEOUT)
     faulthandler.dump_traceback_later(END_TIMEOUT, exit=True, file=STANDARD_ERROR)
-
-
-def _lift_limit() -> None:
-    faulthandler.cancel_dump_traceback_later()
-    signal.setitimer(signal.ITIMER_REAL, 0.0)
 
 
 def run(name: str, compose: Callable[[Future, AddNode], object],
@@ -128,7 +128,8 @@ def run(name: str, compose: Callable[[Future, AddNode], object],
         except SpmError as error:
             failure = failure or error
     # After an error of the program the limit stays: its traceback may wait for a reader.
-    _lift_limit()
+    faulthandler.cancel_dump_traceback_later()
+    signal.setitimer(signal.ITIMER_REAL, 0.0)
     if failure is None:
         return 0
     is_end = isinstance(failure, SourceEnded)
@@ -151,10 +152,19 @@ def _clean_up(nodes: list[ParameterNode], executor: Executor | None) -> None:
 
 def _init(command_line: list[str]) -> None:
     # Fast DDS reads it when the first node is made.
-    os.environ.update(discovery.profile(os.environ))
+    os.environ.update(discovery_profile(os.environ))
     try:
         rclpy.init(args=[*command_line, '--ros-args', node_log.NO_CONSOLE],
                    signal_handler_options=SignalHandlerOptions.NO)
     except (RuntimeError, UnicodeError) as error:  # from rcl: such as a wrong enclave
         raise InputError(f'ROS arguments rejected: {str(error).splitlines()[0]}') from error
     node_log.begin(command_line)
+
+
+def discovery_profile(environment: Mapping[str, str]) -> dict[str, str]:
+    """Return the variables that select the package's profile; none if the user has one."""
+    # Without it a process whose first announcement is lost waits 3 s for the next one.
+    if any(environment.get(name) for name in PROFILE_VARIABLES) \
+            or any(Path(name).exists() for name in PROFILES):
+        return {}
+    return dict.fromkeys(PROFILE_VARIABLES, str(config_directory() / 'fastdds.xml'))

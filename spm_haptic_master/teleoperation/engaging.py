@@ -55,10 +55,10 @@ class Teleoperation:
         self._conditions = conditions
         self._limits = limits
         self.phase = Phase.DISENGAGED
-        # What disengaged it last; empty before the first time.
-        self.cause = ''
-        # What else forbids that the slave follows, such as a second publisher; empty if nothing.
-        self.hindrance = ''
+        # Why it was disengaged last; empty before the first time.
+        self.last_disengage_reason = ''
+        # Why the caller forbids that the slave follows, such as a second publisher; else empty.
+        self.external_block = ''
         # How often the slave has begun to follow, by engaging or after the clutch.
         self.starts = 0
         self._inputs = Inputs(conditions)
@@ -80,12 +80,12 @@ class Teleoperation:
         if self.phase is not Phase.DISENGAGED:
             return str(self.phase.value)
         why = self._blocking() or self._pending()
-        if why == NO_ENABLE and self.cause:
-            why += f', after: {self.cause}'
+        if why == NO_ENABLE and self.last_disengage_reason:
+            why += f', after: {self.last_disengage_reason}'
         return f'{Phase.DISENGAGED.value}: {why or NO_ENABLE}'
 
     @property
-    def is_hindered(self) -> bool:
+    def is_blocked(self) -> bool:
         """Return whether it could not be engaged, whatever the surgeon does."""
         return bool(self._blocking())
 
@@ -110,10 +110,10 @@ class Teleoperation:
                 or self._blocking()):
             self._enabled_at = None
 
-    def disengage(self, cause: str = 'disabled') -> None:
+    def disengage(self, reason: str = 'disabled') -> None:
         """Disengage, and use up an enable, whatever the state is."""
         if self.phase is not Phase.DISENGAGED:
-            self.cause = cause
+            self.last_disengage_reason = reason
         self.phase = Phase.DISENGAGED
         self._enabled_at = None
         self._following = None
@@ -236,14 +236,14 @@ class Teleoperation:
         self._following = Following(
             self._limits, conditions.align_speed, master, inputs.slave, stamp)
 
-    def _release(self, cause: str) -> None:
-        """Disengage for a cause, if there is one, from engaged or clutched alone."""
-        if cause and self.phase is not Phase.DISENGAGED:
-            self.disengage(cause)
+    def _release(self, reason: str) -> None:
+        """Disengage for a reason, if there is one, from engaged or clutched alone."""
+        if reason and self.phase is not Phase.DISENGAGED:
+            self.disengage(reason)
 
     def _blocking(self) -> str:
         """Return what forbids that the slave follows; empty if nothing does."""
-        return self.hindrance or self._inputs.blocking()
+        return self.external_block or self._inputs.blocking()
 
     def _pending(self) -> str:
         """Return what engaging waits for; empty if for nothing."""

@@ -3,18 +3,27 @@
 
 """From command line to exit code, in the process of the test; processes are in test/nodes."""
 
+from contextlib import closing
 import faulthandler
 import os
 import signal
+import time
 
+from disturbance import Disturbance
+from harness import Observer
 import pytest
 import rclpy
 from rclpy.executors import ExternalShutdownException
+from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import InputError, SettingError, SourceEnded
 from spm_haptic_master.ros import node_log, realtime, runner
-from spm_haptic_master.ros.discovery import VARIABLES
 from spm_haptic_master.ros.parameters import ParameterNode
 
+# Subscribers that come one after the other.
+SUBSCRIBERS = 6
+# Longest time from the subscription to the first sample (s): an announcement's period, 0.25 s, and
+# what a machine at work needs. By default of Fast DDS it is up to 3 s.
+CONNECTED = 1.5
 # What begins the limit of the end, and what lifts it: alarm (s), then time, exit, descriptor.
 BEGUN, LIFTED = [6.0, (5.0, True, 2)], ['cancelled', 0.0]
 
@@ -28,7 +37,7 @@ def ends(monkeypatch):
                         lambda seconds, **given: timers.append((seconds, *given.values())))
     monkeypatch.setattr(faulthandler, 'cancel_dump_traceback_later',
                         lambda: timers.append('cancelled'))
-    for name in VARIABLES:
+    for name in runner.PROFILE_VARIABLES:
         monkeypatch.setenv(name, '')
     before = {number: signal.getsignal(number) for number in (*runner.SIGNALS, signal.SIGALRM)}
     yield timers
@@ -159,3 +168,32 @@ def test_an_argument_without_effect_is_a_warning(applied, monkeypatch):
     monkeypatch.setattr(node_log, 'warning', lambda _, text: texts.append(text))
     run_once('-p', 'can.channel:=can1')
     assert texts == [f'-p can.channel:=can1: {runner.NO_EFFECT}']
+
+
+@pytest.mark.process
+@pytest.mark.alone
+def test_a_subscriber_that_comes_later_is_connected_at_once(start):
+    # The driver selects the profile by itself.
+    start('encoder_driver', parameters={'source': 'sim', 'rate': 200.0},
+          **dict.fromkeys(runner.PROFILE_VARIABLES, ''))
+    times = []
+    with Disturbance() as machine:
+        for _ in range(SUBSCRIBERS + 1):
+            with closing(Observer()) as observer:
+                began = time.monotonic()
+                arrived = observer.collect(JointState, 'measured_js')
+                assert observer.spin_until(lambda arrived=arrived: arrived, 60.0)
+                times.append(time.monotonic() - began)
+        # The first one waits for the driver to start.
+    machine.expect(max(times[1:]) < CONNECTED, times)
+
+
+def test_the_packages_profile_is_selected_where_the_user_has_none(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    profile, names = runner.discovery_profile, runner.PROFILE_VARIABLES
+    selected = profile({})
+    assert set(selected) == set(names)
+    assert all(value.endswith('/config/fastdds.xml') for value in selected.values())
+    assert [profile({name: 'mine.xml'}) for name in names] == [{}, {}]
+    (tmp_path / 'DEFAULT_FASTRTPS_PROFILES.xml').touch()
+    assert profile({}) == {}

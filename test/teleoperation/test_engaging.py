@@ -134,9 +134,9 @@ def test_each_condition_is_named_that_is_missing():
         change()
         rig.run(5)
         assert rig.state == f'disengaged: {why}'
-        machine.hindrance = 'two publishers of servo_cp'
-        assert rig.state == 'disengaged: two publishers of servo_cp' and machine.is_hindered
-        machine.hindrance = ''
+        machine.external_block = 'two publishers of servo_cp'
+        assert rig.state == 'disengaged: two publishers of servo_cp' and machine.is_blocked
+        machine.external_block = ''
     rig.run(60)
     assert rig.state == 'engaged'
 
