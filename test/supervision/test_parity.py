@@ -57,6 +57,8 @@ def test_a_drift_is_found_by_the_mean_of_the_window(entries):
         assert bool(drifted) == found
         assert all((each.reason, each.severity) == (Reason.DRIFTED, Severity.LATCH)
                    for each in drifted)
+    # The limit of evidence is that of the test.
+    assert window(entries).limit(1.0, BIAS, 21.0) == pytest.approx(THRESHOLD / sqrt(21.0) + BIAS)
 
 
 @ENTRIES
