@@ -11,14 +11,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from spm_haptic_master import kinematics
 from spm_haptic_master.exceptions import InputError, SpmError
-from spm_haptic_master.kinematics import (
-    Geometry,
-    matrix_from_quaternion,
-    quaternion_from_matrix,
-    track_mode,
-    zxz_from_matrix,
-)
 from spm_haptic_master.kinematics.mounting import Mounting
 from spm_haptic_master.validation.alignment import (
     align,
@@ -50,7 +44,7 @@ class Comparison:
     alignment: Alignment
 
 
-def compare(recorded: Track, capture: Track, joints: Track | None, geometry: Geometry,
+def compare(recorded: Track, capture: Track, joints: Track | None, geometry: kinematics.Geometry,
             azimuths: tuple[float, float], mounting: Mounting | None = None) -> Comparison:
     """
     Return capture and models in one frame, at the capture's times with a recorded orientation.
@@ -59,10 +53,11 @@ def compare(recorded: Track, capture: Track, joints: Track | None, geometry: Geo
     `mounting` is that of the recorded orientations. InputError: they are of another motion.
     """
     by_markers = capture.values.shape[-1] == len(MARKERS)
-    quaternions = quaternion_from_matrix(orientation_of_markers(capture.values, azimuths)) \
-        if by_markers else capture.values
+    quaternions = capture.values if not by_markers else kinematics.quaternion_from_matrix(
+        orientation_of_markers(capture.values, azimuths))
     alignment = align(recorded.time, recorded.values, capture.time, quaternions, by_markers)
-    captured = alignment.frame.T @ matrix_from_quaternion(quaternions) @ alignment.body.T
+    captured = (alignment.frame.T @ kinematics.matrix_from_quaternion(quaternions)
+                @ alignment.body.T)
     time = capture.time + alignment.offset
     found = interpolate(recorded.time, recorded.values, time)
     known = np.isfinite(found[:, 0])
@@ -71,7 +66,7 @@ def compare(recorded: Track, capture: Track, joints: Track | None, geometry: Geo
         if not known.any():
             raise InputError('the joint angles are of another time than the orientations')
     time, captured = time[known], captured[known]
-    models = {'improved': matrix_from_quaternion(found[known])}
+    models = {'improved': kinematics.matrix_from_quaternion(found[known])}
     if joints is not None:
         models['classic'] = _mounted_classic(
             joints, time, found[known][0], geometry, mounting or Mounting())
@@ -114,8 +109,8 @@ def _unit(vectors: np.ndarray, span: float, problem: str) -> np.ndarray:
     return vectors / length
 
 
-def _mounted_classic(joints: Track, time: np.ndarray, start: np.ndarray, geometry: Geometry,
-                     mounting: Mounting) -> np.ndarray:
+def _mounted_classic(joints: Track, time: np.ndarray, start: np.ndarray,
+                     geometry: kinematics.Geometry, mounting: Mounting) -> np.ndarray:
     """
     Return the classic model's orientations as mounted, by the joint angles nearest to each time.
 
@@ -126,15 +121,16 @@ def _mounted_classic(joints: Track, time: np.ndarray, start: np.ndarray, geometr
     index = after - (time - joints.time[after - 1] < joints.time[after] - time)
     rotations = np.full((len(time), 3, 3), np.nan)
     x, y, z, w = start.tolist()
-    last = matrix_from_quaternion(mounting.unmounted((x, y, z, w)))
+    last = kinematics.matrix_from_quaternion(mounting.unmounted((x, y, z, w)))
     for place, (row, moment) in enumerate(zip(index, time, strict=True)):
         if abs(joints.time[row] - moment) > GAP:
             continue
         try:
-            last = rotations[place] = track_mode(joints.values[row, :3], last, geometry).rotation
+            last = rotations[place] = kinematics.track_mode(
+                joints.values[row, :3], last, geometry).rotation
         except SpmError:
             continue  # no mode, or infinitely many: the classic model has no answer here
-    table, handle = matrix_from_quaternion([mounting.base, mounting.handle])
+    table, handle = kinematics.matrix_from_quaternion([mounting.base, mounting.handle])
     return table @ rotations @ handle
 
 
@@ -142,7 +138,7 @@ def zxz_degrees(rotations: np.ndarray, unwrapped: bool = False) -> np.ndarray:
     """Return psi, theta, phi, deg, (3, n), NaN as in the input; unwrapped: without jumps."""
     known = np.isfinite(rotations).all(axis=(1, 2))
     angles = np.full((3, len(rotations)), np.nan)
-    found = zxz_from_matrix(rotations[known])
+    found = kinematics.zxz_from_matrix(rotations[known])
     angles[:, known] = np.degrees(np.unwrap(found, axis=-1) if unwrapped else found)
     return angles
 
@@ -159,14 +155,14 @@ class ErrorRow(NamedTuple):
 
 def error_table(comparison: Comparison) -> list[ErrorRow]:
     """Return the models' errors against the capture: psi, theta, phi and the rotation."""
-    captured = zxz_from_matrix(comparison.captured)
+    captured = kinematics.zxz_from_matrix(comparison.captured)
     table = []
     for model, rotations in comparison.models.items():
         known = np.isfinite(rotations).all(axis=(1, 2))
         if not known.any():
             continue
         errors = [np.angle(np.exp(1j * (angle - truth[known]))) for angle, truth in zip(
-            zxz_from_matrix(rotations[known]), captured, strict=True)]
+            kinematics.zxz_from_matrix(rotations[known]), captured, strict=True)]
         errors.append(np.linalg.norm(rotation_vectors(
             rotations[known] @ comparison.captured[known].swapaxes(1, 2)), axis=1))
         for quantity, error in zip((*ANGLES, 'rotation'), errors, strict=True):
