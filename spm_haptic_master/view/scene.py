@@ -82,7 +82,7 @@ class Dome:
             f'{root}/singular', np.zeros((1, 3)), rgb([SINGULAR])[0], point_size=SINGULAR_SIZE,
             point_shape='circle', point_shading='flat', precision='float32', visible=False)
         rim = RADIUS * workspace_pose(HALF_ANGLE, np.linspace(0.0, 2.0 * pi, 97), 0.0)[..., 2]
-        self.rim = line('rim', np.stack([rim[:-1], rim[1:]], axis=1), GREY)
+        line('rim', np.stack([rim[:-1], rim[1:]], axis=1), GREY)
         self.trace = line('trace', np.zeros((1, 2, 3)), TRACE_COLOUR)
         self.pin = surfaces.add(scene, f'{root}/pin', surfaces.ball(PIN_RADIUS),
                                 rgb([TRACE_COLOUR]), visible=False)

@@ -19,9 +19,10 @@ import numpy as np
 from spm_haptic_master.calibration.motion.model import LONGEST_STEP, ROTATION_STEPS
 from spm_haptic_master.calibration.motion.readings import Array, spread
 from spm_haptic_master.calibration.watch import slip_evidence
-from spm_haptic_master.calibration.watch.slip_evidence import Evaluation, Parities, WorkingMode
+from spm_haptic_master.calibration.watch.slip_evidence import Evaluation, Parities
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.kinematics import forward_theta3a, Geometry
+from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics.rotations import matrix_from_vector, wrapped
 

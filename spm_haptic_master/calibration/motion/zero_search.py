@@ -32,8 +32,6 @@ from spm_haptic_master.kinematics.rotations import wrapped
 
 # Takes the stage, and the part of the whole that is done (unit 1).
 Progress = Callable[[str, float], None]
-# Cosine and sine of an angle.
-Turn = tuple[Array, Array]
 
 # Seed of the guesses: a calibration is repeatable.
 SEED = 2015
@@ -265,7 +263,7 @@ def _distance(turned: Array, zeros: Array, nominal: Geometry) -> tuple[Array, Ar
     return here * scale, -slopes * scale[:, :, None]
 
 
-def _closure(turns: list[Turn], nominal: Geometry) -> Array:
+def _closure(turns: list[tuple[Array, Array]], nominal: Geometry) -> Array:
     """Return by how much the point of Case 2's linear system misses the unit circle (unit 1)."""
     (c1, s1), *others, (c3, s3) = turns
     leg_b, leg_c = (
