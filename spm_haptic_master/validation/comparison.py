@@ -14,13 +14,8 @@ import numpy as np
 from spm_haptic_master import kinematics
 from spm_haptic_master.exceptions import InputError, SpmError
 from spm_haptic_master.kinematics.mounting import Mounting
-from spm_haptic_master.validation.alignment import (
-    align,
-    Alignment,
-    GAP,
-    interpolate,
-    rotation_vectors,
-)
+from spm_haptic_master.validation import alignment
+from spm_haptic_master.validation.alignment import Alignment
 from spm_haptic_master.validation.recordings import MARKERS, Track
 
 # Names of the ZXZ angles in both files.
@@ -55,11 +50,11 @@ def compare(recorded: Track, capture: Track, joints: Track | None, geometry: kin
     by_markers = capture.values.shape[-1] == len(MARKERS)
     quaternions = capture.values if not by_markers else kinematics.quaternion_from_matrix(
         orientation_of_markers(capture.values, azimuths))
-    alignment = align(recorded.time, recorded.values, capture.time, quaternions, by_markers)
-    captured = (alignment.frame.T @ kinematics.matrix_from_quaternion(quaternions)
-                @ alignment.body.T)
-    time = capture.time + alignment.offset
-    found = interpolate(recorded.time, recorded.values, time)
+    aligned = alignment.align(
+        recorded.time, recorded.values, capture.time, quaternions, by_markers)
+    captured = aligned.frame.T @ kinematics.matrix_from_quaternion(quaternions) @ aligned.body.T
+    time = capture.time + aligned.offset
+    found = alignment.interpolate(recorded.time, recorded.values, time)
     known = np.isfinite(found[:, 0])
     if joints is not None:
         known &= (time >= joints.time[0]) & (time <= joints.time[-1])
@@ -70,7 +65,7 @@ def compare(recorded: Track, capture: Track, joints: Track | None, geometry: kin
     if joints is not None:
         models['classic'] = _mounted_classic(
             joints, time, found[known][0], geometry, mounting or Mounting())
-    return Comparison(time, capture.time[known], captured, models, alignment)
+    return Comparison(time, capture.time[known], captured, models, aligned)
 
 
 def marker_directions(coordinates: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -123,7 +118,7 @@ def _mounted_classic(joints: Track, time: np.ndarray, start: np.ndarray,
     x, y, z, w = start.tolist()
     last = kinematics.matrix_from_quaternion(mounting.unmounted((x, y, z, w)))
     for place, (row, moment) in enumerate(zip(index, time, strict=True)):
-        if abs(joints.time[row] - moment) > GAP:
+        if abs(joints.time[row] - moment) > alignment.GAP:
             continue
         try:
             last = rotations[place] = kinematics.track_mode(
@@ -163,7 +158,7 @@ def error_table(comparison: Comparison) -> list[ErrorRow]:
             continue
         errors = [np.angle(np.exp(1j * (angle - truth[known]))) for angle, truth in zip(
             kinematics.zxz_from_matrix(rotations[known]), captured, strict=True)]
-        errors.append(np.linalg.norm(rotation_vectors(
+        errors.append(np.linalg.norm(alignment.rotation_vectors(
             rotations[known] @ comparison.captured[known].swapaxes(1, 2)), axis=1))
         for quantity, error in zip((*ANGLES, 'rotation'), errors, strict=True):
             size = np.degrees(np.abs(error))
