@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain
-from math import degrees
+from math import degrees, inf
 import os
 from pathlib import Path
 from typing import Any
@@ -23,8 +23,6 @@ import yaml
 
 # Name of the section with calibrate's own record: no node has it, so that ROS ignores the section.
 RECORD = 'calibration_record'
-# No line is folded: a value stays on its line.
-LONGEST_LINE = 1_000_000
 
 
 def file_text(header: Iterable[str], parameters: Mapping[str, Any],
@@ -32,7 +30,7 @@ def file_text(header: Iterable[str], parameters: Mapping[str, Any],
     """Return a parameter file: lines of a comment, values by dotted name, record for calibrate."""
     tree = {'/**': {PARAMETERS: _nested(parameters)}, RECORD: {PARAMETERS: _nested(record)}}
     return ''.join(f'# {ascii(line)[1:-1]}\n' for line in header) + yaml.dump(
-        tree, Dumper=_Dumper, sort_keys=False, default_flow_style=False, width=LONGEST_LINE)
+        tree, Dumper=_Dumper, sort_keys=False, default_flow_style=False, width=inf)
 
 
 class _Dumper(yaml.SafeDumper):

@@ -120,19 +120,18 @@ def calibrate(stations: Sequence[Station], direction: Sequence[int],
     A direction that two poses determine, of these or of an earlier calibration, overrides the
     given one. CalibrationError: zeros of two poses differ by more than the tolerance, rad.
     """
-    found, known = list(direction), [False] * len(direction)
-    within = observed_directions(combinations(stations, 2), counts_per_turn)
-    since = observed_directions(
-        product(before.stations if before else (), stations), counts_per_turn)
-    for index, observed in enumerate(within):
-        if observed or since[index]:
-            found[index], known[index] = observed or since[index], True
-        elif before is not None and before.direction_verified[index]:
-            found[index], known[index] = before.direction[index], True
+    observed = observed_directions(combinations(stations, 2), counts_per_turn)
+    if before is not None:
+        since = observed_directions(product(before.stations, stations), counts_per_turn)
+        verified = np.multiply(before.direction, before.direction_verified).tolist()
+        observed = tuple(here or there or earlier for here, there, earlier in zip(
+            observed, since, verified, strict=True))
+    known = np.array(observed) != 0
+    found = np.where(known, observed, direction)
     per_turn = np.array(counts_per_turn)
     angles = np.array([station.angles for station in stations])
     zeros = np.array([station.counts for station in stations]) \
-        - np.array(found) * angles * per_turn / TURN
+        - found * angles * per_turn / TURN
     # Differences from the first, so that the mean is right where the counts wrap.
     off = wrapped((zeros - zeros[0]) * TURN / per_turn)
     mean = off.mean(axis=0)
@@ -145,8 +144,8 @@ def calibrate(stations: Sequence[Station], direction: Sequence[int],
             f'(tolerance {degrees(tolerance):g} deg between two); did its shaft slip, or is a '
             'pose not the stated one?')
     zero = np.rint(zeros[0] + mean * per_turn / TURN).astype(int) % per_turn
-    return Calibration(date, tuple(stations), tuple(found), tuple(zero.tolist()),
-                       tuple(counts_per_turn), tuple(known), tuple(bias))
+    return Calibration(date, tuple(stations), tuple(found.tolist()), tuple(zero.tolist()),
+                       tuple(counts_per_turn), tuple(known.tolist()), tuple(bias))
 
 
 def observed_directions(pairs: Iterable[tuple[Station, Station]],

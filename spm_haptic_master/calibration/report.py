@@ -87,7 +87,6 @@ Left as drawn: {_left(c)}. What would determine more: {c.advice}.
 
 
 def _made_from(c: calibration.MotionCalibration, origin: calibration.Origin, file: Path) -> str:
-    readings = c.readings
     return _table(('', ''), (
         ('recording', _code(origin.recording)),
         ('SHA-256 of the recording',
@@ -96,8 +95,8 @@ def _made_from(c: calibration.MotionCalibration, origin: calibration.Origin, fil
         ('spm_haptic_master', origin.version),
         ('parameter file', _code(file.name)),
         ('SHA-256 of the parameter file', _code(checksum(file))),
-        ('sets of readings', f'{readings.sets} in {readings.seconds[-1]:.1f} s, of which '
-         f'{readings.spikes} left out as spikes and {100.0 * c.cut:.1f} % cut'),
+        ('sets of readings', f'{c.readings.sets} in {c.readings.seconds[-1]:.1f} s, of which '
+         f'{c.readings.spikes} left out as spikes and {100.0 * c.cut:.1f} % cut'),
         ('parity', f'{degrees(calibration.rms(c.parity)):.4f} deg rms, as drawn '
          f'{degrees(calibration.rms(c.parity_before)):.4f}, white noise '
          f'{degrees(calibration.rms(c.readings.sigma)):.4f}')))

@@ -42,7 +42,7 @@ def main(args: list[str]) -> int:
     values = command_line.checked(command_line.given(
         options, ('fkm',), {setting.name for setting in SETTINGS}), SETTINGS)
     # matplotlib is an extra: report that it is missing before anything is read.
-    from spm_haptic_master.validation import figures
+    from spm_haptic_master.validation import plot_style
 
     recorded = recordings.read_orientation(options.recording, options.topic)
     joints = recordings.read_joints(options.joints or options.recording, options.joints_topic) \
@@ -58,7 +58,7 @@ def main(args: list[str]) -> int:
         write_aligned(options.output / 'aligned.csv', comparison)
     except OSError as error:
         raise InputError(f'{options.output}: cannot be written: {error}') from error
-    figures.draw(comparison, options.output)
+    plot_style.draw_comparison(comparison, options.output)
     if joints is not None and joints.left_out:
         print(f'{joints.left_out} rows with fewer than {len(JOINT_NAMES)} joint angles left out')
     _report(comparison, table, options.output)

@@ -74,14 +74,13 @@ def angular_speed(time: np.ndarray, quaternions: np.ndarray) -> tuple[float, np.
     """Return a time, s, and, later by a constant, smoothed speeds, rad/s, each `SPEED_STEP`."""
     grid = np.arange(math.ceil(time[0] / SPEED_STEP),
                      math.floor(time[-1] / SPEED_STEP) + 1) * SPEED_STEP
-    width = SPEED_WINDOW
-    if len(grid) < 4 * width:
+    if len(grid) < 4 * SPEED_WINDOW:
         raise InputError(f'{time[-1] - time[0]:.2f} s are too short to be aligned; expected '
-                         f'{4 * width * SPEED_STEP:g} s or more')
-    smooth = np.stack([np.convolve(each, np.full(width, 1.0 / width), 'valid')
+                         f'{4 * SPEED_WINDOW * SPEED_STEP:g} s or more')
+    smooth = np.stack([np.convolve(each, np.full(SPEED_WINDOW, 1.0 / SPEED_WINDOW), 'valid')
                        for each in between(time, quaternions, grid).T], axis=1)
-    chord = np.linalg.norm(smooth[width:] - smooth[:-width], axis=1)
-    speed = 4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)) / (width * SPEED_STEP)
+    chord = np.linalg.norm(smooth[SPEED_WINDOW:] - smooth[:-SPEED_WINDOW], axis=1)
+    speed = 4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)) / (SPEED_WINDOW * SPEED_STEP)
     return grid[0], speed
 
 

@@ -11,22 +11,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from spm_haptic_master import kinematics
 from spm_haptic_master.exceptions import InputError, SpmError
-from spm_haptic_master.kinematics import (
-    Geometry,
-    matrix_from_quaternion,
-    quaternion_from_matrix,
-    track_mode,
-    zxz_from_matrix,
-)
 from spm_haptic_master.kinematics.mounting import Mounting
-from spm_haptic_master.validation.alignment import (
-    align,
-    Alignment,
-    GAP,
-    interpolate,
-    rotation_vectors,
-)
+from spm_haptic_master.validation import alignment
+from spm_haptic_master.validation.alignment import Alignment
 from spm_haptic_master.validation.recordings import MARKERS, Track
 
 # Names of the ZXZ angles in both files.
@@ -50,7 +39,7 @@ class Comparison:
     alignment: Alignment
 
 
-def compare(recorded: Track, capture: Track, joints: Track | None, geometry: Geometry,
+def compare(recorded: Track, capture: Track, joints: Track | None, geometry: kinematics.Geometry,
             azimuths: tuple[float, float], mounting: Mounting | None = None) -> Comparison:
     """
     Return capture and models in one frame, at the capture's times with a recorded orientation.
@@ -59,23 +48,24 @@ def compare(recorded: Track, capture: Track, joints: Track | None, geometry: Geo
     `mounting` is that of the recorded orientations. InputError: they are of another motion.
     """
     by_markers = capture.values.shape[-1] == len(MARKERS)
-    quaternions = quaternion_from_matrix(orientation_of_markers(capture.values, azimuths)) \
-        if by_markers else capture.values
-    alignment = align(recorded.time, recorded.values, capture.time, quaternions, by_markers)
-    captured = alignment.frame.T @ matrix_from_quaternion(quaternions) @ alignment.body.T
-    time = capture.time + alignment.offset
-    found = interpolate(recorded.time, recorded.values, time)
+    quaternions = capture.values if not by_markers else kinematics.quaternion_from_matrix(
+        orientation_of_markers(capture.values, azimuths))
+    aligned = alignment.align(
+        recorded.time, recorded.values, capture.time, quaternions, by_markers)
+    captured = aligned.frame.T @ kinematics.matrix_from_quaternion(quaternions) @ aligned.body.T
+    time = capture.time + aligned.offset
+    found = alignment.interpolate(recorded.time, recorded.values, time)
     known = np.isfinite(found[:, 0])
     if joints is not None:
         known &= (time >= joints.time[0]) & (time <= joints.time[-1])
         if not known.any():
             raise InputError('the joint angles are of another time than the orientations')
     time, captured = time[known], captured[known]
-    models = {'improved': matrix_from_quaternion(found[known])}
+    models = {'improved': kinematics.matrix_from_quaternion(found[known])}
     if joints is not None:
         models['classic'] = _mounted_classic(
             joints, time, found[known][0], geometry, mounting or Mounting())
-    return Comparison(time, capture.time[known], captured, models, alignment)
+    return Comparison(time, capture.time[known], captured, models, aligned)
 
 
 def marker_directions(coordinates: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -114,8 +104,8 @@ def _unit(vectors: np.ndarray, span: float, problem: str) -> np.ndarray:
     return vectors / length
 
 
-def _mounted_classic(joints: Track, time: np.ndarray, start: np.ndarray, geometry: Geometry,
-                     mounting: Mounting) -> np.ndarray:
+def _mounted_classic(joints: Track, time: np.ndarray, start: np.ndarray,
+                     geometry: kinematics.Geometry, mounting: Mounting) -> np.ndarray:
     """
     Return the classic model's orientations as mounted, by the joint angles nearest to each time.
 
@@ -126,15 +116,16 @@ def _mounted_classic(joints: Track, time: np.ndarray, start: np.ndarray, geometr
     index = after - (time - joints.time[after - 1] < joints.time[after] - time)
     rotations = np.full((len(time), 3, 3), np.nan)
     x, y, z, w = start.tolist()
-    last = matrix_from_quaternion(mounting.unmounted((x, y, z, w)))
+    last = kinematics.matrix_from_quaternion(mounting.unmounted((x, y, z, w)))
     for place, (row, moment) in enumerate(zip(index, time, strict=True)):
-        if abs(joints.time[row] - moment) > GAP:
+        if abs(joints.time[row] - moment) > alignment.GAP:
             continue
         try:
-            last = rotations[place] = track_mode(joints.values[row, :3], last, geometry).rotation
+            last = rotations[place] = kinematics.track_mode(
+                joints.values[row, :3], last, geometry).rotation
         except SpmError:
             continue  # no mode, or infinitely many: the classic model has no answer here
-    table, handle = matrix_from_quaternion([mounting.base, mounting.handle])
+    table, handle = kinematics.matrix_from_quaternion([mounting.base, mounting.handle])
     return table @ rotations @ handle
 
 
@@ -142,7 +133,7 @@ def zxz_degrees(rotations: np.ndarray, unwrapped: bool = False) -> np.ndarray:
     """Return psi, theta, phi, deg, (3, n), NaN as in the input; unwrapped: without jumps."""
     known = np.isfinite(rotations).all(axis=(1, 2))
     angles = np.full((3, len(rotations)), np.nan)
-    found = zxz_from_matrix(rotations[known])
+    found = kinematics.zxz_from_matrix(rotations[known])
     angles[:, known] = np.degrees(np.unwrap(found, axis=-1) if unwrapped else found)
     return angles
 
@@ -159,15 +150,15 @@ class ErrorRow(NamedTuple):
 
 def error_table(comparison: Comparison) -> list[ErrorRow]:
     """Return the models' errors against the capture: psi, theta, phi and the rotation."""
-    captured = zxz_from_matrix(comparison.captured)
+    captured = kinematics.zxz_from_matrix(comparison.captured)
     table = []
     for model, rotations in comparison.models.items():
         known = np.isfinite(rotations).all(axis=(1, 2))
         if not known.any():
             continue
         errors = [np.angle(np.exp(1j * (angle - truth[known]))) for angle, truth in zip(
-            zxz_from_matrix(rotations[known]), captured, strict=True)]
-        errors.append(np.linalg.norm(rotation_vectors(
+            kinematics.zxz_from_matrix(rotations[known]), captured, strict=True)]
+        errors.append(np.linalg.norm(alignment.rotation_vectors(
             rotations[known] @ comparison.captured[known].swapaxes(1, 2)), axis=1))
         for quantity, error in zip((*ANGLES, 'rotation'), errors, strict=True):
             size = np.degrees(np.abs(error))

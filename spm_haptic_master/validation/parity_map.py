@@ -18,8 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from spm_haptic_master import kinematics
-
-Array = NDArray[np.float64]
+from spm_haptic_master.kinematics.number_backends import Array
 
 # Edges of the regions: tilt from the centre of the workspace, and self-rotation phi (deg).
 TILT_EDGES = (0.0, 7.0, 14.0, 21.0, 90.0)

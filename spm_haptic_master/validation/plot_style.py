@@ -1,7 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Style of every picture: sizes, colours, axes, and how it is written as a PNG."""
+"""
+Style of every picture: sizes, colours, axes, how it is written as a PNG; pictures of a comparison.
+
+The latter are the paper's Figs. 32 to 34 for any forward models and motion capture.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.validation.comparison import Comparison, zxz_degrees
 
 try:
     from matplotlib.axes import Axes
@@ -31,6 +36,14 @@ ESTIMATE = '#b0379b'
 CAPTURE = '#9a9a9a'
 # Colour and width of the grid lines (points).
 GRID_COLOUR, GRID_WIDTH = '#dddddd', 0.6
+# Line styles in the order of drawing: the last one lies on top.
+STYLES: dict[str, dict[str, Any]] = {
+    'captured': {'color': CAPTURE, 'label': 'motion capture', 'linewidth': 1.6},
+    'classic': {'color': CLASSIC, 'label': 'classic FKM (3 sensors)', 'linewidth': 0.9},
+    'improved': {'color': IMPROVED, 'label': 'improved FKM (4 sensors)', 'linewidth': 1.1},
+}
+# Least span of an axis (deg): an angle that moves less is not magnified.
+LEAST_SPAN = 2.0
 
 
 def new_figure(width: float = WIDTH, height: float = HEIGHT, **layout: Any) -> Figure:
@@ -55,3 +68,38 @@ def save(figure: Figure, path: Path | BytesIO) -> None:
                        pil_kwargs={'optimize': True})
     except OSError as error:
         raise InputError(f'{path}: cannot be written: {error}') from error
+
+
+def draw_comparison(comparison: Comparison, directory: Path) -> None:
+    """Draw fig32.png (all angles), fig33.png and fig34.png (self-rotation) into a directory."""
+    time = comparison.time - comparison.time[0]
+    angles = {name: zxz_degrees(rotations, unwrapped=True) for name, rotations in (
+        *comparison.models.items(), ('captured', comparison.captured))}
+    models = [name for name in STYLES if name in comparison.models]
+
+    figure = new_figure(height=6.0)
+    for row, (axes, letter) in enumerate(zip(
+            figure.subplots(3, 1, sharex=True), ('ψ', 'θ', 'φ'), strict=True)):
+        for name in models:
+            axes.plot(time, angles[name][row], **STYLES[name])
+        low, high = axes.get_ylim()
+        more = max(0.5 * (LEAST_SPAN - (high - low)), 0.0)
+        axes.set_ylim(low - more, high + more)
+        label_axes(axes, 'time, s' if row == 2 else '', f'{letter}, deg')
+    _finish(figure, 'Orientation of the platform by the forward models', directory / 'fig32.png')
+    for number, names, title in (
+            (33, models, 'Self-rotation by the forward models'),
+            (34, ['captured', *models], 'Self-rotation: forward models and motion capture')):
+        figure = new_figure()
+        axes = figure.subplots()
+        for name in names:
+            axes.plot(time, angles[name][2], **STYLES[name])
+        label_axes(axes, 'time, s', 'self-rotation φ, deg')
+        _finish(figure, title, directory / f'fig{number}.png')
+
+
+def _finish(figure: Figure, title: str, path: Path) -> None:
+    figure.axes[0].set_title(title, fontsize=10)
+    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc='outside lower center', ncols=3,
+                  fontsize=9)
+    save(figure, path)

@@ -12,19 +12,8 @@ from math import isfinite, pi, tan
 
 import numpy as np
 from numpy.typing import NDArray
+from spm_haptic_master.description import solids
 from spm_haptic_master.description.colours import css
-from spm_haptic_master.description.solids import (
-    cylinder,
-    LEGS,
-    link_turns,
-    MOTOR_ENCODER,
-    onto,
-    SIZE,
-    Solid,
-    solids,
-    THIRD_ENCODER,
-    together,
-)
 from spm_haptic_master.description.workspace_map import HALF_ANGLE, WorkspaceMap
 from spm_haptic_master.kinematics import Geometry, mechanism_angles, workspace_pose
 from spm_haptic_master.kinematics.checks import WorkingMode
@@ -36,7 +25,7 @@ from spm_haptic_master.view.surfaces import rgb, wxyz
 from viser import BatchedMeshHandle, LineSegmentsHandle, SceneApi
 
 # Units of the scene for a metre: the proximal links are 1 unit from O.
-SCALE = 1.0 / SIZE
+SCALE = 1.0 / solids.SIZE
 # Distance of two arms from each other (units of the scene): their bases are 2 wide.
 ARM_DISTANCE = 2.6
 # Colour of a device that is not shown as it is now, and of encoders without a state.
@@ -93,7 +82,7 @@ class Dome:
             f'{root}/singular', np.zeros((1, 3)), rgb([SINGULAR])[0], point_size=SINGULAR_SIZE,
             point_shape='circle', point_shading='flat', precision='float32', visible=False)
         rim = RADIUS * workspace_pose(HALF_ANGLE, np.linspace(0.0, 2.0 * pi, 97), 0.0)[..., 2]
-        self.rim = line('rim', np.stack([rim[:-1], rim[1:]], axis=1), GREY)
+        line('rim', np.stack([rim[:-1], rim[1:]], axis=1), GREY)
         self.trace = line('trace', np.zeros((1, 2, 3)), TRACE_COLOUR)
         self.pin = surfaces.add(scene, f'{root}/pin', surfaces.ball(PIN_RADIUS),
                                 rgb([TRACE_COLOUR]), visible=False)
@@ -150,32 +139,33 @@ class Scene:
         fixed, turned, fixed_rest, turned_rest = (
             frame.name for frame in (self._root, self._frame, *self._rest))
         add = partial(surfaces.add, scene, scale=SCALE)
-        self._geometry, shapes = geometry, solids(geometry)
+        self._geometry, shapes = geometry, solids.solids(geometry)
         base = add(f'{fixed}/base', shapes['base'], rgb([css('base')]))
         # Encoders have the colours of their states: first those on motors, then those on the third
         # joints th3A, th3B, th3C.
-        self._motors = add(f'{fixed}/motors', cylinder(MOTOR_ENCODER), rgb([GREY] * len(LEGS)),
-                           geometry.base_axes)
-        thirds = geometry.platform_axes[:sensors - len(LEGS)]
-        self._others = add(f'{turned}/encoder', cylinder(THIRD_ENCODER),
+        self._motors = add(f'{fixed}/motors', solids.cylinder(solids.MOTOR_ENCODER),
+                           rgb([GREY] * len(solids.LEGS)), geometry.base_axes)
+        thirds = geometry.platform_axes[:sensors - len(solids.LEGS)]
+        self._others = add(f'{turned}/encoder', solids.cylinder(solids.THIRD_ENCODER),
                            rgb([GREY] * len(thirds)), thirds)
         # Links of one shape, turned by one message: their rows in `link_turns`.
         self._batches: list[tuple[list[int], BatchedMeshHandle]] = []
         for first, kind, spans in ((0, 'proximal', geometry.alphas),
-                                   (len(LEGS), 'distal', geometry.betas)):
+                                   (len(solids.LEGS), 'distal', geometry.betas)):
             for span in dict.fromkeys(spans):
                 legs = [k for k, each in enumerate(spans) if each == span]
-                link = f'{kind}_{LEGS[legs[0]]}'
+                link = f'{kind}_{solids.LEGS[legs[0]]}'
                 self._batches.append(([first + k for k in legs], add(
-                    f'{fixed}/{link}', shapes[link], rgb([css(f'leg_{LEGS[k]}') for k in legs]))))
-        pointer = cylinder(POINTER).turned(onto((1.0, 0.0, 0.0)))
-        platform = together(shapes['platform'], Solid(
-            pointer.vertices + (0.0, 0.0, SIZE * POINTER_AT), pointer.triangles))
+                    f'{fixed}/{link}', shapes[link],
+                    rgb([css(f'leg_{solids.LEGS[k]}') for k in legs]))))
+        pointer = solids.cylinder(POINTER).turned(solids.onto((1.0, 0.0, 0.0)))
+        platform = solids.together(shapes['platform'], solids.Solid(
+            pointer.vertices + (0.0, 0.0, solids.SIZE * POINTER_AT), pointer.triangles))
         # Parts that turn grey, with their own colours.
         self._coloured = [(handle, handle.batched_colors.copy()) for handle in (
             base, *(links for _, links in self._batches),
             add(f'{turned}/solid', platform, rgb([css('platform')])),
-            add(f'{turned}/axes', cylinder(AXIS), rgb(AXIS_COLOURS), np.eye(3)))]
+            add(f'{turned}/axes', solids.cylinder(AXIS), rgb(AXIS_COLOURS), np.eye(3)))]
         # To be scaled to the protection level.
         self.level = surfaces.add(
             scene, f'{turned_rest}/level',
@@ -184,7 +174,7 @@ class Scene:
         self.dome = Dome(scene, fixed_rest, geometry, working_mode)
         self.ghost = surfaces.add(
             scene, f'{turned_rest}/ghost', platform, rgb([GHOST]),
-            scale=GHOST_SCALE / SIZE, opacity=GHOST_OPACITY, visible=False)
+            scale=GHOST_SCALE / solids.SIZE, opacity=GHOST_OPACITY, visible=False)
         self.torques = [
             surfaces.add(scene, f'{turned}/torque_{kind}', surfaces.ARROW, rgb([colour]),
                          visible=False) for kind, colour in TORQUES.items()]
@@ -195,8 +185,8 @@ class Scene:
         axes = np.array(geometry.base_axes)
         for parent, text, at in (
                 *((fixed_rest, f'th{SHORT_NAMES[k]}', MOTOR_AT * z) for k, z in enumerate(axes)),
-                *((fixed_rest, LEGS[k].upper(), LEG_AT * z) for k, z in enumerate(axes)),
-                *((turned_rest, f'th{SHORT_NAMES[len(LEGS) + k]}', THIRD_AT * np.array(z))
+                *((fixed_rest, solids.LEGS[k].upper(), LEG_AT * z) for k, z in enumerate(axes)),
+                *((turned_rest, f'th{SHORT_NAMES[len(solids.LEGS) + k]}', THIRD_AT * np.array(z))
                   for k, z in enumerate(thirds)),
                 (turned_rest, 'handle', np.array([0.0, 0.0, HANDLE_AT])),
                 (fixed_rest, 'O', np.zeros(3))):
@@ -207,7 +197,7 @@ class Scene:
 
     def place(self, angles: Sequence[float]) -> None:
         """Turn the links to the angles of `joint_states`, rad."""
-        rows = np.array(link_turns(self._geometry, angles))[:, [3, 0, 1, 2]]
+        rows = np.array(solids.link_turns(self._geometry, angles))[:, [3, 0, 1, 2]]
         for links, batch in self._batches:
             batch.batched_wxyzs = rows[links]
         self._frame.wxyz = rows[-1]
@@ -215,8 +205,8 @@ class Scene:
     def show_sensors(self, colours: Sequence[str]) -> None:
         """Give each encoder the colour of its state, as CSS has it: #rrggbb."""
         sensors = rgb(colours)
-        self._motors.batched_colors = sensors[:len(LEGS)]
-        self._others.batched_colors = sensors[len(LEGS):]
+        self._motors.batched_colors = sensors[:len(solids.LEGS)]
+        self._others.batched_colors = sensors[len(solids.LEGS):]
 
     def show_rest(self) -> None:
         """Show what is beside the device: dome, names, cone, and what three encoders report."""
@@ -243,7 +233,7 @@ class Scene:
             size = float(np.linalg.norm(torque))
             arrow.visible = shown = size >= LEAST_TORQUE
             if shown:
-                arrow.wxyz = wxyz(onto(np.asarray(torque) / size))
+                arrow.wxyz = wxyz(solids.onto(np.asarray(torque) / size))
                 arrow.scale = (1.0, 1.0, TORQUE_LENGTH * size)
 
     def set_alive(self, alive: bool) -> None:

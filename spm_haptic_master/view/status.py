@@ -13,12 +13,8 @@ from math import inf
 from diagnostic_msgs.msg import DiagnosticStatus
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, named_joints
 from spm_haptic_master.ros.diagnostic_status import MISSING_KEY
-from spm_haptic_master.supervision.orientation_state import (
-    Condition,
-    HEALTHY,
-    OrientationState,
-    silent,
-)
+from spm_haptic_master.supervision import orientation_state
+from spm_haptic_master.supervision.orientation_state import OrientationState
 
 # Time without new joint angles after which the picture is stale (s): a silence has to be visible
 # within half a second.
@@ -85,7 +81,7 @@ def banner(state: OrientationState | None, age: float | None, diagnostics: str =
     whether `fkm` is on /diagnostics: if not, its latched `state` may be an old one.
     """
     text, publishes = ('', False) if state is None else (state.text, state.publishes)
-    if state is not None and state.condition is Condition.SILENT:
+    if state is not None and state.condition is orientation_state.Condition.SILENT:
         return Banner(Light.RED, text, False)
     of_diagnostics = f'(diagnostics{diagnostics and f": {diagnostics}"})'
     if age is None:
@@ -93,16 +89,16 @@ def banner(state: OrientationState | None, age: float | None, diagnostics: str =
             return Banner(Light.AMBER, f'{text}, but no joint_states {of_diagnostics}', False)
         return Banner(Light.GREY, text or 'waiting for fkm', False)
     if age <= STALE_AFTER:
-        light = Light.GREEN if state == HEALTHY else Light.AMBER
+        light = Light.GREEN if state == orientation_state.HEALTHY else Light.AMBER
         return Banner(light, text or 'state unknown: fkm publishes it', publishes)
     since = f'for {age:.0f} s' if age >= 1.0 else f'for {STALE_AFTER:g} s'
     if not heard:
-        missing = silent(f'nothing from fkm, no joint_states {since}').text
+        missing = orientation_state.silent(f'nothing from fkm, no joint_states {since}').text
     elif publishes:
         # fkm publishes orientations: joint_states alone are missing.
         missing = f'no joint_states {since} {of_diagnostics}'
     else:
-        missing = silent(f'no orientation {since}').text
+        missing = orientation_state.silent(f'no orientation {since}').text
     return Banner(Light.RED, missing, False)
 
 

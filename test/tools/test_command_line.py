@@ -128,7 +128,7 @@ def test_a_validation_prints_alignment_and_errors(tmp_path, monkeypatch, capsys)
     """The capture is the recording on another clock, in another frame, with noise of its own."""
     monkeypatch.chdir(tmp_path)
     drawn = []
-    monkeypatch.setattr('spm_haptic_master.validation.figures.draw',
+    monkeypatch.setattr('spm_haptic_master.validation.plot_style.draw_comparison',
                         lambda comparison, directory: drawn.append(str(directory)))
     stamps, quaternions = (each[8000:14000:10] for each in truth())
     noise = np.random.default_rng(3).normal(0.0, 1e-4, quaternions.shape)

@@ -257,7 +257,7 @@ def fails(capsys, expected, *args):
 @pytest.mark.slow
 def test_the_classic_model_is_of_the_mechanism_as_built_and_mounted(
         tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr('spm_haptic_master.validation.figures.draw', lambda *_: None)
+    monkeypatch.setattr('spm_haptic_master.validation.plot_style.draw_comparison', lambda *_: None)
     base, handle = [20.0, 30.0, -40.0], [0.0, 0.0, 25.0]
     left, right = (matrix_from_zxz(*np.radians(angles)) for angles in (base, handle))
     recorded = quaternion_from_matrix(left @ motion(RECORDED) @ right)

@@ -18,18 +18,11 @@ from math import degrees, radians
 import numpy as np
 from spm_haptic_master.calibration.motion.model import LONGEST_STEP, ROTATION_STEPS
 from spm_haptic_master.calibration.motion.readings import Array, spread
-from spm_haptic_master.calibration.watch.slip_evidence import (
-    DECIDABLE,
-    evaluate,
-    Evaluation,
-    Parities,
-    parities,
-    summed,
-    suspects,
-    WorkingMode,
-)
+from spm_haptic_master.calibration.watch import slip_evidence
+from spm_haptic_master.calibration.watch.slip_evidence import Evaluation, Parities
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.kinematics import forward_theta3a, Geometry
+from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics.rotations import matrix_from_vector, wrapped
 
@@ -128,15 +121,15 @@ class CalibrationChecker:
             if several is not None:
                 return Check(evaluation, usable, several=several)
         left = np.array([each.left for each in found])
-        near = [found[each] for each in suspects(left, evaluation.freedom if evaluation else 0,
-                                                 np.inf)]
+        near = [found[each] for each in slip_evidence.suspects(
+            left, evaluation.freedom if evaluation else 0, np.inf)]
         candidates = tuple(each for each in near if each.fits)
         changed = candidates[0] if len(near) == len(candidates) == 1 else None
         return Check(evaluation, usable, changed, candidates)
 
     def _check_decidable(self, found: Evaluation) -> None:
         """Raise CalibrationError if a motion would not show a slip."""
-        limits = DECIDABLE * np.maximum(self.bias, self.sigma)
+        limits = slip_evidence.DECIDABLE * np.maximum(self.bias, self.sigma)
         hidden = [f'{name} {degrees(visible):.2f}' for name, visible, limit
                   in zip(ALL_JOINT_NAMES, found.visible, limits, strict=False)
                   if visible > limit]
@@ -151,17 +144,20 @@ class CalibrationChecker:
         """Return the evaluation, and the part of the samples that are usable."""
         found = self._solved(angles)
         usable = float(found.usable.mean())
-        return evaluate(summed(angles, found), self.bias) if usable >= USABLE else None, usable
+        if usable < USABLE:
+            return None, usable
+        return slip_evidence.evaluate(slip_evidence.summed(angles, found), self.bias), usable
 
     def _solved(self, angles: Array) -> Parities:
         """Return the parities at the maximum-likelihood orientations."""
         rotation = forward_theta3a(angles[:, :3], angles[:, 3], self.geometry)
-        for _ in range(ROTATION_STEPS):
-            found = parities(angles, rotation, self.sigma, self.geometry, self.working_mode)
+        for _ in range(ROTATION_STEPS + 1):
+            found = slip_evidence.parities(
+                angles, rotation, self.sigma, self.geometry, self.working_mode)
             near = found.usable & (np.abs(found.step).max(axis=1) < LONGEST_STEP)
             rotation = np.where(
                 near[:, None, None], matrix_from_vector(found.step) @ rotation, np.nan)
-        return parities(angles, rotation, self.sigma, self.geometry, self.working_mode)
+        return found
 
     def _hypotheses(self, angles: Array, evaluation: Evaluation | None) -> list[Hypothesis]:
         """Return the best hypothesis of each sensor."""

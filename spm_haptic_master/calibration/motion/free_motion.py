@@ -17,15 +17,8 @@ from math import degrees, radians
 
 import numpy as np
 from numpy.typing import NDArray
-from spm_haptic_master.calibration.motion import coverage, misfit
+from spm_haptic_master.calibration.motion import coverage, fit, misfit
 from spm_haptic_master.calibration.motion.calibration import MotionCalibration
-from spm_haptic_master.calibration.motion.fit import (
-    choose,
-    considered_covariance,
-    fit,
-    held_out_part,
-    normal_equations,
-)
 from spm_haptic_master.calibration.motion.model import Array, Layout, MotionModel
 from spm_haptic_master.calibration.motion.readings import motion_readings, MotionReadings
 from spm_haptic_master.calibration.motion.zero_search import find_start, Progress, Start
@@ -52,7 +45,7 @@ def calibrate_motion(layout: Layout, stamps: NDArray[np.int64], readings: Array,
     CalibrationError where the motion does not determine the zeros, contradicts the drawing or the
     directions given, or two encoders are swapped.
     """
-    held_out_part((stamps - stamps[0]) * 1e-9)  # refuses a motion that is too short
+    fit.held_out_part((stamps - stamps[0]) * 1e-9)  # refuses a motion that is too short
     means = motion_readings(stamps, readings)
     start = find_start(means, MotionModel(layout, means.sigma), progress)
     wrong = [f'{joint} turns with direction {sign:+d}, encoders.direction has {other:+d}'
@@ -71,7 +64,7 @@ def fitted(layout: Layout, means: MotionReadings, start: Start,
     chosen = np.arange(0, len(turned), max(1, len(turned) // CHOICE_SAMPLES))
     factor = len(turned) / len(chosen)
     progress('zeros', 0.5)
-    first = fit(model, turned[chosen], start.vector, range(layout.sensors))
+    first = fit.fit(model, turned[chosen], start.vector, range(layout.sensors))
     advice = next(iter(_outlook(model, means, start)[1]))
     changes = coverage.aligned_changes(
         model, coverage.WORKSPACE.poses(model, first.vector), first.vector)
@@ -81,23 +74,23 @@ def fitted(layout: Layout, means: MotionReadings, start: Start,
         raise CalibrationError(
             'the motion does not determine the zeros: they leave a predicted error of '
             f'{degrees(error):.2f} deg, limit {degrees(ZEROS_LIMIT):g} deg; {advice}')
-    vector, columns, left = choose(
+    vector, columns, left = fit.choose(
         model, turned[chosen], means.seconds[chosen], first, factor,
         lambda group, number: progress(group, 0.5 + 0.05 * number))
     progress('all parameters, whole motion', 0.8)
-    found = fit(model, turned, vector, columns, model.orientations(turned, vector))
+    found = fit.fit(model, turned, vector, columns, model.orientations(turned, vector))
     misfit.check_slip(model, turned, means.seconds, found)
     split = misfit.contradiction(model, turned, found)
     slow = misfit.slow_factor(means.seconds, found.normal)
     if slow > 1.0:
         progress('all parameters, with the slow part of the parity', 0.9)
         model = MotionModel(layout, model.sigma * np.sqrt(slow))
-        found = fit(model, turned, found.vector, columns, found.normal.rotation)
+        found = fit.fit(model, turned, found.vector, columns, found.normal.rotation)
     progress('errors', 0.95)
-    every = normal_equations(model, turned, found.normal.rotation, found.vector,
-                             tuple(range(layout.count)))
+    every = fit.normal_equations(model, turned, found.normal.rotation, found.vector,
+                                 tuple(range(layout.count)))
     return MotionCalibration(
-        white, found.vector, considered_covariance(every.matrix, layout.deviations, columns),
+        white, found.vector, fit.considered_covariance(every.matrix, layout.deviations, columns),
         columns, left, start.direction, means, found.normal.rotation, found.normal.kept,
         first.vector,
         misfit.unexplained_errors(model, turned, means.seconds, found.vector, found.normal),
@@ -157,8 +150,8 @@ def _outlook(model: MotionModel, means: MotionReadings,
     chosen = np.arange(0, len(means.readings), max(1, len(means.readings) // OUTLOOK_SAMPLES))
     turned = means.readings[chosen] * np.array(start.direction)
     rotation = model.orientations(turned, start.vector)
-    normal = normal_equations(model, turned, rotation, start.vector,
-                              tuple(range(model.layout.count)))
+    normal = fit.normal_equations(model, turned, rotation, start.vector,
+                                  tuple(range(model.layout.count)))
     information = normal.matrix * (len(means.readings) / len(chosen)) + np.diag(
         model.layout.deviations ** -2.0)
     changes = coverage.aligned_changes(

@@ -76,7 +76,11 @@ def motion_readings(stamps: NDArray[np.int64], readings: Array) -> MotionReading
 
     CalibrationError: too few sets, too many spikes, a joint that does not move.
     """
-    _check_length(stamps, readings.shape[1])
+    seconds = (int(stamps[-1]) - int(stamps[0])) * 1e-9 if len(stamps) else 0.0
+    if len(stamps) < SETS_MINIMUM or seconds < SECONDS_MINIMUM:
+        raise CalibrationError(
+            f'{len(stamps)} sets of {NUMBER_WORDS[readings.shape[1]]} encoders in {seconds:.1f} '
+            f's; a motion needs at least {SETS_MINIMUM} sets and {SECONDS_MINIMUM:g} s')
     steps = np.diff(stamps)
     if (steps <= 0).any():
         row = int(np.argmax(steps <= 0))
@@ -119,8 +123,8 @@ def motion_readings(stamps: NDArray[np.int64], readings: Array) -> MotionReading
             raise CalibrationError(
                 f'{joint} moved by {np.degrees(travel):.2f} deg; expected a motion of every '
                 'joint: tilt the handle in all directions and turn it both ways')
-    seconds = (stamps[rows[enough]].mean(axis=1) - stamps[0]) * 1e-9
-    return MotionReadings(seconds, means, noise, together, spiked)
+    return MotionReadings((stamps[rows[enough]].mean(axis=1) - stamps[0]) * 1e-9, means, noise,
+                          together, spiked)
 
 
 def spread(readings: Array, count: int) -> NDArray[np.intp]:
@@ -133,15 +137,6 @@ def spread(readings: Array, count: int) -> NDArray[np.intp]:
         distance = np.minimum(distance, ((turned - turned[chosen[-1]]) ** 2).sum(axis=1))
         chosen.append(int(distance.argmax()))
     return np.array(chosen)
-
-
-def _check_length(stamps: NDArray[np.int64], sensors: int) -> None:
-    """Raise CalibrationError if sets are too few, or last too short a time."""
-    seconds = (int(stamps[-1]) - int(stamps[0])) * 1e-9 if len(stamps) else 0.0
-    if len(stamps) < SETS_MINIMUM or seconds < SECONDS_MINIMUM:
-        raise CalibrationError(
-            f'{len(stamps)} sets of {NUMBER_WORDS[sensors]} encoders in {seconds:.1f} s; a motion '
-            f'needs at least {SETS_MINIMUM} sets and {SECONDS_MINIMUM:g} s')
 
 
 def _pieces(steps: NDArray[np.int64], together: int) -> NDArray[np.intp]:

@@ -26,19 +26,12 @@ from spm_haptic_master.calibration.motion.model import Array, Layout, MotionMode
 from spm_haptic_master.calibration.motion.readings import MotionReadings, spread
 from spm_haptic_master.calibration.watch.slip_evidence import sensor_angles
 from spm_haptic_master.exceptions import CalibrationError
-from spm_haptic_master.kinematics import Geometry, matrix_from_quaternion
+from spm_haptic_master.kinematics import Geometry, leg_kernels, matrix_from_quaternion
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
-from spm_haptic_master.kinematics.leg_kernels import (
-    second_in_second_joint,
-    turn_of_second_joint,
-    turn_through_link,
-)
 from spm_haptic_master.kinematics.rotations import wrapped
 
 # Takes the stage, and the part of the whole that is done (unit 1).
 Progress = Callable[[str, float], None]
-# Cosine and sine of an angle.
-Turn = tuple[Array, Array]
 
 # Seed of the guesses: a calibration is repeatable.
 SEED = 2015
@@ -270,12 +263,12 @@ def _distance(turned: Array, zeros: Array, nominal: Geometry) -> tuple[Array, Ar
     return here * scale, -slopes * scale[:, :, None]
 
 
-def _closure(turns: list[Turn], nominal: Geometry) -> Array:
+def _closure(turns: list[tuple[Array, Array]], nominal: Geometry) -> Array:
     """Return by how much the point of Case 2's linear system misses the unit circle (unit 1)."""
     (c1, s1), *others, (c3, s3) = turns
     leg_b, leg_c = (
-        (second_in_second_joint(c1, s1, c, s, carried),
-         turn_through_link(c3, s3, carried.before_distal), carried.cos_beta)
+        (leg_kernels.second_in_second_joint(c1, s1, c, s, carried),
+         leg_kernels.turn_through_link(c3, s3, carried.before_distal), carried.cos_beta)
         for (c, s), carried in zip(others, nominal.carried, strict=True))
-    cosine, sine, determinant = turn_of_second_joint(leg_b, leg_c)
+    cosine, sine, determinant = leg_kernels.turn_of_second_joint(leg_b, leg_c)
     return np.asarray(cosine * cosine + sine * sine - determinant * determinant)

@@ -11,6 +11,7 @@ from math import degrees
 import numpy as np
 from spm_haptic_master.calibration.watch import slip_evidence
 from spm_haptic_master.kinematics import Geometry
+from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.kinematics.rotations import rotation_distance
@@ -36,7 +37,7 @@ class CalibrationWatch:
     """
 
     def __init__(self, sigma: Sequence[float], bias: Sequence[float], geometry: Geometry,
-                 working_mode: slip_evidence.WorkingMode) -> None:
+                 working_mode: WorkingMode) -> None:
         sensors = len(sigma)
         self._sigma, self._bias = np.array(sigma), np.array(bias)
         self._geometry, self._working_mode = geometry, working_mode

@@ -27,12 +27,10 @@ import numpy as np
 from numpy.typing import NDArray
 from spm_haptic_master.exceptions import UnreachableError
 from spm_haptic_master.kinematics import Geometry, inverse, jacobian, measured_angles
+from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.inverse_model import velocity_rows
-from spm_haptic_master.kinematics.number_backends import FLOATS, MODE_BOUNDARY, Quaternion
+from spm_haptic_master.kinematics.number_backends import Array, FLOATS, MODE_BOUNDARY, Quaternion
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion, wrapped
-
-Array = NDArray[np.float64]
-WorkingMode = tuple[int, int, int]
 
 # Turn of a joint after which a systematic error counts as another number (rad): 15 deg, a region
 # of the parity map; a second harmonic has gone through a third of its half wave.
