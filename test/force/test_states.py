@@ -96,6 +96,16 @@ def test_the_torque_of_the_wrench_is_rendered(motors):
     np.testing.assert_allclose(output.rendered, POSE @ TORQUE, atol=1e-12)
 
 
+@pytest.mark.parametrize('axis', np.eye(3))
+def test_damping_opposes_the_turn_of_the_handle_about_each_axis(axis):
+    bench = Bench(4)
+    bench.engage()
+    output = bench.run(5, velocity=tuple((2.0 * axis).tolist()))
+    added = np.array(output.rendered) - TORQUE
+    assert added @ axis <= -0.005 * 2.0 * (1.0 - 1e-9)
+    np.testing.assert_allclose(added - (added @ axis) * axis, 0.0, atol=1e-12)
+
+
 def test_a_larger_torque_keeps_its_direction():
     output = Bench().engage((0.0, 6.0, 8.0))
     np.testing.assert_allclose(output.asked, (0.0, 0.18, 0.24), atol=1e-12)
