@@ -85,11 +85,9 @@ class SimSource(EncoderSource):
     def _with_faults(self, angles: tuple[float, ...],
                      faults: Iterable[Fault]) -> tuple[float, ...]:
         """Return the angles as the faulty sensors have them, rad."""
-        read = list(angles)
         self._stuck = {joint: self._stuck.get(joint, angles[joint])
                        for joint in _joints('stuck', faults)}
-        for joint, angle in self._stuck.items():
-            read[joint] = angle
+        read = [self._stuck.get(joint, angle) for joint, angle in enumerate(angles)]
         for fault in faults:
             if fault.kind == 'offset' and fault.joint is not None:
                 read[fault.joint] = remainder(read[fault.joint] + radians(fault.value), TURN)

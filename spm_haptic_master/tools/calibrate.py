@@ -11,15 +11,7 @@ from math import degrees, radians
 from pathlib import Path
 
 import numpy as np
-from spm_haptic_master.calibration import calibration_file
-from spm_haptic_master.calibration.jig import (
-    calibrate,
-    Calibration,
-    jig_bias,
-    read_still,
-    Station,
-    TRAVEL_MINIMUM,
-)
+from spm_haptic_master.calibration import calibration_file, jig
 from spm_haptic_master.calibration.recording import raw_counts
 from spm_haptic_master.encoders.decoder_factory import make_harmonics
 from spm_haptic_master.exceptions import InputError, UnreachableError
@@ -94,14 +86,14 @@ def main(args: list[str]) -> int:
         if len(poses) > 1:
             wait_for_pose(number, len(poses), pose)
         counts = record_pose(source, values, options.seconds or JIG_SECONDS)
-        means, noise = read_still(counts, counts_per_turn, radians(options.noise_limit),
-                                  radians(options.drift_limit))
-        stations.append(Station(tuple(map(radians, pose)), of_pose, tuple(means.tolist()),
-                                tuple(noise.tolist()), len(counts)))
+        means, noise = jig.read_still(counts, counts_per_turn, radians(options.noise_limit),
+                                      radians(options.drift_limit))
+        stations.append(jig.Station(tuple(map(radians, pose)), of_pose, tuple(means.tolist()),
+                                    tuple(noise.tolist()), len(counts)))
     bias = [radians(BIAS_DEFAULT)] * sensors if options.jig_error is None else np.max([
-        jig_bias([*map(radians, pose)], geometry_from(mechanism), mechanism['working_mode'],
-                 radians(options.jig_error), sensors) for pose in poses], axis=0).tolist()
-    calibration = calibrate(
+        jig.jig_bias([*map(radians, pose)], geometry_from(mechanism), mechanism['working_mode'],
+                     radians(options.jig_error), sensors) for pose in poses], axis=0).tolist()
+    calibration = jig.calibrate(
         stations, values['encoders.direction'], counts_per_turn,
         datetime.now().astimezone().isoformat(timespec='seconds'), bias,
         radians(options.tolerance), before)
@@ -175,7 +167,7 @@ def _joint_angles(pose: Sequence[float], values: Values, sensors: int) -> tuple[
                          'out of reach of the manipulator') from error
 
 
-def _report(path: Path, calibration: Calibration, replaced: Calibration | None) -> None:
+def _report(path: Path, calibration: jig.Calibration, replaced: jig.Calibration | None) -> None:
     print(f'{path}: overwritten (it held the calibration of {replaced.date})' if replaced
           else f'{path}: written')
     for index, joint in enumerate(ALL_JOINT_NAMES[:len(calibration.zero_count)]):
@@ -187,4 +179,4 @@ def _report(path: Path, calibration: Calibration, replaced: Calibration | None) 
     if not all(calibration.direction_verified):
         print('The driver refuses directions that are not verified: move the jig to a second '
               'pose, which\nturns each joint by more than '
-              f'{degrees(TRAVEL_MINIMUM):g} deg, and run calibrate --force with that --pose.')
+              f'{degrees(jig.TRAVEL_MINIMUM):g} deg, and run calibrate --force with that --pose.')

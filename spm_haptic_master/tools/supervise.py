@@ -27,16 +27,7 @@ from spm_haptic_master.supervision.recording import Supervised
 from spm_haptic_master.supervision.symptom import with_remedy
 from spm_haptic_master.tools import command_line
 from spm_haptic_master.tools.command_line import ProgressBar
-from spm_haptic_master.validation import bags, recordings
-from spm_haptic_master.validation.parity_map import (
-    nominal_bias,
-    parity_map,
-    Region,
-    REGION_SAMPLES,
-    regions,
-    white_noise,
-    write_regions,
-)
+from spm_haptic_master.validation import bags, parity_map, recordings
 
 DESCRIPTION = """\
 Runs recorded joint angles through the supervision of fkm, with the same parameters, and reports
@@ -69,11 +60,12 @@ def main(args: list[str]) -> int:
     with ProgressBar('supervise') as bar:
         result = recording.run(stamps, angles, values,
                                lambda done: bar.show(f'{done} of {n} samples', done / n))
-    found = parity_map(angles, sigma_from(values), geometry_from(values), values['working_mode'])
-    table = regions(found, result.published, result.protection_level)
+    found = parity_map.parity_map(angles, sigma_from(values), geometry_from(values),
+                                  values['working_mode'])
+    table = parity_map.regions(found, result.published, result.protection_level)
     try:
         options.output.mkdir(parents=True, exist_ok=True)
-        write_regions(options.output / 'regions.csv', table)
+        parity_map.write_regions(options.output / 'regions.csv', table)
     except OSError as error:
         raise InputError(f'{options.output}: cannot be written: {error}') from error
     seconds = (stamps - stamps[0]) * 1e-9
@@ -141,7 +133,8 @@ def _report_gaps(angles: NDArray[np.float64], left_out: int) -> None:
         print(f'  {without} samples without parity, which needs {", ".join(JOINT_NAMES)}')
 
 
-def _report(seconds: NDArray[np.float64], result: Supervised, table: list[Region]) -> None:
+def _report(seconds: NDArray[np.float64], result: Supervised,
+            table: list[parity_map.Region]) -> None:
     """Print the share published, the reasons of the rest, and the regions."""
     n = len(seconds)
     published = int(result.published.sum())
@@ -168,11 +161,11 @@ def _report(seconds: NDArray[np.float64], result: Supervised, table: list[Region
               f'{row.level_deg:12.2f}')
 
 
-def _propose(stamps: NDArray[np.int64], angles: NDArray[np.float64], table: list[Region],
-             values: Values) -> None:
+def _propose(stamps: NDArray[np.int64], angles: NDArray[np.float64],
+             table: list[parity_map.Region], values: Values) -> None:
     """Print the parameters that the recording supports, as lines of a parameter file."""
-    noise = np.degrees(white_noise(stamps, angles))
-    bias = nominal_bias(table)
+    noise = np.degrees(parity_map.white_noise(stamps, angles))
+    bias = parity_map.nominal_bias(table)
     print('The recording supports (parameters of fkm):')
     unknown = np.isnan(noise)
     now = [round(degrees(each), 4) for each in sigma_from(values)]
@@ -184,7 +177,7 @@ def _propose(stamps: NDArray[np.int64], angles: NDArray[np.float64], table: list
         kept = f'; as it is for {names}, which lack four readings in a row' if names else ''
         print(f'  sigma_deg: [{sigma}]   # now {now}{kept}')
     if bias is None:
-        print(f'  no bias_deg: no region has {REGION_SAMPLES} samples')
+        print(f'  no bias_deg: no region has {parity_map.REGION_SAMPLES} samples')
     else:
         now = values['bias_deg']
         print(f'  bias_deg: {proposed_bias(bias, now)}   # now {list(now)}; largest mean parity '

@@ -13,15 +13,7 @@ from spm_haptic_master.kinematics.joints import JOINT_NAMES
 from spm_haptic_master.parameters import geometry
 from spm_haptic_master.parameters.arguments import finite, Parser
 from spm_haptic_master.tools import command_line
-from spm_haptic_master.validation import bags, recordings
-from spm_haptic_master.validation.comparison import (
-    compare,
-    Comparison,
-    error_table,
-    ErrorRow,
-    write_aligned,
-    write_error_table,
-)
+from spm_haptic_master.validation import bags, comparison, recordings
 
 DESCRIPTION = """\
 Compares recorded orientations of the platform with a motion capture. The capture's clock and frame
@@ -49,19 +41,19 @@ def main(args: list[str]) -> int:
         if options.joints or bags.is_bag(options.recording) else None
     capture = recordings.read_capture(options.capture, options.capture_topic)
     azimuth_c, azimuth_d = map(math.radians, options.marker_azimuths)
-    comparison = compare(recorded, capture, joints, geometry.geometry_from(values),
-                         (azimuth_c, azimuth_d), geometry.mounting_from(values))
-    table = error_table(comparison)
+    result = comparison.compare(recorded, capture, joints, geometry.geometry_from(values),
+                                (azimuth_c, azimuth_d), geometry.mounting_from(values))
+    table = comparison.error_table(result)
     try:
         options.output.mkdir(parents=True, exist_ok=True)
-        write_error_table(options.output / 'errors.csv', table)
-        write_aligned(options.output / 'aligned.csv', comparison)
+        comparison.write_error_table(options.output / 'errors.csv', table)
+        comparison.write_aligned(options.output / 'aligned.csv', result)
     except OSError as error:
         raise InputError(f'{options.output}: cannot be written: {error}') from error
-    plot_style.draw_comparison(comparison, options.output)
+    plot_style.draw_comparison(result, options.output)
     if joints is not None and joints.left_out:
         print(f'{joints.left_out} rows with fewer than {len(JOINT_NAMES)} joint angles left out')
-    _report(comparison, table, options.output)
+    _report(result, table, options.output)
     return 0
 
 
@@ -91,9 +83,10 @@ def _parser() -> Parser:
     return parser
 
 
-def _report(comparison: Comparison, table: list[ErrorRow], output: Path) -> None:
-    alignment = comparison.alignment
-    print(f'{len(comparison.time)} captured orientations; their clock is '
+def _report(result: comparison.Comparison, table: list[comparison.ErrorRow],
+            output: Path) -> None:
+    alignment = result.alignment
+    print(f'{len(result.time)} captured orientations; their clock is '
           f'{-alignment.offset:+.6f} s off, angular speeds correlate by '
           f'{alignment.correlation:.3f}')
     print(f'{"error, deg":<24}{"mean":>9}{"rms":>9}{"95 %":>9}{"max":>9}{"missing":>9}')
