@@ -21,7 +21,7 @@ import time
 from benchmarks import browser_process
 from benchmarks.soak_report import resident_memory
 from spm_haptic_master.benchmark.child_process import executable, Program, wait_until
-from spm_haptic_master.benchmark.comparison import disturbance, MASTER, p50, p99, ratio, summary
+from spm_haptic_master.benchmark.comparison import disturbance, FIGURES, MASTER, ratio, summary
 from spm_haptic_master.benchmark.run import all_processes, measure, PipelineError, Run, TICK
 from spm_haptic_master.parameters.arguments import positive
 from spm_haptic_master.tools.benchmark import measurement_parser, run
@@ -83,8 +83,8 @@ def measure_view(seconds: float, rounds: int, rate: float,
                    f'{load.before:.1f} -> {load.after:.1f} MiB')
     print(f'\nratio, median of {rounds} rounds (least .. largest)')
     for case in (WITHOUT_BROWSER, WITH_BROWSER):
-        for name, figure in (('p50', p50), ('p99', p99)):
-            print(f'  {name}, {case.name}, over alone: {ratio(runs, case, MASTER, figure)}')
+        for name in ('p50', 'p99'):
+            print(f'  {name}, {case.name}, over alone: {ratio(runs, case, MASTER, FIGURES[name])}')
     for case in (WITHOUT_BROWSER, WITH_BROWSER):
         cpu = median(load.cpu for load in loads[case.name])
         print(f'CPU of view, {case.name}: {cpu:.1f} % of a core (median)')
