@@ -17,13 +17,19 @@ from spm_haptic_master.ros import node_log
 from spm_haptic_master.ros.diagnostic_status import RIVALS_PERIOD
 from spm_haptic_master.timing import Periodic
 
+# What to do about a second publisher.
 CURE = 'end one of them, or start it with another ROS_DOMAIN_ID or in another namespace'
-# Rounds of the search for others, and their period (s): others announce themselves every 0.25 s
-# (config/fastdds.xml). On a busy machine rounds take longer, as announcements do.
-ROUNDS, ROUND_PERIOD = 10, 0.05
+# Time for which a process searches for others before it publishes (s): they announce themselves
+# every 0.25 s (config/fastdds.xml).
+LOOK = 0.5
+# Largest time of a round that counts (s): on a busy machine rounds and announcements take longer,
+# and so the search does.
+LONGEST_ROUND = 0.06
 # Longest wait for another publisher to end (s): a process that was killed counts for 20 s, until
 # its DDS lease ends.
 LONGEST_WAIT = 25.0
+# Period of the search (s).
+LOOK_PERIOD = 0.05
 # Name of a publisher whose node is not known, as rmw has it, and in a message.
 UNKNOWN, NO_NAME = '_NODE_NAME_UNKNOWN_', 'a node without a name'
 
@@ -54,30 +60,32 @@ class Rivals:
 
 def wait_until_alone(topics: Mapping[str, str], is_ended: Callable[[], object]) -> None:
     """
-    Return once no other process publishes on `topics` (relative names, by the name of a node).
+    Return once no other process publishes on topics that this one is going to publish on.
 
-    RivalError after `LONGEST_WAIT`; ExternalShutdownException where the process is to end.
+    `topics` has the relative name of each by the name of the node that will publish on it. The
+    nodes of this search publish nothing: a second publisher would silence the first. RivalError
+    after `LONGEST_WAIT`; ExternalShutdownException where the process is to end.
     """
-    # These nodes publish nothing: a second publisher would silence the first.
     nodes = [Node(name, enable_rosout=False, start_parameter_services=False) for name in topics]
     try:
         looked = [(node, node.resolve_topic_name(topic))
                   for node, topic in zip(nodes, topics.values(), strict=True)]
         began = time.monotonic()
-        taken, logged, rounds = '', '', 0
-        while taken or rounds < ROUNDS:
+        passed, looked_for, taken, logged = 0.0, 0.0, '', ''
+        while taken or looked_for < LOOK:
             if is_ended():
                 raise ExternalShutdownException
             taken = next(filter(None, (_taken(*each) for each in looked)), '')
-            rounds += 1
-            if taken and time.monotonic() - began > LONGEST_WAIT:
+            last, passed = passed, time.monotonic() - began
+            looked_for += min(passed - last, LONGEST_ROUND)
+            if taken and passed > LONGEST_WAIT:
                 raise RivalError(taken)
             # A node's name is known a moment after its publisher, on a busy machine a second.
-            if taken not in ('', logged) and (NO_NAME not in taken or rounds > ROUNDS):
+            if taken not in ('', logged) and (NO_NAME not in taken or passed > LOOK):
                 logged = taken
                 node_log.warning(nodes[0], f'nothing published: {taken}; waiting '
                                  f'{LONGEST_WAIT:g} s for its end')
-            time.sleep(ROUND_PERIOD)
+            time.sleep(LOOK_PERIOD)
     finally:
         for node in nodes:
             node.destroy_node()

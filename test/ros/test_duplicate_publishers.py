@@ -9,12 +9,7 @@ import pytest
 from rclpy.executors import ExternalShutdownException
 from spm_haptic_master.exceptions import RivalError
 from spm_haptic_master.ros import duplicate_publishers
-from spm_haptic_master.ros.duplicate_publishers import (
-    NO_NAME,
-    ROUND_PERIOD,
-    ROUNDS,
-    wait_until_alone,
-)
+from spm_haptic_master.ros.duplicate_publishers import LOOK, LOOK_PERIOD, NO_NAME, wait_until_alone
 
 
 @pytest.fixture
@@ -29,7 +24,7 @@ def search(monkeypatch):
     monkeypatch.setattr(duplicate_publishers.node_log, 'warning', lambda _, text: lines.append(
         text.partition(' already')[0]))
 
-    def search(found, period=ROUND_PERIOD, is_ended=lambda: False):
+    def search(found, period=LOOK_PERIOD, is_ended=lambda: False):
         looks = []
         search.s = period
         monkeypatch.setattr(duplicate_publishers, 'publishers', lambda node, topic: (
@@ -42,19 +37,17 @@ def search(monkeypatch):
 
 
 @pytest.mark.parametrize(('named_after', 'printed'), [
-    (0.25, ['/fkm']), (1.0, ['a node without a name', '/fkm'])])
+    (0.5 * LOOK, ['/fkm']), (2.0 * LOOK, ['a node without a name', '/fkm'])])
 def test_a_node_whose_name_comes_late_is_named(search, named_after, printed):
-    looks = []
     with pytest.raises(RivalError, match='/orientation is published by /fkm already'):
-        search(lambda passed: looks.append(passed) or (
-            '/fkm' if passed > named_after else NO_NAME,))
-    assert looks[-1] == pytest.approx(25.0, abs=0.1)
+        search(lambda passed: ('/fkm' if passed > named_after else NO_NAME,))
     assert search.lines == [
         f'nothing published: /orientation is published by {name}' for name in printed]
 
 
 def test_it_waits_for_the_end_of_another_publisher_and_longer_on_a_busy_machine(search):
-    assert search(lambda passed: ('/fkm',) if passed < 3.0 else ()) > 3.0 / ROUND_PERIOD
-    assert [search(lambda _: (), period) for period in (0.2, ROUND_PERIOD)] == [ROUNDS, ROUNDS]
+    assert search(lambda passed: ('/fkm',) if passed < 3.0 else ()) > 3.0 / LOOK_PERIOD
+    # The first round takes no time; of one of 0.2 s counts `LONGEST_ROUND`.
+    assert [search(lambda _: (), period) for period in (0.2, 0.015625)] == [10, 33]
     with pytest.raises(ExternalShutdownException):
         search(lambda passed: (), is_ended=lambda: True)
