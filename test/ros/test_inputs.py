@@ -113,6 +113,13 @@ def test_the_newest_message_is_taken_and_no_other(rig):
     for _ in range(2):
         topic.subscribe()
     assert wait_until(lambda: out.get_subscription_count() == 1, PATIENCE)
+
+    def is_heard():
+        # The publisher may know the subscription before it is known by it: a message is lost then.
+        out.publish(String(data='first'))
+        return topic.take()
+
+    assert wait_until(is_heard, PATIENCE)
     for text in 'abc':
         out.publish(String(data=text))
     assert wait_until(lambda: topic.take() == String(data='c'), PATIENCE)
