@@ -65,7 +65,7 @@ def geometry_from(values: Values) -> Geometry:
     geometry = _built(values)
     if gap := _gap(geometry):
         given = [each for each in GEOMETRY_SETTINGS if values[each.name] != each.default]
-        # The first setting whose default would let it be assembled, or else the last one.
+        # The first setting with whose default it can be assembled, otherwise the last one.
         name = next((each.name for each in given if not _gap(
             _built({**values, each.name: each.default}))), given[-1].name)
         value = values[name]
