@@ -4,14 +4,17 @@
 """What a program refuses ends it at its start, in one line that names it and what is expected."""
 
 import json
+import re
 
-from harness import start_command
+from harness import DATA, start_command
 import pytest
 from refusals import REFUSALS
 from spm_haptic_master.benchmark.child_process import executable
 
 pytestmark = pytest.mark.process
 
+# The line of each refusal, in which `...` is what depends on the machine.
+LINES = DATA / 'refusals.txt'
 # Time that a busy machine may need for all programs (s).
 PATIENCE = 300.0
 # Runs one executable after the other, each in a directory with its files, and prints the exit code
@@ -42,19 +45,18 @@ for name, arguments, files in json.loads(sys.argv[1]):
 
 @pytest.fixture(scope='module')
 def outcomes():
-    """Exit code and stderr of every refusal; from one process, because rclpy loads slowly."""
+    """Exit code, stderr and line of each refusal; from one process: rclpy loads slowly."""
     cases = [(each.program, [*map(str, each.arguments)], dict(each.files)) for each in REFUSALS]
     program = start_command([executable('')[0], '-c', ONE_AFTER_THE_OTHER, json.dumps(cases)])
     assert program.wait(PATIENCE) == 0, program.stderr
-    return [json.loads(line) for line in program.stdout.splitlines() if line.startswith('[')]
+    found = [json.loads(line) for line in program.stdout.splitlines() if line.startswith('[')]
+    return [*zip(found, LINES.read_text(encoding='utf-8').splitlines(), strict=True)]
 
 
 @pytest.mark.parametrize('index', range(len(REFUSALS)), ids=[
     f'{each.program} {each.what} {each.refused}' for each in REFUSALS])
 def test_one_line_and_the_end(outcomes, index):
-    case, (code, stderr) = REFUSALS[index], outcomes[index]
+    (code, stderr), line = outcomes[index]
     assert code == 1
-    assert stderr.count('\n') == 1, stderr
-    assert stderr.startswith(f'{case.program}: ')
-    for word in case.words:
-        assert word in stderr, stderr
+    assert re.fullmatch(re.escape(line).replace(r'\.\.\.', '.*') + '\n', stderr), \
+        f'{stderr}expected: {line}'
