@@ -3,6 +3,7 @@
 
 """Fixtures of several rooms; every test run has a DDS domain and a CAN bus of its own."""
 
+from contextlib import closing, ExitStack
 import os
 from pathlib import Path
 import signal
@@ -19,44 +20,50 @@ os.environ.update(child_process.private_environment())
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def ended(begin, end):
-    """Yield what begins a program; each that it has begun is ended at the test's end."""
-    programs = []
-
-    def start(*args, **kwargs):
-        programs.append(begin(*args, **kwargs))
-        return programs[-1]
-
-    yield start
-    for program in programs:
-        end(program)
+@pytest.fixture(autouse=True)
+def handlers():
+    """Leave the handling of signals as it was."""
+    numbers = signal.SIGINT, signal.SIGTERM, signal.SIGALRM
+    before = [signal.getsignal(number) for number in numbers]
+    yield
+    for number, handler in zip(numbers, before, strict=True):
+        signal.signal(number, handler)
 
 
 @pytest.fixture
-def start():
+def stack():
+    """Give a stack of what ends with the test."""
+    with ExitStack() as stack:
+        yield stack
+
+
+@pytest.fixture
+def start(stack):
     """Start executables of the package; those still running at the test's end are stopped."""
     from harness import start_program
 
-    yield from ended(start_program, child_process.Program.stop)
+    return lambda *args, **kwargs: stack.enter_context(start_program(*args, **kwargs))
 
 
 @pytest.fixture
-def start_python():
+def start_python(stack):
     """Start Python with arguments; what still runs at the test's end is killed."""
     from harness import start_command
 
-    yield from ended(lambda *args, **kwargs: start_command([sys.executable, *args], **kwargs),
-                     child_process.Program.kill)
+    def start(*args, **kwargs):
+        program = start_command([sys.executable, *args], **kwargs)
+        stack.callback(program.kill)
+        return program
+
+    return start
 
 
 @pytest.fixture
-def observer():
+def observer(stack):
     """Give a node that collects messages."""
     from harness import Observer
 
-    observer = Observer()
-    yield observer
-    observer.close()
+    return stack.enter_context(closing(Observer()))
 
 
 @pytest.fixture(scope='session')

@@ -63,7 +63,7 @@ class BareDriver(ParameterNode):
         self._sets = 0
         self._grid = DeadlineGrid(1.0 / float(str(self.given['rate'])))
         self._publisher = self.create_publisher(JointState, 'measured_js', SAMPLES)
-        self._status = StatusPublisher(self, 'encoders', 'bare', logs=False)
+        self._status = StatusPublisher(self, 'encoders', 'bare')
         self.create_timer(REPEAT_PERIOD, self._report)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name='driver')

@@ -204,8 +204,7 @@ def count_samples(statuses: Sequence[Status], stamps: np.ndarray) -> tuple[int, 
 
 def read_samples(directory: Path) -> np.ndarray:
     """Return arrival and stamp of the samples in a directory, ns, shape (2, n)."""
-    pairs = np.fromfile(directory / SAMPLES_FILE, np.int64)
-    return pairs[:len(pairs) // 2 * 2].reshape(-1, 2).T
+    return np.fromfile(directory / SAMPLES_FILE, np.dtype((np.int64, 2))).T
 
 
 class Control:

@@ -3,8 +3,6 @@
 
 """Measurements in a short form, on a machine that may be too busy for them."""
 
-import signal
-
 from disturbance import Disturbance
 import pytest
 from spm_haptic_master.benchmark import run
@@ -13,19 +11,11 @@ from spm_haptic_master.benchmark import run
 OVERLOADED = ('overloaded', 'no orientation within', 'did not end within')
 
 
-@pytest.fixture(autouse=True)
-def short(monkeypatch):
-    """Shorten what is not measured, and leave the handling of signals as it was."""
-    monkeypatch.setattr(run, 'SETTLE', 0.3)
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    yield
-    for number, handler in handlers.items():
-        signal.signal(number, handler)
-
-
 @pytest.fixture
-def measured(capsys):
+def measured(monkeypatch, capsys):
     """Return what a measurement prints; skip the test where the machine was too busy for it."""
+    monkeypatch.setattr(run, 'SETTLE', 0.3)
+
     def measured(main, *args):
         with Disturbance() as machine:
             code = main(['program', *args])

@@ -5,6 +5,7 @@
 
 import os
 from pathlib import Path
+import re
 import signal
 import sys
 
@@ -20,10 +21,6 @@ PATIENCE = 60.0
 MS = 1_000_000
 
 
-def start_demo(*args):
-    return start_command([sys.executable, '-m', 'benchmarks.teleop_demo', *args])
-
-
 def child(demo, name):
     """Return the number of the demonstration's process of a name."""
     found = Path(f'/proc/{demo.pid}/task/{demo.pid}/children').read_text().split()
@@ -35,14 +32,14 @@ def child(demo, name):
 def test_a_default_overrides_nothing_that_is_given_and_a_killed_child_is_named(tmp_path):
     path = tmp_path / 'limits.yaml'
     path.write_text('/**:\n  ros__parameters: {teleop.slave_timeout: 2.0}\n')
-    with start_demo('-p', 'fkm:max_age:=0.3', '--params-file', str(path)) as demo:
+    with start_command([sys.executable, '-m', 'benchmarks.teleop_demo', '-p', 'fkm:max_age:=0.3',
+                        '--params-file', str(path)]) as demo:
         assert wait_until(lambda: 'are running' in demo.stdout, PATIENCE), demo.stderr
-        environment = dict(text.split('=', 1) for text in Path(
-            f'/proc/{child(demo, "master")}/environ').read_text().split('\0') if text)
+        environment = Path(f'/proc/{child(demo, "master")}/environ').read_text()
+        (domain,) = re.findall(r'\bROS_DOMAIN_ID=(\d+)', environment)
 
         def value(node, name):
-            asked = start_program('ros', 'param', 'get', node, name,
-                                  ROS_DOMAIN_ID=environment['ROS_DOMAIN_ID'])
+            asked = start_program('ros', 'param', 'get', node, name, ROS_DOMAIN_ID=domain)
             assert asked.wait(PATIENCE) == 0, asked.stderr
             return float(asked.stdout.removeprefix(f'{name}: '))
 

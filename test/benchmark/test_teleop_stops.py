@@ -16,11 +16,8 @@ PARAMETERS = {'rate': '200', 'sample_timeout': f'{TIMEOUT}', 'max_age': '1.0',
               **{name: f'{TIMEOUT}' for name in TIMEOUTS.values() if name}}
 # What the middleware and the observer of a busy machine may add to a stop (ms).
 SLACK = 100.0
-
-
 # Stops: one that is killed is missed by the others only after seconds.
-WHICH = [(process, signal.SIGSTOP) for process in TIMEOUTS] + [
-    ('teleop', signal.SIGKILL)]
+WHICH = [*((process, signal.SIGSTOP) for process in TIMEOUTS), ('teleop', signal.SIGKILL)]
 
 
 @pytest.mark.process
