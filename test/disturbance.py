@@ -5,15 +5,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 import os
 from pathlib import Path
 import time
-from typing import TypeVar
 
 import numpy as np
 import pytest
 from spm_haptic_master.benchmark.run import all_processes, Control, TICK
+from spm_haptic_master.exceptions import SpmError
 
 # Lateness of a thread that only wakes up, from which the machine was disturbed (s): ten periods
 # at 1 kHz.
@@ -26,15 +26,14 @@ DISTURBED_LOAD = 20.0
 # How the reason of a skipped measurement begins. Such skips are counted at the end of the run.
 SKIPPED = 'machine too busy: '
 
-Result = TypeVar('Result')
-
 
 class Disturbance:
     """
     How busy the machine was in a `with` block.
 
     `lateness` is the largest one of a control thread, s, which may be `limit`; `load` the CPU time
-    of programs that this run of the tests has not started, % of a core.
+    of programs that this run of the tests has not started, % of a core. An SpmError in the block
+    may be due to a busy machine, as what is `expect`ed after it.
     """
 
     def __init__(self, limit: float = DISTURBED_LATENESS):
@@ -45,10 +44,12 @@ class Disturbance:
         self._control = Control()
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, kind, error, _):
         self.lateness = 1e-6 * float(np.max(self._control.stop(), initial=0.0))
         others = _ticks_of_others() - self._others
         self.load = 100.0 * TICK * others / (time.monotonic() - self._began)
+        if isinstance(error, SpmError):
+            self.expect(False, error)
 
     @property
     def disturbed(self) -> bool:
@@ -64,22 +65,6 @@ class Disturbance:
     def __str__(self):
         return (f'control thread up to {1e3 * self.lateness:.0f} ms late, '
                 f'other programs {self.load:.0f} % of a core')
-
-
-def measure_undisturbed(measure: Callable[[], Result],
-                        complete: Callable[[Result], bool]) -> Result:
-    """
-    Return a measurement that a disturbed machine did not spoil.
-
-    A disturbance can only lose or delay samples: a complete measurement is valid, and so is any
-    other of an undisturbed machine, which the test then evaluates. An incomplete measurement of a
-    disturbed machine skips the test.
-    """
-    with Disturbance() as machine:
-        result = measure()
-    if not complete(result) and machine.disturbed:
-        pytest.skip(f'{SKIPPED}{machine}')
-    return result
 
 
 def number_of_skips(reports: Iterable[pytest.TestReport]) -> int:

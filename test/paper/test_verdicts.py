@@ -26,37 +26,36 @@ def paper(tmp_path, monkeypatch):
     monkeypatch.setattr(command, 'DEFAULT_OUTPUT', committed)
 
     def run(found, *args):
-        for number, name in enumerate(TOPICS, start=25):
+        for number, name in enumerate(reversed(TOPICS), start=25):
             monkeypatch.setattr(f'paper.{name}.entries', lambda out, number=number: [
                 Entry((number,), 'what', 'a', 'b', found if number == 27 else Verdict.AGREES)])
-        monkeypatch.setattr(solve_times, 'entries', list)
+        monkeypatch.setattr(solve_times, 'entries', lambda: [
+            Entry((), 'times', 'a', 'b', Verdict.PARTLY)])
         return command.main([*args])
 
     assert run(Verdict.AGREES, '--accept') == 0
     return run, committed / 'README.md'
 
 
-def test_a_verdict_that_changes_fails_by_its_row_and_leaves_the_page(paper, capsys):
+def test_a_verdict_that_changes_fails_by_its_row_and_leaves_the_page(paper, tmp_path, capsys):
     run, committed = paper
     before = committed.read_bytes()
+    # In the paper's order.
+    assert re.findall(r'^## (.+): ', before.decode(), re.MULTILINE) == [
+        *(f'Fig. {number}' for number in range(25, 31)), 'Section 5']
     capsys.readouterr()
     assert run(Verdict.DIFFERS) == 1
     out, err = capsys.readouterr()
     assert [line[:5] for line in out.splitlines()[:7]] == [f'[{n}/7]' for n in range(1, 8)]
-    lines = err.splitlines()
-    assert lines[0] == "paper: At a glance: Fig. 27: committed 'agrees', found 'differs'"
-    assert len(lines) == 2 and '--accept' in lines[1]
-    assert committed.read_bytes() == before
-    assert run(Verdict.DIFFERS, '--accept') == 0 == run(Verdict.DIFFERS)
-    assert run(Verdict.AGREES) == 1
-
-
-def test_a_page_elsewhere_is_held_against_the_committed_one(paper, tmp_path, capsys):
-    run, committed = paper
-    before = committed.read_bytes()
+    change, hint = err.splitlines()
+    assert change == "paper: At a glance: Fig. 27: committed 'agrees', found 'differs'"
+    assert '--accept' in hint
+    # A page elsewhere is held against the committed one.
     assert run(Verdict.DIFFERS, '-o', str(tmp_path / 'elsewhere')) == 1
     assert 'differs' in (tmp_path / 'elsewhere' / 'README.md').read_text()
     assert committed.read_bytes() == before
+    assert run(Verdict.DIFFERS, '--accept') == 0 == run(Verdict.DIFFERS)
+    assert run(Verdict.AGREES) == 1
     (tmp_path / 'file').write_text('')
     capsys.readouterr()
     assert run(Verdict.AGREES, '-o', str(tmp_path / 'file' / 'below')) == 1

@@ -22,9 +22,9 @@ def ready(tmp_path):
     """Return a checkout without git, prepared as version 3.2.1."""
     for name in FILES:
         shutil.copy(ROOT / name, tmp_path)
-    shutil.copytree(ROOT / 'resource', tmp_path / 'resource')
-    shutil.copytree(ROOT / 'spm_haptic_master', tmp_path / 'spm_haptic_master',
-                    ignore=shutil.ignore_patterns('__pycache__'))
+    for name in ('resource', 'spm_haptic_master'):
+        shutil.copytree(ROOT / name, tmp_path / name,
+                        ignore=shutil.ignore_patterns('__pycache__'))
     changelog = tmp_path / 'CHANGELOG.rst'
     if '\nForthcoming\n' not in changelog.read_text():  # a checkout that is to be tagged
         replace(changelog, '^\n\n', '^\n\nForthcoming\n-----------\n* Add a change.\n\n')
@@ -38,20 +38,15 @@ def replace(path, before, after):
     path.write_text(text.replace(before, after, 1))
 
 
-def test_preparing_names_version_and_day_once(ready):
-    assert checks.version_of(ready) == '3.2.1'
-    changelog = (ready / 'CHANGELOG.rst').read_text()
-    assert changelog.count(f'3.2.1 (2027-03-04)\n{"-" * 18}\n') == 1
-    assert checks.changelog_faults(ready) == checks.manifest_faults(ready) == []
-    with pytest.raises(ValueError, match='Forthcoming'):
-        checks.prepare(ready, '3.2.2', DAY)
-    for version in ('1.0', 'v1.0.0', '1.0.0rc1', ''):
-        with pytest.raises(ValueError, match='expected three numbers'):
-            checks.prepare(ready, version, DAY)
-
-
-def test_a_changelog_that_begins_otherwise_is_found(ready):
+def test_preparing_names_version_and_day_once_and_another_changelog_is_found(ready):
     changelog = ready / 'CHANGELOG.rst'
+    assert checks.version_of(ready) == '3.2.1'
+    assert changelog.read_text().count(f'3.2.1 (2027-03-04)\n{"-" * 18}\n') == 1
+    assert checks.changelog_faults(ready) == checks.manifest_faults(ready) == []
+    for version, words in (('3.2.2', 'Forthcoming'), *(
+            (each, 'expected three numbers') for each in ('1.0', 'v1.0.0', '1.0.0rc1', ''))):
+        with pytest.raises(ValueError, match=words):
+            checks.prepare(ready, version, DAY)
     replace(changelog, '3.2.1 (', '3.2.0 (')
     (fault,) = checks.changelog_faults(ready)
     assert 'begins with 3.2.0; expected "3.2.1 (YYYY-MM-DD)"' in fault
@@ -66,15 +61,12 @@ def test_a_manifest_that_ros_does_not_take_is_found(ready):
 
 
 @pytest.mark.process
-def test_a_setup_with_a_version_of_its_own_is_found(ready):
+def test_a_version_of_setup_and_a_changed_tree_and_an_existing_tag_are_found(ready):
     assert checks.version_faults(ready) == []
     replace(ready / 'setup.py', 'version=VERSION', "version='9.9.9'")
     (fault,) = checks.version_faults(ready)
     assert '9.9.9' in fault and 'expected 3.2.1' in fault
 
-
-@pytest.mark.process
-def test_a_changed_tree_and_an_existing_tag_are_found(ready):
     def git(*arguments):
         subprocess.run(['git', '-c', 'user.name=a', '-c', 'user.email=a@b.c', *arguments],
                        cwd=ready, check=True, capture_output=True)

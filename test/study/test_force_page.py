@@ -15,20 +15,13 @@ from study.force import dynamics_pictures, statics_pictures  # noqa: E402, I100
 PAGE = ROOT / 'docs' / 'force' / 'README.md'
 
 
-def test_every_limit_of_the_page_holds():
-    found = verdicts.read(PAGE.read_text())
-    assert len(found) == 16 and set(found.values()) == {'holds'}
-
-
-def test_numbers_of_the_statics_are_those_of_the_page(tmp_path):
+def test_every_limit_of_the_page_holds_and_its_numbers_are_current(tmp_path):
     page = PAGE.read_text()
+    found = verdicts.read(page)
+    assert len(found) == 16 and set(found.values()) == {'holds'}
     assert statics_pictures.motor_torque(tmp_path / 'torque.png') in page
     assert statics_pictures.fade(tmp_path / 'fade.png') in page
-
-
-def test_the_loss_of_a_wrench_is_that_of_the_page(tmp_path):
-    assert f'torque is zero {dynamics_pictures.loss(tmp_path / "loss.png")} after' in (
-        PAGE.read_text())
+    assert f'torque is zero {dynamics_pictures.loss(tmp_path / "loss.png")} after' in page
 
 
 @pytest.mark.slow
