@@ -4,14 +4,13 @@
 """The contributor's page shows what exists; recipes of the Makefile set what users need."""
 
 import os
-from pathlib import Path
 import re
 from runpy import run_path
 import subprocess
 
+from harness import ROOT
 import pytest
 
-ROOT = Path(__file__).resolve().parents[1]
 RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 
 
@@ -35,27 +34,18 @@ PATH = re.compile(r'`([\w./]+/[\w./]*|[\w/]+\.(?:py|md|rst|xml|yaml))`')
 NAME_IN = re.compile(r'`(\w+)`(?: \w+)? in\s+`([\w/]+\.py)`')
 
 
-def recipes():
-    """Return the section that says where to change what."""
-    text = (ROOT / 'CONTRIBUTING.md').read_text()
-    return text.partition('\n## Where to change\n')[2].partition('\n## ')[0]
-
-
-def found(path):
-    """Return a path of the recipes, below the root or the package; None if there is none."""
-    return next((base / path for base in (ROOT, ROOT / 'spm_haptic_master')
-                 if (base / path).exists()), None)
-
-
 def test_recipes_name_files_that_exist_and_definitions_in_them():
-    text = recipes()
-    paths = {path for path in PATH.findall(text) if path != 'config/NAME.yaml'}
-    assert len(paths) > 20
-    assert [path for path in sorted(paths) if found(path) is None] == []
+    """Paths are below the root or the package."""
+    _, _, after = (ROOT / 'CONTRIBUTING.md').read_text().partition('\n## Where to change\n')
+    text = after.partition('\n## ')[0]
+    found = {path: next((base / path for base in (ROOT, ROOT / 'spm_haptic_master')
+                         if (base / path).exists()), None) for path in PATH.findall(text)}
+    assert len(found) > 20
+    assert [path for path, file in found.items() if file is None] == ['config/NAME.yaml']
     names = NAME_IN.findall(text)
     assert len(names) > 10
     assert [(name, path) for name, path in names
-            if not re.search(rf'\b{name}\b', found(path).read_text())] == []
+            if not re.search(rf'\b{name}\b', found[path].read_text())] == []
 
 
 @pytest.mark.process
@@ -71,9 +61,9 @@ def test_make_run_installs_what_a_bus_between_processes_needs():
 @pytest.mark.process
 @pytest.mark.parametrize(('given', 'expected'), [(None, 'LOCALHOST'), ('SUBNET', 'SUBNET')])
 def test_recipes_stay_on_this_host_unless_the_user_says_otherwise(given, expected):
-    environment = {name: value for name, value in os.environ.items() if name != RANGE}
-    if given is not None:
-        environment[RANGE] = given
+    environment = {**os.environ, RANGE: given or ''}
+    if given is None:
+        del environment[RANGE]
     found = subprocess.run(['make', '--silent', f'--eval=show: ; @echo "$${RANGE}"', 'show'],
                            cwd=ROOT, env=environment, capture_output=True, text=True, check=True)
     assert found.stdout.strip() == expected

@@ -3,14 +3,17 @@
 
 """README and docs: links resolve, generated pages are current, quoted names exist."""
 
-import ast
-from functools import cache
 from pathlib import Path
 import re
 
+from harness import ROOT
 import pytest
+from spm_haptic_master.parameters.encoders import CAN_SETTINGS
+from spm_haptic_master.parameters.fkm import FKM_SETTINGS
+from spm_haptic_master.parameters.nodes import TELEOP_SETTINGS
+from spm_haptic_master.supervision.symptom import Reason
+import yaml
 
-ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / 'README.md', *sorted((ROOT / 'docs').rglob('*.md'))]
 # Pages beside README that are not in the index.
 BESIDE = [ROOT / name for name in ('CONTRIBUTING.md', 'QUALITY_DECLARATION.md', 'SECURITY.md')]
@@ -77,11 +80,6 @@ def test_parameters_named_in_the_pages_exist():
 
 def test_the_recipe_of_limits_has_values_that_the_nodes_take():
     """Each column of docs/bringup is a set of parameters, of the types that they have."""
-    from spm_haptic_master.parameters.encoders import CAN_SETTINGS
-    from spm_haptic_master.parameters.fkm import FKM_SETTINGS
-    from spm_haptic_master.parameters.nodes import TELEOP_SETTINGS
-    import yaml
-
     section = text_of(ROOT / 'docs' / 'bringup.md').partition('## Limits: from the task')[2]
     rows = re.findall(r'^\| `([\w.]+)` \| (\S+) \| (\S+) \| (\S+) \| .+ \|$',
                       section.partition('\n## ')[0], re.MULTILINE)
@@ -98,18 +96,6 @@ def section_of(page: str, heading: str) -> str:
     return text_of(ROOT / 'docs' / page).partition(f'## {heading}\n')[2].partition('\n## ')[0]
 
 
-def code_spans(page: str, heading: str) -> list[str]:
-    """Return the code in the first column of the table below a heading of a page in docs/."""
-    rows = re.findall(r'^\| (`.+?) \|', section_of(page, heading), re.MULTILINE)
-    return [span for row in rows[1:] for span in re.findall(r'`([^`]+)`', row)]
-
-
-def code_of(*rooms: str) -> str:
-    package = ROOT / 'spm_haptic_master'
-    return ''.join(path.read_text(encoding='utf-8')
-                   for room in rooms for path in (package / room).rglob('*.py'))
-
-
 # What of a message differs from one to the next: names, numbers, what the system reports.
 VARIABLE = re.compile(r'^SENSOR |\.\.\.|socketcan can0|/measured_js|joint_3a|0x\w+|\[Errno.*|'
                       r'Network is down|Transmit buffer full|\d+|[():,]')
@@ -119,9 +105,13 @@ VARIABLE = re.compile(r'^SENSOR |\.\.\.|socketcan can0|/measured_js|joint_3a|0x\
     ('safety.md', 'Reasons and cures', ('supervision', 'nodes', 'ros')),
     ('rig.md', "The driver's entry on `/diagnostics`", ('encoders', 'nodes', 'ros'))])
 def test_messages_of_a_page_are_those_of_the_code(page, heading, rooms):
-    spans, code = code_spans(page, heading), code_of(*rooms)
-    assert len(spans) > 10
-    words = [part.strip() for span in spans for part in VARIABLE.split(span)]
+    """The messages are in the first column of the page's table."""
+    code = ''.join(text_of(path) for room in rooms
+                   for path in (ROOT / 'spm_haptic_master' / room).rglob('*.py'))
+    rows = re.findall(r'^\| (`.+?) \|', section_of(page, heading), re.MULTILINE)
+    assert len(rows) > 10
+    words = [part.strip() for row in rows[1:] for span in re.findall(r'`([^`]+)`', row)
+             for part in VARIABLE.split(span)]
     assert [each for each in words if each not in code] == []
 
 
@@ -131,8 +121,6 @@ def test_each_topic_and_each_reason_of_silence_is_in_its_page():
     pages = ''.join(text_of(ROOT / 'docs' / name)
                     for name in ('interfaces.md', 'slave.md', 'diagnostics.md'))
     assert len(topics) > 20 and [each for each in topics if f'{each}`' not in pages] == []
-    from spm_haptic_master.supervision.symptom import Reason
-
     cures = section_of('safety.md', 'Reasons and cures')
     assert [each.value for each in Reason
             if each.value not in cures and each is not Reason.STARTING] == []
@@ -157,24 +145,17 @@ def test_commands_of_the_evidence_exist():
 TEST = re.compile(r'`([\w/]+?)(?:\.py)?::(\w+)`')
 
 
-@cache
-def names_in(module: str) -> frozenset[str]:
-    """Return the names of the test functions of a module below test/."""
-    name = module.removeprefix('test/')
-    return frozenset(
-        node.name for path in (ROOT / 'test').rglob(f'{name.rpartition("/")[2]}.py')
-        if str(path.relative_to(ROOT / 'test').with_suffix('')).endswith(name)
-        for node in ast.walk(ast.parse(path.read_text(encoding='utf-8')))
-        if isinstance(node, ast.FunctionDef) and node.name.startswith('test'))
-
-
 def test_each_hazard_is_held_by_tests_that_exist():
+    known = [f'/{path.relative_to(ROOT).with_suffix("")}::{name}'
+             for path in (ROOT / 'test').rglob('test_*.py')
+             for name in re.findall(r'^def (test_\w+)', text_of(path), re.MULTILINE)]
     section = section_of('safety.md', 'Hazards')
     header, _, *rows = [tuple(cell.strip() for cell in line.strip('|').split('|'))
                         for line in section.splitlines() if line.startswith('|')]
     assert header[-1] == 'held by' and len(rows) >= 15
     faults = [f'{row[0]}: {row}' for row in rows if len(row) != len(header) or not all(row)
               or not TEST.search(row[-1]) or TEST.sub('', row[-1]).strip(' ,')]
-    faults += [f'{row[0]}: there is no {module}::{name}' for row in rows
-               for module, name in TEST.findall(row[-1]) if name not in names_in(module)]
+    faults += [f'{row[0]}: there is no {test}' for row in rows
+               for test in map('::'.join, TEST.findall(row[-1]))
+               if not any(each.endswith(f'/{test}') for each in known)]
     assert not faults, '\n'.join(faults)

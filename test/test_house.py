@@ -99,12 +99,6 @@ def imports(path: Path) -> set[str]:
     return found
 
 
-def inner(names: set[str]) -> set[str]:
-    """Return the first part below the package of the names that are the package's own."""
-    return {name.split('.')[1] for name in names if name.startswith(f'{PACKAGE}.')} \
-        | {name.split('.')[0] for name in names} & NOT_INSTALLED
-
-
 def test_every_room_is_declared_above_those_that_it_imports():
     """ROOMS is in an order in which each room rests on earlier ones only: there is no circle."""
     assert {room for room, _, _ in files()} == {'', *ROOMS} == set(OUTSIDE)
@@ -113,27 +107,17 @@ def test_every_room_is_declared_above_those_that_it_imports():
             if order.index(other) >= order.index(room)] == []
 
 
-def test_imports_are_those_declared():
-    """A room imports itself, the rooms declared for it, top-level modules, and its libraries."""
-    violations = []
+def test_each_room_imports_what_is_declared_for_it():
+    """Beside itself, top-level modules and the standard library; all that is declared is used."""
+    used = {room: {} for room in OUTSIDE}
     for room, path, names in files():
-        allowed = {*TOP_LEVEL, *({room, *ROOMS[room]} if room else ())}
-        libraries = {PACKAGE, *NOT_INSTALLED, *OUTSIDE[room], *sys.stdlib_module_names}
-        violations += [f'{path} imports {name}' for name in inner(names) - allowed]
-        violations += [f'{path} imports {name}' for name in names
-                       if name.split('.')[0] not in libraries]
-    assert not violations, '\n'.join(violations)
-
-
-def test_what_is_declared_is_imported():
-    """An import that is gone goes from ROOMS and from OUTSIDE, and so from the drawing."""
-    used = {room: set() for room in ROOMS}
-    for room, _, names in files():
-        if room:
-            used[room] |= inner(names) | {name.split('.')[0] for name in names}
-    unused = [f'{room}: {name}' for room, names in used.items()
-              for name in (ROOMS[room] | OUTSIDE[room]) - names]
-    assert not unused, '\n'.join(unused)
+        for name in names:
+            first, _, rest = name.partition('.')
+            used[room][rest.partition('.')[0] if first == PACKAGE else first] = path
+    for room, found in used.items():
+        other = found.keys() - {room, '', *TOP_LEVEL, *sys.stdlib_module_names}
+        declared = ROOMS.get(room, set()) | OUTSIDE[room]
+        assert other == declared, {name: found.get(name) for name in other ^ declared}
 
 
 def test_mathematics_has_no_clock_and_no_threads():
@@ -146,10 +130,9 @@ def test_mathematics_has_no_clock_and_no_threads():
 
 def test_no_node_imports_another():
     """Only the module that composes them does."""
-    violations = []
-    for room, path, names in files():
-        if room != 'nodes' or path.stem == 'master':
-            continue
-        known = {name.split('.')[2] for name in names if name.startswith(f'{PACKAGE}.nodes.')}
-        violations += [f'{path} imports {name}' for name in known & (NODES - {path.stem})]
+    nodes = {f'{PACKAGE}.nodes.{name}' for name in NODES}
+    violations = [
+        f'{path} imports {name}' for room, path, names in files()
+        if room == 'nodes' and path.stem != 'master'
+        for name in names & (nodes - {f'{PACKAGE}.nodes.{path.stem}'})]
     assert not violations, '\n'.join(violations)
