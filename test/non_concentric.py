@@ -12,9 +12,9 @@ The nine angles and the platform's position are those of the least gap, with a t
 
 from math import radians
 
-from mechanism import about_x, LEG_TURN
+from mechanism import about_x, about_z, LEG_TURN, small_vector
 import numpy as np
-from spm_haptic_master.kinematics import inverse
+from spm_haptic_master.kinematics.inverse_model import mechanism_angles
 
 # Radius of the links (mm), and steps of Newton's method.
 RADIUS, STEPS = 100.0, 3
@@ -31,49 +31,37 @@ def closed_angles(poses, offsets_mm, geometry):
     `offsets_mm`, (3, 3, 3), are those of the axes of each leg's joints 1, 2, 3 in the frame of
     the joint; the drawing has nominal axes.
     """
-    found = inverse(poses, geometry)
-    first, third = found.theta1, np.column_stack([found.theta3a, found.theta3b, found.theta3c])
-    legs = [_leg(leg, offsets_mm[leg] / RADIUS, geometry) for leg in range(3)]
-    unknown = np.zeros((len(poses), 12))
-    for leg in range(3):
-        # th2 from the closure of the concentric leg.
-        before, after = _turn(first[:, leg]) @ about_x(geometry.alphas[leg]), about_x(
-            geometry.betas[leg]) @ _turn(third[:, leg])
-        base, platform = legs[leg][2:]
-        middle = before.swapaxes(1, 2) @ (base.T @ poses @ platform) @ after.swapaxes(1, 2)
-        unknown[:, 3 * leg:3 * leg + 3] = np.column_stack([
-            first[:, leg], np.arctan2(middle[:, 1, 0], middle[:, 0, 0]), third[:, leg]])
+    # From the angles of the concentric mechanism.
+    unknown = np.array([[*mechanism_angles(pose.ravel().tolist(), geometry), 0.0, 0.0, 0.0]
+                        for pose in poses])
+
+    def gap_of(unknown):
+        return _gap(poses, unknown, offsets_mm / RADIUS, geometry)
+
     for _ in range(STEPS):
-        gap = _gap(poses, unknown, legs)
-        slopes = np.stack([(_gap(poses, unknown + DIFFERENCE * np.eye(12)[at], legs) - gap)
-                           / DIFFERENCE for at in range(12)], axis=2)
+        gap = gap_of(unknown)
+        slopes = np.stack([(gap_of(unknown + DIFFERENCE * np.eye(12)[at]) - gap) / DIFFERENCE
+                           for at in range(12)], axis=2)
         turned = slopes.swapaxes(1, 2)
         unknown = unknown - np.linalg.solve(turned @ slopes, turned @ gap[:, :, None])[:, :, 0]
     return unknown[:, [0, 3, 6, 2]]
 
 
-def _leg(leg, offsets, geometry):
-    """Return links and offsets of a leg, and its frames at base and platform."""
-    base = np.linalg.matrix_power(LEG_TURN, leg)
-    platform = _turn(np.array([radians(120.0 * leg)]))[0] @ about_x(-GAMMA)
-    return (geometry.alphas[leg], geometry.betas[leg]), offsets, base, platform
-
-
-def _gap(poses, unknown, legs):
+def _gap(poses, unknown, offsets, geometry):
     """Return by how much the legs miss the platform, shape (n, 18), units of the radius."""
     gaps = []
-    for leg, ((alpha, beta), offsets, base, platform) in enumerate(legs):
+    for leg in range(3):
+        base = np.linalg.matrix_power(LEG_TURN, leg)
+        platform = about_z(radians(120.0 * leg)) @ about_x(-GAMMA)
         th1, th2, th3 = unknown[:, 3 * leg:3 * leg + 3].T
-        rotation = base @ _turn(th1)
-        place = base @ offsets[0] + np.zeros((len(poses), 3))
-        for link, angle, offset in ((alpha, th2, offsets[1]), (beta, th3, offsets[2])):
+        rotation, place = base @ _turn(th1), base @ offsets[leg, 0]
+        for link, angle, offset in ((geometry.alphas[leg], th2, offsets[leg, 1]),
+                                    (geometry.betas[leg], th3, offsets[leg, 2])):
             rotation = rotation @ about_x(link)
             place = place + rotation @ offset
             rotation = rotation @ _turn(angle)
         miss = rotation @ platform.T @ poses.swapaxes(1, 2)
-        gaps += [0.5 * (miss[:, 2, 1] - miss[:, 1, 2])[:, None],
-                 0.5 * (miss[:, 0, 2] - miss[:, 2, 0])[:, None],
-                 0.5 * (miss[:, 1, 0] - miss[:, 0, 1])[:, None], place - unknown[:, 9:]]
+        gaps += [small_vector(miss), place - unknown[:, 9:]]
     return np.hstack(gaps)
 
 

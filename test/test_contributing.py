@@ -59,11 +59,10 @@ def test_make_run_installs_what_a_bus_between_processes_needs():
 
 
 @pytest.mark.process
-@pytest.mark.parametrize(('given', 'expected'), [(None, 'LOCALHOST'), ('SUBNET', 'SUBNET')])
+@pytest.mark.parametrize(('given', 'expected'), [
+    ({}, 'LOCALHOST'), ({RANGE: 'SUBNET'}, 'SUBNET')])
 def test_recipes_stay_on_this_host_unless_the_user_says_otherwise(given, expected):
-    environment = {**os.environ, RANGE: given or ''}
-    if given is None:
-        del environment[RANGE]
+    environment = {name: value for name, value in os.environ.items() if name != RANGE} | given
     found = subprocess.run(['make', '--silent', f'--eval=show: ; @echo "$${RANGE}"', 'show'],
                            cwd=ROOT, env=environment, capture_output=True, text=True, check=True)
     assert found.stdout.strip() == expected

@@ -17,6 +17,8 @@ from spm_haptic_master.executables import EXECUTABLES, PIPELINE
 PATIENCE = 60.0
 # What an installer writes as the script of an executable.
 SCRIPT = 'import sys; from spm_haptic_master.__main__ import {0}; sys.exit({0}())'
+# Nodes that have a source.
+SOURCES = ('master', 'encoder_driver')
 # Streams that are closed, as a shell closes them: stdout, stderr, all three.
 CLOSED = ('>&-', '2>&-', '<&- >&- 2>&-')
 
@@ -27,28 +29,18 @@ def test_every_executable_is_an_entry_point():
         getattr(start_module, 'relay')  # noqa: B009
 
 
-# Nodes that have a source.
-SOURCES = ('master', 'encoder_driver')
-
-
 @pytest.mark.process
 @pytest.mark.parametrize('names', [('master',), PIPELINE])
-def test_closed_streams_change_nothing(observer, names):
+def test_closed_streams_change_nothing(observer, stack, names):
     orientations = observer.collect(QuaternionStamped, 'orientation')
-    programs = [start_command(['sh', '-c', f'exec "$@" {CLOSED[-1]}', 'sh',
-                               *executable(name, parameters={
-                                   'rate': 200.0, **(SIM if name in SOURCES else {})})])
-                for name in reversed(names)]
-    try:
-        assert observer.spin_until(lambda: len(orientations) > 200, PATIENCE), \
-            [program.stderr for program in programs]
-        for program in programs:
-            program.send_signal(signal.SIGINT)
-        assert [program.wait(PATIENCE) for program in programs] == [0] * len(programs)
-        assert [complaints(program) for program in programs] == [''] * len(programs)
-    finally:
-        for program in programs:
-            program.kill()
+    programs = [stack.enter_context(start_command([
+        'sh', '-c', f'exec "$@" {CLOSED[-1]}', 'sh',
+        *executable(name, parameters={'rate': 200.0, **(SIM if name in SOURCES else {})})]))
+        for name in reversed(names)]
+    assert observer.spin_until(lambda: len(orientations) > 200, PATIENCE), \
+        [program.stderr for program in programs]
+    assert [program.stop(signal.SIGINT, PATIENCE) for program in programs] == [0] * len(programs)
+    assert [complaints(program) for program in programs] == [''] * len(programs)
 
 
 @pytest.mark.process

@@ -47,8 +47,8 @@ class Pipeline:
 
     def __init__(self, monkeypatch):
         self.started, self.signals = {}, []
-        # Exit codes of programs that end by themselves, and of others at the end.
-        self.early, self.late = {}, {}
+        # Exit codes of programs that end at once, in the window, and at the end.
+        self.early, self.within, self.late = {}, {}, {}
         self.directory, self.output, self.samples, self.slept = None, run.READY, None, []
         self.ticks = [{7: (1, 100), 8: (1, 10), 9: (1, 1), 10: (1, 50), os.getpid(): (1, 5)},
                       {7: (1, 130), 8: (1, 30), 9: (1, 41), 10: (1, 75), os.getpid(): (1, 900)}]
@@ -68,7 +68,8 @@ class Pipeline:
         self.directory, self.started[name] = directory, parameters
 
         def poll():
-            return self.late.get(name, 0) if self.signals else self.early.get(name)
+            ends = self.late if self.signals else self.within if self.slept else self.early
+            return ends.get(name, 0 if self.signals else None)
 
         def wait():
             if poll() == -signal.SIGKILL:
@@ -127,7 +128,8 @@ def test_a_run_counts_what_its_processes_did_within_its_window(pipeline, capsys)
 
 @pytest.mark.parametrize(('trouble', 'words'), [
     ({'output': ''}, 'one: no orientation within 30 s\nobserver saysfkm says'),
-    ({'early': {'fkm': 2}}, 'one: fkm ended by itself\nobserver saysfkm says'),
+    *(({when: {'fkm': 0}}, 'one: fkm ended by itself\nobserver saysfkm says')
+      for when in ('early', 'within')),
     ({'late': {'fkm': 3}}, 'one: fkm ended with 3\nobserver saysfkm says'),
     ({'samples': 0}, 'one: overloaded: of 1080 samples not one orientation arrived in 1.0 s')])
 def test_a_pipeline_that_fails_is_named_with_its_errors(pipeline, trouble, words):
@@ -162,7 +164,7 @@ def test_parameters_are_words_of_a_command():
         'fkm', '--x', '--ros-args', '-p', 'a:=true', '-p', 'b.c:=0.5']
 
 
-def test_two_runs_on_one_host_have_different_domains_and_buses():
+def test_two_runs_on_one_host_have_different_domains_and_buses(monkeypatch):
     code = ('from spm_haptic_master.benchmark.child_process import *\n'
             'e = private_environment()\nprint(e["ROS_DOMAIN_ID"], e["CAN_CONFIG"], bus_channel())')
     other = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True).stdout
@@ -170,6 +172,12 @@ def test_two_runs_on_one_host_have_different_domains_and_buses():
     assert other.split()[-1] != child_process.bus_channel()
     assert not {own['ROS_DOMAIN_ID'], own['CAN_CONFIG']} & set(other.split(maxsplit=1))
     assert 1 <= int(other.split()[0]) <= 101 and '"port": 20' in other
+    # And so has one after the other.
+    domains = set()
+    for pid in (110, 160):
+        monkeypatch.setattr(child_process.os, 'getpid', lambda pid=pid: pid)
+        domains.add(child_process._domain.__wrapped__()[0])
+    assert len(domains) == 2
 
 
 @pytest.fixture
@@ -205,8 +213,11 @@ def test_a_bare_pipeline_passes_positions_on_at_the_rate(node):
     q = expected.quaternion
     q.x, q.y, q.z, q.w = joints.position
     assert sent == [serialize_message(expected)]
-    driver = node(measured_process.BareDriver, rate=200.0)
-    assert wait_until(lambda: driver._sets >= 20, 60.0)
+    driver, made = node(measured_process.BareDriver, rate=200.0), []
+    driver._publisher.publish = made.append
+    before = driver._sets
+    assert wait_until(lambda: len(made) >= 20, 60.0)
+    assert driver._sets - before == pytest.approx(len(made), abs=2)
     # Not faster than its rate.
     assert driver._grid._period == 1.0 / 200.0
     reported = []
