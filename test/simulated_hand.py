@@ -91,13 +91,10 @@ def joint_angles(poses: np.ndarray, rig: Rig) -> np.ndarray:
 
 def deviations_of(rig: Rig, angles: np.ndarray) -> np.ndarray:
     """Return what the encoders' harmonics add to joint angles, rad, shape (n, N)."""
-    added = np.empty_like(angles)
-    for column, sensor in enumerate(rig.sensors):
-        angle = angles[:, column]
-        (c1, s1), (c2, s2) = sensor.first_harmonic, sensor.second_harmonic
-        added[:, column] = c1 * np.cos(angle) + s1 * np.sin(angle) \
-            + c2 * np.cos(2.0 * angle) + s2 * np.sin(2.0 * angle)
-    return added
+    c1, s1, c2, s2 = np.transpose([
+        (*sensor.first_harmonic, *sensor.second_harmonic) for sensor in rig.sensors])
+    return c1 * np.cos(angles) + s1 * np.sin(angles) \
+        + c2 * np.cos(2.0 * angles) + s2 * np.sin(2.0 * angles)
 
 
 def readings(rig: Rig, condition: Condition, seed: int,

@@ -37,19 +37,12 @@ def test_copyright():
     assert not violations, '\n'.join(violations)
 
 
-@pytest.mark.flake8
 @pytest.mark.linter
-def test_flake8(monkeypatch):
-    linter = pytest.importorskip('ament_flake8.main', reason=ABSENT.format('ament_flake8'))
-    monkeypatch.chdir(ROOT)
-    code, errors = linter.main_with_errors(argv=EVERYTHING)
-    assert code == 0, '\n'.join(errors)
-
-
-@pytest.mark.linter
-@pytest.mark.pep257
-def test_pep257(monkeypatch, capsys):
-    linter = pytest.importorskip('ament_pep257.main', reason=ABSENT.format('ament_pep257'))
+@pytest.mark.parametrize('name', [
+    pytest.param('ament_flake8', marks=pytest.mark.flake8),
+    pytest.param('ament_pep257', marks=pytest.mark.pep257)])
+def test_style_and_docstrings(monkeypatch, capsys, name):
+    linter = pytest.importorskip(f'{name}.main', reason=ABSENT.format(name))
     monkeypatch.chdir(ROOT)
     code = linter.main(argv=EVERYTHING)
     out, err = capsys.readouterr()

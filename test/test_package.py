@@ -30,11 +30,9 @@ EXTRA = {'canopen', 'crtk_msgs', 'msgspec', 'mujoco', 'pyte', 'rosbags', 'viser'
 # looks: a rig's needs none.)
 INDIRECT = {'python3-msgpack', 'ros2launch', 'robot_state_publisher'}
 # Files that are installed beside the code.
-SHARED = ('package.xml', 'config/sim.yaml', 'config/replay.yaml', 'config/can.yaml',
-          'config/fastdds.xml', 'config/display.rviz', 'config/foxglove_layout.json',
-          'config/dvrk_2.4.0.json', 'config/haptic_master.service',
-          'launch/master.launch.py', 'launch/teleop.launch.py', 'launch/display.launch.py',
-          'urdf/spm.urdf', 'urdf/meshes/platform.stl')
+SHARED = ('package.xml', *(
+    path.relative_to(ROOT) for folder in ('config', 'launch', 'urdf')
+    for path in (ROOT / folder).rglob('*.*') if path.suffix != '.pyc'))
 
 
 @pytest.fixture(scope='module')
