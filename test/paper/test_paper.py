@@ -55,12 +55,13 @@ def test_page_has_every_figure_of_the_paper():
         (8,): ['49.358592', '63.577']}),
     ('dexterity_maps', {'circles': 26, 'rays': 72}, {(6,): ['0.0070', '0.101']}),
     ('mode_branches', {'step': 0.1}, {(10,): ['φ = 49.36 and 49.36 deg']}),
-    ('scenarios', {'step': 0.1}, {(18, 19, 20, 21): ['agrees.'], (23, 24, 25, 26): ['0.009']})])
+    ('scenarios', {'step': 0.1}, {(18, 19, 20, 21): [r'improved FKM \| [\d.]+e-1[3-9]'],
+                                  (23, 24, 25, 26): ['0.009']})])
 def test_a_topic_finds_what_is_on_its_page(tmp_path, topic, options, words):
     found = check(import_module(f'paper.{topic}').entries(tmp_path, **options), tmp_path)
     for figures, each in words.items():
-        entry = found[figures]
-        assert all(word in f'{entry.verdict.value}. {entry.here} {entry.details}' for word in each)
+        text = f'{found[figures].verdict.value}. {found[figures].here} {found[figures].details}'
+        assert [word for word in each if not re.search(word, text)] == []
 
 
 @pytest.mark.evidence
