@@ -167,7 +167,7 @@ def cylinder(size: Sequence[float]) -> Solid:
 def turned_profile(profile: Sequence[tuple[float, float]]) -> Solid:
     """Return the solid of a profile (radius, height), m, from below, turned about z."""
     turn = np.arange(TURN_POINTS) * tau / TURN_POINTS
-    circle = np.stack([np.cos(turn), np.sin(turn), np.zeros(TURN_POINTS)], axis=-1)
+    circle = np.stack([np.cos(turn), np.sin(turn), np.zeros(TURN_POINTS)], axis=1)
     return _tube([radius * circle + (0.0, 0.0, height) for radius, height in profile])
 
 
@@ -187,7 +187,7 @@ def _arc_between(start: NDArray[np.float64], end: NDArray[np.float64],
     angle = acos(max(-1.0, min(1.0, float(start @ end))))
     # Of no length, it has any direction.
     x = across / sine if sine > 0.0 else onto(start)[:, 0]
-    return _arc_bar(angle, bar).turned(np.stack([x, np.cross(start, x), start], axis=-1))
+    return _arc_bar(angle, bar).turned(np.stack([x, np.cross(start, x), start], axis=1))
 
 
 def _arc_bar(angle: float, bar: Sequence[float]) -> Solid:
@@ -211,9 +211,9 @@ def _tube(rings: list[NDArray[np.float64]]) -> Solid:
     here = np.arange(count * n).reshape(count, n)
     there = np.roll(here, -1, axis=1)
     first, last = np.full(n, count * n), np.full(n, count * n + 1)
-    sides = [np.stack(corners, axis=-1) for corners in (
+    sides = [np.stack(corners, axis=2) for corners in (
         (here[:-1], there[:-1], there[1:]), (here[:-1], there[1:], here[1:]))]
-    ends = [np.stack(corners, axis=-1) for corners in (
+    ends = [np.stack(corners, axis=1) for corners in (
         (first, there[0], here[0]), (last, here[-1], there[-1]))]
     return Solid(
         np.concatenate([*rings, rings[0].mean(axis=0)[None], rings[-1].mean(axis=0)[None]]),
