@@ -27,8 +27,7 @@ def test_the_layout_names_panels_topics_and_figures_that_there_are():
     assert topics == {'/state', '/source', '/measured_js', '/protection_level', '/diagnostics'}
     assert all(f'`{topic.strip("/")}`' in INTERFACES or f'`{topic}`' in INTERFACES
                for topic in topics)
-    nodes = ''.join(path.read_text()
-                    for path in (ROOT / 'spm_haptic_master' / 'nodes').glob('*.py'))
+    nodes = ''.join(path.read_text() for path in (ROOT / 'spm_haptic_master/nodes').glob('*.py'))
     paths = [path['value'] for panel in LAYOUT['configById'].values()
              for path in panel.get('paths', []) if '{' in path['value']]
     assert len(paths) == 3

@@ -88,10 +88,9 @@ def test_a_prism_has_its_mass_centre_and_inertia_wherever_it_is():
 
 def test_a_leg_on_the_axis_of_the_handle_needs_no_bar():
     """One of no length has neither a direction nor normals."""
-    drawn = kinematics.Geometry()
+    drawn, _ = MECHANISMS
     ends = [(0.0, 0.0, 1.0), *drawn.platform_axes[1:]]
     platform = solids.solids(kinematics.Geometry.from_axes(
         drawn.base_axes, ends, drawn.alphas, drawn.betas))['platform']
-    layout = np.dtype([('numbers', '<f4', 12), ('rest', '<u2')])
-    facets = np.frombuffer(platform.stl('platform'), layout, offset=84)
-    assert np.isfinite(facets['numbers']).all()
+    facets = np.frombuffer(platform.stl('platform'), '12<f4, <u2', offset=84)
+    assert np.isfinite(facets['f0']).all()

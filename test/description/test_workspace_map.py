@@ -35,6 +35,8 @@ def test_the_map_has_the_dexterity_and_the_singularities(phi):
     poses, colours = poses_of(drawn.axes, phi), drawn.colours(phi)
     np.testing.assert_allclose(poses[..., 2], drawn.axes, atol=1e-12)
     eta = kinematics.dexterity(poses)
+    assert colour_bar() == {'colours': [f'rgb({r},{g},{b})' for r, g, b in COLOURS],
+                            'words': ['0: singular', '0.1', '0.2 and more']}
     # The nearer to a singularity, the nearer to the first colour.
     grey = np.ptp(colours.astype(int), axis=1) == 0
     assert np.array_equal(grey, np.isnan(eta))
@@ -45,8 +47,3 @@ def test_the_map_has_the_dexterity_and_the_singularities(phi):
     assert bool(len(singular)) == (np.nanmin(determinants) < 0.0 < np.nanmax(determinants))
     # 1e-3 is a twentieth of a degree here.
     assert np.abs(kinematics.parallel_determinant(poses_of(singular, phi))).max(initial=0.0) < 2e-3
-
-
-def test_the_bar_beside_the_map_has_its_colours():
-    assert colour_bar() == {'colours': ['rgb(150,0,20)', 'rgb(225,160,30)', 'rgb(20,95,160)'],
-                            'words': ['0: singular', '0.1', '0.2 and more']}

@@ -124,12 +124,16 @@ def test_emergencies_boot_ups_and_error_frames_are_sent_once():
     assert beats == pytest.approx([180.0, 200.0, 200.0], abs=3.0)
 
 
-def test_a_stuck_counter_repeats_its_value():
-    counted = tuple(replace(layout, counter_byte=3, counter_mask=0xF0) for layout in LAYOUTS)
-    bus = bus_of('counter:joint_1a@1', node_ids=None, layouts=counted)
+def test_a_stuck_counter_repeats_its_value_in_the_second_pdo():
+    layouts = tuple(replace(layout, can_id=layout.can_id + 0x100, counter_byte=3,
+                            counter_mask=0xF0) for layout in LAYOUTS)
+    bus = bus_of('counter:joint_1a@1', layouts=layouts)
+    (answer,) = bus.receive(request('601#4001180100000000'))
+    assert text(answer) == '581#4301180181020040'
+    bus.receive(START)
     bus.cycle(10.0)
     bus.tend(11.0)
-    found = [[counted[0].counter(bytes(each.data)) for each in bus.cycle(11.0)[:2]]
+    found = [[layouts[0].counter(bytes(each.data)) for each in bus.cycle(11.0)[:2]]
              for _ in range(3)]
     assert found == [[1, 2], [1, 3], [1, 4]]
 

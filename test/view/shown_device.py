@@ -59,7 +59,7 @@ class Shown:
         self.takers, self.newest, self.sampled, self.published = {}, {}, set(), []
         # Parameters of fkm, when it was asked for them; whether a calibration runs.
         self.parameters, self.asked, self.calibrates = {}, [], True
-        self.happened, self._samples = [], 0
+        self._samples = 0
 
     def create_subscription(self, kind, topic, take, qos):
         self.takers[topic] = take
@@ -138,8 +138,6 @@ class Shown:
             self.now += period
             each()
             self.arm.tick(self.now)
-            if self.content:
-                self.happened += self.content['sample']['happened']
 
     def operate(self, label, value=None):
         """Operate the control with a label as a client does; return what was published."""

@@ -107,8 +107,6 @@ def test_the_reason_of_a_missing_picture_is_on_the_page(shown):
     # Without any news the state is an old one.
     shown.run(3.0)
     assert shown.text == 'silent: nothing from fkm, no joint_states for 7 s'
-    shown.say('state', 'silent: no joint samples')
-    assert shown.text == 'silent: no joint samples'
 
 
 def test_a_repeated_or_unreadable_pose_is_not_drawn(shown):

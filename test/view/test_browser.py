@@ -30,10 +30,6 @@ PROBES = Path(__file__).with_name('probes.js').read_text()
 class Page(browser_process.Browser):
     """The page, and what is asked of it by the functions `probes`."""
 
-    def load(self, url):
-        self.call('Page.addScriptToEvaluateOnNewDocument', source=PROBES)
-        self.visit(url)
-
     def ask(self, call):
         return self.evaluate(f'probes.{call}')
 
@@ -50,7 +46,8 @@ def page(start, tmp_path):
         view = start('view', parameters={'view.port': 18180})
         assert wait_until(lambda: '\n' in view.stdout, PATIENCE), view.stderr
         pages.append(Page(tmp_path / 'profile', *size))
-        pages[-1].load(view.stdout.splitlines()[0].removeprefix('view: '))
+        pages[-1].call('Page.addScriptToEvaluateOnNewDocument', source=PROBES)
+        pages[-1].visit(view.stdout.splitlines()[0].removeprefix('view: '))
         return pages[-1], view
 
     yield begin
@@ -65,8 +62,7 @@ def device(start, page):
         running = start('master', parameters={
             **SIM, 'sim.trajectory': 'fixed', 'rate': 200.0, 'max_age': 5.0, **parameters})
         shown, view = page(size)
-        until(lambda: shown.ask('banner()') == 'healthy', shown)
-        until(lambda: shown.ask('hasKnobs()'), shown)
+        until(lambda: shown.ask('banner()') == 'healthy' and shown.ask('hasKnobs()'), shown)
         return shown, running, view
     return begin
 

@@ -85,7 +85,7 @@ NAME = socket.gethostname().lower()
     (('0.0.0.0',), '127.0.0.2', ('127.0.0.3', '0.0.0.0', 'evil.example'), REFUSED),
     (('127.0.0.1', 'Rig.lan, fd00::5'), '127.0.0.1', ('rig.lan', '[fd00::5]'), UPGRADED),
     (('127.0.0.1', 'Rig.lan, fd00::5'), '127.0.0.1', ('lan', 'fd00::5', '[fd00::6]'), REFUSED),
-    # That name is none of a page for this host alone.
+    # The name of this host is none of a page for this host alone.
     (('127.0.0.1',), '127.0.0.1', (f'{NAME}.local',), REFUSED)])
 def test_the_names_of_a_page(serve, server, client, hosts, good):
     for host in hosts:

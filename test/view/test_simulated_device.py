@@ -32,13 +32,11 @@ def test_the_knobs_are_those_of_a_simulated_device_alone(shown):
         assert shown.operate('fault', kind) == [(FAULT_TOPIC, expected)]
         shown.say(FAULTS_TOPIC, expected)
         assert f'faults: {expected}<' in shown.arm.simulation._faults_html.content
-    shown.run(0.5, shown.pose)
-    assert shown.happened[:2] == ['faults: offset:joint_1b=5',
-                                  'faults: offset:joint_1b=5, stuck:joint_1b']
+    shown.run(0.3, shown.pose)
+    assert shown.content['sample']['happened'][:2] == [
+        'faults: offset:joint_1b=5', 'faults: offset:joint_1b=5, stuck:joint_1b']
     assert shown.operate('no fault') == [(FAULT_TOPIC, '')]
     # As many encoders as there are; none without a simulation.
-    encoders = shown.control('encoder')
-    assert list(encoders.options) == list(ALL_JOINT_NAMES[:4])
     shown.parameters = {'sensors': 6}
     shown.run(6.0)
     assert list(shown.control('encoder').options) == list(ALL_JOINT_NAMES)
@@ -54,8 +52,6 @@ def test_the_knobs_are_those_of_a_simulated_device_alone(shown):
 def test_the_sliders_follow_the_device_until_a_user_moves_one(shown):
     shown.begin(source='sim')
     labels = 'tilt, deg', 'azimuth, deg', 'self-rotation, deg'
-    limits = [(shown.control(label).min, shown.control(label).max) for label in labels]
-    assert limits == [(0, 20), (-180, 180), (-40, 65)]
 
     def sliders(*degrees):
         shown.run(0.5, lambda: shown.pose(*np.radians(degrees)))
