@@ -172,7 +172,9 @@ def test_of_a_clients_messages_two_kinds_are_passed_on(message, wanted):
     assert server_module.is_wanted(sent) is wanted
 
 
-def test_a_refusal_is_in_the_log_with_its_reason_and_many_are_not(view, monkeypatch):
+def test_a_refusal_is_in_the_log_with_its_reason_and_many_are_not(view, monkeypatch, caplog):
+    """Those of the library's own log are in none."""
+    caplog.set_level('INFO')
     logged = []
     monkeypatch.setattr(view_node.node_log, 'warning', lambda node, text: logged.append(text))
     for _ in range(20):
@@ -180,3 +182,4 @@ def test_a_refusal_is_in_the_log_with_its_reason_and_many_are_not(view, monkeypa
     assert 1 <= len(logged) < 10
     assert logged[0] == ("a request is refused: Origin 'http://evil.example' is another page than "
                          f'127.0.0.1:{view._server.get_port()}')
+    assert not caplog.records

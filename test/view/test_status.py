@@ -23,9 +23,8 @@ DRIVER = {'encoder_driver: encoders': (DiagnosticStatus.OK, 'publishing', {})}
     ('healthy', status.STALE_AFTER, Light.GREEN, 'healthy', True),
     # The state is that of the orientations: they go out, and something else is missing.
     ('healthy', 0.3, Light.RED, 'no joint_states for 0.25 s (diagnostics)', False),
-    ('healthy', 1.0, Light.RED, 'no joint_states for 1 s (diagnostics)', False),
     ('healthy', None, Light.AMBER, 'healthy, but no joint_states (diagnostics)', False),
-    ('starting', 7.2, Light.RED, 'silent: no orientation for 7 s', False),
+    ('starting', 1.0, Light.RED, 'silent: no orientation for 1 s', False),
     ('', 0.3, Light.RED, 'silent: no orientation for 0.25 s', False),
     ('degraded: joint_1b', 0.1, Light.AMBER, 'degraded: joint_1b', True),
     # The reason of a silence is on the page at once, whatever was drawn last.
