@@ -173,7 +173,6 @@ def test_of_a_clients_messages_two_kinds_are_passed_on(message, wanted):
 
 
 def test_a_refusal_is_in_the_log_with_its_reason_and_many_are_not(view, monkeypatch, caplog):
-    """Those of the library's own log are in none."""
     caplog.set_level('INFO')
     logged = []
     monkeypatch.setattr(view_node.node_log, 'warning', lambda node, text: logged.append(text))

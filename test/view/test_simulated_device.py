@@ -17,10 +17,11 @@ from spm_haptic_master.view.simulated_device import stories
 
 
 def test_the_knobs_are_those_of_a_simulated_device_alone(shown):
-    """Faults are added one by one; another offset of a joint replaces the one before."""
+    """Faults end a story and add up; another offset of a joint replaces the one before."""
     shown.begin(source='can: can0')
     assert not shown.server.gui._gui_input_handle_from_uuid
     shown.say('source', 'sim')
+    shown.operate('cross the singularity')
     for kind, joint, offset, expected in (
             ('offset', 'joint_1b', 5.0, 'offset:joint_1b=5'),
             ('stuck', 'joint_1b', 5.0, 'offset:joint_1b=5, stuck:joint_1b'),
@@ -33,6 +34,7 @@ def test_the_knobs_are_those_of_a_simulated_device_alone(shown):
         shown.say(FAULTS_TOPIC, expected)
         assert f'faults: {expected}<' in shown.arm.simulation._faults_html.content
     shown.run(0.3, shown.pose)
+    assert shown.content['note'] != stories(4)[0].words
     assert shown.content['sample']['happened'][:2] == [
         'faults: offset:joint_1b=5', 'faults: offset:joint_1b=5, stuck:joint_1b']
     assert shown.operate('no fault') == [(FAULT_TOPIC, '')]
