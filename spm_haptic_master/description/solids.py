@@ -50,8 +50,6 @@ HANDLE = ((0.075, 0.69), (0.09, 0.705), (0.09, 0.74), (0.045, 0.78), (0.036, 1.0
           (0.07, 1.17), (0.092, 1.27), (0.095, 1.4), (0.08, 1.55), (0.05, 1.61), (0.01, 1.625))
 # Density of the links, kg/m^3: aluminium.
 DENSITY = 2700.0
-# Least sine of the angle between two axes that an arc connects (unit 1): below, none is needed.
-LEAST_SINE = 1e-6
 
 
 class MassProperties(NamedTuple):
@@ -100,7 +98,7 @@ class Solid:
         lengths = np.linalg.norm(normals, axis=1, keepdims=True)
         facets = np.zeros(len(corners), dtype=[
             ('normal', '<f4', 3), ('corners', '<f4', (3, 3)), ('attribute', '<u2')])
-        facets['normal'] = normals / np.where(lengths > 0.0, lengths, 1.0)
+        np.divide(normals, lengths, out=facets['normal'], where=lengths > 0.0)
         facets['corners'] = corners
         return name.encode().ljust(STL_HEADER) + len(corners).to_bytes(4, 'little') \
             + facets.tobytes()
@@ -169,7 +167,7 @@ def cylinder(size: Sequence[float]) -> Solid:
 def turned_profile(profile: Sequence[tuple[float, float]]) -> Solid:
     """Return the solid of a profile (radius, height), m, from below, turned about z."""
     turn = np.arange(TURN_POINTS) * tau / TURN_POINTS
-    circle = np.stack([np.cos(turn), np.sin(turn), np.zeros(TURN_POINTS)], axis=-1)
+    circle = np.stack([np.cos(turn), np.sin(turn), np.zeros(TURN_POINTS)], axis=1)
     return _tube([radius * circle + (0.0, 0.0, height) for radius, height in profile])
 
 
@@ -187,8 +185,9 @@ def _arc_between(start: NDArray[np.float64], end: NDArray[np.float64],
     across = np.cross(start, end)
     sine = float(np.linalg.norm(across))
     angle = acos(max(-1.0, min(1.0, float(start @ end))))
-    x = across / sine if sine > LEAST_SINE else onto(start)[:, 0]
-    return _arc_bar(angle, bar).turned(np.stack([x, np.cross(start, x), start], axis=-1))
+    # Of no length, it has any direction.
+    x = across / sine if sine > 0.0 else onto(start)[:, 0]
+    return _arc_bar(angle, bar).turned(np.stack([x, np.cross(start, x), start], axis=1))
 
 
 def _arc_bar(angle: float, bar: Sequence[float]) -> Solid:
@@ -212,9 +211,9 @@ def _tube(rings: list[NDArray[np.float64]]) -> Solid:
     here = np.arange(count * n).reshape(count, n)
     there = np.roll(here, -1, axis=1)
     first, last = np.full(n, count * n), np.full(n, count * n + 1)
-    sides = [np.stack(corners, axis=-1) for corners in (
+    sides = [np.stack(corners, axis=2) for corners in (
         (here[:-1], there[:-1], there[1:]), (here[:-1], there[1:], here[1:]))]
-    ends = [np.stack(corners, axis=-1) for corners in (
+    ends = [np.stack(corners, axis=1) for corners in (
         (first, there[0], here[0]), (last, here[-1], there[-1]))]
     return Solid(
         np.concatenate([*rings, rings[0].mean(axis=0)[None], rings[-1].mean(axis=0)[None]]),

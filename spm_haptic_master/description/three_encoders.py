@@ -35,13 +35,13 @@ class ThreeEncoders:
     readings.
     """
 
+    _passive: tuple[float, float]  # th2A and th3A of `turn`, rad
+
     def __init__(self, geometry: Geometry) -> None:
         self._geometry = geometry
         # Stamps, ns, and the angles of all nine joints, rad.
         self._poses: deque[tuple[int, Sequence[float]]] = deque(maxlen=POSES)
         self._waiting: tuple[int, Sequence[float]] | None = None
-        # th2A and th3A of its last pose, rad.
-        self._passive = 0.0, 0.0
         self._solved_at = 0
         self.turn: Quaternion[float] | None = None
 

@@ -176,7 +176,7 @@ def joint_limits(geometry: Geometry) -> tuple[tuple[float, float], ...]:
     The workspace is the cone of 26 deg at self-rotations from -20 to 100 deg, without the poses
     that a leg does not reach. The joints are in the order of MECHANISM_JOINT_NAMES.
     """
-    grid = np.ix_(np.radians([0.0, 13.0, 20.0, 26.0]), np.radians(np.arange(0.0, 360.0, STEP_DEG)),
+    grid = np.ix_(np.radians([0.0, 20.0, 26.0]), np.radians(np.arange(0.0, 360.0, STEP_DEG)),
                   np.radians(np.arange(-20.0, 100.0 + STEP_DEG, STEP_DEG)))
     rotation = unstack_matrix(workspace_pose(*grid))
     angles = np.stack([

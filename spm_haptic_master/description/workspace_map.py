@@ -47,9 +47,10 @@ class WorkspaceMap:
         eta = kinematics.dexterity(poses, self._geometry, self._working_mode)
         reached = np.isfinite(eta)
         steps = np.linspace(0.0, FULL, len(COLOURS))
-        colours = np.stack([np.interp(np.where(reached, eta, 0.0), steps, channel)
-                            for channel in COLOURS.T], axis=-1).astype(np.uint8)
-        return np.where(reached[:, None], colours, UNREACHABLE)
+        colours = np.tile(UNREACHABLE, (TILES, 1))
+        colours[reached] = np.stack(
+            [np.interp(eta[reached], steps, channel) for channel in COLOURS.T], axis=1)
+        return colours
 
     def singular_axes(self, phi: float) -> NDArray[np.float64]:
         """Return the platform axes at a parallel singularity, unit vectors, shape (n, 3)."""

@@ -26,8 +26,8 @@ from spm_haptic_master.simulation.object_store import (
 DEVICE_TYPE = 1 << 16 | canopen.ENCODER_PROFILE
 # Units of the disc to one configured count: without scaling the counts go beyond a turn.
 DISC_UNITS = 4
-# Mapped position: index, subindex and 32 bits, as in an entry of a mapping object.
-MAPPED_POSITION = canopen.POSITION[0] << 16 | canopen.POSITION[1] << 8 | 32
+# Mapped position (32 bits): index, subindex and bits, as in an entry of a mapping object.
+MAPPED_POSITION = 0x6004_00_20
 # Mapped speed (16 bits), which the maker's defaults put behind the position.
 MAPPED_SPEED = 0x6030_01_10
 # Entries of the mapping object.

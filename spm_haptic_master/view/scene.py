@@ -109,8 +109,8 @@ class Dome:
         """Paint the map for a self-rotation, rad."""
         self.tiles.batched_colors = self._map.colours(phi)
         points = SINGULAR_RATIO * RADIUS * self._map.singular_axes(phi)
-        self.singular.visible = len(points) > 0
-        if len(points):
+        self.singular.visible = are_there = bool(len(points))
+        if are_there:
             self.singular.points = points.astype(np.float32)
 
 

@@ -157,13 +157,11 @@ def serve(host: str, port: int, names: str, report: Callable[[str], None]) -> Vi
 def free_port(host: str, first: int) -> int:
     """Return the first free port of an address; InputError: there is none."""
     try:
-        addresses = {(family, address) for family, *_, address in socket.getaddrinfo(
-            host, None, type=socket.SOCK_STREAM)}
         for port in range(first, 65536):
             try:
-                for family, address in addresses:
-                    # Of IPv6, a scope is behind the port.
-                    socket.create_server((address[0], port, *address[2:]), family=family).close()
+                for family, *_, address in socket.getaddrinfo(
+                        host, port, type=socket.SOCK_STREAM):
+                    socket.create_server(address, family=family).close()
                 return port
             except OSError as error:
                 if error.errno != errno.EADDRINUSE:

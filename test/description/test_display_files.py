@@ -7,11 +7,10 @@ import json
 from pathlib import Path
 import re
 
-from built_mechanism import random_built
 import numpy as np
 import pytest
+import rig_as_built
 from spm_haptic_master.description.urdf import describe, foxglove_layout, INSTALLED
-from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.nodes.launch_plan import mechanism, rviz_config, source_to_show
 import yaml
 
@@ -28,8 +27,7 @@ def test_the_layout_names_panels_topics_and_figures_that_there_are():
     assert topics == {'/state', '/source', '/measured_js', '/protection_level', '/diagnostics'}
     assert all(f'`{topic.strip("/")}`' in INTERFACES or f'`{topic}`' in INTERFACES
                for topic in topics)
-    nodes = ''.join(path.read_text()
-                    for path in (ROOT / 'spm_haptic_master' / 'nodes').glob('*.py'))
+    nodes = ''.join(path.read_text() for path in (ROOT / 'spm_haptic_master/nodes').glob('*.py'))
     paths = [path['value'] for panel in LAYOUT['configById'].values()
              for path in panel.get('paths', []) if '{' in path['value']]
     assert len(paths) == 3
@@ -75,21 +73,15 @@ def test_a_rig_is_not_simulated_unless_that_is_asked_for(source, config, calibra
 @pytest.mark.parametrize('is_calibrated', [False, True])
 def test_a_nominal_device_has_the_installed_meshes_and_a_calibrated_one_its_own(
         is_calibrated, tmp_path):
-    calibration, built = tmp_path / 'calibration.yaml', random_built(np.random.default_rng(4), 1.0)
-    calibration.write_text(yaml.safe_dump({'/**': {'ros__parameters': {'geometry': {
-        'base_axes': built.base.ravel().tolist(), 'platform_axes': built.platform.ravel().tolist(),
-        'proximal_deg': np.degrees(built.alpha).tolist(),
-        'distal_deg': np.degrees(built.beta).tolist()}}}}))
+    calibration = tmp_path / 'calibration.yaml'
+    calibration.write_text(yaml.safe_dump(
+        {'/**': {'ros__parameters': rig_as_built.mechanism()}}))
     geometry = mechanism('', str(calibration) if is_calibrated else '', 'left')
-    assert np.allclose(geometry.base_axes, built.base) == is_calibrated
+    built = rig_as_built.rig()['base_axes']
+    assert np.allclose(geometry.base_axes, built, atol=1e-6) == is_calibrated
     names = set(re.findall(r'filename="([^"]+)"', describe(geometry, tmp_path / 'urdf')))
     prefix, folder = (f'file://{tmp_path}', tmp_path) if is_calibrated else (
         INSTALLED, ROOT / 'urdf')
     assert len(names) == 8
     assert all((folder / name.removeprefix(f'{prefix}/')).is_file() for name in names)
     assert (tmp_path / 'urdf').exists() == is_calibrated
-
-
-def test_a_file_that_there_is_not_is_refused():
-    with pytest.raises(InputError, match='calibration:=/no/such'):
-        mechanism('', '/no/such.yaml', '')

@@ -7,28 +7,23 @@ from math import degrees, nan, pi, radians, sin
 
 import numpy as np
 import pytest
+from spm_haptic_master import kinematics
 from spm_haptic_master.description.three_encoders import ThreeEncoders
-from spm_haptic_master.kinematics import (
-    dexterity,
-    Geometry,
-    inverse,
-    matrix_from_quaternion,
-    mechanism_angles,
-    workspace_pose,
-)
 
+GEOMETRY = kinematics.Geometry()
 # Time between two poses and two readings (ns), and the noise of an encoder (rad).
 POSE_PERIOD, READING_PERIOD = 16_666_667, 50_000_000
 NOISE = radians(0.04)
 
 
 def angles_at(t, motion):
-    return mechanism_angles(tuple(workspace_pose(*motion(t)).ravel().tolist()), Geometry())
+    pose = kinematics.workspace_pose(*motion(t))
+    return kinematics.mechanism_angles(tuple(pose.ravel().tolist()), GEOMETRY)
 
 
 def errors(motion, seconds):
     """Return time, dexterity and error, deg, along a motion: tilt, azimuth, phi (rad) at t (s)."""
-    rng, three = np.random.default_rng(1), ThreeEncoders(Geometry())
+    rng, three = np.random.default_rng(1), ThreeEncoders(GEOMETRY)
     found, due = [], 0
     for stamp in range(0, round(1e9 * seconds), POSE_PERIOD):
         t = 1e-9 * stamp
@@ -38,7 +33,7 @@ def errors(motion, seconds):
             three.add_readings(due, th1 + NOISE * rng.standard_normal(3))
             due += READING_PERIOD
         three.add_pose(stamp, angles_at(t, motion))
-        eta = float(dexterity(workspace_pose(*motion(t)), Geometry()))
+        eta = float(kinematics.dexterity(kinematics.workspace_pose(*motion(t)), GEOMETRY))
         three.solve(eta)
         if three.error is not None:
             found.append((t, eta, degrees(three.error)))
@@ -58,12 +53,13 @@ def test_three_are_as_good_as_four_clear_of_the_singularity_and_lost_at_it():
 @pytest.fixture
 def still():
     """Give three encoders of a device at rest, its angles, and what feeds and solves them."""
-    three, angles = ThreeEncoders(Geometry()), angles_at(0.0, lambda t: (0.05, 0.3, 0.2))
+    three, angles = ThreeEncoders(GEOMETRY), angles_at(0.0, lambda t: (0.05, 0.3, 0.2))
 
-    def feed(begin, readings=angles[::3]):
-        three.add_readings(begin + 50, readings)
-        for stamp in (begin, begin + 100):
-            three.add_pose(stamp, angles)
+    def feed(begin, readings=angles[::3], offset=50):
+        three.add_readings(begin + offset, readings)
+        # The same pose, a turn further.
+        for stamp, turn in ((begin, 0.0), (begin + 100, 2.0 * pi)):
+            three.add_pose(stamp, [angle + turn for angle in angles])
         three.solve(0.2)
         return three.error
 
@@ -81,10 +77,10 @@ def test_its_orientation_has_the_three_angles_that_were_read(still):
     assert three.error is None
     three.add_pose(0, angles)
     three.solve(0.2)
-    R = workspace_pose(0.05, 0.3, 0.2) @ matrix_from_quaternion(three.turn)
-    assert inverse(R).theta1 == pytest.approx(read, abs=1e-9)
-    assert three.error == pytest.approx(np.arccos((np.trace(
-        matrix_from_quaternion(three.turn)) - 1.0) / 2.0), abs=1e-9)
+    turn = kinematics.matrix_from_quaternion(three.turn)
+    R = kinematics.workspace_pose(0.05, 0.3, 0.2) @ turn
+    assert kinematics.inverse(R).theta1 == pytest.approx(read, abs=1e-9)
+    assert three.error == pytest.approx(np.arccos(0.5 * np.trace(turn) - 0.5), abs=1e-9)
 
 
 def test_readings_that_no_longer_come_leave_no_ghost(still):
@@ -99,10 +95,11 @@ def test_readings_that_no_longer_come_leave_no_ghost(still):
 
 def test_a_clock_that_is_set_back_or_stands_still_restarts(still):
     three, angles, feed = still
-    for begin in (10_000, 0):
+    # The readings are of the time of one of two poses.
+    for begin, offset in ((10_000, 0), (0, 100)):
         three.turn = None
-        assert feed(begin) == pytest.approx(0.0, abs=1e-6)
-    # The same pose again, a turn further: there is no time between the two.
+        assert feed(begin, offset=offset) == pytest.approx(0.0, abs=1e-6)
+    # There is no time between the two.
     three.add_readings(100, angles[::3])
     three.add_pose(100, [angle + 2.0 * pi for angle in angles])
     three.solve(0.2)

@@ -4,18 +4,15 @@
 """The map of the workspace against the dexterity and the determinant of its poses."""
 
 from math import radians
-import re
 
 import numpy as np
 import pytest
 from spm_haptic_master import kinematics
-from spm_haptic_master.description.workspace_map import (
-    colour_bar,
-    HALF_ANGLE,
-    WorkspaceMap,
-)
+from spm_haptic_master.description.workspace_map import colour_bar, HALF_ANGLE, WorkspaceMap
 
 CENTRE = np.ones(3) / 3.0 ** 0.5
+# Colours of dexterity 0, 0.1, 0.2: dark red, amber, blue.
+COLOURS = np.array([(150, 0, 20), (225, 160, 30), (20, 95, 160)])
 
 
 def poses_of(axes, phi):
@@ -38,11 +35,12 @@ def test_the_map_has_the_dexterity_and_the_singularities(phi):
     poses, colours = poses_of(drawn.axes, phi), drawn.colours(phi)
     np.testing.assert_allclose(poses[..., 2], drawn.axes, atol=1e-12)
     eta = kinematics.dexterity(poses)
+    assert colour_bar() == {'colours': [f'rgb({r},{g},{b})' for r, g, b in COLOURS],
+                            'words': ['0: singular', '0.1', '0.2 and more']}
     # The nearer to a singularity, the nearer to the first colour.
     grey = np.ptp(colours.astype(int), axis=1) == 0
     assert np.array_equal(grey, np.isnan(eta))
-    bar = np.array([re.findall(r'\d+', colour) for colour in colour_bar()['colours']], dtype=int)
-    expected = [np.interp(eta, [0.0, 0.1, 0.2], channel) for channel in bar.T]
+    expected = [np.interp(eta, [0.0, 0.1, 0.2], channel) for channel in COLOURS.T]
     reached = np.isfinite(eta)
     np.testing.assert_allclose(colours[reached], np.transpose(expected)[reached], atol=1.0)
     singular, determinants = drawn.singular_axes(phi), kinematics.parallel_determinant(poses)

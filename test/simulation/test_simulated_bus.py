@@ -8,6 +8,7 @@ import time
 
 import can
 from encoder_frames import LAYOUTS, values
+from harness import DATA
 import numpy as np
 import pytest
 from spm_haptic_master.encoders import canopen
@@ -34,13 +35,13 @@ def bus_of(*faults, node_ids=(1, 2, 3, 4), layouts=LAYOUTS, factory=False):
 
 
 def text(message):
-    return f'{message.arbitration_id:X}#{message.data.hex().upper()}'
+    kind = 'error ' if message.is_error_frame else ''
+    return f'{kind}{message.arbitration_id:X}#{message.data.hex().upper()}'
 
 
 def request(row):
     identifier, _, data = row.partition('#')
-    return can.Message(arbitration_id=int(identifier, 16), data=bytes.fromhex(data),
-                       is_extended_id=False)
+    return canopen.frame(int(identifier, 16), bytes.fromhex(data))
 
 
 def started(*faults):
@@ -112,87 +113,36 @@ def test_late_answers_come_in_their_order_and_all_at_the_end():
 def test_emergencies_boot_ups_and_error_frames_are_sent_once():
     bus = started('emcy:joint_1b@1+1=0x8130', 'reboot:joint_3a@3+1', 'busoff@6+1',
                   'unplug:joint_1a@9+1')
-    came = [(t, message) for t in np.arange(10.0, 21.0, 0.02) for message in bus.tend(t)]
-    sent = [message for _, message in came]
-    others = [message for message in sent if message.arbitration_id < 0x700
-              or bytes(message.data) == b'\0']
-    assert [text(each) for each in others if not each.is_error_frame] == [
-        '82#3081010000000000', '82#0000000000000000', '704#00']
-    assert [(each.arbitration_id, each.is_extended_id, each.dlc)
-            for each in others if each.is_error_frame] == [(0x40, False, 8), (0x100, False, 8)]
-    (booted,) = [t for t, message in came if text(message) == '704#00']
-    assert booted == pytest.approx(14.0, abs=0.03)
-    beats = [sum(text(each) == f'70{node}#05' for each in sent) for node in (1, 2, 3)]
+    sent = [(t, text(message)) for t in np.arange(10.0, 21.0, 0.02) for message in bus.tend(t)]
+    others = [(t, frame) for t, frame in sent if not frame.endswith(('#05', '#7F'))]
+    assert [frame for _, frame in others] == [
+        '82#3081010000000000', '82#0000000000000000', '704#00', f'error 40#{8 * "00"}',
+        f'error 100#{8 * "00"}']
+    assert [t for t, _ in others] == pytest.approx([11.0, 12.0, 14.0, 16.0, 17.0], abs=0.03)
+    beats = [sum(frame == f'70{node}#05' for _, frame in sent) for node in (1, 2, 3)]
     # Every 0.05 s, on a grid of 0.02 s; none for the time of bus-off, of one none when unplugged.
     assert beats == pytest.approx([180.0, 200.0, 200.0], abs=3.0)
 
 
-def test_a_stuck_counter_repeats_its_value():
-    counted = tuple(replace(layout, counter_byte=3, counter_mask=0xF0) for layout in LAYOUTS)
-    bus = bus_of('counter:joint_1a@1', node_ids=None, layouts=counted)
+def test_a_stuck_counter_repeats_its_value_in_the_second_pdo():
+    layouts = tuple(replace(layout, can_id=layout.can_id + 0x100, counter_byte=3,
+                            counter_mask=0xF0) for layout in LAYOUTS)
+    bus = bus_of('counter:joint_1a@1', layouts=layouts)
+    (answer,) = bus.receive(request('601#4001180100000000'))
+    assert text(answer) == '581#4301180181020040'
+    bus.receive(START)
     bus.cycle(10.0)
     bus.tend(11.0)
-    found = [[counted[0].counter(bytes(each.data)) for each in bus.cycle(11.0)[:2]]
+    found = [[layouts[0].counter(bytes(each.data)) for each in bus.cycle(11.0)[:2]]
              for _ in range(3)]
     assert found == [[1, 2], [1, 3], [1, 4]]
 
 
-# Objects of encoders from their maker.
-FACTORY = """
-601#4000180100000000 -> 581#4300180181010040
-603#4000180200000000 -> 583#4F001802FE000000
-602#40001A0000000000 -> 582#4F001A0002000000
-602#40001A0100000000 -> 582#43001A0120000460
-602#40001A0200000000 -> 582#43001A0210013060
-602#40001A0400000000 -> 582#43001A0400000000
-602#40001A0500000000 -> 582#80001A0511000906
-602#4001600000000000 -> 582#4301600000000100
-602#4000600000000000 -> 582#4B00600000000000
-602#4017100000000000 -> 582#4B17100000000000
-000#0100 ->
-80# ->"""
-# Objects by SDO, NMT and SYNC of encoders that are set up; `tend`: what they send by themselves.
-CONFIGURED = """
-601#4000100000000000 -> 581#4300100096010100
-609#4018100400000000 ->
-601#4000200000000000 -> 581#8000200000000206
-601#4018100900000000 -> 581#8018100911000906
-601#2304600001000000 -> 581#8004600002000106
-601#2318100105000000 -> 581#8018100102000106
-602#2B171000C8000000 -> 582#6017100000000000
-602#2310100173617665 -> 582#6010100100000000
-602#2B17100001000000 -> 582#6017100000000000
-000#8102 -> 702#00
-602#4017100000000000 -> 582#4B171000C8000000
-602#2300180182010040 -> 582#6000180100000000
-602#2300180183010040 -> 582#8000180122000008
-602#23001A0210003060 -> 582#80001A0222000008
-602#23001801820100C0 -> 582#6000180100000000
-602#2F001A0005000000 -> 582#80001A0030000906
-602#2F001A0000000000 -> 582#60001A0000000000
-602#23001A0210003060 -> 582#60001A0200000000
-602#2F001A0002000000 -> 582#60001A0000000000
-602#2300180182010040 -> 582#6000180100000000
-80# ->
-000#0100 ->
-80# -> 181#6B100000 182#B80900000000 183#89130000 184#6A0C0000
-602#2301600000000000 -> 582#8001600030000906
-602#2301600000200000 -> 582#6001600000000000
-603#2B00600000000000 -> 583#6000600000000000
-604#2F001802FE000000 -> 584#6000180200000000
-80# -> 181#6B100000 182#DC0400000000 183#244E0000
-000#0203 ->
-603#4000100000000000 ->
-000#8002 ->
-80# -> 181#6B100000
-tend -> 701#05 702#7F 703#04 704#05"""
-
-
-@pytest.mark.parametrize(('rows', 'factory'), [(CONFIGURED, False), (FACTORY, True)])
-def test_a_conversation_as_cia_301_has_it(rows, factory):
-    """Rows of requests, each with all answers."""
-    bus = bus_of(factory=factory)
-    for row in rows.splitlines()[1:]:
+@pytest.mark.parametrize('name', ['encoders_set_up', 'encoders_of_their_maker'])
+def test_a_conversation_as_cia_301_has_it(name):
+    """Rows of requests, each with all answers; `tend`: what they send by themselves."""
+    bus = bus_of(factory=name != 'encoders_set_up')
+    for row in (DATA / 'simulation' / f'{name}.txt').read_text().splitlines():
         asked, _, answers = row.partition(' ->')
         found = bus.cycle(10.0) if asked == '80#' else bus.tend(10.0) if asked == 'tend' \
             else bus.receive(request(asked))
@@ -229,18 +179,26 @@ def heard(master):
     return [message.arbitration_id for message in iter(lambda: master.recv(0.0), None)]
 
 
-def test_each_sync_is_answered_by_all_encoders_as_soon_as_they_are_started(rig):
+def test_frames_of_these_encoders_from_another_program_are_heard_before_they_boot(rig):
     runner, master = rig(node_ids=(1, 2, 3, 4))
+    for identifier in (0x702, TPDOS[0], 0x705):
+        master.send(canopen.frame(identifier))
+    assert runner.listen() == [TPDOS[0], 0x702]
+
+
+def test_each_sync_is_answered_by_all_encoders_as_soon_as_they_are_started(rig):
+    """But for faults; one at 0 s is present in the first answers, and reported once."""
+    runner, master = rig(node_ids=(1, 2, 3, 4), faults=('dropout:joint_1b@0',))
     runner.boot()
     assert heard(master) == [canopen.HEARTBEAT_BASE + node_id for node_id in (1, 2, 3, 4)]
-    for expected in (0, 3):
+    for expected, news in ((0, ()), (3, ('dropout:joint_1b@0 begins',))):
         for _ in range(3):
             master.send(canopen.frame(SYNC))
-        runner.step()
-        assert runner.cycles == expected
-        assert [each for each in heard(master) if each < 0x700] == expected * TPDOS
+        assert (runner.step(), runner.cycles) == (news, expected)
+        assert [each for each in heard(master) if each < 0x700] \
+            == expected * [TPDOS[0], *TPDOS[2:]]
         master.send(canopen.nmt(canopen.NMT_START, 0))
-        runner.step()
+        assert runner.step() == ()
         heard(master)
 
 
@@ -252,14 +210,6 @@ def test_with_a_grid_it_sends_by_itself_and_answers_no_sync(sync_id, rig):
         runner.step()
     assert heard(master) == ([SYNC] * (sync_id is not None) + TPDOS) * runner.cycles
     assert runner.cycles > 0
-
-
-def test_a_fault_at_zero_affects_the_first_answers_and_is_reported_once(rig):
-    runner, master = rig(faults=('dropout:joint_1b@0',))
-    master.send(canopen.frame(SYNC))
-    assert runner.step() == ('dropout:joint_1b@0 begins',)
-    assert heard(master) == [TPDOS[0], *TPDOS[2:]]
-    assert runner.step() == ()
 
 
 def test_encoders_sample_when_sync_comes_unless_its_clock_has_another_epoch(rig, monkeypatch):

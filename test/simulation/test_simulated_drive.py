@@ -6,12 +6,16 @@
 import can
 import numpy as np
 import pytest
+from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.drives.plan import make_plan
 from spm_haptic_master.parameters.nodes import DRIVE_SETTINGS
 from spm_haptic_master.parameters.setting import complete, RATE_SETTING
+from spm_haptic_master.simulation.bus_runner import DriveLoop
 from spm_haptic_master.simulation.fault_injection import parse_fault
 from spm_haptic_master.simulation.simulated_drive import SimulatedDrives
 
+# Longest wait for a frame (s).
+PATIENCE = 20.0
 # Time, s, and frame of the master, and the answers of the drive of node 11; without a frame what
 # it sends by itself.
 CONVERSATIONS = {
@@ -92,8 +96,24 @@ CONVERSATIONS = {
 0      60B#4017100000000000 -> 58B#4B17100000000000
 0      60B#4000140100000000 -> 58B#430014010B020080
 0      60B#4076600000000000 -> 58B#43766000F4010000
+0      60B#230014010B020000 -> 58B#6000140100000000
+0      60B#2300160110004060 -> 58B#6000160100000000
+0      60B#2300160210007160 -> 58B#6000160200000000
+0      60B#2F00160002000000 -> 58B#6000160000000000
 0      000#0100 ->
-0.005  ->"""}
+0      20B#0600C800 ->
+0.005  ->
+0.5    ->""",
+    'with a frame of all torques': """
+0      60B#2F6060000A000000 -> 58B#6060600000000000
+0      000#010B ->
+0      20B#0600 ->
+0      20B#0700 ->
+0      20B#0F00 ->
+0.005  -> 70B#05 18B#370200000A
+0.005  30B#C800 ->
+0.01   -> 18B#3702C8000A
+0.0155 -> 08B#5082010000000000 18B#500200000A"""}
 
 
 def plan(**settings):
@@ -114,13 +134,29 @@ def text(messages):
 
 @pytest.mark.parametrize('name', CONVERSATIONS)
 def test_a_conversation_as_cia_402_has_it(name):
-    drives = SimulatedDrives(plan(), factory=name != 'set up')
+    drives = SimulatedDrives(plan(**{'drives.combined': name == 'with a frame of all torques'}),
+                             factory=name == 'of its maker')
     assert text(drives.boot()) == '70B#00'
     for row in CONVERSATIONS[name].strip().splitlines():
         time, asked, *answers = row.replace('->', '').split() if '#' in row.partition('->')[0] \
             else (row.split()[0], '', *row.split()[2:])
         found = drives.receive(frame(asked), float(time)) if asked else drives.tend(float(time))
         assert text(found) == ' '.join(answers), row
+
+
+def test_drives_answer_on_a_bus_until_it_ends():
+    with can.Bus(interface='virtual', channel='loop') as master:
+        with can.Bus(interface='virtual', channel='loop') as bus:
+            loop = DriveLoop(bus, SimulatedDrives(plan()))
+            heard = (text([master.recv(PATIENCE)]) for _ in range(1000))
+            assert next(heard) == '70B#00'
+            for asked, answer in (('60B#4041600000000000', '58B#4B41600050020000'),
+                                  ('000#010B', '70B#05')):
+                master.send(frame(asked))
+                assert answer in heard
+            assert loop.error is None
+        assert wait_until(lambda: loop.error, PATIENCE)
+        loop.close()
 
 
 def operated(drives, since, until, torque='C800'):

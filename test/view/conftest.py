@@ -3,6 +3,7 @@
 
 """Servers of the page, a device on it and the node `view`, in the process of the tests."""
 
+from functools import cache
 import gc
 from importlib.util import find_spec
 import os
@@ -25,15 +26,15 @@ def serve():
     """Make servers of the page, each at an address and with further names of its own."""
     from spm_haptic_master.view.server import serve
 
-    servers = {}
+    servers = []
 
+    @cache
     def make(host='127.0.0.1', names=''):
-        if (host, names) not in servers:
-            servers[host, names] = serve(host, 28780, names, lambda _: None)
-        return servers[host, names]
+        servers.append(serve(host, 28780, names, lambda _: None))
+        return servers[-1]
 
     yield make
-    for each in servers.values():
+    for each in servers:
         each.stop()
 
 

@@ -6,15 +6,17 @@
 from types import SimpleNamespace
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from geometry_msgs.msg import WrenchStamped
 import numpy as np
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from spm_haptic_master import kinematics
-from spm_haptic_master.kinematics.joints import MECHANISM_JOINT_NAMES
+from spm_haptic_master.kinematics.joints import JOINT_NAMES, MECHANISM_JOINT_NAMES
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
 from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.view.arm import Arm, SETTINGS
 from spm_haptic_master.view.page import Page
+from spm_haptic_master.view.status import StatusEntries
 from std_msgs.msg import String
 
 GEOMETRY = kinematics.Geometry()
@@ -26,6 +28,15 @@ def entry_of(name, message='', level=DiagnosticStatus.OK, values=()):
     """Return an entry of /diagnostics."""
     return DiagnosticStatus(level=level, name=name, message=message, values=[
         KeyValue(key=key, value=value) for key, value in dict(values).items()])
+
+
+def entries_of(entries, now=1.0):
+    """Return entries that came at 1 s, by name: level, message and values."""
+    made = StatusEntries('')
+    for name, (level, message, values) in entries.items():
+        made.take(entry_of(name, message, level, values), 1.0)
+    made.now = now
+    return made
 
 
 def turn_of(handle):
@@ -48,7 +59,7 @@ class Shown:
         self.takers, self.newest, self.sampled, self.published = {}, {}, set(), []
         # Parameters of fkm, when it was asked for them; whether a calibration runs.
         self.parameters, self.asked, self.calibrates = {}, [], True
-        self.happened, self._samples = [], 0
+        self._samples = 0
 
     def create_subscription(self, kind, topic, take, qos):
         self.takers[topic] = take
@@ -96,6 +107,22 @@ class Shown:
         self.takers['/joint_states'](message)
         return R
 
+    def readings(self, pose, off):
+        """Have four encoders read the next pose, off by angles, rad; return its angles."""
+        R = kinematics.workspace_pose(*pose)
+        angles = np.array(kinematics.mechanism_angles(tuple(R.ravel()), GEOMETRY))[[0, 3, 6, 2]]
+        message = JointState(name=list(JOINT_NAMES), position=angles + off)
+        message.header.stamp.sec, message.header.stamp.nanosec = self._samples, 999_999_999
+        self.newest['/readings'] = message
+        return angles
+
+    def torques(self, **sizes):
+        """Have torques, N m about y, by the names of their topics."""
+        for name, size in sizes.items():
+            message = WrenchStamped()
+            message.wrench.torque.y = size
+            self.newest[f'/body/{name}_cf'] = message
+
     def entry(self, name, message='', level=DiagnosticStatus.OK, **values):
         """Have an entry on /diagnostics."""
         self.arm.on_diagnostics(entry_of(name, message, level, values))
@@ -111,8 +138,6 @@ class Shown:
             self.now += period
             each()
             self.arm.tick(self.now)
-            if self.content:
-                self.happened += self.content['sample']['happened']
 
     def operate(self, label, value=None):
         """Operate the control with a label as a client does; return what was published."""

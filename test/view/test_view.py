@@ -21,22 +21,16 @@ FIRST_LINE = 'view: http://127.0.0.1:'
 @pytest.mark.process
 def test_it_serves_a_page_to_this_host_alone_and_ends(start):
     pytest.importorskip('viser', reason='viser is not installed (extra view)')
-    ports = []
-    for _ in range(2):
-        program = start('view', parameters={'view.port': 18080})
-        assert wait_until(lambda: '\n' in program.stdout, PATIENCE), program.stderr  # noqa: B023
-        assert program.stdout.startswith(FIRST_LINE)
-        ports.append(int(program.stdout.removeprefix(FIRST_LINE)))
-        with urlopen(f'http://127.0.0.1:{ports[-1]}', timeout=PATIENCE) as page:
-            assert b'<html' in page.read()
-        # Another address of this host is refused: the page is bound to 127.0.0.1.
-        with pytest.raises(URLError):
-            urlopen(f'http://127.0.0.2:{ports[-1]}', timeout=PATIENCE)
-    # A second one takes the next port.
-    assert ports[1] > ports[0]
+    program = start('view', parameters={'view.port': 18080})
+    assert wait_until(lambda: '\n' in program.stdout, PATIENCE), program.stderr
+    url = program.stdout.removeprefix('view: ').strip()
+    with urlopen(url, timeout=PATIENCE) as page:
+        assert b'<html' in page.read()
+    # Another address of this host is refused: the page is bound to 127.0.0.1.
+    with pytest.raises(URLError):
+        urlopen(url.replace('127.0.0.1', '127.0.0.2'), timeout=PATIENCE)
     assert program.stop() == 0
-    assert program.stderr == ''
-    assert program.stdout == f'{FIRST_LINE}{ports[-1]}\n'
+    assert (program.stdout, program.stderr) == (f'view: {url}\n', '')
 
 
 @pytest.mark.process
@@ -49,36 +43,41 @@ def test_without_viser_one_line_says_how_to_get_it(start_python):
                               "environment, pip install '.[view]'\n")
 
 
-@pytest.mark.process
-@pytest.mark.parametrize('view', [1, 0])
-def test_make_run_starts_it_beside_master(view):
-    """
-    With less priority; it ends with master, and VIEW=0 leaves it out.
-
-    That of master is a real-time one, where this user may have it.
-    """
-    pytest.importorskip('viser', reason='viser is not installed (extra view)')
-    # Without the installation, which the other tests do.
+def make_run(view, python):
+    """Return the command of `make run`, with an interpreter, after the installation."""
     printed = subprocess.run(
         ['make', '-n', '--no-print-directory', 'run', f'VIEW={view}'], cwd=ROOT, text=True,
         capture_output=True, check=True).stdout
-    command = '\n'.join(printed.splitlines()[-2:]).replace('.venv/bin/python', sys.executable)
-    running = start_command(['sh', '-c', command])
+    command = '\n'.join(printed.splitlines()[-2:]).replace('.venv/bin/python', python)
+    return ['sh', '-c', command]
+
+
+def test_make_run_leaves_it_out_on_request():
+    started = subprocess.run(make_run(0, 'echo'), text=True, capture_output=True, check=True)
+    assert started.stdout.startswith('-m spm_haptic_master master --params-file ')
+
+
+@pytest.mark.process
+def test_make_run_starts_it_beside_master():
+    """
+    With less priority; it ends with master.
+
+    The priority of master is a real-time one, where this user may have it.
+    """
+    pytest.importorskip('viser', reason='viser is not installed (extra view)')
+    running = start_command(make_run(1, sys.executable))
     try:
-        assert wait_until(lambda: 'psi' in running.stdout and (
-            not view or FIRST_LINE in running.stdout), PATIENCE), running.stderr
+        assert wait_until(lambda: 'psi' in running.stdout and FIRST_LINE in running.stdout,
+                          PATIENCE), running.stderr
         listed = subprocess.run(['ps', '-ww', '-eo', 'pid=,ni=,args='], text=True, check=True,
                                 capture_output=True).stdout.splitlines()
-        beside = [line.split()[:2] for line in listed if 'sh -c' not in line
-                  and line.endswith(f'view -p view.process:={running.pid}')]
-        assert len(beside) == view == (FIRST_LINE in running.stdout)
-        assert all(int(nice) > os.getpriority(os.PRIO_PROCESS, running.pid)
-                   for _, nice in beside)
+        ((pid, nice),) = [line.split()[:2] for line in listed if 'sh -c' not in line
+                          and line.endswith(f'view -p view.process:={running.pid}')]
+        assert int(nice) > os.getpriority(os.PRIO_PROCESS, running.pid)
         policy = os.SCHED_FIFO if view_load.may_have_priority(10) else os.SCHED_OTHER
         assert os.sched_getscheduler(running.pid) == policy
-        assert all(os.sched_getscheduler(int(pid)) == os.SCHED_OTHER for pid, _ in beside)
+        assert os.sched_getscheduler(int(pid)) == os.SCHED_OTHER
         assert running.stop() == 0
-        assert wait_until(lambda: not any(
-            os.path.exists(f'/proc/{pid}') for pid, _ in beside), PATIENCE)
+        assert wait_until(lambda: not os.path.exists(f'/proc/{pid}'), PATIENCE)
     finally:
         running.kill()
