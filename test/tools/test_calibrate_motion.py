@@ -57,7 +57,8 @@ def test_another_log_of_the_rig_becomes_right_orientations(tmp_path):
     times, true = truth()
     rows = np.searchsorted(stamps, np.round((times - times[0]) * 1e9) + stamps[0] - 300_000)
     known = found.published[rows]
-    errors = errors_deg(kinematics.matrix_from_quaternion(found.quaternion[rows[known]]), true[known])
+    errors = errors_deg(
+        kinematics.matrix_from_quaternion(found.quaternion[rows[known]]), true[known])
     rms = np.sqrt((errors ** 2).mean())
     print(f'{known.sum()} orientations, rms {rms:.4f} deg, largest {errors.max():.3f} deg')
     assert rms <= 0.06 and errors.max() <= 0.3
@@ -86,7 +87,8 @@ def test_a_capture_or_poses_of_a_jig_give_the_mounting_of_both_ends(
         calibrated, motion, tmp_path, monkeypatch, capsys):
     """Both are the calibration's own motion, turned at both ends; a capture on another clock."""
     calibration = calibrated[2].calibration
-    base, handle = (kinematics.matrix_from_zxz(*np.radians(each)) for each in ((20, 30, 40), (-50, 25, 10)))
+    base, handle = (kinematics.matrix_from_zxz(*np.radians(each))
+                    for each in ((20, 30, 40), (-50, 25, 10)))
     known = np.isfinite(calibration.rotation).all(axis=(1, 2))
     turned = base @ calibration.rotation[known] @ handle
     capture, output = tmp_path / 'capture.csv', tmp_path / 'c.yaml'
@@ -194,7 +196,8 @@ def test_the_file_has_the_bus_as_given_and_the_layout():
     values = command_line.checked(recording.raw_counts(4) | given | {
         'encoders.direction_verified': [True] * 4}, SOURCE_SETTINGS['can'], 'can')
     mechanism = command_line.checked(given, MECHANISM_SETTINGS)
-    kept = calibrate_motion.kept_settings('can', given, values, mechanism)
+    kept_settings = calibrate_motion.kept_settings
+    kept = kept_settings('can', given, values, mechanism)
     # The whole layout: who edits it in another file is told.
     layout = {setting.name: values[setting.name] for setting in LAYOUT_SETTINGS} \
         | {'encoders.id': (0x281, 0x282, 0x283, 0x284)}
@@ -202,5 +205,5 @@ def test_the_file_has_the_bus_as_given_and_the_layout():
         del layout[f'encoders.{measured}']
     assert kept == layout | {
         'source': 'can', 'can.channel': 'can1', 'can.sync': 'produce', 'rate': 250.0}
-    assert calibrate_motion.kept_settings('replay', {}, values, mechanism | {'working_mode': (1, -1, 1)}) \
+    assert kept_settings('replay', {}, values, mechanism | {'working_mode': (1, -1, 1)}) \
         == layout | {'working_mode': (1, -1, 1)}

@@ -20,7 +20,6 @@ from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.parameters.files import source_defaults
 from spm_haptic_master.tools import benchmark, command_line, urdf, validate
 
-
 JOINTS = 'joint_1a,joint_1b,joint_1c,joint_3a'
 
 

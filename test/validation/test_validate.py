@@ -11,6 +11,7 @@ import sys
 
 from bag_writer import JOINTS, ORIENTATION, POSE, write_bag
 import numpy as np
+from picture_text import in_words
 import pytest
 from recorded_text import assert_recorded
 from rig_as_built import mechanism
@@ -139,12 +140,7 @@ def test_a_recorders_directory_with_markers_of_another_clock_and_frame(
     models = {'classic FKM (3 sensors)': 'classic', 'improved FKM (4 sensors)': 'improved',
               'motion capture': 'captured'}
     assert_recorded('validation/figures.txt', '\n'.join(
-        f'{name}, {axes.get_title()}: {axes.get_xlabel()}; {axes.get_ylabel()}; '
-        f'below {axes.get_axisbelow()}; ' + ', '.join(
-            f'{line.get_label()} {line.get_color()} {line.get_linewidth()}' for line in axes.lines)
-        + f'; {axes.title.get_fontsize()}; ' + ', '.join(
-            f'{each.get_text()} {each.get_fontsize()}' for each in figure.legends[0].texts)
-        for name, figure in drawn.items() for axes in figure.axes))
+        f'{name}\n{in_words(figure)}' for name, figure in drawn.items()))
     for name, angles, shown in (('fig32.png', ANGLES, 2), ('fig33.png', ANGLES[2:], 2),
                                 ('fig34.png', ANGLES[2:], 3)):
         for axes, angle in zip(drawn[name].axes, angles, strict=True):
