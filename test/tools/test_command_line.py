@@ -17,10 +17,9 @@ from recorded_text import assert_recorded
 from recording import recorded_angles, truth
 from spm_haptic_master import kinematics
 from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.kinematics.joints import JOINT_NAMES
 from spm_haptic_master.parameters.files import source_defaults
 from spm_haptic_master.tools import benchmark, command_line, urdf, validate
-
-JOINTS = 'joint_1a,joint_1b,joint_1c,joint_3a'
 
 
 def interrupted(number):
@@ -146,7 +145,8 @@ def test_a_validation_prints_alignment_and_errors(tmp_path, monkeypatch, capsys)
     angles = recorded_angles()[10000:16000:20]
     for name, ahead, rows, columns in (
             ('orientation', 0.0, quaternions, 'qx,qy,qz,qw'),
-            ('capture', 0.3, captured, 'qx,qy,qz,qw'), ('joints', 0.0, angles, JOINTS)):
+            ('capture', 0.3, captured, 'qx,qy,qz,qw'),
+            ('joints', 0.0, angles, ','.join(JOINT_NAMES))):
         np.savetxt(f'{name}.csv', np.column_stack([stamps * 1e-9 + ahead, rows]), delimiter=',',
                    comments='', header=f'time,{columns}', fmt='%.9f')
     assert validate.main(['validate', 'orientation.csv', 'capture.csv', '--joints',

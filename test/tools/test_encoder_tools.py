@@ -14,6 +14,8 @@ from spm_haptic_master.tools import can_scan, can_setup, urdf
 @pytest.fixture
 def run(capsys, channel):
     """Run a program on the bus; return its exit code, stdout and stderr."""
+    pytest.importorskip('canopen')
+
     def run(program, *args):
         name = program.__name__.rpartition('.')[2]
         code = program.main([name, '-p', 'can.interface:=virtual', '-p',
@@ -24,7 +26,6 @@ def run(capsys, channel):
 
 def test_encoders_of_the_maker_are_found_set_up_and_found_as_configured(
         run, encoders, channel):
-    pytest.importorskip('canopen')
     with encoders(factory=True):
         code, out, err = run(can_scan, '--seconds', '0.3', '--start')
         assert code == 1 and '\n  joint_1b: 0x182 missing; its node 2 is present' in out
@@ -66,7 +67,6 @@ def test_the_lines_of_a_scan_are_a_rig_file_for_all_programs(run, encoders):
 
 
 def test_encoders_that_do_not_answer_are_counted(run, encoders, monkeypatch):
-    pytest.importorskip('canopen')
     monkeypatch.setattr('spm_haptic_master.encoders.canopen_network.ANSWER_TIMEOUT', 0.1)
     with encoders():
         code, out, _ = run(can_setup, '-p', 'encoders.node_id:=[1, 2, 3, 9]')
@@ -74,7 +74,6 @@ def test_encoders_that_do_not_answer_are_counted(run, encoders, monkeypatch):
 
 
 def test_a_running_master_is_heard_and_nothing_is_written(run, encoders):
-    pytest.importorskip('canopen')
     with encoders(factory=True, sync=0.01):
         code, _, err = run(can_setup, '--write')
     assert (code, err) == (1, 'can_setup: SYNC 0x80 on the bus: a master is running; stop it '
@@ -105,6 +104,5 @@ def test_a_scan_that_sends_nothing_of_a_bus_without_frames(run, channel):
      r'node ids that no encoder has \(2 is in'),
     (urdf, (), 'urdf: -p can.interface:=virtual: no parameter of this program')])
 def test_what_is_wrong_is_named_in_one_line(run, program, args, words):
-    pytest.importorskip('canopen')
     code, out, err = run(program, *args)
     assert (code, out) == (1, '') and re.search(words, err) and err.count('\n') == 1, err
