@@ -17,10 +17,6 @@ from spm_haptic_master.tools import calibration_verdict as verdict
 from spm_haptic_master.tools.calibrate import main
 
 
-def silent(text, share):
-    """Show no progress."""
-
-
 @pytest.fixture
 def found(calibrated):
     """Return the calibration of the motion."""
@@ -31,11 +27,6 @@ def found(calibrated):
 def fkm(calibrated):
     """Return a function that gives the parameters of fkm with a calibration."""
     return lambda **given: verdict.FkmValues(given, calibrated[2].origin)
-
-
-def raw(found):
-    """Return stamps, ns, and readings, rad, as the motion was recorded."""
-    return (found.readings.seconds * 1e9).astype(np.int64), found.readings.readings
 
 
 def test_a_limit_is_supported_from_the_least_one_on(found, fkm):
@@ -69,7 +60,7 @@ def test_a_motion_that_determines_too_little_names_no_limit(found, fkm):
 
 def test_the_motion_is_published_but_for_the_start_and_a_slip_is_refused(found, fkm):
     values = fkm(alert_limit_deg=30.0)
-    stamps, readings = raw(found)
+    stamps, readings = (found.readings.seconds * 1e9).astype(np.int64), found.readings.readings
     whole = replace(found, readings=replace(found.readings, spiked=np.zeros(len(stamps), bool)))
     shown = []
     assert verdict.published_share(whole, (stamps, readings), values,
@@ -80,11 +71,11 @@ def test_the_motion_is_published_but_for_the_start_and_a_slip_is_refused(found, 
     slipped[len(slipped) // 2:, 1] += radians(8.0)
     with pytest.raises(CalibrationError, match=r'fkm publishes \d\d\.\d % of the motion, expected '
                        r'99 % at least: (?!starting|settling).*\(\d+ samples\); nothing is'):
-        verdict.published_share(whole, (stamps, slipped), values, silent)
+        verdict.published_share(whole, (stamps, slipped), values, lambda *_: None)
     # Without the sets that have a spike.
     spiked = replace(found.readings, spiked=np.arange(len(stamps)) >= len(stamps) // 2)
     assert verdict.published_share(replace(found, readings=spiked), (stamps, slipped), values,
-                                   silent) > 0.99
+                                   lambda *_: None) > 0.99
 
 
 def test_the_angles_are_those_of_the_driver_by_the_file(found, fkm):

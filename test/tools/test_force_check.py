@@ -185,7 +185,7 @@ class Hand:
         self.rotations = iter(workspace_pose(rng.uniform(0.05, 0.3, 6), rng.uniform(0.0, 6.2, 6),
                                              rng.uniform(0.0, 0.5, 6)))
         self.bring(workspace_pose(0.05, 0.3, 0.2))
-        self.angles, self.stamp, self.asked = self.aim, 0, []
+        self.angles, self.stamp, self.asked, self.held = self.aim, 0, [], []
 
     def bring(self, R):
         joints = inverse(R)
@@ -198,6 +198,7 @@ class Hand:
             self.bring(next(self.rotations))
         elif 'let the handle go' in text:
             self.weight = holding(self.pose)
+            self.held.append(self.aim[:3])
         elif 'take' in text:
             self.aim, self.weight = self.aim + 0.2, None
         elif 'pose' not in text:
@@ -231,13 +232,19 @@ def test_one_session_records_signs_releases_and_weight(tmp_path, check, monkeypa
         **{f'pose {number}': pytest.approx(500, abs=1) for number in range(1, 7)}}
     steps = [[float(row[name]) for name in force_record.TORQUES[:3]] for row in rows[:300]]
     assert np.max(steps, axis=0).tolist() == [0.01] * 3 and np.count_nonzero(steps) == 3 * 50
+    # Each spring, of 1 N m/rad, gives way until it holds its motor's part of the weight.
+    angles, torques = (np.reshape([[float(row[name]) for name in names[:3]]
+                                   for row in rows[-3000:]], (6, 500, 3))[:, 250]
+                       for names in (force_record.ANGLES, force_record.TORQUES))
+    np.testing.assert_allclose(torques, np.subtract(hand.held, angles), atol=1e-4)
     texts, times = zip(*hand.asked, strict=True)
     assert [text.split(': ')[1] for text in texts[8:11]] == [
         'let the handle go', 'at rest, is recorded', 'is recorded']
     assert [text.split()[0] for text in texts[7:32:4]] == ['pose'] * 6 + ['all']
-    # Till it is still in the new pose, and, let go, is at rest again.
-    still, rest, _, _ = np.diff(times[7:]).reshape(6, 4).T * 1e-9
+    # Till it is still in the new pose, let go is at rest again, and is taken by 0.1 rad.
+    still, rest, _, taken = np.diff(times[7:]).reshape(6, 4).T * 1e-9
     assert (1.2 < still).all() and (0.8 < rest).all() and (rest < 1.2).all()
+    assert (0.15 < taken).all()
     _, text, _ = check(path)
     assert text.count('sign right') == 3 and 'weight from 6 poses' in text
     assert weight_of(text) == pytest.approx(WEIGHT.handle, abs=5e-4), text

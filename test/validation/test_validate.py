@@ -128,10 +128,6 @@ def test_a_recorders_directory_with_markers_of_another_clock_and_frame(
                 np.testing.assert_allclose(line.get_xydata().T, [
                     aligned['time'] - aligned['time'][0],
                     aligned[f'{models[line.get_label()]}_{angle}_deg']], atol=2e-6)
-            low, high = axes.get_ylim()
-            # An angle that hardly moves is not magnified.
-            data = np.concatenate([line.get_ydata() for line in axes.lines])
-            assert low <= data.min() and data.max() <= high and high - low >= 2.0
 
 
 def test_rosbag2_with_everything_in_it(tmp_path, capsys):
@@ -343,7 +339,17 @@ def test_pieces_of_which_neither_contains_the_other_are_aligned():
     np.testing.assert_allclose(found.frame, FRAME, atol=1e-5)
 
 
-def test_a_picture_that_cannot_be_written_is_named(tmp_path):
+def test_a_picture_has_no_jumps_and_magnifies_no_angle_that_hardly_moves(tmp_path, monkeypatch):
+    time, psi, drawn = np.arange(50.0), np.linspace(170.0, 190.0, 50), []
+    rotations = kinematics.matrix_from_zxz(np.radians(psi), 0.9 + 1e-3 * np.sin(time), 0.0 * psi)
+    with monkeypatch.context() as patch:
+        patch.setattr(plot_style, 'save', lambda figure, path: drawn.append(figure))
+        plot_style.draw_comparison(comparison.Comparison(
+            time, time, rotations, {'improved': rotations}, None), tmp_path)
+    moving, still, _ = drawn[0].axes
+    np.testing.assert_allclose(moving.lines[0].get_ydata(), psi)
+    middle = math.degrees(0.9)
+    assert still.get_ylim() == pytest.approx((middle - 1.0, middle + 1.0), abs=0.01)
     with pytest.raises(InputError, match='missing/a.png: cannot be written: '):
         plot_style.save(plot_style.new_figure(), tmp_path / 'missing' / 'a.png')
 
