@@ -45,7 +45,7 @@ def main(args: list[str]) -> int:
     interface, channel = values['can.interface'], values['can.channel']
     with command_line.bus_of(values) as bus:
         scanner = BusScanner(bus, scan, expected.rate, interface == ECHOING,
-                             partial(print, 'can_scan:', file=sys.stderr, flush=True))
+                             partial(print, 'can_scan:', file=sys.stderr))
         scanner.listen(options.seconds, not options.passive,
                        (expected.node_ids or ()) if options.start else None)
     print(f'{command_line.bus_name(values)}, {options.seconds:g} s:')

@@ -120,7 +120,7 @@ class ProgressBar:
         self._next = now + (TERMINAL_PERIOD if self._terminal else LINE_PERIOD)
         self._shown = True
         if not self._terminal:
-            print(f'{self._name}: {text}', file=sys.stderr, flush=True)
+            print(f'{self._name}: {text}', file=sys.stderr)
             return
         bar = '' if share is None else \
             f'[{("#" * round(BAR * min(max(share, 0.0), 1.0))).ljust(BAR, ".")}] '

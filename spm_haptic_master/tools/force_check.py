@@ -105,13 +105,13 @@ def _record(path: Path, given: Values, values: dict[str, Any], poses: int) -> No
         raise InputError("drives.channel = '' with --record: expected the bus of the drives")
     settings = command_line.checked(given, nodes.SOURCE_SETTINGS[kind], kind)
     print('force_check: the motors turn the handle by some degrees: balance it, and touch it only '
-          'when asked', file=sys.stderr, flush=True)
+          'when asked', file=sys.stderr)
     source = make_source(kind, settings)
     try:
         record(path, BringUp(
             source, drives, geometry_from(values), values['working_mode'],
             sigma_from(values)[:4], settings['can.timeout'],
-            lambda text: print(f'force_check: {text}', file=sys.stderr, flush=True)), poses)
+            lambda text: print(f'force_check: {text}', file=sys.stderr)), poses)
     finally:
         drives.close()
         source.close()

@@ -127,4 +127,4 @@ def record_pose(source: str, values: dict[str, Any], seconds: float) -> NDArray[
 
 def _say(*lines: str) -> None:
     for line in lines:
-        print(f'calibrate: {line}', file=sys.stderr, flush=True)
+        print(f'calibrate: {line}', file=sys.stderr)

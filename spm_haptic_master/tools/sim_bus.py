@@ -91,7 +91,7 @@ def main(args: list[str]) -> int:
         runner = BusRunner(bus, encoders, decoder.sync_id, grid, record)
         if heard := ', '.join(f'0x{each:X}' for each in runner.listen()):
             print(f'sim_bus: another program sends {heard} on {name}, too: {TWIN}',
-                  file=sys.stderr, flush=True)
+                  file=sys.stderr)
         runner.boot()
         print(f'sim_bus: {decoder.words} on {name}, zero counts '
               f'{list(values["encoders.zero_count"])}, directions '
@@ -114,7 +114,7 @@ def main(args: list[str]) -> int:
                     print(f'{time.time():.6f} {line}', flush=True)
         finally:
             print(f'sim_bus: {runner.cycles} cycles answered'
-                  + (f', {grid.missed} deadlines missed' if grid else ''), flush=True)
+                  + (f', {grid.missed} deadlines missed' if grid else ''))
     return 0
 
 

@@ -3,9 +3,11 @@
 
 """`calibrate` in a jig: of four or six encoders with harmonics on a mechanism as built."""
 
+from contextlib import closing, ExitStack
 import io
 from math import degrees, radians
 import re
+from types import SimpleNamespace
 
 import can
 from encoder_frames import cycle, values
@@ -14,19 +16,12 @@ import pytest
 from recording import LOG
 from rig_as_built import calibration, mechanism
 from spm_haptic_master.calibration.calibration_file import read_calibration
-from spm_haptic_master.encoders.decoder_factory import (
-    make_harmonics,
-    make_layouts,
-    unverified_joints,
-)
-from spm_haptic_master.kinematics import measured_angles, zxz_rotation
-from spm_haptic_master.parameters.geometry import (
-    geometry_from,
-    GEOMETRY_SETTINGS,
-    WORKING_MODE_SETTING,
-)
+from spm_haptic_master.encoders import decoder_factory
+from spm_haptic_master.kinematics import Geometry, measured_angles, zxz_rotation
+from spm_haptic_master.parameters import geometry
 from spm_haptic_master.parameters.resolver import read_parameters
 from spm_haptic_master.parameters.setting import complete
+from spm_haptic_master.simulation.source_factory import make_source
 from spm_haptic_master.tools.calibrate import main
 
 POSES = ((135.0, 54.7356, 0.0), (125.0, 50.0, 25.0))
@@ -34,21 +29,22 @@ ZEROS, DIRECTIONS = [100, 5000, 9000, 16000, 300, 7000], [1, -1, 1, -1, -1, 1]
 HARMONICS = {name: value for name, value in calibration().items() if 'harmonic' in name}
 
 
-def record(path, pose, sensors=4, without=(), noise=0.04):
-    """Write a log of the rig at rest in a pose; some encoders do not answer; noise in deg."""
-    geometry = geometry_from(complete((*GEOMETRY_SETTINGS, WORKING_MODE_SETTING), mechanism()))
-    angles = measured_angles(zxz_rotation(*map(radians, pose)), geometry, (1, 1, 1), sensors)
+def record(path, pose, sensors=4, without=(), every=1, noise=0.04):
+    """Write a log of the rig at rest in a pose, deg; some encoders miss some cycles."""
+    built = geometry.geometry_from(complete(geometry.MECHANISM_SETTINGS, mechanism()))
+    angles = measured_angles(zxz_rotation(*map(radians, pose)), built, (1, 1, 1), sensors)
     if sensors == 4:
-        angles = [each.readings(angle) for each, angle in zip(make_harmonics(values(**{
-            name.replace('.', '__'): tuple(value) for name, value in HARMONICS.items()})), angles,
-            strict=True)]
-    layouts = make_layouts(values(sensors=sensors, encoders__zero_count=ZEROS[:sensors],
-                                  encoders__direction=DIRECTIONS[:sensors]))
+        harmonics = decoder_factory.make_harmonics(values(**{
+            name.replace('.', '__'): tuple(value) for name, value in HARMONICS.items()}))
+        angles = [each.readings(angle) for each, angle in zip(harmonics, angles, strict=True)]
+    layouts = decoder_factory.make_layouts(values(
+        sensors=sensors, encoders__zero_count=ZEROS[:sensors],
+        encoders__direction=DIRECTIONS[:sensors]))
     rows = np.random.default_rng(13).normal(0.0, radians(noise), (400, sensors)) + angles
     with can.CanutilsLogWriter(path) as log:
         for number, row in enumerate(rows.tolist()):
             for index, message in enumerate(cycle(number, row, layouts), start=-1):
-                if index not in without:
+                if index not in without or number % every:
                     log.on_message_received(message)
     return path
 
@@ -103,7 +99,7 @@ def test_two_poses_give_a_file_that_is_all_that_the_nodes_need(capsys, tmp_path,
         assert parameters[name] == pytest.approx(value, abs=1e-12), name
     assert not any('table' in name or name.endswith(('alpha_deg', 'working_mode'))
                    for name in parameters)
-    assert unverified_joints(values(sensors=sensors, **{
+    assert decoder_factory.unverified_joints(values(sensors=sensors, **{
         name.replace('.', '__'): tuple(value) for name, value in parameters.items()
         if name.startswith('encoders')})) == ()
     # The file of a nominal rig has neither mechanism nor harmonics.
@@ -111,6 +107,36 @@ def test_two_poses_give_a_file_that_is_all_that_the_nodes_need(capsys, tmp_path,
     assert run(capsys, *at(first, nominal, POSES[0], '-p', f'sensors:={sensors}'))[0] == 0
     assert not any(name.startswith(('geometry', 'encoders.harmonic', 'encoders.table'))
                    for name in read_parameters(nominal))
+
+
+def test_a_live_device_is_asked_for_each_pose_and_the_driver_runs_on_the_file(
+        capsys, monkeypatch, tmp_path, channel, encoders):
+    """Someone brings it to the next pose each time, and presses Enter."""
+    rig = {'encoders__zero_count': ZEROS[:4], 'encoders__direction': DIRECTIONS[:4]}
+    bus = {'can.interface': 'virtual', 'can.channel': channel, 'rate': 250.0}
+    poses, path = iter(POSES), tmp_path / 'rig.yaml'
+
+    def bring():
+        held.close()
+        held.enter_context(encoders(sync=0.004, pose=next(poses), **rig))
+        return '\n'
+
+    monkeypatch.setattr('sys.stdin', SimpleNamespace(readline=bring))
+    with ExitStack() as held:
+        assert main(['calibrate', '-o', str(path), '--seconds', '0.8', *(
+            word for name, value in bus.items() for word in ('-p', f'{name}:={value}')), *(
+            str(word) for pose in POSES for word in ('--pose', *pose))]) == 0
+    out, err = capsys.readouterr()
+    assert out.count('(verified)') == 4
+    assert 'pose 2 of 2: hold the device at psi theta phi 125 50 25 deg, then press Enter\n' in err
+    pose = (140.0, 60.0, 20.0)
+    file = {name.replace('.', '__'): value for name, value in read_parameters(path).items()
+            if name.startswith('encoders')}
+    with encoders(sync=0.004, pose=pose, **rig), closing(make_source('can', values(**file, **{
+            name.replace('.', '__'): value for name, value in bus.items()}))) as source:
+        sample = source.read(2.0)
+    assert sample.angles == pytest.approx(measured_angles(
+        zxz_rotation(*map(radians, pose)), Geometry(), (1, 1, 1), 4), abs=4e-3)
 
 
 @pytest.mark.parametrize(('args', 'words'), [
@@ -133,10 +159,13 @@ def test_without_a_device_at_rest_nothing_is_written(capsys, monkeypatch, tmp_pa
 
 
 def test_a_noisy_encoder_is_refused_below_the_limit_given(capsys, tmp_path):
-    noisy = record(tmp_path / 'noisy.log', POSES[0], noise=0.2)
-    code, _, err = run(capsys, *at(noisy, tmp_path / 'c.yaml', POSES[0]))
+    noisy = record(tmp_path / 'noisy.log', POSES[0], 6, without={4}, every=20, noise=0.2)
+    args = at(noisy, tmp_path / 'c.yaml', POSES[0], '-p', 'sensors:=6')
+    code, _, err = run(capsys, *args)
     assert code == 1 and re.search(r'joint_1a .* limit 0\.1', err), err
-    assert run(capsys, *at(noisy, tmp_path / 'c.yaml', POSES[0], '--noise-limit', 0.3))[0] == 0
+    code, _, err = run(capsys, *args, '--noise-limit', 0.3)
+    assert code == 0
+    assert re.match(r'calibrate: joint_3b has no reading in \d+ of \d+ sets; these are', err), err
 
 
 @pytest.mark.parametrize('arguments', [

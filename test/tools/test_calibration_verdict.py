@@ -13,18 +13,8 @@ from recorded_text import assert_recorded
 from rig_as_built import calibration, mechanism
 from spm_haptic_master.calibration.motion.coverage import region_of, WORKSPACE
 from spm_haptic_master.exceptions import CalibrationError
+from spm_haptic_master.tools import calibration_verdict as verdict
 from spm_haptic_master.tools.calibrate import main
-from spm_haptic_master.tools.calibration_verdict import (
-    ALERT_LIMITS_DEG,
-    FkmValues,
-    least_alert_limit,
-    published_share,
-    supported,
-)
-
-
-def silent(text, share):
-    """Show no progress."""
 
 
 @pytest.fixture
@@ -36,31 +26,26 @@ def found(calibrated):
 @pytest.fixture
 def fkm(calibrated):
     """Return a function that gives the parameters of fkm with a calibration."""
-    return lambda **given: FkmValues(given, calibrated[2].origin)
-
-
-def raw(found):
-    """Return stamps, ns, and readings, rad, as the motion was recorded."""
-    return (found.readings.seconds * 1e9).astype(np.int64), found.readings.readings
+    return lambda **given: verdict.FkmValues(given, calibrated[2].origin)
 
 
 def test_a_limit_is_supported_from_the_least_one_on(found, fkm):
-    least = least_alert_limit(found, fkm())
-    assert 1.0 < least < 30.0 and least in ALERT_LIMITS_DEG
-    assert [*ALERT_LIMITS_DEG] == sorted(set(ALERT_LIMITS_DEG))
+    least = verdict.least_alert_limit(found, fkm())
+    assert 1.0 < least < 30.0 and least in verdict.ALERT_LIMITS_DEG
+    assert [*verdict.ALERT_LIMITS_DEG] == sorted(set(verdict.ALERT_LIMITS_DEG))
     with pytest.raises(CalibrationError) as caught:
-        supported(found, fkm())
+        verdict.supported(found, fkm())
     # It begins with what to do, and names the limit that is accepted.
     assert re.match(r'the motion does not support alert_limit_deg 1: (tilt|turn) the handle .*, '
                     r'and move for longer; a task that tolerates more may take -p '
                     rf'alert_limit_deg:={least:g} \(bias_deg over the', str(caught.value))
-    assert supported(found, fkm(alert_limit_deg=least)) == (found, least)
-    below = ALERT_LIMITS_DEG[ALERT_LIMITS_DEG.index(least) - 1]
+    assert verdict.supported(found, fkm(alert_limit_deg=least)) == (found, least)
+    below = verdict.ALERT_LIMITS_DEG[verdict.ALERT_LIMITS_DEG.index(least) - 1]
     with pytest.raises(CalibrationError):
-        supported(found, fkm(alert_limit_deg=below))
+        verdict.supported(found, fkm(alert_limit_deg=below))
     # A limit of its own is tried too.
     own = 0.5 * (below + least)
-    assert least_alert_limit(found, fkm(alert_limit_deg=own)) in (own, least)
+    assert verdict.least_alert_limit(found, fkm(alert_limit_deg=own)) in (own, least)
 
 
 def test_a_motion_that_determines_too_little_names_no_limit(found, fkm):
@@ -69,16 +54,16 @@ def test_a_motion_that_determines_too_little_names_no_limit(found, fkm):
     small = replace(nothing, rotation=found.rotation[:1].repeat(len(found.rotation), axis=0))
     for each, words in ((nothing, 'is no better'), (small, 'is too small')):
         with pytest.raises(CalibrationError, match=f'the region moved, .*, {words}') as caught:
-            supported(each, fkm(alert_limit_deg=30.0))
+            verdict.supported(each, fkm(alert_limit_deg=30.0))
         assert 'a task that tolerates more' not in str(caught.value)
 
 
 def test_the_motion_is_published_but_for_the_start_and_a_slip_is_refused(found, fkm):
     values = fkm(alert_limit_deg=30.0)
-    stamps, readings = raw(found)
+    stamps, readings = (found.readings.seconds * 1e9).astype(np.int64), found.readings.readings
     whole = replace(found, readings=replace(found.readings, spiked=np.zeros(len(stamps), bool)))
     shown = []
-    assert published_share(whole, (stamps, readings), values,
+    assert verdict.published_share(whole, (stamps, readings), values,
                            lambda *each: shown.append(each)) == 1.0 - 4 / len(stamps)
     assert {text for text, _ in shown} == {'supervision of the motion'}
     assert all(0.0 <= share <= 1.0 for _, share in shown)
@@ -86,11 +71,11 @@ def test_the_motion_is_published_but_for_the_start_and_a_slip_is_refused(found, 
     slipped[len(slipped) // 2:, 1] += radians(8.0)
     with pytest.raises(CalibrationError, match=r'fkm publishes \d\d\.\d % of the motion, expected '
                        r'99 % at least: (?!starting|settling).*\(\d+ samples\); nothing is'):
-        published_share(whole, (stamps, slipped), values, silent)
+        verdict.published_share(whole, (stamps, slipped), values, lambda *_: None)
     # Without the sets that have a spike.
     spiked = replace(found.readings, spiked=np.arange(len(stamps)) >= len(stamps) // 2)
-    assert published_share(replace(found, readings=spiked), (stamps, slipped), values,
-                           silent) > 0.99
+    assert verdict.published_share(replace(found, readings=spiked), (stamps, slipped), values,
+                                   lambda *_: None) > 0.99
 
 
 def test_the_angles_are_those_of_the_driver_by_the_file(found, fkm):
@@ -107,9 +92,9 @@ def test_a_part_of_the_workspace_is_for_its_region_only(found, fkm):
     rotation[tilt > radians(11.0)] = np.nan
     moved = replace(found, rotation=rotation)
     region = region_of(rotation)
-    least = least_alert_limit(replace(moved, region=region), fkm())
-    assert least < least_alert_limit(found, fkm())
-    part, limit = supported(moved, fkm(alert_limit_deg=least))
+    least = verdict.least_alert_limit(replace(moved, region=region), fkm())
+    assert least < verdict.least_alert_limit(found, fkm())
+    part, limit = verdict.supported(moved, fkm(alert_limit_deg=least))
     assert (part.region, limit) == (region, least) and region != WORKSPACE
     assert part.region_error < found.region_error and (part.bias <= found.bias).all()
 

@@ -14,13 +14,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from recorded_text import assert_recorded
-from recording import truth
+from recording import recorded_angles, truth
+from spm_haptic_master import kinematics
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.kinematics import (
-    matrix_from_quaternion,
-    matrix_from_zxz,
-    quaternion_from_matrix,
-)
+from spm_haptic_master.kinematics.joints import JOINT_NAMES
 from spm_haptic_master.parameters.files import source_defaults
 from spm_haptic_master.tools import benchmark, command_line, urdf, validate
 
@@ -42,6 +39,15 @@ def broken(error):
     def program(words):
         raise error
     return program
+
+
+@pytest.mark.process
+def test_the_tools_need_no_ros(start_python):
+    """Neither is rclpy imported, nor anything that imports it."""
+    program = start_python('-c', 'import sys\nfrom spm_haptic_master.tools import can_scan, '
+                           'calibrate, sim_bus\nprint({name.split(".")[0] for name in sys.modules}'
+                           ' & {"rclpy", "sensor_msgs"})')
+    assert program.wait(60.0) == 0 and program.stdout == 'set()\n', program.stderr
 
 
 @pytest.mark.parametrize(('program', 'code', 'err'), [
@@ -130,15 +136,21 @@ def test_a_validation_prints_alignment_and_errors(tmp_path, monkeypatch, capsys)
     drawn = []
     monkeypatch.setattr('spm_haptic_master.validation.plot_style.draw_comparison',
                         lambda comparison, directory: drawn.append(str(directory)))
-    stamps, quaternions = (each[8000:14000:10] for each in truth())
+    stamps, quaternions = (each[10000:16000:20] for each in truth())
     noise = np.random.default_rng(3).normal(0.0, 1e-4, quaternions.shape)
     noisy = quaternions + noise
-    captured = quaternion_from_matrix(matrix_from_zxz(0.3, 0.2, 0.1) @ matrix_from_quaternion(
-        noisy / np.linalg.norm(noisy, axis=1, keepdims=True)))
-    for name, ahead, rows in (('orientation', 0.0, quaternions), ('capture', 0.3, captured)):
+    captured = kinematics.quaternion_from_matrix(
+        kinematics.matrix_from_zxz(0.3, 0.2, 0.1) @ kinematics.matrix_from_quaternion(
+            noisy / np.linalg.norm(noisy, axis=1, keepdims=True)))
+    angles = recorded_angles()[10000:16000:20]
+    for name, ahead, rows, columns in (
+            ('orientation', 0.0, quaternions, 'qx,qy,qz,qw'),
+            ('capture', 0.3, captured, 'qx,qy,qz,qw'),
+            ('joints', 0.0, angles, ','.join(JOINT_NAMES))):
         np.savetxt(f'{name}.csv', np.column_stack([stamps * 1e-9 + ahead, rows]), delimiter=',',
-                   comments='', header='time,qx,qy,qz,qw', fmt='%.9f')
-    assert validate.main(['validate', 'orientation.csv', 'capture.csv']) == 0
+                   comments='', header=f'time,{columns}', fmt='%.9f')
+    assert validate.main(['validate', 'orientation.csv', 'capture.csv', '--joints',
+                          'joints.csv']) == 0
     assert_recorded('validation/printed.txt', capsys.readouterr().out)
     assert {each.name for each in (tmp_path / 'validation').iterdir()} == {
         'aligned.csv', 'errors.csv'} and drawn == ['validation']

@@ -4,8 +4,6 @@
 """can_setup --drives and can_scan against simulated drives on a virtual bus."""
 
 from contextlib import contextmanager
-import signal
-import uuid
 
 import can
 import pytest
@@ -18,12 +16,6 @@ from spm_haptic_master.simulation.simulated_drive import SimulatedDrives
 from spm_haptic_master.tools import can_scan, can_setup
 
 RATED = ('-p', 'drives.rated_torque:=[0.5]')
-
-
-@pytest.fixture
-def channel():
-    """Give the channel of a virtual bus of this test's own."""
-    return uuid.uuid4().hex
 
 
 @pytest.fixture
@@ -100,14 +92,11 @@ def test_a_joint_without_a_drive_is_refused(setup):
 
 
 def test_a_scan_names_the_drives_and_the_one_that_is_missing(channel, capsys):
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     with simulated(channel, node_ids=(11, 12)):
         code = can_scan.main([
             'can_scan', '--seconds', '0.5', '--start', '-p', 'can.interface:=virtual', '-p',
             f'can.channel:={channel}', '-p', 'rate:=100.0', '-p', 'drives.interface:=virtual',
             '-p', f"drives.channel:='{channel}'", *RATED, '-p', 'drives.event_timer:=0.1'])
-    for number, handler in handlers.items():
-        signal.signal(number, handler)
     out = capsys.readouterr().out
     assert 'status of the drive of joint_1b (node 12)' in out
     assert 'device type 0x00020192 (CiA 402, drive)' in out

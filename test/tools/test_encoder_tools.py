@@ -3,30 +3,19 @@
 
 """can_scan, can_setup and urdf in one process with simulated encoders on a virtual bus."""
 
-from contextlib import contextmanager
+import os
 import re
-import threading
-import uuid
 
 import can
-from encoder_frames import LAYOUTS, values
 import pytest
-from spm_haptic_master.simulation.bus_runner import BusRunner
-from spm_haptic_master.simulation.noisy_motion import make_motion
-from spm_haptic_master.simulation.simulated_bus import SimulatedBus
-from spm_haptic_master.timing import DeadlineGrid
 from spm_haptic_master.tools import can_scan, can_setup, urdf
-
-
-@pytest.fixture
-def channel():
-    """Give the channel of a virtual bus of this test's own."""
-    return uuid.uuid4().hex
 
 
 @pytest.fixture
 def run(capsys, channel):
     """Run a program on the bus; return its exit code, stdout and stderr."""
+    pytest.importorskip('canopen')
+
     def run(program, *args):
         name = program.__name__.rpartition('.')[2]
         code = program.main([name, '-p', 'can.interface:=virtual', '-p',
@@ -35,32 +24,9 @@ def run(capsys, channel):
     return run
 
 
-@contextmanager
-def encoders(channel, factory=False, sync=False):
-    """Run simulated encoders in a thread, still or with SYNC."""
-    with can.Bus(interface='virtual', channel=channel) as bus:
-        runner = BusRunner(bus, SimulatedBus(
-            LAYOUTS, (1, 2, 3, 4), make_motion(values('sim')), (), 0.1, 1, factory=factory),
-            0x80, DeadlineGrid(0.01) if sync else None)
-        end = threading.Event()
-
-        def loop():
-            runner.boot()
-            while not end.is_set():
-                runner.step()
-
-        thread = threading.Thread(target=loop)
-        thread.start()
-        try:
-            yield bus
-        finally:
-            end.set()
-            thread.join()
-
-
-def test_encoders_of_the_maker_are_found_set_up_and_found_as_configured(run, channel):
-    pytest.importorskip('canopen')
-    with encoders(channel, factory=True):
+def test_encoders_of_the_maker_are_found_set_up_and_found_as_configured(
+        run, encoders, channel):
+    with encoders(factory=True):
         code, out, err = run(can_scan, '--seconds', '0.3', '--start')
         assert code == 1 and '\n  joint_1b: 0x182 missing; its node 2 is present' in out
         assert '\ncan_scan: no SYNC on the bus' in err
@@ -85,9 +51,30 @@ def test_encoders_of_the_maker_are_found_set_up_and_found_as_configured(run, cha
     assert channel in out.partition('rig.yaml')[2]
 
 
-def test_a_running_master_is_heard_and_nothing_is_written(run, channel):
-    pytest.importorskip('canopen')
-    with encoders(channel, factory=True, sync=True):
+def test_the_lines_of_a_scan_are_a_rig_file_for_all_programs(run, encoders):
+    """Other node ids, and a master; a file from process substitution can be read once only."""
+    with encoders(sync=0.01, encoders__node_id=(44, 3, 90, 17),
+                  encoders__id=(0x1AC, 0x183, 0x1DA, 0x191)):
+        code, out, err = run(can_scan, '--seconds', '0.3', '--start')
+        assert code == 1 and 'no SYNC' not in err  # the defaults are nodes 1 to 4
+        reader, writer = os.pipe()
+        with open(writer, 'w') as pipe:
+            pipe.write(out.partition('lines for rig.yaml')[2].partition('\n')[2])
+        code = can_scan.main(['can_scan', '--params-file', f'/dev/fd/{reader}', '--start',
+                              '--seconds', '0.3'])
+    os.close(reader)
+    assert code == 0
+
+
+def test_encoders_that_do_not_answer_are_counted(run, encoders, monkeypatch):
+    monkeypatch.setattr('spm_haptic_master.encoders.canopen_network.ANSWER_TIMEOUT', 0.1)
+    with encoders():
+        code, out, _ = run(can_setup, '-p', 'encoders.node_id:=[1, 2, 3, 9]')
+    assert code == 1 and '\njoint_3a: ' in out and '1 of 4 encoders not set up\n' in out
+
+
+def test_a_running_master_is_heard_and_nothing_is_written(run, encoders):
+    with encoders(factory=True, sync=0.01):
         code, _, err = run(can_setup, '--write')
     assert (code, err) == (1, 'can_setup: SYNC 0x80 on the bus: a master is running; stop it '
                            'before anything is written\n')
@@ -117,6 +104,5 @@ def test_a_scan_that_sends_nothing_of_a_bus_without_frames(run, channel):
      r'node ids that no encoder has \(2 is in'),
     (urdf, (), 'urdf: -p can.interface:=virtual: no parameter of this program')])
 def test_what_is_wrong_is_named_in_one_line(run, program, args, words):
-    pytest.importorskip('canopen')
     code, out, err = run(program, *args)
     assert (code, out) == (1, '') and re.search(words, err) and err.count('\n') == 1, err

@@ -3,6 +3,8 @@
 
 """The program `sim_bus`: the truth that it writes, the rig's harmonics, a second one beside it."""
 
+import re
+import resource
 import time
 
 import can
@@ -21,11 +23,15 @@ RIG = DATA / 'rig' / 'rig.json'
 VIRTUAL = ('sim_bus', '-p', 'can.interface:=virtual')
 
 
-def test_the_truth_is_written_beside_the_rig(tmp_path):
+def test_the_truth_is_written_beside_the_rig(tmp_path, capsys):
     begin = time.time()
     assert sim_bus.main([*VIRTUAL, '-p', f'sim.rig_file:={RIG}', '-p', 'rate:=100.0',
                          '-p', 'can.protocol:=raw', '--sync', '--seconds', '0.5',
-                         '--ground-truth', str(tmp_path)]) == 0
+                         '--ground-truth', str(tmp_path), '--drives', '2', '-p',
+                         'drives.event_timer:=0.1']) == 0
+    out, err = capsys.readouterr()
+    assert 'sim_bus: 2 drives on virtual can0, nodes [11, 12]\n' in out and not err
+    assert re.search(r'sim_bus: \d+ cycles answered, \d+ deadlines missed\n$', out)
     written, rig = (read_rig(path, Geometry(), 0.0) for path in (tmp_path / 'rig.json', RIG))
     assert np.allclose(written.geometry.alphas, rig.geometry.alphas)
     truth = recordings.read_orientation(tmp_path / 'ground_truth.csv', '')
@@ -44,6 +50,19 @@ def test_a_truth_that_cannot_be_written_ends_in_one_line(capsys, directory, word
     error = capsys.readouterr().err
     assert error.startswith('sim_bus: ') and words in error and error.count('\n') == 1
     assert (tmp_path / 'rig.json').read_text() == 'precious'
+
+
+def test_a_full_disk_ends_in_one_line(tmp_path, capsys):
+    """Files cannot grow any more: not when written, nor when closed."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (8192, limits[1]))
+    try:
+        code = sim_bus.main([*VIRTUAL, '-p', 'can.protocol:=raw', '--sync', '--seconds', '9',
+                             '--ground-truth', str(tmp_path)])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert code == 1 and capsys.readouterr().err == \
+        f'sim_bus: {tmp_path}/ground_truth.csv: cannot be written: [Errno 27] File too large\n'
 
 
 @pytest.mark.parametrize('of_the_rig', [True, False])

@@ -8,12 +8,7 @@ import pytest
 from spm_haptic_master.kinematics.joints import JOINT_NAMES
 
 pytest.importorskip('rosbags')
-from rosbags.rosbag2 import (  # noqa: E402, I100
-    CompressionFormat,
-    CompressionMode,
-    StoragePlugin,
-    Writer,
-)
+from rosbags import rosbag2  # noqa: E402, I100
 from rosbags.typesys import get_typestore, Stores  # noqa: E402
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -41,10 +36,11 @@ def serialized(topic, row, names=JOINT_NAMES):
     return STORE.serialize_cdr(STORE.types[kind](header, *fields), kind)
 
 
-def write_messages(path, messages, storage=StoragePlugin.MCAP, compression=CompressionMode.NONE):
+def write_messages(path, messages, storage=rosbag2.StoragePlugin.MCAP,
+                   compression=rosbag2.CompressionMode.NONE):
     """Write a directory of messages: topic, log time (ns), content."""
-    writer = Writer(path, version=9, storage_plugin=storage)
-    writer.set_compression(compression, CompressionFormat.ZSTD)
+    writer = rosbag2.Writer(path, version=9, storage_plugin=storage)
+    writer.set_compression(compression, rosbag2.CompressionFormat.ZSTD)
     with writer:
         connections = {}
         for topic, time, content in messages:

@@ -9,19 +9,10 @@ import sqlite3
 import struct
 import sys
 
-from bag_writer import (
-    CompressionMode,
-    JOINTS,
-    KINDS,
-    ORIENTATION,
-    POSE,
-    serialized,
-    StoragePlugin,
-    write_bag,
-    write_messages,
-)
+from bag_writer import JOINTS, KINDS, ORIENTATION, POSE, serialized, write_bag, write_messages
 import numpy as np
 import pytest
+from rosbags.rosbag2 import CompressionMode, StoragePlugin
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.validation import recordings
