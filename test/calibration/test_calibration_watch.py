@@ -13,7 +13,6 @@ from spm_haptic_master.calibration.watch.calibration_watch import CalibrationWat
 from spm_haptic_master.calibration.watch.slip_evidence import evaluate, parities, summed
 from spm_haptic_master.kinematics import estimate, Geometry, inverse, quaternion_from_matrix
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
-from spm_haptic_master.supervision import supervise
 
 # Drift of th1B, deg.
 DRIFT = 0.08
@@ -76,19 +75,6 @@ def at_rest(sensors):
     angles = rig(sensors).angles(motion(7, 1.0, 1.0))
     rotation = estimate(angles[:, :3], angles[:, 3], tuple(rig(4).sigma), rig(4).geometry).rotation
     return tuple(quaternion_from_matrix(rotation)[0].tolist()), tuple(angles[0].tolist())
-
-
-def test_a_drift_that_is_reported_is_no_fault():
-    found = rig(4)
-    angles = found.angles(motion(5, 20.0, 1000.0)[:3000]) + np.radians([0.0, DRIFT, 0.0, 0.0])
-    result = supervise(
-        np.arange(len(angles), dtype=np.int64) * 1_000_000, angles,
-        sigma_deg=np.degrees(found.sigma), bias_deg=np.degrees(found.bias),
-        geometry__proximal_deg=np.degrees(found.geometry.alphas),
-        geometry__distal_deg=np.degrees(found.geometry.betas),
-        geometry__base_axes=found.geometry.base_axes,
-        geometry__platform_axes=found.geometry.platform_axes)
-    assert result.published[10:].all()
 
 
 def test_more_poses_than_are_kept_replace_the_oldest(monkeypatch):

@@ -9,7 +9,7 @@ from math import degrees, radians, tau
 import re
 
 import free_motions
-from free_motions import DEVIATIONS, RIG, SEED, SHORT
+from free_motions import DEVIATIONS, RIG, SEED, SHORT, short_motion
 import numpy as np
 import pytest
 from rclpy.parameter import parameter_dict_from_yaml_file
@@ -41,11 +41,6 @@ ORIGIN = results.Origin(
 
 
 @pytest.fixture
-def motion():
-    return free_motions.short_motion()
-
-
-@pytest.fixture
 def calibration():
     return free_motions.short_calibration()
 
@@ -68,9 +63,9 @@ def error_deg(found, vector, zeros):
     return degrees(float(np.sqrt(np.mean(np.sum(vectors ** 2, axis=1)))))
 
 
-def check(found, motion):
+def check(found):
     """Check directions, zeros, orientations of another motion, noise, bias and parity."""
-    _, _, direction, zeros = motion
+    _, _, direction, zeros = short_motion()
     assert found.direction == tuple(direction)
     off = np.abs(wrapped(found.vector[:4] - zeros))
     assert (off < 4.0 * found.deviations[:4]).all()
@@ -89,16 +84,16 @@ def check(found, motion):
     assert np.nanstd(found.parity_before) > 2.0 * white
 
 
-def test_a_motion_with_known_zeros_determines_the_rig(calibration, motion):
-    check(calibration, motion)
+def test_a_motion_with_known_zeros_determines_the_rig(calibration):
+    check(calibration)
     assert set(calibration.left) <= {'second harmonics'}
     assert 0.5 * calibration.error < calibration.region_error < 1.5 * calibration.error
 
 
 @pytest.mark.slow
-def test_nothing_is_known_and_the_directions_that_are_given_are_verified(motion):
-    stamps, raw, direction, _ = motion
-    check(calibrate_motion(Layout(4), stamps, raw, direction.tolist()), motion)
+def test_nothing_is_known_and_the_directions_that_are_given_are_verified():
+    stamps, raw, direction, _ = short_motion()
+    check(calibrate_motion(Layout(4), stamps, raw, direction.tolist()))
     wrong = list(direction)
     wrong[2] = -wrong[2]
     with pytest.raises(CalibrationError, match=(
@@ -116,8 +111,8 @@ def test_nothing_is_known_and_the_directions_that_are_given_are_verified(motion)
     # A motion that hardly moves is refused with what is missing.
     (lambda raw: readings(RIG, replace(SHORT, tilt=1.5, turn_from=44.0, turn_to=48.0), SEED)[1],
      'tilt the handle|turn the handle')])
-def test_readings_of_another_mechanism_or_hardly_a_motion_are_refused(motion, change, words):
-    stamps, raw, _, _ = motion
+def test_readings_of_another_mechanism_or_hardly_a_motion_are_refused(change, words):
+    stamps, raw, _, _ = short_motion()
     with pytest.raises(CalibrationError, match=words):
         calibrate_motion(Layout(4), stamps, change(raw))
 
@@ -159,10 +154,10 @@ def test_any_name_of_a_log_can_be_read_back(tmp_path, name):
     assert parameter_dict_from_yaml_file(str(path), True, [])
 
 
-def test_poses_from_outside_give_the_mountings_and_improve_the_mechanism(calibration, motion):
+def test_poses_from_outside_give_the_mountings_and_improve_the_mechanism(calibration):
     """One of a jig that of the base, a capture both."""
     poses, read = exact(77, 100)
-    turned = read + motion[3]
+    turned = read + short_motion()[3]
     base, handle = matrix_from_zxz(0.3, 0.2, -0.5), matrix_from_zxz(1.0, 0.4, 2.0)
     sigma = radians(0.05)
     one = mounted(calibration, turned[:1], base @ poses[:1], sigma)
@@ -229,15 +224,15 @@ def test_five_and_six_sensors_are_calibrated_too():
 @pytest.mark.parametrize('begin, end, words', [
     (0.0, 1.5, '1.5.* more than 4 s'), (0.0, 3.9, '3.9.* more than 4 s'),
     (7.0, 9.5, '2.5.* more than 4 s'), (0.0, 9.9, '.* without a long pause')])
-def test_a_motion_without_a_part_that_confirms_the_rest_is_refused(motion, begin, end, words):
-    stamps, raw, _, _ = motion
+def test_a_motion_without_a_part_that_confirms_the_rest_is_refused(begin, end, words):
+    stamps, raw, _, _ = short_motion()
     since = (stamps - stamps[0]) * 1e-9
     rows = (since >= begin) & (since < end) & ((since < 3.9) | (since > 6.1))
     with pytest.raises(CalibrationError, match=f'the motion lasts {words}'):
         calibrate_motion(Layout(4), stamps[rows], raw[rows])
 
 
-def test_guidance_is_the_recorded_one(motion, monkeypatch):
+def test_guidance_is_the_recorded_one(monkeypatch):
     """Of the beginnings of a motion, with the zeros that are found on the way."""
     def found(*given, **options):
         start = zero_search.find_start(*given, **options)
@@ -248,7 +243,7 @@ def test_guidance_is_the_recorded_one(motion, monkeypatch):
     # Of a good motion, fewer guesses find the zeros, too.
     monkeypatch.setattr(zero_search, 'GUESSES', 12)
     monkeypatch.setattr(free_motion, 'find_start', found)
-    stamps, raw, _, _ = motion
+    stamps, raw, _, _ = short_motion()
     guide, lines = free_motion.Guide(Layout(4)), []
     for count in (1500, 2500, 16000):
         guidance = guide.evaluate(stamps[:count:8], raw[:count:8])
