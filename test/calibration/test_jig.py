@@ -13,15 +13,14 @@ from rclpy.parameter import parameter_dict_from_yaml_file, parameter_value_to_py
 from spm_haptic_master.calibration import calibration_file, jig
 from spm_haptic_master.encoders.encoder_layout import counts_from_angle
 from spm_haptic_master.exceptions import CalibrationError, InputError
-from spm_haptic_master.kinematics import inverse, matrix_from_zxz, measured_angles
+from spm_haptic_master.kinematics import Geometry, inverse, matrix_from_zxz, measured_angles
 from spm_haptic_master.kinematics.joints import JOINT_NAMES
 from spm_haptic_master.kinematics.rotations import matrix_from_vector
-from spm_haptic_master.parameters.geometry import geometry_from, GEOMETRY_SETTINGS
 
 PER_TURN = (16384, 16383, 36000, 4096)
 ZERO = (1201, 15870, 8003, 444)
 DIRECTION = (1, 1, -1, 1)
-GEOMETRY = geometry_from({setting.name: setting.default for setting in GEOMETRY_SETTINGS})
+GEOMETRY = Geometry()
 LIMITS = (radians(0.1), radians(0.05))
 
 
