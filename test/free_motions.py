@@ -24,8 +24,6 @@ DEVIATIONS = Tolerances(radians(0.3), radians(0.3), radians(0.12), radians(0.015
 SHORT = Condition('short', seconds=24.0)
 # An ordinary rig, and the seed of its short motion.
 RIG, SEED = random_rig(12, DEVIATIONS), 41
-# What `short_calibration` reported of its progress (unit 1).
-SHARES = []
 
 
 @cache
@@ -38,8 +36,7 @@ def short_motion():
 def short_calibration():
     """Return the calibration from every tenth of its samples, with zeros that are known about."""
     stamps, raw, direction, zeros = short_motion()
-    return calibrated(stamps[::10], raw[::10], direction, zeros,
-                      lambda text, share: SHARES.append(share))
+    return calibrated(stamps[::10], raw[::10], direction, zeros)
 
 
 def model_of(sensors=4, nominal=None):

@@ -8,29 +8,17 @@ from functools import cache
 from math import degrees, radians, tau
 import re
 
-from free_motions import (
-    calibrated,
-    DEVIATIONS,
-    RIG,
-    SEED,
-    sensor_errors,
-    SHARES,
-    SHORT,
-    short_calibration,
-    short_motion,
-)
+import free_motions
+from free_motions import DEVIATIONS, RIG, SEED, SHORT, short_motion
 import numpy as np
 import pytest
 from rclpy.parameter import parameter_dict_from_yaml_file
 from recorded_text import assert_recorded
 from simulated_hand import deviations_of, hand_motion, joint_angles, readings
 from spm_haptic_master.calibration.calibration_file import file_text, write_text
-from spm_haptic_master.calibration.motion.calibration import (
-    motion_text,
-    Origin,
-    Verdict,
-    zero_counts,
-)
+from spm_haptic_master.calibration.motion import calibration as results
+from spm_haptic_master.calibration.motion import free_motion, zero_search
+from spm_haptic_master.calibration.motion.coverage import Region
 from spm_haptic_master.calibration.motion.free_motion import calibrate_motion
 from spm_haptic_master.calibration.motion.model import Layout
 from spm_haptic_master.calibration.motion.outside_reference import mounted
@@ -46,22 +34,15 @@ from spm_haptic_master.simulation.rig import random_rig
 from spm_haptic_master.tools import command_line
 from spm_haptic_master.validation.alignment import constant_frames, rotation_vectors
 
-ORIGIN = Origin('2026-01-02T03:04:05+00:00', 'motion.log', 'ab12', '1.2.3', (16384,) * 4,
-                {'can.channel': 'can1', 'source': 'can', 'encoders.id': (1, 2, 3, 4)})
-
-
-@pytest.fixture
-def motion():
-    return short_motion()
+PER_TURN = (16384, 16384, 4096, 65536)
+ORIGIN = results.Origin(
+    '2026-03-01T10:00:00+01:00', 'hand | motion.log', 'ab' * 32, '1.2.3', PER_TURN,
+    {'can.channel': 'can1', 'source': 'can', 'encoders.id': (1, 2, 3, 4)})
 
 
 @pytest.fixture
 def calibration():
-    return short_calibration()
-
-
-def test_the_progress_only_grows(calibration):
-    assert len(SHARES) > 4 and SHARES == sorted(SHARES) and SHARES[0] > 0.0 and SHARES[-1] < 1.0
+    return free_motions.short_calibration()
 
 
 @cache
@@ -82,9 +63,9 @@ def error_deg(found, vector, zeros):
     return degrees(float(np.sqrt(np.mean(np.sum(vectors ** 2, axis=1)))))
 
 
-def check(found, motion):
+def check(found):
     """Check directions, zeros, orientations of another motion, noise, bias and parity."""
-    _, _, direction, zeros = motion
+    _, _, direction, zeros = short_motion()
     assert found.direction == tuple(direction)
     off = np.abs(wrapped(found.vector[:4] - zeros))
     assert (off < 4.0 * found.deviations[:4]).all()
@@ -95,7 +76,7 @@ def check(found, motion):
     assert not found.unusual and not found.cautions
     assert np.allclose(np.degrees(found.readings.noise), 0.0405, rtol=0.05)
     # No sensor is off by more than its bound, which is no more than needed.
-    assert (sensor_errors(found, RIG, zeros) < found.bias).all()
+    assert (free_motions.sensor_errors(found, RIG, zeros) < found.bias).all()
     assert (found.bias < radians(0.6)).all()
     # The parity is that of white noise, of as many means.
     white = np.sqrt(np.mean(found.readings.sigma ** 2))
@@ -103,16 +84,16 @@ def check(found, motion):
     assert np.nanstd(found.parity_before) > 2.0 * white
 
 
-def test_a_motion_with_known_zeros_determines_the_rig(calibration, motion):
-    check(calibration, motion)
+def test_a_motion_with_known_zeros_determines_the_rig(calibration):
+    check(calibration)
     assert set(calibration.left) <= {'second harmonics'}
     assert 0.5 * calibration.error < calibration.region_error < 1.5 * calibration.error
 
 
 @pytest.mark.slow
-def test_nothing_is_known_and_the_directions_that_are_given_are_verified(motion):
-    stamps, raw, direction, _ = motion
-    check(calibrate_motion(Layout(4), stamps, raw, direction.tolist()), motion)
+def test_nothing_is_known_and_the_directions_that_are_given_are_verified():
+    stamps, raw, direction, _ = short_motion()
+    check(calibrate_motion(Layout(4), stamps, raw, direction.tolist()))
     wrong = list(direction)
     wrong[2] = -wrong[2]
     with pytest.raises(CalibrationError, match=(
@@ -130,15 +111,17 @@ def test_nothing_is_known_and_the_directions_that_are_given_are_verified(motion)
     # A motion that hardly moves is refused with what is missing.
     (lambda raw: readings(RIG, replace(SHORT, tilt=1.5, turn_from=44.0, turn_to=48.0), SEED)[1],
      'tilt the handle|turn the handle')])
-def test_readings_of_another_mechanism_or_hardly_a_motion_are_refused(motion, change, words):
-    stamps, raw, _, _ = motion
+def test_readings_of_another_mechanism_or_hardly_a_motion_are_refused(change, words):
+    stamps, raw, _, _ = short_motion()
     with pytest.raises(CalibrationError, match=words):
         calibrate_motion(Layout(4), stamps, change(raw))
 
 
 def test_the_file_is_what_was_found(calibration, tmp_path):
     path = tmp_path / 'calibration.yaml'
-    write_text(path, motion_text(Verdict(calibration, ORIGIN, 0.5, 0.9987, 0.04)))
+    part = replace(calibration, region=Region(14.0, 5.0, 75.0))
+    write_text(path, results.motion_text(results.Verdict(part, ORIGIN, 0.5, 0.9987, 0.04)))
+    assert_recorded('calibration/short.yaml', path.read_text())
     values = read_parameters(path)
     geometry = geometry_from(command_line.checked(
         {name: value for name, value in values.items() if name.startswith('geometry.')},
@@ -146,21 +129,18 @@ def test_the_file_is_what_was_found(calibration, tmp_path):
     expected = calibration.layout.geometry(calibration.vector)
     for name in ('base_axes', 'platform_axes', 'alphas', 'betas'):
         assert np.allclose(getattr(geometry, name), getattr(expected, name), atol=1e-7)
-    assert values['can.channel'] == 'can1' and values['encoders.id'] == [1, 2, 3, 4]
     # Counts become the joint angles of the model: whole zero counts, table and harmonics.
     checked = command_line.checked(
         values | {'can.channel': 'vcan0'}, SOURCE_SETTINGS['can'], 'can')
-    zeros, _ = zero_counts(calibration, (16384,) * 4)
     turned = exact(77)[1] + calibration.vector[:4]
+    zeros = np.multiply(calibration.direction, values['encoders.zero_count']) * tau / PER_TURN
     for sensor, harmonics in enumerate(make_harmonics(checked)):
-        whole = calibration.direction[sensor] * zeros[sensor] * tau / 16384.0
-        angle = harmonics.angles(turned[:, sensor] - whole)
+        angle = harmonics.angles(turned[:, sensor] - zeros[sensor])
         first, second = calibration.layout.harmonics(calibration.vector)
         reading = angle + first[sensor] @ [np.cos(angle), np.sin(angle)] \
             + second[sensor] @ [np.cos(2.0 * angle), np.sin(2.0 * angle)] \
             + calibration.vector[sensor]
         assert np.abs(wrapped(reading - turned[:, sensor])).max() < 1e-6
-    assert parameter_dict_from_yaml_file(str(path), True, [])
     # A millionth of a degree is enough for all but axes.
     assert not re.search(r'^(?!.*_axes).*\.\d{7}', path.read_text(), re.MULTILINE)
 
@@ -174,10 +154,10 @@ def test_any_name_of_a_log_can_be_read_back(tmp_path, name):
     assert parameter_dict_from_yaml_file(str(path), True, [])
 
 
-def test_poses_from_outside_give_the_mountings_and_improve_the_mechanism(calibration, motion):
+def test_poses_from_outside_give_the_mountings_and_improve_the_mechanism(calibration):
     """One of a jig that of the base, a capture both."""
     poses, read = exact(77, 100)
-    turned = read + motion[3]
+    turned = read + short_motion()[3]
     base, handle = matrix_from_zxz(0.3, 0.2, -0.5), matrix_from_zxz(1.0, 0.4, 2.0)
     sigma = radians(0.05)
     one = mounted(calibration, turned[:1], base @ poses[:1], sigma)
@@ -225,7 +205,8 @@ def test_cautions_name_what_an_engineer_should_look_at(calibration):
 @pytest.mark.slow
 def test_groups_that_are_confirmed_together_only_are_estimated():
     """One alone takes the place of the others; without any, the rest looked like a slip."""
-    found = calibrated(*readings(random_rig(11, DEVIATIONS), replace(SHORT, seconds=30.0), 1107))
+    found = free_motions.calibrated(
+        *readings(random_rig(11, DEVIATIONS), replace(SHORT, seconds=30.0), 1107))
     assert not found.left and not found.misfit
 
 
@@ -243,9 +224,31 @@ def test_five_and_six_sensors_are_calibrated_too():
 @pytest.mark.parametrize('begin, end, words', [
     (0.0, 1.5, '1.5.* more than 4 s'), (0.0, 3.9, '3.9.* more than 4 s'),
     (7.0, 9.5, '2.5.* more than 4 s'), (0.0, 9.9, '.* without a long pause')])
-def test_a_motion_without_a_part_that_confirms_the_rest_is_refused(motion, begin, end, words):
-    stamps, raw, _, _ = motion
+def test_a_motion_without_a_part_that_confirms_the_rest_is_refused(begin, end, words):
+    stamps, raw, _, _ = short_motion()
     since = (stamps - stamps[0]) * 1e-9
     rows = (since >= begin) & (since < end) & ((since < 3.9) | (since > 6.1))
     with pytest.raises(CalibrationError, match=f'the motion lasts {words}'):
         calibrate_motion(Layout(4), stamps[rows], raw[rows])
+
+
+def test_guidance_is_the_recorded_one(monkeypatch):
+    """Of the beginnings of a motion, with the zeros: the first search for them finds none."""
+    def found(*given, **options):
+        lines.append('search')
+        if lines.count('search') == 1:
+            raise CalibrationError('several explain the motion')
+        start = zero_search.find_start(*given, **options)
+        lines.append(f'{start.direction}, {np.degrees(start.vector[:4]).round(4).tolist()}')
+        return start
+
+    # Of a good motion, fewer guesses find the zeros, too.
+    monkeypatch.setattr(zero_search, 'GUESSES', 12)
+    monkeypatch.setattr(free_motion, 'find_start', found)
+    stamps, raw, _, _ = short_motion()
+    guide, lines = free_motion.Guide(Layout(4)), []
+    for count in (1500, 2500, 10000, 14000, 16000):
+        guidance = guide.evaluate(stamps[:count:8], raw[:count:8])
+        lines += [f'{count} sets: {guidance.text}', *(
+            f'    {name}: {share:.4f}' for name, share in guidance.covered.items())]
+    assert_recorded('calibration/guidance.txt', '\n'.join(lines))

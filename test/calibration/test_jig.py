@@ -10,23 +10,17 @@ from math import pi, radians
 import numpy as np
 import pytest
 from rclpy.parameter import parameter_dict_from_yaml_file, parameter_value_to_python
-from spm_haptic_master.calibration import jig
-from spm_haptic_master.calibration.calibration_file import (
-    calibration_text,
-    read_calibration,
-    write_text,
-)
+from spm_haptic_master.calibration import calibration_file, jig
 from spm_haptic_master.encoders.encoder_layout import counts_from_angle
 from spm_haptic_master.exceptions import CalibrationError, InputError
-from spm_haptic_master.kinematics import inverse, matrix_from_zxz, measured_angles
+from spm_haptic_master.kinematics import Geometry, inverse, matrix_from_zxz, measured_angles
 from spm_haptic_master.kinematics.joints import JOINT_NAMES
 from spm_haptic_master.kinematics.rotations import matrix_from_vector
-from spm_haptic_master.parameters.geometry import geometry_from, GEOMETRY_SETTINGS
 
 PER_TURN = (16384, 16383, 36000, 4096)
 ZERO = (1201, 15870, 8003, 444)
 DIRECTION = (1, 1, -1, 1)
-GEOMETRY = geometry_from({setting.name: setting.default for setting in GEOMETRY_SETTINGS})
+GEOMETRY = Geometry()
 LIMITS = (radians(0.1), radians(0.05))
 
 
@@ -159,8 +153,8 @@ def test_the_error_of_the_jig_becomes_the_bias_of_each_sensor():
 def test_the_file_holds_it_all_and_every_node_loads_it(tmp_path):
     path = tmp_path / 'rig.yaml'
     found = calibrated(station(FIRST), station(SECOND))
-    write_text(path, calibration_text(found, {'geometry.alpha_deg': 39.0}))
-    read = read_calibration(path)
+    path.write_text(calibration_file.calibration_text(found, {'geometry.alpha_deg': 39.0}))
+    read = calibration_file.read_calibration(path)
     assert isinstance(read, jig.Calibration)
     assert replace(read, stations=(), bias=()) == replace(found, stations=(), bias=())
     assert read.bias == pytest.approx(found.bias, abs=1e-7)
@@ -177,8 +171,8 @@ def test_the_file_holds_it_all_and_every_node_loads_it(tmp_path):
         'sigma_deg': pytest.approx(np.degrees(found.sigma), abs=1e-6),
         'bias_deg': pytest.approx([0.05] * 4)}
     assert 'NOT verified' not in path.read_text()
-    assert 'NOT verified: joint_1a, joint_1b, joint_1c, joint_3a' in calibration_text(
-        calibrated(), {})
+    assert 'NOT verified: joint_1a, joint_1b, joint_1c, joint_3a' in \
+        calibration_file.calibration_text(calibrated(), {})
 
 
 @pytest.mark.parametrize(('old', 'new', 'reason'), [
@@ -194,8 +188,8 @@ def test_the_file_holds_it_all_and_every_node_loads_it(tmp_path):
 ])
 def test_a_calibration_that_was_edited_wrongly_is_refused(tmp_path, old, new, reason):
     path = tmp_path / 'rig.yaml'
-    text = calibration_text(calibrated(), {})
+    text = calibration_file.calibration_text(calibrated(), {})
     assert old in text
     path.write_text(text.replace(old, new))
     with pytest.raises(InputError, match=reason):
-        read_calibration(path)
+        calibration_file.read_calibration(path)

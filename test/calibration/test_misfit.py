@@ -3,40 +3,30 @@
 
 """Rigs that are not the model's: slips, drift, play, axes that miss the centre, by their names."""
 
-from functools import cache
 from math import radians, tau
 import re
 
-from free_motions import calibrated, DEVIATIONS, model_of, random_vector, SIGMA
+import free_motions
+from free_motions import calibrated, short_motion
 from non_concentric import closed_angles
 import numpy as np
 import pytest
-from simulated_hand import Condition, hand_motion, readings
+from recorded_text import assert_recorded
+from simulated_hand import Condition, hand_motion
+from spm_haptic_master.calibration.motion import misfit
 from spm_haptic_master.calibration.motion.calibration import CONTRADICTION
 from spm_haptic_master.calibration.motion.fit import fit
-from spm_haptic_master.calibration.motion.misfit import contradiction
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.kinematics import Geometry, inverse, workspace_pose
-from spm_haptic_master.simulation.rig import perfect_rig, random_rig
-
-# Every so many samples are used, of a motion at 1 kHz.
-STEP = 8
+from spm_haptic_master.simulation.rig import perfect_rig
 
 
-@cache
-def motion():
-    """Return stamps, raw readings, directions and zeros."""
-    rig = random_rig(1, DEVIATIONS)
-    stamps, raw, direction, zeros = readings(rig, Condition('motion', seconds=32.0), 107)
-    return stamps[::STEP], raw[::STEP], direction, zeros
-
-
-def changed(sensor, change):
+def changed(sensor, change, **how):
     """Return the calibration with a sensor's angles changed, deg, by a function of 0 .. 1."""
-    stamps, raw, direction, zeros = motion()
-    raw = raw.copy()
+    stamps, raw, direction, zeros = short_motion()
+    raw = raw[::10].copy()
     raw[:, sensor] += direction[sensor] * np.radians(change(np.arange(len(raw)) / len(raw)))
-    return calibrated(stamps, raw, direction, zeros)
+    return calibrated(stamps[::10], raw, direction, zeros, **how)
 
 
 @pytest.mark.slow
@@ -55,23 +45,23 @@ def test_a_slip_near_an_end_of_the_motion_names_no_wrong_sensor(sensor, part):
         assert any('were cut: an encoder that slipped' in each for each in found.cautions)
 
 
-@pytest.mark.slow
 def test_play_is_a_caution_and_raises_the_bias():
-    healthy = changed(0, np.zeros_like)
-    assert not healthy.cautions
-    turns = np.unwrap(motion()[1][:, 0] * motion()[2][0])
+    healthy, shares = free_motions.short_calibration(), []
+    _, raw, direction, _ = short_motion()
+    turns = np.unwrap(raw[::10, 0] * direction[0])
     sense = np.sign(np.gradient(np.convolve(turns, np.ones(25) / 25.0, 'same')))
-    found = changed(0, lambda at: 0.1 * sense)
+    found = changed(0, lambda at: 0.1 * sense, progress=lambda text, share: shares.append(share))
     assert any('contradict each other' in caution and 'play' in caution
                for caution in found.cautions)
     assert found.bias[0] > radians(0.1) and (found.bias > healthy.bias).all()
+    assert shares == [0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.9, 0.95]
 
 
 @pytest.mark.slow
 def test_axes_that_miss_the_centre_are_a_caution():
     geometry = Geometry()
     rotation = hand_motion(
-        perfect_rig(geometry, 0.0), Condition('motion', seconds=32.0), 41)[::STEP]
+        perfect_rig(geometry, 0.0), Condition('motion', seconds=32.0), 41)[::8]
     random = np.random.default_rng(1)
     offsets = 3.0 * random.normal(size=(3, 3, 3)) * [1.0, 1.0, 0.0]
     drawn = inverse(rotation[:50], geometry)
@@ -80,18 +70,41 @@ def test_axes_that_miss_the_centre_are_a_caution():
     angles = closed_angles(rotation, offsets, geometry)
     zeros, direction = random.uniform(0.0, tau, 4), np.array([1, -1, 1, 1])
     read = angles + random.normal(size=angles.shape) * radians(0.02) + zeros
-    stamps = (np.arange(len(rotation)) * STEP * 1e6).astype(np.int64)
+    stamps = (np.arange(len(rotation)) * 8e6).astype(np.int64)
     found = calibrated(stamps, direction * read, direction, zeros)
     assert any('axes that miss the centre' in caution for caution in found.cautions)
 
 
 def test_a_motion_through_few_parts_of_the_workspace_does_not_contradict_itself():
     """Tilt and self-rotation grow together: most of the eight parts have no sample."""
-    model = model_of()
-    vector = random_vector(model, 5)
+    model = free_motions.model_of()
+    vector = free_motions.random_vector(model, 5)
     along = np.linspace(-1.0, 1.0, 400)
     rotation = workspace_pose(0.2 * along, 0.8, 0.7 + 0.3 * along)
-    turned = model.readings(rotation, vector)
-    turned += SIGMA * np.random.default_rng(2).normal(size=turned.shape)
+    turned = with_noise(model.readings(rotation, vector), 2)
     found = fit(model, turned, vector, range(model.layout.sensors), rotation)
-    assert contradiction(model, turned, found) < CONTRADICTION
+    assert misfit.contradiction(model, turned, found) < CONTRADICTION
+
+
+def test_slips_during_a_motion_are_named_as_recorded():
+    """Of one sensor after a time, of one that all may be, and a drift; none without."""
+    model = free_motions.model_of()
+    vector = free_motions.random_vector(model, 5)
+    turned = with_noise(model.readings(free_motions.poses(3000), vector), 1)
+    seconds = 0.01 * np.arange(3000)
+    lines = []
+    for sensor, change in enumerate((
+            0.5 * (seconds > 12.0), -0.4 * (seconds > 20.0), 0.02 * seconds, 0.0 * seconds)):
+        slipped = turned + np.outer(np.radians(change), np.eye(4)[sensor])
+        found = fit(model, slipped, vector, range(4))
+        lines.append(f'slow factor {misfit.slow_factor(seconds, found.normal):.3f}')
+        try:
+            misfit.check_slip(model, slipped, seconds, found)
+        except CalibrationError as error:
+            lines.append(f'    {error}')
+    assert_recorded('calibration/slips.txt', '\n'.join(lines))
+
+
+def with_noise(turned, seed):
+    """Return readings with the noise of the model."""
+    return turned + free_motions.SIGMA * np.random.default_rng(seed).normal(size=turned.shape)

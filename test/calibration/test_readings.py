@@ -3,12 +3,17 @@
 
 """Readings of a free motion made ready: noise, spikes, gaps, turns, and what is refused."""
 
+from dataclasses import replace
 from math import tau
 
+from free_motions import DEVIATIONS, SHORT
 import numpy as np
 import pytest
+from recorded_text import assert_recorded
+from simulated_hand import readings
 from spm_haptic_master.calibration.motion.readings import motion_readings, spread
 from spm_haptic_master.exceptions import CalibrationError
+from spm_haptic_master.simulation.rig import random_rig
 
 N = 20000
 STAMPS = np.arange(N, dtype=np.int64) * 1_000_000
@@ -104,6 +109,16 @@ def test_stamps_that_go_back_are_refused_and_a_jump_forward_is_none():
     ahead = STAMPS.copy()
     ahead[100:] += 1_700_000_000_000_000_000
     assert len(motion_readings(ahead, read).seconds) == N // 2
+
+
+def test_readings_of_a_hand_with_outliers_rest_and_a_gap_are_made_ready_as_recorded():
+    stamps, raw, _, _ = readings(random_rig(3, DEVIATIONS), replace(
+        SHORT, seconds=12.0, outliers=0.05, dropout=0.05, rest=0.1), 8)
+    found = motion_readings(stamps, raw)
+    lines = [f'{found.sets} sets, {found.spikes} spikes, noise, and means:'] + [
+        ' '.join(f'{angle:.4f}' for angle in np.degrees(row))
+        for row in (found.noise, *found.readings[::1000])]
+    assert_recorded('calibration/readings.txt', '\n'.join(lines))
 
 
 def test_spread_takes_the_corners_first():

@@ -106,7 +106,7 @@ def test_nothing_or_a_part_of_what_is_needed_whole_is_an_error(sets, then, keep,
         recorded(Device(sets, then), keep=keep)
 
 
-def test_the_recording_ends_when_it_is_enough_or_long_enough():
+def test_the_recording_ends_when_it_is_enough_or_long_enough(monkeypatch):
     seen = []
     recorded(Device(300), evaluate=lambda found, since: seen.append(since) or len(seen) > 2)
     assert len(seen) == 3 and seen[0] == 0.0 < seen[1]
@@ -116,6 +116,11 @@ def test_the_recording_ends_when_it_is_enough_or_long_enough():
     # As long as it says, however long an evaluation takes.
     stamps, _, notes = recorded(Device(10 ** 9, pause=1e-4), 0.25, lambda *_: time.sleep(0.3))
     assert notes == [] and len(stamps) == 251 and stamps[-1] - stamps[0] == 250_000_000
+    # The first evaluation is after a second; no read takes more than a tenth of one.
+    waits, sleep = set(), time.sleep
+    monkeypatch.setattr(time, 'sleep', lambda wait: waits.add(wait) or sleep(0.01 * wait))
+    record(Device(1), 60.0, lambda *_: True)
+    assert 1.0 in waits <= {0.0, 0.1, 1.0}
 
 
 def test_sets_that_are_left_out_are_reported_with_their_joint(monkeypatch, capsys):

@@ -4,23 +4,22 @@
 """The report of a calibration from free motion: its figures, its pictures, what it refuses."""
 
 from dataclasses import replace
-from itertools import product
 import re
 import sys
 
 from free_motions import short_calibration
 import numpy as np
 import pytest
+from recorded_text import assert_recorded
 from spm_haptic_master.calibration import report_picture
 from spm_haptic_master.calibration.calibration_file import check_output
 from spm_haptic_master.calibration.motion.calibration import Origin, Verdict
 from spm_haptic_master.calibration.motion.coverage import Region
 from spm_haptic_master.calibration.report import report_paths, write_report
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.kinematics import zxz_from_matrix
 from spm_haptic_master.validation import plot_style
 
-images = pytest.importorskip('matplotlib.image')
+pytest.importorskip('matplotlib')
 
 ORIGIN = Origin('2026-03-01T10:00:00+01:00', 'hand | motion.log', 'ab' * 32, '1.2.3',
                 (16384, 16384, 4096, 65536), {'encoders.can_id': (1, 2, 3, 4)})
@@ -45,9 +44,9 @@ def drawn(monkeypatch):
     monkeypatch.setattr(report_picture, 'draw', lambda calibration: b'the picture')
 
 
-def write(output, calibration, target=0.02):
+def write(output, calibration, target=0.04):
     """Write a report; return what is said of it."""
-    return write_report(output, Verdict(calibration, ORIGIN, 0.5, 1.0, target))
+    return write_report(output, Verdict(calibration, ORIGIN, 0.5, 0.9987, target))
 
 
 def written(output, *args):
@@ -66,39 +65,32 @@ def tables(text):
     return found
 
 
-def test_the_report_begins_with_what_the_calibration_is_good_for(calibration, output, drawn):
+def test_the_report_is_the_recorded_one_and_begins_with_its_use(calibration, output, drawn):
     """And is one page of A4 in print: 60 lines beside the picture."""
-    first, _, second, *_ = lines = written(output, calibration).splitlines()
+    text = written(output, replace(calibration, region=Region(14.0, 5.0, 75.0)))
+    assert len(text.splitlines()) < 60
+    assert_recorded('calibration/short.md', text)
+    assert output.with_name('rig_parity.png').read_bytes() == b'the picture'
+    first, _, second, *_ = written(output, calibration, 2.0).splitlines()
     assert first == ('# Good for an alert limit of 0.5 deg or more, over the workspace: tilt to '
                      '16 deg, self-rotation 0 to 80 deg.')
-    assert 'deg rms over the region, target 0.02 deg NOT reached' in second
-    assert len(lines) < 60
-    part = replace(calibration, region=Region(9.0, 30.0, 70.0))
-    first, _, second, *_ = written(output, part, 2.0).splitlines()
-    assert 'ONLY for the region moved: tilt to 9 deg, self-rotation 30 to 70 deg' in first
-    assert 'target 2 deg reached' in second
+    assert 'deg rms over the region, target 2 deg reached' in second
 
 
-def test_the_mechanism_is_quoted_beside_the_drawing(calibration, output, drawn):
-    """With standard deviations of angles between axes as those of mechanisms by the covariance."""
-    c = calibration
-    rows = tables(written(output, c))
-    built, nominal = c.layout.geometry(c.vector), c.layout.nominal
-    for name, angle, drawn, deviation in zip(
-            c.layout.names[4:10], (*built.alphas, *built.betas),
-            (*nominal.alphas, *nominal.betas), c.deviations[4:10], strict=True):
-        assert [float(cell) for cell in rows[name][0][:4]] == pytest.approx(
-            np.degrees([drawn, angle, angle - drawn, deviation]), abs=1e-4)
-    vectors = np.random.default_rng(1).multivariate_normal(c.vector, c.covariance, 500)
-    several = [c.layout.geometry(vector) for vector in vectors]
+def test_deviations_of_angles_between_axes_are_those_of_drawn_mechanisms(
+        calibration, output, drawn):
+    """With mechanisms drawn by the covariance of the parameters."""
+    rows, layout = tables(written(output, calibration)), calibration.layout
+    vectors = np.random.default_rng(1).multivariate_normal(
+        calibration.vector, calibration.covariance, 500)
+    several = [layout.geometry(vector) for vector in vectors]
     for joint, kind in ((1, 'base_axes'), (3, 'platform_axes')):
         for first, second in ((0, 1), (1, 2), (2, 0)):
-            angle, *angles = (np.degrees(np.arccos(
-                np.dot(getattr(each, kind)[first], getattr(each, kind)[second])))
-                for each in (built, *several))
+            angles = np.degrees([np.arccos(np.dot(
+                getattr(each, kind)[first], getattr(each, kind)[second])) for each in several])
             cells = rows[f'angle from Z{joint}{"ABC"[first]} to Z{joint}{"ABC"[second]}'][0]
-            assert float(cells[1]) == pytest.approx(angle, abs=1e-4)
-            assert float(cells[3]) == pytest.approx(np.std(angles), rel=0.12)
+            assert float(cells[1]) == pytest.approx(angles.mean(), abs=0.05)
+            assert float(cells[3]) == pytest.approx(angles.std(), rel=0.12)
 
 
 def test_what_was_left_and_which_motion_would_determine_it(calibration, output, drawn):
@@ -116,65 +108,29 @@ def test_what_was_left_and_which_motion_would_determine_it(calibration, output, 
     assert '**CAUTION**: 2.0 % of the samples do not fit the others and were cut: ' in text
 
 
-@pytest.mark.slow
-def test_the_picture_is_beside_the_file_and_in_the_report(calibration, output):
-    shown = re.findall(r'!\[.*?\]\((.*?)\)', written(output, calibration))
-    assert shown == ['rig_parity.png']
-    assert images.imread(output.with_name(shown[0]))[..., :3].std() > 0.05
-    assert {path.name for path in output.parent.iterdir()} == {'rig.yaml', 'rig.md', *shown}
-
-
-def test_the_picture_has_the_mean_parity_of_each_cell_before_and_after(calibration, monkeypatch):
-    """Against tilt and azimuth by each orientation; means without an orientation are left out."""
+def test_the_picture_is_the_recorded_one(calibration, monkeypatch):
+    """Maps with their scale and edges, lines and texts; means without orientation are left out."""
     figures = []
-    monkeypatch.setattr(plot_style, 'save', lambda figure, file: figures.append(figure))
+    monkeypatch.setattr(plot_style, 'save', lambda figure, file: (
+        figures.append(figure), file.write(b'the picture')))
     rotation = calibration.rotation.copy()
     rotation[:50] = np.nan
-    c = replace(calibration, rotation=rotation, region=Region(9.0, 30.0, 70.0))
-    report_picture.draw(c)
-    axes = figures[0].axes
-    centre, one, other = (np.array(each) / np.linalg.norm(each) for each in (
-        [1.0, 1.0, 1.0], [1.0, -1.0, 0.0], [1.0, 1.0, -2.0]))
-    along = rotation[50:, :, 2]
-    tilt = np.degrees(np.arccos(along @ centre))
-    place = np.column_stack([along @ one, along @ other])
-    x, y = (place * (tilt / np.linalg.norm(place, axis=1))[:, None]).T
-    turn = np.degrees(np.unwrap(zxz_from_matrix(rotation[50:])[2]))
-    turn -= 360.0 * np.round(turn.mean() / 360.0)
-    limits, sizes = np.zeros((2, 3)), [[], [], []]
-    for (row, coordinates, width), (column, parity) in product(
-            ((0, (x, y), (2.0, 2.0)), (1, (turn, tilt), (4.0, 2.0))),
-            enumerate((c.parity_before, c.parity, c.parity))):
-        mesh = axes[3 * row + column].collections[0]
+    assert report_picture.draw(replace(
+        calibration, rotation=rotation, region=Region(9.0, 30.0, 70.0))) == b'the picture'
+    lines = []
+    for axes in figures[0].axes[:6]:
+        mesh, = axes.collections
         corners = mesh.get_coordinates()
-        cells = {}
-        for cell, value in zip(np.floor(np.column_stack(coordinates) / width).tolist(),
-                               np.degrees(parity[50:]), strict=True):
-            cells.setdefault(tuple(cell), []).append(value)
-        expected = {cell: np.mean(values) for cell, values in cells.items() if len(values) >= 5}
-        drawn = np.ma.filled(mesh.get_array(), np.nan).reshape(np.array(corners.shape[:2]) - 1)
-        assert {tuple(corners[at] / width): drawn[at] for at in zip(
-            *np.nonzero(np.isfinite(drawn)), strict=True)} == pytest.approx(expected, abs=1e-9)
-        # Of all cells that have a sample, and no more.
-        assert [*(corners[0, 0] / width), *(corners[-1, -1] / width - 1.0)] == [
-            *np.min([*cells], axis=0), *np.max([*cells], axis=0)]
-        low, limits[row, column] = mesh.get_clim()
-        assert low == -limits[row, column]
-        sizes[column] += np.abs([*expected.values()]).tolist()
-    # One scale for both maps of a column, and for before and after: but for the last spikes.
-    assert (limits[0] == limits[1]).all()
-    assert limits[0, 0] == limits[0, 1] > limits[0, 2]
-    for column in (0, 2):
-        assert np.mean(sizes[column] <= limits[0, column]) == pytest.approx(0.98, abs=0.01)
-    # The region is dashed, and the legs' letters are towards their motors: x, y, z are B, C, A.
-    circle, box = (axes[at].lines[0].get_xydata() for at in (1, 4))
-    assert np.allclose(np.linalg.norm(circle, axis=1), 9.0)
-    assert box.tolist() == [[30.0, 0.0], [30.0, 9.0], [70.0, 9.0], [70.0, 0.0]]
-    for text in axes[0].texts:
-        motor = np.eye(3)['BCA'.index(text.get_text())]
-        at, towards = np.array(text.get_position()), np.array([motor @ one, motor @ other])
-        assert at @ towards == pytest.approx(np.linalg.norm(at) * np.linalg.norm(towards))
-        assert tilt.max() < np.linalg.norm(at) < axes[0].get_xlim()[1]
+        lines += [' | '.join((axes.get_title(), axes.get_xlabel(), axes.get_ylabel(),
+                              *(each.get_text() for each in axes.texts))),
+                  *(' '.join(f'{number:.4f}' for number in np.ravel(numbers)) for numbers in (
+                      (*axes.get_xlim(), *axes.get_ylim()), mesh.get_clim(),
+                      (corners[0, 0], corners[-1, -1]), axes.lines[0].get_xydata()[::10],
+                      [each.get_position() for each in axes.texts])),
+                  *(' '.join(f'{mean:.4f}' for mean in row)
+                    for row in np.ma.filled(mesh.get_array(), np.nan))]
+    lines += [axes.get_xlabel() for axes in figures[0].axes[6:]]
+    assert_recorded('calibration/picture.txt', '\n'.join(lines))
 
 
 def test_without_matplotlib_a_line_says_so(calibration, output, monkeypatch):

@@ -146,7 +146,7 @@ class Evaluation:
     """What the slow parity says of each sensor."""
 
     slip: Array  # reading less true angle if this sensor alone slipped, rad, (N,)
-    deviation: Array  # its standard deviation by noise and bias, rad, (N,); inf: no pose shows it
+    deviation: Array  # its standard deviation by noise and bias, rad, (N,)
     explained: Array  # what such a slip explains of `misfit` (unit 1), (N,); noise, bias: about 1
     together: Array  # slips of all sensors if all of them slipped, rad, (N,)
     misfit: float  # sum of squared parities over their variances (unit 1); healthy: ~ `freedom`
@@ -169,12 +169,12 @@ class Evaluation:
     @property
     def merit(self) -> float:
         """Return the figure of merit: slow parity over what noise and bias allow, rms (unit 1)."""
-        return sqrt(self.misfit / self.freedom) if self.freedom else 0.0
+        return sqrt(self.misfit / self.freedom)
 
     @property
     def limit(self) -> float:
         """Return what a healthy misfit exceeds in 1 of 30,000 (Wilson and Hilferty 1931)."""
-        part = 2.0 / (9.0 * max(self.freedom, 1))
+        part = 2.0 / (9.0 * self.freedom)
         return self.freedom * (1.0 - part + TOTAL_DEVIATIONS * sqrt(part)) ** 3
 
     @property
@@ -204,7 +204,11 @@ def suspects(left: Array, freedom: int, limit: float) -> tuple[int, ...]:
 
 
 def evaluate(sums: PoseSums, bias: Array) -> Evaluation:
-    """Return what sums by pose say of each sensor, by the bounds of their errors, rad, (N,)."""
+    """
+    Return what sums by pose say of each sensor, by the bounds of their errors, rad, (N,).
+
+    At least one pose has a sample.
+    """
     sensors = len(bias)
     kept = sums.samples > 0.0
     samples = sums.samples[kept]
@@ -220,15 +224,13 @@ def evaluate(sums: PoseSums, bias: Array) -> Evaluation:
     information = np.diag(every)
     score = np.einsum('mki,mk->i', gain, weighted[:, :, sensors])
     misfit = float(np.einsum('mk,mk->', parity, weighted[:, :, sensors]))
-    # Without information there is no score.
+    # Without information there is no score, and the deviation is beyond all bounds.
     seen = np.maximum(information, np.finfo(float).tiny)
-    deviation = np.where(information > 0.0, seen ** -0.5, np.inf)
     together = np.linalg.lstsq(every, score, rcond=None)[0]
 
     def rms(squares: Array) -> float:
-        return float(np.sqrt(np.average(squares.mean(axis=1), weights=samples))) \
-            if len(samples) else 0.0
+        return float(np.sqrt(np.average(squares.mean(axis=1), weights=samples)))
 
     diagonal = np.einsum('mkk->mk', covariance)
-    return Evaluation(score / seen, deviation, score ** 2 / seen, together, misfit, parity.size,
+    return Evaluation(score / seen, seen ** -0.5, score ** 2 / seen, together, misfit, parity.size,
                       rms((parity / root) ** 2), rms(diagonal / root ** 2), rms(root ** -2.0))
