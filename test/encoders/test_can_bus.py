@@ -10,6 +10,7 @@ import sys
 
 import can
 import pytest
+from recorded_text import assert_recorded
 from spm_haptic_master.encoders import can_bus
 
 
@@ -52,16 +53,14 @@ def test_the_name_of_a_bus_between_processes_has_its_port(monkeypatch, config, e
     assert can_bus.bus_name('udp_multicast', '239.74.0.1') == 'udp_multicast 239.74.0.1'
 
 
-# Linux, include/uapi/linux/can/error.h: classes in the identifier, and byte 1 of a controller's.
-@pytest.mark.parametrize(('identifier', 'data', 'words'), [
-    (0x020, '', 'no acknowledge (is any other node on the bus?)'),
-    (0x088, '', 'protocol violation, bus error'), (0x200, '', 'unknown error 0x200'),
-    (0x041, '', 'transmit timeout, bus-off'),
-    (0x004, '0030000000000000',
-     'controller problem, receive error passive, transmit error passive'),
-    # Too short for details, and details of another class.
-    (0x004, '01', 'controller problem'), (0x008, '0030000000000000', 'protocol violation'),
-])
-def test_error_frames_have_words(identifier, data, words):
-    assert can_bus.error_words(can.Message(
-        arbitration_id=identifier, is_error_frame=True, data=bytes.fromhex(data))) == words
+def test_error_frames_have_the_words_of_linux():
+    """Classes in the identifier, and byte 1 of a controller's (linux/can/error.h)."""
+    frames = [*((1 << bit, b'') for bit in range(11)),
+              *((0x004, bytes((0, 1 << bit))) for bit in range(8)),
+              # Several; too short for details, and details of another class.
+              (0x088, b''), (0x041, b''), (0x004, b'\x00\x30'), (0x004, b'\x01'),
+              (0x008, b'\x00\x30')]
+    assert_recorded('encoders/error_frames.txt', ''.join(
+        f'0x{identifier:03X} {data.hex()}: ' + can_bus.error_words(can.Message(
+            arbitration_id=identifier, is_error_frame=True, data=data)) + '\n'
+        for identifier, data in frames))

@@ -5,29 +5,14 @@
 
 from encoder_frames import decoder, values
 import pytest
-from spm_haptic_master.encoders.decoder_factory import frame_bits, unverified_joints
+from spm_haptic_master.encoders.decoder_factory import unverified_joints
 from spm_haptic_master.exceptions import SettingError
-from spm_haptic_master.parameters.encoders import sensors_of
 from spm_haptic_master.simulation.source_factory import make_source
 
 
 def test_an_interface_that_python_can_does_not_have_is_refused():
     with pytest.raises(SettingError, match="'can.interface' is 'nonsense'; expected one of"):
         make_source('can', values(can__interface='nonsense'))
-
-
-def test_defaults_of_four_extend_to_six():
-    four, six = values(), values(sensors=6)
-    assert six['encoders.id'] == (*four['encoders.id'], 0x185, 0x186)
-    assert six['encoders.node_id'] == (1, 2, 3, 4, 5, 6)
-    for name in ('encoders.data_length', 'encoders.byte_order', 'encoders.harmonic_cos_deg'):
-        assert six[name] == (*four[name], *four[name][-1:] * 2)
-
-
-@pytest.mark.parametrize('sensors', [3, 7, '4'])
-def test_other_numbers_of_sensors_are_refused(sensors):
-    with pytest.raises(SettingError, match="'sensors' is .*; expected one of 4, 5, 6"):
-        sensors_of({'sensors': sensors})
 
 
 COUNTER, STATUS = {'counter_mask': 0xF0}, {'status_mask': 0b101}
@@ -110,7 +95,10 @@ def test_settings_are_checked_against_each_other(index, changes, expected):
      '250000: a cycle of SYNC and four answers has up to 435 bits, and 435 bits x 600 Hz / 250000 '
      'bit/s = 104 % bus load, beyond 95 %'),
     (250_000, 1000.0, {'encoders__sync_id': 0}, 'a cycle of four answers has up to 380 bits'),
-    (1_000_000, 1600.0, {'sensors': 6}, 'SYNC and six answers')])
+    (1_000_000, 1600.0, {'sensors': 6}, 'SYNC and six answers'),
+    # Stuffed: 135 bits for a frame of eight bytes, 160 with 29 bits (CAN in Automation).
+    (500_000, 1000.0, {'encoders__data_length': (8,) * 4,
+                       'encoders__extended': (False, True, False, False)}, 'up to 620 bits')])
 def test_a_rate_that_the_bus_cannot_carry_is_refused_with_the_arithmetic(
         bitrate, rate, overrides, words):
     settings = values(can__interface='virtual', can__bitrate=bitrate, rate=rate, **overrides)
@@ -120,12 +108,6 @@ def test_a_rate_that_the_bus_cannot_carry_is_refused_with_the_arithmetic(
     with pytest.raises(SettingError) as error:
         make_source('can', settings)
     assert words in str(error.value)
-
-
-def test_the_length_of_a_frame_is_the_worst_case_of_the_standard():
-    """Stuffed: 135 and 160 bits for frames of eight bytes (CAN in Automation)."""
-    assert [frame_bits(length, extended) for length in (0, 8) for extended in (False, True)] \
-        == [55, 80, 135, 160]
 
 
 @pytest.mark.parametrize(('source', 'given'), [
