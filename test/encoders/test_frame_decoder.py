@@ -7,7 +7,7 @@ import sys
 import threading
 
 from encoder_frames import answer, cycle, decoder, feed, LAYOUTS, PERIOD, sync, T0
-from marked_cycles import angle, by_cycle, rig, STATUS
+from marked_cycles import angle, by_cycle, COUNTER, rig, STATUS
 from marked_cycles import cycle as marked
 import pytest
 from spm_haptic_master.encoders import canopen
@@ -89,11 +89,13 @@ def test_a_lost_heartbeat_takes_the_joint_away_until_it_comes_again():
     assert by_cycle(feed(taker, sum(stream[50:], []))) == {n: set() for n in range(50, 60)}
 
 
-def test_a_node_that_was_started_is_operational_until_its_heartbeat():
-    """Boot-up, then NMT start: the first heartbeat comes later than the first answers."""
-    taker, layouts = rig(6)
-    taker.feed(at(0.0, canopen.frame(0x705, b'\x00')))
-    assert by_cycle(feed(taker, marked(layouts, 1))) == {1: set()}
+def test_a_node_that_has_booted_and_was_started_is_operational_until_its_heartbeat():
+    """The first heartbeat comes later than the first answers; their counter begins anew."""
+    taker, layouts = rig(6, COUNTER)
+    answers = marked(layouts, 2)
+    answers[5].data = layouts[4].data(angle(4, 2), 1)
+    boot_up = at(1.9 * PERIOD, canopen.frame(0x705, b'\x00'))
+    assert by_cycle(feed(taker, [*marked(layouts, 1), boot_up, *answers])) == {1: set(), 2: set()}
 
 
 @pytest.mark.parametrize('sensors', [4, 5, 6])
@@ -134,6 +136,8 @@ def test_silent_encoders_are_explained_by_what_is_known_of_each():
         'joint_1b silent (no frames); joint_1c silent (no frames)')
     feed(taker, [at(1.0, canopen.frame(0x704, b'\x7f'))])
     assert taker.explain(NOW, 0.03).endswith('joint_3a silent (pre-operational)')
+    # Four may answer in a state that is no caution.
+    assert taker.caution(NOW) is None
 
 
 def test_counters_are_read_while_another_thread_adds_new_ones():

@@ -51,6 +51,8 @@ def test_a_recording_without_one_encoder_has_no_set_and_names_it(tmp_path):
     frames = [frame for frame in stream(*range(20)) if frame.arbitration_id != 0x184]
     with pytest.raises(ReplayError, match='no answer from joint_3a'):
         replayed(record(tmp_path / 'a.log', frames))
+    with pytest.raises(ReplayError, match='its frames: none'):
+        replayed(record(tmp_path / 'empty.log', []))
 
 
 @pytest.mark.parametrize(('name', 'expected'), [

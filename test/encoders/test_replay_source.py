@@ -3,7 +3,7 @@
 
 """Recordings at their pace: when sets are due, rounds, gaps, and the end."""
 
-from encoder_frames import cycle, record, stream, values
+from encoder_frames import cycle, record, stream, T0, values
 import pytest
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.exceptions import SourceEnded
@@ -105,8 +105,9 @@ def test_fault_and_figures_are_those_at_this_point_of_the_recording(replay):
 
 
 def test_a_recording_without_sets_for_long_is_a_fault(replay, clock):
-    frames = [canopen.frame(0x123) for _ in range(2500)]
-    source = replay([*frames, *cycle(0)])
+    others = [canopen.frame(0x123, stamp=T0) for _ in range(2500)]
+    source = replay([*others, *cycle(0), *others[:995], *cycle(1)])
     assert source.read(1.0) is source.read(1.0) is None
     assert clock.slept == [1e-3] * 2
     assert source.fault == 'no set of four encoders in 1000 frames of the recording'
+    assert source.read(1.0) and source.read(1.0)

@@ -178,14 +178,14 @@ def test_a_scan_lists_identifiers_nodes_and_errors():
         at(canopen.emcy(3, 0x5000, 1)), remote,
         *(at(canopen.frame(0x183, bytes(length)), T0 + when)
           for length, when in ((8, 0.0), (2, 0.25), (8, 0.5))),
-        at(canopen.frame(0x80)), at(canopen.sdo_upload(9, 0x1000, 0)),
+        at(canopen.frame(0x99)), at(canopen.sdo_upload(9, 0x1000, 0)),
         *(at(canopen.sdo_answer(7, *key, value)) for key, value in identity.items()),
         at(canopen.sdo(0x582, canopen.SDO_ABORT, *canopen.SERIAL_NUMBER, 0x06020000)),
         at(canopen.sdo_answer(2, *canopen.DEVICE_TYPE, 0x00010196)),
-        *(at(canopen.frame(0x702, bytes((state,)))) for state in (0, 0x7F, 0, 0x85))])
+        *(at(canopen.frame(0x702, bytes((state,)))) for state in (0, 0x7F, 0, 0x85))], 0x99)
     assert scan_report.listing(scan, DEFAULT) == [
-        '  0x080       0.0 Hz    0 bytes        1 frames  SYNC',
         '  0x083       0.0 Hz    8 bytes        2 frames  EMCY of node 3',
+        '  0x099       0.0 Hz    0 bytes        1 frames  SYNC',
         '  0x183       4.0 Hz  2/8 bytes        3 frames  joint_1c',
         '  0x702       0.0 Hz    1 bytes        4 frames  heartbeat of node 2',
         '  0x00000181       0.0 Hz    4 bytes        1 frames  29-bit frame',
