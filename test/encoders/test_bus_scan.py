@@ -4,6 +4,8 @@
 """A scan of a scripted bus: what it asks, what it sends, what it records."""
 
 import can
+from encoder_frames import sync
+import numpy as np
 import pytest
 from scripted_bus import node_frame, ScriptedBus, SEND_TIMEOUT
 from spm_haptic_master.encoders import canopen
@@ -108,3 +110,24 @@ def test_a_scan_goes_on_where_nobody_acknowledges(scan_of):
     assert set(scan.frames) == {(False, 0x181)} and sent == []
     assert scan.unsent['Transmit buffer full'] > 100 and scan.own_sync is None
     assert scan.started == set()
+
+
+RNG = np.random.default_rng(2)
+
+
+@pytest.mark.parametrize(('stamps', 'off'), [
+    # A busy machine loses a third of the SYNCs, and reads the others late by up to a fifth of a
+    # period.
+    ([0.02 * number + RNG.uniform(0.0, 4e-3) for number in range(150)
+      if RNG.random() > 1.0 / 3.0], 0.05),
+    # A pause of a program, in periods: that of the first SYNC and those in which it catches up.
+    *((0.02 * (np.arange(100) + [*[0.0] * 50, *late, *[0.0] * (50 - len(late))]), 1e-6)
+      for late in ((0.55, 0.1), (0.52,), (1.0,), (1.6, 0.7, 0.2), (2.6, 1.7, 0.8, 0.3),
+                   (-0.1, 0.45)))])
+def test_the_rate_of_a_master_is_what_it_is_set_to_on_a_busy_machine(stamps, off):
+    scan = BusScan()
+    assert scan.master_rate == 0.0
+    for number, stamp in enumerate(stamps):
+        scan.feed(sync(1.76e9 + stamp))
+        assert number or scan.master_rate == 0.0
+    assert scan.master_rate == pytest.approx(50.0, rel=off)
