@@ -57,21 +57,22 @@ def test_every_node_is_asked_for_its_type_and_those_heard_for_the_rest(scan_of):
     assert reports == ['2 s left, 1 identifiers', '1 s left, 1 identifiers']
 
 
-@pytest.mark.parametrize(('master', 'count', 'reported'), [
+@pytest.mark.parametrize(('rate', 'master', 'count', 'reported'), [
     # No master: for all the time after it was listened for; one from the start; one later.
-    (None, 18, 1), (0.5, 0, 0), (LISTEN + 0.23, 5, 2)])
+    (20.0, None, 18, 1), (1000.0, None, 900, 1), (20.0, 0.5, 0, 0), (20.0, LISTEN + 0.23, 5, 2)])
 def test_sync_is_sent_at_the_rate_while_no_master_makes_it(
-        scan_of, clock, master, count, reported):
+        scan_of, clock, rate, master, count, reported):
     script = [] if master is None else [
         node_frame(master + 0.02 * number, 0x80, b'') for number in range(150)]
-    scan, sent, reports = scan_of(script, 0.9, start=(), rate=20.0)
+    scan, sent, reports = scan_of(script, 0.9, start=(), rate=rate)
     assert {(message.arbitration_id, bytes(message.data)) for _, message in sent} \
         <= {(0x80, b'')}
     assert len(sent) == (scan.own_sync.count if scan.own_sync else 0) == count
     assert [at for at, _ in sent] == pytest.approx(
-        [LISTEN + 0.05 * number for number in range(count)], abs=0.01)
+        [LISTEN + number / rate for number in range(count)], abs=0.01)
     assert [each for each in reports if 'SYNC' in each] == [
-        'no SYNC on the bus: SYNC 0x80 is sent from here, at 20 Hz',
+        'no SYNC on the bus: SYNC 0x80 is sent from here, at '
+        f'{rate:g} Hz',
         'another master makes SYNC: none is sent from here any more'][:reported]
     assert clock.now == pytest.approx(LISTEN + (0.9 if count else 0.0), abs=0.01)
 

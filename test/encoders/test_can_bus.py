@@ -14,11 +14,6 @@ from recorded_text import assert_recorded
 from spm_haptic_master.encoders import can_bus
 
 
-def test_the_first_line_is_enough():
-    assert can_bus.first_line(OSError('down\nTraceback')) == 'down'
-    assert can_bus.first_line(ValueError()) == 'ValueError'
-
-
 def test_a_missing_msgpack_has_a_remedy(monkeypatch):
     monkeypatch.setitem(sys.modules, 'msgpack', None)
     for name in [name for name in sys.modules if 'udp_multicast' in name]:

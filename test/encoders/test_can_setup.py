@@ -4,13 +4,13 @@
 """can_setup against sim_bus's encoders, on a virtual bus."""
 
 from dataclasses import replace
-import signal
 import sys
 from unittest.mock import Mock
 
 import can
 from encoder_frames import LAYOUTS, values
 import pytest
+from recorded_text import assert_recorded
 from spm_haptic_master.encoders import canopen, canopen_network
 from spm_haptic_master.encoders.canopen_network import import_canopen, network_on, Node
 from spm_haptic_master.encoders.decoder_factory import make_layouts
@@ -30,7 +30,6 @@ def run(capsys, channel, monkeypatch):
     for name, seconds in (('ANSWER_TIMEOUT', 0.1), ('RECEIVE_TIMEOUT', 0.005)):
         monkeypatch.setattr(canopen_network, name, seconds)
     monkeypatch.setattr(can_setup, 'LISTEN', 0.05)
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
 
     def run(*args):
         capsys.readouterr()
@@ -38,9 +37,7 @@ def run(capsys, channel, monkeypatch):
                                '-p', f'can.channel:={channel}', *map(str, args)])
         return code, *capsys.readouterr()
 
-    yield run
-    for number, handler in handlers.items():
-        signal.signal(number, handler)
+    return run
 
 
 @pytest.fixture
@@ -64,37 +61,30 @@ def held(node, keys):
             for key in keys}
 
 
-def test_differences_are_listed_and_on_request_written_stored_and_verified(factory, run):
+def test_differences_are_listed_and_on_request_written_stored_and_verified(
+        factory, run, channel):
     """The simulated encoders refuse what is not written in the order of CiA 301."""
     node = factory({(0x1800, 5): Entry(10, 2), (0x1801, 1): Entry(0x282),
                     (0x6000, 0): Entry(1, 2), (0x6200, 0): Entry(10, 2)})
-    found = """joint_1b, node 2: encoder 0x00010196, vendor 0x0, product 0x53504D, revision 0x10001, serial 0x2
-  0x1800:02 TPDO1 transmission type: 254, wanted 1
-  0x1800:05 TPDO1 event timer: 10, wanted 0
-  0x1A00:00 TPDO1 mapped objects: 2, wanted 1
-  0x1801:01 TPDO2 off: 0x0, wanted 0x80000000
-  0x1017:00 heartbeat time, ms: 0, wanted 100
-  0x6000:00 scaling on (bit 2): 0, wanted 4
-  0x6001:00 units per turn: 65536, wanted 16384
-  0x6002:00 total range: 65536, wanted 16384
-  0x6200:00 cyclic timer, ms: 10, wanted 0
-"""  # noqa: E501
     expected = {
         (0x1800, 1): 0x40000182, (0x1800, 2): 1, (0x1800, 5): 0, (0x1A00, 0): 1,
         (0x1A00, 1): 0x60040020, (0x1801, 1): 0x80000282, (0x1017, 0): 100,
         # The direction of counting, bit 0, is left as it was.
         (0x6000, 0): 5, (0x6001, 0): 16384, (0x6002, 0): 16384, (0x6200, 0): 0}
     before = held(node, expected)
-    code, out, err = run()
-    assert (code, err) == (1, '') and found in out
-    assert out.endswith('4 of 4 encoders not as configured; nothing was written (--write)\n')
+    outcomes = [run()]
     assert held(node, expected) == before
-    code, out, err = run('--write')
-    assert (code, err) == (0, '') and found in out
-    assert out.endswith('4 of 4 encoders as configured, stored and read back after a reset\n')
+    with can.Bus(interface='virtual', channel=channel) as other:
+        outcomes.append(run('--write'))
+        frames = iter(lambda: other.recv(0.0), None)
+        # Its states (CiA 301): pre-operational, reset.
+        assert [each.data.hex() for each in frames if each.arbitration_id == 0
+                and each.data[1] == 2] == ['8002', '8102']
     assert held(node, expected) == expected
-    code, out, _ = run('--write')
-    assert code == 0 and out.endswith('4 of 4 encoders as configured\n')
+    outcomes.append(run('--write'))
+    assert [(code, err) for code, _, err in outcomes] == [(1, ''), (0, ''), (0, '')]
+    assert_recorded('encoders/setup.txt', '\n'.join(out for _, out, _ in outcomes).replace(
+        channel, 'can7'))
 
 
 @pytest.mark.parametrize(('node_id', 'given', 'expected'), [
@@ -130,6 +120,9 @@ def test_other_settings_are_other_objects(factory, run, node_id, given, expected
     ({(0x6001, 0): Entry(65536, writable=False)},
      'node 2 refuses 0x4000 for 0x6001:00: Code 0x06010002, Attempt to write a read only object'),
     ({(0x6001, 0): None}, '0x6001:00 units per turn: missing, wanted 16384'),
+    ({(0x1000, 0): Entry(0x00020192)},
+     'node 2 has device type 0x00020192; expected profile 406 (encoder)'),
+    ({(0x1000, 0): None}, 'node 2 has device type none; expected'),
     ({(0x1010, 1): None}, 'node 2 refuses 0x65766173 for 0x1010:01'),
     (None, 'node 2: not as wanted after storing and a reset: 0x1800:02 TPDO1'),
     ({}, 'node 2 has not booted within 0.05 s of its reset'),

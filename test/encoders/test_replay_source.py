@@ -13,17 +13,12 @@ from spm_haptic_master.simulation.source_factory import make_source
 @pytest.fixture
 def replay(tmp_path):
     """Make a source that plays frames."""
-    made = []
-
     def make(messages, rate=100.0, **overrides):
         path = record(tmp_path / 'recorded.log', messages)
-        made.append(make_source('replay', values(
-            'replay', replay__path=str(path), replay__rate=rate, **overrides)))
-        return made[-1]
+        return make_source('replay', values(
+            'replay', replay__path=str(path), replay__rate=rate, **overrides))
 
-    yield make
-    for source in made:
-        source.close()
+    return make
 
 
 def test_two_sets_of_one_stamp_are_played_in_every_round(replay):

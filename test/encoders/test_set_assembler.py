@@ -40,8 +40,10 @@ def test_a_late_answer_never_completes_a_later_cycle(index, late_by, first):
     place = 1 if first else 1 + index
     late.timestamp = stream[3 + late_by][place].timestamp - 1e-5
     stream[3 + late_by].insert(place, late)
-    found = by_cycle(feed(decoder(), sum(stream, [])))
+    taker = decoder()
+    found = by_cycle(feed(taker, sum(stream, [])))
     assert found == {number: set() for number in range(12) if number != 3}
+    assert taker.tally()[f'rejected: late answer from {JOINT_NAMES[index]}'] == 1
 
 
 @pytest.mark.parametrize('stall', [1, 2, 3, 6])
