@@ -17,7 +17,7 @@ from spm_haptic_master.encoders.decoder_factory import make_layouts
 from spm_haptic_master.encoders.node_setup import wanted_objects
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.simulation.object_store import Entry
-from spm_haptic_master.tools import can_setup
+from spm_haptic_master.tools import can_setup, command_line
 
 library = pytest.importorskip('canopen')
 
@@ -27,9 +27,10 @@ ONE = ('--joint', 'joint_1b')
 @pytest.fixture
 def run(capsys, channel, monkeypatch):
     """Run the command line on the bus, soon; return its exit code, stdout and stderr."""
-    for name, seconds in (('ANSWER_TIMEOUT', 0.1), ('RECEIVE_TIMEOUT', 0.005)):
-        monkeypatch.setattr(canopen_network, name, seconds)
-    monkeypatch.setattr(can_setup, 'LISTEN', 0.05)
+    for module, name, value in (
+            (canopen_network, 'ANSWER_TIMEOUT', 0.1), (canopen_network, 'RECEIVE_TIMEOUT', 0.005),
+            (can_setup, 'LISTEN', 0.05), (command_line, 'SIGNALS', ())):
+        monkeypatch.setattr(module, name, value)
 
     def run(*args):
         capsys.readouterr()
