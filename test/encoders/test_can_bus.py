@@ -1,17 +1,23 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Errors of a bus in one line, with what to do where python-can does not say it."""
+"""A bus: how it is opened and named, its errors in a line with the remedy, its times."""
 
 import errno
 import json
+import logging
 import os
 import sys
+from unittest.mock import call, Mock
 
 import can
+from encoder_frames import T0
 import pytest
 from recorded_text import assert_recorded
 from spm_haptic_master.encoders import can_bus
+
+# s; a day apart a device has an epoch of its own.
+OWN_EPOCH = 86400.0
 
 
 def test_a_missing_msgpack_has_a_remedy(monkeypatch):
@@ -59,3 +65,42 @@ def test_error_frames_have_the_words_of_linux():
         f'0x{identifier:03X} {data.hex()}: ' + can_bus.error_words(can.Message(
             arbitration_id=identifier, is_error_frame=True, data=data)) + '\n'
         for identifier, data in frames))
+
+
+@pytest.mark.parametrize(('own', 'bitrate', 'calls'), [
+    (False, 0, [{}]),
+    # Where the interface cannot return the frames sent, it is opened without.
+    (True, 125_000, [{'bitrate': 125_000, 'receive_own_messages': True}, {'bitrate': 125_000}])])
+def test_a_bus_is_opened_with_what_its_interface_takes(monkeypatch, own, bitrate, calls):
+    made = Mock(side_effect=[NotImplementedError, 'bus'] if own else ['bus'])
+    monkeypatch.setattr(can, 'Bus', made)
+    logging.getLogger('can').setLevel(logging.NOTSET)
+    assert can_bus.open_bus('virtual', 'can7', bitrate, own) == 'bus'
+    assert made.call_args_list == [
+        call(interface='virtual', channel='can7', **options) for options in calls]
+    # python-can would log what it also raises.
+    assert logging.getLogger('can').level == logging.CRITICAL
+
+
+@pytest.mark.parametrize('frames', [
+    # Without times, those of arrival; near this clock, the interface's; a day away, another epoch.
+    ((0.0, 0.0, 0.0),), *(((T0 - delay, 0.0, -delay),) for delay in (
+        0.0, 1.0, OWN_EPOCH - 1.0, 1.0 - OWN_EPOCH)),
+    ((T0 - OWN_EPOCH, 0.0, 0.0),), ((T0 + OWN_EPOCH, 0.0, 0.0),),
+    # The least delay of this span and the one before counts.
+    ((10.0, 0.005, 0.005), (10.1, 0.102, 0.102), (10.2, 0.207, 0.202),
+     (11.1, 1.106, 1.102), (11.2, 1.204, 1.202), (12.2, 2.209, 2.204), (12.3, 2.308, 2.304),
+     (13.4, 3.409, 3.408)),
+    # A span ends after exactly a second.
+    ((10.0, 0.0, 0.0), (9.998, 0.0, -0.002), (10.994, 1.0, 0.994), (11.989, 2.0, 1.995)),
+    # An offset holds up to a day's difference.
+    ((1e6, 0.0, 0.0), (1e6 - OWN_EPOCH, 0.0, -OWN_EPOCH), (1e6 - OWN_EPOCH - 1.0, 0.0, 0.0)),
+    # A device that restarts gets a new offset at once.
+    ((200_000.0, 0.0, 0.0), (1.0, 0.5, 0.5), (1.1, 0.65, 0.6)),
+    # A clock that is set back begins a new span.
+    ((100.0, 0.0, 0.0), (101.0, -3600.0, -3600.0), (101.1, -3599.7, -3599.9),
+     (102.5, -3598.6, -3598.6))])
+def test_receive_times_are_mapped_with_the_least_delay(frames):
+    clock = can_bus.ReceiveClock()
+    for received, arrived, expected in frames:
+        assert clock.epoch(received, T0 + arrived) == pytest.approx(T0 + expected, abs=1e-6)

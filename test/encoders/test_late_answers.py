@@ -32,13 +32,6 @@ def late_stream(layouts, late, by, begin, count, gaps=()):
     return stream
 
 
-def missing_of(samples):
-    """Return the joints without a reading by the cycle of each set, which may mix cycles."""
-    return {round((sample.stamp * 1e-9 - T0) / PERIOD): {
-        index for index, reading in enumerate(sample.angles) if reading != reading}
-        for sample in samples}
-
-
 @pytest.mark.parametrize('sensors', [4, 5, 6])
 @pytest.mark.parametrize('late', [0, 3])
 @pytest.mark.parametrize('by', [1, 2, 3])
@@ -76,7 +69,7 @@ def test_an_unchanged_rolling_counter_yields_no_set():
 @pytest.mark.parametrize('by', [1, 2])
 def test_a_cycle_of_two_periods_shows_an_encoder_that_is_late_since_its_start(sensors, late, by):
     taker, layouts = rig(sensors)
-    found = missing_of(feed(taker, late_stream(layouts, late, by, 0, 80, gaps={20, 60})))
+    found = by_cycle(feed(taker, late_stream(layouts, late, by, 0, 80, gaps={20, 60})), 20)
     assert {number: joints for number, joints in found.items() if number > 20} \
         == {number: {late} for number in range(21, 80) if number != 60 and sensors > 4}
     assert LATE in taker.caution(T0 + 80 * PERIOD)
@@ -101,7 +94,7 @@ def test_a_late_encoder_is_not_taken_because_it_answers_once_in_a_long_cycle(gap
     if lost:
         stream.remove(next(message for message in stream if message.arbitration_id == 0x185
                            and message.timestamp > T0 + lost * PERIOD))
-    assert all(joints == {4} for number, joints in missing_of(feed(taker, stream)).items()
+    assert all(joints == {4} for number, joints in by_cycle(feed(taker, stream), 20).items()
                if number > 20)
 
 

@@ -6,7 +6,7 @@
 from encoder_frames import cycle, record, stream, T0, values
 import pytest
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.exceptions import SourceEnded
+from spm_haptic_master.exceptions import ReplayError, SourceEnded
 from spm_haptic_master.simulation.source_factory import make_source
 
 
@@ -21,13 +21,17 @@ def replay(tmp_path):
     return make
 
 
-def test_two_sets_of_one_stamp_are_played_in_every_round(replay):
+def test_two_sets_of_one_stamp_are_played_in_every_round_until_the_file_is_gone(replay, tmp_path):
     """As in a log of 1 ms resolution."""
     frames = stream(0, 0, 1)
     for message in frames[:10]:
         message.timestamp = frames[0].timestamp
     source = replay(frames, replay__loop=True)
     assert all(source.read(1.0) for _ in range(9))
+    (tmp_path / 'recorded.log').unlink()
+    (tmp_path / 'recorded.log').mkdir()
+    with pytest.raises(ReplayError, match='recorded.log: cannot be read: Is a directory'):
+        [*iter(lambda: source.read(1.0), None)]
 
 
 @pytest.mark.parametrize('rate', [1.0, 4.0])
