@@ -4,6 +4,7 @@
 """Settings that cannot be are refused in a line: the name, the value, what is allowed."""
 
 from contextlib import nullcontext
+import re
 
 from encoder_frames import decoder, values
 from harness import DATA
@@ -48,12 +49,8 @@ def test_settings_are_checked_against_each_other(case):
 def test_a_rate_that_the_bus_cannot_carry_is_refused_with_the_arithmetic(
         bitrate, rate, overrides, words):
     settings = values(can__interface='virtual', can__bitrate=bitrate, rate=rate, **overrides)
-    if words is None:
+    with pytest.raises(SettingError, match=re.escape(words)) if words else nullcontext():
         make_source('can', settings).close()
-        return
-    with pytest.raises(SettingError) as error:
-        make_source('can', settings)
-    assert words in str(error.value)
 
 
 @pytest.mark.parametrize(('source', 'given'), [

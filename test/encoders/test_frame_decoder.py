@@ -144,11 +144,14 @@ def test_counters_are_read_in_one_step_since_another_thread_adds_new_ones():
     assert taker.tally() == {'frames': 2, 'sets': 1, 'joint_3a rejected: late': 1}
 
 
-def test_an_answer_after_a_complete_set_is_a_caution_for_a_while():
+def test_an_answer_too_many_spoils_its_cycle_or_after_the_set_is_a_caution_for_a_while():
     taker = decoder()
     surplus = 'two answers from joint_1c in one cycle'
+    assert feed(taker, [*cycle(-1)[:4], answer(2, T0 - 2e-4), cycle(-1)[4]]) == []
+    assert taker.assembler.cause == surplus and taker.caution(T0) is None
     assert len(feed(taker, [*cycle(0), answer(2, T0 + 8e-4)])) == 1
     assert len(feed(taker, cycle(1))) == 1
+    assert taker.tally()[f'rejected: {surplus}'] == 2 == taker.tally()[f'dropped: {surplus}'] + 1
     assert taker.caution(T0 + 1.9) == surplus
     assert taker.caution(T0 + 2.1) is None
     taker.feed(at(0.0, canopen.emcy(4, 0x5000, 1)))

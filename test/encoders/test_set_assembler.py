@@ -3,7 +3,6 @@
 
 """Sets of one cycle: whole ones, ones without a joint, or none; never of two cycles."""
 
-from math import isnan
 import random
 
 from encoder_frames import decoder, feed, LAYOUTS, PERIOD, sync, T0
@@ -139,18 +138,14 @@ def test_without_sync_a_silent_sensor_is_not_waited_for_either(sensors, gone):
     taker, layouts = rig(sensors, encoders__sync_id=0)
     stream = [cycle(layouts, number, gone if 10 <= number < 30 else ())[1:]
               for number in range(40)]
-    samples = feed(taker, sum(stream, []))
+    found = by_cycle(feed(taker, sum(stream, [])))
     assert taker.assembler.counters['sets at the end of the cycle'] <= SILENT + 1
     if sensors == 4:
-        assert len(samples) == 20 - 1 + (0 in gone)
+        assert len(found) == 20 - 1 + (0 in gone)
         return
-    # The time of a set is that of its first frame.
-    numbers = [int((sample.stamp * 1e-9 - T0) / PERIOD + 1e-6) for sample in samples]
-    assert numbers == list(range(40))
-    for number, sample in zip(numbers, samples, strict=True):
-        found = {index for index, reading in enumerate(sample.angles) if isnan(reading)}
-        # When it is back, its first frame may come after the set.
-        assert found == gone if 10 <= number < 30 else found <= (gone if number == 30 else set())
+    # When it is back, its first frame may come after the set.
+    assert found.pop(30) <= gone
+    assert found == {n: gone if 10 <= n < 30 else set() for n in range(40) if n != 30}
 
 
 def assembler(synchronised=True, window=WINDOW):
@@ -204,19 +199,6 @@ def test_joints_that_miss_a_cycle_together_are_not_taken_until_their_answers_hav
     assert taker.counters['dropped: may contain an answer to an earlier SYNC'] == 2
     assert taker.counters['rejected: late answer from joint_1b'] == 1
     assert taker.counters['rejected: late answer from joint_1c'] == 1
-
-
-def test_two_answers_in_one_cycle_spoil_it_and_owe_nothing():
-    taker = assembler()
-    taker.begin(100.0)
-    taker.answer(0, 0.1, 100.0)
-    assert taker.answer(0, 0.9, 100.1) is None
-    assert answer_all(taker, 100.1, without=(0,)) is None
-    reason = 'two answers from joint_1a in one cycle'
-    assert taker.cause == reason
-    assert taker.counters[f'dropped: {reason}'] == 1
-    taker.begin(101.0)
-    assert answer_all(taker, 101.0) is not None
 
 
 def test_more_answers_than_are_owed_spoil_their_cycle():
