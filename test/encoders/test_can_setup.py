@@ -47,11 +47,9 @@ def factory(encoders):
     def make(changes, **options):
         node = encoders(factory=True, **options)[1]
         for objects in (node._entries, node._stored):
-            for key, entry in changes.items():
-                if entry is None:
-                    del objects[key]
-                else:
-                    objects[key] = entry
+            objects |= changes
+            for key in [key for key, entry in changes.items() if entry is None]:
+                del objects[key]
         return node
     return make
 

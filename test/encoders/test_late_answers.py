@@ -8,7 +8,7 @@ A rolling counter shows it from the first late answer on. Without one, a cycle o
 it: the driver leaves SYNC out where it makes SYNC itself; else the bus has to pause by chance.
 """
 
-from encoder_frames import answer, feed, PERIOD, sync, T0
+from encoder_frames import feed, PERIOD, sync, T0
 from marked_cycles import by_cycle, COUNTER, cycle, frame, rig
 import pytest
 from scripted_bus import cycles, opening_of, run
@@ -126,10 +126,8 @@ def test_the_driver_leaves_sync_out_until_all_are_proven(producing):
 
 def counted(layouts, number, counts):
     """Return SYNC and the answers with the given counters, by joint, of a cycle."""
-    at = T0 + PERIOD * number
-    return [sync(at), *(
-        answer(index, at + 8e-5 * (index + 1), layouts=layouts,
-               data=layouts[index].data(0.1, count)) for index, count in counts.items())]
+    return [sync(T0 + PERIOD * number), *(
+        frame(layouts, index, number, count) for index, count in counts.items())]
 
 
 @pytest.mark.parametrize('first', [(), (0,), (3,), (1, 2, 3)])

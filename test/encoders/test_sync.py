@@ -170,7 +170,6 @@ def test_the_thread_starts_and_ends_again_and_again():
         thread = made._thread
         assert thread.daemon and thread.is_alive()
         made.stop()
-        made.stop()
         assert not thread.is_alive()
 
 
