@@ -77,17 +77,14 @@ def test_sync_is_sent_at_the_rate_while_no_master_makes_it(
     assert clock.now == pytest.approx(LISTEN + (0.9 if count else 0.0), abs=0.01)
 
 
-def test_no_sync_is_sent_where_the_bus_has_none(scan_of):
-    assert scan_of([], 2.0, start=(), sync_id=None)[1] == []
-
-
 def test_every_node_is_started_until_it_is_operational(scan_of):
     script = [*(node_frame(0.01, 0x700 + node, bytes((state,)))
                 for node, state in ((9, canopen.PRE_OPERATIONAL), (17, canopen.OPERATIONAL),
                                     (33, canopen.BOOT_UP))), node_frame(0.8, 0x709, b'\x05')]
     scan, sent, _ = scan_of(script, 1.0, start=(5,), sync_id=None)
-    assert {bytes(message.data[:1]) for _, message in sent if message.arbitration_id == 0} \
-        == {bytes((canopen.NMT_START,))}
+    # And no SYNC, which this bus has not.
+    assert {(message.arbitration_id, message.data[0]) for _, message in sent} \
+        == {(canopen.NMT_ID, canopen.NMT_START)}
     starts = {node: [at for at, message in sent if message.data[1:2] == bytes((node,))]
               for node in (5, 9, 17, 33)}
     for node, expected in ((5, (0.0, AGAIN, 2 * AGAIN)), (9, (0.01, 0.01 + AGAIN)), (17, ()),

@@ -17,22 +17,10 @@ def test_identifiers_and_emergencies_have_the_words_of_the_standard():
     for code in (*range(0, 0x10000, 0x100), *range(0x8110, 0x8270, 0x10)):
         words = canopen.emcy_words(canopen.emcy(1, code, 0).data)
         lines += [] if 'not in CiA 301' in words else [words]
+    # Code (2 bytes, little-endian), register, specific bytes (CiA 301, 7.2.7).
+    lines += [f'{data}: {canopen.emcy_words(bytes.fromhex(data))}' for data in (
+        '1081 11 0102000000', '34FF 81 0000000007', 'FFEE 01 0000000000')]
     assert_recorded('encoders/canopen.txt', '\n'.join(lines) + '\n')
-
-
-# Emergencies (CiA 301, 7.2.7): code (2 bytes, little-endian), register, specific; their words.
-@pytest.mark.parametrize(('data', 'words'), [
-    ('0050 01 0000000000', 'EMCY 0x5000 device hardware, error register 0x01'),
-    ('1081 11 0102000000', 'EMCY 0x8110 CAN overrun (objects lost), error register 0x11, '
-     'specific 01 02 00 00 00'),
-    # Of a class, with the last specific byte; of no class.
-    ('34FF 81 0000000007', 'EMCY 0xFF34 device specific, error register 0x81, '
-     'specific 00 00 00 00 07'),
-    ('FFEE 01 0000000000', 'EMCY 0xEEFF code not in CiA 301, error register 0x01'),
-])
-def test_emergencies_have_words(data, words):
-    assert canopen.emcy_words(bytes.fromhex(data)) == words
-    assert canopen.emcy_code(bytes.fromhex(data)) == int(words[7:11], 16)
 
 
 # Answers to an SDO upload (CiA 301, 7.2.4.3): command, 0x1000:00, four bytes; the value in them.

@@ -51,7 +51,6 @@ def test_every_layout_carries_every_angle(data):
     ('FBFFFFFF', {'signed': True}, -5),
     ('FB3F', {'signed': True, 'bit_length': 16, 'mask': 0x3FFF, 'data_length': 2}, -5),
     # Beyond a turn: an error value, not a position.
-    ('FFFFFFFF', {}, None),
     ('00400000', {}, None),
     ('FF3F0000', {}, 0x3FFF),
     ('01200000', {'signed': True}, None),
