@@ -16,10 +16,7 @@ from spm_haptic_master.parameters.resolver import read_parameters
 
 NODES = (1, 2, 3, 4)
 DEFAULT = Expected(LAYOUTS, NODES, 1000.0)
-CALIBRATED = Expected(tuple(replace(layout, can_id=0x180 + node) for layout, node
-                            in zip(LAYOUTS, (4, 3, 2, 1), strict=True)), (4, 3, 2, 1), 1000.0)
-DRIVES = Expected(LAYOUTS, NODES, 1000.0, {9: 'drive of joint_1a', 10: 'drive of joint_1b'},
-                  {0x189: 'status of the drive'})
+ANY_IDENTIFIER = replace(DEFAULT, layouts=(replace(LAYOUTS[0], can_id=0x2F0), *LAYOUTS[1:]))
 
 
 def heard(identifier, data=b'', when=0.0):
@@ -99,6 +96,8 @@ SCANS = {
     'silent_encoder': bus_of((1, 2, 3, 7), kinds={7: 0x00020192, 8: 0x00010196}),
     # Joints that are as configured keep their place.
     'calibrated': bus_of((1, 2, 4, 9)),
+    'any_identifier': scanned(message for number in range(50) for message in cycle(
+        number, layouts=ANY_IDENTIFIER.layouts)),
     'few': scanned([heard(0x181, bytes(4))], started=(3, 1), unsent={'Buffer full': 2}),
     'many': bus_of(range(1, 8)), 'half_the_rate': bus_of(NODES, rate=1000.0, every=2),
     # The encoders are compared with the SYNC sent here, and only where that is in time.
@@ -110,9 +109,13 @@ SCANS = {
         answer(index, T0 + 1e-6 * period * number) for number in range(100)
         for index in range(4)), None) for period in (940, 960, 1040, 1060)},
     **dict.fromkeys(('rate_940_hz', 'rate_960_hz', 'rate_1040_hz', 'rate_1060_hz'), good())}
-EXPECTED = {'drives': DRIVES, 'without_canopen': replace(DEFAULT, node_ids=None),
-            'calibrated': CALIBRATED, **{name: replace(DEFAULT, rate=float(name[5:-3]))
-                                         for name in SCANS if name.startswith('rate')}}
+EXPECTED = {
+    'drives': Expected(LAYOUTS, NODES, 1000.0, {
+        9: 'drive of joint_1a', 10: 'drive of joint_1b'}, {0x189: 'status of the drive'}),
+    'without_canopen': replace(DEFAULT, node_ids=None), 'any_identifier': ANY_IDENTIFIER,
+    'calibrated': Expected(tuple(replace(layout, can_id=0x180 + node) for layout, node in zip(
+        LAYOUTS, (4, 3, 2, 1), strict=True)), (4, 3, 2, 1), 1000.0),
+    **{name: replace(DEFAULT, rate=float(name[5:-3])) for name in SCANS if name[:4] == 'rate'}}
 
 
 @pytest.mark.parametrize('name', SCANS)
