@@ -182,7 +182,8 @@ RNG = np.random.default_rng(5)
     # A busy machine: two of three are lost, or late by up to two periods.
     (STEADY, None), (STEADY[RNG.random(5000) < 1.0 / 3.0], None),
     (np.sort(STEADY + RNG.uniform(0.0, 2e-3, 5000)), None),
-    # The cause has ended; a gap, or a clock set back, is no rate.
+    # The cause begins, or has ended; a gap, or a clock set back, is no rate.
+    ([*STEADY, *np.arange(5.0, 7.0, 5e-3)], 200.0),
     ([*np.arange(0.0, 2.0, 5e-3), *np.arange(2.0, 4.0, 1e-3)], None),
     ([0.0, 0.001, 3.0, 3.001, 9.0, *np.arange(7.0, 9.0, 1e-3)], None), ([], None)])
 def test_another_rate_of_sync_is_reported_with_the_cure(stamps, measured):
