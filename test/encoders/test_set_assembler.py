@@ -159,10 +159,11 @@ def answer_all(taker, stamp, without=()):
     return next((sample for sample in got if sample is not None), None)
 
 
-@pytest.mark.parametrize(('at', 'good'), [
-    (0.0, True), (WINDOW, True), (WINDOW + 0.001, False), (-0.001, False)])
-def test_an_answer_counts_within_the_window(at, good):
-    taker = assembler()
+@pytest.mark.parametrize(('window', 'at', 'good'), [
+    (0.5, 0.0, True), (0.5, 0.5, True), (0.5, 0.501, False), (0.5, -0.001, False),
+    (3.5, 1.5, True), (3.5, 3.501, False)])
+def test_an_answer_counts_within_the_window(window, at, good):
+    taker = assembler(window=window)
     taker.begin(64.0)
     for index in (0, 1, 2):
         taker.answer(index, 0.1, 64.0)
