@@ -135,8 +135,7 @@ def test_what_an_encoder_does_not_do_is_reported(factory, run, monkeypatch, chan
         monkeypatch.setattr(canopen_network, 'BOOT_TIMEOUT', 0.05)
         node.boot = lambda: []
     code, out, err = run(*ONE, '--write')
-    assert (code, err) == (1, '')
-    assert words in out
+    assert (code, err) == (1, '') and words in out
     assert out.endswith('1 of 1 encoders not set up\n')
 
 
@@ -188,8 +187,7 @@ def test_a_bus_that_failed_is_the_reason(channel):
 ])
 def test_a_wrong_argument_is_reported(run, args, words):
     code, _, err = run(*args)
-    assert code == 1
-    assert words in err and err.count('\n') == 1
+    assert code == 1 and words in err and err.count('\n') == 1
 
 
 def test_without_the_library_it_is_named(monkeypatch):

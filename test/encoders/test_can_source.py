@@ -25,8 +25,7 @@ def test_sets_arrive_with_syncs_receive_time(rig):
     driver = rig(cycles(0.05, 3))
     assert driver.fault == 'virtual can7: not opened yet'
     assert [sample.stamp for sample in run(driver, 0.1)] == stamps(0.05, 0.06, 0.07)
-    assert driver.fault is None
-    assert driver.caution is None
+    assert driver.fault is driver.caution is None
     figures = driver.statistics()
     assert (figures['bus'], figures['bus opened']) == ('virtual can7', 1)
     assert 'last send refused' not in figures and 'SYNC sent' not in figures
@@ -37,8 +36,7 @@ def test_a_read_ends_at_its_timeout_and_polls_in_between(rig):
     assert driver.read(0.05) is None
     assert driver.clock.now == pytest.approx(0.05, abs=1e-5)
     waits = driver.buses[0].waits
-    assert max(waits) <= POLL_PERIOD + 1e-9
-    assert len(waits) <= 5
+    assert max(waits) <= POLL_PERIOD + 1e-9 and len(waits) <= 5
 
 
 def test_opening_is_tried_again_with_back_off_and_soon_after_frames(rig):

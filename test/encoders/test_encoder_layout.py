@@ -15,10 +15,6 @@ from spm_haptic_master.encoders.encoder_layout import angle_from_counts, counts_
 PLAIN = LAYOUTS[0]
 
 
-def turns_apart(a, b):
-    return abs((a - b + pi) % (2.0 * pi) - pi)
-
-
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(data=st.data())
 def test_every_layout_carries_every_angle(data):
@@ -37,7 +33,8 @@ def test_every_layout_carries_every_angle(data):
     frame = layout.data(angle)
     assert len(frame) == length
     counts = layout.counts(frame)
-    assert turns_apart(layout.angle(counts), angle) <= pi / per_turn + 1e-9
+    apart = (layout.angle(counts) - angle + pi) % (2.0 * pi) - pi
+    assert abs(apart) <= pi / per_turn + 1e-9
 
 
 @pytest.mark.parametrize(('data', 'changes', 'counts'), [

@@ -48,6 +48,13 @@ def test_a_cut_recording_is_not_taken_for_a_whole_one(tmp_path, suffix):
         replayed(path)
 
 
+def test_of_a_line_that_is_no_frame_the_begin_is_quoted(tmp_path):
+    for text, dots in (('x' * 60, ''), ('x' * 61, r' \.\.\.')):
+        (tmp_path / 'a.log').write_text(text)
+        with pytest.raises(ReplayError, match=f"line 1 is '{text[:60]}'{dots}; expected "):
+            replayed(tmp_path / 'a.log')
+
+
 def test_a_recording_without_one_encoder_has_no_set_and_names_it(tmp_path):
     frames = [frame for frame in stream(*range(20)) if frame.arbitration_id != 0x184]
     frames.append(canopen.frame(0x123, stamp=frames[-1].timestamp))
