@@ -159,21 +159,22 @@ class Encoder:
         self.lost: int | None = None
         self._counter: int | None = None
 
-    def check(self, message: can.Message) -> tuple[int, str | None]:
-        """Return the counts in a frame of this encoder, and None or why it is rejected."""
+    def check(self, message: can.Message) -> tuple[float, str | None]:
+        """Return the joint angle in a frame of this encoder, rad, or NaN and why it is none."""
         layout, data = self.layout, message.data
         if len(data) != layout.data_length:
-            return 0, self.reject(message, f'{len(data)} bytes instead of {layout.data_length}')
+            return math.nan, self.reject(
+                message, f'{len(data)} bytes instead of {layout.data_length}')
         counts = layout.counts(data)
         if counts is None:
-            return 0, self.reject(message, 'counts beyond a turn')
+            return math.nan, self.reject(message, 'counts beyond a turn')
         if self._is_unchanged(layout.counter(data)):
-            return 0, self.reject(message, UNCHANGED)
+            return math.nan, self.reject(message, UNCHANGED)
         if not layout.healthy(data):
-            return 0, self.reject(message, STATUS_ERROR)
+            return math.nan, self.reject(message, STATUS_ERROR)
         self.heard = message.timestamp
         self.frames.count += 1
-        return counts, None
+        return layout.angle(counts), None
 
     def restart(self) -> None:
         """Take the next value of the rolling counter as the first one."""

@@ -197,7 +197,7 @@ class FrameDecoder:
     def _answer(self, index: int, encoder: Encoder, message: can.Message) -> JointSample | None:
         """Take an encoder's frame; one without a reading also ends the wait for its answer."""
         stamp = message.timestamp
-        counts, reason = encoder.check(message)
+        angle, reason = encoder.check(message)
         if reason is None:
             self.bus_error, self.bus_off = None, False
             reason = self._unfit(index, stamp)
@@ -207,7 +207,7 @@ class FrameDecoder:
         if reason:
             return self.assembler.answer(index, nan, stamp, encoder.lost,
                                          f'{encoder.layout.joint}: {reason}')
-        return self.assembler.answer(index, encoder.layout.angle(counts), stamp, encoder.lost)
+        return self.assembler.answer(index, angle, stamp, encoder.lost)
 
     def _unfit(self, index: int, now: float) -> str | None:
         """Return why an answer of a joint's node is not a reading, None if it is one."""

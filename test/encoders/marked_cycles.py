@@ -38,13 +38,14 @@ def cycle(layouts, number, without=()):
         frame(layouts, index, number) for index in range(len(layouts)) if index not in without)]
 
 
-def by_cycle(samples):
-    """Return the joints without a reading by the cycle of each set; fail if sets mix cycles."""
+def by_cycle(samples, mixed=-1):
+    """Return the joints without a reading by cycle; fail if sets mix cycles after that number."""
     found = {}
     for sample in samples:
         number = round((sample.stamp * 1e-9 - T0) / PERIOD - 0.05)
         assert number not in found and number >= max(found, default=0)
         for index, reading in enumerate(sample.angles):
-            assert isnan(reading) or abs(reading - angle(index, number)) < COUNT, (number, index)
+            assert isnan(reading) or number <= mixed \
+                or abs(reading - angle(index, number)) < COUNT, (number, index)
         found[number] = {i for i, reading in enumerate(sample.angles) if isnan(reading)}
     return found

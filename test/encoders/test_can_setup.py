@@ -4,19 +4,20 @@
 """can_setup against sim_bus's encoders, on a virtual bus."""
 
 from dataclasses import replace
-import re
-import signal
 import sys
+from unittest.mock import Mock
 
 import can
 from encoder_frames import LAYOUTS, values
 import pytest
+from recorded_text import assert_recorded
 from spm_haptic_master.encoders import canopen, canopen_network
-from spm_haptic_master.encoders.canopen_network import network_on, Node
+from spm_haptic_master.encoders.canopen_network import import_canopen, network_on, Node
 from spm_haptic_master.encoders.decoder_factory import make_layouts
 from spm_haptic_master.encoders.node_setup import wanted_objects
+from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.simulation.object_store import Entry
-from spm_haptic_master.tools import can_setup
+from spm_haptic_master.tools import can_setup, command_line
 
 library = pytest.importorskip('canopen')
 
@@ -26,10 +27,10 @@ ONE = ('--joint', 'joint_1b')
 @pytest.fixture
 def run(capsys, channel, monkeypatch):
     """Run the command line on the bus, soon; return its exit code, stdout and stderr."""
-    for name, seconds in (('ANSWER_TIMEOUT', 0.1), ('RECEIVE_TIMEOUT', 0.005)):
-        monkeypatch.setattr(canopen_network, name, seconds)
-    monkeypatch.setattr(can_setup, 'LISTEN', 0.05)
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    for module, name, value in (
+            (canopen_network, 'ANSWER_TIMEOUT', 0.1), (canopen_network, 'RECEIVE_TIMEOUT', 0.005),
+            (can_setup, 'LISTEN', 0.05), (command_line, 'SIGNALS', ())):
+        monkeypatch.setattr(module, name, value)
 
     def run(*args):
         capsys.readouterr()
@@ -37,9 +38,7 @@ def run(capsys, channel, monkeypatch):
                                '-p', f'can.channel:={channel}', *map(str, args)])
         return code, *capsys.readouterr()
 
-    yield run
-    for number, handler in handlers.items():
-        signal.signal(number, handler)
+    return run
 
 
 @pytest.fixture
@@ -48,11 +47,9 @@ def factory(encoders):
     def make(changes, **options):
         node = encoders(factory=True, **options)[1]
         for objects in (node._entries, node._stored):
-            for key, entry in changes.items():
-                if entry is None:
-                    del objects[key]
-                else:
-                    objects[key] = entry
+            objects |= changes
+            for key in [key for key, entry in changes.items() if entry is None]:
+                del objects[key]
         return node
     return make
 
@@ -63,37 +60,30 @@ def held(node, keys):
             for key in keys}
 
 
-def test_differences_are_listed_and_on_request_written_stored_and_verified(factory, run):
+def test_differences_are_listed_and_on_request_written_stored_and_verified(
+        factory, run, channel):
     """The simulated encoders refuse what is not written in the order of CiA 301."""
     node = factory({(0x1800, 5): Entry(10, 2), (0x1801, 1): Entry(0x282),
                     (0x6000, 0): Entry(1, 2), (0x6200, 0): Entry(10, 2)})
-    found = """joint_1b, node 2: encoder 0x00010196, vendor 0x0, product 0x53504D, revision 0x10001, serial 0x2
-  0x1800:02 TPDO1 transmission type: 254, wanted 1
-  0x1800:05 TPDO1 event timer: 10, wanted 0
-  0x1A00:00 TPDO1 mapped objects: 2, wanted 1
-  0x1801:01 TPDO2 off: 0x0, wanted 0x80000000
-  0x1017:00 heartbeat time, ms: 0, wanted 100
-  0x6000:00 scaling on (bit 2): 0, wanted 4
-  0x6001:00 units per turn: 65536, wanted 16384
-  0x6002:00 total range: 65536, wanted 16384
-  0x6200:00 cyclic timer, ms: 10, wanted 0
-"""  # noqa: E501
     expected = {
         (0x1800, 1): 0x40000182, (0x1800, 2): 1, (0x1800, 5): 0, (0x1A00, 0): 1,
         (0x1A00, 1): 0x60040020, (0x1801, 1): 0x80000282, (0x1017, 0): 100,
         # The direction of counting, bit 0, is left as it was.
         (0x6000, 0): 5, (0x6001, 0): 16384, (0x6002, 0): 16384, (0x6200, 0): 0}
     before = held(node, expected)
-    code, out, err = run()
-    assert (code, err) == (1, '') and found in out
-    assert out.endswith('4 of 4 encoders not as configured; nothing was written (--write)\n')
+    outcomes = [run()]
     assert held(node, expected) == before
-    code, out, err = run('--write')
-    assert (code, err) == (0, '') and found in out
-    assert out.endswith('4 of 4 encoders as configured, stored and read back after a reset\n')
+    with can.Bus(interface='virtual', channel=channel) as other:
+        outcomes.append(run('--write'))
+        frames = iter(lambda: other.recv(0.0), None)
+        # Its states (CiA 301): pre-operational, reset.
+        assert [each.data.hex() for each in frames if each.arbitration_id == 0
+                and each.data[1] == 2] == ['8002', '8102']
     assert held(node, expected) == expected
-    code, out, _ = run('--write')
-    assert code == 0 and out.endswith('4 of 4 encoders as configured\n')
+    outcomes.append(run('--write'))
+    assert [(code, err) for code, _, err in outcomes] == [(1, ''), (0, ''), (0, '')]
+    assert_recorded('encoders/setup.txt', '\n'.join(out for _, out, _ in outcomes).replace(
+        channel, 'can7'))
 
 
 @pytest.mark.parametrize(('node_id', 'given', 'expected'), [
@@ -112,9 +102,14 @@ def test_other_settings_are_other_objects(factory, run, node_id, given, expected
     node = factory({(0x1800, 1): Entry(0x40000189)} if second else {},
                    node_ids=(1, node_id, 3, 4), layouts=make_layouts(values(
                        encoders__id=(0x181, 0x289 if second else 0x182, 0x183, 0x184))))
+    node.answer = Mock(wraps=node.answer)
     code, out, _ = run(*ONE, '--write', '--heartbeat', '0.25',
                        *(part for each in given for part in ('-p', each)))
     assert code == 0, out
+    # The identifier of the TPDO changes while it is off (bit 31).
+    written = [data for (_, data), _ in node.answer.call_args_list if canopen.sdo_object(data) == (
+        0x1801 if second else 0x1800, 1) and canopen.sdo_download(data)]
+    assert [data[-1] >> 7 for data in written] == [1, 1, 0]
     assert held(node, expected) == expected
     assert ('the mapping cannot be derived from this layout: left as it is' in out) \
         == ((0x1A00, 0) in expected)
@@ -124,6 +119,9 @@ def test_other_settings_are_other_objects(factory, run, node_id, given, expected
     ({(0x6001, 0): Entry(65536, writable=False)},
      'node 2 refuses 0x4000 for 0x6001:00: Code 0x06010002, Attempt to write a read only object'),
     ({(0x6001, 0): None}, '0x6001:00 units per turn: missing, wanted 16384'),
+    ({(0x1000, 0): Entry(0x00020192)},
+     'node 2 has device type 0x00020192; expected profile 406 (encoder)'),
+    ({(0x1000, 0): None}, 'node 2 has device type none; expected'),
     ({(0x1010, 1): None}, 'node 2 refuses 0x65766173 for 0x1010:01'),
     (None, 'node 2: not as wanted after storing and a reset: 0x1800:02 TPDO1'),
     ({}, 'node 2 has not booted within 0.05 s of its reset'),
@@ -137,8 +135,7 @@ def test_what_an_encoder_does_not_do_is_reported(factory, run, monkeypatch, chan
         monkeypatch.setattr(canopen_network, 'BOOT_TIMEOUT', 0.05)
         node.boot = lambda: []
     code, out, err = run(*ONE, '--write')
-    assert (code, err) == (1, '')
-    assert words in out
+    assert (code, err) == (1, '') and words in out
     assert out.endswith('1 of 1 encoders not set up\n')
 
 
@@ -153,16 +150,6 @@ def test_an_encoder_that_is_missing_does_not_stop_the_others(factory, run):
     assert out.endswith('1 of 2 encoders not set up\n')
 
 
-def test_nothing_is_written_while_a_master_runs(run, encoders):
-    encoders(sync=True)
-    code, _, err = run('--write')
-    assert code == 1
-    assert err == 'can_setup: SYNC 0x80 on the bus: a master is running; stop it before ' \
-        'anything is written\n'
-    code, out, _ = run()
-    assert code == 0 and out.endswith('4 of 4 encoders as configured\n')
-
-
 def test_a_frame_of_29_bits_has_its_identifier_and_no_tpdo_of_the_node_id():
     layout = replace(LAYOUTS[0], extended=True, can_id=0x18FF1234)
     identifier = wanted_objects(layout, 1, True, 1e-3, 0.1).pdos[0].identifier
@@ -171,13 +158,17 @@ def test_a_frame_of_29_bits_has_its_identifier_and_no_tpdo_of_the_node_id():
     assert identifier.changed(0xC0000181) == 0x78FF1234
 
 
-@pytest.mark.parametrize(('name', 'words'), [
-    ('UNKNOWN_COMMAND', 'Unknown SDO command'), ('READ_ONLY', 'write a read only object'),
-    ('NO_SUCH_OBJECT', 'Object does not exist'), ('WRONG_LENGTH', 'length code'),
-    ('NO_SUCH_SUBINDEX', 'Subindex does not exist'), ('WRONG_VALUE', 'Value range'),
-    ('NOT_STORED', 'transferred or stored'), ('WRONG_STATE', 'present device state')])
-def test_abort_codes_are_those_of_the_library(name, words):
-    assert words in library.SdoAbortedError.CODES[getattr(canopen, f'SDO_{name}')]
+def test_objects_have_the_sizes_that_the_encoders_have(factory):
+    sizes = {key: entry.size for key, entry in factory({})._entries.items()}
+    for each in wanted_objects(LAYOUTS[1], 2, True, 1e-3, 0.1).every:
+        assert sizes.get((each.index, each.subindex), each.size) == each.size, each.name
+
+
+def test_abort_codes_are_those_of_the_library():
+    codes = {name: code for name, code in vars(canopen).items() if name.startswith('SDO_')}
+    assert_recorded('encoders/abort_codes.txt', ''.join(
+        f'{name}: {library.SdoAbortedError.CODES.get(code)}\n' for name, code in codes.items()
+        if code > 0xFFFF))
 
 
 def test_a_bus_that_failed_is_the_reason(channel):
@@ -190,20 +181,16 @@ def test_a_bus_that_failed_is_the_reason(channel):
 
 
 @pytest.mark.parametrize(('args', 'words'), [
-    (('-p', 'can.protocol:=raw'), "'can.protocol' is 'raw'; expected 'canopen'"),
     (('--heartbeat', '0.1005'), '--heartbeat 0.1005 s; expected whole milliseconds'),
     (('--heartbeat', '66'), '--heartbeat 66 s; expected whole milliseconds'),
     (('-p', 'encoders.sync_id:=0', '-p', 'rate:=300.0'), '1 / rate 0.00333333 s; expected whole'),
 ])
 def test_a_wrong_argument_is_reported(run, args, words):
     code, _, err = run(*args)
-    assert code == 1
-    assert words in err and err.count('\n') == 1
+    assert code == 1 and words in err and err.count('\n') == 1
 
 
-def test_without_the_library_it_is_named(run, monkeypatch):
+def test_without_the_library_it_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, 'canopen', None)
-    code, _, err = run()
-    assert code == 1
-    assert re.search('needs canopen .sudo apt install python3-canopen; in a virtual environment: '
-                     'pip install', err)
+    with pytest.raises(InputError, match='needs canopen .sudo apt install .*; .* pip install'):
+        import_canopen()

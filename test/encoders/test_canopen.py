@@ -5,35 +5,22 @@
 
 from encoder_frames import decoder, T0
 import pytest
+from recorded_text import assert_recorded
 from spm_haptic_master.encoders import canopen
 
 
-@pytest.mark.parametrize(('identifier', 'name'), [
-    (0, 'NMT'), (0x80, 'SYNC'), (0x100, 'TIME'), (0x7E4, 'LSS'), (0x7E5, 'LSS'),
-    (0xFF, 'EMCY of node 127'), (0x181, 'TPDO1 of node 1'), (0x4FF, 'TPDO4 of node 127'),
-    (0x581, 'SDO answer of node 1'), (0x605, 'SDO request to node 5'),
-    (0x77F, 'heartbeat of node 127'), *((other, None) for other in (0x201, 0x180, 0x1, 0x700))])
-def test_identifiers_have_names(identifier, name):
-    assert canopen.frame_name(identifier) == name
-    free = name is None or name.startswith('TPDO')
-    assert canopen.reserved_for(identifier) == (None if free else name)
-
-
-# Emergencies (CiA 301, 7.2.7): code (2 bytes, little-endian), register, specific; their words.
-@pytest.mark.parametrize(('data', 'words'), [
-    ('0050 01 0000000000', 'EMCY 0x5000 device hardware, error register 0x01'),
-    ('1081 11 0102000000', 'EMCY 0x8110 CAN overrun (objects lost), error register 0x11, '
-     'specific 01 02 00 00 00'),
-    # Class 0x42, class 0xFF with the last specific byte, the end of all errors, of no class.
-    ('2042 09 0000000000', 'EMCY 0x4220 device temperature, error register 0x09'),
-    ('34FF 81 0000000007', 'EMCY 0xFF34 device specific, error register 0x81, '
-     'specific 00 00 00 00 07'),
-    ('0000 00 0000000000', 'EMCY 0x0000 error reset, error register 0x00'),
-    ('FFEE 01 0000000000', 'EMCY 0xEEFF code not in CiA 301, error register 0x01'),
-])
-def test_emergencies_have_words(data, words):
-    assert canopen.emcy_words(bytes.fromhex(data)) == words
-    assert canopen.emcy_code(bytes.fromhex(data)) == int(words[7:11], 16)
+def test_identifiers_and_emergencies_have_the_words_of_the_standard():
+    """Identifiers of no node, nodes 1 and 127, and LSS; classes and codes of emergencies."""
+    lines = [f'0x{each:03X}: {canopen.frame_name(each)}; not for a PDO: '
+             f'{canopen.reserved_for(each)}'
+             for each in range(0x800) if each & 0x7F in (0, 1, 0x64, 0x65, 0x7F)]
+    for code in (*range(0, 0x10000, 0x100), *range(0x8110, 0x8270, 0x10)):
+        words = canopen.emcy_words(canopen.emcy(1, code, 0).data)
+        lines += [] if 'not in CiA 301' in words else [words]
+    # Code (2 bytes, little-endian), register, specific bytes (CiA 301, 7.2.7).
+    lines += [f'{data}: {canopen.emcy_words(bytes.fromhex(data))}' for data in (
+        '1081 11 0102000000', '34FF 81 0000000007', 'FFEE 01 0000000000')]
+    assert_recorded('encoders/canopen.txt', '\n'.join(lines) + '\n')
 
 
 # Answers to an SDO upload (CiA 301, 7.2.4.3): command, 0x1000:00, four bytes; the value in them.

@@ -3,47 +3,53 @@
 
 """Recordings at their pace: when sets are due, rounds, gaps, and the end."""
 
-from encoder_frames import cycle, record, stream, values
+from encoder_frames import cycle, record, stream, T0, values
 import pytest
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.exceptions import SourceEnded
+from spm_haptic_master.exceptions import ReplayError, SourceEnded
 from spm_haptic_master.simulation.source_factory import make_source
 
 
 @pytest.fixture
 def replay(tmp_path):
     """Make a source that plays frames."""
-    made = []
-
     def make(messages, rate=100.0, **overrides):
         path = record(tmp_path / 'recorded.log', messages)
-        made.append(make_source('replay', values(
-            'replay', replay__path=str(path), replay__rate=rate, **overrides)))
-        return made[-1]
+        return make_source('replay', values(
+            'replay', replay__path=str(path), replay__rate=rate, **overrides))
 
-    yield make
-    for source in made:
-        source.close()
+    return make
 
 
-def test_two_sets_of_one_stamp_are_played_in_every_round(replay):
+def test_two_sets_of_one_stamp_are_played_in_every_round_until_the_file_is_gone(replay, tmp_path):
     """As in a log of 1 ms resolution."""
     frames = stream(0, 0, 1)
     for message in frames[:10]:
         message.timestamp = frames[0].timestamp
     source = replay(frames, replay__loop=True)
     assert all(source.read(1.0) for _ in range(9))
+    (tmp_path / 'recorded.log').unlink()
+    (tmp_path / 'recorded.log').mkdir()
+    with pytest.raises(ReplayError, match='recorded.log: cannot be read: Is a directory'):
+        [*iter(lambda: source.read(1.0), None)]
 
 
-@pytest.mark.parametrize('rate', [1.0, 4.0])
-def test_sets_are_due_at_their_last_frame(replay, clock, rate):
-    source = replay(stream(*range(5)), rate)
+@pytest.mark.parametrize(('rate', 'paused'), [(1.0, 0), (4.0, 0), (1.0, 1000.0)])
+def test_sets_are_due_at_their_last_frame_and_rounds_a_millisecond_apart(
+        replay, clock, rate, paused):
+    source = replay(stream(0, 1, 2), rate, replay__loop=True)
     begin = clock.time_ns()
-    for number in range(5):
-        sample = source.read(1.0)
-        # SYNC at number ms, the last answer 0.6 ms later.
-        assert sample.stamp - begin == pytest.approx(number * 1e6 / rate, abs=2000)
-        assert clock.time_ns() - begin == pytest.approx((number * 1e6 + 6e5) / rate, abs=2000)
+    # The last frame of a round comes 2.6 ms after its first.
+    for played, start in enumerate((0.0, 2.6 / rate + (paused or 1.0 / rate))):
+        for number in range(3):
+            sample = source.read(1.0)
+            # SYNC at number ms, the last answer 0.6 ms later.
+            assert sample.stamp - begin == pytest.approx(
+                1e6 * (start + number / rate), abs=3000)
+            assert clock.time_ns() - begin == pytest.approx(
+                1e6 * (start + (number + 0.6) / rate), abs=3000)
+        assert source.statistics()['rounds played'] == played
+        clock.now += 1e-3 * paused
 
 
 def test_a_set_not_yet_due_is_kept_for_the_next_read_and_a_gap_is_reported(replay, clock):
@@ -64,25 +70,10 @@ def test_a_late_reader_gets_sets_at_once(replay, clock):
     source.read(1.0)
     slept = len(clock.slept)
     clock.now += 1.0
-    assert source.read(0.0) is not None
-    assert source.read(0.0) is not None
+    assert source.read(0.0) and source.read(0.0)
     assert len(clock.slept) == slept
     with pytest.raises(SourceEnded, match='played to its end, 3 sets'):
         source.read(1.0)
-
-
-@pytest.mark.parametrize(('rate', 'paused'), [(1.0, 0), (2.0, 0), (1.0, 1.0)])
-def test_a_round_begins_a_millisecond_after_the_one_before(replay, clock, rate, paused):
-    source = replay(stream(0, 1, 2), rate, replay__loop=True)
-    first = [source.read(1.0) for _ in range(3)]
-    assert source.statistics()['rounds played'] == 0
-    clock.now += paused
-    again = [source.read(1.0) for _ in range(3)]
-    # The last frame of the three cycles came 2.6 ms after the first.
-    assert again[0].stamp - first[0].stamp == pytest.approx(
-        2.6e6 / rate + (1e9 * paused or 1e6 / rate), abs=3000)
-    assert again[2].stamp - again[0].stamp == pytest.approx(2e6 / rate, abs=3000)
-    assert source.statistics()['rounds played'] == 1
 
 
 def test_a_round_ends_the_open_cycle(replay):
@@ -105,8 +96,9 @@ def test_fault_and_figures_are_those_at_this_point_of_the_recording(replay):
 
 
 def test_a_recording_without_sets_for_long_is_a_fault(replay, clock):
-    frames = [canopen.frame(0x123) for _ in range(2500)]
-    source = replay([*frames, *cycle(0)])
+    others = [canopen.frame(0x123, stamp=T0) for _ in range(2500)]
+    source = replay([*others, *cycle(0), *others[:995], *cycle(1)])
     assert source.read(1.0) is source.read(1.0) is None
     assert clock.slept == [1e-3] * 2
     assert source.fault == 'no set of four encoders in 1000 frames of the recording'
+    assert source.read(1.0) and source.read(1.0)
