@@ -55,19 +55,6 @@ def put(log, text, severity=LoggingSeverity.ERROR, node=LOGGER):
     log.put(node, severity, text)
 
 
-def test_a_line_has_the_form_of_ros(sink):
-    log = NodeLog(sink)
-    put(log, 'silent: stale sample')
-    for severity in LoggingSeverity.WARN, LoggingSeverity.INFO, LoggingSeverity.DEBUG:
-        put(log, 'healthy', severity)
-    log.close(PATIENCE)
-    assert [line.split(' ')[0] for line in sink.lines] == [
-        '[ERROR]', '[WARN]', '[INFO]', 'closed']
-    severity, stamp, rest = sink.lines[0].split(' ', 2)
-    assert abs(float(stamp.strip('[]')) - time.time()) < PATIENCE
-    assert rest == '[node_of_the_log]: silent: stale sample'
-
-
 def test_lines_are_counted_for_each_node_and_counts_come_although_nothing_else_does(
         sink, monkeypatch):
     monkeypatch.setattr(node_log, 'REPEAT_PERIOD', 0.2)
@@ -132,18 +119,26 @@ def test_the_console_follows_the_ros_arguments(args, printed, capfd):
     ({}, True), ({'TERM': 'dumb'}, False), ({'RCUTILS_COLORIZED_OUTPUT': '0'}, False),
     ({'TERM': 'dumb', 'RCUTILS_COLORIZED_OUTPUT': '1'}, True), ({'NO_COLOR': ''}, True),
     ({'RCUTILS_COLORIZED_OUTPUT': '1', 'NO_COLOR': '1'}, False)])
-def test_an_error_on_a_terminal_is_red_by_the_environment(
+def test_a_line_has_the_form_and_on_a_terminal_the_colours_of_ros(
         sink, environment, coloured, monkeypatch):
     with monkeypatch.context() as changed, open(os.openpty()[1], 'w') as terminal:
         changed.setattr(os, 'environ', environment)
         changed.setattr(node_log, 'STANDARD_ERROR', terminal.fileno())
         log = NodeLog(sink)
-    put(log, 'silent')
-    put(log, 'healthy', LoggingSeverity.INFO)
+    severities = [getattr(LoggingSeverity, name) for name in ('ERROR', 'WARN', 'INFO', 'DEBUG')]
+    for severity in severities:
+        put(log, 'silent: stale sample', severity)
     log.close(PATIENCE)
-    red, end = ('\x1b[31m', '\x1b[0m') if coloured else ('', '')
-    assert sink.lines[0].startswith(f'{red}[ERROR]') and sink.lines[0].endswith(f'silent{end}')
-    assert sink.lines[1].startswith('[INFO]')
+    # Debug is below the level of the logger.
+    *lines, closed = sink.lines
+    assert closed == 'closed'
+    for severity, colour, line in zip(severities, (31, 33, None), lines, strict=False):
+        begin, end = (f'\x1b[{colour}m', '\x1b[0m') if coloured and colour else ('', '')
+        first, stamp, rest = line.split(' ', 2)
+        assert first == f'{begin}[{severity.name}]'
+        assert abs(float(stamp.strip('[]')) - time.time()) < PATIENCE
+        assert rest == f'[node_of_the_log]: silent: stale sample{end}'
+    assert len(lines) == 3
 
 
 def test_lines_without_a_reader_are_lost_and_counted():

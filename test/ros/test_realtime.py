@@ -94,41 +94,34 @@ def test_every_thread_gets_what_the_settings_ask_for(linux):
         ('mlockall', 3), ('collect',), ('freeze',), ('disable',)]
     assert linux.slices == {11: 50_000_000, 12: 50_000_000}
     assert linux.warnings == []
-    linux.called.clear()
-    realtime.apply(None, {**OFF, 'realtime.gc': 'freeze'})
-    assert linux.called == [('collect',), ('freeze',)]
+    # A thread of another policy keeps it, and all keep their niceness.
+    linux.niceness, linux.policies = -5, {12: os.SCHED_BATCH}
+    for calls in linux.called, linux.slices:
+        calls.clear()
+    realtime.apply(None, {**OFF, 'realtime.gc': 'freeze', 'realtime.slice': SLICE})
+    assert (linux.called, linux.slices) == ([('collect',), ('freeze',)], {11: 100_000})
 
 
-def test_without_a_privilege_there_is_a_warning_with_the_cure(linux):
-    linux.denied = ('sched_setscheduler', 'mlockall')
-    realtime.apply(None, {**OFF, 'realtime.priority': 80, 'realtime.lock_memory': True})
-    priority, memory = linux.warnings
-    assert priority.startswith('realtime.priority 80 not set: SCHED_FIFO is not permitted; it '
-                               'requires CAP_SYS_NICE')
-    assert memory.startswith('realtime.lock_memory not set: Operation not permitted; it requires '
-                             'CAP_IPC_LOCK')
-
-
-@pytest.mark.parametrize(('changes', 'reason'), [
-    ({'niceness': 1}, 'the process has less priority (nice)'),
-    ({'policies': {0: os.SCHED_BATCH}}, 'the process is not under SCHED_OTHER'),
-    ({'denied': ('slices',)}, 'Linux before 6.12 has none'),
-    ({'denied': ('syscall',)}, 'Operation not permitted'),
-    ({'machine': 'm68k'}, 'unknown on m68k')])
-def test_a_slice_that_a_rig_has_chosen_and_cannot_have_is_a_warning(linux, changes, reason):
-    """The default is for those who can have it; the others are as they would be without."""
-    for name, value in changes.items():
-        setattr(linux, name, value)
+@pytest.mark.parametrize(('changed', 'to', 'name', 'value', 'reason'), [
+    ('denied', ('sched_setscheduler',), 'priority', 80,
+     'SCHED_FIFO is not permitted; it requires CAP_SYS_NICE, or '),
+    ('denied', ('mlockall',), 'lock_memory', True,
+     'Operation not permitted; it requires CAP_IPC_LOCK, or '),
+    ('denied', ('slices',), 'slice', 0.05, 'Linux before 6.12 has none'),
+    ('denied', ('syscall',), 'slice', 0.05, 'Operation not permitted'),
+    ('machine', 'm68k', 'slice', 0.05, 'unknown on m68k'),
+    ('niceness', 1, 'slice', 0.05, 'the process has less priority (nice)'),
+    ('policies', {0: os.SCHED_BATCH}, 'slice', 0.05, 'the process is not under SCHED_OTHER')])
+def test_what_a_rig_asks_for_and_cannot_have_is_a_warning(
+        linux, changed, to, name, value, reason):
+    """The default slice is for those who can have it; the others are as they would be without."""
+    setattr(linux, changed, to)
     realtime.apply(None, {**OFF, 'realtime.slice': SLICE})
     assert linux.warnings == []
-    realtime.apply(None, {**OFF, 'realtime.slice': OWN_SLICE})
-    assert linux.warnings == [f'realtime.slice 0.05 not set: {reason}']
-
-
-def test_a_thread_of_another_policy_keeps_it_and_all_keep_their_niceness(linux):
-    linux.niceness, linux.policies = -5, {12: os.SCHED_BATCH}
-    realtime.apply(None, {**OFF, 'realtime.slice': OWN_SLICE})
-    assert (linux.slices, linux.warnings) == ({11: 50_000_000}, [])
+    realtime.apply(None, {**OFF, f'realtime.{name}': value})
+    (warning,) = linux.warnings
+    shown = f'{name} not set: ' if value is True else f'{name} {value} not set: '
+    assert warning.startswith(f'realtime.{shown}{reason}')
 
 
 def test_a_slice_that_linux_does_not_have_is_refused(linux):
