@@ -17,11 +17,11 @@ from spm_haptic_master.kinematics.leg_kernels import both_turns
 from spm_haptic_master.kinematics.rotations import matrix_from_vector
 
 
-def search(built, th1, rng, starts, steps=50):
+def search(built, th1, rng):
     """All modes that a damped Newton finds on the closures from many random rotations."""
-    second, R = built.second_axes(th1), mechanism.random_rotations(rng, starts)
+    second, R = built.second_axes(th1), mechanism.random_rotations(rng, 200)
     found = []
-    for _ in range(steps):
+    for _ in range(50):
         third = built.third_axes(R)
         f = (second * third).sum(-1) - np.cos(built.beta)
         error = np.abs(f).max(-1)
@@ -44,17 +44,6 @@ def nearest(R, others):
     return min(mechanism.angle_between(R, other) for other in others)
 
 
-def check_complete(built, th1, rng, starts=200):
-    """Check that every mode is found, once, and closes; return them."""
-    modes, found = kinematics.forward_all(th1, built.geometry), search(built, th1, rng, starts)
-    assert len(found) == len(modes) <= 8
-    for matrix in modes:
-        np.testing.assert_allclose(built.closures(th1, matrix), 0.0, atol=2e-12)
-        np.testing.assert_allclose(matrix.T @ matrix, np.eye(3), atol=1e-14)
-        assert nearest(matrix, found) < 1e-6
-    return modes
-
-
 @pytest.mark.parametrize('mode', [
     pytest.param(mode, marks=[pytest.mark.slow] * (number not in (0, 5)))
     for number, mode in enumerate(mechanism.MODES[:6])])
@@ -66,8 +55,12 @@ def test_complete_against_an_independent_search(mode):
         built = random_built(rng, **more_modes) if trial % 2 else random_built(rng)
         R = built.reachable_rotation(rng)
         th1 = kinematics.inverse(R, built.geometry, mode).theta1
-        modes = check_complete(built, th1, rng)
-        assert nearest(R, modes) < 1e-7
+        modes, found = kinematics.forward_all(th1, built.geometry), search(built, th1, rng)
+        assert nearest(R, modes) < 1e-7 and len(found) == len(modes) <= 8
+        np.testing.assert_allclose(built.closures(th1, modes), 0.0, atol=2e-12)
+        for matrix in modes:
+            np.testing.assert_allclose(matrix.T @ matrix, np.eye(3), atol=1e-14)
+            assert nearest(matrix, found) < 1e-6
         counts.add(len(modes))
     assert len(counts) > 1
 

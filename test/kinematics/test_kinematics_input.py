@@ -50,7 +50,8 @@ FUNCTIONS = {
     'matrix_from_quaternion': {'q': [0.0, 0.0, 0.0, 1.0]}, 'quaternion_from_matrix': {'R': POSE},
     'zxz_from_matrix': {'R': POSE}, 'matrix_from_zxz': {'psi': 0.1, 'theta': 0.2, 'phi': 0.3},
     'workspace_pose': {'tilt': 0.1, 'azimuth': 0.2, 'phi': 0.3},
-    'Geometry': {'alpha': 0.7, 'beta': 0.6, 'gamma': 0.3}}
+    'Geometry': {'alpha': 0.7, 'beta': 0.6, 'gamma': 0.3},
+    'in_usual_frames': {**BUILT, 'nominal': kinematics.Geometry()}}
 CASES = [(function, name) for function, arguments in FUNCTIONS.items() for name in arguments]
 
 
@@ -100,6 +101,8 @@ def test_senseless_arguments_raise_one_clear_line_and_unusual_ones_nothing_else(
                                     ('forward_theta2a', 'theta2a', -1.1e6),
                                     ('matrix_from_zxz', 'psi', -1.1e6))),
     ('forward_all', {'th1': [TH1, TH1]}, 'one triple'),
+    *(('Geometry', {name: value}, f'{name} = {value}.* rad') for name, value in (
+        ('alpha', 0.0), ('beta', math.pi), ('gamma', -0.3), ('alpha', 39.3))),
     *(('singularity_locus', {'phi': 0.8, 'half_angle': 0.3, name: value}, name)
       for name, value in (
           ('half_angle', [0.1]), ('half_angle', 0.0), ('half_angle', -0.1), ('half_angle', 3.2),

@@ -232,9 +232,7 @@ def test_a_prior_has_no_weight():
     angles = four_angles(tilted(0.3, 0.1, 0.0)) + SIGMA * np.array([1.0, -1.0, 2.0, 0.5])
     np.testing.assert_array_equal(
         estimated(angles).rotation, estimated(angles, prior=tilted(0.2, 0.2, 2.0)).rotation)
-
-
-def test_where_no_leg_gives_a_start_the_solutions_of_all_legs_are_tried():
+    # Where no leg gives a start the solutions of all legs are tried.
     R = kinematics.workspace_pose(0.1, 1.0, 0.4)
     for prior in (None, turn([0.02, 0.0, 0.0]) @ R):
         assert angle_between(estimated(all_angles(R), 0.3, prior=prior).rotation, R) < 1e-9
