@@ -47,14 +47,14 @@ class Linux:
         return SimpleNamespace(mlockall=partial(self._call, 'mlockall'), syscall=self._syscall)
 
     def _call(self, name, *given):
+        if given[:1] == (13,):
+            raise ProcessLookupError  # the thread has ended
         if name in self.denied:
             return -1
         self.called.append((name, *given))
         return 0
 
     def _set(self, name, thread, *given):
-        if thread == 13:
-            raise ProcessLookupError  # the thread has ended
         if self._call(name, thread, *given):
             raise PermissionError
 

@@ -88,8 +88,13 @@ def printed(capfd):
 @pytest.mark.parametrize(('result', 'failure', 'code', 'out', 'err'), [
     (SourceEnded('the end'), None, 0, 'fkm: the end\n', ''), (None, None, 0, '', ''),
     (InputError('no'), None, 1, '', 'fkm: no\n'), (None, InputError('no'), 1, '', 'fkm: no\n')])
-def test_a_process_ends_with_its_result(ends, applied, capfd, result, failure, code, out, err):
-    found = run_once('-p', 'realtime.gc:=freeze', result=result, failure=failure)
+def test_a_process_ends_with_its_result(
+        ends, applied, monkeypatch, capfd, result, failure, code, out, err):
+    warnings = []
+    monkeypatch.setattr(node_log, 'warning', lambda _, text: warnings.append(text))
+    found = run_once('-p', 'realtime.gc:=freeze', '-p', 'can.channel:=can1', result=result,
+                     failure=failure)
+    assert warnings == [f'-p can.channel:=can1: {runner.NO_EFFECT}']
     assert found == (code, ['made', 'started', 'destroyed'])
     # The log has ended, and the process has left the DDS domain.
     assert not rclpy.ok() and node_log._log is None
@@ -154,13 +159,6 @@ def test_owned_topics_are_looked_for_before_the_nodes_are_made(applied, monkeypa
     monkeypatch.setattr(runner, 'wait_until_alone', alone)
     assert run(lambda done, add: looked.append('made'), owned={'fkm': 'orientation'}) == 0
     assert looked == [({'fkm': 'orientation'}, [])]
-
-
-def test_an_argument_without_effect_is_a_warning(applied, monkeypatch):
-    texts = []
-    monkeypatch.setattr(node_log, 'warning', lambda _, text: texts.append(text))
-    run_once('-p', 'can.channel:=can1')
-    assert texts == [f'-p can.channel:=can1: {runner.NO_EFFECT}']
 
 
 def test_the_packages_profile_is_selected_where_the_user_has_none(tmp_path, monkeypatch):
