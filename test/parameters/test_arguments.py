@@ -61,7 +61,6 @@ def test_ros_arguments_are_passed_on(tmp_path):
     *((('-r', text), 'expected FROM:=TO with names') for text in (
         'a:=b__c', 'a__b:=c', '~:=b', '*:=b', 'a:=b/', 'a/:=b', '/fkm:a:=b', 'a:=~', '__x:=b',
         'a:=b:=c', 'a:=\n')),
-    (('--log-level', 'rcl:='), "--log-level 'rcl:='; expected debug, info"),
     (('--params-file', 'no\nwhere'), r'no\\nwhere: cannot be read'),
     (('--params-file', 'a\0b'), 'cannot be read: embedded null'),
     (('-p', 'other:rate:=1.0'),

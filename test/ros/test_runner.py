@@ -135,10 +135,8 @@ def test_a_failure_is_one_line_and_leaves_no_node(applied, monkeypatch, capfd):
         _, err = printed(capfd)
         assert line in err and err.count('\n') == 1
 
-    def interrupted(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(runner, 'node_command_line', interrupted)
+    # Ctrl-C while the arguments are read.
+    monkeypatch.setattr(runner, 'node_command_line', lambda *_: signal.raise_signal(signal.SIGINT))
     assert run(refused) == 0
 
 
