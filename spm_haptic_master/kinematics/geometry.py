@@ -253,10 +253,10 @@ class Geometry:
                 f'beta={self.betas!r})')
 
 
-def check_geometry(geometry: object) -> Geometry:
-    """Return `geometry` if it is a Geometry; InputError otherwise."""
+def check_geometry(geometry: object, name: str = 'geometry') -> Geometry:
+    """Return the argument `name` if it is a Geometry; InputError otherwise."""
     if not isinstance(geometry, Geometry):
-        raise InputError(f'geometry = {quoted(geometry)}: expected a Geometry')
+        raise InputError(f'{name} = {quoted(geometry)}: expected a Geometry')
     return geometry
 
 
@@ -275,7 +275,7 @@ def in_usual_frames(geometry: Geometry, nominal: Geometry = PAPER_GEOMETRY) -> G
     nominal direction there.
     """
     check_geometry(geometry)
-    check_geometry(nominal)
+    check_geometry(nominal, 'nominal')
     first, second, _ = axes = np.array(geometry.base_axes)
     x = second - (second @ first) * first
     x /= np.linalg.norm(x)

@@ -7,35 +7,21 @@ import functools
 import math
 
 from built_mechanism import nominal, random_built, random_nominal
-from mechanism import (
-    angle_between,
-    CENTRE,
-    MODES,
-    random_rotations,
-    SINGULAR_PHI,
-    turn,
-    zxz,
-)
+import mechanism
 import numpy as np
 import pytest
 from readings import pose_of_zero
+from spm_haptic_master import kinematics
 from spm_haptic_master.exceptions import SingularityError, UnreachableError
-from spm_haptic_master.kinematics import (
-    forward_all,
-    Geometry,
-    inverse,
-    parallel_determinant,
-    track_mode,
-)
 from spm_haptic_master.kinematics.leg_kernels import both_turns
 from spm_haptic_master.kinematics.rotations import matrix_from_vector
 
 
-def search(built, th1, rng, starts, steps=50):
+def search(built, th1, rng):
     """All modes that a damped Newton finds on the closures from many random rotations."""
-    second, R = built.second_axes(th1), random_rotations(rng, starts)
+    second, R = built.second_axes(th1), mechanism.random_rotations(rng, 200)
     found = []
-    for _ in range(steps):
+    for _ in range(50):
         third = built.third_axes(R)
         f = (second * third).sum(-1) - np.cos(built.beta)
         error = np.abs(f).max(-1)
@@ -53,19 +39,14 @@ def search(built, th1, rng, starts, steps=50):
     return found
 
 
-def check_complete(built, th1, rng, starts=200):
-    """Check that every mode is found, once, and closes; return them."""
-    modes, found = forward_all(th1, built.geometry), search(built, th1, rng, starts)
-    assert len(found) == len(modes) <= 8
-    for matrix in modes:
-        np.testing.assert_allclose(built.closures(th1, matrix), 0.0, atol=2e-12)
-        np.testing.assert_allclose(matrix.T @ matrix, np.eye(3), atol=1e-14)
-        assert min(angle_between(matrix, other) for other in found) < 1e-6
-    return modes
+def nearest(R, others):
+    """Return the smallest angle from a rotation to one of others."""
+    return min(mechanism.angle_between(R, other) for other in others)
 
 
 @pytest.mark.parametrize('mode', [
-    MODES[0], MODES[5], *(pytest.param(mode, marks=pytest.mark.slow) for mode in MODES[1:5])])
+    pytest.param(mode, marks=[pytest.mark.slow] * (number not in (0, 5)))
+    for number, mode in enumerate(mechanism.MODES[:6])])
 def test_complete_against_an_independent_search(mode):
     """Every other mechanism is of a design with more modes than the paper's."""
     rng = np.random.default_rng(21)
@@ -73,9 +54,13 @@ def test_complete_against_an_independent_search(mode):
     for trial in range(6):
         built = random_built(rng, **more_modes) if trial % 2 else random_built(rng)
         R = built.reachable_rotation(rng)
-        th1 = inverse(R, built.geometry, mode).theta1
-        modes = check_complete(built, th1, rng)
-        assert min(angle_between(R, matrix) for matrix in modes) < 1e-7
+        th1 = kinematics.inverse(R, built.geometry, mode).theta1
+        modes, found = kinematics.forward_all(th1, built.geometry), search(built, th1, rng)
+        assert nearest(R, modes) < 1e-7 and len(found) == len(modes) <= 8
+        np.testing.assert_allclose(built.closures(th1, modes), 0.0, atol=2e-12)
+        for matrix in modes:
+            np.testing.assert_allclose(matrix.T @ matrix, np.eye(3), atol=1e-14)
+            assert nearest(matrix, found) < 1e-6
         counts.add(len(modes))
     assert len(counts) > 1
 
@@ -86,9 +71,10 @@ def singular_poses():
     rng = np.random.default_rng(23)
     poses = []
     for trial in range(16):
-        built, mode = nominal() if trial % 2 else random_nominal(rng), MODES[trial % 8]
-        poses.append((pose_of_zero(lambda R, g=built.geometry, mode=mode: parallel_determinant(
-            R, g, mode), built, rng, 0.3), built, mode))
+        built, mode = nominal() if trial % 2 else random_nominal(rng), mechanism.MODES[trial % 8]
+        determinant = functools.partial(
+            kinematics.parallel_determinant, geometry=built.geometry, working_mode=mode)
+        poses.append((pose_of_zero(determinant, built, rng, 0.3), built, mode))
     return poses
 
 
@@ -98,11 +84,11 @@ def test_a_mode_at_a_singularity_is_never_lost(offset_deg):
     distances, axis = [], np.array([0.36, -0.48, 0.8])
     for pose, built, mode in singular_poses():
         for sign in (1.0, -1.0):
-            R = turn(sign * math.radians(offset_deg) * axis) @ pose
-            th1 = inverse(R, built.geometry, mode).theta1
-            modes = forward_all(th1, built.geometry)
+            R = mechanism.turn(sign * math.radians(offset_deg) * axis) @ pose
+            th1 = kinematics.inverse(R, built.geometry, mode).theta1
+            modes = kinematics.forward_all(th1, built.geometry)
             assert len(modes) <= 8
-            distances.append(min(angle_between(R, matrix) for matrix in modes))
+            distances.append(nearest(R, modes))
             assert np.abs(built.closures(th1, modes)).max() < 2e-12
     # Rounding (2e-15) moves a double root by its square root, a threefold one by its cube root.
     assert max(distances) < 3e-5
@@ -117,11 +103,11 @@ def test_a_root_where_the_half_angle_has_no_tangent(th2a):
     while tried < 8:
         R = nominal().chain(0, rng.uniform(-3, 3), th2a, rng.uniform(-3, 3))
         try:
-            th1 = inverse(R, working_mode=MODES[rng.integers(8)]).theta1
+            th1 = kinematics.inverse(R, working_mode=mechanism.MODES[rng.integers(8)]).theta1
         except UnreachableError:
             continue
         tried += 1
-        assert min(angle_between(R, matrix) for matrix in forward_all(th1)) < 1e-5
+        assert nearest(R, kinematics.forward_all(th1)) < 1e-5
 
 
 # Mechanism, th1A, th1B, th1C, th2A and two th3A (rad) at which the mechanism closes for both th3A,
@@ -139,37 +125,37 @@ SHARED_TH2A = [
 def test_two_modes_that_share_th2a(built, th1a, th1b, th1c, th2a, first, second):
     # Then L1 M2 = L2 M1, and eq. 3 reads 0 / 0.
     th1 = [th1a, th1b, th1c]
-    modes = forward_all(th1, built.geometry)
+    modes = kinematics.forward_all(th1, built.geometry)
     for th3a in (first, second):
         R = built.chain(0, th1a, th2a, th3a)
         np.testing.assert_allclose(built.closures(th1, R), 0.0, atol=1e-14)
-        assert min(angle_between(R, matrix) for matrix in modes) < 1e-6
+        assert nearest(R, modes) < 1e-6
 
 
 def test_free_motion_is_reported():
     # alpha = acos(1 / sqrt 3): all Z2k can meet on (1, 1, 1); if gamma = beta the platform spins.
     alpha = math.acos(1.0 / math.sqrt(3.0))
     with pytest.raises(SingularityError, match='freely'):
-        forward_all(np.radians([135.0] * 3), Geometry(alpha, 0.5, 0.5))
+        kinematics.forward_all(np.radians([135.0] * 3), kinematics.Geometry(alpha, 0.5, 0.5))
 
 
 def test_tracking_through_figure_10():
     """The self-rotation goes from 45 to 55 deg, across the singularity at 49.36 deg."""
-    last = zxz(*CENTRE, math.radians(45.0))
+    last = mechanism.zxz(*mechanism.CENTRE, math.radians(45.0))
     for phi in np.radians(np.linspace(45.0, 55.0, 120)):
-        R = zxz(*CENTRE, phi)
-        tracked = track_mode(inverse(R).theta1, last)
-        away = math.degrees(abs(phi - SINGULAR_PHI))
+        R = mechanism.zxz(*mechanism.CENTRE, phi)
+        tracked = kinematics.track_mode(kinematics.inverse(R).theta1, last)
+        away = math.degrees(abs(phi - mechanism.SINGULAR_PHI))
         if away > 1.0:
-            assert not tracked.ambiguous and angle_between(tracked.rotation, R) < 1e-9
+            assert not tracked.ambiguous and mechanism.angle_between(tracked.rotation, R) < 1e-9
         assert tracked.ambiguous or away > 0.1
         last = R
     # Just beyond the margin it is not ambiguous, at the double root itself it is.
     for beyond, ambiguous in ((0.0115, False), (0.0, True)):
-        R = zxz(*CENTRE, SINGULAR_PHI + beyond)
-        assert track_mode(inverse(R).theta1, R).ambiguous == ambiguous
+        R = mechanism.zxz(*mechanism.CENTRE, mechanism.SINGULAR_PHI + beyond)
+        assert kinematics.track_mode(kinematics.inverse(R).theta1, R).ambiguous == ambiguous
     with pytest.raises(UnreachableError, match='no assembly mode'):
-        track_mode(np.radians([-100.0] * 3), np.eye(3))
+        kinematics.track_mode(np.radians([-100.0] * 3), np.eye(3))
 
 
 @pytest.mark.parametrize('equation, nearest', [

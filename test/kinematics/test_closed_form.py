@@ -10,20 +10,8 @@ from mechanism import angle_between, MODES, small_vector
 import numpy as np
 import pytest
 from readings import case_2_determinant, four_angles, PAPER, SIGMA, wrapped
+from spm_haptic_master import kinematics
 from spm_haptic_master.exceptions import SingularityError
-from spm_haptic_master.kinematics import (
-    estimate,
-    forward_all,
-    forward_theta2a,
-    forward_theta3a,
-    inverse,
-    matrix_from_quaternion,
-    measured_angles,
-    mechanism_angles,
-    parallel_determinant,
-    theta3a_quaternion,
-    workspace_pose,
-)
 from spm_haptic_master.kinematics.assembly_modes import LockedChain
 from spm_haptic_master.kinematics.estimation.normal_equations import theta3a_gains
 from spm_haptic_master.kinematics.leg_kernels import common_turn
@@ -40,37 +28,37 @@ def check_models(built, mode, rng):
     """Check inverse and forward models at one random pose; return whether it was well posed."""
     g = built.geometry
     R = built.reachable_rotation(rng)
-    joints = inverse(R, g, mode)
+    joints = kinematics.inverse(R, g, mode)
     th1, th2a, th3a = joints.theta1, float(joints.theta2a), float(joints.theta3a)
     # The independent mechanism closes, in the working mode asked for.
     np.testing.assert_allclose(built.closures(th1, R), 0.0, atol=1e-12)
     assert built.working_mode(th1, R) == mode
-    floats = mechanism_angles(tuple(R.ravel().tolist()), g, mode)
+    floats = kinematics.mechanism_angles(tuple(R.ravel().tolist()), g, mode)
     for leg in range(3):
         assert angle_between(built.chain(leg, *floats[3 * leg:3 * leg + 3]), R) < 1e-9
     np.testing.assert_allclose(floats[::3] + floats[1:3] + floats[5::3], [
         *th1, th2a, th3a, joints.theta3b, joints.theta3c], atol=1e-12)
-    modes = forward_all(th1, g)
+    modes = kinematics.forward_all(th1, g)
     assert len(modes) <= 8
     np.testing.assert_allclose(built.closures(th1, modes), 0.0, atol=2e-12)
     # The inverse model leads back, in the working mode of each assembly mode.
     for matrix, volumes in zip(modes, built.leg_volumes(th1, modes), strict=True):
         if np.abs(volumes).min() > 0.01:
             signs = tuple(1 if volume > 0.0 else -1 for volume in volumes)
-            again = measured_angles(tuple(matrix.ravel().tolist()), g, signs, 4)[:3]
+            again = kinematics.measured_angles(tuple(matrix.ravel().tolist()), g, signs, 4)[:3]
             np.testing.assert_allclose(wrapped(again - th1), 0.0, atol=1e-9)
     closed_forms = (
-        forward_theta2a(th1, th2a, g), forward_theta3a(th1, th3a, g),
-        matrix_from_quaternion(theta3a_quaternion(*th1.tolist(), th3a, g)))
+        kinematics.forward_theta2a(th1, th2a, g), kinematics.forward_theta3a(th1, th3a, g),
+        kinematics.matrix_from_quaternion(kinematics.theta3a_quaternion(*th1.tolist(), th3a, g)))
     chain = LockedChain.of(th1.tolist(), g, FLOATS)
     case_1 = common_turn(*chain.turn_equations(math.cos(th2a), math.sin(th2a)))[2]
     case_2 = case_2_determinant([*th1, th3a], g)
     for found, determinant in zip(closed_forms, (case_1, case_2, case_2), strict=True):
         assert angle_between(found, R) < CLOSED_FORM_ROUNDING / abs(determinant)
-    if min(abs(parallel_determinant(R, g, mode)), abs(case_2)) < WELL_POSED:
+    if min(abs(kinematics.parallel_determinant(R, g, mode)), abs(case_2)) < WELL_POSED:
         return False
     assert min(angle_between(R, matrix) for matrix in modes) < 1e-9
-    assert angle_between(estimate(th1, th3a, SIGMA, g, prior=R).rotation, R) < 1e-9
+    assert angle_between(kinematics.estimate(th1, th3a, SIGMA, g, prior=R).rotation, R) < 1e-9
     return abs(case_1) > 4e-6
 
 
@@ -85,10 +73,10 @@ def test_gains_of_the_closed_form_are_finite_differences():
     rng = np.random.default_rng(191)
     for _ in range(10):
         g = random_built(rng).geometry
-        R = workspace_pose(rng.uniform(0.0, 0.3), rng.uniform(0.0, 6.0), rng.uniform(0.2, 1.4))
+        R = kinematics.workspace_pose(*rng.uniform((0.0, 0.0, 0.2), (0.3, 6.0, 1.4)))
         readings = four_angles(R, g)
         steps = 1e-6 * np.eye(4)
-        ahead, behind = (forward_theta3a(shifted[:, :3], shifted[:, 3], g)
+        ahead, behind = (kinematics.forward_theta3a(shifted[:, :3], shifted[:, 3], g)
                          for shifted in (readings + steps, readings - steps))
         np.testing.assert_allclose(
             theta3a_gains(*readings.tolist(), g),
@@ -99,7 +87,7 @@ def test_long_batches_are_their_rows():
     """More rows than one slice, of shapes that broadcast."""
     rng = np.random.default_rng(13)
     th1 = rng.uniform(-3.0, 3.0, (2, SLICE - 100, 3))
-    for model in (forward_theta3a, forward_theta2a):
+    for model in (kinematics.forward_theta3a, kinematics.forward_theta2a):
         passive = rng.uniform(-3.0, 3.0, SLICE - 100)
         R = model(th1, passive)
         assert R.shape == (2, SLICE - 100, 3, 3)
@@ -122,13 +110,13 @@ def degenerate(size):
 @pytest.mark.parametrize('sign', [1.0, -1.0])
 def test_closed_form_down_to_its_least_determinant(sign):
     answered, refused = degenerate(sign * 1.5e-9), degenerate(sign * 0.7e-9)
-    R = matrix_from_quaternion(theta3a_quaternion(*answered, PAPER))
-    np.testing.assert_allclose(forward_theta3a(answered[:3], answered[3]), R, atol=1e-5)
+    R = kinematics.matrix_from_quaternion(kinematics.theta3a_quaternion(*answered, PAPER))
+    np.testing.assert_allclose(kinematics.forward_theta3a(answered[:3], answered[3]), R, atol=1e-5)
     with pytest.raises(SingularityError, match='determinant'):
-        theta3a_quaternion(*refused, PAPER)
+        kinematics.theta3a_quaternion(*refused, PAPER)
     with pytest.raises(SingularityError, match='determinant'):
-        forward_theta3a(refused[:3], refused[3])
-    batch = forward_theta3a([answered[:3], refused[:3]], 0.4)
+        kinematics.forward_theta3a(refused[:3], refused[3])
+    batch = kinematics.forward_theta3a([answered[:3], refused[:3]], 0.4)
     np.testing.assert_array_equal(np.isnan(batch).any(axis=(1, 2)), [False, True])
 
 

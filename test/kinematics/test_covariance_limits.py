@@ -14,13 +14,8 @@ from mechanism import CENTRE, SINGULAR_PHI, small_vector, tilted, zxz
 import numpy as np
 import pytest
 from readings import estimated, four_angles, near_boundary, PAPER, SIGMA
+from spm_haptic_master import kinematics
 from spm_haptic_master.exceptions import SpmError
-from spm_haptic_master.kinematics import (
-    estimate_sample,
-    matrix_from_quaternion,
-    quaternion_from_matrix,
-    UsedSensors,
-)
 
 # Samples of a row: rms to 0.5 %, a share of 1 in 1000 to a fifth.
 COUNT = 20000
@@ -86,12 +81,13 @@ def test_tails_at_three_sigma_from_the_boundary_of_a_working_mode(leg):
 def test_three_sensors_near_the_parallel_singularity(away_deg, rms, answered):
     """Without th3A half of the samples close no mechanism there, and the others are biased."""
     R = zxz(*CENTRE, SINGULAR_PHI + math.radians(away_deg))
-    sensors, prior = UsedSensors((SIGMA,) * 4, (3,)), tuple(quaternion_from_matrix(R).tolist())
+    sensors = kinematics.UsedSensors((SIGMA,) * 4, (3,))
+    prior = tuple(kinematics.quaternion_from_matrix(R).tolist())
     rotation, covariance = np.full((2, COUNT, 3, 3), np.nan)
     for index, readings in enumerate(noisy(R).tolist()):
         with suppress(SpmError):
-            sample = estimate_sample(tuple(readings), sensors, PAPER, prior)
-            rotation[index] = matrix_from_quaternion(sample.quaternion)
+            sample = kinematics.estimate_sample(tuple(readings), sensors, PAPER, prior)
+            rotation[index] = kinematics.matrix_from_quaternion(sample.quaternion)
             covariance[index] = np.reshape(sample.covariance, (3, 3))
     row = measure(R, rotation, covariance)
     assert row[0] == pytest.approx(rms, abs=0.03)

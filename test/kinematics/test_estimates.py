@@ -6,28 +6,16 @@
 import math
 
 from built_mechanism import nominal, random_built
-from mechanism import (
-    MODES,
-    SINGULAR_PHI,
-    small_vector,
-    tilted,
-    turn,
-)
+import mechanism
 import numpy as np
 import pytest
 from readings import all_angles, bound, estimated, four_angles, PAPER, SIGMA, UNEQUAL, wrapped
+from spm_haptic_master import kinematics
 from spm_haptic_master.exceptions import SingularityError, SpmError
-from spm_haptic_master.kinematics import (
-    estimate_sample,
-    jacobian,
-    matrix_from_quaternion,
-    UsedSensors,
-    workspace_pose,
-)
 from spm_haptic_master.kinematics.number_backends import SLICE
 
 # Poses: central, singular, tilted, at the edge (tilt, azimuth, phi, rad).
-POSES = [(0.0, 0.0, 0.5), (0.0, 0.0, SINGULAR_PHI), (0.15, 1.0, 1.1), (0.28, 4.0, 0.9)]
+POSES = [(0.0, 0.0, 0.5), (0.0, 0.0, mechanism.SINGULAR_PHI), (0.15, 1.0, 1.1), (0.28, 4.0, 0.9)]
 
 
 @pytest.mark.parametrize('pose', POSES)
@@ -36,10 +24,11 @@ POSES = [(0.0, 0.0, 0.5), (0.0, 0.0, SINGULAR_PHI), (0.15, 1.0, 1.1), (0.28, 4.0
 def test_noise_is_at_the_bound_and_the_parity_vector_is_white(pose, sensors, as_built):
     rng = np.random.default_rng(303)
     g = random_built(rng).geometry if as_built else PAPER
-    R, sigma = workspace_pose(*pose), UNEQUAL[:sensors]
+    R, sigma = kinematics.workspace_pose(*pose), UNEQUAL[:sensors]
     readings = all_angles(R, g)[:sensors] + sigma * rng.normal(size=(8000, sensors))
     found = estimated(readings, sigma, g)
-    error, least = small_vector(found.rotation @ R.T), bound(R, sigma, g, sensors=sensors)
+    error = mechanism.small_vector(found.rotation @ R.T)
+    least = bound(R, sigma, g, sensors=sensors)
     assert (error**2).sum(-1).mean() / np.trace(least) == pytest.approx(1.0, abs=0.03)
     np.testing.assert_allclose(found.covariance.mean(0), least, atol=0.03 * np.trace(least))
     assert found.parity_vector.shape == (8000, sensors - 3)
@@ -57,7 +46,7 @@ def test_it_is_the_minimum_in_every_working_mode(sensors):
     rng = np.random.default_rng(304)
     checked = 0
     for trial in range(24):
-        mode, g = MODES[trial % 8], random_built(rng).geometry
+        mode, g = mechanism.MODES[trial % 8], random_built(rng).geometry
         R = nominal().reachable_rotation(rng, slack=0.12)
         sigma = SIGMA * rng.uniform(0.5, 3.0, sensors)
         readings = all_angles(R, g, mode)[:sensors] + sigma * rng.normal(size=sensors)
@@ -78,7 +67,7 @@ def test_it_is_the_minimum_in_every_working_mode(sensors):
         # ... and no neighbour has less, by the amount that the covariance predicts.
         root = np.linalg.cholesky(found.covariance)
         for direction in (*np.eye(3), *-np.eye(3)):
-            near = objective(turn(0.1 * root @ direction) @ found.rotation)
+            near = objective(mechanism.turn(0.1 * root @ direction) @ found.rotation)
             assert near - value == pytest.approx(0.01, abs=0.004)
         checked += 1
     assert checked > 15
@@ -87,7 +76,7 @@ def test_it_is_the_minimum_in_every_working_mode(sensors):
 @pytest.mark.parametrize('sensors', [4, 6])
 def test_long_batches_are_their_rows_and_only_those_that_fail_are_nan(sensors):
     rng = np.random.default_rng(64)
-    sigma, true = UNEQUAL[:sensors], all_angles(tilted(0.3, 0.2, 1.0))[:sensors]
+    sigma, true = UNEQUAL[:sensors], all_angles(mechanism.tilted(0.3, 0.2, 1.0))[:sensors]
     readings = true + sigma * rng.normal(size=(2 * SLICE + 6, sensors))
     failing = [7, SLICE + 3]
     readings[failing] = [1.5, -1.5, 1.5, 1.0, 2.0, -2.0][:sensors]  # close no mechanism
@@ -105,8 +94,9 @@ def test_long_batches_are_their_rows_and_only_those_that_fail_are_nan(sensors):
         estimated(readings[7], sigma)
     for row in (0, SLICE - 1, SLICE, SLICE + 4, 2 * SLICE - 1, 2 * SLICE, 2 * SLICE + 5):
         single = estimated(readings[row], sigma)
-        sample = estimate_sample(tuple(readings[row].tolist()), UsedSensors(tuple(sigma)), PAPER)
-        for found in (rotation[row], matrix_from_quaternion(sample.quaternion)):
+        sample = kinematics.estimate_sample(
+            tuple(readings[row].tolist()), kinematics.UsedSensors(tuple(sigma)), PAPER)
+        for found in (rotation[row], kinematics.matrix_from_quaternion(sample.quaternion)):
             np.testing.assert_allclose(found, single.rotation, atol=1e-12)
         for found in (covariance[row], np.reshape(sample.covariance, (3, 3))):
             np.testing.assert_allclose(found, single.covariance, rtol=1e-5)
@@ -117,8 +107,8 @@ def test_long_batches_are_their_rows_and_only_those_that_fail_are_nan(sensors):
 
 
 def test_determined_is_not_consistent():
-    R = tilted(0.3, 0.2, 1.0)
-    fault = SIGMA * np.linalg.svd(jacobian(R, sensors=4))[0][:, 3]
+    R = mechanism.tilted(0.3, 0.2, 1.0)
+    fault = SIGMA * np.linalg.svd(kinematics.jacobian(R, sensors=4))[0][:, 3]
     readings = four_angles(R) + fault * np.array([0.0, 6.9, -6.9, 7.1, -7.1, 500.0])[:, None]
     batch = estimated(readings)
     assert batch.determined.all()
@@ -133,7 +123,7 @@ def test_determined_is_not_consistent():
 def test_an_estimate_is_determined_up_to_a_total_deviation(total, determined):
     """What is not determined is not consistent."""
     # The readings of a pose agree: the covariance is proportional to the square of sigma.
-    readings = four_angles(tilted(0.5, 0.2, 1.0))
+    readings = four_angles(mechanism.tilted(0.5, 0.2, 1.0))
     sigma = SIGMA * total / math.sqrt(np.trace(estimated(readings).covariance))
     single, batch = estimated(readings, sigma), estimated(readings[None], sigma)
     assert math.sqrt(np.trace(single.covariance)) == pytest.approx(total, rel=1e-9)
@@ -144,7 +134,7 @@ def test_an_estimate_is_determined_up_to_a_total_deviation(total, determined):
 
 def test_readings_beyond_half_a_turn_are_the_same():
     rng = np.random.default_rng(309)
-    for R in (workspace_pose(0.1, 1.0, 0.4), tilted(0.9, 0.2, 3.0)):
+    for R in (kinematics.workspace_pose(0.1, 1.0, 0.4), mechanism.tilted(0.9, 0.2, 3.0)):
         readings = all_angles(R) + SIGMA * rng.normal(size=6)
         plain = estimated(readings)
         turned = estimated(readings + 2.0 * math.pi * np.array([1, -1, 0, 2, -1, 3]))

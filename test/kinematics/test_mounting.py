@@ -5,56 +5,43 @@
 
 import numpy as np
 import pytest
+from spm_haptic_master import kinematics
 from spm_haptic_master.exceptions import SettingError
-from spm_haptic_master.kinematics import (
-    inverse,
-    matrix_from_quaternion,
-    matrix_from_zxz,
-    quaternion_from_matrix,
-    workspace_pose,
-)
 from spm_haptic_master.parameters.fkm import check_frames, INTERFACE_SETTINGS
 from spm_haptic_master.parameters.geometry import mounting_from, MOUNTING_SETTINGS
 from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.supervision import supervise
 
 BASE_DEG, HANDLE_DEG = [30.0, 40.0, -70.0], [10.0, -20.0, 200.0]
-TABLE, HANDLE = (matrix_from_zxz(*np.radians(angles)) for angles in (BASE_DEG, HANDLE_DEG))
-POSE = workspace_pose(*np.radians([10.0, 100.0, 60.0]))
 
 
 @pytest.mark.parametrize('base, handle', [
     (BASE_DEG, HANDLE_DEG), (BASE_DEG, [0.0] * 3), ([0.0] * 3, HANDLE_DEG)])
-def test_the_orientation_is_that_of_the_handle_on_the_table(base, handle):
-    mounting = mounting_from(complete(MOUNTING_SETTINGS, {
-        'mounting.base_zxz_deg': base, 'mounting.handle_zxz_deg': handle}))
-    table, grip = (matrix_from_zxz(*np.radians(angles)) for angles in (base, handle))
-    quaternion = tuple(quaternion_from_matrix(POSE).tolist())
-    found = mounting.mounted(quaternion)
-    np.testing.assert_allclose(
-        matrix_from_quaternion(found), table @ POSE @ grip, rtol=0.0, atol=1e-14)
-    np.testing.assert_allclose(mounting.unmounted(found), quaternion, rtol=0.0, atol=1e-14)
-
-
-def test_the_supervision_publishes_as_mounted():
-    assert mounting_from(complete(MOUNTING_SETTINGS, {})) is None
-    joints = inverse(POSE)
+def test_the_supervision_publishes_the_handle_on_the_table(base, handle):
+    joints = kinematics.inverse(kinematics.workspace_pose(*np.radians([10.0, 100.0, 60.0])))
     angles = np.tile([*joints.theta1, joints.theta3a], (40, 1)) \
         + np.random.default_rng(1).normal(0.0, 5e-4, (40, 4))
     stamps = np.arange(40) * 1_000_000
     plain = supervise(stamps, angles)
-    mounted = supervise(stamps, angles, mounting__base_zxz_deg=BASE_DEG,
-                        mounting__handle_zxz_deg=HANDLE_DEG)
+    mounted = supervise(
+        stamps, angles, mounting__base_zxz_deg=base, mounting__handle_zxz_deg=handle)
     seen = plain.published
     assert seen.sum() == 36 and (mounted.published == seen).all()
-    np.testing.assert_allclose(
-        matrix_from_quaternion(mounted.quaternion[seen]),
-        TABLE @ matrix_from_quaternion(plain.quaternion[seen]) @ HANDLE, rtol=0.0, atol=1e-14)
-    np.testing.assert_allclose(mounted.covariance[seen], TABLE @ plain.covariance[seen] @ TABLE.T,
+    table, grip = (kinematics.matrix_from_zxz(*np.radians(each)) for each in (base, handle))
+    inner, outer = (kinematics.matrix_from_quaternion(each.quaternion[seen])
+                    for each in (plain, mounted))
+    np.testing.assert_allclose(outer, table @ inner @ grip, rtol=0.0, atol=1e-14)
+    np.testing.assert_allclose(mounted.covariance[seen], table @ plain.covariance[seen] @ table.T,
                                rtol=0.0, atol=1e-20)
     # What is decided on is the mechanism's own.
     np.testing.assert_array_equal(mounted.protection_level, plain.protection_level)
     assert mounted.state == plain.state
+    mounting = mounting_from(complete(MOUNTING_SETTINGS, {
+        'mounting.base_zxz_deg': base, 'mounting.handle_zxz_deg': handle}))
+    back = mounting.unmounted(tuple(mounted.quaternion[-1].tolist()))
+    np.testing.assert_allclose(
+        kinematics.matrix_from_quaternion(back), inner[-1], rtol=0.0, atol=1e-14)
+    assert mounting_from(complete(MOUNTING_SETTINGS, {})) is None
 
 
 def test_the_handles_frame_has_a_name_of_its_own():

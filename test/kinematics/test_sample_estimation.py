@@ -24,30 +24,19 @@ from readings import (
     SIGMA,
     UNEQUAL,
 )
+from spm_haptic_master import kinematics
 from spm_haptic_master.exceptions import SingularityError, SpmError
-from spm_haptic_master.kinematics import (
-    estimate_sample,
-    forward_theta3a,
-    inverse,
-    leg_kernels,
-    matrix_from_quaternion,
-    quaternion_from_matrix,
-    UsedSensors,
-    workspace_pose,
-)
+from spm_haptic_master.kinematics import leg_kernels
 from spm_haptic_master.kinematics.estimation.gauss_newton import fit, one_step
 from spm_haptic_master.kinematics.number_backends import FLOATS
 
-SETS = [UsedSensors(tuple(UNEQUAL[:mounted].tolist()), left_out) for mounted in (4, 5, 6)
-        for number in range(mounted - 2) for left_out in combinations(range(mounted), number)]
+SETS = [kinematics.UsedSensors(tuple(UNEQUAL[:mounted].tolist()), left_out)
+        for mounted in (4, 5, 6) for number in range(mounted - 2)
+        for left_out in combinations(range(mounted), number)]
 # Away from the singularities of all sets of three.
 POSES = [(0.05, 3.8, 0.4), (0.02, 1.6, 0.5), (0.07, 2.9, 0.4)]
 # Factors of a reading of a faulty sensor.
 SCALES = (1.0,) * 50 + (1e30, 2.4e307)
-# Readings of six sensors, th1C left out, whose residual of th3B has a variance below zero, by
-# rounding.
-ROUNDED = (2.4539857654200543, 0.9035146840646426, 1.4545972821125592, 0.617810762320942,
-           0.290689359304329, 0.30756314797107104)
 
 
 def name_of(sensors):
@@ -61,29 +50,29 @@ def readings_at(R, sensors, mode=(1, 1, 1)):
 
 
 def quaternion(R):
-    return tuple(quaternion_from_matrix(R).tolist())
+    return tuple(kinematics.quaternion_from_matrix(R).tolist())
 
 
 def rotated(sample, R):
     """Return the rotation vector, small, from R to a sample's orientation."""
-    return small_vector(matrix_from_quaternion(sample.quaternion) @ R.T)
+    return small_vector(kinematics.matrix_from_quaternion(sample.quaternion) @ R.T)
 
 
 @pytest.mark.parametrize('sensors', SETS, ids=name_of)
 def test_true_readings_give_the_pose_and_its_gains(sensors):
     """Four and more need no prior; gains are finite differences, and make the covariance."""
     mounted, step = len(sensors.sigma), 1e-5
-    R = workspace_pose(*POSES[sensors.used[-2] % len(POSES)])
+    R = kinematics.workspace_pose(*POSES[sensors.used[-2] % len(POSES)])
     readings = readings_at(R, sensors)
     for prior in (quaternion(turn([0.01, -0.01, 0.01]) @ R), None)[:sensors.count - 2]:
-        sample = estimate_sample(readings, sensors, PAPER, prior, (1, 1, 1), 1e-9)
+        sample = kinematics.estimate_sample(readings, sensors, PAPER, prior, (1, 1, 1), 1e-9)
         assert np.linalg.norm(rotated(sample, R)) < 1e-7
         assert len(sample.parity_vector) == sensors.count - 3
         assert np.abs(sample.parity_vector).max(initial=0.0) < 1e-6
         assert (sample.parity is None) == (sensors.count == 3)
     gains, moved = np.zeros((mounted, 3)), np.zeros((mounted, sensors.count - 3))
     for place in sensors.used:
-        ahead, behind = (estimate_sample(
+        ahead, behind = (kinematics.estimate_sample(
             (*readings[:place], readings[place] + change, *readings[place + 1:]), sensors,
             PAPER, quaternion(R), last_step=1e-9) for change in (step, -step))
         gains[place] = (rotated(ahead, R) - rotated(behind, R)) / (2.0 * step)
@@ -106,16 +95,16 @@ def test_true_readings_give_the_pose_and_its_gains(sensors):
 @pytest.mark.parametrize('leg', range(3))
 def test_a_solution_in_another_working_mode_is_none(sensors, leg):
     """Where the leg has a sensor in use; a leg without one may have any."""
-    R = workspace_pose(0.05, 0.5, 0.4)
+    R = kinematics.workspace_pose(0.05, 0.5, 0.4)
     mode = tuple(-1 if each == leg else 1 for each in range(3))
     readings = readings_at(R, sensors, mode)
-    assert np.linalg.norm(rotated(estimate_sample(readings, sensors, PAPER), R)) < 1e-7
+    assert np.linalg.norm(rotated(kinematics.estimate_sample(readings, sensors, PAPER), R)) < 1e-7
     if {leg, 3 + leg} & set(sensors.used):
         for prior in (None, quaternion(R)):
             with pytest.raises(SpmError):
-                estimate_sample(readings, sensors, PAPER, prior, (1, 1, 1))
+                kinematics.estimate_sample(readings, sensors, PAPER, prior, (1, 1, 1))
     else:
-        estimate_sample(readings, sensors, PAPER, None, (1, 1, 1))
+        kinematics.estimate_sample(readings, sensors, PAPER, None, (1, 1, 1))
 
 
 @pytest.mark.parametrize('leg', range(3))
@@ -125,25 +114,15 @@ def test_noise_may_take_a_leg_just_beyond_the_boundary_of_its_mode(leg, beyond, 
     readings = tuple(four_angles(near_boundary(leg, beyond), mode=mode).tolist())
     for last_step in (1e-5, LAST_STEP):
         with nullcontext() if answered else pytest.raises(SpmError):
-            estimate_sample(
-                readings, UsedSensors((SIGMA,) * 4), PAPER, None, (1, 1, 1), last_step)
-
-
-def test_a_variance_that_rounding_makes_negative_is_no_error_of_arithmetic():
-    for left_out in range(6):
-        sensors = UsedSensors((SIGMA,) * 6, (left_out,))
-        try:
-            sample = estimate_sample(ROUNDED, sensors, PAPER, None, (1, 1, 1))
-        except SingularityError:
-            continue
-        assert np.isfinite(sample.parity_vector).all()
+            kinematics.estimate_sample(
+                readings, kinematics.UsedSensors((SIGMA,) * 4), PAPER, None, (1, 1, 1), last_step)
 
 
 @pytest.mark.parametrize('seed, number', [(0, 1000), *(
     pytest.param(seed, 5000, marks=pytest.mark.slow) for seed in range(4))])
 def test_nothing_but_its_own_errors_is_raised_in_random_calls(seed, number):
     rng = random.Random(seed)
-    R = workspace_pose(*np.random.default_rng(seed).uniform(
+    R = kinematics.workspace_pose(*np.random.default_rng(seed).uniform(
         (0.0, 0.0, -1.0), (0.5, 6.3, 2.5), (300, 3)).T)
     every = all_angles(R)
     known = [(readings.tolist(), quaternion(pose))
@@ -163,7 +142,7 @@ def test_nothing_but_its_own_errors_is_raised_in_random_calls(seed, number):
             prior = rng.choice((last, known[0][1]))
         mode = rng.choice((None, (1, 1, 1)))
         with suppress(SpmError):
-            sample = estimate_sample(tuple(readings), sensors, PAPER, prior, mode, 2e-3)
+            sample = kinematics.estimate_sample(tuple(readings), sensors, PAPER, prior, mode, 2e-3)
             answered += 1
             assert math.isfinite(sum(sample.quaternion) + sum(sample.parity_vector))
             assert sum(sample.covariance[::4]) > 0.0
@@ -185,7 +164,7 @@ def test_where_the_closed_form_is_degenerate_a_prior_or_a_further_sensor_selects
         readings = all_angles(R)
         angles = readings[:4]
         with pytest.raises(SingularityError):
-            forward_theta3a(angles[:3], angles[3])
+            kinematics.forward_theta3a(angles[:3], angles[3])
         prior = turn(math.radians(1.0) * rng.normal(size=3)) @ R
         found = estimated(angles, prior=prior)
         assert angle_between(found.rotation, R) < 1e-7
@@ -209,8 +188,9 @@ def rival_of(R):
     """Return the other root of leg B's turn equation at a pose, as an orientation."""
     th1a, th1b, th1c, th3a = four_angles(R).tolist()
     _, _, leg_b, _ = leg_kernels.linkage(th1a, th1b, th1c, th3a, PAPER, FLOATS)
-    th2a = max(leg_kernels.both_turns(leg_kernels.turn_equation(*leg_b)), key=lambda th2a: abs(
-        math.remainder(th2a - inverse(R).theta2a, 2.0 * math.pi)))
+    here = kinematics.inverse(R).theta2a
+    th2a = max(leg_kernels.both_turns(leg_kernels.turn_equation(*leg_b)),
+               key=lambda th2a: abs(math.remainder(th2a - here, 2.0 * math.pi)))
     return nominal().chain(0, th1a, th2a, th3a)
 
 
@@ -238,10 +218,8 @@ def test_a_prior_has_no_weight():
     angles = four_angles(tilted(0.3, 0.1, 0.0)) + SIGMA * np.array([1.0, -1.0, 2.0, 0.5])
     np.testing.assert_array_equal(
         estimated(angles).rotation, estimated(angles, prior=tilted(0.2, 0.2, 2.0)).rotation)
-
-
-def test_where_no_leg_gives_a_start_the_solutions_of_all_legs_are_tried():
-    R = workspace_pose(0.1, 1.0, 0.4)
+    # Where no leg gives a start the solutions of all legs are tried.
+    R = kinematics.workspace_pose(0.1, 1.0, 0.4)
     for prior in (None, turn([0.02, 0.0, 0.0]) @ R):
         assert angle_between(estimated(all_angles(R), 0.3, prior=prior).rotation, R) < 1e-9
 
@@ -252,7 +230,7 @@ def test_where_no_leg_gives_a_start_the_solutions_of_all_legs_are_tried():
 LAST_STEP = math.sqrt(0.01 * SIGMA)
 # Where a healthy sample takes one step; with sensors of which one counts far more than another.
 USUAL = [sensors for sensors in SETS if sensors.usual] + [
-    UsedSensors(tuple(SIGMA * factor for factor in factors)) for factors in (
+    kinematics.UsedSensors(tuple(SIGMA * factor for factor in factors)) for factors in (
         (1.0, 1.0, 1.0, 1.0, 30.0), (1.0, 0.1, 1.0, 1.0, 1.0, 30.0),
         (0.1, 1.0, 1.0, 3.0, 0.1, 1.0))]
 
@@ -269,8 +247,8 @@ def start_of(readings):
 def samples(sensors, number=40):
     """Yield readings of the mounted sensors at random poses, with noise."""
     rng = np.random.default_rng(sensors.count)
-    poses = workspace_pose(rng.uniform(0.0, 0.35, number), rng.uniform(0.0, 6.3, number),
-                           rng.uniform(-0.5, 0.7, number))
+    poses = kinematics.workspace_pose(*rng.uniform(
+        (0.0, 0.0, -0.5), (0.35, 6.3, 0.7), (number, 3)).T)
     angles = all_angles(poses)[:, :len(sensors.sigma)]
     yield from map(tuple, (angles + sensors.sigma * rng.normal(size=angles.shape)).tolist())
 
@@ -310,7 +288,7 @@ def test_one_step_leaves_what_it_cannot_decide_to_gauss_newton():
 def test_one_step_takes_a_sensor_that_the_others_cannot_check(mounted, place):
     sigma = [0.1] * mounted
     sigma[place] = 1e-9
-    sensors, exact = UsedSensors(tuple(sigma)), UsedSensors((1e-9,) * mounted)
+    sensors, exact = (kinematics.UsedSensors(each) for each in (tuple(sigma), (1e-9,) * mounted))
     for readings in samples(exact, 20):
         arguments = *start_of(readings), readings, sensors, PAPER, (1, 1, 1), LAST_STEP
         found = one_step(*arguments)

@@ -8,12 +8,7 @@ from argparse import ArgumentTypeError
 import pytest
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.executables import PIPELINE
-from spm_haptic_master.parameters.arguments import (
-    finite,
-    help_text,
-    node_command_line,
-    positive,
-)
+from spm_haptic_master.parameters.arguments import finite, help_text, node_command_line, positive
 from spm_haptic_master.parameters.nodes import process_settings
 
 
@@ -23,7 +18,6 @@ def command_line(*args, name='master', nodes=PIPELINE):
 
 @pytest.mark.parametrize('args', [
     ('-p', 'source:=sim', '-r', '__ns:=/left'),
-    ('--ros-args', '-p', 'source:=sim', '-r', '__ns:=/left'),
     ('--ros-args', '-r', '__ns:=/left', '--', '-p', 'source:=sim'),
     ('--param', 'source:=sim', '--ros-args', '--remap', '__ns:=/left', '--ros-args'),
 ])
@@ -67,8 +61,8 @@ def test_ros_arguments_are_passed_on(tmp_path):
     *((('-r', text), 'expected FROM:=TO with names') for text in (
         'a:=b__c', 'a__b:=c', '~:=b', '*:=b', 'a:=b/', 'a/:=b', '/fkm:a:=b', 'a:=~', '__x:=b',
         'a:=b:=c', 'a:=\n')),
-    (('--log-level', 'rcl:='), "--log-level 'rcl:='; expected debug, info"),
     (('--params-file', 'no\nwhere'), r'no\\nwhere: cannot be read'),
+    (('--params-file', 'a\0b'), 'cannot be read: embedded null'),
     (('-p', 'other:rate:=1.0'),
      '-p other:rate:=1.0: none of its entries reaches a node .* /other'),
     (('-p', 'dexterity_wran:=1.0'), 'such as dexterity_warn'),
@@ -89,11 +83,10 @@ def test_help_lists_the_parameters_before_the_arguments(capsys, name):
         < shown.index('--params-file FILE  ')
 
 
-@pytest.mark.parametrize('text', ['1e-300', '2', '-1', '0', 'nan', 'inf', 'x', ''])
-def test_a_number_of_an_option_is_finite_and_may_have_to_be_positive(text):
-    for kind, good in (finite, ('1e-300', '2', '-1', '0')), (positive, ('1e-300', '2')):
-        if text in good:
+def test_a_number_of_an_option_is_finite_and_may_have_to_be_positive():
+    for kind, good in (finite, {'1e-300', '2', '-1', '0'}), (positive, {'1e-300', '2'}):
+        for text in good:
             assert kind(text) == float(text)
-        else:
+        for text in {'-1', '0', 'nan', 'inf', 'x', ''} - good:
             with pytest.raises(ArgumentTypeError, match=f"^'{text}'; expected a .*number"):
                 kind(text)

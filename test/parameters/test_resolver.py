@@ -5,7 +5,6 @@
 
 import pytest
 import rclpy
-from spm_haptic_master.benchmark.child_process import private_environment
 from spm_haptic_master.exceptions import InputError, SettingError
 from spm_haptic_master.parameters.files import simulated_rig
 from spm_haptic_master.parameters.resolver import Parameters, read_parameters, resolve_source
@@ -24,10 +23,14 @@ def write(tmp_path, monkeypatch):
 
 
 def test_a_later_file_wins_and_p_wins_over_all(write):
-    first = write('a.yaml', {'/**/fkm': '{alert_limit_deg: 5, geometry: {alpha_deg: 39.0}}'})
-    second = write('b.yaml', {'/**': '{geometry.alpha_deg: 39.1, window: 0.03}'})
+    # A calibration that is given later overrides what it has measured.
+    first = write('a.yaml', {'/**/fkm': '{alert_limit_deg: 5, geometry: {alpha_deg: 39.0}, '
+                                        'encoders: {direction: [1, 1, 1, 1]}}'})
+    second = write('b.yaml', {'/**': '{geometry.alpha_deg: 39.1, window: 0.03, '
+                                     'encoders: {direction: [1, -1, 1, 1]}}'})
     found = Parameters([first, second]).of('fkm')
-    assert found == {'alert_limit_deg': 5, 'geometry.alpha_deg': 39.1, 'window': 0.03}
+    assert found == {'alert_limit_deg': 5, 'geometry.alpha_deg': 39.1, 'window': 0.03,
+                     'encoders.direction': [1, -1, 1, 1]}
     assert Parameters([second, first]).of('fkm')['geometry.alpha_deg'] == 39.0
     # And a later section of a file.
     for sections, rate in (({'/**': '{rate: 1.0}', '/fkm': '{rate: 2.0}'}, 2.0),
@@ -35,7 +38,8 @@ def test_a_later_file_wins_and_p_wins_over_all(write):
         assert Parameters([write('c.yaml', sections)]).of('fkm') == {'rate': rate}
     found = Parameters([first, second], ['geometry.alpha_deg:=39.2', 'alert_limit_deg:=fast',
                                          'fkm:window:=1', 'diagnostics:window:=2']).of('fkm')
-    assert found == {'alert_limit_deg': 'fast', 'geometry.alpha_deg': 39.2, 'window': 1}
+    assert found == {'alert_limit_deg': 'fast', 'geometry.alpha_deg': 39.2, 'window': 1,
+                     'encoders.direction': [1, -1, 1, 1]}
 
 
 @pytest.mark.parametrize(('one', 'other'), [
@@ -58,14 +62,6 @@ def test_two_files_that_disagree_about_bus_or_layout_are_named(write, one, other
     assert given == {name: 'x'}
 
 
-def test_a_calibration_overrides_what_it_measured(write):
-    files = [write('rig.yaml', {'/**': '{encoders: {direction: [1, 1, 1, 1]}, bias_deg: [1.0]}'}),
-             write('calibration.yaml', {'/**': '{encoders: {direction: [1, -1, 1, 1]}, '
-                                               'bias_deg: [2.0]}'})]
-    assert Parameters(files).of('encoder_driver') == {
-        'encoders.direction': [1, -1, 1, 1], 'bias_deg': [2.0]}
-
-
 @pytest.mark.parametrize(('remaps', 'name'), [
     ([], '/fkm'), (['__ns:=/'], '/fkm'), (['__ns:=/left'], '/left/fkm'),
     (['__ns:=/left/arm'], '/left/arm/fkm'), (['__node:=f'], '/f'), (['__name:=f'], '/f'),
@@ -76,14 +72,10 @@ def test_a_calibration_overrides_what_it_measured(write):
 ])
 def test_names_of_nodes_are_those_of_rcl(remaps, name):
     arguments = ['--ros-args', *(word for remap in remaps for word in ('-r', remap))]
-    context = rclpy.Context()
-    rclpy.init(args=[], context=context, domain_id=int(private_environment()['ROS_DOMAIN_ID']))
-    try:
+    with rclpy.Context() as context:
         node = rclpy.create_node('fkm', context=context, cli_args=arguments)
         assert node.get_fully_qualified_name() == name
         node.destroy_node()
-    finally:
-        context.try_shutdown()
     assert Parameters(remaps=remaps).full_name('fkm') == name
 
 

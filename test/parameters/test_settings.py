@@ -32,19 +32,16 @@ def test_the_page_of_parameters_is_current(monkeypatch):
         'run `make docs`'
 
 
-def steps_outside(setting):
-    """Return the values next to a setting's range."""
-    for end, beyond in (setting.minimum, -1), (setting.maximum, 1):
-        if end is not None:
-            yield nextafter(end, end + beyond) if setting.kind is float else end + beyond
-
-
 @pytest.mark.parametrize('setting', EVERY.values(), ids=list(EVERY))
 def test_a_setting_takes_its_range_and_refuses_all_else(setting):
-    good = list(setting.allowed) or [setting.kind(end) for end in (
-        setting.minimum, setting.maximum) if end is not None]
-    bad = [*OTHER_TYPES[setting.kind], *steps_outside(setting),
-           *(['no such word'] if setting.kind is str and setting.allowed else [])]
+    ends = [end for end in (setting.minimum, setting.maximum) if end is not None]
+    good = list(setting.allowed) or list(map(setting.kind, ends))
+    assert all(f'{end:g}' in setting.expected for end in ends)
+    bad = [*OTHER_TYPES[setting.kind], *(
+        nextafter(end, end + step) if setting.kind is float else end + step
+        for end, step in ((setting.minimum, -1), (setting.maximum, 1)) if end is not None)]
+    if setting.kind is str and setting.allowed:
+        bad.append('no such word')
     if setting.kind is str:
         (good if setting.blank else bad).append(' ')
     if setting.count is not None:

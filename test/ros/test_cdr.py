@@ -14,14 +14,8 @@ from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import RejectedError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.ros import cdr
-from spm_haptic_master.ros.cdr import (
-    JointsFormat,
-    OrientationReader,
-    OrientationWriter,
-    PoseWriter,
-)
 
-FOUR = JointsFormat(4)
+FOUR = cdr.JointsFormat(4)
 STAMPS = (0, 999_999_999, 1_000_000_000, 1_732_184_000_123_456_789, (2**31 - 1) * 10**9)
 
 
@@ -45,7 +39,7 @@ def framed(message, frame, stamp=STAMPS[3]):
     (4, ()), (5, ()), (5, (4,)), (5, (0,)), (6, ()), (6, (5,)), (6, (0, 3))])
 def test_joints_are_written_and_read_as_by_rclpy(sensors, missing, frame):
     """A joint without a reading is NaN."""
-    names, form = ALL_JOINT_NAMES[:sensors], JointsFormat(sensors, frame)
+    names, form = ALL_JOINT_NAMES[:sensors], cdr.JointsFormat(sensors, frame)
     for stamp in STAMPS:
         angles = tuple(nan if index in missing else angle
                        for index, angle in enumerate(numbers(stamp, sensors)))
@@ -53,7 +47,7 @@ def test_joints_are_written_and_read_as_by_rclpy(sensors, missing, frame):
         written = form.write(stamp, angles)
         assert repr(deserialize_message(written, JointState)) == repr(message)
         for data in (written, serialize_message(message)):
-            for reader in form, JointsFormat(sensors):
+            for reader in form, cdr.JointsFormat(sensors):
                 assert repr(reader.read(data)) == repr((stamp, angles))
 
 
@@ -88,11 +82,11 @@ def test_orientations_and_poses_are_written_and_read_as_by_rclpy(length):
     for q in (orientation.quaternion, pose.pose.orientation):
         q.x, q.y, q.z, q.w = quaternion
     pose.pose.position.x, pose.pose.position.y, pose.pose.position.z = 0.1, -0.2, 0.3
-    written = OrientationWriter(frame).write(STAMPS[3], quaternion)
+    written = cdr.OrientationWriter(frame).write(STAMPS[3], quaternion)
     assert deserialize_message(written, QuaternionStamped) == orientation
-    assert deserialize_message(PoseWriter(frame).write(
+    assert deserialize_message(cdr.PoseWriter(frame).write(
         STAMPS[3], (0.1, -0.2, 0.3), quaternion), PoseStamped) == pose
-    reader = OrientationReader()
+    reader = cdr.OrientationReader()
     for data in (written, serialize_message(orientation),
                  serialize_message(framed(orientation, 'b')), written):
         assert reader.read(data) == (STAMPS[3], quaternion)
@@ -103,24 +97,19 @@ def test_the_frame_of_a_publisher_is_learnt(monkeypatch):
     calls = []
     monkeypatch.setattr(cdr, 'deserialize_message', lambda data, kind: calls.append(
         kind) or deserialize_message(data, kind))
-    form, angles = JointsFormat(4), numbers(1)
-    for k in range(5):
-        assert form.read(JointsFormat(4, 'left_spm_base').write(k, angles)) == (k, angles)
-    assert calls == [JointState]
-    reader = OrientationReader()
-    for k in range(5):
-        assert reader.read(OrientationWriter('left_spm_base').write(k, numbers(2))) \
-            == (k, numbers(2))
-    assert calls == [JointState, QuaternionStamped]
+    for kind, writer, reader in (
+            (JointState, cdr.JointsFormat(4, 'left_spm_base'), cdr.JointsFormat(4)),
+            (QuaternionStamped, cdr.OrientationWriter('left_spm_base'), cdr.OrientationReader())):
+        for k in range(5):
+            assert reader.read(writer.write(k, numbers(k))) == (k, numbers(k))
+        assert calls.pop() == kind and not calls
 
 
 @pytest.mark.parametrize(('angles', 'reason'), [
     ((0.1, 0.1, 0.1, nan), 'no reading of joint_3a; expected at least 4'),
-    ((nan, 0.1, 0.1, 0.1, nan), 'no reading of joint_1a, joint_3b; expected'),
     ((nan, nan, 0.1, 0.1, 0.1, nan), 'no reading of joint_1a, joint_1b, joint_3c; expected'),
-    ((0.1, inf, 0.1, 0.1), 'infinite: joint_1b'),
     ((0.1, 0.1, -inf, 0.1, 0.1, 0.1), 'infinite: joint_1c')])
 def test_fewer_than_four_readings_and_an_infinite_one_are_refused(angles, reason):
-    form = JointsFormat(len(angles))
+    form = cdr.JointsFormat(len(angles))
     with pytest.raises(RejectedError, match=f'angle not finite.*{reason}'):
         form.read(form.write(0, angles))

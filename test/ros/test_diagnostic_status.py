@@ -7,12 +7,9 @@ from types import SimpleNamespace
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 import pytest
+from rclpy.time import Time
 from spm_haptic_master.ros import diagnostic_status
 from spm_haptic_master.ros.diagnostic_status import ERROR, OK, StatusPublisher, WARN
-from std_msgs.msg import Header
-
-STAMP = Header().stamp
-STAMP.sec = 7
 
 
 @pytest.fixture
@@ -22,8 +19,7 @@ def entry(monkeypatch):
     node = SimpleNamespace(
         create_publisher=lambda kind, topic, depth: SimpleNamespace(publish=published.append),
         get_fully_qualified_name=lambda: '/left/fkm',
-        get_clock=lambda: SimpleNamespace(now=lambda: SimpleNamespace(
-            to_msg=lambda: STAMP)))
+        get_clock=lambda: SimpleNamespace(now=lambda: Time(seconds=7)))
     for name in ('error', 'warning', 'info'):
         monkeypatch.setattr(diagnostic_status.node_log, name,
                             lambda _, text, name=name: logged.append((name, text)))
@@ -39,7 +35,6 @@ def test_an_entry_has_name_level_message_and_values(entry):
     assert array.status == [DiagnosticStatus(
         level=WARN, name='left/fkm: orientation', message='starting', hardware_id='hardware',
         values=[KeyValue(key='rate', value='1000.12'), KeyValue(key='sensors', value='4')])]
-    assert status.message == 'starting'
 
 
 def test_an_entry_is_due_when_it_changes_and_every_second(entry):
@@ -57,7 +52,7 @@ def test_an_entry_is_due_when_it_changes_and_every_second(entry):
     assert not status.is_due(OK, 'healthy')
 
 
-@pytest.mark.parametrize(('published', 'logged'), [
+@pytest.mark.parametrize(('published', 'lines'), [
     # Neither the start nor a healthy entry is logged; an error and its end are, once.
     ([(WARN, 'starting'), (OK, 'healthy'), (ERROR, 'silent'), (ERROR, 'silent'), (OK, 'healthy')],
      [('error', 'silent'), ('info', 'healthy')]),
@@ -65,20 +60,14 @@ def test_an_entry_is_due_when_it_changes_and_every_second(entry):
      [('warning', 'slow'), ('info', 'slower'), ('info', 'healthy')]),
     ([(ERROR, 'silent'), (WARN, 'starting'), (OK, 'healthy'), (OK, 'fine')],
      [('error', 'silent'), ('warning', 'starting'), ('info', 'healthy')]),
-    ([(WARN, 'starting'), (WARN, 'still starting'), (OK, 'healthy')], [])])
-def test_an_error_a_warning_and_their_end_are_logged(entry, published, logged):
+    # A caution of normal work is logged as what it is given for.
+    ([(OK, 'healthy'), (WARN, 'caution', (OK, 'healthy')), (ERROR, 'silent', (ERROR, 'bus-off'))],
+     [('error', 'bus-off')])])
+def test_an_error_a_warning_and_their_end_are_logged(entry, published, lines):
     status, _, found, _ = entry
-    for level, message in published:
-        status.publish(level, message, {})
-    assert found == logged
-
-
-def test_a_caution_of_normal_work_is_not_logged(entry):
-    status, published, found, _ = entry
-    status.publish(OK, 'healthy', {})
-    status.publish(WARN, 'caution', {}, logged=(OK, 'healthy'))
-    status.publish(ERROR, 'silent', {}, logged=(ERROR, 'silent'))
-    assert (found, len(published)) == ([('error', 'silent')], 3)
-    quiet = StatusPublisher(status._node, 'timing', '', logs=False)
-    quiet.publish(ERROR, 'late', {})
-    assert found == [('error', 'silent')]
+    for level, message, *logged in published:
+        status.publish(level, message, {}, None, *logged)
+        assert status.message == message
+    assert found == lines
+    StatusPublisher(status._node, 'timing', '', logs=False).publish(ERROR, 'late', {})
+    assert found == lines

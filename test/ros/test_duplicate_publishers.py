@@ -15,22 +15,20 @@ from spm_haptic_master.ros.duplicate_publishers import LOOK, LOOK_PERIOD, NO_NAM
 @pytest.fixture
 def search(monkeypatch):
     """Return what searches where the looks find `found`, and returns the number of looks."""
-    now, lines = [100.0], []
+    lines = []
     node = SimpleNamespace(resolve_topic_name=lambda topic: f'/{topic}', destroy_node=lambda: None)
-    for name, value in (
-            ('Node', lambda name, **_: node), ('time', SimpleNamespace(
-                monotonic=lambda: now[0], sleep=lambda s: now.__setitem__(0, now[0] + search.s)))):
-        monkeypatch.setattr(duplicate_publishers, name, value)
+    monkeypatch.setattr(duplicate_publishers, 'Node', lambda name, **_: node)
     monkeypatch.setattr(duplicate_publishers.node_log, 'warning', lambda _, text: lines.append(
         text.partition(' already')[0]))
 
     def search(found, period=LOOK_PERIOD, is_ended=lambda: False):
-        looks = []
-        search.s = period
-        monkeypatch.setattr(duplicate_publishers, 'publishers', lambda node, topic: (
-            looks.append(topic), found(now[0] - 100.0))[1])
+        slept = []
+        monkeypatch.setattr(duplicate_publishers, 'time', SimpleNamespace(
+            monotonic=lambda: 100.0 + period * len(slept), sleep=slept.append))
+        monkeypatch.setattr(duplicate_publishers, 'publishers',
+                            lambda node, topic: found(period * len(slept)))
         wait_until_alone({'fkm': 'orientation'}, is_ended)
-        return len(looks)
+        return len(slept)
 
     search.lines = lines
     return search

@@ -6,6 +6,7 @@
 from itertools import count
 
 import pytest
+import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
@@ -22,13 +23,17 @@ VOLATILE = QoSProfile(depth=1, durability=DurabilityPolicy.VOLATILE)
 
 
 @pytest.fixture
-def rig(make_node, monkeypatch):
-    """Give a node with inputs, one of others, and what spins until a condition holds."""
+def rig(monkeypatch):
+    """Give a node with inputs, one of another process, and what spins until a condition holds."""
     monkeypatch.setattr(inputs, 'RIVALS_PERIOD', 0.0)
     monkeypatch.setattr(duplicate_publishers, 'RIVALS_PERIOD', 0.0)
-    node, other = make_node('listener', namespace='/left'), make_node('other')
-    executor = SingleThreadedExecutor(context=node.context)
-    executor.add_node(node)
+    nodes = []
+    for name, namespace in ('listener', '/left'), ('other', ''):
+        context = rclpy.Context()
+        rclpy.init(context=context)
+        nodes.append(rclpy.create_node(name, namespace=namespace, context=context))
+    executor = SingleThreadedExecutor(context=nodes[0].context)
+    executor.add_node(nodes[0])
 
     def spin_until(condition):
         def spun():
@@ -36,40 +41,44 @@ def rig(make_node, monkeypatch):
             return condition()
         return wait_until(spun, PATIENCE)
 
-    yield node, other, spin_until
+    yield *nodes, spin_until
     executor.shutdown()
+    for node in nodes:
+        node.destroy_node()
+        node.context.try_shutdown()
 
 
 @pytest.mark.parametrize(('wanted', 'kind', 'offered', 'reason'), [
-    (EVENTS, String, EVENTS, ''), (EVENTS, String, STATE, ''), (BEST_EFFORT, String, EVENTS, ''),
     (STATE, String, BEST_EFFORT, 'BEST_EFFORT, expected RELIABLE'),
     (STATE, String, VOLATILE, 'VOLATILE, expected TRANSIENT_LOCAL'),
     (EVENTS, Bool, EVENTS, 'std_msgs/msg/Bool, expected std_msgs/msg/String')])
 def test_a_publisher_that_is_not_heard_is_named_with_the_reason(
         rig, wanted, kind, offered, reason):
     node, other, spin_until = rig
-    heard, found = [], Inputs(node)
-    found.subscribe(String, 'topic', heard.append, wanted)
+    found = Inputs(node)
+    found.subscribe(String, 'topic', pytest.fail, wanted)
     assert found.unheard() == ''
-    out = other.create_publisher(kind, '/left/topic', offered)
-    if reason:
-        line = f'publisher /other on /left/topic is {reason}'
-        assert spin_until(lambda: found.unheard() == line), found.unheard()
-        return
-    assert spin_until(lambda: out.publish(String(data='a')) or heard)
-    assert found.unheard() == ''
+    other.create_publisher(kind, '/left/topic', offered)
+    line = f'publisher /other on /left/topic is {reason}'
+    assert spin_until(lambda: found.unheard() == line), found.unheard()
 
 
-def test_an_input_follows_a_best_effort_publisher(rig, make_node):
+@pytest.mark.parametrize('raw', [False, True])
+@pytest.mark.parametrize(('wanted', 'offered'), [
+    (EVENTS, EVENTS), (EVENTS, STATE), (BEST_EFFORT, EVENTS), (EVENTS, BEST_EFFORT)])
+def test_an_input_follows_a_publisher_and_reports_when_it_has_gone(rig, wanted, offered, raw):
     node, other, spin_until = rig
-    heard, found = [], Inputs(node)
-    found.subscribe(String, 'topic', heard.append, EVENTS, raw=True)
-    out = other.create_publisher(String, '/left/topic', BEST_EFFORT)
-    assert spin_until(lambda: found.unheard() or out.publish(String(data='a')) or heard)
-    assert heard[0] == serialize_message(String(data='a'))
+    heard, gone, found = [], [], Inputs(node)
+    found.subscribe(String, 'topic', heard.append, wanted, raw=raw, gone=lambda: gone.append(1))
+    out, message = other.create_publisher(String, '/left/topic', offered), String(data='a')
+    assert spin_until(lambda: found.unheard() or out.publish(message) or heard)
+    assert heard[0] == (serialize_message(message) if raw else message)
     assert EVENTS.reliability == ReliabilityPolicy.RELIABLE
-    # Another type stays unheard.
-    make_node('third').create_publisher(Bool, '/left/topic', EVENTS)
+    assert gone == []
+    other.destroy_publisher(out)
+    assert spin_until(lambda: gone)
+    # One of another type stays unheard.
+    other.create_publisher(Bool, '/left/topic', EVENTS)
     assert spin_until(lambda: 'is std_msgs/msg/Bool' in found.unheard())
 
 
@@ -81,17 +90,6 @@ def test_a_late_subscriber_gets_the_newest_state_alone(rig):
     Inputs(node).subscribe(String, 'topic', heard.append, QoSProfile(
         depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL))
     assert spin_until(lambda: heard) and heard[0] == String(data='b')
-
-
-def test_a_publisher_that_has_gone_is_reported(rig):
-    node, other, spin_until = rig
-    gone, found = [], Inputs(node)
-    found.subscribe(String, 'topic', lambda _: None, EVENTS, gone=lambda: gone.append(1))
-    out = other.create_publisher(String, '/left/topic', EVENTS)
-    assert spin_until(lambda: out.get_subscription_count() == 1)
-    assert spin_until(lambda: node.count_publishers('/left/topic') == 1) and gone == []
-    other.destroy_publisher(out)
-    assert spin_until(lambda: gone)
 
 
 def test_several_publishers_on_one_topic_are_named(rig):

@@ -45,23 +45,17 @@ def node():
 def test_parameters_have_the_resolved_values_and_say_what_is_allowed(node):
     assert node.declared == node.values == {
         'speed': 2.0, 'number': 4, 'word': 'a', 'fixed': 2.0, 'angles': (1.0, 2.0)}
-    assert {name: node.get_parameter(name).value for name in node.values} == {
-        **node.values, 'angles': node.get_parameter('angles').value}
-    assert list(node.get_parameter('angles').value) == [1.0, 2.0]
     assert node.declare(SETTINGS[:0]) == {}
-    speed, number, word, fixed, angles = map(
-        node.describe_parameter, ('speed', 'number', 'word', 'fixed', 'angles'))
-    assert [each.read_only for each in (speed, number, word, fixed, angles)] \
-        == [False, False, False, True, True]
-    assert speed.description == 'Speed (m/s)'
-    (allowed,) = speed.floating_point_range
-    assert (allowed.from_value, allowed.to_value) == (0.5, 9.0)
-    (allowed,) = number.integer_range
-    assert (allowed.from_value, allowed.to_value, allowed.step) == (1, 5, 1)
-    assert not (speed.additional_constraints or number.additional_constraints)
-    assert word.additional_constraints == SETTINGS[2].expected
-    assert fixed.additional_constraints and not fixed.floating_point_range
-    assert angles.additional_constraints == SETTINGS[4].expected
+    for setting in SETTINGS:
+        value = node.get_parameter(setting.name).value
+        assert (tuple(value) if setting.count else value) == node.values[setting.name]
+        found = node.describe_parameter(setting.name)
+        assert (found.description, found.read_only) == (setting.description, not setting.live)
+        ranges = [(each.from_value, each.to_value, each.step)
+                  for each in (*found.floating_point_range, *found.integer_range)]
+        expected = {'speed': [(0.5, 9.0, 0.0)], 'number': [(1, 5, 1)]}.get(setting.name, [])
+        assert ranges == expected
+        assert found.additional_constraints == ('' if expected else setting.expected)
 
 
 @pytest.mark.parametrize(('name', 'value', 'reason'), [

@@ -17,17 +17,14 @@ from spm_haptic_master.ros.realtime import agreed, check_cpus
 
 OFF = {'realtime.slice': 0.0, 'realtime.priority': 0, 'realtime.cpus': '',
        'realtime.lock_memory': False, 'realtime.gc': 'normal'}
-# Slice that every process asks for, and one that nothing else has (s).
-SLICE, OWN_SLICE = 1e-4, 0.05
 
 
 class Linux:
     """The calls to the kernel, of a process that runs as most do; each test may deny some."""
 
     def __init__(self, monkeypatch):
-        self.called, self.denied = [], ()
-        self.policies, self.niceness, self.slices = {}, 0, {}
-        self.machine, self.warnings = 'x86_64', []
+        self.called, self.denied, self.warnings = [], (), []
+        self.policies, self.niceness, self.slices, self.machine = {}, 0, {}, 'x86_64'
         for module, name, fake in (
                 (os, 'sched_setaffinity', partial(self._set, 'sched_setaffinity')),
                 (os, 'sched_setscheduler', partial(self._set, 'sched_setscheduler')),
@@ -47,14 +44,14 @@ class Linux:
         return SimpleNamespace(mlockall=partial(self._call, 'mlockall'), syscall=self._syscall)
 
     def _call(self, name, *given):
+        if given[:1] == (13,):
+            raise ProcessLookupError  # the thread has ended
         if name in self.denied:
             return -1
         self.called.append((name, *given))
         return 0
 
     def _set(self, name, thread, *given):
-        if thread == 13:
-            raise ProcessLookupError  # the thread has ended
         if self._call(name, thread, *given):
             raise PermissionError
 
@@ -85,66 +82,57 @@ def test_every_thread_gets_what_the_settings_ask_for(linux):
     realtime.apply(None, OFF)
     assert (linux.called, linux.slices, linux.warnings) == ([], {}, [])
     realtime.apply(None, {
-        'realtime.slice': OWN_SLICE, 'realtime.priority': 7, 'realtime.cpus': '1,3',
+        'realtime.slice': 0.05, 'realtime.priority': 7, 'realtime.cpus': '1,3',
         'realtime.lock_memory': True, 'realtime.gc': 'disable'})
     parameter = os.sched_param(7)
     assert linux.called == [
         *(('sched_setaffinity', thread, {1, 3}) for thread in (11, 12)),
         *(('sched_setscheduler', thread, os.SCHED_FIFO, parameter) for thread in (11, 12)),
         ('mlockall', 3), ('collect',), ('freeze',), ('disable',)]
-    assert linux.slices == {11: 50_000_000, 12: 50_000_000}
-    assert linux.warnings == []
-    linux.called.clear()
-    realtime.apply(None, {**OFF, 'realtime.gc': 'freeze'})
-    assert linux.called == [('collect',), ('freeze',)]
-
-
-def test_without_a_privilege_there_is_a_warning_with_the_cure(linux):
-    linux.denied = ('sched_setscheduler', 'mlockall')
-    realtime.apply(None, {**OFF, 'realtime.priority': 80, 'realtime.lock_memory': True})
-    priority, memory = linux.warnings
-    assert priority.startswith('realtime.priority 80 not set: SCHED_FIFO is not permitted; it '
-                               'requires CAP_SYS_NICE')
-    assert memory.startswith('realtime.lock_memory not set: Operation not permitted; it requires '
-                             'CAP_IPC_LOCK')
-
-
-@pytest.mark.parametrize(('changes', 'reason'), [
-    ({'niceness': 1}, 'the process has less priority (nice)'),
-    ({'policies': {0: os.SCHED_BATCH}}, 'the process is not under SCHED_OTHER'),
-    ({'denied': ('slices',)}, 'Linux before 6.12 has none'),
-    ({'denied': ('syscall',)}, 'Operation not permitted'),
-    ({'machine': 'm68k'}, 'unknown on m68k')])
-def test_a_slice_that_a_rig_has_chosen_and_cannot_have_is_a_warning(linux, changes, reason):
-    """The default is for those who can have it; the others are as they would be without."""
-    for name, value in changes.items():
-        setattr(linux, name, value)
-    realtime.apply(None, {**OFF, 'realtime.slice': SLICE})
-    assert linux.warnings == []
-    realtime.apply(None, {**OFF, 'realtime.slice': OWN_SLICE})
-    assert linux.warnings == [f'realtime.slice 0.05 not set: {reason}']
-
-
-def test_a_thread_of_another_policy_keeps_it_and_all_keep_their_niceness(linux):
+    assert (linux.slices, linux.warnings) == ({11: 50_000_000, 12: 50_000_000}, [])
+    # A thread of another policy keeps it, and all keep their niceness.
     linux.niceness, linux.policies = -5, {12: os.SCHED_BATCH}
-    realtime.apply(None, {**OFF, 'realtime.slice': OWN_SLICE})
-    assert (linux.slices, linux.warnings) == ({11: 50_000_000}, [])
+    linux.called.clear()
+    realtime.apply(None, {**OFF, 'realtime.gc': 'freeze', 'realtime.slice': 1e-4})
+    assert linux.called == [('collect',), ('freeze',)]
+    assert linux.slices == {11: 100_000, 12: 50_000_000}
 
 
-def test_a_slice_that_linux_does_not_have_is_refused(linux):
-    with pytest.raises(SettingError, match="slice' is 9e-05; expected 0, or 0.0001 to 0.1"):
-        realtime.apply(None, {**OFF, 'realtime.slice': 9e-5})
+@pytest.mark.parametrize(('changed', 'to', 'name', 'value', 'reason'), [
+    ('denied', ('sched_setscheduler',), 'priority', 80,
+     'priority 80 not set: SCHED_FIFO is not permitted; it requires CAP_SYS_NICE, or '),
+    ('denied', ('mlockall',), 'lock_memory', True,
+     'lock_memory not set: Operation not permitted; it requires CAP_IPC_LOCK, or '),
+    *((changed, to, 'slice', 0.05, f'slice 0.05 not set: {reason}') for changed, to, reason in (
+        ('denied', ('slices',), 'Linux before 6.12 has none'),
+        ('denied', ('syscall',), 'Operation not permitted'),
+        ('machine', 'm68k', 'unknown on m68k'),
+        ('niceness', 1, 'the process has less priority (nice)'),
+        ('policies', {0: os.SCHED_BATCH}, 'the process is not under SCHED_OTHER')))])
+def test_what_a_rig_asks_for_and_cannot_have_is_a_warning(
+        linux, changed, to, name, value, reason):
+    """The default slice is for those who can have it; the others are as they would be without."""
+    setattr(linux, changed, to)
+    realtime.apply(None, {**OFF, 'realtime.slice': 1e-4})
+    assert linux.warnings == []
+    realtime.apply(None, {**OFF, f'realtime.{name}': value})
+    (warning,) = linux.warnings
+    assert warning.startswith(f'realtime.{reason}')
 
 
 @pytest.mark.parametrize(('text', 'cores'), [
-    ('0', {0}), ('0,1', {0, 1}), ('0-1', {0, 1}), ('0,2-3', {0, 2, 3}),
-    *((text, None) for text in ('x', '-1', '1-0', '0,', '4', '0-4', '0;1', '3,4'))])
-def test_a_list_of_cores_is_read_or_refused(linux, text, cores):
-    if cores is not None:
-        assert check_cpus(text) == cores
-        return
-    with pytest.raises(SettingError, match=r'realtime.cpus.*of those allowed: 0, 1, 2, 3'):
-        check_cpus(text)
+    ('0', {0}), ('0,1', {0, 1}), ('0-1', {0, 1}), ('0,2-3', {0, 2, 3})])
+def test_a_list_of_cores_is_read(linux, text, cores):
+    assert check_cpus(text) == cores
+
+
+@pytest.mark.parametrize(('name', 'value', 'expected'), [
+    ('slice', 9e-5, '0, or 0.0001 to 0.1'), *(
+        ('cpus', text, 'cores .*, of those allowed: 0, 1, 2, 3')
+        for text in ('x', '-1', '1-0', '0,', '4', '0-4', '0;1', '3,4'))])
+def test_what_linux_does_not_have_is_refused(linux, name, value, expected):
+    with pytest.raises(SettingError, match=f"'realtime.{name}' is {value!r}; expected {expected}"):
+        realtime.apply(None, {**OFF, f'realtime.{name}': value})
 
 
 def test_nodes_of_one_process_agree():

@@ -3,27 +3,19 @@
 
 """From command line to exit code, in the process of the test; processes are in test/nodes."""
 
-from contextlib import closing
 import faulthandler
 import os
+from pathlib import Path
+import re
 import signal
-import time
 
-from disturbance import Disturbance
-from harness import Observer
 import pytest
 import rclpy
 from rclpy.executors import ExternalShutdownException
-from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import InputError, SettingError, SourceEnded
-from spm_haptic_master.ros import node_log, realtime, runner
+from spm_haptic_master.ros import duplicate_publishers, node_log, realtime, runner
 from spm_haptic_master.ros.parameters import ParameterNode
 
-# Subscribers that come one after the other.
-SUBSCRIBERS = 6
-# Longest time from the subscription to the first sample (s): an announcement's period, 0.25 s, and
-# what a machine at work needs. By default of Fast DDS it is up to 3 s.
-CONNECTED = 1.5
 # What begins the limit of the end, and what lifts it: alarm (s), then time, exit, descriptor.
 BEGUN, LIFTED = [6.0, (5.0, True, 2)], ['cancelled', 0.0]
 
@@ -39,7 +31,8 @@ def ends(monkeypatch):
                         lambda: timers.append('cancelled'))
     for name in runner.PROFILE_VARIABLES:
         monkeypatch.setenv(name, '')
-    before = {number: signal.getsignal(number) for number in (*runner.SIGNALS, signal.SIGALRM)}
+    before = {number: signal.signal(number, signal.SIG_IGN)
+              for number in (*runner.SIGNALS, signal.SIGALRM)}
     yield timers
     for number, handler in before.items():
         signal.signal(number, handler)
@@ -96,16 +89,21 @@ def printed(capfd):
 @pytest.mark.parametrize(('result', 'failure', 'code', 'out', 'err'), [
     (SourceEnded('the end'), None, 0, 'fkm: the end\n', ''), (None, None, 0, '', ''),
     (InputError('no'), None, 1, '', 'fkm: no\n'), (None, InputError('no'), 1, '', 'fkm: no\n')])
-def test_a_process_ends_with_its_result(ends, applied, capfd, result, failure, code, out, err):
-    found = run_once('-p', 'realtime.gc:=freeze', result=result, failure=failure)
+def test_a_process_ends_with_its_result(
+        ends, applied, monkeypatch, capfd, result, failure, code, out, err):
+    warnings = []
+    monkeypatch.setattr(node_log, 'warning', lambda _, text: warnings.append(text))
+    found = run_once('-p', 'realtime.gc:=freeze', '-p', 'can.channel:=can1', result=result,
+                     failure=failure)
+    assert warnings == [f'-p can.channel:=can1: {runner.NO_EFFECT}']
     assert found == (code, ['made', 'started', 'destroyed'])
     # The log has ended, and the process has left the DDS domain.
     assert not rclpy.ok() and node_log._log is None
     assert printed(capfd) == [out, err]
-    ((name, values),) = applied
-    assert (name, values['realtime.gc']) == ('fkm', 'freeze')
+    assert [(name, values['realtime.gc']) for name, values in applied] == [('fkm', 'freeze')]
     assert ends == [*BEGUN, *LIFTED]
-    assert signal.getsignal(signal.SIGINT) == signal.getsignal(signal.SIGTERM) == signal.SIG_IGN
+    assert [signal.getsignal(number) for number in (*runner.SIGNALS, signal.SIGALRM)] \
+        == [signal.SIG_IGN, signal.SIG_IGN, signal.SIG_DFL]
 
 
 @pytest.mark.parametrize('number', runner.SIGNALS)
@@ -138,54 +136,27 @@ def test_a_failure_is_one_line_and_leaves_no_node(applied, monkeypatch, capfd):
         _, err = printed(capfd)
         assert line in err and err.count('\n') == 1
 
-    def interrupted(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(runner, 'node_command_line', interrupted)
+    # Ctrl-C while the arguments are read.
+    monkeypatch.setattr(runner, 'node_command_line', lambda *_: signal.raise_signal(signal.SIGINT))
     assert run(refused) == 0
 
 
 def test_a_bug_at_the_end_keeps_its_limit(ends, applied):
-    """Its traceback may wait for a reader, too."""
     with pytest.raises(RuntimeError, match='a bug'):
         run_once(failure=RuntimeError('a bug'))
     assert ends == BEGUN
 
 
 def test_owned_topics_are_looked_for_before_the_nodes_are_made(applied, monkeypatch):
+    looked = []
+
     def alone(topics, is_ended):
         looked.append((topics, is_ended()))
         raise ExternalShutdownException
 
-    looked = []
     monkeypatch.setattr(runner, 'wait_until_alone', alone)
     assert run(lambda done, add: looked.append('made'), owned={'fkm': 'orientation'}) == 0
     assert looked == [({'fkm': 'orientation'}, [])]
-
-
-def test_an_argument_without_effect_is_a_warning(applied, monkeypatch):
-    texts = []
-    monkeypatch.setattr(node_log, 'warning', lambda _, text: texts.append(text))
-    run_once('-p', 'can.channel:=can1')
-    assert texts == [f'-p can.channel:=can1: {runner.NO_EFFECT}']
-
-
-@pytest.mark.process
-@pytest.mark.alone
-def test_a_subscriber_that_comes_later_is_connected_at_once(start):
-    # The driver selects the profile by itself.
-    start('encoder_driver', parameters={'source': 'sim', 'rate': 200.0},
-          **dict.fromkeys(runner.PROFILE_VARIABLES, ''))
-    times = []
-    with Disturbance() as machine:
-        for _ in range(SUBSCRIBERS + 1):
-            with closing(Observer()) as observer:
-                began = time.monotonic()
-                arrived = observer.collect(JointState, 'measured_js')
-                assert observer.spin_until(lambda arrived=arrived: arrived, 60.0)
-                times.append(time.monotonic() - began)
-        # The first one waits for the driver to start.
-    machine.expect(max(times[1:]) < CONNECTED, times)
 
 
 def test_the_packages_profile_is_selected_where_the_user_has_none(tmp_path, monkeypatch):
@@ -193,7 +164,10 @@ def test_the_packages_profile_is_selected_where_the_user_has_none(tmp_path, monk
     profile, names = runner.discovery_profile, runner.PROFILE_VARIABLES
     selected = profile({})
     assert set(selected) == set(names)
-    assert all(value.endswith('/config/fastdds.xml') for value in selected.values())
+    (path,) = set(selected.values())
+    # A process that searches for others hears each of them twice.
+    (period,) = re.findall(r'<sec>0</sec>\s*<nanosec>(\d+)</nanosec>', Path(path).read_text())
+    assert 2e-9 * int(period) <= duplicate_publishers.LOOK
     assert [profile({name: 'mine.xml'}) for name in names] == [{}, {}]
     (tmp_path / 'DEFAULT_FASTRTPS_PROFILES.xml').touch()
     assert profile({}) == {}
