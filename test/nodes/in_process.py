@@ -6,9 +6,11 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from copy import deepcopy
+import os
+import signal
 import sys
 import time
 from types import SimpleNamespace
@@ -16,6 +18,7 @@ from unittest import mock
 
 import rclpy
 from rclpy.node import Node
+from rclpy.qos import qos_check_compatible, QoSCompatibility
 from rclpy.serialization import deserialize_message, serialize_message
 from spm_haptic_master.benchmark.child_process import private_environment
 from spm_haptic_master.parameters.resolver import Parameters
@@ -24,10 +27,24 @@ from spm_haptic_master.parameters.resolver import Parameters
 EPOCH = 1_800_000_000_000_000_000
 
 
+def exit_code(main: Callable, *arguments: str) -> int:
+    """Run a program in this process; return its exit code."""
+    before = {number: signal.getsignal(number)
+              for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)}
+    try:
+        with mock.patch.dict(os.environ):
+            return main([*arguments])
+    except SystemExit as end:
+        return end.code
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
 @contextmanager
-def ros(namespace: str = '/') -> Iterator[None]:
-    """Have rclpy in this process, in the domain of the run and in a namespace."""
-    rclpy.init(args=['--ros-args', '-r', f'__ns:={namespace}'],
+def ros(*remaps: str) -> Iterator[None]:
+    """Have rclpy in this process, in the domain of the run and with names such as '__ns:=/a'."""
+    rclpy.init(args=['--ros-args', *(word for each in remaps for word in ('-r', each))],
                domain_id=int(private_environment()['ROS_DOMAIN_ID']))
     try:
         yield
@@ -120,6 +137,14 @@ class Hosted:
                           if each.raw else deserialize_message(message, each.msg_type))
         return len(found)
 
+    def check_qos(self) -> None:
+        """Check that DDS would connect all publishers of a topic with its subscriptions."""
+        for out in (each for node in self.nodes for each in node.publishers):
+            for each in (each for node in self.nodes for each in node.subscriptions):
+                if each.topic_name == out.topic_name:
+                    found, reason = qos_check_compatible(out.qos_profile, each.qos_profile)
+                    assert found != QoSCompatibility.ERROR, (out.topic_name, reason)
+
     def restart_publisher(self, topic: str) -> None:
         """Have DDS report that another publisher has taken the place of the one of a topic."""
         self.matched[self.node.resolve_topic_name(topic)](SimpleNamespace(
@@ -182,7 +207,7 @@ class Hosted:
 
 
 @contextmanager
-def hosted(make: Callable, *settings: str, namespace: str = '/',
+def hosted(make: Callable, *settings: str, remaps: Sequence[str] = (),
            subscribes: bool = False) -> Iterator[Hosted]:
     """
     Yield what `make` returns for parameters such as 'rate:=200.0': a node, or a list of them.
@@ -196,11 +221,11 @@ def hosted(make: Callable, *settings: str, namespace: str = '/',
     with mock.patch.object(Node, 'create_publisher', host._create_publisher(
             Node.create_publisher)), mock.patch.object(
             Node, 'create_subscription', host._create_subscription(
-                Node.create_subscription)), ros(namespace):
+                Node.create_subscription)), ros(*remaps):
         for module in modules:
             module.time = host
         try:
-            made = make(Parameters(arguments=list(settings), remaps=[f'__ns:={namespace}']))
+            made = make(Parameters(arguments=list(settings), remaps=remaps))
             host.nodes += made if isinstance(made, list) else [made]
             for node in host.nodes:
                 node.count_publishers = lambda topic: len(host._infos(topic))
@@ -208,8 +233,10 @@ def hosted(make: Callable, *settings: str, namespace: str = '/',
                 if subscribes:
                     node.subscribe()
             yield host
+            host.check_qos()
             for node in reversed(host.nodes):
                 node.destroy_node()
+                assert not [*node.publishers, *node.subscriptions, *node.timers]
         finally:
             for module in modules:
                 module.time = time

@@ -60,14 +60,25 @@ def test_status_and_log_stay_in_their_places_whatever_the_size(monkeypatch):
     assert sum(line.startswith('haptic') for line in above) == 1
 
 
+def test_a_terminal_without_a_size_has_80_columns_and_24_lines(monkeypatch):
+    printed, found = console(caution='long ' * 500), []
+    for size in (0, 0), (80, 24):
+        monkeypatch.setattr(os, 'get_terminal_size', lambda _, size=size: os.terminal_size(size))
+        found.append(printed._refreshed([], False))
+    assert found[0] == found[1] and found[0].count('\n') == 23
+
+
 @pytest.mark.parametrize('term', ['dumb', 'xterm'])
 def test_a_terminal_without_controls_gets_lines(monkeypatch, term):
     reading, device = os.openpty()
     monkeypatch.setenv('TERM', term)
     monkeypatch.setattr(console_module, 'STANDARD_OUTPUT', device)
-    monkeypatch.setattr(console_module.node_log, 'attach', lambda *_, **__: None)
+    attached = []
+    monkeypatch.setattr(console_module.node_log, 'attach',
+                        lambda taker, **_: attached.append(taker))
     parts = parts_of()
     found = Console(parts.driver, parts.fkm, parts.diagnostics)
+    assert attached == [found] * (term == 'xterm')
     shown = b''
     if term == 'xterm':
         found.put('a line of the log')

@@ -128,3 +128,4 @@ def test_silence_is_a_fault_until_enable_without_crtk_msgs(without_messages):
         assert state() == ('DISABLED', 0)
         assert called('enable') == (True, 'ENABLED') and state()[1] > first
         assert called('disable') == (True, 'DISABLED')
+    assert state() == ('FAULT', 0) and rig.host.last('error').data == 'silent: fkm has ended'

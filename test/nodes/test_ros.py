@@ -3,12 +3,12 @@
 
 """Topics, parameters and services by `ros`, where no `ros2` command line is installed."""
 
-import signal
 import threading
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import QuaternionStamped
 from harness import Observer
+from in_process import exit_code
 import pytest
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from sensor_msgs.msg import Joy
@@ -68,18 +68,7 @@ def device():
 @pytest.fixture
 def run(capfd):
     """Run a command in this process; return exit code, standard output and error."""
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-
-    def run(command):
-        try:
-            code = ros.main(['ros', *command.split()])
-        except SystemExit as end:
-            code = end.code
-        return code, *capfd.readouterr()
-
-    yield run
-    for number, handler in before.items():
-        signal.signal(number, handler)
+    return lambda command: (exit_code(ros.main, 'ros', *command.split()), *capfd.readouterr())
 
 
 @pytest.mark.parametrize(('command', 'expected'), [

@@ -2,21 +2,26 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-All that a device with a simulated slave publishes, logs and shows in ten seconds, as recorded.
+A device with its slave and its pedals in one process: what it publishes, logs and shows.
 
 To record a session anew, delete its file in test/data/sessions and run its test.
 """
 
 from contextlib import contextmanager
+from runpy import run_path
 import sys
+from unittest import mock
 
-from geometry_msgs.msg import PoseStamped
-from harness import stamp
+from geometry_msgs.msg import PoseStamped, WrenchStamped
+from harness import ROOT, stamp
 from in_process import hosted
+import numpy as np
 import pytest
+import rclpy
 from rclpy.task import Future
 from recorded_text import assert_recorded
 from sensor_msgs.msg import Joy
+from spm_haptic_master.kinematics.rotations import rotation_distance
 from spm_haptic_master.nodes import master
 from spm_haptic_master.nodes.presence import Presence
 from spm_haptic_master.nodes.sim_slave import SimSlave
@@ -39,9 +44,9 @@ class Device:
 
     def __init__(self, host, done, logged):
         self.host, self.done, self.logged, self.shown = host, done, logged, []
-        self._console = Console()
-        *_, self._console._diagnostics, self.driver, _, _ = host.nodes
-        self._console._fkm, self._console._driver = host.node, self.driver
+        self._console, by_name = Console(), {each.get_name(): each for each in host.nodes}
+        self.driver = self._console._driver = by_name['encoder_driver']
+        self._console._fkm, self._console._diagnostics = host.node, by_name['diagnostics']
 
     def run(self, seconds, script):
         """Let the driver work; do what the script has for a time, s, and show a line a second."""
@@ -95,8 +100,17 @@ def words(value):
             yield from words(each)
 
 
+def example(name):
+    """Return what makes the node of an example."""
+    def make(_):
+        with mock.patch.object(rclpy, 'init'), mock.patch.object(rclpy, 'spin') as spin:
+            run_path(str(ROOT / 'examples' / name))
+        return spin.call_args.args[0]
+    return make
+
+
 @contextmanager
-def device(monkeypatch, *settings):
+def device(monkeypatch, *settings, beside=(SimSlave, Presence), remaps=()):
     logged, done = [], Future()
     for level in ('info', 'warning', 'error'):
         monkeypatch.setattr(node_log, level, lambda node, text, level=level: logged.append(
@@ -114,14 +128,15 @@ def device(monkeypatch, *settings):
             return nodes[-1]
 
         master.compose(done, add)
-        return [*nodes, SimSlave(parameters), Presence(parameters)]
+        return [*nodes, *(kind(parameters) for kind in beside)]
 
-    with hosted(make, 'source:=sim', 'rate:=100.0', 'teleop.run:=true', 'crtk_rate:=20.0',
-                'sim.noise_deg:=0.02', 'recovery:=0.2', 'presence.clutch_button:=1',
-                'presence.joy_timeout:=0.0', 'slave.rate:=50.0', *settings) as host:
+    with hosted(make, 'source:=sim', 'teleop.run:=true', 'presence.clutch_button:=1',
+                'presence.joy_timeout:=0.0', *settings, remaps=remaps) as host:
         yield Device(host, done, logged)
 
 
+RECORDED = ('rate:=100.0', 'crtk_rate:=20.0', 'sim.noise_deg:=0.02', 'recovery:=0.2',
+            'slave.rate:=50.0')
 SETTINGS = {
     'four': ('sim.trajectory:=tour', 'gripper.axis:=0', 'alert_limit_deg:=5.0',
              'mounting.base_zxz_deg:=[30.0, 40.0, -70.0]', 'mounting.table_frame_id:=table',
@@ -132,7 +147,7 @@ SETTINGS = {
 
 @pytest.mark.parametrize('name', SETTINGS)
 def test_a_session_is_as_recorded(monkeypatch, name):
-    with device(monkeypatch, *SETTINGS[name]) as rig:
+    with device(monkeypatch, *RECORDED, *SETTINGS[name]) as rig:
         host = rig.host
 
         def give(topic, kind, **fields):
@@ -164,3 +179,70 @@ def test_a_session_is_as_recorded(monkeypatch, name):
         for topic in ('slave/measured_cp', 'presence', 'orientation', 'ground_truth/orientation'):
             stamps = list(map(stamp, host.sent[topic]))
             assert stamps == sorted(set(stamps))
+
+
+POWERED = ('rate:=500.0', 'alert_limit_deg:=5.0', 'crtk_rate:=0.0', 'force.enabled:=true',
+           'force.without_drives:=true', 'force.protection_limit_deg:=5.0', 'force.damping:=0.0')
+AT_REST = 'sim.trajectory:=fixed', 'sim.pose_deg:=[130.0, 50.0, 20.0]'
+
+
+def components(vector):
+    return vector.x, vector.y, vector.z
+
+
+def test_the_hand_feels_the_slave_while_it_leads_it(monkeypatch):
+    with device(monkeypatch, *POWERED, *AT_REST, 'teleop.force_scale:=0.5') as rig:
+        host, felt = rig.host, []
+
+        def send(torque):
+            message = WrenchStamped()
+            message.wrench.torque.x, message.wrench.torque.y = torque
+            host.give('slave/measured_cf', message)
+
+        def press(*buttons):
+            felt.append(components(host.last('spatial/measured_cf').wrench.torque))
+            host.give('joy', Joy(buttons=buttons))
+
+        rig.run(2.0, {
+            0.6: lambda: press(1, 0), 0.7: lambda: host.call('~/enable'),
+            **{0.01 * number: lambda: send((0.0, 0.0)) for number in range(80, 100)},
+            **{0.01 * number: lambda: send((0.1, -0.2)) for number in range(100, 200)},
+            1.4: lambda: press(1, 1), 1.7: lambda: press(0, 0)})
+        # Half of it, before the clutch.
+        np.testing.assert_allclose(
+            felt, [(0.0, 0.0, 0.0), (0.05, -0.1, 0.0), (0.0, 0.0, 0.0)], atol=1e-3)
+        assert [each.data for each in host.sent['force_state']] == [
+            'off', 'ready', 'engaged', 'holding', 'fading: no hand on the handle', 'ready']
+
+
+def test_the_slave_in_the_examples_follows_from_where_it_is(monkeypatch):
+    with device(monkeypatch, 'rate:=200.0', 'sim.trajectory:=sweep',
+                beside=[example('slave.py'), Presence]) as rig:
+        host = rig.host
+        rig.run(3.0, {0.9: lambda: host.give('joy', Joy(buttons=[1])),
+                      1.0: lambda: host.call('~/enable'),
+                      2.5: lambda: host.give('joy', Joy(buttons=[0]))})
+        commands, poses = ([(*components(q), q.w) for q in (
+            each.pose.orientation for each in host.sent[topic])]
+            for topic in ('servo_cp', 'slave/measured_cp'))
+        assert rotation_distance(commands[0], poses[0]) < 1e-9
+        assert rotation_distance(commands[0], commands[-1]) > 0.05
+        assert rotation_distance(commands[-1], poses[-1]) < 1e-9
+        assert host.last('teleop_state').data.startswith('disengaged: ')
+
+
+def test_a_filter_between_driver_and_fkm_is_not_passed_by(monkeypatch):
+    """With the topic remapped for one of them, in a namespace."""
+    with device(monkeypatch, 'rate:=100.0', 'recovery:=0.2', 'alert_limit_deg:=5.0', remaps=(
+            '__ns:=/left', 'fkm:measured_js:=filtered_js')) as rig:
+        host, passed, before = rig.host, set(), []
+
+        def pass_on():
+            sample = host.last('measured_js')
+            passed.add(stamp(sample))
+            host.give('filtered_js', sample)
+
+        rig.run(1.5, {0.5: lambda: before.extend(host.sent['orientation']),
+                      **{0.01 * number: pass_on for number in range(60, 150)}})
+        assert before == []
+        assert set() < {stamp(each) for each in host.sent['orientation']} <= passed

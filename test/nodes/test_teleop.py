@@ -96,11 +96,11 @@ class Rig:
 
 
 @contextmanager
-def running(namespace='/', **settings):
+def running(**settings):
     """Yield the rig of a node with settings; in names, __ stands for a dot."""
     given = UNLIMITED | {name.replace('__', '.'): value for name, value in settings.items()}
     with hosted(Teleop, *(f'{name}:={value}' for name, value in given.items()),
-                namespace=namespace, subscribes=True) as host:
+                subscribes=True) as host:
         host.run(0.02)
         yield Rig(host)
 
@@ -212,6 +212,12 @@ def test_the_twist_continues_to_zero_and_stops(given, frame):
     with running(teleop__acceleration_limit=20.0, teleop__frame_id=given) as rig:
         rig.engage()
         rig.run(30, turning=(0.0, 0.003, 0.0))
+        # It fades from two and a half periods without a command on.
+        count = len(rig.twists)
+        rig.host.run(0.01)
+        assert len(rig.twists) == count
+        rig.host.run(0.02)
+        assert len(rig.twists) > count
         rig.press('presence', False)
         rig.host.run(0.5)
         rates = [message.twist.angular.y for message in rig.twists]
