@@ -17,15 +17,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from device import (  # noqa: E402, I100
-    disturbance,
-    every,
-    offset,
-    paused,
-    ramp,
-    run,
-    stuck,
-)
+from device import disturbance, every, offset, paused, ramp, run, stuck  # noqa: E402, I100
 
 TABLE = Path(__file__).with_name('decisions.json')
 MOTIONS = ('rest', 'singular', 'turning', 'rim', 'sweep', 'fast')

@@ -27,6 +27,21 @@ def test_a_fault_is_over_after_its_recovery_which_a_bad_sample_begins_again():
     assert 100 <= until_healthy(rig) <= 125
 
 
+def test_a_fault_is_over_where_the_device_has_not_moved_yet():
+    rig = Rig(healthy=False, recovery=RECOVERY, alert_limit_deg=2.0)
+    rig.samples(100)
+    rig.samples(10, th1b=5.0)
+    assert rig.state == 'silent: joint_1b jumped'
+    assert 100 <= until_healthy(rig) <= 125
+
+
+def test_what_was_measured_before_a_pause_is_no_evidence_after_it():
+    rig = Rig(healthy=False, bias_deg=(0.0,) * 4)
+    rig.samples(4, th1b=0.4)
+    rig.sample(after=600)
+    assert rig.samples(20) == ['starting'] * 3 + [None] * 17
+
+
 def test_a_second_sensor_that_jumps_during_a_fault_waits_for_a_person():
     rig = Rig(alert_limit_deg=2.0)
     rig.samples(100, th1b=5.0)

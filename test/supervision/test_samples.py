@@ -28,6 +28,7 @@ def test_an_older_sample_is_withheld_and_a_hundred_are_a_clock_that_was_set_back
 @pytest.mark.parametrize('count', [1, 2, 20])
 def test_as_many_consistent_samples_as_set_precede_the_first_orientation(count):
     rig = Rig(healthy=False, start_samples=count)
+    assert rig.samples(1, th1b=5.0) == ['inconsistent angles']
     assert rig.samples(count) == ['starting'] * (count - 1) + [None]
 
 
