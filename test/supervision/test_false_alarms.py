@@ -7,8 +7,6 @@ import device
 import numpy as np
 import pytest
 from rig import few, MS
-from spm_haptic_master.kinematics import zxz_rotation
-from spm_haptic_master.simulation.trajectories import fig9
 
 SENSORS = (4, 6, 5)
 SEEDS = pytest.mark.parametrize('seeds', [
@@ -123,19 +121,6 @@ def test_no_false_alarm_on_a_busy_host(kind, drawn):
     rotations = device.motion_at(kind, times * 1e-9)
     readings = device.encoders(device.joint_angles(rotations), bits=14 if drawn is losses else 40)
     assert device.Outcome(rotations, readings, times).healthy_throughout
-
-
-@pytest.mark.parametrize('seed', few(range(20, 40), count=1))
-def test_after_two_that_publish_at_once_one_is_followed_again(seed):
-    """Samples of two devices in turn, then a pause, then those of one."""
-    rng = np.random.default_rng(seed)
-    begin, length = int(rng.integers(300, 900)), int(rng.integers(20, 250))
-    both, later = np.arange(begin + length), begin + length + 1500 + np.arange(1500)
-    times = np.concatenate([both * MS, both[begin:] * MS + int(rng.integers(1, MS)), later * MS])
-    rotations = np.reshape([zxz_rotation(*fig9(index * 1e-3)) for index in (
-        *both, *np.arange(length), *later)], (-1, 3, 3))
-    outcome = device.run(rotations, times=times, keep=np.argsort(times))
-    assert outcome.states[-1] == 'healthy' and outcome.published[-1000:].all()
 
 
 # Spikes and interference ----------------------------------------------------------------------
