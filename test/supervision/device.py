@@ -151,6 +151,14 @@ def stuck(first: int, sensor: int):
     return change
 
 
+def noisy(first: int, sensor: int, degrees: float):
+    """Return a fault of readings: a sensor that is noisy (1 sigma) from a sample on."""
+    def change(readings):
+        readings[first:, sensor] += np.radians(degrees) * np.random.default_rng(3).normal(
+            size=len(readings) - first)
+    return change
+
+
 def every(*changes):
     """Return several faults as one."""
     def change(angles):

@@ -17,15 +17,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from device import (  # noqa: E402, I100
-    disturbance,
-    every,
-    offset,
-    paused,
-    ramp,
-    run,
-    stuck,
-)
+from device import disturbance, every, noisy, offset, paused, ramp, run, stuck  # noqa: E402, I100
 
 TABLE = Path(__file__).with_name('decisions.json')
 MOTIONS = ('rest', 'singular', 'turning', 'rim', 'sweep', 'fast')
@@ -43,14 +35,6 @@ def spikes(sensor):
     """Return a fault: every twelfth reading is wrong for a while."""
     def change(readings):
         readings[100:400:12, sensor] += 0.1
-    return change
-
-
-def noisy(sensor, degrees):
-    """Return a fault: a sensor grows noisy."""
-    def change(readings):
-        readings[200:, sensor] += np.radians(degrees) * np.random.default_rng(3).normal(
-            size=len(readings) - 200)
     return change
 
 
@@ -73,7 +57,7 @@ CASES = {
            'stuck': {'kind': 'taught', 'seconds': 1.7, 'spoil': stuck(1500, 0)},
            'spikes': {'kind': 'turning', 'spoil': spikes(1)},
            'lost': {'kind': 'rim', 'spoil': lost(3)},
-           'noisy': {'kind': 'sweep', 'spoil': noisy(1, 0.5), 'alert_limit_deg': 2.0},
+           'noisy': {'kind': 'sweep', 'spoil': noisy(200, 1, 0.5), 'alert_limit_deg': 2.0},
            'pause': {'kind': 'singular', 'change': offset(299, 3, 2.0),
                      'times': paused(600, (200, 7), (300, 30), (500, 700))},
            'slow encoders': {'kind': 'fast', 'spoil': slow, 'skew': 0.001,

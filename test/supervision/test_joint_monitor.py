@@ -8,7 +8,7 @@ from math import pi, radians
 import numpy as np
 import pytest
 from rig import product_limits
-from spm_haptic_master.supervision.joint_monitor import JointMonitor, Step
+from spm_haptic_master.supervision.joint_monitor import deviation, JointMonitor, lag, Step
 
 DT = 1e-3
 SIGMA = radians(0.04)
@@ -66,12 +66,42 @@ def test_a_human_motion_is_followed(noise, bits, dt):
         assert not seen['step'].any()
 
 
+@pytest.mark.parametrize('periods', [1, 2, 5])
+def test_an_innovation_is_in_standard_deviations_of_a_healthy_one(periods):
+    """However long ago the last reading is, which every tenth one here is by some periods."""
+    monitor, found = joint(), []
+    for index, reading in enumerate(encoder(np.zeros(20_000), bits=17)):
+        monitor.follow(reading, (1 if index % 10 else periods) * DT, DT, 0.0)
+        found += [monitor.innovation] * (index % 10 == 0)
+    assert np.sqrt(np.mean(np.square(found[1:]))) == pytest.approx(1.0, rel=0.07)
+    monitor.follow(radians(4.0), DT, DT, 0.0)
+    assert monitor.innovation == pytest.approx(100.0 / deviation(1.0), rel=0.05)
+
+
+@pytest.mark.parametrize('periods', [1, 2, 4])
+def test_the_lag_is_what_an_acceleration_moves_a_joint_off_its_prediction(periods):
+    index = np.array([*range(100), 99 + periods])
+    monitor = joint()
+    for angle, count in zip(0.5e-4 * index**2, np.diff(index, prepend=-1), strict=True):
+        monitor.follow(angle, count * DT, DT, 0.0)
+    moved = monitor.innovation * deviation(max(periods, 1)) * monitor.expected
+    assert moved == pytest.approx(1e-4 * lag(periods), rel=1e-3)
+
+
 # What leaves it -----------------------------------------------------------------------------
+
+def test_two_readings_set_the_motion_and_no_human_moves_faster_than_the_second():
+    """By the speed limit in a period, 1.15 deg, and noise."""
+    for readings, away in (((0.0, 1.3), False), ((0.0, 1.9), True), ((0.0, 0.0, 0.8), True)):
+        seen = follow(joint(), np.radians(readings).tolist())
+        assert bool(seen['away'][-1]) == away
+
+
 
 def test_neither_staying_away_nor_a_motion_across_the_old_one_nor_another_jump_is_a_return():
     """It stays 10 deg off; or jumps by 2 and moves back slowly; or jumps by 20, then by -15."""
     stays = 2.0 * times() + radians(10.0) * (times() >= 0.0)
-    across = (radians(2.0) - times()) * (times() >= 0.0)
+    across = 1.0 + (radians(2.0) - times()) * (times() >= 0.0)
     twice = radians(20.0) * (times() >= 0.0) - radians(15.0) * (times() >= 0.004)
     for angles in (stays, across, twice):
         assert not any(seen['returned'].any() for seen in runs(angles, 0.04, 14))
@@ -82,7 +112,7 @@ def test_neither_staying_away_nor_a_motion_across_the_old_one_nor_another_jump_i
 
 
 @pytest.mark.parametrize(('noise', 'bits', 'size', 'speed', 'share'), [
-    (0.04, 14, 0.8, 2.0, 0.9), (0.04, 14, 0.8, -3.0, 0.9), (0.006, 17, 0.5, 6.0, 0.9),
+    (0.04, 14, 0.8, 2.0, 0.9), (0.04, 14, 0.8, -3.0, 0.9), (0.006, 17, 0.7, 6.0, 0.9),
     # At rest, by less than the speed limit allows: it may repeat its readings.
     (0.04, 14, 1.0, 0.0, 0.8), (0.006, 14, 1.0, 0.0, 0.8)])
 def test_a_step_with_the_same_velocity_behind_it_is_certain_after_three_readings(
@@ -148,7 +178,7 @@ def test_equal_readings_mean_something_of_a_noisy_sensor_only():
     follow(monitor, [reading + radians(0.1)] * 31)
     assert (monitor.run, monitor.repeats_are_rare) == (30, True)
     for quiet in (*(encoder(0.0 * times(3000), noise) for noise in (0.006, 0.012, 0.03)),
-                  slow(coming_to(3.0), 4)):
+                  encoder(0.0 * times(3000), 0.1, bits=12), slow(coming_to(3.0), 4)):
         monitor = joint()
         follow(monitor, quiet)
         assert not monitor.repeats_are_rare

@@ -4,37 +4,30 @@
 """The words of `state`, made and read back."""
 
 import pytest
-from spm_haptic_master.supervision.orientation_state import (
-    Condition,
-    HEALTHY,
-    OrientationState,
-    read_state,
-    received_state,
-    silent,
-    STARTING,
-)
+from spm_haptic_master.supervision import orientation_state as states
 
 WORDS = {
-    'starting': STARTING,
-    'healthy': HEALTHY,
-    'degraded: joint_3b missing': OrientationState(Condition.DEGRADED, 'joint_3b missing'),
-    'silent: 2 publishers on measured_js: fkm, other': silent(
+    'starting': states.STARTING,
+    'healthy': states.HEALTHY,
+    'degraded: joint_3b missing': states.OrientationState(
+        states.Condition.DEGRADED, 'joint_3b missing'),
+    'silent: 2 publishers on measured_js: fkm, other': states.silent(
         '2 publishers on measured_js: fkm, other'),
 }
 
 
 @pytest.mark.parametrize('text', WORDS)
 def test_the_words_of_a_state_are_read_back(text):
-    assert read_state(text) == WORDS[text]
+    assert states.read_state(text) == WORDS[text]
     assert WORDS[text].text == text
-    assert read_state(text).publishes is text.startswith(('healthy', 'degraded'))
+    assert states.read_state(text).publishes is text.startswith(('healthy', 'degraded'))
 
 
 @pytest.mark.parametrize('text', ['', 'silence', 'silent', 'silent: ', 'healthy: but', 'degraded',
                                   'healthy; joint_3a unchecked', 'Healthy'])
 def test_other_words_are_no_state_and_count_as_silence(text):
-    assert read_state(text) is None
-    assert received_state(text) == silent(f'unknown state {text!r}')
+    assert states.read_state(text) is None
+    assert states.received_state(text) == states.silent(f'unknown state {text!r}')
 
 
 @pytest.mark.parametrize(('text', 'joints'), [
@@ -43,4 +36,4 @@ def test_other_words_are_no_state_and_count_as_silence(text):
     ('degraded: joint_3a jumped', ('joint_3a',)), ('healthy', ()),
     ('silent: joint_3a frozen', ())])
 def test_the_joints_left_out_are_those_that_a_degraded_state_names(text, joints):
-    assert read_state(text).left_out == joints
+    assert states.read_state(text).left_out == joints

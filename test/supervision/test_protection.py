@@ -6,17 +6,11 @@
 from itertools import product
 from math import sqrt
 
-from device import joint_angles
+from device import joint_angles, random_pose
 import numpy as np
 import pytest
-from spm_haptic_master.kinematics import (
-    estimate_sample,
-    Geometry,
-    jacobian,
-    quaternion_from_matrix,
-    UsedSensors,
-    workspace_pose,
-)
+from rig import few, product_limits
+from spm_haptic_master import kinematics
 from spm_haptic_master.supervision.protection import integrity, MISSED_DETECTION
 
 # Threshold of the mean of 20 samples at one false alarm in 10,000 hours, with missed detection.
@@ -27,16 +21,17 @@ REACH = (6.9 + 5.3) / sqrt(20.0)
     (4, None), *product((5, 6), (None, 1, 3, 4))])
 @pytest.mark.parametrize('pose', [(0.1, 1.0, 0.3), (0.2, 2.5, 0.7)])
 def test_it_is_the_pseudo_inverse_of_the_whitened_jacobian(sensors, missing, pose):
-    rotation = workspace_pose(*pose)
+    rotation = kinematics.workspace_pose(*pose)
     sigma = np.radians([0.02, 0.04, 0.06, 0.03, 0.05, 0.035])[:sensors]
     bias = np.radians([0.05, 0.02, 0.0, 0.1, 0.03, 0.04])[:sensors]
     factors = np.array([1.5, 1.0, 2.0, 1.2, 1.0, 1.1])[:sensors]
-    used = UsedSensors(tuple(sigma.tolist()), () if missing is None else (missing,))
-    sample = estimate_sample(tuple(joint_angles(rotation[None], sensors)[0].tolist()), used,
-                             Geometry(), tuple(quaternion_from_matrix(rotation).tolist()))
+    used = kinematics.UsedSensors(tuple(sigma.tolist()), () if missing is None else (missing,))
+    sample = kinematics.estimate_sample(
+        tuple(joint_angles(rotation[None], sensors)[0].tolist()), used, kinematics.Geometry(),
+        tuple(kinematics.quaternion_from_matrix(rotation).tolist()))
     worth = integrity(sample, tuple(bias.tolist()), tuple(factors.tolist()))
     there = np.arange(sensors) != (-1 if missing is None else missing)
-    whitened = (jacobian(rotation, sensors=sensors) / sigma[:, None])[there]
+    whitened = (kinematics.jacobian(rotation, sensors=sensors) / sigma[:, None])[there]
     gain = np.linalg.pinv(whitened)
     share = np.sqrt(np.diagonal(np.eye(there.sum()) - whitened @ gain))
     turns, moved = np.linalg.norm(gain, axis=0), (bias / sigma)[there]
@@ -52,3 +47,42 @@ def test_it_is_the_pseudo_inverse_of_the_whitened_jacobian(sensors, missing, pos
         MISSED_DETECTION * worth.deviation + turns @ moved, rel=1e-6)
     np.testing.assert_allclose(worth.levels(REACH), slopes * (
         REACH * worth.noise + 2.0 * worth.bias) + worth.healthy)
+
+
+def largest_error_over_level(sensors, bias, sigma, alert, pose):
+    """Return the largest error over level of one faulty sensor and biases that oppose it; rad."""
+    angles = tuple(joint_angles(pose[None], sensors)[0].tolist())
+    worth = integrity(kinematics.estimate_sample(
+        angles, kinematics.UsedSensors((sigma,) * sensors), kinematics.Geometry()),
+        (bias,) * sensors, (1.0,) * sensors)
+    threshold = product_limits().threshold(sensors - 3)
+    parts = np.array(worth.levels((threshold + MISSED_DETECTION) / sqrt(20.0)))
+    level = max([*parts[parts <= alert], worth.healthy])
+    limit = threshold / sqrt(20.0) + worth.bias
+    # Orientation and parity by each reading; rad / rad, and standard deviations / rad.
+    whitened = kinematics.jacobian(pose, sensors=sensors) / sigma
+    gains = np.linalg.pinv(whitened).T / sigma
+    changes = (np.eye(sensors) - whitened @ np.linalg.pinv(whitened)) / sigma
+    worst, signs = 0.0, bias * np.array(list(product((-1.0, 1.0), repeat=sensors)))
+    for sensor in np.flatnonzero(parts <= alert):
+        others = signs.copy()
+        others[:, sensor] = 0.0
+        # Largest fault, of either sign, whose mean parity stays within the limit.
+        along, rest = changes[sensor], others @ changes
+        half = rest @ along / (along @ along)
+        square = half**2 - ((rest**2).sum(axis=1) - limit**2) / (along @ along)
+        for root in (np.sqrt(square), -np.sqrt(square)):
+            others[:, sensor] = root - half
+            worst = max(worst, np.linalg.norm(others @ gains, axis=1).max() / level)
+    return worst
+
+
+@pytest.mark.parametrize(('noise', 'alert', 'sensors'), few(
+    [(0.05, 0.04), (0.1, 0.02), (0.1, 0.01), (0.05, 0.005)], [0.5, 1.0], [4, 5, 6], count=6))
+def test_no_undetected_fault_is_beyond_the_level_whatever_the_signs_of_the_biases(
+        noise, alert, sensors):
+    """Every combination of signs, the largest fault that the window does not detect."""
+    bias, sigma, limit = np.radians((*noise, alert)).tolist()
+    rng = np.random.default_rng(1)
+    assert 0.1 < max(largest_error_over_level(sensors, bias, sigma, limit, random_pose(rng))
+                     for _ in range(10)) <= 1.0

@@ -1,13 +1,14 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Single samples: stamps, angles that are no number, ranges, and what outlasts them."""
+"""Single samples: stamps and their period, angles that are no number, ranges."""
 
 from math import degrees, inf, nan
 
 import pytest
 from rig import MS, NAMES, Rig
 from spm_haptic_master.kinematics.joints import JOINT_NAMES
+from spm_haptic_master.supervision.supervisor import SampleClock
 from spm_haptic_master.supervision.symptom import Reason
 
 
@@ -28,6 +29,7 @@ def test_an_older_sample_is_withheld_and_a_hundred_are_a_clock_that_was_set_back
 @pytest.mark.parametrize('count', [1, 2, 20])
 def test_as_many_consistent_samples_as_set_precede_the_first_orientation(count):
     rig = Rig(healthy=False, start_samples=count)
+    assert rig.samples(1, th1b=5.0) == ['inconsistent angles']
     assert rig.samples(count) == ['starting'] * (count - 1) + [None]
 
 
@@ -62,7 +64,24 @@ def test_a_reading_out_of_its_joints_range_is_withheld_and_a_fault_if_it_lasts(
     assert rig.state == f'silent: {words} range'
 
 
-@pytest.mark.parametrize('turn', [360.0, -360.0])
-def test_a_joint_that_turns_all_the_way_round_has_no_end_of_its_range(turn):
-    """A reading that noise takes past half a turn."""
-    assert set(Rig(healthy=False).samples(100, th3a=turn)[5:]) == {None}
+def after(*steps):
+    """Return a clock after samples so many ns apart."""
+    clock, stamp = SampleClock(), 5 * MS
+    for step in (0, *steps):
+        stamp += step
+        clock.step(stamp)
+    return clock
+
+
+def test_period_and_jitter_are_averages():
+    assert (after(4 * MS).period, after(4 * MS).jitter) == (pytest.approx(4e-3), 0.0)
+    assert after(MS, *[2 * MS] * 500).period == pytest.approx(2e-3, rel=1e-3)
+    clock = after(MS, *[MS - 200_000, MS + 200_000] * 300)
+    assert clock.period == pytest.approx(1e-3, rel=0.02)
+    assert clock.jitter == pytest.approx(0.2e-3, rel=0.02)
+
+
+def test_a_gap_counts_for_twenty_periods_at_most_and_a_lost_sample_for_no_jitter():
+    clock = after(MS, 400 * MS)
+    assert clock.period == pytest.approx(1e-3 * (1.0 + 19.0 / 50.0)) and clock.jitter == 0.0
+    assert after(MS, 2 * MS).jitter == 0.0

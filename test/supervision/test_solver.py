@@ -8,16 +8,8 @@ from math import radians
 from device import joint_angles
 import numpy as np
 import pytest
+from spm_haptic_master import kinematics
 from spm_haptic_master.exceptions import SingularityError, UnreachableError
-from spm_haptic_master.kinematics import (
-    estimate_sample,
-    forward_theta3a,
-    Geometry,
-    matrix_from_quaternion,
-    quaternion_from_matrix,
-    UsedSensors,
-    workspace_pose,
-)
 from spm_haptic_master.kinematics.rotations import rotation_distance
 from spm_haptic_master.parameters.fkm import METHODS, SUPERVISION_SETTINGS
 from spm_haptic_master.parameters.setting import complete
@@ -25,20 +17,20 @@ from spm_haptic_master.supervision.sensor_set import Solver, total_deviation
 from spm_haptic_master.supervision.supervisor import make_supervisor
 
 SIGMA = (radians(0.04),) * 4
-FOUR = UsedSensors(SIGMA)
+FOUR = kinematics.UsedSensors(SIGMA)
 # The same pose in the working modes (+, +, +) and (-, -, -), joints in deg.
 MIRRORED = tuple(np.radians([166.55321231] * 3 + [125.15989244]).tolist())
 
 
 def solved(angles, prior=None, method='estimate'):
     """Return the solution of all four sensors."""
-    return Solver(Geometry(), SIGMA, method).solve(tuple(angles), FOUR, prior)
+    return Solver(kinematics.Geometry(), SIGMA, method).solve(tuple(angles), FOUR, prior)
 
 
 def pose(phi, tilt=0.0, azimuth=0.0):
     """Return the quaternion and the four angles of a pose, given in deg."""
-    rotation = workspace_pose(*np.radians((tilt, azimuth, phi)))
-    return (tuple(quaternion_from_matrix(rotation).tolist()),
+    rotation = kinematics.workspace_pose(*np.radians((tilt, azimuth, phi)))
+    return (tuple(kinematics.quaternion_from_matrix(rotation).tolist()),
             tuple(joint_angles(rotation[None])[0].tolist()))
 
 
@@ -71,8 +63,8 @@ def test_theta3a_has_the_covariance_of_the_closed_form(place):
     four = solved(readings[0])[0]
     assert found.parity == four.parity
     assert apart == rotation_distance(found.quaternion, four.quaternion) > 0.0
-    chord = np.linalg.norm(forward_theta3a(readings[:, :3], readings[:, 3])
-                           - matrix_from_quaternion(truth), axis=(1, 2))
+    chord = np.linalg.norm(kinematics.forward_theta3a(readings[:, :3], readings[:, 3])
+                           - kinematics.matrix_from_quaternion(truth), axis=(1, 2))
     assert np.sqrt(np.mean(chord**2 / 2.0)) == pytest.approx(claimed, rel=0.03)
     assert claimed >= total_deviation(solved(angles)[0])
 
@@ -82,7 +74,8 @@ def test_classic_does_not_use_th3a():
     estimate = solved(moved(angles, 3, 0.1), truth, 'classic')[0]
     assert rotation_distance(estimate.quaternion, truth) < 1e-6
     assert abs(estimate.parity) > 0.5
-    three = Solver(Geometry(), SIGMA).solve(angles, UsedSensors(SIGMA, (3,)), truth)[0]
+    active = kinematics.UsedSensors(SIGMA, (3,))
+    three = Solver(kinematics.Geometry(), SIGMA).solve(angles, active, truth)[0]
     assert estimate.covariance == pytest.approx(three.covariance)
     assert total_deviation(estimate) > total_deviation(solved(angles, truth)[0])
 
@@ -104,7 +97,8 @@ def test_what_the_last_step_leaves_is_a_small_part_of_the_deviation():
         truth, angles = pose(*np.degrees(rng.uniform((-1.05, 0.0, 0.0), (1.75, 0.52, 6.28))))
         angles = tuple((np.array(angles) + SIGMA[0] * rng.normal(size=4)).tolist())
         try:
-            converged = estimate_sample(angles, FOUR, Geometry(), truth, working_mode=(1, 1, 1))
+            converged = kinematics.estimate_sample(
+                angles, FOUR, kinematics.Geometry(), truth, working_mode=(1, 1, 1))
             found = solved(angles, truth)[0]
         except (UnreachableError, SingularityError):
             continue
@@ -119,7 +113,7 @@ def test_what_the_last_step_leaves_is_a_small_part_of_the_deviation():
 def test_angles_of_another_working_mode_are_no_orientation():
     with pytest.raises(SingularityError, match='another working mode'):
         solved(MIRRORED)
-    mirrored = Solver(Geometry(), SIGMA, working_mode=(-1, -1, -1))
+    mirrored = Solver(kinematics.Geometry(), SIGMA, working_mode=(-1, -1, -1))
     assert mirrored.solve(MIRRORED, FOUR, None)[0].determined
     for changed, expected in (({}, 0), ({'working_mode': (-1, -1, -1)}, 16)):
         supervisor = make_supervisor(complete(SUPERVISION_SETTINGS, changed))

@@ -3,7 +3,7 @@
 
 """Faults of one of four sensors: when they are detected, and what was published before."""
 
-from device import encoders, joint_angles, motion, offset, Outcome, ramp, run, stuck
+from device import encoders, motion, noisy, offset, Outcome, ramp, run, stuck
 import numpy as np
 import pytest
 from rig import few
@@ -60,42 +60,30 @@ def test_a_small_offset_that_creeps_in_is_detected_but_not_named(sensor):
     assert outcome.within_level
 
 
-JUMPS = {'singular': [0.0, 0.0, 0.0, 5.0], 'rest': [2.0, -1.87, 0.0, 0.0]}
-
-
-@pytest.mark.parametrize(('encoder', 'kind'), few(
-    [(0.04, 12), (0.04, 14), (0.006, 17)], list(JUMPS)))
-def test_a_jump_that_no_parity_shows_is_detected_with_any_noise_before_it(encoder, kind):
+@pytest.mark.parametrize(('encoder', 'jump'), few(
+    [(0.04, 12), (0.04, 14), (0.006, 17)], [('singular', 3, 5.0), ('rest', [0, 1], [2.0, -1.87])]))
+def test_a_jump_that_no_parity_shows_is_detected_with_any_noise_before_it(encoder, jump):
     """Of th3A at the singularity; of th1A and th1B such that it leaves the parity as it is."""
-    noise, bits = encoder
-    rotations = motion(kind, 0.18)
-    angles = joint_angles(rotations)
-    angles[150:] += np.radians(JUMPS[kind])
-    missed = [seed for seed in range(4) if Outcome(
-        rotations, encoders(angles, noise, bits, seed), sigma_deg=[noise] * 4).published[-1]]
-    assert not missed
+    (noise, bits), (kind, sensors, degrees) = encoder, jump
+    for seed in range(4):
+        assert not run(kind, seconds=0.18, change=offset(150, sensors, degrees), noise=noise,
+                       bits=bits, seed=seed, sigma_deg=[noise] * 4).published[-1]
 
 
-# Wrong values ---------------------------------------------------------------------------------
-
-def noisy(angles, sensor):
-    angles[600:, sensor] += np.radians(2.0) * np.random.default_rng(5).normal(
-        size=len(angles) - 600)
-
-
-def constant(value):
-    def change(readings, sensor):
-        readings[600:, sensor] = value
+def constant(first, sensor, value):
+    def change(readings):
+        readings[first:, sensor] = value
     return change
 
 
 @pytest.mark.parametrize(('fault', 'kind', 'sensor'), few(
-    [noisy, constant(0.0), constant(2.0 * np.pi)], ['crossing', 'sweep'], SENSORS))
+    [(noisy, 2.0), (constant, 0.0), (constant, 2.0 * np.pi)], ['crossing', 'sweep'], SENSORS))
 def test_wrong_values_are_published_no_longer_than_the_time_to_alert(fault, kind, sensor):
-    outcome = run(kind, seconds=1.0, spoil=lambda readings: fault(readings, sensor))
+    change, size = fault
+    outcome = run(kind, seconds=1.0, spoil=change(600, sensor, size))
     assert outcome.published[5:600].all()
     assert outcome.longest_undeclared(sensor) <= 0.02
-    assert outcome.published[600:].sum() <= (40 if fault is noisy else 0)
+    assert outcome.published[600:].sum() <= (40 if change is noisy else 0)
 
 
 @pytest.mark.parametrize('sensor', few(SENSORS, count=2))
