@@ -3,12 +3,15 @@
 
 """Fixtures of several rooms; every test run has a DDS domain and a CAN bus of its own."""
 
-from contextlib import closing, ExitStack
+from contextlib import closing, contextmanager, ExitStack
 import os
 from pathlib import Path
 import signal
 import sys
+import threading
+import uuid
 
+import can
 import pytest
 from spm_haptic_master.benchmark import child_process
 
@@ -64,6 +67,45 @@ def observer(stack):
     from harness import Observer
 
     return stack.enter_context(closing(Observer()))
+
+
+@pytest.fixture
+def channel():
+    """Give the channel of a virtual bus of this test's own."""
+    return uuid.uuid4().hex
+
+
+@pytest.fixture
+def encoders(channel):
+    """Return what runs simulated encoders in a thread, still or with SYNC each some s."""
+    from encoder_frames import make_layouts, values
+    from spm_haptic_master.simulation.bus_runner import BusRunner
+    from spm_haptic_master.simulation.noisy_motion import make_motion
+    from spm_haptic_master.simulation.simulated_bus import SimulatedBus
+    from spm_haptic_master.timing import DeadlineGrid
+
+    @contextmanager
+    def run(factory=False, sync=None, pose=None, **layout):
+        motion = {'sim__trajectory': 'fixed', 'sim__pose_deg': pose} if pose else {}
+        settings, end = values(**layout), threading.Event()
+        made = SimulatedBus(make_layouts(settings), settings['encoders.node_id'],
+                            make_motion(values('sim', **motion)), (), 0.1, 1, factory=factory)
+        with can.Bus(interface='virtual', channel=channel) as bus:
+            runner = BusRunner(bus, made, 0x80, DeadlineGrid(sync) if sync else None)
+
+            def loop():
+                runner.boot()
+                while not end.is_set():
+                    runner.step()
+
+            thread = threading.Thread(target=loop)
+            thread.start()
+            try:
+                yield made.nodes
+            finally:
+                end.set()
+                thread.join()
+    return run
 
 
 @pytest.fixture(scope='session')

@@ -13,10 +13,6 @@ import numpy as np
 from spm_haptic_master.kinematics import matrix_from_quaternion
 from spm_haptic_master.validation.alignment import nearest_rotation
 
-LOG = DATA / 'rig' / 'dev_check.log.gz'
-# Sets in the log.
-SETS = 20_000
-
 
 @cache
 def rig() -> dict:

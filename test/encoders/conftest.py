@@ -1,57 +1,17 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""A virtual bus of the test's own with simulated encoders, and a source on a scripted bus."""
+"""A source on a scripted bus."""
 
-from contextlib import ExitStack
-import threading
 from unittest.mock import Mock
-import uuid
 
-import can
-from encoder_frames import LAYOUTS, values
+from encoder_frames import values
 import pytest
 from scripted_bus import Clock, ScriptedBus
 from spm_haptic_master import timing
 from spm_haptic_master.encoders import bus_scan, can_bus, can_source, replay_source, sync
 from spm_haptic_master.encoders.sync import SyncProducer
-from spm_haptic_master.simulation.bus_runner import BusRunner
-from spm_haptic_master.simulation.noisy_motion import make_motion
-from spm_haptic_master.simulation.simulated_bus import SimulatedBus
 from spm_haptic_master.simulation.source_factory import make_source
-from spm_haptic_master.timing import DeadlineGrid
-
-
-@pytest.fixture
-def channel():
-    """Give a virtual channel of the test's own."""
-    return f'channel_{uuid.uuid4().hex}'
-
-
-@pytest.fixture
-def encoders(channel):
-    """Run sim_bus's encoders, still or with SYNC, until the test's end; give their nodes."""
-    end = threading.Event()
-
-    def make(factory=False, sync=False, layouts=LAYOUTS, node_ids=(1, 2, 3, 4)):
-        made = SimulatedBus(layouts, node_ids, make_motion(values('sim', sim__noise_deg=0.0)),
-                            (), 0.1, 1, factory=factory)
-        bus = stack.enter_context(can.Bus(interface='virtual', channel=channel))
-        runner = BusRunner(bus, made, 0x80, DeadlineGrid(0.01) if sync else None)
-
-        def loop():
-            runner.boot()
-            while not end.is_set():
-                runner.step()
-
-        thread = threading.Thread(target=loop)
-        thread.start()
-        stack.callback(thread.join)
-        return made.nodes
-
-    with ExitStack() as stack:
-        yield make
-        end.set()
 
 
 @pytest.fixture

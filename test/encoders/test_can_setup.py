@@ -8,12 +8,11 @@ import sys
 from unittest.mock import Mock
 
 import can
-from encoder_frames import LAYOUTS, values
+from encoder_frames import LAYOUTS
 import pytest
 from recorded_text import assert_recorded
 from spm_haptic_master.encoders import canopen, canopen_network
 from spm_haptic_master.encoders.canopen_network import import_canopen, network_on, Node
-from spm_haptic_master.encoders.decoder_factory import make_layouts
 from spm_haptic_master.encoders.node_setup import wanted_objects
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.simulation.object_store import Entry
@@ -42,10 +41,10 @@ def run(capsys, channel, monkeypatch):
 
 
 @pytest.fixture
-def factory(encoders):
+def factory(encoders, stack):
     """Make encoders from their maker; give that of joint_1b, with some objects replaced."""
     def make(changes, **options):
-        node = encoders(factory=True, **options)[1]
+        node = stack.enter_context(encoders(factory=True, **options))[1]
         for objects in (node._entries, node._stored):
             objects |= changes
             for key in [key for key, entry in changes.items() if entry is None]:
@@ -100,8 +99,8 @@ def test_differences_are_listed_and_on_request_written_stored_and_verified(
 def test_other_settings_are_other_objects(factory, run, node_id, given, expected):
     second = node_id == 9
     node = factory({(0x1800, 1): Entry(0x40000189)} if second else {},
-                   node_ids=(1, node_id, 3, 4), layouts=make_layouts(values(
-                       encoders__id=(0x181, 0x289 if second else 0x182, 0x183, 0x184))))
+                   encoders__node_id=(1, node_id, 3, 4),
+                   encoders__id=(0x181, 0x289 if second else 0x182, 0x183, 0x184))
     node.answer = Mock(wraps=node.answer)
     code, out, _ = run(*ONE, '--write', '--heartbeat', '0.25',
                        *(part for each in given for part in ('-p', each)))

@@ -15,10 +15,10 @@ RATE = 200.0
 
 
 @pytest.mark.parametrize('kind', ['can', 'replay', 'sim'])
-def test_samples_are_whole_and_their_stamps_increase(kind, tmp_path, channel, encoders):
+def test_samples_are_whole_and_their_stamps_increase(kind, tmp_path, channel, encoders, stack):
     options = {'rate': RATE}
     if kind == 'can':
-        encoders()
+        stack.enter_context(encoders())
         options |= {'can__interface': 'virtual', 'can__channel': channel, 'can__sync': 'produce'}
     elif kind == 'replay':
         path = record(tmp_path / 'recorded.log', stream(*range(20)))

@@ -5,6 +5,7 @@
 
 from bisect import bisect_left
 from collections import defaultdict
+from contextlib import closing
 import os
 import signal
 import threading
@@ -151,9 +152,8 @@ class Rig:
 
 
 @pytest.fixture
-def rig(start, bus_channel):
+def rig(start, bus_channel, stack):
     """Start a rig with some values of its parameters, and have its drives make a torque."""
-    made = []
     # On a busy machine such time-outs end all torque again and again, and it takes minutes to see.
     with Disturbance() as machine:
         time.sleep(1.0)
@@ -161,13 +161,11 @@ def rig(start, bus_channel):
         pytest.skip(f'{SKIPPED}{machine}')
 
     def make(values):
-        made.append(Rig(start, bus_channel, values))
-        made[-1].feel()
-        return made[-1]
+        made = stack.enter_context(closing(Rig(start, bus_channel, values)))
+        made.feel()
+        return made
 
-    yield make
-    for each in made:
-        each.close()
+    return make
 
 
 def fallen(rig, code, began):

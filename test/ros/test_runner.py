@@ -31,11 +31,9 @@ def ends(monkeypatch):
                         lambda: timers.append('cancelled'))
     for name in runner.PROFILE_VARIABLES:
         monkeypatch.setenv(name, '')
-    before = {number: signal.signal(number, signal.SIG_IGN)
-              for number in (*runner.SIGNALS, signal.SIGALRM)}
-    yield timers
-    for number, handler in before.items():
-        signal.signal(number, handler)
+    for number in (*runner.SIGNALS, signal.SIGALRM):
+        signal.signal(number, signal.SIG_IGN)
+    return timers
 
 
 @pytest.fixture

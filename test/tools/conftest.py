@@ -1,70 +1,16 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Signals as they were; encoders on a virtual bus; the log of a rig's motion, its calibration."""
+"""The log of a rig's motion, and its calibration."""
 
-from contextlib import contextmanager
 import gzip
-import signal
-import threading
-import uuid
 
-import can
-from encoder_frames import make_layouts, values
 from harness import DATA
 import pytest
-from spm_haptic_master.simulation.bus_runner import BusRunner
-from spm_haptic_master.simulation.noisy_motion import make_motion
-from spm_haptic_master.simulation.simulated_bus import SimulatedBus
-from spm_haptic_master.timing import DeadlineGrid
 from spm_haptic_master.tools import calibrate, calibrate_motion
 
 # Length of the part of the log that is used (s), and the sets of the log to one that is.
 SECONDS, EVERY = 20.0, 10
-
-
-@pytest.fixture(autouse=True)
-def handlers():
-    """Leave the handling of signals as it was."""
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    yield
-    for number, handler in before.items():
-        signal.signal(number, handler)
-
-
-@pytest.fixture
-def channel():
-    """Give the channel of a virtual bus of this test's own."""
-    return uuid.uuid4().hex
-
-
-@pytest.fixture
-def encoders(channel):
-    """Return what runs simulated encoders in a thread, still or with SYNC each some s."""
-    @contextmanager
-    def run(factory=False, sync=None, pose=None, **layout):
-        motion = {'sim__trajectory': 'fixed', 'sim__pose_deg': pose} if pose else {}
-        settings = values(**layout)
-        with can.Bus(interface='virtual', channel=channel) as bus:
-            runner = BusRunner(bus, SimulatedBus(
-                make_layouts(settings), settings['encoders.node_id'],
-                make_motion(values('sim', **motion)), (), 0.1, 1, factory=factory),
-                0x80, DeadlineGrid(sync) if sync else None)
-            end = threading.Event()
-
-            def loop():
-                runner.boot()
-                while not end.is_set():
-                    runner.step()
-
-            thread = threading.Thread(target=loop)
-            thread.start()
-            try:
-                yield bus
-            finally:
-                end.set()
-                thread.join()
-    return run
 
 
 @pytest.fixture(scope='session')
