@@ -183,7 +183,7 @@ REFUSALS = (
     driver('encoders.node_id', [1, 2, 2, 4], 'the same twice', 'two nodes would be one'),
     # Layout of the frames.
     driver('encoders.byte_offset', [0, 0, 0, 1], 'beyond the frame', 'there are no such bytes'),
-    driver('encoders.mask', [0, 0, 11, 0], 'bits with a gap', 'they are no number'),
+    driver('encoders.mask', [0, 0, 11, 0], 'bits with a gap', 'they are not one number'),
     driver('encoders.counts_per_turn', [16384, 16384, 16384, 65536],
            'more than mask or bit length can hold', 'most of the turn would be missing',
            encoders__mask=[0, 0, 0, 0x3FFF]),

@@ -99,7 +99,7 @@ def record(source: EncoderSource, seconds: float, evaluate: Callable[[Recording,
                     count, came = len(found[0]), now
                     begin = begin or now
                 elif now - came > PATIENCE:
-                    ended = f'no set of the encoders comes any more: {lacking or source.fault}'
+                    ended = f'no more sets of readings arrive: {lacking or source.fault}'
                 if count and (evaluate(found, now - begin) or now - begin > seconds):
                     break
         except KeyboardInterrupt:
@@ -112,9 +112,9 @@ def record(source: EncoderSource, seconds: float, evaluate: Callable[[Recording,
     if error and not (keep and len(recording[0]) and isinstance(error, SpmError)):
         raise error
     if not len(recording[0]):
-        raise CalibrationError(f'no set of the encoders came: {source.fault}')
+        raise CalibrationError(f'no set of readings arrived: {source.fault}')
     if error or ended:
-        notes.append(f'{error or ended}; what came until then is used')
+        notes.append(f'{error or ended}; what arrived before that is used')
     return recording, notes
 
 

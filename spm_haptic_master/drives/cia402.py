@@ -52,7 +52,7 @@ class State(Enum):
     QUICK_STOP = 'Quick stop active'
     REACTING = 'Fault reaction active'
     FAULT = 'Fault'
-    UNKNOWN = 'no state of CiA 402'
+    UNKNOWN = 'not a state of CiA 402'
 
 
 # Mask and value of the statusword in each state.

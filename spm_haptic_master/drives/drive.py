@@ -95,7 +95,7 @@ class Drive:
         if self.state in (State.FAULT, State.REACTING):
             return str(self.state.value)
         if self.booted:
-            return 'booted: it has lost what it was set to'
+            return 'booted: its settings are lost'
         if unheard > plan.heartbeat_timeout:
             return f'no heartbeat for {1e3 * unheard:.0f} ms'
         if self._nmt not in (None, canopen.OPERATIONAL):

@@ -168,8 +168,8 @@ class Drives:
                         times[drive] = self._now - began
             for drive in self._drives:
                 if drive.booted:
-                    raise SetupError(f'{drive.own.name} booted in the proof; expected that it '
-                                     'leaves Operation enabled by itself')
+                    raise SetupError(f'{drive.own.name} booted during the check; expected it '
+                                     'to leave Operation enabled by itself')
             drive, longest = max(times.items(), key=lambda item: item[1])
             if longest <= limit:
                 return

@@ -40,7 +40,7 @@ class WantedObject:
         return present & ~self.mask | self.value
 
     def difference(self, present: int | None) -> str:
-        """Return the object, a value that is not as wanted, and the wanted one, in words."""
+        """Return the object, a value that is not as configured, and the wanted one, in words."""
         form = '0x{:X}' if self.hexadecimal else '{}'
         shown = 'missing' if present is None else form.format(present & self.mask)
         return (f'0x{self.index:04X}:{self.subindex:02X} {self.name}: {shown}, '
@@ -162,13 +162,13 @@ def identity(node: Node, profile: int) -> str:
 
 
 def differences(node: Node, wanted: WantedObjects) -> dict[WantedObject, int | None]:
-    """Return the values of the objects that are not as wanted; None for no such object."""
+    """Return the values of the objects that are not as configured; None for no such object."""
     values = {each: node.read(each.index, each.subindex)[0] for each in wanted.every}
     return {each: value for each, value in values.items() if not each.holds(value)}
 
 
 def words(found: dict[WantedObject, int | None]) -> list[str]:
-    """Return a line for each object that is not as wanted."""
+    """Return a line for each object that is not as configured."""
     return [each.difference(value) for each, value in found.items()]
 
 
@@ -211,7 +211,7 @@ def _write_pdo(node: Node, wanted: WantedPdo) -> None:
 
 
 def _write(node: Node, wanted: WantedObject) -> None:
-    """Write an object that the node has and that is not as wanted."""
+    """Write an object that the node has and that is not as configured."""
     present, size = node.read(wanted.index, wanted.subindex)
     if present is not None and not wanted.holds(present):
         node.write(wanted.index, wanted.subindex, wanted.changed(present), size)
@@ -219,4 +219,4 @@ def _write(node: Node, wanted: WantedObject) -> None:
 
 def _verify(node: Node, wanted: WantedObjects, when: str) -> None:
     if found := words(differences(node, wanted)):
-        raise SetupError(f'node {node.node_id}: not as wanted {when}: ' + '; '.join(found))
+        raise SetupError(f'node {node.node_id}: not as configured {when}: ' + '; '.join(found))

@@ -139,7 +139,7 @@ def _rate_problem(scan: BusScan, heard: HeardFrame, rate: float) -> str | None:
             f'comes at {heard.rate:.1f} Hz, configured {rate:g} Hz'
     if heard.count > 1 and cycles and _agrees((heard.count - 1) / cycles, 1.0):
         return None
-    return f'comes {heard.count} times in {cycles + 1} cycles of SYNC; expected one answer each'
+    return f'comes {heard.count} times in {cycles + 1} cycles of SYNC; expected one answer to each'
 
 
 def _missing_because(scan: BusScan, layout: EncoderLayout, node_id: int | None) -> str:

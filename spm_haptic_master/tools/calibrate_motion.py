@@ -179,7 +179,7 @@ def _print_mounting(mounting: Mounted) -> None:
         if deviations.any():
             print(f'  mounting of the {name}: standard deviations '
                   f'{" ".join(f"{degrees(each):.3f}" for each in deviations)} deg')
-    print(f'  left of the orientations from outside: {degrees(mounting.rms):.3f} deg rms')
+    print(f'  residual of the orientations from outside: {degrees(mounting.rms):.3f} deg rms')
 
 
 def _guidance_topic(remaps: Sequence[str]) -> AbstractContextManager[Publish]:

@@ -51,7 +51,7 @@ LARGEST_RESIDUAL = 2e-3
 PART = re.compile(r'(?:step (1[abc]|3a)|pose|release [xyz])(?!\S)')
 # Columns of the orientation about which a release turns the handle.
 DIRECTIONS = 'xyz'
-WORDS = {1: 'right', -1: 'wrong: turn its direction over', 0: 'not seen: its joint did not turn'}
+WORDS = {1: 'right', -1: 'wrong: reverse its direction', 0: 'not seen: its joint did not turn'}
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +89,7 @@ def main(args: list[str]) -> int:
             failed.append(f'{options.stiffness:g} N m/rad about {direction}, at {options.rate:g} '
                           f'Hz and {1e3 * options.latency:g} ms: expected {stiffest:.2f} or less')
     for text in failed:
-        print(f'not as it has to be: {text}')
+        print(f'not as expected: {text}')
     if not failed:
         print(f'all of it holds; springs of {options.stiffness:g} N m/rad are passive')
     return 1 if failed else 0
@@ -139,9 +139,9 @@ def check_weight(parts: list[Part], values: Values, failed: list[str]) -> Gravit
     handle, links = ('[' + ', '.join(f'{value:.4f}' for value in moments) + ']'
                      for moments in (gravity.handle, gravity.proximal))
     print(f'weight from {len(poses)} poses: handle {handle}, proximal links {links} kg m; '
-          f'{1e3 * residual:.1f} mN m left')
+          f'{1e3 * residual:.1f} mN m not explained')
     if residual > LARGEST_RESIDUAL:
-        failed.append(f'the weight leaves {1e3 * residual:.1f} mN m: expected '
+        failed.append(f'the weight does not explain {1e3 * residual:.1f} mN m: expected '
                       f'{1e3 * LARGEST_RESIDUAL:g} or less')
     return gravity
 

@@ -152,7 +152,7 @@ def record(path: Path, bring_up: BringUp, poses: int = 0) -> None:
             bring_up.show(f'pose {len(held) + 1} of {poses}: bring the handle to a new pose, 10 '
                           'deg or more from the others, and keep it still')
             held.append(_pose(bring_up, held))
-        bring_up.show('all is recorded: nothing holds the handle any more')
+        bring_up.show('all parts are recorded: the motors no longer hold the handle')
     try:
         with path.open('w', encoding='utf-8', newline='') as file:
             writer = csv.writer(file)
@@ -203,7 +203,7 @@ def _pose(bring_up: BringUp, others: list[Torques]) -> Torques:
     bring_up.begin(name)
     while bring_up.still < SETTLED or any(bring_up.turn(each) <= APART for each in others):
         bring_up.step(bring_up.nothing)
-    bring_up.show(f'{name}: let the handle go: the motors hold it')
+    bring_up.show(f'{name}: let go of the handle: the motors hold it')
     held, began = bring_up.angles, bring_up.since
 
     def hold(until: Callable[[], bool], recorded: bool = False) -> None:
@@ -212,10 +212,10 @@ def _pose(bring_up: BringUp, others: list[Torques]) -> Torques:
             bring_up.step(bring_up.spring(STIFFNESS * rise, held, LARGEST), recorded)
 
     hold(lambda: bring_up.since - began >= LET_GO and bring_up.still >= QUIET)
-    bring_up.show(f'{name}: at rest, is recorded')
+    bring_up.show(f'{name}: at rest, recording')
     pose, end = bring_up.angles, bring_up.since + RECORDED
     hold(lambda: bring_up.since >= end, recorded=True)
-    bring_up.show(f'{name}: is recorded: take the handle again')
+    bring_up.show(f'{name}: recorded: take the handle again')
     hold(lambda: bring_up.turn(pose) > TAKEN)
     bring_up.step(bring_up.nothing)
     return pose

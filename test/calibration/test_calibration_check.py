@@ -53,7 +53,7 @@ def test_a_reversed_direction_and_angles_that_fit_nothing_are_reported(monkeypat
     monkeypatch.setattr(calibration_check, 'TRIED_POSES', 10)
     found, angles = rig()
     # With harmonics of the encoder (deg): such as it may have, and larger ones.
-    for harmonic, text in ((2.0, 'joint_3a turns with the other direction'),
+    for harmonic, text in ((2.0, 'joint_3a turns in the opposite direction'),
                            (3.0, 'no change of one sensor explains the angles')):
         read = angles[::8] + np.radians([0.0, 0.0, 0.0, harmonic]) * np.cos(2.0 * angles[::8])
         result = check(found, read * [1.0, 1.0, 1.0, -1.0])

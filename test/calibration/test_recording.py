@@ -65,9 +65,10 @@ def quick(monkeypatch):
 
 
 @pytest.mark.parametrize('then, ended', (
-    (None, ['no set of the encoders comes any more: no answer from joint_1a; what came until then '
-            'is used']),
-    (DOWN, ['can0: the interface is down; what came until then is used']), (SourceEnded(), [])))
+    (None, ['no more sets of readings arrive: no answer from joint_1a; what arrived before '
+            'that is used']),
+    (DOWN, ['can0: the interface is down; what arrived before that is used']),
+    (SourceEnded(), [])))
 def test_what_came_before_the_end_of_the_source_is_kept(then, ended):
     stamps, angles, notes = recorded(Device(300, then))
     np.testing.assert_array_equal(stamps, 1_000_000 * np.arange(1, 301))
@@ -96,8 +97,8 @@ def test_what_came_before_ctrl_c_is_kept_where_the_caller_wants_it(keep):
 
 
 @pytest.mark.parametrize('sets, then, keep, text', (
-    (0, None, True, 'no set of the encoders came: no answer from joint_1a'),
-    (0, SourceEnded(), True, 'no set of the encoders came: no answer from joint_1a'),
+    (0, None, True, 'no set of readings arrived: no answer from joint_1a'),
+    (0, SourceEnded(), True, 'no set of readings arrived: no answer from joint_1a'),
     (0, DOWN, True, 'can0: the interface is down'),
     (300, DOWN, False, 'can0: the interface is down'),
     (300, KeyError('of the code'), True, 'of the code')))

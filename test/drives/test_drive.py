@@ -114,7 +114,7 @@ def test_a_torque_is_a_fault_after_50_ms_off_its_command(drive):
     ([], 0.02, None), ([], 0.021, 'no status frame for 21 ms'),
     ([(HEARTBEAT, b'\x05', 0.0)], 0.06, None),
     ([(HEARTBEAT, b'\x85', 0.0)], 0.061, 'no heartbeat for 61 ms'),
-    ([(HEARTBEAT, b'\x00', 0.0)], 0.0, 'booted: it has lost what it was set to'),
+    ([(HEARTBEAT, b'\x00', 0.0)], 0.0, 'booted: its settings are lost'),
     ([(HEARTBEAT, b'\x7f', 0.0)], 0.0, 'NMT state pre-operational'),
     ([(EMCY, b'\x10\x23\x01' + bytes(5), 0.0)], 0.0,
      'EMCY 0x2310 continuous over current, error register 0x01'),

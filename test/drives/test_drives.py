@@ -79,7 +79,7 @@ def test_a_drive_that_boots_in_the_pause_has_not_fallen_out(starting):
     starting.run(TORQUES, 0.01)
     starting.other.send(canopen.frame(canopen.HEARTBEAT_BASE + 12, bytes(1)))
     report = starting.run(TORQUES, 1.0)
-    assert report.fault.startswith('drive of joint_1b (node 12) booted in the proof')
+    assert report.fault.startswith('drive of joint_1b (node 12) booted during the check')
     assert {torque for _, torque in starting.commands()} == {0}
 
 

@@ -122,7 +122,7 @@ def test_other_settings_are_other_objects(factory, run, node_id, given, expected
      'node 2 has device type 0x00020192; expected profile 406 (encoder)'),
     ({(0x1000, 0): None}, 'node 2 has device type none; expected'),
     ({(0x1010, 1): None}, 'node 2 refuses 0x65766173 for 0x1010:01'),
-    (None, 'node 2: not as wanted after storing and a reset: 0x1800:02 TPDO1'),
+    (None, 'node 2: not as configured after storing and a reset: 0x1800:02 TPDO1'),
     ({}, 'node 2 has not booted within 0.05 s of its reset'),
 ])
 def test_what_an_encoder_does_not_do_is_reported(factory, run, monkeypatch, changes, words):

@@ -104,7 +104,7 @@ def test_a_capture_or_poses_of_a_jig_give_the_mounting_of_both_ends(
     assert run(*args) == 0, capsys.readouterr().err
     figures = r'standard deviations 0\.\d+ 0\.\d+ 0\.\d+ deg\n'
     assert re.search(rf'\n  mounting of the base: {figures}  mounting of the handle: {figures}'
-                     r'  left of the orientations from outside: 0\.000 deg rms\n$',
+                     r'  residual of the orientations from outside: 0\.000 deg rms\n$',
                      capsys.readouterr().out)
     poses = []
     for row in np.flatnonzero(known)[::500]:

@@ -144,7 +144,7 @@ def test_a_calibration_holds_until_a_zero_slips_or_a_direction_is_another(check)
     direction[2] *= -1
     code, out, err = check(encoders__direction=direction)
     assert code == 1 and err.splitlines()[-1] == \
-        'calibrate: c.yaml does not hold: joint_1c turns with the other direction'
+        'calibrate: c.yaml does not hold: joint_1c turns in the opposite direction'
     assert re.search(r'\n  only \d+ % of the angles fit the mechanism\n', out)
 
 

@@ -62,7 +62,7 @@ class Hypothesis:
         """Return what changed, in words."""
         name = ALL_JOINT_NAMES[self.sensor]
         if self.turned:
-            return f'{name} turns with the other direction'
+            return f'{name} turns in the opposite direction'
         return (f'{name} slipped by {degrees(self.slip):+.2f} deg '
                 f'(+- {degrees(self.deviation):.2f})')
 

@@ -89,8 +89,8 @@ def mounted(calibration: MotionCalibration, turned: Array, outside: Array,
     rms = float(np.sqrt(np.mean(left ** 2)))
     if len(outside) > 1 and rms > CONTRADICTION * sigma:
         raise CalibrationError(
-            f'the orientations from outside contradict the motion: {degrees(rms):.3f} deg rms are '
-            f'left of them, expected up to {degrees(CONTRADICTION * sigma):.3f} deg')
+            f'the orientations from outside contradict the motion: their residual is '
+            f'{degrees(rms):.3f} deg rms, expected up to {degrees(CONTRADICTION * sigma):.3f} deg')
     deviations = np.sqrt(np.diag(covariance))
     normal = normal_equations(model, calibration.turned, calibration.rotation, vector, ())
     fused = replace(calibration, vector=vector, covariance=covariance[:count, :count],

@@ -85,11 +85,12 @@ def motion_readings(stamps: NDArray[np.int64], readings: Array) -> MotionReading
     if (steps <= 0).any():
         row = int(np.argmax(steps <= 0))
         raise CalibrationError(f'the stamp of set {row + 2} is {-int(steps[row])} ns before that '
-                               'of the set before; expected stamps that increase')
+                               'of the previous set; expected stamps that increase')
     unwrapped = np.unwrap(readings, axis=0)
     noise = white_noise(stamps, unwrapped)
     if not np.isfinite(noise).all():
-        raise CalibrationError('the sets come at no regular distance; expected a period')
+        raise CalibrationError('the sets do not come at a regular interval; expected a '
+                               'constant period')
     for joint, each in zip(ALL_JOINT_NAMES, noise, strict=False):
         if each > NOISE_LIMIT:
             raise CalibrationError(
