@@ -8,7 +8,7 @@ from matplotlib.colors import to_hex
 
 def in_words(figure):
     """Return the axes of a picture, a paragraph each, and its legend."""
-    texts = []
+    texts = [f'heights {figure.axes[0].get_gridspec().get_height_ratios()}']
     for axes in figure.axes:
         title = axes.get_title() and f'{axes.get_title()} ({axes.title.get_fontsize()}), '
         texts.append(f'{title}{axes.get_xlabel()}; {axes.get_ylabel()}; grid below '

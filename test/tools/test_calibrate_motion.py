@@ -131,6 +131,7 @@ def test_a_live_motion_is_kept_until_it_is_enough_and_can_be_used_again(
     (tmp_path / 'c_motion.log').write_text('mine')
 
     class Guide:
+
         def __init__(self, layout):
             self.errors = iter((None, 0.08, 0.04))
 

@@ -64,7 +64,7 @@ def test_the_motion_is_published_but_for_the_start_and_a_slip_is_refused(found, 
     whole = replace(found, readings=replace(found.readings, spiked=np.zeros(len(stamps), bool)))
     shown = []
     assert verdict.published_share(whole, (stamps, readings), values,
-                           lambda *each: shown.append(each)) == 1.0 - 4 / len(stamps)
+                                   lambda *each: shown.append(each)) == 1.0 - 4 / len(stamps)
     assert {text for text, _ in shown} == {'supervision of the motion'}
     assert all(0.0 <= share <= 1.0 for _, share in shown)
     slipped = readings.copy()
