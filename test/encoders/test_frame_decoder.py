@@ -135,6 +135,7 @@ def test_silent_encoders_are_explained_by_what_is_known_of_each():
 
 def test_counters_are_read_in_one_step_since_another_thread_adds_new_ones():
     class Growing(Counter):
+
         def items(self):
             raise RuntimeError('dictionary changed size during iteration')
 

@@ -28,7 +28,7 @@ def test_missing_values_are_those_of_the_nominal_mechanism_of_the_paper():
     assert geometry.geometry_from(values(geometry__alpha_deg=40.0, geometry__gamma_deg=20.0)) \
         == Geometry(np.radians(40.0), nominal.beta, np.radians(20.0))
     found = geometry.geometry_from(values(geometry__proximal_deg=[39.0, 0.0, 39.5],
-                                 geometry__beta_deg=35.0))
+                                          geometry__beta_deg=35.0))
     assert found.alphas == (np.radians(39.0), nominal.alpha, np.radians(39.5))
     assert found.betas == (np.radians(35.0),) * 3
     np.testing.assert_array_equal(found.base_axes, nominal.base_axes)

@@ -152,7 +152,7 @@ def stuck(first: int, sensor: int):
 
 
 def noisy(first: int, sensor: int, degrees: float):
-    """Return a fault of readings: a sensor that is noisy (1 sigma) from a sample on."""
+    """Return a fault of readings: a sensor has noise from a sample on (1 sigma)."""
     def change(readings):
         readings[first:, sensor] += np.radians(degrees) * np.random.default_rng(3).normal(
             size=len(readings) - first)

@@ -97,7 +97,6 @@ def test_two_readings_set_the_motion_and_no_human_moves_faster_than_the_second()
         assert bool(seen['away'][-1]) == away
 
 
-
 def test_neither_staying_away_nor_a_motion_across_the_old_one_nor_another_jump_is_a_return():
     """It stays 10 deg off; or jumps by 2 and moves back slowly; or jumps by 20, then by -15."""
     stays = 2.0 * times() + radians(10.0) * (times() >= 0.0)
