@@ -160,7 +160,7 @@ class Encoder:
         self._counter: int | None = None
 
     def check(self, message: can.Message) -> tuple[float, str | None]:
-        """Return the joint angle in a frame of this encoder, rad, or NaN and why it is none."""
+        """Return the joint angle in a frame of this encoder, rad; if rejected, NaN and why."""
         layout, data = self.layout, message.data
         if len(data) != layout.data_length:
             return math.nan, self.reject(
