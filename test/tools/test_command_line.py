@@ -76,8 +76,8 @@ def test_progress_is_a_bar_or_a_line_a_second(monkeypatch, stream, expected):
     now = [100.0]
     monkeypatch.setattr('sys.stderr', stream)
     monkeypatch.setattr(command_line, 'time', SimpleNamespace(monotonic=lambda: now[0]))
-    monkeypatch.setattr(command_line.shutil, 'get_terminal_size',
-                        lambda: SimpleNamespace(columns=36))
+    monkeypatch.setattr(command_line, 'shutil', SimpleNamespace(
+        get_terminal_size=lambda: SimpleNamespace(columns=36)))
     with command_line.ProgressBar('p') as bar:
         for elapsed, text, share in ((0.9, 'a', 0.1), (1.0, 'b', 0.5), (1.05, 'c', 0.6),
                                      (2.0, 'd', 1.7), (2.5, 'e', None)):
