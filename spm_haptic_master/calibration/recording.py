@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import suppress
 from math import inf
 import threading
@@ -92,7 +92,7 @@ def record(source: EncoderSource, seconds: float, evaluate: Callable[[Recording,
         collecting = pool.submit(_collect, source, seconds, samples, stop)
         try:
             while not collecting.done() and not ended:
-                time.sleep(period)
+                wait([collecting], period)
                 found, lacking = _whole_sets(samples[:], MISSING_MAXIMUM)
                 now = time.monotonic()
                 if len(found[0]) > count:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from math import degrees
+from math import degrees, inf
 from typing import Any
 
 import numpy as np
@@ -107,13 +107,14 @@ def _plain(value: Any) -> Any:
 
 
 def run(times: NDArray[np.int64], readings: NDArray[np.float64], values: Values,
-        progress: Callable[[int], None] | None = None) -> Supervised:
+        progress: Callable[[int], None] | None = None, withheld: float = inf) -> Supervised:
     """
     Run recorded samples through the supervision that checked settings describe.
 
     `times` (n,) are ns, `readings` (n, N) rad, `values` those of `FKM_SETTINGS`. `progress` is
-    called with the number of samples done, every `PROGRESS_SAMPLES`. SettingError where settings
-    contradict each other.
+    called with the number of samples done, every `PROGRESS_SAMPLES`. After more than `withheld`
+    samples that are not published nothing more is. SettingError where settings contradict each
+    other.
     """
     supervisor, mounting = make_supervisor(values), mounting_from(values)
     n, sensors = readings.shape
@@ -135,6 +136,8 @@ def run(times: NDArray[np.int64], readings: NDArray[np.float64], values: Values,
             result.protection_level[index] = degrees(verdict.protection_level)
         elif verdict.cause is not None:
             result.reasons[verdict.cause.words] += 1
+            if result.reasons.total() > withheld:
+                break
         result.unchecked[index] = supervisor.unchecked()
         result.bounds[index] = np.degrees(supervisor.parts)
         if verdict.announced is not announced:

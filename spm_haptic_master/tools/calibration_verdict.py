@@ -124,7 +124,8 @@ def least_alert_limit(calibration: MotionCalibration, values: FkmValues) -> floa
     tried = sorted({*ALERT_LIMITS_DEG, float(fkm['alert_limit_deg'])})
 
     def suffices(limit: float) -> bool:
-        result = run(stamps, angles, fkm | {'alert_limit_deg': limit})
+        result = run(stamps, angles, fkm | {'alert_limit_deg': limit},
+                     withheld=(1.0 - PUBLISHED) * len(stamps))
         return bool(result.published.mean() >= PUBLISHED)
 
     return [*tried, inf][bisect_left(tried, True, key=suffices)]

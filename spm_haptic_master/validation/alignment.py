@@ -126,9 +126,9 @@ def coarse_offset(recorded: tuple[float, np.ndarray],
 
 
 def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
-    """Return the rotation Q with the largest trace(Q^T M): Wahba's problem, Kabsch's solution."""
+    """Return the rotations Q with the largest trace(Q^T M): Wahba's problem, Kabsch's solution."""
     left, _, right = np.linalg.svd(matrix)
-    left[:, 2] *= np.linalg.det(left) * np.linalg.det(right)
+    left[..., 2] *= (np.linalg.det(left) * np.linalg.det(right))[..., None]
     return left @ right
 
 
@@ -143,21 +143,19 @@ def constant_frames(captured: np.ndarray, recorded: np.ndarray,
     products = np.einsum('nab,ncd->abcd', captured, recorded)
     if body_known:
         return nearest_rotation(np.einsum('abcb->ac', products)), np.eye(3)
-    best = -math.inf, np.eye(3), np.eye(3)
     # One of the 24 rotations that map axes to axes is near every solution.
-    turns = (np.eye(3)[list(columns)].T * signs for columns in permutations(range(3))
-             for signs in product((1.0, -1.0), repeat=3))
-    for body in (turn for turn in turns if np.linalg.det(turn) > 0.0):
-        fit = -math.inf
-        for _ in range(FRAME_STEPS):
-            frame = nearest_rotation(np.einsum('abcd,db->ac', products, body))
-            along = np.einsum('abcd,ac->db', products, frame)
-            body = nearest_rotation(along)
-            before, fit = fit, float(np.sum(along * body))
-            if fit - before <= FRAME_TOLERANCE * len(captured):
-                break
-        best = max(best, (fit, frame, body), key=lambda each: each[0])
-    return best[1:]
+    turns = np.array([np.eye(3)[list(columns)].T * signs for columns in permutations(range(3))
+                      for signs in product((1.0, -1.0), repeat=3)])
+    body = turns[np.linalg.det(turns) > 0.0]
+    frame, fit, going = body.copy(), np.full(len(body), -math.inf), np.arange(len(body))
+    for _ in range(FRAME_STEPS):
+        frame[going] = nearest_rotation(np.einsum('abcd,kdb->kac', products, body[going]))
+        along = np.einsum('abcd,kac->kdb', products, frame[going])
+        body[going] = nearest_rotation(along)
+        before, fit[going] = fit[going], np.sum(along * body[going], axis=(1, 2))
+        going = going[fit[going] - before > FRAME_TOLERANCE * len(captured)]
+    best = fit.argmax()
+    return frame[best], body[best]
 
 
 def rotation_vectors(matrices: np.ndarray) -> np.ndarray:

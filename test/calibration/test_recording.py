@@ -61,7 +61,7 @@ def recorded(device, seconds=60.0, evaluate=lambda recording, since: False, keep
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
     """Wait for less."""
-    monkeypatch.setattr(recording, 'PATIENCE', 0.5)
+    monkeypatch.setattr(recording, 'PATIENCE', 0.25)
 
 
 @pytest.mark.parametrize('then, ended', (
@@ -78,16 +78,22 @@ def test_what_came_before_the_end_of_the_source_is_kept(then, ended):
 
 @pytest.mark.parametrize('keep', [True, False])
 def test_what_came_before_ctrl_c_is_kept_where_the_caller_wants_it(keep):
+    evaluating = threading.Event()
+
     def interrupt():
-        time.sleep(0.4)
+        evaluating.wait(60.0)
         signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
+
+    def evaluate(found, since):
+        if len(found[0]) == 300:
+            evaluating.set()
+            time.sleep(5.0)
 
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     begin = time.monotonic()
     try:
         threading.Thread(target=interrupt).start()
-        # In the middle of an evaluation.
-        stamps, _, notes = recorded(Device(300), evaluate=lambda *_: time.sleep(5.0), keep=keep)
+        stamps, _, notes = recorded(Device(300), evaluate=evaluate, keep=keep)
         assert keep and len(stamps) == 300 and notes == []
     except KeyboardInterrupt:
         assert not keep
@@ -112,14 +118,16 @@ def test_the_recording_ends_when_it_is_enough_or_long_enough(monkeypatch):
     recorded(Device(300), evaluate=lambda found, since: seen.append(since) or len(seen) > 2)
     assert len(seen) == 3 and seen[0] == 0.0 < seen[1]
     begin = time.monotonic()
-    recorded(Device(300), seconds=0.2)
+    recorded(Device(300), seconds=0.1)
     assert time.monotonic() - begin < 10.0
     # As long as it says, however long an evaluation takes.
-    stamps, _, notes = recorded(Device(10 ** 9, pause=1e-4), 0.25, lambda *_: time.sleep(0.3))
-    assert notes == [] and len(stamps) == 251 and stamps[-1] - stamps[0] == 250_000_000
+    stamps, _, notes = recorded(Device(10 ** 9, pause=1e-4), 0.1, lambda *_: time.sleep(0.15))
+    assert notes == [] and len(stamps) == 101 and stamps[-1] - stamps[0] == 100_000_000
     # The first evaluation is after a second; no read takes more than a tenth of one.
-    waits, sleep = set(), time.sleep
-    monkeypatch.setattr(time, 'sleep', lambda wait: waits.add(wait) or sleep(0.01 * wait))
+    waits, sleep, wait = set(), time.sleep, recording.wait
+    monkeypatch.setattr(time, 'sleep', lambda each: waits.add(each) or sleep(0.01 * each))
+    monkeypatch.setattr(recording, 'wait', lambda collecting, each: waits.add(each) or wait(
+        collecting, 0.01 * each))
     record(Device(1), 60.0, lambda *_: True)
     assert 1.0 in waits <= {0.0, 0.1, 1.0}
 

@@ -21,6 +21,7 @@ LINES = (DATA / 'refusals.txt').read_text(encoding='utf-8').splitlines()
 def test_one_line_and_the_end(case, line, capfd, monkeypatch, tmp_path):
     """On the file descriptor: what rcl prints counts, too."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr('spm_haptic_master.ros.duplicate_publishers.LOOK', 0.0)
     for path, content in case.files.items():
         (tmp_path / path).write_text(content)
     main = import_module(f'spm_haptic_master.{EXECUTABLES[case.program][0]}').main

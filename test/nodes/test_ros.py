@@ -90,7 +90,11 @@ quaternion:
     ('service call fkm/acknowledge std_srvs/srv/Trigger',
      'success: False\nmessage: no fault waits\n'),
 ])
-def test_a_command_prints_what_ros_says(device, run, command, expected):
+def test_a_command_prints_what_ros_says(device, run, monkeypatch, command, expected):
+    if command == 'topic list':
+        wait = ros.Commands._wait
+        monkeypatch.setattr(ros.Commands, '_wait', lambda commands, *_: wait(
+            commands, lambda: commands._node.count_publishers('/orientation'), 20.0))
     code, out, err = run(command)
     assert (code, err) == (0, '')
     assert out == expected or (command == 'topic list' and expected in out)
@@ -115,7 +119,7 @@ def test_a_message_is_published_until_ctrl_c(device, run, monkeypatch):
     ('topic echo nothing', '/nothing: nobody publishes it'),
     ('param get fkm alert', "fkm has no parameter 'alert'"),
     ('param set fkm limit 99.0', 'limit out of range'),
-    ('param get nobody rate', '/nobody/get_parameters: no such node or service within 0.3 s'),
+    ('param get nobody rate', '/nobody/get_parameters: no such node or service within 0.05 s'),
     ('param set fkm limit {}', 'limit is {}; expected a single value'),
     ('param set fkm x {"a":1,"b":2}', 'expected a single value or a list'),
     ('param set fkm limit 99999999999999999999', 'at most 64 bits'),
@@ -126,7 +130,7 @@ def test_a_message_is_published_until_ctrl_c(device, run, monkeypatch):
      'button is [1]; expected a field of Joy')])
 def test_what_is_not_there_is_named_in_one_line(device, run, monkeypatch, command, reason):
     if ' no' in command:
-        monkeypatch.setattr(ros, 'PATIENCE', 0.3)
+        monkeypatch.setattr(ros, 'PATIENCE', 0.05)
     code, _, err = run(command)
     assert code == 1
     assert reason in err and err.count('\n') == 1

@@ -49,7 +49,7 @@ def made(seed):
 
 
 @pytest.mark.parametrize('seeds', [
-    pytest.param(range(30), id='few'),
+    pytest.param((0, 2, 6, 13, 22, 32, 44), id='few'),
     pytest.param(range(120), id='all', marks=pytest.mark.evidence)])
 def test_each_transition_of_the_diagram_occurs_with_its_condition_and_no_other(seeds):
     expected = drawn()

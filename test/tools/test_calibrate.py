@@ -58,8 +58,8 @@ def run(capsys, *args):
 
 def at(log, output, pose, *args):
     """Return the arguments of a calibration from a log."""
-    return ('-p', 'source:=replay', '-p', f'replay.path:={log}', '--seconds', 0.3, '-o', output,
-            '--pose', *pose, *args)
+    return ('-p', 'source:=replay', '-p', f'replay.path:={log}', '-p', 'replay.rate:=20.0',
+            '--seconds', 0.3, '-o', output, '--pose', *pose, *args)
 
 
 @pytest.mark.parametrize('sensors', [4, 6])
@@ -92,7 +92,7 @@ def test_two_poses_give_a_file_that_is_all_that_the_nodes_need(capsys, tmp_path,
         assert f': zero count {found.zero_count[index]}, sigma {sigma:.4f} deg, bias {bias:.4f} ' \
             f'deg, direction {sign:+d} (verified)\n' in out
     assert 'The driver refuses' not in out
-    # Noise of a count, averaged over 300.
+    # Noise of a count, averaged over 400.
     np.testing.assert_allclose(found.zero_count, ZEROS[:sensors], atol=1)
     parameters = read_parameters(output)
     for name, value in rig.items():
@@ -122,8 +122,9 @@ def test_a_live_device_is_asked_for_each_pose_and_the_driver_runs_on_the_file(
         return '\n'
 
     monkeypatch.setattr('sys.stdin', SimpleNamespace(readline=bring))
+    monkeypatch.setattr('spm_haptic_master.calibration.jig.SETS_MINIMUM', 20)
     with ExitStack() as held:
-        assert main(['calibrate', '-o', str(path), '--seconds', '0.8', *(
+        assert main(['calibrate', '-o', str(path), '--seconds', '0.2', *(
             word for name, value in bus.items() for word in ('-p', f'{name}:={value}')), *(
             str(word) for pose in POSES for word in ('--pose', *pose))]) == 0
     out, err = capsys.readouterr()
@@ -149,7 +150,7 @@ def test_a_live_device_is_asked_for_each_pose_and_the_driver_runs_on_the_file(
     (('-o', 'rig.yaml', '-p', 'source:=replay', '-p', f'replay.path:={LOG}', '--pose', 135, 54, 0,
       '--pose', 130, 50, 10), '--pose is given 2 times; expected once for a recording'),
     (('-o', 'rig.yaml', '-p', 'source:=replay', '-p', f'replay.path:={LOG}', '-p',
-      'replay.rate:=10.0', '--seconds', 0.5), 'the device moved: joint_')])
+      'replay.rate:=100.0', '--seconds', 0.02), 'the device moved: joint_')])
 def test_without_a_device_at_rest_nothing_is_written(capsys, monkeypatch, tmp_path, args, words):
     monkeypatch.setattr('sys.stdin', io.StringIO())
     monkeypatch.chdir(tmp_path)

@@ -149,7 +149,7 @@ def test_a_live_motion_is_kept_until_it_is_enough_and_can_be_used_again(
 
     monkeypatch.setattr(calibrate_motion, 'Guide', Guide)
     monkeypatch.setattr('spm_haptic_master.nodes.guidance_publisher.published', topic)
-    monkeypatch.setattr(motion_source, 'record', partial(recording.record, period=0.3))
+    monkeypatch.setattr(motion_source, 'record', partial(recording.record, period=0.1))
     with encoders(sync=0.01):
         assert run('-p', 'can.interface:=virtual', '-p', f'can.channel:={channel}', '-p',
                    'rate:=100.0', '-o', tmp_path / 'c.yaml', '--ros-args', '-r', '__ns:=/a') == 1

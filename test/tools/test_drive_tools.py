@@ -91,7 +91,8 @@ def test_a_joint_without_a_drive_is_refused(setup):
     assert code == 1 and '--joint joint_3b with --drives; expected one of joint_1a' in err
 
 
-def test_a_scan_names_the_drives_and_the_one_that_is_missing(channel, capsys):
+def test_a_scan_names_the_drives_and_the_one_that_is_missing(channel, capsys, monkeypatch):
+    monkeypatch.setattr('spm_haptic_master.encoders.bus_scan.SYNC_LISTEN', 0.0)
     with simulated(channel, node_ids=(11, 12)):
         code = can_scan.main([
             'can_scan', '--seconds', '0.5', '--start', '-p', 'can.interface:=virtual', '-p',

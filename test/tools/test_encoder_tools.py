@@ -12,9 +12,10 @@ from spm_haptic_master.tools import can_scan, can_setup, urdf
 
 
 @pytest.fixture
-def run(capsys, channel):
+def run(capsys, channel, monkeypatch):
     """Run a program on the bus; return its exit code, stdout and stderr."""
     pytest.importorskip('canopen')
+    monkeypatch.setattr('spm_haptic_master.encoders.bus_scan.SYNC_LISTEN', 0.4)
 
     def run(program, *args):
         name = program.__name__.rpartition('.')[2]
@@ -29,7 +30,7 @@ def test_encoders_of_the_maker_are_found_set_up_and_found_as_configured(
     with encoders(factory=True):
         code, out, err = run(can_scan, '--seconds', '0.3', '--start')
         assert code == 1 and '\n  joint_1b: 0x182 missing; its node 2 is present' in out
-        assert '\ncan_scan: no SYNC on the bus' in err
+        assert 'can_scan: no SYNC on the bus' in err
         code, out, err = run(can_setup)
         assert (code, err) == (1, '') and '0x6001:00 units per turn: 65536, wanted 16384' in out
         assert out.endswith('4 of 4 encoders not as configured; nothing was written (--write)\n')

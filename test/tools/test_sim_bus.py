@@ -23,10 +23,11 @@ RIG = DATA / 'rig' / 'rig.json'
 VIRTUAL = ('sim_bus', '-p', 'can.interface:=virtual')
 
 
-def test_the_truth_is_written_beside_the_rig(tmp_path, capsys):
+def test_the_truth_is_written_beside_the_rig(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr('spm_haptic_master.simulation.bus_runner.LISTEN', 0.0)
     begin = time.time()
-    assert sim_bus.main([*VIRTUAL, '-p', f'sim.rig_file:={RIG}', '-p', 'rate:=100.0',
-                         '-p', 'can.protocol:=raw', '--sync', '--seconds', '0.5',
+    assert sim_bus.main([*VIRTUAL, '-p', f'sim.rig_file:={RIG}', '-p', 'rate:=200.0',
+                         '-p', 'can.protocol:=raw', '--sync', '--seconds', '0.2',
                          '--ground-truth', str(tmp_path), '--drives', '2', '-p',
                          'drives.event_timer:=0.1']) == 0
     out, err = capsys.readouterr()
@@ -52,8 +53,9 @@ def test_a_truth_that_cannot_be_written_ends_in_one_line(capsys, directory, word
     assert (tmp_path / 'rig.json').read_text() == 'precious'
 
 
-def test_a_full_disk_ends_in_one_line(tmp_path, capsys):
+def test_a_full_disk_ends_in_one_line(tmp_path, capsys, monkeypatch):
     """Files cannot grow any more: not when written, nor when closed."""
+    monkeypatch.setattr('spm_haptic_master.simulation.bus_runner.LISTEN', 0.0)
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (8192, limits[1]))
     try:
@@ -85,11 +87,11 @@ def test_the_encoders_have_the_harmonics_of_their_rig_once(monkeypatch, of_the_r
 def test_another_program_that_sends_the_same_frames_is_reported_with_the_cure(capsys):
     with can.Bus(interface='virtual', channel='can0') as other:
         task = other.send_periodic(canopen.frame(0x702, b'\x05'), 0.05)
-        assert sim_bus.main([*VIRTUAL, '--seconds', '0.1']) == 0
+        assert sim_bus.main([*VIRTUAL, '--seconds', '0.01']) == 0
         task.stop()
     error = capsys.readouterr().err
     assert error.startswith('sim_bus: another program sends 0x702 on virtual can0, too: a second '
                             'sim_bus, or encoders')
     assert 'CAN_CONFIG=\'{"port": 43114}\'' in error and error.count('\n') == 1
-    assert sim_bus.main([*VIRTUAL, '--seconds', '0.1']) == 0
+    assert sim_bus.main([*VIRTUAL, '--seconds', '0.01']) == 0
     assert capsys.readouterr().err == ''

@@ -55,10 +55,12 @@ def shown(serve, monkeypatch):
 
 
 @pytest.fixture
-def view(observer):
+def view(observer, monkeypatch):
     """Give the node `view`; it runs while `spin` waits for a condition."""
     from spm_haptic_master.view.node import View
 
+    monkeypatch.setattr('spm_haptic_master.view.node.FIND_PERIOD', 0.1)
+    monkeypatch.setattr('spm_haptic_master.view.node.NEWS_PERIOD', 0.1)
     rclpy.init()
     # The process that it goes with is this one.
     done = Future()
