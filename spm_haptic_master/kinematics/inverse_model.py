@@ -90,16 +90,22 @@ def inverse(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
     """
     matrices = check_rotations('R', R)
     working_mode = check_working_mode(working_mode)
-    rotation = unstack_matrix(matrices)
-    (th1a, th2a, th3a), (th1b, _, th3b), (th1c, _, th3c) = (
-        leg_angles(rotation, leg, sign, ARRAYS)
-        for leg, sign in zip(check_geometry(geometry).legs, working_mode, strict=True))
-    angles: tuple[Batch, ...] = th1a, th1b, th1c, th2a, th3a, th3b, th3c
-    unreachable = np.isnan(sum(angles))
-    if matrices.ndim == 2 and unreachable:
+    found = batch_angles(matrices, check_geometry(geometry), working_mode)
+    if matrices.ndim == 2 and np.isnan(found.theta2a):
         raise UnreachableError(
             f'no configuration in working mode {working_mode} reaches '
             f'R = {matrices.tolist()} with {geometry}')
+    return found
+
+
+def batch_angles(matrices: Array, geometry: Geometry, working_mode: WorkingMode) -> JointAngles:
+    """Return `inverse` of a batch; nothing is validated."""
+    rotation = unstack_matrix(matrices)
+    (th1a, th2a, th3a), (th1b, _, th3b), (th1c, _, th3c) = (
+        leg_angles(rotation, leg, sign, ARRAYS)
+        for leg, sign in zip(geometry.legs, working_mode, strict=True))
+    angles: tuple[Batch, ...] = th1a, th1b, th1c, th2a, th3a, th3b, th3c
+    unreachable = np.isnan(sum(angles))
     th1a, th1b, th1c, *passive = (np.where(unreachable, np.nan, angle) for angle in angles)
     return JointAngles(np.stack([th1a, th1b, th1c], axis=-1), *passive)
 

@@ -7,7 +7,7 @@ import gzip
 
 from harness import DATA
 import pytest
-from spm_haptic_master.tools import calibrate, calibrate_motion
+from spm_haptic_master.tools import calibrate, calibrate_motion, calibration_verdict
 
 # Length of the part of the log that is used (s), and the sets of the log to one that is.
 SECONDS, EVERY = 20.0, 10
@@ -47,6 +47,7 @@ def calibrated(motion, tmp_path_factory):
         patch.setattr(calibrate_motion, 'write_report',
                       lambda path, verdict: verdicts.append(verdict) or 'report c.md')
         patch.setattr(calibrate_motion, 'print', lines.append, raising=False)
+        patch.setattr(calibration_verdict, 'SECONDS', 10.0)
         assert calibrate.main(['calibrate', '--motion', *motion, '-o', str(path),
                                '-p', 'alert_limit_deg:=30.0']) == 0
     return path, '\n'.join(lines), *verdicts

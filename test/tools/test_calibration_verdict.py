@@ -24,8 +24,9 @@ def found(calibrated):
 
 
 @pytest.fixture
-def fkm(calibrated):
+def fkm(calibrated, monkeypatch):
     """Return a function that gives the parameters of fkm with a calibration."""
+    monkeypatch.setattr(verdict, 'SECONDS', 10.0)
     return lambda **given: verdict.FkmValues(given, calibrated[2].origin)
 
 

@@ -26,7 +26,8 @@ def run(capsys, channel, monkeypatch):
 
 
 def test_encoders_of_the_maker_are_found_set_up_and_found_as_configured(
-        run, encoders, channel):
+        run, encoders, channel, monkeypatch):
+    monkeypatch.setattr(can_setup, 'LISTEN', 0.0)
     with encoders(factory=True):
         code, out, err = run(can_scan, '--seconds', '0.3', '--start')
         assert code == 1 and '\n  joint_1b: 0x182 missing; its node 2 is present' in out

@@ -125,9 +125,11 @@ class Layout:
 
     def harmonic_deviation(self, angles: Array, vector: Array) -> tuple[Array, Array]:
         """Return reading minus angle by the harmonics, (n, N), rad, and its slope by the angle."""
-        deviation = slope = np.zeros(self.sensors)
+        deviation = slope = 0.0 * angles + np.zeros(self.sensors)
         for order, (cosine, sine) in enumerate(
                 (each.T for each in self.harmonics(vector)), 1):
+            if not (cosine.any() or sine.any()):
+                continue
             c, s = np.cos(order * angles), np.sin(order * angles)
             deviation = deviation + cosine * c + sine * s
             slope = slope + order * (sine * c - cosine * s)

@@ -26,9 +26,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from spm_haptic_master.exceptions import UnreachableError
-from spm_haptic_master.kinematics import Geometry, inverse, jacobian, measured_angles
+from spm_haptic_master.kinematics import Geometry, jacobian, measured_angles
 from spm_haptic_master.kinematics.checks import WorkingMode
-from spm_haptic_master.kinematics.inverse_model import velocity_rows
+from spm_haptic_master.kinematics.inverse_model import batch_angles, velocity_rows
 from spm_haptic_master.kinematics.number_backends import Array, FLOATS, MODE_BOUNDARY, Quaternion
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion, wrapped
 
@@ -60,7 +60,7 @@ class Parities(NamedTuple):
 def sensor_angles(rotation: Array, geometry: Geometry, working_mode: WorkingMode,
                   sensors: int) -> Array:
     """Return the angles of the sensors' joints, rad, (n, N); NaN out of reach."""
-    found = inverse(rotation, geometry, working_mode)
+    found = batch_angles(rotation, geometry, working_mode)
     return np.column_stack(
         [found.theta1, found.theta3a, found.theta3b, found.theta3c])[:, :sensors]
 
