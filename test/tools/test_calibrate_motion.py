@@ -113,7 +113,7 @@ def test_a_capture_or_poses_of_a_jig_give_the_mounting_of_both_ends(
                 tmp_path / f'{row}.log', [message for number in range(150) for message in cycle(
                     number, calibration.readings.readings[row], RAW)])]
     by_capture = read_parameters(output)
-    assert run(*given, '--force', *poses) == 0, capsys.readouterr().err
+    assert run(*given, '--force', '-p', 'replay.rate:=20.0', *poses) == 0, capsys.readouterr().err
     for found, tolerance in ((by_capture, 0.05), (read_parameters(output), 0.3)):
         for name, rotation in (('base', base), ('handle', handle)):
             expected = np.degrees(kinematics.zxz_from_matrix(rotation))

@@ -62,10 +62,9 @@ def test_the_lines_of_a_scan_are_a_rig_file_for_all_programs(run, encoders):
         reader, writer = os.pipe()
         with open(writer, 'w') as pipe:
             pipe.write(out.partition('lines for rig.yaml')[2].partition('\n')[2])
-        code = can_scan.main(['can_scan', '--params-file', f'/dev/fd/{reader}', '--start',
-                              '--seconds', '0.3'])
+        assert can_scan.main(['can_scan', '--params-file', f'/dev/fd/{reader}', '--start',
+                              '--seconds', '0.3']) == 0
     os.close(reader)
-    assert code == 0
 
 
 def test_encoders_that_do_not_answer_are_counted(run, encoders, monkeypatch):
