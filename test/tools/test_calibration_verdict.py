@@ -33,6 +33,7 @@ def fkm(calibrated, monkeypatch):
 def test_a_limit_is_supported_from_the_least_one_on(found, fkm):
     least = verdict.least_alert_limit(found, fkm())
     assert 1.0 < least < 30.0 and least in verdict.ALERT_LIMITS_DEG
+    assert [*verdict.ALERT_LIMITS_DEG] == sorted(set(verdict.ALERT_LIMITS_DEG))
     with pytest.raises(CalibrationError) as caught:
         verdict.supported(found, fkm())
     # It begins with what to do, and names the limit that is accepted.
