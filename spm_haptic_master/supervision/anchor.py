@@ -11,7 +11,7 @@ does, because the other orientation contradicts the angles once the device has m
 
 from __future__ import annotations
 
-from math import pi, radians, sin
+from math import pi, radians, sin, sqrt
 
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.kinematics.rotations import rotation_distance
@@ -29,14 +29,20 @@ CONFIRMING_TURN = radians(5.0)
 
 class Anchor:
     """
-    The last consistent orientation; `speed` is the human motion limit of the rotation, rad/s.
+    The last consistent orientation, which the next one has to continue.
 
-    `stamp` is its time, ns; None before the first. It is `confirmed` to be of the right solution
-    once it has moved consistently, or continues one that had.
+    `speed` is the human motion limit of the rotation, rad/s, and `sigma` the largest standard
+    deviation of a sensor, rad. `stamp` is the orientation's time, ns; None if there is none that
+    the next one could continue. It is `confirmed` to be of the right solution once it has moved
+    consistently, or continues one that had.
     """
 
-    def __init__(self, speed: float) -> None:
+    def __init__(self, speed: float, sigma: float) -> None:
         self._speed, self.confirmed = speed, False
+        # Largest total deviation of an orientation that another may continue, rad. Where two
+        # solutions meet, the noise turns each by sigma over half the angle between them: that
+        # half has to be as many deviations as may continue a motion.
+        self._largest = sqrt(sigma / TURN_DEVIATIONS)
         self.stamp: int | None = None
         self._quaternion: Quaternion[float] | None = None
         # Where the motion began that has to confirm the solution.
@@ -67,12 +73,20 @@ class Anchor:
         return Symptom(Reason.DISCONTINUOUS, f'{rotation_distance(quaternion, last):.3f} rad off '
                        f'the last one, limit {reach:.3f}')
 
-    def follow(self, stamp: int, quaternion: Quaternion[float]) -> Quaternion[float]:
-        """Let the next orientation continue this one; return it, continuous in sign."""
+    def follow(self, stamp: int, quaternion: Quaternion[float],
+               deviation: float) -> Quaternion[float]:
+        """
+        Let the next orientation continue this one; return it, continuous in sign.
+
+        None continues it where its total deviation, rad, is so large that two solutions may meet.
+        """
         last = self._quaternion or quaternion
         x, y, z, w = quaternion
         if x * last[0] + y * last[1] + z * last[2] + w * last[3] < 0.0:
             quaternion = -x, -y, -z, -w
+        if deviation > self._largest:
+            self.stamp = None
+            return quaternion
         if self._origin is None or not within(quaternion, last, SAME_SOLUTION):
             self.confirmed, self._origin = False, quaternion
         elif not self.confirmed:

@@ -13,7 +13,7 @@ from spm_haptic_master.exceptions import AmbiguousError, SingularityError, SpmEr
 from spm_haptic_master.kinematics import rotations
 from spm_haptic_master.kinematics.assembly_modes import track_mode
 from spm_haptic_master.kinematics.closed_form import theta3a_quaternion
-from spm_haptic_master.kinematics.estimation.estimates import estimate_sample
+from spm_haptic_master.kinematics.estimation.estimates import estimate_sample, other_parity
 from spm_haptic_master.kinematics.estimation.gauss_newton import (
     DETERMINED_DEVIATION,
     SampleEstimate,
@@ -27,7 +27,7 @@ from spm_haptic_master.parameters.fkm import Limits
 from spm_haptic_master.supervision.anchor import SAME_SOLUTION, TURN_DEVIATIONS, within
 from spm_haptic_master.supervision.parity import padded, Parity, ParityWindow
 from spm_haptic_master.supervision.protection import Integrity, integrity, MISSED_DETECTION
-from spm_haptic_master.supervision.symptom import Reason, Severity, Symptom
+from spm_haptic_master.supervision.symptom import Reason, Severity, Symptom, withheld
 
 # Readings of four, five or six sensors, rad: th1A, th1B, th1C, th3A, th3B, th3C.
 Angles: TypeAlias = tuple[float, ...]
@@ -84,6 +84,10 @@ class Solver:
                                    f'four sensors, limit {limit:.4f}')
         return estimate._replace(quaternion=other.quaternion, covariance=other.covariance,
                                  determined=other.determined), apart
+
+    def other_parity(self, found: SampleEstimate, angles: Angles) -> float:
+        """Return the parity of the best orientation but the one `found`; inf if it is alone."""
+        return other_parity(found, angles, self._geometry, self._working_mode)
 
     def _case_2(self, angles: Angles, estimate: SampleEstimate) -> SampleEstimate:
         """Return the orientation of Case 2 with the covariance of its own gains."""
@@ -154,13 +158,16 @@ class SensorSet:
 
     def take(self, sample: Sample) -> Symptom | None:
         """Solve a sample; return what contradicts it. Sensors that are not in use are ignored."""
+        if not self.entries and sample.prior is None:
+            self.estimate = self.worth = None
+            return withheld(Reason.UNDETERMINED, 'three sensors need the last orientation')
         try:
             estimate, apart = self._solver.solve(sample.angles, self.sensors, sample.prior)
         except SpmError as error:
             self.estimate = self.worth = None
             if isinstance(error, AmbiguousError):
                 # Two solutions meet, which happens to healthy sensors.
-                return Symptom(Reason.UNDETERMINED, str(error), severity=Severity.WITHHOLD)
+                return withheld(Reason.UNDETERMINED, str(error))
             return Symptom(Reason.NO_FIT, str(error))
         self.estimate = estimate
         worth = integrity(estimate, sample.bias, sample.factors)
@@ -170,7 +177,16 @@ class SensorSet:
         self.worth = worth
         if not self.entries:
             return None
-        return self._window.check(sample.stamp, estimate.parity_vector, worth.noise, worth.bias)
+        symptom = self._window.check(
+            sample.stamp, estimate.parity_vector, worth.noise, worth.bias)
+        if symptom is None and sample.prior is None:
+            # A first orientation, which the next ones continue, has to be the only one.
+            other = self._solver.other_parity(estimate, sample.angles)
+            limit = self._window.limit(worth.noise, worth.bias)
+            if other <= limit:
+                return withheld(Reason.UNDETERMINED, 'another one fits, with a parity of '
+                                f'{other:.1f} sigma, limit {limit:.1f}')
+        return symptom
 
     def levels(self, worth: Integrity) -> list[float]:
         """Return each mounted sensor's part of the protection level, rad; inf if unchecked."""

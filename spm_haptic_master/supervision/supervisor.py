@@ -108,7 +108,7 @@ class Supervisor:
         self._clock = SampleClock()
         self.joints = JointMonitors(sigma, limits)
         self._sensors = SensorsInUse(solver, sigma, limits)
-        self._anchor = Anchor(limits.joint_speed)
+        self._anchor = Anchor(limits.joint_speed, max(sigma))
         self._exposure = Exposure(len(sigma), limits.window)
         self.latch = FaultLatch(self._sensors, self.joints, limits.recovery)
         self._state = StateMachine()
@@ -188,12 +188,10 @@ class Supervisor:
                 symptom = self._anchor.check(sample.stamp, estimate.quaternion, worth.deviation)
         if symptom is None:
             return
-        if symptom.reason in (Reason.NO_FIT, Reason.DISCONTINUOUS) and last is not None \
+        if symptom.reason is Reason.NO_FIT and last is not None \
                 and sample.stamp - last <= PRIOR_AGE:
-            # Followed past what the sensors determine: no evidence against one of them.
+            # Where the sensors determine nothing it is no evidence against one of them.
             symptom = withheld(Reason.UNDETERMINED, symptom.detail)
-            if estimate is not None:
-                self._anchor.restart()
         symptoms.append(symptom)
 
     def _jumps(self, is_gap: bool) -> list[Symptom]:
@@ -215,12 +213,13 @@ class Supervisor:
         latch.note_consistent()
         if estimate is None or worth is None or not estimate.determined:
             self._undetermined = stamp
+            self._anchor.restart()
             self._exposure.interrupt()
             return self._withhold(stamp, withheld(
                 Reason.UNDETERMINED, f'standard deviation above {DETERMINED_DEVIATION:g} rad'))
-        if worth.deviation > self._limits.deviation:
+        quaternion = self._anchor.follow(stamp, estimate.quaternion, worth.deviation)
+        if self._anchor.stamp is None:
             self._undetermined = stamp
-        quaternion = self._anchor.follow(stamp, estimate.quaternion)
         # A fault of one sensor with which all fit another orientation needs a single parity.
         right = self._anchor.confirmed or used.entries > 1
         parts = self.parts = used.levels(worth)

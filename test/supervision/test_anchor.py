@@ -10,8 +10,8 @@ from spm_haptic_master.supervision.anchor import Anchor
 from spm_haptic_master.supervision.symptom import Reason
 
 MS = 1_000_000
-# Human motion limit, rad/s, and total deviation of an orientation, rad.
-SPEED, DEVIATION = 20.0, 1e-3
+# Human motion limit, rad/s, total deviation of an orientation and that of a sensor, rad.
+SPEED, DEVIATION, SIGMA = 20.0, 1e-3, 7e-4
 
 
 def turned(angle):
@@ -22,9 +22,9 @@ def turned(angle):
 
 def after(*angles):
     """Return an anchor that has followed angles, deg, a millisecond apart, and its time, ns."""
-    anchor = Anchor(SPEED)
+    anchor = Anchor(SPEED, SIGMA)
     for index, angle in enumerate(angles):
-        anchor.follow(index * MS, turned(angle))
+        anchor.follow(index * MS, turned(angle), DEVIATION)
     return anchor, (len(angles) - 1) * MS
 
 
@@ -34,13 +34,13 @@ def swept(first, last, steps=100):
 
 def test_a_quaternion_never_changes_its_sign():
     """Neither over two turns nor after a restart, whichever sign the solver finds."""
-    anchor, last = Anchor(1e9), None
+    anchor, last = Anchor(1e9, SIGMA), None
     for index, angle in enumerate(range(0, 720, 15)):
         if index % 7 == 6:
             anchor.restart()
         found = turned(angle % 360 if index % 2 else angle % 360 - 360)
         assert anchor.check(index * MS, found, DEVIATION) is None
-        quaternion = anchor.follow(index * MS, found)
+        quaternion = anchor.follow(index * MS, found, DEVIATION)
         assert quaternion in (found, tuple(-each for each in found))
         if last is not None:
             assert sum(one * other for one, other in zip(quaternion, last, strict=True)) > 0.9
@@ -74,10 +74,20 @@ def test_another_solution_has_to_be_confirmed_again_and_the_same_has_not():
         anchor, now = after(*swept(20.0, 26.0))
         if restarts:
             anchor.restart()
-        anchor.follow(now + 200 * MS, turned(35.0))
+        anchor.follow(now + 200 * MS, turned(35.0), DEVIATION)
         assert anchor.confirmed
     for index, angle in enumerate(swept(64.0, 68.9)):
-        anchor.follow(now + (301 + index) * MS, turned(angle))
+        anchor.follow(now + (301 + index) * MS, turned(angle), DEVIATION)
         assert not anchor.confirmed
-    anchor.follow(now + 500 * MS, turned(69.1))
+    anchor.follow(now + 500 * MS, turned(69.1), DEVIATION)
     assert anchor.confirmed
+
+
+def test_no_orientation_continues_one_where_two_solutions_may_meet():
+    """Half their angle is the sensors' noise over the deviation: six deviations at least."""
+    largest = (SIGMA / 6.0) ** 0.5
+    for deviation, leads in ((0.99 * largest, True), (1.01 * largest, False)):
+        anchor, now = after(*swept(20.0, 26.0))
+        anchor.follow(now + MS, turned(27.0), deviation)
+        assert (anchor.prior(now + 2 * MS) is not None) == leads
+        assert anchor.confirmed

@@ -24,6 +24,28 @@ def test_a_rival_in_another_working_mode_is_never_taken():
     assert found.published.mean() > 0.99
 
 
+@pytest.mark.parametrize('seed', [1, 2])
+def test_past_a_place_where_two_solutions_meet_the_right_one_is_published(seed):
+    """At the rim healthy angles fit two; the wrong one was followed, and published 27 deg off."""
+    tilt, azimuth, phi = (np.interp(np.arange(1200), np.arange(7) * 200, each) for each in (
+        [25.0, 29.0, 30.0, 30.0, 28.3, 25.9, 23.0],
+        [-114.0, -114.7, -115.0, -114.3, -112.4, -108.9, -103.8],
+        [-24.0, -20.9, -19.7, -20.4, -22.8, -26.5, -31.0]))
+    rotations = kinematics.workspace_pose(*map(np.radians, (tilt, azimuth, phi)))
+    found = run(rotations, seed=seed, alert_limit_deg=3.0)
+    assert found.within_level and found.published[-150:].all()
+    assert not any('fault' in state or 'undetermined' in state for state in found.states)
+
+
+@pytest.mark.parametrize('error', [0.0, 0.13, 0.2])
+def test_a_start_where_two_solutions_fit_is_silent(error):
+    """With one sensor off by 0.13 deg the wrong one fitted better: 49 deg off, and healthy."""
+    rotations = np.repeat(
+        kinematics.workspace_pose(*np.radians([30.0, 220.0, -49.0]))[None], 200, 0)
+    found = run(rotations, change=offset(0, 1, error))
+    assert found.states == ['starting', 'silent: orientation not determined']
+
+
 def other_offsets(pose):
     """Return offsets of th3A, rad, with which all four angles fit another orientation."""
     joints = kinematics.inverse(pose)

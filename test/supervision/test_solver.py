@@ -52,6 +52,20 @@ def test_every_method_finds_the_pose(method, phi):
         assert 0.0 < total_deviation(estimate) < radians(0.2)
 
 
+def test_the_other_orientation_that_fits_best_is_found_with_its_parity():
+    solver = Solver(kinematics.Geometry(), SIGMA)
+    truth, angles = pose(-49.0, 30.0, 220.0)
+    found = solved(angles, truth)[0]
+    other = next(other for mode in kinematics.forward_all(np.array(angles[:3]))
+                 if rotation_distance((other := solved(
+                     angles, tuple(kinematics.quaternion_from_matrix(mode)))[0]).quaternion,
+                     truth) > 0.1)
+    assert solver.other_parity(found, angles) == pytest.approx(abs(other.parity), abs=1e-4)
+    assert solver.other_parity(other, angles) == pytest.approx(0.0, abs=1e-4)
+    _, angles = pose(20.0)
+    assert solver.other_parity(solved(angles)[0], angles) > 1000.0
+
+
 @pytest.mark.parametrize('place', [(30.0, 10.0, 30.0), (0.0, 25.0, 115.0)])
 def test_theta3a_has_the_covariance_of_the_closed_form(place):
     """Up to five times that of the estimate at the workspace's edge."""

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass
-from math import atan2
+from math import atan2, inf, sqrt
 from typing import cast
 
 import numpy as np
@@ -66,8 +66,9 @@ AMBIGUOUS_COST = 9.0
 # Largest squared parity of a solution that may be the true one of healthy sensors (unit 1): 10
 # sigma, for the noise and a nominal bias of the size of the noise.
 CONSISTENT_COST = 100.0
-# Largest angle between two results of one solution (rad).
-SAME_SOLUTION = 1e-4
+# Largest angle between two results of one solution (rad), and between one and that of another
+# method or of a single step (its total standard deviation).
+SAME_SOLUTION, SAME_DEVIATIONS = 1e-4, 6.0
 
 
 def estimate_sample(readings: tuple[float, ...], sensors: UsedSensors, geometry: Geometry,
@@ -108,29 +109,60 @@ def _estimate_others(readings: tuple[float, ...], sensors: UsedSensors, g: Geome
                      prior: Quaternion[float] | None, working_mode: WorkingMode | None,
                      last_step: float) -> SampleEstimate:
     """Estimate from sensors of which Case 2 gives no start."""
-    known = tuple(readings[place] if place in sensors.used else None for place in range(6))
-    readings = tuple(
-        each if place in sensors.used else 0.0 for place, each in enumerate(readings))
-
-    def fit_from(start: State[float], largest_last: float) -> SampleEstimate:
-        th1a, _, th3a, th1b, th1c = start
-        return fit(start, linkage(th1a, th1b, th1c, th3a, g, FLOATS), readings, sensors, g,
-                   working_mode, largest_last)
-
+    known, readings = _used_readings(readings, sensors)
     if sensors.count == FEWEST_USED:
         if prior is None:
             raise InputError('prior = None: expected an orientation with three sensors in use')
-        return fit_from(start_at(rotation_from_quaternion(*prior), known, g), CONVERGED_STEP)
-    start = trusted_start(known, sensors.largest, g)
-    if start is not None:
-        return fit_from(start, last_step)
-    solutions = []
-    for start in possible_starts(known, g):
-        with suppress(SingularityError, UnreachableError):
-            solutions.append(fit_from(start, CONVERGED_STEP))
+        start = start_at(rotation_from_quaternion(*prior), known, g)
+        return _fit_from(start, readings, sensors, g, working_mode)
+    trusted = trusted_start(known, sensors.largest, g)
+    if trusted is not None:
+        return _fit_from(trusted, readings, sensors, g, working_mode, last_step)
+    solutions = _solutions(known, readings, sensors, g, working_mode)
     if not solutions:
         raise UnreachableError(f'readings {readings} rad: no mechanism closes near them')
     return _selected(solutions, readings, prior)
+
+
+def other_parity(found: SampleEstimate, readings: tuple[float, ...], geometry: Geometry,
+                 working_mode: WorkingMode | None = None) -> float:
+    """
+    Return the parity (unit 1) of the best orientation of a sample but the one `found`.
+
+    Infinite if there is no other. `readings`, of which four at least are in use, and the rest are
+    as of `estimate_sample`; it takes as long as tens of estimates.
+    """
+    known, readings = _used_readings(readings, found.sensors)
+    solutions = _solutions(known, readings, found.sensors, geometry, working_mode)
+    covariance = found.covariance
+    near = SAME_DEVIATIONS * sqrt(covariance[0] + covariance[4] + covariance[8])
+    return min((sqrt(_cost(each)) for each in solutions
+                if rotation_distance(each.quaternion, found.quaternion) > near), default=inf)
+
+
+def _used_readings(readings: tuple[float, ...], sensors: UsedSensors) -> tuple[
+        tuple[float | None, ...], tuple[float, ...]]:
+    """Return six readings, None of a sensor that is not in use, and N, 0 of such a sensor."""
+    known = tuple(readings[place] if place in sensors.used else None for place in range(6))
+    return known, tuple(each or 0.0 for each in known[:len(readings)])
+
+
+def _solutions(known: tuple[float | None, ...], readings: tuple[float, ...], sensors: UsedSensors,
+               g: Geometry, working_mode: WorkingMode | None) -> list[SampleEstimate]:
+    """Return every orientation near which readings fit, some of them twice."""
+    solutions = []
+    for start in possible_starts(known, g):
+        with suppress(SingularityError, UnreachableError):
+            solutions.append(_fit_from(start, readings, sensors, g, working_mode))
+    return solutions
+
+
+def _fit_from(start: State[float], readings: tuple[float, ...], sensors: UsedSensors, g: Geometry,
+              working_mode: WorkingMode | None,
+              last_step: float = CONVERGED_STEP) -> SampleEstimate:
+    th1a, _, th3a, th1b, th1c = start
+    return fit(start, linkage(th1a, th1b, th1c, th3a, g, FLOATS), readings, sensors, g,
+               working_mode, last_step)
 
 
 def _selected(solutions: list[SampleEstimate], readings: tuple[float, ...],
