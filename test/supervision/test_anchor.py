@@ -74,6 +74,7 @@ def test_another_solution_has_to_be_confirmed_again_and_the_same_has_not():
         anchor, now = after(*swept(20.0, 26.0))
         if restarts:
             anchor.restart()
+        assert (anchor.prior(now) is None) == restarts
         anchor.follow(now + 200 * MS, turned(35.0), DEVIATION)
         assert anchor.confirmed
     for index, angle in enumerate(swept(64.0, 68.9)):

@@ -3,6 +3,7 @@
 
 """A latched fault: its words, when it is over, who clears it, and which sensor is faulty."""
 
+from device import SINGULAR
 import numpy as np
 import pytest
 from rig import NAMES, Rig
@@ -72,6 +73,13 @@ def test_two_that_jumped_and_stay_wait_for_a_person_and_then_for_the_recovery():
     assert until_healthy(rig) is None
     assert rig.supervisor.latch.acknowledge() and not rig.supervisor.latch.acknowledge()
     assert 100 <= until_healthy(rig) <= 125
+
+
+def test_after_an_acknowledgement_it_lasts_until_the_others_see_every_sensor():
+    rig = Rig(pose=(0.0, 0.0, SINGULAR), recovery=RECOVERY, alert_limit_deg=2.0)
+    rig.samples(100, th1a=2.0, th1b=-2.0)
+    assert rig.supervisor.latch.acknowledge()
+    assert until_healthy(rig, th1a=2.0, th1b=-2.0) is None
 
 
 def test_two_that_jumped_back_need_no_person():

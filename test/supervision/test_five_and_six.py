@@ -65,7 +65,7 @@ def test_six_go_on_within_20_ms_without_one_that_is_stuck(motion, sensor):
 
 
 @pytest.mark.parametrize(('growth', 'sensor'), few(
-    [(0.5, 1.0, 1.8), (2.0, 0.001, 0.5)], SENSORS, count=2))
+    [(0.35, 1.0, 1.8), (2.0, 0.001, 0.5)], SENSORS, count=2))
 def test_one_of_six_that_grows_noisy_is_excluded(growth, sensor):
     """Within a second, or at once."""
     size, slow, seconds = growth

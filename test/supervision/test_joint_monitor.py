@@ -88,6 +88,16 @@ def test_the_lag_is_what_an_acceleration_moves_a_joint_off_its_prediction(period
     assert moved == pytest.approx(1e-4 * lag(periods), rel=1e-3)
 
 
+def test_after_five_periods_without_a_reading_the_velocity_is_set_anew():
+    for periods, forgotten in ((5, False), (6, True)):
+        monitor = joint()
+        for index in range(100):
+            monitor.follow(0.002 * index, DT, DT, 0.0)
+        monitor.follow(0.2, periods * DT, DT, 0.0)
+        monitor.follow(0.198, DT, DT, 0.0)
+        assert (monitor.velocity == pytest.approx(-2.0)) == forgotten
+
+
 # What leaves it -----------------------------------------------------------------------------
 
 def test_two_readings_set_the_motion_and_no_human_moves_faster_than_the_second():
