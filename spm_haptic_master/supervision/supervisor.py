@@ -188,10 +188,13 @@ class Supervisor:
                 symptom = self._anchor.check(sample.stamp, estimate.quaternion, worth.deviation)
         if symptom is None:
             return
-        if symptom.reason is Reason.NO_FIT and last is not None \
+        if symptom.reason is Reason.UNDETERMINED:
+            self._undetermined = sample.stamp
+        elif symptom.reason in (Reason.NO_FIT, Reason.DISCONTINUOUS) and last is not None \
                 and sample.stamp - last <= PRIOR_AGE:
             # Where the sensors determine nothing it is no evidence against one of them.
             symptom = withheld(Reason.UNDETERMINED, symptom.detail)
+            self._anchor.restart()
         symptoms.append(symptom)
 
     def _jumps(self, is_gap: bool) -> list[Symptom]:

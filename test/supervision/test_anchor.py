@@ -85,8 +85,8 @@ def test_another_solution_has_to_be_confirmed_again_and_the_same_has_not():
 
 
 def test_no_orientation_continues_one_where_two_solutions_may_meet():
-    """Half their angle is the sensors' noise over the deviation: six deviations at least."""
-    largest = (SIGMA / 6.0) ** 0.5
+    """Half their angle is a quarter of the sensors' noise over the deviation: six of these."""
+    largest = (0.25 * SIGMA / 6.0) ** 0.5
     for deviation, leads in ((0.99 * largest, True), (1.01 * largest, False)):
         anchor, now = after(*swept(20.0, 26.0))
         anchor.follow(now + MS, turned(27.0), deviation)
