@@ -2,7 +2,7 @@
 #                      and beside it the device in a browser (VIEW=0: not)
 # make teleop          have a simulated surgeon lead a simulated slave, and print a summary
 # make style           run ruff and mypy
-# make lint            run ruff, mypy, ament_flake8, ament_pep257 and ament_copyright
+# make lint            run ruff, mypy, ament_flake8 and ament_pep257
 # make quick           run the tests without processes, builds and long computations
 # make noble           run them with the library versions of Ubuntu 24.04
 # make test            run the tests of what users rely on (TESTS=test/encoders: of one folder)

@@ -16,10 +16,7 @@ NEEDED = {
     '2.4.0': {'skip_ROS_bridge': True, 'align_MTM': False, 'MTM_is_haptic': False,
               '$id': 'dvrk-system.schema.json', '$version': '1'},
     '2.3.1': {'skip-ros-bridge': True, 'align-mtm': False}}
-
-
-def page(name):
-    return (ROOT / 'docs' / name).read_text(encoding='utf-8')
+SLAVE_PAGE = (ROOT / 'docs' / 'slave.md').read_text(encoding='utf-8')
 
 
 def objects(name, value):
@@ -47,11 +44,11 @@ def test_the_master_of_a_release_of_dvrk_speaks_nobody_moves_it_and_it_is_the_ar
     name = component['constructor-arg']['Name']
     assert arm['name'] == arm['component'] == arm['interface'] == name
     (pair,) = [each for key, each in found if key in ('teleop_PSMs', 'psm-teleops')]
-    assert name in pair.values() and f'namespace:={name} ' in page('slave.md')
+    assert name in pair.values() and f'namespace:={name} ' in SLAVE_PAGE
 
 
 def test_moveit_servo_moves_and_turns_about_the_tool():
-    section = page('slave.md').partition('## MoveIt Servo\n')[2].partition('\n## ')[0]
+    section = SLAVE_PAGE.partition('## MoveIt Servo\n')[2].partition('\n## ')[0]
     parameters = yaml.safe_load(re.search(r'```yaml\n(.+?)```', section, re.DOTALL)[1])
     assert parameters['command_in_type'] == 'speed_units'
     assert parameters['apply_twist_commands_about_ee_frame'] is True

@@ -19,10 +19,9 @@ def chosen(rate, stamps, sample_rate=1000.0):
     return [stamp for stamp in stamps if grid.is_due(stamp)]
 
 
-@pytest.mark.parametrize('rate', [0.0, 1000.0, 5000.0])
-def test_every_sample(rate):
+def test_every_sample():
     stamps = [BEGIN + k * MS for k in range(50)]
-    assert chosen(rate, stamps) == stamps
+    assert all(chosen(rate, stamps) == stamps for rate in (0.0, 1000.0, 5000.0))
 
 
 @pytest.mark.parametrize('rate', [10.0, 200.0, 333.0, 999.0])

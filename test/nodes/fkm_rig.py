@@ -12,34 +12,30 @@ from harness import stamp
 from in_process import Hosted, hosted
 import numpy as np
 from sensor_msgs.msg import JointState
-from spm_haptic_master.kinematics import (
-    inverse,
-    matrix_from_quaternion,
-    matrix_from_zxz,
-    workspace_pose,
-)
+from spm_haptic_master import kinematics
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.nodes.fkm import Fkm
 
-POSE = matrix_from_zxz(*np.radians([130.0, 50.0, 30.0]))
+POSE = kinematics.matrix_from_zxz(*np.radians([130.0, 50.0, 30.0]))
 # Time between two samples (s).
 PERIOD = 0.005
 
 
 def angles(rotation: np.ndarray = POSE, sensors: int = 4) -> list[float]:
     """Return what the sensors read at a pose, rad."""
-    joints = inverse(rotation)
+    joints = kinematics.inverse(rotation)
     return [*map(float, joints.theta1), *map(float, (
         joints.theta3a, joints.theta3b, joints.theta3c)[:sensors - 3])]
 
 
 # What four sensors read far from the singularity.
-CLEAR = angles(workspace_pose(0.0, 0.0, np.radians(20.0)))
+CLEAR = angles(kinematics.workspace_pose(0.0, 0.0, np.radians(20.0)))
 
 
 def matrix(quaternion: object) -> np.ndarray:
     """Return the rotation matrix of a message's quaternion."""
-    return matrix_from_quaternion([quaternion.x, quaternion.y, quaternion.z, quaternion.w])
+    return kinematics.matrix_from_quaternion(
+        [quaternion.x, quaternion.y, quaternion.z, quaternion.w])
 
 
 class FkmRig:

@@ -11,12 +11,7 @@ from in_process import hosted
 import numpy as np
 import pytest
 from rclpy.parameter import Parameter
-from spm_haptic_master.kinematics import (
-    Geometry,
-    matrix_from_quaternion,
-    matrix_from_zxz,
-    quaternion_from_matrix,
-)
+from spm_haptic_master import kinematics
 from spm_haptic_master.kinematics.joints import MECHANISM_JOINT_NAMES
 from spm_haptic_master.kinematics.workspace import nearness
 from spm_haptic_master.nodes.diagnostics import Diagnostics, Levels
@@ -54,8 +49,9 @@ def test_two_minutes_of_a_healthy_device_are_ok(trajectory):
     """The fourth sensor copes with the singularity, which the message reports all the same."""
     along, crossings = Levels(complete(DIAGNOSTICS_SETTINGS, {})), set()
     for seconds in np.arange(0.0, 120.0, 0.4):
-        quaternion = quaternion_from_matrix(matrix_from_zxz(*trajectory(seconds)))
-        found = nearness(tuple(quaternion.tolist()), Geometry(), (1, 1, 1))
+        quaternion = kinematics.quaternion_from_matrix(
+            kinematics.matrix_from_zxz(*trajectory(seconds)))
+        found = nearness(tuple(quaternion.tolist()), kinematics.Geometry(), (1, 1, 1))
         crossings.add(along.take(found.three, found.every))
         assert along.level == OK, seconds
     assert len(crossings) == 3
@@ -71,7 +67,8 @@ def orientation(quaternion, when):
 
 def turned(phi):
     """Return the quaternion of the centre of the workspace, turned by phi, deg."""
-    return quaternion_from_matrix(matrix_from_zxz(*np.radians([135.0, 54.7356, phi])))
+    return kinematics.quaternion_from_matrix(
+        kinematics.matrix_from_zxz(*np.radians([135.0, 54.7356, phi])))
 
 
 @pytest.fixture
@@ -180,7 +177,7 @@ def test_all_nine_joints_are_those_of_the_orientation():
             # Each leg carries the platform there: by formulas of the tests' own.
             for k in range(3):
                 carried = built.chain(k, *message.position[3 * k:3 * k + 3])
-                assert np.abs(carried - matrix_from_quaternion(quaternion)).max() < 1e-9
+                assert np.abs(carried - kinematics.matrix_from_quaternion(quaternion)).max() < 1e-9
         host.subscribed = lambda topic: topic != 'joint_states'
         shown = len(host.sent['joint_states'])
         host.give('orientation', orientation(mounting.mounted(quaternion), when))

@@ -90,5 +90,4 @@ def test_no_orientation_continues_one_where_two_solutions_may_meet():
     for deviation, leads in ((0.99 * largest, True), (1.01 * largest, False)):
         anchor, now = after(*swept(20.0, 26.0))
         anchor.follow(now + MS, turned(27.0), deviation)
-        assert (anchor.prior(now + 2 * MS) is not None) == leads
-        assert anchor.confirmed
+        assert (anchor.prior(now + 2 * MS) is not None) == leads and anchor.confirmed

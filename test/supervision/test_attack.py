@@ -126,8 +126,6 @@ def test_two_of_four_that_jump_and_cancel_wait_for_an_acknowledgement(kind, rate
     assert found.states[-1] == 'silent: joint_1a and joint_1b jumped, to be acknowledged'
 
 
-# Unchecked ------------------------------------------------------------------------------------
-
 @pytest.mark.parametrize('drift', [True, False])
 def test_what_nobody_can_see_at_the_singularity_is_declared(drift):
     def change(angles):

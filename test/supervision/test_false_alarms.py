@@ -177,8 +177,6 @@ def test_after_an_interference_orientations_come_again_by_themselves(sensors, ki
         assert outcome.published[-100:].all(), seed
 
 
-# Noise ----------------------------------------------------------------------------------------
-
 def test_noise_beyond_the_alert_limit_is_silent_and_blames_no_sensor_for_jumping():
     outcome = device.run('turning', noise=0.3)
     assert outcome.published[1000:].mean() < 0.01

@@ -29,8 +29,6 @@ def missing(first, last, *sensors):
     return change
 
 
-# Five -----------------------------------------------------------------------------------------
-
 @pytest.mark.parametrize(('fault', 'sensor'), few([
     ('singular', offset, 1.0), ('crossing', ramp, 10.0), ('through', stuck)], (3, 4)))
 def test_five_are_silent_where_four_see_nothing(fault, sensor):

@@ -162,8 +162,6 @@ def test_a_slow_encoder_is_on_its_motion_and_the_age_of_its_reading_is_known(eve
         assert (seen['velocity'][-1], seen['since'][-1]) == (0.0, 0.0)
 
 
-# Noise --------------------------------------------------------------------------------------
-
 @pytest.mark.parametrize(('noise', 'speed'), [(0.02, 0.0), (0.04, 0.2), (0.08, 0.2)])
 def test_the_noise_is_measured_at_rest_and_in_a_slow_motion(noise, speed):
     monitor, measured = joint(radians(0.08)), []
@@ -173,8 +171,6 @@ def test_the_noise_is_measured_at_rest_and_in_a_slow_motion(noise, speed):
     assert np.mean(measured[2000:]) == pytest.approx(radians(noise), rel=0.04)
     assert np.std(measured[2000:]) < 0.1 * radians(noise)
 
-
-# Equal readings -----------------------------------------------------------------------------
 
 def test_equal_readings_mean_something_of_a_noisy_sensor_only():
     """A quiet one rests on one count, a slow encoder repeats its readings."""

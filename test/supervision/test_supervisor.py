@@ -114,15 +114,11 @@ def test_th3a_stuck_at_the_singularity_is_frozen_or_declared_unchecked(noise):
         assert outcome.states[-1].startswith('silent')
 
 
-# Cleared --------------------------------------------------------------------------------------
-
 def test_a_fault_that_the_parity_cannot_show_is_not_cleared():
     outcome = run('singular', seconds=1.5, change=offset(500, 3, 2.0), recovery=0.5)
     assert not outcome.published[500:].any()
     assert 'joint_3a jumped' in outcome.states[-1]
 
-
-# Other methods --------------------------------------------------------------------------------
 
 @pytest.mark.parametrize('speed', [pytest.param(30.0, marks=pytest.mark.evidence), 150.0])
 def test_classic_never_follows_the_wrong_mode(speed):

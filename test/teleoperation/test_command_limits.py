@@ -8,19 +8,8 @@ import random
 
 import numpy as np
 import pytest
-from spm_haptic_master.kinematics.rotations import (
-    conjugate,
-    multiply_quaternions,
-    quaternion_from_vector,
-    rotation_distance,
-    vector_from_quaternion,
-)
-from spm_haptic_master.teleoperation.command_limits import (
-    CommandLimits,
-    FadingTwist,
-    LimitedRotation,
-    unit_quaternion,
-)
+from spm_haptic_master.kinematics import rotations
+from spm_haptic_master.teleoperation import command_limits
 
 IDENTITY = (0.0, 0.0, 0.0, 1.0)
 # Period of the command (s).
@@ -29,17 +18,18 @@ DT = 0.005
 
 def at_rest(acceleration=40.0, slews=True):
     """Return a command at rest, with limits that a slow hand does not reach."""
-    return LimitedRotation(CommandLimits(
+    return command_limits.LimitedRotation(command_limits.CommandLimits(
         speed=6.0, acceleration=acceleration, jump=radians(5.0), slews=slews, longest=2.0 * DT),
         IDENTITY)
 
 
 def test_single_precision_is_a_rotation_and_what_is_none_is_refused():
     given = tuple(map(float, np.float32([0.5, 0.5, 0.5, 0.500001])))
-    assert sum(c * c for c in unit_quaternion(given)) == pytest.approx(1.0, abs=1e-15)
+    found = command_limits.unit_quaternion(given)
+    assert sum(c * c for c in found) == pytest.approx(1.0, abs=1e-15)
     for values in ((0.0, 0.0, 0.0, 0.0), (nan, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0, float('inf')),
                    (1e200, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.01)):
-        assert unit_quaternion(values) is None
+        assert command_limits.unit_quaternion(values) is None
 
 
 @pytest.mark.parametrize('seed', range(20))
@@ -47,29 +37,31 @@ def test_no_limits_rates_and_gaps_make_the_command_break_one(seed):
     """By the rotations alone; where no motion is within the limits, it says so and stays."""
     generator = random.Random(seed)
     period = 1.0 / generator.choice([20.0, 100.0, 200.0, 500.0, 1000.0])
-    limits = CommandLimits(
+    limits = command_limits.CommandLimits(
         speed=generator.uniform(0.1, 10.0), acceleration=10.0 ** generator.uniform(-1.0, 5.0),
         jump=radians(10.0 ** generator.uniform(-1.5, 1.5)), slews=True, longest=2.0 * period)
-    command, velocity = LimitedRotation(limits, IDENTITY), np.zeros(3)
+    command, velocity = command_limits.LimitedRotation(limits, IDENTITY), np.zeros(3)
     moved = False
     for _ in range(40):
         axis = np.array([generator.gauss(0.0, 1.0) for _ in range(3)])
         rate = generator.choice([0.0, 0.3, 3.0, 30.0]) * axis / np.linalg.norm(axis)
         target = command.rotation if generator.random() < 0.7 \
-            else quaternion_from_vector(*(generator.uniform(-1.5, 1.5) for _ in range(3)))
+            else rotations.quaternion_from_vector(
+                *(generator.uniform(-1.5, 1.5) for _ in range(3)))
         for _ in range(generator.randint(1, 60)):
             dt = period * generator.choice([1.0, 1.0, 1.0, 0.8, 1.0, 1.0, 2.0, 4.0, 20.0])
-            target = multiply_quaternions(quaternion_from_vector(*rate * dt), target)
+            target = rotations.multiply_quaternions(
+                rotations.quaternion_from_vector(*rate * dt), target)
             before = command.rotation
             broken = command.advance(target, dt)
             if broken:
                 least = np.linalg.norm(velocity) - limits.acceleration * dt
                 assert broken == 'jump' and least * dt > limits.jump * (1.0 - 1e-6)
                 assert command.rotation == before
-                command, velocity = LimitedRotation(limits, before), np.zeros(3)
+                command, velocity = command_limits.LimitedRotation(limits, before), np.zeros(3)
                 continue
-            now = np.array(vector_from_quaternion(*multiply_quaternions(
-                command.rotation, conjugate(before)))) / dt
+            now = np.array(rotations.vector_from_quaternion(*rotations.multiply_quaternions(
+                command.rotation, rotations.conjugate(before)))) / dt
             moved = moved or now.any()
             assert np.linalg.norm(now) <= limits.speed * (1.0 + 1e-6) + 1e-9
             assert np.linalg.norm(now) * dt <= limits.jump * (1.0 + 1e-6) + 1e-9
@@ -81,7 +73,7 @@ def test_no_limits_rates_and_gaps_make_the_command_break_one(seed):
         # It arrives, and stands.
         for _ in range(round(5.0 / period)):
             command.advance(target, period)
-        assert rotation_distance(command.rotation, target) < 1e-9
+        assert rotations.rotation_distance(command.rotation, target) < 1e-9
         assert np.linalg.norm(command.velocity) < 1e-6
 
 
@@ -89,8 +81,8 @@ def test_no_limits_rates_and_gaps_make_the_command_break_one(seed):
 def test_a_target_that_stands_is_met_without_overshoot(angle):
     command, turned = at_rest(), []
     for _ in range(1000):
-        command.advance(quaternion_from_vector(0.0, 0.0, angle), DT)
-        turned.append(vector_from_quaternion(*command.rotation)[2])
+        command.advance(rotations.quaternion_from_vector(0.0, 0.0, angle), DT)
+        turned.append(rotations.vector_from_quaternion(*command.rotation)[2])
     assert turned[-1] == pytest.approx(angle, abs=1e-12)
     assert np.all(np.diff(turned) >= -1e-12)
 
@@ -99,17 +91,17 @@ def test_a_target_that_moves_is_caught_up_with():
     """As fast as the acceleration allows: no lag stays, however long it has been behind."""
     command, behind = at_rest(), []
     for k in range(400):
-        target = quaternion_from_vector(0.0, 0.0, 0.3 + 2.0 * DT * k)
+        target = rotations.quaternion_from_vector(0.0, 0.0, 0.3 + 2.0 * DT * k)
         command.advance(target, DT)
-        behind.append(rotation_distance(command.rotation, target))
+        behind.append(rotations.rotation_distance(command.rotation, target))
     assert min(behind[:20]) > 0.1
     assert max(behind[100:]) < 1e-12
 
 
 def test_a_pause_is_no_step():
     command = at_rest(500.0)
-    assert command.advance(quaternion_from_vector(2.0, 0.0, 0.0), 10.0) == ''
-    assert rotation_distance(command.rotation, IDENTITY) <= 6.0 * 2.0 * DT
+    assert command.advance(rotations.quaternion_from_vector(2.0, 0.0, 0.0), 10.0) == ''
+    assert rotations.rotation_distance(command.rotation, IDENTITY) <= 6.0 * 2.0 * DT
 
 
 @pytest.mark.parametrize(('vector', 'dt', 'broken'), [
@@ -117,13 +109,13 @@ def test_a_pause_is_no_step():
     ((0.0, 0.0, 0.02), DT, 'acceleration')])
 def test_a_broken_limit_is_named_and_the_command_stays(vector, dt, broken):
     command = at_rest(500.0, slews=False)
-    assert command.advance(quaternion_from_vector(*vector), dt) == broken
+    assert command.advance(rotations.quaternion_from_vector(*vector), dt) == broken
     assert command.rotation == IDENTITY and command.velocity == (0.0, 0.0, 0.0)
-    assert command.advance(quaternion_from_vector(0.0, 0.01, 0.0), DT) == ''
+    assert command.advance(rotations.quaternion_from_vector(0.0, 0.01, 0.0), DT) == ''
 
 
 def test_a_twist_ends_at_zero_and_stops():
-    twist = FadingTwist(acceleration=100.0, zeros=3)
+    twist = command_limits.FadingTwist(acceleration=100.0, zeros=3)
     assert twist.fade(DT) is None
     assert twist.follow((0.0, 0.2, 0.0), DT) == (0.0, 0.2, 0.0)
     for _ in range(2):
@@ -139,7 +131,7 @@ def test_a_twist_ends_at_zero_and_stops():
 
 
 def test_a_twist_ends_soon_however_small_the_acceleration():
-    twist = FadingTwist(acceleration=2.0, zeros=1)
+    twist = command_limits.FadingTwist(acceleration=2.0, zeros=1)
     while twist.follow((0.0, 0.0, 3.0), 0.1)[2] < 3.0:
         pass
     turned, steps = 0.0, 0
