@@ -157,7 +157,9 @@ def trusted_start(readings: tuple[float | None, ...], largest: float,
             key=lambda turn: abs(turn[2]))
         if abs(determinant) > CLOSED_FORM_TRUST * largest:
             th2 = math.atan2(sine * determinant, cosine * determinant)
-            return start_at(_carried_by(leg, first, th2, third), readings, g)
+            # The noise may carry another leg beyond its reach.
+            with suppress(UnreachableError):
+                return start_at(_carried_by(leg, first, th2, third), readings, g)
     return None
 
 

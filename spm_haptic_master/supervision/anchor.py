@@ -19,9 +19,10 @@ from spm_haptic_master.supervision.symptom import Reason, Symptom
 
 PRIOR_AGE = 100_000_000  # ns, at which an orientation no longer selects among solutions
 TURN_DEVIATIONS = 6.0  # that an orientation may be from the last one, beside human motion
-# Least product of the deviation of a solution that meets another, and half the angle between them,
-# over that of a sensor (rad): 0.27 to 1.3 in random poses to a tilt of 45 deg.
-MEETING = 0.25
+# Change of a reading over the square of half the angle between two solutions, where they meet
+# (1 / rad): 0.4 to 1.9 in random poses to a tilt of 45 deg. A sensor's sigma turns each of them by
+# sigma over the angle between them and this.
+FOLD = 2.0
 # Largest turn from the last followed orientation to one that is the same solution (rad): another
 # solution of an offset that the parity can see is further away.
 SAME_SOLUTION = radians(10.0)
@@ -34,17 +35,17 @@ class Anchor:
     """
     The last consistent orientation, which the next one has to continue.
 
-    `speed` is the human motion limit of the rotation, rad/s, and `sigma` the largest standard
-    deviation of a sensor, rad. `stamp` is the orientation's time, ns; None if there is none that
+    `speed` is the human motion limit of the rotation, rad/s; `sigma` and `bias` are the largest
+    standard deviation and nominal bias of a sensor, rad. `stamp` is the orientation's time, ns; None if there is none that
     the next one could continue. It is `confirmed` to be of the right solution once it has moved
     consistently, or continues one that had.
     """
 
-    def __init__(self, speed: float, sigma: float) -> None:
+    def __init__(self, speed: float, sigma: float, bias: float) -> None:
         self._speed, self.confirmed = speed, False
-        # Largest total deviation of an orientation that another may continue, rad. Half the angle
-        # between two solutions that meet has to be as many deviations as may continue a motion.
-        self._largest = sqrt(MEETING * sigma / TURN_DEVIATIONS)
+        # Largest total deviation of an orientation that another may continue, rad: neither noise
+        # nor bias of a sensor takes it to where two solutions meet.
+        self._largest = 0.5 * sigma / sqrt(FOLD * (TURN_DEVIATIONS * sigma + bias))
         self.stamp: int | None = None
         self._quaternion: Quaternion[float] | None = None
         # Where the motion began that has to confirm the solution.
@@ -86,14 +87,12 @@ class Anchor:
         x, y, z, w = quaternion
         if x * last[0] + y * last[1] + z * last[2] + w * last[3] < 0.0:
             quaternion = -x, -y, -z, -w
-        if deviation > self._largest:
-            self.stamp = None
-            return quaternion
         if self._origin is None or not within(quaternion, last, SAME_SOLUTION):
             self.confirmed, self._origin = False, quaternion
-        elif not self.confirmed:
+        elif not self.confirmed and TURN_DEVIATIONS * deviation < CONFIRMING_TURN:
             self.confirmed = not within(quaternion, self._origin, CONFIRMING_TURN)
-        self.stamp, self._quaternion = stamp, quaternion
+        self.stamp = stamp if deviation <= self._largest else None
+        self._quaternion = quaternion
         return quaternion
 
 

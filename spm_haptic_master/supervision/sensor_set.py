@@ -6,14 +6,18 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from math import degrees, inf, sqrt
+from math import degrees, hypot, inf, pi, sqrt
 from typing import NamedTuple, TypeAlias
 
 from spm_haptic_master.exceptions import AmbiguousError, SingularityError, SpmError
 from spm_haptic_master.kinematics import rotations
 from spm_haptic_master.kinematics.assembly_modes import track_mode
 from spm_haptic_master.kinematics.closed_form import theta3a_quaternion
-from spm_haptic_master.kinematics.estimation.estimates import estimate_sample, other_parity
+from spm_haptic_master.kinematics.estimation.estimates import (
+    CONSISTENT,
+    estimate_sample,
+    other_solutions,
+)
 from spm_haptic_master.kinematics.estimation.gauss_newton import (
     DETERMINED_DEVIATION,
     SampleEstimate,
@@ -24,7 +28,7 @@ from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
 from spm_haptic_master.kinematics.joints import UsedSensors
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.parameters.fkm import Limits
-from spm_haptic_master.supervision.anchor import SAME_SOLUTION, TURN_DEVIATIONS, within
+from spm_haptic_master.supervision.anchor import FOLD, SAME_SOLUTION, TURN_DEVIATIONS, within
 from spm_haptic_master.supervision.parity import padded, Parity, ParityWindow
 from spm_haptic_master.supervision.protection import Integrity, integrity, MISSED_DETECTION
 from spm_haptic_master.supervision.symptom import Reason, Severity, Symptom, withheld
@@ -51,16 +55,20 @@ class Solver:
 
     `sigma` are the standard deviations of the N sensors th1A, th1B, th1C, th3A, th3B, th3C, rad;
     `method` is one of `METHODS`; `working_mode` has the signs of B_kk of the legs A, B, C (eq.
-    10); a solution in another working mode is rejected.
+    10); a solution in another working mode is rejected. `bias` are the nominal biases of the
+    sensors, rad: the last orientation selects among solutions that they and the noise allow.
     """
 
     def __init__(self, geometry: Geometry, sigma: tuple[float, ...],
                  method: str = 'estimate',
-                 working_mode: tuple[int, int, int] = RIG_WORKING_MODE):
+                 working_mode: tuple[int, int, int] = RIG_WORKING_MODE,
+                 bias: tuple[float, ...] = ()):
         self._geometry, self._working_mode = geometry, working_mode
         self._sigma, self._method = sigma, method
         self._active = UsedSensors(sigma[:4], (TH3A,))
         self._last_step = sqrt(REMAINDER * min(sigma))
+        self._consistent = CONSISTENT + hypot(
+            *(each / deviation for each, deviation in zip(bias, sigma, strict=False)))
 
     def solve(self, angles: Angles, sensors: UsedSensors,
               prior: Quaternion[float] | None) -> tuple[SampleEstimate, float]:
@@ -72,7 +80,8 @@ class Solver:
         angles determine no orientation, or only in another working mode, or methods disagree.
         """
         estimate = estimate_sample(
-            angles, sensors, self._geometry, prior, self._working_mode, self._last_step)
+            angles, sensors, self._geometry, prior, self._working_mode, self._last_step,
+            self._consistent)
         if self._method == 'estimate' or not sensors.usual:
             return estimate, 0.0
         other = self._case_2(angles, estimate) if self._method == 'theta3a' else \
@@ -85,9 +94,9 @@ class Solver:
         return estimate._replace(quaternion=other.quaternion, covariance=other.covariance,
                                  determined=other.determined), apart
 
-    def other_parity(self, found: SampleEstimate, angles: Angles) -> float:
-        """Return the parity of the best orientation but the one `found`; inf if it is alone."""
-        return other_parity(found, angles, self._geometry, self._working_mode)
+    def others(self, found: SampleEstimate, angles: Angles) -> list[SampleEstimate]:
+        """Return the solutions of a sample but the one `found`."""
+        return other_solutions(found, angles, self._geometry, self._working_mode)
 
     def _case_2(self, angles: Angles, estimate: SampleEstimate) -> SampleEstimate:
         """Return the orientation of Case 2 with the covariance of its own gains."""
@@ -177,16 +186,26 @@ class SensorSet:
         self.worth = worth
         if not self.entries:
             return None
-        symptom = self._window.check(
-            sample.stamp, estimate.parity_vector, worth.noise, worth.bias)
-        if symptom is None and sample.prior is None:
-            # A first orientation, which the next ones continue, has to be the only one.
-            other = self._solver.other_parity(estimate, sample.angles)
-            limit = self._window.limit(worth.noise, worth.bias)
-            if other <= limit:
+        return self._window.check(
+            sample.stamp, estimate.parity_vector, worth.noise, worth.bias) or self._rival(
+                sample, estimate, worth)
+
+    def _rival(self, sample: Sample, estimate: SampleEstimate, worth: Integrity) -> Symptom | None:
+        """Return that another solution fits, which may continue the last orientation as well."""
+        prior, limit = sample.prior, self._window.limit(worth.noise, worth.bias)
+        turn = pi
+        if prior is not None and sample.followed is not None:
+            turn = self._speed * (sample.stamp - sample.followed) * 1e-9
+            reach = turn + TURN_DEVIATIONS * worth.deviation
+            if FOLD * worth.deviation * reach < self.sensors.largest:
+                return None
+        for other in self._solver.others(estimate, sample.angles):
+            parity = hypot(*other.parity_vector)
+            if parity <= limit and (prior is None or within(
+                    other.quaternion, prior, turn + TURN_DEVIATIONS * total_deviation(other))):
                 return withheld(Reason.UNDETERMINED, 'another one fits, with a parity of '
-                                f'{other:.1f} sigma, limit {limit:.1f}')
-        return symptom
+                                f'{parity:.1f} sigma, limit {limit:.1f}')
+        return None
 
     def levels(self, worth: Integrity) -> list[float]:
         """Return each mounted sensor's part of the protection level, rad; inf if unchecked."""

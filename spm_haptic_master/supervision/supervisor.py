@@ -108,7 +108,7 @@ class Supervisor:
         self._clock = SampleClock()
         self.joints = JointMonitors(sigma, limits)
         self._sensors = SensorsInUse(solver, sigma, limits)
-        self._anchor = Anchor(limits.joint_speed, max(sigma))
+        self._anchor = Anchor(limits.joint_speed, max(sigma), max(limits.bias))
         self._exposure = Exposure(len(sigma), limits.window)
         self.latch = FaultLatch(self._sensors, self.joints, limits.recovery)
         self._state = StateMachine()
@@ -292,5 +292,6 @@ class Supervisor:
 def make_supervisor(values: Values) -> Supervisor:
     """Return the supervisor that checked settings describe; SettingError as `limits_from`."""
     limits, sigma = limits_from(values), sigma_from(values)
-    solver = Solver(geometry_from(values), sigma, values['solver'], values['working_mode'])
+    solver = Solver(geometry_from(values), sigma, values['solver'], values['working_mode'],
+                    limits.bias)
     return Supervisor(solver, sigma, limits)

@@ -11,7 +11,7 @@ from spm_haptic_master.supervision.symptom import Reason
 
 MS = 1_000_000
 # Human motion limit, rad/s, total deviation of an orientation and that of a sensor, rad.
-SPEED, DEVIATION, SIGMA = 20.0, 1e-3, 7e-4
+SPEED, DEVIATION, SIGMA, BIAS = 20.0, 1e-3, 7e-4, 9e-4
 
 
 def turned(angle):
@@ -22,7 +22,7 @@ def turned(angle):
 
 def after(*angles):
     """Return an anchor that has followed angles, deg, a millisecond apart, and its time, ns."""
-    anchor = Anchor(SPEED, SIGMA)
+    anchor = Anchor(SPEED, SIGMA, BIAS)
     for index, angle in enumerate(angles):
         anchor.follow(index * MS, turned(angle), DEVIATION)
     return anchor, (len(angles) - 1) * MS
@@ -34,7 +34,7 @@ def swept(first, last, steps=100):
 
 def test_a_quaternion_never_changes_its_sign():
     """Neither over two turns nor after a restart, whichever sign the solver finds."""
-    anchor, last = Anchor(1e9, SIGMA), None
+    anchor, last = Anchor(1e9, SIGMA, BIAS), None
     for index, angle in enumerate(range(0, 720, 15)):
         if index % 7 == 6:
             anchor.restart()
@@ -85,9 +85,14 @@ def test_another_solution_has_to_be_confirmed_again_and_the_same_has_not():
 
 
 def test_no_orientation_continues_one_where_two_solutions_may_meet():
-    """Half their angle is a quarter of the sensors' noise over the deviation: six of these."""
-    largest = (0.25 * SIGMA / 6.0) ** 0.5
+    """That is where six standard deviations and the bias of a sensor take it."""
+    largest = 0.5 * SIGMA / (2.0 * (6.0 * SIGMA + BIAS)) ** 0.5
     for deviation, leads in ((0.99 * largest, True), (1.01 * largest, False)):
         anchor, now = after(*swept(20.0, 26.0))
         anchor.follow(now + MS, turned(27.0), deviation)
         assert (anchor.prior(now + 2 * MS) is not None) == leads and anchor.confirmed
+    # Nor does its noise confirm anything.
+    anchor = Anchor(SPEED, SIGMA, BIAS)
+    for index in range(100):
+        anchor.follow(index * MS, turned(6.0 * (index % 2)), radians(1.0))
+    assert not anchor.confirmed

@@ -3,7 +3,11 @@
 
 """Wrong orientations that were once published, and what attacks on it looked for."""
 
+import csv
+import gzip
+
 from device import about, encoders, every, offset, Outcome, random_pose, run
+from harness import ROOT
 import numpy as np
 import pytest
 from rig import few
@@ -24,17 +28,20 @@ def test_a_rival_in_another_working_mode_is_never_taken():
     assert found.published.mean() > 0.99
 
 
-@pytest.mark.parametrize('seed', [1, 2])
-def test_past_a_place_where_two_solutions_meet_the_right_one_is_published(seed):
-    """At the rim healthy angles fit two; the wrong one was followed, and published 27 deg off."""
-    tilt, azimuth, phi = (np.interp(np.arange(1200), np.arange(7) * 200, each) for each in (
-        [25.0, 29.0, 30.0, 30.0, 28.3, 25.9, 23.0],
-        [-114.0, -114.7, -115.0, -114.3, -112.4, -108.9, -103.8],
-        [-24.0, -20.9, -19.7, -20.4, -22.8, -26.5, -31.0]))
-    rotations = kinematics.workspace_pose(*map(np.radians, (tilt, azimuth, phi)))
-    found = run(rotations, seed=seed, alert_limit_deg=3.0)
-    assert found.within_level and found.published[-150:].all()
-    assert not any('fault' in state or 'undetermined' in state for state in found.states)
+@pytest.mark.parametrize(('case', 'settings'), [
+    ('slowly', {'alert_limit_deg': 3.0}), ('100 Hz', {'alert_limit_deg': 3.0}), ('pause', {}),
+    ('fine encoders', {'sigma_deg': [0.01] * 4}), ('four of five', {'sensors': 5})])
+def test_healthy_angles_that_fit_two_orientations_are_no_fault_and_never_the_wrong_one(
+        case, settings):
+    """Past where two solutions meet, at the rim: 8 to 27 deg off was followed and published."""
+    with gzip.open(ROOT / 'test/data/supervision/rim.csv.gz', 'rt') as file:
+        rows = np.array([row[1:] for row in csv.reader(file) if row[0] == case])
+    sensors = settings.get('sensors', 4)
+    readings = np.where(rows == '', 'nan', rows)[:, 1:1 + sensors].astype(float)
+    found = Outcome(kinematics.matrix_from_quaternion(rows[:, 6:].astype(float)), readings,
+                    rows[:, 0].astype(np.int64), **settings)
+    assert found.published.any() and found.within_level
+    assert not [state for state in found.states if 'undetermined' in state or 'fits' in state]
 
 
 @pytest.mark.parametrize('error', [0.0, 0.13, 0.2])

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass
-from math import atan2, inf, sqrt
+from math import atan2, sqrt
 from typing import cast
 
 import numpy as np
@@ -63,9 +63,9 @@ CONSISTENT_PARITY = 7.0
 # Largest difference of the squared parities of two solutions that explain the readings equally
 # well (unit 1): 3 sigma.
 AMBIGUOUS_COST = 9.0
-# Largest squared parity of a solution that may be the true one of healthy sensors (unit 1): 10
-# sigma, for the noise and a nominal bias of the size of the noise.
-CONSISTENT_COST = 100.0
+# Largest parity of a solution that may be the true one of healthy sensors (unit 1): the noise and
+# a nominal bias of the size of the noise.
+CONSISTENT = 10.0
 # Largest angle between two results of one solution (rad), and between one and that of another
 # method or of a single step (its total standard deviation).
 SAME_SOLUTION, SAME_DEVIATIONS = 1e-4, 6.0
@@ -74,15 +74,16 @@ SAME_SOLUTION, SAME_DEVIATIONS = 1e-4, 6.0
 def estimate_sample(readings: tuple[float, ...], sensors: UsedSensors, geometry: Geometry,
                     prior: Quaternion[float] | None = None,
                     working_mode: WorkingMode | None = None,
-                    last_step: float = CONVERGED_STEP) -> SampleEstimate:
+                    last_step: float = CONVERGED_STEP,
+                    consistent: float = CONSISTENT) -> SampleEstimate:
     """
     Maximum-likelihood orientation of one sample in plain floats, for the 1 kHz path.
 
     Nothing is validated. `readings` are finite numbers of the N mounted sensors th1A, th1B, th1C,
     th3A, th3B, th3C, rad; a sensor that is left out may have NaN.
 
-    `prior`, the quaternion x, y, z, w of the last orientation, selects among solutions that the
-    readings do not contradict by more than 10 sigma, and has no weight in the result. Three
+    `prior`, the quaternion x, y, z, w of the last orientation, selects among solutions with a
+    parity up to `consistent` (unit 1), and has no weight in the result. Three
     sensors require one (InputError); without th3A, not within 4 deg of the parallel singularity.
     `working_mode` are the signs of B_kk of the legs A, B, C (eq. 10); by default the readings
     decide. A leg without a sensor in use may have any. The last step is at most `last_step`, rad.
@@ -102,12 +103,13 @@ def estimate_sample(readings: tuple[float, ...], sensors: UsedSensors, geometry:
             return last_step > CONVERGED_STEP and one_step(
                 start, view, readings, sensors, geometry, working_mode, last_step) or fit(
                     start, view, readings, sensors, geometry, working_mode, last_step)
-    return _estimate_others(readings, sensors, geometry, prior, working_mode, last_step)
+    return _estimate_others(
+        readings, sensors, geometry, prior, working_mode, last_step, consistent)
 
 
 def _estimate_others(readings: tuple[float, ...], sensors: UsedSensors, g: Geometry,
                      prior: Quaternion[float] | None, working_mode: WorkingMode | None,
-                     last_step: float) -> SampleEstimate:
+                     last_step: float, consistent: float) -> SampleEstimate:
     """Estimate from sensors of which Case 2 gives no start."""
     known, readings = _used_readings(readings, sensors)
     if sensors.count == FEWEST_USED:
@@ -121,23 +123,22 @@ def _estimate_others(readings: tuple[float, ...], sensors: UsedSensors, g: Geome
     solutions = _solutions(known, readings, sensors, g, working_mode)
     if not solutions:
         raise UnreachableError(f'readings {readings} rad: no mechanism closes near them')
-    return _selected(solutions, readings, prior)
+    return _selected(solutions, readings, prior, consistent)
 
 
-def other_parity(found: SampleEstimate, readings: tuple[float, ...], geometry: Geometry,
-                 working_mode: WorkingMode | None = None) -> float:
+def other_solutions(found: SampleEstimate, readings: tuple[float, ...], geometry: Geometry,
+                    working_mode: WorkingMode | None = None) -> list[SampleEstimate]:
     """
-    Return the parity (unit 1) of the best orientation of a sample but the one `found`.
+    Return the solutions of a sample but the one `found`, some of them twice.
 
-    Infinite if there is no other. `readings`, of which four at least are in use, and the rest are
-    as of `estimate_sample`; it takes as long as tens of estimates.
+    `readings`, of which four at least are in use, and the rest are as of `estimate_sample`; it
+    takes as long as tens of estimates.
     """
     known, readings = _used_readings(readings, found.sensors)
-    solutions = _solutions(known, readings, found.sensors, geometry, working_mode)
     covariance = found.covariance
     near = SAME_DEVIATIONS * sqrt(covariance[0] + covariance[4] + covariance[8])
-    return min((sqrt(_cost(each)) for each in solutions
-                if rotation_distance(each.quaternion, found.quaternion) > near), default=inf)
+    return [each for each in _solutions(known, readings, found.sensors, geometry, working_mode)
+            if rotation_distance(each.quaternion, found.quaternion) > near]
 
 
 def _used_readings(readings: tuple[float, ...], sensors: UsedSensors) -> tuple[
@@ -166,13 +167,13 @@ def _fit_from(start: State[float], readings: tuple[float, ...], sensors: UsedSen
 
 
 def _selected(solutions: list[SampleEstimate], readings: tuple[float, ...],
-              prior: Quaternion[float] | None) -> SampleEstimate:
+              prior: Quaternion[float] | None, consistent: float) -> SampleEstimate:
     """Return the solution that explains the readings best, or that the prior selects."""
     solutions.sort(key=_cost)
     best = solutions[0]
     if prior is not None:
         # Noise alone may make either explain the readings better: the last orientation decides.
-        limit = max(CONSISTENT_COST, _cost(best) + AMBIGUOUS_COST)
+        limit = max(consistent * consistent, _cost(best) + AMBIGUOUS_COST)
         rivals = [solution for solution in solutions if _cost(solution) < limit]
         return min(rivals, key=lambda rival: rotation_distance(rival.quaternion, prior))
     rivals = [each for each in solutions if _cost(each) - _cost(best) < AMBIGUOUS_COST]
