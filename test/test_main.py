@@ -15,10 +15,6 @@ from spm_haptic_master.executables import EXECUTABLES, PIPELINE
 
 # Time that a busy machine may need for a program (s).
 PATIENCE = 60.0
-# What an installer writes as the script of an executable.
-SCRIPT = 'import sys; from spm_haptic_master.__main__ import {0}; sys.exit({0}())'
-# Nodes that have a source.
-SOURCES = ('master', 'encoder_driver')
 # Streams that are closed, as a shell closes them: stdout, stderr, all three.
 CLOSED = ('>&-', '2>&-', '<&- >&- 2>&-')
 
@@ -35,7 +31,8 @@ def test_closed_streams_change_nothing(observer, stack, names):
     orientations = observer.collect(QuaternionStamped, 'orientation')
     programs = [stack.enter_context(start_command([
         'sh', '-c', f'exec "$@" {CLOSED[-1]}', 'sh',
-        *executable(name, parameters={'rate': 200.0, **(SIM if name in SOURCES else {})})]))
+        *executable(name, parameters={'rate': 200.0, **(
+            SIM if name in ('master', 'encoder_driver') else {})})]))
         for name in reversed(names)]
     assert observer.spin_until(lambda: len(orientations) > 200, PATIENCE), \
         [program.stderr for program in programs]
@@ -76,7 +73,7 @@ def test_output_that_cannot_be_written_is_no_traceback(redirected):
 def test_a_missing_library_is_one_line_and_a_missing_module_a_traceback(name, missing, words):
     program = start_command([sys.executable, '-c',
                              f'import sys; sys.modules[{missing!r}] = None; '
-                             + SCRIPT.format(name)])
+                             f'from spm_haptic_master.__main__ import {name}; sys.exit({name}())'])
     assert program.wait(PATIENCE) == 1
     assert all(word in program.stderr for word in words), program.stderr
     # A module of the package that is missing is a bug.

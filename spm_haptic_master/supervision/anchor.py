@@ -36,9 +36,9 @@ class Anchor:
     The last consistent orientation, which the next one has to continue.
 
     `speed` is the human motion limit of the rotation, rad/s; `sigma` and `bias` are the largest
-    standard deviation and nominal bias of a sensor, rad. `stamp` is the orientation's time, ns; None if there is none that
-    the next one could continue. It is `confirmed` to be of the right solution once it has moved
-    consistently, or continues one that had.
+    standard deviation and nominal bias of a sensor, rad. `stamp` is the orientation's time, ns;
+    None if there is none that the next one could continue. It is `confirmed` to be of the right
+    solution once it has moved consistently, or continues one that had.
     """
 
     def __init__(self, speed: float, sigma: float, bias: float) -> None:

@@ -27,6 +27,7 @@ from readings import (
 from spm_haptic_master import kinematics
 from spm_haptic_master.exceptions import SingularityError, SpmError
 from spm_haptic_master.kinematics import leg_kernels
+from spm_haptic_master.kinematics.estimation.estimates import other_solutions
 from spm_haptic_master.kinematics.estimation.gauss_newton import fit, one_step
 from spm_haptic_master.kinematics.number_backends import FLOATS
 
@@ -212,6 +213,12 @@ def test_two_solutions_are_ambiguous_up_to_three_sigma(squared, ambiguous, selec
         assert angle_between(estimated(readings, sigma).rotation, R) < 1e-9
     found = estimated(readings, sigma, prior=prior)
     assert angle_between(found.rotation, rival.rotation if selectable else R) < 1e-6
+    arguments = tuple(readings), kinematics.UsedSensors((sigma,) * 4), PAPER
+    found = kinematics.estimate_sample(*arguments, quaternion(R))
+    others = other_solutions(found, tuple(readings), PAPER)
+    assert max(np.linalg.norm(rotated(each, rival.rotation)) for each in others) < 1e-6
+    other = kinematics.estimate_sample(*arguments, quaternion(prior), consistent=10.2)
+    assert np.linalg.norm(rotated(other, rival.rotation)) < 1e-6
 
 
 def test_a_prior_has_no_weight():

@@ -156,9 +156,6 @@ def test_a_session_is_as_recorded(monkeypatch, name):
         def fail(text):
             return give('simulation/fault', String, data=text)
 
-        def publish_twice():
-            host.publishers['/orientation'] = 'fkm', 'another'
-
         rig.run(10.0, {
             0.9: lambda: host.call('enable'), 1.0: give('joy', Joy, buttons=[1, 0]),
             1.2: lambda: host.call('~/enable'),
@@ -167,7 +164,8 @@ def test_a_session_is_as_recorded(monkeypatch, name):
             3.0: fail('offset:joint_1b=4'), 3.6: fail(''), 4.4: lambda: host.call('enable'),
             5.0: fail('dropout:joint_3a'), 5.5: fail(''),
             6.2: lambda: host.call('enable'), 6.6: lambda: host.pause(0.6),
-            7.6: publish_twice, 8.0: host.publishers.clear, 8.2: fail('melt:joint_1c'),
+            7.6: lambda: host.publishers.update({'/orientation': ('fkm', 'another')}),
+            8.0: host.publishers.clear, 8.2: fail('melt:joint_1c'),
             # What cannot be done is logged, and changes nothing.
             8.3: give('simulation/steer', Float64MultiArray, data=[1.0, 0.0, 0.0]),
             8.4: give('simulation/steer', Float64MultiArray, data=[1.0]),

@@ -31,8 +31,7 @@ def test_a_rival_in_another_working_mode_is_never_taken():
 @pytest.mark.parametrize(('case', 'settings'), [
     ('slowly', {'alert_limit_deg': 3.0}), ('100 Hz', {'alert_limit_deg': 3.0}), ('pause', {}),
     ('fine encoders', {'sigma_deg': [0.01] * 4}), ('four of five', {'sensors': 5})])
-def test_healthy_angles_that_fit_two_orientations_are_no_fault_and_never_the_wrong_one(
-        case, settings):
+def test_healthy_angles_that_fit_two_orientations_never_give_the_wrong_one(case, settings):
     """Past where two solutions meet, at the rim: 8 to 27 deg off was followed and published."""
     with gzip.open(ROOT / 'test/data/supervision/rim.csv.gz', 'rt') as file:
         rows = np.array([row[1:] for row in csv.reader(file) if row[0] == case])

@@ -52,20 +52,6 @@ def test_every_method_finds_the_pose(method, phi):
         assert 0.0 < total_deviation(estimate) < radians(0.2)
 
 
-def test_the_other_orientation_that_fits_best_is_found_with_its_parity():
-    solver = Solver(kinematics.Geometry(), SIGMA)
-    truth, angles = pose(-49.0, 30.0, 220.0)
-    found = solved(angles, truth)[0]
-    each = [solved(angles, tuple(kinematics.quaternion_from_matrix(mode)))[0]
-            for mode in kinematics.forward_all(np.array(angles[:3]))]
-    other = max(each, key=lambda one: rotation_distance(one.quaternion, truth))
-    assert {round(abs(one.parity), 3) for one in solver.others(found, angles)} == {
-        round(abs(other.parity), 3)}
-    assert min(abs(one.parity) for one in solver.others(other, angles)) < 1e-4
-    _, angles = pose(20.0)
-    assert solver.others(solved(angles)[0], angles) == []
-
-
 @pytest.mark.parametrize('place', [(30.0, 10.0, 30.0), (0.0, 25.0, 115.0)])
 def test_theta3a_has_the_covariance_of_the_closed_form(place):
     """Up to five times that of the estimate at the workspace's edge."""
