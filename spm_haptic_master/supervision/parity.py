@@ -34,7 +34,7 @@ class ParityWindow:
         self._threshold = threshold
         self._entries = entries
         self._window = round(window * 1e9)
-        self._parities: deque[tuple[int, float, float, float]] = deque()
+        self._parities: deque[tuple[int, float, float, float, float]] = deque()
         self.variance = 1.0
         self._learnt = LEARNT_SAMPLES
         self.restart()
@@ -71,17 +71,17 @@ class ParityWindow:
             return Symptom(
                 Reason.INCONSISTENT, f'parity {sqrt(square):.1f} sigma, limit {limit:.1f}')
         parities = self._parities
-        parities.append((stamp, x, y, z))
+        parities.append((stamp, x, y, z, bias))
         sum_x, sum_y, sum_z = self._x + x, self._y + y, self._z + z
         first = stamp - self._window
         while len(parities) > WINDOW_SAMPLES and parities[0][0] < first:
-            _, old_x, old_y, old_z = parities.popleft()
+            _, old_x, old_y, old_z, _ = parities.popleft()
             sum_x, sum_y, sum_z = sum_x - old_x, sum_y - old_y, sum_z - old_z
         self._x, self._y, self._z = sum_x, sum_y, sum_z
         self._since_summed += 1
         if self._since_summed >= SUMMED_SAMPLES:
             self._since_summed = 0
-            _, xs, ys, zs = zip(*parities, strict=True)
+            _, xs, ys, zs, _ = zip(*parities, strict=True)
             self._x, self._y, self._z = sum(xs), sum(ys), sum(zs)
         count = len(parities)
         self.root = sqrt(count if count > WINDOW_SAMPLES else WINDOW_SAMPLES)
@@ -92,6 +92,9 @@ class ParityWindow:
         self._follow_variance(x - sum_x, y - sum_y, z - sum_z)
         square = sum_x * sum_x + sum_y * sum_y + sum_z * sum_z
         limit = self._threshold * noise / sqrt(count) + bias
+        if not square <= limit * limit:
+            # The nominal biases of a moving device may do less to this sample than to the others.
+            limit += max(part * sum(each[4] for each in parities) - bias, 0.0)
         if not square <= limit * limit:
             return Symptom(Reason.DRIFTED, f'mean parity of {count} samples {sqrt(square):.2f} '
                            f'sigma, limit {limit:.2f}', severity=Severity.LATCH)
