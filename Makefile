@@ -79,10 +79,10 @@ evidence: .venv/test.stamp
 	.venv/bin/python -m pytest -rfEsP -m evidence $(TESTS) || [ $$? -eq 5 ]
 
 quick: .venv/test.stamp
-	$(ONE_THREAD) .venv/bin/python -m pytest -q -n auto -m '$(QUICK)' $(TESTS)
+	$(ONE_THREAD) .venv/bin/python -m pytest -q -n $(WORKERS) -m '$(QUICK)' $(TESTS)
 
 noble: .venv/noble.stamp
-	PYTHONPATH=.venv/noble .venv/bin/python -m pytest -q -n auto -m '$(QUICK)' $(TESTS)
+	PYTHONPATH=.venv/noble .venv/bin/python -m pytest -q -n $(WORKERS) -m '$(QUICK)' $(TESTS)
 
 style: .venv/lint.stamp
 	.venv/bin/ruff check .
