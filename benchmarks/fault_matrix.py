@@ -39,7 +39,6 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
 from geometry_msgs.msg import QuaternionStamped  # noqa: E402, I100
 from harness import Observer, stamp  # noqa: E402
 import numpy as np  # noqa: E402
-from recording import quaternions, rotation_angle  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from spm_haptic_master.kinematics import (  # noqa: E402
     inverse,
@@ -261,7 +260,11 @@ def evaluate(chain: Chain, cell: Cell) -> Found:
     out = np.array([stamp(message) for _, message in chain.orientations])
     t = (out - sampled[0]) * 1e-9
     true = quaternion_from_matrix(matrix_from_zxz(*np.radians(truth(place, t)).T))
-    error = rotation_angle(quaternions(chain.orientations), true)
+    got = np.array([[message.quaternion.x, message.quaternion.y, message.quaternion.z,
+                     message.quaternion.w] for _, message in chain.orientations])
+    # q and -q are the same orientation.
+    chord = np.minimum(*(np.linalg.norm(got - sign * true, axis=-1) for sign in (1, -1)))
+    error = np.degrees(4.0 * np.arcsin(np.minimum(chord / 2.0, 1.0)))
     during = (t >= begin) & (t < START + DURATION)
     # Samples of the fault without an orientation: the first of them is the detection.
     withheld = np.setdiff1d(

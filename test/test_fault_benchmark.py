@@ -7,9 +7,8 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache, partial
 
-from benchmarks import integrity, integrity_runs
+from benchmarks import fault_matrix, integrity, integrity_runs
 from benchmarks.integrity import fault_verdict, healthy_verdict, isolation_verdict, Outcome
-from harness import ROOT
 from paper import verdicts
 import pytest
 
@@ -89,8 +88,8 @@ def test_runs_have_a_verdict(verdict, given, found):
     assert verdict(*given) == found
 
 
-@pytest.mark.parametrize('name', ['simulated.md', 'chain.md'])
-def test_the_committed_pages_have_verdicts(name):
-    found = verdicts.read((ROOT / 'docs' / 'faults' / name).read_text(encoding='utf-8'))
+@pytest.mark.parametrize('page', [integrity.PAGE, fault_matrix.PAGE])
+def test_the_committed_pages_have_verdicts(page):
+    found = verdicts.read(page.read_text(encoding='utf-8'))
     assert found and not {'too late', 'beyond its level', 'another sensor excluded', 'alarms'} \
         & set(found.values())
