@@ -6,8 +6,8 @@
 import pytest
 from test_house import ROOT
 
-HEADER = ['# Copyright 2026 The spm_haptic_master maintainers',
-          '# SPDX-License-Identifier: Apache-2.0']
+HEADER = ('# Copyright 2026 The spm_haptic_master maintainers\n'
+          '# SPDX-License-Identifier: Apache-2.0\n')
 FOLDERS = ('spm_haptic_master', 'paper', 'study', 'benchmarks', 'docs', 'launch', 'test',
            'examples', 'release')
 
@@ -20,7 +20,7 @@ def files():
 
 def test_every_file_begins_with_copyright_and_licence():
     violations = [str(path.relative_to(ROOT)) for path in files()
-                  if path.read_text().splitlines()[:2] != HEADER]
+                  if not path.read_text().startswith(HEADER)]
     assert not violations, '\n'.join(violations)
 
 

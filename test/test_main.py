@@ -77,5 +77,5 @@ def test_a_missing_library_is_one_line_and_a_missing_module_a_traceback(name, mi
     assert program.wait(PATIENCE) == 1
     assert all(word in program.stderr for word in words), program.stderr
     # A module of the package that is missing is a bug.
-    is_bug = 'Traceback' in words
-    assert is_bug or program.stderr.startswith(f'{name}: ') and program.stderr.count('\n') == 1
+    assert 'Traceback' in words or (
+        program.stderr.startswith(f'{name}: ') and program.stderr.count('\n') == 1)

@@ -39,8 +39,7 @@ def test_the_master_of_a_release_of_dvrk_speaks_nobody_moves_it_and_it_is_the_ar
     (component,) = [each for name, each in found if name == 'components']
     assert component['shared-library'] == 'dvrk_arm_from_ros'
     assert component['class-name'] == 'dvrk_mtm_from_ros'
-    (arm,) = [each for name, each in found
-              if name == 'arms' and each['type'] == 'MTM_GENERIC']
+    (arm,) = [each for name, each in found if name == 'arms' and each['type'] == 'MTM_GENERIC']
     name = component['constructor-arg']['Name']
     assert arm['name'] == arm['component'] == arm['interface'] == name
     (pair,) = [each for key, each in found if key in ('teleop_PSMs', 'psm-teleops')]

@@ -59,7 +59,6 @@ def test_percentiles_are_of_the_latest_latencies_and_a_rate_of_the_latest_interv
     for k in random.Random(1).sample(range(WINDOW), WINDOW):
         meter.add(1000 * k)
     assert meter.percentiles(0.0, 0.5, 0.99, 1.0) == pytest.approx((0.0, 500.0, 990.0, 999.0))
-
     now = [10.0]
     monkeypatch.setattr(timing.time, 'monotonic', lambda: now[0])
     rate = RateMeter()

@@ -19,9 +19,9 @@ from spm_haptic_master.supervision.symptom import Reason, Symptom
 
 PRIOR_AGE = 100_000_000  # ns, at which an orientation no longer selects among solutions
 TURN_DEVIATIONS = 6.0  # that an orientation may be from the last one, beside human motion
-# Change of a reading over the square of half the angle between two solutions, where they meet
-# (1 / rad): 0.4 to 1.9 in random poses to a tilt of 45 deg. A sensor's sigma turns each of them by
-# sigma over the angle between them and this.
+# Change of a reading that moves two solutions apart from where they meet, over the square of half
+# the angle between them (1 / rad): 0.4 to 1.9 in random poses to a tilt of 45 deg. Noise of sigma
+# then turns each by sigma / (FOLD * the angle between them).
 FOLD = 2.0
 # Largest turn from the last followed orientation to one that is the same solution (rad): another
 # solution of an offset that the parity can see is further away.

@@ -112,9 +112,9 @@ def run(times: NDArray[np.int64], readings: NDArray[np.float64], values: Values,
     Run recorded samples through the supervision that checked settings describe.
 
     `times` (n,) are ns, `readings` (n, N) rad, `values` those of `FKM_SETTINGS`. `progress` is
-    called with the number of samples done, every `PROGRESS_SAMPLES`. After more than `withheld`
-    samples that are not published nothing more is. SettingError where settings contradict each
-    other.
+    called with the number of samples done, every `PROGRESS_SAMPLES`. The run stops after more
+    than `withheld` samples that are not published; the rest is not published. SettingError where
+    settings contradict each other.
     """
     supervisor, mounting = make_supervisor(values), mounting_from(values)
     n, sensors = readings.shape

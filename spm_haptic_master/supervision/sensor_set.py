@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from math import degrees, hypot, inf, pi, sqrt
+from operator import mul
 from typing import NamedTuple, TypeAlias
 
 from spm_haptic_master.exceptions import AmbiguousError, SingularityError, SpmError
@@ -148,6 +149,7 @@ class SensorSet:
     `sigma` are the standard deviations of the N mounted sensors, rad, `left_out` the places of
     those not in use. `entries` is the length of the parity vector. `estimate` is the orientation
     of the latest sample, `worth` what it is worth; None where the sensors determine none.
+    `deviation` is the total standard deviation by all sensors in use, whatever the method, rad.
     """
 
     def __init__(self, solver: Solver, sigma: tuple[float, ...], limits: Limits,
@@ -156,6 +158,7 @@ class SensorSet:
         self.entries = self.sensors.count - 3
         self.estimate: SampleEstimate | None = None
         self.worth: Integrity | None = None
+        self.deviation = inf
         self._solver, self._speed = solver, limits.joint_speed
         self._threshold = limits.threshold(max(self.entries, 1))
         self._reach = self._threshold + MISSED_DETECTION
@@ -180,9 +183,11 @@ class SensorSet:
             return Symptom(Reason.NO_FIT, str(error))
         self.estimate = estimate
         worth = integrity(estimate, sample.bias, sample.factors)
+        self.deviation = worth.deviation
         if apart:
             # Beside what a fault does to the orientation of all sensors.
             worth = worth._replace(healthy=worth.healthy + apart)
+            self.deviation = hypot(*map(mul, estimate.gain_sizes, self.sensors.sigma))
         self.worth = worth
         if not self.entries:
             return None
@@ -191,13 +196,13 @@ class SensorSet:
                 sample, estimate, worth)
 
     def _rival(self, sample: Sample, estimate: SampleEstimate, worth: Integrity) -> Symptom | None:
-        """Return that another solution fits, which may continue the last orientation as well."""
+        """Return a symptom if another solution fits that may continue the last orientation too."""
         prior, limit = sample.prior, self._window.limit(worth.noise, worth.bias)
         turn = pi
         if prior is not None and sample.followed is not None:
             turn = self._speed * (sample.stamp - sample.followed) * 1e-9
-            reach = turn + TURN_DEVIATIONS * worth.deviation
-            if FOLD * worth.deviation * reach < self.sensors.largest:
+            if FOLD * self.deviation * (turn + TURN_DEVIATIONS * self.deviation) \
+                    < self.sensors.largest:
                 return None
         for other in self._solver.others(estimate, sample.angles):
             parity = hypot(*other.parity_vector)

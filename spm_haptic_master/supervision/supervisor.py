@@ -220,8 +220,8 @@ class Supervisor:
             self._exposure.interrupt()
             return self._withhold(stamp, withheld(
                 Reason.UNDETERMINED, f'standard deviation above {DETERMINED_DEVIATION:g} rad'))
-        quaternion = self._anchor.follow(stamp, estimate.quaternion, worth.deviation)
-        if self._anchor.stamp is None:
+        quaternion = self._anchor.follow(stamp, estimate.quaternion, used.deviation)
+        if self._anchor.stamp is None or worth.deviation > self._limits.deviation:
             self._undetermined = stamp
         # A fault of one sensor with which all fit another orientation needs a single parity.
         right = self._anchor.confirmed or used.entries > 1

@@ -24,8 +24,7 @@ def test_a_rival_in_another_working_mode_is_never_taken():
     found = Outcome(np.broadcast_to(truth, (500, 3, 3)),
                     encoders(np.tile(pose, (500, 1)), bits=20), deviation_limit_deg=5.0,
                     alert_limit_deg=30.0)
-    assert np.nanmax(found.error) < 3.0
-    assert found.published.mean() > 0.99
+    assert np.nanmax(found.error) < 3.0 and found.published.mean() > 0.99
 
 
 @pytest.mark.parametrize(('case', 'settings'), [
@@ -36,8 +35,7 @@ def test_healthy_angles_that_fit_two_orientations_never_give_the_wrong_one(case,
     """Past where two solutions meet, at the rim: 8 to 27 deg off was followed and published."""
     with gzip.open(ROOT / 'test/data/supervision/rim.csv.gz', 'rt') as file:
         rows = np.array([row[1:] for row in csv.reader(file) if row[0] == case])
-    sensors = settings.get('sensors', 4)
-    readings = np.where(rows == '', 'nan', rows)[:, 1:1 + sensors].astype(float)
+    readings = np.where(rows == '', 'nan', rows)[:, 1:1 + settings.get('sensors', 4)].astype(float)
     found = Outcome(kinematics.matrix_from_quaternion(rows[:, 6:].astype(float)), readings,
                     rows[:, 0].astype(np.int64), **settings)
     assert found.published.any() and found.within_level
