@@ -85,6 +85,7 @@ noble: .venv/noble.stamp
 	PYTHONPATH=.venv/noble .venv/bin/python -m pytest -q -n $(WORKERS) -m '$(QUICK)' $(TESTS)
 
 style: .venv/lint.stamp
+	.venv/bin/ruff format --check .
 	.venv/bin/ruff check .
 	.venv/bin/mypy
 

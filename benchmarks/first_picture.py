@@ -98,8 +98,9 @@ def colours(jpeg: bytes) -> int:
     frame = Image.open(io.BytesIO(jpeg)).convert('RGB')
     width, height = frame.size
     left, upper, right, lower = PART
-    part = frame.crop((round(left * width), round(upper * height), round(right * width),
-                       round(lower * height)))
+    part = frame.crop(
+        (round(left * width), round(upper * height), round(right * width), round(lower * height))
+    )
     return len(part.getcolors(1 << 24) or ())
 
 
@@ -149,10 +150,10 @@ def device(page: Browser) -> tuple[float, float]:
         first = FirstOrientation()
         stack.callback(first.close)
         begun = time.time()
-        stack.enter_context(Program(executable(
-            'master', parameters={'source': 'sim', **scheduling_of_make_run()})))
-        view = stack.enter_context(Program(
-            executable('view', parameters={'view.port': 18380})))
+        stack.enter_context(
+            Program(executable('master', parameters={'source': 'sim', **scheduling_of_make_run()}))
+        )
+        view = stack.enter_context(Program(executable('view', parameters={'view.port': 18380})))
         drawn = picture_time(page, view)
         return first.at - begun, drawn - first.at
 
@@ -179,14 +180,19 @@ def main(args: Sequence[str] | None = None) -> int:
             orientation, picture = device(page)
         orientations.append(orientation)
         pictures.append(picture)
-        print(f'round {number} of {options.rounds}: first orientation {orientation:.2f} s after '
-              f'the start, first picture {picture:.2f} s after that; a ball {balls[-1]:.2f} s '
-              'after the start', flush=True)
+        print(
+            f'round {number} of {options.rounds}: first orientation {orientation:.2f} s after '
+            f'the start, first picture {picture:.2f} s after that; a ball {balls[-1]:.2f} s '
+            'after the start',
+            flush=True,
+        )
     late = sum(picture > LIMIT for picture in pictures)
     whole = median(o + p for o, p in zip(orientations, pictures, strict=True))
-    print(f'first picture {median(pictures):.2f} s after the first orientation (median; '
-          f'{min(pictures):.2f} .. {max(pictures):.2f}), later than {LIMIT:g} s: {late}; '
-          f'from the start {whole / median(balls):.2f} of what a ball takes')
+    print(
+        f'first picture {median(pictures):.2f} s after the first orientation (median; '
+        f'{min(pictures):.2f} .. {max(pictures):.2f}), later than {LIMIT:g} s: {late}; '
+        f'from the start {whole / median(balls):.2f} of what a ball takes'
+    )
     rclpy.shutdown()
     return 0
 

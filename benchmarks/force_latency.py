@@ -56,8 +56,13 @@ DISTURBED = 0.001
 # Time to wait for programs and states, s.
 PATIENCE = 60.0
 FORCE = {
-    'force.enabled': True, 'force.engaged_by': 'operating_state', 'force.damping': 0.0,
-    'force.wrench_timeout': 0.1, 'force.protection_limit_deg': 5.0, 'force.noise_limit': 100.0}
+    'force.enabled': True,
+    'force.engaged_by': 'operating_state',
+    'force.damping': 0.0,
+    'force.wrench_timeout': 0.1,
+    'force.protection_limit_deg': 5.0,
+    'force.noise_limit': 100.0,
+}
 POSE = {'sim.trajectory': 'fixed', 'sim.pose_deg': [130.0, 50.0, 20.0]}
 
 
@@ -71,14 +76,26 @@ def listen(channel: str, ends: Connection) -> None:
     frames: list[tuple[float, int]] = []
     wrenches: list[tuple[float, float]] = []
     bus = can.Bus(interface='udp_multicast', channel=channel)
-    reader = can.Notifier(bus, [lambda message: frames.append((
-        message.timestamp, int.from_bytes(message.data[2:4], 'little', signed=True)))
-        if message.arbitration_id == TORQUES else None])
+    reader = can.Notifier(
+        bus,
+        [
+            lambda message: (
+                frames.append(
+                    (message.timestamp, int.from_bytes(message.data[2:4], 'little', signed=True))
+                )
+                if message.arbitration_id == TORQUES
+                else None
+            )
+        ],
+    )
     rclpy.init()
     node = rclpy.create_node('bare_subscription')
     node.create_subscription(
-        WrenchStamped, 'servo_cf',
-        lambda message: wrenches.append((time.time(), message.wrench.torque.z)), 10)
+        WrenchStamped,
+        'servo_cf',
+        lambda message: wrenches.append((time.time(), message.wrench.torque.z)),
+        10,
+    )
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     while not ends.poll():
@@ -98,8 +115,9 @@ class Client:
         self.state = ''
         self.node.create_subscription(String, 'force_state', self._take, STATE)
         self.publisher = self.node.create_publisher(WrenchStamped, 'servo_cf', 10)
-        self.services = [self.node.create_client(Trigger, name)
-                         for name in ('fkm/acknowledge', 'enable')]
+        self.services = [
+            self.node.create_client(Trigger, name) for name in ('fkm/acknowledge', 'enable')
+        ]
 
     def _take(self, message: String) -> None:
         self.state = message.data
@@ -155,8 +173,9 @@ class Beside:
         return self._ends.recv()
 
 
-def delays(changes: Sequence[int], arrivals: Sequence[tuple[float, float]],
-           least: float) -> np.ndarray:
+def delays(
+    changes: Sequence[int], arrivals: Sequence[tuple[float, float]], least: float
+) -> np.ndarray:
     """
     Return the time from each change to the first arrival that follows it, s; inf: none.
 
@@ -191,10 +210,13 @@ def measure(changes: int, channel: str) -> list[np.ndarray]:
             client.engage()
     late = np.array(control.answer())
     frames, wrenches = listener.answer()
-    quiet = np.array([not np.any((late > 1e-9 * at - LEAST) & (late < 1e-9 * at + LEAST))
-                      for at in sent])
-    return [delays(sent, arrivals, least)[quiet]
-            for arrivals, least in ((wrenches, 0.01), (frames, FOLLOWS))]
+    quiet = np.array(
+        [not np.any((late > 1e-9 * at - LEAST) & (late < 1e-9 * at + LEAST)) for at in sent]
+    )
+    return [
+        delays(sent, arrivals, least)[quiet]
+        for arrivals, least in ((wrenches, 0.01), (frames, FOLLOWS))
+    ]
 
 
 def main(args: list[str] | None = None) -> int:
@@ -209,33 +231,50 @@ def main(args: list[str] | None = None) -> int:
     bus = {'can.interface': 'udp_multicast', 'can.channel': channel, 'rate': given.rate}
     # At 1 kHz one bus would be too busy for encoders and drives.
     second = channel.replace('239.74.0.', '239.74.1.')
-    drives = {**bus, 'can.channel': second, 'drives.rated_torque': [0.5],
-              'drives.event_timer': 0.5, 'drives.status_timeout': 1.0,
-              'drives.heartbeat_timeout': 0.5}
+    drives = {
+        **bus,
+        'can.channel': second,
+        'drives.rated_torque': [0.5],
+        'drives.event_timer': 0.5,
+        'drives.status_timeout': 1.0,
+        'drives.heartbeat_timeout': 0.5,
+    }
     others = {'encoders.node_id': [41, 42, 43, 44], 'encoders.id': [0x1A9, 0x1AA, 0x1AB, 0x1AC]}
-    master = {'source': 'can', 'can.timeout': 0.5, 'max_age': 2.0, 'alert_limit_deg': 5.0,
-              'drives.interface': 'udp_multicast', 'drives.channel': second}
+    master = {
+        'source': 'can',
+        'can.timeout': 0.5,
+        'max_age': 2.0,
+        'alert_limit_deg': 5.0,
+        'drives.interface': 'udp_multicast',
+        'drives.channel': second,
+    }
     with ExitStack() as stack:
         for name, arguments, parameters in (
-                ('sim_bus', ('--sync',), {**bus, **POSE}),
-                ('sim_bus', ('--drives', '3'), {**drives, **others}),
-                ('master', (), {**drives, **FORCE, **master, **bus})):
-            program = stack.enter_context(Program(executable(
-                name, *arguments, '--params-file', RIG, parameters=parameters)))
+            ('sim_bus', ('--sync',), {**bus, **POSE}),
+            ('sim_bus', ('--drives', '3'), {**drives, **others}),
+            ('master', (), {**drives, **FORCE, **master, **bus}),
+        ):
+            program = stack.enter_context(
+                Program(executable(name, *arguments, '--params-file', RIG, parameters=parameters))
+            )
         try:
             bare, motor = measure(given.changes, second)
         except TimeoutError as error:
             print(f'{error}\n{program.stderr}', file=sys.stderr)
             return 1
     limit = 1e3 / given.rate + 3.0
-    print(f'{len(motor)} of {given.changes} changes of the wrench while the machine was '
-          f'undisturbed, {given.rate:g} samples/s\n\n'
-          '| from the publication of a wrench to | p50 ms | p99 ms |\n|---|---|---|')
+    print(
+        f'{len(motor)} of {given.changes} changes of the wrench while the machine was '
+        f'undisturbed, {given.rate:g} samples/s\n\n'
+        '| from the publication of a wrench to | p50 ms | p99 ms |\n|---|---|---|'
+    )
     for name, each in (('a bare subscription', bare), ('the torque frame on the bus', motor)):
         p50, p99 = 1e3 * np.percentile(each, [50, 99], method='lower')
         print(f'| {name} | {p50:.2f} | {p99:.2f} |')
-    print(f'\nA period and 3 ms: {limit:g} ms; the two p99 differ by a factor of '
-          f'{p99 / (1e3 * np.percentile(bare, 99, method="lower")):.2f}.')
+    print(
+        f'\nA period and 3 ms: {limit:g} ms; the two p99 differ by a factor of '
+        f'{p99 / (1e3 * np.percentile(bare, 99, method="lower")):.2f}.'
+    )
     return 0 if p99 <= limit else 1
 
 

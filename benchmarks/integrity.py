@@ -61,6 +61,7 @@ UNCHECKED = ('vibration', 4, '17 bits')
 
 # Healthy sensors -----------------------------------------------------------------------------
 
+
 def healthy_verdict(share: float, ratio: float, least: float = PUBLISHED) -> str:
     """Return the verdict on healthy sensors: share published, largest error over its level."""
     if ratio > 1.0:
@@ -71,56 +72,72 @@ def healthy_verdict(share: float, ratio: float, least: float = PUBLISHED) -> str
 def long_rows(seconds: float, runner: Runner) -> Iterator[str]:
     """Yield the rows of the long healthy run."""
     total = long_run(seconds, runner)
-    yield ('| motion | samples | published | false alarms | beyond their level '
-           f'| largest error, deg | largest error over its level | {COLUMN} |')
+    yield (
+        '| motion | samples | published | false alarms | beyond their level '
+        f'| largest error, deg | largest error over its level | {COLUMN} |'
+    )
     yield '|---' * 8 + '|'
     share = total.published / total.samples
-    yield (f'| random | {total.samples} | {100.0 * share:.2f} % | {total.alarms} | {total.beyond} '
-           f'| {total.worst_deg:.2f} | {total.worst_ratio:.2f} '
-           f'| {"alarms" if total.alarms else healthy_verdict(share, total.worst_ratio)} |')
+    yield (
+        f'| random | {total.samples} | {100.0 * share:.2f} % | {total.alarms} | {total.beyond} '
+        f'| {total.worst_deg:.2f} | {total.worst_ratio:.2f} '
+        f'| {"alarms" if total.alarms else healthy_verdict(share, total.worst_ratio)} |'
+    )
 
 
 def condition_rows(runner: Runner) -> Iterator[str]:
     """Yield the rows of healthy sensors by condition."""
-    yield '| condition | published | largest error, deg | largest error over its level ' \
-        f'| {COLUMN} |'
+    yield (
+        f'| condition | published | largest error, deg | largest error over its level | {COLUMN} |'
+    )
     yield '|---' * 5 + '|'
     for records in runner.records(healthy, CONDITIONS):
         share = float(np.concatenate(list(map(started, records))).mean())
         ratio = max(each.ratio for each in records)
-        yield (f'| {records[0].group} | {100.0 * share:.2f} % | {largest_error(records):.2f} '
-               f'| {ratio:.2f} | {healthy_verdict(share, ratio)} |')
+        yield (
+            f'| {records[0].group} | {100.0 * share:.2f} % | {largest_error(records):.2f} '
+            f'| {ratio:.2f} | {healthy_verdict(share, ratio)} |'
+        )
 
 
 def disturbance_rows(runner: Runner) -> Iterator[str]:
     """Yield the rows of healthy sensors at end stops and under vibrations."""
-    yield '| disturbance | runs | published | least of a run | alarms | largest error, deg ' \
+    yield (
+        '| disturbance | runs | published | least of a run | alarms | largest error, deg '
         f'| largest error over its level | {COLUMN} |'
+    )
     yield '|---' * 8 + '|'
     for task, records in zip(DISTURBED, runner.records(disturbances, DISTURBED), strict=True):
         shares = [float(started(each).mean()) for each in records]
-        alarms = sum(any(text not in (STARTING.text, HEALTHY.text) for _, text in each.state)
-                     for each in records)
+        alarms = sum(
+            any(text not in (STARTING.text, HEALTHY.text) for _, text in each.state)
+            for each in records
+        )
         ratio = max(each.ratio for each in records)
         least = PUBLISHED if task == UNCHECKED else 1.0
         verdict = 'alarms' if alarms else healthy_verdict(min(shares), ratio, least)
-        yield (f'| {records[0].group} | {len(records)} | {100.0 * np.mean(shares):.2f} % '
-               f'| {100.0 * min(shares):.2f} % | {alarms} | {largest_error(records):.2f} '
-               f'| {ratio:.2f} | {verdict} |')
+        yield (
+            f'| {records[0].group} | {len(records)} | {100.0 * np.mean(shares):.2f} % '
+            f'| {100.0 * min(shares):.2f} % | {alarms} | {largest_error(records):.2f} '
+            f'| {ratio:.2f} | {verdict} |'
+        )
 
 
 def started(found: Record) -> np.ndarray:
     """Return which samples after the start are published."""
-    return found.samples['published'][round(START * found.rate):]
+    return found.samples['published'][round(START * found.rate) :]
 
 
 def largest_error(records: Iterable[Record]) -> float:
     """Return the largest error of an orientation, deg."""
-    return max(float(each.samples['error'][each.samples['published']].max(initial=0.0))
-               for each in records)
+    return max(
+        float(each.samples['error'][each.samples['published']].max(initial=0.0))
+        for each in records
+    )
 
 
 # Faulty sensors ------------------------------------------------------------------------------
+
 
 class Outcome(NamedTuple):
     """
@@ -149,12 +166,18 @@ class Outcome(NamedTuple):
     excluded: str
 
 
-def outcomes(runner: Runner, rows: list[tuple[str, float, str, int]],
-             sensors: int) -> Iterator[list[Outcome]]:
+def outcomes(
+    runner: Runner, rows: list[tuple[str, float, str, int]], sensors: int
+) -> Iterator[list[Outcome]]:
     """Yield the outcomes of faults at each place, one for each kind of encoders."""
-    for records in runner.records(faulty, [
+    for records in runner.records(
+        faulty,
+        [
             Fault(name, value, sensor, place, sensors)
-            for name, value, _, sensor in rows for place in PLACES]):
+            for name, value, _, sensor in rows
+            for place in PLACES
+        ],
+    ):
         yield list(map(outcome, records))
 
 
@@ -163,8 +186,12 @@ def outcome(found: Record) -> Outcome:
     out, error = found.samples['published'], found.samples['error']
     known = out & ~found.samples['checked'][:, found.faulty]
     return Outcome(
-        found.undeclared, float(error[known].max(initial=0.0)), not out[-1],
-        longest(~started(found)) / found.rate if out[-1] else 0.0, ', '.join(found.excluded))
+        found.undeclared,
+        float(error[known].max(initial=0.0)),
+        not out[-1],
+        longest(~started(found)) / found.rate if out[-1] else 0.0,
+        ', '.join(found.excluded),
+    )
 
 
 def fault_rows(runner: Runner) -> Iterator[str]:
@@ -178,11 +205,16 @@ def fault_rows(runner: Runner) -> Iterator[str]:
         row = [next(found) for _ in PLACES]
         worst = max(worst, *(run.undeclared for cell in row for run in cell))
         who = ', '.join(JOINT_NAMES[:2]) if name == PAIR else JOINT_NAMES[sensor]
-        yield f'| {labelled(name, value, unit)}, {who} | ' + ' | '.join(map(described, row)) \
+        yield (
+            f'| {labelled(name, value, unit)}, {who} | '
+            + ' | '.join(map(described, row))
             + f' | {fault_verdict([run for cell in row for run in cell])} |'
+        )
     yield ''
-    yield (f'Longest time that an orientation was off by more than its level with the faulty '
-           f'sensor checked, over the time to alert (20 ms, ten samples at least): {worst:.2f}')
+    yield (
+        f'Longest time that an orientation was off by more than its level with the faulty '
+        f'sensor checked, over the time to alert (20 ms, ten samples at least): {worst:.2f}'
+    )
 
 
 def fault_verdict(runs: list[Outcome]) -> str:
@@ -190,8 +222,13 @@ def fault_verdict(runs: list[Outcome]) -> str:
     if max(run.undeclared for run in runs) > 1.0:
         return 'too late'
     silent = [run.silent for run in runs]
-    return 'silent' if all(silent) else 'within the level or declared, silent in part' \
-        if any(silent) else 'within the level or declared'
+    return (
+        'silent'
+        if all(silent)
+        else 'within the level or declared, silent in part'
+        if any(silent)
+        else 'within the level or declared'
+    )
 
 
 def described(cell: list[Outcome]) -> str:
@@ -208,9 +245,11 @@ def described(cell: list[Outcome]) -> str:
 
 def more_rows(sensors: int, runner: Runner) -> Iterator[str]:
     """Yield what each fault does to five or six sensors, over all of them and all places."""
-    yield ('| fault | runs | silent at the end | the faulty one excluded | another one | longest '
-           'pause of those that go on, ms | off by more than the level, of the time to alert '
-           f'| {COLUMN} |')
+    yield (
+        '| fault | runs | silent at the end | the faulty one excluded | another one | longest '
+        'pause of those that go on, ms | off by more than the level, of the time to alert '
+        f'| {COLUMN} |'
+    )
     yield '|---' * 8 + '|'
     rows = cases(sensors)
     found = outcomes(runner, rows, sensors)
@@ -223,10 +262,12 @@ def more_rows(sensors: int, runner: Runner) -> Iterator[str]:
                 runs += new
                 right += sum(run.excluded == ALL_JOINT_NAMES[sensor] for run in new)
                 other += sum(run.excluded not in ('', ALL_JOINT_NAMES[sensor]) for run in new)
-        yield (f'| {labelled(*fault_name)} | {len(runs)} | {sum(run.silent for run in runs)} '
-               f'| {right} | {other} | {1e3 * max(run.pause for run in runs):.0f} '
-               f'| {100.0 * max(run.undeclared for run in runs):.0f} % '
-               f'| {isolation_verdict(runs, right, other)} |')
+        yield (
+            f'| {labelled(*fault_name)} | {len(runs)} | {sum(run.silent for run in runs)} '
+            f'| {right} | {other} | {1e3 * max(run.pause for run in runs):.0f} '
+            f'| {100.0 * max(run.undeclared for run in runs):.0f} % '
+            f'| {isolation_verdict(runs, right, other)} |'
+        )
 
 
 def isolation_verdict(runs: list[Outcome], right: int, other: int) -> str:
@@ -242,17 +283,19 @@ def isolation_verdict(runs: list[Outcome], right: int, other: int) -> str:
 
 # Output --------------------------------------------------------------------------------------
 
+
 def sections(seconds: float, runner: Runner) -> Iterator[str]:
     """Yield the lines of all tables."""
     for title, rows in (
-            ('Poses at which each sensor is checked', coverage_rows()),
-            ('Healthy sensors anywhere in the reachable workspace', long_rows(seconds, runner)),
-            ('Healthy sensors by condition', condition_rows(runner)),
-            ('Healthy sensors at end stops and under vibrations', disturbance_rows(runner)),
-            ('Faults', fault_rows(runner)),
-            ('Faults with 5 sensors', more_rows(5, runner)),
-            ('Faults with 6 sensors', more_rows(6, runner)),
-            ('Least jump that is detected where no parity shows it', jump_rows(runner))):
+        ('Poses at which each sensor is checked', coverage_rows()),
+        ('Healthy sensors anywhere in the reachable workspace', long_rows(seconds, runner)),
+        ('Healthy sensors by condition', condition_rows(runner)),
+        ('Healthy sensors at end stops and under vibrations', disturbance_rows(runner)),
+        ('Faults', fault_rows(runner)),
+        ('Faults with 5 sensors', more_rows(5, runner)),
+        ('Faults with 6 sensors', more_rows(6, runner)),
+        ('Least jump that is detected where no parity shows it', jump_rows(runner)),
+    ):
         yield f'## {title}'
         yield ''
         yield from rows
@@ -262,15 +305,33 @@ def sections(seconds: float, runner: Runner) -> Iterator[str]:
 def main(args: Iterable[str] | None = None) -> int:
     """Print the tables and write the page; return 1 if a verdict is not the committed one."""
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
-    parser.add_argument('--seconds', type=float, default=10_000.0,
-                        help='length of the healthy run, s (default 10000)')
+    parser.add_argument(
+        '--seconds',
+        type=float,
+        default=10_000.0,
+        help='length of the healthy run, s (default 10000)',
+    )
     parser.add_argument(ACCEPT, action='store_true', help=ACCEPT_HELP)
-    parser.add_argument('--store', type=Path, metavar='FILE.npz',
-                        help='store what is published in each run but the long one')
-    parser.add_argument('--compare', type=Path, metavar='FILE.npz', nargs=2,
-                        help='print which runs of two stores differ, and do nothing else')
-    parser.add_argument('file', nargs='?', type=Path, default=PAGE,
-                        help=f'Markdown file to write (default docs/faults/{PAGE.name})')
+    parser.add_argument(
+        '--store',
+        type=Path,
+        metavar='FILE.npz',
+        help='store what is published in each run but the long one',
+    )
+    parser.add_argument(
+        '--compare',
+        type=Path,
+        metavar='FILE.npz',
+        nargs=2,
+        help='print which runs of two stores differ, and do nothing else',
+    )
+    parser.add_argument(
+        'file',
+        nargs='?',
+        type=Path,
+        default=PAGE,
+        help=f'Markdown file to write (default docs/faults/{PAGE.name})',
+    )
     options = parser.parse_args(None if args is None else list(args))
     if options.compare:
         for line in compare(*map(load, options.compare)):
@@ -282,8 +343,14 @@ def main(args: Iterable[str] | None = None) -> int:
             print(line, flush=True)
             lines.append(line)
     text = '\n'.join(lines[:-1]) + '\n'
-    return guard('integrity', PAGE, options.file, text, options.accept,
-                 lambda: options.file.write_text(text, encoding='utf-8'))
+    return guard(
+        'integrity',
+        PAGE,
+        options.file,
+        text,
+        options.accept,
+        lambda: options.file.write_text(text, encoding='utf-8'),
+    )
 
 
 if __name__ == '__main__':

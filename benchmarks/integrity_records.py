@@ -79,7 +79,7 @@ class Record(NamedTuple):
         """First sample withheld for the fault, or without the faulty sensor; None if never."""
         for index, text in self.state:
             if index >= self.onset and text not in (STARTING.text, HEALTHY.text):
-                published = np.flatnonzero(self.samples['published'][self.onset:index])
+                published = np.flatnonzero(self.samples['published'][self.onset : index])
                 return self.onset + int(published[-1] + 1 if len(published) else 0)
         return None
 
@@ -98,6 +98,7 @@ def longest(flags: Array) -> int:
 
 
 # Files ---------------------------------------------------------------------------------------
+
 
 class Store:
     """
@@ -149,8 +150,11 @@ class Runner:
 
     def show(self, text: str) -> None:
         """Show the progress."""
-        print(f'integrity: {time.monotonic() - self._begin:.0f} s, {text}', file=sys.stderr,
-              flush=True)
+        print(
+            f'integrity: {time.monotonic() - self._begin:.0f} s, {text}',
+            file=sys.stderr,
+            flush=True,
+        )
 
     def results(self, function: Callable[[Any], Any], tasks: Sequence[Any]) -> Iterator[Any]:
         """Yield what a function returns of each task."""
@@ -158,8 +162,9 @@ class Runner:
             self.show(f'{function.__name__}: {done} of {len(tasks)}')
             yield found
 
-    def records(self, function: Callable[[Any], list[Record]],
-                tasks: Sequence[Any]) -> Iterator[list[Record]]:
+    def records(
+        self, function: Callable[[Any], list[Record]], tasks: Sequence[Any]
+    ) -> Iterator[list[Record]]:
         """Yield the records of each task, and store them."""
         for records in self.results(function, tasks):
             for each in records:
@@ -181,6 +186,7 @@ def load(path: Path) -> dict[tuple[str, str], Record]:
 
 # Comparison ----------------------------------------------------------------------------------
 
+
 def changes(was: Record, now: Record) -> dict[str, str]:
     """Return what changed from one record of a run to another, by cause."""
     found = {}
@@ -190,27 +196,40 @@ def changes(was: Record, now: Record) -> dict[str, str]:
     elif before is not None and after is None:
         found['not detected'] = f'not detected, before after {before - was.onset} samples'
     elif before is not None and after is not None and abs(after - before) > SAME_DETECTION:
-        found['later' if after > before else 'earlier'] = \
+        found['later' if after > before else 'earlier'] = (
             f'detected after {after - now.onset} samples, before {before - was.onset}'
+        )
     if was.end != now.end:
         found['other end'] = f'at the end {now.end}, before {was.end}'
     shares = [float(each.samples['published'].mean()) for each in (was, now)]
     if abs(shares[1] - shares[0]) > SAME_SHARE:
-        found['published more' if shares[1] > shares[0] else 'published less'] = \
+        found['published more' if shares[1] > shares[0] else 'published less'] = (
             f'published {100.0 * shares[1]:.2f} %, before {100.0 * shares[0]:.2f} %'
+        )
     if max(was.undeclared, now.undeclared) > 1.0 and was.undeclared != now.undeclared:
-        found['beyond'] = (f'beyond the level for {now.undeclared:.2f} of the time to alert, '
-                           f'before {was.undeclared:.2f}')
+        found['beyond'] = (
+            f'beyond the level for {now.undeclared:.2f} of the time to alert, '
+            f'before {was.undeclared:.2f}'
+        )
     return found
 
 
 # Columns of the comparison.
-CAUSES = ('detected', 'not detected', 'later', 'earlier', 'other end', 'published less',
-          'published more', 'beyond')
+CAUSES = (
+    'detected',
+    'not detected',
+    'later',
+    'earlier',
+    'other end',
+    'published less',
+    'published more',
+    'beyond',
+)
 
 
-def compare(before: dict[tuple[str, str], Record],
-            now: dict[tuple[str, str], Record]) -> Iterator[str]:
+def compare(
+    before: dict[tuple[str, str], Record], now: dict[tuple[str, str], Record]
+) -> Iterator[str]:
     """Yield the lines of the comparison of stored records: each group, then each changed run."""
     if before.keys() != now.keys():
         yield f'runs of one file only: {len(before.keys() ^ now.keys())}'
@@ -219,18 +238,28 @@ def compare(before: dict[tuple[str, str], Record],
     for key in (key for key in before if key in now):
         pair = before[key], now[key]
         groups.setdefault(key[0], []).append((*pair, changes(*pair)))
-    yield '| runs | number | as before | ' + ' | '.join(CAUSES) \
-        + ' | least share published, before and now | largest error over its level | longest ' \
-          'time beyond it, of the time to alert | another sensor excluded at any time |'
+    yield (
+        '| runs | number | as before | '
+        + ' | '.join(CAUSES)
+        + ' | least share published, before and now | largest error over its level | longest '
+        'time beyond it, of the time to alert | another sensor excluded at any time |'
+    )
     yield '|---' * (7 + len(CAUSES)) + '|'
     for group, runs in groups.items():
         both = list(zip(*((was, new) for was, new, _ in runs), strict=True))
-        yield f'| {group} | {len(runs)} | {sum(not found for *_, found in runs)} | ' \
-            + ' | '.join(str(sum(cause in found for *_, found in runs)) for cause in CAUSES) \
-            + ' | ' + ', '.join(f'{100.0 * min(map(share, each)):.2f} %' for each in both) \
-            + ' | ' + ', '.join(f'{max(one.ratio for one in each):.2f}' for each in both) \
-            + ' | ' + ', '.join(f'{max(one.undeclared for one in each):.2f}' for each in both) \
-            + ' | ' + ', '.join(str(sum(map(wrongly_excluded, each))) for each in both) + ' |'
+        yield (
+            f'| {group} | {len(runs)} | {sum(not found for *_, found in runs)} | '
+            + ' | '.join(str(sum(cause in found for *_, found in runs)) for cause in CAUSES)
+            + ' | '
+            + ', '.join(f'{100.0 * min(map(share, each)):.2f} %' for each in both)
+            + ' | '
+            + ', '.join(f'{max(one.ratio for one in each):.2f}' for each in both)
+            + ' | '
+            + ', '.join(f'{max(one.undeclared for one in each):.2f}' for each in both)
+            + ' | '
+            + ', '.join(str(sum(map(wrongly_excluded, each))) for each in both)
+            + ' |'
+        )
     yield ''
     for group, runs in groups.items():
         for _, new, found in runs:

@@ -36,8 +36,13 @@ from device import (  # noqa: E402, I100
 # Beginning of a fault (s), and the length of its run (s).
 ONSET, LENGTH = 1.5, 4.0
 # Motions of the fault matrix, by column.
-PLACES = {'centre': 'rest', 'rim': 'rim', 'singular': 'singular', 'crossing': 'crossing',
-          'moving': 'sweep'}
+PLACES = {
+    'centre': 'rest',
+    'rim': 'rim',
+    'singular': 'singular',
+    'crossing': 'crossing',
+    'moving': 'sweep',
+}
 # Tolerances of a calibrated mechanism: links and axes, and harmonics of the encoders (deg).
 TOLERANCE, HARMONIC = 0.05, 0.03
 # Disturbances of a healthy device, numbers of sensors and kinds of encoders; runs of each.
@@ -47,14 +52,30 @@ DISTURBED_RUNS = 25
 Array = Any
 
 
-def record(group: str, name: str, rotations: Array, times: Array, angles: Array,
-           rate: float = 1000.0, onset: int | None = None, faulty: int | None = None,
-           **parameters: Any) -> Record:
+def record(
+    group: str,
+    name: str,
+    rotations: Array,
+    times: Array,
+    angles: Array,
+    rate: float = 1000.0,
+    onset: int | None = None,
+    faulty: int | None = None,
+    **parameters: Any,
+) -> Record:
     """Return what `supervise` makes of readings, rad, on true orientations, (n, 3, 3)."""
     result = supervise(times, angles, **parameters)
     n, sensors = angles.shape
-    samples = np.zeros(n, [('published', '?'), ('quaternion', 'f4', 4), ('level', 'f4'),
-                           ('error', 'f4'), ('checked', '?', sensors)])
+    samples = np.zeros(
+        n,
+        [
+            ('published', '?'),
+            ('quaternion', 'f4', 4),
+            ('level', 'f4'),
+            ('error', 'f4'),
+            ('checked', '?', sensors),
+        ],
+    )
     samples['published'] = result.published
     samples['quaternion'] = result.quaternion
     samples['level'] = result.protection_level
@@ -64,6 +85,7 @@ def record(group: str, name: str, rotations: Array, times: Array, angles: Array,
 
 
 # Healthy sensors -----------------------------------------------------------------------------
+
 
 @dataclass(frozen=True, slots=True)
 class Condition:
@@ -100,15 +122,22 @@ class Condition:
 
 MOTIONS = ('rest', 'singular', 'crossing', 'tremor', 'sweep', 'fast')
 CONDITIONS = (
-    *(Condition(f'{bits} bit, noise {noise:g} deg', MOTIONS, noise, bits)
-      for bits in (12, 14, 16, 17) for noise in (0.0, 0.005, 0.04, 0.08)),
+    *(
+        Condition(f'{bits} bit, noise {noise:g} deg', MOTIONS, noise, bits)
+        for bits in (12, 14, 16, 17)
+        for noise in (0.0, 0.005, 0.04, 0.08)
+    ),
     Condition('motion to 15 rad/s', ('fast',), fastest=True),
     *(Condition(f'{rate:g} Hz', MOTIONS[:-1], rate=rate) for rate in (100.0, 250.0, 4000.0)),
     Condition('stamps off by 300 us', MOTIONS, jitter=3e-4),
     Condition('10 % of the samples lost', MOTIONS, loss=0.1),
     Condition('sensors at 250 Hz on a bus at 1 kHz', MOTIONS[:-1], hold=4),
-    Condition(f'links and axes off by {TOLERANCE} deg, harmonics {HARMONIC} deg, bias_deg by '
-              '`supervise`', MOTIONS, tolerance=TOLERANCE),
+    Condition(
+        f'links and axes off by {TOLERANCE} deg, harmonics {HARMONIC} deg, bias_deg by '
+        '`supervise`',
+        MOTIONS,
+        tolerance=TOLERANCE,
+    ),
 )
 
 
@@ -122,9 +151,11 @@ def as_built(seed: int, tolerance: float) -> Geometry:
         return moved / np.linalg.norm(moved, axis=1, keepdims=True)
 
     return Geometry.from_axes(
-        off(nominal.base_axes), off(nominal.platform_axes),
+        off(nominal.base_axes),
+        off(nominal.platform_axes),
         nominal.alpha + np.radians(tolerance) * rng.normal(size=3),
-        nominal.beta + np.radians(tolerance) * rng.normal(size=3))
+        nominal.beta + np.radians(tolerance) * rng.normal(size=3),
+    )
 
 
 class AsBuilt:
@@ -142,12 +173,17 @@ class AsBuilt:
         """Return th1A, th1B, th1C, th3A as its encoders have them, rad, (n, 4)."""
         joints = inverse(rotations, self._geometry)
         angles = np.column_stack([joints.theta1, joints.theta3a])
-        return angles + self._harmonics[0] * np.cos(angles) \
-            + self._harmonics[1] * np.sin(angles) - self._zeros
+        return (
+            angles
+            + self._harmonics[0] * np.cos(angles)
+            + self._harmonics[1] * np.sin(angles)
+            - self._zeros
+        )
 
 
-def readings(condition: Condition, kind: str, angles_of: Callable[[Array], Array],
-             seed: int) -> tuple[Array, Array, Array]:
+def readings(
+    condition: Condition, kind: str, angles_of: Callable[[Array], Array], seed: int
+) -> tuple[Array, Array, Array]:
     """Return orientations, stamps and readings of a motion."""
     rng = np.random.default_rng(seed)
     rotations = motion(kind, 4.0 if condition.rate <= 1000.0 else 2.0, condition.rate)
@@ -159,8 +195,9 @@ def readings(condition: Condition, kind: str, angles_of: Callable[[Array], Array
     angles = encoders(angles, condition.noise, condition.bits, seed)[kept]
     times = stamps(len(angles), condition.rate)
     if condition.jitter:
-        times = times + np.round(condition.jitter * 1e9 * rng.uniform(-1.0, 1.0, len(times))
-                                 ).astype(np.int64)
+        times = times + np.round(
+            condition.jitter * 1e9 * rng.uniform(-1.0, 1.0, len(times))
+        ).astype(np.int64)
     keep = rng.random(len(angles)) >= condition.loss
     return rotations[keep], times[keep], angles[keep]
 
@@ -176,9 +213,12 @@ def healthy(condition: Condition) -> list[Record]:
             bias.append(calibrated_bias(built))
         runs.append(readings(condition, kind, angles_of, seed))
     group = condition.label + (f' ({min(bias):.2f} .. {max(bias):.2f})' if bias else '')
-    return [record(group, kind, *run, condition.rate,
-                   **({'bias_deg': [bias[seed]] * 4} if bias else {}))
-            for seed, (kind, run) in enumerate(zip(condition.kinds, runs, strict=True))]
+    return [
+        record(
+            group, kind, *run, condition.rate, **({'bias_deg': [bias[seed]] * 4} if bias else {})
+        )
+        for seed, (kind, run) in enumerate(zip(condition.kinds, runs, strict=True))
+    ]
 
 
 def calibrated_bias(built: AsBuilt) -> float:
@@ -200,9 +240,16 @@ def disturbances(task: tuple[str, int, str]) -> list[Record]:
         rotations = disturbance(kind, seed)
         true = joint_angles(rotations, sensors)
         if np.isfinite(true).all():
-            records.append(record(
-                f'{kind}, {sensors} sensors, {encoder}', f'seed {seed}', rotations,
-                stamps(len(true)), encoders(true, noise, bits, seed), sigma_deg=[noise] * 4))
+            records.append(
+                record(
+                    f'{kind}, {sensors} sensors, {encoder}',
+                    f'seed {seed}',
+                    rotations,
+                    stamps(len(true)),
+                    encoders(true, noise, bits, seed),
+                    sigma_deg=[noise] * 4,
+                )
+            )
     return records
 
 
@@ -213,6 +260,7 @@ Change = Callable[[Array, Array], Array]
 
 def fault(name: str, value: float, sensor: int, seed: int) -> Change:
     """Return what a fault makes of angles (n, 4), rad, at times s."""
+
     def change(angles: Array, t: Array) -> Array:
         angles = angles.copy()
         after = t >= ONSET
@@ -230,6 +278,7 @@ def fault(name: str, value: float, sensor: int, seed: int) -> Change:
         elif name == PAIR:
             angles[after, :2] += np.radians(value) * CANCEL
         return angles
+
     return change
 
 
@@ -250,8 +299,15 @@ FAULTS = (
     (PAIR, 2.0, 'deg'),
 )
 # Noise (deg), resolution (bit) and rate (Hz) of the encoders in the fault matrix.
-ENCODERS = ((0.04, 14, 1000.0), (0.0, 16, 1000.0), (0.005, 17, 1000.0), (0.04, 12, 1000.0),
-            (0.04, 14, 250.0), (0.04, 14, 4000.0), (0.04, 14, 100.0))
+ENCODERS = (
+    (0.04, 14, 1000.0),
+    (0.0, 16, 1000.0),
+    (0.005, 17, 1000.0),
+    (0.04, 12, 1000.0),
+    (0.04, 14, 250.0),
+    (0.04, 14, 4000.0),
+    (0.04, 14, 100.0),
+)
 # The same of five and six sensors.
 MORE_ENCODERS = ENCODERS[0], ENCODERS[2], ENCODERS[4]
 
@@ -282,10 +338,18 @@ def faulty(task: Fault) -> list[Record]:
         onset = 0 if name in WHOLE_RUN else int(np.flatnonzero(t >= ONSET)[0])
         if name == 'stuck':
             angles[onset:, sensor] = angles[onset, sensor]
-        records.append(record(
-            f'{sensors} sensors, {bits} bit, {noise:g} deg, {rate:g} Hz',
-            f'{labelled(name, value, unit)}, {who}, {place}',
-            rotations, stamps(len(angles), rate), angles, rate, onset, sensor))
+        records.append(
+            record(
+                f'{sensors} sensors, {bits} bit, {noise:g} deg, {rate:g} Hz',
+                f'{labelled(name, value, unit)}, {who}, {place}',
+                rotations,
+                stamps(len(angles), rate),
+                angles,
+                rate,
+                onset,
+                sensor,
+            )
+        )
     return records
 
 
@@ -296,5 +360,8 @@ def labelled(name: str, value: float, unit: str) -> str:
 
 def cases(sensors: int) -> list[tuple[str, float, str, int]]:
     """Return the faults and the sensors that have them: name, value, unit, sensor."""
-    return [(name, value, unit, sensor) for name, value, unit in FAULTS
-            for sensor in (range(sensors) if name != PAIR else range(1))]
+    return [
+        (name, value, unit, sensor)
+        for name, value, unit in FAULTS
+        for sensor in (range(sensors) if name != PAIR else range(1))
+    ]

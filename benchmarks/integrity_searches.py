@@ -47,23 +47,34 @@ def coverage_rows() -> Iterator[str]:
         try:
             joints = inverse(rotation)
             found = estimate_sample(
-                (*joints.theta1.tolist(), float(joints.theta3a)), sensors, Geometry(),
-                tuple(quaternion_from_matrix(rotation).tolist()))
+                (*joints.theta1.tolist(), float(joints.theta3a)),
+                sensors,
+                Geometry(),
+                tuple(quaternion_from_matrix(rotation).tolist()),
+            )
         except SpmError:
             continue
         worths.append(integrity(found, bias, (1.0,) * 4))
     healthy_deg = np.degrees([worth.healthy for worth in worths])
     levels_deg = np.degrees([worth.levels(reach) for worth in worths])
-    yield '| alert_limit_deg | published | ' + ' | '.join(
-        f'{name} checked' for name in JOINT_NAMES) + f' | {COLUMN} |'
+    yield (
+        '| alert_limit_deg | published | '
+        + ' | '.join(f'{name} checked' for name in JOINT_NAMES)
+        + f' | {COLUMN} |'
+    )
     yield '|---' * 7 + '|'
     for limit in (0.3, 0.5, 1.0, 2.0):
         shares = [(healthy_deg <= limit).mean(), *(levels_deg <= limit).mean(axis=0)]
-        yield f'| {limit:g} | ' + ' | '.join(f'{100.0 * share:.0f} %' for share in shares) \
+        yield (
+            f'| {limit:g} | '
+            + ' | '.join(f'{100.0 * share:.0f} %' for share in shares)
             + f' | published {"everywhere" if shares[0] == 1.0 else "in part"} |'
+        )
     yield ''
-    yield (f'{len(worths)} reachable poses, tilt 0 .. 20 deg, phi 0 .. 95 deg, default sigma_deg '
-           f'and bias_deg; the healthy part of the level is {healthy_deg.max():.2f} deg at most.')
+    yield (
+        f'{len(worths)} reachable poses, tilt 0 .. 20 deg, phi 0 .. 95 deg, default sigma_deg '
+        f'and bias_deg; the healthy part of the level is {healthy_deg.max():.2f} deg at most.'
+    )
 
 
 class Long(NamedTuple):
@@ -96,7 +107,8 @@ def wandering(seed: int) -> tuple[Array, Array]:
     across, along = smooth(-30.0, 30.0, 2.0), smooth(-30.0, 30.0, 2.3)
     tilt = np.minimum(np.hypot(across, along), 30.0)
     rotations = workspace_pose(
-        np.radians(tilt), np.arctan2(along, across), np.radians(smooth(-60.0, 100.0, 2.0)))
+        np.radians(tilt), np.arctan2(along, across), np.radians(smooth(-60.0, 100.0, 2.0))
+    )
     angles = joint_angles(rotations)
     limits = complete(FKM_SETTINGS, {})
     fine = np.isfinite(angles).all(axis=1)
@@ -119,13 +131,21 @@ def long_piece(seed: int) -> Long:
     result = supervise(stamps(len(angles)), encoders(angles, seed=seed))
     error = errors(result, rotations)
     out = result.published
-    silences = [state.why for state in (received_state(text) for _, text in result.state)
-                if not state.publishes and state != STARTING]
-    alarms = sum('protection level' not in why and 'not determined' not in why
-                 for why in silences)
+    silences = [
+        state.why
+        for state in (received_state(text) for _, text in result.state)
+        if not state.publishes and state != STARTING
+    ]
+    alarms = sum('protection level' not in why and 'not determined' not in why for why in silences)
     ratio = error[out] / result.protection_level[out]
-    return Long(len(out), int(out.sum()), alarms, int((ratio > 1.0).sum()),
-                float(error[out].max(initial=0.0)), float(ratio.max(initial=0.0)))
+    return Long(
+        len(out),
+        int(out.sum()),
+        alarms,
+        int((ratio > 1.0).sum()),
+        float(error[out].max(initial=0.0)),
+        float(ratio.max(initial=0.0)),
+    )
 
 
 def long_run(seconds: float, runner: Runner) -> Long:
@@ -137,8 +157,10 @@ def long_run(seconds: float, runner: Runner) -> Long:
         batch = range(seed, seed + 4 * (os.cpu_count() or 1))
         seed = batch.stop
         for piece in runner.results(long_piece, batch):
-            total = Long(*(a + b for a, b in zip(total[:4], piece[:4], strict=True)),
-                         *(max(a, b) for a, b in zip(total[4:], piece[4:], strict=True)))
+            total = Long(
+                *(a + b for a, b in zip(total[:4], piece[:4], strict=True)),
+                *(max(a, b) for a, b in zip(total[4:], piece[4:], strict=True)),
+            )
         runner.show(f'{total.samples / 1e6:.2f} of {wanted / 1e6:.2f} million healthy samples')
     return total
 
@@ -146,16 +168,26 @@ def long_run(seconds: float, runner: Runner) -> Long:
 def jump_rows(runner: Runner) -> Iterator[str]:
     """Yield the least jumps that are always detected where no parity shows them, by rate."""
     rates, missing = (100.0, 250.0, 500.0, 1000.0, 2000.0, 4000.0), (0, 1, 5)
-    tasks = [(rate, lost, pair) for rate in rates
-             for lost, pair in (*((lost, False) for lost in missing), (0, True))]
+    tasks = [
+        (rate, lost, pair)
+        for rate in rates
+        for lost, pair in (*((lost, False) for lost in missing), (0, True))
+    ]
     found = runner.results(least_jump, tasks)
-    yield '| rate, Hz | ' + ' | '.join(
-        f'th3A at the singularity, {lost} samples lost before it, deg'
-        for lost in missing) + ' | th1A and th1B that cancel, deg |'
+    yield (
+        '| rate, Hz | '
+        + ' | '.join(
+            f'th3A at the singularity, {lost} samples lost before it, deg' for lost in missing
+        )
+        + ' | th1A and th1B that cancel, deg |'
+    )
     yield '|---' * (len(missing) + 2) + '|'
     for rate in rates:
-        yield f'| {rate:g} | ' + ' | '.join(
-            f'{next(found):.2f}' for _ in range(len(missing) + 1)) + ' |'
+        yield (
+            f'| {rate:g} | '
+            + ' | '.join(f'{next(found):.2f}' for _ in range(len(missing) + 1))
+            + ' |'
+        )
 
 
 def least_jump(task: tuple[float, int, bool]) -> float:
@@ -171,7 +203,7 @@ def least_jump(task: tuple[float, int, bool]) -> float:
         else:
             angles[begin:, 3] += np.radians(step)
         keep = np.ones(len(angles), bool)
-        keep[begin - lost:begin] = False
+        keep[begin - lost : begin] = False
         result = supervise(stamps(len(angles), rate)[keep], encoders(angles, seed=seed)[keep])
         return not result.published[-1]
 

@@ -71,10 +71,15 @@ BUILT = ', as built'
 
 # Entries of one sample from four, five and six sensors.
 FOUR, FIVE, SIX = (
-    'estimate_sample, floats', *(f'the same, {number} sensors' for number in ('five', 'six')))
+    'estimate_sample, floats',
+    *(f'the same, {number} sensors' for number in ('five', 'six')),
+)
 # Entries of a sample through the supervision, by number of sensors.
-SUPERVISED = {4: 'supervision and estimate, one sample', 5: 'the same with five sensors',
-              6: 'the same with six sensors'}
+SUPERVISED = {
+    4: 'supervision and estimate, one sample',
+    5: 'the same with five sensors',
+    6: 'the same with six sensors',
+}
 
 # Name, measurement (s a call), unit, calls in a measurement, and largest cost in units.
 Measurement = Callable[[], float]
@@ -91,8 +96,11 @@ class Newton:
 
     def solve(self, th1: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, int]:
         """Return the orientation at th1, starting from R, and the number of steps."""
-        second = (self.second[:, 0] + np.cos(th1)[:, None] * self.second[:, 1]
-                  + np.sin(th1)[:, None] * self.second[:, 2])
+        second = (
+            self.second[:, 0]
+            + np.cos(th1)[:, None] * self.second[:, 1]
+            + np.sin(th1)[:, None] * self.second[:, 2]
+        )
         for step in range(1, 51):
             third = (R @ self.axes).T
             rates = np.cross(third, second)
@@ -138,12 +146,16 @@ def unit_of_scalars() -> Measurement:
 def as_built() -> Geometry:
     """Return a mechanism with every link and axis off by about `DEVIATION`."""
     rng, g = np.random.default_rng(1), Geometry()
-    base, platform = (np.array(axes) + DEVIATION * rng.normal(size=(3, 3))
-                      for axes in (g.base_axes, g.platform_axes))
+    base, platform = (
+        np.array(axes) + DEVIATION * rng.normal(size=(3, 3))
+        for axes in (g.base_axes, g.platform_axes)
+    )
     return Geometry.from_axes(
         base / np.linalg.norm(base, axis=1, keepdims=True),
         platform / np.linalg.norm(platform, axis=1, keepdims=True),
-        g.alphas + DEVIATION * rng.normal(size=3), g.betas + DEVIATION * rng.normal(size=3))
+        g.alphas + DEVIATION * rng.normal(size=3),
+        g.betas + DEVIATION * rng.normal(size=3),
+    )
 
 
 def models(g: Geometry, suffix: str) -> list[Entry]:
@@ -167,17 +179,27 @@ def models(g: Geometry, suffix: str) -> list[Entry]:
         return estimate(batch_th1, batch_th3a, SIGMA, g)
 
     return [
-        ('Case 2, four floats to quaternion' + suffix,
-         timed(lambda: theta3a_quaternion(*floats, g)), 'sin', 1, 150),
-        (FOUR + suffix,
-         timed(lambda: estimate_sample(floats, four, g)), 'sin', 1, 1200),
+        (
+            'Case 2, four floats to quaternion' + suffix,
+            timed(lambda: theta3a_quaternion(*floats, g)),
+            'sin',
+            1,
+            150,
+        ),
+        (FOUR + suffix, timed(lambda: estimate_sample(floats, four, g)), 'sin', 1, 1200),
         (FIVE + suffix, timed(lambda: estimate_sample(with_fifth, five, g)), 'sin', 1, None),
         (SIX + suffix, timed(lambda: estimate_sample(with_sixth, six_used, g)), 'sin', 1, None),
-        ('estimate, one sample' + suffix,
-         timed(lambda: estimate(th1, th3a, SIGMA, g)), 'sin', 1, 1200),
+        (
+            'estimate, one sample' + suffix,
+            timed(lambda: estimate(th1, th3a, SIGMA, g)),
+            'sin',
+            1,
+            1200,
+        ),
         ('forward_all' + suffix, timed(lambda: forward_all(th1, g)), 'sin', 1, 8000),
         (f'Case 2, one of {BATCH}' + suffix, timed(batch), 'numpy', BATCH, 60),
-        (f'estimate, one of {BATCH}' + suffix, timed(batch_estimate), 'numpy', BATCH, None)]
+        (f'estimate, one of {BATCH}' + suffix, timed(batch_estimate), 'numpy', BATCH, None),
+    ]
 
 
 def statics(motors: int, phi_deg: float, limit: float = 0.5) -> Measurement:
@@ -197,9 +219,12 @@ def force(motors: int, gravity: Gravity | None = None) -> Measurement:
     R = workspace_pose(0.1, 0.7, math.radians(20.0))
     joints, (x, y, z, w) = inverse(R), quaternion_from_matrix(R).tolist()
     angles = (*joints.theta1.tolist(), float(joints.theta3a))
-    samples = [ForceSample(
-        stamp, angles, (x, y, z, w), (0.1, 0.02, 0.03), wrench=Wrench(stamp, (0.0, 0.0, 0.02)))
-        for stamp in range(1, MOVING * 1_000_000, 1_000_000)]
+    samples = [
+        ForceSample(
+            stamp, angles, (x, y, z, w), (0.1, 0.02, 0.03), wrench=Wrench(stamp, (0.0, 0.0, 0.02))
+        )
+        for stamp in range(1, MOVING * 1_000_000, 1_000_000)
+    ]
 
     def run() -> float:
         controller = ForceController(motors=motors, gravity=gravity)
@@ -216,8 +241,13 @@ def force(motors: int, gravity: Gravity | None = None) -> Measurement:
 def supervision(sensors: int) -> Measurement:
     """Return a function that measures a sample of a moving device through the supervision."""
     t = 1e-3 * np.arange(MOVING)
-    joints = inverse(workspace_pose(np.radians(8.0 * (1.0 - np.cos(0.9 * t))), 1.2 * t,
-                                    np.radians(30.0 + 20.0 * np.sin(0.5 * t))))
+    joints = inverse(
+        workspace_pose(
+            np.radians(8.0 * (1.0 - np.cos(0.9 * t))),
+            1.2 * t,
+            np.radians(30.0 + 20.0 * np.sin(0.5 * t)),
+        )
+    )
     angles = np.column_stack([joints.theta1, joints.theta3a, joints.theta3b, joints.theta3c])
     angles += SIGMA * np.random.default_rng(1).normal(size=angles.shape)
     rows = [tuple(row) for row in angles[:, :sensors].tolist()]
@@ -238,6 +268,7 @@ def supervision(sensors: int) -> Measurement:
 def entries() -> list[Entry]:
     """Return everything that is measured."""
     from paper.mujoco_model import MultiBody  # needs mujoco
+
     g = Geometry()
     phi, warm = math.radians(30.0), math.radians(29.7)
     R, last = (matrix_from_zxz(math.radians(135.0), 0.9, angle) for angle in (phi, warm))
@@ -253,15 +284,20 @@ def entries() -> list[Entry]:
 
     found, steps = newton.solve(th1, last)
     difference = np.abs(found - assemble()[0]).max()
-    print(f'Newton-Raphson from 0.3 deg away: {steps} steps; differs from the multi-body model by '
-          f'{difference:.1e}; cond G = {np.linalg.cond(jacobian(R)):.0f}\n')
+    print(
+        f'Newton-Raphson from 0.3 deg away: {steps} steps; differs from the multi-body model by '
+        f'{difference:.1e}; cond G = {np.linalg.cond(jacobian(R)):.0f}\n'
+    )
     sine = np.linspace(-3.0, 3.0, BATCH)
     return [
         ('math.sin, one call', unit_of_scalars(), 'sin', 1, None),
         ('numpy.sin, one element', timed(lambda: np.sin(sine)), 'numpy', BATCH, None),
-        *models(g, ''), *models(as_built(), BUILT),
-        *((name, supervision(sensors), 'sin', 1, 1265 if sensors == 4 else None)
-          for sensors, name in SUPERVISED.items()),
+        *models(g, ''),
+        *models(as_built(), BUILT),
+        *(
+            (name, supervision(sensors), 'sin', 1, 1265 if sensors == 4 else None)
+            for sensors, name in SUPERVISED.items()
+        ),
         ('force feedback, three motors, one sample', force(3), 'sin', 1, 150),
         ('force feedback, four motors, one sample', force(4), 'sin', 1, 200),
         ('the same of three, with the weight', force(3, WEIGHT), 'sin', 1, None),
@@ -290,22 +326,34 @@ def main() -> None:
         verdict = '' if reach is None else f'{reach:8}  {"met" if ratio <= reach else "not met"}'
         print(f'{name:46}{seconds * 1e6:10.3f}{ratio:10.1f}{verdict}')
     names = [entry[0] for entry in table]
-    worst, name = max((least[index] / least[names.index(name.removesuffix(BUILT))], name)
-                      for index, name in enumerate(names) if name.endswith(BUILT))
-    print(f'{name} costs {worst:.2f} of the nominal mechanism, the most of all, reach '
-          f'{BUILT_REACH}: ' + ('met' if worst <= BUILT_REACH else 'not met'))
+    worst, name = max(
+        (least[index] / least[names.index(name.removesuffix(BUILT))], name)
+        for index, name in enumerate(names)
+        if name.endswith(BUILT)
+    )
+    print(
+        f'{name} costs {worst:.2f} of the nominal mechanism, the most of all, reach '
+        f'{BUILT_REACH}: ' + ('met' if worst <= BUILT_REACH else 'not met')
+    )
     ratio = least[names.index(SIX)] / least[names.index(FOUR)]
-    print(f'An estimate from six sensors costs {ratio:.2f} of that from four, reach {SIX_REACH}: '
-          + ('met' if ratio <= SIX_REACH else 'not met'))
+    print(
+        f'An estimate from six sensors costs {ratio:.2f} of that from four, reach {SIX_REACH}: '
+        + ('met' if ratio <= SIX_REACH else 'not met')
+    )
     for sensors, reach in SUPERVISED_REACH.items():
         ratio = least[names.index(SUPERVISED[sensors])] / least[names.index(SUPERVISED[4])]
-        print(f'A supervised sample of {sensors} sensors costs {ratio:.2f} of one of four, '
-              f'reach {reach}: ' + ('met' if ratio <= reach else 'not met'))
+        print(
+            f'A supervised sample of {sensors} sensors costs {ratio:.2f} of one of four, '
+            f'reach {reach}: ' + ('met' if ratio <= reach else 'not met')
+        )
     case2 = least[names.index('Case 2, four floats to quaternion')]
     for name, reach in (('Newton-Raphson with numpy', 20), ('multi-body model (MuJoCo)', None)):
         faster = least[names.index(name)] / case2
-        verdict = '' if reach is None else f', reach {reach}: ' + (
-            'met' if faster >= reach else 'not met')
+        verdict = (
+            ''
+            if reach is None
+            else f', reach {reach}: ' + ('met' if faster >= reach else 'not met')
+        )
         print(f'Case 2 is {faster:.0f} times faster than the {name}{verdict}')
 
 

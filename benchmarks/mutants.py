@@ -41,8 +41,18 @@ QUICK = 'not process and not packaging and not slow and not linter and not evide
 # script prints it, without the line's number; without `CODE | ` where the rest is unique in FILE.
 EQUIVALENT = ROOT / 'benchmarks' / 'equivalent_mutants.txt'
 # What a copy of the project does without.
-NOT_COPIED = ('.git', '.venv', 'build', 'install', 'log', 'dist', '__pycache__', '*.egg-info',
-              '.*_cache', '.hypothesis')
+NOT_COPIED = (
+    '.git',
+    '.venv',
+    'build',
+    'install',
+    'log',
+    'dist',
+    '__pycache__',
+    '*.egg-info',
+    '.*_cache',
+    '.hypothesis',
+)
 # Times that tests may take, relative to those without a mutant, before the mutant counts as an
 # endless loop, and as killed; and the least such limit (s), for a machine that is busy.
 SLOWER = 4.0
@@ -50,14 +60,31 @@ LEAST_TIMEOUT = 60.0
 
 # What each operator is replaced by: the nearest wrong one first.
 OPERATORS: dict[type, tuple[type, ...]] = {
-    ast.Lt: (ast.LtE, ast.GtE), ast.LtE: (ast.Lt, ast.Gt), ast.Gt: (ast.GtE, ast.LtE),
-    ast.GtE: (ast.Gt, ast.Lt), ast.Eq: (ast.NotEq,), ast.NotEq: (ast.Eq,),
-    ast.Is: (ast.IsNot,), ast.IsNot: (ast.Is,), ast.In: (ast.NotIn,), ast.NotIn: (ast.In,),
-    ast.And: (ast.Or,), ast.Or: (ast.And,),
-    ast.Add: (ast.Sub,), ast.Sub: (ast.Add,), ast.Mult: (ast.Div,), ast.Div: (ast.Mult,),
-    ast.Mod: (ast.Mult,), ast.Pow: (ast.Mult,), ast.FloorDiv: (ast.Mult,),
-    ast.LShift: (ast.RShift,), ast.RShift: (ast.LShift,), ast.BitAnd: (ast.BitOr,),
-    ast.BitOr: (ast.BitAnd,), ast.BitXor: (ast.BitAnd,)}
+    ast.Lt: (ast.LtE, ast.GtE),
+    ast.LtE: (ast.Lt, ast.Gt),
+    ast.Gt: (ast.GtE, ast.LtE),
+    ast.GtE: (ast.Gt, ast.Lt),
+    ast.Eq: (ast.NotEq,),
+    ast.NotEq: (ast.Eq,),
+    ast.Is: (ast.IsNot,),
+    ast.IsNot: (ast.Is,),
+    ast.In: (ast.NotIn,),
+    ast.NotIn: (ast.In,),
+    ast.And: (ast.Or,),
+    ast.Or: (ast.And,),
+    ast.Add: (ast.Sub,),
+    ast.Sub: (ast.Add,),
+    ast.Mult: (ast.Div,),
+    ast.Div: (ast.Mult,),
+    ast.Mod: (ast.Mult,),
+    ast.Pow: (ast.Mult,),
+    ast.FloorDiv: (ast.Mult,),
+    ast.LShift: (ast.RShift,),
+    ast.RShift: (ast.LShift,),
+    ast.BitAnd: (ast.BitOr,),
+    ast.BitOr: (ast.BitAnd,),
+    ast.BitXor: (ast.BitAnd,),
+}
 # Keywords whose value no correct caller notices: the options of a dataclass, and zip's check.
 KEYWORDS = {'frozen', 'slots', 'strict'}
 
@@ -99,10 +126,15 @@ def _unseen(tree: ast.Module) -> set[int]:
     roots: list[ast.AST | None] = []
     for node in ast.walk(tree):
         roots += [getattr(node, 'annotation', None), getattr(node, 'returns', None)]
-        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) \
-                or isinstance(node, ast.JoinedStr) \
-                or isinstance(node, ast.keyword) and node.arg in KEYWORDS \
-                or isinstance(node, ast.If) and ast.unparse(node.test) == 'TYPE_CHECKING':
+        if (
+            isinstance(node, ast.Expr)
+            and isinstance(node.value, ast.Constant)
+            or isinstance(node, ast.JoinedStr)
+            or isinstance(node, ast.keyword)
+            and node.arg in KEYWORDS
+            or isinstance(node, ast.If)
+            and ast.unparse(node.test) == 'TYPE_CHECKING'
+        ):
             roots.append(node)
     return {id(inner) for root in roots if root is not None for inner in ast.walk(root)}
 
@@ -120,25 +152,35 @@ def _changed(node: ast.AST) -> Iterator[tuple[ast.AST, str, str]]:
     if isinstance(node, ast.Compare):
         for place, operator in enumerate(node.ops):
             for other in OPERATORS[type(operator)]:
-                ops = [*node.ops[:place], other(), *node.ops[place + 1:]]
+                ops = [*node.ops[:place], other(), *node.ops[place + 1 :]]
                 yield node, _with(node, ops=ops), other.__name__
     elif isinstance(node, (ast.BinOp, ast.BoolOp)):
         for other in OPERATORS.get(type(node.op), ()):
             yield node, _with(node, op=other()), other.__name__
     elif isinstance(node, ast.Constant) and isinstance(node.value, (bool, int, float)):
         value = node.value
-        new = not value if isinstance(value, bool) else value + 1 if isinstance(value, int) \
+        new = (
+            not value
+            if isinstance(value, bool)
+            else value + 1
+            if isinstance(value, int)
             else 2.0 * value + (value == 0.0)
+        )
         yield node, repr(new), repr(new)
     elif isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.USub, ast.Not)):
         yield node, f'({ast.unparse(node.operand)})', 'without its sign'
     # A negated comparison, `not` or constant is among the above.
-    if isinstance(node, (ast.If, ast.While, ast.IfExp)) \
-            and not isinstance(node.test, (ast.Compare, ast.UnaryOp, ast.Constant)):
+    if isinstance(node, (ast.If, ast.While, ast.IfExp)) and not isinstance(
+        node.test, (ast.Compare, ast.UnaryOp, ast.Constant)
+    ):
         yield node.test, f'(not ({ast.unparse(node.test)}))', 'negated'
-    if isinstance(node, (ast.AugAssign, ast.Raise)) \
-            or isinstance(node, ast.Expr) and not isinstance(node.value, ast.Constant) \
-            or isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Attribute):
+    if (
+        isinstance(node, (ast.AugAssign, ast.Raise))
+        or isinstance(node, ast.Expr)
+        and not isinstance(node.value, ast.Constant)
+        or isinstance(node, ast.Assign)
+        and isinstance(node.targets[0], ast.Attribute)
+    ):
         yield node, 'pass', 'dropped'
 
 
@@ -184,13 +226,16 @@ def equivalent() -> set[Mutant]:
         if not entry or entry.startswith('#'):
             continue
         file, _, change = entry.partition(': ')
-        found = [mutant for mutant in every(Path(file))
-                 if change in (mutant.change, mutant.full_change)]
+        found = [
+            mutant for mutant in every(Path(file)) if change in (mutant.change, mutant.full_change)
+        ]
         if len(found) == 1:
             listed |= {found[0]}
         else:
-            print(f'{EQUIVALENT.name}: ignored, since {len(found)} mutants are {entry}',
-                  file=sys.stderr)
+            print(
+                f'{EQUIVALENT.name}: ignored, since {len(found)} mutants are {entry}',
+                file=sys.stderr,
+            )
     return listed
 
 
@@ -211,13 +256,34 @@ class Bench:
 
     def failure(self, tests: Sequence[str], timeout: float | None = None) -> str | None:
         """Return what the quick tests among `tests` print if they fail or exceed `timeout` (s)."""
-        command = [sys.executable, '-m', 'pytest', '-x', '-q', '-p', 'no:cacheprovider', '-m',
-                   QUICK, *tests]
-        environment = {**os.environ, 'PYTHONPATH': str(self.directory), 'PYTHONHASHSEED': '0',
-                       'PYTHONDONTWRITEBYTECODE': '1'}
+        command = [
+            sys.executable,
+            '-m',
+            'pytest',
+            '-x',
+            '-q',
+            '-p',
+            'no:cacheprovider',
+            '-m',
+            QUICK,
+            *tests,
+        ]
+        environment = {
+            **os.environ,
+            'PYTHONPATH': str(self.directory),
+            'PYTHONHASHSEED': '0',
+            'PYTHONDONTWRITEBYTECODE': '1',
+        }
         try:
-            done = subprocess.run(command, cwd=self.directory, env=environment, timeout=timeout,
-                                  stdin=subprocess.DEVNULL, capture_output=True, text=True)
+            done = subprocess.run(
+                command,
+                cwd=self.directory,
+                env=environment,
+                timeout=timeout,
+                stdin=subprocess.DEVNULL,
+                capture_output=True,
+                text=True,
+            )
         except subprocess.TimeoutExpired:
             return f'no end within {timeout:.0f} s'
         # 5: there is no quick test among them.
@@ -235,8 +301,10 @@ class Bench:
 
     def _ordered(self, tests: str, module: str) -> list[str]:
         """Return the files of a room's tests, first those that name the mutant's module."""
-        files = sorted((self.directory / tests).rglob('test_*.py'),
-                       key=lambda file: module not in file.read_text())
+        files = sorted(
+            (self.directory / tests).rglob('test_*.py'),
+            key=lambda file: module not in file.read_text(),
+        )
         return [str(file.relative_to(self.directory)) for file in files]
 
 
@@ -278,31 +346,52 @@ def share_killed(target: str, mutants: list[Mutant], benches: queue.Queue[Bench]
                 mutant = outcomes[outcome]
                 dead += outcome.result()
                 if not outcome.result():
-                    print(f'survived: {mutant.path}:{mutant.line}: {mutant.full_change}',
-                          flush=True)
-                print(f'{target}: {number} of {len(mutants)} tried, {dead} killed, '
-                      f'{time.monotonic() - begin:.0f} s', file=sys.stderr, flush=True,
-                      end='\r' if sys.stderr.isatty() else '\n')
+                    print(
+                        f'survived: {mutant.path}:{mutant.line}: {mutant.full_change}', flush=True
+                    )
+                print(
+                    f'{target}: {number} of {len(mutants)} tried, {dead} killed, '
+                    f'{time.monotonic() - begin:.0f} s',
+                    file=sys.stderr,
+                    flush=True,
+                    end='\r' if sys.stderr.isatty() else '\n',
+                )
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise
     share = 100.0 * dead / max(len(mutants), 1)
-    print(f'{target}: {dead} of {len(mutants)} killed, {share:.0f} % '
-          f'({time.monotonic() - begin:.0f} s)', flush=True)
+    print(
+        f'{target}: {dead} of {len(mutants)} killed, {share:.0f} % '
+        f'({time.monotonic() - begin:.0f} s)',
+        flush=True,
+    )
     return share
 
 
 def main() -> int:
     """Try the mutants of each room; return 1 where a share is below --least."""
     parser = argparse.ArgumentParser(description=__doc__.split('\n\n')[0])
-    parser.add_argument('targets', nargs='*', default=ROOMS, metavar='ROOM | ROOM/FILE.py',
-                        help=f'default: {" ".join(ROOMS)}')
+    parser.add_argument(
+        'targets',
+        nargs='*',
+        default=ROOMS,
+        metavar='ROOM | ROOM/FILE.py',
+        help=f'default: {" ".join(ROOMS)}',
+    )
     parser.add_argument('--count', type=int, default=60, help='mutants of each (default: 60)')
     parser.add_argument('--seed', type=int, default=2015, help='of the choice (default: 2015)')
-    parser.add_argument('--jobs', type=int, default=len(os.sched_getaffinity(0)),
-                        help='mutants tried at a time (default: the cores)')
-    parser.add_argument('--least', type=float, default=90.0,
-                        help='per cent killed, below which the exit code is 1 (default: 90)')
+    parser.add_argument(
+        '--jobs',
+        type=int,
+        default=len(os.sched_getaffinity(0)),
+        help='mutants tried at a time (default: the cores)',
+    )
+    parser.add_argument(
+        '--least',
+        type=float,
+        default=90.0,
+        help='per cent killed, below which the exit code is 1 (default: 90)',
+    )
     options = parser.parse_args()
     for target in options.targets:
         if not (ROOT / PACKAGE / target).exists():
@@ -315,8 +404,11 @@ def main() -> int:
             benches.put(Bench(Path(temporary, str(job))))
         try:
             for target in options.targets:
-                mutants = [mutant for mutant in chosen(target, options.count, options.seed)
-                           if mutant not in known]
+                mutants = [
+                    mutant
+                    for mutant in chosen(target, options.count, options.seed)
+                    if mutant not in known
+                ]
                 low |= share_killed(target, mutants, benches) < options.least
         except RuntimeError as error:
             print(f'mutants: {error}', file=sys.stderr)

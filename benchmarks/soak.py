@@ -46,8 +46,7 @@ class Soak:
         self.hangs = 0
         self.memory: Memory = {}
 
-    def during(self, seconds: float, processes: Mapping[str, Program],
-               directory: Path) -> None:
+    def during(self, seconds: float, processes: Mapping[str, Program], directory: Path) -> None:
         """Disturb for a time, s; Ctrl-C ends it early: what was measured then is reported."""
         self.memory = {name: [] for name in processes}
         try:
@@ -55,8 +54,7 @@ class Soak:
         except KeyboardInterrupt:
             print('  interrupted', flush=True)
 
-    def _disturb(self, seconds: float, processes: Mapping[str, Program],
-                 directory: Path) -> None:
+    def _disturb(self, seconds: float, processes: Mapping[str, Program], directory: Path) -> None:
         watch = Watch(directory / SAMPLES_FILE)
         begin = time.monotonic()
         memory_at, progress_at = begin, begin + PROGRESS_MINUTES * SCHEDULE.minute
@@ -73,10 +71,14 @@ class Soak:
             self.hangs = watch.hangs
             if now >= progress_at:
                 progress_at += PROGRESS_MINUTES * SCHEDULE.minute
-                sizes = ', '.join(f'{name} {values[-1]:.1f}'
-                                  for name, values in self.memory.items())
-                print(f'  {(now - begin) / SCHEDULE.minute:.0f} minutes: {watch.count} '
-                      f'orientations; resident memory, MiB: {sizes}', flush=True)
+                sizes = ', '.join(
+                    f'{name} {values[-1]:.1f}' for name, values in self.memory.items()
+                )
+                print(
+                    f'  {(now - begin) / SCHEDULE.minute:.0f} minutes: {watch.count} '
+                    f'orientations; resident memory, MiB: {sizes}',
+                    flush=True,
+                )
             time.sleep(LOOP_PERIOD)
 
 
@@ -90,23 +92,39 @@ def soak(case: Case, minutes: float, rate: float, parameters: Mapping[str, str])
     print(f'\nsoak, {case.name}, {minutes:g} minutes at {rate:g} Hz', flush=True)
     with tempfile.TemporaryDirectory(prefix='recorder_') as recordings:
         driver = case.processes[-1]
-        own = {'source': 'can', 'can.interface': 'udp_multicast', 'can.channel': bus_channel(),
-               **simulated_rig()}
+        own = {
+            'source': 'can',
+            'can.interface': 'udp_multicast',
+            'can.channel': bus_channel(),
+            **simulated_rig(),
+        }
         whole = replace(
-            case, processes=('recorder', *case.processes),
-            own={'recorder': {'recorder:directory': recordings},
-                 driver: {f'encoder_driver:{name}': value for name, value in own.items()}})
+            case,
+            processes=('recorder', *case.processes),
+            own={
+                'recorder': {'recorder:directory': recordings},
+                driver: {f'encoder_driver:{name}': value for name, value in own.items()},
+            },
+        )
         disturbances = Soak(whole, rate)
         try:
             disturbances.bus.start()
-            measured = measure(whole, minutes * SCHEDULE.minute, rate, parameters,
-                               disturbances.during)
+            measured = measure(
+                whole, minutes * SCHEDULE.minute, rate, parameters, disturbances.during
+            )
         finally:
             disturbances.bus.stop()
             disturbances.visitors.end()
         rows = _rows(Path(recordings) / 'orientation.csv')
-    report(measured, disturbances.memory, disturbances.bus, disturbances.visitors,
-           disturbances.hangs, rows, SCHEDULE.minute)
+    report(
+        measured,
+        disturbances.memory,
+        disturbances.bus,
+        disturbances.visitors,
+        disturbances.hangs,
+        rows,
+        SCHEDULE.minute,
+    )
 
 
 def _rows(path: Path) -> int:
@@ -122,8 +140,13 @@ def main(args: list[str] | None = None) -> int:
     parser = measurement_parser('soak', __doc__)
     parser.add_argument('--minutes', type=positive, default=10.0, help='length (10)')
     parser.add_argument('--apart', action='store_true', help='the nodes as three processes')
-    return run(parser, lambda given, parameters: soak(
-        THREE if given.apart else MASTER, given.minutes, given.rate, parameters), args)
+    return run(
+        parser,
+        lambda given, parameters: soak(
+            THREE if given.apart else MASTER, given.minutes, given.rate, parameters
+        ),
+        args,
+    )
 
 
 if __name__ == '__main__':

@@ -43,8 +43,11 @@ class Watch:
         size = self._file.stat().st_size
         if size != self._size:
             self._size, self._grown, self._reported = size, now, False
-        elif alive_since is not None and not self._reported \
-                and now - max(alive_since, self._grown) > HANG:
+        elif (
+            alive_since is not None
+            and not self._reported
+            and now - max(alive_since, self._grown) > HANG
+        ):
             self._reported = True
             self.hangs += 1
             before = {name: len(process.stderr) for name, process in processes.items()}
@@ -52,12 +55,15 @@ class Watch:
                 process.send_signal(STACKS_SIGNAL)
             time.sleep(STACKS_TIME)
             for name, process in processes.items():
-                print(f'  no orientation for {HANG:g} s; {name}:\n'
-                      f'{process.stderr[before[name]:]}', flush=True)
+                print(
+                    f'  no orientation for {HANG:g} s; {name}:\n{process.stderr[before[name] :]}',
+                    flush=True,
+                )
 
 
-def stalls(arrivals: np.ndarray, alive: list[tuple[float, float]]) -> tuple[
-        list[tuple[float, float]], list[float]]:
+def stalls(
+    arrivals: np.ndarray, alive: list[tuple[float, float]]
+) -> tuple[list[tuple[float, float]], list[float]]:
     """
     Return the times without an orientation on a living bus, and those until the first one.
 
@@ -87,8 +93,9 @@ def unexplained(gaps: list[tuple[float, float]], rejections: np.ndarray) -> list
     found = []
     for begin, length in gaps:
         before, after = np.searchsorted(
-            rejections[:, 0], [begin * SECOND, (begin + length) * SECOND])
-        span = rejections[max(0, before - 1):after + 1, 1]
+            rejections[:, 0], [begin * SECOND, (begin + length) * SECOND]
+        )
+        span = rejections[max(0, before - 1) : after + 1, 1]
         if not len(span) or span[-1] == span[0]:
             found.append(length)
     return found

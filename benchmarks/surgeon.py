@@ -54,8 +54,12 @@ class Surgeon:
     arrival, ns, and texts on `teleop_state`.
     """
 
-    def __init__(self, orientations: bool = False, namespace: str = '',
-                 watch: Callable[[], object] = lambda: None) -> None:
+    def __init__(
+        self,
+        orientations: bool = False,
+        namespace: str = '',
+        watch: Callable[[], object] = lambda: None,
+    ) -> None:
         self._watch = watch
         self._context = rclpy.Context()
         # The arguments of the program are for others.
@@ -73,10 +77,12 @@ class Surgeon:
         if orientations:
             self._record(QuaternionStamped, 'orientation', self.orientations)
         self._node.create_subscription(String, 'teleop_state', self._on_state, STATE)
-        self._pedals = {name: self._node.create_publisher(Joy, name, EVENTS)
-                        for name in ('presence', 'clutch')}
-        self._clients = {name: self._node.create_client(Trigger, name)
-                         for name in ('enable', 'disable')}
+        self._pedals = {
+            name: self._node.create_publisher(Joy, name, EVENTS) for name in ('presence', 'clutch')
+        }
+        self._clients = {
+            name: self._node.create_client(Trigger, name) for name in ('enable', 'disable')
+        }
         self._fault = self._node.create_publisher(String, FAULT_TOPIC, EVENTS)
         # Pedals as they are, repeated: one that falls silent is released. The lock keeps a
         # repetition from following a change.
@@ -90,8 +96,12 @@ class Surgeon:
     def __enter__(self) -> Surgeon:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
-                 traceback: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
         self.close()
 
     @property
@@ -128,9 +138,14 @@ class Surgeon:
     def await_ready(self, timeout: float = DISCOVERY_TIMEOUT) -> bool:
         """Wait until the nodes are there and poses come; False if they do not."""
         return self.wait_until(
-            lambda: self.poses and self.states
-            and all(out.get_subscription_count() for out in self._pedals.values())
-            and self._clients['enable'].service_is_ready(), timeout)
+            lambda: (
+                self.poses
+                and self.states
+                and all(out.get_subscription_count() for out in self._pedals.values())
+                and self._clients['enable'].service_is_ready()
+            ),
+            timeout,
+        )
 
     def await_state(self, beginning: str, timeout: float) -> bool:
         """Wait for a state of the tele-operation; False if it does not come."""
@@ -138,6 +153,7 @@ class Surgeon:
 
     def wait_until(self, condition: Callable[[], object], timeout: float) -> bool:
         """Wait until a condition holds; False if it does not within that time, s."""
+
         def holds() -> object:
             self._watch()
             return condition()
@@ -189,7 +205,13 @@ class Surgeon:
         def take(message: Any, info: Mapping[str, int]) -> None:
             stamp = message.header.stamp
             q = message.quaternion if kind is QuaternionStamped else message.pose.orientation
-            into.append(Arrived(info['source_timestamp'], stamp.sec * SECOND + stamp.nanosec,
-                                (q.x, q.y, q.z, q.w)))
+            into.append(
+                Arrived(
+                    info['source_timestamp'],
+                    stamp.sec * SECOND + stamp.nanosec,
+                    (q.x, q.y, q.z, q.w),
+                )
+            )
+
         callback: Any = take
         self._node.create_subscription(kind, topic, callback, SAMPLES)

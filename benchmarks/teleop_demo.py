@@ -31,9 +31,16 @@ A simulated surgeon engages, clutches, loses a sensor and comes back, in half a 
 no hardware is needed. Other arguments are those of master: -p teleop.speed_limit:=1.0"""
 # Parameters of master unless it is given others: a simulated rig and its motion, and time-outs (s)
 # that a desktop's pauses do not reach. Whatever they are, no command goes out without a sample.
-DEFAULTS = {'source': 'sim', 'teleop.run': True, 'sim.trajectory': 'sweep',
-            'sample_timeout': 0.5, 'max_age': 0.5, 'teleop.orientation_timeout': 0.5,
-            'teleop.slave_timeout': 1.0, 'teleop.presence_timeout': 1.0}
+DEFAULTS = {
+    'source': 'sim',
+    'teleop.run': True,
+    'sim.trajectory': 'sweep',
+    'sample_timeout': 0.5,
+    'max_age': 0.5,
+    'teleop.orientation_timeout': 0.5,
+    'teleop.slave_timeout': 1.0,
+    'teleop.presence_timeout': 1.0,
+}
 # Time of each part in which the slave follows (s), and of the clutch.
 FOLLOW, CLUTCH = 4.0, 2.0
 # Sensor that is lost, and for how long (s).
@@ -76,19 +83,23 @@ def _demonstrate(args: list[str]) -> int:
     ended.
     """
     _, words = argparse.ArgumentParser(
-        prog=NAME, description=DESCRIPTION,
-        formatter_class=argparse.RawDescriptionHelpFormatter).parse_known_args(args)
+        prog=NAME, description=DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter
+    ).parse_known_args(args)
     os.environ.update(private_environment())
     with ExitStack() as stack:
         # A file before those that are given: they override it, as `-p` does.
         defaults = Path(stack.enter_context(TemporaryDirectory(prefix=NAME)), 'defaults.yaml')
         defaults.write_text(json.dumps({'/**': {'ros__parameters': DEFAULTS}}))
         programs = {
-            name: stack.enter_context(Program(command)) for name, command in (
+            name: stack.enter_context(Program(command))
+            for name, command in (
                 ('sim_slave', executable('sim_slave')),
-                ('master', executable('master', '--params-file', str(defaults), *words)))}
+                ('master', executable('master', '--params-file', str(defaults), *words)),
+            )
+        }
         surgeon = stack.enter_context(
-            Surgeon(orientations=True, watch=partial(_check_alive, programs)))
+            Surgeon(orientations=True, watch=partial(_check_alive, programs))
+        )
         began = time.monotonic()
 
         def report(text: str) -> None:
@@ -157,8 +168,11 @@ def table(commands: Sequence[Arrived], poses: Sequence[Arrived], lost: int, enab
     """
     stretches = _stretches(commands)
     starts = [_angle(stretch[0], _before(poses, stretch[0].at)) for stretch in stretches] or [0.0]
-    steps = [(_angle(one, other), (other.stamp - one.stamp) / SECOND)
-             for stretch in stretches for one, other in pairwise(stretch)] or [(0.0, 1.0)]
+    steps = [
+        (_angle(one, other), (other.stamp - one.stamp) / SECOND)
+        for stretch in stretches
+        for one, other in pairwise(stretch)
+    ] or [(0.0, 1.0)]
     errors = list(_tracking(commands, poses)) or [0.0]
     rms = sqrt(sum(error * error for error in errors) / len(errors))
     last = max((each.at for each in commands if each.at < enabled), default=lost)
@@ -168,15 +182,21 @@ def table(commands: Sequence[Arrived], poses: Sequence[Arrived], lost: int, enab
         ('times that the slave began to follow', f'{len(stretches)}'),
         ('first command beside the slave, largest', f'{degrees(max(starts)):.3f} deg'),
         ('step from one command to the next, largest', f'{degrees(max(steps)[0]):.3f} deg'),
-        ('angular speed of the command, largest',
-         f'{max(angle / seconds for angle, seconds in steps):.2f} rad/s'),
+        (
+            'angular speed of the command, largest',
+            f'{max(angle / seconds for angle, seconds in steps):.2f} rad/s',
+        ),
         ('tracking error of the slave, rms', f'{degrees(rms):.3f} deg'),
         ('tracking error of the slave, largest', f'{degrees(max(errors)):.3f} deg'),
-        ('last orientation to last command, sensor lost',
-         f'{max(0.0, (last - lost) / MILLISECOND):.1f} ms'),
-        ('commands from then to the next enable', f'{while_lost}'))
-    return '\n'.join(('| figure | value |', '|---|---|',
-                      *(f'| {name} | {value} |' for name, value in rows)))
+        (
+            'last orientation to last command, sensor lost',
+            f'{max(0.0, (last - lost) / MILLISECOND):.1f} ms',
+        ),
+        ('commands from then to the next enable', f'{while_lost}'),
+    )
+    return '\n'.join(
+        ('| figure | value |', '|---|---|', *(f'| {name} | {value} |' for name, value in rows))
+    )
 
 
 def _stretches(commands: Sequence[Arrived]) -> list[list[Arrived]]:

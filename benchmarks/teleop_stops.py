@@ -25,11 +25,17 @@ from spm_haptic_master.tools.benchmark import measurement_parser, run
 
 # Processes of the chain, with the parameters of each; those that are stopped in turn.
 CHAIN: Mapping[str, Mapping[str, object]] = {
-    'sim_slave': {}, 'teleop': {}, 'fkm': {},
-    'encoder_driver': {'source': 'sim', 'sim.trajectory': 'sweep'}}
+    'sim_slave': {},
+    'teleop': {},
+    'fkm': {},
+    'encoder_driver': {'source': 'sim', 'sim.trajectory': 'sweep'},
+}
 # Stops in their order: a process may come back with all that has queued up, or it is gone.
-STOPS = tuple((process, number) for process in reversed(tuple(CHAIN))
-              for number in (signal.SIGSTOP, signal.SIGKILL))
+STOPS = tuple(
+    (process, number)
+    for process in reversed(tuple(CHAIN))
+    for number in (signal.SIGSTOP, signal.SIGKILL)
+)
 # Time that the slave follows before (s), with that much more by chance.
 FOLLOWING, BY_CHANCE = 0.5, 0.2
 # Attempts to follow for that time without a pause of the machine.
@@ -40,8 +46,12 @@ QUIET, LONGEST = 0.5, 10.0
 RETURN = 1.5
 # Time-outs after which teleop stops by itself, by the process that it misses: those of its
 # settings (s); the command of the others stops with the last orientation.
-TIMEOUTS = {'sim_slave': 'teleop.slave_timeout', 'encoder_driver': 'teleop.orientation_timeout',
-            'fkm': 'teleop.orientation_timeout', 'teleop': ''}
+TIMEOUTS = {
+    'sim_slave': 'teleop.slave_timeout',
+    'encoder_driver': 'teleop.orientation_timeout',
+    'fkm': 'teleop.orientation_timeout',
+    'teleop': '',
+}
 # Periods of the command that a stop may take beyond its time-out.
 PERIODS = 2
 
@@ -60,17 +70,23 @@ class Stops:
     off: float = 0.0
 
 
-def measure_stops(rounds: int, parameters: Mapping[str, str], timeouts: Mapping[str, float],
-                  period: float,
-                  which: Sequence[tuple[str, signal.Signals]] = STOPS) -> list[Stops]:
+def measure_stops(
+    rounds: int,
+    parameters: Mapping[str, str],
+    timeouts: Mapping[str, float],
+    period: float,
+    which: Sequence[tuple[str, signal.Signals]] = STOPS,
+) -> list[Stops]:
     """
     Stop each process in turn, by each signal of `which`, and measure when the command stops.
 
     `timeouts` are those of teleop by their parameter, s (0 for ''), `period` is that of the
     command, s. PipelineError: the slave could not be engaged.
     """
-    found = [Stops(process, number, 1e3 * (timeouts[TIMEOUTS[process]] + PERIODS * period))
-             for process, number in which]
+    found = [
+        Stops(process, number, 1e3 * (timeouts[TIMEOUTS[process]] + PERIODS * period))
+        for process, number in which
+    ]
     # The surgeon is in this process: it joins the domain of the others.
     os.environ.update(private_environment())
     chance = np.random.default_rng(1)
@@ -103,8 +119,9 @@ def _follow(surgeon: Surgeon, seconds: float) -> None:
     raise PipelineError(f'the slave could not be engaged: {surgeon.state or "no teleop"}')
 
 
-def _stop_once(stops: Stops, surgeon: Surgeon, running: dict[str, Program],
-               parameters: Mapping[str, str]) -> None:
+def _stop_once(
+    stops: Stops, surgeon: Surgeon, running: dict[str, Program], parameters: Mapping[str, str]
+) -> None:
     """Stop the process, wait for the end of the commands, and let it return."""
     began = time.time_ns()
     running[stops.process].send_signal(stops.number)
@@ -124,19 +141,22 @@ def _stop_once(stops: Stops, surgeon: Surgeon, running: dict[str, Program],
     stops.commands += sum(command.at > returned for command in surgeon.commands[count:])
     # A slave that starts again stands where it starts.
     if stops.process != 'sim_slave' or stops.number == signal.SIGSTOP:
-        stops.off = max(stops.off, degrees(rotation_distance(
-            last, surgeon.poses[-1].quaternion)))
+        stops.off = max(stops.off, degrees(rotation_distance(last, surgeon.poses[-1].quaternion)))
 
 
 def stops_table(found: Sequence[Stops]) -> str:
     """Return the stops as a Markdown table."""
-    lines = ['| stopped | by | p50 ms | p99 | worst | time-out + 2 periods | commands after its '
-             'return | slave off the last command after it, deg |',
-             '|---|---|---|---|---|---|---|---|']
+    lines = [
+        '| stopped | by | p50 ms | p99 | worst | time-out + 2 periods | commands after its '
+        'return | slave off the last command after it, deg |',
+        '|---|---|---|---|---|---|---|---|',
+    ]
     for stops in found:
         p50, p99, worst = np.percentile(stops.times, [50.0, 99.0, 100.0])
-        lines.append(f'| {stops.process} | {stops.number.name} | {p50:.1f} | {p99:.1f} | '
-                     f'{worst:.1f} | {stops.limit:.0f} | {stops.commands} | {stops.off:.3f} |')
+        lines.append(
+            f'| {stops.process} | {stops.number.name} | {p50:.1f} | {p99:.1f} | '
+            f'{worst:.1f} | {stops.limit:.0f} | {stops.commands} | {stops.off:.3f} |'
+        )
     return '\n'.join(lines)
 
 
@@ -153,8 +173,11 @@ def _print_stops(given: argparse.Namespace, parameters: Mapping[str, str]) -> No
     _, values = resolve(resolved.of('teleop'), NODE_SETTINGS['teleop'])
     timeouts = {name: values[name] if name else 0.0 for name in TIMEOUTS.values()}
     rate = values['teleop.command_rate'] or values['rate']
-    print(f'\nTime from the stop of a process to the last servo_cp, {given.rounds} of each, '
-          f'servo_cp at {rate:g} Hz\n', flush=True)
+    print(
+        f'\nTime from the stop of a process to the last servo_cp, {given.rounds} of each, '
+        f'servo_cp at {rate:g} Hz\n',
+        flush=True,
+    )
     print(stops_table(measure_stops(given.rounds, parameters, timeouts, 1.0 / rate)))
 
 

@@ -50,8 +50,7 @@ class ViewLoad:
     after: float = 0.0
 
 
-def measure_view(seconds: float, rounds: int, rate: float,
-                 parameters: Mapping[str, str]) -> None:
+def measure_view(seconds: float, rounds: int, rate: float, parameters: Mapping[str, str]) -> None:
     """
     Measure `master` alone, beside view, and with a browser, in turn; print all with ratios.
 
@@ -63,8 +62,11 @@ def measure_view(seconds: float, rounds: int, rate: float,
         raise PipelineError(f'no browser is installed; expected {browser_process.NAMES[0]}')
     if not any(name.endswith('realtime.priority') for name in parameters):
         own = scheduling_of_make_run()
-        print('realtime.priority ' + (f'{PRIORITY}, as make run' if own else
-                                      '0: SCHED_FIFO is not permitted'), flush=True)
+        print(
+            'realtime.priority '
+            + (f'{PRIORITY}, as make run' if own else '0: SCHED_FIFO is not permitted'),
+            flush=True,
+        )
         parameters = {**parameters, **own}
     runs: list[Run] = []
     loads: dict[str, list[ViewLoad]] = {WITHOUT_BROWSER.name: [], WITH_BROWSER.name: []}
@@ -74,13 +76,20 @@ def measure_view(seconds: float, rounds: int, rate: float,
         for case, browser in ((WITHOUT_BROWSER, None), (WITH_BROWSER, path)):
             with _serving(browser) as view:
                 load = ViewLoad()
-                runs.append(measure(case, seconds, rate, parameters,
-                                    partial(_with_load, view, load), LOAD_TIME))
+                runs.append(
+                    measure(
+                        case, seconds, rate, parameters, partial(_with_load, view, load), LOAD_TIME
+                    )
+                )
                 if view.poll() is not None:
                     raise PipelineError(f'view ended by itself\n{view.stderr}')
             loads[case.name].append(load)
-            _print(number, rounds, runs[-1], f', view {load.cpu:.1f} % of a core, '
-                   f'{load.before:.1f} -> {load.after:.1f} MiB')
+            _print(
+                number,
+                rounds,
+                runs[-1],
+                f', view {load.cpu:.1f} % of a core, {load.before:.1f} -> {load.after:.1f} MiB',
+            )
     print(f'\nratio, median of {rounds} rounds (least .. largest)')
     for case in (WITHOUT_BROWSER, WITH_BROWSER):
         for name in ('p50', 'p99'):
@@ -108,13 +117,16 @@ def may_have_priority(priority: int) -> bool:
 
 def _print(number: int, rounds: int, run: Run, more: str = '') -> None:
     disturbed = disturbance(run) if run.case is MASTER else ''
-    print(f'round {number} of {rounds}, {run.case.name}: {summary(run.latencies)} us, '
-          f'lost {run.lost}{more}'
-          + (f' (disturbed: {disturbed})' if disturbed else ''), flush=True)
+    print(
+        f'round {number} of {rounds}, {run.case.name}: {summary(run.latencies)} us, '
+        f'lost {run.lost}{more}' + (f' (disturbed: {disturbed})' if disturbed else ''),
+        flush=True,
+    )
 
 
-def _with_load(view: Program, load: ViewLoad, seconds: float, _: Mapping[str, Program],
-               __: Path) -> None:
+def _with_load(
+    view: Program, load: ViewLoad, seconds: float, _: Mapping[str, Program], __: Path
+) -> None:
     """Measure `view` over the window."""
     ticks, load.before = all_processes()[view.pid][1], resident_memory(view.pid)
     time.sleep(seconds)
@@ -128,13 +140,24 @@ def _serving(path: str | None) -> Iterator[Program]:
     profile = Path(tempfile.mkdtemp(prefix='benchmark_browser_'))
     try:
         with Program(executable('view', parameters={'view.port': PORT})) as view:
-            if not wait_until(lambda: '\n' in view.stdout or view.poll() is not None,
-                              START_TIMEOUT) or view.poll() is not None:
+            if (
+                not wait_until(
+                    lambda: '\n' in view.stdout or view.poll() is not None, START_TIMEOUT
+                )
+                or view.poll() is not None
+            ):
                 raise PipelineError(f'view does not start: {view.stderr.strip()}')
             url = view.stdout.splitlines()[0].removeprefix('view: ')
-            browser = None if path is None else subprocess.Popen(
-                browser_process.command(path, profile, url, SIZE), stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL, start_new_session=True)
+            browser = (
+                None
+                if path is None
+                else subprocess.Popen(
+                    browser_process.command(path, profile, url, SIZE),
+                    stdout=subprocess.DEVNULL,
+                    stderr=subprocess.DEVNULL,
+                    start_new_session=True,
+                )
+            )
             try:
                 yield view
             finally:
@@ -149,8 +172,13 @@ def main(args: list[str] | None = None) -> int:
     parser = measurement_parser('view_load', __doc__)
     parser.add_argument('--seconds', type=positive, default=20.0, help='of a run (20)')
     parser.add_argument('--rounds', type=int, default=5, help='runs of each (5)')
-    return run(parser, lambda given, parameters: measure_view(
-        given.seconds, given.rounds, given.rate, parameters), args)
+    return run(
+        parser,
+        lambda given, parameters: measure_view(
+            given.seconds, given.rounds, given.rate, parameters
+        ),
+        args,
+    )
 
 
 if __name__ == '__main__':

@@ -29,16 +29,22 @@ OUTPUT = Path(__file__).with_name('parameters.md')
 # Groups of the encoder driver's parameters: prefix of the names, heading, introduction.
 DRIVER_GROUPS = (
     ('can.', 'The bus: `can.*`', ''),
-    ('encoders.', 'The encoders: `encoders.*`',
-     'Lists of four are in the order joint_1a, joint_1b, joint_1c, joint_3a; with `sensors` 5\n'
-     'or 6 they have as many values, joint_3b and joint_3c behind these. Their defaults are\n'
-     'those of joint_3a, with the next `encoders.id` and `encoders.node_id`.'),
+    (
+        'encoders.',
+        'The encoders: `encoders.*`',
+        'Lists of four are in the order joint_1a, joint_1b, joint_1c, joint_3a; with `sensors` 5\n'
+        'or 6 they have as many values, joint_3b and joint_3c behind these. Their defaults are\n'
+        'those of joint_3a, with the next `encoders.id` and `encoders.node_id`.',
+    ),
     ('replay.', 'The recording: `replay.*`', ''),
-    ('sim.', 'The simulated motion: `sim.*`',
-     "`fig9` is the paper's self-rotation through the singularity; `perturbed` that of its "
-     'section 5, about 50 deg;\n'
-     '`sweep` tilts and turns over the workspace; `tour` does so slowly and crosses the '
-     'singularity;\n`fixed` holds one pose.'),
+    (
+        'sim.',
+        'The simulated motion: `sim.*`',
+        "`fig9` is the paper's self-rotation through the singularity; `perturbed` that of its "
+        'section 5, about 50 deg;\n'
+        '`sweep` tilts and turns over the workspace; `tour` does so slowly and crosses the '
+        'singularity;\n`fixed` holds one pose.',
+    ),
 )
 # Settings that are identifiers on the bus or bits of a byte, printed as hexadecimal numbers.
 HEXADECIMAL = ('encoders.id', 'encoders.sync_id')
@@ -105,27 +111,39 @@ def page() -> str:
     driver, sources = _driver_settings()
     parts = [
         HEAD,
-        '## Every node\n', EVERY_NODE,
+        '## Every node\n',
+        EVERY_NODE,
         _table(REALTIME_SETTINGS),
-        '## `fkm`\n', _table(FKM_SETTINGS),
-        '### The drives: `drives.*`\n', DRIVES_HEAD, _table(DRIVE_SETTINGS),
-        '## `diagnostics`\n', _table(DIAGNOSTICS_SETTINGS),
-        '## `encoder_driver`\n', DRIVER_HEAD,
+        '## `fkm`\n',
+        _table(FKM_SETTINGS),
+        '### The drives: `drives.*`\n',
+        DRIVES_HEAD,
+        _table(DRIVE_SETTINGS),
+        '## `diagnostics`\n',
+        _table(DIAGNOSTICS_SETTINGS),
+        '## `encoder_driver`\n',
+        DRIVER_HEAD,
         _driver_table([each for each in driver if not _grouped(each.name)], sources),
     ]
     for prefix, heading, introduction in DRIVER_GROUPS:
         parts.append(f'### {heading}\n')
         if introduction:
             parts.append(introduction + '\n')
-        parts.append(_driver_table(
-            [each for each in driver if each.name.startswith(prefix)], sources))
+        parts.append(
+            _driver_table([each for each in driver if each.name.startswith(prefix)], sources)
+        )
         if prefix == 'encoders.':
             parts.append(CALIBRATION_NOTE)
-    parts += ['## `teleop`\n', TELEOP_HEAD, _table((*MASTER_SETTINGS, *TELEOP_SETTINGS)),
-              '## `presence`\n', _table(PRESENCE_SETTINGS),
-              '## `sim_slave`\n', _table(SLAVE_SETTINGS)]
-    parts += ['## `recorder`\n', _table(RECORDER_SETTINGS), '## `view`\n',
-              _table(VIEW_SETTINGS)]
+    parts += [
+        '## `teleop`\n',
+        TELEOP_HEAD,
+        _table((*MASTER_SETTINGS, *TELEOP_SETTINGS)),
+        '## `presence`\n',
+        _table(PRESENCE_SETTINGS),
+        '## `sim_slave`\n',
+        _table(SLAVE_SETTINGS),
+    ]
+    parts += ['## `recorder`\n', _table(RECORDER_SETTINGS), '## `view`\n', _table(VIEW_SETTINGS)]
     return '\n'.join(parts)
 
 
@@ -143,14 +161,23 @@ def _driver_settings() -> tuple[list[Setting], dict[str, dict[str, object]]]:
             if settings.setdefault(setting.name, setting) != setting:
                 raise ValueError(f'{setting.name}: two different settings of this name')
             default = given.get(setting.name, setting.default)
-            defaults.setdefault(setting.name, {})[source] = \
+            defaults.setdefault(setting.name, {})[source] = (
                 None if default is None else setting.check(default)
+            )
     return list(settings.values()), defaults
 
 
 def _table(settings: tuple[Setting, ...]) -> str:
-    rows = [(f'`{each.name}`', _value(each.name, each.default), _range(each),
-             'live' if each.live else '', each.description) for each in settings]
+    rows = [
+        (
+            f'`{each.name}`',
+            _value(each.name, each.default),
+            _range(each),
+            'live' if each.live else '',
+            each.description,
+        )
+        for each in settings
+    ]
     return _markdown(('parameter', 'default', 'range', 'live', 'meaning'), rows)
 
 
@@ -160,12 +187,22 @@ def _driver_table(settings: list[Setting], sources: Mapping[str, Mapping[str, ob
         defaults = sources[each.name] or {'': each.default}
         texts = {source: _value(each.name, value) for source, value in defaults.items()}
         same = len(set(texts.values())) == 1
-        default = next(iter(texts.values())) if same else ', '.join(
-            f'{source}: {text}' for source, text in texts.items())
+        default = (
+            next(iter(texts.values()))
+            if same
+            else ', '.join(f'{source}: {text}' for source, text in texts.items())
+        )
         named = ', '.join(sources[each.name])
-        rows.append((f'`{each.name}`', default, _range(each), 'live' if each.live else '',
-                     'all' if len(defaults) == len(SOURCE_SETTINGS) or not named else named,
-                     each.description))
+        rows.append(
+            (
+                f'`{each.name}`',
+                default,
+                _range(each),
+                'live' if each.live else '',
+                'all' if len(defaults) == len(SOURCE_SETTINGS) or not named else named,
+                each.description,
+            )
+        )
     return _markdown(('parameter', 'default', 'range', 'live', 'source', 'meaning'), rows)
 
 
@@ -212,8 +249,12 @@ def _bound(setting: Setting, bound: float) -> str:
 
 def _markdown(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
     cells = [head, ('---',) * len(head), *rows]
-    return '\n'.join('| ' + ' | '.join(cell.replace('|', '\\|') for cell in row) + ' |'
-                     for row in cells) + '\n'
+    return (
+        '\n'.join(
+            '| ' + ' | '.join(cell.replace('|', '\\|') for cell in row) + ' |' for row in cells
+        )
+        + '\n'
+    )
 
 
 def main() -> None:

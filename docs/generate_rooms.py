@@ -38,8 +38,12 @@ def section(rooms: Mapping[str, set[str]], outside: Mapping[str, set[str]]) -> s
 
     """
     lines = ['```mermaid', 'flowchart TD']
-    lines += [f'    {room} --> {other}' for room in reversed(rooms) for other in rooms
-              if other in rooms[room]]
+    lines += [
+        f'    {room} --> {other}'
+        for room in reversed(rooms)
+        for other in rooms
+        if other in rooms[room]
+    ]
     lines += ['```', '', '| room | content | may import | libraries |', '|---|---|---|---|']
     for room in reversed(rooms):
         imports = ', '.join(other for other in rooms if other in rooms[room]) or 'no room'

@@ -50,7 +50,8 @@ class Box(Node):
         wrench = WrenchStamped()
         torque = wrench.wrench.torque
         torque.x, torque.y, torque.z = (
-            -STIFFNESS * (angle - min(max(angle, -WIDTH), WIDTH)) for angle in turned)
+            -STIFFNESS * (angle - min(max(angle, -WIDTH), WIDTH)) for angle in turned
+        )
         self.out.publish(wrench)
 
 

@@ -28,8 +28,13 @@ turn.legend()
 # %% The handle tilts: at each self-rotation the singular poses are a line through the workspace
 for degrees in 30, 40, 50, 60:
     tilt, azimuth = singularity_locus(radians(degrees), half_angle=radians(26))
-    cone.plot(np.degrees(tilt) * np.cos(azimuth), np.degrees(tilt) * np.sin(azimuth), '.',
-              markersize=2, label=f'self-rotation {degrees} deg')
+    cone.plot(
+        np.degrees(tilt) * np.cos(azimuth),
+        np.degrees(tilt) * np.sin(azimuth),
+        '.',
+        markersize=2,
+        label=f'self-rotation {degrees} deg',
+    )
 cone.set(xlabel='tilt, deg', ylabel='tilt, deg', aspect='equal', xlim=(-27, 27), ylim=(-27, 27))
 cone.legend(fontsize='small')
 

@@ -59,28 +59,53 @@ def nodes(context: LaunchContext) -> list[LaunchDescriptionEntity]:
         IncludeLaunchDescription(
             PythonLaunchDescriptionSource(str(Path(__file__).with_name('master.launch.py'))),
             launch_arguments={**given, 'frame_prefix': prefix}.items(),
-            condition=IfCondition(LaunchConfiguration('master'))),
-        Node(package='robot_state_publisher', executable='robot_state_publisher',
-             namespace=namespace, output='screen', parameters=[{
-                 'robot_description': describe(geometry, folder),
-                 'frame_prefix': prefix, 'publish_frequency': 60.0}]),
-        Node(package='rviz2', executable='rviz2', namespace=namespace, output='screen',
-             arguments=['-d', str(config), '-f', f'{prefix}spm_base'],
-             condition=IfCondition(LaunchConfiguration('rviz')))]
+            condition=IfCondition(LaunchConfiguration('master')),
+        ),
+        Node(
+            package='robot_state_publisher',
+            executable='robot_state_publisher',
+            namespace=namespace,
+            output='screen',
+            parameters=[
+                {
+                    'robot_description': describe(geometry, folder),
+                    'frame_prefix': prefix,
+                    'publish_frequency': 60.0,
+                }
+            ],
+        ),
+        Node(
+            package='rviz2',
+            executable='rviz2',
+            namespace=namespace,
+            output='screen',
+            arguments=['-d', str(config), '-f', f'{prefix}spm_base'],
+            condition=IfCondition(LaunchConfiguration('rviz')),
+        ),
+    ]
 
 
 def arguments() -> list[DeclareLaunchArgument]:
     """Return the arguments that `ros2 launch --show-args` lists."""
     return [
-        *(DeclareLaunchArgument(name, default_value=default,
-                                description='as of master.launch.py')
-          for name, default in ARGUMENTS.items()),
+        *(
+            DeclareLaunchArgument(
+                name, default_value=default, description='as of master.launch.py'
+            )
+            for name, default in ARGUMENTS.items()
+        ),
         DeclareLaunchArgument(
-            'master', default_value='true', choices=['true', 'false'],
-            description='false: the haptic master already runs, only show it'),
+            'master',
+            default_value='true',
+            choices=['true', 'false'],
+            description='false: the haptic master already runs, only show it',
+        ),
         DeclareLaunchArgument(
-            'rviz', default_value='true', choices=['true', 'false'],
-            description='false: robot_state_publisher alone, for Foxglove'),
+            'rviz',
+            default_value='true',
+            choices=['true', 'false'],
+            description='false: robot_state_publisher alone, for Foxglove',
+        ),
     ]
 
 

@@ -27,37 +27,59 @@ def end(event: ProcessExited, context: LaunchContext) -> list[Shutdown]:
 def nodes(context: LaunchContext) -> list[Node]:
     """Return the nodes for the given arguments."""
     check_arguments(sys.argv, __file__, [argument.name for argument in arguments()])
-    given = {name: LaunchConfiguration(name).perform(context)
-             for name in ('source', 'config', 'calibration', 'namespace', 'frame_prefix')}
+    given = {
+        name: LaunchConfiguration(name).perform(context)
+        for name in ('source', 'config', 'calibration', 'namespace', 'frame_prefix')
+    }
     composed = LaunchConfiguration('composed').perform(context) == 'true'
-    return [Node(package=PACKAGE, executable=process.executable, namespace=given['namespace'],
-                 ros_arguments=list(process.arguments), output='screen', emulate_tty=False,
-                 on_exit=end)
-            for process in plan(**given, composed=composed)]
+    return [
+        Node(
+            package=PACKAGE,
+            executable=process.executable,
+            namespace=given['namespace'],
+            ros_arguments=list(process.arguments),
+            output='screen',
+            emulate_tty=False,
+            on_exit=end,
+        )
+        for process in plan(**given, composed=composed)
+    ]
 
 
 def arguments() -> list[DeclareLaunchArgument]:
     """Return the arguments that `ros2 launch --show-args` lists."""
     return [
         DeclareLaunchArgument(
-            'source', default_value='', choices=['', *SOURCE_SETTING.allowed],
-            description=f'{SOURCE_SETTING.description}; empty: that of the files'),
+            'source',
+            default_value='',
+            choices=['', *SOURCE_SETTING.allowed],
+            description=f'{SOURCE_SETTING.description}; empty: that of the files',
+        ),
         DeclareLaunchArgument(
-            'config', default_value='',
-            description='parameter file (YAML) for all nodes: the rig and its encoders'),
+            'config',
+            default_value='',
+            description='parameter file (YAML) for all nodes: the rig and its encoders',
+        ),
         DeclareLaunchArgument(
-            'calibration', default_value='',
-            description='second parameter file, which overrides the first: that of calibrate'),
+            'calibration',
+            default_value='',
+            description='second parameter file, which overrides the first: that of calibrate',
+        ),
         DeclareLaunchArgument(
-            'namespace', default_value='',
-            description='namespace of nodes and topics, one per arm'),
+            'namespace', default_value='', description='namespace of nodes and topics, one per arm'
+        ),
         DeclareLaunchArgument(
-            'frame_prefix', default_value='',
+            'frame_prefix',
+            default_value='',
             description="what the names of fkm's frames begin with, where the files do not name "
-                        'them'),
+            'them',
+        ),
         DeclareLaunchArgument(
-            'composed', default_value='true', choices=['true', 'false'],
-            description='true: one process (lower latency); false: one process per node'),
+            'composed',
+            default_value='true',
+            choices=['true', 'false'],
+            description='true: one process (lower latency); false: one process per node',
+        ),
     ]
 
 

@@ -22,7 +22,7 @@ OWN = {
     'calibration': 'second parameter file, which overrides the first: that of calibrate',
     'slave': 'namespace of its slave, such as /PSM2; empty: a simulated slave is started',
     'slave_pose': 'topic of the pose of its slave, such as /PSM2/setpoint_cp; empty: measured_cp '
-                  'in the namespace of its slave',
+    'in the namespace of its slave',
     'presence': 'topic of the pedal that shows presence (sensor_msgs/Joy); empty: ARM/presence',
     'clutch': 'topic of the clutch (sensor_msgs/Joy); empty: ARM/clutch',
 }
@@ -39,6 +39,7 @@ def end(event: ProcessExited, context: LaunchContext) -> list[Shutdown]:
 
 def nodes(context: LaunchContext) -> list[Node]:
     """Return the nodes for the given arguments."""
+
     def given(name: str) -> str:
         return LaunchConfiguration(name).perform(context)
 
@@ -46,18 +47,32 @@ def nodes(context: LaunchContext) -> list[Node]:
     arms = [arm.strip() for arm in given('arms').split(',')]
     for arm in arms:
         if arm not in ARMS or arms.count(arm) > 1:
-            raise InputError(f"arms:={given('arms')}; expected left, right or left,right")
+            raise InputError(f'arms:={given("arms")}; expected left, right or left,right')
     found = []
     for arm in arms:
         own = {name: given(f'{arm}_{name}') for name in OWN}
-        follower = Follower(
-            own['slave'], own['presence'], own['clutch'], own['slave_pose'])
-        found += [Node(package=PACKAGE, executable=process.executable, namespace=arm,
-                       ros_arguments=list(process.arguments), output='screen', emulate_tty=False,
-                       on_exit=end)
-                  for process in plan(given('source'), own['config'], own['calibration'], arm,
-                                      given('composed') == 'true', follower,
-                                      frame_prefix=f'{arm}/', argument_prefix=f'{arm}_')]
+        follower = Follower(own['slave'], own['presence'], own['clutch'], own['slave_pose'])
+        found += [
+            Node(
+                package=PACKAGE,
+                executable=process.executable,
+                namespace=arm,
+                ros_arguments=list(process.arguments),
+                output='screen',
+                emulate_tty=False,
+                on_exit=end,
+            )
+            for process in plan(
+                given('source'),
+                own['config'],
+                own['calibration'],
+                arm,
+                given('composed') == 'true',
+                follower,
+                frame_prefix=f'{arm}/',
+                argument_prefix=f'{arm}_',
+            )
+        ]
     return found
 
 
@@ -65,16 +80,27 @@ def arguments() -> list[DeclareLaunchArgument]:
     """Return the arguments that `ros2 launch --show-args` lists."""
     return [
         DeclareLaunchArgument(
-            'arms', default_value=','.join(ARMS),
-            description='arms to start, by their namespaces: left, right or left,right'),
+            'arms',
+            default_value=','.join(ARMS),
+            description='arms to start, by their namespaces: left, right or left,right',
+        ),
         DeclareLaunchArgument(
-            'source', default_value='', choices=['', *SOURCE_SETTING.allowed],
-            description=f'{SOURCE_SETTING.description}; empty: that of the files'),
+            'source',
+            default_value='',
+            choices=['', *SOURCE_SETTING.allowed],
+            description=f'{SOURCE_SETTING.description}; empty: that of the files',
+        ),
         DeclareLaunchArgument(
-            'composed', default_value='true', choices=['true', 'false'],
-            description='true: one process an arm (lower latency); false: one process per node'),
-        *(DeclareLaunchArgument(f'{arm}_{name}', default_value='', description=text)
-          for arm in ARMS for name, text in OWN.items()),
+            'composed',
+            default_value='true',
+            choices=['true', 'false'],
+            description='true: one process an arm (lower latency); false: one process per node',
+        ),
+        *(
+            DeclareLaunchArgument(f'{arm}_{name}', default_value='', description=text)
+            for arm in ARMS
+            for name, text in OWN.items()
+        ),
     ]
 
 

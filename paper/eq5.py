@@ -31,10 +31,12 @@ def eq5_coefficients(th1: np.ndarray, geometry: Geometry = PAPER_GEOMETRY) -> np
     reference = math.atan2(x, -y)
     c, s = math.cos(reference), math.sin(reference)
     chain = LockedChain(
-        chain.th1a, tuple(into_second_link(c, s, axis) for axis in chain.seconds), chain.g)
+        chain.th1a, tuple(into_second_link(c, s, axis) for axis in chain.seconds), chain.g
+    )
     # L, M, N are affine in x and y: three points give their coefficients.
     origin, along_x, along_y = (
-        np.array(chain.turn_equations(*point)) for point in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)))
+        np.array(chain.turn_equations(*point)) for point in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))
+    )
     affine = np.zeros((2, 3, 2, 2))
     affine[..., 0, 0] = origin
     affine[..., 1, 0] = along_x - origin
@@ -71,5 +73,5 @@ class _Polynomial:
         degree = len(p) + len(q) - 1
         product = np.zeros((degree, degree))
         for (i, j), value in np.ndenumerate(p):
-            product[i:i + len(q), j:j + len(q)] += value * q
+            product[i : i + len(q), j : j + len(q)] += value * q
         return _Polynomial(product)

@@ -47,8 +47,9 @@ class Entry:
         return f'Fig. {numbers}' if len(self.figures) == 1 else f'Figs. {numbers}'
 
 
-def verdict(holds: bool, otherwise: Verdict = Verdict.DIFFERS,
-            then: Verdict = Verdict.AGREES) -> Verdict:
+def verdict(
+    holds: bool, otherwise: Verdict = Verdict.DIFFERS, then: Verdict = Verdict.AGREES
+) -> Verdict:
     """Return `then` if a computed condition holds, else `otherwise`."""
     return then if holds else otherwise
 

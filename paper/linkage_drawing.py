@@ -47,10 +47,13 @@ class Linkage:
     @classmethod
     def at(cls, th1: np.ndarray, R: np.ndarray, g: Geometry) -> Linkage:
         """Return the linkage with active joints th1 and the platform at R."""
-        second = [second_axis(np.cos(angle), np.sin(angle), leg)
-                  for leg, angle in zip(g.legs, th1, strict=True)]
-        return cls(np.array(g.base_axes), np.array(second), (R @ np.array(g.platform_axes).T).T,
-                   R[:, 2])
+        second = [
+            second_axis(np.cos(angle), np.sin(angle), leg)
+            for leg, angle in zip(g.legs, th1, strict=True)
+        ]
+        return cls(
+            np.array(g.base_axes), np.array(second), (R @ np.array(g.platform_axes).T).T, R[:, 2]
+        )
 
 
 def arc(start: np.ndarray, end: np.ndarray) -> np.ndarray:
@@ -73,8 +76,9 @@ class View:
         axes.set_axis_off()
         axes.set_title(title, fontsize=10)
         turn = np.linspace(0.0, 2.0 * np.pi, 4 * ARC_POINTS)
-        axes.fill(np.cos(turn), np.sin(turn), facecolor='#f6f7f9', edgecolor='#bbbbbb',
-                  linewidth=0.8)
+        axes.fill(
+            np.cos(turn), np.sin(turn), facecolor='#f6f7f9', edgecolor='#bbbbbb', linewidth=0.8
+        )
         # Octant in which the device works: the planes of the base axes.
         for k in range(3):
             self.plot(arc(FIRST[k], FIRST[(k + 1) % 3]), color='#c8ccd2', linewidth=0.9)
@@ -88,33 +92,58 @@ class View:
         """Fill a closed line of points, shape (n, 3)."""
         self.axes.fill(*(rim @ self._plane).T, facecolor=color, alpha=alpha, linewidth=0)
 
-    def label(self, vector: np.ndarray, text: str, away: float = 0.1,
-              toward: Sequence[float] | None = None, **style: Any) -> None:
+    def label(
+        self,
+        vector: np.ndarray,
+        text: str,
+        away: float = 0.1,
+        toward: Sequence[float] | None = None,
+        **style: Any,
+    ) -> None:
         """Write a text `away` radii from a point, outwards or in a direction of the drawing."""
         place = vector @ self._plane
         out = place if toward is None else np.asarray(toward)
         out = out / np.linalg.norm(out)
-        self.axes.text(*(place + away * out), text, ha='center', va='center',
-                       **{'fontsize': 9, 'zorder': 5, **style})
+        self.axes.text(
+            *(place + away * out),
+            text,
+            ha='center',
+            va='center',
+            **{'fontsize': 9, 'zorder': 5, **style},
+        )
 
 
-def draw(view: View, linkage: Linkage, legs: Sequence[int] = (0, 1, 2), faint: bool = False,
-         labels: bool = True, platform: bool = True) -> None:
+def draw(
+    view: View,
+    linkage: Linkage,
+    legs: Sequence[int] = (0, 1, 2),
+    faint: bool = False,
+    labels: bool = True,
+    platform: bool = True,
+) -> None:
     """Draw legs and platform: proximal links thick, distal links thinner, platform filled."""
     alpha = 0.3 if faint else 1.0
     if platform:
-        rim = np.concatenate([arc(linkage.third[k], linkage.third[(k + 1) % 3])
-                              for k in range(3)])
+        rim = np.concatenate([arc(linkage.third[k], linkage.third[(k + 1) % 3]) for k in range(3)])
         view.fill(rim, '#888888', 0.15 if faint else 0.4)
     for k in legs:
         first, second, third = linkage.first[k], linkage.second[k], linkage.third[k]
-        view.plot(arc(first, second), color=LEGS[k], linewidth=5.0, alpha=alpha,
-                  solid_capstyle='round')
+        view.plot(
+            arc(first, second), color=LEGS[k], linewidth=5.0, alpha=alpha, solid_capstyle='round'
+        )
         view.plot(arc(second, third), color=LEGS[k], linewidth=2.4, alpha=alpha)
         for joint, vector in enumerate((first, second, third), start=1):
-            view.plot(vector[None], 'o', color='white', markersize=6,
-                      markeredgecolor=LEGS[k], markeredgewidth=1.5,
-                      markerfacecolor='white', zorder=4, alpha=alpha)
+            view.plot(
+                vector[None],
+                'o',
+                color='white',
+                markersize=6,
+                markeredgecolor=LEGS[k],
+                markeredgewidth=1.5,
+                markerfacecolor='white',
+                zorder=4,
+                alpha=alpha,
+            )
             if labels:
                 view.label(vector, f'{"ABC"[k]}$_{joint}$', 0.13)
     if platform:

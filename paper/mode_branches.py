@@ -42,24 +42,28 @@ def _active_angles(out: Path, t: np.ndarray, th1: np.ndarray) -> Entry:
     figure = plot_style.new_figure(height=3.0)
     axes = figure.subplots()
     styles: tuple[dict[str, Any], ...] = (
-        {'linewidth': 5.0, 'alpha': 0.35}, {'linewidth': 2.5},
-        {'linewidth': 1.2, 'linestyle': '--'})
+        {'linewidth': 5.0, 'alpha': 0.35},
+        {'linewidth': 2.5},
+        {'linewidth': 1.2, 'linestyle': '--'},
+    )
     for k, style in enumerate(styles):
-        axes.plot(t, np.degrees(th1[:, k]), color=LEGS[k],
-                  label=f'θ$_{{1{"ABC"[k]}}}$', **style)
-    plot_style.label_axes(axes, 'time, s', 'active angle, deg',
-                          'Active angles for φ = 45 + 10 sin(π t / 10) deg')
+        axes.plot(t, np.degrees(th1[:, k]), color=LEGS[k], label=f'θ$_{{1{"ABC"[k]}}}$', **style)
+    plot_style.label_axes(
+        axes, 'time, s', 'active angle, deg', 'Active angles for φ = 45 + 10 sin(π t / 10) deg'
+    )
     axes.legend(ncols=3, fontsize=9)
     plot_style.save(figure, out / 'fig09.png')
     apart = float(np.abs(th1 - th1[:, :1]).max())
     return Entry(
-        (9,), 'Active angles',
+        (9,),
+        'Active angles',
         'th1A, th1B, th1C for ψ = 135, θ = 54.7, φ = 10 sin(π t / 10) + 45 deg.',
         f'All three angles are one curve (to {degrees(apart):.0e} deg), from '
         f'{np.degrees(th1.min()):.2f} to {np.degrees(th1.max()):.2f} deg.',
         verdict(apart < 1e-9),
         "In the workspace's centre the three legs are alike. θ is acos(1/√3) = 54.7356 deg.",
-        'fig09.png')
+        'fig09.png',
+    )
 
 
 def _solutions(out: Path, t: np.ndarray, th1: np.ndarray, phi: np.ndarray) -> Entry:
@@ -70,23 +74,36 @@ def _solutions(out: Path, t: np.ndarray, th1: np.ndarray, phi: np.ndarray) -> En
     missed = max(float(away.min()) for away in apart)
     figure = plot_style.new_figure(height=3.4)
     axes = figure.subplots()
-    axes.plot(t, other, color=plot_style.CLASSIC, linewidth=1.6,
-              label='second solution of the FKM')
-    axes.plot(t, phi, color=plot_style.IMPROVED, linewidth=1.6,
-              label='first solution: the imposed motion')
+    axes.plot(
+        t, other, color=plot_style.CLASSIC, linewidth=1.6, label='second solution of the FKM'
+    )
+    axes.plot(
+        t,
+        phi,
+        color=plot_style.IMPROVED,
+        linewidth=1.6,
+        label='first solution: the imposed motion',
+    )
     singular = degrees(central_singularity())
-    axes.axhline(singular, color='#777777', linewidth=0.9, linestyle=':',
-                 label=f'singularity, {singular:.2f} deg')
+    axes.axhline(
+        singular,
+        color='#777777',
+        linewidth=0.9,
+        linestyle=':',
+        label=f'singularity, {singular:.2f} deg',
+    )
     met = _meetings(t, other - phi)
     axes.plot(met, np.interp(met, t, phi), 'o', color='black', markersize=5)
-    plot_style.label_axes(axes, 'time, s', 'self-rotation φ, deg',
-                          'Every self-rotation that the active angles allow')
+    plot_style.label_axes(
+        axes, 'time, s', 'self-rotation φ, deg', 'Every self-rotation that the active angles allow'
+    )
     axes.legend(fontsize=9)
     plot_style.save(figure, out / 'fig10.png')
     numbers = sorted({len(each) for each in modes})
     at = np.interp(met, t, phi)
     return Entry(
-        (10,), 'Self-rotation solutions of the FKM',
+        (10,),
+        'Self-rotation solutions of the FKM',
         'Two solutions, which intersect near the singularity.',
         f'{" or ".join(map(str, numbers))} modes at every instant; the two curves meet at '
         f't = {" and ".join(f"{each:.2f}" for each in met)} s, at φ = '
@@ -94,7 +111,8 @@ def _solutions(out: Path, t: np.ndarray, th1: np.ndarray, phi: np.ndarray) -> En
         f'them, to {missed:.0e} deg.',
         verdict(len(met) == 2 and np.abs(at - singular).max() < MEETING and missed < 1e-3),
         'Where the curves meet, the three active angles do not determine which one to follow.',
-        'fig10.png')
+        'fig10.png',
+    )
 
 
 def _meetings(t: np.ndarray, difference: np.ndarray) -> np.ndarray:

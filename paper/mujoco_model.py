@@ -86,16 +86,19 @@ def _leg(k: int, g: Geometry, inner: str) -> str:
 
 
 def _model(g: Geometry) -> str:
-    sites = ''.join(f'<site name="platform_{LEG_NAMES[k]}" {_point(g.platform_axes[k])}/>'
-                    for k in (1, 2))
+    sites = ''.join(
+        f'<site name="platform_{LEG_NAMES[k]}" {_point(g.platform_axes[k])}/>' for k in (1, 2)
+    )
     platform = f"""
       <body name="third" {_rotation(about_x(g.betas[0]))}>
         <joint name="joint_3a" axis="0 0 1"/>
         <inertial pos="0 0 0.01" mass="0.1" diaginertia="1e-3 1e-3 1e-3"/>
         <body name="platform" {_rotation(platform_frame(g).T)}>{sites}</body>
       </body>"""
-    tips = [f'<site name="tip_{LEG_NAMES[k]}" {_point(about_x(g.betas[k]) @ [0.0, 0.0, 1.0])}/>'
-            for k in (1, 2)]
+    tips = [
+        f'<site name="tip_{LEG_NAMES[k]}" {_point(about_x(g.betas[k]) @ [0.0, 0.0, 1.0])}/>'
+        for k in (1, 2)
+    ]
     legs = ''.join(_leg(k, g, inner) for k, inner in enumerate([platform, *tips]))
     return f"""
       <mujoco>
@@ -131,8 +134,13 @@ class MultiBody:
             frame = base_frame(self.g, k) @ about_z(th1[k]) @ about_x(self.g.alphas[k])
             x, y, _ = frame.T @ R @ self.g.platform_axes[k]
             qpos[self._address('joint_2' + name)] = math.atan2(x, -y)
-        frame = (base_frame(self.g, 0) @ about_z(th1[0]) @ about_x(self.g.alphas[0])
-                 @ about_z(qpos[self._address('joint_2a')]) @ about_x(self.g.betas[0]))
+        frame = (
+            base_frame(self.g, 0)
+            @ about_z(th1[0])
+            @ about_x(self.g.alphas[0])
+            @ about_z(qpos[self._address('joint_2a')])
+            @ about_x(self.g.betas[0])
+        )
         x, y, _ = frame.T @ R @ platform_frame(self.g)[:, 0]
         qpos[self.third] = math.atan2(y, x)
 

@@ -36,15 +36,21 @@ def write(entries: list[Entry], errata: str, machine: str, seconds: float) -> st
     last = max(max(entry.figures, default=0) for entry in entries)
     ordered = sorted(entries, key=lambda entry: entry.figures or (last + 1,))
     minutes = f'{seconds / 60.0:.1f} minutes'
-    parts = [HEAD.format(minutes=minutes, machine=machine), '## At a glance\n', _glance(ordered),
-             *(_section(entry) for entry in ordered),
-             f'## Where the print errs\n\n{errata}\n']
+    parts = [
+        HEAD.format(minutes=minutes, machine=machine),
+        '## At a glance\n',
+        _glance(ordered),
+        *(_section(entry) for entry in ordered),
+        f'## Where the print errs\n\n{errata}\n',
+    ]
     return '\n'.join(parts)
 
 
 def _glance(entries: list[Entry]) -> str:
-    rows = [f'| [{entry.name}](#{_anchor(entry)}) | {entry.title} | {entry.verdict.value} |'
-            for entry in entries]
+    rows = [
+        f'| [{entry.name}](#{_anchor(entry)}) | {entry.title} | {entry.verdict.value} |'
+        for entry in entries
+    ]
     return '\n'.join([f'| figure | title | {COLUMN} |', '| --- | --- | --- |', *rows, ''])
 
 
@@ -62,8 +68,12 @@ def _section(entry: Entry) -> str:
     parts = [f'## {_heading(entry)}\n']
     if entry.picture:
         parts.append(f'![{_heading(entry)}]({entry.picture})\n')
-    parts += [f'- **The paper:** {entry.shows}', f'- **Here:** {entry.here}',
-              f'- **{entry.verdict.value.capitalize()}.** {entry.why}'.rstrip(), '']
+    parts += [
+        f'- **The paper:** {entry.shows}',
+        f'- **Here:** {entry.here}',
+        f'- **{entry.verdict.value.capitalize()}.** {entry.why}'.rstrip(),
+        '',
+    ]
     if entry.details:
         parts += [entry.details, '']
     return '\n'.join(parts)

@@ -90,8 +90,12 @@ class Experiment:
 
 def _bus() -> dict[str, object]:
     """Return the parameters of this process's own simulated CAN bus."""
-    return {'can.interface': 'udp_multicast', 'can.channel': bus_channel(),
-            'can.sync': 'produce', 'rate': RATE}
+    return {
+        'can.interface': 'udp_multicast',
+        'can.channel': bus_channel(),
+        'can.sync': 'produce',
+        'rate': RATE,
+    }
 
 
 @contextmanager
@@ -124,8 +128,10 @@ def _finish(command: Sequence[str], limit: float) -> None:
 def _failure(program: Program) -> SpmError:
     """Return the error of a program that ended, with the last line that it printed."""
     lines = (program.stderr or program.stdout).strip().splitlines()
-    return SpmError(f'{program.command[3]} ended with {program.poll()}: '
-                    + (lines[-1] if lines else 'without a message'))
+    return SpmError(
+        f'{program.command[3]} ended with {program.poll()}: '
+        + (lines[-1] if lines else 'without a message')
+    )
 
 
 def calibrate(directory: Path) -> dict[str, Values]:
@@ -137,13 +143,30 @@ def calibrate(directory: Path) -> dict[str, Values]:
     """
     found = directory / 'calibration.yaml'
     for pose in JIG:
-        with _running(executable('sim_bus', *parameter_arguments(
-                {**_bus(), 'sim.trajectory': 'fixed', 'sim.pose_deg': list(pose)}))) as programs:
+        with _running(
+            executable(
+                'sim_bus',
+                *parameter_arguments(
+                    {**_bus(), 'sim.trajectory': 'fixed', 'sim.pose_deg': list(pose)}
+                ),
+            )
+        ) as programs:
             _wait_for_encoders(programs)
             # The second run replaces the file of the first one, and verifies the directions.
-            _finish(executable(
-                'calibrate', '-o', str(found), '--force', '--pose', *map(str, pose), '--seconds',
-                str(CALIBRATION_SECONDS), *parameter_arguments(_bus())), START_LIMIT)
+            _finish(
+                executable(
+                    'calibrate',
+                    '-o',
+                    str(found),
+                    '--force',
+                    '--pose',
+                    *map(str, pose),
+                    '--seconds',
+                    str(CALIBRATION_SECONDS),
+                    *parameter_arguments(_bus()),
+                ),
+                START_LIMIT,
+            )
     return {'found': read_sections(found)[0].values, 'true': simulated_rig()}
 
 
@@ -157,11 +180,11 @@ def run(directory: Path, seconds: float) -> Experiment:
     recording = directory / 'recording'
     bus = _bus()
     with _running(
-            executable('recorder', parameters={'directory': recording}),
-            executable('fkm', parameters={'solver': 'theta3a', 'rate': RATE}),
-            executable('sim_bus', *parameter_arguments({**bus, 'sim.trajectory': 'perturbed'})),
-            executable('encoder_driver', parameters={'source': 'can', **simulated_rig(), **bus}),
-            ) as programs:
+        executable('recorder', parameters={'directory': recording}),
+        executable('fkm', parameters={'solver': 'theta3a', 'rate': RATE}),
+        executable('sim_bus', *parameter_arguments({**bus, 'sim.trajectory': 'perturbed'})),
+        executable('encoder_driver', parameters={'source': 'can', **simulated_rig(), **bus}),
+    ) as programs:
         begin = time.monotonic()
         _wait_for_samples(recording / 'orientation.csv', programs)
         time.sleep(seconds)
@@ -169,12 +192,26 @@ def run(directory: Path, seconds: float) -> Experiment:
         length = time.monotonic() - begin
     coordinates, truth = capture(length)
     times = np.arange(len(truth)) / CAPTURE_RATE
-    np.savetxt(directory / 'markers.csv', np.column_stack([times, coordinates]), fmt='%.4f',
-               delimiter=',', comments='', header=','.join(('time', *recordings.MARKERS)))
-    _finish(executable(
-        'validate', str(recording / 'orientation.csv'), str(directory / 'markers.csv'),
-        '--joints', str(recording / 'measured_js.csv'), '-o', str(directory / 'validation')),
-        START_LIMIT)
+    np.savetxt(
+        directory / 'markers.csv',
+        np.column_stack([times, coordinates]),
+        fmt='%.4f',
+        delimiter=',',
+        comments='',
+        header=','.join(('time', *recordings.MARKERS)),
+    )
+    _finish(
+        executable(
+            'validate',
+            str(recording / 'orientation.csv'),
+            str(directory / 'markers.csv'),
+            '--joints',
+            str(recording / 'measured_js.csv'),
+            '-o',
+            str(directory / 'validation'),
+        ),
+        START_LIMIT,
+    )
     aligned = np.genfromtxt(directory / 'validation' / 'aligned.csv', delimiter=',', names=True)
     columns = {name: aligned[name] for name in aligned.dtype.names}
     rows = np.round(columns['capture_time'] * CAPTURE_RATE).astype(int)

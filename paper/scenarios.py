@@ -88,8 +88,14 @@ def entries(out: Path, step: float = STEP) -> list[Entry]:
     exact = solve(time, R, np.zeros_like(noise), followed=True)
     noisy = solve(time, R, noise * [1.0, 1.0, 1.0, 0.0])
     every = solve(time, R, noise)
-    return [_first(), _multi_body_model(), _exact(out, exact),
-            _second(), _noisy(out, noisy, every), _tracking(R, noise)]
+    return [
+        _first(),
+        _multi_body_model(),
+        _exact(out, exact),
+        _second(),
+        _noisy(out, noisy, every),
+        _tracking(R, noise),
+    ]
 
 
 def solve(time: np.ndarray, R: np.ndarray, noise: np.ndarray, followed: bool = False) -> Run:
@@ -106,7 +112,8 @@ def solve(time: np.ndarray, R: np.ndarray, noise: np.ndarray, followed: bool = F
         'classic': nearest_modes(th1, R),
         'multi-body': multi_body(th1, R[:1] if followed else R),
         'improved': forward_theta3a(th1, th3a),
-        'estimate': estimate(th1, th3a, SIGMA).rotation}
+        'estimate': estimate(th1, th3a, SIGMA).rotation,
+    }
     return Run(time, _phi(R), {name: _phi(each) for name, each in found.items()})
 
 
@@ -153,13 +160,17 @@ def _statistics(run: Run, name: str) -> tuple[object, ...]:
         known = error[part & np.isfinite(error)]
         return f'{np.sqrt(np.mean(known**2)):.2g}' if known.size else 'none'
 
-    return (MODELS[name]['label'], _size(error), rms(near), rms(~near),
-            int(np.isnan(error).sum()))
+    return (MODELS[name]['label'], _size(error), rms(near), rms(~near), int(np.isnan(error).sum()))
 
 
 # Header of the tables of errors.
-HEADER = ('error of φ, deg', 'largest', f'rms within {NEAR:g} deg of the singularity',
-          'rms elsewhere', 'samples without an answer')
+HEADER = (
+    'error of φ, deg',
+    'largest',
+    f'rms within {NEAR:g} deg of the singularity',
+    'rms elsewhere',
+    'samples without an answer',
+)
 
 
 def _flow(noise: str) -> str:
@@ -171,17 +182,22 @@ def _flow(noise: str) -> str:
         '  N -- "th1A, th1B, th1C" --> D["multi-body model"]\n'
         '  N -- "th1A, th1B, th1C, th3A" --> E["improved FKM"]\n'
         '  N -- "th1A, th1B, th1C, th3A" --> H["estimate"]\n'
-        '  C & D & E & H --> F["φ against the imposed one"]\n```')
+        '  C & D & E & H --> F["φ against the imposed one"]\n```'
+    )
 
 
 def _first() -> Entry:
     return Entry(
-        (16,), 'First scenario',
+        (16,),
+        'First scenario',
         'A flowchart: reference trajectory, inverse model, three forward models. Only the '
         'self-rotation moves, around 50 deg; ψ = 135, θ = 54 deg.',
-        'The same with a fourth model, `estimate`. The motion is that of Fig. 9.', Verdict.AGREES,
+        'The same with a fourth model, `estimate`. The motion is that of Fig. 9.',
+        Verdict.AGREES,
         'The print has no trajectory; that of Fig. 9 passes the singularity twice. θ is the '
-        "centre's 54.7356 deg.", details=_flow('no noise'))
+        "centre's 54.7356 deg.",
+        details=_flow('no noise'),
+    )
 
 
 def _multi_body_model() -> Entry:
@@ -191,12 +207,17 @@ def _multi_body_model() -> Entry:
     for i in range(1, model.nbody):
         parent, count = names[model.body_parentid[i]], model.body_jntnum[i]
         joint = model.joint(model.body_jntadr[i]).name if count else ''
-        lines.append(f'  {parent} -- "{joint}" --> {names[i]}' if count
-                     else f'  {parent} --- {names[i]}')
-    lines += ['  distal_b -. "tip held" .- platform', '  distal_c -. "tip held" .- platform',
-              '```']
+        lines.append(
+            f'  {parent} -- "{joint}" --> {names[i]}' if count else f'  {parent} --- {names[i]}'
+        )
+    lines += [
+        '  distal_b -. "tip held" .- platform',
+        '  distal_c -. "tip held" .- platform',
+        '```',
+    ]
     return Entry(
-        (17,), 'The multi-body model',
+        (17,),
+        'The multi-body model',
         'The SimMechanics diagram: nine revolute joints, base, end-effector; active angles in, '
         'orientation out.',
         f'MuJoCo {mujoco.__version__}, generated from α, β, γ: {model.njnt} hinges and '
@@ -204,16 +225,20 @@ def _multi_body_model() -> Entry:
         'orientation out; it uses no formula of the package.',
         verdict(model.njnt + model.neq == 9),
         'The joints 3B and 3C are the point constraints: with all axes through one centre, a '
-        'point fixed on the axis allows the same motion as a hinge.', details='\n'.join(lines))
+        'point fixed on the axis allows the same motion as a hinge.',
+        details='\n'.join(lines),
+    )
 
 
-def _draw(run: Run, title: str, log: bool, numbers: Sequence[int], printed: dict[str, float],
-          path: Path) -> None:
+def _draw(
+    run: Run, title: str, log: bool, numbers: Sequence[int], printed: dict[str, float], path: Path
+) -> None:
     figure = plot_style.new_figure(height=6.2)
     axes = figure.subplots(2, 2, sharex=True).ravel()
     singular = degrees(central_singularity())
-    axes[0].plot(run.time, run.phi, color=plot_style.REFERENCE, linewidth=3.0, alpha=0.25,
-                 label='imposed')
+    axes[0].plot(
+        run.time, run.phi, color=plot_style.REFERENCE, linewidth=3.0, alpha=0.25, label='imposed'
+    )
     for model, style in MODELS.items():
         axes[0].plot(run.time, run.found[model], linewidth=1.0, **style)
     axes[0].axhline(singular, color='#777777', linewidth=0.8, linestyle=':')
@@ -223,18 +248,31 @@ def _draw(run: Run, title: str, log: bool, numbers: Sequence[int], printed: dict
     for place, models, number in zip(axes[1:], panels, numbers[1:], strict=True):
         for model in models:
             error = run.error(model)
-            place.plot(run.time, np.maximum(np.abs(error), 1e-17) if log else error,
-                       linewidth=0.9, **MODELS[model])
+            place.plot(
+                run.time,
+                np.maximum(np.abs(error), 1e-17) if log else error,
+                linewidth=0.9,
+                **MODELS[model],
+            )
         level = printed.get(models[-1])
         for bound in () if level is None else (level,) if log else (level, -level):
-            place.axhline(bound, color='black', linewidth=0.9, linestyle='--',
-                          label=f'printed: {level:g} deg' if bound > 0.0 else None)
+            place.axhline(
+                bound,
+                color='black',
+                linewidth=0.9,
+                linestyle='--',
+                label=f'printed: {level:g} deg' if bound > 0.0 else None,
+            )
         if log:
             place.set_yscale('log')
             place.set_ylim(1e-16, 1.0)
         place.legend(fontsize=7)
-        plot_style.label_axes(place, '', '|error of φ|, deg' if log else 'error of φ, deg',
-                              f'Fig. {number}: {" and ".join(models[::-1])}')
+        plot_style.label_axes(
+            place,
+            '',
+            '|error of φ|, deg' if log else 'error of φ, deg',
+            f'Fig. {number}: {" and ".join(models[::-1])}',
+        )
     for place in axes[2:]:
         place.set_xlabel('time, s')
     plot_style.save(figure, path)
@@ -249,14 +287,18 @@ def _closure_error(phi_error: float) -> float:
 
 
 def _exact(out: Path, run: Run) -> Entry:
-    printed = {'classic': PRINTED_CLASSIC, 'multi-body': PRINTED_MULTI_BODY,
-               'improved': PRINTED_IMPROVED}
+    printed = {
+        'classic': PRINTED_CLASSIC,
+        'multi-body': PRINTED_MULTI_BODY,
+        'improved': PRINTED_IMPROVED,
+    }
     _draw(run, 'no noise', True, (18, 19, 20, 21), printed, out / 'fig18_21.png')
     improved = float(np.abs(run.error('improved')).max())
     worst = float(np.nanmax(np.abs(run.error('classic'))))
     opened = [_closure_error(each) for each in (PRINTED_CLASSIC, PRINTED_MULTI_BODY)]
     return Entry(
-        (18, 19, 20, 21), 'Self-rotation and its errors without noise',
+        (18, 19, 20, 21),
+        'Self-rotation and its errors without noise',
         f'The three models cannot be distinguished in Fig. 18. Errors: classic about '
         f'{PRINTED_CLASSIC:g}, SimMechanics about {PRINTED_MULTI_BODY:g} deg, both amplified near '
         f'the singularity; improved about {PRINTED_IMPROVED:.0e} deg, not amplified.',
@@ -271,21 +313,33 @@ def _exact(out: Path, run: Run) -> Entry:
         f'{PRINTED_MULTI_BODY:g} deg by {opened[1]:.1e}: a solver with such a tolerance '
         "would make the paper's errors; the print does not name its tolerance. Here both models "
         'are solved to rounding.',
-        'fig18_21.png', table(HEADER, [_statistics(run, name) for name in MODELS]))
+        'fig18_21.png',
+        table(HEADER, [_statistics(run, name) for name in MODELS]),
+    )
 
 
 def _second() -> Entry:
     return Entry(
-        (22,), 'Second scenario',
+        (22,),
+        'Second scenario',
         'The flowchart of Fig. 16 with random errors on the active joint angles.',
-        f'The same, with σ = {degrees(SIGMA):g} deg.', Verdict.AGREES,
+        f'The same, with σ = {degrees(SIGMA):g} deg.',
+        Verdict.AGREES,
         'The text puts the noise on the active joints only: th3A is exact. The last table of this '
-        'scenario puts it on th3A, too.', details=_flow('noise on th1A, th1B, th1C'))
+        'scenario puts it on th3A, too.',
+        details=_flow('noise on th1A, th1B, th1C'),
+    )
 
 
 def _noisy(out: Path, run: Run, every: Run) -> Entry:
-    _draw(run, 'noise on the active angles', False, (23, 24, 25, 26),
-          {'improved': PRINTED_NOISY}, out / 'fig23_26.png')
+    _draw(
+        run,
+        'noise on the active angles',
+        False,
+        (23, 24, 25, 26),
+        {'improved': PRINTED_NOISY},
+        out / 'fig23_26.png',
+    )
     improved = np.abs(run.error('improved'))
     rms = float(np.sqrt(np.mean(improved**2)))
     within = 100.0 * float(np.mean(improved < PRINTED_NOISY))
@@ -296,7 +350,8 @@ def _noisy(out: Path, run: Run, every: Run) -> Entry:
     details += '\n\nThe same with noise on th3A, too, as a rig has it:\n\n'
     details += table(HEADER, [_statistics(every, name) for name in MODELS])
     return Entry(
-        (23, 24, 25, 26), 'Self-rotation and its errors with noise on the active angles',
+        (23, 24, 25, 26),
+        'Self-rotation and its errors with noise on the active angles',
         'Classic and SimMechanics: more than 1 deg near the singularity. Improved: less than '
         f'{PRINTED_NOISY:g} deg, without amplification.',
         f'Classic: up to {worst:.2g} deg, and no answer at all in {int(np.isnan(classic).sum())} '
@@ -310,15 +365,19 @@ def _noisy(out: Path, run: Run, every: Run) -> Entry:
         f'deviation of {rms:.4f} deg, so that a bound of {PRINTED_NOISY:g} deg holds for most '
         'samples, not for all. `estimate` assumes the same noise on th3A as on the others, so '
         'that it does not profit from the exact th3A.',
-        'fig23_26.png', details)
+        'fig23_26.png',
+        details,
+    )
 
 
 def _tracking(R: np.ndarray, noise: np.ndarray) -> Entry:
     th1 = inverse(R).theta1
     phi = _phi(R)
     rows = []
-    for name, angles in (('no noise', th1),
-                         (f'noise of {degrees(SIGMA):g} deg', th1 + noise[:, :3])):
+    for name, angles in (
+        ('no noise', th1),
+        (f'noise of {degrees(SIGMA):g} deg', th1 + noise[:, :3]),
+    ):
         last, wrong, silent = R[0], 0, 0
         for row in range(len(R)):
             try:
@@ -329,12 +388,21 @@ def _tracking(R: np.ndarray, noise: np.ndarray) -> Entry:
             wrong += abs(_phi(last[None])[0] - phi[row]) > NEAR
         rows.append((name, f'{100.0 * wrong / len(R):.1f} %', f'{100.0 * silent / len(R):.1f} %'))
     return Entry(
-        (19, 24), 'What a controller without the fourth sensor would see',
+        (19, 24),
+        'What a controller without the fourth sensor would see',
         'When the device leaves the singular configuration, the classic FKM cannot ensure the '
         'selection of the suitable solution (section 2.2).',
         'In the figures above the imposed pose selects the mode of the classic model, and of the '
         'multi-body model with noise, which begins each search there. A classic model that '
         'follows the mode nearest to its last one is in the wrong mode for the part of the time '
-        'in the table.', Verdict.AGREES,
-        details=table(('classic FKM, mode nearest to the last',
-                       f'off by more than {NEAR:g} deg', 'no answer'), rows))
+        'in the table.',
+        Verdict.AGREES,
+        details=table(
+            (
+                'classic FKM, mode nearest to the last',
+                f'off by more than {NEAR:g} deg',
+                'no answer',
+            ),
+            rows,
+        ),
+    )

@@ -77,8 +77,9 @@ def whole_workspace(n: int, rng: np.random.Generator) -> np.ndarray:
     found = np.empty((0, 3, 3))
     while len(found) < n:
         tilt = np.arccos(rng.uniform(cos(radians(HALF_ANGLE)), 1.0, n))
-        poses = workspace_pose(tilt, rng.uniform(0.0, 2.0 * np.pi, n),
-                               np.radians(rng.uniform(*WORKSPACE_PHI, n)))
+        poses = workspace_pose(
+            tilt, rng.uniform(0.0, 2.0 * np.pi, n), np.radians(rng.uniform(*WORKSPACE_PHI, n))
+        )
         reached = np.isfinite(inverse(poses).theta3a)
         found = np.concatenate([found, poses[reached]])
     return found[:n]
@@ -94,10 +95,13 @@ def simulate(poses: np.ndarray, rng: np.random.Generator) -> Errors:
         'Case 1 (th2A)': forward_theta2a(th1, th2a),
         'Case 2 (th3A)': forward_theta3a(th1, th3a),
         'classic': nearest_modes(th1, poses),
-        'estimate': estimate(th1, th3a, SIGMA).rotation}
+        'estimate': estimate(th1, th3a, SIGMA).rotation,
+    }
     truth = zxz_from_matrix(poses)[2]
-    return Errors({name: _self_rotation_error(each, truth) for name, each in found.items()},
-                  {name: rotation_error(each, poses) for name, each in found.items()})
+    return Errors(
+        {name: _self_rotation_error(each, truth) for name, each in found.items()},
+        {name: rotation_error(each, poses) for name, each in found.items()},
+    )
 
 
 def _self_rotation_error(found: np.ndarray, truth: np.ndarray) -> np.ndarray:
@@ -112,8 +116,9 @@ def rotation_error(found: np.ndarray, truth: np.ndarray) -> np.ndarray:
     """Return the angle between rotations, deg, shape (n,); infinite where one is missing."""
     # By the chord, which resolves small angles.
     chord = np.linalg.norm(found - truth, axis=(-1, -2)) / np.sqrt(8.0)
-    return np.where(np.isfinite(chord),
-                    np.degrees(2.0 * np.arcsin(np.minimum(chord, 1.0))), np.inf)
+    return np.where(
+        np.isfinite(chord), np.degrees(2.0 * np.arcsin(np.minimum(chord, 1.0))), np.inf
+    )
 
 
 def first_order(phi: float) -> float:
@@ -128,12 +133,18 @@ def entries(out: Path, small: int = SMALL, large: int = LARGE) -> list[Entry]:
     rng = np.random.default_rng(SEED)
     samples = {
         f'n = {small}': simulate(near_singularity(small, rng), rng),
-        f'n = {large:,}': simulate(near_singularity(large, rng), rng)}
+        f'n = {large:,}': simulate(near_singularity(large, rng), rng),
+    }
     workspace = {
         f'n = {small}': simulate(whole_workspace(small, rng), rng),
-        f'n = {large:,}': simulate(whole_workspace(large, rng), rng)}
-    return [_algorithm(), _places(out, samples), _with_and_without(out, samples),
-            _everywhere(out, workspace)]
+        f'n = {large:,}': simulate(whole_workspace(large, rng), rng),
+    }
+    return [
+        _algorithm(),
+        _places(out, samples),
+        _with_and_without(out, samples),
+        _everywhere(out, workspace),
+    ]
 
 
 def _beyond(error: np.ndarray) -> float:
@@ -141,18 +152,25 @@ def _beyond(error: np.ndarray) -> float:
     return 100.0 * float(np.mean(error > LIMIT))
 
 
-def _numbers(errors: dict[str, dict[str, np.ndarray]],
-             names: Iterable[str]) -> list[tuple[str, ...]]:
+def _numbers(
+    errors: dict[str, dict[str, np.ndarray]], names: Iterable[str]
+) -> list[tuple[str, ...]]:
     """Return the rows of a table, with the columns of HEADER."""
     rows: list[tuple[str, ...]] = []
     for name in names:
         for size, models in errors.items():
             error = models[name]
             known = error[np.isfinite(error)]
-            rows.append((f'{name}, {size}', f'{np.sqrt(np.mean(known**2)):.4f}',
-                         f'{np.percentile(known, 99.0):.3f}', f'{known.max():.3f}',
-                         f'{_beyond(error):.2f} %',
-                         f'{100.0 * np.mean(~np.isfinite(error)):.2f} %'))
+            rows.append(
+                (
+                    f'{name}, {size}',
+                    f'{np.sqrt(np.mean(known**2)):.4f}',
+                    f'{np.percentile(known, 99.0):.3f}',
+                    f'{known.max():.3f}',
+                    f'{_beyond(error):.2f} %',
+                    f'{100.0 * np.mean(~np.isfinite(error)):.2f} %',
+                )
+            )
     return rows
 
 
@@ -168,14 +186,25 @@ def _distribution(axes: Axes, error: np.ndarray, **style: Any) -> None:
     axes.plot(ordered[shown], part[shown], **style)
 
 
-def _draw(out: Path, name: str, errors: dict[str, dict[str, np.ndarray]], models: Sequence[str],
-          title: str, limits: tuple[float, float], log: bool = False) -> None:
+def _draw(
+    out: Path,
+    name: str,
+    errors: dict[str, dict[str, np.ndarray]],
+    models: Sequence[str],
+    title: str,
+    limits: tuple[float, float],
+    log: bool = False,
+) -> None:
     figure = plot_style.new_figure(height=3.4)
     axes = figure.subplots()
     for model in models:
         for (size, values), line in zip(errors.items(), (':', '-'), strict=True):
-            _distribution(axes, values[model], label=f'{model}, {size}',
-                          **{'linewidth': 1.8, 'linestyle': line, **MODELS[model]})
+            _distribution(
+                axes,
+                values[model],
+                label=f'{model}, {size}',
+                **{'linewidth': 1.8, 'linestyle': line, **MODELS[model]},
+            )
     axes.axvline(LIMIT, color='#777777', linewidth=0.8, linestyle='--')
     if log:
         axes.set_xscale('log')
@@ -195,15 +224,20 @@ def _algorithm() -> Entry:
         '  C --> D["Case 1: th1, th2A"] --> G["error of φ"]\n'
         '  C --> E["Case 2: th1, th3A"] --> G\n'
         '  C --> F["classic: th1"] --> G\n'
-        '  C --> H["estimate: th1, th3A"] --> G\n```')
+        '  C --> H["estimate: th1, th3A"] --> G\n```'
+    )
     return Entry(
-        (12,), 'The algorithm of comparison',
+        (12,),
+        'The algorithm of comparison',
         'A flowchart: random self-rotations, inverse model, random errors on the sensors, forward '
         'model, error.',
         'The same algorithm with a fixed seed; the classic model and `estimate` get the same '
-        'noise.', Verdict.AGREES,
+        'noise.',
+        Verdict.AGREES,
         '"Near the central singularity" is not defined in print; here φ is distributed evenly '
-        'over the interval above.', details=diagram)
+        'over the interval above.',
+        details=diagram,
+    )
 
 
 def _places(out: Path, samples: dict[str, Errors]) -> Entry:
@@ -213,27 +247,38 @@ def _places(out: Path, samples: dict[str, Errors]) -> Entry:
     large = list(errors.values())[-1]
     case1, case2 = _beyond(large['Case 1 (th2A)']), _beyond(large['Case 2 (th3A)'])
     return Entry(
-        (13,), 'Cumulative distribution of the errors, Cases 1 and 2',
+        (13,),
+        'Cumulative distribution of the errors, Cases 1 and 2',
         f'Case 2: all errors below {LIMIT:g} deg. Case 1: 30 % above it.',
         f'Case 2: {100.0 - case2:.2f} % below {LIMIT:g} deg. Case 1: {case1:.1f} % above it. The '
         'sensor belongs on th3A.',
         verdict(case2 < 1.0 and 25.0 < case1 < 40.0),
         'Normal noise has no largest value: of a thousand samples one or two lie beyond the '
         'limit, or none. `estimate` uses the same four sensors as Case 2 and is the most likely '
-        'orientation.', 'fig13.png', table(HEADER, _numbers(errors, names)))
+        'orientation.',
+        'fig13.png',
+        table(HEADER, _numbers(errors, names)),
+    )
 
 
 def _with_and_without(out: Path, samples: dict[str, Errors]) -> Entry:
     errors = {size: each.self_rotation for size, each in samples.items()}
     names = ('Case 2 (th3A)', 'classic', 'estimate')
-    _draw(out, 'fig14.png', errors, names,
-          'Self-rotation error near the singularity, with and without the fourth sensor',
-          (1e-3, 10.0), log=True)
+    _draw(
+        out,
+        'fig14.png',
+        errors,
+        names,
+        'Self-rotation error near the singularity, with and without the fourth sensor',
+        (1e-3, 10.0),
+        log=True,
+    )
     large = list(errors.values())[-1]
     known = large['classic'][np.isfinite(large['classic'])]
     ratio = np.sqrt(np.mean(known**2)) / np.sqrt(np.mean(large['Case 2 (th3A)'] ** 2))
     return Entry(
-        (14,), 'Errors with and without the fourth sensor',
+        (14,),
+        'Errors with and without the fourth sensor',
         'Without the fourth sensor the errors are much larger.',
         f'{ratio:.0f} times larger (rms), and in '
         f'{100.0 * np.mean(~np.isfinite(large["classic"])):.1f} % of the samples the three noisy '
@@ -242,15 +287,24 @@ def _with_and_without(out: Path, samples: dict[str, Errors]) -> Entry:
         verdict(ratio > 10.0),
         'Of the modes of the classic model the one nearest to the truth counts, in its favour. '
         'Its curve ends below 100 % because it has no answer for the other samples.',
-        'fig14.png', table(HEADER, _numbers(errors, names)))
+        'fig14.png',
+        table(HEADER, _numbers(errors, names)),
+    )
 
 
 def _everywhere(out: Path, workspace: dict[str, Errors]) -> Entry:
     errors = {size: each.rotation for size, each in workspace.items()}
     names = tuple(MODELS)
-    _draw(out, 'fig14_workspace.png', errors, names,
-          f'Rotation error over the workspace: half cone {HALF_ANGLE:g} deg, '
-          f'φ = {WORKSPACE_PHI[0]:g} to {WORKSPACE_PHI[1]:g} deg', (3e-3, 10.0), log=True)
+    _draw(
+        out,
+        'fig14_workspace.png',
+        errors,
+        names,
+        f'Rotation error over the workspace: half cone {HALF_ANGLE:g} deg, '
+        f'φ = {WORKSPACE_PHI[0]:g} to {WORKSPACE_PHI[1]:g} deg',
+        (3e-3, 10.0),
+        log=True,
+    )
     large = list(errors.values())[-1]
 
     def rms(name: str) -> float:
@@ -258,7 +312,8 @@ def _everywhere(out: Path, workspace: dict[str, Errors]) -> Entry:
 
     best = rms('estimate')
     return Entry(
-        (13, 14), 'The same over the whole workspace',
+        (13, 14),
+        'The same over the whole workspace',
         'Not shown: the paper compares in the centre of the workspace only.',
         f'The order is the same. rms of the rotation error: Case 1 {rms("Case 1 (th2A)"):.3f}, '
         f'Case 2 {rms("Case 2 (th3A)"):.4f}, `estimate` {best:.4f} deg.',
@@ -266,7 +321,9 @@ def _everywhere(out: Path, workspace: dict[str, Errors]) -> Entry:
         'Rotation error: the angle of the whole rotation, since away from the centre ψ and θ have '
         'errors, too. Towards the edge of the workspace the closed forms weigh the sensors '
         'badly; `estimate` weighs them by their noise.',
-        'fig14_workspace.png', table(HEADER, _numbers(errors, names)))
+        'fig14_workspace.png',
+        table(HEADER, _numbers(errors, names)),
+    )
 
 
 def nearest_modes(th1: np.ndarray, R: np.ndarray) -> np.ndarray:

@@ -44,12 +44,16 @@ def machine() -> str:
     processor = platform.processor() or platform.machine()
     description = Path('/proc/cpuinfo')
     if description.is_file():
-        names = [line.split(':', 1)[1].strip() for line in
-                 description.read_text(encoding='utf-8').splitlines()
-                 if line.startswith('model name')]
+        names = [
+            line.split(':', 1)[1].strip()
+            for line in description.read_text(encoding='utf-8').splitlines()
+            if line.startswith('model name')
+        ]
         processor = names[0] if names else processor
-    return (f'{processor}, {os.cpu_count()} cores, Python {platform.python_version()}, '
-            f'numpy {np.__version__}')
+    return (
+        f'{processor}, {os.cpu_count()} cores, Python {platform.python_version()}, '
+        f'numpy {np.__version__}'
+    )
 
 
 def measure(call: Callable[[], object], rounds: int = ROUNDS) -> tuple[float, float]:
@@ -86,24 +90,36 @@ def entries(rounds: int = ROUNDS) -> list[Entry]:
         'classic': measure(lambda: forward_all(th1), rounds),
         'improved': measure(lambda: theta3a_quaternion(*floats, G), rounds),
         'estimate': measure(lambda: estimate_sample(floats, sensors, G), rounds),
-        'multi-body': measure(assemble, rounds)}
+        'multi-body': measure(assemble, rounds),
+    }
     names = {
         'classic': ('classic FKM, all modes (eqs. 1 to 7)', f'> {1e3 * PRINTED_CLASSIC:.0f} ms'),
-        'improved': ('improved FKM, Case 2 (eqs. 15, 16)',
-                     f'about {1e6 * PRINTED_IMPROVED:.0f} µs'),
+        'improved': (
+            'improved FKM, Case 2 (eqs. 15, 16)',
+            f'about {1e6 * PRINTED_IMPROVED:.0f} µs',
+        ),
         'estimate': ('`estimate`, with covariance and parity', 'not in the paper'),
-        'multi-body': ('multi-body model (MuJoCo), from 0.3 deg away', 'not printed')}
-    rows = [(name, printed, f'{1e6 * times[key][0]:.1f} µs', f'{1e6 * times[key][1]:.1f} µs')
-            for key, (name, printed) in names.items()]
+        'multi-body': ('multi-body model (MuJoCo), from 0.3 deg away', 'not printed'),
+    }
+    rows = [
+        (name, printed, f'{1e6 * times[key][0]:.1f} µs', f'{1e6 * times[key][1]:.1f} µs')
+        for key, (name, printed) in names.items()
+    ]
     classic, improved = times['classic'][0], times['improved'][0]
-    return [Entry(
-        (), 'Calculation times',
-        'Classic: more than 100 ms. Improved: about 50 µs. On a 2.2 GHz processor; the limit of '
-        'real-time control is 1 ms.',
-        f'Classic {1e6 * classic:.0f} µs, improved {1e6 * improved:.1f} µs: a ratio of '
-        f'{classic / improved:.0f}. On: {machine()}.',
-        verdict(improved < PRINTED_IMPROVED and improved < LIMIT and classic > 5.0 * improved),
-        'The order agrees; both are faster here. The eight-degree polynomial is solved by its '
-        "companion matrix instead of Newton-Raphson. So on today's machines it is not the time "
-        'that rules the classic model out, but the singularity.',
-        details=table(('one orientation', 'paper', 'here, least', 'here, median'), rows))]
+    return [
+        Entry(
+            (),
+            'Calculation times',
+            'Classic: more than 100 ms. Improved: about 50 µs. On a 2.2 GHz processor; the '
+            'limit of '
+            'real-time control is 1 ms.',
+            f'Classic {1e6 * classic:.0f} µs, improved {1e6 * improved:.1f} µs: a ratio of '
+            f'{classic / improved:.0f}. On: {machine()}.',
+            verdict(improved < PRINTED_IMPROVED and improved < LIMIT and classic > 5.0 * improved),
+            'The order agrees; both are faster here. The eight-degree polynomial is solved by its '
+            "companion matrix instead of Newton-Raphson. So on today's machines it is not "
+            'the time '
+            'that rules the classic model out, but the singularity.',
+            details=table(('one orientation', 'paper', 'here, least', 'here, median'), rows),
+        )
+    ]

@@ -48,12 +48,16 @@ def changes(committed: Path, page: str) -> list[str]:
     """Return a line for each row of a page, Markdown, whose verdict is not the committed one."""
     before = read(committed.read_text(encoding='utf-8')) if committed.is_file() else {}
     now = read(page)
-    return [f'{row}: committed {_quoted(before.get(row))}, found {_quoted(now.get(row))}'
-            for row in dict.fromkeys((*before, *now)) if before.get(row) != now.get(row)]
+    return [
+        f'{row}: committed {_quoted(before.get(row))}, found {_quoted(now.get(row))}'
+        for row in dict.fromkeys((*before, *now))
+        if before.get(row) != now.get(row)
+    ]
 
 
-def guard(name: str, committed: Path, output: Path, page: str, accept: bool,
-          write: Callable[[], None]) -> int:
+def guard(
+    name: str, committed: Path, output: Path, page: str, accept: bool, write: Callable[[], None]
+) -> int:
     """
     Compare the verdicts of a new page with the committed ones; return the exit code.
 
@@ -67,8 +71,11 @@ def guard(name: str, committed: Path, output: Path, page: str, accept: bool,
         write()
         print(output)
     if changed and not accept:
-        print(f'{name}: {len(changed)} verdicts are not those of {committed}; expected those '
-              f'ones, or {ACCEPT} to write the page with the new ones', file=sys.stderr)
+        print(
+            f'{name}: {len(changed)} verdicts are not those of {committed}; expected those '
+            f'ones, or {ACCEPT} to write the page with the new ones',
+            file=sys.stderr,
+        )
         return 1
     return 0
 
@@ -77,8 +84,13 @@ def _quoted(verdict: str | None) -> str:
     return 'no such row' if verdict is None else repr(verdict)
 
 
-def run_page(name: str, description: str, default: Path, make: Callable[[Path], None],
-             args: list[str] | None) -> int:
+def run_page(
+    name: str,
+    description: str,
+    default: Path,
+    make: Callable[[Path], None],
+    args: list[str] | None,
+) -> int:
     """
     Make a page and its pictures; return the exit code: 1 if it fails or a verdict changed.
 
@@ -86,9 +98,14 @@ def run_page(name: str, description: str, default: Path, make: Callable[[Path], 
     into an existing directory; an ImportError is reported as a library that is missing.
     """
     parser = argparse.ArgumentParser(prog=name, description=description)
-    parser.add_argument('-o', '--output', type=Path, default=default, metavar='DIR',
-                        help='directory for page and pictures (default: docs/'
-                        f'{default.name})')
+    parser.add_argument(
+        '-o',
+        '--output',
+        type=Path,
+        default=default,
+        metavar='DIR',
+        help=f'directory for page and pictures (default: docs/{default.name})',
+    )
     parser.add_argument(ACCEPT, action='store_true', help=ACCEPT_HELP)
     options = parser.parse_args(args)
     try:
@@ -101,8 +118,9 @@ def run_page(name: str, description: str, default: Path, make: Callable[[Path], 
         return 1
 
 
-def _make_in(output: Path, made: Path, name: str, make: Callable[[Path], None], default: Path,
-             accept: bool) -> int:
+def _make_in(
+    output: Path, made: Path, name: str, make: Callable[[Path], None], default: Path, accept: bool
+) -> int:
     try:
         output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -110,10 +128,18 @@ def _make_in(output: Path, made: Path, name: str, make: Callable[[Path], None], 
     try:
         make(made)
     except ImportError as error:
-        raise InputError(f'needs more than the package itself ({error}): make {name}, or '
-                         "in a virtual environment: pip install '.[ros,paper]'") from error
-    return guard(name, default / PAGE, output / PAGE, (made / PAGE).read_text(encoding='utf-8'),
-                 accept, lambda: _copy(made, output))
+        raise InputError(
+            f'needs more than the package itself ({error}): make {name}, or '
+            "in a virtual environment: pip install '.[ros,paper]'"
+        ) from error
+    return guard(
+        name,
+        default / PAGE,
+        output / PAGE,
+        (made / PAGE).read_text(encoding='utf-8'),
+        accept,
+        lambda: _copy(made, output),
+    )
 
 
 def _copy(made: Path, output: Path) -> None:

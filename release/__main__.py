@@ -30,8 +30,10 @@ def main() -> int:
         except ValueError as error:
             print(f'release: {error}', file=sys.stderr)
             return 1
-        print(f'package.xml and CHANGELOG.rst have {version}: review and commit them, then run '
-              '`make release`')
+        print(
+            f'package.xml and CHANGELOG.rst have {version}: review and commit them, then run '
+            '`make release`'
+        )
         return 0
     faulty = False
     for name, check in CHECKS.items():

@@ -25,10 +25,12 @@ PACKAGE = 'spm_haptic_master'
 FORTHCOMING = 'Forthcoming'
 VERSION = re.compile(r'\d+\.\d+\.\d+')
 # Program that a fresh environment runs on the installed package: no ROS is needed.
-TRIAL = ('from importlib.metadata import version\n'
-         'from spm_haptic_master.kinematics import dexterity, matrix_from_zxz\n'
-         'assert 0.0 < dexterity(matrix_from_zxz(2.356, 0.955, 0.0)) < 1.0\n'
-         f"print(version('{PACKAGE}'))\n")
+TRIAL = (
+    'from importlib.metadata import version\n'
+    'from spm_haptic_master.kinematics import dexterity, matrix_from_zxz\n'
+    'assert 0.0 < dexterity(matrix_from_zxz(2.356, 0.955, 0.0)) < 1.0\n'
+    f"print(version('{PACKAGE}'))\n"
+)
 
 
 def version_of(root: Path) -> str:
@@ -63,16 +65,21 @@ def version_faults(root: Path) -> list[str]:
     done = _run(sys.executable, 'setup.py', '--quiet', '--version', directory=root)
     found = done.stdout.split()[-1:]
     version = version_of(root)
-    return [] if found == [version] else [
-        f'setup.py: version {" ".join(found) or done.stderr.strip()}; expected {version}, '
-        'that of package.xml']
+    return (
+        []
+        if found == [version]
+        else [
+            f'setup.py: version {" ".join(found) or done.stderr.strip()}; expected {version}, '
+            'that of package.xml'
+        ]
+    )
 
 
 def changelog_faults(root: Path) -> list[str]:
     """Check that the changelog begins with the version and its date, and lists its changes."""
     version = version_of(root)
     path = root / 'CHANGELOG.rst'
-    wrong = (f'expected "{version} (YYYY-MM-DD)": `make release ARGS={version}` writes it')
+    wrong = f'expected "{version} (YYYY-MM-DD)": `make release ARGS={version}` writes it'
     if f'\n{FORTHCOMING}\n' in path.read_text(encoding='utf-8'):
         return [f'CHANGELOG.rst: {FORTHCOMING} has changes; {wrong}']
     changelog = get_changelog_from_path(str(path), PACKAGE)
@@ -88,26 +95,57 @@ def build_faults(root: Path) -> list[str]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         steps = (
-            (sys.executable, 'setup.py', '--quiet', 'egg_info', '--egg-base', name,
-             'sdist', '--dist-dir', name),
+            (
+                sys.executable,
+                'setup.py',
+                '--quiet',
+                'egg_info',
+                '--egg-base',
+                name,
+                'sdist',
+                '--dist-dir',
+                name,
+            ),
             # The wheel of the sdist: what the sdist lacks, no user of it has.
-            (sys.executable, '-m', 'pip', '--quiet', 'wheel', '--no-deps', '--wheel-dir', name,
-             str(folder / f'{PACKAGE}-{version}.tar.gz')),
+            (
+                sys.executable,
+                '-m',
+                'pip',
+                '--quiet',
+                'wheel',
+                '--no-deps',
+                '--wheel-dir',
+                name,
+                str(folder / f'{PACKAGE}-{version}.tar.gz'),
+            ),
             (sys.executable, '-m', 'venv', str(folder / 'venv')),
-            (str(folder / 'venv' / 'bin' / 'pip'), '--quiet', 'install',
-             str(folder / f'{PACKAGE}-{version}-py3-none-any.whl')),
-            (str(folder / 'venv' / 'bin' / 'python'), '-c', TRIAL))
+            (
+                str(folder / 'venv' / 'bin' / 'pip'),
+                '--quiet',
+                'install',
+                str(folder / f'{PACKAGE}-{version}-py3-none-any.whl'),
+            ),
+            (str(folder / 'venv' / 'bin' / 'python'), '-c', TRIAL),
+        )
         for step in steps:
             done = _run(*step, directory=folder if step[1:2] == ('-c',) else root)
             if done.returncode:
                 last = (done.stderr or done.stdout).strip().splitlines()[-1:]
                 return [f'{" ".join(step[:4])} ...: {"".join(last)}']
-    return [] if done.stdout.split() == [version] else [
-        f'the installed version is {done.stdout.strip()}; expected {version}']
+    return (
+        []
+        if done.stdout.split() == [version]
+        else [f'the installed version is {done.stdout.strip()}; expected {version}']
+    )
 
 
-CHECKS = {'tree': tree_faults, 'package.xml': manifest_faults, 'version': version_faults,
-          'changelog': changelog_faults, 'sdist and wheel': build_faults}
+CHECKS = {
+    'tree': tree_faults,
+    'package.xml': manifest_faults,
+    'version': version_faults,
+    'changelog': changelog_faults,
+    'sdist and wheel': build_faults,
+}
 
 
 def prepare(root: Path, version: str, day: date) -> None:
@@ -128,11 +166,19 @@ def prepare(root: Path, version: str, day: date) -> None:
     if above not in text:
         raise ValueError(f'CHANGELOG.rst has no section {FORTHCOMING}; expected one')
     heading = f'{version} ({day.isoformat()})'
-    changelog.write_text(text.replace(above, f'{heading}\n{"-" * len(heading)}\n', 1),
-                         encoding='utf-8')
+    changelog.write_text(
+        text.replace(above, f'{heading}\n{"-" * len(heading)}\n', 1), encoding='utf-8'
+    )
     manifest = root / 'package.xml'
-    manifest.write_text(re.sub(r'(<version>)[^<]*(</version>)', rf'\g<1>{version}\g<2>',
-                               manifest.read_text(encoding='utf-8'), count=1), encoding='utf-8')
+    manifest.write_text(
+        re.sub(
+            r'(<version>)[^<]*(</version>)',
+            rf'\g<1>{version}\g<2>',
+            manifest.read_text(encoding='utf-8'),
+            count=1,
+        ),
+        encoding='utf-8',
+    )
 
 
 def _run(*command: str, directory: Path) -> subprocess.CompletedProcess[str]:

@@ -25,7 +25,8 @@ REMEDIES = {
     **dict.fromkeys(
         ('rclpy', 'diagnostic_msgs', 'geometry_msgs', 'rcl_interfaces', 'sensor_msgs', 'std_msgs'),
         'source /opt/ros/jazzy/setup.bash (sudo apt install ros-jazzy-ros-base); without ROS 2, '
-        "in a virtual environment: pip install '.[ros]'"),
+        "in a virtual environment: pip install '.[ros]'",
+    ),
     'can': 'sudo apt install python3-can',
     'numpy': 'sudo apt install python3-numpy',
     'viser': "in a virtual environment, pip install '.[view]'",
@@ -65,8 +66,10 @@ def _remedy(error: ImportError) -> str | None:
             version = metadata.version('rclpy')
         except metadata.PackageNotFoundError:
             version = 'of an unknown version'
-        return (f'rclpy {version} is too old: {RCLPY_MINIMUM} or newer is needed; '
-                'sudo apt update && sudo apt install ros-jazzy-rclpy')
+        return (
+            f'rclpy {version} is too old: {RCLPY_MINIMUM} or newer is needed; '
+            'sudo apt update && sudo apt install ros-jazzy-rclpy'
+        )
     remedy = REMEDIES.get(package)
     return remedy and f'the Python module {package} is missing: {remedy}'
 
@@ -83,8 +86,12 @@ def main() -> int:
     if argv and argv[0] in EXECUTABLES:
         return start(argv[0], argv)
     lines = [f'  {name:16}{description}' for name, (_, description) in EXECUTABLES.items()]
-    print('usage: python -m spm_haptic_master NAME [--ros-args ...], NAME one of',
-          *lines, sep='\n', file=sys.stderr)
+    print(
+        'usage: python -m spm_haptic_master NAME [--ros-args ...], NAME one of',
+        *lines,
+        sep='\n',
+        file=sys.stderr,
+    )
     return 2
 
 

@@ -23,9 +23,12 @@ class InputError(SpmError, ValueError):
     """
 
     def __init__(self, text: str) -> None:
-        super().__init__(''.join(
-            each if each.isprintable() else each.encode('unicode_escape').decode()
-            for each in text))
+        super().__init__(
+            ''.join(
+                each if each.isprintable() else each.encode('unicode_escape').decode()
+                for each in text
+            )
+        )
 
 
 class GeometryError(InputError):
@@ -112,4 +115,4 @@ def quoted(value: object) -> str:
         text = ' '.join(repr(value).split())
     except Exception:  # a foreign type may raise anything
         text = f'a value of type {type(value).__name__}'
-    return text if len(text) <= LONGEST else f'{text[:LONGEST - 4]} ...'
+    return text if len(text) <= LONGEST else f'{text[: LONGEST - 4]} ...'

@@ -25,8 +25,13 @@ def keep_open() -> None:
             os.open(os.devnull, os.O_RDWR)  # takes the lowest free descriptor: this one
     for name, descriptor in ('stdout', STANDARD_OUTPUT), ('stderr', STANDARD_ERROR):
         if getattr(sys, name) is None:
-            setattr(sys, name, open(  # noqa: SIM115
-                descriptor, 'w', encoding='utf-8', closefd=False))
+            setattr(
+                sys,
+                name,
+                open(  # noqa: SIM115
+                    descriptor, 'w', encoding='utf-8', closefd=False
+                ),
+            )
 
 
 def discard(descriptor: int) -> None:
@@ -40,7 +45,7 @@ def write_all(descriptor: int, text: str) -> None:
     """Write a text, by as many system calls as it takes; OSError if nobody can ever read it."""
     data = text.encode(errors='replace')
     while data:
-        data = data[os.write(descriptor, data):]
+        data = data[os.write(descriptor, data) :]
 
 
 class LineWriter:

@@ -48,7 +48,7 @@ class LatencyMeter:
 
     def percentiles(self, *parts: float) -> tuple[float, ...] | None:
         """Return the quantiles `parts` (0 .. 1) of the latest latencies, us; None before any."""
-        kept = sorted(self._values[:min(self.count, WINDOW)])
+        kept = sorted(self._values[: min(self.count, WINDOW)])
         if not kept:
             return None
         return tuple(kept[min(int(part * len(kept)), len(kept) - 1)] * 1e-3 for part in parts)

@@ -53,20 +53,36 @@ come out. The parity vector then points along the column of P of the faulty sens
 def main(args: list[str] | None = None) -> int:
     """Draw all figures and write the page; return 1 after an error, or if a verdict changed."""
     return run_page(
-        'study', 'Computes what a fifth and a sixth sensor are worth, and writes a page about it.',
-        DEFAULT_OUTPUT, _make, args)
+        'study',
+        'Computes what a fifth and a sixth sensor are worth, and writes a page about it.',
+        DEFAULT_OUTPUT,
+        _make,
+        args,
+    )
 
 
 def _make(output: Path) -> None:
     from study import nine_joints, placement, protection_maps
+
     head = HEAD.format(
-        window=nine_joints.WINDOW, false=nine_joints.FALSE_ALARM, sigma=nine_joints.SIGMA,
-        missed=nine_joints.MISSED_DETECTION, bias=nine_joints.BIAS,
-        isolation=nine_joints.ISOLATION)
+        window=nine_joints.WINDOW,
+        false=nine_joints.FALSE_ALARM,
+        sigma=nine_joints.SIGMA,
+        missed=nine_joints.MISSED_DETECTION,
+        bias=nine_joints.BIAS,
+        isolation=nine_joints.ISOLATION,
+    )
     found = placement.sections(output), protection_maps.sections(output)
     rows = [row for glance, _ in found for row in glance]
-    text = '\n'.join([head, '## At a glance\n', table(('', COLUMN), rows), '',
-                      *(section for _, sections in found for section in sections)])
+    text = '\n'.join(
+        [
+            head,
+            '## At a glance\n',
+            table(('', COLUMN), rows),
+            '',
+            *(section for _, sections in found for section in sections),
+        ]
+    )
     (output / PAGE).write_text(text, encoding='utf-8')
 
 

@@ -49,8 +49,7 @@ def rates(poses: np.ndarray, geometry: Geometry) -> dict[str, np.ndarray]:
     G = jacobian(poses, geometry, sensors=6)
     found = {}
     for k, (name, leg) in enumerate(zip('ABC', geometry.legs, strict=True)):
-        second = np.stack(
-            second_axis(np.cos(th1[..., k]), np.sin(th1[..., k]), leg), axis=-1)
+        second = np.stack(second_axis(np.cos(th1[..., k]), np.sin(th1[..., k]), leg), axis=-1)
         first, third = G[..., k, :], G[..., 3 + k, :]
         # omega = th1k' Z1k + th2k' Z2k + th3k' Z3k, taken along Z2k.
         found[f'1{name}'], found[f'3{name}'] = first, third
@@ -80,10 +79,11 @@ def worth(joints: dict[str, np.ndarray], sensors: Iterable[str]) -> Worth:
     with np.errstate(divide='ignore', invalid='ignore'):
         levels = np.where(shares > ROUNDING, turns / shares, np.inf).max(-1) * reach
         # Of column i of P what is perpendicular to column j; their scalar product is P_ij.
-        square = shares[..., :, None]**2 - (P / shares[..., None, :])**2
+        square = shares[..., :, None] ** 2 - (P / shares[..., None, :]) ** 2
         apart = np.sqrt(np.maximum(np.where(np.eye(N, dtype=bool), np.inf, square), 0.0)).min(-1)
         steps = np.where(apart > ROUNDING, ISOLATION * noise / apart, np.inf).max(-1)
     deviations = SIGMA * np.linalg.norm(K, axis=(-1, -2))
     levels, steps, deviations = (
-        np.where(known, each, np.nan) for each in (levels, steps, deviations))
+        np.where(known, each, np.nan) for each in (levels, steps, deviations)
+    )
     return Worth(levels, steps, deviations)

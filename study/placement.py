@@ -27,7 +27,8 @@ REFERENCE: dict[tuple[str, ...], Figures] = {
     (*ACTIVE, '3A', '2A'): ((0.40, 0.57, 0.73), (0.040, 0.048), (0.76, inf)),
     (*ACTIVE, '3A', '2B'): ((0.41, 0.58, 0.93), (0.036, 0.038), (None, None)),
     (*ACTIVE, '3A', '3B'): ((0.18, 0.23, 0.40), (0.034, 0.038), (0.52, inf)),
-    (*ACTIVE, '3A', '3B', '3C'): ((0.11, 0.13, 0.14), (0.028, 0.029), (0.09, 0.16))}
+    (*ACTIVE, '3A', '3B', '3C'): ((0.11, 0.13, 0.14), (0.028, 0.029), (0.09, 0.16)),
+}
 # Largest difference of two models that agree (unit 1), and half a digit of each figure as printed
 # (deg).
 RELATIVE, HALF_DIGITS = 0.05, (0.05, 6e-4, 6e-3)
@@ -40,16 +41,21 @@ CURVE, EVERYWHERE = np.arange(0.0, 90.01, 0.5), np.arange(0.0, 91.0, 10.0)
 # Number of circles and rays of the poses over the workspace.
 CIRCLES, RAYS = 26, 48
 # Colours and line styles of the curves.
-STYLES = {('3A',): (plot_style.CLASSIC, '-'), ('2A',): (plot_style.CAPTURE, '-'),
-          ('3A', '2A'): (plot_style.MULTI_BODY, '--'), ('3A', '2B'): (plot_style.MULTI_BODY, '-'),
-          ('3A', '3B'): (plot_style.IMPROVED, '-'),
-          ('3A', '3B', '3C'): (plot_style.ESTIMATE, '-')}
+STYLES = {
+    ('3A',): (plot_style.CLASSIC, '-'),
+    ('2A',): (plot_style.CAPTURE, '-'),
+    ('3A', '2A'): (plot_style.MULTI_BODY, '--'),
+    ('3A', '2B'): (plot_style.MULTI_BODY, '-'),
+    ('3A', '3B'): (plot_style.IMPROVED, '-'),
+    ('3A', '3B', '3C'): (plot_style.ESTIMATE, '-'),
+}
 # Passive joints that a fifth sensor may sit on.
 FIFTH = ('2A', '2B', '2C', '3B', '3C')
 
 
 def table_poses() -> np.ndarray:
     """Return the poses of the table: the least turn that tilts Z_E, then the self-rotation."""
+
     def about(axis: int, angle: float) -> np.ndarray:
         c, s = np.cos(angle), np.sin(angle)
         turn = np.eye(3)
@@ -58,9 +64,12 @@ def table_poses() -> np.ndarray:
         return turn
 
     centre = about(2, radians(135.0)) @ about(0, acos(1.0 / sqrt(3.0)))
-    return np.array([
-        centre @ about(2, azimuth) @ about(0, tilt) @ about(2, phi - azimuth)
-        for tilt, azimuth, phi in product(*map(np.radians, (TILTS, AZIMUTHS, SELF_ROTATIONS)))])
+    return np.array(
+        [
+            centre @ about(2, azimuth) @ about(0, tilt) @ about(2, phi - azimuth)
+            for tilt, azimuth, phi in product(*map(np.radians, (TILTS, AZIMUTHS, SELF_ROTATIONS)))
+        ]
+    )
 
 
 def figures_of(found: Worth) -> Figures:
@@ -68,19 +77,28 @@ def figures_of(found: Worth) -> Figures:
     known = np.isfinite(found.deviations)
     levels, steps = found.levels[known], found.steps[known]
     deviations = found.deviations[known]
-    return ((float(np.median(levels)), float(np.percentile(levels, 90.0)),
-             float(levels.max())),
-            (float(np.median(deviations)), float(deviations.max())),
-            (float(np.median(steps)), float(steps.max())))
+    return (
+        (float(np.median(levels)), float(np.percentile(levels, 90.0)), float(levels.max())),
+        (float(np.median(deviations)), float(deviations.max())),
+        (float(np.median(steps)), float(steps.max())),
+    )
 
 
 def comparison(joints: dict[str, np.ndarray]) -> str:
     """Return the table of both models, Markdown, from the rates at the table's poses."""
-    rows = [_row(sensors, figures_of(worth(joints, sensors)), REFERENCE[sensors])
-            for sensors in REFERENCE]
-    return table(('sensors', 'level: median / 90 % / largest, deg',
-                  'deviation: median / largest, deg', 'isolated step: median / largest, deg'),
-                 rows)
+    rows = [
+        _row(sensors, figures_of(worth(joints, sensors)), REFERENCE[sensors])
+        for sensors in REFERENCE
+    ]
+    return table(
+        (
+            'sensors',
+            'level: median / 90 % / largest, deg',
+            'deviation: median / largest, deg',
+            'isolated step: median / largest, deg',
+        ),
+        rows,
+    )
 
 
 def agrees(found: Figures, reference: Figures) -> bool:
@@ -108,17 +126,35 @@ def sections(out: Path, circles: int = CIRCLES, rays: int = RAYS) -> tuple[Glanc
     fifth, medians = [], {}
     for name in FIFTH:
         (median, ninety, largest), (usual, worst), steps = figures_of(
-            worth(everywhere, (*ACTIVE, '3A', name)))
+            worth(everywhere, (*ACTIVE, '3A', name))
+        )
         medians[f'th{name}'] = median
-        fifth.append((f'th{name}', deg(median), deg(ninety), deg(largest),
-                      f'{usual:.3f} / {worst:.3f}', f'{deg(steps[0])} / {deg(steps[1])}'))
+        fifth.append(
+            (
+                f'th{name}',
+                deg(median),
+                deg(ninety),
+                deg(largest),
+                f'{usual:.3f} / {worst:.3f}',
+                f'{deg(steps[0])} / {deg(steps[1])}',
+            )
+        )
     count = int(np.isfinite(everywhere['1A']).all(-1).sum())
-    glance = [(f'an independent model, {" ".join(sensors)}',
-               'agrees' if agrees(figures_of(worth(at_table, sensors)), reference) else 'differs')
-              for sensors, reference in REFERENCE.items()]
-    glance.append(('two best places of a fifth sensor',
-                   ', '.join(sorted(sorted(medians, key=medians.__getitem__)[:2]))))
-    return glance, [f"""\
+    glance = [
+        (
+            f'an independent model, {" ".join(sensors)}',
+            'agrees' if agrees(figures_of(worth(at_table, sensors)), reference) else 'differs',
+        )
+        for sensors, reference in REFERENCE.items()
+    ]
+    glance.append(
+        (
+            'two best places of a fifth sensor',
+            ', '.join(sorted(sorted(medians, key=medians.__getitem__)[:2])),
+        )
+    )
+    return glance, [
+        f"""\
 ## Where, and how many
 
 At the 120 poses of an independent model (tilt {', '.join(f'{each:g}' for each in TILTS)} deg in
@@ -135,9 +171,21 @@ Left: share of the workspace (tilt up to 26 deg, φ 0 to 90 deg, {count} reachab
 level up to the abscissa. Right: the level in the centre, along the self-rotation. th3B and th3C
 are the best places of a fifth sensor, by the level, by the accuracy and by what can be isolated:
 
-{table(('fifth sensor', 'level: median, deg', '90 %, deg', 'largest, deg',
-        'deviation: median / largest, deg', 'isolated step: median / largest, deg'), fifth)}
-"""]
+{
+            table(
+                (
+                    'fifth sensor',
+                    'level: median, deg',
+                    '90 %, deg',
+                    'largest, deg',
+                    'deviation: median / largest, deg',
+                    'isolated step: median / largest, deg',
+                ),
+                fifth,
+            )
+        }
+"""
+    ]
 
 
 def _everywhere(circles: int, rays: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -148,12 +196,18 @@ def _everywhere(circles: int, rays: int) -> tuple[np.ndarray, np.ndarray, np.nda
     tilt = np.arccos(1.0 - (tilt / half) * (1.0 - np.cos(half)))
     phi = np.radians(EVERYWHERE)[:, None, None]
     shape = np.broadcast_shapes(phi.shape, tilt[:-1].shape)
-    return (np.broadcast_to(tilt[:-1], shape), np.broadcast_to(azimuth[:-1], shape),
-            np.broadcast_to(phi, shape))
+    return (
+        np.broadcast_to(tilt[:-1], shape),
+        np.broadcast_to(azimuth[:-1], shape),
+        np.broadcast_to(phi, shape),
+    )
 
 
-def _row(sensors: tuple[str, ...], found: tuple[tuple[float, ...], ...],
-         reference: tuple[tuple[float | None, ...], ...]) -> tuple[str, ...]:
+def _row(
+    sensors: tuple[str, ...],
+    found: tuple[tuple[float, ...], ...],
+    reference: tuple[tuple[float | None, ...], ...],
+) -> tuple[str, ...]:
     """Return a row of the table: found, and in brackets the independent model's."""
     cells = []
     for part, (own, other) in enumerate(zip(found, reference, strict=True)):
@@ -180,8 +234,9 @@ def _draw(path: Path, everywhere: dict[str, np.ndarray]) -> None:
         levels = np.sort(levels[~np.isnan(levels)])
         name = '4: ' if len(sensors) == 4 else f'{len(sensors)}: '
         name += 'motors, ' + ', '.join(f'th{each}' for each in passive)
-        left.plot(levels, np.linspace(0.0, 100.0, len(levels)), color=colour, linestyle=style,
-                  label=name)
+        left.plot(
+            levels, np.linspace(0.0, 100.0, len(levels)), color=colour, linestyle=style, label=name
+        )
         right.plot(CURVE, worth(centre, sensors).levels, color=colour, linestyle=style)
     plot_style.label_axes(left, 'protection level, deg', 'share of the workspace, %')
     left.set(xscale='log', xlim=(0.08, 30.0), ylim=(0.0, 100.0))

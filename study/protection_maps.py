@@ -36,35 +36,57 @@ CIRCLES, RAYS = 60, 120
 
 # The sensor sets of the maps, by their number of sensors.
 SETS = {3: ACTIVE, 4: (*ACTIVE, '3A'), 5: (*ACTIVE, '3A', '3B'), 6: (*ACTIVE, '3A', '3B', '3C')}
-NAMES = {3: 'three sensors (classic)', 4: 'four sensors (the paper)', 5: 'five sensors',
-         6: 'six sensors'}
+NAMES = {
+    3: 'three sensors (classic)',
+    4: 'four sensors (the paper)',
+    5: 'five sensors',
+    6: 'six sensors',
+}
 
 
 def sections(out: Path, circles: int = CIRCLES, rays: int = RAYS) -> tuple[Glance, list[str]]:
     """Draw into a directory; return names and verdicts, and the page's sections in Markdown."""
     tilt, azimuth = polar_grid(circles, rays)
-    joints = {phi: rates(workspace_pose(tilt, azimuth, radians(phi)), Geometry())
-              for phi in SELF_ROTATIONS}
-    found = {number: {phi: worth(joints[phi], sensors) for phi in SELF_ROTATIONS}
-             for number, sensors in SETS.items()}
+    joints = {
+        phi: rates(workspace_pose(tilt, azimuth, radians(phi)), Geometry())
+        for phi in SELF_ROTATIONS
+    }
+    found = {
+        number: {phi: worth(joints[phi], sensors) for phi in SELF_ROTATIONS}
+        for number, sensors in SETS.items()
+    }
     _classic(out / 'three.png', tilt, azimuth, joints)
     for number, name in ((4, 'four'), (5, 'five'), (6, 'six')):
-        _maps(out / f'{name}.png', tilt, azimuth,
-              {phi: each.levels for phi, each in found[number].items()},
-              f'protection level, {NAMES[number]}')
-    _maps(out / 'isolation.png', tilt, azimuth,
-          {phi: each.steps for phi, each in found[6].items()},
-          'least step that is isolated, six sensors')
+        _maps(
+            out / f'{name}.png',
+            tilt,
+            azimuth,
+            {phi: each.levels for phi, each in found[number].items()},
+            f'protection level, {NAMES[number]}',
+        )
+    _maps(
+        out / 'isolation.png',
+        tilt,
+        azimuth,
+        {phi: each.steps for phi, each in found[6].items()},
+        'least step that is isolated, six sensors',
+    )
     return _glance(found), [_text(found)]
 
 
 def _glance(found: dict[int, dict[float, Worth]]) -> Glance:
     """Return where a single fault is seen, and where the faulty sensor is known."""
-    seen = [(f'a single fault is seen, {NAMES[number]}', _where([each.levels for each in maps]))
-            for number, maps in ((number, found[number].values()) for number in SETS)]
+    seen = [
+        (f'a single fault is seen, {NAMES[number]}', _where([each.levels for each in maps]))
+        for number, maps in ((number, found[number].values()) for number in SETS)
+    ]
     return seen + [
-        (f'the faulty sensor is known, {NAMES[number]}',
-         _where([each.steps for each in found[number].values()])) for number in (5, 6)]
+        (
+            f'the faulty sensor is known, {NAMES[number]}',
+            _where([each.steps for each in found[number].values()]),
+        )
+        for number in (5, 6)
+    ]
 
 
 def _where(values: list[np.ndarray]) -> str:
@@ -74,8 +96,9 @@ def _where(values: list[np.ndarray]) -> str:
     return 'everywhere' if known.all() else 'not everywhere' if known.any() else 'nowhere'
 
 
-def _maps(path: Path, tilt: np.ndarray, azimuth: np.ndarray, values: dict[float, np.ndarray],
-          title: str) -> None:
+def _maps(
+    path: Path, tilt: np.ndarray, azimuth: np.ndarray, values: dict[float, np.ndarray], title: str
+) -> None:
     """Draw a map for each self-rotation."""
     figure, places = _figure()
     for axes, (phi, value) in zip(places, values.items(), strict=True):
@@ -85,8 +108,9 @@ def _maps(path: Path, tilt: np.ndarray, azimuth: np.ndarray, values: dict[float,
     plot_style.save(figure, path)
 
 
-def _classic(path: Path, tilt: np.ndarray, azimuth: np.ndarray,
-             joints: dict[float, dict[str, np.ndarray]]) -> None:
+def _classic(
+    path: Path, tilt: np.ndarray, azimuth: np.ndarray, joints: dict[float, dict[str, np.ndarray]]
+) -> None:
     """Draw what a fault of 1 deg does with three sensors, which nothing detects."""
     figure, places = _figure()
     for axes, (phi, rows) in zip(places, joints.items(), strict=True):
@@ -110,11 +134,22 @@ def _norm(bounds: tuple[float, ...]) -> BoundaryNorm:
     return BoundaryNorm(bounds, 256, extend='both')
 
 
-def _fill(axes: Axes, tilt: np.ndarray, azimuth: np.ndarray, values: np.ndarray,
-          bounds: tuple[float, ...]) -> None:
+def _fill(
+    axes: Axes,
+    tilt: np.ndarray,
+    azimuth: np.ndarray,
+    values: np.ndarray,
+    bounds: tuple[float, ...],
+) -> None:
     """Fill a map with colours."""
-    axes.contourf(*plane(tilt, azimuth), np.minimum(values, LARGEST), cmap='viridis',
-                  norm=_norm(bounds), levels=bounds, extend='both')
+    axes.contourf(
+        *plane(tilt, azimuth),
+        np.minimum(values, LARGEST),
+        cmap='viridis',
+        norm=_norm(bounds),
+        levels=bounds,
+        extend='both',
+    )
 
 
 def _finish(axes: Axes, phi: float) -> None:
@@ -136,11 +171,22 @@ def _text(found: dict[int, dict[float, Worth]]) -> str:
     for number, maps in found.items():
         for phi, each in maps.items():
             levels = each.levels[np.isfinite(each.deviations)]
-            rows.append((NAMES[number], f'{phi:g} deg', deg(float(np.median(levels))),
-                         deg(float(np.percentile(levels, 90.0, method='lower'))),
-                         deg(float(levels.max())), f'{100.0 * np.mean(levels <= 0.5):.0f} %'))
-    five, six = (np.concatenate([each.steps[np.isfinite(each.deviations)]
-                                 for each in found[number].values()]) for number in (5, 6))
+            rows.append(
+                (
+                    NAMES[number],
+                    f'{phi:g} deg',
+                    deg(float(np.median(levels))),
+                    deg(float(np.percentile(levels, 90.0, method='lower'))),
+                    deg(float(levels.max())),
+                    f'{100.0 * np.mean(levels <= 0.5):.0f} %',
+                )
+            )
+    five, six = (
+        np.concatenate(
+            [each.steps[np.isfinite(each.deviations)] for each in found[number].values()]
+        )
+        for number in (5, 6)
+    )
     header = ('sensors', 'φ', 'median, deg', '90 %, deg', 'largest, deg', 'within 0.5 deg')
     return f"""\
 ## Over the workspace

@@ -68,8 +68,12 @@ class Built:
 
     def second_axes(self, th1):
         """Z2A, Z2B, Z2C in the base frame."""
-        return np.array([turn(angle * first) @ second
-                         for angle, (first, second, _, _) in zip(th1, self.zero, strict=True)])
+        return np.array(
+            [
+                turn(angle * first) @ second
+                for angle, (first, second, _, _) in zip(th1, self.zero, strict=True)
+            ]
+        )
 
     def third_axes(self, R):
         """Z3A, Z3B, Z3C in the base frame, (..., 3, 3)."""
@@ -90,9 +94,10 @@ class Built:
     def margins(self, R):
         """Angles from Z1k to Z3k within the limits of their reach, rad, (..., 3)."""
         spans = np.arccos(np.clip((self.base * self.third_axes(R)).sum(-1), -1.0, 1.0))
-        return np.minimum(spans - abs(self.alpha - self.beta),
-                          np.minimum(self.alpha + self.beta,
-                                     2.0 * math.pi - self.alpha - self.beta) - spans)
+        return np.minimum(
+            spans - abs(self.alpha - self.beta),
+            np.minimum(self.alpha + self.beta, 2.0 * math.pi - self.alpha - self.beta) - spans,
+        )
 
     def reachable_rotation(self, rng, slack=0.05):
         """Draw a rotation within reach by `slack` rad."""
@@ -105,8 +110,9 @@ class Built:
 def nominal(alpha=ALPHA, beta=BETA, gamma=GAMMA):
     """Return a nominal mechanism."""
     base = np.array([np.linalg.matrix_power(LEG_TURN, k)[:, 2] for k in range(3)])
-    platform = np.array([(about_z(2.0 * math.pi * k / 3.0) @ about_x(-gamma))[:, 2]
-                         for k in range(3)])
+    platform = np.array(
+        [(about_z(2.0 * math.pi * k / 3.0) @ about_x(-gamma))[:, 2] for k in range(3)]
+    )
     return Built(base, platform, np.full(3, alpha), np.full(3, beta))
 
 
@@ -128,6 +134,9 @@ def random_built(rng, deviation_deg=2.0, **angles):
         vectors *= most * rng.uniform(size=(3, 1)) / np.linalg.norm(vectors, axis=1)[:, None]
         return np.array([turn(vector) @ axis for vector, axis in zip(vectors, axes, strict=True)])
 
-    return Built(off(drawn.base), off(drawn.platform),
-                 drawn.alpha + rng.uniform(-most, most, 3), drawn.beta
-                 + rng.uniform(-most, most, 3))
+    return Built(
+        off(drawn.base),
+        off(drawn.platform),
+        drawn.alpha + rng.uniform(-most, most, 3),
+        drawn.beta + rng.uniform(-most, most, 3),
+    )

@@ -88,8 +88,15 @@ def encoders(channel):
     def run(factory=False, sync=None, pose=None, **layout):
         motion = {'sim__trajectory': 'fixed', 'sim__pose_deg': pose} if pose else {}
         settings, end = values(**layout), threading.Event()
-        made = SimulatedBus(make_layouts(settings), settings['encoders.node_id'],
-                            make_motion(values('sim', **motion)), (), 0.1, 1, factory=factory)
+        made = SimulatedBus(
+            make_layouts(settings),
+            settings['encoders.node_id'],
+            make_motion(values('sim', **motion)),
+            (),
+            0.1,
+            1,
+            factory=factory,
+        )
         with can.Bus(interface='virtual', channel=channel) as bus:
             runner = BusRunner(bus, made, 0x80, DeadlineGrid(sync) if sync else None)
 
@@ -105,6 +112,7 @@ def encoders(channel):
             finally:
                 end.set()
                 thread.join()
+
     return run
 
 

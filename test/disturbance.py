@@ -63,8 +63,10 @@ class Disturbance:
         assert holds, f'{measured}; {self}'
 
     def __str__(self):
-        return (f'control thread up to {1e3 * self.lateness:.0f} ms late, '
-                f'other programs {self.load:.0f} % of a core')
+        return (
+            f'control thread up to {1e3 * self.lateness:.0f} ms late, '
+            f'other programs {self.load:.0f} % of a core'
+        )
 
 
 def number_of_skips(reports: Iterable[pytest.TestReport]) -> int:

@@ -32,8 +32,9 @@ def _defaults(source, sensors):
 def values(source='can', **overrides):
     """Return the checked settings of a source, calibrated; in names, __ stands for a dot."""
     settings, defaults = _defaults(source, overrides.get('sensors', 4))
-    return complete(settings, defaults | {
-        name.replace('__', '.'): value for name, value in overrides.items()})
+    return complete(
+        settings, defaults | {name.replace('__', '.'): value for name, value in overrides.items()}
+    )
 
 
 def decoder(**overrides):
@@ -52,16 +53,26 @@ def sync(at, counter=None):
 def answer(index, at, angle=0.1, layouts=LAYOUTS, **fields):
     """Return an encoder's frame; `fields` replace what a Message takes."""
     layout = layouts[index]
-    taken = {'arbitration_id': layout.can_id, 'is_extended_id': layout.extended,
-             'data': layout.data(angle), 'timestamp': at, **fields}
+    taken = {
+        'arbitration_id': layout.can_id,
+        'is_extended_id': layout.extended,
+        'data': layout.data(angle),
+        'timestamp': at,
+        **fields,
+    }
     return can.Message(**taken)
 
 
 def cycle(number, angles=(0.1, 0.2, 0.3, 0.4), layouts=LAYOUTS):
     """Return SYNC and four answers of a cycle."""
     at = T0 + number * PERIOD
-    return [sync(at), *(answer(index, at + 1.5e-4 * (index + 1), angle, layouts)
-                        for index, angle in enumerate(angles))]
+    return [
+        sync(at),
+        *(
+            answer(index, at + 1.5e-4 * (index + 1), angle, layouts)
+            for index, angle in enumerate(angles)
+        ),
+    ]
 
 
 def stream(*numbers):

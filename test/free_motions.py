@@ -65,7 +65,7 @@ def poses(count, seed=3):
     """Return orientations of a motion within reach of rigs near the drawing."""
     rig = perfect_rig(Geometry(), 0.0)
     found = hand_motion(rig, Condition('poses', tilt=17.0, turn_from=5.0, turn_to=85.0), seed)
-    return found[::len(found) // count][:count]
+    return found[:: len(found) // count][:count]
 
 
 def random_vector(model, seed, size=0.005):

@@ -30,7 +30,8 @@ PAUSE_LOG = re.compile(
     r'^\[\w+\] \[[\d.]+\] \[[\w.]+\]: '
     r'(silent: (no joint samples|stale sample)|starting|healthy|samples missing|'
     rf'(silent: )?{TOO_BUSY}: [^;\n]*?( \[.*\])?)( \(\d+ more times? in \d+ s\))?\n',
-    re.MULTILINE)
+    re.MULTILINE,
+)
 # The line of fkm where crtk_msgs is not installed.
 ABSENT_LOG = re.compile(rf'^\[INFO\] \[[\d.]+\] \[[\w.]+\]: {re.escape(ABSENT)}\n', re.MULTILINE)
 # Depth of the observer's queues (messages): a busy machine loses none on the observer's side.
@@ -42,18 +43,30 @@ def environment(**changes: str) -> dict[str, str]:
     return {**os.environ, 'ROS_PYTHON_CHECK_FIELDS': '1', 'PYTHONUNBUFFERED': '1', **changes}
 
 
-def start_program(name: str, *args: str, parameters: dict[str, object] | None = None,
-                  error_to: int | None = None, **changes: str) -> Program:
+def start_program(
+    name: str,
+    *args: str,
+    parameters: dict[str, object] | None = None,
+    error_to: int | None = None,
+    **changes: str,
+) -> Program:
     """Start an executable with ROS parameters and changed environment variables."""
-    return start_command(executable(name, *args, parameters=parameters), error_to=error_to,
-                         **changes)
+    return start_command(
+        executable(name, *args, parameters=parameters), error_to=error_to, **changes
+    )
 
 
-def start_command(command: list[str], new_session: bool = False, error_to: int | None = None,
-                  **changes: str) -> Program:
+def start_command(
+    command: list[str], new_session: bool = False, error_to: int | None = None, **changes: str
+) -> Program:
     """Start any command at the repository's root; further arguments are environment variables."""
-    return Program(command, environment=environment(**changes), directory=ROOT,
-                   new_session=new_session, error_to=error_to)
+    return Program(
+        command,
+        environment=environment(**changes),
+        directory=ROOT,
+        new_session=new_session,
+        error_to=error_to,
+    )
 
 
 @contextmanager
@@ -83,13 +96,17 @@ class Observer:
         self._executor = EventsExecutor(context=self.context)
         self._executor.add_node(self.node)
 
-    def collect(self, message_type: type, topic: str,
-                qos: QoSProfile | None = None) -> list[tuple[int, object]]:
+    def collect(
+        self, message_type: type, topic: str, qos: QoSProfile | None = None
+    ) -> list[tuple[int, object]]:
         """Return a list that fills with (time of arrival in ns, message) while spinning."""
         arrived = []
         self.node.create_subscription(
-            message_type, topic, lambda message: arrived.append((time.time_ns(), message)),
-            qos or QoSProfile(depth=OBSERVER_DEPTH))
+            message_type,
+            topic,
+            lambda message: arrived.append((time.time_ns(), message)),
+            qos or QoSProfile(depth=OBSERVER_DEPTH),
+        )
         return arrived
 
     def spin(self, seconds: float) -> None:

@@ -48,9 +48,14 @@ def turn(vector):
 
 def small_vector(matrices):
     """Rotation vectors of small rotations, to third order, (..., 3)."""
-    return 0.5 * np.stack([
-        matrices[..., 2, 1] - matrices[..., 1, 2], matrices[..., 0, 2] - matrices[..., 2, 0],
-        matrices[..., 1, 0] - matrices[..., 0, 1]], axis=-1)
+    return 0.5 * np.stack(
+        [
+            matrices[..., 2, 1] - matrices[..., 1, 2],
+            matrices[..., 0, 2] - matrices[..., 2, 0],
+            matrices[..., 1, 0] - matrices[..., 0, 1],
+        ],
+        axis=-1,
+    )
 
 
 def angle_between(p, q):
@@ -70,8 +75,18 @@ def random_rotations(rng, count):
     """Draw rotations from the uniform distribution, (count, 3, 3)."""
     x, y, z, w = rng.normal(size=(4, count))
     double = 2.0 / (x * x + y * y + z * z + w * w)
-    flat = np.stack([
-        1.0 - double * (y * y + z * z), double * (x * y - z * w), double * (x * z + y * w),
-        double * (x * y + z * w), 1.0 - double * (x * x + z * z), double * (y * z - x * w),
-        double * (x * z - y * w), double * (y * z + x * w), 1.0 - double * (x * x + y * y)], -1)
+    flat = np.stack(
+        [
+            1.0 - double * (y * y + z * z),
+            double * (x * y - z * w),
+            double * (x * z + y * w),
+            double * (x * y + z * w),
+            1.0 - double * (x * x + z * z),
+            double * (y * z - x * w),
+            double * (x * z - y * w),
+            double * (y * z + x * w),
+            1.0 - double * (x * x + y * y),
+        ],
+        -1,
+    )
     return flat.reshape(count, 3, 3)

@@ -32,16 +32,22 @@ def closed_angles(poses, offsets_mm, geometry):
     the joint; the drawing has nominal axes.
     """
     # From the angles of the concentric mechanism.
-    unknown = np.array([[*mechanism_angles(pose.ravel().tolist(), geometry), 0.0, 0.0, 0.0]
-                        for pose in poses])
+    unknown = np.array(
+        [[*mechanism_angles(pose.ravel().tolist(), geometry), 0.0, 0.0, 0.0] for pose in poses]
+    )
 
     def gap_of(unknown):
         return _gap(poses, unknown, offsets_mm / RADIUS, geometry)
 
     for _ in range(STEPS):
         gap = gap_of(unknown)
-        slopes = np.stack([(gap_of(unknown + DIFFERENCE * np.eye(12)[at]) - gap) / DIFFERENCE
-                           for at in range(12)], axis=2)
+        slopes = np.stack(
+            [
+                (gap_of(unknown + DIFFERENCE * np.eye(12)[at]) - gap) / DIFFERENCE
+                for at in range(12)
+            ],
+            axis=2,
+        )
         turned = slopes.swapaxes(1, 2)
         unknown = unknown - np.linalg.solve(turned @ slopes, turned @ gap[:, :, None])[:, :, 0]
     return unknown[:, [0, 3, 6, 2]]
@@ -53,10 +59,12 @@ def _gap(poses, unknown, offsets, geometry):
     for leg in range(3):
         base = np.linalg.matrix_power(LEG_TURN, leg)
         platform = about_z(radians(120.0 * leg)) @ about_x(-GAMMA)
-        th1, th2, th3 = unknown[:, 3 * leg:3 * leg + 3].T
+        th1, th2, th3 = unknown[:, 3 * leg : 3 * leg + 3].T
         rotation, place = base @ _turn(th1), base @ offsets[leg, 0]
-        for link, angle, offset in ((geometry.alphas[leg], th2, offsets[leg, 1]),
-                                    (geometry.betas[leg], th3, offsets[leg, 2])):
+        for link, angle, offset in (
+            (geometry.alphas[leg], th2, offsets[leg, 1]),
+            (geometry.betas[leg], th3, offsets[leg, 2]),
+        ):
             rotation = rotation @ about_x(link)
             place = place + rotation @ offset
             rotation = rotation @ _turn(angle)
@@ -68,5 +76,6 @@ def _gap(poses, unknown, offsets, geometry):
 def _turn(angles):
     """Return rotations about z by angles, shape (n, 3, 3)."""
     c, s, o = np.cos(angles), np.sin(angles), np.zeros_like(angles)
-    return np.stack([np.stack([c, -s, o], 1), np.stack([s, c, o], 1),
-                     np.stack([o, o, o + 1.0], 1)], axis=1)
+    return np.stack(
+        [np.stack([c, -s, o], 1), np.stack([s, c, o], 1), np.stack([o, o, o + 1.0], 1)], axis=1
+    )

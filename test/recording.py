@@ -28,8 +28,16 @@ def recorded_angles() -> np.ndarray:
     """Return the four joint angles that answer each SYNC of the log, rad, (20000, 4)."""
     with gzip.open(LOG, 'rt') as file:
         frames = [line.split()[2].split('#') for line in file]
-    counts = np.array([[int.from_bytes(bytes.fromhex(data), 'little') for name, data in frames
-                        if name == identifier] for identifier in ('181', '182', '183', '184')]).T
+    counts = np.array(
+        [
+            [
+                int.from_bytes(bytes.fromhex(data), 'little')
+                for name, data in frames
+                if name == identifier
+            ]
+            for identifier in ('181', '182', '183', '184')
+        ]
+    ).T
     turns = (DIRECTION * (counts - ZERO)) % COUNTS_PER_TURN / COUNTS_PER_TURN
     return (turns - (turns > 0.5)) * 2.0 * np.pi
 
@@ -42,8 +50,9 @@ def stamps(arrived) -> np.ndarray:
 def check_against_truth(arrived, index: np.ndarray) -> None:
     """Check the orientations of a complete motion, each by the truth of the SYNC of its index."""
     times, true = truth()
-    got = np.array([[m.quaternion.x, m.quaternion.y, m.quaternion.z, m.quaternion.w]
-                    for _, m in arrived])
+    got = np.array(
+        [[m.quaternion.x, m.quaternion.y, m.quaternion.z, m.quaternion.w] for _, m in arrived]
+    )
     assert np.all(np.sum(got[1:] * got[:-1], axis=1) > 0.0), 'the sign of the quaternion jumped'
     # q and -q are the same orientation.
     chord = np.minimum(*(np.linalg.norm(got - sign * true[index], axis=1) for sign in (1, -1)))
@@ -51,7 +60,8 @@ def check_against_truth(arrived, index: np.ndarray) -> None:
     # Fig. 9's motion.
     phi = 45.0 + 10.0 * np.sin(np.pi * 1e-10 * (times[index] - times[0]))
     near = np.abs(phi - np.degrees(SINGULAR_PHI)) < 1.0
-    rms, rms_near, rms_far = (np.sqrt(np.mean(error[part] ** 2))
-                              for part in (slice(None), near, ~near))
+    rms, rms_near, rms_far = (
+        np.sqrt(np.mean(error[part] ** 2)) for part in (slice(None), near, ~near)
+    )
     assert error.max() <= 0.25 and rms <= 0.055
     assert near.sum() > 1000 and rms_near <= 1.1 * rms_far

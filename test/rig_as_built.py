@@ -22,18 +22,24 @@ def rig() -> dict:
 
 def mechanism() -> dict[str, list[float]]:
     """Return the parameters of the mechanism, by name."""
-    return {'geometry.proximal_deg': rig()['alpha_deg'],
-            'geometry.distal_deg': rig()['beta_deg'],
-            'geometry.base_axes': np.ravel(rig()['base_axes']).tolist(),
-            'geometry.platform_axes': np.ravel(rig()['platform_axes']).tolist()}
+    return {
+        'geometry.proximal_deg': rig()['alpha_deg'],
+        'geometry.distal_deg': rig()['beta_deg'],
+        'geometry.base_axes': np.ravel(rig()['base_axes']).tolist(),
+        'geometry.platform_axes': np.ravel(rig()['platform_axes']).tolist(),
+    }
 
 
 def calibration() -> dict[str, list[object]]:
     """Return the parameters of the encoders, by name; no model knows the second harmonics."""
     cosine, sine = np.transpose(rig()['eccentricity_deg_cos_sin']).tolist()
-    return {'encoders.zero_count': rig()['zero'], 'encoders.direction': rig()['direction'],
-            'encoders.direction_verified': [True] * 4,
-            'encoders.harmonic_cos_deg': cosine, 'encoders.harmonic_sin_deg': sine}
+    return {
+        'encoders.zero_count': rig()['zero'],
+        'encoders.direction': rig()['direction'],
+        'encoders.direction_verified': [True] * 4,
+        'encoders.harmonic_cos_deg': cosine,
+        'encoders.harmonic_sin_deg': sine,
+    }
 
 
 def truth() -> tuple[np.ndarray, np.ndarray]:

@@ -49,10 +49,12 @@ def hand_motion(rig: Rig, condition: Condition, seed: int) -> np.ndarray:
     waves = []
     for _ in range(3):
         periods = random.uniform(*PERIODS, WAVES) / condition.pace
-        sizes = periods ** 0.5
-        wave = sum(size * np.sin(tau * t / period + random.uniform(0.0, tau))
-                   for size, period in zip(sizes, periods, strict=True))
-        waves.append(wave / np.sqrt(np.sum(sizes ** 2) / 2.0))
+        sizes = periods**0.5
+        wave = sum(
+            size * np.sin(tau * t / period + random.uniform(0.0, tau))
+            for size, period in zip(sizes, periods, strict=True)
+        )
+        waves.append(wave / np.sqrt(np.sum(sizes**2) / 2.0))
     x, y, turn = waves
     if condition.one_sided:
         x, y = 0.5 + 0.5 * np.tanh(x), 0.5 * np.tanh(y)
@@ -66,8 +68,9 @@ def hand_motion(rig: Rig, condition: Condition, seed: int) -> np.ndarray:
     nearer = np.ones(len(t))
     while True:
         part = _eased(nearer)
-        poses = workspace_pose(part * tilt, np.arctan2(y, x),
-                               np.radians(middle) + part * (phi - np.radians(middle)))
+        poses = workspace_pose(
+            part * tilt, np.arctan2(y, x), np.radians(middle) + part * (phi - np.radians(middle))
+        )
         beyond = np.isnan(inverse(poses, rig.geometry, MODE).theta1).any(axis=1)
         if not beyond.any():
             return poses
@@ -85,20 +88,29 @@ def _eased(values: np.ndarray) -> np.ndarray:
 def joint_angles(poses: np.ndarray, rig: Rig) -> np.ndarray:
     """Return th1A, th1B, th1C, th3A and those of further sensors, rad, shape (n, N)."""
     found = inverse(poses, rig.geometry, MODE)
-    return np.column_stack([found.theta1, found.theta3a, found.theta3b,
-                            found.theta3c])[:, :len(rig.sensors)]
+    return np.column_stack([found.theta1, found.theta3a, found.theta3b, found.theta3c])[
+        :, : len(rig.sensors)
+    ]
 
 
 def deviations_of(rig: Rig, angles: np.ndarray) -> np.ndarray:
     """Return what the encoders' harmonics add to joint angles, rad, shape (n, N)."""
-    c1, s1, c2, s2 = np.transpose([
-        (*sensor.first_harmonic, *sensor.second_harmonic) for sensor in rig.sensors])
-    return c1 * np.cos(angles) + s1 * np.sin(angles) \
-        + c2 * np.cos(2.0 * angles) + s2 * np.sin(2.0 * angles)
+    c1, s1, c2, s2 = np.transpose(
+        [(*sensor.first_harmonic, *sensor.second_harmonic) for sensor in rig.sensors]
+    )
+    return (
+        c1 * np.cos(angles)
+        + s1 * np.sin(angles)
+        + c2 * np.cos(2.0 * angles)
+        + s2 * np.sin(2.0 * angles)
+    )
 
 
-def readings(rig: Rig, condition: Condition, seed: int,
-             ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def readings(
+    rig: Rig,
+    condition: Condition,
+    seed: int,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return stamps, raw angles, and the true directions and zeros (rad) of a motion."""
     poses = hand_motion(rig, condition, seed)
     random = np.random.default_rng(seed + 1)
@@ -107,13 +119,14 @@ def readings(rig: Rig, condition: Condition, seed: int,
     read += random.normal(size=read.shape) * radians(condition.noise)
     direction = random.choice((-1, 1), len(rig.sensors))
     zeros = random.uniform(0.0, tau, len(rig.sensors))
-    per_turn = 2 ** condition.bits
+    per_turn = 2**condition.bits
     counts = np.round((direction * (read + zeros)) * per_turn / tau) % per_turn
     wrong = random.uniform(size=len(counts)) < condition.outliers
-    counts[wrong, random.integers(0, len(rig.sensors), wrong.sum())] = \
-        random.integers(0, per_turn, wrong.sum())
+    counts[wrong, random.integers(0, len(rig.sensors), wrong.sum())] = random.integers(
+        0, per_turn, wrong.sum()
+    )
     stamps = (np.arange(len(counts)) * 1e9 / RATE).astype(np.int64)
     kept = np.ones(len(counts), dtype=bool)
     lost = int(condition.dropout * len(counts))
-    kept[len(counts) // 4:len(counts) // 4 + lost] = False
+    kept[len(counts) // 4 : len(counts) // 4 + lost] = False
     return stamps[kept], counts[kept] * tau / per_turn, direction, zeros

@@ -32,7 +32,7 @@ def noise(data, rng):
 
 
 def cut(data, rng):
-    return data[:rng.randrange(len(data))]
+    return data[: rng.randrange(len(data))]
 
 
 def spoilt(data, rng):
@@ -46,7 +46,7 @@ def numbers(data, rng):
     """Put something else in place of some numbers."""
     places = rng.sample([*NUMBER.finditer(data)], 3)
     for place in sorted(places, key=lambda each: -each.start()):
-        data = data[:place.start()] + rng.choice(WRONG) + data[place.end():]
+        data = data[: place.start()] + rng.choice(WRONG) + data[place.end() :]
     return data
 
 
@@ -77,13 +77,17 @@ def whole(tmp_path_factory):
 def read_log(path, _):
     with closing(make_replay(values('replay', replay__path=str(path)))) as source:
         for sample in source.recorded():
-            assert 0 <= sample.stamp < 2 ** 63 and all(map(isfinite, sample.angles))
+            assert 0 <= sample.stamp < 2**63 and all(map(isfinite, sample.angles))
 
 
 @pytest.mark.parametrize('damage', DAMAGES)
-@pytest.mark.parametrize(('name', 'read'), [
-    *((f'log{suffix}', read_log) for suffix in FORMATS),
-    *((f'table{suffix}', read) for suffix in TABLES for read in READERS)])
+@pytest.mark.parametrize(
+    ('name', 'read'),
+    [
+        *((f'log{suffix}', read_log) for suffix in FORMATS),
+        *((f'table{suffix}', read) for suffix in TABLES for read in READERS),
+    ],
+)
 def test_a_damaged_recording_gives_what_is_in_it_or_one_line(tmp_path, whole, name, read, damage):
     path, data = tmp_path / name, whole[name]
     rng = random.Random(f'{name} {damage.__name__} 0')
@@ -102,29 +106,63 @@ def test_a_damaged_recording_gives_what_is_in_it_or_one_line(tmp_path, whole, na
         assert not re.search(r'Traceback|[a-z]Error\b|codec|unpack', text), text
 
 
-@pytest.mark.parametrize(('name', 'content', 'words'), (
-    ('a.log', b'\x89\xff\x00', "line 1 is '\\\\x89\\\\xff\\x00'; expected (SECONDS) CHANNEL"),
-    ('a.log', b'(1.0) can0 080#\n\nhello\n', "line 3 is 'hello'; expected (SECONDS) CHANNEL"),
-    ('a.csv', b'time,joint_1a\n1.0,2.0\n', "line 2 is '1.0,2.0'; expected timestamp,arbitration"),
-    ('a.log.gz', gzip.compress(b'(1.0) can0 080#\n' * 99, mtime=0)[:40],
-     'expected a whole .gz file'),
-    ('a.blf', b'hello', 'expected a whole Vector BLF file'),
-    ('a.log', b'', 'no set of four encoders in it; its frames: none'),
-    ('a.log', b''.join(b'(%.3f) can0 18%d#00000000\n' % (0.001 * number + 1e-5 * node, node)
-                       for number in range(9) for node in (1, 2, 3, 4)),
-     'the encoders send without SYNC: give -p encoders.sync_id:=0'),
-    *(('a.log', ''.join(f'({stamp}) can0 {frame}\n' for frame in CYCLE).encode() * 90, words)
-      for stamp, words in (
-          ('nan', 'the stamp of frame 1 is nan s; expected 0 to 4294967296 s'),
-          ('inf', 'the stamp of frame 1 is inf s'), ('-1', 'the stamp of frame 1 is -1 s'),
-          ('0', 'has no times: its first 3 sets all have the stamp 0 s')))))
+@pytest.mark.parametrize(
+    ('name', 'content', 'words'),
+    (
+        ('a.log', b'\x89\xff\x00', "line 1 is '\\\\x89\\\\xff\\x00'; expected (SECONDS) CHANNEL"),
+        ('a.log', b'(1.0) can0 080#\n\nhello\n', "line 3 is 'hello'; expected (SECONDS) CHANNEL"),
+        (
+            'a.csv',
+            b'time,joint_1a\n1.0,2.0\n',
+            "line 2 is '1.0,2.0'; expected timestamp,arbitration",
+        ),
+        (
+            'a.log.gz',
+            gzip.compress(b'(1.0) can0 080#\n' * 99, mtime=0)[:40],
+            'expected a whole .gz file',
+        ),
+        ('a.blf', b'hello', 'expected a whole Vector BLF file'),
+        ('a.log', b'', 'no set of four encoders in it; its frames: none'),
+        (
+            'a.log',
+            b''.join(
+                b'(%.3f) can0 18%d#00000000\n' % (0.001 * number + 1e-5 * node, node)
+                for number in range(9)
+                for node in (1, 2, 3, 4)
+            ),
+            'the encoders send without SYNC: give -p encoders.sync_id:=0',
+        ),
+        *(
+            ('a.log', ''.join(f'({stamp}) can0 {frame}\n' for frame in CYCLE).encode() * 90, words)
+            for stamp, words in (
+                ('nan', 'the stamp of frame 1 is nan s; expected 0 to 4294967296 s'),
+                ('inf', 'the stamp of frame 1 is inf s'),
+                ('-1', 'the stamp of frame 1 is -1 s'),
+                ('0', 'has no times: its first 3 sets all have the stamp 0 s'),
+            )
+        ),
+    ),
+)
 def test_calibrate_reports_where_a_file_is_not_a_log(tmp_path, capsys, name, content, words):
     path = tmp_path / name
     path.write_bytes(content)
     # Times are needed by a replay, as of a jig's pose.
     kind = () if 'no times' in words else ('--motion',)
-    assert main(['calibrate', *kind, '-o', str(tmp_path / 'c.yaml'), '-p', 'source:=replay',
-                 '-p', f'replay.path:={path}']) == 1
+    assert (
+        main(
+            [
+                'calibrate',
+                *kind,
+                '-o',
+                str(tmp_path / 'c.yaml'),
+                '-p',
+                'source:=replay',
+                '-p',
+                f'replay.path:={path}',
+            ]
+        )
+        == 1
+    )
     *_, line = capsys.readouterr().err.splitlines()
     assert line.startswith(f'calibrate: {path}') and words in line
     assert not (tmp_path / 'c.yaml').exists()

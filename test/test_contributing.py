@@ -38,31 +38,48 @@ def test_recipes_name_files_that_exist_and_definitions_in_them():
     """Paths are below the root or the package."""
     _, _, after = (ROOT / 'CONTRIBUTING.md').read_text().partition('\n## Where to change\n')
     text = after.partition('\n## ')[0]
-    found = {path: next((base / path for base in (ROOT, ROOT / 'spm_haptic_master')
-                         if (base / path).exists()), None) for path in PATH.findall(text)}
+    found = {
+        path: next(
+            (base / path for base in (ROOT, ROOT / 'spm_haptic_master') if (base / path).exists()),
+            None,
+        )
+        for path in PATH.findall(text)
+    }
     assert len(found) > 20
     assert [path for path, file in found.items() if file is None] == ['config/NAME.yaml']
     names = NAME_IN.findall(text)
     assert len(names) > 10
-    assert [(name, path) for name, path in names
-            if not re.search(rf'\b{name}\b', found[path].read_text())] == []
+    assert [
+        (name, path)
+        for name, path in names
+        if not re.search(rf'\b{name}\b', found[path].read_text())
+    ] == []
 
 
 @pytest.mark.process
 def test_make_run_installs_what_a_bus_between_processes_needs():
     """The first command of docs/bringup on udp_multicast works in the .venv of `make run`."""
     recipe = subprocess.run(
-        ['make', '--dry-run', '--what-if', 'setup.py', '.venv/run.stamp'], cwd=ROOT,
-        capture_output=True, text=True, check=True).stdout
+        ['make', '--dry-run', '--what-if', 'setup.py', '.venv/run.stamp'],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
     extras = [set(each.split(',')) for each in re.findall(r"--editable '\.\[(.*?)\]'", recipe)]
     assert extras and all({'ros', 'multicast'} <= each for each in extras), recipe
 
 
 @pytest.mark.process
-@pytest.mark.parametrize(('given', 'expected'), [
-    ({}, 'LOCALHOST'), ({RANGE: 'SUBNET'}, 'SUBNET')])
+@pytest.mark.parametrize(('given', 'expected'), [({}, 'LOCALHOST'), ({RANGE: 'SUBNET'}, 'SUBNET')])
 def test_recipes_stay_on_this_host_unless_the_user_says_otherwise(given, expected):
     environment = {name: value for name, value in os.environ.items() if name != RANGE} | given
-    found = subprocess.run(['make', '--silent', f'--eval=show: ; @echo "$${RANGE}"', 'show'],
-                           cwd=ROOT, env=environment, capture_output=True, text=True, check=True)
+    found = subprocess.run(
+        ['make', '--silent', f'--eval=show: ; @echo "$${RANGE}"', 'show'],
+        cwd=ROOT,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     assert found.stdout.strip() == expected

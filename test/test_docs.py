@@ -50,8 +50,9 @@ def test_relative_links_resolve(page):
 
 def test_every_page_is_in_the_index():
     index = ROOT / 'docs' / 'README.md'
-    named = {(index.parent / link.partition('#')[0]).resolve()
-             for link in LINK.findall(text_of(index))}
+    named = {
+        (index.parent / link.partition('#')[0]).resolve() for link in LINK.findall(text_of(index))
+    }
     assert {page for page in PAGES[1:] if page != index} <= named
 
 
@@ -68,23 +69,33 @@ def test_generated_texts_are_current(monkeypatch):
 
 def test_parameters_named_in_the_pages_exist():
     """A code span that begins with a prefix of the parameters names one of them."""
-    known = set(re.findall(r'^\| `([\w.]+)` \|', text_of(ROOT / 'docs' / 'parameters.md'),
-                           re.MULTILINE))
+    known = set(
+        re.findall(r'^\| `([\w.]+)` \|', text_of(ROOT / 'docs' / 'parameters.md'), re.MULTILINE)
+    )
     pattern = re.compile(
         r'`((?:can|encoders|force|replay|sim|geometry|mounting|realtime|teleop|gripper|slave)'
-        r'(?:\.[a-z]\w*)+)')
-    unknown = {f'{page.name}: {name}' for page in PAGES for name in pattern.findall(text_of(page))
-               if name not in known and not name.endswith(('.yaml', '.launch.py'))}
+        r'(?:\.[a-z]\w*)+)'
+    )
+    unknown = {
+        f'{page.name}: {name}'
+        for page in PAGES
+        for name in pattern.findall(text_of(page))
+        if name not in known and not name.endswith(('.yaml', '.launch.py'))
+    }
     assert not unknown
 
 
 def test_the_recipe_of_limits_has_values_that_the_nodes_take():
     """Each column of docs/bringup is a set of parameters, of the types that they have."""
     section = text_of(ROOT / 'docs' / 'bringup.md').partition('## Limits: from the task')[2]
-    rows = re.findall(r'^\| `([\w.]+)` \| (\S+) \| (\S+) \| (\S+) \| .+ \|$',
-                      section.partition('\n## ')[0], re.MULTILINE)
+    rows = re.findall(
+        r'^\| `([\w.]+)` \| (\S+) \| (\S+) \| (\S+) \| .+ \|$',
+        section.partition('\n## ')[0],
+        re.MULTILINE,
+    )
     assert {'alert_limit_deg', 'unchecked_limit', 'degraded', 'start_checked'} <= {
-        name for name, *_ in rows}
+        name for name, *_ in rows
+    }
     settings = {each.name: each for each in (*FKM_SETTINGS, *TELEOP_SETTINGS, *CAN_SETTINGS)}
     for name, *texts in rows:
         for value in map(yaml.safe_load, texts):
@@ -97,33 +108,48 @@ def section_of(page: str, heading: str) -> str:
 
 
 # What of a message differs from one to the next: names, numbers, what the system reports.
-VARIABLE = re.compile(r'^SENSOR |\.\.\.|socketcan can0|/measured_js|joint_3a|0x\w+|\[Errno.*|'
-                      r'Network is down|Transmit buffer full|\d+|[():,]')
+VARIABLE = re.compile(
+    r'^SENSOR |\.\.\.|socketcan can0|/measured_js|joint_3a|0x\w+|\[Errno.*|'
+    r'Network is down|Transmit buffer full|\d+|[():,]'
+)
 
 
-@pytest.mark.parametrize(('page', 'heading', 'rooms'), [
-    ('safety.md', 'Reasons and cures', ('supervision', 'nodes', 'ros')),
-    ('rig.md', "The driver's entry on `/diagnostics`", ('encoders', 'nodes', 'ros'))])
+@pytest.mark.parametrize(
+    ('page', 'heading', 'rooms'),
+    [
+        ('safety.md', 'Reasons and cures', ('supervision', 'nodes', 'ros')),
+        ('rig.md', "The driver's entry on `/diagnostics`", ('encoders', 'nodes', 'ros')),
+    ],
+)
 def test_messages_of_a_page_are_those_of_the_code(page, heading, rooms):
     """The messages are in the first column of the page's table."""
-    code = ''.join(text_of(path) for room in rooms
-                   for path in (ROOT / 'spm_haptic_master' / room).rglob('*.py'))
+    code = ''.join(
+        text_of(path)
+        for room in rooms
+        for path in (ROOT / 'spm_haptic_master' / room).rglob('*.py')
+    )
     rows = re.findall(r'^\| (`.+?) \|', section_of(page, heading), re.MULTILINE)
     assert len(rows) > 10
-    words = [part.strip() for row in rows[1:] for span in re.findall(r'`([^`]+)`', row)
-             for part in VARIABLE.split(span)]
+    words = [
+        part.strip()
+        for row in rows[1:]
+        for span in re.findall(r'`([^`]+)`', row)
+        for part in VARIABLE.split(span)
+    ]
     assert [each for each in words if each not in code] == []
 
 
 def test_each_topic_and_each_reason_of_silence_is_in_its_page():
     recordings = ''.join(map(text_of, sorted((ROOT / 'test' / 'data' / 'sessions').glob('*.txt'))))
     topics = set(re.findall(r'^([\w/]+): \d+$', recordings, re.MULTILINE))
-    pages = ''.join(text_of(ROOT / 'docs' / name)
-                    for name in ('interfaces.md', 'slave.md', 'diagnostics.md'))
+    pages = ''.join(
+        text_of(ROOT / 'docs' / name) for name in ('interfaces.md', 'slave.md', 'diagnostics.md')
+    )
     assert len(topics) > 20 and [each for each in topics if f'{each}`' not in pages] == []
     cures = section_of('safety.md', 'Reasons and cures')
-    assert [each.value for each in Reason
-            if each.value not in cures and each is not Reason.STARTING] == []
+    assert [
+        each.value for each in Reason if each.value not in cures and each is not Reason.STARTING
+    ] == []
 
 
 def test_commands_of_the_evidence_exist():
@@ -134,10 +160,15 @@ def test_commands_of_the_evidence_exist():
         assert re.search(r'\b20\d\d-\d\d-\d\d\b', section), section[:40]
         found = [
             *(f'\n{each}:' in makefile for each in re.findall(r'`make ([\w-]+)', section)),
-            *((ROOT / f'{each.replace(".", "/")}.py').is_file()
-              for each in re.findall(r'`python -m (benchmarks\.\w+)', section)),
-            *((ROOT / each).is_file()
-              for each in re.findall(r'`python -m pytest (?:-s )?(test/[\w/.]+)', section))]
+            *(
+                (ROOT / f'{each.replace(".", "/")}.py').is_file()
+                for each in re.findall(r'`python -m (benchmarks\.\w+)', section)
+            ),
+            *(
+                (ROOT / each).is_file()
+                for each in re.findall(r'`python -m pytest (?:-s )?(test/[\w/.]+)', section)
+            ),
+        ]
         assert found and all(found), section[:40]
 
 
@@ -146,16 +177,30 @@ TEST = re.compile(r'`([\w/]+?)(?:\.py)?::(\w+)`')
 
 
 def test_each_hazard_is_held_by_tests_that_exist():
-    known = [f'/{path.relative_to(ROOT).with_suffix("")}::{name}'
-             for path in (ROOT / 'test').rglob('test_*.py')
-             for name in re.findall(r'^def (test_\w+)', text_of(path), re.MULTILINE)]
+    known = [
+        f'/{path.relative_to(ROOT).with_suffix("")}::{name}'
+        for path in (ROOT / 'test').rglob('test_*.py')
+        for name in re.findall(r'^def (test_\w+)', text_of(path), re.MULTILINE)
+    ]
     section = section_of('safety.md', 'Hazards')
-    header, _, *rows = [tuple(cell.strip() for cell in line.strip('|').split('|'))
-                        for line in section.splitlines() if line.startswith('|')]
+    header, _, *rows = [
+        tuple(cell.strip() for cell in line.strip('|').split('|'))
+        for line in section.splitlines()
+        if line.startswith('|')
+    ]
     assert header[-1] == 'held by' and len(rows) >= 15
-    faults = [f'{row[0]}: {row}' for row in rows if len(row) != len(header) or not all(row)
-              or not TEST.search(row[-1]) or TEST.sub('', row[-1]).strip(' ,')]
-    faults += [f'{row[0]}: there is no {test}' for row in rows
-               for test in map('::'.join, TEST.findall(row[-1]))
-               if not any(each.endswith(f'/{test}') for each in known)]
+    faults = [
+        f'{row[0]}: {row}'
+        for row in rows
+        if len(row) != len(header)
+        or not all(row)
+        or not TEST.search(row[-1])
+        or TEST.sub('', row[-1]).strip(' ,')
+    ]
+    faults += [
+        f'{row[0]}: there is no {test}'
+        for row in rows
+        for test in map('::'.join, TEST.findall(row[-1]))
+        if not any(each.endswith(f'/{test}') for each in known)
+    ]
     assert not faults, '\n'.join(faults)

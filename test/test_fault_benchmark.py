@@ -21,20 +21,28 @@ def faults(tmp_path, monkeypatch):
     committed = tmp_path / 'simulated.md'
     few = ((0.04, 14, 100.0),)
     for module, name, value in (
-            # One thread: no other process has the changes.
-            (integrity, 'ProcessPoolExecutor', partial(ThreadPoolExecutor, 1)),
-            (integrity, 'PAGE', committed),
-            (integrity, 'PLACES', {'centre': 'rest'}),
-            (integrity, 'CONDITIONS', [replace(row, kinds=('tremor',))
-                                       for row in integrity.CONDITIONS if row.rate == 100.0]),
-            (integrity, 'DISTURBED', (integrity.DISTURBED[0], *integrity.DISTURBED[7::2])),
-            (integrity, 'jump_rows', lambda runner: ()), (integrity, 'coverage_rows', lambda: ()),
-            (integrity, 'long_rows', lambda seconds, runner: ()),
-            (integrity_runs, 'DISTURBED_RUNS', 1), (integrity_runs, 'ENCODERS', few),
-            (integrity_runs, 'MORE_ENCODERS', few),
-            (integrity, 'cases', lambda sensors: [('step', 5.0, 'deg', 0)]),
-            *((integrity, name, cache(getattr(integrity_runs, name)))
-              for name in ('healthy', 'disturbances', 'faulty'))):
+        # One thread: no other process has the changes.
+        (integrity, 'ProcessPoolExecutor', partial(ThreadPoolExecutor, 1)),
+        (integrity, 'PAGE', committed),
+        (integrity, 'PLACES', {'centre': 'rest'}),
+        (
+            integrity,
+            'CONDITIONS',
+            [replace(row, kinds=('tremor',)) for row in integrity.CONDITIONS if row.rate == 100.0],
+        ),
+        (integrity, 'DISTURBED', (integrity.DISTURBED[0], *integrity.DISTURBED[7::2])),
+        (integrity, 'jump_rows', lambda runner: ()),
+        (integrity, 'coverage_rows', lambda: ()),
+        (integrity, 'long_rows', lambda seconds, runner: ()),
+        (integrity_runs, 'DISTURBED_RUNS', 1),
+        (integrity_runs, 'ENCODERS', few),
+        (integrity_runs, 'MORE_ENCODERS', few),
+        (integrity, 'cases', lambda sensors: [('step', 5.0, 'deg', 0)]),
+        *(
+            (integrity, name, cache(getattr(integrity_runs, name)))
+            for name in ('healthy', 'disturbances', 'faulty')
+        ),
+    ):
         monkeypatch.setattr(module, name, value)
 
     def run(*args):
@@ -71,19 +79,24 @@ def test_the_rows_have_verdicts(faults, monkeypatch):
 LATE, LOUD = GOOD._replace(undeclared=1.01), GOOD._replace(silent=False)
 
 
-@pytest.mark.parametrize(('verdict', 'given', 'found'), [
-    (fault_verdict, ([GOOD, GOOD],), 'silent'), (fault_verdict, ([GOOD, LATE],), 'too late'),
-    (fault_verdict, ([GOOD, LOUD],), 'within the level or declared, silent in part'),
-    (fault_verdict, ([LOUD, LOUD],), 'within the level or declared'),
-    (isolation_verdict, ([GOOD, GOOD], 2, 0), 'isolated'),
-    (isolation_verdict, ([GOOD, GOOD], 1, 0), 'isolated in part'),
-    (isolation_verdict, ([GOOD, GOOD], 1, 1), 'another sensor excluded'),
-    (isolation_verdict, ([GOOD, LATE], 2, 0), 'too late'),
-    (isolation_verdict, ([GOOD, GOOD], 0, 0), 'silent'),
-    (isolation_verdict, ([GOOD, LOUD], 0, 0), 'within the level'),
-    (healthy_verdict, (1.0, 0.5), 'published within its level'),
-    (healthy_verdict, (0.98, 0.5), 'withheld'),
-    (healthy_verdict, (1.0, 1.01), 'beyond its level')])
+@pytest.mark.parametrize(
+    ('verdict', 'given', 'found'),
+    [
+        (fault_verdict, ([GOOD, GOOD],), 'silent'),
+        (fault_verdict, ([GOOD, LATE],), 'too late'),
+        (fault_verdict, ([GOOD, LOUD],), 'within the level or declared, silent in part'),
+        (fault_verdict, ([LOUD, LOUD],), 'within the level or declared'),
+        (isolation_verdict, ([GOOD, GOOD], 2, 0), 'isolated'),
+        (isolation_verdict, ([GOOD, GOOD], 1, 0), 'isolated in part'),
+        (isolation_verdict, ([GOOD, GOOD], 1, 1), 'another sensor excluded'),
+        (isolation_verdict, ([GOOD, LATE], 2, 0), 'too late'),
+        (isolation_verdict, ([GOOD, GOOD], 0, 0), 'silent'),
+        (isolation_verdict, ([GOOD, LOUD], 0, 0), 'within the level'),
+        (healthy_verdict, (1.0, 0.5), 'published within its level'),
+        (healthy_verdict, (0.98, 0.5), 'withheld'),
+        (healthy_verdict, (1.0, 1.01), 'beyond its level'),
+    ],
+)
 def test_runs_have_a_verdict(verdict, given, found):
     assert verdict(*given) == found
 
@@ -91,5 +104,9 @@ def test_runs_have_a_verdict(verdict, given, found):
 @pytest.mark.parametrize('page', [integrity.PAGE, fault_matrix.PAGE])
 def test_the_committed_pages_have_verdicts(page):
     found = verdicts.read(page.read_text(encoding='utf-8'))
-    assert found and not {'too late', 'beyond its level', 'another sensor excluded', 'alarms'} \
-        & set(found.values())
+    assert found and not {
+        'too late',
+        'beyond its level',
+        'another sensor excluded',
+        'alarms',
+    } & set(found.values())

@@ -29,17 +29,53 @@ ROOMS = {
     'teleoperation': {'supervision', 'kinematics'},
     'description': {'kinematics'},
     'ros': {'parameters', 'kinematics'},
-    'nodes': {'ros', 'teleoperation', 'calibration', 'force', 'supervision', 'drives',
-              'encoders', 'simulation', 'parameters', 'kinematics'},
+    'nodes': {
+        'ros',
+        'teleoperation',
+        'calibration',
+        'force',
+        'supervision',
+        'drives',
+        'encoders',
+        'simulation',
+        'parameters',
+        'kinematics',
+    },
     'benchmark': {'ros', 'kinematics'},
-    'view': {'nodes', 'ros', 'description', 'simulation', 'force', 'supervision', 'parameters',
-             'kinematics'},
-    'tools': {'benchmark', 'nodes', 'description', 'validation', 'calibration',
-              'simulation', 'drives', 'encoders', 'force', 'supervision', 'parameters',
-              'kinematics'},
+    'view': {
+        'nodes',
+        'ros',
+        'description',
+        'simulation',
+        'force',
+        'supervision',
+        'parameters',
+        'kinematics',
+    },
+    'tools': {
+        'benchmark',
+        'nodes',
+        'description',
+        'validation',
+        'calibration',
+        'simulation',
+        'drives',
+        'encoders',
+        'force',
+        'supervision',
+        'parameters',
+        'kinematics',
+    },
     'paper': {'validation', 'description', 'simulation', 'parameters', 'kinematics', 'benchmark'},
-    'study': {'paper', 'validation', 'description', 'force', 'supervision', 'parameters',
-              'kinematics'},
+    'study': {
+        'paper',
+        'validation',
+        'description',
+        'force',
+        'supervision',
+        'parameters',
+        'kinematics',
+    },
 }
 # What each may import from outside, beside the standard library; '' is the top level.
 OUTSIDE = {
@@ -56,12 +92,30 @@ OUTSIDE = {
     'teleoperation': set(),
     'description': {'numpy'},
     'ros': {'rclpy', 'rcl_interfaces', 'diagnostic_msgs', 'geometry_msgs', 'sensor_msgs'},
-    'nodes': {'rclpy', 'crtk_msgs', 'rcl_interfaces', 'diagnostic_msgs', 'geometry_msgs',
-              'sensor_msgs', 'std_msgs', 'std_srvs', 'tf2_msgs'},
-    'benchmark': {'numpy', 'rclpy', 'diagnostic_msgs', 'geometry_msgs',
-                  'sensor_msgs'},
-    'view': {'numpy', 'rclpy', 'viser', 'websockets', 'msgspec', 'diagnostic_msgs',
-             'geometry_msgs', 'rcl_interfaces', 'sensor_msgs', 'std_msgs'},
+    'nodes': {
+        'rclpy',
+        'crtk_msgs',
+        'rcl_interfaces',
+        'diagnostic_msgs',
+        'geometry_msgs',
+        'sensor_msgs',
+        'std_msgs',
+        'std_srvs',
+        'tf2_msgs',
+    },
+    'benchmark': {'numpy', 'rclpy', 'diagnostic_msgs', 'geometry_msgs', 'sensor_msgs'},
+    'view': {
+        'numpy',
+        'rclpy',
+        'viser',
+        'websockets',
+        'msgspec',
+        'diagnostic_msgs',
+        'geometry_msgs',
+        'rcl_interfaces',
+        'sensor_msgs',
+        'std_msgs',
+    },
     'tools': {'numpy', 'can'},
     'paper': {'numpy', 'matplotlib', 'mujoco'},
     'study': {'numpy', 'matplotlib', 'mujoco'},
@@ -77,8 +131,9 @@ NODES = {*PIPELINE, FOLLOWER, 'master', 'presence', 'sim_slave'}
 def files() -> tuple[tuple[str, Path, set[str]], ...]:
     """Return the room ('' at the top level), the path and the imports of each file."""
     found = []
-    for path in sorted(path for folder in (PACKAGE, *NOT_INSTALLED)
-                       for path in (ROOT / folder).rglob('*.py')):
+    for path in sorted(
+        path for folder in (PACKAGE, *NOT_INSTALLED) for path in (ROOT / folder).rglob('*.py')
+    ):
         parts = path.relative_to(ROOT).parts
         room = parts[0] if parts[0] in NOT_INSTALLED else parts[1] if len(parts) > 2 else ''
         found.append((room, path.relative_to(ROOT), imports(path)))
@@ -103,8 +158,12 @@ def test_every_room_is_declared_above_those_that_it_imports():
     """ROOMS is in an order in which each room rests on earlier ones only: there is no circle."""
     assert {room for room, _, _ in files()} == {'', *ROOMS} == set(OUTSIDE)
     order = list(ROOMS)
-    assert [(room, other) for room, others in ROOMS.items() for other in others
-            if order.index(other) >= order.index(room)] == []
+    assert [
+        (room, other)
+        for room, others in ROOMS.items()
+        for other in others
+        if order.index(other) >= order.index(room)
+    ] == []
 
 
 def test_each_room_imports_what_is_declared_for_it():
@@ -122,9 +181,12 @@ def test_each_room_imports_what_is_declared_for_it():
 
 def test_mathematics_has_no_clock_and_no_threads():
     """What these rooms need to know of time is an argument."""
-    violations = [f'{path} imports {name}' for _, path, names in files()
-                  if any(f'/{part}/' in path.as_posix() for part in WITHOUT_CLOCK)
-                  for name in names & {'time', 'threading', 'datetime'}]
+    violations = [
+        f'{path} imports {name}'
+        for _, path, names in files()
+        if any(f'/{part}/' in path.as_posix() for part in WITHOUT_CLOCK)
+        for name in names & {'time', 'threading', 'datetime'}
+    ]
     assert not violations, '\n'.join(violations)
 
 
@@ -132,7 +194,9 @@ def test_no_node_imports_another():
     """Only the module that composes them does."""
     nodes = {f'{PACKAGE}.nodes.{name}' for name in NODES}
     violations = [
-        f'{path} imports {name}' for room, path, names in files()
+        f'{path} imports {name}'
+        for room, path, names in files()
         if room == 'nodes' and path.stem != 'master'
-        for name in names & (nodes - {f'{PACKAGE}.nodes.{path.stem}'})]
+        for name in names & (nodes - {f'{PACKAGE}.nodes.{path.stem}'})
+    ]
     assert not violations, '\n'.join(violations)

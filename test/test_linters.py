@@ -6,33 +6,53 @@
 import pytest
 from test_house import ROOT
 
-HEADER = ('# Copyright 2026 The spm_haptic_master maintainers\n'
-          '# SPDX-License-Identifier: Apache-2.0\n')
-FOLDERS = ('spm_haptic_master', 'paper', 'study', 'benchmarks', 'docs', 'launch', 'test',
-           'examples', 'release')
+HEADER = (
+    '# Copyright 2026 The spm_haptic_master maintainers\n# SPDX-License-Identifier: Apache-2.0\n'
+)
+FOLDERS = (
+    'spm_haptic_master',
+    'paper',
+    'study',
+    'benchmarks',
+    'docs',
+    'launch',
+    'test',
+    'examples',
+    'release',
+)
 
 
 def files():
     """Return every Python file of the project."""
-    return [ROOT / 'setup.py',
-            *(path for folder in FOLDERS for path in sorted((ROOT / folder).rglob('*.py')))]
+    return [
+        ROOT / 'setup.py',
+        *(path for folder in FOLDERS for path in sorted((ROOT / folder).rglob('*.py'))),
+    ]
 
 
 def test_every_file_begins_with_copyright_and_licence():
-    violations = [str(path.relative_to(ROOT)) for path in files()
-                  if not path.read_text().startswith(HEADER)]
+    violations = [
+        str(path.relative_to(ROOT)) for path in files() if not path.read_text().startswith(HEADER)
+    ]
     assert not violations, '\n'.join(violations)
 
 
 @pytest.mark.linter
-@pytest.mark.parametrize('name', [
-    pytest.param('ament_flake8', marks=pytest.mark.flake8),
-    pytest.param('ament_pep257', marks=pytest.mark.pep257)])
+@pytest.mark.parametrize(
+    'name',
+    [
+        pytest.param('ament_flake8', marks=pytest.mark.flake8),
+        pytest.param('ament_pep257', marks=pytest.mark.pep257),
+    ],
+)
 def test_style_and_docstrings(monkeypatch, capsys, name):
     linter = pytest.importorskip(
-        f'{name}.main', reason=f'{name} is not installed (apt, or `make lint`)')
+        f'{name}.main', reason=f'{name} is not installed (apt, or `make lint`)'
+    )
     monkeypatch.chdir(ROOT)
-    code = linter.main(argv=['.', '--exclude', 'build', 'install', 'log', 'dist'])
+    config = ['--config', 'test/ament_flake8.ini'] if name == 'ament_flake8' else []
+    code = linter.main(argv=['.', '--exclude', 'build', 'install', 'log', 'dist', *config])
     out, err = capsys.readouterr()
-    assert code == 0, '\n'.join(line for line in (out + err).splitlines()
-                                if not line.startswith('checking '))
+    assert code == 0, '\n'.join(
+        line for line in (out + err).splitlines() if not line.startswith('checking ')
+    )

@@ -13,9 +13,15 @@ import yaml
 
 # Keys without which the master goes silent or the MTM is to move, and their values.
 NEEDED = {
-    '2.4.0': {'skip_ROS_bridge': True, 'align_MTM': False, 'MTM_is_haptic': False,
-              '$id': 'dvrk-system.schema.json', '$version': '1'},
-    '2.3.1': {'skip-ros-bridge': True, 'align-mtm': False}}
+    '2.4.0': {
+        'skip_ROS_bridge': True,
+        'align_MTM': False,
+        'MTM_is_haptic': False,
+        '$id': 'dvrk-system.schema.json',
+        '$version': '1',
+    },
+    '2.3.1': {'skip-ros-bridge': True, 'align-mtm': False},
+}
 SLAVE_PAGE = (ROOT / 'docs' / 'slave.md').read_text(encoding='utf-8')
 
 

@@ -47,8 +47,14 @@ def test_a_clock_that_is_set_back_ends_no_output():
 
 def test_the_first_time_is_at_once_and_the_next_a_period_later():
     due = Periodic(0.5)
-    assert [due.is_due(now) for now in (0.25, 0.5, 0.625, 0.75, 1.0, 1.25)] \
-        == [True, False, False, True, False, True]
+    assert [due.is_due(now) for now in (0.25, 0.5, 0.625, 0.75, 1.0, 1.25)] == [
+        True,
+        False,
+        False,
+        True,
+        False,
+        True,
+    ]
 
 
 def test_percentiles_are_of_the_latest_latencies_and_a_rate_of_the_latest_interval(monkeypatch):

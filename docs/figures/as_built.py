@@ -37,38 +37,49 @@ def mechanism() -> Geometry:
     return Geometry.from_axes(base, platform, g.alphas, g.betas)
 
 
-def axis(picture: Picture, vector: np.ndarray, name: str, shift, length: float = 1.25,
-         **style) -> None:
+def axis(
+    picture: Picture, vector: np.ndarray, name: str, shift, length: float = 1.25, **style
+) -> None:
     """Draw an axis from O with its name."""
     picture.line([np.zeros(3), length * vector], **{'linewidth': 1.3, 'color': INK, **style})
     picture.text(length * vector, name, shift, fontsize=11, color=style.get('color', INK))
 
 
-def link(picture: Picture, start: np.ndarray, end: np.ndarray, width: float, name: str,
-         shift) -> None:
+def link(
+    picture: Picture, start: np.ndarray, end: np.ndarray, width: float, name: str, shift
+) -> None:
     """Draw a link as an arc between two axes, with the name of its angle."""
     picture.line(arc(start, end), color=COLOR, linewidth=width, zorder=3)
     for joint in (start, end):
-        picture.dot(joint, markersize=8, color='white', markeredgecolor=COLOR,
-                    markeredgewidth=1.8, zorder=5)
+        picture.dot(
+            joint,
+            markersize=8,
+            color='white',
+            markeredgecolor=COLOR,
+            markeredgewidth=1.8,
+            zorder=5,
+        )
     picture.text(arc(start, end)[15], name, shift, fontsize=13, fontweight='bold')
 
 
 def turned(picture: Picture, nominal: np.ndarray, built: np.ndarray, shift) -> None:
     """Draw where the axis is on a nominal mechanism, and the smallest turn from there."""
-    picture.line([np.zeros(3), 1.1 * nominal], color=FAINT, linewidth=1.2,
-                 linestyle=(0, (4, 3)))
+    picture.line([np.zeros(3), 1.1 * nominal], color=FAINT, linewidth=1.2, linestyle=(0, (4, 3)))
     picture.arrow(1.05 * arc(nominal, built)[2:-1], color=SENSOR, linewidth=2.2, zorder=6)
-    picture.text(1.05 * arc(nominal, built)[10], 'smallest turn', shift, fontsize=9,
-                 color='#5c4300')
+    picture.text(
+        1.05 * arc(nominal, built)[10], 'smallest turn', shift, fontsize=9, color='#5c4300'
+    )
 
 
 def base(picture: Picture, g: Geometry) -> None:
     """Draw leg A's frame in the base with th1A at zero."""
     leg = g.legs[LEG]
     x, y, z = np.reshape(leg.base_frame, (3, 3)).T
-    for vector, name, shift in ((np.eye(3)[0], 'x', (0.0, -0.06)), (np.eye(3)[1], 'y', (0.06, 0)),
-                                (np.eye(3)[2], 'z', (-0.04, 0.06))):
+    for vector, name, shift in (
+        (np.eye(3)[0], 'x', (0.0, -0.06)),
+        (np.eye(3)[1], 'y', (0.06, 0)),
+        (np.eye(3)[2], 'z', (-0.04, 0.06)),
+    ):
         axis(picture, vector, name, shift, 1.18, color=FAINT, linestyle=(0, (4, 3)))
     turned(picture, np.eye(3)[2], z, (-0.3, 0.11))
     axis(picture, z, '$Z_{1A}$', (0.03, 0.08), 1.35)
@@ -77,8 +88,7 @@ def base(picture: Picture, g: Geometry) -> None:
     second = leg.second[0] + np.array(leg.second[1])
     axis(picture, second, '$Z_{2A}$ at th1A = 0', (-0.1, 0.09))
     link(picture, z, second, 7.0, '$α_A$', (0.05, -0.12))
-    picture.arrow(turn_about(z, 1.2, 0.12, 20.0, 285.0), color='#7a5800', linewidth=1.3,
-                  zorder=7)
+    picture.arrow(turn_about(z, 1.2, 0.12, 20.0, 285.0), color='#7a5800', linewidth=1.3, zorder=7)
     picture.text(1.2 * z, 'th1A', (0.27, 0.0), fontsize=11)
 
 
@@ -89,8 +99,10 @@ def platform(picture: Picture, g: Geometry) -> None:
     axes = np.array(g.platform_axes)
     rim = np.concatenate([arc(axes[k], axes[(k + 1) % 3]) for k in range(3)])
     picture.fill(rim, facecolor='#c9ced6', edgecolor='#6c7480', linewidth=1.2, zorder=1)
-    for vector, name, shift in ((np.eye(3)[0], 'x', (-0.04, -0.05)),
-                                (np.eye(3)[1], 'y', (0.06, 0.0))):
+    for vector, name, shift in (
+        (np.eye(3)[0], 'x', (-0.04, -0.05)),
+        (np.eye(3)[1], 'y', (0.06, 0.0)),
+    ):
         axis(picture, vector, name, shift, 1.1, color=FAINT, linestyle=(0, (4, 3)))
     turned(picture, np.eye(3)[2], z, (0.05, -0.08))
     axis(picture, np.eye(3)[2], '$Z_E$', (-0.07, 0.05), 1.25)

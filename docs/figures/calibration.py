@@ -32,7 +32,8 @@ def main() -> None:
     times = np.arange(int(SECONDS * RATE)) / RATE
     counts = np.round(np.array([motion.angles(t) for t in times.tolist()]) * COUNTS / tau)
     found = calibrate_motion(
-        Layout(4), np.round(times * 1e9).astype(np.int64), counts * tau / COUNTS)
+        Layout(4), np.round(times * 1e9).astype(np.int64), counts * tau / COUNTS
+    )
     OUTPUT.write_bytes(figures.draw(found))
     print(OUTPUT.name)
 

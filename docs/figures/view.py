@@ -77,12 +77,16 @@ def save(image: Image.Image, path: Path) -> None:
     print(path, path.stat().st_size)
 
 
-def save_state(page: Browser, name: str,
-               condition: Callable[[], object] = lambda: True) -> None:
+def save_state(page: Browser, name: str, condition: Callable[[], object] = lambda: True) -> None:
     """Write the pictures of a state, in both sizes, each when a condition holds."""
     for width, height in SIZES:
-        page.call('Emulation.setDeviceMetricsOverride', width=width, height=height,
-                  deviceScaleFactor=1, mobile=False)
+        page.call(
+            'Emulation.setDeviceMetricsOverride',
+            width=width,
+            height=height,
+            deviceScaleFactor=1,
+            mobile=False,
+        )
         # As on a page that is opened at that size.
         time.sleep(RESIZE)
         page.evaluate(f'{FRONT}?.click()')
@@ -90,8 +94,13 @@ def save_state(page: Browser, name: str,
         wait(condition, name)
         save(picture(page), STATES / f'{name}_{width}.png')
     width, height = SIZES[0]
-    page.call('Emulation.setDeviceMetricsOverride', width=width, height=height,
-              deviceScaleFactor=1, mobile=False)
+    page.call(
+        'Emulation.setDeviceMetricsOverride',
+        width=width,
+        height=height,
+        deviceScaleFactor=1,
+        mobile=False,
+    )
     time.sleep(RESIZE)
     page.evaluate(f'{FRONT}?.click()')
 
@@ -107,13 +116,24 @@ class Device:
 
     def __init__(self, page: Browser, **parameters: object) -> None:
         self._page = page
-        self._program = Program(executable('master', parameters={
-            'source': 'sim', 'sim.trajectory': 'tour', **scheduling_of_make_run(), **parameters}))
+        self._program = Program(
+            executable(
+                'master',
+                parameters={
+                    'source': 'sim',
+                    'sim.trajectory': 'tour',
+                    **scheduling_of_make_run(),
+                    **parameters,
+                },
+            )
+        )
         self._node = rclpy.create_node('pictures')
         self._steer = self._node.create_publisher(Float64MultiArray, STEER_TOPIC, 1)
         self._fail = self._node.create_publisher(String, FAULT_TOPIC, 1)
-        wait(lambda: self._steer.get_subscription_count() and self._fail.get_subscription_count(),
-             'the device does not start')
+        wait(
+            lambda: self._steer.get_subscription_count() and self._fail.get_subscription_count(),
+            'the device does not start',
+        )
         self.shows(HEALTHY.text)
 
     def steer(self, *pose: float) -> None:
@@ -141,11 +161,18 @@ def animate(page: Browser) -> None:
         width, height = SIZES[0]
         frame = picture(page).crop((0, 0, width - PANEL, height))
         height = round(frame.height * ANIMATED_WIDTH / frame.width)
-        frames.append(frame.resize((ANIMATED_WIDTH, height), Image.Resampling.LANCZOS)
-                      .quantize(GIF_COLOURS))
+        frames.append(
+            frame.resize((ANIMATED_WIDTH, height), Image.Resampling.LANCZOS).quantize(GIF_COLOURS)
+        )
         time.sleep(TAKEN_EVERY)
-    frames[0].save(HERE / 'view.gif', save_all=True, append_images=frames[1:],
-                   duration=round(1000 * SHOWN_FOR), loop=0, optimize=True)
+    frames[0].save(
+        HERE / 'view.gif',
+        save_all=True,
+        append_images=frames[1:],
+        duration=round(1000 * SHOWN_FOR),
+        loop=0,
+        optimize=True,
+    )
     print(HERE / 'view.gif')
 
 

@@ -48,8 +48,10 @@ def _domain() -> tuple[int, socket.socket]:
             reservation.close()
         else:
             return domain, reservation
-    raise RuntimeError(f'all DDS domains from {DOMAINS[0]} to {DOMAINS[-1]} are reserved by other '
-                       'runs on this host')
+    raise RuntimeError(
+        f'all DDS domains from {DOMAINS[0]} to {DOMAINS[-1]} are reserved by other '
+        'runs on this host'
+    )
 
 
 def private_environment() -> dict[str, str]:
@@ -59,10 +61,14 @@ def private_environment() -> dict[str, str]:
     They differ from those of other processes on the host. RuntimeError: all are reserved.
     """
     domain, _ = _domain()
-    return {**os.environ, **runner.discovery_profile(os.environ), 'ROS_DOMAIN_ID': str(domain),
-            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-            'CAN_CONFIG': json.dumps({'port': FIRST_BUS_PORT + domain}),
-            'PYTHONUNBUFFERED': '1'}
+    return {
+        **os.environ,
+        **runner.discovery_profile(os.environ),
+        'ROS_DOMAIN_ID': str(domain),
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        'CAN_CONFIG': json.dumps({'port': FIRST_BUS_PORT + domain}),
+        'PYTHONUNBUFFERED': '1',
+    }
 
 
 def bus_channel() -> str:
@@ -79,8 +85,11 @@ def executable(name: str, *args: str, parameters: Mapping[str, object] | None = 
 
 def parameter_arguments(parameters: Mapping[str, object]) -> list[str]:
     """Return `-p name:=value` of each parameter."""
-    return [word for name, value in parameters.items() for word in (
-        '-p', f'{name}:={str(value).lower() if isinstance(value, bool) else value}')]
+    return [
+        word
+        for name, value in parameters.items()
+        for word in ('-p', f'{name}:={str(value).lower() if isinstance(value, bool) else value}')
+    ]
 
 
 def wait_until(condition: Callable[[], object], seconds: float) -> bool:
@@ -101,15 +110,26 @@ class Program:
     `error_to` is a file descriptor for its standard error.
     """
 
-    def __init__(self, command: Sequence[str], *, environment: Mapping[str, str] | None = None,
-                 directory: Path | None = None, new_session: bool = False,
-                 error_to: int | None = None):
+    def __init__(
+        self,
+        command: Sequence[str],
+        *,
+        environment: Mapping[str, str] | None = None,
+        directory: Path | None = None,
+        new_session: bool = False,
+        error_to: int | None = None,
+    ):
         self.command = tuple(command)
         self._out, self._err = tempfile.TemporaryFile(), tempfile.TemporaryFile()
         self._process = process = subprocess.Popen(
-            self.command, cwd=directory, stdin=subprocess.DEVNULL, stdout=self._out,
-            stderr=self._err if error_to is None else error_to, start_new_session=new_session,
-            env=private_environment() if environment is None else environment)
+            self.command,
+            cwd=directory,
+            stdin=subprocess.DEVNULL,
+            stdout=self._out,
+            stderr=self._err if error_to is None else error_to,
+            start_new_session=new_session,
+            env=private_environment() if environment is None else environment,
+        )
         self.pid, self.poll, self.send_signal = process.pid, process.poll, process.send_signal
 
     def __enter__(self) -> Program:
@@ -144,8 +164,9 @@ class Program:
             return self._process.wait(timeout)
         except subprocess.TimeoutExpired:
             self.kill()
-            raise TimeoutError(f'{" ".join(self.command)}: did not end within {timeout:g} s and '
-                               'was killed') from None
+            raise TimeoutError(
+                f'{" ".join(self.command)}: did not end within {timeout:g} s and was killed'
+            ) from None
 
 
 def _content(file: IO[bytes]) -> str:

@@ -38,9 +38,16 @@ DISTURBED_LATENESS, DISTURBED_LOAD = 1000.0, 20.0
 
 def published(run: Run) -> float:
     """Return the median time from sample stamp to publication by `fkm`, us; NaN if unknown."""
-    return float(np.median([
-        float(values['latency p50 (us)']) for _, name, values in run.statuses
-        if name == 'fkm: timing' and 'latency p50 (us)' in values] or [np.nan]))
+    return float(
+        np.median(
+            [
+                float(values['latency p50 (us)'])
+                for _, name, values in run.statuses
+                if name == 'fkm: timing' and 'latency p50 (us)' in values
+            ]
+            or [np.nan]
+        )
+    )
 
 
 # Figures of a run: latencies, us, and CPU time of `fkm` or of the bare relay in its place.
@@ -48,18 +55,21 @@ FIGURES: dict[str, Callable[[Run], float]] = {
     'p50': lambda run: float(np.percentile(run.latencies, 50.0)),
     'p99': lambda run: float(np.percentile(run.latencies, 99.0)),
     'CPU of fkm': lambda run: run.load.get('fkm') or run.load['bare_relay'],
-    'p50 of the publication': published}
+    'p50 of the publication': published,
+}
 # The figures of a pipeline that are compared with those of another one.
 COMPARISONS = (
     (NODES, BARE, ('p50', 'p99', 'CPU of fkm')),
     (ALL_OUTPUTS, BARE, ('p50',)),
     (THREE, BARE_THREE, ('p50', 'p99', 'CPU of fkm')),
     (MASTER, BARE_MASTER, ('p50', 'p99')),
-    (MASTER, THREE, ('p50', 'p50 of the publication')))
+    (MASTER, THREE, ('p50', 'p50 of the publication')),
+)
 
 
-def compare(seconds: float, rounds: int, rate: float, parameters: Mapping[str, str],
-            output: Path) -> None:
+def compare(
+    seconds: float, rounds: int, rate: float, parameters: Mapping[str, str], output: Path
+) -> None:
     """
     Measure every pipeline in each round, s at a rate in Hz; print table and ratios.
 
@@ -73,11 +83,15 @@ def compare(seconds: float, rounds: int, rate: float, parameters: Mapping[str, s
             runs.append(run)
             rows.append(row(number, run))
             disturbed = rows[-1]['disturbed']
-            print(f'round {number} of {rounds}, {case.name}: {summary(run.latencies)} us, '
-                  f'lost {run.lost}' + (f' (disturbed: {disturbed})' if disturbed else ''),
-                  flush=True)
-    print(f'\nLatency: sample stamp to observer. Medians of {rounds} interleaved runs of '
-          f'{seconds:g} s at {rate:g} Hz; lost and missed of all runs.\n')
+            print(
+                f'round {number} of {rounds}, {case.name}: {summary(run.latencies)} us, '
+                f'lost {run.lost}' + (f' (disturbed: {disturbed})' if disturbed else ''),
+                flush=True,
+            )
+    print(
+        f'\nLatency: sample stamp to observer. Medians of {rounds} interleaved runs of '
+        f'{seconds:g} s at {rate:g} Hz; lost and missed of all runs.\n'
+    )
     print(table(runs))
     print('\nratio, median of the rounds (least .. largest)')
     for above, below, names in COMPARISONS:
@@ -85,8 +99,10 @@ def compare(seconds: float, rounds: int, rate: float, parameters: Mapping[str, s
             text = f'{name}, {above.name} over {below.name}'
             print(f'  {text:<75} {ratio(runs, above, below, FIGURES[name])}')
     control = np.concatenate([run.control for run in runs])
-    print(f'control thread, lateness: {summary(control)} us; '
-          f'{sum(bool(each["disturbed"]) for each in rows)} of {len(rows)} runs disturbed')
+    print(
+        f'control thread, lateness: {summary(control)} us; '
+        f'{sum(bool(each["disturbed"]) for each in rows)} of {len(rows)} runs disturbed'
+    )
     path = output / 'runs.csv'
     with open(path, 'w', newline='') as file:
         writer = csv.DictWriter(file, list(rows[0]))
@@ -98,13 +114,17 @@ def compare(seconds: float, rounds: int, rate: float, parameters: Mapping[str, s
 def machine() -> str:
     """Return date, kind of machine and versions in one line."""
     cpu = Path('/proc/cpuinfo').read_text()
-    model = next((line.partition(': ')[2] for line in cpu.splitlines()
-                  if line.startswith('model name')), platform.machine())
+    model = next(
+        (line.partition(': ')[2] for line in cpu.splitlines() if line.startswith('model name')),
+        platform.machine(),
+    )
     virtual = ', virtual machine' if ' hypervisor ' in cpu else ''
     middleware = os.environ.get('RMW_IMPLEMENTATION', 'rmw_fastrtps_cpp')
-    return (f'{date.today()}, {os.cpu_count()} x {" ".join(model.split())}{virtual}, '
-            f'Linux {platform.release()}, Python {platform.python_version()}, '
-            f'rclpy {_version("rclpy")}, {middleware} {_version(middleware)}')
+    return (
+        f'{date.today()}, {os.cpu_count()} x {" ".join(model.split())}{virtual}, '
+        f'Linux {platform.release()}, Python {platform.python_version()}, '
+        f'rclpy {_version("rclpy")}, {middleware} {_version(middleware)}'
+    )
 
 
 def _version(package: str) -> str:
@@ -140,37 +160,55 @@ def row(number: int, run: Run) -> dict[str, object]:
     """Return the figures of a run by column."""
     control = quantiles(run.control)
     return {
-        'round': number, 'pipeline': run.case.name, 'rate asked (Hz)': run.rate,
+        'round': number,
+        'pipeline': run.case.name,
+        'rate asked (Hz)': run.rate,
         'rate (Hz)': round(run.achieved, 1),
-        **{f'latency {name} (us)': round(value)
-           for name, value in quantiles(run.latencies).items()},
-        'made': run.made, 'lost': run.lost, 'deadlines missed': run.missed,
+        **{
+            f'latency {name} (us)': round(value)
+            for name, value in quantiles(run.latencies).items()
+        },
+        'made': run.made,
+        'lost': run.lost,
+        'deadlines missed': run.missed,
         'CPU (%)': ' '.join(f'{name} {load:.1f}' for name, load in run.load.items()),
         **{f'control {name} (us)': round(control[name]) for name in ('p50', 'p99', 'max')},
-        'others CPU (%)': round(run.others), 'disturbed': disturbance(run),
+        'others CPU (%)': round(run.others),
+        'disturbed': disturbance(run),
     }
 
 
 def table(runs: Sequence[Run]) -> str:
     """Return the medians of each pipeline's runs as a Markdown table."""
-    lines = ['| pipeline | Hz | p50 us | p90 | p99 | p99.9 | max | lost of made '
-             '| deadlines missed | CPU, % of a core |',
-             '|---|---|---|---|---|---|---|---|---|---|']
+    lines = [
+        '| pipeline | Hz | p50 us | p90 | p99 | p99.9 | max | lost of made '
+        '| deadlines missed | CPU, % of a core |',
+        '|---|---|---|---|---|---|---|---|---|---|',
+    ]
     for case in dict.fromkeys(run.case for run in runs):
         of_case = [run for run in runs if run.case is case]
         latencies = [quantiles(run.latencies) for run in of_case]
-        lines.append('| ' + ' | '.join([
-            case.name, f'{median(run.achieved for run in of_case):.1f}',
-            *(f'{median(each[name] for each in latencies):.0f}' for name in QUANTILES),
-            f'{sum(run.lost for run in of_case)} of {sum(run.made for run in of_case)}',
-            f'{sum(run.missed for run in of_case)}',
-            ', '.join(f'{name} {median(run.load[name] for run in of_case):.1f}'
-                      for name in of_case[0].load)]) + ' |')
+        lines.append(
+            '| '
+            + ' | '.join(
+                [
+                    case.name,
+                    f'{median(run.achieved for run in of_case):.1f}',
+                    *(f'{median(each[name] for each in latencies):.0f}' for name in QUANTILES),
+                    f'{sum(run.lost for run in of_case)} of {sum(run.made for run in of_case)}',
+                    f'{sum(run.missed for run in of_case)}',
+                    ', '.join(
+                        f'{name} {median(run.load[name] for run in of_case):.1f}'
+                        for name in of_case[0].load
+                    ),
+                ]
+            )
+            + ' |'
+        )
     return '\n'.join(lines)
 
 
-def ratio(runs: Sequence[Run], above: Case, below: Case,
-          figure: Callable[[Run], float]) -> str:
+def ratio(runs: Sequence[Run], above: Case, below: Case, figure: Callable[[Run], float]) -> str:
     """Return median and range, over the rounds, of the ratio of a figure of two pipelines."""
     figures = ([figure(run) for run in runs if run.case is case] for case in (above, below))
     each = [a / b for a, b in zip(*figures, strict=True)]

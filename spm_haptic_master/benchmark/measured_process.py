@@ -51,8 +51,11 @@ SAMPLE = Struct('=qq')
 # Time between two writes of samples (ns).
 WRITE_PERIOD = 100_000_000
 # Outputs of `fkm` beside the orientation, by topic.
-OTHERS = {'measured_cp': geometry.PoseStamped, 'measured_cv': geometry.TwistStamped,
-          'pose_with_covariance': geometry.PoseWithCovarianceStamped}
+OTHERS = {
+    'measured_cp': geometry.PoseStamped,
+    'measured_cv': geometry.TwistStamped,
+    'pose_with_covariance': geometry.PoseWithCovarianceStamped,
+}
 
 
 class BareDriver(ParameterNode):
@@ -86,8 +89,9 @@ class BareDriver(ParameterNode):
             self._publisher.publish(message)
 
     def _report(self) -> None:
-        self._status.publish(OK, 'publishing', {
-            'sets': self._sets, 'missed deadlines': self._grid.missed})
+        self._status.publish(
+            OK, 'publishing', {'sets': self._sets, 'missed deadlines': self._grid.missed}
+        )
 
 
 class BareRelay(ParameterNode):
@@ -159,8 +163,11 @@ class Observer(ParameterNode):
 
 # The nodes of each process, in the order of `master`.
 BARE_NODES: dict[str, tuple[type[ParameterNode], ...]] = {
-    'bare_driver': (BareDriver,), 'bare_relay': (BareRelay,), 'bare_listener': (BareListener,),
-    'bare_master': (BareRelay, BareListener, BareDriver)}
+    'bare_driver': (BareDriver,),
+    'bare_relay': (BareRelay,),
+    'bare_listener': (BareListener,),
+    'bare_master': (BareRelay, BareListener, BareDriver),
+}
 
 
 def main() -> int:

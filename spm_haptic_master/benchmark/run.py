@@ -81,8 +81,9 @@ class Run:
 
 
 @contextmanager
-def running(case: Case, parameters: Mapping[str, object],
-            directory: Path) -> Iterator[dict[str, Program]]:
+def running(
+    case: Case, parameters: Mapping[str, object], directory: Path
+) -> Iterator[dict[str, Program]]:
     """Start the processes and yield them after the first orientation; stop all at the end."""
     started: dict[str, Program] = {}
     try:
@@ -91,7 +92,8 @@ def running(case: Case, parameters: Mapping[str, object],
         started[case.observer] = start_process(case.observer, directory, scheduling)
         for name in case.processes:
             started[name] = start_process(
-                name, directory, {**parameters, **case.own.get(name, {})})
+                name, directory, {**parameters, **case.own.get(name, {})}
+            )
 
         def arrived() -> bool:
             check_alive(case, started)
@@ -116,8 +118,16 @@ def running(case: Case, parameters: Mapping[str, object],
 
 def start_process(name: str, directory: Path, parameters: Mapping[str, object]) -> Program:
     """Start a process of the benchmark, which writes into a directory."""
-    return Program([sys.executable, '-m', 'spm_haptic_master.benchmark.measured_process', name,
-                    str(directory), *parameter_arguments(parameters)])
+    return Program(
+        [
+            sys.executable,
+            '-m',
+            'spm_haptic_master.benchmark.measured_process',
+            name,
+            str(directory),
+            *parameter_arguments(parameters),
+        ]
+    )
 
 
 def check_alive(case: Case, running: Mapping[str, Program]) -> None:
@@ -129,13 +139,20 @@ def check_alive(case: Case, running: Mapping[str, Program]) -> None:
 
 def _failed(case: Case, how: str, running: Mapping[str, Program]) -> PipelineError:
     """Return the error of a pipeline, with what its processes printed on standard error."""
-    return PipelineError(f'{case.name}: {how}\n'
-                         + ''.join(process.stderr for process in running.values()))
+    return PipelineError(
+        f'{case.name}: {how}\n' + ''.join(process.stderr for process in running.values())
+    )
 
 
-def measure(case: Case, seconds: float, rate: float, parameters: Mapping[str, str],
-            during: Callable[[float, Mapping[str, Program], Path], None] =
-            lambda seconds, processes, directory: time.sleep(seconds)) -> Run:
+def measure(
+    case: Case,
+    seconds: float,
+    rate: float,
+    parameters: Mapping[str, str],
+    during: Callable[
+        [float, Mapping[str, Program], Path], None
+    ] = lambda seconds, processes, directory: time.sleep(seconds),
+) -> Run:
     """
     Run a pipeline and measure it for a window, s, at a sample rate, Hz.
 
@@ -158,22 +175,42 @@ def measure(case: Case, seconds: float, rate: float, parameters: Mapping[str, st
         arrivals, stamps = read_samples(directory)
         margin = round(STATUS_PERIOD * SECOND)
         with open(directory / STATUSES_FILE, encoding='utf-8') as file:
-            statuses = [status for status in map(json.loads, file)
-                        if opened - margin <= status[0] <= closed + margin]
+            statuses = [
+                status
+                for status in map(json.loads, file)
+                if opened - margin <= status[0] <= closed + margin
+            ]
     span = (closed - opened) / SECOND
     per_cent = 100.0 * TICK / span
-    load = {name: (after[process.pid][1] - before[process.pid][1]) * per_cent
-            for name, process in processes.items()}
-    everything, everything_before = (sum(ticks for pid, (_, ticks) in found.items()
-                                         if pid != os.getpid()) for found in (after, before))
+    load = {
+        name: (after[process.pid][1] - before[process.pid][1]) * per_cent
+        for name, process in processes.items()
+    }
+    everything, everything_before = (
+        sum(ticks for pid, (_, ticks) in found.items() if pid != os.getpid())
+        for found in (after, before)
+    )
     made, lost, missed = count_samples(statuses, stamps)
     inside = (stamps >= opened) & (stamps < closed)
     if not inside.any():
-        raise PipelineError(f'{case.name}: overloaded: of {made} samples not one orientation '
-                            f'arrived in {span:.1f} s')
+        raise PipelineError(
+            f'{case.name}: overloaded: of {made} samples not one orientation '
+            f'arrived in {span:.1f} s'
+        )
     return Run(
-        case, rate, span, (arrivals - stamps)[inside] * 1e-3, stamps[inside], made, lost, missed,
-        load, (everything - everything_before) * per_cent - sum(load.values()), lateness, statuses)
+        case,
+        rate,
+        span,
+        (arrivals - stamps)[inside] * 1e-3,
+        stamps[inside],
+        made,
+        lost,
+        missed,
+        load,
+        (everything - everything_before) * per_cent - sum(load.values()),
+        lateness,
+        statuses,
+    )
 
 
 def count_samples(statuses: Sequence[Status], stamps: np.ndarray) -> tuple[int, int, int]:
@@ -191,8 +228,9 @@ def count_samples(statuses: Sequence[Status], stamps: np.ndarray) -> tuple[int, 
             continue
         arrived = np.searchsorted(stamps, at)
         certain = arrived == np.searchsorted(stamps, at - COUNT_UNCERTAIN)
-        reported.append((certain, int(values['sets']), int(arrived),
-                         int(values.get('missed deadlines', 0))))
+        reported.append(
+            (certain, int(values['sets']), int(arrived), int(values.get('missed deadlines', 0)))
+        )
     # At high rates a sample is always in between: a count may be one off.
     reported = [entry for entry in reported if entry[0]] or reported
     if len(reported) < 2:

@@ -25,12 +25,14 @@ import yaml
 RECORD = 'calibration_record'
 
 
-def file_text(header: Iterable[str], parameters: Mapping[str, Any],
-              record: Mapping[str, Any]) -> str:
+def file_text(
+    header: Iterable[str], parameters: Mapping[str, Any], record: Mapping[str, Any]
+) -> str:
     """Return a parameter file: lines of a comment, values by dotted name, record for calibrate."""
     tree = {'/**': {PARAMETERS: _nested(parameters)}, RECORD: {PARAMETERS: _nested(record)}}
     return ''.join(f'# {ascii(line)[1:-1]}\n' for line in header) + yaml.dump(
-        tree, Dumper=_Dumper, sort_keys=False, default_flow_style=False, width=inf)
+        tree, Dumper=_Dumper, sort_keys=False, default_flow_style=False, width=inf
+    )
 
 
 class _Dumper(yaml.SafeDumper):
@@ -41,10 +43,16 @@ class _Text(str):
     """A text that is quoted in the file: without quotes 1e5 and y would be read in two ways."""
 
 
-_Dumper.add_representer(_Text, lambda dumper, text: dumper.represent_scalar(
-    'tag:yaml.org,2002:str', str(text), style='"'))
-_Dumper.add_representer(list, lambda dumper, values: dumper.represent_sequence(
-    'tag:yaml.org,2002:seq', values, flow_style=True))
+_Dumper.add_representer(
+    _Text,
+    lambda dumper, text: dumper.represent_scalar('tag:yaml.org,2002:str', str(text), style='"'),
+)
+_Dumper.add_representer(
+    list,
+    lambda dumper, values: dumper.represent_sequence(
+        'tag:yaml.org,2002:seq', values, flow_style=True
+    ),
+)
 
 
 def _nested(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -66,26 +74,43 @@ def _quoted(value: Any) -> Any:
 def calibration_text(calibration: Calibration, mechanism: Mapping[str, Any]) -> str:
     """Return a jig's parameter file, with the mechanism's values that are not the defaults."""
     c = calibration
-    joints = ALL_JOINT_NAMES[:len(c.zero_count)]
-    unverified = [joint for joint, known in zip(joints, c.direction_verified, strict=True)
-                  if not known]
-    directions = 'All directions verified, by two poses.' if not unverified else (
-        f'Direction as configured, NOT verified: {", ".join(unverified)}. The driver refuses it; '
-        'calibrate at a second pose determines it.')
+    joints = ALL_JOINT_NAMES[: len(c.zero_count)]
+    unverified = [
+        joint for joint, known in zip(joints, c.direction_verified, strict=True) if not known
+    ]
+    directions = (
+        'All directions verified, by two poses.'
+        if not unverified
+        else (
+            f'Direction as configured, NOT verified: {", ".join(unverified)}. The driver '
+            'refuses it; '
+            'calibrate at a second pose determines it.'
+        )
+    )
     stations = c.stations
     return file_text(
         (f'Calibration of {c.date}, a parameter file for all nodes: --params-file.', directions),
-        {'calibration': f'jig, {c.date}', **sensors_entry(joints),
-         'sigma_deg': rounded(c.sigma), 'bias_deg': rounded(c.bias),
-         'encoders.counts_per_turn': c.counts_per_turn, 'encoders.direction': c.direction,
-         'encoders.direction_verified': c.direction_verified,
-         'encoders.zero_count': c.zero_count, **mechanism},
-        {'method': 'jig', 'date': c.date,
-         'poses_deg': rounded(chain.from_iterable(s.pose for s in stations)),
-         'angles_deg': rounded(chain.from_iterable(s.angles for s in stations)),
-         'mean_counts': [round(each, 3) for s in stations for each in s.counts],
-         'noise_deg': rounded(chain.from_iterable(s.sigma for s in stations)),
-         'sets': [s.sets for s in stations]})
+        {
+            'calibration': f'jig, {c.date}',
+            **sensors_entry(joints),
+            'sigma_deg': rounded(c.sigma),
+            'bias_deg': rounded(c.bias),
+            'encoders.counts_per_turn': c.counts_per_turn,
+            'encoders.direction': c.direction,
+            'encoders.direction_verified': c.direction_verified,
+            'encoders.zero_count': c.zero_count,
+            **mechanism,
+        },
+        {
+            'method': 'jig',
+            'date': c.date,
+            'poses_deg': rounded(chain.from_iterable(s.pose for s in stations)),
+            'angles_deg': rounded(chain.from_iterable(s.angles for s in stations)),
+            'mean_counts': [round(each, 3) for s in stations for each in s.counts],
+            'noise_deg': rounded(chain.from_iterable(s.sigma for s in stations)),
+            'sets': [s.sets for s in stations],
+        },
+    )
 
 
 def sensors_entry(joints: Sequence[str]) -> dict[str, int]:
@@ -101,11 +126,15 @@ def rounded(angles: Iterable[float], digits: int = 6) -> list[float]:
 def read_calibration(path: Path) -> Calibration:
     """Read a file that calibrate wrote; InputError where it cannot be read or is another one."""
     found: dict[str, Any] = {
-        name: value for section in read_sections(path) if section.nodes in ('/**', f'/{RECORD}')
-        for name, value in section.values.items()}
+        name: value
+        for section in read_sections(path)
+        if section.nodes in ('/**', f'/{RECORD}')
+        for name, value in section.values.items()
+    }
 
-    def values(name: str, kind: type, count: int | None = None,
-               allowed: tuple[int, ...] = ()) -> Any:
+    def values(
+        name: str, kind: type, count: int | None = None, allowed: tuple[int, ...] = ()
+    ) -> Any:
         return Setting(name, kind, '', allowed=allowed, count=count).check(found.get(name))
 
     def of_poses(name: str, count: int) -> Any:
@@ -117,16 +146,29 @@ def read_calibration(path: Path) -> Calibration:
         n = sensors_of(found)
         poses = len(np.atleast_1d(found.get('sets', ())))
         # A calibration from free motion has no poses.
-        stations = tuple(map(
-            Station, of_poses('poses_deg', 3), of_poses('angles_deg', n),
-            of_poses('mean_counts', n), of_poses('noise_deg', n),
-            values('sets', int, poses))) if poses else ()
+        stations = (
+            tuple(
+                map(
+                    Station,
+                    of_poses('poses_deg', 3),
+                    of_poses('angles_deg', n),
+                    of_poses('mean_counts', n),
+                    of_poses('noise_deg', n),
+                    values('sets', int, poses),
+                )
+            )
+            if poses
+            else ()
+        )
         return Calibration(
-            values('date', str), stations,
+            values('date', str),
+            stations,
             values('encoders.direction', int, n, (1, -1)),
-            values('encoders.zero_count', int, n), values('encoders.counts_per_turn', int, n),
+            values('encoders.zero_count', int, n),
+            values('encoders.counts_per_turn', int, n),
             values('encoders.direction_verified', bool, n),
-            tuple(np.radians(values('bias_deg', float, n)).tolist()))
+            tuple(np.radians(values('bias_deg', float, n)).tolist()),
+        )
     except SettingError as error:
         raise InputError(f'{path}: not a calibration that calibrate wrote: {error}') from error
 
@@ -134,8 +176,10 @@ def read_calibration(path: Path) -> Calibration:
 def check_output(path: Path, force: bool) -> None:
     """Raise InputError where a file cannot or, without `force`, may not be written."""
     if path.is_file() and not force:
-        raise InputError(f'-o: {path} already exists; expected --force to overwrite it, or '
-                         '--motion --check to compare a motion with a calibration')
+        raise InputError(
+            f'-o: {path} already exists; expected --force to overwrite it, or '
+            '--motion --check to compare a motion with a calibration'
+        )
     if not path.parent.is_dir():
         raise InputError(f'-o {path}; expected a file in an existing directory')
     if path.exists() and not path.is_file():

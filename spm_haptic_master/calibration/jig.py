@@ -66,54 +66,78 @@ class Calibration:
     def sigma(self) -> tuple[float, ...]:
         """Return each sensor's white noise, rad, with quantisation: at rest it repeats a count."""
         return tuple(
-            max(hypot(*(station.sigma[index] for station in self.stations))
-                / len(self.stations) ** 0.5, TURN / per_turn / 12.0 ** 0.5)
-            for index, per_turn in enumerate(self.counts_per_turn))
+            max(
+                hypot(*(station.sigma[index] for station in self.stations))
+                / len(self.stations) ** 0.5,
+                TURN / per_turn / 12.0**0.5,
+            )
+            for index, per_turn in enumerate(self.counts_per_turn)
+        )
 
 
-def read_still(counts: NDArray[np.int64], counts_per_turn: Sequence[int], noise_limit: float,
-               drift_limit: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def read_still(
+    counts: NDArray[np.int64],
+    counts_per_turn: Sequence[int],
+    noise_limit: float,
+    drift_limit: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """
     Return the mean counts of encoders at rest, and their noise, rad, (N,), by counts, (n, N).
 
     CalibrationError: too few sets, a noisy or wrapping sensor, a motion; the limits are in rad.
     """
     if len(counts) < SETS_MINIMUM:
-        raise CalibrationError(f'{len(counts)} sets of {NUMBER_WORDS[len(counts_per_turn)]} '
-                               f'encoders; at least {SETS_MINIMUM} are needed')
+        raise CalibrationError(
+            f'{len(counts)} sets of {NUMBER_WORDS[len(counts_per_turn)]} '
+            f'encoders; at least {SETS_MINIMUM} are needed'
+        )
     scale = TURN / np.array(counts_per_turn)
     # Differences from one set to the next: slow motion does not count as noise.
     noise = np.sqrt(np.mean(np.diff(counts, axis=0) ** 2, axis=0) / 2.0) * scale
     means = [piece.mean(axis=0) for piece in np.array_split(counts, PIECES)]
     drift = np.ptp(means, axis=0) * scale
     allowed = np.maximum(drift_limit, MEANS_SIGMAS * noise / (len(counts) // PIECES) ** 0.5)
-    for index, joint in enumerate(ALL_JOINT_NAMES[:len(scale)]):
+    for index, joint in enumerate(ALL_JOINT_NAMES[: len(scale)]):
         if np.ptp(counts[:, index]) > counts_per_turn[index] // 2:
             raise CalibrationError(
                 f'{joint} wraps: its counts pass from {counts_per_turn[index] - 1} to 0 at this '
-                'pose; turn the encoder on its shaft, or set its preset (CiA 406, object 0x6003)')
+                'pose; turn the encoder on its shaft, or set its preset (CiA 406, object 0x6003)'
+            )
         if noise[index] > noise_limit:
             raise CalibrationError(
                 f'{joint} is noisy: {degrees(noise[index]):.3f} deg (1 sigma), '
-                f'limit {degrees(noise_limit):g} deg')
+                f'limit {degrees(noise_limit):g} deg'
+            )
         if drift[index] > allowed[index]:
             raise CalibrationError(
                 f'the device moved: {joint} by {degrees(drift[index]):.3f} deg, '
-                f'limit {degrees(allowed[index]):.3f} deg')
+                f'limit {degrees(allowed[index]):.3f} deg'
+            )
     return counts.mean(axis=0), noise
 
 
-def jig_bias(pose: Sequence[float], geometry: Geometry, working_mode: tuple[int, int, int],
-             error: float, sensors: int) -> tuple[float, ...]:
+def jig_bias(
+    pose: Sequence[float],
+    geometry: Geometry,
+    working_mode: tuple[int, int, int],
+    error: float,
+    sensors: int,
+) -> tuple[float, ...]:
     """Return the largest error of each joint angle at a pose that is off by an angle, rad."""
     rotation = matrix_from_zxz(*pose)
     gains = jacobian(rotation, geometry, working_mode, sensors)
     return tuple(float(gain) * error for gain in np.linalg.norm(gains, axis=1))
 
 
-def calibrate(stations: Sequence[Station], direction: Sequence[int],
-              counts_per_turn: Sequence[int], date: str, bias: Sequence[float],
-              tolerance: float, before: Calibration | None = None) -> Calibration:
+def calibrate(
+    stations: Sequence[Station],
+    direction: Sequence[int],
+    counts_per_turn: Sequence[int],
+    date: str,
+    bias: Sequence[float],
+    tolerance: float,
+    before: Calibration | None = None,
+) -> Calibration:
     """
     Return the zero counts and directions with which the readings yield the jig's joint angles.
 
@@ -124,14 +148,15 @@ def calibrate(stations: Sequence[Station], direction: Sequence[int],
     if before is not None:
         since = observed_directions(product(before.stations, stations), counts_per_turn)
         verified = np.multiply(before.direction, before.direction_verified).tolist()
-        observed = tuple(here or there or earlier for here, there, earlier in zip(
-            observed, since, verified, strict=True))
+        observed = tuple(
+            here or there or earlier
+            for here, there, earlier in zip(observed, since, verified, strict=True)
+        )
     known = np.array(observed) != 0
     found = np.where(known, observed, direction)
     per_turn = np.array(counts_per_turn)
     angles = np.array([station.angles for station in stations])
-    zeros = np.array([station.counts for station in stations]) \
-        - found * angles * per_turn / TURN
+    zeros = np.array([station.counts for station in stations]) - found * angles * per_turn / TURN
     # Differences from the first, so that the mean is right where the counts wrap.
     off = wrapped((zeros - zeros[0]) * TURN / per_turn)
     mean = off.mean(axis=0)
@@ -142,14 +167,23 @@ def calibrate(stations: Sequence[Station], direction: Sequence[int],
             f'the poses contradict each other: {ALL_JOINT_NAMES[index]} is '
             f'{degrees(apart[worst]):+.3f} deg off at pose {worst + 1} of {len(off)} '
             f'(tolerance {degrees(tolerance):g} deg between two); did its shaft slip, or is a '
-            'pose not the stated one?')
+            'pose not the stated one?'
+        )
     zero = np.rint(zeros[0] + mean * per_turn / TURN).astype(int) % per_turn
-    return Calibration(date, tuple(stations), tuple(found.tolist()), tuple(zero.tolist()),
-                       tuple(counts_per_turn), tuple(known.tolist()), tuple(bias))
+    return Calibration(
+        date,
+        tuple(stations),
+        tuple(found.tolist()),
+        tuple(zero.tolist()),
+        tuple(counts_per_turn),
+        tuple(known.tolist()),
+        tuple(bias),
+    )
 
 
-def observed_directions(pairs: Iterable[tuple[Station, Station]],
-                        counts_per_turn: Sequence[int]) -> tuple[int, ...]:
+def observed_directions(
+    pairs: Iterable[tuple[Station, Station]], counts_per_turn: Sequence[int]
+) -> tuple[int, ...]:
     """
     Return the direction (+1, -1) of each joint from the step between two poses, 0 if unknown.
 
@@ -158,9 +192,13 @@ def observed_directions(pairs: Iterable[tuple[Station, Station]],
     """
     # Without a pair nothing moves.
     steps = [(np.zeros(len(counts_per_turn)),) * 2]
-    steps += [(np.subtract(second.angles, first.angles),
-               np.subtract(second.counts, first.counts) * TURN / np.array(counts_per_turn))
-              for first, second in pairs]
+    steps += [
+        (
+            np.subtract(second.angles, first.angles),
+            np.subtract(second.counts, first.counts) * TURN / np.array(counts_per_turn),
+        )
+        for first, second in pairs
+    ]
     expected, turned = wrapped(np.array(steps)).swapaxes(0, 1)
     farthest = np.abs(expected).argmax(axis=0), np.arange(len(counts_per_turn))
     expected, turned = expected[farthest], turned[farthest]

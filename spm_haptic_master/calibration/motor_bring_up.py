@@ -83,20 +83,27 @@ def identify_friction(releases: Sequence[Release]) -> Friction:
         start = max(1, int(np.argmax(torque != 0.0)))
         turned = angle - np.mean(angle[:start])
         if np.abs(turned).max() < LEAST_TURN:
-            raise CalibrationError(f'release {number} turns the handle by '
-                                   f'{np.abs(turned).max():.4f} rad: expected {LEAST_TURN:g} or '
-                                   'more; is the handle free?')
+            raise CalibrationError(
+                f'release {number} turns the handle by '
+                f'{np.abs(turned).max():.4f} rad: expected {LEAST_TURN:g} or '
+                'more; is the handle free?'
+            )
         moving = np.sign(turned[-1]) * (np.arange(len(angle)) >= start)
-        columns.append(np.column_stack([
-            turned, _integral(time, turned), _integral(time, _integral(time, moving))]))
+        columns.append(
+            np.column_stack(
+                [turned, _integral(time, turned), _integral(time, _integral(time, moving))]
+            )
+        )
         sides.append(_integral(time, _integral(time, torque)))
     matrix = np.concatenate(columns)
     scale = np.linalg.norm(matrix, axis=0)
     values, _, rank, _ = np.linalg.lstsq(matrix / scale, np.concatenate(sides), rcond=1e-3)
     inertia, viscous, dry = (values / scale).tolist()
     if rank < 3 or inertia <= 0.0:
-        raise CalibrationError(f'releases determine {rank} of inertia, viscous and dry friction '
-                               f'(inertia {inertia:.2g} kg m^2): expected 3, by two speeds')
+        raise CalibrationError(
+            f'releases determine {rank} of inertia, viscous and dry friction '
+            f'(inertia {inertia:.2g} kg m^2): expected 3, by two speeds'
+        )
     return Friction(inertia, viscous, dry)
 
 

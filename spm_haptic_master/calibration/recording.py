@@ -37,8 +37,10 @@ def _whole_sets(samples: Sequence[JointSample], share: float = 0.0) -> tuple[Rec
     angles = np.array([sample.angles for sample in samples] or np.empty((0, len(ALL_JOINT_NAMES))))
     missing = np.isnan(angles)
     lacking = '; '.join(
-        f'{joint} has no reading in {count} of {len(samples)} sets' for joint, count in zip(
-            ALL_JOINT_NAMES, missing.sum(axis=0), strict=False) if count > share * len(samples))
+        f'{joint} has no reading in {count} of {len(samples)} sets'
+        for joint, count in zip(ALL_JOINT_NAMES, missing.sum(axis=0), strict=False)
+        if count > share * len(samples)
+    )
     stamps = np.array([sample.stamp for sample in samples], dtype=np.int64)
     whole = ~missing.any(axis=1)
     return (stamps[whole], angles[whole]), lacking
@@ -48,21 +50,31 @@ def _complete(samples: Sequence[JointSample]) -> tuple[Recording, list[str]]:
     """Return the recording, and a note on sets left out; CalibrationError for too many."""
     _, too_often = _whole_sets(samples, MISSING_MAXIMUM)
     if too_often:
-        raise CalibrationError(f'{too_often}; expected readings of all joints: check the encoder, '
-                               'or give `sensors` without it')
+        raise CalibrationError(
+            f'{too_often}; expected readings of all joints: check the encoder, '
+            'or give `sensors` without it'
+        )
     recording, lacking = _whole_sets(samples)
     return recording, [f'{lacking}; these are left out'] if lacking else []
 
 
 def raw_counts(sensors: int) -> dict[str, object]:
     """Return the settings of a source whose angles are raw counts times 2 pi per turn."""
-    return {'encoders.direction': (1,) * sensors, 'encoders.zero_count': (0,) * sensors,
-            **{setting.name: (0.0,) * (setting.count or 1)
-               for setting in for_sensors(HARMONIC_SETTINGS, sensors)}}
+    return {
+        'encoders.direction': (1,) * sensors,
+        'encoders.zero_count': (0,) * sensors,
+        **{
+            setting.name: (0.0,) * (setting.count or 1)
+            for setting in for_sensors(HARMONIC_SETTINGS, sensors)
+        },
+    }
 
 
-def read_log(source: ReplaySource, progress: Callable[[int], None] = lambda count: None,
-             seconds: float = inf) -> tuple[Recording, list[str]]:
+def read_log(
+    source: ReplaySource,
+    progress: Callable[[int], None] = lambda count: None,
+    seconds: float = inf,
+) -> tuple[Recording, list[str]]:
     """Return the sets of a log with all joints, and a note on the others, as `_complete`."""
     samples: list[JointSample] = []
     for sample in source.recorded():
@@ -73,8 +85,13 @@ def read_log(source: ReplaySource, progress: Callable[[int], None] = lambda coun
     return _complete(samples)
 
 
-def record(source: EncoderSource, seconds: float, evaluate: Callable[[Recording, float], bool],
-           period: float = 1.0, keep: bool = True) -> tuple[Recording, list[str]]:
+def record(
+    source: EncoderSource,
+    seconds: float,
+    evaluate: Callable[[Recording, float], bool],
+    period: float = 1.0,
+    keep: bool = True,
+) -> tuple[Recording, list[str]]:
     """
     Record until an evaluation is content, for some seconds from the first set, or until Ctrl-C.
 
@@ -118,8 +135,9 @@ def record(source: EncoderSource, seconds: float, evaluate: Callable[[Recording,
     return recording, notes
 
 
-def _collect(source: EncoderSource, seconds: float, samples: list[JointSample],
-             stop: threading.Event) -> None:
+def _collect(
+    source: EncoderSource, seconds: float, samples: list[JointSample], stop: threading.Event
+) -> None:
     """Collect samples until the end of the source or of the recording, or until `stop`."""
     with suppress(SourceEnded):
         while not stop.is_set():

@@ -28,8 +28,10 @@ def report_paths(output: Path) -> tuple[Path, Path]:
     """Return picture and text of the report beside a parameter file; InputError if that is one."""
     found = output.with_name(f'{output.stem}_parity.png'), output.with_suffix('.md')
     if output in found:
-        raise InputError(f'-o {output}: the report is written there; expected another name, as '
-                         f"{output.with_suffix('.yaml').name}")
+        raise InputError(
+            f'-o {output}: the report is written there; expected another name, as '
+            f'{output.with_suffix(".yaml").name}'
+        )
     return found
 
 
@@ -87,19 +89,31 @@ Left as drawn: {_left(c)}. What would determine more: {c.advice}.
 
 
 def _made_from(c: calibration.MotionCalibration, origin: calibration.Origin, file: Path) -> str:
-    return _table(('', ''), (
-        ('recording', _code(origin.recording)),
-        ('SHA-256 of the recording',
-         _code(origin.checksum) if origin.checksum else 'none: recorded from the bus'),
-        ('date', origin.date),
-        ('spm_haptic_master', origin.version),
-        ('parameter file', _code(file.name)),
-        ('SHA-256 of the parameter file', _code(checksum(file))),
-        ('sets of readings', f'{c.readings.sets} in {c.readings.seconds[-1]:.1f} s, of which '
-         f'{c.readings.spikes} left out as spikes and {100.0 * c.cut:.1f} % cut'),
-        ('parity', f'{degrees(calibration.rms(c.parity)):.4f} deg rms, as drawn '
-         f'{degrees(calibration.rms(c.parity_before)):.4f}, white noise '
-         f'{degrees(calibration.rms(c.readings.sigma)):.4f}')))
+    return _table(
+        ('', ''),
+        (
+            ('recording', _code(origin.recording)),
+            (
+                'SHA-256 of the recording',
+                _code(origin.checksum) if origin.checksum else 'none: recorded from the bus',
+            ),
+            ('date', origin.date),
+            ('spm_haptic_master', origin.version),
+            ('parameter file', _code(file.name)),
+            ('SHA-256 of the parameter file', _code(checksum(file))),
+            (
+                'sets of readings',
+                f'{c.readings.sets} in {c.readings.seconds[-1]:.1f} s, of which '
+                f'{c.readings.spikes} left out as spikes and {100.0 * c.cut:.1f} % cut',
+            ),
+            (
+                'parity',
+                f'{degrees(calibration.rms(c.parity)):.4f} deg rms, as drawn '
+                f'{degrees(calibration.rms(c.parity_before)):.4f}, white noise '
+                f'{degrees(calibration.rms(c.readings.sigma)):.4f}',
+            ),
+        ),
+    )
 
 
 def _encoders(c: calibration.MotionCalibration, origin: calibration.Origin) -> str:
@@ -107,22 +121,47 @@ def _encoders(c: calibration.MotionCalibration, origin: calibration.Origin) -> s
     deviation = c.deviations[c.layout.slices['zeros']]
     angles = c.model.corrected(c.turned, c.vector)
     moved = np.degrees([around_middle(angle) for angle in angles.T])
-    rows = [(joint, f'{origin.counts_per_turn[at]}', f'{c.direction[at]:+d}', f'{zeros[at]}',
-             f'{deviation[at] * origin.counts_per_turn[at] / tau:.2f}',
-             f'{degrees(deviation[at]):.4f}', f'{degrees(c.readings.noise[at]):.4f}',
-             f'{degrees(c.bias[at]):.4f}',
-             f'{np.nanmin(moved[at]):.1f} to {np.nanmax(moved[at]):.1f}')
-            for at, joint in enumerate(ALL_JOINT_NAMES[:c.layout.sensors])]
-    return _table(('encoder', 'counts a turn', 'direction', 'zero count', '± counts', '± deg',
-                   'noise, deg', 'bias, deg', 'moved through, deg'), rows)
+    rows = [
+        (
+            joint,
+            f'{origin.counts_per_turn[at]}',
+            f'{c.direction[at]:+d}',
+            f'{zeros[at]}',
+            f'{deviation[at] * origin.counts_per_turn[at] / tau:.2f}',
+            f'{degrees(deviation[at]):.4f}',
+            f'{degrees(c.readings.noise[at]):.4f}',
+            f'{degrees(c.bias[at]):.4f}',
+            f'{np.nanmin(moved[at]):.1f} to {np.nanmax(moved[at]):.1f}',
+        )
+        for at, joint in enumerate(ALL_JOINT_NAMES[: c.layout.sensors])
+    ]
+    return _table(
+        (
+            'encoder',
+            'counts a turn',
+            'direction',
+            'zero count',
+            '± counts',
+            '± deg',
+            'noise, deg',
+            'bias, deg',
+            'moved through, deg',
+        ),
+        rows,
+    )
 
 
 def _mechanism(c: calibration.MotionCalibration) -> str:
     layout = c.layout
     links, base, platform = map(layout.columns, ('links', 'base axes', 'platform axes'))
-    names = [*(layout.names[column] for column in links),
-             *(f'angle from Z{joint}{first} to Z{joint}{second}'
-               for joint in (1, 3) for first, second in pairwise((*LEG_NAMES, LEG_NAMES[0])))]
+    names = [
+        *(layout.names[column] for column in links),
+        *(
+            f'angle from Z{joint}{first} to Z{joint}{second}'
+            for joint in (1, 3)
+            for first, second in pairwise((*LEG_NAMES, LEG_NAMES[0]))
+        ),
+    ]
     # Of each angle, the parameters that it depends on.
     columns = [*((column,) for column in links), *[base] * 3, *[platform] * 3]
     drawn, found = _angles(layout.nominal), _angles(layout.geometry(c.vector))
@@ -132,9 +171,13 @@ def _mechanism(c: calibration.MotionCalibration) -> str:
         moved[column] += DIFFERENCE
         change[:, column] = (_angles(layout.geometry(moved)) - found) / DIFFERENCE
     figures = np.degrees([drawn, found, found - drawn, np.sqrt(variances(change, c.covariance))])
-    return _table(('', 'drawn, deg', 'found, deg', 'off by, deg', '±', ''), [
-        (name, f'{of[0]:.4f}', f'{of[1]:.4f}', f'{of[2]:+.4f}', f'{of[3]:.4f}',
-         _note(c, by)) for name, of, by in zip(names, figures.T, columns, strict=True)])
+    return _table(
+        ('', 'drawn, deg', 'found, deg', 'off by, deg', '±', ''),
+        [
+            (name, f'{of[0]:.4f}', f'{of[1]:.4f}', f'{of[2]:+.4f}', f'{of[3]:.4f}', _note(c, by))
+            for name, of, by in zip(names, figures.T, columns, strict=True)
+        ],
+    )
 
 
 def _angles(geometry: Geometry) -> Array:
@@ -153,8 +196,11 @@ def _note(c: calibration.MotionCalibration, columns: Iterable[int]) -> str:
 def _left(c: calibration.MotionCalibration) -> str:
     reasons = [f'{group} ({reason})' for group, reason in c.left.items()]
     for group in GROUPS:
-        alone = [c.layout.names[column] for column in c.layout.columns(group)
-                 if column not in c.estimated]
+        alone = [
+            c.layout.names[column]
+            for column in c.layout.columns(group)
+            if column not in c.estimated
+        ]
         if group not in c.left and alone:
             reasons.append(f'{", ".join(alone)} (the motion does not determine them)')
     return '; '.join(reasons) or 'nothing'
@@ -162,7 +208,7 @@ def _left(c: calibration.MotionCalibration) -> str:
 
 def _code(text: str) -> str:
     """Return text as it is, in a cell of a table."""
-    return f"`{text.replace('`', chr(39)).replace('|', '/')}`".replace('\n', ' ')
+    return f'`{text.replace("`", chr(39)).replace("|", "/")}`'.replace('\n', ' ')
 
 
 def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

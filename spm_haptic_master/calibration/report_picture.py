@@ -35,49 +35,70 @@ SIGNED, NOWHERE = 'RdBu_r', '#c4c4c4'
 TILTED = np.array([workspace_pose(0.5 * pi, azimuth, 0.0)[:, 2] for azimuth in (0.0, 0.5 * pi)])
 # Width of the rim with the legs' letters, beyond the outermost cell (deg).
 LETTERS = 3.0
-CAPTION = ('Parity of the motion over the workspace, means of cells, before (directions and zeros '
-           'only, the mechanism as drawn) and after the calibration; on the right the same as in '
-           'the middle, on its own scale. Dashed: the region for which bias_deg holds. A, B, C: '
-           f'tilt towards the motor of that leg. Grey: less than {CELL_SECONDS} s there.')
+CAPTION = (
+    'Parity of the motion over the workspace, means of cells, before (directions and zeros '
+    'only, the mechanism as drawn) and after the calibration; on the right the same as in '
+    'the middle, on its own scale. Dashed: the region for which bias_deg holds. A, B, C: '
+    f'tilt towards the motor of that leg. Grey: less than {CELL_SECONDS} s there.'
+)
 
 
 def draw(c: MotionCalibration) -> bytes:
     """Return the picture of a calibration: its mean parity, before and after, PNG."""
     from matplotlib.ticker import MaxNLocator
 
-    known = np.isfinite(c.rotation).all(axis=(1, 2)) & np.isfinite(c.parity) \
+    known = (
+        np.isfinite(c.rotation).all(axis=(1, 2))
+        & np.isfinite(c.parity)
         & np.isfinite(c.parity_before)
+    )
     x, y, turn = _places(c.rotation[known])
     tilt = np.hypot(x, y)
     # Two coordinates of each map, and the edges of its cells, deg.
-    maps = [(one, other, (_edges(one, edge), _edges(other, CELL)))
-            for one, other, edge in ((x, y, CELL), (turn, tilt, TURN_CELL))]
+    maps = [
+        (one, other, (_edges(one, edge), _edges(other, CELL)))
+        for one, other, edge in ((x, y, CELL), (turn, tilt, TURN_CELL))
+    ]
     least = max(1, round(CELL_SECONDS * c.readings.rate))
-    before, after = ([_means(*each, np.degrees(parity[known]), least) for each in maps]
-                     for parity in (c.parity_before, c.parity))
+    before, after = (
+        [_means(*each, np.degrees(parity[known]), least) for each in maps]
+        for parity in (c.parity_before, c.parity)
+    )
     wide, narrow = _scale(before), _scale(after)
-    columns = ((before, wide, f'before: {degrees(rms(c.parity_before)):.4f} deg rms'),
-               (after, wide, f'after: {degrees(rms(c.parity)):.4f} deg rms'),
-               (after, narrow, 'after, own scale'))
+    columns = (
+        (before, wide, f'before: {degrees(rms(c.parity_before)):.4f} deg rms'),
+        (after, wide, f'after: {degrees(rms(c.parity)):.4f} deg rms'),
+        (after, narrow, 'after, own scale'),
+    )
     reach = max(float(tilt.max()) + CELL, c.region.tilt_deg) + LETTERS
     figure = plot_style.new_figure(width=10.0, height=7.0)
     rows = figure.subplots(2, 3, gridspec_kw={'height_ratios': [3, 2]})
     for number, (means, largest, title) in enumerate(columns):
         for axes, (_, _, edges), each in zip(rows[:, number], maps, means, strict=True):
             axes.set_facecolor(NOWHERE)
-            mesh = axes.pcolormesh(*edges, np.ma.masked_invalid(each).T, cmap=SIGNED,
-                                   vmin=-largest, vmax=largest)
+            mesh = axes.pcolormesh(
+                *edges, np.ma.masked_invalid(each).T, cmap=SIGNED, vmin=-largest, vmax=largest
+            )
         _tilt_map(rows[0, number], reach, title, number == 0)
         _outline(c.region, *rows[:, number])
-        plot_style.label_axes(rows[1, number], 'self-rotation φ, deg',
-                              'tilt, deg' if number == 0 else '')
-        rows[1, number].set_ylim(0.0, max(float(rows[1, number].get_ylim()[1]),
-                                          c.region.tilt_deg + CELL))
+        plot_style.label_axes(
+            rows[1, number], 'self-rotation φ, deg', 'tilt, deg' if number == 0 else ''
+        )
+        rows[1, number].set_ylim(
+            0.0, max(float(rows[1, number].get_ylim()[1]), c.region.tilt_deg + CELL)
+        )
         if number:
             beside = rows[:, :2] if number == 1 else rows[:, 2]
-            figure.colorbar(mesh, ax=beside, label='mean parity, deg', extend='both',
-                            location='bottom', shrink=0.9, aspect=40 if number == 1 else 20,
-                            ticks=MaxNLocator(7 if number == 1 else 4))
+            figure.colorbar(
+                mesh,
+                ax=beside,
+                label='mean parity, deg',
+                extend='both',
+                location='bottom',
+                shrink=0.9,
+                aspect=40 if number == 1 else 20,
+                ticks=MaxNLocator(7 if number == 1 else 4),
+            )
     file = BytesIO()
     plot_style.save(figure, file)
     return file.getvalue()
@@ -120,8 +141,12 @@ def _outline(region: Region, tilts: Axes, turns: Axes) -> None:
 def _tilt_map(axes: Axes, reach: float, title: str, labelled: bool) -> None:
     """Label a map of the tilt, and name the directions of the legs' motors."""
     axes.set_aspect('equal')
-    plot_style.label_axes(axes, 'tilt towards (1, −1, 0), deg',
-                          'tilt towards (1, 1, −2), deg' if labelled else '', title)
+    plot_style.label_axes(
+        axes,
+        'tilt towards (1, −1, 0), deg',
+        'tilt towards (1, 1, −2), deg' if labelled else '',
+        title,
+    )
     # The nominal motors A, B, C are on z, x, y.
     motors = np.eye(3)[[2, 0, 1]]
     for leg, at in zip(LEG_NAMES, motors @ TILTED.T, strict=True):

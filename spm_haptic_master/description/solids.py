@@ -46,8 +46,20 @@ PLATFORM_AT_3, PIN = (0.075, 0.68, 0.76), (0.03, 0.68, 0.9)
 MOTOR, MOTOR_ENCODER = (0.12, 1.08, 1.36), (0.095, 1.36, 1.41)
 THIRD_ENCODER = 0.095, 0.905, 0.945
 # Profile of the handle on Z_E: radius and distance from O (unit SIZE).
-HANDLE = ((0.075, 0.69), (0.09, 0.705), (0.09, 0.74), (0.045, 0.78), (0.036, 1.05), (0.036, 1.1),
-          (0.07, 1.17), (0.092, 1.27), (0.095, 1.4), (0.08, 1.55), (0.05, 1.61), (0.01, 1.625))
+HANDLE = (
+    (0.075, 0.69),
+    (0.09, 0.705),
+    (0.09, 0.74),
+    (0.045, 0.78),
+    (0.036, 1.05),
+    (0.036, 1.1),
+    (0.07, 1.17),
+    (0.092, 1.27),
+    (0.095, 1.4),
+    (0.08, 1.55),
+    (0.05, 1.61),
+    (0.01, 1.625),
+)
 # Density of the links, kg/m^3: aluminium.
 DENSITY = 2700.0
 
@@ -86,8 +98,14 @@ class Solid:
         centre = density * (volumes @ sums) / (4.0 * mass)
         # Second moments about the origin, integral of r r^T dV: of a tetrahedron with one corner
         # there, volume / 20 times (sum of corner corner^T + (sum of corners) (sum)^T).
-        moments = density / 20.0 * (np.einsum('t,tci,tcj->ij', volumes, corners, corners)
-                                    + np.einsum('t,ti,tj->ij', volumes, sums, sums))
+        moments = (
+            density
+            / 20.0
+            * (
+                np.einsum('t,tci,tcj->ij', volumes, corners, corners)
+                + np.einsum('t,ti,tj->ij', volumes, sums, sums)
+            )
+        )
         moments -= mass * np.outer(centre, centre)
         return MassProperties(float(mass), centre, np.trace(moments) * np.eye(3) - moments)
 
@@ -96,12 +114,15 @@ class Solid:
         corners = self.vertices[self.triangles].astype('<f4')
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-        facets = np.zeros(len(corners), dtype=[
-            ('normal', '<f4', 3), ('corners', '<f4', (3, 3)), ('attribute', '<u2')])
+        facets = np.zeros(
+            len(corners),
+            dtype=[('normal', '<f4', 3), ('corners', '<f4', (3, 3)), ('attribute', '<u2')],
+        )
         np.divide(normals, lengths, out=facets['normal'], where=lengths > 0.0)
         facets['corners'] = corners
-        return name.encode().ljust(STL_HEADER) + len(corners).to_bytes(4, 'little') \
-            + facets.tobytes()
+        return (
+            name.encode().ljust(STL_HEADER) + len(corners).to_bytes(4, 'little') + facets.tobytes()
+        )
 
 
 def solids(geometry: Geometry) -> dict[str, Solid]:
@@ -115,14 +136,23 @@ def solids(geometry: Geometry) -> dict[str, Solid]:
     platform = together(
         *(cylinder(PLATFORM_AT_3).turned(onto(axis)) for axis in ends),
         *(_arc_between(np.array([0.0, 0.0, 1.0]), axis, PLATFORM) for axis in ends),
-        turned_profile([(SIZE * radius, SIZE * height) for radius, height in HANDLE]))
-    return {'base': together(*(cylinder(MOTOR).turned(onto(axis)) for axis in axes),
-                             *(_arc_between(axes[k], axes[(k + 1) % 3], BASE) for k in range(3))),
-            **{f'proximal_{name}': _link(angle, PROXIMAL, PROXIMAL_AT_1, PROXIMAL_AT_2)
-               for name, angle in zip(LEGS, geometry.alphas, strict=True)},
-            **{f'distal_{name}': _link(angle, DISTAL, DISTAL_AT_2, DISTAL_AT_3)
-               for name, angle in zip(LEGS, geometry.betas, strict=True)},
-            'platform': platform}
+        turned_profile([(SIZE * radius, SIZE * height) for radius, height in HANDLE]),
+    )
+    return {
+        'base': together(
+            *(cylinder(MOTOR).turned(onto(axis)) for axis in axes),
+            *(_arc_between(axes[k], axes[(k + 1) % 3], BASE) for k in range(3)),
+        ),
+        **{
+            f'proximal_{name}': _link(angle, PROXIMAL, PROXIMAL_AT_1, PROXIMAL_AT_2)
+            for name, angle in zip(LEGS, geometry.alphas, strict=True)
+        },
+        **{
+            f'distal_{name}': _link(angle, DISTAL, DISTAL_AT_2, DISTAL_AT_3)
+            for name, angle in zip(LEGS, geometry.betas, strict=True)
+        },
+        'platform': platform,
+    }
 
 
 def masses(geometry: Geometry) -> dict[str, MassProperties]:
@@ -151,17 +181,21 @@ def onto(axes: Sequence[object] | NDArray[np.float64]) -> NDArray[np.float64]:
 def together(*solids: Solid) -> Solid:
     """Return several solids as one; where they overlap, both surfaces stay."""
     offsets = np.cumsum([0, *(len(each.vertices) for each in solids[:-1])])
-    return Solid(np.concatenate([each.vertices for each in solids]),
-                 np.concatenate([each.triangles + offset for each, offset
-                                 in zip(solids, offsets, strict=True)]).astype(np.int32))
+    return Solid(
+        np.concatenate([each.vertices for each in solids]),
+        np.concatenate(
+            [each.triangles + offset for each, offset in zip(solids, offsets, strict=True)]
+        ).astype(np.int32),
+    )
 
 
 def cylinder(size: Sequence[float]) -> Solid:
     """Return a chamfered cylinder about z: radius and the heights of its ends, unit SIZE."""
     radius, low, high = (SIZE * each for each in size)
     rim = CHAMFER * min(radius, high - low)
-    return turned_profile([(radius - rim, low), (radius, low + rim), (radius, high - rim),
-                           (radius - rim, high)])
+    return turned_profile(
+        [(radius - rim, low), (radius, low + rim), (radius, high - rim), (radius - rim, high)]
+    )
 
 
 def turned_profile(profile: Sequence[tuple[float, float]]) -> Solid:
@@ -171,16 +205,18 @@ def turned_profile(profile: Sequence[tuple[float, float]]) -> Solid:
     return _tube([radius * circle + (0.0, 0.0, height) for radius, height in profile])
 
 
-def _link(angle: float, bar: Sequence[float], first: Sequence[float],
-          second: Sequence[float]) -> Solid:
+def _link(
+    angle: float, bar: Sequence[float], first: Sequence[float], second: Sequence[float]
+) -> Solid:
     """Return a bar of an angle, rad, with a disc at either end."""
     c, s = np.cos(angle), np.sin(angle)
     there = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
     return together(_arc_bar(angle, bar), cylinder(first), cylinder(second).turned(there))
 
 
-def _arc_between(start: NDArray[np.float64], end: NDArray[np.float64],
-                 bar: Sequence[float]) -> Solid:
+def _arc_between(
+    start: NDArray[np.float64], end: NDArray[np.float64], bar: Sequence[float]
+) -> Solid:
     """Return a bar along the great circle from one unit vector to another."""
     across = np.cross(start, end)
     sine = float(np.linalg.norm(across))
@@ -196,13 +232,28 @@ def _arc_bar(angle: float, bar: Sequence[float]) -> Solid:
     chamfer = CHAMFER * thickness
     x, r = 0.5 * width, 0.5 * thickness
     # Across and along the radius, counter-clockwise about the direction of the arc.
-    section = [(x, -r + chamfer), (x, r - chamfer), (x - chamfer, r), (-x + chamfer, r),
-               (-x, r - chamfer), (-x, -r + chamfer), (-x + chamfer, -r), (x - chamfer, -r)]
+    section = [
+        (x, -r + chamfer),
+        (x, r - chamfer),
+        (x - chamfer, r),
+        (-x + chamfer, r),
+        (-x, r - chamfer),
+        (-x, -r + chamfer),
+        (-x + chamfer, -r),
+        (x - chamfer, -r),
+    ]
     steps = max(2, round(ARC_SECTIONS * angle))
-    return _tube([
-        np.array([(across, -(radius + along) * sin(t), (radius + along) * cos(t))
-                  for across, along in section])
-        for t in (angle * step / steps for step in range(steps + 1))])
+    return _tube(
+        [
+            np.array(
+                [
+                    (across, -(radius + along) * sin(t), (radius + along) * cos(t))
+                    for across, along in section
+                ]
+            )
+            for t in (angle * step / steps for step in range(steps + 1))
+        ]
+    )
 
 
 def _tube(rings: list[NDArray[np.float64]]) -> Solid:
@@ -211,13 +262,18 @@ def _tube(rings: list[NDArray[np.float64]]) -> Solid:
     here = np.arange(count * n).reshape(count, n)
     there = np.roll(here, -1, axis=1)
     first, last = np.full(n, count * n), np.full(n, count * n + 1)
-    sides = [np.stack(corners, axis=2) for corners in (
-        (here[:-1], there[:-1], there[1:]), (here[:-1], there[1:], here[1:]))]
-    ends = [np.stack(corners, axis=1) for corners in (
-        (first, there[0], here[0]), (last, here[-1], there[-1]))]
+    sides = [
+        np.stack(corners, axis=2)
+        for corners in ((here[:-1], there[:-1], there[1:]), (here[:-1], there[1:], here[1:]))
+    ]
+    ends = [
+        np.stack(corners, axis=1)
+        for corners in ((first, there[0], here[0]), (last, here[-1], there[-1]))
+    ]
     return Solid(
         np.concatenate([*rings, rings[0].mean(axis=0)[None], rings[-1].mean(axis=0)[None]]),
-        np.concatenate([np.stack(sides, axis=1).reshape(-1, 3), *ends]).astype(np.int32))
+        np.concatenate([np.stack(sides, axis=1).reshape(-1, 3), *ends]).astype(np.int32),
+    )
 
 
 def link_turns(geometry: Geometry, angles: Sequence[float]) -> list[Quaternion[float]]:
@@ -233,5 +289,8 @@ def link_turns(geometry: Geometry, angles: Sequence[float]) -> list[Quaternion[f
     links = [(sin(0.5 * alpha), 0.0, 0.0, cos(0.5 * alpha)) for alpha in geometry.alphas]
     bent = map(multiply_quaternions, proximal, links)
     th1a, th2a, th3a = angles[:3]
-    return [*proximal, *map(multiply_quaternions, bent, turns[1::3]),
-            chain_quaternion(th1a, th2a, th3a, geometry, FLOATS)]
+    return [
+        *proximal,
+        *map(multiply_quaternions, bent, turns[1::3]),
+        chain_quaternion(th1a, th2a, th3a, geometry, FLOATS),
+    ]

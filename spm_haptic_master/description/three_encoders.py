@@ -60,8 +60,12 @@ class ThreeEncoders:
 
     def add_readings(self, stamp: int, readings: Sequence[float]) -> None:
         """Take th1A, th1B, th1C as read, rad, at a stamp, ns."""
-        if self._waiting is None or stamp < self._waiting[0] or not self._poses \
-                or self._poses[0][0] > self._waiting[0]:
+        if (
+            self._waiting is None
+            or stamp < self._waiting[0]
+            or not self._poses
+            or self._poses[0][0] > self._waiting[0]
+        ):
             self._waiting = stamp, readings
 
     def solve(self, dexterity: float | None) -> None:
@@ -76,8 +80,10 @@ class ThreeEncoders:
         for (before, low), (after, high) in pairwise(self._poses):
             if before <= stamp <= after:
                 share = (stamp - before) / (after - before)
-                th1a, th2a, th3a = (one + share * remainder(other - one, 2.0 * pi)
-                                    for one, other in zip(low[:3], high[:3], strict=True))
+                th1a, th2a, th3a = (
+                    one + share * remainder(other - one, 2.0 * pi)
+                    for one, other in zip(low[:3], high[:3], strict=True)
+                )
                 break
         else:
             return

@@ -39,7 +39,8 @@ class WorkspaceMap:
         self._tilts = np.arccos(1.0 - (1.0 - cos(HALF_ANGLE)) * number / TILES)
         self._azimuths = np.mod(GOLDEN_ANGLE * number, 2.0 * pi)
         self.axes: NDArray[np.float64] = kinematics.workspace_pose(
-            self._tilts, self._azimuths, 0.0)[..., 2]
+            self._tilts, self._azimuths, 0.0
+        )[..., 2]
 
     def colours(self, phi: float) -> NDArray[np.uint8]:
         """Return the tiles' colours, shape (TILES, 3), by the dexterity of three sensors."""
@@ -49,16 +50,22 @@ class WorkspaceMap:
         steps = np.linspace(0.0, FULL, len(COLOURS))
         colours = np.tile(UNREACHABLE, (TILES, 1))
         colours[reached] = np.stack(
-            [np.interp(eta[reached], steps, channel) for channel in COLOURS.T], axis=1)
+            [np.interp(eta[reached], steps, channel) for channel in COLOURS.T], axis=1
+        )
         return colours
 
     def singular_axes(self, phi: float) -> NDArray[np.float64]:
         """Return the platform axes at a parallel singularity, unit vectors, shape (n, 3)."""
         here, there, one, other = changes_of_sign(
             lambda points: kinematics.parallel_determinant(
-                kinematics.workspace_pose(points[0], points[1], phi), self._geometry,
-                self._working_mode),
-            HALF_ANGLE, RAYS, CIRCLES)
+                kinematics.workspace_pose(points[0], points[1], phi),
+                self._geometry,
+                self._working_mode,
+            ),
+            HALF_ANGLE,
+            RAYS,
+            CIRCLES,
+        )
         tilts, azimuths = (1.0 - one / (one - other)) * here + one / (one - other) * there
         axes: NDArray[np.float64] = kinematics.workspace_pose(tilts, azimuths, phi)[..., 2]
         return axes
@@ -66,5 +73,7 @@ class WorkspaceMap:
 
 def colour_bar() -> dict[str, list[str]]:
     """Return the colours of the map in CSS, and their labels."""
-    return {'colours': [f'rgb({red:.0f},{green:.0f},{blue:.0f})' for red, green, blue in COLOURS],
-            'words': ['0: singular', f'{FULL / 2:g}', f'{FULL:g} and more']}
+    return {
+        'colours': [f'rgb({red:.0f},{green:.0f},{blue:.0f})' for red, green, blue in COLOURS],
+        'words': ['0: singular', f'{FULL / 2:g}', f'{FULL:g} and more'],
+    }

@@ -57,23 +57,33 @@ class State(Enum):
 
 # Mask and value of the statusword in each state.
 PATTERNS = (
-    (0x4F, 0x00, State.NOT_READY), (0x4F, 0x40, State.DISABLED), (0x6F, 0x21, State.READY),
-    (0x6F, 0x23, State.SWITCHED_ON), (0x6F, 0x27, State.ENABLED), (0x6F, 0x07, State.QUICK_STOP),
-    (0x4F, 0x0F, State.REACTING), (0x4F, 0x08, State.FAULT),
+    (0x4F, 0x00, State.NOT_READY),
+    (0x4F, 0x40, State.DISABLED),
+    (0x6F, 0x21, State.READY),
+    (0x6F, 0x23, State.SWITCHED_ON),
+    (0x6F, 0x27, State.ENABLED),
+    (0x6F, 0x07, State.QUICK_STOP),
+    (0x4F, 0x0F, State.REACTING),
+    (0x4F, 0x08, State.FAULT),
 )
 
 # Commands of the controlword.
 DISABLE_VOLTAGE, SHUTDOWN, SWITCH_ON, ENABLE_OPERATION, FAULT_RESET = 0x00, 0x06, 0x07, 0x0F, 0x80
 # Controlword of the next transition towards Operation enabled; any other state gets disable
 # voltage. From a fault only a reset leads on, which only an acknowledgement causes.
-ONWARDS = {State.DISABLED: SHUTDOWN, State.READY: SWITCH_ON, State.SWITCHED_ON: ENABLE_OPERATION,
-           State.ENABLED: ENABLE_OPERATION}
+ONWARDS = {
+    State.DISABLED: SHUTDOWN,
+    State.READY: SWITCH_ON,
+    State.SWITCHED_ON: ENABLE_OPERATION,
+    State.ENABLED: ENABLE_OPERATION,
+}
 
 
 def state_of(statusword: int) -> State:
     """Return the state that a statusword (6041h) reports."""
-    return next((state for mask, value, state in PATTERNS if statusword & mask == value),
-                State.UNKNOWN)
+    return next(
+        (state for mask, value, state in PATTERNS if statusword & mask == value), State.UNKNOWN
+    )
 
 
 def controlword(state: State, operate: bool) -> int:
@@ -83,15 +93,23 @@ def controlword(state: State, operate: bool) -> int:
 
 def mode_words(mode: int) -> str:
     """Return a mode of operation in words."""
-    return {CYCLIC_TORQUE: 'cyclic synchronous torque',
-            PROFILE_TORQUE: 'profile torque'}.get(mode, 'another mode') + f' ({mode})'
+    return {CYCLIC_TORQUE: 'cyclic synchronous torque', PROFILE_TORQUE: 'profile torque'}.get(
+        mode, 'another mode'
+    ) + f' ({mode})'
 
 
 # Error codes of EMCY: those of CiA 301, and some of CiA 402.
 ERROR_WORDS = canopen.EMCY_CODES | {
-    0x2310: 'continuous over current', 0x2320: 'short circuit', 0x2350: 'I2t, load level fault',
-    0x3210: 'DC link over-voltage', 0x3220: 'DC link under-voltage',
-    0x4210: 'excess temperature of the device', 0x4310: 'excess temperature of the drive',
-    0x7121: 'motor blocked', 0x7300: 'sensor', 0x7305: 'incremental sensor 1 fault',
-    0x8400: 'velocity speed controller', 0x8611: 'following error',
+    0x2310: 'continuous over current',
+    0x2320: 'short circuit',
+    0x2350: 'I2t, load level fault',
+    0x3210: 'DC link over-voltage',
+    0x3220: 'DC link under-voltage',
+    0x4210: 'excess temperature of the device',
+    0x4310: 'excess temperature of the drive',
+    0x7121: 'motor blocked',
+    0x7300: 'sensor',
+    0x7305: 'incremental sensor 1 fault',
+    0x8400: 'velocity speed controller',
+    0x8611: 'following error',
 }

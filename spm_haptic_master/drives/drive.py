@@ -66,7 +66,8 @@ class Drive:
             own.status_id: (STATUS.size, self._on_status),
             canopen.HEARTBEAT_BASE + own.node_id: (canopen.HEARTBEAT_LENGTH, self._on_heartbeat),
             canopen.EMCY_BASE + own.node_id: (canopen.EMCY_LENGTH, self._on_emergency),
-            canopen.SDO_ANSWER_BASE + own.node_id: (canopen.SDO_LENGTH, self._on_answer)}
+            canopen.SDO_ANSWER_BASE + own.node_id: (canopen.SDO_LENGTH, self._on_answer),
+        }
 
     def restart(self) -> None:
         """Forget what an acknowledgement clears; from now on a heartbeat is due."""
@@ -100,8 +101,9 @@ class Drive:
             return f'no heartbeat for {1e3 * unheard:.0f} ms'
         if self._nmt not in (None, canopen.OPERATIONAL):
             return f'NMT state {canopen.state_word(self._nmt or 0)}'
-        return f'no status frame for {1e3 * silent:.0f} ms' if silent > plan.status_timeout \
-            else None
+        return (
+            f'no status frame for {1e3 * silent:.0f} ms' if silent > plan.status_timeout else None
+        )
 
     def refusal(self, operate: bool) -> str | None:
         """Return how the drive deviates from its command; None if it follows."""
@@ -113,16 +115,22 @@ class Drive:
             if self.state is State.ENABLED:
                 self._reached = True
                 if self._shown_mode != self.mode:
-                    return (f'mode of operation {mode_words(self._shown_mode)}; expected '
-                            f'{mode_words(self.mode or 0)}')
+                    return (
+                        f'mode of operation {mode_words(self._shown_mode)}; expected '
+                        f'{mode_words(self.mode or 0)}'
+                    )
             elif self._reached:
                 return f'left Operation enabled ({self.state.value})'
             elif self.now - self._since > ENABLE_TIMEOUT:
-                return (f'{self.state.value} {ENABLE_TIMEOUT:g} s after Operation enabled was '
-                        'asked for')
+                return (
+                    f'{self.state.value} {ENABLE_TIMEOUT:g} s after Operation enabled was '
+                    'asked for'
+                )
         if self._off_time > TORQUE_TIME:
-            return (f'torque {self.torque} per mille for a command of {self._command}, off by '
-                    f'more than {100.0 * TORQUE_SHARE:.0f} % for {1e3 * self._off_time:.0f} ms')
+            return (
+                f'torque {self.torque} per mille for a command of {self._command}, off by '
+                f'more than {100.0 * TORQUE_SHARE:.0f} % for {1e3 * self._off_time:.0f} ms'
+            )
         return None
 
     def _on_status(self, data: bytearray) -> None:
@@ -165,8 +173,10 @@ class Drive:
         self.absent = None
         if profile is None or profile & 0xFFFF != canopen.DRIVE_PROFILE:
             shown = 'none' if profile is None else f'0x{profile:08X}'
-            raise SetupError(f'{self.own.name}: device type {shown}; expected a drive (profile '
-                             f'{canopen.DRIVE_PROFILE})')
+            raise SetupError(
+                f'{self.own.name}: device type {shown}; expected a drive (profile '
+                f'{canopen.DRIVE_PROFILE})'
+            )
         found = []
         for wanted in drive_objects(self._plan, self.own).every:
             value = yield from self.read((wanted.index, wanted.subindex))
@@ -185,21 +195,23 @@ class Drive:
                 modes = [mode for mode in modes if supported >> (mode - 1) & 1]
         for mode in modes:
             answer = yield from self._request(
-                canopen.sdo_write(self.own.node_id, *cia402.MODE, mode, 1), cia402.MODE)
+                canopen.sdo_write(self.own.node_id, *cia402.MODE, mode, 1), cia402.MODE
+            )
             if answer[0] == canopen.SDO_DOWNLOAD_ANSWER:
                 self.mode = mode
                 return
-        raise SetupError(f'{self.own.name}: no mode of operation 0x6060 of torque; expected '
-                         f'{mode_words(cia402.CYCLIC_TORQUE)} or '
-                         f'{mode_words(cia402.PROFILE_TORQUE)}')
+        raise SetupError(
+            f'{self.own.name}: no mode of operation 0x6060 of torque; expected '
+            f'{mode_words(cia402.CYCLIC_TORQUE)} or '
+            f'{mode_words(cia402.PROFILE_TORQUE)}'
+        )
 
     def read(self, key: tuple[int, int]) -> Generator[None, None, int | None]:
         """Return the value of an object; None if the drive does not give it."""
         answer = yield from self._request(canopen.sdo_upload(self.own.node_id, *key), key)
         return canopen.sdo_value(answer)
 
-    def _request(self, message: can.Message,
-                 key: tuple[int, int]) -> Generator[None, None, bytes]:
+    def _request(self, message: can.Message, key: tuple[int, int]) -> Generator[None, None, bytes]:
         """Return the answer to a request by SDO; SetupError if none comes."""
         for _ in range(REQUESTS):
             self._answer = None

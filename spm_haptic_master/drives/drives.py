@@ -59,8 +59,10 @@ class Drives:
         self._plan, self._open_bus, self._name = plan, open_bus, name
         self._drives = tuple(Drive(own, plan, self._send) for own in plan.drives)
         self._handlers: dict[int, tuple[int, Handler]] = {
-            identifier: handler for drive in self._drives
-            for identifier, handler in drive.handlers.items()}
+            identifier: handler
+            for drive in self._drives
+            for identifier, handler in drive.handlers.items()
+        }
         self.motors = len(self._drives)
         self._bus: can.BusABC | None = None
         self._now, self._retry_at = 0.0, -inf
@@ -73,8 +75,9 @@ class Drives:
         # Whether the drives are read back: before, no torque frame goes out.
         self._known = False
         self._samples = 0
-        self._heartbeat = canopen.frame(canopen.HEARTBEAT_BASE + plan.master_id,
-                                        bytes((canopen.OPERATIONAL,)))
+        self._heartbeat = canopen.frame(
+            canopen.HEARTBEAT_BASE + plan.master_id, bytes((canopen.OPERATIONAL,))
+        )
         self._heartbeat_at = -inf
         self._controlwords: list[int] = []
 
@@ -153,7 +156,8 @@ class Drives:
         """Pause all frames at zero torque: each drive has to leave Operation enabled in time."""
         plan = self._plan
         limit = FALL_OUT_FACTOR * (
-            (plan.event_timer or plan.heartbeat_timeout) + plan.status_period)
+            (plan.event_timer or plan.heartbeat_timeout) + plan.status_period
+        )
         for _ in range(PROOFS):
             yield from self._reach(State.DISABLED)
             yield from self._reach(State.ENABLED)
@@ -168,17 +172,23 @@ class Drives:
                         times[drive] = self._now - began
             for drive in self._drives:
                 if drive.booted:
-                    raise SetupError(f'{drive.own.name} booted during the check; expected it '
-                                     'to leave Operation enabled by itself')
+                    raise SetupError(
+                        f'{drive.own.name} booted during the check; expected it '
+                        'to leave Operation enabled by itself'
+                    )
             drive, longest = max(times.items(), key=lambda item: item[1])
             if longest <= limit:
                 return
-        took = 'did not leave Operation enabled' if longest == inf else \
-            f'left Operation enabled after {1e3 * longest:.0f} ms'
+        took = (
+            'did not leave Operation enabled'
+            if longest == inf
+            else f'left Operation enabled after {1e3 * longest:.0f} ms'
+        )
         raise SetupError(
             f'{drive.own.name} {took} without frames of this master; expected within '
             f'{1e3 * limit:.0f} ms by its event timer (0x1400:05), heartbeat (0x1016) and abort '
-            'option (0x6007): no torque without that')
+            'option (0x6007): no torque without that'
+        )
 
     def _reach(self, state: State) -> Steps:
         """Bring all drives into Operation enabled, or out of it, with what was a fault reset."""
@@ -187,14 +197,19 @@ class Drives:
                 self._send(canopen.nmt(canopen.NMT_START, drive.own.node_id))
         asked, self._sends, self._operate = self._now, True, state is State.ENABLED
         while True:
-            waiting = [drive for drive in self._drives
-                       if drive.status_at <= asked or drive.state is not state]
+            waiting = [
+                drive
+                for drive in self._drives
+                if drive.status_at <= asked or drive.state is not state
+            ]
             if waiting and self._now - asked > ENABLE_TIMEOUT:
                 drive = waiting[0]
                 shown = 'no status frame' if drive.status_at <= asked else drive.state.value
                 cause = f' ({drive.emergency})' if drive.emergency else ''
-                raise SetupError(f'{drive.own.name}: {shown} {ENABLE_TIMEOUT:g} s after its '
-                                 f'start{cause}; expected {state.value}')
+                raise SetupError(
+                    f'{drive.own.name}: {shown} {ENABLE_TIMEOUT:g} s after its '
+                    f'start{cause}; expected {state.value}'
+                )
             # It may have another mode or torque on its way to enabled.
             for drive in self._drives:
                 if state is State.ENABLED and (found := drive.refusal(True)):
@@ -215,9 +230,11 @@ class Drives:
     def _report(self, ready: bool) -> DriveReport:
         absent = next((drive.absent for drive in self._drives if drive.absent), None)
         return DriveReport(
-            ready, self._fault or self._missing or absent,
+            ready,
+            self._fault or self._missing or absent,
             tuple(drive.torque / drive.own.scale for drive in self._drives),
-            max(self._now - drive.status_at for drive in self._drives))
+            max(self._now - drive.status_at for drive in self._drives),
+        )
 
     def _receive(self, bus: can.BusABC) -> None:
         """Take all frames that wait."""
@@ -227,17 +244,22 @@ class Drives:
                 if message is None:
                     return
                 handler = self._handlers.get(message.arbitration_id)
-                if handler is not None and len(message.data) == handler[0] \
-                        and not (message.is_extended_id or message.is_error_frame
-                                 or message.is_remote_frame):
+                if (
+                    handler is not None
+                    and len(message.data) == handler[0]
+                    and not (
+                        message.is_extended_id or message.is_error_frame or message.is_remote_frame
+                    )
+                ):
                     handler[1](message.data)
         except can_bus.BUS_ERRORS as error:
             self._fail(f'{self._name}: {can_bus.first_line(error)}')
             self._retry_at = self._now + REOPEN
             self._close_bus(bus)
 
-    def _send_torques(self, operate: bool, torques: tuple[float, ...] | None,
-                      resets: bool = False) -> None:
+    def _send_torques(
+        self, operate: bool, torques: tuple[float, ...] | None, resets: bool = False
+    ) -> None:
         """Send torques, zero for None, with the controlword of each drive's next transition."""
         words, values = [], []
         for index, drive in enumerate(self._drives):
@@ -252,8 +274,9 @@ class Drives:
         if due:
             self._heartbeat_at = self._now
             self._send(self._heartbeat)
-        for identifier, data in torque_frames(self._plan, words, values,
-                                              due or words != self._controlwords):
+        for identifier, data in torque_frames(
+            self._plan, words, values, due or words != self._controlwords
+        ):
             self._send(canopen.frame(identifier, data))
         self._controlwords = words
 
@@ -264,8 +287,10 @@ class Drives:
         try:
             self._bus.send(message, 0.0)
         except can_bus.BUS_ERRORS as error:
-            self._fail(f'{self._name}: frame 0x{message.arbitration_id:X} not sent: '
-                       f'{can_bus.first_line(error)}')
+            self._fail(
+                f'{self._name}: frame 0x{message.arbitration_id:X} not sent: '
+                f'{can_bus.first_line(error)}'
+            )
 
     def _open(self) -> can.BusABC | None:
         if self._now < self._retry_at:
@@ -293,5 +318,8 @@ def make_drives(values: Values) -> Drives | None:
     can_bus.check_interface(interface, 'drives.interface')
     plan, bitrate = make_plan(values), values['drives.bitrate']
     check_load(plan, bitrate)
-    return Drives(plan, partial(can_bus.open_bus, interface, channel, bitrate),
-                  can_bus.bus_name(interface, channel))
+    return Drives(
+        plan,
+        partial(can_bus.open_bus, interface, channel, bitrate),
+        can_bus.bus_name(interface, channel),
+    )

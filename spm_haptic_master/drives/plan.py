@@ -62,18 +62,27 @@ class Plan:
     event_timer: float  # without a torque frame until a motor is off, s; 0: none
 
 
-def torque_frames(plan: Plan, controlwords: list[int], torques: list[int],
-                  controls: bool) -> list[tuple[int, bytes]]:
+def torque_frames(
+    plan: Plan, controlwords: list[int], torques: list[int], controls: bool
+) -> list[tuple[int, bytes]]:
     """
     Return identifier and data of the frames of a sample, with torques in per mille.
 
     With a combined frame the controlwords go out only if `controls`.
     """
     if not plan.combined:
-        return [(drive.control_id, pack('<Hh', word, torque))
-                for drive, word, torque in zip(plan.drives, controlwords, torques, strict=True)]
-    words = [(drive.control_id, pack('<H', word))
-             for drive, word in zip(plan.drives, controlwords, strict=True)] if controls else []
+        return [
+            (drive.control_id, pack('<Hh', word, torque))
+            for drive, word, torque in zip(plan.drives, controlwords, torques, strict=True)
+        ]
+    words = (
+        [
+            (drive.control_id, pack('<H', word))
+            for drive, word in zip(plan.drives, controlwords, strict=True)
+        ]
+        if controls
+        else []
+    )
     return [(plan.combined_id, pack(f'<{len(torques)}h', *torques)), *words]
 
 
@@ -82,36 +91,62 @@ def make_plan(values: Values) -> Plan:
     node_ids, master_id = values['drives.node_id'], values['drives.master_id']
     count = len(node_ids)
     if len({*node_ids, master_id}) <= count:
-        raise SettingError('drives.node_id', list(node_ids),
-                           f'different node ids, none that of drives.master_id ({master_id})')
+        raise SettingError(
+            'drives.node_id',
+            list(node_ids),
+            f'different node ids, none that of drives.master_id ({master_id})',
+        )
     if count > len(JOINT_NAMES):
         raise SettingError('drives.node_id', list(node_ids), f'at most {len(JOINT_NAMES)} drives')
-    rated, gears, directions = (_each(values, f'drives.{name}', count)
-                                for name in ('rated_torque', 'gear', 'direction'))
+    rated, gears, directions = (
+        _each(values, f'drives.{name}', count) for name in ('rated_torque', 'gear', 'direction')
+    )
     if 0.0 in rated:
-        raise SettingError('drives.rated_torque', list(values['drives.rated_torque']),
-                           "the motors' rated torque, N m, above 0: torques on the bus are per "
-                           'mille of it')
+        raise SettingError(
+            'drives.rated_torque',
+            list(values['drives.rated_torque']),
+            "the motors' rated torque, N m, above 0: torques on the bus are per mille of it",
+        )
     _check_times(values)
     drives = []
     for joint, node_id, torque, gear, direction in zip(
-            JOINT_NAMES, node_ids, rated, gears, directions, strict=False):
+        JOINT_NAMES, node_ids, rated, gears, directions, strict=False
+    ):
         scale = cia402.PER_MILLE * direction / (gear * torque)
         cap = int(abs(scale) * values['drives.torque_limit'])
         if not 1 <= cap <= cia402.LARGEST:
-            raise SettingError('drives.torque_limit', values['drives.torque_limit'],
-                               f'1 to {cia402.LARGEST} per mille of the rated torque {torque:g} '
-                               f'N m for {joint}; it is {cap}')
-        drives.append(DrivePlan(
-            f'drive of {joint} (node {node_id})', node_id, torque, scale, cap,
-            round(values['drives.speed_limit'] * gear * 60.0 / (2.0 * pi)),
-            canopen.TPDO_BASES[0] + node_id, canopen.RPDO_BASES[0] + node_id))
+            raise SettingError(
+                'drives.torque_limit',
+                values['drives.torque_limit'],
+                f'1 to {cia402.LARGEST} per mille of the rated torque {torque:g} '
+                f'N m for {joint}; it is {cap}',
+            )
+        drives.append(
+            DrivePlan(
+                f'drive of {joint} (node {node_id})',
+                node_id,
+                torque,
+                scale,
+                cap,
+                round(values['drives.speed_limit'] * gear * 60.0 / (2.0 * pi)),
+                canopen.TPDO_BASES[0] + node_id,
+                canopen.RPDO_BASES[0] + node_id,
+            )
+        )
     return Plan(
-        tuple(drives), values['drives.combined'], canopen.RPDO_BASES[1] + node_ids[0],
-        values['drives.mode'], master_id, values['drives.torque_unit'], 1.0 / values['rate'],
-        values['drives.status_period'], values['drives.status_timeout'],
-        values['drives.heartbeat'], values['drives.heartbeat_timeout'],
-        values['drives.event_timer'])
+        tuple(drives),
+        values['drives.combined'],
+        canopen.RPDO_BASES[1] + node_ids[0],
+        values['drives.mode'],
+        master_id,
+        values['drives.torque_unit'],
+        1.0 / values['rate'],
+        values['drives.status_period'],
+        values['drives.status_timeout'],
+        values['drives.heartbeat'],
+        values['drives.heartbeat_timeout'],
+        values['drives.event_timer'],
+    )
 
 
 def _each(values: Values, name: str, count: int) -> tuple[Any, ...]:
@@ -125,19 +160,29 @@ def _each(values: Values, name: str, count: int) -> tuple[Any, ...]:
 
 
 def _check_times(values: Values) -> None:
-    for name in ('drives.status_period', 'drives.heartbeat', 'drives.heartbeat_timeout',
-                 'drives.event_timer'):
+    for name in (
+        'drives.status_period',
+        'drives.heartbeat',
+        'drives.heartbeat_timeout',
+        'drives.event_timer',
+    ):
         value = 1e3 * values[name]
         if abs(value - round(value)) > 1e-6:
             raise SettingError(name, values[name], 'whole milliseconds')
     period, timer = 1.0 / values['rate'], values['drives.event_timer']
     for name, shortest, why in (
-            ('drives.event_timer', SAMPLES_WITHIN * period if timer else 0.0,
-             f'{SAMPLES_WITHIN} samples at rate {values["rate"]:g} Hz'),
-            ('drives.status_timeout', 2.0 * values['drives.status_period'],
-             'two of drives.status_period'),
-            ('drives.heartbeat_timeout', 2.0 * values['drives.heartbeat'],
-             'two of drives.heartbeat')):
+        (
+            'drives.event_timer',
+            SAMPLES_WITHIN * period if timer else 0.0,
+            f'{SAMPLES_WITHIN} samples at rate {values["rate"]:g} Hz',
+        ),
+        (
+            'drives.status_timeout',
+            2.0 * values['drives.status_period'],
+            'two of drives.status_period',
+        ),
+        ('drives.heartbeat_timeout', 2.0 * values['drives.heartbeat'], 'two of drives.heartbeat'),
+    ):
         if values[name] < shortest - 1e-9:
             raise SettingError(name, values[name], f'at least {shortest:g} s: {why}')
 
@@ -145,7 +190,8 @@ def _check_times(values: Values) -> None:
 def is_shared(drives: Values, encoders: Values) -> bool:
     """Return whether the drives are on the bus of the encoders, by checked values of both."""
     return bool(drives['drives.channel']) and all(
-        drives[f'drives.{name}'] == encoders[f'can.{name}'] for name in ('interface', 'channel'))
+        drives[f'drives.{name}'] == encoders[f'can.{name}'] for name in ('interface', 'channel')
+    )
 
 
 def check_shared_bus(drives: Values, encoders: Values) -> None:
@@ -156,18 +202,29 @@ def check_shared_bus(drives: Values, encoders: Values) -> None:
     node_ids = [*drives['drives.node_id'], plan.master_id]
     taken = set(encoders['encoders.node_id']) & set(node_ids)
     if taken and encoders['can.protocol'] == 'canopen':
-        raise SettingError('drives.node_id', node_ids[:-1], 'node ids that no encoder has '
-                           f'({min(taken)} is in encoders.node_id), nor drives.master_id')
+        raise SettingError(
+            'drives.node_id',
+            node_ids[:-1],
+            'node ids that no encoder has '
+            f'({min(taken)} is in encoders.node_id), nor drives.master_id',
+        )
     frames = {plan.combined_id}.union(
-        *((drive.status_id, drive.control_id) for drive in plan.drives))
+        *((drive.status_id, drive.control_id) for drive in plan.drives)
+    )
     layouts, sync = make_layouts(encoders), bool(encoders['encoders.sync_id'])
     for layout in layouts:
         if not layout.extended and layout.can_id in frames:
-            raise SettingError('encoders.id', list(encoders['encoders.id']),
-                               f'identifiers that no drive uses (0x{layout.can_id:X} of '
-                               f'{layout.joint} is one of drives.node_id)')
-    check_load(plan, drives['drives.bitrate'] or encoders['can.bitrate'], (
-        'SYNC and encoders' if sync else 'encoders', cycle_bits(layouts, sync), encoders['rate']))
+            raise SettingError(
+                'encoders.id',
+                list(encoders['encoders.id']),
+                f'identifiers that no drive uses (0x{layout.can_id:X} of '
+                f'{layout.joint} is one of drives.node_id)',
+            )
+    check_load(
+        plan,
+        drives['drives.bitrate'] or encoders['can.bitrate'],
+        ('SYNC and encoders' if sync else 'encoders', cycle_bits(layouts, sync), encoders['rate']),
+    )
 
 
 def check_load(plan: Plan, bitrate: int, *encoders: tuple[str, int, float]) -> None:
@@ -181,20 +238,29 @@ def check_load(plan: Plan, bitrate: int, *encoders: tuple[str, int, float]) -> N
         return
     count = len(plan.drives)
     sample = torque_frames(plan, [0] * count, [0] * count, False)
-    parts = [*encoders,
-             ('torque', sum(frame_bits(len(data), False) for _, data in sample),
-              1.0 / plan.period),
-             ('status', count * frame_bits(STATUS.size, False), 1.0 / plan.status_period),
-             ('heartbeats', (count + 1) * frame_bits(canopen.HEARTBEAT_LENGTH, False),
-              1.0 / plan.heartbeat)]
+    parts = [
+        *encoders,
+        ('torque', sum(frame_bits(len(data), False) for _, data in sample), 1.0 / plan.period),
+        ('status', count * frame_bits(STATUS.size, False), 1.0 / plan.status_period),
+        (
+            'heartbeats',
+            (count + 1) * frame_bits(canopen.HEARTBEAT_LENGTH, False),
+            1.0 / plan.heartbeat,
+        ),
+    ]
     if plan.combined:
         parts.append(('controlwords', count * frame_bits(2, False), 1.0 / plan.heartbeat))
     load = sum(bits * rate for _, bits, rate in parts) / bitrate
     if load > MAXIMUM_LOAD:
         shown = ' + '.join(f'{name} {bits} bits x {rate:g} Hz' for name, bits, rate in parts)
-        remedy = (['a second bus (drives.channel)'] if encoders else []) \
-            + ([] if plan.combined else ['one frame with all torques (drives.combined)']) \
+        remedy = (
+            (['a second bus (drives.channel)'] if encoders else [])
+            + ([] if plan.combined else ['one frame with all torques (drives.combined)'])
             + ['a lower rate']
+        )
         raise SettingError(
-            'drives.bitrate', bitrate, f'{" or ".join(remedy)}: {shown} = {100.0 * load:.0f} % '
-            f'bus load, beyond {100.0 * MAXIMUM_LOAD:.0f} %')
+            'drives.bitrate',
+            bitrate,
+            f'{" or ".join(remedy)}: {shown} = {100.0 * load:.0f} % '
+            f'bus load, beyond {100.0 * MAXIMUM_LOAD:.0f} %',
+        )

@@ -134,16 +134,19 @@ class BusScan:
                 self._cycles += 1
                 if (before := self.master_sync) is not None:
                     self._sync_intervals.append(now - before.last)
-        heard = self.frames.setdefault((message.is_extended_id, identifier),
-                                       HeardFrame(now, now, first_cycle=self._cycles))
+        heard = self.frames.setdefault(
+            (message.is_extended_id, identifier), HeardFrame(now, now, first_cycle=self._cycles)
+        )
         heard.last, heard.last_cycle = now, self._cycles
         heard.count += 1
         heard.lengths.add(len(message.data))
 
     def _node_frame(self, base: int, node_id: int, data: bytes | bytearray) -> None:
-        length = {canopen.HEARTBEAT_BASE: canopen.HEARTBEAT_LENGTH,
-                  canopen.EMCY_BASE: canopen.EMCY_LENGTH,
-                  canopen.SDO_ANSWER_BASE: canopen.SDO_LENGTH}.get(base)
+        length = {
+            canopen.HEARTBEAT_BASE: canopen.HEARTBEAT_LENGTH,
+            canopen.EMCY_BASE: canopen.EMCY_LENGTH,
+            canopen.SDO_ANSWER_BASE: canopen.SDO_LENGTH,
+        }.get(base)
         if node_id == 0 or len(data) != length:
             return
         node = self.nodes.setdefault(node_id, HeardNode())
@@ -164,8 +167,14 @@ class BusScanner:
     sent; `report` takes a line on what the scanner does on the bus.
     """
 
-    def __init__(self, bus: can.BusABC, scan: BusScan, rate: float, echoes: bool,
-                 report: Callable[[str], None]):
+    def __init__(
+        self,
+        bus: can.BusABC,
+        scan: BusScan,
+        rate: float,
+        echoes: bool,
+        report: Callable[[str], None],
+    ):
         self._bus, self._scan, self._rate, self._report = bus, scan, rate, report
         self._echoes = echoes
         # Number of frames sent whose echo is expected.
@@ -194,8 +203,10 @@ class BusScanner:
                 if self._scan.sync_id is not None and self._scan.master_sync is None:
                     end = now + seconds
                     self._sync_grid = DeadlineGrid(1.0 / self._rate)
-                    self._report(f'no SYNC on the bus: SYNC 0x{self._scan.sync_id:X} is sent '
-                                 f'from here, at {self._rate:g} Hz')
+                    self._report(
+                        f'no SYNC on the bus: SYNC 0x{self._scan.sync_id:X} is sent '
+                        f'from here, at {self._rate:g} Hz'
+                    )
             if grid.wait(0.0):
                 if request := next(requests, None):
                     self._send(request)
@@ -206,8 +217,9 @@ class BusScanner:
             self._receive()
             if now - shown >= PROGRESS_PERIOD:
                 shown = now
-                self._report(f'{max(0.0, end - now):.0f} s left, '
-                             f'{len(self._scan.frames)} identifiers')
+                self._report(
+                    f'{max(0.0, end - now):.0f} s left, {len(self._scan.frames)} identifiers'
+                )
             now = time.monotonic()
 
     def _receive(self) -> None:
@@ -236,8 +248,9 @@ class BusScanner:
         """Send NMT start every START_AGAIN to these nodes and those heard, unless operational."""
         nodes = self._scan.nodes
         for node_id in {*start, *nodes}:
-            if (node_id not in nodes or nodes[node_id].state != canopen.OPERATIONAL) \
-                    and now - self._started_at.get(node_id, float('-inf')) > START_AGAIN:
+            if (
+                node_id not in nodes or nodes[node_id].state != canopen.OPERATIONAL
+            ) and now - self._started_at.get(node_id, float('-inf')) > START_AGAIN:
                 self._started_at[node_id] = now
                 if self._send(canopen.nmt(canopen.NMT_START, node_id)):
                     self._scan.started.add(node_id)

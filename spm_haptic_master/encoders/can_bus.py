@@ -31,14 +31,24 @@ REMEDIES = {
 # python-can passes on unchanged; and their words.
 CONTROLLER, BUS_OFF, RESTARTED = 0x004, 0x040, 0x100
 CLASS_WORDS = {
-    0x001: 'transmit timeout', 0x002: 'lost arbitration', CONTROLLER: 'controller problem',
-    0x008: 'protocol violation', 0x010: 'transceiver', 0x020: 'no acknowledge (is any other node '
-    'on the bus?)', BUS_OFF: 'bus-off', 0x080: 'bus error', RESTARTED: 'controller restarted',
+    0x001: 'transmit timeout',
+    0x002: 'lost arbitration',
+    CONTROLLER: 'controller problem',
+    0x008: 'protocol violation',
+    0x010: 'transceiver',
+    0x020: 'no acknowledge (is any other node on the bus?)',
+    BUS_OFF: 'bus-off',
+    0x080: 'bus error',
+    RESTARTED: 'controller restarted',
 }
 # Words for the bits of data byte 1 of a controller problem.
 CONTROLLER_WORDS = {
-    0x01: 'receive overflow', 0x02: 'transmit overflow', 0x04: 'receive warning level',
-    0x08: 'transmit warning level', 0x10: 'receive error passive', 0x20: 'transmit error passive',
+    0x01: 'receive overflow',
+    0x02: 'transmit overflow',
+    0x04: 'receive warning level',
+    0x08: 'transmit warning level',
+    0x10: 'receive error passive',
+    0x20: 'transmit error passive',
     0x40: 'error active again',
 }
 # Difference between receive time and this machine's clock (s) beyond which the device has an epoch
@@ -80,8 +90,7 @@ def error_words(message: can.Message) -> str:
 def check_interface(interface: str, name: str = 'can.interface') -> None:
     """Raise SettingError if python-can has no such interface; `name` is that of the setting."""
     if interface not in can.VALID_INTERFACES:
-        raise SettingError(name, interface,
-                           'one of ' + ', '.join(sorted(can.VALID_INTERFACES)))
+        raise SettingError(name, interface, 'one of ' + ', '.join(sorted(can.VALID_INTERFACES)))
 
 
 def open_bus(interface: str, channel: str, bitrate: int, own: bool = False) -> can.BusABC:

@@ -46,11 +46,20 @@ class CanSource(EncoderSource):
     python-can has no such interface.
     """
 
-    def __init__(self, interface: str, channel: str, bitrate: int, decoder: FrameDecoder,
-                 timeout: float, produce: float | None, stop_nodes: bool):
+    def __init__(
+        self,
+        interface: str,
+        channel: str,
+        bitrate: int,
+        decoder: FrameDecoder,
+        timeout: float,
+        produce: float | None,
+        stop_nodes: bool,
+    ):
         can_bus.check_interface(interface)
         self._open_bus = partial(
-            can_bus.open_bus, interface, channel, bitrate, produce is not None)
+            can_bus.open_bus, interface, channel, bitrate, produce is not None
+        )
         self._name = can_bus.bus_name(interface, channel)
         self._decoder = decoder
         self._timeout = timeout
@@ -60,8 +69,11 @@ class CanSource(EncoderSource):
         self._backoff = REOPEN_FIRST
         self._retry_at = 0.0
         self._opened = 0
-        self._sync = None if produce is None or decoder.sync_id is None \
+        self._sync = (
+            None
+            if produce is None or decoder.sync_id is None
             else SyncProducer(self._send, decoder.sync_id, produce)
+        )
         # Held to send: the SYNC thread and the reading thread both do.
         self._sending = threading.Lock()
         self._send_error: str | None = None  # of the latest send
@@ -128,23 +140,31 @@ class CanSource(EncoderSource):
         if not recent(self._last_frame, time.monotonic(), self._timeout):
             refused = self._send_error
             return f'no frames on {self._name}' + (f' (sending: {refused})' if refused else '')
-        if (error := decoder.bus_error) \
-                and len(decoder.silent(now, self._timeout)) == len(decoder.encoders):
+        if (error := decoder.bus_error) and len(decoder.silent(now, self._timeout)) == len(
+            decoder.encoders
+        ):
             return f'{self._name}: {error}'
         if decoder.sync_id and not recent(decoder.sync_heard, now, self._timeout):
             return f'no SYNC 0x{decoder.sync_id:X} on {self._name}: {self._why_no_sync()}'
-        return decoder.explain(now, self._timeout) \
+        return (
+            decoder.explain(now, self._timeout)
             or f'frames on {self._name}, but no set of {decoder.words}'
+        )
 
     def _why_no_sync(self) -> str:
         if self._sync is None:
             return 'no other master makes it, and can.sync is consume; ' + (
-                WITHOUT_SYNC if self._decoder.sends_without_sync
-                else 'give -p can.sync:=produce to make it here')
+                WITHOUT_SYNC
+                if self._decoder.sends_without_sync
+                else 'give -p can.sync:=produce to make it here'
+            )
         if refused := self._send_error:
             return f'sending: {refused}'
-        return 'this machine is too busy to make it in time' if self._sync.producing \
+        return (
+            'this machine is too busy to make it in time'
+            if self._sync.producing
             else 'listening for another master first'
+        )
 
     @property
     def caution(self) -> str | None:
@@ -161,10 +181,13 @@ class CanSource(EncoderSource):
     def statistics(self) -> dict[str, object]:
         """Return the counters and figures of the decoder, the bus and SYNC."""
         refused = self._send_error
-        return {'bus': self._name, 'bus opened': self._opened,
-                **self._decoder.statistics(time.time()),
-                **({'last send refused': refused} if refused else {}),
-                **(self._sync.statistics() if self._sync else {})}
+        return {
+            'bus': self._name,
+            'bus opened': self._opened,
+            **self._decoder.statistics(time.time()),
+            **({'last send refused': refused} if refused else {}),
+            **(self._sync.statistics() if self._sync else {}),
+        }
 
     def close(self) -> None:
         """Stop the nodes, if that is configured, and close the bus."""

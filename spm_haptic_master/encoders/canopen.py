@@ -21,9 +21,12 @@ TPDO_BASES, RPDO_BASES = (0x180, 0x280, 0x380, 0x480), (0x200, 0x300, 0x400, 0x5
 # Names of these frames, alone and of (or to) a node; LSS are those of CiA 305, for node ids.
 SINGLE_FRAMES = {NMT_ID: 'NMT', SYNC_ID: 'SYNC', 0x100: 'TIME', 0x7E4: 'LSS', 0x7E5: 'LSS'}
 NODE_FRAMES = {
-    EMCY_BASE: 'EMCY of', SDO_ANSWER_BASE: 'SDO answer of', SDO_REQUEST_BASE: 'SDO request to',
+    EMCY_BASE: 'EMCY of',
+    SDO_ANSWER_BASE: 'SDO answer of',
+    SDO_REQUEST_BASE: 'SDO request to',
     HEARTBEAT_BASE: 'heartbeat of',
-    **{base: f'TPDO{number} of' for number, base in enumerate(TPDO_BASES, 1)}}
+    **{base: f'TPDO{number} of' for number, base in enumerate(TPDO_BASES, 1)},
+}
 # Largest node id.
 NODE_ID_MAXIMUM = 127
 
@@ -44,8 +47,12 @@ BOOT_UP = 0x00
 STOPPED = 0x04
 OPERATIONAL = 0x05
 PRE_OPERATIONAL = 0x7F
-STATE_WORDS = {BOOT_UP: 'booting', STOPPED: 'stopped', OPERATIONAL: 'operational',
-               PRE_OPERATIONAL: 'pre-operational'}
+STATE_WORDS = {
+    BOOT_UP: 'booting',
+    STOPPED: 'stopped',
+    OPERATIONAL: 'operational',
+    PRE_OPERATIONAL: 'pre-operational',
+}
 
 # Objects that identify a node: index and subindex; names of those beside the device type.
 DEVICE_TYPE = (0x1000, 0)
@@ -53,8 +60,12 @@ VENDOR_ID = (0x1018, 1)
 PRODUCT_CODE = (0x1018, 2)
 REVISION = (0x1018, 3)
 SERIAL_NUMBER = (0x1018, 4)
-IDENTITY = {VENDOR_ID: 'vendor', PRODUCT_CODE: 'product', REVISION: 'revision',
-            SERIAL_NUMBER: 'serial'}
+IDENTITY = {
+    VENDOR_ID: 'vendor',
+    PRODUCT_CODE: 'product',
+    REVISION: 'revision',
+    SERIAL_NUMBER: 'serial',
+}
 # Objects of communication: storing, heartbeat time (ms), parameters and mapping of RPDO1, TPDO1.
 STORE = (0x1010, 1)
 HEARTBEAT_TIME = (0x1017, 0)
@@ -102,24 +113,43 @@ SDO_WRONG_STATE = 0x08000022
 
 # Classes of emergency error codes, by their high byte (CiA 301, table 26).
 EMCY_CLASSES = {
-    0x00: 'error reset', 0x10: 'generic error',
-    0x20: 'current', 0x21: 'current, input side', 0x22: 'current inside the device',
+    0x00: 'error reset',
+    0x10: 'generic error',
+    0x20: 'current',
+    0x21: 'current, input side',
+    0x22: 'current inside the device',
     0x23: 'current, output side',
-    0x30: 'voltage', 0x31: 'mains voltage', 0x32: 'voltage inside the device',
+    0x30: 'voltage',
+    0x31: 'mains voltage',
+    0x32: 'voltage inside the device',
     0x33: 'output voltage',
-    0x40: 'temperature', 0x41: 'ambient temperature', 0x42: 'device temperature',
+    0x40: 'temperature',
+    0x41: 'ambient temperature',
+    0x42: 'device temperature',
     0x50: 'device hardware',
-    0x60: 'device software', 0x61: 'internal software', 0x62: 'user software', 0x63: 'data set',
+    0x60: 'device software',
+    0x61: 'internal software',
+    0x62: 'user software',
+    0x63: 'data set',
     0x70: 'additional modules',
-    0x80: 'monitoring', 0x81: 'communication', 0x82: 'protocol error',
-    0x90: 'external error', 0xF0: 'additional functions', 0xFF: 'device specific',
+    0x80: 'monitoring',
+    0x81: 'communication',
+    0x82: 'protocol error',
+    0x90: 'external error',
+    0xF0: 'additional functions',
+    0xFF: 'device specific',
 }
 # Emergency error codes with a meaning of their own (CiA 301, table 26).
 EMCY_CODES = {
-    0x8110: 'CAN overrun (objects lost)', 0x8120: 'CAN in error passive mode',
-    0x8130: 'life guard or heartbeat error', 0x8140: 'recovered from bus-off',
-    0x8150: 'identifier collision', 0x8210: 'PDO not processed due to length error',
-    0x8220: 'PDO length exceeded', 0x8240: 'unexpected SYNC length', 0x8250: 'RPDO timeout',
+    0x8110: 'CAN overrun (objects lost)',
+    0x8120: 'CAN in error passive mode',
+    0x8130: 'life guard or heartbeat error',
+    0x8140: 'recovered from bus-off',
+    0x8150: 'identifier collision',
+    0x8210: 'PDO not processed due to length error',
+    0x8220: 'PDO length exceeded',
+    0x8240: 'unexpected SYNC length',
+    0x8250: 'RPDO timeout',
 }
 # Emergency error code that reports the end of all errors.
 EMCY_ERROR_RESET = 0x0000
@@ -151,8 +181,10 @@ def nmt(command: int, node_id: int) -> can.Message:
 
 def emcy(node_id: int, code: int, register: int, specific: bytes = b'') -> can.Message:
     """Return an emergency message, with up to five manufacturer-specific bytes."""
-    return frame(EMCY_BASE + node_id,
-                 code.to_bytes(2, 'little') + bytes((register,)) + specific.ljust(5, b'\0'))
+    return frame(
+        EMCY_BASE + node_id,
+        code.to_bytes(2, 'little') + bytes((register,)) + specific.ljust(5, b'\0'),
+    )
 
 
 def emcy_code(data: bytes | bytearray) -> int:
@@ -176,8 +208,13 @@ def state_word(state: int) -> str:
 
 def sdo(identifier: int, command: int, index: int, subindex: int, value: int = 0) -> can.Message:
     """Return an SDO frame: a request, or an answer (with SDO_ABORT, `value` is the code)."""
-    return frame(identifier, bytes((command,)) + index.to_bytes(2, 'little') + bytes((subindex,))
-                 + value.to_bytes(4, 'little'))
+    return frame(
+        identifier,
+        bytes((command,))
+        + index.to_bytes(2, 'little')
+        + bytes((subindex,))
+        + value.to_bytes(4, 'little'),
+    )
 
 
 def sdo_upload(node_id: int, index: int, subindex: int) -> can.Message:
@@ -187,12 +224,12 @@ def sdo_upload(node_id: int, index: int, subindex: int) -> can.Message:
 
 def sdo_write(node_id: int, index: int, subindex: int, value: int, size: int) -> can.Message:
     """Return the SDO request that writes an unsigned number of one to four bytes."""
-    return sdo(SDO_REQUEST_BASE + node_id, SDO_DOWNLOAD_REQUEST | 4 - size << 2, index, subindex,
-               value)
+    return sdo(
+        SDO_REQUEST_BASE + node_id, SDO_DOWNLOAD_REQUEST | 4 - size << 2, index, subindex, value
+    )
 
 
-def sdo_answer(node_id: int, index: int, subindex: int, value: int,
-               size: int = 4) -> can.Message:
+def sdo_answer(node_id: int, index: int, subindex: int, value: int, size: int = 4) -> can.Message:
     """Return the expedited answer to an SDO upload: an unsigned number of one to four bytes."""
     return sdo(SDO_ANSWER_BASE + node_id, 0x43 | 4 - size << 2, index, subindex, value)
 
@@ -208,7 +245,7 @@ def sdo_value(data: bytes | bytearray) -> int | None:
         return None
     # Bit 0 set: bits 2 and 3 hold the number of unused bytes.
     unused = data[0] >> 2 & 3 if data[0] & 1 else 0
-    return int.from_bytes(data[4:SDO_LENGTH - unused], 'little')
+    return int.from_bytes(data[4 : SDO_LENGTH - unused], 'little')
 
 
 def sdo_download(data: bytes | bytearray) -> bytes | None:
@@ -216,4 +253,4 @@ def sdo_download(data: bytes | bytearray) -> bytes | None:
     # Bits 2 and 3 hold the number of unused bytes.
     if data[0] & 0xF3 != SDO_DOWNLOAD_REQUEST:
         return None
-    return bytes(data[4:SDO_LENGTH - (data[0] >> 2 & 3)])
+    return bytes(data[4 : SDO_LENGTH - (data[0] >> 2 & 3)])

@@ -31,9 +31,11 @@ def import_canopen() -> Any:
     try:
         import canopen
     except ImportError as error:
-        raise InputError('setting encoders up needs canopen (sudo apt install '
-                         "python3-canopen; in a virtual environment: pip install '.[setup]'): "
-                         f'{error}') from error
+        raise InputError(
+            'setting encoders up needs canopen (sudo apt install '
+            "python3-canopen; in a virtual environment: pip install '.[setup]'): "
+            f'{error}'
+        ) from error
     # It logs what it raises.
     logging.getLogger('canopen').setLevel(logging.CRITICAL)
     return canopen
@@ -75,7 +77,8 @@ class Node:
         self._network = network
         self.node_id = node_id
         self._sdo = network.add_node(
-            self._canopen.RemoteNode(node_id, self._canopen.ObjectDictionary())).sdo
+            self._canopen.RemoteNode(node_id, self._canopen.ObjectDictionary())
+        ).sdo
         self._sdo.RESPONSE_TIMEOUT, self._sdo.MAX_RETRIES = ANSWER_TIMEOUT, REQUESTS
 
     def read(self, index: int, subindex: int) -> tuple[int | None, int]:
@@ -107,12 +110,14 @@ class Node:
 
     def reset(self) -> None:
         """Reset it and wait for its boot-up message."""
-        with awaited(self._network, protocol.HEARTBEAT_BASE + self.node_id,
-                     bytes((protocol.BOOT_UP,))) as booted:
+        with awaited(
+            self._network, protocol.HEARTBEAT_BASE + self.node_id, bytes((protocol.BOOT_UP,))
+        ) as booted:
             self.command(protocol.NMT_RESET_NODE)
             if not booted.wait(BOOT_TIMEOUT):
-                raise SetupError(f'node {self.node_id} has not booted within {BOOT_TIMEOUT:g} s '
-                                 'of its reset')
+                raise SetupError(
+                    f'node {self.node_id} has not booted within {BOOT_TIMEOUT:g} s of its reset'
+                )
 
     @contextmanager
     def _request(self, refused: str, unanswered: str) -> Iterator[None]:
@@ -126,4 +131,5 @@ class Node:
             if isinstance(failure, BUS_ERRORS):
                 raise failure from error
             raise SetupError(
-                f'node {self.node_id} does not answer {unanswered} ({error})') from error
+                f'node {self.node_id} does not answer {unanswered} ({error})'
+            ) from error

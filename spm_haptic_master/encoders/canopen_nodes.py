@@ -61,12 +61,17 @@ class Node:
         """Return its state for diagnostics."""
         state, heard = self.state, self.heard
         words = 'unknown' if state is None else canopen.state_word(state)
-        heartbeat = 'no heartbeat yet' if heard is None else \
-            f'heartbeat {1e3 * (now - heard):.0f} ms ago' \
+        heartbeat = (
+            'no heartbeat yet'
+            if heard is None
+            else f'heartbeat {1e3 * (now - heard):.0f} ms ago'
             + (' (lost)' if self._lost(heard, now) else '')
-        return {f'{self.joint} node {self.node_id}': f'{words}, {heartbeat}',
-                f'{self.joint} boot-ups': self.boot_ups,
-                f'{self.joint} EMCY': f'{self.emergency or "none"} ({self.emergencies} messages)'}
+        )
+        return {
+            f'{self.joint} node {self.node_id}': f'{words}, {heartbeat}',
+            f'{self.joint} boot-ups': self.boot_ups,
+            f'{self.joint} EMCY': f'{self.emergency or "none"} ({self.emergencies} messages)',
+        }
 
     def take(self, message: can.Message) -> str | None:
         """Take its heartbeat, boot-up or EMCY message; return what has a wrong length."""
@@ -96,20 +101,29 @@ class Node:
 class CanopenNodes:
     """Supervises the nodes; a heartbeat is lost `heartbeat_timeout` s after the one before."""
 
-    def __init__(self, joints: tuple[str, ...], node_ids: tuple[int, ...],
-                 heartbeat_timeout: float):
-        self.nodes = tuple(Node(joint, node_id, heartbeat_timeout)
-                           for joint, node_id in zip(joints, node_ids, strict=True))
+    def __init__(
+        self, joints: tuple[str, ...], node_ids: tuple[int, ...], heartbeat_timeout: float
+    ):
+        self.nodes = tuple(
+            Node(joint, node_id, heartbeat_timeout)
+            for joint, node_id in zip(joints, node_ids, strict=True)
+        )
         # Node that sends the heartbeats and emergencies with each identifier.
-        self.senders = {base + node.node_id: node for node in self.nodes
-                        for base in (canopen.HEARTBEAT_BASE, canopen.EMCY_BASE)}
+        self.senders = {
+            base + node.node_id: node
+            for node in self.nodes
+            for base in (canopen.HEARTBEAT_BASE, canopen.EMCY_BASE)
+        }
         # Other nodes on the bus.
         self._others: set[int] = set()
 
     def to_start(self, now: float, silent: tuple[int, ...]) -> list[Node]:
         """Return, and note, the nodes of silent joints to start `now`, s, by the frames' clock."""
-        due = [node for index in silent
-               if not 0.0 <= now - (node := self.nodes[index]).started_at < START_AGAIN]
+        due = [
+            node
+            for index in silent
+            if not 0.0 <= now - (node := self.nodes[index]).started_at < START_AGAIN
+        ]
         for node in due:
             node.started_at = now
         return due
@@ -127,5 +141,12 @@ class CanopenNodes:
     def others_text(self) -> str:
         """Return in words that other nodes are on the bus; empty if there are none."""
         others = sorted(self._others.difference(node.node_id for node in self.nodes))
-        return ('; on the bus, and not in encoders.node_id: ' + ', '.join(map(str, others))
-                + ' (can_scan prints the lines for rig.yaml)') if others else ''
+        return (
+            (
+                '; on the bus, and not in encoders.node_id: '
+                + ', '.join(map(str, others))
+                + ' (can_scan prints the lines for rig.yaml)'
+            )
+            if others
+            else ''
+        )

@@ -48,8 +48,11 @@ def make_decoder(values: Values) -> FrameDecoder:
     if values['can.protocol'] == 'canopen':
         node_ids = values['encoders.node_id']
         if len(set(node_ids)) < len(node_ids):
-            raise SettingError('encoders.node_id', list(node_ids),
-                               f'{NUMBER_WORDS[len(joints)]} different node ids')
+            raise SettingError(
+                'encoders.node_id',
+                list(node_ids),
+                f'{NUMBER_WORDS[len(joints)]} different node ids',
+            )
         network = CanopenNodes(joints, node_ids, values['can.heartbeat_timeout'])
     _check_identifiers(layouts, sync_id, network is not None)
     return FrameDecoder(layouts, sync_id, period, window, network, values['can.emcy_stops'])
@@ -64,52 +67,71 @@ def _window(values: Values) -> float:
         return min(longest, WINDOW_DEFAULT)
     if not WINDOW_MINIMUM <= window <= longest * (1.0 + ROUNDING):
         raise SettingError(
-            'encoders.window', window,
+            'encoders.window',
+            window,
             f'0, or from {WINDOW_MINIMUM:g} s to {WINDOW_PERIODS} periods, {longest:g} s at '
             f'{values["rate"]:g} Hz: after a lost frame sets wait for the end of their cycle for '
-            'as long')
+            'as long',
+        )
     return window
 
 
-def _check_identifiers(layouts: tuple[EncoderLayout, ...], sync_id: int | None,
-                       canopen_nodes: bool) -> None:
+def _check_identifiers(
+    layouts: tuple[EncoderLayout, ...], sync_id: int | None, canopen_nodes: bool
+) -> None:
     """Raise SettingError if the identifier of SYNC or of an encoder's frame has another use."""
     taken = {layout.can_id: layout.joint for layout in layouts if not layout.extended}
     if sync_id in taken:
-        raise SettingError('encoders.sync_id', sync_id,
-                           f'an identifier that no encoder has ({taken[sync_id]} has it)')
+        raise SettingError(
+            'encoders.sync_id',
+            sync_id,
+            f'an identifier that no encoder has ({taken[sync_id]} has it)',
+        )
     if not canopen_nodes:
         return
     for can_id, joint in taken.items():
         if use := canopen.reserved_for(can_id):
             raise SettingError(
-                'encoders.id', [each.can_id for each in layouts],
+                'encoders.id',
+                [each.can_id for each in layouts],
                 f'for {joint} an identifier that CANopen has no other use for (0x{can_id:X}: '
-                f'{use}), or can.protocol raw')
+                f'{use}), or can.protocol raw',
+            )
     if sync_id not in (None, canopen.SYNC_ID) and (use := canopen.reserved_for(sync_id or 0)):
         raise SettingError(
-            'encoders.sync_id', sync_id,
+            'encoders.sync_id',
+            sync_id,
             f'an identifier that CANopen has no other use for (0x{sync_id:X}: {use}), or '
-            'can.protocol raw')
+            'can.protocol raw',
+        )
 
 
 def make_layouts(values: Values) -> tuple[EncoderLayout, ...]:
     """Return the layouts of the encoders; SettingError if one contradicts itself or another."""
-    joints = ALL_JOINT_NAMES[:values['sensors']]
-    columns = zip(joints, *(values[setting.name] for setting in encoders.LAYOUT_SETTINGS),
-                  make_harmonics(values), strict=True)
+    joints = ALL_JOINT_NAMES[: values['sensors']]
+    columns = zip(
+        joints,
+        *(values[setting.name] for setting in encoders.LAYOUT_SETTINGS),
+        make_harmonics(values),
+        strict=True,
+    )
     layouts = tuple(EncoderLayout(*column) for column in columns)
     seen: dict[int, str] = {}
     for layout in layouts:
         if not layout.extended and layout.can_id > 0x7FF:
-            raise SettingError('encoders.id', list(values['encoders.id']),
-                               f'an 11-bit identifier for {layout.joint} (0x001 to 0x7FF), '
-                               'or encoders.extended true for it')
+            raise SettingError(
+                'encoders.id',
+                list(values['encoders.id']),
+                f'an 11-bit identifier for {layout.joint} (0x001 to 0x7FF), '
+                'or encoders.extended true for it',
+            )
         if layout.can_id in seen:
             raise SettingError(
-                'encoders.id', list(values['encoders.id']),
+                'encoders.id',
+                list(values['encoders.id']),
                 f'{NUMBER_WORDS[len(joints)]} different identifiers; {seen[layout.can_id]} and '
-                f'{layout.joint} both have 0x{layout.can_id:X}')
+                f'{layout.joint} both have 0x{layout.can_id:X}',
+            )
         seen[layout.can_id] = layout.joint
         for name, fits, expected in _requirements(layout):
             if not fits:
@@ -121,7 +143,7 @@ def make_harmonics(values: Values) -> tuple[Harmonics | None, ...]:
     """Return the harmonics of the encoders, None for one without any; SettingError."""
     first_settings = encoders.FIRST_HARMONIC_SETTINGS
     first = zip(*(values[setting.name] for setting in first_settings), strict=True)
-    tables = encoders.TABLE_SETTINGS[:values['sensors']]
+    tables = encoders.TABLE_SETTINGS[: values['sensors']]
     found: list[Harmonics | None] = []
     for index, ((cosine, sine), setting) in enumerate(zip(first, tables, strict=True)):
         table = () if values[setting.name] == (0.0,) else values[setting.name]
@@ -133,8 +155,10 @@ def make_harmonics(values: Values) -> tuple[Harmonics | None, ...]:
             found.append(Harmonics(radians(cosine), radians(sine), tuple(map(radians, table))))
         except InputError as error:
             raise SettingError(
-                name, list(values[name]), 'what an encoder can have, for '
-                f'{ALL_JOINT_NAMES[index]} ({error})') from error
+                name,
+                list(values[name]),
+                f'what an encoder can have, for {ALL_JOINT_NAMES[index]} ({error})',
+            ) from error
     return tuple(found)
 
 
@@ -146,34 +170,59 @@ def _requirements(layout: EncoderLayout) -> tuple[tuple[str, bool, str], ...]:
     chosen = position != (1 << layout.bit_length) - 1 or layout.bit_length % 8 != 0
     # Bits of the frame that hold counts, counter and status; bit 8 n is the lowest of byte n.
     word = (position & (1 << 8 * layout.byte_length) - 1).to_bytes(
-        layout.byte_length, layout.byte_order)
+        layout.byte_length, layout.byte_order
+    )
     counts = int.from_bytes(word, 'little') << 8 * layout.byte_offset
     counter = layout.counter_mask << 8 * layout.counter_byte
     status = layout.status_mask << 8 * layout.status_byte
     length = f'within the {layout.data_length} bytes of encoders.data_length'
     return (
-        ('encoders.byte_offset', layout.byte_offset + layout.byte_length <= layout.data_length,
-         f'a word of {layout.bit_length} bits that ends {length}'),
-        ('encoders.mask', position < 1 << layout.bit_length,
-         f'bits within the {layout.bit_length} of encoders.bit_length'),
+        (
+            'encoders.byte_offset',
+            layout.byte_offset + layout.byte_length <= layout.data_length,
+            f'a word of {layout.bit_length} bits that ends {length}',
+        ),
+        (
+            'encoders.mask',
+            position < 1 << layout.bit_length,
+            f'bits within the {layout.bit_length} of encoders.bit_length',
+        ),
         ('encoders.mask', _contiguous(position), 'contiguous bits'),
-        ('encoders.counts_per_turn', layout.counts_per_turn <= 1 << used,
-         f'what {used} bits can hold'),
-        ('encoders.counts_per_turn', not chosen or 2 * layout.counts_per_turn > 1 << used,
-         f'more than {1 << used - 1}, as encoders.mask or encoders.bit_length selects {used} '
-         'bits'),
-        ('encoders.zero_count', layout.zero_count < layout.counts_per_turn,
-         f'counts below the {layout.counts_per_turn} of encoders.counts_per_turn'),
-        ('encoders.counter_byte', not layout.counter_mask
-         or layout.counter_byte < layout.data_length, f'a byte {length}'),
+        (
+            'encoders.counts_per_turn',
+            layout.counts_per_turn <= 1 << used,
+            f'what {used} bits can hold',
+        ),
+        (
+            'encoders.counts_per_turn',
+            not chosen or 2 * layout.counts_per_turn > 1 << used,
+            f'more than {1 << used - 1}, as encoders.mask or encoders.bit_length selects {used} '
+            'bits',
+        ),
+        (
+            'encoders.zero_count',
+            layout.zero_count < layout.counts_per_turn,
+            f'counts below the {layout.counts_per_turn} of encoders.counts_per_turn',
+        ),
+        (
+            'encoders.counter_byte',
+            not layout.counter_mask or layout.counter_byte < layout.data_length,
+            f'a byte {length}',
+        ),
         ('encoders.counter_mask', _contiguous(layout.counter_mask), 'contiguous bits'),
         ('encoders.counter_mask', not counter & counts, 'bits that are not the counts'),
         ('encoders.status_mask', not status & counts, 'bits that are not the counts'),
         ('encoders.status_mask', not status & counter, 'bits that are not the counter'),
-        ('encoders.status_byte', not layout.status_mask
-         or layout.status_byte < layout.data_length, f'a byte {length}'),
-        ('encoders.status_good', layout.status_good & ~layout.status_mask == 0,
-         'bits of encoders.status_mask'),
+        (
+            'encoders.status_byte',
+            not layout.status_mask or layout.status_byte < layout.data_length,
+            f'a byte {length}',
+        ),
+        (
+            'encoders.status_good',
+            layout.status_good & ~layout.status_mask == 0,
+            'bits of encoders.status_mask',
+        ),
     )
 
 
@@ -192,14 +241,17 @@ def unverified_joints(values: Values) -> tuple[str, ...]:
     verified = values.get(encoders.VERIFIED_SETTING.name)
     if verified is None:
         return ()
-    joints = tuple(joint for joint, known in zip(ALL_JOINT_NAMES, verified, strict=False)
-                   if not known)
+    joints = tuple(
+        joint for joint, known in zip(ALL_JOINT_NAMES, verified, strict=False) if not known
+    )
     if joints and not values[encoders.ACCEPT_SETTING.name]:
         raise SettingError(
-            encoders.VERIFIED_SETTING.name, list(verified),
+            encoders.VERIFIED_SETTING.name,
+            list(verified),
             f'true for each: the direction of {", ".join(joints)} is not verified; calibrate at '
             'two poses (calibrate --pose ... --pose ...) and give the file that it writes, or set '
-            f'{encoders.ACCEPT_SETTING.name} to true to run at WARN')
+            f'{encoders.ACCEPT_SETTING.name} to true to run at WARN',
+        )
     return joints
 
 
@@ -211,19 +263,23 @@ def frame_bits(data_length: int, extended: bool) -> int:
 
 def cycle_bits(layouts: tuple[EncoderLayout, ...], sync: bool) -> int:
     """Return the worst-case length of one answer of each, and of SYNC if there is one, bits."""
-    return sum(frame_bits(layout.data_length, layout.extended) for layout in layouts) \
-        + (frame_bits(0, False) if sync else 0)
+    return sum(frame_bits(layout.data_length, layout.extended) for layout in layouts) + (
+        frame_bits(0, False) if sync else 0
+    )
 
 
-def check_bus_load(layouts: tuple[EncoderLayout, ...], sync: bool, rate: float,
-                   bitrate: int) -> None:
+def check_bus_load(
+    layouts: tuple[EncoderLayout, ...], sync: bool, rate: float, bitrate: int
+) -> None:
     """Raise SettingError if the bit rate, bit/s, cannot carry the rate, Hz, with the highest."""
     bits = cycle_bits(layouts, sync)
     load = bits * rate / bitrate
     if load > MAXIMUM_LOAD:
         raise SettingError(
-            'rate', rate,
+            'rate',
+            rate,
             f'at most {MAXIMUM_LOAD * bitrate / bits:.0f} Hz at can.bitrate {bitrate}: a cycle of '
             f'{"SYNC and " if sync else ""}{NUMBER_WORDS[len(layouts)]} answers has up to {bits} '
             f'bits, and {bits} bits x {rate:g} Hz / {bitrate} bit/s = {100.0 * load:.0f} % bus '
-            f'load, beyond {100.0 * MAXIMUM_LOAD:.0f} %')
+            f'load, beyond {100.0 * MAXIMUM_LOAD:.0f} %',
+        )

@@ -33,8 +33,7 @@ def angle_from_counts(counts: int, zero_count: int, direction: int, counts_per_t
     return turns * TURN / counts_per_turn
 
 
-def counts_from_angle(
-        angle: float, zero_count: int, direction: int, counts_per_turn: int) -> int:
+def counts_from_angle(angle: float, zero_count: int, direction: int, counts_per_turn: int) -> int:
     """Return the counts in [0, counts_per_turn) of an encoder at a joint angle in rad."""
     return (zero_count + direction * round(angle * counts_per_turn / TURN)) % counts_per_turn
 
@@ -93,7 +92,7 @@ class EncoderLayout:
         multi-turn encoder are masked.
         """
         start = self.byte_offset
-        value = int.from_bytes(data[start:start + self.byte_length], self.byte_order)
+        value = int.from_bytes(data[start : start + self.byte_length], self.byte_order)
         mask = self.position_mask
         value = (value & mask) >> lowest_bit(mask)
         if self.signed:
@@ -105,8 +104,9 @@ class EncoderLayout:
 
     def healthy(self, data: bytes | bytearray) -> bool:
         """Return whether the frame's status bits, if any, report no error."""
-        return not self.status_mask \
-            or data[self.status_byte] & self.status_mask == self.status_good
+        return (
+            not self.status_mask or data[self.status_byte] & self.status_mask == self.status_good
+        )
 
     def counter(self, data: bytes | bytearray) -> int | None:
         """Return the frame's rolling counter, None if it has none."""
@@ -134,13 +134,14 @@ class EncoderLayout:
         word = (counts << lowest_bit(mask)) & mask
         data = bytearray(self.data_length)
         start = self.byte_offset
-        data[start:start + self.byte_length] = word.to_bytes(self.byte_length, self.byte_order)
+        data[start : start + self.byte_length] = word.to_bytes(self.byte_length, self.byte_order)
         if self.status_mask:
             status = self.status_good if healthy else ~self.status_good & self.status_mask
             data[self.status_byte] |= status
         if self.counter_mask:
-            data[self.counter_byte] |= \
-                counter % self.counter_modulus << lowest_bit(self.counter_mask)
+            data[self.counter_byte] |= counter % self.counter_modulus << lowest_bit(
+                self.counter_mask
+            )
         return bytes(data)
 
 
@@ -164,7 +165,8 @@ class Encoder:
         layout, data = self.layout, message.data
         if len(data) != layout.data_length:
             return math.nan, self.reject(
-                message, f'{len(data)} bytes instead of {layout.data_length}')
+                message, f'{len(data)} bytes instead of {layout.data_length}'
+            )
         counts = layout.counts(data)
         if counts is None:
             return math.nan, self.reject(message, 'counts beyond a turn')

@@ -53,14 +53,22 @@ class FrameDecoder:
     a wrong NMT state has no reading.
     """
 
-    def __init__(self, layouts: tuple[EncoderLayout, ...], sync_id: int | None,
-                 period: float, window: float, network: CanopenNodes | None, emcy_stops: bool):
+    def __init__(
+        self,
+        layouts: tuple[EncoderLayout, ...],
+        sync_id: int | None,
+        period: float,
+        window: float,
+        network: CanopenNodes | None,
+        emcy_stops: bool,
+    ):
         self.layouts = layouts
         self.encoders = tuple(map(Encoder, layouts))
         self.words = f'{NUMBER_WORDS[len(layouts)]} encoders'
         self.sync_id = sync_id
         self.assembler = SetAssembler(
-            tuple(layout.joint for layout in layouts), sync_id is not None, window, period)
+            tuple(layout.joint for layout in layouts), sync_id is not None, window, period
+        )
         self.network = network
         # Number of frames, and of rejected ones by reason.
         self.counters: Counter[str] = Counter()
@@ -72,15 +80,19 @@ class FrameDecoder:
         self._sync_rate = SyncRate(period)
         self._by_key = {
             encoder.layout.can_id | EXTENDED * encoder.layout.extended: (index, encoder)
-            for index, encoder in enumerate(self.encoders)}
+            for index, encoder in enumerate(self.encoders)
+        }
         self._emcy_stops = emcy_stops
         self._nodes = network.senders if network else {}
 
     @property
     def sends_without_sync(self) -> bool:
         """Whether frames of the encoders came, and no SYNC although one is expected."""
-        return self.sync_id is not None and self.sync_heard is None \
+        return (
+            self.sync_id is not None
+            and self.sync_heard is None
             and any(encoder.heard is not None for encoder in self.encoders)
+        )
 
     def feed(self, message: can.Message) -> JointSample | None:
         """Decode a frame, stamped in s since the Unix epoch; return the set that goes out now."""
@@ -117,26 +129,36 @@ class FrameDecoder:
     def is_sync(self, message: can.Message) -> bool:
         """Return whether a frame is a valid SYNC."""
         return message.arbitration_id == self.sync_id and not (
-            _other_kind(message) or message.is_extended_id
-            or len(message.data) > canopen.SYNC_MAXIMUM_LENGTH)
+            _other_kind(message)
+            or message.is_extended_id
+            or len(message.data) > canopen.SYNC_MAXIMUM_LENGTH
+        )
 
     def silent(self, now: float, timeout: float) -> tuple[int, ...]:
         """Return the indices of the joints without a good frame in the last `timeout` s."""
-        return tuple(index for index, encoder in enumerate(self.encoders)
-                     if not recent(encoder.heard, now, timeout))
+        return tuple(
+            index
+            for index, encoder in enumerate(self.encoders)
+            if not recent(encoder.heard, now, timeout)
+        )
 
     def explain(self, now: float, timeout: float) -> str | None:
         """Return the reason why no sets come, by silent joint or cycle; None if it is unknown."""
-        troubles = {self.encoders[index].layout.joint: self._trouble(index, now, timeout)
-                    for index in self.silent(now, timeout)}
+        troubles = {
+            self.encoders[index].layout.joint: self._trouble(index, now, timeout)
+            for index in self.silent(now, timeout)
+        }
         if not troubles:
             return self.assembler.cause
-        others = self.network.others_text() \
-            if self.network and 'no frames' in troubles.values() else ''
+        others = (
+            self.network.others_text() if self.network and 'no frames' in troubles.values() else ''
+        )
         if len(troubles) == len(self.encoders) and len(set(troubles.values())) == 1:
             return f'all encoders silent ({next(iter(troubles.values()))}){others}'
-        return '; '.join(f'{joint} silent ({trouble})'
-                         for joint, trouble in troubles.items()) + others
+        return (
+            '; '.join(f'{joint} silent ({trouble})' for joint, trouble in troubles.items())
+            + others
+        )
 
     def caution(self, now: float) -> str | None:
         """Return the problems of encoders and SYNC although sets come, or None; `now` in s."""
@@ -147,12 +169,15 @@ class FrameDecoder:
         for index, encoder in enumerate(self.encoders):
             refused = encoder.refused
             if index not in reasons and (
-                    index in self.assembler.absent
-                    or refused and refused[1] in (STATUS_ERROR, UNCHANGED)
-                    and recent(refused[0], now, CAUTION_HOLD)):
+                index in self.assembler.absent
+                or refused
+                and refused[1] in (STATUS_ERROR, UNCHANGED)
+                and recent(refused[0], now, CAUTION_HOLD)
+            ):
                 reasons[index] = self._trouble(index, now, CAUTION_HOLD)
-        found = [f'{self.encoders[index].layout.joint}: {reasons[index]}'
-                 for index in sorted(reasons)]
+        found = [
+            f'{self.encoders[index].layout.joint}: {reasons[index]}' for index in sorted(reasons)
+        ]
         if recent(self.sync_heard, now, CAUTION_HOLD) and (rate := self._sync_rate.text()):
             found.append(rate)
         surplus = self.assembler.surplus
@@ -180,8 +205,9 @@ class FrameDecoder:
         for encoder, missed in zip(self.encoders, assembler.missed, strict=True):
             joint = encoder.layout.joint
             found[f'{joint} frame rate (Hz)'] = encoder.frames.rate()
-            found[f'{joint} age (ms)'] = \
+            found[f'{joint} age (ms)'] = (
                 'never heard' if encoder.heard is None else 1e3 * (now - encoder.heard)
+            )
             found[f'{joint} missed cycles'] = missed
         if self.network:
             for node in self.network.nodes:
@@ -201,12 +227,16 @@ class FrameDecoder:
         if reason is None:
             self.bus_error, self.bus_off = None, False
             reason = self._unfit(index, stamp)
-        elif reason not in (STATUS_ERROR, UNCHANGED) \
-                or reason == UNCHANGED and self.assembler.has_answered(index):
+        elif (
+            reason not in (STATUS_ERROR, UNCHANGED)
+            or reason == UNCHANGED
+            and self.assembler.has_answered(index)
+        ):
             return None
         if reason:
-            return self.assembler.answer(index, nan, stamp, encoder.lost,
-                                         f'{encoder.layout.joint}: {reason}')
+            return self.assembler.answer(
+                index, nan, stamp, encoder.lost, f'{encoder.layout.joint}: {reason}'
+            )
         return self.assembler.answer(index, angle, stamp, encoder.lost)
 
     def _unfit(self, index: int, now: float) -> str | None:

@@ -56,15 +56,17 @@ class Harmonics:
 
     def __post_init__(self) -> None:
         if self.table and not TABLE_MINIMUM <= len(self.table) <= TABLE_MAXIMUM:
-            raise InputError(f'a table of {len(self.table)} values, expected '
-                             f'{TABLE_MINIMUM} to {TABLE_MAXIMUM}')
+            raise InputError(
+                f'a table of {len(self.table)} values, expected {TABLE_MINIMUM} to {TABLE_MAXIMUM}'
+            )
         deviations = _deviations(self.cosine, self.sine, self.table)
         # Steps of the reading from one knot to the next, the last to the first of the next turn.
         steps = math.tau / KNOTS + np.diff(deviations, append=deviations[:1])
         if not steps.min() > 0.0:
             raise InputError(
                 f'near a joint angle of {math.degrees(GRID[steps.argmin()]):.1f} deg the reading '
-                'does not increase with the angle, expected one that is monotonic')
+                'does not increase with the angle, expected one that is monotonic'
+            )
         object.__setattr__(self, '_deviations', deviations)
         object.__setattr__(self, 'corrections', tuple((self.angles(GRID) - GRID).tolist()))
 
@@ -78,7 +80,8 @@ class Harmonics:
         """Return the joint angles, rad, at readings, rad: inverse of `readings`."""
         at = np.asarray(readings, dtype=float)
         found: NDArray[Any] = at - np.interp(
-            at, GRID + self._deviations, self._deviations, period=math.tau)
+            at, GRID + self._deviations, self._deviations, period=math.tau
+        )
         return found
 
 

@@ -71,8 +71,9 @@ class LateAnswers:
 
     def return_of(self, index: int, missed: int, start: float, lost: int | None) -> None:
         """Note a joint's first answer after `missed` cycles; its counter left out `lost` ones."""
-        self.owed[index] = Debt(missed, start + self._span, True,
-                                lost == 0 and missed <= LONGEST_QUEUE)
+        self.owed[index] = Debt(
+            missed, start + self._span, True, lost == 0 and missed <= LONGEST_QUEUE
+        )
         self.unproven.add(index)
 
     def gone(self, index: int) -> None:
@@ -101,13 +102,13 @@ class LateAnswers:
 
     def takes(self, index: int) -> bool:
         """Return whether the reading of a joint's latest answer is taken."""
-        return index not in self.behind \
-            and not (index in self.owed and self.owed[index].queued)
+        return index not in self.behind and not (index in self.owed and self.owed[index].queued)
 
     def expire(self, now: float) -> None:
         """Clear the joints whose late answers would have come by `now`, s."""
-        self.owed = {index: debt for index, debt in self.owed.items()
-                     if debt.counted or now <= debt.until}
+        self.owed = {
+            index: debt for index, debt in self.owed.items() if debt.counted or now <= debt.until
+        }
 
     def long_cycle(self, once: set[int], late: set[int]) -> None:
         """Evaluate a cycle of two periods: joints with one answer, and with a second late one."""

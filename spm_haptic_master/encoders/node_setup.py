@@ -43,8 +43,10 @@ class WantedObject:
         """Return the object, a value that is not as configured, and the wanted one, in words."""
         form = '0x{:X}' if self.hexadecimal else '{}'
         shown = 'missing' if present is None else form.format(present & self.mask)
-        return (f'0x{self.index:04X}:{self.subindex:02X} {self.name}: {shown}, '
-                f'wanted {form.format(self.value)}')
+        return (
+            f'0x{self.index:04X}:{self.subindex:02X} {self.name}: {shown}, '
+            f'wanted {form.format(self.value)}'
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,8 +77,9 @@ class WantedObjects:
         return (*(each for pdo in self.pdos for each in pdo.every), *self.others)
 
 
-def wanted_objects(layout: EncoderLayout, node_id: int, synchronised: bool, period: float,
-                   heartbeat: float) -> WantedObjects:
+def wanted_objects(
+    layout: EncoderLayout, node_id: int, synchronised: bool, period: float, heartbeat: float
+) -> WantedObjects:
     """
     Return the wanted objects of an encoder.
 
@@ -89,63 +92,133 @@ def wanted_objects(layout: EncoderLayout, node_id: int, synchronised: bool, peri
     name, parameters = f'TPDO{number + 1}', canopen.TPDO_PARAMETERS + number
     timer = 0 if synchronised else milliseconds('1 / rate', period)
     # A frame with nothing but the 32 bits of the position has a known mapping.
-    plain = (layout.data_length, layout.byte_offset, layout.bit_length, layout.byte_order) \
-        == (4, 0, 32, 'little')
+    plain = (layout.data_length, layout.byte_offset, layout.bit_length, layout.byte_order) == (
+        4,
+        0,
+        32,
+        'little',
+    )
     index, subindex = canopen.POSITION
     return WantedObjects(
-        pdos=(wanted_pdo(
-            parameters, name,
-            layout.can_id | (canopen.TPDO_EXTENDED if layout.extended else 0),
-            canopen.EVERY_SYNC if synchronised else canopen.EVENT_DRIVEN, (
-                WantedObject(parameters, canopen.TPDO_INHIBIT_TIME, 2, f'{name} inhibit time', 0,
-                             optional=True),
-                WantedObject(parameters, canopen.TPDO_EVENT_TIMER, 2, f'{name} event timer', 0,
-                             optional=True)),
-            [index << 16 | subindex << 8 | 32] if plain else []),),
+        pdos=(
+            wanted_pdo(
+                parameters,
+                name,
+                layout.can_id | (canopen.TPDO_EXTENDED if layout.extended else 0),
+                canopen.EVERY_SYNC if synchronised else canopen.EVENT_DRIVEN,
+                (
+                    WantedObject(
+                        parameters,
+                        canopen.TPDO_INHIBIT_TIME,
+                        2,
+                        f'{name} inhibit time',
+                        0,
+                        optional=True,
+                    ),
+                    WantedObject(
+                        parameters,
+                        canopen.TPDO_EVENT_TIMER,
+                        2,
+                        f'{name} event timer',
+                        0,
+                        optional=True,
+                    ),
+                ),
+                [index << 16 | subindex << 8 | 32] if plain else [],
+            ),
+        ),
         others=(
             *other_tpdos_off(number),
-            WantedObject(*canopen.HEARTBEAT_TIME, 2, 'heartbeat time, ms',
-                         milliseconds('--heartbeat', heartbeat)),
-            WantedObject(*canopen.OPERATING_PARAMETERS, 2, 'scaling on (bit 2)',
-                         canopen.SCALING_ON, canopen.SCALING_ON),
+            WantedObject(
+                *canopen.HEARTBEAT_TIME,
+                2,
+                'heartbeat time, ms',
+                milliseconds('--heartbeat', heartbeat),
+            ),
+            WantedObject(
+                *canopen.OPERATING_PARAMETERS,
+                2,
+                'scaling on (bit 2)',
+                canopen.SCALING_ON,
+                canopen.SCALING_ON,
+            ),
             WantedObject(*canopen.UNITS_PER_TURN, 4, 'units per turn', layout.counts_per_turn),
             # Where a mask selects the turn, the position may also count turns.
-            *([] if layout.mask else [WantedObject(
-                *canopen.TOTAL_RANGE, 4, 'total range', layout.counts_per_turn)]),
-            WantedObject(*canopen.CYCLIC_TIMER, 2, 'cyclic timer, ms', timer,
-                         optional=synchronised)))
+            *(
+                []
+                if layout.mask
+                else [WantedObject(*canopen.TOTAL_RANGE, 4, 'total range', layout.counts_per_turn)]
+            ),
+            WantedObject(
+                *canopen.CYCLIC_TIMER, 2, 'cyclic timer, ms', timer, optional=synchronised
+            ),
+        ),
+    )
 
 
 def milliseconds(name: str, seconds: float) -> int:
     """Return a time in ms; InputError if it is not whole, or no object can hold it."""
     value = 1e3 * seconds
     if not (1.0 <= value <= TIME_MAXIMUM and abs(value - round(value)) < 1e-6 * value):
-        raise InputError(f'{name} {seconds:g} s; expected whole milliseconds, 0.001 to '
-                         f'{1e-3 * TIME_MAXIMUM:g} s')
+        raise InputError(
+            f'{name} {seconds:g} s; expected whole milliseconds, 0.001 to '
+            f'{1e-3 * TIME_MAXIMUM:g} s'
+        )
     return round(value)
 
 
-def wanted_pdo(index: int, name: str, identifier: int, transmission: int,
-               times: Iterable[WantedObject], entries: list[int]) -> WantedPdo:
+def wanted_pdo(
+    index: int,
+    name: str,
+    identifier: int,
+    transmission: int,
+    times: Iterable[WantedObject],
+    entries: list[int],
+) -> WantedPdo:
     """Return a PDO by the index of its parameters and the entries of its mapping, if known."""
     mapping = index - canopen.RPDO_PARAMETERS + canopen.RPDO_MAPPING
     return WantedPdo(
-        WantedObject(index, canopen.TPDO_IDENTIFIER, 4, f'{name} identifier', identifier,
-                     canopen.TPDO_OFF | canopen.TPDO_EXTENDED | canopen.TPDO_ID_MASK,
-                     hexadecimal=True),
-        (WantedObject(index, canopen.TPDO_TYPE, 1, f'{name} transmission type', transmission),
-         *times),
-        (WantedObject(mapping, 0, 1, f'{name} mapped objects', len(entries)),
-         *(WantedObject(mapping, number, 4, f'{name} mapping', entry, hexadecimal=True)
-           for number, entry in enumerate(entries, start=1))) if entries else ())
+        WantedObject(
+            index,
+            canopen.TPDO_IDENTIFIER,
+            4,
+            f'{name} identifier',
+            identifier,
+            canopen.TPDO_OFF | canopen.TPDO_EXTENDED | canopen.TPDO_ID_MASK,
+            hexadecimal=True,
+        ),
+        (
+            WantedObject(index, canopen.TPDO_TYPE, 1, f'{name} transmission type', transmission),
+            *times,
+        ),
+        (
+            WantedObject(mapping, 0, 1, f'{name} mapped objects', len(entries)),
+            *(
+                WantedObject(mapping, number, 4, f'{name} mapping', entry, hexadecimal=True)
+                for number, entry in enumerate(entries, start=1)
+            ),
+        )
+        if entries
+        else (),
+    )
 
 
 def other_tpdos_off(used: int) -> list[WantedObject]:
     """Return the identifiers of all TPDOs but one, counted from 0: off."""
-    return [WantedObject(canopen.TPDO_PARAMETERS + number, canopen.TPDO_IDENTIFIER, 4,
-                         f'TPDO{number + 1} off', canopen.TPDO_OFF, canopen.TPDO_OFF,
-                         optional=True, hexadecimal=True)
-            for number in range(len(canopen.TPDO_BASES)) if number != used]
+    return [
+        WantedObject(
+            canopen.TPDO_PARAMETERS + number,
+            canopen.TPDO_IDENTIFIER,
+            4,
+            f'TPDO{number + 1} off',
+            canopen.TPDO_OFF,
+            canopen.TPDO_OFF,
+            optional=True,
+            hexadecimal=True,
+        )
+        for number in range(len(canopen.TPDO_BASES))
+        if number != used
+    ]
 
 
 def identity(node: Node, profile: int) -> str:
@@ -154,11 +227,13 @@ def identity(node: Node, profile: int) -> str:
     device_type, _ = node.read(*canopen.DEVICE_TYPE)
     if device_type is None or device_type & 0xFFFF != profile:
         shown = 'none' if device_type is None else f'0x{device_type:08X}'
-        raise SetupError(f'node {node.node_id} has device type {shown}; expected profile '
-                         f'{profile} ({kind})')
+        raise SetupError(
+            f'node {node.node_id} has device type {shown}; expected profile {profile} ({kind})'
+        )
     known = {name: node.read(*key)[0] for key, name in canopen.IDENTITY.items()}
     return f'{kind} 0x{device_type:08X}, ' + ', '.join(
-        f'{name} 0x{value:X}' for name, value in known.items() if value is not None)
+        f'{name} 0x{value:X}' for name, value in known.items() if value is not None
+    )
 
 
 def differences(node: Node, wanted: WantedObjects) -> dict[WantedObject, int | None]:
@@ -174,8 +249,9 @@ def words(found: dict[WantedObject, int | None]) -> list[str]:
 
 def write(node: Node, wanted: WantedObjects, found: dict[WantedObject, int | None]) -> None:
     """Write, store, reset and read back what differs, or SetupError; ends pre-operational."""
-    missing = words({each: value for each, value in found.items()
-                     if value is None or each.of_device})
+    missing = words(
+        {each: value for each, value in found.items() if value is None or each.of_device}
+    )
     if missing:
         raise SetupError(f'node {node.node_id}: {"; ".join(missing)}')
     node.command(canopen.NMT_PRE_OPERATIONAL)

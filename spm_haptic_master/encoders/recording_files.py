@@ -28,7 +28,7 @@ GROUND_TRUTH_NAME, RIG_NAME = 'ground_truth.csv', 'rig.json'
 # Largest step back between two frames (s): recorders may swap frames within a cycle.
 BACKWARDS_TOLERANCE = 1e-3
 # Largest stamp of a frame (s): later than the 32 bits of a ROS message hold.
-STAMP_LIMIT = 2.0 ** 32
+STAMP_LIMIT = 2.0**32
 # Description of a line, or of the whole file, by the suffix without .gz. Other formats are
 # refused: python-can's writer of .db (4.6), for one, drops what it has not yet written when it is
 # stopped, and nothing in the file shows that.
@@ -60,8 +60,11 @@ class LogFile:
             raise SettingError('replay.path', path, 'an existing file')
         suffix = Path(self.path.name.lower().removesuffix(COMPRESSED)).suffix
         if suffix not in EXPECTED:
-            raise SettingError('replay.path', str(self.path), f'a log in a format that keeps all '
-                               f'frames ({LOG_FORMATS})')
+            raise SettingError(
+                'replay.path',
+                str(self.path),
+                f'a log in a format that keeps all frames ({LOG_FORMATS})',
+            )
         self._expected = EXPECTED[suffix]
         self._open().stop()
 
@@ -85,25 +88,30 @@ class LogFile:
                 if not 0.0 <= message.timestamp < STAMP_LIMIT:
                     raise ReplayError(
                         f'{self.path}: the stamp of frame {number} is {message.timestamp:g} s; '
-                        f'expected 0 to {STAMP_LIMIT:.0f} s')
+                        f'expected 0 to {STAMP_LIMIT:.0f} s'
+                    )
                 if message.timestamp < last - BACKWARDS_TOLERANCE:
                     raise ReplayError(
                         f'{self.path}: time runs backwards at frame {number}, from '
-                        f'{last:.6f} s to {message.timestamp:.6f} s')
+                        f'{last:.6f} s to {message.timestamp:.6f} s'
+                    )
                 last = message.timestamp
                 yield message
             # python-can does not report a truncated .blf; its header has the original size.
             recorded = getattr(reader, 'file_size', 0)
             if recorded > self.path.stat().st_size and self.path.suffix.lower() != COMPRESSED:
-                raise ReplayError(f'{self.path}: not readable after {number} frames: '
-                                  f'truncated, {recorded} bytes were recorded')
+                raise ReplayError(
+                    f'{self.path}: not readable after {number} frames: '
+                    f'truncated, {recorded} bytes were recorded'
+                )
         except ReplayError:
             raise
         except Exception as error:
             # On a truncated file, or one with the wrong suffix, the exception depends on
             # python-can's reader (ValueError, IndexError, struct.error, EOFError, ...).
-            raise ReplayError(f'{self.path}: not readable after {number} frames: '
-                              f'{self._trouble(error)}') from error
+            raise ReplayError(
+                f'{self.path}: not readable after {number} frames: {self._trouble(error)}'
+            ) from error
         finally:
             self._number = 0
             reader.stop()
@@ -190,8 +198,11 @@ class Table:
                 self.path.parent.mkdir(parents=True, exist_ok=True)
                 self._file = open(self.path, 'x', encoding='utf-8')
                 self._file.write(','.join(('time', *self._columns)) + '\n')
-            self._file.write(f'{seconds}.{nanoseconds:09d},'
-                             + ','.join(f'{value:.9f}' for value in values) + '\n')
+            self._file.write(
+                f'{seconds}.{nanoseconds:09d},'
+                + ','.join(f'{value:.9f}' for value in values)
+                + '\n'
+            )
         self.span = (self.span[0] if self.rows else stamp), stamp
         self.rows += 1
 

@@ -116,10 +116,14 @@ class ReplaySource(EncoderSource):
             self._frames_without_set += 1
             if sample is not None:
                 self._frames_without_set = 0
-                if message.timestamp == self._origin \
-                        and self._sets - self._sets_before >= SETS_AT_ONCE:
-                    raise ReplayError(f'{self._log.path}: has no times: its first {SETS_AT_ONCE} '
-                                      f'sets all have the stamp {message.timestamp:g} s')
+                if (
+                    message.timestamp == self._origin
+                    and self._sets - self._sets_before >= SETS_AT_ONCE
+                ):
+                    raise ReplayError(
+                        f'{self._log.path}: has no times: its first {SETS_AT_ONCE} '
+                        f'sets all have the stamp {message.timestamp:g} s'
+                    )
                 stamp = self._on_our_clock(sample.stamp * 1e-9)
                 return self._on_our_clock(message.timestamp), sample._replace(stamp=stamp)
             if self._frames_without_set % FRAMES_PER_READ == 0:
@@ -138,8 +142,10 @@ class ReplaySource(EncoderSource):
                 if number == 0:
                     now = time.time_ns()
                     if self._rounds:
-                        now = max(now, self._on_our_clock(self._last)
-                                  + round(LOOP_GAP / self._rate * 1e9))
+                        now = max(
+                            now,
+                            self._on_our_clock(self._last) + round(LOOP_GAP / self._rate * 1e9),
+                        )
                     self._shift, self._origin = now, message.timestamp
                     self._decoder.assembler.reset()
                 self._last = message.timestamp
@@ -153,6 +159,12 @@ class ReplaySource(EncoderSource):
         if self._sets == self._sets_before:
             raise ReplayError(
                 f'{self._log.path}: no set of {self._decoder.words} in it; its frames: '
-                + (', '.join(f'{count} {reason}' for reason, count
-                             in self._decoder.tally().most_common(4)) or 'none')
-                + (f'; {WITHOUT_SYNC}' if self._decoder.sends_without_sync else ''))
+                + (
+                    ', '.join(
+                        f'{count} {reason}'
+                        for reason, count in self._decoder.tally().most_common(4)
+                    )
+                    or 'none'
+                )
+                + (f'; {WITHOUT_SYNC}' if self._decoder.sends_without_sync else '')
+            )

@@ -84,8 +84,7 @@ class SetAssembler:
     between the frames of a set. `period`, s, is the nominal time from cycle to cycle.
     """
 
-    def __init__(self, joints: tuple[str, ...], synchronised: bool, window: float,
-                 period: float):
+    def __init__(self, joints: tuple[str, ...], synchronised: bool, window: float, period: float):
         self._joints = joints
         self._synchronised = synchronised
         self._window = window
@@ -116,7 +115,8 @@ class SetAssembler:
         # Joints that are not waited for, by index.
         self.absent: set[int] = set()
         self.late = LateAnswers(
-            len(self._joints), max(self._window, LATE_ANSWER_PERIODS * self._period))
+            len(self._joints), max(self._window, LATE_ANSWER_PERIODS * self._period)
+        )
 
     def begin(self, stamp: float) -> JointSample | None:
         """Open the cycle of a SYNC received at `stamp`, s; return the set that the last ends."""
@@ -131,8 +131,14 @@ class SetAssembler:
         self._cycle = Cycle(stamp, [None] * len(self._joints))
         return ended
 
-    def answer(self, index: int, angle: float, stamp: float, lost: int | None = None,
-               refused: str | None = None) -> JointSample | None:
+    def answer(
+        self,
+        index: int,
+        angle: float,
+        stamp: float,
+        lost: int | None = None,
+        refused: str | None = None,
+    ) -> JointSample | None:
         """
         Add the answer of one joint; return the set that it completes, or whose cycle it ends.
 
@@ -142,12 +148,16 @@ class SetAssembler:
         """
         ended, cycle = None, self._cycle
         if not self._synchronised:
-            if cycle is None or cycle.angles[index] is not None \
-                    or not 0.0 <= stamp - cycle.start <= self._window:
+            if (
+                cycle is None
+                or cycle.angles[index] is not None
+                or not 0.0 <= stamp - cycle.start <= self._window
+            ):
                 ended = self.begin(stamp)
                 cycle = self._cycle
-        elif cycle is not None \
-                and not 0.0 <= stamp - cycle.start <= min(self._window, self._period):
+        elif cycle is not None and not 0.0 <= stamp - cycle.start <= min(
+            self._window, self._period
+        ):
             cycle.tardy.add(index)
             if not 0.0 <= stamp - cycle.start <= self._window:
                 refused = f'answer from {self._joints[index]} outside the window'
@@ -167,8 +177,11 @@ class SetAssembler:
             cycle.leader, cycle.first = index, stamp
         angles[index] = angle
         cycle.answered += 1
-        if cycle.answered + len(self.absent) < len(self._joints) \
-                or self._unsettled and self.late.undecided:
+        if (
+            cycle.answered + len(self.absent) < len(self._joints)
+            or self._unsettled
+            and self.late.undecided
+        ):
             return ended
         sample = self._make(cycle)
         if sample is not None:
@@ -227,8 +240,10 @@ class SetAssembler:
                 return None
             if without:
                 self.counters['sets with a joint missing'] += 1
-            angles = tuple(nan if index in without or angle is None else angle
-                           for index, angle in enumerate(cycle.angles))
+            angles = tuple(
+                nan if index in without or angle is None else angle
+                for index, angle in enumerate(cycle.angles)
+            )
         self.counters['sets'] += 1
         self.cause = None
         return JointSample(round(cycle.start * 1e9), angles)
@@ -237,10 +252,16 @@ class SetAssembler:
         """Count a dropped set; a stale answer is a consequence, not a cause."""
         names = [self._joints[index] for index in sorted(missing)]
         behind = [self._joints[index] for index in sorted(self.late.behind)]
-        reason = '; '.join([
-            *([f'no answer from {", ".join(names)}'] if names else []),
-            *dict.fromkeys(cycle.refused.values()),
-            *([f'{", ".join(behind)}: {BEHIND}'] if behind else [])]) or STALE_ANSWER
+        reason = (
+            '; '.join(
+                [
+                    *([f'no answer from {", ".join(names)}'] if names else []),
+                    *dict.fromkeys(cycle.refused.values()),
+                    *([f'{", ".join(behind)}: {BEHIND}'] if behind else []),
+                ]
+            )
+            or STALE_ANSWER
+        )
         self.counters['dropped sets'] += 1
         self.counters[f'dropped: {reason}'] += 1
         if reason != STALE_ANSWER:
@@ -250,8 +271,7 @@ class SetAssembler:
         """End a cycle at a time, s; return its set if that has not gone out."""
         long = self._synchronised and length >= LONG_CYCLE * self._period
         late = self.late
-        if not (cycle.further or self._unsettled or long) \
-                and cycle.answered == len(self._joints):
+        if not (cycle.further or self._unsettled or long) and cycle.answered == len(self._joints):
             self._usual_leader = cycle.leader
             return None
         # Joints with more answers than late ones explain.
@@ -259,8 +279,9 @@ class SetAssembler:
         if self._synchronised:
             for index, lost in cycle.returned.items():
                 late.return_of(index, self._silent[index], cycle.start - self._period, lost)
-            surplus = {index for index, number in cycle.further.items()
-                       if late.pay(index, number, end)}
+            surplus = {
+                index for index, number in cycle.further.items() if late.pay(index, number, end)
+            }
         self.absent -= cycle.returned.keys()
         sample = None
         if not cycle.done:

@@ -75,9 +75,12 @@ class SyncProducer:
     def statistics(self) -> dict[str, object]:
         """Return counters and figures by name; missed deadlines are those that passed asleep."""
         found: dict[str, object] = {
-            'SYNC sent': self.sent, 'SYNC not sent': self.failed,
-            'SYNC deadlines missed': self._grid.missed, 'SYNC left out': self.skipped,
-            "another master's SYNC": self.foreign}
+            'SYNC sent': self.sent,
+            'SYNC not sent': self.failed,
+            'SYNC deadlines missed': self._grid.missed,
+            'SYNC left out': self.skipped,
+            "another master's SYNC": self.foreign,
+        }
         if text := percentiles_text(self.lateness):
             found['SYNC sent late p50 / p99 / max (us)'] = text
         return found
@@ -187,8 +190,11 @@ class SyncRate:
             self._begin(stamp)
             return
         self._count += 1
-        self._fits += self._period * (1.0 - TOLERANCE) < stamp - self._last \
+        self._fits += (
+            self._period * (1.0 - TOLERANCE)
+            < stamp - self._last
             < self._period * (1.0 + TOLERANCE)
+        )
         self._last = stamp
         span = stamp - self._began
         if span >= SPAN and self._count >= FEWEST:
@@ -199,9 +205,15 @@ class SyncRate:
     def text(self) -> str | None:
         """Return that the rate is another one, in words; None if it is not."""
         measured = self.measured
-        return None if measured is None else (
-            f'SYNC comes at {measured:.0f} Hz, rate is {1.0 / self._period:g} Hz: give rate, as '
-            'it is on the bus, to all nodes (can_scan prints it)')
+        return (
+            None
+            if measured is None
+            else (
+                f'SYNC comes at {measured:.0f} Hz, rate is {1.0 / self._period:g} Hz: give '
+                'rate, as '
+                'it is on the bus, to all nodes (can_scan prints it)'
+            )
+        )
 
     def _begin(self, stamp: float) -> None:
         self._began = self._last = stamp

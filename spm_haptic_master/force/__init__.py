@@ -10,7 +10,6 @@ Torques on the handle are about the centre of rotation, N m in the base frame wh
 stated; those of the motors follow their joints: th1A, th1B, th1C, and th3A of a fourth motor.
 """
 
-
 from spm_haptic_master.force.controller import ForceController
 from spm_haptic_master.force.gravity import Gravity, identify_gravity
 from spm_haptic_master.force.rendering import render, Rendered

@@ -70,9 +70,14 @@ class ForceController:
     compensated. InputError: an argument has a wrong type or value.
     """
 
-    def __init__(self, geometry: Geometry = PAPER_GEOMETRY,
-                 working_mode: WorkingMode = RIG_WORKING_MODE, motors: int = 3,
-                 limits: ForceLimits | None = None, gravity: Gravity | None = None) -> None:
+    def __init__(
+        self,
+        geometry: Geometry = PAPER_GEOMETRY,
+        working_mode: WorkingMode = RIG_WORKING_MODE,
+        motors: int = 3,
+        limits: ForceLimits | None = None,
+        gravity: Gravity | None = None,
+    ) -> None:
         self._limits = limits = ForceLimits() if limits is None else limits
         self._statics = make_statics(geometry, working_mode, motors, limits)
         self._geometry, self._mode = geometry, working_mode
@@ -80,8 +85,16 @@ class ForceController:
         self._obstacles = Obstacles(limits)
         # Limits of each sample.
         self._figures = (
-            limits.speed ** 2, limits.protection_level, limits.noise, limits.torque, limits.slew,
-            limits.ramp, limits.damping, -self._obstacles.latest, self._obstacles.latest)
+            limits.speed**2,
+            limits.protection_level,
+            limits.noise,
+            limits.torque,
+            limits.slew,
+            limits.ramp,
+            limits.damping,
+            -self._obstacles.latest,
+            self._obstacles.latest,
+        )
         self._energy = EnergyBudget()
         self._motion = JointMotion(motors)
         self._zero = (0.0,) * motors
@@ -112,8 +125,12 @@ class ForceController:
         None beyond the reach of a leg, and at the parallel singularity of three motors.
         """
         try:
-            rates = jacobian(matrix_from_quaternion(quaternion), self._geometry, self._mode,
-                             self._statics.motors)
+            rates = jacobian(
+                matrix_from_quaternion(quaternion),
+                self._geometry,
+                self._mode,
+                self._statics.motors,
+            )
         except SpmError:
             return None
         smallest = float(np.linalg.svd(rates, compute_uv=False)[-1])
@@ -122,10 +139,34 @@ class ForceController:
     def take(self, sample: ForceSample) -> ForceOutput:
         """Return the motor torques for a sample: once for each, in the order of their stamps."""
         # One function: a call costs as much as the product of two vectors.
-        (stamp, angles, quaternion, velocity, level, noise, wrench, sources, drives,
-         enabled, engaged, present, clutched, lock, weightless) = sample
-        (square_of_speed, level_limit, noise_limit, torque_limit, slew, ramp, damping, earliest,
-         latest) = self._figures
+        (
+            stamp,
+            angles,
+            quaternion,
+            velocity,
+            level,
+            noise,
+            wrench,
+            sources,
+            drives,
+            enabled,
+            engaged,
+            present,
+            clutched,
+            lock,
+            weightless,
+        ) = sample
+        (
+            square_of_speed,
+            level_limit,
+            noise_limit,
+            torque_limit,
+            slew,
+            ramp,
+            damping,
+            earliest,
+            latest,
+        ) = self._figures
         energy, state, obstacles = self._energy, self._state, self._obstacles
         elapsed = stamp - self._stamp
         self._stamp = stamp
@@ -136,11 +177,16 @@ class ForceController:
             self._motion.restart()
             self._asked, self._borne, dt = NOTHING, 0.0, 0.0
         work, generated = self._motion.take(stamp, angles, self._before, dt), False
-        if work is not None and self._weight is not None and quaternion is not None and (
-                self._pose is not None):
+        if (
+            work is not None
+            and self._weight is not None
+            and quaternion is not None
+            and (self._pose is not None)
+        ):
             # The weight gives back what lifting it takes; what the motors make of it may not.
             dx, dy, dz = vector_from_quaternion(
-                *multiply_quaternions(quaternion, conjugate(self._pose)))
+                *multiply_quaternions(quaternion, conjugate(self._pose))
+            )
             hx, hy, hz = self._held_before
             work -= hx * dx + hy * dy + hz * dz
         self._pose = quaternion
@@ -149,12 +195,23 @@ class ForceController:
         received, (x, y, z), in_handle = NO_WRENCH if wrench is None else wrench
         wx, wy, wz = UNKNOWN if velocity is None else velocity
         whole, age = hypot(x, y, z), stamp - received
-        if (state is ENGAGED and work is not None and quaternion is not None
-                and wx * wx + wy * wy + wz * wz <= square_of_speed and level <= level_limit
-                and noise <= noise_limit and whole < inf and earliest <= age <= latest
-                and sources <= 1 and drives is OPERATING and enabled and engaged and present
-                and (lock is NOTHING or hypot(*lock) < inf)
-                and not (clutched or generated)):
+        if (
+            state is ENGAGED
+            and work is not None
+            and quaternion is not None
+            and wx * wx + wy * wy + wz * wz <= square_of_speed
+            and level <= level_limit
+            and noise <= noise_limit
+            and whole < inf
+            and earliest <= age <= latest
+            and sources <= 1
+            and drives is OPERATING
+            and enabled
+            and engaged
+            and present
+            and (lock is NOTHING or hypot(*lock) < inf)
+            and not (clutched or generated)
+        ):
             # The usual case: nothing is in the way.
             obstacle = None
         else:
@@ -200,7 +257,10 @@ class ForceController:
                 px, py, pz = self._asked
                 part = step / way
                 wanted = x, y, z = (
-                    px + part * (x - px), py + part * (y - py), pz + part * (z - pz))
+                    px + part * (x - px),
+                    py + part * (y - py),
+                    pz + part * (z - pz),
+                )
             self._asked, share = wanted, energy.damping
             if velocity is not None:
                 damping *= self._ramp
@@ -225,8 +285,10 @@ class ForceController:
             torques, held, rendered = self._zero, NOTHING, NOTHING
         self._before, self._last = self._last, torques
         self._held_before, self._held = self._held, held
-        return _output(ForceOutput, (state, torques, self._asked, rendered, obstacle,
-                                     energy.energy, energy.share))
+        return _output(
+            ForceOutput,
+            (state, torques, self._asked, rendered, obstacle, energy.energy, energy.share),
+        )
 
     # State --------------------------------------------------------------------------------------
 
@@ -265,7 +327,8 @@ class ForceController:
         if before is not Condition.FADING:
             self._left, self._from = 1.0, self._last
         if before not in (Condition.ENGAGED, Condition.HOLDING) or (
-                state.condition is Condition.FADING):
+            state.condition is Condition.FADING
+        ):
             # Between engaged and holding the torque follows the slew rate.
             self._asked = NOTHING
             self._ramp = self._borne = 0.0
@@ -287,6 +350,10 @@ class ForceController:
         """Add a share of the joint damping, and keep each motor within its limit."""
         limit, velocity = self._limits.motor_torque, self._motion.velocity
         if velocity is not None:
-            torques = tuple([torque - damping * JOINT_DAMPING * rate
-                             for torque, rate in zip(torques, velocity, strict=True)])
+            torques = tuple(
+                [
+                    torque - damping * JOINT_DAMPING * rate
+                    for torque, rate in zip(torques, velocity, strict=True)
+                ]
+            )
         return tuple([clipped(torque, limit) for torque in torques])

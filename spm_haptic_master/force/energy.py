@@ -85,8 +85,10 @@ class EnergyBudget:
                 self._useless = 0.0
             return False
         # A fast handle gives and takes the whole range in a period, in turn.
-        self.damping = min(self.damping + dt / GROWTH, max(
-            self.damping - dt / RELEASE, smoothstep((DAMPED - energy) / DAMPING_RANGE)))
+        self.damping = min(
+            self.damping + dt / GROWTH,
+            max(self.damping - dt / RELEASE, smoothstep((DAMPED - energy) / DAMPING_RANGE)),
+        )
         self.share = share = smoothstep(1.0 + energy / FADED)
         self._useless = self._useless + dt if share < LEAST_SHARE else 0.0
         return self._useless >= LEAST_TIME
@@ -130,7 +132,7 @@ class JointMotion:
                 self._kept.append((stamp, angles))
                 self._last = angles
                 return usual
-        own = angles[:self._motors]
+        own = angles[: self._motors]
         self.is_missing = not isfinite(sum(own))
         if last is not None and not self.is_missing:
             # A raw angle differs by a turn where the joint does not.
@@ -157,5 +159,9 @@ class JointMotion:
         if stamp - first < WINDOW // 2:
             return None
         rate = 1e9 / (stamp - first)
-        return tuple([rate * remainder(angle - last, tau)
-                      for angle, last in zip(angles, begin[:self._motors], strict=False)])
+        return tuple(
+            [
+                rate * remainder(angle - last, tau)
+                for angle, last in zip(angles, begin[: self._motors], strict=False)
+            ]
+        )

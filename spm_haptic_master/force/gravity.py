@@ -61,35 +61,50 @@ class Weight:
         # leg, c, and with that sign w, w . Z1k and w x Z1k (N m).
         self._links = []
         for k, (leg, sign) in enumerate(zip(rates.legs, rates.signs, strict=True)):
-            along, across = gravity.proximal[2 * k:2 * k + 2]
+            along, across = gravity.proximal[2 * k : 2 * k + 2]
             if along == across == 0.0:
                 continue
             first, ca = leg[3:6], leg[6]
             (dx, dy, dz), (tx, ty, tz) = gravity.down, cross(gravity.down, first)
-            w = (sign * (across * dx - along * tx), sign * (across * dy - along * ty),
-                 sign * (across * dz - along * tz))
+            w = (
+                sign * (across * dx - along * tx),
+                sign * (across * dy - along * ty),
+                sign * (across * dz - along * tz),
+            )
             constant = -across * sign * ca * dot(gravity.down, first)
-            self._links.append((5 * k, leg[:3], first, ca, leg[7], constant, w, dot(w, first),
-                                cross(w, first)))
+            self._links.append(
+                (5 * k, leg[:3], first, ca, leg[7], constant, w, dot(w, first), cross(w, first))
+            )
 
     def torque(self) -> Vector[float]:
         """Return the torque on the handle that holds it, N m in the base frame."""
         rotation, scaled = self._rates.rotation, self._rates.scaled
         x, y, z = cross(self._down, rotated(rotation, self._handle))
         for k, third, first, ca, cb, constant, w, along, across in self._links:
-            square, sine, gx, gy, gz = scaled[k:k + 5]
+            square, sine, gx, gy, gz = scaled[k : k + 5]
             third = rotated(rotation, third)
             u = dot(first, third)
             # Z2k by its products with Z1k, Z3k and Z1k x Z3k; its torque turns by the row of th1k.
-            tau = (constant + ((ca - cb * u) * along + (cb - ca * u) * dot(w, third)
-                               - sqrt(sine) * dot(across, third)) / square) / square
+            tau = (
+                constant
+                + (
+                    (ca - cb * u) * along
+                    + (cb - ca * u) * dot(w, third)
+                    - sqrt(sine) * dot(across, third)
+                )
+                / square
+            ) / square
             x, y, z = x + tau * gx, y + tau * gy, z + tau * gz
         return x, y, z
 
 
-def identify_gravity(R: ArrayLike, motor_torque: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
-                     working_mode: Sequence[int] = RIG_WORKING_MODE,
-                     down: Vector[float] = STANDARD) -> tuple[Gravity, float]:
+def identify_gravity(
+    R: ArrayLike,
+    motor_torque: ArrayLike,
+    geometry: Geometry = PAPER_GEOMETRY,
+    working_mode: Sequence[int] = RIG_WORKING_MODE,
+    down: Vector[float] = STANDARD,
+) -> tuple[Gravity, float]:
     """
     Return the gravity of handle and links that explains the motor torques that held them still.
 
@@ -103,10 +118,14 @@ def identify_gravity(R: ArrayLike, motor_torque: ArrayLike, geometry: Geometry =
     poses: list[Any] = [tuple(each) for each in check_rotations('R', R).reshape(-1, 9).tolist()]
     torques = check_array('motor_torque', motor_torque, (motors,)).reshape(-1, motors)
     if len(poses) != len(torques) or len(poses) < FEWEST_POSES:
-        raise InputError(f'{len(poses)} poses and {len(torques)} sets of motor torques: expected '
-                         f'as many of each, {FEWEST_POSES} or more')
-    weights = [Weight(Gravity((x, y, z), tuple(rest), down), statics)
-               for x, y, z, *rest in np.eye(9).tolist()]
+        raise InputError(
+            f'{len(poses)} poses and {len(torques)} sets of motor torques: expected '
+            f'as many of each, {FEWEST_POSES} or more'
+        )
+    weights = [
+        Weight(Gravity((x, y, z), tuple(rest), down), statics)
+        for x, y, z, *rest in np.eye(9).tolist()
+    ]
     columns, sides = [], []
     for pose, tau in zip(poses, torques.tolist(), strict=True):
         statics.place(pose)
@@ -115,8 +134,10 @@ def identify_gravity(R: ArrayLike, motor_torque: ArrayLike, geometry: Geometry =
     matrix, side = np.concatenate(columns), np.concatenate(sides)
     values, _, rank, _ = np.linalg.lstsq(matrix, side, rcond=DETERMINED)
     if rank < LEAST_RANK:
-        raise InputError(f'{len(poses)} poses determine {rank} values of gravity: expected '
-                         f'{LEAST_RANK} or more, by poses further apart')
+        raise InputError(
+            f'{len(poses)} poses determine {rank} values of gravity: expected '
+            f'{LEAST_RANK} or more, by poses further apart'
+        )
     left = float(np.sqrt(np.mean((matrix @ values - side) ** 2)))
     x, y, z, *rest = values.tolist()
     return Gravity((x, y, z), tuple(rest), down), left

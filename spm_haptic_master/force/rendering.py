@@ -27,8 +27,9 @@ from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
 from spm_haptic_master.kinematics.number_backends import Array
 
 
-def make_statics(geometry: Geometry, working_mode: Sequence[int], motors: int,
-                 limits: ForceLimits) -> ThreeMotors | FourMotors:
+def make_statics(
+    geometry: Geometry, working_mode: Sequence[int], motors: int, limits: ForceLimits
+) -> ThreeMotors | FourMotors:
     """Return the statics of some motors, pose by pose; InputError for a wrong argument."""
     check_geometry(geometry)
     mode = check_working_mode(working_mode)
@@ -45,10 +46,16 @@ class Rendered:
     fraction: Array  # (...): length of `rendered` over that asked for; 1 where that is 0
 
 
-def render(R: ArrayLike, torque: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
-           working_mode: Sequence[int] = RIG_WORKING_MODE, motors: int = THREE,
-           motor_torque_limit: float = 0.5, sigma_off: float = 0.05,
-           sigma_full: float = 0.15) -> Rendered:
+def render(
+    R: ArrayLike,
+    torque: ArrayLike,
+    geometry: Geometry = PAPER_GEOMETRY,
+    working_mode: Sequence[int] = RIG_WORKING_MODE,
+    motors: int = THREE,
+    motor_torque_limit: float = 0.5,
+    sigma_off: float = 0.05,
+    sigma_full: float = 0.15,
+) -> Rendered:
     """
     Motor torques for torques on the handle, by the formula that a sample passes.
 
@@ -90,8 +97,12 @@ def render(R: ArrayLike, torque: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
 
     """
     matrices, asked = check_rotations('R', R), check_array('torque', torque, (3,))
-    statics = make_statics(geometry, working_mode, motors, ForceLimits(
-        motor_torque=motor_torque_limit, sigma_off=sigma_off, sigma_full=sigma_full))
+    statics = make_statics(
+        geometry,
+        working_mode,
+        motors,
+        ForceLimits(motor_torque=motor_torque_limit, sigma_off=sigma_off, sigma_full=sigma_full),
+    )
     shape = check_broadcast('R, torque', matrices.shape[:-2], asked.shape[:-1])
     rotations: list[Any] = np.broadcast_to(matrices, (*shape, 3, 3)).reshape(-1, 9).tolist()
     asked = np.broadcast_to(asked, (*shape, 3))
@@ -108,5 +119,8 @@ def render(R: ArrayLike, torque: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
     both = np.array(found).reshape(*shape, motors + 3)
     torques, rendered = both[..., :motors], both[..., motors:]
     whole, part = np.linalg.norm(asked, axis=-1), np.linalg.norm(rendered, axis=-1)
-    return Rendered(torques, rendered, np.divide(
-        part, whole, out=np.asarray(1.0 + 0.0 * part), where=whole > 0.0))
+    return Rendered(
+        torques,
+        rendered,
+        np.divide(part, whole, out=np.asarray(1.0 + 0.0 * part), where=whole > 0.0),
+    )

@@ -51,9 +51,19 @@ class Reason(Enum):
 
 
 # Reasons that latch a fault until it is acknowledged; after the others force may begin again.
-LATCHED = frozenset((
-    Reason.DRIVE, Reason.ANGLE, Reason.NO_ORIENTATION, Reason.UNPROTECTED, Reason.NOISY,
-    Reason.SPEED, Reason.NOT_FINITE, Reason.SOURCES, Reason.ENERGY))
+LATCHED = frozenset(
+    (
+        Reason.DRIVE,
+        Reason.ANGLE,
+        Reason.NO_ORIENTATION,
+        Reason.UNPROTECTED,
+        Reason.NOISY,
+        Reason.SPEED,
+        Reason.NOT_FINITE,
+        Reason.SOURCES,
+        Reason.ENERGY,
+    )
+)
 # Consecutive messages with a small torque after which force may begin.
 SMALL_MESSAGES = 3
 # Time in which torque fades out (s); after a drive's fault the other motors alone pull askew. A
@@ -77,9 +87,20 @@ class ForceState(NamedTuple):
 OFF, READY = ForceState(Condition.OFF), ForceState(Condition.READY)
 ENGAGED, HOLDING = ForceState(Condition.ENGAGED), ForceState(Condition.HOLDING)
 # Every state, by its words on the topic `force_state`.
-FORCE_STATES = {state.text: state for state in (OFF, READY, ENGAGED, HOLDING, *(
-    ForceState(condition, why) for condition in (Condition.FADING, Condition.FAULT)
-    for why in Reason))}
+FORCE_STATES = {
+    state.text: state
+    for state in (
+        OFF,
+        READY,
+        ENGAGED,
+        HOLDING,
+        *(
+            ForceState(condition, why)
+            for condition in (Condition.FADING, Condition.FAULT)
+            for why in Reason
+        ),
+    )
+}
 
 
 class Drives(Enum):
@@ -155,8 +176,9 @@ class Obstacles:
         """Restart the count of small wrenches."""
         self._count = 0
 
-    def take(self, sample: ForceSample, angle_missing: bool,
-             energy_generated: bool) -> Reason | None:
+    def take(
+        self, sample: ForceSample, angle_missing: bool, energy_generated: bool
+    ) -> Reason | None:
         """
         Return the first obstacle: those that latch precede the others.
 
@@ -164,23 +186,30 @@ class Obstacles:
         """
         limits, velocity = self._limits, sample.velocity
         wrench = NO_WRENCH if sample.wrench is None else sample.wrench
-        return next((reason for reason, is_found in (
-            (Reason.DRIVE, sample.drives is Drives.FAULT),
-            (Reason.ANGLE, angle_missing),
-            (Reason.NO_ORIENTATION, sample.quaternion is None),
-            (Reason.UNPROTECTED, not sample.protection_level <= limits.protection_level),
-            (Reason.NOISY, not sample.noise <= limits.noise),
-            (Reason.SPEED, velocity is not None and not hypot(*velocity) <= limits.speed),
-            (Reason.NOT_FINITE, not hypot(*wrench.torque, *sample.lock) < inf),
-            (Reason.SOURCES, sample.sources > 1),
-            (Reason.ENERGY, energy_generated),
-            (Reason.DISABLED, not sample.enabled),
-            (Reason.DRIVES_OFF, sample.drives is Drives.OFF),
-            (Reason.DISENGAGED, not sample.engaged),
-            (Reason.ABSENT, not sample.present),
-            # With the clutch pressed no wrench is rendered: it may be old.
-            (Reason.STALE, not sample.clutched and self._is_old(wrench, sample.stamp)),
-        ) if is_found), None)
+        return next(
+            (
+                reason
+                for reason, is_found in (
+                    (Reason.DRIVE, sample.drives is Drives.FAULT),
+                    (Reason.ANGLE, angle_missing),
+                    (Reason.NO_ORIENTATION, sample.quaternion is None),
+                    (Reason.UNPROTECTED, not sample.protection_level <= limits.protection_level),
+                    (Reason.NOISY, not sample.noise <= limits.noise),
+                    (Reason.SPEED, velocity is not None and not hypot(*velocity) <= limits.speed),
+                    (Reason.NOT_FINITE, not hypot(*wrench.torque, *sample.lock) < inf),
+                    (Reason.SOURCES, sample.sources > 1),
+                    (Reason.ENERGY, energy_generated),
+                    (Reason.DISABLED, not sample.enabled),
+                    (Reason.DRIVES_OFF, sample.drives is Drives.OFF),
+                    (Reason.DISENGAGED, not sample.engaged),
+                    (Reason.ABSENT, not sample.present),
+                    # With the clutch pressed no wrench is rendered: it may be old.
+                    (Reason.STALE, not sample.clutched and self._is_old(wrench, sample.stamp)),
+                )
+                if is_found
+            ),
+            None,
+        )
 
     def may_begin(self, wrench: Wrench | None, stamp: int) -> bool:
         """Take the latest wrench; return whether enough in a row have been small."""

@@ -37,7 +37,7 @@ from spm_haptic_master.kinematics.number_backends import (
 # Torques of the motors th1A, th1B, th1C, and th3A of a fourth one, N m.
 Torques: TypeAlias = tuple[float, ...]
 # Least B_kk^2 of a leg (unit 1).
-LEAST_SQUARE = MODE_BOUNDARY ** 2
+LEAST_SQUARE = MODE_BOUNDARY**2
 # Numbers of motors: on th1A, th1B, th1C; and on th3A as well.
 THREE, FOUR = 3, 4
 
@@ -71,12 +71,19 @@ class ForceLimits:
     def __post_init__(self) -> None:
         for each in fields(self):
             value = getattr(self, each.name)
-            if isinstance(value, bool) or not isinstance(value, (int, float)) or not (
-                    isfinite(value)) or value < 0.0 or (value == 0.0 and each.name != 'damping'):
+            if (
+                isinstance(value, bool)
+                or not isinstance(value, (int, float))
+                or not (isfinite(value))
+                or value < 0.0
+                or (value == 0.0 and each.name != 'damping')
+            ):
                 raise InputError(f'{each.name} = {quoted(value)}: expected a number above 0')
         if self.sigma_full <= self.sigma_off:
-            raise InputError(f'sigma_full = {self.sigma_full:g}: expected a number above '
-                             f'sigma_off = {self.sigma_off:g}')
+            raise InputError(
+                f'sigma_full = {self.sigma_full:g}: expected a number above '
+                f'sigma_off = {self.sigma_off:g}'
+            )
 
 
 def smoothstep(x: float) -> float:
@@ -115,13 +122,23 @@ class MotorRates:
 
     __slots__ = ('legs', 'limits', 'motors', 'rotation', 'scaled', 'signs')
 
-    def __init__(self, geometry: Geometry, working_mode: WorkingMode, motors: int,
-                 limits: ForceLimits) -> None:
+    def __init__(
+        self, geometry: Geometry, working_mode: WorkingMode, motors: int, limits: ForceLimits
+    ) -> None:
         self.limits, self.motors, self.signs = limits, motors, working_mode
-        self.legs = tuple([(
-            *leg.third, *leg.first, sign * leg.cos_alpha, sign * leg.cos_beta,
-            leg.cos_alpha ** 2 + leg.cos_beta ** 2, 2.0 * leg.cos_alpha * leg.cos_beta)
-            for leg, sign in zip(geometry.legs, self.signs, strict=True)])
+        self.legs = tuple(
+            [
+                (
+                    *leg.third,
+                    *leg.first,
+                    sign * leg.cos_alpha,
+                    sign * leg.cos_beta,
+                    leg.cos_alpha**2 + leg.cos_beta**2,
+                    2.0 * leg.cos_alpha * leg.cos_beta,
+                )
+                for leg, sign in zip(geometry.legs, self.signs, strict=True)
+            ]
+        )
         self.rotation: Rotation[float] = (0.0,) * 9
         self.scaled: tuple[float, ...] = ()
 
@@ -177,8 +194,27 @@ class MotorRates:
         if self.motors == FOUR:
             factor = (cb - u * ca) / root
             self.scaled = (
-                wa, sa, ax, ay, az, wb, sb, bx, by, bz, wc, sc, cx, cy, cz, wa, sa,
-                x - u * fx + factor * nx, y - u * fy + factor * ny, z - u * fz + factor * nz)
+                wa,
+                sa,
+                ax,
+                ay,
+                az,
+                wb,
+                sb,
+                bx,
+                by,
+                bz,
+                wc,
+                sc,
+                cx,
+                cy,
+                cz,
+                wa,
+                sa,
+                x - u * fx + factor * nx,
+                y - u * fy + factor * ny,
+                z - u * fz + factor * nz,
+            )
         else:
             self.scaled = wa, sa, ax, ay, az, wb, sb, bx, by, bz, wc, sc, cx, cy, cz
 
@@ -189,8 +225,11 @@ class MotorRates:
     def rows(self) -> list[Vector[float]]:
         """Return the rows of G, one for each motor: thetadot = G omega, in the base frame."""
         wa, _, ax, ay, az, wb, _, bx, by, bz, wc, _, cx, cy, cz = self.scaled[:15]
-        rows = [(ax / wa, ay / wa, az / wa), (bx / wb, by / wb, bz / wb),
-                (cx / wc, cy / wc, cz / wc)]
+        rows = [
+            (ax / wa, ay / wa, az / wa),
+            (bx / wb, by / wb, bz / wb),
+            (cx / wc, cy / wc, cz / wc),
+        ]
         if self.motors == FOUR:
             dx, dy, dz = self.scaled[17:]
             rows.append((dx / wa, dy / wa, dz / wa))
@@ -220,8 +259,7 @@ class FourMotors(MotorRates):
 
     __slots__ = ()
 
-    def __init__(self, geometry: Geometry, working_mode: WorkingMode,
-                 limits: ForceLimits) -> None:
+    def __init__(self, geometry: Geometry, working_mode: WorkingMode, limits: ForceLimits) -> None:
         super().__init__(geometry, working_mode, FOUR, limits)
 
     def render(self, m: Vector[float]) -> tuple[Torques, Vector[float]]:
@@ -238,30 +276,40 @@ class FourMotors(MotorRates):
         zy -= l21 * zx
         l32 = zy / yy
         y -= l21 * x
-        z = (z - l31 * x - l32 * y) / (
-            az * az + bz * bz + cz * cz + dz * dz - l31 * zx - l32 * zy)
+        z = (z - l31 * x - l32 * y) / (az * az + bz * bz + cz * cz + dz * dz - l31 * zx - l32 * zy)
         y = y / yy - l32 * z
         x = x / xx - l21 * y - l31 * z
-        p = a, b, c, d = (ax * x + ay * y + az * z, bx * x + by * y + bz * z,
-                          cx * x + cy * y + cz * z, dx * x + dy * y + dz * z)
+        p = a, b, c, d = (
+            ax * x + ay * y + az * z,
+            bx * x + by * y + bz * z,
+            cx * x + cy * y + cz * z,
+            dx * x + dy * y + dz * z,
+        )
         limit = self.limits.motor_torque
         least = -limit
-        if least <= a <= limit and least <= b <= limit and (
-                least <= c <= limit and least <= d <= limit):
+        if (
+            least <= a <= limit
+            and least <= b <= limit
+            and (least <= c <= limit and least <= d <= limit)
+        ):
             return p, m
         # The parity vector, of any length: the volumes of the other three rows, in turn of sign.
         row_a, row_b, row_c, row_d = self.rows()
         first, last = cross(row_a, row_b), cross(row_c, row_d)
-        tau = _within(p, (dot(row_b, last), -dot(row_a, last), dot(row_d, first),
-                          -dot(row_c, first)), limit)
+        tau = _within(
+            p, (dot(row_b, last), -dot(row_a, last), dot(row_d, first), -dot(row_c, first)), limit
+        )
         return tau, self.rendered(tau)
 
 
 def _within(p: Torques, n: Torques, limit: float) -> Torques:
     """Return p + a n with the smallest |a| within the limit, p scaled down as far as needed."""
     sizes = [abs(each) for each in n]
-    peak = max(abs(n[j] * p[i] - n[i] * p[j]) / (sizes[i] + sizes[j])
-               for i, j in combinations(range(4), 2) if sizes[i] + sizes[j] > 0.0)
+    peak = max(
+        abs(n[j] * p[i] - n[i] * p[j]) / (sizes[i] + sizes[j])
+        for i, j in combinations(range(4), 2)
+        if sizes[i] + sizes[j] > 0.0
+    )
     scale = limit / peak if peak > limit else 1.0
     low, high = -inf, inf
     for torque, part, size in zip(p, n, sizes, strict=True):
@@ -270,5 +318,6 @@ def _within(p: Torques, n: Torques, limit: float) -> Torques:
             low, high = max(low, middle - half), min(high, middle + half)
     # With the least peak at the limit both bounds are one number, but for rounding.
     a = 0.5 * (low + high) if low > high else min(max(0.0, low), high)
-    return tuple([clipped(scale * torque + a * part, limit)
-                  for torque, part in zip(p, n, strict=True)])
+    return tuple(
+        [clipped(scale * torque + a * part, limit) for torque, part in zip(p, n, strict=True)]
+    )

@@ -54,15 +54,16 @@ class ThreeMotors(MotorRates):
 
     __slots__ = ('_limit', '_near', '_square')
 
-    def __init__(self, geometry: Geometry, working_mode: WorkingMode,
-                 limits: ForceLimits) -> None:
+    def __init__(self, geometry: Geometry, working_mode: WorkingMode, limits: ForceLimits) -> None:
         super().__init__(geometry, working_mode, THREE, limits)
         # The s_3 beyond which all is whole: the bound is above the limit of one motor.
-        near = max(limits.sigma_full, BEGIN * limits.sigma_off * (
-            BOUND / (BOUND - 1.0) if BOUND > 1.0 else inf))
+        near = max(
+            limits.sigma_full,
+            BEGIN * limits.sigma_off * (BOUND / (BOUND - 1.0) if BOUND > 1.0 else inf),
+        )
         # A row of G is as long as sin beta / |B_kk|.
-        self._near = 0.5 * near * max(1.0 - leg.cos_beta ** 2 for leg in geometry.legs)
-        self._limit, self._square = limits.motor_torque, limits.motor_torque ** 2
+        self._near = 0.5 * near * max(1.0 - leg.cos_beta**2 for leg in geometry.legs)
+        self._limit, self._square = limits.motor_torque, limits.motor_torque**2
 
     def render(self, m: Vector[float]) -> tuple[Torques, Vector[float]]:
         """Return motor torques, N m, and what the handle gets of m; N m in the base frame."""
@@ -119,11 +120,16 @@ class ThreeMotors(MotorRates):
                 share = max(0.0, limit - strong) / weak
             elif strong + share * weak < -limit:
                 share = max(0.0, limit + strong) / -weak
-        return (clipped(a + share * wa, limit), clipped(b + share * wb, limit),
-                clipped(c + share * wc, limit))
+        return (
+            clipped(a + share * wa, limit),
+            clipped(b + share * wb, limit),
+            clipped(c + share * wc, limit),
+        )
 
-    def _weak_direction(self, columns: Sequence[Vector[float]],
-                        ) -> tuple[Vector[float], Vector[float], float]:
+    def _weak_direction(
+        self,
+        columns: Sequence[Vector[float]],
+    ) -> tuple[Vector[float], Vector[float], float]:
         """
         Return the weak direction v, the motors' direction u that belongs to it, and s_1 s_2.
 

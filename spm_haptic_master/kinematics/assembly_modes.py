@@ -98,15 +98,21 @@ class LockedChain(Generic[N]):
     def of(cls, th1: Sequence[N], g: Geometry, m: Backend[N]) -> LockedChain[N]:
         """Return the chain of th1A, th1B, th1C (rad) of a Geometry; nothing is validated."""
         c1, s1 = m.cos(th1[0]), m.sin(th1[0])
-        return cls(th1[0], tuple(
-            second_in_second_joint(c1, s1, m.cos(angle), m.sin(angle), carried)
-            for angle, carried in zip(th1[1:], g.carried, strict=True)), g)
+        return cls(
+            th1[0],
+            tuple(
+                second_in_second_joint(c1, s1, m.cos(angle), m.sin(angle), carried)
+                for angle, carried in zip(th1[1:], g.carried, strict=True)
+            ),
+            g,
+        )
 
     def turn_equations(self, c: N, s: N) -> tuple[Vector[N], Vector[N]]:
         """Eqs. 1 and 2: (L, M, N) of legs B and C for th3A, from cosine and sine of th2A."""
         first, second = (
             turn_equation(into_third_joint(c, s, axis, self.g), carried.third, carried.cos_beta)
-            for axis, carried in zip(self.seconds, self.g.carried, strict=True))
+            for axis, carried in zip(self.seconds, self.g.carried, strict=True)
+        )
         return first, second
 
     def closures(self: LockedChain[float], th2a: float, th3a: float) -> list[float]:
@@ -118,8 +124,11 @@ class LockedChain(Generic[N]):
             vx, vy, vz = turn_through_link(c3, s3, carried.before_distal)
             # A turn of the platform about a unit axis changes it at the rate axis . (Z3k x Z2k).
             y, z = vz * dx - vx * dz, vx * dy - vy * dx
-            found += [dx * vx + dy * vy + dz * vz - carried.cos_beta, z,
-                      carrier.cos_beta * z - carrier.sin_beta * y]
+            found += [
+                dx * vx + dy * vy + dz * vz - carried.cos_beta,
+                z,
+                carrier.cos_beta * z - carrier.sin_beta * y,
+            ]
         return found
 
     def quaternion(self: LockedChain[float], th2a: float, th3a: float) -> Quaternion[float]:
@@ -147,20 +156,23 @@ def _second_joint_roots(chain: LockedChain[float]) -> list[float]:
     size = 0.0
     for angle in SAMPLE_ANGLES:
         (l1, m1, n1), (l2, m2, n2) = equations = chain.turn_equations(
-            math.cos(angle), math.sin(angle))
+            math.cos(angle), math.sin(angle)
+        )
         samples.append(eliminant(*equations))
         size = max(size, (l1 * l1 + m1 * m1 + n1 * n1) * (l2 * l2 + m2 * m2 + n2 * n2))
     largest = max(range(SAMPLES), key=lambda j: abs(samples[j]))
     if abs(samples[largest]) <= SELF_MOTION * size:
         raise SingularityError(
             f'th1A = {chain.th1a} rad and {chain.g}: the platform moves freely with the active '
-            'joints locked; there are infinitely many assembly modes')
+            'joints locked; there are infinitely many assembly modes'
+        )
     coefficients = HALF_ANGLE_MATRIX @ np.array(samples[largest:] + samples[:largest])
     infinity = SAMPLE_ANGLES[largest]
     return [
         infinity + math.pi + 2.0 * math.atan(t.real)
         for t in np.roots(coefficients[::-1]).tolist()
-        if 0.0 <= t.imag <= NEAR_REAL * (1.0 + abs(t) ** 2)]
+        if 0.0 <= t.imag <= NEAR_REAL * (1.0 + abs(t) ** 2)
+    ]
 
 
 def _third_joint_candidates(chain: LockedChain[float], th2a: float) -> Sequence[float]:
@@ -173,8 +185,9 @@ def _third_joint_candidates(chain: LockedChain[float], th2a: float) -> Sequence[
     return both_turns(first if size1 > size2 else second)
 
 
-def polish(chain: LockedChain[float], th2a: float,
-           th3a: float) -> tuple[float, float, float, float]:
+def polish(
+    chain: LockedChain[float], th2a: float, th3a: float
+) -> tuple[float, float, float, float]:
     """Polish th2A, th3A (rad) by Newton's method; return both, closure error, determinant."""
     fb, b2, b3, fc, c2, c3 = chain.closures(th2a, th3a)
     error = math.hypot(fb, fc)
@@ -245,6 +258,7 @@ def forward_all(th1: ArrayLike, geometry: Geometry = PAPER_GEOMETRY) -> Array:
 
 # Along a motion ----------------------------------------------------------------------------------
 
+
 class TrackedMode(NamedTuple):
     """Mode nearest to a last orientation, (3, 3); `ambiguous` if another mode is about as near."""
 
@@ -252,8 +266,9 @@ class TrackedMode(NamedTuple):
     ambiguous: bool
 
 
-def continue_mode(th1: Sequence[float], th2a: float, th3a: float,
-                  geometry: Geometry) -> tuple[Quaternion[float], float, float]:
+def continue_mode(
+    th1: Sequence[float], th2a: float, th3a: float, geometry: Geometry
+) -> tuple[Quaternion[float], float, float]:
     """
     Classic forward model along a motion, by Newton's method from the last passive angles.
 
@@ -267,8 +282,9 @@ def continue_mode(th1: Sequence[float], th2a: float, th3a: float,
     return chain.quaternion(th2a, th3a), th2a, th3a
 
 
-def track_mode(th1: ArrayLike, last: ArrayLike,
-               geometry: Geometry = PAPER_GEOMETRY) -> TrackedMode:
+def track_mode(
+    th1: ArrayLike, last: ArrayLike, geometry: Geometry = PAPER_GEOMETRY
+) -> TrackedMode:
     """
     Classic forward model with branch tracking: the mode nearest to the last orientation (Fig. 10).
 
@@ -282,12 +298,14 @@ def track_mode(th1: ArrayLike, last: ArrayLike,
     x, y, z, w = quaternion_from_matrix(matrix).tolist()
     modes = sorted(
         (rotation_distance(mode[0], (x, y, z, w)), mode[0], mode[3])
-        for mode in assembly_modes(chain))
+        for mode in assembly_modes(chain)
+    )
     if not modes:
         raise UnreachableError(f'th1 = {np.asarray(th1).tolist()} rad: no assembly mode closes')
     distance, quaternion, determinant = modes[0]
     # Where two modes merged into one the rates are parallel, to the root of the rounding.
     ambiguous = abs(determinant) < math.sqrt(ROUNDING) or (
-        len(modes) > 1 and modes[1][0] - distance < AMBIGUITY_MARGIN)
+        len(modes) > 1 and modes[1][0] - distance < AMBIGUITY_MARGIN
+    )
     rotation = np.array(rotation_from_quaternion(*quaternion)).reshape(3, 3)
     return TrackedMode(rotation, ambiguous)

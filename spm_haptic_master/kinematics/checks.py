@@ -36,19 +36,22 @@ LENGTH_TOLERANCE = 1e-6
 LEAST_ANGLE = math.radians(0.1)
 
 
-def check_array(name: str, value: object, shape: Shape,
-                largest: float = LARGEST_NUMBER) -> Array:
+def check_array(name: str, value: object, shape: Shape, largest: float = LARGEST_NUMBER) -> Array:
     """Return finite numbers, at most `largest` in size, (..., *shape); InputError if not."""
     try:
         array = np.asarray(value)
     except Exception:  # a ragged list; a foreign type may raise anything
         array = np.asarray(None)
-    masked = type(value) is not np.ndarray and isinstance(value, np.ma.MaskedArray) \
+    masked = (
+        type(value) is not np.ndarray
+        and isinstance(value, np.ma.MaskedArray)
         and np.ma.is_masked(value)
+    )
     if masked or array.dtype.kind not in 'fiu':
         raise InputError(
-            f'{name} = {quoted(value)}: expected real numbers of shape {_open(shape)}')
-    if shape and array.shape[-len(shape):] != shape:
+            f'{name} = {quoted(value)}: expected real numbers of shape {_open(shape)}'
+        )
+    if shape and array.shape[-len(shape) :] != shape:
         raise InputError(f'{name} has shape {array.shape}: expected {_open(shape)}')
     if array.dtype.char != 'd':
         with np.errstate(over='ignore'):
@@ -60,8 +63,9 @@ def check_array(name: str, value: object, shape: Shape,
         good = bool((np.abs(array) <= largest).all())
     if not good:
         where = tuple(int(i) for i in np.argwhere(~(np.abs(array) <= largest))[0])
-        expected = 'a finite number' if largest == LARGEST_NUMBER else (
-            f'{largest:g} or less in size')
+        expected = (
+            'a finite number' if largest == LARGEST_NUMBER else (f'{largest:g} or less in size')
+        )
         raise InputError(f'{name}: entry {where} is {array[where]}, expected {expected}')
     return array
 
@@ -73,8 +77,11 @@ def check_angles(name: str, value: object, shape: Shape) -> Array:
 
 def check_count(name: str, value: object, least: int, most: int) -> int:
     """Return `value` as an int from `least` to `most`; InputError if it is none."""
-    if isinstance(value, bool) or not isinstance(value, numbers.Integral) or not (
-            least <= int(value) <= most):
+    if (
+        isinstance(value, bool)
+        or not isinstance(value, numbers.Integral)
+        or not (least <= int(value) <= most)
+    ):
         raise InputError(f'{name} = {quoted(value)}: expected an integer from {least} to {most}')
     return int(value)
 
@@ -96,7 +103,8 @@ def check_rotations(name: str, value: object) -> Array:
         raise InputError(
             f'{name}{list(where) if where else ""} = {matrices[where].tolist()}: expected a '
             f'rotation matrix (largest entry of R^T R - I is {error[where]:.3g}, at most '
-            f'{ROTATION_TOLERANCE:g}; determinant {determinant[where]:.6g}, +1)')
+            f'{ROTATION_TOLERANCE:g}; determinant {determinant[where]:.6g}, +1)'
+        )
     return matrices
 
 
@@ -107,10 +115,12 @@ def check_working_mode(working_mode: Iterable[int]) -> WorkingMode:
     except TypeError:  # not iterable
         signs = ()
     if len(signs) != 3 or not all(
-            isinstance(sign, numbers.Real) and not isinstance(sign, bool) and sign in (1, -1)
-            for sign in signs):
+        isinstance(sign, numbers.Real) and not isinstance(sign, bool) and sign in (1, -1)
+        for sign in signs
+    ):
         raise InputError(
-            f'working_mode = {quoted(working_mode)}: expected three signs, each +1 or -1')
+            f'working_mode = {quoted(working_mode)}: expected three signs, each +1 or -1'
+        )
     first, second, third = signs
     return int(first), int(second), int(third)
 
@@ -123,18 +133,21 @@ def check_broadcast(names: str, *shapes: Shape) -> Shape:
         common: Shape = np.broadcast_shapes(*shapes)
     except ValueError:
         raise InputError(
-            f'{names}: batch shapes {", ".join(map(str, shapes))} do not broadcast') from None
+            f'{names}: batch shapes {", ".join(map(str, shapes))} do not broadcast'
+        ) from None
     return common
 
 
 # Link angles and axes --------------------------------------------------------------------------
+
 
 def check_angle(name: str, angle: object) -> float:
     """Return a link angle, rad, in ]0, pi[; GeometryError if it is none."""
     real = isinstance(angle, numbers.Real) and not isinstance(angle, bool)
     if not real or not 0.0 < angle < math.pi:  # type: ignore[operator]
         raise GeometryError(
-            f'{name} = {quoted(angle)}: expected an angle in rad between 0 and pi, both excluded')
+            f'{name} = {quoted(angle)}: expected an angle in rad between 0 and pi, both excluded'
+        )
     return float(angle)  # type: ignore[arg-type]
 
 
@@ -153,7 +166,8 @@ def check_links(name: str, angles: object) -> Vector[float]:
     """Return the link angles of three legs, rad; GeometryError if they are none."""
     first, second, third = (
         check_angle(f'{name} of leg {LEG_NAMES[leg]}', angle)
-        for leg, angle in enumerate(_check(name, angles, (3,)).tolist()))
+        for leg, angle in enumerate(_check(name, angles, (3,)).tolist())
+    )
     return first, second, third
 
 
@@ -165,7 +179,8 @@ def check_axes(name: str, axes: object, symbol: str, nominal: ThreeAxes) -> Thre
         length = math.hypot(*row)
         if not abs(length - 1.0) <= LENGTH_TOLERANCE:
             raise GeometryError(
-                f'{name}: row {leg} = {row} has length {length:.9g}, expected a unit vector')
+                f'{name}: row {leg} = {row} has length {length:.9g}, expected a unit vector'
+            )
         x, y, z = (component / length for component in row)
         unit.append((x, y, z))
     apart = f'expected {math.degrees(LEAST_ANGLE):g} deg or more between them'
@@ -175,10 +190,13 @@ def check_axes(name: str, axes: object, symbol: str, nominal: ThreeAxes) -> Thre
         if sine < math.sin(LEAST_ANGLE):
             raise GeometryError(
                 f'{name}: rows {leg} and {other} = {list(unit[leg])} and {list(unit[other])} are '
-                f'parallel to {math.degrees(math.asin(sine)):.3g} deg, {apart}')
+                f'parallel to {math.degrees(math.asin(sine)):.3g} deg, {apart}'
+            )
     for letter, axis, drawn in zip(LEG_NAMES, unit, nominal, strict=True):
         if math.dist(axis, [-component for component in drawn]) < LEAST_ANGLE:
-            raise GeometryError(f'{name}: {symbol}{letter} = {list(axis)} is opposite to '
-                                f'{list(drawn)}: {apart}, or the joint has no zero')
+            raise GeometryError(
+                f'{name}: {symbol}{letter} = {list(axis)} is opposite to '
+                f'{list(drawn)}: {apart}, or the joint has no zero'
+            )
     first, second, third = unit
     return first, second, third

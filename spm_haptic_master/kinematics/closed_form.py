@@ -56,8 +56,9 @@ DETERMINANT_TOLERANCE = 1e-9
 CLOSED_FORM_TRUST = 10.0
 
 
-def theta3a_quaternion(th1a: float, th1b: float, th1c: float, th3a: float,
-                       geometry: Geometry) -> Quaternion[float]:
+def theta3a_quaternion(
+    th1a: float, th1b: float, th1c: float, th3a: float, geometry: Geometry
+) -> Quaternion[float]:
     """
     Case 2 in plain floats, for the 1 kHz path: orientation from four angles (eqs. 15, 16).
 
@@ -72,13 +73,15 @@ def theta3a_quaternion(th1a: float, th1b: float, th1c: float, th3a: float,
         raise SingularityError(
             f'th1 = ({th1a}, {th1b}, {th1c}), th3A = {th3a} rad: the determinant '
             f'L1 M2 - L2 M1 of the closed form is {determinant:.3g}, expected '
-            f'{DETERMINANT_TOLERANCE:g} or more in size')
+            f'{DETERMINANT_TOLERANCE:g} or more in size'
+        )
     c, s = FLOATS.half_turn(sine * determinant, cosine * determinant)
     return half_chain_quaternion(th1a, c, s, th3a, geometry, FLOATS)
 
 
-def forward_theta3a(th1: ArrayLike, theta3a: ArrayLike,
-                    geometry: Geometry = PAPER_GEOMETRY) -> Array:
+def forward_theta3a(
+    th1: ArrayLike, theta3a: ArrayLike, geometry: Geometry = PAPER_GEOMETRY
+) -> Array:
     """
     Case 2: orientations from the active joints and th3A, in closed form (eqs. 15, 16).
 
@@ -92,8 +95,9 @@ def forward_theta3a(th1: ArrayLike, theta3a: ArrayLike,
     return _in_slices(_case_2, th1, 'theta3a', theta3a, geometry)
 
 
-def forward_theta2a(th1: ArrayLike, theta2a: ArrayLike,
-                    geometry: Geometry = PAPER_GEOMETRY) -> Array:
+def forward_theta2a(
+    th1: ArrayLike, theta2a: ArrayLike, geometry: Geometry = PAPER_GEOMETRY
+) -> Array:
     """
     Case 1: orientations from the active joints and th2A, in closed form (eqs. 13, 14).
 
@@ -102,8 +106,9 @@ def forward_theta2a(th1: ArrayLike, theta2a: ArrayLike,
     return _in_slices(_case_1, th1, 'theta2a', theta2a, geometry)
 
 
-def _in_slices(case: Callable[..., Array], th1: ArrayLike, name: str, passive: ArrayLike,
-               geometry: Geometry) -> Array:
+def _in_slices(
+    case: Callable[..., Array], th1: ArrayLike, name: str, passive: ArrayLike, geometry: Geometry
+) -> Array:
     """Check th1 and the passive angle; return the matrices, a slice of rows at a time."""
     check_geometry(geometry)
     active, angle = check_angles('th1', th1, (3,)), check_angles(name, passive, ())
@@ -112,8 +117,10 @@ def _in_slices(case: Callable[..., Array], th1: ArrayLike, name: str, passive: A
     rows = math.prod(shape)
     if rows <= SLICE:
         return case(*columns, geometry)
-    result, columns = np.empty((rows, 3, 3)), tuple(
-        np.broadcast_to(each, shape).ravel() for each in columns)
+    result, columns = (
+        np.empty((rows, 3, 3)),
+        tuple(np.broadcast_to(each, shape).ravel() for each in columns),
+    )
     for start in range(0, rows, SLICE):
         part = slice(start, start + SLICE)
         result[part] = case(*(each[part] for each in columns), geometry)
@@ -123,15 +130,19 @@ def _in_slices(case: Callable[..., Array], th1: ArrayLike, name: str, passive: A
 def _case_2(th1a: Array, th1b: Array, th1c: Array, th3a: Array, geometry: Geometry) -> Array:
     _, _, leg_b, leg_c = linkage(th1a, th1b, th1c, th3a, geometry, ARRAYS)
     y, x = _common_turn_point(turn_of_second_joint(leg_b, leg_c))
-    return stack_matrix(rotation_from_quaternion(*half_chain_quaternion(
-        th1a, *ARRAYS.half_turn(y, x), th3a, geometry, ARRAYS)))
+    return stack_matrix(
+        rotation_from_quaternion(
+            *half_chain_quaternion(th1a, *ARRAYS.half_turn(y, x), th3a, geometry, ARRAYS)
+        )
+    )
 
 
 def _case_1(th1a: Array, th1b: Array, th1c: Array, th2a: Array, geometry: Geometry) -> Array:
     chain = LockedChain.of((th1a, th1b, th1c), geometry, ARRAYS)
     y, x = _common_turn_point(common_turn(*chain.turn_equations(np.cos(th2a), np.sin(th2a))))
-    return stack_matrix(rotation_from_quaternion(*chain_quaternion(
-        th1a, th2a, np.arctan2(y, x), geometry, ARRAYS)))
+    return stack_matrix(
+        rotation_from_quaternion(*chain_quaternion(th1a, th2a, np.arctan2(y, x), geometry, ARRAYS))
+    )
 
 
 def _common_turn_point(solution: Vector[Batch]) -> tuple[Array, Array]:
@@ -141,20 +152,24 @@ def _common_turn_point(solution: Vector[Batch]) -> tuple[Array, Array]:
     if singular.ndim == 0 and singular:
         raise SingularityError(
             f'the determinant L1 M2 - L2 M1 of the closed form is {determinant:.3g}, expected '
-            f'{DETERMINANT_TOLERANCE:g} or more in size')
+            f'{DETERMINANT_TOLERANCE:g} or more in size'
+        )
     determinant = np.where(singular, np.nan, determinant)
     return sine * determinant, cosine * determinant
 
 
 # Starts of an estimate without Case 2 -----------------------------------------------------------
 
-def trusted_start(readings: tuple[float | None, ...], largest: float,
-                  g: Geometry) -> State[float] | None:
+
+def trusted_start(
+    readings: tuple[float | None, ...], largest: float, g: Geometry
+) -> State[float] | None:
     """Return the start by the first leg that determines it; `largest` sigma in rad."""
     for leg, first, third, equations in _carriers(readings, g):
         cosine, sine, determinant = max(
             (common_turn(*pair) for pair in combinations(equations, 2)),
-            key=lambda turn: abs(turn[2]))
+            key=lambda turn: abs(turn[2]),
+        )
         if abs(determinant) > CLOSED_FORM_TRUST * largest:
             th2 = math.atan2(sine * determinant, cosine * determinant)
             # The noise may carry another leg beyond its reach.
@@ -172,8 +187,9 @@ def possible_starts(readings: tuple[float | None, ...], g: Geometry) -> Iterator
                     yield start_at(_carried_by(leg, first, th2, third), readings, g)
 
 
-def _carriers(readings: tuple[float | None, ...],
-              g: Geometry) -> Iterator[tuple[Leg, float, float, list[Vector[float]]]]:
+def _carriers(
+    readings: tuple[float | None, ...], g: Geometry
+) -> Iterator[tuple[Leg, float, float, list[Vector[float]]]]:
     """Yield each leg with both its sensors, their readings, and the equations of its th2k."""
     for carrier, leg in enumerate(g.legs):
         first, third = readings[carrier], readings[3 + carrier]
@@ -184,15 +200,25 @@ def _carriers(readings: tuple[float | None, ...],
             each, th1, th3 = g.legs[other], readings[other], readings[3 + other]
             if th1 is not None:
                 second = second_axis(math.cos(th1), math.sin(th1), each)
-                equations.append(turn_equation(
-                    _before_second(leg, first, second), _after_second(leg, third, each.third),
-                    each.cos_beta))
+                equations.append(
+                    turn_equation(
+                        _before_second(leg, first, second),
+                        _after_second(leg, third, each.third),
+                        each.cos_beta,
+                    )
+                )
             if th3 is not None:
-                second = _times(each.platform_frame, (
-                    each.sin_beta * math.sin(th3), each.sin_beta * math.cos(th3), each.cos_beta))
-                equations.append(turn_equation(
-                    _before_second(leg, first, each.first), _after_second(leg, third, second),
-                    each.cos_alpha))
+                second = _times(
+                    each.platform_frame,
+                    (each.sin_beta * math.sin(th3), each.sin_beta * math.cos(th3), each.cos_beta),
+                )
+                equations.append(
+                    turn_equation(
+                        _before_second(leg, first, each.first),
+                        _after_second(leg, third, second),
+                        each.cos_alpha,
+                    )
+                )
         yield leg, first, third, equations
 
 
@@ -213,17 +239,24 @@ def _after_second(leg: Leg, th3: float, axis: Vector[float]) -> Vector[float]:
 def _carried_by(leg: Leg, th1: float, th2: float, th3: float) -> Rotation[float]:
     """R_base_platform of a leg's chain, eq. 6."""
     (r00, r10, r20), (r01, r11, r21), (r02, r12, r22) = (
-        _times(leg.base_frame, _about_z(th1, _about_x(
-            leg.cos_alpha, leg.sin_alpha, _about_z(th2, _after_second(leg, th3, unit)))))
-        for unit in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
+        _times(
+            leg.base_frame,
+            _about_z(
+                th1,
+                _about_x(
+                    leg.cos_alpha, leg.sin_alpha, _about_z(th2, _after_second(leg, th3, unit))
+                ),
+            ),
+        )
+        for unit in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    )
     return r00, r01, r02, r10, r11, r12, r20, r21, r22
 
 
 def _times(matrix: Rotation[float], vector: Vector[float]) -> Vector[float]:
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = matrix
     x, y, z = vector
-    return (r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z,
-            r20 * x + r21 * y + r22 * z)
+    return (r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z, r20 * x + r21 * y + r22 * z)
 
 
 def _about_z(angle: float, vector: Vector[float]) -> Vector[float]:
@@ -237,8 +270,9 @@ def _about_x(c: float, s: float, vector: Vector[float]) -> Vector[float]:
     return x, c * y - s * z, s * y + c * z
 
 
-def start_at(rotation: Rotation[float], readings: tuple[float | None, ...],
-             g: Geometry) -> State[float]:
+def start_at(
+    rotation: Rotation[float], readings: tuple[float | None, ...], g: Geometry
+) -> State[float]:
     """
     Return th1A, th2A, th3A, th1B, th1C, rad: the readings; missing ones from an orientation.
 
@@ -249,20 +283,32 @@ def start_at(rotation: Rotation[float], readings: tuple[float | None, ...],
     th1a, th3a = readings[0], readings[3]
     found_1a, th2a, found_3a = _fitting_angles(rotation, g.legs[0], th1a, th3a)
     th1b, th1c = (
-        th1 if th1 is not None else 0.0 if th3 is None else
-        _fitting_angles(rotation, leg, None, th3)[0]
-        for leg, th1, th3 in zip(g.legs[1:], readings[1:3], readings[4:], strict=True))
-    return (found_1a if th1a is None else th1a, th2a, found_3a if th3a is None else th3a,
-            th1b, th1c)
+        th1
+        if th1 is not None
+        else 0.0
+        if th3 is None
+        else _fitting_angles(rotation, leg, None, th3)[0]
+        for leg, th1, th3 in zip(g.legs[1:], readings[1:3], readings[4:], strict=True)
+    )
+    return (
+        found_1a if th1a is None else th1a,
+        th2a,
+        found_3a if th3a is None else th3a,
+        th1b,
+        th1c,
+    )
 
 
-def _fitting_angles(rotation: Rotation[float], leg: Leg, th1: float | None,
-                    th3: float | None) -> Vector[float]:
+def _fitting_angles(
+    rotation: Rotation[float], leg: Leg, th1: float | None, th3: float | None
+) -> Vector[float]:
     """Return a leg's joint angles, rad, in the working mode that fits the readings best."""
+
     def misfit(solution: Vector[float]) -> float:
         return sum(
             abs(math.remainder(angle - reading, 2.0 * math.pi))
             for angle, reading in ((solution[0], th1), (solution[2], th3))
-            if reading is not None)
+            if reading is not None
+        )
 
     return min((leg_angles(rotation, leg, sign, FLOATS) for sign in (1, -1)), key=misfit)

@@ -40,10 +40,16 @@ THIRD_OF_A_TURN = 2.0 * math.pi / 3.0
 NOMINAL_BASE_AXES: ThreeAxes = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 # Turns of leg k's frame N_k in the base: none, 120 and 240 deg about (1, 1, 1).
 BASE_TURNS: tuple[Quaternion[float], ...] = (
-    (0.0, 0.0, 0.0, 1.0), (0.5, 0.5, 0.5, 0.5), (0.5, 0.5, 0.5, -0.5))
+    (0.0, 0.0, 0.0, 1.0),
+    (0.5, 0.5, 0.5, 0.5),
+    (0.5, 0.5, 0.5, -0.5),
+)
 # Turns of leg k's frame N_k in the platform: none, 120 and 240 deg about z.
 PLATFORM_TURNS: tuple[Quaternion[float], ...] = (
-    (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, math.sqrt(0.75), 0.5), (0.0, 0.0, math.sqrt(0.75), -0.5))
+    (0.0, 0.0, 0.0, 1.0),
+    (0.0, 0.0, math.sqrt(0.75), 0.5),
+    (0.0, 0.0, math.sqrt(0.75), -0.5),
+)
 # x, y, c x, c y, s z, s x, s y, c z of an axis (x, y, z) and a link with cosine c and sine s.
 LinkTurn = tuple[float, float, float, float, float, float, float, float]
 
@@ -88,21 +94,29 @@ def leg_frame(turn: Quaternion[float], axis: Sequence[float]) -> Quaternion[floa
     return multiply_quaternions(turn, (-scale * y, scale * x, 0.0, math.cos(half)))
 
 
-def leg_constants(alpha: float, beta: float, base: Quaternion[float],
-                  platform: Quaternion[float]) -> Leg:
+def leg_constants(
+    alpha: float, beta: float, base: Quaternion[float], platform: Quaternion[float]
+) -> Leg:
     """Return the constants of a leg from its link angles and its frames B_k and Q_k."""
     in_base, in_platform = rotation_from_quaternion(*base), rotation_from_quaternion(*platform)
     ca, sa = math.cos(alpha), math.sin(alpha)
     (xx, yx, zx), (xy, yy, zy), (xz, yz, zz) = in_base[:3], in_base[3:6], in_base[6:]
     return Leg(
-        ca, sa, math.cos(beta), math.sin(beta), (zx, zy, zz),
-        ((ca * zx, ca * zy, ca * zz), (-sa * yx, -sa * yy, -sa * yz),
-         (sa * xx, sa * xy, sa * xz)),
-        (in_platform[2], in_platform[5], in_platform[8]), in_base, in_platform)
+        ca,
+        sa,
+        math.cos(beta),
+        math.sin(beta),
+        (zx, zy, zz),
+        ((ca * zx, ca * zy, ca * zz), (-sa * yx, -sa * yy, -sa * yz), (sa * xx, sa * xy, sa * xz)),
+        (in_platform[2], in_platform[5], in_platform[8]),
+        in_base,
+        in_platform,
+    )
 
 
 def carried_constants(leg: Leg, carrier: Leg) -> Carried:
     """Return the constants of leg B or C from those of leg A."""
+
     def into(frame: Rotation[float], axis: tuple[float, ...]) -> Vector[float]:
         x, y, z = (sum(frame[3 * i + j] * axis[i] for i in range(3)) for j in range(3))
         return x, y, z
@@ -113,9 +127,11 @@ def carried_constants(leg: Leg, carrier: Leg) -> Carried:
     return Carried(
         leg.cos_beta,
         _link_turn(into(carrier.base_frame, leg.first), carrier.cos_alpha, -carrier.sin_alpha),
-        (*p, *q, *r, carrier.cos_alpha, carrier.sin_alpha), third,
+        (*p, *q, *r, carrier.cos_alpha, carrier.sin_alpha),
+        third,
         _link_turn(third, carrier.cos_beta, carrier.sin_beta),
-        _link_turn(zero, carrier.cos_beta, carrier.sin_beta))
+        _link_turn(zero, carrier.cos_beta, carrier.sin_beta),
+    )
 
 
 def _link_turn(axis: Vector[float], cosine: float, sine: float) -> LinkTurn:
@@ -166,19 +182,34 @@ class Geometry:
     # Matrix of q -> B_A q Q_A^T, row by row, for the quaternion x, y, z, w of leg A's chain.
     chain: tuple[float, ...] = field(compare=False)
 
-    def __init__(self, alpha: float = math.radians(39.3), beta: float = math.radians(34.1),
-                 gamma: float = math.radians(18.2)):
+    def __init__(
+        self,
+        alpha: float = math.radians(39.3),
+        beta: float = math.radians(34.1),
+        gamma: float = math.radians(18.2),
+    ):
         alpha, beta = check_angle('alpha', alpha), check_angle('beta', beta)
         gamma = check_angle('gamma', gamma)
         first, second, third = (
-            (-math.sin(gamma) * math.sin(k * THIRD_OF_A_TURN),
-             math.sin(gamma) * math.cos(k * THIRD_OF_A_TURN), math.cos(gamma)) for k in range(3))
-        self._set((alpha,) * 3, (beta,) * 3, NOMINAL_BASE_AXES, (first, second, third),
-                  (alpha, beta, gamma))
+            (
+                -math.sin(gamma) * math.sin(k * THIRD_OF_A_TURN),
+                math.sin(gamma) * math.cos(k * THIRD_OF_A_TURN),
+                math.cos(gamma),
+            )
+            for k in range(3)
+        )
+        self._set(
+            (alpha,) * 3,
+            (beta,) * 3,
+            NOMINAL_BASE_AXES,
+            (first, second, third),
+            (alpha, beta, gamma),
+        )
 
     @classmethod
-    def from_axes(cls, base_axes: ArrayLike, platform_axes: ArrayLike, alpha: ArrayLike,
-                  beta: ArrayLike) -> Geometry:
+    def from_axes(
+        cls, base_axes: ArrayLike, platform_axes: ArrayLike, alpha: ArrayLike, beta: ArrayLike
+    ) -> Geometry:
         """
         Return the mechanism as built: every axis and every link as measured.
 
@@ -195,29 +226,49 @@ class Geometry:
         base = check_axes('base_axes', base_axes, 'Z1', NOMINAL_BASE_AXES)
         platform = check_axes('platform_axes', platform_axes, 'Z3', ((0.0, 0.0, 1.0),) * 3)
         geometry = object.__new__(cls)
-        geometry._set(check_links('alpha', alpha), check_links('beta', beta), base, platform,
-                      None)
+        geometry._set(check_links('alpha', alpha), check_links('beta', beta), base, platform, None)
         return geometry
 
-    def _set(self, alphas: Vector[float], betas: Vector[float], base_axes: ThreeAxes,
-             platform_axes: ThreeAxes, nominal: Vector[float] | None) -> None:
+    def _set(
+        self,
+        alphas: Vector[float],
+        betas: Vector[float],
+        base_axes: ThreeAxes,
+        platform_axes: ThreeAxes,
+        nominal: Vector[float] | None,
+    ) -> None:
         """Set all attributes from checked link angles and axes."""
         in_base, in_platform = (
             [leg_frame(turn, axis) for turn, axis in zip(turns, axes, strict=True)]
-            for turns, axes in ((BASE_TURNS, base_axes), (PLATFORM_TURNS, platform_axes)))
+            for turns, axes in ((BASE_TURNS, base_axes), (PLATFORM_TURNS, platform_axes))
+        )
         leg_a, leg_b, leg_c = map(leg_constants, alphas, betas, in_base, in_platform)
         difference, total = betas[0] - alphas[0], alphas[0] + betas[0]
         columns = [
             multiply_quaternions(multiply_quaternions(in_base[0], unit), conjugate(in_platform[0]))
-            for unit in ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0),
-                         (0.0, 0.0, 0.0, 1.0))]
+            for unit in (
+                (1.0, 0.0, 0.0, 0.0),
+                (0.0, 1.0, 0.0, 0.0),
+                (0.0, 0.0, 1.0, 0.0),
+                (0.0, 0.0, 0.0, 1.0),
+            )
+        ]
         values: dict[str, Any] = {
-            'alphas': alphas, 'betas': betas, 'base_axes': base_axes,
-            'platform_axes': platform_axes, '_nominal': nominal, 'legs': (leg_a, leg_b, leg_c),
+            'alphas': alphas,
+            'betas': betas,
+            'base_axes': base_axes,
+            'platform_axes': platform_axes,
+            '_nominal': nominal,
+            'legs': (leg_a, leg_b, leg_c),
             'carried': (carried_constants(leg_b, leg_a), carried_constants(leg_c, leg_a)),
-            'half_angles': (math.cos(0.5 * total), math.sin(0.5 * total),
-                            math.cos(0.5 * difference), math.sin(0.5 * difference)),
-            'chain': tuple(column[row] for row in range(4) for column in columns)}
+            'half_angles': (
+                math.cos(0.5 * total),
+                math.sin(0.5 * total),
+                math.cos(0.5 * difference),
+                math.sin(0.5 * difference),
+            ),
+            'chain': tuple(column[row] for row in range(4) for column in columns),
+        }
         for name, value in values.items():
             object.__setattr__(self, name, value)
 
@@ -240,7 +291,8 @@ class Geometry:
         if self._nominal is None:
             raise GeometryError(
                 f'{("alpha", "beta", "gamma")[index]} of a mechanism as built: its legs differ, '
-                'expected the use of alphas, betas and platform_axes')
+                'expected the use of alphas, betas and platform_axes'
+            )
         return self._nominal[index]
 
     def __repr__(self) -> str:
@@ -248,9 +300,11 @@ class Geometry:
         if self._nominal is not None:
             alpha, beta, gamma = self._nominal
             return f'Geometry(alpha={alpha!r}, beta={beta!r}, gamma={gamma!r})'
-        return (f'Geometry.from_axes(base_axes={self.base_axes!r}, '
-                f'platform_axes={self.platform_axes!r}, alpha={self.alphas!r}, '
-                f'beta={self.betas!r})')
+        return (
+            f'Geometry.from_axes(base_axes={self.base_axes!r}, '
+            f'platform_axes={self.platform_axes!r}, alpha={self.alphas!r}, '
+            f'beta={self.betas!r})'
+        )
 
 
 def check_geometry(geometry: object, name: str = 'geometry') -> Geometry:

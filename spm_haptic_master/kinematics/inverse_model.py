@@ -54,20 +54,25 @@ class JointAngles:
     theta3c: Array
 
 
-def mechanism_angles(rotation: Rotation[float], geometry: Geometry,
-                     working_mode: WorkingMode = RIG_WORKING_MODE) -> tuple[float, ...]:
+def mechanism_angles(
+    rotation: Rotation[float], geometry: Geometry, working_mode: WorkingMode = RIG_WORKING_MODE
+) -> tuple[float, ...]:
     """
     Angles of all nine joints, in plain floats; nothing is validated.
 
     They are th1A, th2A, th3A, th1B, th2B, th3B, th1C, th2C, th3C, rad, in [-pi, pi], of a rotation
     R_base_platform, nine numbers row by row. UnreachableError if a leg does not reach it.
     """
-    return tuple(angle for leg, sign in zip(geometry.legs, working_mode, strict=True)
-                 for angle in leg_angles(rotation, leg, sign, FLOATS))
+    return tuple(
+        angle
+        for leg, sign in zip(geometry.legs, working_mode, strict=True)
+        for angle in leg_angles(rotation, leg, sign, FLOATS)
+    )
 
 
-def measured_angles(rotation: Rotation[float], geometry: Geometry, working_mode: WorkingMode,
-                    sensors: int) -> tuple[float, ...]:
+def measured_angles(
+    rotation: Rotation[float], geometry: Geometry, working_mode: WorkingMode, sensors: int
+) -> tuple[float, ...]:
     """
     Return the first 3 to 6 of th1A, th1B, th1C, th3A, th3B, th3C, rad, which sensors measure.
 
@@ -77,8 +82,11 @@ def measured_angles(rotation: Rotation[float], geometry: Geometry, working_mode:
     return (angles[::3] + angles[2::3])[:sensors]
 
 
-def inverse(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
-            working_mode: Sequence[int] = RIG_WORKING_MODE) -> JointAngles:
+def inverse(
+    R: ArrayLike,
+    geometry: Geometry = PAPER_GEOMETRY,
+    working_mode: Sequence[int] = RIG_WORKING_MODE,
+) -> JointAngles:
     """
     Joint angles of orientations R_base_platform, (..., 3, 3), in closed form.
 
@@ -94,7 +102,8 @@ def inverse(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
     if matrices.ndim == 2 and np.isnan(found.theta2a):
         raise UnreachableError(
             f'no configuration in working mode {working_mode} reaches '
-            f'R = {matrices.tolist()} with {geometry}')
+            f'R = {matrices.tolist()} with {geometry}'
+        )
     return found
 
 
@@ -103,7 +112,8 @@ def batch_angles(matrices: Array, geometry: Geometry, working_mode: WorkingMode)
     rotation = unstack_matrix(matrices)
     (th1a, th2a, th3a), (th1b, _, th3b), (th1c, _, th3c) = (
         leg_angles(rotation, leg, sign, ARRAYS)
-        for leg, sign in zip(geometry.legs, working_mode, strict=True))
+        for leg, sign in zip(geometry.legs, working_mode, strict=True)
+    )
     angles: tuple[Batch, ...] = th1a, th1b, th1c, th2a, th3a, th3b, th3c
     unreachable = np.isnan(sum(angles))
     th1a, th1b, th1c, *passive = (np.where(unreachable, np.nan, angle) for angle in angles)
@@ -111,6 +121,7 @@ def batch_angles(matrices: Array, geometry: Geometry, working_mode: WorkingMode)
 
 
 # Jacobians ---------------------------------------------------------------------------------------
+
 
 def dot(u: Vector[N], v: Vector[N]) -> N:
     """Scalar product of two vectors of three numbers."""
@@ -124,8 +135,9 @@ def cross(u: Vector[N], v: Vector[N]) -> Vector[N]:
     return uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
 
 
-def velocity_rows(rotation: Rotation[N], th1: Vector[N], g: Geometry,
-                  m: Backend[N]) -> VelocityRows[N]:
+def velocity_rows(
+    rotation: Rotation[N], th1: Vector[N], g: Geometry, m: Backend[N]
+) -> VelocityRows[N]:
     """
     Kernel of eqs. 9, 10, 20, 21: rows of A_r and diagonal of B_r with B_r thetadot = A_r omega.
 
@@ -133,23 +145,31 @@ def velocity_rows(rotation: Rotation[N], th1: Vector[N], g: Geometry,
     th1A, th1B, th1C, th3A, th3B, th3C. The diagonal is B_AA, B_BB, B_CC, twice.
     (The paper prints Z3k x Z2k and Z3A . (Z2A x Z1A), which reverse the sign of the velocity.)
     """
-    seconds = [second_axis(m.cos(angle), m.sin(angle), leg)
-               for angle, leg in zip(th1, g.legs, strict=True)]
+    seconds = [
+        second_axis(m.cos(angle), m.sin(angle), leg)
+        for angle, leg in zip(th1, g.legs, strict=True)
+    ]
     active = list(map(cross, seconds, third_axes(rotation, g)))
     passive = [cross(leg.first, second) for leg, second in zip(g.legs, seconds, strict=True)]
     return active + passive, 2 * [
-        dot(row, leg.first) for row, leg in zip(active, g.legs, strict=True)]
+        dot(row, leg.first) for row, leg in zip(active, g.legs, strict=True)
+    ]
 
 
-def _velocity_rows_of(matrices: Array, geometry: Geometry,
-                      working_mode: Sequence[int]) -> VelocityRows[Batch]:
+def _velocity_rows_of(
+    matrices: Array, geometry: Geometry, working_mode: Sequence[int]
+) -> VelocityRows[Batch]:
     """Return the `velocity_rows` of checked poses; NaN out of reach."""
     th1a, th1b, th1c = np.moveaxis(inverse(matrices, geometry, working_mode).theta1, -1, 0)
     return velocity_rows(unstack_matrix(matrices), (th1a, th1b, th1c), geometry, ARRAYS)
 
 
-def jacobian(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
-             working_mode: Sequence[int] = RIG_WORKING_MODE, sensors: int = 3) -> Array:
+def jacobian(
+    R: ArrayLike,
+    geometry: Geometry = PAPER_GEOMETRY,
+    working_mode: Sequence[int] = RIG_WORKING_MODE,
+    sensors: int = 3,
+) -> Array:
     """
     Jacobian G of the inverse model, thetadot = G omega, eqs. 8 to 11 and 17 to 21.
 
@@ -170,14 +190,18 @@ def jacobian(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
     if matrices.ndim == 2 and boundary:
         raise SingularityError(
             f'R = {matrices.tolist()} lies on the boundary of its working mode: '
-            f'B_kk = {diagonal[:3].tolist()}, expected {MODE_BOUNDARY:g} or more in size')
+            f'B_kk = {diagonal[:3].tolist()}, expected {MODE_BOUNDARY:g} or more in size'
+        )
     diagonal = np.where(boundary[..., None], np.nan, diagonal)
     G: Array = (rows / diagonal[..., None])[..., :sensors, :]
     return G
 
 
-def parallel_determinant(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
-                         working_mode: Sequence[int] = RIG_WORKING_MODE) -> Array:
+def parallel_determinant(
+    R: ArrayLike,
+    geometry: Geometry = PAPER_GEOMETRY,
+    working_mode: Sequence[int] = RIG_WORKING_MODE,
+) -> Array:
     """
     Return det A, zero at a parallel singularity (eq. 9, rows Z2k x Z3k; Fig. 7).
 
@@ -189,8 +213,12 @@ def parallel_determinant(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
     return cast('Array', dot(row_a, cross(row_b, row_c)))
 
 
-def dexterity(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
-              working_mode: Sequence[int] = RIG_WORKING_MODE, sensors: int = 3) -> Array:
+def dexterity(
+    R: ArrayLike,
+    geometry: Geometry = PAPER_GEOMETRY,
+    working_mode: Sequence[int] = RIG_WORKING_MODE,
+    sensors: int = 3,
+) -> Array:
     """
     Dexterity (...): the inverse of the Jacobian's condition number (eq. 12), in [0, 1].
 

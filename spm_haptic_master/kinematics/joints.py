@@ -72,25 +72,37 @@ class UsedSensors:
         sigma = tuple(self.sigma)
         mounted, left_out = len(sigma), frozenset(self.left_out)
         if not FEWEST_MOUNTED <= mounted <= len(ALL_JOINT_NAMES):
-            raise InputError(f'sigma = {quoted(self.sigma)}: expected four, five or six standard '
-                             'deviations')
+            raise InputError(
+                f'sigma = {quoted(self.sigma)}: expected four, five or six standard deviations'
+            )
         if not all(SMALLEST_SIGMA <= each <= LARGEST_SIGMA for each in sigma):
             raise InputError(
                 f'sigma = {quoted(self.sigma)}: expected standard deviations in rad from '
-                f'{SMALLEST_SIGMA:g} to {LARGEST_SIGMA:.6g}')
+                f'{SMALLEST_SIGMA:g} to {LARGEST_SIGMA:.6g}'
+            )
         if not left_out <= set(range(mounted)):
-            raise InputError(f'left_out = {quoted(self.left_out)}: expected places from 0 to '
-                             f'{mounted - 1}')
+            raise InputError(
+                f'left_out = {quoted(self.left_out)}: expected places from 0 to {mounted - 1}'
+            )
         used = tuple(place for place in range(mounted) if place not in left_out)
         if len(used) < FEWEST_USED:
-            raise InputError(f'left_out = {quoted(self.left_out)} of {mounted} sensors: expected '
-                             f'{FEWEST_USED} or more in use')
-        weights = tuple(1.0 / (sigma[place] * sigma[place]) if place in used else 0.0
-                        for place in range(len(ALL_JOINT_NAMES)))
+            raise InputError(
+                f'left_out = {quoted(self.left_out)} of {mounted} sensors: expected '
+                f'{FEWEST_USED} or more in use'
+            )
+        weights = tuple(
+            1.0 / (sigma[place] * sigma[place]) if place in used else 0.0
+            for place in range(len(ALL_JOINT_NAMES))
+        )
         values = {
-            'sigma': sigma, 'left_out': left_out, 'weights': weights, 'used': used,
-            'count': len(used), 'largest': max(sigma[place] for place in used),
+            'sigma': sigma,
+            'left_out': left_out,
+            'weights': weights,
+            'used': used,
+            'count': len(used),
+            'largest': max(sigma[place] for place in used),
             'usual': used[:FEWEST_MOUNTED] == tuple(range(FEWEST_MOUNTED)),
-            'further': mounted - FEWEST_MOUNTED}
+            'further': mounted - FEWEST_MOUNTED,
+        }
         for name, value in values.items():
             object.__setattr__(self, name, value)

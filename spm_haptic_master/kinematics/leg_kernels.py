@@ -37,7 +37,8 @@ def third_axes(rotation: Rotation[N], g: Geometry) -> list[Vector[N]]:
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = rotation
     return [
         (r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z, r20 * x + r21 * y + r22 * z)
-        for x, y, z in g.platform_axes]
+        for x, y, z in g.platform_axes
+    ]
 
 
 def leg_angles(rotation: Rotation[N], leg: Leg, sign: int, m: Backend[N]) -> Vector[N]:
@@ -50,19 +51,28 @@ def leg_angles(rotation: Rotation[N], leg: Leg, sign: int, m: Backend[N]) -> Vec
     """
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = rotation
     px, py, pz = leg.third
-    x, y, z = (r00 * px + r01 * py + r02 * pz, r10 * px + r11 * py + r12 * pz,
-               r20 * px + r21 * py + r22 * pz)
+    x, y, z = (
+        r00 * px + r01 * py + r02 * pz,
+        r10 * px + r11 * py + r12 * pz,
+        r20 * px + r21 * py + r22 * pz,
+    )
     b00, b01, b02, b10, b11, b12, b20, b21, b22 = leg.base_frame
-    x, y, z = (b00 * x + b10 * y + b20 * z, b01 * x + b11 * y + b21 * z,
-               b02 * x + b12 * y + b22 * z)
+    x, y, z = (
+        b00 * x + b10 * y + b20 * z,
+        b01 * x + b11 * y + b21 * z,
+        b02 * x + b12 * y + b22 * z,
+    )
     q = (leg.cos_beta - leg.cos_alpha * z) / leg.sin_alpha
     p = sign * m.reach_root(x * x + y * y - q * q)
     th1 = m.atan2(q * x + p * y, p * x - q * y)
     th2 = m.atan2(p, leg.cos_alpha * q - leg.sin_alpha * z)
     # Z2k in the frame Q_k of the platform is (sin beta sin th3, sin beta cos th3, cos beta).
     x2, y2, z2 = second_axis(m.cos(th1), m.sin(th1), leg)
-    x, y, z = (x2 * r00 + y2 * r10 + z2 * r20, x2 * r01 + y2 * r11 + z2 * r21,
-               x2 * r02 + y2 * r12 + z2 * r22)
+    x, y, z = (
+        x2 * r00 + y2 * r10 + z2 * r20,
+        x2 * r01 + y2 * r11 + z2 * r21,
+        x2 * r02 + y2 * r12 + z2 * r22,
+    )
     q00, q01, _, q10, q11, _, q20, q21, _ = leg.platform_frame
     return th1, th2, m.atan2(q00 * x + q10 * y + q20 * z, q01 * x + q11 * y + q21 * z)
 
@@ -131,8 +141,9 @@ def chain_quaternion(th1a: N, th2a: N, th3a: N, g: Geometry, m: Backend[N]) -> Q
     return half_chain_quaternion(th1a, m.cos(0.5 * th2a), m.sin(0.5 * th2a), th3a, g, m)
 
 
-def half_chain_quaternion(th1a: N, c: N, s: N, th3a: N, g: Geometry,
-                          m: Backend[N]) -> Quaternion[N]:
+def half_chain_quaternion(
+    th1a: N, c: N, s: N, th3a: N, g: Geometry, m: Backend[N]
+) -> Quaternion[N]:
     """
     Quaternion of leg A's chain, eq. 6, from th1A, cosine and sine of half of th2A, and th3A.
 
@@ -151,8 +162,12 @@ def half_chain_quaternion(th1a: N, c: N, s: N, th3a: N, g: Geometry,
     c, s = m.cos(angle), m.sin(angle)
     x, y = c * x - s * y, s * x + c * y
     xx, xy, xz, xw, yx, yy, yz, yw, zx, zy, zz, zw, wx, wy, wz, ww = g.chain
-    return (xx * x + xy * y + xz * z + xw * w, yx * x + yy * y + yz * z + yw * w,
-            zx * x + zy * y + zz * z + zw * w, wx * x + wy * y + wz * z + ww * w)
+    return (
+        xx * x + xy * y + xz * z + xw * w,
+        yx * x + yy * y + yz * z + yw * w,
+        zx * x + zy * y + zz * z + zw * w,
+        wx * x + wy * y + wz * z + ww * w,
+    )
 
 
 def linkage(th1a: N, th1b: N, th1c: N, th3a: N, g: Geometry, m: Backend[N]) -> Linkage[N]:
@@ -160,11 +175,20 @@ def linkage(th1a: N, th1b: N, th1c: N, th3a: N, g: Geometry, m: Backend[N]) -> L
     c1, s1 = m.cos(th1a), m.sin(th1a)
     c3, s3 = m.cos(th3a), m.sin(th3a)
     b, c = g.carried
-    return ((c1, s1), (c3, s3),
-            (second_in_second_joint(c1, s1, m.cos(th1b), m.sin(th1b), b),
-             turn_through_link(c3, s3, b.before_distal), b.cos_beta),
-            (second_in_second_joint(c1, s1, m.cos(th1c), m.sin(th1c), c),
-             turn_through_link(c3, s3, c.before_distal), c.cos_beta))
+    return (
+        (c1, s1),
+        (c3, s3),
+        (
+            second_in_second_joint(c1, s1, m.cos(th1b), m.sin(th1b), b),
+            turn_through_link(c3, s3, b.before_distal),
+            b.cos_beta,
+        ),
+        (
+            second_in_second_joint(c1, s1, m.cos(th1c), m.sin(th1c), c),
+            turn_through_link(c3, s3, c.before_distal),
+            c.cos_beta,
+        ),
+    )
 
 
 def turn_of_second_joint(leg_b: View[N], leg_c: View[N]) -> Vector[N]:
@@ -176,9 +200,14 @@ def passive_axes(c1: N, s1: N, c2: N, s2: N, g: Geometry) -> tuple[Vector[N], Ve
     """Z2A and Z3A in the base frame, from cosines and sines of th1A and th2A."""
     leg = g.legs[0]
     x, y = leg.sin_beta * s2, -leg.sin_beta * c2
-    y, z = (leg.cos_alpha * y - leg.sin_alpha * leg.cos_beta,
-            leg.sin_alpha * y + leg.cos_alpha * leg.cos_beta)
+    y, z = (
+        leg.cos_alpha * y - leg.sin_alpha * leg.cos_beta,
+        leg.sin_alpha * y + leg.cos_alpha * leg.cos_beta,
+    )
     x, y = c1 * x - s1 * y, s1 * x + c1 * y
     b00, b01, b02, b10, b11, b12, b20, b21, b22 = leg.base_frame
     return second_axis(c1, s1, leg), (
-        b00 * x + b01 * y + b02 * z, b10 * x + b11 * y + b12 * z, b20 * x + b21 * y + b22 * z)
+        b00 * x + b01 * y + b02 * z,
+        b10 * x + b11 * y + b12 * z,
+        b20 * x + b21 * y + b22 * z,
+    )

@@ -37,20 +37,28 @@ class Mounting:
     def unmounted(self, quaternion: Quaternion[float]) -> Quaternion[float]:
         """Return the quaternion of R_base_platform from that of R_table_handle."""
         return multiply_quaternions(
-            multiply_quaternions(conjugate(self.base), quaternion), conjugate(self.handle))
+            multiply_quaternions(conjugate(self.base), quaternion), conjugate(self.handle)
+        )
 
     def covariance(self, covariance: Rotation[float]) -> Rotation[float]:
         """Covariance of the rotation error in the table's frame, from that in the base's."""
         # The handle does not matter: the error is a rotation vector left of R_base_platform.
         m = rotation_from_quaternion(*self.base)
-        half = [sum(m[3 * i + k] * covariance[3 * k + j] for k in range(3))
-                for i in range(3) for j in range(3)]
+        half = [
+            sum(m[3 * i + k] * covariance[3 * k + j] for k in range(3))
+            for i in range(3)
+            for j in range(3)
+        ]
         xx, xy, xz, yx, yy, yz, zx, zy, zz = (
             sum(half[3 * i + k] * m[3 * j + k] for k in range(3))
-            for i in range(3) for j in range(3))
+            for i in range(3)
+            for j in range(3)
+        )
         return xx, xy, xz, yx, yy, yz, zx, zy, zz
 
     def applied(self, estimate: SampleEstimate) -> SampleEstimate:
         """Return an estimate with orientation and covariance as mounted."""
-        return estimate._replace(quaternion=self.mounted(estimate.quaternion),
-                                 covariance=self.covariance(estimate.covariance))
+        return estimate._replace(
+            quaternion=self.mounted(estimate.quaternion),
+            covariance=self.covariance(estimate.covariance),
+        )

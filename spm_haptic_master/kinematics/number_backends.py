@@ -97,7 +97,8 @@ class _Floats:
         if square < -REACH_TOLERANCE:
             raise UnreachableError(
                 'no configuration reaches the pose: the squared sine of a leg is '
-                f'{square:.6g}, expected 0 or more')
+                f'{square:.6g}, expected 0 or more'
+            )
         return math.sqrt(square) if square > 0.0 else 0.0
 
     @staticmethod
@@ -105,7 +106,8 @@ class _Floats:
         if -MODE_BOUNDARY < b < MODE_BOUNDARY:
             raise SingularityError(
                 f'a leg is on the boundary of its working mode: B_kk = {b:.3g}, expected '
-                f'{MODE_BOUNDARY:g} or more in size')
+                f'{MODE_BOUNDARY:g} or more in size'
+            )
         return 1.0 / b
 
 
@@ -134,8 +136,7 @@ class _Arrays:
         larger = np.sqrt(0.5 + 0.5 * np.abs(x) / radius)
         smaller = 0.5 * np.abs(y) / (radius * larger)
         ahead = x >= 0.0
-        return np.where(ahead, larger, smaller), np.copysign(
-            np.where(ahead, smaller, larger), y)
+        return np.where(ahead, larger, smaller), np.copysign(np.where(ahead, smaller, larger), y)
 
     @staticmethod
     def reciprocal_root(square: Batch, least: float) -> Array:

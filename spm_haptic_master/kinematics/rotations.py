@@ -47,14 +47,17 @@ Angle = TypeVar('Angle', float, Array)
 
 # Kernels --------------------------------------------------------------------------------------
 
+
 def multiply_quaternions(p: Quaternion[N], q: Quaternion[N]) -> Quaternion[N]:
     """Product p q of two quaternions x, y, z, w: the rotation q, then p."""
     px, py, pz, pw = p
     qx, qy, qz, qw = q
-    return (pw * qx + px * qw + py * qz - pz * qy,
-            pw * qy - px * qz + py * qw + pz * qx,
-            pw * qz + px * qy - py * qx + pz * qw,
-            pw * qw - px * qx - py * qy - pz * qz)
+    return (
+        pw * qx + px * qw + py * qz - pz * qy,
+        pw * qy - px * qz + py * qw + pz * qx,
+        pw * qz + px * qy - py * qx + pz * qw,
+        pw * qw - px * qx - py * qy - pz * qz,
+    )
 
 
 def rotation_from_quaternion(x: N, y: N, z: N, w: N) -> Rotation[N]:
@@ -63,9 +66,17 @@ def rotation_from_quaternion(x: N, y: N, z: N, w: N) -> Rotation[N]:
     xx, yy, zz = x2 * x, y2 * y, z2 * z
     xy, xz, yz = x2 * y, x2 * z, y2 * z
     wx, wy, wz = x2 * w, y2 * w, z2 * w
-    return (1.0 - yy - zz, xy - wz, xz + wy,
-            xy + wz, 1.0 - xx - zz, yz - wx,
-            xz - wy, yz + wx, 1.0 - xx - yy)
+    return (
+        1.0 - yy - zz,
+        xy - wz,
+        xz + wy,
+        xy + wz,
+        1.0 - xx - zz,
+        yz - wx,
+        xz - wy,
+        yz + wx,
+        1.0 - xx - yy,
+    )
 
 
 def _zxz_rotation(psi: N, theta: N, phi: N, m: Backend[N]) -> Rotation[N]:
@@ -73,9 +84,17 @@ def _zxz_rotation(psi: N, theta: N, phi: N, m: Backend[N]) -> Rotation[N]:
     c1, s1 = m.cos(psi), m.sin(psi)
     c, s = m.cos(theta), m.sin(theta)
     c2, s2 = m.cos(phi), m.sin(phi)
-    return (c1 * c2 - s1 * c * s2, -c1 * s2 - s1 * c * c2, s1 * s,
-            s1 * c2 + c1 * c * s2, -s1 * s2 + c1 * c * c2, -c1 * s,
-            s * s2, s * c2, c)
+    return (
+        c1 * c2 - s1 * c * s2,
+        -c1 * s2 - s1 * c * c2,
+        s1 * s,
+        s1 * c2 + c1 * c * s2,
+        -s1 * s2 + c1 * c * c2,
+        -c1 * s,
+        s * s2,
+        s * c2,
+        c,
+    )
 
 
 def _zxz_angles(x: N, y: N, z: N, w: N, m: Backend[N]) -> Vector[N]:
@@ -87,12 +106,14 @@ def _zxz_angles(x: N, y: N, z: N, w: N, m: Backend[N]) -> Vector[N]:
     """
     difference, total = m.atan2(y, x), m.atan2(z, w)
     theta = 2.0 * m.atan2(m.sqrt(x * x + y * y), m.sqrt(z * z + w * w))
-    psi, phi = (m.atan2(m.sin(angle), m.cos(angle))
-                for angle in (total + difference, total - difference))
+    psi, phi = (
+        m.atan2(m.sin(angle), m.cos(angle)) for angle in (total + difference, total - difference)
+    )
     return psi, theta, phi
 
 
 # Floats ---------------------------------------------------------------------------------------
+
 
 def zxz_rotation(psi: float, theta: float, phi: float) -> Rotation[float]:
     """Rotation matrix, row by row, of the ZXZ Euler angles, rad, in plain floats (eq. 7)."""
@@ -108,8 +129,12 @@ def zxz_quaternion(psi: float, theta: float, phi: float) -> Quaternion[float]:
     """
     difference, total = 0.5 * (psi - phi), 0.5 * (psi + phi)
     s, c = math.sin(0.5 * theta), math.cos(0.5 * theta)
-    return (s * math.cos(difference), s * math.sin(difference), c * math.sin(total),
-            c * math.cos(total))
+    return (
+        s * math.cos(difference),
+        s * math.sin(difference),
+        c * math.sin(total),
+        c * math.cos(total),
+    )
 
 
 def zxz_angles(x: float, y: float, z: float, w: float) -> Vector[float]:
@@ -199,6 +224,7 @@ class AngularVelocity:
 
 # Arrays ---------------------------------------------------------------------------------------
 
+
 def stack_matrix(rotation: Rotation[Batch]) -> Array:
     """Matrices of shape (..., 3, 3) from the nine numbers of a batch, row by row."""
     flat = np.stack(np.broadcast_arrays(*rotation), axis=-1)
@@ -208,7 +234,8 @@ def stack_matrix(rotation: Rotation[Batch]) -> Array:
 def unstack_matrix(matrices: Array) -> Rotation[Batch]:
     """Nine arrays, row by row, from matrices of shape (..., 3, 3)."""
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = (
-        matrices[..., i, j] for i in range(3) for j in range(3))
+        matrices[..., i, j] for i in range(3) for j in range(3)
+    )
     return r00, r01, r02, r10, r11, r12, r20, r21, r22
 
 
@@ -226,7 +253,8 @@ def matrix_from_quaternion(q: ArrayLike) -> Array:
     if np.any(bad):
         where = tuple(int(i) for i in np.argwhere(bad)[0])
         raise InputError(
-            f'q = {q[where].tolist()}: norm {norm[where][0]:.9g}, expected a unit quaternion')
+            f'q = {q[where].tolist()}: norm {norm[where][0]:.9g}, expected a unit quaternion'
+        )
     x, y, z, w = np.moveaxis(q / norm, -1, 0)
     return stack_matrix(rotation_from_quaternion(x, y, z, w))
 
@@ -239,11 +267,27 @@ def quaternion_from_matrix(R: ArrayLike) -> Array:
     """
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = unstack_matrix(check_rotations('R', R))
     # Each row of 4 q q^T is a multiple of q; the one with the largest diagonal entry is not small.
-    products = np.stack([
-        1.0 + r00 - r11 - r22, r01 + r10, r02 + r20, r21 - r12,
-        r01 + r10, 1.0 - r00 + r11 - r22, r12 + r21, r02 - r20,
-        r02 + r20, r12 + r21, 1.0 - r00 - r11 + r22, r10 - r01,
-        r21 - r12, r02 - r20, r10 - r01, 1.0 + r00 + r11 + r22], axis=-1)
+    products = np.stack(
+        [
+            1.0 + r00 - r11 - r22,
+            r01 + r10,
+            r02 + r20,
+            r21 - r12,
+            r01 + r10,
+            1.0 - r00 + r11 - r22,
+            r12 + r21,
+            r02 - r20,
+            r02 + r20,
+            r12 + r21,
+            1.0 - r00 - r11 + r22,
+            r10 - r01,
+            r21 - r12,
+            r02 - r20,
+            r10 - r01,
+            1.0 + r00 + r11 + r22,
+        ],
+        axis=-1,
+    )
     products = products.reshape(products.shape[:-1] + (4, 4))
     row = np.argmax(np.diagonal(products, axis1=-2, axis2=-1), axis=-1)
     q: Array = np.take_along_axis(products, row[..., None, None], axis=-2)[..., 0, :]
@@ -258,8 +302,10 @@ def matrix_from_zxz(psi: ArrayLike, theta: ArrayLike, phi: ArrayLike) -> Array:
     The angles psi, theta, phi (...), rad, are broadcast together; phi is the self-rotation.
     InputError if one is not finite, or the shapes do not broadcast.
     """
-    psi, theta, phi = (check_angles(name, angle, ()) for name, angle in (
-        ('psi', psi), ('theta', theta), ('phi', phi)))
+    psi, theta, phi = (
+        check_angles(name, angle, ())
+        for name, angle in (('psi', psi), ('theta', theta), ('phi', phi))
+    )
     check_broadcast('psi, theta, phi', psi.shape, theta.shape, phi.shape)
     return stack_matrix(_zxz_rotation(psi, theta, phi, ARRAYS))
 
@@ -284,5 +330,4 @@ def wrapped(angle: Angle) -> Angle:
 def matrix_from_vector(vectors: Array) -> Array:
     """Return the rotations, shape (n, 3, 3), by rotation vectors, rad, shape (n, 3)."""
     half = 0.5 * np.linalg.norm(vectors, axis=1, keepdims=True)
-    return matrix_from_quaternion(
-        np.hstack([0.5 * vectors * np.sinc(half / np.pi), np.cos(half)]))
+    return matrix_from_quaternion(np.hstack([0.5 * vectors * np.sinc(half / np.pi), np.cos(half)]))

@@ -48,9 +48,12 @@ APPROACH_TOLERANCE = 1e-6
 # Axis of the workspace cone, a unit vector in the base frame.
 CONE_AXIS = np.array([1.0, 1.0, 1.0]) / math.sqrt(3.0)
 # Directions of tilt at azimuth 0 and 90 deg, unit vectors; right-handed with `CONE_AXIS`.
-TILT_DIRECTIONS = np.array([
-    [math.sqrt(0.5), -math.sqrt(0.5), 0.0],
-    [math.sqrt(1.0 / 6.0), math.sqrt(1.0 / 6.0), -math.sqrt(2.0 / 3.0)]])
+TILT_DIRECTIONS = np.array(
+    [
+        [math.sqrt(0.5), -math.sqrt(0.5), 0.0],
+        [math.sqrt(1.0 / 6.0), math.sqrt(1.0 / 6.0), -math.sqrt(2.0 / 3.0)],
+    ]
+)
 # Rays and circles of the cone along which `singularity_locus` follows det A.
 RAYS, CIRCLES = 360, 60
 # Number of halvings of a grid step, of 1 rad at most, down to rounding.
@@ -67,15 +70,21 @@ def workspace_pose(tilt: ArrayLike, azimuth: ArrayLike, phi: ArrayLike) -> Array
     """
     tilts, azimuths = check_angles('tilt', tilt, ()), check_angles('azimuth', azimuth, ())
     check_broadcast('tilt, azimuth', tilts.shape, azimuths.shape)
-    direction = (np.cos(azimuths)[..., None] * TILT_DIRECTIONS[0]
-                 + np.sin(azimuths)[..., None] * TILT_DIRECTIONS[1])
+    direction = (
+        np.cos(azimuths)[..., None] * TILT_DIRECTIONS[0]
+        + np.sin(azimuths)[..., None] * TILT_DIRECTIONS[1]
+    )
     axis = np.cos(tilts)[..., None] * CONE_AXIS + np.sin(tilts)[..., None] * direction
     x, y, z = np.moveaxis(axis, -1, 0)
     return matrix_from_zxz(np.arctan2(x, -y), np.arctan2(np.hypot(x, y), z), phi)
 
 
-def singularity_locus(phi: float, half_angle: float, geometry: Geometry = PAPER_GEOMETRY,
-                      working_mode: Sequence[int] = RIG_WORKING_MODE) -> tuple[Array, Array]:
+def singularity_locus(
+    phi: float,
+    half_angle: float,
+    geometry: Geometry = PAPER_GEOMETRY,
+    working_mode: Sequence[int] = RIG_WORKING_MODE,
+) -> tuple[Array, Array]:
     """
     Parallel singularities of the workspace cone at one self-rotation (the lines of Figs. 6, 7).
 
@@ -86,12 +95,15 @@ def singularity_locus(phi: float, half_angle: float, geometry: Geometry = PAPER_
     """
     angle, half = check_angles('phi', phi, ()), check_angles('half_angle', half_angle, ())
     if angle.ndim or half.ndim or not 0.0 < half <= math.pi:
-        raise InputError(f'phi = {quoted(phi)}, half_angle = {quoted(half_angle)}: expected one '
-                         'angle each in rad, and half_angle in ]0, pi]')
+        raise InputError(
+            f'phi = {quoted(phi)}, half_angle = {quoted(half_angle)}: expected one '
+            'angle each in rad, and half_angle in ]0, pi]'
+        )
 
     def determinant(points: Array) -> Array:
         return parallel_determinant(
-            workspace_pose(points[0], points[1], angle), geometry, working_mode)
+            workspace_pose(points[0], points[1], angle), geometry, working_mode
+        )
 
     low, high, side, _ = changes_of_sign(determinant, float(half), RAYS, CIRCLES)
     for _ in range(BISECTIONS):
@@ -103,25 +115,35 @@ def singularity_locus(phi: float, half_angle: float, geometry: Geometry = PAPER_
     return tilt[order], azimuth[order]
 
 
-def changes_of_sign(function: Callable[[Array], Array], half_angle: float, rays: int,
-                    circles: int) -> tuple[Array, Array, Array, Array]:
+def changes_of_sign(
+    function: Callable[[Array], Array], half_angle: float, rays: int, circles: int
+) -> tuple[Array, Array, Array, Array]:
     """
     Return neighbouring points of the cone between which a function of them changes its sign.
 
     A point is tilt and azimuth, rad. Of n pairs, found along rays and circles, both points,
     (2, n), and both values, (n,), are returned.
     """
-    points = np.stack(np.meshgrid(
-        np.linspace(0.0, half_angle, circles + 1), 2.0 * math.pi * np.arange(rays + 1) / rays))
+    points = np.stack(
+        np.meshgrid(
+            np.linspace(0.0, half_angle, circles + 1), 2.0 * math.pi * np.arange(rays + 1) / rays
+        )
+    )
     table = np.concatenate([points, function(points)[None]])
-    one, other = (np.concatenate([part.reshape(3, -1) for part in parts], axis=1) for parts in (
-        (table[:, :-1, :-1], table[:, :-1, 1:]), (table[:, :-1, 1:], table[:, 1:, 1:])))
+    one, other = (
+        np.concatenate([part.reshape(3, -1) for part in parts], axis=1)
+        for parts in (
+            (table[:, :-1, :-1], table[:, :-1, 1:]),
+            (table[:, :-1, 1:], table[:, 1:, 1:]),
+        )
+    )
     changed = one[2] * other[2] < 0.0
     one, other = one[:, changed], other[:, changed]
     return one[:2], other[:2], one[2], other[2]
 
 
 # One pose in plain floats, fast enough for a moving device ---------------------------------------
+
 
 class Nearness(NamedTuple):
     """Dexterity (eq. 12, 2-norm), in [0, 1], of the active joints, of every sensor, in use."""
@@ -138,8 +160,9 @@ class Approach(NamedTuple):
     axis: Vector[float]
 
 
-def determinant_gradient(rotation: Rotation[float], g: Geometry,
-                         working_mode: WorkingMode) -> tuple[float, Vector[float]]:
+def determinant_gradient(
+    rotation: Rotation[float], g: Geometry, working_mode: WorkingMode
+) -> tuple[float, Vector[float]]:
     """Return det A of a pose (unit 1) and its gradient along turns in the base frame (1 / rad)."""
     th1 = th1a, th1b, th1c = measured_angles(rotation, g, working_mode, 3)
     rows, diagonal = velocity_rows(rotation, (th1a, th1b, th1c), g, FLOATS)
@@ -154,13 +177,19 @@ def determinant_gradient(rotation: Rotation[float], g: Geometry,
         along_second = dot(thirds[k], cofactor)
         gx, gy, gz = (
             so_far + rate * row + leg.cos_beta * y - along_second * z
-            for so_far, row, y, z in zip(gradient, rows[k], cofactor, second, strict=True))
+            for so_far, row, y, z in zip(gradient, rows[k], cofactor, second, strict=True)
+        )
         gradient = gx, gy, gz
     return dot(rows[0], cross(rows[1], rows[2])), gradient
 
 
-def nearness(quaternion: Quaternion[float], geometry: Geometry, working_mode: WorkingMode,
-             sensors: int = 4, left_out: Collection[int] = ()) -> Nearness:
+def nearness(
+    quaternion: Quaternion[float],
+    geometry: Geometry,
+    working_mode: WorkingMode,
+    sensors: int = 4,
+    left_out: Collection[int] = (),
+) -> Nearness:
     """
     Dexterities of one pose, quaternion x, y, z, w; nothing is validated.
 
@@ -170,13 +199,18 @@ def nearness(quaternion: Quaternion[float], geometry: Geometry, working_mode: Wo
     rotation = rotation_from_quaternion(*quaternion)
     th1a, th1b, th1c = measured_angles(rotation, geometry, working_mode, 3)
     rows, diagonal = velocity_rows(rotation, (th1a, th1b, th1c), geometry, FLOATS)
-    jacobian = np.array([
-        [FLOATS.mode_reciprocal(b) * component for component in row]
-        for row, b in zip(rows[:sensors], diagonal[:sensors], strict=True)])
+    jacobian = np.array(
+        [
+            [FLOATS.mode_reciprocal(b) * component for component in row]
+            for row, b in zip(rows[:sensors], diagonal[:sensors], strict=True)
+        ]
+    )
     every = _dexterity(jacobian)
     return Nearness(
-        _dexterity(jacobian[:3]), every,
-        _dexterity(np.delete(jacobian, list(left_out), axis=0)) if left_out else every)
+        _dexterity(jacobian[:3]),
+        every,
+        _dexterity(np.delete(jacobian, list(left_out), axis=0)) if left_out else every,
+    )
 
 
 def _dexterity(jacobian: Array) -> float:
@@ -185,8 +219,9 @@ def _dexterity(jacobian: Array) -> float:
     return values[2] / values[0]
 
 
-def approach(quaternion: Quaternion[float], geometry: Geometry,
-             working_mode: WorkingMode) -> Approach | None:
+def approach(
+    quaternion: Quaternion[float], geometry: Geometry, working_mode: WorkingMode
+) -> Approach | None:
     """
     Find the shortest turn to the next parallel singularity along the determinant's gradient.
 
@@ -199,7 +234,8 @@ def approach(quaternion: Quaternion[float], geometry: Geometry,
         for _ in range(APPROACH_STEPS):
             turned = multiply_quaternions(quaternion_from_vector(x, y, z), quaternion)
             value, gradient = determinant_gradient(
-                rotation_from_quaternion(*turned), geometry, working_mode)
+                rotation_from_quaternion(*turned), geometry, working_mode
+            )
             gx, gy, gz = gradient
             along = (gx * x + gy * y + gz * z - value) / (gx * gx + gy * gy + gz * gz)
             last = x, y, z

@@ -30,8 +30,10 @@ REPEAT_PERIOD = 0.1
 # Longest wait at the end until the last state is acknowledged (s).
 ACKNOWLEDGE_TIMEOUT = 0.2
 # What is logged without crtk_msgs, once a service is called.
-ABSENT = ('crtk_msgs is not installed: no operating_state, no state_command; the services enable '
-          'and disable and the topic operating_state_text do the same')
+ABSENT = (
+    'crtk_msgs is not installed: no operating_state, no state_command; the services enable '
+    'and disable and the topic operating_state_text do the same'
+)
 # State of the orientation at the end of the process.
 ENDED = silent('fkm has ended')
 
@@ -42,8 +44,10 @@ class CrtkState:
     def __init__(self, node: Node, frame_id: str) -> None:
         self._node = node
         self._state = OperatingState()
-        self._lines = {level: node.create_publisher(String, level, EVENTS)
-                       for level in ('error', 'warning', 'status')}
+        self._lines = {
+            level: node.create_publisher(String, level, EVENTS)
+            for level in ('error', 'warning', 'status')
+        }
         self._text_out = node.create_publisher(String, 'operating_state_text', STATE)
         self._enabled_out = node.create_publisher(UInt64, 'enabled_at', STATE)
         # State, enabling and whether it is homed, as published last.

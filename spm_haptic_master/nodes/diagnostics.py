@@ -64,8 +64,9 @@ class Levels:
         """Use other thresholds; SettingError, and no change, if they contradict each other."""
         warn, error = values['dexterity_warn'], values['dexterity_error']
         if error > warn:
-            raise SettingError('dexterity_error', error,
-                               f'a number of at most dexterity_warn ({warn:g})')
+            raise SettingError(
+                'dexterity_error', error, f'a number of at most dexterity_warn ({warn:g})'
+            )
         self._warn, self._error = warn, error
         self._leave = 1.0 + values['dexterity_hysteresis']
 
@@ -114,12 +115,18 @@ class Diagnostics(ParameterNode):
         # Latest dexterities, of three and of all sensors; None without a usable orientation.
         self.dexterities: Nearness | None = None
         self._message = Float64MultiArray()
-        self._message.layout.dim = [MultiArrayDimension(
-            label='dexterity of 3 sensors (th1A th1B th1C), of '
-            f'{self.sensors} sensors (+ {" ".join(("th3A", "th3B", "th3C")[:self.sensors - 3])})',
-            size=2, stride=2)]
+        self._message.layout.dim = [
+            MultiArrayDimension(
+                label='dexterity of 3 sensors (th1A th1B th1C), of '
+                f'{self.sensors} sensors '
+                f'(+ {" ".join(("th3A", "th3B", "th3C")[: self.sensors - 3])})',
+                size=2,
+                stride=2,
+            )
+        ]
         self._status = diagnostic_status.StatusPublisher(
-            self, 'singularity', diagnostic_status.MECHANISM, logs=False)
+            self, 'singularity', diagnostic_status.MECHANISM, logs=False
+        )
         self._rivals = Rivals(self, 'orientation', 'measured_js')
         self._publisher = self.create_publisher(Float64MultiArray, 'dexterity', SAMPLES)
         self._joints = JointState(name=list(MECHANISM_JOINT_NAMES))
@@ -127,12 +134,14 @@ class Diagnostics(ParameterNode):
         self.create_subscription(String, 'state', self._on_state, STATE)
         self.create_timer(1.0 / self._values['dexterity_rate'], self._evaluate, clock=STEADY)
         self.create_timer(
-            1.0 / self._values['joint_states_rate'], self._publish_joints, clock=STEADY)
+            1.0 / self._values['joint_states_rate'], self._publish_joints, clock=STEADY
+        )
 
     def subscribe(self) -> None:
         """Take orientations from the topic `orientation`."""
         self.create_subscription(
-            QuaternionStamped, 'orientation', self._on_orientation, SAMPLES, raw=True)
+            QuaternionStamped, 'orientation', self._on_orientation, SAMPLES, raw=True
+        )
 
     @property
     def state(self) -> str:
@@ -152,8 +161,10 @@ class Diagnostics(ParameterNode):
         """Store which sensors the orientation is computed without."""
         state = received_state(message.data)
         self._left_out = tuple(
-            index for index, name in enumerate(ALL_JOINT_NAMES[:self.sensors])
-            if name in state.left_out)
+            index
+            for index, name in enumerate(ALL_JOINT_NAMES[: self.sensors])
+            if name in state.left_out
+        )
         self._unknown_state = '' if read_state(message.data) else state.text
 
     def take(self, stamp: int, quaternion: Quaternion[float], level: float = 0.0) -> None:
@@ -177,12 +188,16 @@ class Diagnostics(ParameterNode):
             return
         quaternion = self._unmounted(latest[1])
         if quaternion is None:
-            self._report(ERROR, 'the quaternion on orientation is not a unit quaternion',
-                         quaternion=latest[1])
+            self._report(
+                ERROR,
+                'the quaternion on orientation is not a unit quaternion',
+                quaternion=latest[1],
+            )
             return
         try:
             dexterities = nearness(
-                quaternion, self._geometry, self._working_mode, self.sensors, self._left_out)
+                quaternion, self._geometry, self._working_mode, self.sensors, self._left_out
+            )
         except SpmError as error:
             self._report(ERROR, 'outside the working mode', error=str(error))
             return
@@ -191,14 +206,17 @@ class Diagnostics(ParameterNode):
         self._publisher.publish(self._message)
         text = self.levels.take(dexterities.three, dexterities.in_use)
         if self._status.is_due(self.levels.level, text):
-            self._status.publish(
-                self.levels.level, text, self._figures(quaternion, dexterities))
+            self._status.publish(self.levels.level, text, self._figures(quaternion, dexterities))
 
     def _publish_joints(self) -> None:
         """Publish the angles of all joints at the latest orientation, if there is a new one."""
         latest, self._latest_to_show = self._latest_to_show, None
-        if latest is None or not self._joints_out.get_subscription_count() \
-                or self._rivals.found() or self._unknown_state:
+        if (
+            latest is None
+            or not self._joints_out.get_subscription_count()
+            or self._rivals.found()
+            or self._unknown_state
+        ):
             return
         stamp, given = latest
         quaternion = self._unmounted(given)
@@ -206,7 +224,8 @@ class Diagnostics(ParameterNode):
             return
         with suppress(SpmError):  # `_evaluate` reports it
             self._joints.position = mechanism_angles(
-                rotation_from_quaternion(*quaternion), self._geometry, self._working_mode)
+                rotation_from_quaternion(*quaternion), self._geometry, self._working_mode
+            )
             at = self._joints.header.stamp
             at.sec, at.nanosec = divmod(stamp, SECOND)
             self._joints_out.publish(self._joints)
@@ -218,8 +237,7 @@ class Diagnostics(ParameterNode):
             return None
         return quaternion if self._mounting is None else self._mounting.unmounted(quaternion)
 
-    def _figures(self, quaternion: Quaternion[float],
-                 dexterities: Nearness) -> dict[str, object]:
+    def _figures(self, quaternion: Quaternion[float], dexterities: Nearness) -> dict[str, object]:
         figures: dict[str, object] = {
             'dexterity of 3 sensors': dexterities.three,
             f'dexterity of {self.sensors} sensors': dexterities.every,

@@ -64,22 +64,26 @@ class EncoderDriver(ParameterNode):
         self._done = done
         # The source: can, replay or sim; with its bus or file, as on the latched topic `source`.
         self.source_name = source_of(self.given)
-        values = self.declare((SOURCE_SETTING, *SOURCE_SETTINGS[self.source_name]),
-                              source_defaults(self.source_name))
+        values = self.declare(
+            (SOURCE_SETTING, *SOURCE_SETTINGS[self.source_name]), source_defaults(self.source_name)
+        )
         self.source_text = source_text(self.source_name, values)
         self._unverified = unverified_joints(values)
         # Mechanism, and calibration of a source that has one: `fkm` compares them with its own.
         self._identity = {entry.CHECKSUM_KEY: mechanism_checksum(values)}
         if CALIBRATION_SETTING.name in values:
-            self._identity[entry.CALIBRATION_KEY] = \
+            self._identity[entry.CALIBRATION_KEY] = (
                 values[CALIBRATION_SETTING.name] or entry.UNNAMED
+            )
         self._write_joints = JointsFormat(
-            values['sensors'], values[JOINTS_FRAME_SETTING.name]).write
+            values['sensors'], values[JOINTS_FRAME_SETTING.name]
+        ).write
         self._source = make_source(self.source_name, values)
         self._publisher = self.create_publisher(JointState, 'measured_js', SAMPLES)
         self._readings_out = self.create_publisher(JointState, 'readings', SAMPLES)
-        self._simulation = SimulationControl(self, self._source) \
-            if isinstance(self._source, SimSource) else None
+        self._simulation = (
+            SimulationControl(self, self._source) if isinstance(self._source, SimSource) else None
+        )
         self._rivals = Rivals(self, 'measured_js')
         self.overload = Overload(CHECK_PERIOD)
         # Time that the source had lost at the last report, s.
@@ -130,8 +134,11 @@ class EncoderDriver(ParameterNode):
     def _wait_for_listener(self) -> None:
         """Delay a recording until it has a subscriber, or `LISTENER_TIMEOUT` has passed."""
         deadline = time.monotonic() + LISTENER_TIMEOUT
-        while self.listener is None and not self._publisher.get_subscription_count() \
-                and time.monotonic() < deadline:
+        while (
+            self.listener is None
+            and not self._publisher.get_subscription_count()
+            and time.monotonic() < deadline
+        ):
             if self._stop.wait(READ_TIMEOUT):
                 return
         self._stop.wait(LISTENER_SETTLE)
@@ -174,14 +181,24 @@ class EncoderDriver(ParameterNode):
         self.state = text
         message = f'{text} [{self.source_text}]'
         if self._status.is_due(level, message):
-            self._status.publish(level, message, logged=logged, values={
-                'source': self.source_text, 'set rate (Hz)': self.published.rate(),
-                **self._identity,
-                entry.MISSING_KEY: ', '.join(
-                    name for name, angle in zip(ALL_JOINT_NAMES, self._angles, strict=False)
-                    if angle != angle) or 'none',
-                'directions not verified': ', '.join(self._unverified) or 'none',
-                **self._source.statistics()})
+            self._status.publish(
+                level,
+                message,
+                logged=logged,
+                values={
+                    'source': self.source_text,
+                    'set rate (Hz)': self.published.rate(),
+                    **self._identity,
+                    entry.MISSING_KEY: ', '.join(
+                        name
+                        for name, angle in zip(ALL_JOINT_NAMES, self._angles, strict=False)
+                        if angle != angle
+                    )
+                    or 'none',
+                    'directions not verified': ', '.join(self._unverified) or 'none',
+                    **self._source.statistics(),
+                },
+            )
 
     def _evaluate(self, fault: str | None, caution: str | None, now: float) -> tuple[bytes, str]:
         """Return level and text of what the source reports, and of the topic."""

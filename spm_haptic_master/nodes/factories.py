@@ -32,46 +32,80 @@ def make_motors(values: Values) -> tuple[ForceController, Drives | None]:
 
     SettingError: two settings contradict each other.
     """
-    off, most, motors, motor_most = (values[f'force.{name}'] for name in (
-        'sigma_off', 'torque_limit', 'motors', 'motor_torque_limit'))
+    off, most, motors, motor_most = (
+        values[f'force.{name}']
+        for name in ('sigma_off', 'torque_limit', 'motors', 'motor_torque_limit')
+    )
     least, has_drives = SAMPLES_IN_GAP / GAP, bool(values['drives.channel'])
     for name, is_refused, expected in (
-        ('force.sigma_full', values['force.sigma_full'] <= off,
-         f'above force.sigma_off ({off:g})'),
-        ('force.small_torque', values['force.small_torque'] > most,
-         f'at most force.torque_limit ({most:g})'),
-        ('rate', values['rate'] < least, f'at least {least:g} Hz with force.enabled: torque '
-         f'begins from zero after {GAP:g} s without a sample'),
-        ('force.without_drives', has_drives is values['force.without_drives'],
-         'with force.enabled the bus of the drives in drives.channel, or true for another '
-         'motor controller, not both'),
-        ('drives.node_id', has_drives and len(values['drives.node_id']) != motors,
-         f'{motors} drives (force.motors)'),
+        (
+            'force.sigma_full',
+            values['force.sigma_full'] <= off,
+            f'above force.sigma_off ({off:g})',
+        ),
+        (
+            'force.small_torque',
+            values['force.small_torque'] > most,
+            f'at most force.torque_limit ({most:g})',
+        ),
+        (
+            'rate',
+            values['rate'] < least,
+            f'at least {least:g} Hz with force.enabled: torque '
+            f'begins from zero after {GAP:g} s without a sample',
+        ),
+        (
+            'force.without_drives',
+            has_drives is values['force.without_drives'],
+            'with force.enabled the bus of the drives in drives.channel, or true for another '
+            'motor controller, not both',
+        ),
+        (
+            'drives.node_id',
+            has_drives and len(values['drives.node_id']) != motors,
+            f'{motors} drives (force.motors)',
+        ),
         # What the drives cut would be a torque off its command.
-        ('drives.torque_limit', has_drives and values['drives.torque_limit'] < motor_most,
-         f'at least force.motor_torque_limit ({motor_most:g})'),
+        (
+            'drives.torque_limit',
+            has_drives and values['drives.torque_limit'] < motor_most,
+            f'at least force.motor_torque_limit ({motor_most:g})',
+        ),
     ):
         if is_refused:
             given = values[name]
             raise SettingError(name, list(given) if isinstance(given, tuple) else given, expected)
     handle, proximal = values['force.gravity_handle'], values['force.gravity_proximal']
-    gravity = Gravity(handle, proximal, values['force.gravity_down']) \
-        if any((*handle, *proximal)) else None
+    gravity = (
+        Gravity(handle, proximal, values['force.gravity_down'])
+        if any((*handle, *proximal))
+        else None
+    )
     return ForceController(
-        geometry_from(values), values[WORKING_MODE_SETTING.name], motors, limits_from(values),
-        gravity), make_drives(values)
+        geometry_from(values),
+        values[WORKING_MODE_SETTING.name],
+        motors,
+        limits_from(values),
+        gravity,
+    ), make_drives(values)
 
 
 def limits_from(values: Values) -> ForceLimits:
     """Return the limits that checked settings describe."""
     return ForceLimits(
-        torque=values['force.torque_limit'], motor_torque=values['force.motor_torque_limit'],
-        slew=values['force.slew'], ramp=values['force.ramp'], damping=values['force.damping'],
-        sigma_off=values['force.sigma_off'], sigma_full=values['force.sigma_full'],
+        torque=values['force.torque_limit'],
+        motor_torque=values['force.motor_torque_limit'],
+        slew=values['force.slew'],
+        ramp=values['force.ramp'],
+        damping=values['force.damping'],
+        sigma_off=values['force.sigma_off'],
+        sigma_full=values['force.sigma_full'],
         speed=values['force.speed_limit'],
         protection_level=radians(values['force.protection_limit_deg']),
-        wrench_age=values['force.wrench_timeout'], small_torque=values['force.small_torque'],
-        noise=values['force.noise_limit'])
+        wrench_age=values['force.wrench_timeout'],
+        small_torque=values['force.small_torque'],
+        noise=values['force.noise_limit'],
+    )
 
 
 def registration_from(values: Values) -> Quaternion[float]:
@@ -83,15 +117,19 @@ def make_teleoperation(values: Values) -> Teleoperation:
     """Return the machine that checked settings describe; SettingError if two contradict."""
     speed = values['teleop.speed_limit']
     if values['teleop.align_speed'] > speed:
-        raise SettingError('teleop.align_speed', values['teleop.align_speed'],
-                           f'at most teleop.speed_limit ({speed:g})')
+        raise SettingError(
+            'teleop.align_speed',
+            values['teleop.align_speed'],
+            f'at most teleop.speed_limit ({speed:g})',
+        )
     rate, sample_rate = values['teleop.command_rate'], values['rate']
     tolerance = values['teleop.alignment_tolerance_deg']
     level, tracking = values['teleop.protection_limit_deg'], values['teleop.tracking_limit_deg']
     conditions = Conditions(
         registration=registration_from(values),
         align_speed=values['teleop.align_speed']
-        if values['teleop.alignment'] == 'absolute' else 0.0,
+        if values['teleop.alignment'] == 'absolute'
+        else 0.0,
         tolerance=inf if tolerance == ANY_OFFSET else radians(tolerance),
         roll=radians(values['teleop.roll_deg']),
         enable_timeout=values['teleop.enable_timeout'],
@@ -100,9 +138,16 @@ def make_teleoperation(values: Values) -> Teleoperation:
         presence_timeout=values['teleop.presence_timeout'] or inf,
         protection_limit=radians(level) if level else inf,
         tracking_limit=radians(tracking) if tracking else inf,
-        command_rate=rate, sample_rate=sample_rate)
-    return Teleoperation(conditions, CommandLimits(
-        speed=speed, acceleration=values['teleop.acceleration_limit'],
-        jump=radians(values['teleop.jump_limit_deg']),
-        slews=values['teleop.limit_action'] == 'slew',
-        longest=LONGEST_STEP / (min(rate, sample_rate) or sample_rate)))
+        command_rate=rate,
+        sample_rate=sample_rate,
+    )
+    return Teleoperation(
+        conditions,
+        CommandLimits(
+            speed=speed,
+            acceleration=values['teleop.acceleration_limit'],
+            jump=radians(values['teleop.jump_limit_deg']),
+            slews=values['teleop.limit_action'] == 'slew',
+            longest=LONGEST_STEP / (min(rate, sample_rate) or sample_rate),
+        ),
+    )

@@ -84,8 +84,9 @@ class Fkm(ParameterNode):
         self.protection_level: float | None = None
         self.latency_status = LatencyStatus(self, values['rate'], values['latency_limit'])
         constants = {diagnostic_status.CHECKSUM_KEY: mechanism}
-        self.status = OrientationStatus(self, values, self._supervisor, constants | (
-            {'mounting': frames} if frames else {}))
+        self.status = OrientationStatus(
+            self, values, self._supervisor, constants | ({'mounting': frames} if frames else {})
+        )
         # Reason and detail of what forbids any orientation; None if nothing does.
         self._obstacle: tuple[str, str] | None = None
         # States of the samples since the last poll that reached the supervision.
@@ -104,8 +105,16 @@ class Fkm(ParameterNode):
         self._force: Force | None = None
         if motors is not None:
             self._force = Force(
-                self, values, frame, motors, self._supervisor, lambda: self._now(),
-                lambda: self._crtk.name == ENABLED, self._crtk.warn, self._lock)
+                self,
+                values,
+                frame,
+                motors,
+                self._supervisor,
+                lambda: self._now(),
+                lambda: self._crtk.name == ENABLED,
+                self._crtk.warn,
+                self._lock,
+            )
             self._outputs.effort = self._force.effort
         self.create_service(Trigger, '~/acknowledge', self._acknowledge)
         self.on_change(FKM_SETTINGS, self._apply)
@@ -141,8 +150,13 @@ class Fkm(ParameterNode):
             of_force = self._force is not None and self._force.acknowledge()
             of_sensors = self._supervisor.latch.acknowledge()
         response.success = of_force or of_sensors
-        response.message = 'acknowledged: consistent samples clear the fault' if of_sensors else \
-            'acknowledged' if of_force else 'no fault waits for an acknowledgement'
+        response.message = (
+            'acknowledged: consistent samples clear the fault'
+            if of_sensors
+            else 'acknowledged'
+            if of_force
+            else 'no fault waits for an acknowledgement'
+        )
         return response
 
     def _on_joints(self, joints: bytes) -> None:
@@ -177,8 +191,9 @@ class Fkm(ParameterNode):
             if self._force is not None:
                 self._force.take(stamp, angles, None, inf)
 
-    def _publish(self, stamp: int, angles: tuple[float, ...], estimate: SampleEstimate,
-                 level: float) -> None:
+    def _publish(
+        self, stamp: int, angles: tuple[float, ...], estimate: SampleEstimate, level: float
+    ) -> None:
         measured = estimate.quaternion
         if self._mounting is not None:
             estimate = self._mounting.applied(estimate)

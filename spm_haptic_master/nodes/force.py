@@ -60,10 +60,18 @@ class Force:
     `lock`.
     """
 
-    def __init__(self, node: Node, values: Values, frame_id: str,
-                 motors: tuple[ForceController, MotorDrives | None],
-                 supervisor: Supervisor, now: Callable[[], int], is_enabled: Callable[[], bool],
-                 warn: Callable[[str], None], lock: threading.Lock) -> None:
+    def __init__(
+        self,
+        node: Node,
+        values: Values,
+        frame_id: str,
+        motors: tuple[ForceController, MotorDrives | None],
+        supervisor: Supervisor,
+        now: Callable[[], int],
+        is_enabled: Callable[[], bool],
+        warn: Callable[[str], None],
+        lock: threading.Lock,
+    ) -> None:
         self._controller, self._drives = motors
         self._supervisor, self._sigma = supervisor, sigma_from(values)
         self._is_enabled, self._warn, self._lock = is_enabled, warn, lock
@@ -73,15 +81,21 @@ class Force:
         self._sensors = values['sensors']
         self._velocity = AngularVelocity(WINDOW)
         frames = WrenchFrames(values, frame_id)
-        self._inputs = ForceInputs(
-            node, values, frames, now, lambda: self._quaternion, lock)
+        self._inputs = ForceInputs(node, values, frames, now, lambda: self._quaternion, lock)
         # Of the latest sample; None before the first. Samples have been missing for some periods.
         self._stamp: int | None = None
         self._angles: tuple[float, ...] = ()
         self._quaternion: Quaternion[float] | None = None
         self._missing, self._noise = 0, 1.0
-        self._output = ForceOutput(ForceState(Condition.OFF), (0.0,) * values['force.motors'],
-                                   NOTHING, NOTHING, None, 0.0, 1.0)
+        self._output = ForceOutput(
+            ForceState(Condition.OFF),
+            (0.0,) * values['force.motors'],
+            NOTHING,
+            NOTHING,
+            None,
+            0.0,
+            1.0,
+        )
         # States entered since the last look.
         self._changes: list[ForceState] = [self._output.state]
         # Publishers of the rendered torque, whether it has a subscriber, and its grid, which is
@@ -89,14 +103,22 @@ class Force:
         self._is_wanted, self._grid = False, StampGrid(values['crtk_rate'], values['rate'])
         self._outs = [
             (frame, WrenchStamped(), node.create_publisher(WrenchStamped, topic, SAMPLES))
-            for topic, frame in (('spatial/measured_cf', frames.spatial),
-                                 ('body/measured_cf', frames.body))]
+            for topic, frame in (
+                ('spatial/measured_cf', frames.spatial),
+                ('body/measured_cf', frames.body),
+            )
+        ]
         self._state_out = node.create_publisher(String, 'force_state', STATE)
         self._status = StatusPublisher(node, 'force', 'motors')
         node.create_timer(WATCH_PERIOD, self._watch, clock=STEADY)
 
-    def take(self, stamp: int, angles: tuple[float, ...], quaternion: Quaternion[float] | None,
-             level: float) -> None:
+    def take(
+        self,
+        stamp: int,
+        angles: tuple[float, ...],
+        quaternion: Quaternion[float] | None,
+        level: float,
+    ) -> None:
         """
         Command the motor torques of a sample: `angles` in rad, `level` of protection in rad.
 
@@ -110,29 +132,53 @@ class Force:
             velocity = self._velocity.value()
             if inputs.target is not None:
                 x, y, z = vector_from_quaternion(
-                    *multiply_quaternions(inputs.target, conjugate(quaternion)))
+                    *multiply_quaternions(inputs.target, conjugate(quaternion))
+                )
                 pull = self._stiffness * x, self._stiffness * y, self._stiffness * z
         if report is None:
             drives = Drives.OPERATING if self._drives is None else Drives.OFF
         else:
-            drives = Drives.FAULT if report.fault is not None else (
-                Drives.OPERATING if report.ready else Drives.OFF)
+            drives = (
+                Drives.FAULT
+                if report.fault is not None
+                else (Drives.OPERATING if report.ready else Drives.OFF)
+            )
         phase, is_absent = inputs.phase, inputs.is_absent
         is_enabled = self._by_teleop or self._is_enabled()
         engaged = not self._by_teleop or is_absent or phase is not Phase.DISENGAGED
-        output = self._output = self._controller.take(ForceSample(
-            stamp, angles, quaternion, velocity, level, self._noise, inputs.take(),
-            inputs.sources, drives, is_enabled, engaged, not is_absent,
-            phase is Phase.CLUTCHED, pull, inputs.weightless))
+        output = self._output = self._controller.take(
+            ForceSample(
+                stamp,
+                angles,
+                quaternion,
+                velocity,
+                level,
+                self._noise,
+                inputs.take(),
+                inputs.sources,
+                drives,
+                is_enabled,
+                engaged,
+                not is_absent,
+                phase is Phase.CLUTCHED,
+                pull,
+                inputs.weightless,
+            )
+        )
         if self._drives is not None:
             is_faulty = output.state.condition is Condition.FAULT
             self._report = self._drives.step(
-                None if is_faulty else output.motor_torque, time.monotonic())
+                None if is_faulty else output.motor_torque, time.monotonic()
+            )
         self._stamp, self._angles, self._quaternion = stamp, angles, quaternion
         if output.state != before:
             self._changes.append(output.state)
-        if self._is_wanted and quaternion is not None and output.rendered is not None and (
-                self._grid.is_due(stamp)):
+        if (
+            self._is_wanted
+            and quaternion is not None
+            and output.rendered is not None
+            and (self._grid.is_due(stamp))
+        ):
             self._publish(stamp, output.rendered, rotation_from_quaternion(*quaternion))
 
     @property
@@ -166,7 +212,8 @@ class Force:
             header.stamp.sec, header.stamp.nanosec = divmod(stamp, SECOND)
             header.frame_id = frame.name
             torque.x, torque.y, torque.z = unrotated(
-                frame.rotation, unrotated(rotation, rendered) if frame.in_handle else rendered)
+                frame.rotation, unrotated(rotation, rendered) if frame.in_handle else rendered
+            )
             out.publish(message)
 
     # Watch --------------------------------------------------------------------------------------
@@ -180,16 +227,19 @@ class Force:
             if missing >= SILENT_PERIODS and self._stamp is not None:
                 self.take(self._stamp + round(1e9 * WATCH_PERIOD), self._angles, None, inf)
             self._missing = missing
-            self._noise = max(noise / sigma for noise, sigma in zip(
-                self._supervisor.joints.noise(), self._sigma, strict=True))
+            self._noise = max(
+                noise / sigma
+                for noise, sigma in zip(self._supervisor.joints.noise(), self._sigma, strict=True)
+            )
             changes, self._changes = self._changes, []
             output, quaternion, report = self._output, self._quaternion, self._report
         fault = '' if report is None or report.fault is None else f'; {report.fault}'
         for state in changes:
             self._state_out.publish(String(data=state.text))
             if state.condition is Condition.FAULT:
-                self._warn(f'force feedback: {state.text}'
-                           + (fault if state.why is Reason.DRIVE else ''))
+                self._warn(
+                    f'force feedback: {state.text}' + (fault if state.why is Reason.DRIVE else '')
+                )
         condition = output.state.condition
         own_level, text = LEVELS.get(condition, OK), output.state.text
         level, summary = own_level, text
@@ -204,18 +254,21 @@ class Force:
         if caution:
             level, summary = max(level, WARN), f'{summary}; {caution}'
         if self._status.is_due(level, summary):
-            self._status.publish(level, summary, self._figures(output, quaternion, report),
-                                 logged=(own_level, text))
+            self._status.publish(
+                level, summary, self._figures(output, quaternion, report), logged=(own_level, text)
+            )
 
-    def _figures(self, output: ForceOutput, quaternion: Quaternion[float] | None,
-                 report: DriveReport | None) -> dict[str, object]:
+    def _figures(
+        self, output: ForceOutput, quaternion: Quaternion[float] | None, report: DriveReport | None
+    ) -> dict[str, object]:
         asked, rendered, inputs = hypot(*output.asked), output.rendered, self._inputs
         weakness = None if quaternion is None else self._controller.weakness(quaternion)
         age = inputs.age()
         found: dict[str, object] = {
             'torque asked of the handle (N m)': asked,
-            'rendered fraction': 'none' if rendered is None or not asked else (
-                hypot(*rendered) / asked),
+            'rendered fraction': 'none'
+            if rendered is None or not asked
+            else (hypot(*rendered) / asked),
             'motor torque (N m)': ' '.join(f'{torque:.3f}' for torque in output.motor_torque),
             '1 / s_3': 'none' if weakness is None else weakness,
             'energy (mJ)': 1e3 * output.energy,
@@ -228,6 +281,7 @@ class Force:
         }
         if report is not None:
             found['drives'] = report.fault or (
-                'in operation' if report.ready else 'not in operation')
+                'in operation' if report.ready else 'not in operation'
+            )
             found['age of their status (s)'] = report.seconds_since_status
         return found

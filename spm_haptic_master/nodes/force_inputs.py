@@ -59,20 +59,27 @@ class WrenchFrames:
 
     def __init__(self, values: Values, reference: str) -> None:
         mounting = mounting_from(values) or Mounting()
-        base, platform, handle = (values[name] for name in (
-            'frame_id', 'mounting.platform_frame_id', 'mounting.handle_frame_id'))
+        base, platform, handle = (
+            values[name]
+            for name in ('frame_id', 'mounting.platform_frame_id', 'mounting.handle_frame_id')
+        )
         same = rotation_from_quaternion(*IDENTITY)
         is_mounted = tuple(map(abs, mounting.handle)) != IDENTITY
         # Components in the table's frame to those in the base's: R_table_base^T.
         self.spatial = WrenchFrame(
-            reference, False, rotation_from_quaternion(*conjugate(mounting.base)))
-        self.body = WrenchFrame(handle if is_mounted else platform, True,
-                                rotation_from_quaternion(*mounting.handle))
+            reference, False, rotation_from_quaternion(*conjugate(mounting.base))
+        )
+        self.body = WrenchFrame(
+            handle if is_mounted else platform, True, rotation_from_quaternion(*mounting.handle)
+        )
         # CRTK clients leave the frame of a header empty: it is that of `orientation`.
-        self.by_name = {base: WrenchFrame(base, False, same),
-                        platform: WrenchFrame(platform, True, same),
-                        '': self.spatial, reference: self.spatial,
-                        handle: self.body._replace(name=handle)}
+        self.by_name = {
+            base: WrenchFrame(base, False, same),
+            platform: WrenchFrame(platform, True, same),
+            '': self.spatial,
+            reference: self.spatial,
+            handle: self.body._replace(name=handle),
+        }
 
 
 class ForceInputs:
@@ -83,9 +90,15 @@ class ForceInputs:
     R_base_platform, or None. `lock` guards what samples take: it is held by the caller of `take`.
     """
 
-    def __init__(self, node: Node, values: Values, frames: WrenchFrames,
-                 now: Callable[[], int], orientation: Callable[[], Quaternion[float] | None],
-                 lock: threading.Lock) -> None:
+    def __init__(
+        self,
+        node: Node,
+        values: Values,
+        frames: WrenchFrames,
+        now: Callable[[], int],
+        orientation: Callable[[], Quaternion[float] | None],
+        lock: threading.Lock,
+    ) -> None:
         self._node, self._frames, self._now, self._lock = node, frames, now, lock
         self._mounting = mounting_from(values) or Mounting()
         self._longest = values['force.wrench_timeout']
@@ -110,15 +123,27 @@ class ForceInputs:
         self._inputs = Inputs(node)
         wrench = partial(self._inputs.subscribe, WrenchStamped, qos=WRENCHES)
         wrench(topic='servo_cf', callback=self._on_any)
-        wrench(topic='spatial/servo_cf', callback=lambda message: self._take_wrench(
-            message, frames.spatial))
-        wrench(topic='body/servo_cf', callback=lambda message: self._take_wrench(
-            message, frames.spatial if self._is_absolute else frames.body))
+        wrench(
+            topic='spatial/servo_cf',
+            callback=lambda message: self._take_wrench(message, frames.spatial),
+        )
+        wrench(
+            topic='body/servo_cf',
+            callback=lambda message: self._take_wrench(
+                message, frames.spatial if self._is_absolute else frames.body
+            ),
+        )
         event = partial(self._inputs.subscribe, qos=EVENTS)
-        event(Bool, 'body/set_cf_orientation_absolute',
-              lambda message: setattr(self, '_is_absolute', message.data))
-        event(Bool, 'use_gravity_compensation',
-              lambda message: setattr(self, 'weightless', message.data))
+        event(
+            Bool,
+            'body/set_cf_orientation_absolute',
+            lambda message: setattr(self, '_is_absolute', message.data),
+        )
+        event(
+            Bool,
+            'use_gravity_compensation',
+            lambda message: setattr(self, 'weightless', message.data),
+        )
         event(Float64, 'force_scale', self._on_scale)
         event(QuaternionMessage, 'lock_orientation', self._on_lock)
         event(Empty, 'unlock_orientation', lambda _: setattr(self, 'target', None))
@@ -172,8 +197,10 @@ class ForceInputs:
         if frame is None:
             self.refused += 1
             if not self._unknown:
-                self._unknown = f'wrench on {self._topics[0]} in frame {name!r}; expected ' \
+                self._unknown = (
+                    f'wrench on {self._topics[0]} in frame {name!r}; expected '
                     f'{", ".join(sorted(filter(None, self._frames.by_name)))} or none'
+                )
                 node_log.error(self._node, self._unknown)
             return
         self._take_wrench(message, frame)
@@ -184,7 +211,8 @@ class ForceInputs:
         # Clients of CRTK leave the header empty. After a pause of this process a wrench may have
         # waited as long.
         if (stamped and not -self._timeout <= now - stamped <= self._timeout) or (
-                self._was_late or time.monotonic() - self._polled_at > self._longest):
+            self._was_late or time.monotonic() - self._polled_at > self._longest
+        ):
             self.stale += 1
             return
         self._unknown = ''
@@ -195,8 +223,11 @@ class ForceInputs:
         is_finite = isfinite(sum(found) + sum(beside))
         if any(beside) and not self._warned:
             self._warned = True
-            node_log.warning(self._node, 'the force of a wrench is ignored: this device renders '
-                             'torque about its centre alone')
+            node_log.warning(
+                self._node,
+                'the force of a wrench is ignored: this device renders '
+                'torque about its centre alone',
+            )
         with self._lock:
             if self._wrench is not None and now == self._wrench.received:
                 now += 1  # each has its own time of arrival
@@ -209,8 +240,9 @@ class ForceInputs:
 
     def _on_scale(self, message: Float64) -> None:
         if not 0.0 <= message.data <= 1.0:
-            node_log.warning(self._node, f'force_scale is {message.data:g}; expected a number '
-                             'from 0 to 1')
+            node_log.warning(
+                self._node, f'force_scale is {message.data:g}; expected a number from 0 to 1'
+            )
             return
         self._scale = message.data
 

@@ -39,12 +39,19 @@ def published(remaps: Sequence[str]) -> Iterator[Publish]:
     namespace, _, name = Parameters(remaps=remaps).full_name(NODE).rpartition('/')
     context = Context()
     context.init(args=[])
-    node = Node(name, namespace=namespace, context=context, start_parameter_services=False,
-                enable_rosout=False, use_global_arguments=False)
+    node = Node(
+        name,
+        namespace=namespace,
+        context=context,
+        start_parameter_services=False,
+        enable_rosout=False,
+        use_global_arguments=False,
+    )
     out = node.create_publisher(String, COVERAGE_TOPIC, STATE)
     try:
         yield lambda text, covered: out.publish(
-            String(data=json.dumps({'text': text, 'covered': dict(covered)})))
+            String(data=json.dumps({'text': text, 'covered': dict(covered)}))
+        )
     finally:
         out.publish(String(data='{}'))
         out.wait_for_all_acked(Duration(seconds=LAST_TIMEOUT))

@@ -49,15 +49,25 @@ class Follower(NamedTuple):
     def remaps(self) -> list[tuple[str, str]]:
         """Return the topics of `teleop` that have another name, and that name."""
         slave = self.slave.rstrip('/')
-        pairs = [('servo_cp', slave and f'{slave}/servo_cp'),
-                 ('slave/measured_cp', self.pose or slave and f'{slave}/measured_cp'),
-                 ('presence', self.presence), ('clutch', self.clutch)]
+        pairs = [
+            ('servo_cp', slave and f'{slave}/servo_cp'),
+            ('slave/measured_cp', self.pose or slave and f'{slave}/measured_cp'),
+            ('presence', self.presence),
+            ('clutch', self.clutch),
+        ]
         return [(topic, name) for topic, name in pairs if name]
 
 
-def plan(source: str, config: str, calibration: str, namespace: str, composed: bool,
-         follower: Follower | None = None, frame_prefix: str = '',
-         argument_prefix: str = '') -> list[Process]:
+def plan(
+    source: str,
+    config: str,
+    calibration: str,
+    namespace: str,
+    composed: bool,
+    follower: Follower | None = None,
+    frame_prefix: str = '',
+    argument_prefix: str = '',
+) -> list[Process]:
     """
     Return the processes of one arm.
 
@@ -69,8 +79,10 @@ def plan(source: str, config: str, calibration: str, namespace: str, composed: b
     """
     paths, own = _files(config, calibration, argument_prefix), _namespace(namespace)
     if follower is not None and follower.pose and not follower.slave:
-        raise InputError(f'{argument_prefix}slave_pose:={follower.pose}; expected '
-                         f'{argument_prefix}slave, too: without one the slave is simulated')
+        raise InputError(
+            f'{argument_prefix}slave_pose:={follower.pose}; expected '
+            f'{argument_prefix}slave, too: without one the slave is simulated'
+        )
     source_words = [f'{settings.SOURCE_SETTING.name}:={source}'] if source else []
     # A file may have parameters of teleop, which is not started without a follower.
     Parameters(paths, (), own).check((*PIPELINE, FOLLOWER), settings.ALL_NAMES)
@@ -82,12 +94,22 @@ def plan(source: str, config: str, calibration: str, namespace: str, composed: b
         check_shared_bus(checked['fkm'], checked['encoder_driver'])
     frames = _prefixed_frames(given.of('fkm'), frame_prefix)
     processes = {'master': names} if composed else {name: (name,) for name in names}
-    found = [Process(executable, (
-        *(word for path in paths
-          if any(Parameters([path], (), own).of(name) for name in of_process)
-          for word in ('--params-file', path)),
-        *_words(source_words, follower, of_process), *(frames if 'fkm' in of_process else ())))
-        for executable, of_process in processes.items()]
+    found = [
+        Process(
+            executable,
+            (
+                *(
+                    word
+                    for path in paths
+                    if any(Parameters([path], (), own).of(name) for name in of_process)
+                    for word in ('--params-file', path)
+                ),
+                *_words(source_words, follower, of_process),
+                *(frames if 'fkm' in of_process else ()),
+            ),
+        )
+        for executable, of_process in processes.items()
+    ]
     if follower is not None and not follower.slave:
         found.append(Process('sim_slave', ()))
     return found
@@ -109,9 +131,12 @@ def _checked(node: str, given: Mapping[str, object]) -> dict[str, object]:
 
 def _prefixed_frames(values: Mapping[str, object], prefix: str) -> list[str]:
     """Return the arguments that name the frames of `fkm` as robot_state_publisher does."""
-    return [word for setting in settings.FKM_SETTINGS
-            if prefix and setting.name in ARM_FRAMES and setting.name not in values
-            for word in ('-p', f'{setting.name}:={prefix}{setting.default}')]
+    return [
+        word
+        for setting in settings.FKM_SETTINGS
+        if prefix and setting.name in ARM_FRAMES and setting.name not in values
+        for word in ('-p', f'{setting.name}:={prefix}{setting.default}')
+    ]
 
 
 def rviz_config(template: str, namespace: str) -> str:
@@ -149,10 +174,15 @@ def check_arguments(command_line: Sequence[str], file: str, names: Collection[st
     file includes this one, the arguments are that file's, and nothing is refused.
     """
     path = Path(file)
-    started = [number for number, (before, word) in enumerate(
-        zip(command_line, command_line[1:], strict=False), 1) if Path(word).name == path.name
-        and (before == PACKAGE or Path(word).resolve() == path.resolve())]
-    for word in command_line[started[0]:] if started else ():
+    started = [
+        number
+        for number, (before, word) in enumerate(
+            zip(command_line, command_line[1:], strict=False), 1
+        )
+        if Path(word).name == path.name
+        and (before == PACKAGE or Path(word).resolve() == path.resolve())
+    ]
+    for word in command_line[started[0] :] if started else ():
         name, given, _ = word.partition(':=')
         if given and name not in (*names, *OPTIONS):
             near = ', '.join(get_close_matches(name, names, n=1) or sorted(names))
@@ -181,7 +211,8 @@ def _files(config: str, calibration: str, argument_prefix: str = '') -> list[str
         path = Path(os.path.expanduser(given)).absolute()
         if given and not path.is_file():
             kind = 'it is a directory' if path.is_dir() else 'it does not exist'
-            raise InputError(f'{argument_prefix}{name}:={given}; expected an existing file '
-                             f'({path}: {kind})')
+            raise InputError(
+                f'{argument_prefix}{name}:={given}; expected an existing file ({path}: {kind})'
+            )
         found += [str(path)] if given else []
     return found

@@ -48,8 +48,12 @@ GREEN, AMBER, RED, PLAIN = '\x1b[32m', '\x1b[33m', '\x1b[31m', '\x1b[0m'
 ERASE, UP = '\x1b[J', '\x1b[{}F'
 LEVEL_COLOURS = {OK: GREEN, WARN: AMBER, ERROR: RED}
 # Colours of the states of the force feedback; the others have none.
-FORCE_COLOURS = {ForceCondition.ENGAGED: GREEN, ForceCondition.HOLDING: GREEN,
-                 ForceCondition.FADING: AMBER, ForceCondition.FAULT: RED}
+FORCE_COLOURS = {
+    ForceCondition.ENGAGED: GREEN,
+    ForceCondition.HOLDING: GREEN,
+    ForceCondition.FADING: AMBER,
+    ForceCondition.FAULT: RED,
+}
 # Dexterity of three sensors at which the bar is full, as on the page of `view` (unit 1), and the
 # columns of the bar.
 FULL_DEXTERITY, BAR = 0.2, 20
@@ -86,8 +90,11 @@ class Console:
         self._thread = threading.Thread(target=self._run, name='console', daemon=True)
         self._thread.start()
         if self._in_place:
-            node_log.attach(self, takes_lines=os.isatty(STANDARD_ERROR) and os.fstat(
-                STANDARD_ERROR).st_rdev == os.fstat(STANDARD_OUTPUT).st_rdev)
+            node_log.attach(
+                self,
+                takes_lines=os.isatty(STANDARD_ERROR)
+                and os.fstat(STANDARD_ERROR).st_rdev == os.fstat(STANDARD_OUTPUT).st_rdev,
+            )
 
     def put(self, line: str) -> None:
         """Have a line of the log printed above the status, without waiting."""
@@ -111,12 +118,15 @@ class Console:
                 with self._changed:
                     self._changed.wait_for(
                         lambda: self._lines or self._closing,
-                        TERMINAL_PERIOD if self._in_place else LINE_PERIOD)
+                        TERMINAL_PERIOD if self._in_place else LINE_PERIOD,
+                    )
                     closing = self._closing
                     lines = list(self._lines)
                     self._lines.clear()
-                write_all(STANDARD_OUTPUT, self._refreshed(lines, closing) if self._in_place
-                          else self._line())
+                write_all(
+                    STANDARD_OUTPUT,
+                    self._refreshed(lines, closing) if self._in_place else self._line(),
+                )
 
     def _refreshed(self, lines: list[str], closing: bool) -> str:
         """Return what prints the log's lines and then the status, over the status before."""
@@ -125,8 +135,13 @@ class Console:
         # above all of them.
         size = os.get_terminal_size(STANDARD_OUTPUT)
         # A terminal without a size, such as a serial line, reports 0.
-        shown = status_lines('\n  '.join(self._title()).splitlines(), self._rows(),
-                             size.columns or WIDTH, (size.lines or HEIGHT) - 1, self._coloured)
+        shown = status_lines(
+            '\n  '.join(self._title()).splitlines(),
+            self._rows(),
+            size.columns or WIDTH,
+            (size.lines or HEIGHT) - 1,
+            self._coloured,
+        )
         above = f'\r{ERASE}' + ''.join(line + '\r\n' for line in lines)
         if closing:
             return above + ''.join(line + '\r\n' for line in shown)
@@ -135,8 +150,7 @@ class Console:
     def _title(self) -> list[str]:
         """Return the source, and a remark on its motion where there is one."""
         driver, source = self._driver, self._driver.source_name
-        is_crossing = source == 'sim' \
-            and driver.get_parameter('sim.trajectory').value in CROSSING
+        is_crossing = source == 'sim' and driver.get_parameter('sim.trajectory').value in CROSSING
         return [f'haptic master, source {source} (Ctrl-C ends)', *[CROSSING_REMARK] * is_crossing]
 
     def _line(self) -> str:
@@ -155,37 +169,53 @@ class Console:
             rows.append(Row('force', force.text, FORCE_COLOURS.get(force.condition, '')))
         if fkm.quaternion is not None and fkm.state.publishes:
             psi, theta, phi = map(degrees, zxz_angles(*fkm.quaternion))
-            rows += [Row('orientation', f'psi {psi:8.3f} theta {theta:7.3f} phi {phi:8.3f} deg'),
-                     Row('protection level', f'{degrees(fkm.protection_level or 0.0):.2f} deg'),
-                     Row('parity', f'{fkm.latency_status.parity or 0.0:+.1f} sigma')]
+            rows += [
+                Row('orientation', f'psi {psi:8.3f} theta {theta:7.3f} phi {phi:8.3f} deg'),
+                Row('protection level', f'{degrees(fkm.protection_level or 0.0):.2f} deg'),
+                Row('parity', f'{fkm.latency_status.parity or 0.0:+.1f} sigma'),
+            ]
         dexterities = diagnostics.dexterities
         if dexterities is None:
             rows.append(Row('singularity', f'unknown: {diagnostics.state}'))
         else:
             full = round(min(dexterities.three / FULL_DEXTERITY, 1.0) * BAR)
-            rows += [Row('singularity', diagnostics.state,
-                         LEVEL_COLOURS[diagnostics.levels.level]),
-                     Row('', f'at [{"#" * full}{"-" * (BAR - full)}] far'),
-                     Row('dexterity', f'{dexterities.three:.4f} (3 sensors), '
-                         f'{dexterities.every:.4f} ({diagnostics.sensors} sensors)')]
+            rows += [
+                Row('singularity', diagnostics.state, LEVEL_COLOURS[diagnostics.levels.level]),
+                Row('', f'at [{"#" * full}{"-" * (BAR - full)}] far'),
+                Row(
+                    'dexterity',
+                    f'{dexterities.three:.4f} (3 sensors), '
+                    f'{dexterities.every:.4f} ({diagnostics.sensors} sensors)',
+                ),
+            ]
         latency = fkm.latency_status
         percentiles = latency.latency.percentiles(0.5, 0.99)
-        return [*rows,
-                Row('rates', f'joints {driver.published.rate():.0f} Hz, '
-                    f'orientation {latency.published.rate():.0f} Hz'),
-                Row('latency', 'unknown' if percentiles is None else
-                    'p50 {:.0f} us, p99 {:.0f} us'.format(*percentiles))]
+        return [
+            *rows,
+            Row(
+                'rates',
+                f'joints {driver.published.rate():.0f} Hz, '
+                f'orientation {latency.published.rate():.0f} Hz',
+            ),
+            Row(
+                'latency',
+                'unknown'
+                if percentiles is None
+                else 'p50 {:.0f} us, p99 {:.0f} us'.format(*percentiles),
+            ),
+        ]
 
 
-def status_lines(title: Iterable[str], rows: Iterable[Row], width: int, height: int,
-                 coloured: bool) -> list[str]:
+def status_lines(
+    title: Iterable[str], rows: Iterable[Row], width: int, height: int, coloured: bool
+) -> list[str]:
     """Return the lines of a status that a terminal shows: the title, and a column of values."""
     lines = [text[:width] for text in title]
     for name, text, colour in rows:
         # A control character would move the cursor.
         printable = ''.join(each if each.isprintable() else '?' for each in text)
         for part in wrap(printable, max(width - NAMES, LEAST), break_on_hyphens=False) or ['']:
-            value = part[:max(0, width - NAMES)]
+            value = part[: max(0, width - NAMES)]
             if value and coloured and colour:
                 value = f'{colour}{value}{PLAIN}'
             lines.append(f'  {name}'.ljust(NAMES)[:width] + value)
@@ -198,16 +228,23 @@ def compose(done: Future, add: runner.AddNode) -> None:
     fkm = add(Fkm)
     teleop = add(Teleop) if fkm.declare(MASTER_SETTINGS)['teleop.run'] else None
     diagnostics, driver = add(Diagnostics), add(EncoderDriver, done)
-    check_agreement({node.get_name(): node.values for node in (
-        driver, fkm, diagnostics, *([] if teleop is None else [teleop]))})
+    check_agreement(
+        {
+            node.get_name(): node.values
+            for node in (driver, fkm, diagnostics, *([] if teleop is None else [teleop]))
+        }
+    )
     if fkm.force_state is not None and driver.source_name == 'can':
         check_shared_bus(fkm.values, driver.values)
     if _is_one_topic('measured_js', driver, fkm):
         driver.listener = fkm.take
     fkm.driver_overload = lambda: driver.overload.words
     # The command of a slave goes out first.
-    fkm.followers = [each.take for each in (teleop, diagnostics)
-                     if each is not None and _is_one_topic('orientation', fkm, each)]
+    fkm.followers = [
+        each.take
+        for each in (teleop, diagnostics)
+        if each is not None and _is_one_topic('orientation', fkm, each)
+    ]
     Console(driver, fkm, diagnostics)
 
 

@@ -48,10 +48,13 @@ def publish_mounting(node: Node, values: Values) -> tuple[str, str]:
         return base, ''
     check_frames(values)
     table, platform, handle = (
-        values[f'mounting.{part}_frame_id'] for part in ('table', 'platform', 'handle'))
+        values[f'mounting.{part}_frame_id'] for part in ('table', 'platform', 'handle')
+    )
     transforms = []
-    for parent, child, rotation in ((table, base, mounting.base),
-                                    (platform, handle, mounting.handle)):
+    for parent, child, rotation in (
+        (table, base, mounting.base),
+        (platform, handle, mounting.handle),
+    ):
         if rotation != IDENTITY:
             found = geometry.TransformStamped(child_frame_id=child)
             found.header.frame_id, found.header.stamp = parent, node.get_clock().now().to_msg()
@@ -67,7 +70,8 @@ def publish_mounting(node: Node, values: Values) -> tuple[str, str]:
     except ImportError:
         return reference, f'{text} (not on {STATIC_TRANSFORMS}: no tf2_msgs)'
     node.create_publisher(TFMessage, STATIC_TRANSFORMS, STATE).publish(
-        TFMessage(transforms=transforms))
+        TFMessage(transforms=transforms)
+    )
     return reference, text
 
 
@@ -79,17 +83,26 @@ class OrientationOutputs:
     topics with a subscriber; `effort` returns the torque of each joint, N m, with force feedback.
     """
 
-    def __init__(self, node: Node, values: Values, frame_id: str,
-                 supervisor: Supervisor) -> None:
+    def __init__(self, node: Node, values: Values, frame_id: str, supervisor: Supervisor) -> None:
         self._supervisor = supervisor
-        names = ALL_JOINT_NAMES[:values['sensors']]
+        names = ALL_JOINT_NAMES[: values['sensors']]
         # The messages of a sample share one header and one quaternion.
         header = self._header = Header(frame_id=frame_id)
         self._orientation = geometry.Quaternion()
-        labels = (f'{LEVEL}_deg', *(f'unchecked_{name}_s' for name in names),
-                  *(f'bound_{name}_deg' for name in names))
-        self._level = Float64MultiArray(layout=MultiArrayLayout(dim=[MultiArrayDimension(
-            label=', '.join(labels), size=len(labels), stride=len(labels))]))
+        labels = (
+            f'{LEVEL}_deg',
+            *(f'unchecked_{name}_s' for name in names),
+            *(f'bound_{name}_deg' for name in names),
+        )
+        self._level = Float64MultiArray(
+            layout=MultiArrayLayout(
+                dim=[
+                    MultiArrayDimension(
+                        label=', '.join(labels), size=len(labels), stride=len(labels)
+                    )
+                ]
+            )
+        )
         self._covariance = geometry.PoseWithCovarianceStamped(header=header)
         self._covariance.pose.pose.orientation = self._orientation
         pose = geometry.PoseStamped(header=header)
@@ -98,14 +111,23 @@ class OrientationOutputs:
         self._joints = JointState(header=header, name=list(names))
         self._gripper = JointState(header=header, name=['gripper'])
         # The setpoint of an unpowered device is its pose: clients ask for it.
-        self._crtk = {'measured_cp': pose, 'setpoint_cp': pose, TWIST: self._twist,
-                      JOINTS: self._joints, GRIPPER: self._gripper}
+        self._crtk = {
+            'measured_cp': pose,
+            'setpoint_cp': pose,
+            TWIST: self._twist,
+            JOINTS: self._joints,
+            GRIPPER: self._gripper,
+        }
         # A client may need the first message within 20 ms, before the next poll.
         matched = PublisherEventCallbacks(matched=lambda _: self.count_subscribers())
         self._outs = {
             topic: node.create_publisher(type(message), topic, SAMPLES, event_callbacks=matched)
             for topic, message in (
-                (LEVEL, self._level), (COVARIANCE, self._covariance), *self._crtk.items())}
+                (LEVEL, self._level),
+                (COVARIANCE, self._covariance),
+                *self._crtk.items(),
+            )
+        }
         self._grid = StampGrid(values['crtk_rate'], values['rate'])
         window = max(values['velocity_window'], VELOCITY_PERIODS / values['rate'])
         self._velocity = AngularVelocity(round(window * SECOND))
@@ -122,11 +144,15 @@ class OrientationOutputs:
     def count_subscribers(self) -> None:
         """Find which topics have a subscriber: at each poll, and for each new subscriber."""
         self.wanted = frozenset(
-            topic for topic, out in self._outs.items() if out.get_subscription_count() > 0
-            and (topic != GRIPPER or len(self._gripper.position) > 0))
+            topic
+            for topic, out in self._outs.items()
+            if out.get_subscription_count() > 0
+            and (topic != GRIPPER or len(self._gripper.position) > 0)
+        )
 
-    def publish(self, stamp: int, angles: Sequence[float], estimate: SampleEstimate,
-                level: float) -> None:
+    def publish(
+        self, stamp: int, angles: Sequence[float], estimate: SampleEstimate, level: float
+    ) -> None:
         """
         Publish what has a subscriber and is due.
 
@@ -135,8 +161,14 @@ class OrientationOutputs:
         """
         wanted = self.wanted  # another thread may change it meanwhile
         if LEVEL in wanted:
-            self._level.data = array('d', (degrees(level), *self._supervisor.unchecked(),
-                                           *map(degrees, self._supervisor.parts)))
+            self._level.data = array(
+                'd',
+                (
+                    degrees(level),
+                    *self._supervisor.unchecked(),
+                    *map(degrees, self._supervisor.parts),
+                ),
+            )
             self._outs[LEVEL].publish(self._level)
         if TWIST in wanted:
             self._velocity.add(stamp, estimate.quaternion)

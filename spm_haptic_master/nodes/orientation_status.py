@@ -25,8 +25,12 @@ from spm_haptic_master.supervision.symptom import with_remedy
 from spm_haptic_master.timing import LatencyMeter, RateMeter
 
 # Levels of the states.
-LEVELS = {Condition.STARTING: WARN, Condition.HEALTHY: OK, Condition.DEGRADED: WARN,
-          Condition.SILENT: ERROR}
+LEVELS = {
+    Condition.STARTING: WARN,
+    Condition.HEALTHY: OK,
+    Condition.DEGRADED: WARN,
+    Condition.SILENT: ERROR,
+}
 # Samples taken between two evaluations of the calibration (samples): ten seconds, and an
 # evaluation costs as much as two samples.
 EVALUATION_SAMPLES = 10
@@ -46,17 +50,22 @@ class OrientationStatus:
     The caller guards the supervisor. `constants` are the values of the entry that do not change.
     """
 
-    def __init__(self, node: Node, values: Values, supervisor: Supervisor,
-                 constants: dict[str, str]) -> None:
+    def __init__(
+        self, node: Node, values: Values, supervisor: Supervisor, constants: dict[str, str]
+    ) -> None:
         self._supervisor, self._constants = supervisor, constants
         self._watch = CalibrationWatch(
-            sigma_from(values), limits_from(values).bias, geometry_from(values),
-            values['working_mode'])
+            sigma_from(values),
+            limits_from(values).bias,
+            geometry_from(values),
+            values['working_mode'],
+        )
         # Samples that the watch has taken, and those that were not accepted when it was due.
         self._taken = self._not_accepted = 0
-        self._names = ALL_JOINT_NAMES[:values['sensors']]
+        self._names = ALL_JOINT_NAMES[: values['sensors']]
         self._publisher = diagnostic_status.StatusPublisher(
-            node, 'orientation', diagnostic_status.MECHANISM)
+            node, 'orientation', diagnostic_status.MECHANISM
+        )
         # Samples received; the caller counts them.
         self.received = RateMeter()
         self._rejected: Counter[str] = Counter()
@@ -93,8 +102,9 @@ class OrientationStatus:
         # The figures in a caution grow: its sensors, not its words, decide whether it changed.
         subject = text + ', '.join(cautions)
         if self._publisher.is_due(severity, subject):
-            self._publisher.publish(severity, message, self._figures(level), subject,
-                                    (level_of_state, text))
+            self._publisher.publish(
+                severity, message, self._figures(level), subject, (level_of_state, text)
+            )
 
     def _figures(self, level: float | None) -> dict[str, object]:
         figures: dict[str, object] = {
@@ -118,14 +128,16 @@ class OrientationStatus:
                 'calibration: figure of merit': found.merit,
             }
             for name, slip, visible in zip(
-                    self._names, found.slip.tolist(), found.visible.tolist(), strict=True):
+                self._names, found.slip.tolist(), found.visible.tolist(), strict=True
+            ):
                 if isfinite(visible):
                     figures[f'{name} drift (deg)'] = degrees(slip)
                     figures[f'{name} least drift that shows (deg)'] = degrees(visible)
         if level is not None:
             figures['protection level (deg)'] = degrees(level)
-        for name, noise, unchecked in zip(self._names, self._supervisor.joints.noise(),
-                                          self._supervisor.unchecked(), strict=True):
+        for name, noise, unchecked in zip(
+            self._names, self._supervisor.joints.noise(), self._supervisor.unchecked(), strict=True
+        ):
             figures[f'{name} noise (deg)'] = degrees(noise)
             figures[f'{name} unchecked (s)'] = unchecked
         return figures
@@ -154,7 +166,8 @@ class LatencyStatus:
         self._all_missing = 0
         self._begin_period()
         self._status = diagnostic_status.StatusPublisher(
-            node, 'timing', diagnostic_status.MECHANISM, logs=False)
+            node, 'timing', diagnostic_status.MECHANISM, logs=False
+        )
 
     def _begin_period(self) -> None:
         # Why samples were missing; empty if it is not known.
@@ -188,19 +201,28 @@ class LatencyStatus:
         level, text = WARN, 'no orientations'
         percentiles = self.latency.percentiles(0.5, 0.9, 0.99, 1.0) if count else None
         if percentiles is not None:
-            values |= {f'latency {name} (us)': value for name, value in zip(
-                ('p50', 'p90', 'p99', 'max'), percentiles, strict=True)}
+            values |= {
+                f'latency {name} (us)': value
+                for name, value in zip(('p50', 'p90', 'p99', 'max'), percentiles, strict=True)
+            }
             mean = self._parity_sum / count
-            values |= {'parity mean (sigma)': mean, 'parity deviation (sigma)':
-                       sqrt(max(0.0, self._parity_squares / count - mean * mean))}
+            values |= {
+                'parity mean (sigma)': mean,
+                'parity deviation (sigma)': sqrt(
+                    max(0.0, self._parity_squares / count - mean * mean)
+                ),
+            }
             p99 = percentiles[2]
             if p99 > self._latency_limit:
                 text = f'{TOO_BUSY}: latency p99 {more_than(p99 / 1e6)}'
             elif self._missing > self._tolerated:
                 text = self.busy or 'samples missing'
             # From the stamps: samples that a busy machine held up come in a burst.
-            elif last is not None and before is not None \
-                    and last - before < count * self._least_span:
+            elif (
+                last is not None
+                and before is not None
+                and last - before < count * self._least_span
+            ):
                 text = 'more samples than expected'
             else:
                 level, text = OK, 'in time'

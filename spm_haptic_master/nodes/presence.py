@@ -33,11 +33,15 @@ class Presence(ParameterNode):
         values = self.declare(PRESENCE_SETTINGS)
         self._timeout: float = values['presence.joy_timeout']
         # Publishers and buttons; presence first: its release ends all following.
-        buttons = {'presence': values['presence.button'],
-                   'clutch': values['presence.clutch_button']}
+        buttons = {
+            'presence': values['presence.button'],
+            'clutch': values['presence.clutch_button'],
+        }
         self._outs = [
             (self.create_publisher(Joy, topic, EVENTS), button)
-            for topic, button in buttons.items() if button >= 0]
+            for topic, button in buttons.items()
+            if button >= 0
+        ]
         # Buttons of the latest message, None without a publisher, and when it came, s, monotonic.
         self._buttons: tuple[int, ...] | None = None
         self._heard_at = 0.0
@@ -64,8 +68,11 @@ class Presence(ParameterNode):
         if unheard or self._buttons is None:
             level, text = WARN, unheard or 'no joy'
         elif any(button >= len(self._buttons) for _, button in self._outs):
-            level, text = WARN, f'joy has {len(self._buttons)} buttons, expected more than ' \
-                f'{max(button for _, button in self._outs)}'
+            level, text = (
+                WARN,
+                f'joy has {len(self._buttons)} buttons, expected more than '
+                f'{max(button for _, button in self._outs)}',
+            )
         else:
             level, text = OK, 'pressed' if self._is_pressed(self._outs[0][1]) else 'released'
         if self._status.is_due(level, text):

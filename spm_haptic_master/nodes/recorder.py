@@ -43,22 +43,24 @@ class Recorder(ParameterNode):
         # By their names, in the order of the report. That of the truth is made at its first
         # message: `sim_bus` may write it into the same directory.
         self._tables = {
-            files.ORIENTATION_NAME: Table(
-                directory / files.ORIENTATION_NAME, QUATERNION_COLUMNS),
-            files.JOINTS_NAME: Table(directory / files.JOINTS_NAME, JOINT_NAMES)}
+            files.ORIENTATION_NAME: Table(directory / files.ORIENTATION_NAME, QUATERNION_COLUMNS),
+            files.JOINTS_NAME: Table(directory / files.JOINTS_NAME, JOINT_NAMES),
+        }
         # Joints of the first message on measured_js, and messages that lack one of them.
         self._names: tuple[str, ...] = ()
         self._incomplete = 0
         self._rig: str | None = None
         for kind, topic, take, qos in (
-                (QuaternionStamped, 'orientation', self._take_orientation, SAMPLES),
-                (JointState, 'measured_js', self._take_joints, SAMPLES),
-                (QuaternionStamped, ORIENTATION_TOPIC, self._take_truth, SAMPLES),
-                (String, RIG_TOPIC, self._take_rig, STATE)):
+            (QuaternionStamped, 'orientation', self._take_orientation, SAMPLES),
+            (JointState, 'measured_js', self._take_joints, SAMPLES),
+            (QuaternionStamped, ORIENTATION_TOPIC, self._take_truth, SAMPLES),
+            (String, RIG_TOPIC, self._take_rig, STATE),
+        ):
             self.create_subscription(kind, topic, self._guarded(take), qos)
 
     def _guarded(self, take: Callable[[Any], None]) -> Callable[[Any], None]:
         """Return a callback that ends the process with the first InputError."""
+
         def callback(message: Any) -> None:
             if self._done.done():
                 return
@@ -66,6 +68,7 @@ class Recorder(ParameterNode):
                 take(message)
             except InputError as error:
                 self._done.set_result(error)
+
         return callback
 
     def start(self) -> None:
@@ -79,23 +82,30 @@ class Recorder(ParameterNode):
             for table in reversed(self._tables.values()):
                 stack.callback(self._close, table)
             if self._incomplete:
-                node_log.warning(self, f'{self._incomplete} messages on measured_js without one '
-                                 f'of {", ".join(self._names or JOINT_NAMES)}: not written')
-            if not self._done.done() and not any(
-                    table.rows for table in self._tables.values()):
-                node_log.warning(self, 'nothing was written: no message came on orientation or '
-                                 'measured_js')
+                node_log.warning(
+                    self,
+                    f'{self._incomplete} messages on measured_js without one '
+                    f'of {", ".join(self._names or JOINT_NAMES)}: not written',
+                )
+            if not self._done.done() and not any(table.rows for table in self._tables.values()):
+                node_log.warning(
+                    self, 'nothing was written: no message came on orientation or measured_js'
+                )
 
     def _close(self, table: Table) -> None:
         """Close a table and log rows, seconds and bytes, unless the recording has failed."""
         table.close()
         if table.rows and not self._done.done():
             begin, end = table.span
-            node_log.info(self, f'{table.path}: {table.rows} rows, {(end - begin) / SECOND:.1f} '
-                          f's, {table.path.stat().st_size} bytes')
+            node_log.info(
+                self,
+                f'{table.path}: {table.rows} rows, {(end - begin) / SECOND:.1f} '
+                f's, {table.path.stat().st_size} bytes',
+            )
 
-    def _take_orientation(self, message: QuaternionStamped,
-                          name: str = files.ORIENTATION_NAME) -> None:
+    def _take_orientation(
+        self, message: QuaternionStamped, name: str = files.ORIENTATION_NAME
+    ) -> None:
         q = message.quaternion
         self._write(name, message, (q.x, q.y, q.z, q.w))
 
@@ -122,11 +132,13 @@ class Recorder(ParameterNode):
             self._rig = message.data
             files.write_new(self._directory / files.RIG_NAME, message.data)
         elif self._rig != message.data:
-            raise InputError('another simulated rig than at the start; expected one rig in a '
-                             'recording')
+            raise InputError(
+                'another simulated rig than at the start; expected one rig in a recording'
+            )
 
-    def _write(self, name: str, message: QuaternionStamped | JointState,
-               values: Sequence[float]) -> None:
+    def _write(
+        self, name: str, message: QuaternionStamped | JointState, values: Sequence[float]
+    ) -> None:
         stamp = message.header.stamp
         self._tables[name].write(stamp.sec * SECOND + stamp.nanosec, values)
 

@@ -59,8 +59,14 @@ class Commands:
             shown[:] = [message]
 
         offered = first.qos_profile
-        self._node.create_subscription(_type(first.topic_type), topic, show, QoSProfile(
-            depth=DEPTH, durability=offered.durability, reliability=offered.reliability))
+        self._node.create_subscription(
+            _type(first.topic_type),
+            topic,
+            show,
+            QoSProfile(
+                depth=DEPTH, durability=offered.durability, reliability=offered.reliability
+            ),
+        )
         self._wait(lambda: given.once and shown, inf)
 
     def do_pub(self, given: argparse.Namespace) -> None:
@@ -75,8 +81,9 @@ class Commands:
 
     def do_get(self, given: argparse.Namespace) -> None:
         """Print the value of a parameter."""
-        values = self._ask(f'{_absolute(given.node)}/get_parameters', GetParameters,
-                           names=[given.name]).values
+        values = self._ask(
+            f'{_absolute(given.node)}/get_parameters', GetParameters, names=[given.name]
+        ).values
         if not values:
             raise InputError(f"{given.node} has no parameter '{given.name}'")
         print(f'{given.name}: {parameter_value_to_python(values[0])}')
@@ -88,8 +95,10 @@ class Commands:
             raise InputError(f'{given.name} is {given.value}; expected a single value or a list')
         ((name, value),) = values.items()
         (result,) = self._ask(
-            f'{_absolute(given.node)}/set_parameters', SetParameters,
-            parameters=[Parameter(name, value=value).to_parameter_msg()]).results
+            f'{_absolute(given.node)}/set_parameters',
+            SetParameters,
+            parameters=[Parameter(name, value=value).to_parameter_msg()],
+        ).results
         if not result.successful:
             raise InputError(result.reason)
         print(f'{name}: {value}')
@@ -97,8 +106,9 @@ class Commands:
     def do_call(self, given: argparse.Namespace) -> None:
         """Call a service that takes no arguments, and print its answer."""
         service = _absolute(given.service)
-        found = self._wait(lambda: dict(
-            self._node.get_service_names_and_types()).get(service), PATIENCE)
+        found = self._wait(
+            lambda: dict(self._node.get_service_names_and_types()).get(service), PATIENCE
+        )
         if not found:
             raise InputError(f'{service}: no such service')
         print('\n'.join(_lines(self._ask(service, _type(found[0])))))
@@ -141,8 +151,10 @@ def _set_field(message: Any, names: list[str], value: object) -> None:
         field = getattr(message, last)
         setattr(message, last, float(value) if isinstance(field, float) else value)  # type: ignore
     except (AttributeError, AssertionError, TypeError, ValueError) as error:
-        raise InputError(f"{'.'.join(names)} is {value!r}; expected a field of "
-                         f'{type(message).__name__}, such as data: true') from error
+        raise InputError(
+            f'{".".join(names)} is {value!r}; expected a field of '
+            f'{type(message).__name__}, such as data: true'
+        ) from error
 
 
 def _lines(message: Any, indent: str = '') -> Iterator[str]:
@@ -168,11 +180,13 @@ def _parser() -> argparse.ArgumentParser:
     parser = OneLineParser('ros', description=__doc__)
     groups = parser.add_subparsers(required=True, metavar='topic | param | service')
     for group, commands in (
-            ('topic', {'list': (), 'echo': ('topic',), 'pub': ('topic', 'type', 'values')}),
-            ('param', {'get': ('node', 'name'), 'set': ('node', 'name', 'value')}),
-            ('service', {'call': ('service',)})):
+        ('topic', {'list': (), 'echo': ('topic',), 'pub': ('topic', 'type', 'values')}),
+        ('param', {'get': ('node', 'name'), 'set': ('node', 'name', 'value')}),
+        ('service', {'call': ('service',)}),
+    ):
         verbs = groups.add_parser(group).add_subparsers(
-            required=True, dest='verb', metavar=' | '.join(commands))
+            required=True, dest='verb', metavar=' | '.join(commands)
+        )
         for verb, names in commands.items():
             command = verbs.add_parser(verb)
             for name in names:

@@ -20,10 +20,15 @@ from spm_haptic_master.timing import Periodic, SECOND
 # Reason of the silence and its cure where a driver differs, by the key of its entry on
 # /diagnostics.
 DIFFERENCES = {
-    diagnostic_status.CHECKSUM_KEY: ('another mechanism in the driver',
-                                     'give geometry.* and working_mode for all nodes, /**'),
-    diagnostic_status.CALIBRATION_KEY: ('another calibration in the driver',
-                                        'give fkm the calibration file of the driver')}
+    diagnostic_status.CHECKSUM_KEY: (
+        'another mechanism in the driver',
+        'give geometry.* and working_mode for all nodes, /**',
+    ),
+    diagnostic_status.CALIBRATION_KEY: (
+        'another calibration in the driver',
+        'give fkm the calibration file of the driver',
+    ),
+}
 # Bytes in the serialized entry of a driver.
 MARK = f': {diagnostic_status.ENCODERS}\0'.encode()
 
@@ -40,8 +45,10 @@ class SampleOrigin:
         self._node = node
         self._topic = node.resolve_topic_name('measured_js')
         # What has to be the same in the driver of the topic.
-        self._own = {diagnostic_status.CHECKSUM_KEY: mechanism,
-                     diagnostic_status.CALIBRATION_KEY: calibration or diagnostic_status.UNNAMED}
+        self._own = {
+            diagnostic_status.CHECKSUM_KEY: mechanism,
+            diagnostic_status.CALIBRATION_KEY: calibration or diagnostic_status.UNNAMED,
+        }
         self._rivals = Rivals(node, 'orientation', 'measured_js')
         # Latest entry of each driver, by its node's full name without the first slash.
         self._found: dict[str, dict[str, str]] = {}
@@ -54,7 +61,8 @@ class SampleOrigin:
         """Expect the samples on the topic, and watch its drivers."""
         self._is_watching = True
         self._node.create_subscription(
-            DiagnosticArray, '/diagnostics', self._take, EVENTS, raw=True)
+            DiagnosticArray, '/diagnostics', self._take, EVENTS, raw=True
+        )
 
     def obstacle(self) -> tuple[str, str] | None:
         """Return reason and detail of what forbids any orientation, polled now and then; None."""
@@ -71,7 +79,8 @@ class SampleOrigin:
         return RejectedError(
             'stale sample' if age > 0 else 'sample from the future',
             f'{age / SECOND:.6f} s old, {limit}: a host is too busy, or the clocks of two hosts '
-            'are not synchronized')
+            'are not synchronized',
+        )
 
     def _difference(self) -> tuple[str, str] | None:
         """Return reason and detail of the first difference of the driver of the topic."""
@@ -93,4 +102,5 @@ class SampleOrigin:
             name, _, aspect = status.name.partition(': ')
             if aspect == diagnostic_status.ENCODERS:
                 self._found[name] = {
-                    each.key: each.value for each in status.values if each.key in self._own}
+                    each.key: each.value for each in status.values if each.key in self._own
+                }

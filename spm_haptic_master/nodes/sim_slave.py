@@ -33,7 +33,8 @@ class SimSlave(ParameterNode):
         super().__init__('sim_slave', parameters)
         values = self.declare(SLAVE_SETTINGS)
         self._rotation = self._commanded = rotations.zxz_quaternion(
-            *map(radians, values['slave.pose_zxz_deg']))
+            *map(radians, values['slave.pose_zxz_deg'])
+        )
         self._time_constant = values['slave.time_constant']
         self._advanced = time.monotonic()
         self._commands = 0
@@ -53,11 +54,13 @@ class SimSlave(ParameterNode):
     def _advance(self) -> None:
         now = time.monotonic()
         x, y, z = rotations.vector_from_quaternion(
-            *rotations.multiply_quaternions(self._commanded, rotations.conjugate(self._rotation)))
+            *rotations.multiply_quaternions(self._commanded, rotations.conjugate(self._rotation))
+        )
         # A lag of first order.
         part = 1.0 - exp(-min(now - self._advanced, LONGEST_STEP) / self._time_constant)
         moved = rotations.multiply_quaternions(
-            rotations.quaternion_from_vector(part * x, part * y, part * z), self._rotation)
+            rotations.quaternion_from_vector(part * x, part * y, part * z), self._rotation
+        )
         # Without the rounding of the product.
         self._rotation = unit_quaternion(moved) or self._rotation
         self._advanced = now
@@ -66,10 +69,16 @@ class SimSlave(ParameterNode):
         self._pose.header.stamp = self.get_clock().now().to_msg()
         self._out.publish(self._pose)
         if self._status.is_due(OK, 'following'):
-            self._status.publish(OK, 'following', {
-                'commands': self._commands,
-                'tracking error (deg)': degrees(
-                    rotations.rotation_distance(self._rotation, self._commanded))})
+            self._status.publish(
+                OK,
+                'following',
+                {
+                    'commands': self._commands,
+                    'tracking error (deg)': degrees(
+                        rotations.rotation_distance(self._rotation, self._commanded)
+                    ),
+                },
+            )
 
 
 def main(args: list[str] | None = None) -> int:

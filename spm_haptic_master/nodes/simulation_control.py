@@ -25,8 +25,11 @@ from spm_haptic_master.simulation.sim_source import SimSource
 from std_msgs.msg import Float64MultiArray, String
 
 # Topics of the pose, of the faults wanted, and of those present.
-STEER_TOPIC, FAULT_TOPIC, FAULTS_TOPIC = \
-    'simulation/steer', 'simulation/fault', 'simulation/faults'
+STEER_TOPIC, FAULT_TOPIC, FAULTS_TOPIC = (
+    'simulation/steer',
+    'simulation/fault',
+    'simulation/faults',
+)
 # Topics of the true orientation and of the rig.
 ORIENTATION_TOPIC, RIG_TOPIC = 'ground_truth/orientation', 'ground_truth/rig'
 # frame_id of the true orientation: the base frame of the simulated rig.
@@ -69,8 +72,7 @@ class SimulationControl:
     def _set_faults(self, message: String) -> None:
         texts = [text for part in message.data.split(',') if (text := part.strip())]
         try:
-            faults = tuple(parse_switched(text, len(self._source.rig.sensors))
-                           for text in texts)
+            faults = tuple(parse_switched(text, len(self._source.rig.sensors)) for text in texts)
         except InputError as error:
             node_log.warning(self._node, f'{FAULT_TOPIC}: {error}')
             return

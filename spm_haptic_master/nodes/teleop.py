@@ -80,15 +80,29 @@ class Teleop(ParameterNode):
         subscribe = self._inputs.subscribe
         subscribe(PoseStamped, 'slave/measured_cp', self._on_slave, EVENTS)
         machine = self._machine
-        subscribe(Joy, 'presence', lambda message: self._take(
-            machine.take_presence, message.buttons[:1] == PRESSED), EVENTS,
-            gone=lambda: self._take(machine.take_presence, False))
+        subscribe(
+            Joy,
+            'presence',
+            lambda message: self._take(machine.take_presence, message.buttons[:1] == PRESSED),
+            EVENTS,
+            gone=lambda: self._take(machine.take_presence, False),
+        )
         # A message without a button is no release.
-        subscribe(Joy, 'clutch', lambda message: self._take(
-            machine.take_clutch, message.buttons[:1] in (PRESSED, NO_BUTTON)), EVENTS,
-            gone=lambda: self._take(machine.take_clutch, None))
-        subscribe(String, 'state', lambda message: self._take(
-            machine.take_state, received_state(message.data)), STATE)
+        subscribe(
+            Joy,
+            'clutch',
+            lambda message: self._take(
+                machine.take_clutch, message.buttons[:1] in (PRESSED, NO_BUTTON)
+            ),
+            EVENTS,
+            gone=lambda: self._take(machine.take_clutch, None),
+        )
+        subscribe(
+            String,
+            'state',
+            lambda message: self._take(machine.take_state, received_state(message.data)),
+            STATE,
+        )
         subscribe(UInt64, 'enabled_at', self._on_enabled_at, STATE)
         topics = ['servo_cp', 'orientation', 'state', 'enabled_at', 'slave/measured_cp']
         # None where the hand feels nothing of the slave.
@@ -120,11 +134,14 @@ class Teleop(ParameterNode):
     def subscribe(self) -> None:
         """Take orientations from the topic `orientation`."""
         self._inputs.subscribe(
-            QuaternionStamped, 'orientation', lambda data: self.take(*self._read(data)),
-            SAMPLES, raw=True)
+            QuaternionStamped,
+            'orientation',
+            lambda data: self.take(*self._read(data)),
+            SAMPLES,
+            raw=True,
+        )
         if self._has_limit:
-            self._inputs.subscribe(
-                Float64MultiArray, 'protection_level', self._on_level, SAMPLES)
+            self._inputs.subscribe(Float64MultiArray, 'protection_level', self._on_level, SAMPLES)
 
     def take(self, stamp: int, quaternion: Quaternion[float], level: float | None = None) -> None:
         """Take an orientation of a stamp (ns) and its level (rad), and publish the command."""
@@ -168,8 +185,10 @@ class Teleop(ParameterNode):
         with self._lock:
             self._machine.external_block = external_block
             self._pass_time()
-            if self._phase is not Phase.ENGAGED \
-                    or self._passed - self._commanded_at > FADE_PERIODS * self._period:
+            if (
+                self._phase is not Phase.ENGAGED
+                or self._passed - self._commanded_at > FADE_PERIODS * self._period
+            ):
                 self._twist.fade(self._now(), self._passed)
             self._publish_state(repeats=self._passed - self._stated_at >= STATE_PERIOD)
             self._report()
@@ -251,18 +270,27 @@ class Teleop(ParameterNode):
             return
         offset = self._machine.offset
         p50, p99 = self._latency.percentiles(0.5, 0.99) or ('none', 'none')
-        self._status.publish(level, self._state, {
-            'command rate (Hz)': self._commands.rate(),
-            'latency p50 (us)': p50,
-            'latency p99 (us)': p99,
-            'engaged or clutched off (times)': self._machine.starts,
-            'disengaged last by': self._machine.last_disengage_reason or 'nothing',
-            'angle from master to slave (deg)': 'none' if offset is None else degrees(offset),
-            'stale orientations': self._stale,
-            **({} if self._torque is None else {
-                'torques to the hand': self._torque.count,
-                'torques in another frame': self._torque.refused}),
-        })
+        self._status.publish(
+            level,
+            self._state,
+            {
+                'command rate (Hz)': self._commands.rate(),
+                'latency p50 (us)': p50,
+                'latency p99 (us)': p99,
+                'engaged or clutched off (times)': self._machine.starts,
+                'disengaged last by': self._machine.last_disengage_reason or 'nothing',
+                'angle from master to slave (deg)': 'none' if offset is None else degrees(offset),
+                'stale orientations': self._stale,
+                **(
+                    {}
+                    if self._torque is None
+                    else {
+                        'torques to the hand': self._torque.count,
+                        'torques in another frame': self._torque.refused,
+                    }
+                ),
+            },
+        )
 
 
 def main(args: list[str] | None = None) -> int:

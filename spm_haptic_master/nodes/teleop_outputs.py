@@ -75,8 +75,11 @@ class SlaveTorque:
         given = message.header.frame_id
         if given and given != frame:
             if not self.refused:
-                node_log.error(self._node, f'{SLAVE_TOPIC} is in frame {given!r}; expected '
-                               f'{frame!r} as slave/measured_cp, or none')
+                node_log.error(
+                    self._node,
+                    f'{SLAVE_TOPIC} is in frame {given!r}; expected '
+                    f'{frame!r} as slave/measured_cp, or none',
+                )
             self.refused += 1
             return
         torque, found = message.wrench.torque, self._message.wrench.torque

@@ -22,12 +22,16 @@ from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.parameters.setting import Setting
 
 # Options of ROS without a value.
-FLAGS = tuple(f'--{verb}-{what}' for verb in ('enable', 'disable')
-              for what in ('rosout-logs', 'stdout-logs', 'external-lib-logs'))
+FLAGS = tuple(
+    f'--{verb}-{what}'
+    for verb in ('enable', 'disable')
+    for what in ('rosout-logs', 'stdout-logs', 'external-lib-logs')
+)
 OF_ROS = 'as of every ROS node'  # help of an option that is passed on
 # Values of --log-level, as rcl has them.
-LOG_LEVEL = re.compile(r'([\w./]+:=)?(debug|info|warn|error|fatal|unset)',
-                       re.ASCII | re.IGNORECASE)
+LOG_LEVEL = re.compile(
+    r'([\w./]+:=)?(debug|info|warn|error|fatal|unset)', re.ASCII | re.IGNORECASE
+)
 MARKERS = ('--ros-args', '--')  # begin and end of the ROS arguments
 HELP_WIDTH = 99  # columns
 
@@ -44,22 +48,44 @@ class Parser(OneLineParser):
     """A parser of ROS parameters and remappings, with --ros-args or without."""
 
     def __init__(self, name: str, description: str) -> None:
-        super().__init__(prog=name, description=description, allow_abbrev=False,
-                         formatter_class=argparse.RawDescriptionHelpFormatter)
-        self.add_argument('--params-file', metavar='FILE', action='append', default=[],
-                          help='ROS parameter file; may be repeated')
-        self.add_argument('-p', '--param', metavar='NAME:=VALUE', action='append', default=[],
-                          help='parameter, such as can.channel:=can1; overrides the files; may '
-                          'be repeated')
-        self.add_argument('-r', '--remap', metavar='FROM:=TO', action='append', default=[],
-                          help='ROS remapping, such as __ns:=/left; may be repeated')
+        super().__init__(
+            prog=name,
+            description=description,
+            allow_abbrev=False,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        self.add_argument(
+            '--params-file',
+            metavar='FILE',
+            action='append',
+            default=[],
+            help='ROS parameter file; may be repeated',
+        )
+        self.add_argument(
+            '-p',
+            '--param',
+            metavar='NAME:=VALUE',
+            action='append',
+            default=[],
+            help='parameter, such as can.channel:=can1; overrides the files; may be repeated',
+        )
+        self.add_argument(
+            '-r',
+            '--remap',
+            metavar='FROM:=TO',
+            action='append',
+            default=[],
+            help='ROS remapping, such as __ns:=/left; may be repeated',
+        )
 
     def parse(self, args: Sequence[str]) -> argparse.Namespace:
         """Return the arguments of a command line without the program's name, or InputError."""
         found, unknown = self.parse_known_args([each for each in args if each not in MARKERS])
         if unknown:
-            raise InputError(f"argument '{unknown[0]}'; expected -p NAME:=VALUE, --params-file "
-                             'FILE or another argument that --help lists')
+            raise InputError(
+                f"argument '{unknown[0]}'; expected -p NAME:=VALUE, --params-file "
+                'FILE or another argument that --help lists'
+            )
         return found
 
 
@@ -82,28 +108,36 @@ def finite(text: str) -> float:
     return value
 
 
-def node_command_line(name: str, description: str, nodes: Sequence[str],
-                      args: Sequence[str]) -> tuple[list[str], Parameters]:
+def node_command_line(
+    name: str, description: str, nodes: Sequence[str], args: Sequence[str]
+) -> tuple[list[str], Parameters]:
     """Return the command line (program first) for rclpy, and the parameters of it."""
     settings = process_settings(name)
     parser = Parser(name, f'{description}\n\n{help_text(settings)}')
-    parser.add_argument('-e', '--enclave', metavar='PATH', action='append', default=[],
-                        help=OF_ROS)
+    parser.add_argument(
+        '-e', '--enclave', metavar='PATH', action='append', default=[], help=OF_ROS
+    )
     for option in ('--log-level', '--log-config-file'):
         parser.add_argument(option, metavar='VALUE', action='append', default=[], help=OF_ROS)
     for flag in FLAGS:
-        parser.add_argument(flag, action='append_const', dest='flags', const=flag, default=[],
-                            help=OF_ROS)
+        parser.add_argument(
+            flag, action='append_const', dest='flags', const=flag, default=[], help=OF_ROS
+        )
     found = parser.parse(args[1:])
     given = parameters_of(found)
     given.check(nodes, {setting.name for setting in settings})
     for level in found.log_level:
         if not LOG_LEVEL.fullmatch(level):
-            raise InputError(f"--log-level '{level}'; expected debug, info, warn, error, fatal or "
-                             'unset, or LOGGER:= and one of them')
-    passed = [word for option in ('remap', 'log_level', 'log_config_file', 'enclave')
-              for value in getattr(found, option)
-              for word in (f'--{option.replace("_", "-")}', value)]
+            raise InputError(
+                f"--log-level '{level}'; expected debug, info, warn, error, fatal or "
+                'unset, or LOGGER:= and one of them'
+            )
+    passed = [
+        word
+        for option in ('remap', 'log_level', 'log_config_file', 'enclave')
+        for value in getattr(found, option)
+        for word in (f'--{option.replace("_", "-")}', value)
+    ]
     return [*args[:1], MARKERS[0], *passed, *found.flags], given
 
 
@@ -119,11 +153,25 @@ def help_text(settings: Iterable[Setting]) -> str:
         first, dot, _ = setting.name.partition('.')
         shown = '' if setting.default in (None, '') else f' [{_shown(setting.default)}]'
         groups.setdefault(f'{first}.*' if dot else '', []).extend(
-            [f'  {setting.name}{shown}', *wrap(
-                setting.description, HELP_WIDTH, initial_indent=' ' * 6,
-                subsequent_indent=' ' * 6)])
-    return '\n'.join(line for group, lines in sorted(groups.items()) for line in (
-        f'parameters {group} (-p NAME:=VALUE) [default]:'.replace('  ', ' '), *lines, ''))
+            [
+                f'  {setting.name}{shown}',
+                *wrap(
+                    setting.description,
+                    HELP_WIDTH,
+                    initial_indent=' ' * 6,
+                    subsequent_indent=' ' * 6,
+                ),
+            ]
+        )
+    return '\n'.join(
+        line
+        for group, lines in sorted(groups.items())
+        for line in (
+            f'parameters {group} (-p NAME:=VALUE) [default]:'.replace('  ', ' '),
+            *lines,
+            '',
+        )
+    )
 
 
 def _shown(default: object) -> str:

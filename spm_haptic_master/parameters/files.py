@@ -28,10 +28,14 @@ LONGEST_INTEGER = 20  # characters, of -9223372036854775808
 
 # Plain numbers that YAML and rcl read alike, and others that one of them reads as a number.
 INTEGER = re.compile(r'[-+]?(0|[1-9]\d*|0[xX][0-9a-fA-F]+)', re.ASCII)
-FLOAT = re.compile(r'[-+]?((\d+\.\d*|\.\d+)([eE][-+]?\d+)?|\d+[eE][-+]?\d+|\.(inf|Inf|INF))'
-                   r'|\.(nan|NaN|NAN)', re.ASCII)
-RCL_ONLY = re.compile(r'[-+]?(\d+|inf|infinity|nan|0x[\da-f.]+(p[-+]?\d+)?)|y|n',
-                      re.ASCII | re.IGNORECASE)
+FLOAT = re.compile(
+    r'[-+]?((\d+\.\d*|\.\d+)([eE][-+]?\d+)?|\d+[eE][-+]?\d+|\.(inf|Inf|INF))'
+    r'|\.(nan|NaN|NAN)',
+    re.ASCII,
+)
+RCL_ONLY = re.compile(
+    r'[-+]?(\d+|inf|infinity|nan|0x[\da-f.]+(p[-+]?\d+)?)|y|n', re.ASCII | re.IGNORECASE
+)
 # Characters that YAML can write into a text, but neither a terminal nor ROS can take.
 NO_TEXT = re.compile('[\0\ud800-\udfff]')
 # A key with its value and no space between them.
@@ -55,20 +59,26 @@ class Section:
         """Return whether a node, by its fully qualified name, takes the section."""
         # /** after /** adds no name, but a search each.
         tokens = re.findall(r'/[^/]*', re.sub(r'(/\*\*)+(?=/|$)', '/**', self.nodes))
-        return re.fullmatch(''.join(
-            WILDCARDS.get(token, re.escape(token)) for token in tokens), node) is not None
+        return (
+            re.fullmatch(''.join(WILDCARDS.get(token, re.escape(token)) for token in tokens), node)
+            is not None
+        )
 
 
 def config_directory() -> Path:
     """Return the directory of the package's config files: of a checkout or an installation."""
     prefixes = *filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(':')), sys.prefix
-    candidates = [Path(__file__).resolve().parents[2] / 'config',
-                  *(Path(prefix) / 'share' / PACKAGE / 'config' for prefix in prefixes)]
+    candidates = [
+        Path(__file__).resolve().parents[2] / 'config',
+        *(Path(prefix) / 'share' / PACKAGE / 'config' for prefix in prefixes),
+    ]
     for candidate in candidates:
         if (candidate / 'sim.yaml').is_file():
             return candidate
-    raise FileNotFoundError(f'{PACKAGE}: no config/sim.yaml in '
-                            + ', '.join(str(candidate) for candidate in candidates))
+    raise FileNotFoundError(
+        f'{PACKAGE}: no config/sim.yaml in '
+        + ', '.join(str(candidate) for candidate in candidates)
+    )
 
 
 def source_defaults(source: str) -> dict[str, object]:
@@ -124,15 +134,19 @@ def _compose(origin: str, text: str) -> yaml.Node | None:
     event: Any
     try:
         for event in yaml.parse(text, yaml.SafeLoader):
-            if getattr(event, 'anchor', None) is not None \
-                    or getattr(event, 'tag', None) is not None:
+            if (
+                getattr(event, 'anchor', None) is not None
+                or getattr(event, 'tag', None) is not None
+            ):
                 raise yaml.MarkedYAMLError(
                     problem='an anchor (&), an alias (*) or a tag (!); expected a plain value',
-                    problem_mark=event.start_mark)
+                    problem_mark=event.start_mark,
+                )
             if NO_TEXT.search(getattr(event, 'value', '')):
                 raise yaml.MarkedYAMLError(
                     problem=f'{ascii(event.value)} has a NUL or half a character',
-                    problem_mark=event.start_mark)
+                    problem_mark=event.start_mark,
+                )
         return yaml.compose(text, yaml.SafeLoader)
     except yaml.MarkedYAMLError as error:
         # A parser marks each of its errors.
@@ -146,7 +160,7 @@ def _compose(origin: str, text: str) -> yaml.Node | None:
 
 def _syntax(origin: str, text: str, line: int, problem: str) -> str:
     """Describe the error in a text in YAML, which a parser finds a line or more later."""
-    lines = text.splitlines()[:line + 1]
+    lines = text.splitlines()[: line + 1]
     if origin.startswith(ARGUMENT):
         cure = '' if problem.endswith('expected a plain value') else '; expected a value in YAML'
         return f'{origin}: {problem}{cure}'
@@ -229,8 +243,9 @@ def _value(what: str, node: yaml.Node) -> object:
     kinds = {type(value) for value in values}
     if kinds == {int, float}:
         whole = next(value for value in values if type(value) is int)
-        raise InputError(f'{what} has whole numbers beside decimal ones; expected {whole}.0 '
-                         f'for {whole}')
+        raise InputError(
+            f'{what} has whole numbers beside decimal ones; expected {whole}.0 for {whole}'
+        )
     if len(kinds) > 1:
         raise InputError(f'{what} is {values}; expected a list of one type')
     return values
@@ -257,5 +272,7 @@ def _scalar(what: str, node: yaml.ScalarNode) -> object:
         return text.lower() in ('true', 'yes', 'on')
     if kind in ('str', 'timestamp') and not RCL_ONLY.fullmatch(text):
         return text
-    raise InputError(f'{what} is {text}, which YAML and ROS read differently; expected a plain '
-                     f"number, true, false, or '{text}' for a text")
+    raise InputError(
+        f'{what} is {text}, which YAML and ROS read differently; expected a plain '
+        f"number, true, false, or '{text}' for a text"
+    )

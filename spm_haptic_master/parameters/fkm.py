@@ -30,85 +30,271 @@ TURN = 2.0 * pi - 1e-9  # rad; a full turn, less the rounding of degrees
 BY_TELEOP = 'teleop'
 
 FORCE_SETTINGS = (
-    Setting('force.enabled', bool, 'compute motor torques, with the topics of the force feedback',
-            default=False),
-    Setting('force.without_drives', bool, 'render without drives of this package: the motor '
-            'torques are the effort of crtk/measured_js, for another motor controller',
-            default=False),
-    Setting('force.motors', int, 'number of motors: 3 (on th1A, th1B, th1C) or 4 (on th3A, too)',
-            default=3, allowed=(3, 4)),
-    Setting('force.engaged_by', str, f"what engages force: '{BY_TELEOP}': teleop_state, which "
-            "needs a hand on the handle; 'operating_state': ENABLED, for a client that looks "
-            'after the hand by itself', default=BY_TELEOP, allowed=(BY_TELEOP, 'operating_state')),
-    Setting('force.torque_limit', float, 'largest torque asked of the handle, N m',
-            default=0.3, minimum=0.001, maximum=10.0),
-    Setting('force.motor_torque_limit', float, 'largest torque of a motor, N m',
-            default=0.5, minimum=0.001, maximum=10.0),
-    Setting('force.slew', float, 'largest slope of the torque asked of the handle, N m/s',
-            default=10.0, minimum=0.01, maximum=1000.0),
-    Setting('force.ramp', float, 'time over which torque comes up after engaging, s',
-            default=0.5, minimum=0.01, maximum=10.0),
-    Setting('force.damping', float, 'viscous damping added at the handle, N m s/rad',
-            default=0.005, minimum=0.0, maximum=0.1),
-    Setting('force.wrench_timeout', float, 'oldest wrench that is rendered, s',
-            default=0.03, minimum=0.002, maximum=0.2),
-    Setting('force.small_torque', float, 'largest torque of a wrench with which force may begin, '
-            'N m', default=0.05, minimum=0.0001, maximum=1.0),
-    Setting('force.protection_limit_deg', float, 'largest protection level of an orientation that '
-            'force relies on, deg', default=1.0, minimum=0.01, maximum=30.0),
-    Setting('force.noise_limit', float, 'largest noise of an encoder over its sigma_deg (unit 1)',
-            default=5.0, minimum=1.0, maximum=100.0),
-    Setting('force.speed_limit', float, 'fastest handle, rad/s: beyond it torque fades out',
-            default=10.0, minimum=0.1, maximum=100.0),
-    Setting('force.sigma_off', float, 'smallest singular value of the motors (unit 1) up to which '
-            'three motors render nothing of their weak direction', default=0.05, minimum=0.01,
-            maximum=1.0),
-    Setting('force.sigma_full', float, 'smallest singular value of the motors (unit 1) above '
-            'which they render all of it', default=0.15, minimum=0.01, maximum=1.0),
-    Setting('force.lock_stiffness', float, 'stiffness of a locked orientation, N m/rad',
-            default=1.0, minimum=0.0, maximum=2.0),
-    Setting('force.gravity_handle', float, 'mass times offset from the centre of what turns with '
-            'the platform, in the platform frame, kg m', default=(0.0,) * 3, minimum=-1.0,
-            maximum=1.0, count=3),
-    Setting('force.gravity_proximal', float, 'the same of the proximal links A, B, C: along Z2k '
-            'and along Z1k x Z2k, kg m', default=(0.0,) * 6, minimum=-1.0, maximum=1.0, count=6),
-    Setting('force.gravity_down', float, 'acceleration of gravity in the base frame, m/s^2',
-            default=(0.0, 0.0, -9.80665), minimum=-20.0, maximum=20.0, count=3),
+    Setting(
+        'force.enabled',
+        bool,
+        'compute motor torques, with the topics of the force feedback',
+        default=False,
+    ),
+    Setting(
+        'force.without_drives',
+        bool,
+        'render without drives of this package: the motor '
+        'torques are the effort of crtk/measured_js, for another motor controller',
+        default=False,
+    ),
+    Setting(
+        'force.motors',
+        int,
+        'number of motors: 3 (on th1A, th1B, th1C) or 4 (on th3A, too)',
+        default=3,
+        allowed=(3, 4),
+    ),
+    Setting(
+        'force.engaged_by',
+        str,
+        f"what engages force: '{BY_TELEOP}': teleop_state, which "
+        "needs a hand on the handle; 'operating_state': ENABLED, for a client that looks "
+        'after the hand by itself',
+        default=BY_TELEOP,
+        allowed=(BY_TELEOP, 'operating_state'),
+    ),
+    Setting(
+        'force.torque_limit',
+        float,
+        'largest torque asked of the handle, N m',
+        default=0.3,
+        minimum=0.001,
+        maximum=10.0,
+    ),
+    Setting(
+        'force.motor_torque_limit',
+        float,
+        'largest torque of a motor, N m',
+        default=0.5,
+        minimum=0.001,
+        maximum=10.0,
+    ),
+    Setting(
+        'force.slew',
+        float,
+        'largest slope of the torque asked of the handle, N m/s',
+        default=10.0,
+        minimum=0.01,
+        maximum=1000.0,
+    ),
+    Setting(
+        'force.ramp',
+        float,
+        'time over which torque comes up after engaging, s',
+        default=0.5,
+        minimum=0.01,
+        maximum=10.0,
+    ),
+    Setting(
+        'force.damping',
+        float,
+        'viscous damping added at the handle, N m s/rad',
+        default=0.005,
+        minimum=0.0,
+        maximum=0.1,
+    ),
+    Setting(
+        'force.wrench_timeout',
+        float,
+        'oldest wrench that is rendered, s',
+        default=0.03,
+        minimum=0.002,
+        maximum=0.2,
+    ),
+    Setting(
+        'force.small_torque',
+        float,
+        'largest torque of a wrench with which force may begin, N m',
+        default=0.05,
+        minimum=0.0001,
+        maximum=1.0,
+    ),
+    Setting(
+        'force.protection_limit_deg',
+        float,
+        'largest protection level of an orientation that force relies on, deg',
+        default=1.0,
+        minimum=0.01,
+        maximum=30.0,
+    ),
+    Setting(
+        'force.noise_limit',
+        float,
+        'largest noise of an encoder over its sigma_deg (unit 1)',
+        default=5.0,
+        minimum=1.0,
+        maximum=100.0,
+    ),
+    Setting(
+        'force.speed_limit',
+        float,
+        'fastest handle, rad/s: beyond it torque fades out',
+        default=10.0,
+        minimum=0.1,
+        maximum=100.0,
+    ),
+    Setting(
+        'force.sigma_off',
+        float,
+        'smallest singular value of the motors (unit 1) up to which '
+        'three motors render nothing of their weak direction',
+        default=0.05,
+        minimum=0.01,
+        maximum=1.0,
+    ),
+    Setting(
+        'force.sigma_full',
+        float,
+        'smallest singular value of the motors (unit 1) above which they render all of it',
+        default=0.15,
+        minimum=0.01,
+        maximum=1.0,
+    ),
+    Setting(
+        'force.lock_stiffness',
+        float,
+        'stiffness of a locked orientation, N m/rad',
+        default=1.0,
+        minimum=0.0,
+        maximum=2.0,
+    ),
+    Setting(
+        'force.gravity_handle',
+        float,
+        'mass times offset from the centre of what turns with '
+        'the platform, in the platform frame, kg m',
+        default=(0.0,) * 3,
+        minimum=-1.0,
+        maximum=1.0,
+        count=3,
+    ),
+    Setting(
+        'force.gravity_proximal',
+        float,
+        'the same of the proximal links A, B, C: along Z2k and along Z1k x Z2k, kg m',
+        default=(0.0,) * 6,
+        minimum=-1.0,
+        maximum=1.0,
+        count=6,
+    ),
+    Setting(
+        'force.gravity_down',
+        float,
+        'acceleration of gravity in the base frame, m/s^2',
+        default=(0.0, 0.0, -9.80665),
+        minimum=-20.0,
+        maximum=20.0,
+        count=3,
+    ),
 )
 
 # Shortest window of the angular velocity (sample periods): three samples, and their jitter.
 VELOCITY_PERIODS = 2.5
 
 INTERFACE_SETTINGS = (
-    Setting('frame_id', str, 'frame of the base, in which all outputs are unless it is mounted',
-            default='spm_base'),
-    Setting('mounting.table_frame_id', str, 'frame of the table, in which all outputs are where '
-            'mounting.base_zxz_deg is not 0', default='spm_table'),
-    Setting('mounting.platform_frame_id', str, 'frame of the platform, on which the handle is '
-            'mounted', default='spm_platform'),
-    Setting('mounting.handle_frame_id', str, 'frame of the handle, whose orientation is published '
-            'where mounting.handle_zxz_deg is not 0', default='spm_handle'),
-    replace(RATE_SETTING, description='expected rate of joint samples, Hz; a lower one is a '
-            'warning'),
-    Setting('latency_limit', float, 'largest 99th percentile of the latency from sample to '
-            'publication, s; a larger one is a warning', default=0.005, minimum=1e-5,
-            maximum=10.0),
-    Setting('max_age', float, 'largest age of a joint sample, s; an older one is stale and '
-            'rejected', default=0.1, minimum=0.001, maximum=10.0),
-    Setting('sample_timeout', float, 'time without a joint sample after which that is an error, s',
-            default=0.05, minimum=0.002, maximum=60.0),
-    Setting('velocity_window', float, 'time over which the angular velocity is averaged, s; at '
-            f'least {VELOCITY_PERIODS:g} sample periods are used',
-            default=0.02, minimum=0.002, maximum=1.0),
-    Setting('crtk_rate', float, 'rate of measured_cp, setpoint_cp, measured_cv, crtk/measured_js '
-            'and gripper/measured_js, Hz; 0: with each orientation', default=200.0, minimum=0.0,
-            maximum=10000.0),
-    Setting('gripper.axis', int, 'axis of the messages on gripper/joy that is the gripper; -1: '
-            'none, gripper.position_deg holds', default=-1, minimum=-1, maximum=63),
-    Setting('gripper.position_deg', float, 'angle of the gripper without an axis, deg',
-            default=0.0, minimum=-180.0, maximum=180.0),
-    Setting('gripper.range_deg', float, 'angles of the gripper at the ends -1 and 1 of the axis, '
-            'deg', default=(0.0, 60.0), minimum=-180.0, maximum=180.0, count=2),
+    Setting(
+        'frame_id',
+        str,
+        'frame of the base, in which all outputs are unless it is mounted',
+        default='spm_base',
+    ),
+    Setting(
+        'mounting.table_frame_id',
+        str,
+        'frame of the table, in which all outputs are where mounting.base_zxz_deg is not 0',
+        default='spm_table',
+    ),
+    Setting(
+        'mounting.platform_frame_id',
+        str,
+        'frame of the platform, on which the handle is mounted',
+        default='spm_platform',
+    ),
+    Setting(
+        'mounting.handle_frame_id',
+        str,
+        'frame of the handle, whose orientation is published '
+        'where mounting.handle_zxz_deg is not 0',
+        default='spm_handle',
+    ),
+    replace(
+        RATE_SETTING, description='expected rate of joint samples, Hz; a lower one is a warning'
+    ),
+    Setting(
+        'latency_limit',
+        float,
+        'largest 99th percentile of the latency from sample to '
+        'publication, s; a larger one is a warning',
+        default=0.005,
+        minimum=1e-5,
+        maximum=10.0,
+    ),
+    Setting(
+        'max_age',
+        float,
+        'largest age of a joint sample, s; an older one is stale and rejected',
+        default=0.1,
+        minimum=0.001,
+        maximum=10.0,
+    ),
+    Setting(
+        'sample_timeout',
+        float,
+        'time without a joint sample after which that is an error, s',
+        default=0.05,
+        minimum=0.002,
+        maximum=60.0,
+    ),
+    Setting(
+        'velocity_window',
+        float,
+        'time over which the angular velocity is averaged, s; at '
+        f'least {VELOCITY_PERIODS:g} sample periods are used',
+        default=0.02,
+        minimum=0.002,
+        maximum=1.0,
+    ),
+    Setting(
+        'crtk_rate',
+        float,
+        'rate of measured_cp, setpoint_cp, measured_cv, crtk/measured_js '
+        'and gripper/measured_js, Hz; 0: with each orientation',
+        default=200.0,
+        minimum=0.0,
+        maximum=10000.0,
+    ),
+    Setting(
+        'gripper.axis',
+        int,
+        'axis of the messages on gripper/joy that is the gripper; -1: '
+        'none, gripper.position_deg holds',
+        default=-1,
+        minimum=-1,
+        maximum=63,
+    ),
+    Setting(
+        'gripper.position_deg',
+        float,
+        'angle of the gripper without an axis, deg',
+        default=0.0,
+        minimum=-180.0,
+        maximum=180.0,
+    ),
+    Setting(
+        'gripper.range_deg',
+        float,
+        'angles of the gripper at the ends -1 and 1 of the axis, deg',
+        default=(0.0, 60.0),
+        minimum=-180.0,
+        maximum=180.0,
+        count=2,
+    ),
     CALIBRATION_SETTING,
 )
 
@@ -118,49 +304,159 @@ METHODS = ('estimate', 'theta3a', 'classic')
 FURTHER = 'th3B and th3C have the values behind them, else that of th3A'
 
 SUPERVISION_SETTINGS = (
-    Setting('solver', str, "forward model: 'estimate' from all four sensors, 'theta3a' the "
-            "paper's Case 2, 'classic' the three active joints alone",
-            default='estimate', allowed=METHODS),
+    Setting(
+        'solver',
+        str,
+        "forward model: 'estimate' from all four sensors, 'theta3a' the "
+        "paper's Case 2, 'classic' the three active joints alone",
+        default='estimate',
+        allowed=METHODS,
+    ),
     SENSORS_SETTING,
-    Setting('sigma_deg', float, f'standard deviation of th1A, th1B, th1C, th3A, deg; {FURTHER}',
-            default=(0.04,) * 4, minimum=1e-6, maximum=10.0, count=ANY_COUNT),
-    Setting('bias_deg', float, 'nominal bias of th1A, th1B, th1C, th3A, deg: bound of what is '
-            f'systematic on a healthy, calibrated rig (zeros, links, play); {FURTHER}',
-            default=(0.05,) * 4, minimum=0.0, maximum=10.0, count=ANY_COUNT),
-    Setting('alert_limit_deg', float, 'largest protection level of an orientation that is '
-            'published, deg; where it is lower, more sensors count as unchecked and leave the '
-            'level: the bounds on protection_level say what their faults may do',
-            default=1.0, minimum=0.01, maximum=30.0, live=True),
-    Setting('unchecked_limit', float, 'longest time that a sensor may go unchecked by the '
-            'others, s; 0: any', default=600.0, minimum=0.0, maximum=1e6),
-    Setting('start_checked', bool, 'publish no orientation before the others have checked '
-            'every sensor once', default=False),
-    Setting('window', float, 'time over which the parity is averaged (ten samples at least): '
-            'the time to alert of a small fault, s', default=0.02, minimum=0.001, maximum=1.0),
-    Setting('skew', float, 'largest difference between the sampling times of two sensors of a '
-            'sample, s', default=0.0, minimum=0.0, maximum=0.1),
-    Setting('false_alarms_per_hour', float, 'rate of false alarms of the tests of parity and '
-            'jumps at 1 kHz; sets their threshold', default=1e-4, minimum=1e-12, maximum=3600.0),
-    Setting('joint_min_deg', float, f'range of th1A, th1B, th1C, th3A, deg; {FURTHER}',
-            default=(-180.0,) * 4, minimum=-180.0, maximum=180.0, count=ANY_COUNT),
-    Setting('joint_max_deg', float, f'range of th1A, th1B, th1C, th3A, deg; {FURTHER}',
-            default=(180.0,) * 4, minimum=-180.0, maximum=180.0, count=ANY_COUNT),
-    Setting('joint_speed', float, 'human motion limit of the joint speed, rad/s',
-            default=20.0, minimum=0.1, maximum=1000.0),
-    Setting('joint_acceleration', float, 'human motion limit of the joint acceleration, '
-            'rad/s^2', default=500.0, minimum=1.0, maximum=1e6),
-    Setting('frozen_samples', int, 'smallest number of equal readings in a row that is a fault, '
-            'where the noise of the sensor makes such a run one; 0: never',
-            default=20, minimum=0, maximum=100000),
-    Setting('deviation_limit_deg', float, 'largest total standard deviation of a published '
-            'orientation, deg', default=0.5, minimum=0.001, maximum=5.0),
-    Setting('start_samples', int, 'number of consistent samples before the first orientation',
-            default=5, minimum=1, maximum=100000),
-    Setting('recovery', float, 'consistency after which a fault is cleared, s',
-            default=1.0, minimum=0.01, maximum=3600.0),
-    Setting('degraded', str, "'allow': continue without a sensor that is known to be faulty; "
-            "'stop': publish nothing; 'auto': 'allow' with six sensors, else 'stop'",
-            default='auto', allowed=('auto', 'allow', 'stop')),
+    Setting(
+        'sigma_deg',
+        float,
+        f'standard deviation of th1A, th1B, th1C, th3A, deg; {FURTHER}',
+        default=(0.04,) * 4,
+        minimum=1e-6,
+        maximum=10.0,
+        count=ANY_COUNT,
+    ),
+    Setting(
+        'bias_deg',
+        float,
+        'nominal bias of th1A, th1B, th1C, th3A, deg: bound of what is '
+        f'systematic on a healthy, calibrated rig (zeros, links, play); {FURTHER}',
+        default=(0.05,) * 4,
+        minimum=0.0,
+        maximum=10.0,
+        count=ANY_COUNT,
+    ),
+    Setting(
+        'alert_limit_deg',
+        float,
+        'largest protection level of an orientation that is '
+        'published, deg; where it is lower, more sensors count as unchecked and leave the '
+        'level: the bounds on protection_level say what their faults may do',
+        default=1.0,
+        minimum=0.01,
+        maximum=30.0,
+        live=True,
+    ),
+    Setting(
+        'unchecked_limit',
+        float,
+        'longest time that a sensor may go unchecked by the others, s; 0: any',
+        default=600.0,
+        minimum=0.0,
+        maximum=1e6,
+    ),
+    Setting(
+        'start_checked',
+        bool,
+        'publish no orientation before the others have checked every sensor once',
+        default=False,
+    ),
+    Setting(
+        'window',
+        float,
+        'time over which the parity is averaged (ten samples at least): '
+        'the time to alert of a small fault, s',
+        default=0.02,
+        minimum=0.001,
+        maximum=1.0,
+    ),
+    Setting(
+        'skew',
+        float,
+        'largest difference between the sampling times of two sensors of a sample, s',
+        default=0.0,
+        minimum=0.0,
+        maximum=0.1,
+    ),
+    Setting(
+        'false_alarms_per_hour',
+        float,
+        'rate of false alarms of the tests of parity and jumps at 1 kHz; sets their threshold',
+        default=1e-4,
+        minimum=1e-12,
+        maximum=3600.0,
+    ),
+    Setting(
+        'joint_min_deg',
+        float,
+        f'range of th1A, th1B, th1C, th3A, deg; {FURTHER}',
+        default=(-180.0,) * 4,
+        minimum=-180.0,
+        maximum=180.0,
+        count=ANY_COUNT,
+    ),
+    Setting(
+        'joint_max_deg',
+        float,
+        f'range of th1A, th1B, th1C, th3A, deg; {FURTHER}',
+        default=(180.0,) * 4,
+        minimum=-180.0,
+        maximum=180.0,
+        count=ANY_COUNT,
+    ),
+    Setting(
+        'joint_speed',
+        float,
+        'human motion limit of the joint speed, rad/s',
+        default=20.0,
+        minimum=0.1,
+        maximum=1000.0,
+    ),
+    Setting(
+        'joint_acceleration',
+        float,
+        'human motion limit of the joint acceleration, rad/s^2',
+        default=500.0,
+        minimum=1.0,
+        maximum=1e6,
+    ),
+    Setting(
+        'frozen_samples',
+        int,
+        'smallest number of equal readings in a row that is a fault, '
+        'where the noise of the sensor makes such a run one; 0: never',
+        default=20,
+        minimum=0,
+        maximum=100000,
+    ),
+    Setting(
+        'deviation_limit_deg',
+        float,
+        'largest total standard deviation of a published orientation, deg',
+        default=0.5,
+        minimum=0.001,
+        maximum=5.0,
+    ),
+    Setting(
+        'start_samples',
+        int,
+        'number of consistent samples before the first orientation',
+        default=5,
+        minimum=1,
+        maximum=100000,
+    ),
+    Setting(
+        'recovery',
+        float,
+        'consistency after which a fault is cleared, s',
+        default=1.0,
+        minimum=0.01,
+        maximum=3600.0,
+    ),
+    Setting(
+        'degraded',
+        str,
+        "'allow': continue without a sensor that is known to be faulty; "
+        "'stop': publish nothing; 'auto': 'allow' with six sensors, else 'stop'",
+        default='auto',
+        allowed=('auto', 'allow', 'stop'),
+    ),
     *MECHANISM_SETTINGS,
     *MOUNTING_SETTINGS,
 )
@@ -219,8 +515,11 @@ def limits_from(values: Values) -> Limits:
     """Return the Limits that checked settings describe; SettingError for an empty joint range."""
     low, high = _each(values, 'joint_min_deg'), _each(values, 'joint_max_deg')
     if not all(a < b for a, b in zip(low, high, strict=True)):
-        raise SettingError('joint_min_deg', list(values['joint_min_deg']),
-                           f"less than joint_max_deg ({list(values['joint_max_deg'])})")
+        raise SettingError(
+            'joint_min_deg',
+            list(values['joint_min_deg']),
+            f'less than joint_max_deg ({list(values["joint_max_deg"])})',
+        )
     # A joint that may turn all the way round: noise takes a reading past the end of its range.
     ends = [(-inf, inf) if b - a >= TURN else (a, b) for a, b in zip(low, high, strict=True)]
     # Five check each other by two parities: two that are wrong do not cancel in both.
@@ -228,10 +527,14 @@ def limits_from(values: Values) -> Limits:
     fewest = {'allow': THREE, 'auto': FIVE if values['sensors'] > FIVE else never, 'stop': never}
     same = {field.name: values[field.name] for field in fields(Limits) if field.name in values}
     return Limits(
-        **same, bias=_each(values, 'bias_deg'), alert_limit=radians(values['alert_limit_deg']),
-        joint_min=tuple(low for low, _ in ends), joint_max=tuple(high for _, high in ends),
+        **same,
+        bias=_each(values, 'bias_deg'),
+        alert_limit=radians(values['alert_limit_deg']),
+        joint_min=tuple(low for low, _ in ends),
+        joint_max=tuple(high for _, high in ends),
         deviation=radians(values['deviation_limit_deg']),
-        fewest_sensors=fewest[values['degraded']])
+        fewest_sensors=fewest[values['degraded']],
+    )
 
 
 def sigma_from(values: Values) -> tuple[float, ...]:
@@ -243,7 +546,8 @@ def _each(values: Values, name: str) -> tuple[float, ...]:
     """Return a setting's value of each sensor, rad; SettingError for another number of them."""
     given, sensors = values[name], values['sensors']
     if len(given) not in (FOUR, sensors):
-        raise SettingError(name, list(given), 'a list of ' + ' or '.join(
-            map(str, sorted({FOUR, sensors}))))
+        raise SettingError(
+            name, list(given), 'a list of ' + ' or '.join(map(str, sorted({FOUR, sensors})))
+        )
     further = given[-1:] * (sensors - len(given))
     return tuple(map(radians, (*given, *further)))

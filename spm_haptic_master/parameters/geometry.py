@@ -18,42 +18,86 @@ from spm_haptic_master.kinematics.workspace import workspace_pose
 from spm_haptic_master.parameters.setting import Setting, Values
 
 NOMINAL_SETTINGS = tuple(
-    Setting(f'geometry.{name}_deg', float, f'{part}, deg',
-            default=degrees(getattr(PAPER_GEOMETRY, name)), minimum=0.1, maximum=179.9)
+    Setting(
+        f'geometry.{name}_deg',
+        float,
+        f'{part}, deg',
+        default=degrees(getattr(PAPER_GEOMETRY, name)),
+        minimum=0.1,
+        maximum=179.9,
+    )
     for name, part in (
         ('alpha', 'angle of the proximal link'),
         ('beta', 'angle of the distal link'),
-        ('gamma', 'angle between the platform axis and each Z3k')))
+        ('gamma', 'angle between the platform axis and each Z3k'),
+    )
+)
 
 NOMINAL_BASE = tuple(component for axis in NOMINAL_BASE_AXES for component in axis)
 # Settings of the mechanism as built; without them it is nominal.
 BUILT_SETTINGS = (
-    Setting('geometry.proximal_deg', float, 'as built: angles of the proximal links of the legs '
-            'A, B, C, deg; 0: geometry.alpha_deg', default=(0.0,) * 3, minimum=0.0, maximum=179.9,
-            count=3),
-    Setting('geometry.distal_deg', float, 'as built: angles of the distal links of the legs A, B, '
-            'C, deg; 0: geometry.beta_deg', default=(0.0,) * 3, minimum=0.0, maximum=179.9,
-            count=3),
-    Setting('geometry.base_axes', float, 'as built: unit vectors Z1A, Z1B, Z1C in the base frame, '
-            'x y z of each; by default the nominal ones',
-            default=NOMINAL_BASE, count=9),
-    Setting('geometry.platform_axes', float, 'as built: unit vectors Z3A, Z3B, Z3C in the '
-            'platform frame, x y z of each; all 0: those of geometry.gamma_deg',
-            default=(0.0,) * 9, count=9),
+    Setting(
+        'geometry.proximal_deg',
+        float,
+        'as built: angles of the proximal links of the legs A, B, C, deg; 0: geometry.alpha_deg',
+        default=(0.0,) * 3,
+        minimum=0.0,
+        maximum=179.9,
+        count=3,
+    ),
+    Setting(
+        'geometry.distal_deg',
+        float,
+        'as built: angles of the distal links of the legs A, B, C, deg; 0: geometry.beta_deg',
+        default=(0.0,) * 3,
+        minimum=0.0,
+        maximum=179.9,
+        count=3,
+    ),
+    Setting(
+        'geometry.base_axes',
+        float,
+        'as built: unit vectors Z1A, Z1B, Z1C in the base frame, '
+        'x y z of each; by default the nominal ones',
+        default=NOMINAL_BASE,
+        count=9,
+    ),
+    Setting(
+        'geometry.platform_axes',
+        float,
+        'as built: unit vectors Z3A, Z3B, Z3C in the '
+        'platform frame, x y z of each; all 0: those of geometry.gamma_deg',
+        default=(0.0,) * 9,
+        count=9,
+    ),
 )
 GEOMETRY_SETTINGS = (*NOMINAL_SETTINGS, *BUILT_SETTINGS)
 WORKING_MODE_SETTING = Setting(
-    'working_mode', int, 'sign of Z1k . (Z2k x Z3k) of the legs A, B, C',
-    default=(1, 1, 1), allowed=(1, -1), count=3)
+    'working_mode',
+    int,
+    'sign of Z1k . (Z2k x Z3k) of the legs A, B, C',
+    default=(1, 1, 1),
+    allowed=(1, -1),
+    count=3,
+)
 MECHANISM_SETTINGS = (*GEOMETRY_SETTINGS, WORKING_MODE_SETTING)
 
 # Settings of the rotations of the mounting; 0 each: none.
 MOUNTING_SETTINGS = tuple(
-    Setting(f'mounting.{part}_zxz_deg', float, f'psi, theta, phi (ZXZ) of {rotation}, deg; 0 '
-            'each: none', default=(0.0,) * 3, minimum=-360.0, maximum=360.0, count=3)
+    Setting(
+        f'mounting.{part}_zxz_deg',
+        float,
+        f'psi, theta, phi (ZXZ) of {rotation}, deg; 0 each: none',
+        default=(0.0,) * 3,
+        minimum=-360.0,
+        maximum=360.0,
+        count=3,
+    )
     for part, rotation in (
         ('base', 'R_table_base, the base on its table'),
-        ('handle', 'R_platform_handle, the handle on the platform')))
+        ('handle', 'R_platform_handle, the handle on the platform'),
+    )
+)
 
 # Orientation at the workspace's centre.
 CENTRE = workspace_pose(0.0, 0.0, 0.0)
@@ -66,12 +110,16 @@ def geometry_from(values: Values) -> Geometry:
     if gap := _gap(geometry):
         given = [each for each in GEOMETRY_SETTINGS if values[each.name] != each.default]
         # The first setting with whose default it can be assembled, otherwise the last one.
-        name = next((each.name for each in given if not _gap(
-            _built({**values, each.name: each.default}))), given[-1].name)
+        name = next(
+            (each.name for each in given if not _gap(_built({**values, each.name: each.default}))),
+            given[-1].name,
+        )
         value = values[name]
         raise SettingError(
-            name, list(value) if isinstance(value, tuple) else value,
-            f"a mechanism that can be assembled at the workspace's centre: there {gap}")
+            name,
+            list(value) if isinstance(value, tuple) else value,
+            f"a mechanism that can be assembled at the workspace's centre: there {gap}",
+        )
     return geometry
 
 
@@ -83,16 +131,20 @@ def _built(values: Values) -> Geometry:
         return nominal
     try:
         return Geometry.from_axes(
-            _rows(base), _rows(platform) if any(platform) else nominal.platform_axes,
-            _links(proximal, nominal.alpha), _links(distal, nominal.beta))
+            _rows(base),
+            _rows(platform) if any(platform) else nominal.platform_axes,
+            _links(proximal, nominal.alpha),
+            _links(distal, nominal.beta),
+        )
     except GeometryError as error:
         name = BUILT_SETTINGS[2 if str(error).startswith('base_axes') else 3].name
-        raise SettingError(name, list(values[name]), f'the unit vectors of three axes ({error})'
-                           ) from error
+        raise SettingError(
+            name, list(values[name]), f'the unit vectors of three axes ({error})'
+        ) from error
 
 
 def _rows(numbers: tuple[float, ...]) -> list[tuple[float, ...]]:
-    return [numbers[start:start + 3] for start in range(0, len(numbers), 3)]
+    return [numbers[start : start + 3] for start in range(0, len(numbers), 3)]
 
 
 def _links(angles_deg: tuple[float, ...], nominal: float) -> list[float]:
@@ -108,9 +160,11 @@ def _gap(geometry: Geometry) -> str:
         apart = acos(max(-1.0, min(1.0, cosine)))
         least, most = abs(alpha - beta), min(alpha + beta, tau - alpha - beta)
         if apart < least or apart > most:
-            return (f'Z1{name} and Z3{name} are {degrees(apart):.2f} deg apart, and links of '
-                    f'{degrees(alpha):g} and {degrees(beta):g} deg span {degrees(least):.2f} to '
-                    f'{degrees(most):.2f} deg')
+            return (
+                f'Z1{name} and Z3{name} are {degrees(apart):.2f} deg apart, and links of '
+                f'{degrees(alpha):g} and {degrees(beta):g} deg span {degrees(least):.2f} to '
+                f'{degrees(most):.2f} deg'
+            )
     return ''
 
 
@@ -125,9 +179,16 @@ def mounting_from(values: Values) -> Mounting | None:
 def mechanism_checksum(values: Values) -> str:
     """Return eight hex digits: equal for equal mechanisms (to 1e-9 rad) and working modes."""
     geometry = geometry_from(values)
-    numbers = [*geometry.alphas, *geometry.betas,
-               *(component for axes in (geometry.base_axes, geometry.platform_axes)
-                 for axis in axes for component in axis)]
+    numbers = [
+        *geometry.alphas,
+        *geometry.betas,
+        *(
+            component
+            for axes in (geometry.base_axes, geometry.platform_axes)
+            for axis in axes
+            for component in axis
+        ),
+    ]
     # Adding 0 makes -0 a 0.
     text = ' '.join(f'{round(number, 9) + 0.0:.9f}' for number in numbers)
     mode = ' '.join(map(str, values[WORKING_MODE_SETTING.name]))

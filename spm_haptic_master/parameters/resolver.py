@@ -41,8 +41,9 @@ PART = r'(?!\w*__)[A-Za-z_]\w*'
 NODE_NAME = re.compile(PART, re.ASCII)
 NAMESPACE = re.compile(f'/|(/{PART})+', re.ASCII)
 TOPIC = re.compile(f'(~?/)?{PART}(/{PART})*', re.ASCII)
-REMAPPED = re.compile(f'(({PART}):)?(__ns|__node|__name|(ros(topic|service)://)?{TOPIC.pattern})',
-                      re.ASCII)
+REMAPPED = re.compile(
+    f'(({PART}):)?(__ns|__node|__name|(ros(topic|service)://)?{TOPIC.pattern})', re.ASCII
+)
 # Most characters of a new name: DDS has 247 for namespace, node and service together.
 LONGEST_NAME = 100
 
@@ -50,10 +51,16 @@ LONGEST_NAME = 100
 class Parameters:
     """Values from files, arguments NAME:=VALUE, remappings FROM:=TO; InputError for a bad one."""
 
-    def __init__(self, files: Iterable[str | Path] = (), arguments: Iterable[str] = (),
-                 remaps: Sequence[str] = ()) -> None:
-        self._sections = [*(section for path in files for section in read_sections(path)),
-                          *map(argument_section, arguments)]
+    def __init__(
+        self,
+        files: Iterable[str | Path] = (),
+        arguments: Iterable[str] = (),
+        remaps: Sequence[str] = (),
+    ) -> None:
+        self._sections = [
+            *(section for path in files for section in read_sections(path)),
+            *map(argument_section, arguments),
+        ]
         self._remaps = [_remap(text) for text in remaps]
 
     def full_name(self, node: str) -> str:
@@ -63,8 +70,14 @@ class Parameters:
 
     def _remapped(self, what: str, node: str, default: str) -> str:
         """Return the first value for a node; rcl asks for `__ns` by its name after `__node`."""
-        return next((value for of_node, name, value in self._remaps
-                     if name == what and of_node in ('', node)), default)
+        return next(
+            (
+                value
+                for of_node, name, value in self._remaps
+                if name == what and of_node in ('', node)
+            ),
+            default,
+        )
 
     def of(self, node: str) -> dict[str, object]:
         """Return the given values of a node (before remapping); InputError if files disagree."""
@@ -80,8 +93,10 @@ class Parameters:
         for origin in dict.fromkeys(section.origin for section in self._sections):
             if not any(section.origin == origin for section in reaching):
                 found = ', '.join(each.nodes for each in self._sections if each.origin == origin)
-                raise InputError(f'{origin}: none of its entries reaches a node of this process; '
-                                 f'it has {found}, expected /** or {" or ".join(by_name)}')
+                raise InputError(
+                    f'{origin}: none of its entries reaches a node of this process; '
+                    f'it has {found}, expected /** or {" or ".join(by_name)}'
+                )
         for section in self._sections:
             if section not in reaching:
                 _check_other(section)
@@ -95,9 +110,16 @@ class Parameters:
 
     def unused(self, nodes: Mapping[str, Collection[str]]) -> list[str]:
         """Return the arguments that reach no node (fully qualified) with such a parameter."""
-        return [section.origin for section in self._sections if section.is_argument
-                and not any(section.values.keys() & names for node, names in nodes.items()
-                            if section.reaches(node))]
+        return [
+            section.origin
+            for section in self._sections
+            if section.is_argument
+            and not any(
+                section.values.keys() & names
+                for node, names in nodes.items()
+                if section.reaches(node)
+            )
+        ]
 
     def _reaching(self, nodes: Sequence[str]) -> list[Section]:
         full_names = [self.full_name(node) for node in nodes]
@@ -114,11 +136,15 @@ def _check_files(name: str, sections: Sequence[Section]) -> None:
             one, other = (
                 # Identifiers as the files have them.
                 re.sub(r'\d+', lambda found: f'{int(found[0]):#x}', str(value))
-                if name.endswith('id') else value for value in (one, other))
+                if name.endswith('id')
+                else value
+                for value in (one, other)
+            )
             raise InputError(
                 f'{name} is {one} in {first} and {other} in {second}; expected the same: a '
                 'calibration holds for the bus and the encoders that it was measured with (undo '
-                'the change, or calibrate again)')
+                'the change, or calibrate again)'
+            )
 
 
 def _check_other(section: Section) -> None:
@@ -126,43 +152,62 @@ def _check_other(section: Section) -> None:
     last = section.nodes.rpartition('/')[2]
     if any(f'_{node}_' in f'_{last}_' for node in NODE_SETTINGS):
         return  # such as fkm of another process or arm, or fkm_left
-    near = ['**'] if last == 'master' else [
-        node for node in difflib.get_close_matches(last, NODE_SETTINGS, cutoff=0.65)
-        if abs(len(node) - len(last)) <= 2]
+    near = (
+        ['**']
+        if last == 'master'
+        else [
+            node
+            for node in difflib.get_close_matches(last, NODE_SETTINGS, cutoff=0.65)
+            if abs(len(node) - len(last)) <= 2
+        ]
+    )
     if near:
         expected = f'{section.nodes.removesuffix(last)}{near[0]}'.replace('/**/**', '/**')
-        raise InputError(f'{section.origin}: section {section.nodes} reaches no node; expected '
-                         f'{expected}, or a name less like it')
+        raise InputError(
+            f'{section.origin}: section {section.nodes} reaches no node; expected '
+            f'{expected}, or a name less like it'
+        )
 
 
-def _check_names(section: Section, owner: str, known: Collection[str],
-                 shown: Collection[str] = ()) -> None:
+def _check_names(
+    section: Section, owner: str, known: Collection[str], shown: Collection[str] = ()
+) -> None:
     """Raise SettingError for the first name of a section that is not known."""
     for name, value in section.values.items():
         if name.startswith(QOS_PREFIX):
             raise SettingError(name, value, 'no override: the QoS of this package is fixed')
         if name not in known:
-            raise SettingError(name, value, f'a parameter of {owner}, such as '
-                               f'{", ".join(similar(name, shown or known))} '
-                               f'({section.origin}, {section.nodes})')
+            raise SettingError(
+                name,
+                value,
+                f'a parameter of {owner}, such as '
+                f'{", ".join(similar(name, shown or known))} '
+                f'({section.origin}, {section.nodes})',
+            )
 
 
 def similar(name: str, names: Collection[str]) -> list[str]:
     """Return the names most like one that nobody has: those beginning with it first."""
-    return ([each for each in sorted(names) if each.startswith(name)]
-            or difflib.get_close_matches(name, names, n=3)
-            or difflib.get_close_matches(name, ALL_NAMES, n=3) or sorted(names))[:3]
+    return (
+        [each for each in sorted(names) if each.startswith(name)]
+        or difflib.get_close_matches(name, names, n=3)
+        or difflib.get_close_matches(name, ALL_NAMES, n=3)
+        or sorted(names)
+    )[:3]
 
 
-def resolve(given: Mapping[str, object], settings: tuple[Setting, ...],
-            defaults: Mapping[str, object] | None = None,
-            ) -> tuple[tuple[Setting, ...], dict[str, Any]]:
+def resolve(
+    given: Mapping[str, object],
+    settings: tuple[Setting, ...],
+    defaults: Mapping[str, object] | None = None,
+) -> tuple[tuple[Setting, ...], dict[str, Any]]:
     """Return settings for the given `sensors`, and a checked value of each: given or default."""
     settings = for_sensors(settings, sensors_of(given))
     defaults = extended(defaults or {}, settings)
     return settings, {
         each.name: each.check(given.get(each.name, defaults.get(each.name, each.default)))
-        for each in settings}
+        for each in settings
+    }
 
 
 def source_of(given: Mapping[str, object]) -> str:
@@ -170,8 +215,9 @@ def source_of(given: Mapping[str, object]) -> str:
     return str(SOURCE_SETTING.check(given.get(SOURCE_SETTING.name)))
 
 
-def resolve_source(given: Mapping[str, object],
-                   ) -> tuple[tuple[Setting, ...], dict[str, Any]]:
+def resolve_source(
+    given: Mapping[str, object],
+) -> tuple[tuple[Setting, ...], dict[str, Any]]:
     """Return the settings of the driver's source and their values, as `resolve`."""
     source = source_of(given)
     return resolve(given, SOURCE_SETTINGS[source], source_defaults(source))
@@ -184,8 +230,12 @@ def check_agreement(values: Mapping[str, Mapping[str, object]]) -> None:
         for name, value in of_node.items():
             other, expected = first.setdefault(name, (node, value))
             if value != expected and not name.startswith('realtime.'):
-                raise SettingError(name, value, f'the same value in {node} as in {other} '
-                                   f'({expected!r}): give it for all nodes, /**')
+                raise SettingError(
+                    name,
+                    value,
+                    f'the same value in {node} as in {other} '
+                    f'({expected!r}): give it for all nodes, /**',
+                )
 
 
 def read_parameters(path: str | Path, node: str = DRIVER) -> dict[str, object]:
@@ -204,11 +254,20 @@ def _remap(text: str) -> tuple[str, str, str]:
     node, what = (found[2] or '', found[3]) if found else ('', '')
     what = '__node' if what == '__name' else what
     pattern, expected = {
-        '__ns': (NAMESPACE, 'a namespace such as __ns:=/left, of letters, digits and single _, '
-                 'with a slash before each part'),
+        '__ns': (
+            NAMESPACE,
+            'a namespace such as __ns:=/left, of letters, digits and single _, '
+            'with a slash before each part',
+        ),
         '__node': (NODE_NAME, 'a name of letters, digits and single _'),
-    }.get(what, (TOPIC, 'FROM:=TO with names of letters, digits and single _, such as '
-                 'orientation:=/left/orientation'))
+    }.get(
+        what,
+        (
+            TOPIC,
+            'FROM:=TO with names of letters, digits and single _, such as '
+            'orientation:=/left/orientation',
+        ),
+    )
     if not found or not pattern.fullmatch(value) or len(value) > LONGEST_NAME:
         raise InputError(f"-r '{text}'; expected {expected}, of at most {LONGEST_NAME} characters")
     return node, what, value

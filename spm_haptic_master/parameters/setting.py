@@ -63,8 +63,12 @@ class Setting:
             raise SettingError(self.name, None, self.remedy or self.expected)
         if self.count is None:
             return self._check_one(value, value)
-        if isinstance(value, str | bytes | Set | Mapping) or not hasattr(value, '__len__') \
-                or not len(value) or (self.count and len(value) != self.count):
+        if (
+            isinstance(value, str | bytes | Set | Mapping)
+            or not hasattr(value, '__len__')
+            or not len(value)
+            or (self.count and len(value) != self.count)
+        ):
             raise SettingError(self.name, value, self.expected)
         return tuple(self._check_one(element, value) for element in value)
 
@@ -77,7 +81,8 @@ class Setting:
                 element = math.inf
         if not self._is_valid(element):
             raise SettingError(
-                self.name, value if self.count is None else list(value), self.expected)
+                self.name, value if self.count is None else list(value), self.expected
+            )
         checked: Scalar = element
         return checked
 
@@ -88,7 +93,8 @@ class Setting:
             or (self.kind is str and not self.blank and not element.strip())
             or (self.kind is float and not math.isfinite(element))
             or (self.minimum is not None and element < self.minimum)
-            or (self.maximum is not None and element > self.maximum))
+            or (self.maximum is not None and element > self.maximum)
+        )
 
 
 def complete(settings: tuple[Setting, ...], values: Values) -> dict[str, Any]:
@@ -101,19 +107,36 @@ def complete(settings: tuple[Setting, ...], values: Values) -> dict[str, Any]:
 
 
 # Nominal rate of the sets, and of SYNC produced by the driver.
-RATE_SETTING = Setting('rate', float, 'rate of the sets of joint angles, Hz',
-                       default=1000.0, minimum=1.0, maximum=10000.0)
+RATE_SETTING = Setting(
+    'rate',
+    float,
+    'rate of the sets of joint angles, Hz',
+    default=1000.0,
+    minimum=1.0,
+    maximum=10000.0,
+)
 
 # Number of sensors, in every node that needs to know.
 SENSORS_SETTING = Setting(
-    'sensors', int, 'number of sensors: 4 (th1A, th1B, th1C, th3A), 5 (these and th3B) or 6 '
-    '(these, th3B and th3C)', default=4, allowed=(4, 5, 6))
+    'sensors',
+    int,
+    'number of sensors: 4 (th1A, th1B, th1C, th3A), 5 (these and th3B) or 6 '
+    '(these, th3B and th3C)',
+    default=4,
+    allowed=(4, 5, 6),
+)
 
 # Name of the calibration, in every node that takes a part of it.
 CALIBRATION_SETTING = Setting(
-    'calibration', str, 'name of the calibration that the zero counts, sigma_deg and bias_deg '
-    'are from: calibrate writes its date; driver and fkm need the same', default='', blank=True)
+    'calibration',
+    str,
+    'name of the calibration that the zero counts, sigma_deg and bias_deg '
+    'are from: calibrate writes its date; driver and fkm need the same',
+    default='',
+    blank=True,
+)
 
 # Frame of the driver's samples, which CRTK clients expect to be there.
 JOINTS_FRAME_SETTING = Setting(
-    'measured_js.frame_id', str, 'frame_id of measured_js', default='spm_base')
+    'measured_js.frame_id', str, 'frame_id of measured_js', default='spm_base'
+)

@@ -66,8 +66,7 @@ class JointsFormat:
     def write(self, stamp: int, angles: tuple[float, ...]) -> bytes:
         """Return a JointState of the joints, stamped in ns, angles in rad."""
         seconds, nanoseconds = divmod(stamp, SECOND)
-        return self._pack(
-            LITTLE_ENDIAN, seconds, nanoseconds, *self._before, *angles, self._after)
+        return self._pack(LITTLE_ENDIAN, seconds, nanoseconds, *self._before, *angles, self._after)
 
     def read(self, data: bytes) -> tuple[int, tuple[float, ...]]:
         """
@@ -87,8 +86,11 @@ class JointsFormat:
         except StructError:  # too short
             return self._read_any(data)
         first, last = self._first, self._last
-        if fields[0] != LITTLE_ENDIAN or fields[3:first] != self._before \
-                or fields[last] != self._after:
+        if (
+            fields[0] != LITTLE_ENDIAN
+            or fields[3:first] != self._before
+            or fields[last] != self._after
+        ):
             return self._read_any(data)
         return fields[1] * SECOND + fields[2], fields[first:last]
 
@@ -99,11 +101,13 @@ class JointsFormat:
             if given >= len(JOINT_NAMES) and joints.name == list(ALL_JOINT_NAMES[:given]):
                 raise RejectedError(
                     'sample of another number of sensors',
-                    f'{given}, expected {len(names)}: give `sensors` for all nodes, /**')
+                    f'{given}, expected {len(names)}: give `sensors` for all nodes, /**',
+                )
             raise RejectedError('misnamed sample', f'{joints.name}, expected {names}')
         if len(joints.position) != len(names):
-            raise RejectedError('incomplete sample',
-                                f'{len(joints.position)} positions, expected {len(names)}')
+            raise RejectedError(
+                'incomplete sample', f'{len(joints.position)} positions, expected {len(names)}'
+            )
         # The next one of this publisher is read by the layout, if it is only another frame_id.
         self._arrange(_text(joints.header.frame_id))
         stamp = joints.header.stamp
@@ -112,15 +116,16 @@ class JointsFormat:
 
 def _check_readings(angles: tuple[float, ...]) -> None:
     """Raise RejectedError for angles that are no sample: NaN is a joint without a reading."""
-    names = ALL_JOINT_NAMES[:len(angles)]
+    names = ALL_JOINT_NAMES[: len(angles)]
     infinite = [name for name, angle in zip(names, angles, strict=True) if isinf(angle)]
     if infinite:
         raise RejectedError('angle not finite', f'infinite: {", ".join(infinite)}')
     missing = [name for name, angle in zip(names, angles, strict=True) if angle != angle]
     if len(names) - len(missing) < len(JOINT_NAMES):
         raise RejectedError(
-            'angle not finite', f'no reading of {", ".join(missing)}; expected at least '
-            f'{len(JOINT_NAMES)}')
+            'angle not finite',
+            f'no reading of {", ".join(missing)}; expected at least {len(JOINT_NAMES)}',
+        )
 
 
 def _stamped_layout(frame: int, numbers: int) -> Struct:
@@ -175,5 +180,4 @@ class PoseWriter:
     def write(self, stamp: int, position: Vector[float], quaternion: Quaternion[float]) -> bytes:
         """Return the serialized message: stamp in ns, position in m, quaternion x, y, z, w."""
         seconds, nanoseconds = divmod(stamp, SECOND)
-        return self._pack(
-            LITTLE_ENDIAN, seconds, nanoseconds, self._frame, *position, *quaternion)
+        return self._pack(LITTLE_ENDIAN, seconds, nanoseconds, self._frame, *position, *quaternion)

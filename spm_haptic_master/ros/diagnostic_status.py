@@ -58,11 +58,19 @@ class StatusPublisher:
 
     def is_due(self, level: bytes, subject: str) -> bool:
         """Return whether level or subject changed, or `REPEAT_PERIOD` has passed."""
-        return (level, subject) != self._subject \
-            or time.monotonic() - self._published_at >= REPEAT_PERIOD
+        return (
+            level,
+            subject,
+        ) != self._subject or time.monotonic() - self._published_at >= REPEAT_PERIOD
 
-    def publish(self, level: bytes, message: str, values: Mapping[str, object],
-                subject: str | None = None, logged: tuple[bytes, str] | None = None) -> None:
+    def publish(
+        self,
+        level: bytes,
+        message: str,
+        values: Mapping[str, object],
+        subject: str | None = None,
+        logged: tuple[bytes, str] | None = None,
+    ) -> None:
         """
         Publish the status now, with `values` as its key/value pairs; log a change.
 
@@ -73,10 +81,23 @@ class StatusPublisher:
             self._log(*(logged or (level, message)))
         self._subject = level, message if subject is None else subject
         self.message, self._published_at = message, time.monotonic()
-        array = DiagnosticArray(status=[DiagnosticStatus(
-            level=level, name=self._name, message=message, hardware_id=self._hardware_id,
-            values=[KeyValue(key=key, value=f'{value:.6g}' if isinstance(value, float)
-                             else str(value)) for key, value in values.items()])])
+        array = DiagnosticArray(
+            status=[
+                DiagnosticStatus(
+                    level=level,
+                    name=self._name,
+                    message=message,
+                    hardware_id=self._hardware_id,
+                    values=[
+                        KeyValue(
+                            key=key,
+                            value=f'{value:.6g}' if isinstance(value, float) else str(value),
+                        )
+                        for key, value in values.items()
+                    ],
+                )
+            ]
+        )
         array.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(array)
 

@@ -54,8 +54,11 @@ class Rivals:
         if self._node.count_publishers(topic) < 2:
             return None
         names = publishers(self._node, topic)
-        return f'{len(names)} publishers on {topic}: {", ".join(names)}; {CURE}' \
-            if len(names) > 1 else None
+        return (
+            f'{len(names)} publishers on {topic}: {", ".join(names)}; {CURE}'
+            if len(names) > 1
+            else None
+        )
 
 
 def wait_until_alone(topics: Mapping[str, str], is_ended: Callable[[], object]) -> None:
@@ -68,8 +71,10 @@ def wait_until_alone(topics: Mapping[str, str], is_ended: Callable[[], object]) 
     """
     nodes = [Node(name, enable_rosout=False, start_parameter_services=False) for name in topics]
     try:
-        looked = [(node, node.resolve_topic_name(topic))
-                  for node, topic in zip(nodes, topics.values(), strict=True)]
+        looked = [
+            (node, node.resolve_topic_name(topic))
+            for node, topic in zip(nodes, topics.values(), strict=True)
+        ]
         began = time.monotonic()
         passed, looked_for, taken, logged = 0.0, 0.0, '', ''
         while taken or looked_for < LOOK:
@@ -83,8 +88,9 @@ def wait_until_alone(topics: Mapping[str, str], is_ended: Callable[[], object]) 
             # A node's name is known a moment after its publisher, on a busy machine a second.
             if taken not in ('', logged) and (NO_NAME not in taken or passed > LOOK):
                 logged = taken
-                node_log.warning(nodes[0], f'nothing published: {taken}; waiting '
-                                 f'{LONGEST_WAIT:g} s for its end')
+                node_log.warning(
+                    nodes[0], f'nothing published: {taken}; waiting {LONGEST_WAIT:g} s for its end'
+                )
             time.sleep(LOOK_PERIOD)
     finally:
         for node in nodes:
@@ -94,8 +100,11 @@ def wait_until_alone(topics: Mapping[str, str], is_ended: Callable[[], object]) 
 def _taken(node: Node, topic: str) -> str:
     """Return which nodes publish on a topic, and the cure; empty if none does."""
     names, domain = ', '.join(publishers(node, topic)), os.environ.get('ROS_DOMAIN_ID') or '0'
-    return names and f'{topic} is published by {names} already: end that one, or start this ' \
+    return (
+        names
+        and f'{topic} is published by {names} already: end that one, or start this '
         f'one with another ROS_DOMAIN_ID (now {domain}) or in another namespace'
+    )
 
 
 def publishers(node: Node, topic: str) -> tuple[str, ...]:
@@ -105,5 +114,8 @@ def publishers(node: Node, topic: str) -> tuple[str, ...]:
 
 def full_name(publisher: TopicEndpointInfo) -> str:
     """Return the full name of a publisher's node, or words where it is not known."""
-    return NO_NAME if publisher.node_name == UNKNOWN \
+    return (
+        NO_NAME
+        if publisher.node_name == UNKNOWN
         else f'{publisher.node_namespace.rstrip("/")}/{publisher.node_name}'
+    )

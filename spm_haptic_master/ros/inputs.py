@@ -33,8 +33,16 @@ class Inputs:
         self._poll = Periodic(RIVALS_PERIOD)
         self._unheard = ''
 
-    def subscribe(self, kind: type, topic: str, callback: Callable[[Any], None], qos: QoSProfile,
-                  *, raw: bool = False, gone: Callable[[], None] = lambda: None) -> None:
+    def subscribe(
+        self,
+        kind: type,
+        topic: str,
+        callback: Callable[[Any], None],
+        qos: QoSProfile,
+        *,
+        raw: bool = False,
+        gone: Callable[[], None] = lambda: None,
+    ) -> None:
         """Subscribe; `gone` is called when a publisher has gone, even if it is back."""
         self._inputs.append(_Input(self._node, kind, topic, callback, qos, raw, gone))
 
@@ -48,8 +56,16 @@ class Inputs:
 class _Input:
     """One subscription."""
 
-    def __init__(self, node: Node, kind: type, topic: str, callback: Callable[[Any], None],
-                 qos: QoSProfile, raw: bool, gone: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        kind: type,
+        topic: str,
+        callback: Callable[[Any], None],
+        qos: QoSProfile,
+        raw: bool,
+        gone: Callable[[], None],
+    ) -> None:
         self._node, self._kind, self._topic = node, kind, node.resolve_topic_name(topic)
         self._callback, self._qos, self._raw, self._gone = callback, qos, raw, gone
         self._is_latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
@@ -59,9 +75,15 @@ class _Input:
         # Publishers that it hears.
         self._heard = 0
         self._subscription = self._node.create_subscription(
-            self._kind, self._topic, self._callback, self._qos, raw=self._raw,
+            self._kind,
+            self._topic,
+            self._callback,
+            self._qos,
+            raw=self._raw,
             event_callbacks=SubscriptionEventCallbacks(
-                matched=self._match, use_default_callbacks=False))
+                matched=self._match, use_default_callbacks=False
+            ),
+        )
 
     def _match(self, change: Any) -> None:
         self._heard = change.current_count
@@ -81,8 +103,11 @@ class _Input:
         reason = ''
         if publisher.topic_type != expected:
             reason = f'{publisher.topic_type}, expected {expected}'
-        elif publisher.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT \
-                != self._qos.reliability:
+        elif (
+            publisher.qos_profile.reliability
+            == ReliabilityPolicy.BEST_EFFORT
+            != self._qos.reliability
+        ):
             if self._is_latched:
                 reason = 'BEST_EFFORT, expected RELIABLE'
             else:
@@ -107,7 +132,8 @@ class SampledTopic(Generic[MessageType]):
         if self._subscription is None:
             # No executor ever calls it back.
             self._subscription = self._taker.create_subscription(
-                self._kind, self._topic, lambda _: None, DISPLAY, raw=True)
+                self._kind, self._topic, lambda _: None, DISPLAY, raw=True
+            )
 
     def unsubscribe(self) -> None:
         """End the subscription, if there is one."""

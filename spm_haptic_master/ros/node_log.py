@@ -75,8 +75,11 @@ class RepeatedLines:
     def due(self, now: float) -> list[Line]:
         """Return the lines to print now although none has come."""
         printed = self.counts(now) if now >= self.due_at() else []
-        self._lines = {line: (since, count) for line, (since, count) in self._lines.items()
-                       if count or now - since < REPEAT_PERIOD}
+        self._lines = {
+            line: (since, count)
+            for line, (since, count) in self._lines.items()
+            if count or now - since < REPEAT_PERIOD
+        }
         return printed
 
     def due_at(self) -> float:
@@ -95,8 +98,12 @@ class RepeatedLines:
         for line, (since, count) in self._lines.items():
             if count:
                 severity, text = line
-                printed.append((severity, f'{text} ({count} more time{"s" * (count > 1)} in '
-                                f'{now - since:.0f} s)'))
+                printed.append(
+                    (
+                        severity,
+                        f'{text} ({count} more time{"s" * (count > 1)} in {now - since:.0f} s)',
+                    )
+                )
                 self._lines[line], self._printed = (now, 0), line
         return printed
 

@@ -72,8 +72,11 @@ class Overload:
         lost = sum(each for _, each in self._lost)
         is_busy = lost >= LIMIT * (LEAVE if self._most else 1.0)
         self._most = max(self._most, lost) if is_busy else 0.0
-        self.words = reported if not is_busy else \
-            f'{TOO_BUSY}: this process was due and did not run for {more_than(self._most)}'
+        self.words = (
+            reported
+            if not is_busy
+            else f'{TOO_BUSY}: this process was due and did not run for {more_than(self._most)}'
+        )
 
     def explains(self, symptom: str) -> bool:
         """Return whether a symptom (empty: none) follows from the overload; call after `tick`."""

@@ -32,33 +32,49 @@ class ParameterNode(Node):
         self.given = parameters.of(name)
         # Checked values of the parameters declared so far, by name.
         self.values: dict[str, Any] = {}
-        super().__init__(name, start_parameter_services=False, parameter_overrides=[
-            Parameter(each.name, value=each.check(self.given[each.name]))
-            for each in ROS_SETTINGS if each.name in self.given])
+        super().__init__(
+            name,
+            start_parameter_services=False,
+            parameter_overrides=[
+                Parameter(each.name, value=each.check(self.given[each.name]))
+                for each in ROS_SETTINGS
+                if each.name in self.given
+            ],
+        )
         # Its callbacks refer to the node weakly; the node keeps them.
         _ParameterServices(self)
 
-    def declare(self, settings: tuple[Setting, ...],
-                defaults: Mapping[str, object] | None = None) -> dict[str, Any]:
+    def declare(
+        self, settings: tuple[Setting, ...], defaults: Mapping[str, object] | None = None
+    ) -> dict[str, Any]:
         """Declare each setting as a parameter and return the checked values; see `resolve`."""
         settings, values = resolve(self.given, settings, defaults)
         for setting in settings:
             value = values[setting.name]
             self.declare_parameter(
-                setting.name, value if setting.count is None else list(value),
-                _descriptor(setting), ignore_override=True)
+                setting.name,
+                value if setting.count is None else list(value),
+                _descriptor(setting),
+                ignore_override=True,
+            )
         self.values |= values
         return values
 
-    def on_change(self, settings: tuple[Setting, ...],
-                  apply: Callable[[dict[str, Any]], None]) -> None:
+    def on_change(
+        self, settings: tuple[Setting, ...], apply: Callable[[dict[str, Any]], None]
+    ) -> None:
         """Let `apply` take new values of live settings; it refuses them by a SettingError."""
         by_name = {setting.name: setting for setting in settings}
 
         def check(parameters: list[Parameter]) -> SetParametersResult:
             try:
-                apply({parameter.name: by_name[parameter.name].check(parameter.value)
-                       for parameter in parameters if parameter.name in by_name})
+                apply(
+                    {
+                        parameter.name: by_name[parameter.name].check(parameter.value)
+                        for parameter in parameters
+                        if parameter.name in by_name
+                    }
+                )
             except SettingError as error:
                 return SetParametersResult(successful=False, reason=str(error))
             return SetParametersResult(successful=True)
@@ -68,8 +84,7 @@ class ParameterNode(Node):
     def clock_reader(self) -> Callable[[], int]:
         """Return a reader of the time, ns; ask again now and then: use_sim_time may change."""
         clock: Any = self.get_clock()
-        return (lambda: int(clock.now().nanoseconds)) if clock.ros_time_is_active \
-            else time.time_ns
+        return (lambda: int(clock.now().nanoseconds)) if clock.ros_time_is_active else time.time_ns
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
         """Set parameters: an unknown name is reported with those like it, 5 is taken as 5.0."""
@@ -78,9 +93,16 @@ class ParameterNode(Node):
             name, value = parameter.name, parameter.value
             if not self.has_parameter(name):
                 known = self.get_parameters_by_prefix('')
-                return SetParametersResult(successful=False, reason=str(SettingError(
-                    name, value, f'a parameter of this node, such as '
-                    f'{", ".join(similar(name, known))}')))
+                return SetParametersResult(
+                    successful=False,
+                    reason=str(
+                        SettingError(
+                            name,
+                            value,
+                            f'a parameter of this node, such as {", ".join(similar(name, known))}',
+                        )
+                    ),
+                )
             as_float = type(value) is int and isinstance(self.get_parameter(name).value, float)
             wanted.append(Parameter(name, value=float(value)) if as_float else parameter)
         return super().set_parameters_atomically(wanted)
@@ -89,14 +111,15 @@ class ParameterNode(Node):
 class _ParameterServices(ParameterService):
     """The parameter services of a node: those of rclpy raise where a type is not valid."""
 
-    def _set_parameters_callback(self, request: SetParameters.Request,
-                                 response: SetParameters.Response) -> SetParameters.Response:
+    def _set_parameters_callback(
+        self, request: SetParameters.Request, response: SetParameters.Response
+    ) -> SetParameters.Response:
         response.results = [self._set([message]) for message in request.parameters]
         return response
 
     def _set_parameters_atomically_callback(
-            self, request: SetParametersAtomically.Request,
-            response: SetParametersAtomically.Response) -> SetParametersAtomically.Response:
+        self, request: SetParametersAtomically.Request, response: SetParametersAtomically.Response
+    ) -> SetParametersAtomically.Response:
         response.result = self._set(request.parameters)
         return response
 
@@ -106,22 +129,30 @@ class _ParameterServices(ParameterService):
             try:
                 parameters.append(Parameter.from_parameter_msg(message))
             except ValueError:
-                return SetParametersResult(successful=False, reason=(
-                    f'parameter {message.name!r} is of type {message.value.type}; expected '
-                    f'{ParameterType.PARAMETER_BOOL} to {ParameterType.PARAMETER_STRING_ARRAY}, '
-                    'as in rcl_interfaces/msg/ParameterType'))
+                return SetParametersResult(
+                    successful=False,
+                    reason=(
+                        f'parameter {message.name!r} is of type {message.value.type}; expected '
+                        f'{ParameterType.PARAMETER_BOOL} to '
+                        f'{ParameterType.PARAMETER_STRING_ARRAY}, '
+                        'as in rcl_interfaces/msg/ParameterType'
+                    ),
+                )
         return self._get_node().set_parameters_atomically(parameters)
 
 
 def _descriptor(setting: Setting) -> msg.ParameterDescriptor:
     descriptor = msg.ParameterDescriptor(
-        description=setting.description, read_only=not setting.live)
+        description=setting.description, read_only=not setting.live
+    )
     if setting.allowed or setting.count is not None or None in (setting.minimum, setting.maximum):
         descriptor.additional_constraints = setting.expected
     elif setting.kind is float:
-        descriptor.floating_point_range = [msg.FloatingPointRange(
-            from_value=setting.minimum, to_value=setting.maximum)]
+        descriptor.floating_point_range = [
+            msg.FloatingPointRange(from_value=setting.minimum, to_value=setting.maximum)
+        ]
     else:
-        descriptor.integer_range = [msg.IntegerRange(
-            from_value=setting.minimum, to_value=setting.maximum, step=1)]
+        descriptor.integer_range = [
+            msg.IntegerRange(from_value=setting.minimum, to_value=setting.maximum, step=1)
+        ]
     return descriptor

@@ -44,8 +44,9 @@ def agreed(values: Sequence[Values]) -> dict[str, Any]:
     for setting in REALTIME_SETTINGS:
         chosen = {each[setting.name] for each in values} - {setting.default}
         if len(chosen) > 1:
-            raise SettingError(setting.name, sorted(chosen),
-                               'the same on every node of one process')
+            raise SettingError(
+                setting.name, sorted(chosen), 'the same on every node of one process'
+            )
         result[setting.name] = chosen.pop() if chosen else setting.default
     return result
 
@@ -59,8 +60,10 @@ def check_cpus(text: str) -> set[int]:
         if all(spans) and all(core in allowed for span in spans for core in span):
             return {core for span in spans for core in span}
     raise SettingError(
-        'realtime.cpus', text, "cores such as '0' or '0,2-3', of those allowed: "
-        + ', '.join(map(str, sorted(allowed))))
+        'realtime.cpus',
+        text,
+        "cores such as '0' or '0,2-3', of those allowed: " + ', '.join(map(str, sorted(allowed))),
+    )
 
 
 def apply(node: Node, values: Values) -> None:
@@ -74,15 +77,21 @@ def apply(node: Node, values: Values) -> None:
         parameter = os.sched_param(values['realtime.priority'])
         try:
             _for_each_thread(
-                lambda thread: os.sched_setscheduler(thread, os.SCHED_FIFO, parameter))
+                lambda thread: os.sched_setscheduler(thread, os.SCHED_FIFO, parameter)
+            )
         except PermissionError:
-            warn(f'realtime.priority {parameter.sched_priority} not set: SCHED_FIFO is not '
-                 "permitted; it requires CAP_SYS_NICE, or 'rtprio' for this user in "
-                 '/etc/security/limits.conf')
-    if values['realtime.lock_memory'] \
-            and ctypes.CDLL(None, use_errno=True).mlockall(MCL_CURRENT | MCL_FUTURE):
-        warn(f'realtime.lock_memory not set: {os.strerror(ctypes.get_errno())}; it requires '
-             "CAP_IPC_LOCK, or 'memlock unlimited' for this user in /etc/security/limits.conf")
+            warn(
+                f'realtime.priority {parameter.sched_priority} not set: SCHED_FIFO is not '
+                "permitted; it requires CAP_SYS_NICE, or 'rtprio' for this user in "
+                '/etc/security/limits.conf'
+            )
+    if values['realtime.lock_memory'] and ctypes.CDLL(None, use_errno=True).mlockall(
+        MCL_CURRENT | MCL_FUTURE
+    ):
+        warn(
+            f'realtime.lock_memory not set: {os.strerror(ctypes.get_errno())}; it requires '
+            "CAP_IPC_LOCK, or 'memlock unlimited' for this user in /etc/security/limits.conf"
+        )
     if values['realtime.gc'] != 'normal':
         gc.collect()
         gc.freeze()
@@ -123,8 +132,7 @@ def _set_thread_slice(thread: int, length: int) -> None:
     """Set the time slice of a thread under SCHED_OTHER, ns; Linux before 6.12 ignores it."""
     if os.sched_getscheduler(thread) == os.SCHED_OTHER:
         niceness = os.getpriority(os.PRIO_PROCESS, thread)
-        attributes = ATTRIBUTES.pack(
-            ATTRIBUTES.size, os.SCHED_OTHER, 0, niceness, 0, length, 0, 0)
+        attributes = ATTRIBUTES.pack(ATTRIBUTES.size, os.SCHED_OTHER, 0, niceness, 0, length, 0, 0)
         _call(0, thread, ctypes.create_string_buffer(attributes, len(attributes)), 0)
 
 

@@ -58,8 +58,12 @@ def _limit_end() -> None:
     faulthandler.dump_traceback_later(END_TIMEOUT, exit=True, file=STANDARD_ERROR)
 
 
-def run(name: str, compose: Callable[[Future, AddNode], object],
-        args: list[str] | None = None, owned: Mapping[str, str] | None = None) -> int:
+def run(
+    name: str,
+    compose: Callable[[Future, AddNode], object],
+    args: list[str] | None = None,
+    owned: Mapping[str, str] | None = None,
+) -> int:
     """
     Run nodes until a signal arrives or they are done; return the exit code, 1 after an error.
 
@@ -85,8 +89,11 @@ def run(name: str, compose: Callable[[Future, AddNode], object],
             signal.signal(number, signal.default_int_handler)
         _, description = EXECUTABLES.get(name, ('', ''))
         command_line, parameters = node_command_line(
-            name, description, (*PIPELINE, FOLLOWER) if name == 'master' else (name,),
-            sys.argv if args is None else args)
+            name,
+            description,
+            (*PIPELINE, FOLLOWER) if name == 'master' else (name,),
+            sys.argv if args is None else args,
+        )
         for number in SIGNALS:
             signal.signal(number, handle)
         _init(command_line)
@@ -102,9 +109,9 @@ def run(name: str, compose: Callable[[Future, AddNode], object],
             return node
 
         compose(done, add)
-        for argument in parameters.unused({
-                node.get_fully_qualified_name(): node.get_parameters_by_prefix('')
-                for node in nodes}):
+        for argument in parameters.unused(
+            {node.get_fully_qualified_name(): node.get_parameters_by_prefix('') for node in nodes}
+        ):
             node_log.warning(nodes[0], f'{argument}: {NO_EFFECT}')
         realtime.apply(nodes[0], realtime.agreed([node.values for node in nodes]))
         for node in nodes:
@@ -154,8 +161,10 @@ def _init(command_line: list[str]) -> None:
     # Fast DDS reads it when the first node is made.
     os.environ.update(discovery_profile(os.environ))
     try:
-        rclpy.init(args=[*command_line, '--ros-args', node_log.NO_CONSOLE],
-                   signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(
+            args=[*command_line, '--ros-args', node_log.NO_CONSOLE],
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
     except (RuntimeError, UnicodeError) as error:  # from rcl: such as a wrong enclave
         raise InputError(f'ROS arguments rejected: {str(error).splitlines()[0]}') from error
     node_log.begin(command_line)
@@ -164,7 +173,8 @@ def _init(command_line: list[str]) -> None:
 def discovery_profile(environment: Mapping[str, str]) -> dict[str, str]:
     """Return the variables that select the package's profile; none if the user has one."""
     # Without it a process whose first announcement is lost waits 3 s for the next one.
-    if any(environment.get(name) for name in PROFILE_VARIABLES) \
-            or any(Path(name).exists() for name in PROFILES):
+    if any(environment.get(name) for name in PROFILE_VARIABLES) or any(
+        Path(name).exists() for name in PROFILES
+    ):
         return {}
     return dict.fromkeys(PROFILE_VARIABLES, str(config_directory() / 'fastdds.xml'))

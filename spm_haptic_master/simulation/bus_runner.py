@@ -39,8 +39,14 @@ class BusRunner:
     quaternion x, y, z, w.
     """
 
-    def __init__(self, bus: can.BusABC, encoders: SimulatedBus, sync_id: int | None,
-                 grid: DeadlineGrid | None, record: Record | None = None):
+    def __init__(
+        self,
+        bus: can.BusABC,
+        encoders: SimulatedBus,
+        sync_id: int | None,
+        grid: DeadlineGrid | None,
+        record: Record | None = None,
+    ):
         self._bus, self._encoders = bus, encoders
         self._sync_id, self._grid, self._record = sync_id, grid, record
         self.cycles = 0
@@ -51,8 +57,11 @@ class BusRunner:
         end = time.monotonic() + LISTEN
         while (left := end - time.monotonic()) > 0.0:
             message = self._bus.recv(left)
-            if message is not None and not message.is_error_frame \
-                    and (message.is_extended_id, message.arbitration_id) in own:
+            if (
+                message is not None
+                and not message.is_error_frame
+                and (message.is_extended_id, message.arbitration_id) in own
+            ):
                 heard.add(message.arbitration_id)
         return sorted(heard)
 
@@ -69,8 +78,12 @@ class BusRunner:
                 self._bus.send(canopen.frame(self._sync_id))
             self._cycle(now)
         while (message := self._bus.recv(timeout)) is not None:
-            if message.arbitration_id == self._sync_id and not message.is_error_frame \
-                    and not message.is_extended_id and not message.is_remote_frame:
+            if (
+                message.arbitration_id == self._sync_id
+                and not message.is_error_frame
+                and not message.is_extended_id
+                and not message.is_remote_frame
+            ):
                 if self._grid is None:
                     # The encoders sample when SYNC comes, not when this process is woken by it.
                     waited = time.time() - message.timestamp
@@ -85,8 +98,11 @@ class BusRunner:
         answers = self._encoders.cycle(now)
         _send(self._bus, answers)
         self.cycles += bool(answers)
-        if answers and self._record is not None \
-                and (truth := self._encoders.orientation(now)) is not None:
+        if (
+            answers
+            and self._record is not None
+            and (truth := self._encoders.orientation(now)) is not None
+        ):
             age = round((time.monotonic() - now) * 1e9)
             self._record(time.time_ns() - age, truth)
 

@@ -50,7 +50,8 @@ RANGES: dict[str, tuple[Callable[[float], bool], str]] = {
 SYNTAX = 'KIND[:JOINT]@START[+DURATION][=VALUE], times in s from the first answer'
 _PATTERN = re.compile(
     r'(?P<kind>\w+)(:(?P<joint>\w+))?@(?P<start>[\d.]+)(\+(?P<duration>[\d.]+))?'
-    r'(=(?P<value>\S+))?')
+    r'(=(?P<value>\S+))?'
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +97,7 @@ class Faults:
 
 def parse_fault(text: str, sensors: int = len(JOINT_NAMES)) -> Fault:
     """Return the fault of a text such as 'offset:joint_3a@5+2=1.5'; InputError: not of SYNTAX."""
+
     def wrong(what: str) -> InputError:
         return InputError(f"fault '{text}'{what}")
 
@@ -118,20 +120,20 @@ def parse_fault(text: str, sensors: int = len(JOINT_NAMES)) -> Fault:
     try:
         start = float(found['start'])
         duration = float(found['duration'] or 'inf')
-        number = float(value or 0.0) if kind not in ('emcy', 'drive') \
-            else int(value, 0) & 0xFFFF
+        number = float(value or 0.0) if kind not in ('emcy', 'drive') else int(value, 0) & 0xFFFF
     except ValueError as error:
         raise wrong(f': not a number ({error})') from error
     if duration <= 0.0:
-        raise wrong(f": +{found['duration']}; expected a duration above 0")
+        raise wrong(f': +{found["duration"]}; expected a duration above 0')
     for what, size in (('START', start), ('VALUE', number)):
         if not isfinite(size):
             raise wrong(f': {what} is {size:g}; expected a finite number')
     fits, words = RANGES.get(kind, (isfinite, ''))
     if not fits(number):
         raise wrong(f': VALUE is {number:g}; expected {words} ({unit})')
-    return Fault(kind, joints.index(joint) if joint else None, start, start + duration,
-                 number, text)
+    return Fault(
+        kind, joints.index(joint) if joint else None, start, start + duration, number, text
+    )
 
 
 def parse_switched(text: str, sensors: int = len(JOINT_NAMES)) -> Fault:
@@ -139,6 +141,8 @@ def parse_switched(text: str, sensors: int = len(JOINT_NAMES)) -> Fault:
     name, equals, value = text.partition('=')
     kind = name.partition(':')[0]
     if kind not in SWITCHED or '@' in text:
-        raise InputError(f"fault '{text}'; expected KIND:JOINT or offset:JOINT=DEG, KIND one of "
-                         f'{", ".join(SWITCHED)}')
+        raise InputError(
+            f"fault '{text}'; expected KIND:JOINT or offset:JOINT=DEG, KIND one of "
+            f'{", ".join(SWITCHED)}'
+        )
     return replace(parse_fault(f'{name}@0{equals}{value}', sensors), text=text)

@@ -30,8 +30,9 @@ class NoisyMotion:
     same seed gives the same noise. `steering` leads the motion away from its trajectory.
     """
 
-    def __init__(self, trajectory: Trajectory, rig: Rig, seed: int,
-                 working_mode: tuple[int, int, int]):
+    def __init__(
+        self, trajectory: Trajectory, rig: Rig, seed: int, working_mode: tuple[int, int, int]
+    ):
         self.rig = rig
         self.steering = Steering(trajectory)
         self._gauss = random.Random(seed).gauss
@@ -42,8 +43,12 @@ class NoisyMotion:
 
     def joints(self, t: float) -> tuple[float, ...]:
         """Return the true angles of the sensors, rad, at t, s; UnreachableError: out of reach."""
-        return measured_angles(zxz_rotation(*self.steering(t)), self.rig.geometry,
-                               self._working_mode, len(self.rig.sensors))
+        return measured_angles(
+            zxz_rotation(*self.steering(t)),
+            self.rig.geometry,
+            self._working_mode,
+            len(self.rig.sensors),
+        )
 
     def orientation(self, t: float) -> tuple[float, float, float, float]:
         """Return the true R_base_platform, quaternion x, y, z, w, `t` seconds into the motion."""
@@ -52,8 +57,10 @@ class NoisyMotion:
     def angles(self, t: float) -> tuple[float, ...]:
         """Return the angles as measured, rad, `t` seconds into the motion."""
         joints = {delay: self.joints(t - delay) for delay in self._delays}
-        return tuple(self._reading(index, joints[sensor.delay][index])
-                     for index, sensor in enumerate(self.rig.sensors))
+        return tuple(
+            self._reading(index, joints[sensor.delay][index])
+            for index, sensor in enumerate(self.rig.sensors)
+        )
 
     def _reading(self, index: int, angle: float) -> float:
         """Return a sensor's reading at its joint's angle, rad."""
@@ -83,11 +90,16 @@ def make_motion(values: Values) -> NoisyMotion:
     rig, mode = make_rig(values), values['working_mode']
     try:
         for trial in range(TRIALS if name != 'fixed' else 1):
-            measured_angles(zxz_rotation(*trajectory(trial * TRIAL_SPAN / TRIALS)), rig.geometry,
-                            mode, len(rig.sensors))
+            measured_angles(
+                zxz_rotation(*trajectory(trial * TRIAL_SPAN / TRIALS)),
+                rig.geometry,
+                mode,
+                len(rig.sensors),
+            )
     except UnreachableError as error:
         if name == 'fixed':
             raise SettingError('sim.pose_deg', list(pose), 'a pose within reach') from error
-        raise SettingError('sim.trajectory', name,
-                           'a motion within reach of the simulated mechanism') from error
+        raise SettingError(
+            'sim.trajectory', name, 'a motion within reach of the simulated mechanism'
+        ) from error
     return NoisyMotion(trajectory, rig, values['sim.seed'], mode)

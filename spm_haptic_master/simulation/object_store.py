@@ -21,8 +21,11 @@ STORES_ON_COMMAND = 1
 # Error register of EMCY: bit 0 means that there is some error.
 GENERIC_ERROR = 0x01
 # NMT state after a command.
-STATES = {canopen.NMT_START: canopen.OPERATIONAL, canopen.NMT_STOP: canopen.STOPPED,
-          canopen.NMT_PRE_OPERATIONAL: canopen.PRE_OPERATIONAL}
+STATES = {
+    canopen.NMT_START: canopen.OPERATIONAL,
+    canopen.NMT_STOP: canopen.STOPPED,
+    canopen.NMT_PRE_OPERATIONAL: canopen.PRE_OPERATIONAL,
+}
 # NMT commands after which a node boots.
 RESETS = (canopen.NMT_RESET_NODE, canopen.NMT_RESET_COMMUNICATION)
 
@@ -50,9 +53,13 @@ class SdoAbortError(Exception):
 
 def identity(device_type: int, serial: int) -> dict[Key, Entry]:
     """Return the objects that identify a node."""
-    values = {canopen.DEVICE_TYPE: device_type, canopen.VENDOR_ID: VENDOR_ID,
-              canopen.PRODUCT_CODE: PRODUCT_CODE, canopen.REVISION: REVISION,
-              canopen.SERIAL_NUMBER: serial}
+    values = {
+        canopen.DEVICE_TYPE: device_type,
+        canopen.VENDOR_ID: VENDOR_ID,
+        canopen.PRODUCT_CODE: PRODUCT_CODE,
+        canopen.REVISION: REVISION,
+        canopen.SERIAL_NUMBER: serial,
+    }
     return {key: Entry(value, writable=False) for key, value in values.items()}
 
 
@@ -98,7 +105,8 @@ class ObjectStore:
         if entry is None:
             known = any(index == key[0] for index, _ in self._entries)
             raise SdoAbortError(
-                canopen.SDO_NO_SUCH_SUBINDEX if known else canopen.SDO_NO_SUCH_OBJECT)
+                canopen.SDO_NO_SUCH_SUBINDEX if known else canopen.SDO_NO_SUCH_OBJECT
+            )
         return entry
 
     def _write(self, key: Key, data: bytes) -> None:

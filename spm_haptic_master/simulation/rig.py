@@ -26,8 +26,11 @@ ALL = 0
 # Keys of the mechanism: lengths of the nested lists, least and largest number; the range of a link
 # angle is that of the geometry's parameters.
 MECHANISM = {
-    'alpha_deg': ((3,), 0.1, 179.9), 'beta_deg': ((3,), 0.1, 179.9),
-    'base_axes': ((3, 3), -1.0, 1.0), 'platform_axes': ((3, 3), -1.0, 1.0)}
+    'alpha_deg': ((3,), 0.1, 179.9),
+    'beta_deg': ((3,), 0.1, 179.9),
+    'base_axes': ((3, 3), -1.0, 1.0),
+    'platform_axes': ((3, 3), -1.0, 1.0),
+}
 # Keys of the sensors' errors: fields of SensorErrors, and numbers (none beyond these ranges is
 # meant, and within them an encoder's reading grows with the angle).
 ERRORS = {
@@ -36,7 +39,8 @@ ERRORS = {
     'play_deg': ('play', ((ALL,), 0.0, 10.0)),
     'noise_deg': ('noise', ((ALL,), 0.0, 10.0)),
     'resolution_deg': ('resolution', ((ALL,), 0.0, 10.0)),
-    'delay': ('delay', ((ALL,), 0.0, 0.1))}
+    'delay': ('delay', ((ALL,), 0.0, 0.1)),
+}
 # All keys; of the encoders' scale nothing is read: the parameters `encoders.*` set it.
 KEYS = MECHANISM | {key: kind for key, (_, kind) in ERRORS.items()}
 NOT_READ = ('zero', 'direction')
@@ -59,8 +63,13 @@ class SensorErrors:
         """Return the angle that the encoder measures at a joint angle, rad, without noise."""
         c1, s1 = self.first_harmonic
         c2, s2 = self.second_harmonic
-        return angle + c1 * cos(angle) + s1 * sin(angle) \
-            + c2 * cos(2.0 * angle) + s2 * sin(2.0 * angle)
+        return (
+            angle
+            + c1 * cos(angle)
+            + s1 * sin(angle)
+            + c2 * cos(2.0 * angle)
+            + s2 * sin(2.0 * angle)
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,8 +100,13 @@ def perfect_rig(geometry: Geometry, noise: float, sensors: int = len(JOINT_NAMES
     return Rig(geometry, (SensorErrors(noise=noise),) * sensors)
 
 
-def random_rig(seed: int, tolerances: Tolerances, geometry: Geometry | None = None,
-               noise: float = 0.0, sensors: int = len(JOINT_NAMES)) -> Rig:
+def random_rig(
+    seed: int,
+    tolerances: Tolerances,
+    geometry: Geometry | None = None,
+    noise: float = 0.0,
+    sensors: int = len(JOINT_NAMES),
+) -> Rig:
     """
     Return a rig that deviates from a mechanism (the paper's); noise in rad on each sensor.
 
@@ -104,24 +118,36 @@ def random_rig(seed: int, tolerances: Tolerances, geometry: Geometry | None = No
     gauss = random.Random(seed).gauss
 
     def axes(nominal_axes: Sequence[Sequence[float]]) -> list[list[float]]:
-        moved = [[each + tolerances.axes * gauss(0.0, 1.0) for each in axis]
-                 for axis in nominal_axes]
+        moved = [
+            [each + tolerances.axes * gauss(0.0, 1.0) for each in axis] for axis in nominal_axes
+        ]
         return [[each / hypot(*axis) for each in axis] for axis in moved]
 
     def harmonic(deviation: float) -> Harmonic:
         return deviation * gauss(0.0, 1.0), deviation * gauss(0.0, 1.0)
 
-    alphas, betas = ([angle + tolerances.links * gauss(0.0, 1.0) for angle in each]
-                     for each in (nominal.alphas, nominal.betas))
+    alphas, betas = (
+        [angle + tolerances.links * gauss(0.0, 1.0) for angle in each]
+        for each in (nominal.alphas, nominal.betas)
+    )
     base, platform = axes(nominal.base_axes), axes(nominal.platform_axes)
     built = in_usual_frames(Geometry.from_axes(base, platform, alphas, betas), nominal)
-    return Rig(built, tuple(
-        SensorErrors(harmonic(tolerances.first_harmonic), harmonic(tolerances.second_harmonic),
-                     noise=noise) for _ in range(sensors)))
+    return Rig(
+        built,
+        tuple(
+            SensorErrors(
+                harmonic(tolerances.first_harmonic),
+                harmonic(tolerances.second_harmonic),
+                noise=noise,
+            )
+            for _ in range(sensors)
+        ),
+    )
 
 
-def read_rig(path: str | Path, drawn: Geometry, noise: float,
-             sensors: int = len(JOINT_NAMES)) -> Rig:
+def read_rig(
+    path: str | Path, drawn: Geometry, noise: float, sensors: int = len(JOINT_NAMES)
+) -> Rig:
     """
     Return the rig of a JSON file, whose lists have one element for each of the sensors.
 
@@ -142,29 +168,51 @@ def read_rig(path: str | Path, drawn: Geometry, noise: float,
     if MECHANISM.keys() & content:
         alphas, betas = (
             [radians(each) for each in content[key]] if key in content else list(nominal)
-            for key, nominal in (('alpha_deg', drawn.alphas), ('beta_deg', drawn.betas)))
+            for key, nominal in (('alpha_deg', drawn.alphas), ('beta_deg', drawn.betas))
+        )
         try:
             mechanism = Geometry.from_axes(
                 content.get('base_axes', drawn.base_axes),
-                content.get('platform_axes', drawn.platform_axes), alphas, betas)
+                content.get('platform_axes', drawn.platform_axes),
+                alphas,
+                betas,
+            )
         except GeometryError as error:
             raise InputError(f'{path}: {error}') from error
-    given = {name: [_converted(key, radians, each) for each in content[key]]
-             for key, (name, _) in ERRORS.items() if key in content}
-    return Rig(mechanism, tuple(SensorErrors(**{'noise': noise} | {
-        name: values[index] for name, values in given.items()}) for index in range(sensors)))
+    given = {
+        name: [_converted(key, radians, each) for each in content[key]]
+        for key, (name, _) in ERRORS.items()
+        if key in content
+    }
+    return Rig(
+        mechanism,
+        tuple(
+            SensorErrors(
+                **{'noise': noise} | {name: values[index] for name, values in given.items()}
+            )
+            for index in range(sensors)
+        ),
+    )
 
 
 def rig_text(rig: Rig) -> str:
     """Return the content of a file that `read_rig` makes the same rig of."""
     g = rig.geometry
     content = {
-        'alpha_deg': list(map(degrees, g.alphas)), 'beta_deg': list(map(degrees, g.betas)),
-        'base_axes': g.base_axes, 'platform_axes': g.platform_axes,
-        **{key: [_converted(key, degrees, getattr(each, name)) for each in rig.sensors]
-           for key, (name, _) in ERRORS.items()}}
-    return '{\n' + ',\n'.join(
-        f' {json.dumps(key)}: {json.dumps(value)}' for key, value in content.items()) + '\n}\n'
+        'alpha_deg': list(map(degrees, g.alphas)),
+        'beta_deg': list(map(degrees, g.betas)),
+        'base_axes': g.base_axes,
+        'platform_axes': g.platform_axes,
+        **{
+            key: [_converted(key, degrees, getattr(each, name)) for each in rig.sensors]
+            for key, (name, _) in ERRORS.items()
+        },
+    }
+    return (
+        '{\n'
+        + ',\n'.join(f' {json.dumps(key)}: {json.dumps(value)}' for key, value in content.items())
+        + '\n}\n'
+    )
 
 
 def _converted(key: str, convert: Callable[[float], float], value: Any) -> Any:
@@ -183,9 +231,15 @@ def make_rig(values: Values) -> Rig:
     if path:
         return read_rig(path, geometry, noise, sensors)
     if seed:
-        return random_rig(seed, Tolerances(
-            *map(radians, (*values['sim.tolerance_deg'], *values['sim.harmonics_deg']))),
-            geometry, noise, sensors)
+        return random_rig(
+            seed,
+            Tolerances(
+                *map(radians, (*values['sim.tolerance_deg'], *values['sim.harmonics_deg']))
+            ),
+            geometry,
+            noise,
+            sensors,
+        )
     return perfect_rig(geometry, noise, sensors)
 
 
@@ -201,8 +255,17 @@ def _complaint(key: str, value: Any, sensors: int) -> str:
     def fits(part: Any, depth: int) -> bool:
         if depth == len(lengths):
             return type(part) in (int, float) and least <= part <= most
-        return isinstance(part, list) and len(part) == lengths[depth] \
+        return (
+            isinstance(part, list)
+            and len(part) == lengths[depth]
             and all(fits(each, depth + 1) for each in part)
+        )
 
-    return '' if fits(value, 0) else (f'a list of {" of lists of ".join(map(str, lengths))}, each '
-                                      f'a number from {least:g} to {most:g}')
+    return (
+        ''
+        if fits(value, 0)
+        else (
+            f'a list of {" of lists of ".join(map(str, lengths))}, each '
+            f'a number from {least:g} to {most:g}'
+        )
+    )

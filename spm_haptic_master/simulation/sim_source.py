@@ -33,9 +33,13 @@ class SimSource(EncoderSource):
     `faults` are those that are present; another thread may replace them.
     """
 
-    def __init__(self, motion: NoisyMotion, rate: float,
-                 counts_per_turn: tuple[int, ...],
-                 harmonics: tuple[Harmonics | None, ...]):
+    def __init__(
+        self,
+        motion: NoisyMotion,
+        rate: float,
+        counts_per_turn: tuple[int, ...],
+        harmonics: tuple[Harmonics | None, ...],
+    ):
         self.rig, self.steering = motion.rig, motion.steering
         self._motion = motion
         self._counts_per_turn, self._harmonics = counts_per_turn, harmonics
@@ -82,11 +86,13 @@ class SimSource(EncoderSource):
             self._reached = self._motion.angles(t)
         return tuple(map(_measured, self._reached, self._counts_per_turn, self._harmonics))
 
-    def _with_faults(self, angles: tuple[float, ...],
-                     faults: Iterable[Fault]) -> tuple[float, ...]:
+    def _with_faults(
+        self, angles: tuple[float, ...], faults: Iterable[Fault]
+    ) -> tuple[float, ...]:
         """Return the angles as the faulty sensors have them, rad."""
-        self._stuck = {joint: self._stuck.get(joint, angles[joint])
-                       for joint in _joints('stuck', faults)}
+        self._stuck = {
+            joint: self._stuck.get(joint, angles[joint]) for joint in _joints('stuck', faults)
+        }
         read = [self._stuck.get(joint, angle) for joint, angle in enumerate(angles)]
         for fault in faults:
             if fault.kind == 'offset' and fault.joint is not None:
@@ -128,8 +134,9 @@ class SimSource(EncoderSource):
 
 def _joints(kind: str, faults: Iterable[Fault]) -> list[int]:
     """Return the joints that have a fault of a kind."""
-    return sorted({fault.joint for fault in faults
-                   if fault.kind == kind and fault.joint is not None})
+    return sorted(
+        {fault.joint for fault in faults if fault.kind == kind and fault.joint is not None}
+    )
 
 
 def _measured(angle: float, per_turn: int, harmonics: Harmonics | None) -> float:

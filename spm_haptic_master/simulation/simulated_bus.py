@@ -27,12 +27,21 @@ class SimulatedBus:
     `factory` they have their maker's defaults. `heartbeat` is the time between heartbeats, s.
     """
 
-    def __init__(self, layouts: tuple[EncoderLayout, ...], node_ids: tuple[int, ...] | None,
-                 motion: NoisyMotion, faults: tuple[Fault, ...], heartbeat: float, seed: int,
-                 synchronised: bool = True, factory: bool = False):
+    def __init__(
+        self,
+        layouts: tuple[EncoderLayout, ...],
+        node_ids: tuple[int, ...] | None,
+        motion: NoisyMotion,
+        faults: tuple[Fault, ...],
+        heartbeat: float,
+        seed: int,
+        synchronised: bool = True,
+        factory: bool = False,
+    ):
         self.nodes = tuple(
             SimulatedNode(layout, node_id, synchronised, heartbeat, factory)
-            for layout, node_id in zip(layouts, node_ids or (None,) * len(layouts), strict=True))
+            for layout, node_id in zip(layouts, node_ids or (None,) * len(layouts), strict=True)
+        )
         self.faults = Faults(faults)
         self._motion = motion
         # Time of each node's next heartbeat, s.
@@ -47,9 +56,14 @@ class SimulatedBus:
 
     def identifiers(self) -> list[tuple[bool, int]]:
         """Return the identifiers of TPDOs and heartbeats: whether of 29 bits, and which."""
-        return [*((node.layout.extended, node.layout.can_id) for node in self.nodes),
-                *((False, canopen.HEARTBEAT_BASE + node.node_id) for node in self.nodes
-                  if node.node_id is not None)]
+        return [
+            *((node.layout.extended, node.layout.can_id) for node in self.nodes),
+            *(
+                (False, canopen.HEARTBEAT_BASE + node.node_id)
+                for node in self.nodes
+                if node.node_id is not None
+            ),
+        ]
 
     def boot(self) -> list[can.Message]:
         """Switch the encoders on and return their boot-up messages."""
@@ -57,11 +71,19 @@ class SimulatedBus:
 
     def receive(self, message: can.Message) -> list[can.Message]:
         """Return the answers to a frame that is not SYNC."""
-        if message.is_error_frame or message.is_remote_frame or message.is_extended_id \
-                or self._mute():
+        if (
+            message.is_error_frame
+            or message.is_remote_frame
+            or message.is_extended_id
+            or self._mute()
+        ):
             return []
-        return [answer for index, node in enumerate(self.nodes)
-                if not self._off(index) for answer in node.receive(message)]
+        return [
+            answer
+            for index, node in enumerate(self.nodes)
+            if not self._off(index)
+            for answer in node.receive(message)
+        ]
 
     def cycle(self, now: float) -> list[can.Message]:
         """Return the answers to SYNC at the time `now`, s."""
@@ -78,8 +100,9 @@ class SimulatedBus:
         for index, (node, angle) in enumerate(zip(self.nodes, angles, strict=True)):
             if self._fault(index, 'reboot', 'unplug', 'dropout') is not None:
                 continue
-            sent = node.sample(self._faulty(index, angle),
-                               self._fault(index, 'counter') is not None)
+            sent = node.sample(
+                self._faulty(index, angle), self._fault(index, 'counter') is not None
+            )
             loss, late = self._fault(index, 'loss'), self._fault(index, 'late')
             if loss is not None and 100.0 * self._random.random() < loss.value:
                 continue
@@ -115,15 +138,21 @@ class SimulatedBus:
     def _update_faults(self, now: float) -> list[can.Message]:
         if self._began is None:
             return []
-        return [message for fault, begins in self.faults.update(now - self._began)
-                for message in self._messages(fault, begins)]
+        return [
+            message
+            for fault, begins in self.faults.update(now - self._began)
+            for message in self._messages(fault, begins)
+        ]
 
     def _messages(self, fault: Fault, begins: bool) -> list[can.Message]:
         """Return the frames that a fault sends when it begins or ends."""
         if fault.kind == 'busoff':
             error = BUS_OFF if begins else RESTARTED
-            return [can.Message(arbitration_id=error, is_error_frame=True, is_extended_id=False,
-                                data=bytes(8))]
+            return [
+                can.Message(
+                    arbitration_id=error, is_error_frame=True, is_extended_id=False, data=bytes(8)
+                )
+            ]
         if fault.joint is None:
             return []
         node = self.nodes[fault.joint]
@@ -132,8 +161,9 @@ class SimulatedBus:
         if fault.kind == 'late' and not begins:
             return self._due(fault.joint, float('inf'))
         if fault.kind == 'emcy' and node.node_id is not None:
-            code, register = (int(fault.value), GENERIC_ERROR) if begins \
-                else (canopen.EMCY_ERROR_RESET, 0)
+            code, register = (
+                (int(fault.value), GENERIC_ERROR) if begins else (canopen.EMCY_ERROR_RESET, 0)
+            )
             return [canopen.emcy(node.node_id, code, register)]
         return node.boot() if fault.kind == 'reboot' and not begins else []
 
@@ -161,5 +191,11 @@ class SimulatedBus:
 
     def _fault(self, index: int | None, *kinds: str) -> Fault | None:
         """Return a joint's fault of these kinds; None without it."""
-        return next((fault for fault in self.faults.present
-                     if fault.kind in kinds and fault.joint == index), None)
+        return next(
+            (
+                fault
+                for fault in self.faults.present
+                if fault.kind in kinds and fault.joint == index
+            ),
+            None,
+        )

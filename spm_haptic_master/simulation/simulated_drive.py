@@ -33,8 +33,12 @@ DEVICE_TYPE = 0x00020000 | canopen.DRIVE_PROFILE
 MODES = 1 << cia402.PROFILE_TORQUE - 1 | 1 << cia402.CYCLIC_TORQUE - 1
 # Statusword of each state, with voltage and remote on.
 STATUSWORDS = {
-    State.DISABLED: 0x0250, State.READY: 0x0231, State.SWITCHED_ON: 0x0233, State.ENABLED: 0x0237,
-    State.FAULT: 0x0218}
+    State.DISABLED: 0x0250,
+    State.READY: 0x0231,
+    State.SWITCHED_ON: 0x0233,
+    State.ENABLED: 0x0237,
+    State.FAULT: 0x0218,
+}
 # Error codes of EMCY: loss of the heartbeat, of a PDO, too much heat.
 HEARTBEAT_LOST, PDO_LOST, TOO_HOT = 0x8130, 0x8250, 0x2350
 # Heat above that of the rated torque at which the drive has a fault: twice the rated torque for
@@ -56,13 +60,18 @@ class DriveObjects(ObjectStore):
         if factory:
             for pdo in wanted.pdos:
                 entries[pdo.identifier.index, canopen.TPDO_IDENTIFIER] = Entry(
-                    pdo.identifier.value | canopen.TPDO_OFF)
+                    pdo.identifier.value | canopen.TPDO_OFF
+                )
             entries[cia402.ABORT_OPTION] = Entry(FAULT_ON_ABORT, 2)
-        super().__init__(entries | {
-            canopen.STORE: Entry(STORES_ON_COMMAND),
-            cia402.MODE: Entry(0, 1),
-            cia402.STATUSWORD: Entry(0, 2, False),
-            cia402.SUPPORTED_MODES: Entry(MODES, writable=False)})
+        super().__init__(
+            entries
+            | {
+                canopen.STORE: Entry(STORES_ON_COMMAND),
+                cia402.MODE: Entry(0, 1),
+                cia402.STATUSWORD: Entry(0, 2, False),
+                cia402.SUPPORTED_MODES: Entry(MODES, writable=False),
+            }
+        )
 
     def show(self, key: Key, value: int) -> None:
         """Set the value of an object that the drive itself makes."""
@@ -110,8 +119,10 @@ class SimulatedDrive:
         identifier, data = message.arbitration_id, bytes(message.data)
         if identifier == canopen.NMT_ID and len(data) == 2 and data[1] in (0, self.node_id):
             return self._command(data[0])
-        if identifier == canopen.SDO_REQUEST_BASE + self.node_id \
-                and len(data) == canopen.SDO_LENGTH:
+        if (
+            identifier == canopen.SDO_REQUEST_BASE + self.node_id
+            and len(data) == canopen.SDO_LENGTH
+        ):
             self.objects.show(cia402.STATUSWORD, STATUSWORDS[self.state])
             return [self.objects.answer(self.node_id, data)]
         master = self.objects.value(*cia402.HEARTBEAT_CONSUMER)
@@ -189,8 +200,10 @@ class SimulatedDrive:
         if 'drive_deaf' in self.faults:
             return []
         objects, sent = self.objects, []
-        timer = max(objects.value(canopen.RPDO_PARAMETERS + number, canopen.TPDO_EVENT_TIMER)
-                    for number in (0, 1))
+        timer = max(
+            objects.value(canopen.RPDO_PARAMETERS + number, canopen.TPDO_EVENT_TIMER)
+            for number in (0, 1)
+        )
         if timer and self._torque_at is not None and now - self._torque_at > 1e-3 * timer:
             self._torque_at = None
             sent += self._abort(PDO_LOST)
@@ -231,14 +244,17 @@ class SimulatedDrive:
         if identifier & canopen.TPDO_OFF:
             return []
         off = 0.01 * self.faults.get('drive_torque', 0.0)
-        shown = {cia402.STATUSWORD: STATUSWORDS[self.state],
-                 cia402.TORQUE_ACTUAL: round(self.torque * (1.0 + off)),
-                 cia402.MODE_DISPLAY: objects.value(*cia402.MODE)}
+        shown = {
+            cia402.STATUSWORD: STATUSWORDS[self.state],
+            cia402.TORQUE_ACTUAL: round(self.torque * (1.0 + off)),
+            cia402.MODE_DISPLAY: objects.value(*cia402.MODE),
+        }
         data = b''
         for entry in objects.mapped(canopen.TPDO_MAPPING):
             length = (entry & 0xFF) // 8
-            data += (shown.get((entry >> 16, entry >> 8 & 0xFF), 0)
-                     & (1 << 8 * length) - 1).to_bytes(length, 'little')
+            data += (
+                shown.get((entry >> 16, entry >> 8 & 0xFF), 0) & (1 << 8 * length) - 1
+            ).to_bytes(length, 'little')
         return [canopen.frame(identifier & canopen.TPDO_ID_MASK, data)]
 
 
@@ -251,8 +267,7 @@ class SimulatedDrives:
 
     def __init__(self, plan: Plan, faults: tuple[Fault, ...] = (), factory: bool = False):
         self.drives = tuple(SimulatedDrive(plan, own, factory) for own in plan.drives)
-        self.faults = Faults(
-            fault for fault in faults if fault.joint in range(len(self.drives)))
+        self.faults = Faults(fault for fault in faults if fault.joint in range(len(self.drives)))
         self._began: float | None = None
 
     def boot(self) -> list[can.Message]:
@@ -271,6 +286,9 @@ class SimulatedDrives:
             self._began = now
         if self._began is not None and self.faults.update(now - self._began):
             for index, drive in enumerate(self.drives):
-                drive.faults = {fault.kind: fault.value for fault in self.faults.present
-                                if fault.joint == index}
+                drive.faults = {
+                    fault.kind: fault.value
+                    for fault in self.faults.present
+                    if fault.joint == index
+                }
         return [message for drive in self.drives for message in drive.tend(now)]

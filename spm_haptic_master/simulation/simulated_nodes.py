@@ -48,8 +48,14 @@ class SimulatedNode(ObjectStore):
     _sends: bool  # whether the TPDO goes out in the cycle of the bus
     _more: int  # number of bytes mapped behind the position
 
-    def __init__(self, layout: EncoderLayout, node_id: int | None, synchronised: bool,
-                 period: float, factory: bool):
+    def __init__(
+        self,
+        layout: EncoderLayout,
+        node_id: int | None,
+        synchronised: bool,
+        period: float,
+        factory: bool,
+    ):
         self.node_id = node_id
         self.state = canopen.OPERATIONAL if node_id is None else canopen.PRE_OPERATIONAL
         self._sent = 0
@@ -71,21 +77,25 @@ class SimulatedNode(ObjectStore):
             kind, mapped = self._type, [MAPPED_POSITION]
             scaling, units = canopen.SCALING_ON, layout.counts_per_turn
         entries = mapped + [0] * (MAPPING_ENTRIES - len(mapped))
-        super().__init__(identity(DEVICE_TYPE, serial) | {
-            canopen.STORE: Entry(STORES_ON_COMMAND),
-            canopen.HEARTBEAT_TIME: Entry(round(period * 1e3), 2),
-            (parameters, canopen.TPDO_IDENTIFIER): Entry(identifier | canopen.TPDO_NO_REQUEST),
-            (parameters, canopen.TPDO_TYPE): Entry(kind, 1),
-            (parameters, canopen.TPDO_INHIBIT_TIME): Entry(0, 2),
-            (parameters, canopen.TPDO_EVENT_TIMER): Entry(0, 2),
-            (mapping, 0): Entry(len(mapped), 1),
-            **{(mapping, place): Entry(entry) for place, entry in enumerate(entries, start=1)},
-            canopen.OPERATING_PARAMETERS: Entry(scaling, 2),
-            canopen.UNITS_PER_TURN: Entry(units),
-            canopen.TOTAL_RANGE: Entry(units),
-            canopen.POSITION: Entry(0, writable=False),
-            canopen.CYCLIC_TIMER: Entry(0, 2),
-            canopen.DISC_UNITS_PER_TURN: Entry(disc, writable=False)})
+        super().__init__(
+            identity(DEVICE_TYPE, serial)
+            | {
+                canopen.STORE: Entry(STORES_ON_COMMAND),
+                canopen.HEARTBEAT_TIME: Entry(round(period * 1e3), 2),
+                (parameters, canopen.TPDO_IDENTIFIER): Entry(identifier | canopen.TPDO_NO_REQUEST),
+                (parameters, canopen.TPDO_TYPE): Entry(kind, 1),
+                (parameters, canopen.TPDO_INHIBIT_TIME): Entry(0, 2),
+                (parameters, canopen.TPDO_EVENT_TIMER): Entry(0, 2),
+                (mapping, 0): Entry(len(mapped), 1),
+                **{(mapping, place): Entry(entry) for place, entry in enumerate(entries, start=1)},
+                canopen.OPERATING_PARAMETERS: Entry(scaling, 2),
+                canopen.UNITS_PER_TURN: Entry(units),
+                canopen.TOTAL_RANGE: Entry(units),
+                canopen.POSITION: Entry(0, writable=False),
+                canopen.CYCLIC_TIMER: Entry(0, 2),
+                canopen.DISC_UNITS_PER_TURN: Entry(disc, writable=False),
+            }
+        )
 
     def boot(self) -> list[can.Message]:
         """Restart with the stored objects; return the boot-up message."""
@@ -102,9 +112,12 @@ class SimulatedNode(ObjectStore):
             return []
         if identifier == canopen.NMT_ID and len(data) == 2 and data[1] in (0, self.node_id):
             return self._command(data[0])
-        if identifier == canopen.SDO_REQUEST_BASE + self.node_id \
-                and len(data) == canopen.SDO_LENGTH and self.state != canopen.STOPPED \
-                and data[0] != canopen.SDO_ABORT:
+        if (
+            identifier == canopen.SDO_REQUEST_BASE + self.node_id
+            and len(data) == canopen.SDO_LENGTH
+            and self.state != canopen.STOPPED
+            and data[0] != canopen.SDO_ABORT
+        ):
             return [self.answer(self.node_id, data)]
         return []
 
@@ -113,8 +126,13 @@ class SimulatedNode(ObjectStore):
         if self.state != canopen.OPERATIONAL or not self._sends:
             return []
         self._sent += not counter_stuck
-        return [can.Message(arbitration_id=self._identifier, is_extended_id=self.layout.extended,
-                            data=self.layout.data(angle, self._sent) + bytes(self._more))]
+        return [
+            can.Message(
+                arbitration_id=self._identifier,
+                is_extended_id=self.layout.extended,
+                data=self.layout.data(angle, self._sent) + bytes(self._more),
+            )
+        ]
 
     def _command(self, command: int) -> list[can.Message]:
         if command in RESETS:
@@ -131,8 +149,11 @@ class SimulatedNode(ObjectStore):
                 raise SdoAbortError(canopen.SDO_WRONG_VALUE)
             if not off or (subindex and self.value(self._mapping, 0)):
                 raise SdoAbortError(canopen.SDO_WRONG_STATE)
-        elif key == (self._parameters, canopen.TPDO_IDENTIFIER) and not off \
-                and (self.value(*key) ^ value) & canopen.TPDO_ID_MASK:
+        elif (
+            key == (self._parameters, canopen.TPDO_IDENTIFIER)
+            and not off
+            and (self.value(*key) ^ value) & canopen.TPDO_ID_MASK
+        ):
             raise SdoAbortError(canopen.SDO_WRONG_STATE)
         elif key == canopen.UNITS_PER_TURN and not value:
             raise SdoAbortError(canopen.SDO_WRONG_VALUE)
@@ -141,12 +162,18 @@ class SimulatedNode(ObjectStore):
         identifier = self.value(self._parameters, canopen.TPDO_IDENTIFIER)
         self._identifier = identifier & canopen.TPDO_ID_MASK
         mapped = self.mapped(self._mapping)
-        self._sends = not identifier & canopen.TPDO_OFF and MAPPED_POSITION in mapped[:1] \
+        self._sends = (
+            not identifier & canopen.TPDO_OFF
+            and MAPPED_POSITION in mapped[:1]
             and self.value(self._parameters, canopen.TPDO_TYPE) == self._type
+        )
         self._more = sum(entry & 0xFF for entry in mapped[1:]) // 8
         self.heartbeat_period = 1e-3 * self.value(*canopen.HEARTBEAT_TIME)
         scaled = self.value(*canopen.OPERATING_PARAMETERS) & canopen.SCALING_ON
         units = self.value(*(canopen.UNITS_PER_TURN if scaled else canopen.DISC_UNITS_PER_TURN))
         layout = self._layout
-        self.layout = replace(layout, counts_per_turn=units,
-                              zero_count=layout.zero_count * units // layout.counts_per_turn)
+        self.layout = replace(
+            layout,
+            counts_per_turn=units,
+            zero_count=layout.zero_count * units // layout.counts_per_turn,
+        )

@@ -20,8 +20,12 @@ from spm_haptic_master.simulation.sim_source import SimSource
 def make_source(name: str, values: Values) -> EncoderSource:
     """Make the source `name` of checked settings; SettingError: two of them contradict."""
     if name == 'sim':
-        return SimSource(make_motion(values), values['rate'], values['encoders.counts_per_turn'],
-                         make_harmonics(values))
+        return SimSource(
+            make_motion(values),
+            values['rate'],
+            values['encoders.counts_per_turn'],
+            make_harmonics(values),
+        )
     return make_replay(values) if name == 'replay' else _make_can(values)
 
 
@@ -31,15 +35,17 @@ def source_text(name: str, values: Values) -> str:
         return f'replay: {Path(values["replay.path"]).name}'
     if name == 'can':
         interface = values['can.interface']
-        return 'can: ' + ('' if interface == 'socketcan' else f'{interface} ') \
-            + values['can.channel']
+        return (
+            'can: ' + ('' if interface == 'socketcan' else f'{interface} ') + values['can.channel']
+        )
     return name
 
 
 def make_replay(values: Values) -> ReplaySource:
     """Make the replay of a recording from its checked settings; errors as `make_source`."""
-    return ReplaySource(values['replay.path'], values['replay.rate'], values['replay.loop'],
-                        make_decoder(values))
+    return ReplaySource(
+        values['replay.path'], values['replay.rate'], values['replay.loop'], make_decoder(values)
+    )
 
 
 def _make_can(values: Values) -> CanSource:
@@ -48,14 +54,24 @@ def _make_can(values: Values) -> CanSource:
     if values['can.bitrate']:
         check_bus_load(decoder.layouts, decoder.sync_id is not None, rate, values['can.bitrate'])
     if values['can.timeout'] * rate < 2.0:
-        raise SettingError('can.timeout', values['can.timeout'],
-                           f'at least two periods, {2.0 / rate:g} s at {rate:g} Hz')
+        raise SettingError(
+            'can.timeout',
+            values['can.timeout'],
+            f'at least two periods, {2.0 / rate:g} s at {rate:g} Hz',
+        )
     produce = None
     if values['can.sync'] == 'produce':
         if decoder.sync_id is None:
-            raise SettingError('can.sync', 'produce',
-                               'consume where encoders.sync_id is 0 (the bus has no SYNC)')
+            raise SettingError(
+                'can.sync', 'produce', 'consume where encoders.sync_id is 0 (the bus has no SYNC)'
+            )
         produce = 1.0 / rate
     return CanSource(
-        values['can.interface'], values['can.channel'], values['can.bitrate'], decoder,
-        values['can.timeout'], produce, values['can.nmt_stop'])
+        values['can.interface'],
+        values['can.channel'],
+        values['can.bitrate'],
+        decoder,
+        values['can.timeout'],
+        produce,
+        values['can.nmt_stop'],
+    )

@@ -87,8 +87,9 @@ class Steering:
 
     def _begin(self, t: float, target: Place | None) -> None:
         offset, before = (self._difference(time, target) for time in (t, t - STEP))
-        rate = Place(*(DECAY * now + (now - last) / STEP
-                       for now, last in zip(offset, before, strict=True)))
+        rate = Place(
+            *(DECAY * now + (now - last) / STEP for now, last in zip(offset, before, strict=True))
+        )
         self._courses = [self._courses[1], Course(t, target, offset, rate)]
 
     def _difference(self, t: float, target: Place | None) -> Place:
@@ -108,9 +109,14 @@ class Steering:
         course = self._course(t)
         elapsed = t - course.begins
         left = exp(-DECAY * elapsed)
-        return Place(*(
-            end + (offset + rate * elapsed) * left for end, offset, rate in zip(
-                self._reference(course.target, t), course.offset, course.rate, strict=True)))
+        return Place(
+            *(
+                end + (offset + rate * elapsed) * left
+                for end, offset, rate in zip(
+                    self._reference(course.target, t), course.offset, course.rate, strict=True
+                )
+            )
+        )
 
 
 def place(psi: float, theta: float, phi: float) -> Place:

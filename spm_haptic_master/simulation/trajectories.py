@@ -33,14 +33,19 @@ PERTURBED_PHI = radians(50.0)
 PERTURBATIONS = ((radians(4.0), 3.7), (radians(2.0), 1.9), (radians(1.0), 0.83))
 
 # Waves of a hand's tilt in two directions and of its turn: size (unit 1), period (s), phase (rad).
-HAND_WAVES = (((0.6, 3.7, 0.0), (0.4, 8.3, 1.0)), ((0.6, 4.9, 2.0), (0.4, 6.1, 0.0)),
-              ((0.7, 7.3, 0.0), (0.3, 2.9, 0.5)))
+HAND_WAVES = (
+    ((0.6, 3.7, 0.0), (0.4, 8.3, 1.0)),
+    ((0.6, 4.9, 2.0), (0.4, 6.1, 0.0)),
+    ((0.7, 7.3, 0.0), (0.3, 2.9, 0.5)),
+)
 # Largest tilt of that motion, middle and amplitude of its self-rotation (rad).
 HAND_TILT, HAND_PHI, HAND_PHI_AMPLITUDE = radians(18.0), radians(42.0), radians(40.0)
 
 # The directions of tilt at azimuth 0 and 90 deg, across the centre axis (1, 1, 1).
-ACROSS = ((1.0 / sqrt(2.0), -1.0 / sqrt(2.0), 0.0),
-          (1.0 / sqrt(6.0), 1.0 / sqrt(6.0), -2.0 / sqrt(6.0)))
+ACROSS = (
+    (1.0 / sqrt(2.0), -1.0 / sqrt(2.0), 0.0),
+    (1.0 / sqrt(6.0), 1.0 / sqrt(6.0), -2.0 / sqrt(6.0)),
+)
 
 
 def fig9(t: float) -> tuple[float, float, float]:
@@ -50,17 +55,22 @@ def fig9(t: float) -> tuple[float, float, float]:
 
 def perturbed(t: float) -> tuple[float, float, float]:
     """Return the pose of the paper's section 5: the self-rotation perturbed around 50 deg."""
-    phi = PERTURBED_PHI + sum(amplitude * sin(2.0 * pi * t / period)
-                              for amplitude, period in PERTURBATIONS)
+    phi = PERTURBED_PHI + sum(
+        amplitude * sin(2.0 * pi * t / period) for amplitude, period in PERTURBATIONS
+    )
     return CENTRE_PSI, CENTRE_THETA, phi
 
 
 def sweep(tilt_max: float) -> Trajectory:
     """Return a tilt-and-turn motion over the workspace's cone, up to a largest tilt, rad."""
+
     def at(t: float) -> tuple[float, float, float]:
         tilt, azimuth, turn = (2.0 * pi * t / period for period in SWEEP_PERIODS)
-        return tilted(tilt_max * 0.5 * (1.0 - cos(tilt)), azimuth,
-                      SWEEP_PHI + SWEEP_PHI_AMPLITUDE * sin(turn))
+        return tilted(
+            tilt_max * 0.5 * (1.0 - cos(tilt)),
+            azimuth,
+            SWEEP_PHI + SWEEP_PHI_AMPLITUDE * sin(turn),
+        )
 
     return at
 
@@ -68,14 +78,17 @@ def sweep(tilt_max: float) -> Trajectory:
 def tour(t: float) -> tuple[float, float, float]:
     """Return a slow tilt-and-turn motion that begins clear of the singularity and crosses it."""
     tilt, azimuth, turn = (2.0 * pi * t / period for period in TOUR_PERIODS)
-    return tilted(TOUR_TILT * 0.5 * (1.0 - cos(tilt)), azimuth,
-                  TOUR_PHI - TOUR_PHI_AMPLITUDE * cos(turn))
+    return tilted(
+        TOUR_TILT * 0.5 * (1.0 - cos(tilt)), azimuth, TOUR_PHI - TOUR_PHI_AMPLITUDE * cos(turn)
+    )
 
 
 def hand(t: float) -> tuple[float, float, float]:
     """Return the pose of a hand that moves the handle through the whole workspace."""
-    x, y, turn = (sum(size * sin(2.0 * pi * t / period + phase)
-                      for size, period, phase in waves) for waves in HAND_WAVES)
+    x, y, turn = (
+        sum(size * sin(2.0 * pi * t / period + phase) for size, period, phase in waves)
+        for waves in HAND_WAVES
+    )
     phi = HAND_PHI + HAND_PHI_AMPLITUDE * turn
     return tilted(HAND_TILT * hypot(x, y) / sqrt(2.0), atan2(y, x), phi)
 
@@ -88,6 +101,8 @@ def fixed(psi: float, theta: float, phi: float) -> Trajectory:
 def tilted(tilt: float, azimuth: float, phi: float) -> tuple[float, float, float]:
     """Return psi, theta, phi of a pose given as of `workspace_pose`, rad."""
     along = cos(tilt) / sqrt(3.0)
-    x, y, z = (along + sin(tilt) * (cos(azimuth) * a + sin(azimuth) * b)
-               for a, b in zip(*ACROSS, strict=True))
+    x, y, z = (
+        along + sin(tilt) * (cos(azimuth) * a + sin(azimuth) * b)
+        for a, b in zip(*ACROSS, strict=True)
+    )
     return atan2(x, -y), acos(z), phi

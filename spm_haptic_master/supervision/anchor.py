@@ -60,8 +60,7 @@ class Anchor:
         recent = self.stamp is not None and stamp - self.stamp <= PRIOR_AGE
         return self._quaternion if recent else None
 
-    def check(self, stamp: int, quaternion: Quaternion[float],
-              deviation: float) -> Symptom | None:
+    def check(self, stamp: int, quaternion: Quaternion[float], deviation: float) -> Symptom | None:
         """
         Compare an orientation of a total standard deviation (rad) with the last one.
 
@@ -73,11 +72,14 @@ class Anchor:
         reach = self._speed * (stamp - self.stamp) * 1e-9 + TURN_DEVIATIONS * deviation
         if within(quaternion, last, reach):
             return None
-        return Symptom(Reason.DISCONTINUOUS, f'{rotation_distance(quaternion, last):.3f} rad off '
-                       f'the last one, limit {reach:.3f}')
+        return Symptom(
+            Reason.DISCONTINUOUS,
+            f'{rotation_distance(quaternion, last):.3f} rad off the last one, limit {reach:.3f}',
+        )
 
-    def follow(self, stamp: int, quaternion: Quaternion[float],
-               deviation: float) -> Quaternion[float]:
+    def follow(
+        self, stamp: int, quaternion: Quaternion[float], deviation: float
+    ) -> Quaternion[float]:
         """
         Let the next orientation continue this one; return it, continuous in sign.
 

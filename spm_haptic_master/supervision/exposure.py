@@ -46,8 +46,9 @@ class Exposure:
         # Stamps (ns) since when the others see each sensor.
         self._visible: list[int | None] = [None] * self._sensors
 
-    def take(self, stamp: int, parts: list[float], limit: float, confirmed: bool,
-             level: float) -> float:
+    def take(
+        self, stamp: int, parts: list[float], limit: float, confirmed: bool, level: float
+    ) -> float:
         """
         Note which sensors a consistent sample checks; return the protection level, rad.
 
@@ -95,15 +96,18 @@ class Exposure:
             if time == inf and limits.start_checked:
                 return withheld(Reason.NOT_CHECKED, 'start_checked', sensor)
             if min(time, running) > longest:
-                return withheld(Reason.UNCHECKED, f'{min(time, running):.0f} s, limit '
-                                f'{longest:g}', sensor)
+                return withheld(
+                    Reason.UNCHECKED, f'{min(time, running):.0f} s, limit {longest:g}', sensor
+                )
         return None
 
     def cautions(self, stamp: int, confirmed: bool) -> dict[str, str]:
         """Return which sensors have not been checked for a while, by kind, in words."""
         if not confirmed and set(self._checked) == {None}:
             return {'unconfirmed': UNCONFIRMED}
-        return {f'unchecked {name}': f'{name} unchecked ' + (
-                    'since the start' if time == inf else f'for {time:.0f} s')
-                for name, time in zip(ALL_JOINT_NAMES, self.times(stamp), strict=False)
-                if time > CAUTION}
+        return {
+            f'unchecked {name}': f'{name} unchecked '
+            + ('since the start' if time == inf else f'for {time:.0f} s')
+            for name, time in zip(ALL_JOINT_NAMES, self.times(stamp), strict=False)
+            if time > CAUTION
+        }

@@ -92,8 +92,13 @@ class FaultLatch:
         self._began_by_jump = False
         return True
 
-    def widen(self, fault: Symptom, jumped: Collection[int], named: Collection[int | None],
-              sensor: int | None = None) -> None:
+    def widen(
+        self,
+        fault: Symptom,
+        jumped: Collection[int],
+        named: Collection[int | None],
+        sensor: int | None = None,
+    ) -> None:
         """Add a bad sample; if it names another sensor, all are suspects until one is isolated."""
         self._consistent = 0.0
         self._jumped.update(jumped)
@@ -155,8 +160,9 @@ class FaultLatch:
         if not lasts and fault is None and (used.entries < 2 or not self.is_series):
             return None
         # One parity shows a second fault, and not which.
-        sensor = None if fault is not None and used.entries < 2 else self._isolated(
-            sample, symptoms)
+        sensor = (
+            None if fault is not None and used.entries < 2 else self._isolated(sample, symptoms)
+        )
         left = self._joints.left(used.sensors.used)
         if fault is not None:
             self.widen(fault, left, {symptom.sensor for symptom in symptoms}, sensor)
@@ -167,19 +173,27 @@ class FaultLatch:
 
     def _isolated(self, sample: Sample, symptoms: list[Symptom]) -> int | None:
         """Return the faulty sensor; None if the evidence does not isolate one."""
-        named = {symptom.sensor for symptom in symptoms
-                 if symptom.sensor is not None and symptom.severity > Severity.WITHHOLD}
+        named = {
+            symptom.sensor
+            for symptom in symptoms
+            if symptom.sensor is not None and symptom.severity > Severity.WITHHOLD
+        }
         if named:
             return named.pop() if len(named) == 1 else None
         sensors, used = self._sensors, self._sensors.used
         if used.entries < 2:
             return self._alone[0] if len(self._alone) == 1 else None
-        fitting = [sensor for sensor in used.sensors.used
-                   if sensors.without(sensor, *sensors.left_out).fits(sample)]
+        fitting = [
+            sensor
+            for sensor in used.sensors.used
+            if sensors.without(sensor, *sensors.left_out).fits(sample)
+        ]
         if len(fitting) < 2 or not self._evidence:
             return fitting[0] if len(fitting) == 1 else None
-        costs = {sensor: [used.unexplained(sensor, vector) / limit
-                          for vector, limit in self._evidence] for sensor in fitting}
+        costs = {
+            sensor: [used.unexplained(sensor, vector) / limit for vector, limit in self._evidence]
+            for sensor in fitting
+        }
         explaining = [sensor for sensor in fitting if max(costs[sensor]) <= 1.0]
         if len(explaining) == 1 or (explaining and used.entries >= ENOUGH_ENTRIES):
             return min(explaining, key=lambda sensor: sum(costs[sensor]))
@@ -188,5 +202,7 @@ class FaultLatch:
     def latch_suspected(self, jumps: list[Symptom]) -> None:
         """Latch jumps that a pause has hidden; in a series of bad samples they are no evidence."""
         if jumps and self.symptom is None and not self.is_series:
-            self.latch(jumps[0] if len(jumps) == 1 else jumps[0]._replace(sensor=None),
-                       self._joints.left(self._sensors.used.sensors.used))
+            self.latch(
+                jumps[0] if len(jumps) == 1 else jumps[0]._replace(sensor=None),
+                self._joints.left(self._sensors.used.sensors.used),
+            )

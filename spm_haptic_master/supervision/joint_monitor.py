@@ -80,8 +80,7 @@ class JointMonitor:
     left it by a step, and `returned` whether it came back to it.
     """
 
-    def __init__(self, sigma: float, threshold: float, acceleration: float,
-                 speed: float) -> None:
+    def __init__(self, sigma: float, threshold: float, acceleration: float, speed: float) -> None:
         self._sigma, self._threshold = sigma, threshold
         self._acceleration, self._speed = acceleration, speed
         # Mean square of the difference between two innovations in a row, rad^2.
@@ -121,14 +120,18 @@ class JointMonitor:
     @property
     def repeats_are_rare(self) -> bool:
         """Whether equal readings in a row are no healthy noise, and not an encoder's rate."""
-        return self._reversals >= REVERSALS and self._repeated <= HOLD_SHARE \
+        return (
+            self._reversals >= REVERSALS
+            and self._repeated <= HOLD_SHARE
             and self.noise > NOISY * self._resolution
+        )
 
     def limit(self, dt: float, period: float) -> float:
         """Return the limit of noise and lag at the human motion limit, `dt` after a reading."""
         periods = dt / period if dt > period else 1.0
-        return (self._threshold * deviation(periods) * self._allowed
-                + self._acceleration * period * period * lag(periods))
+        return self._threshold * deviation(
+            periods
+        ) * self._allowed + self._acceleration * period * period * lag(periods)
 
     def follow(self, reading: float, dt: float, period: float, timing: float) -> None:
         """
@@ -195,11 +198,15 @@ class JointMonitor:
             if size > limit and since:
                 # A joint that stopped meanwhile is still where it was.
                 size = min(size, abs(remainder(reading - self._angle, TURN)))
-            self.innovation = size * deviation(1.0) / (
-                self._scale * deviation(max(elapsed / period, 1.0)))
+            self.innovation = (
+                size * deviation(1.0) / (self._scale * deviation(max(elapsed / period, 1.0)))
+            )
             if size > limit and self._left is None:
-                self._leave(reading, innovation if since else
-                            remainder(reading - last - velocity * dt, TURN), elapsed)
+                self._leave(
+                    reading,
+                    innovation if since else remainder(reading - last - velocity * dt, TURN),
+                    elapsed,
+                )
                 return
             if size > limit:
                 # It also leaves its new motion: no joint moves like that.
@@ -230,11 +237,20 @@ class JointMonitor:
         self._left = self._angle, self.velocity, elapsed
         self._step = reading, elapsed, change
         self.away, self.returned = 1, False
-        self.step = Step.CERTAIN if abs(change) > self._speed * elapsed + self._noise_limit \
+        self.step = (
+            Step.CERTAIN
+            if abs(change) > self._speed * elapsed + self._noise_limit
             else Step.SUSPECTED
+        )
 
-    def _is_away(self, left: tuple[float, float, float], reading: float, last: float, dt: float,
-                 period: float) -> bool:
+    def _is_away(
+        self,
+        left: tuple[float, float, float],
+        reading: float,
+        last: float,
+        dt: float,
+        period: float,
+    ) -> bool:
         """Compare a reading with the motion that the joint left; whether the sample is done."""
         angle, velocity, elapsed = left
         elapsed += dt
@@ -242,9 +258,11 @@ class JointMonitor:
         self.innovation = abs(innovation) / self._scale
         # It jumped, and jumped back: a joint that drifts across its old motion has not returned.
         change = abs(remainder(reading - last, TURN))
-        if elapsed <= RETURN_TIME \
-                and abs(innovation) <= RETURN_FRACTION * self.limit(elapsed, period) \
-                and change > RETURN_FRACTION * self.limit(period, period) + abs(velocity) * dt:
+        if (
+            elapsed <= RETURN_TIME
+            and abs(innovation) <= RETURN_FRACTION * self.limit(elapsed, period)
+            and change > RETURN_FRACTION * self.limit(period, period) + abs(velocity) * dt
+        ):
             self._angle, self.velocity, self._known = reading, velocity, 2
             self._left, self.away, self.returned, self.step = None, 0, True, Step.NONE
             return True
@@ -265,8 +283,12 @@ class JointMonitor:
         first, began, step = self._step
         elapsed -= began
         change = remainder(reading - first - velocity * elapsed, TURN)
-        if change * step > 0.0 and abs(change) > self._threshold * ROOT_TWO * self._allowed \
-                + 0.5 * self._acceleration * elapsed * elapsed:
+        if (
+            change * step > 0.0
+            and abs(change)
+            > self._threshold * ROOT_TWO * self._allowed
+            + 0.5 * self._acceleration * elapsed * elapsed
+        ):
             self.step = Step.NONE
         elif self.away == AWAY_SAMPLES and self.step:
             self.step = Step.CERTAIN

@@ -37,17 +37,20 @@ class JointMonitors:
         self._limits, self._sigma, threshold = limits, sigma, limits.threshold()
         self._joints = tuple(
             JointMonitor(deviation, threshold, limits.joint_acceleration, limits.joint_speed)
-            for deviation in sigma)
-        self._watched = tuple(enumerate(zip(
-            self._joints, limits.joint_min, limits.joint_max, strict=True)))
+            for deviation in sigma
+        )
+        self._watched = tuple(
+            enumerate(zip(self._joints, limits.joint_min, limits.joint_max, strict=True))
+        )
         self.factors: tuple[float, ...] = (1.0,) * len(sigma)
         self.bias = limits.bias
         # The sample in which each joint was last not quiet, and whether the device vibrates.
         self.samples, self._disturbed = 0, [0] * len(sigma)
         self._vibrates = False
 
-    def check(self, angles: Angles, dt: float, period: float, jitter: float,
-              left_out: Collection[int]) -> tuple[bool, list[Symptom]]:
+    def check(
+        self, angles: Angles, dt: float, period: float, jitter: float, left_out: Collection[int]
+    ) -> tuple[bool, list[Symptom]]:
         """
         Follow each joint's motion; return whether one is away from it, and what those in use show.
 
@@ -75,16 +78,29 @@ class JointMonitors:
             if joint.away:
                 away = True
             if joint.run >= frozen and joint.repeats_are_rare:
-                symptoms.append(Symptom(
-                    Reason.FROZEN, f'{ALL_JOINT_NAMES[sensor]} {joint.run + 1} equal readings',
-                    sensor, Severity.LATCH))
+                symptoms.append(
+                    Symptom(
+                        Reason.FROZEN,
+                        f'{ALL_JOINT_NAMES[sensor]} {joint.run + 1} equal readings',
+                        sensor,
+                        Severity.LATCH,
+                    )
+                )
             if not low <= reading <= high:
-                symptoms.append(Symptom(
-                    Reason.OUT_OF_RANGE, f'{ALL_JOINT_NAMES[sensor]} {reading:.4f} rad', sensor))
+                symptoms.append(
+                    Symptom(
+                        Reason.OUT_OF_RANGE, f'{ALL_JOINT_NAMES[sensor]} {reading:.4f} rad', sensor
+                    )
+                )
         # A slower encoder than the bus repeats a reading, which may be that old.
-        self.bias = self._limits.bias if not late else tuple(
-            bias + abs(joint.velocity) * (skew + joint.since)
-            for bias, joint in zip(self._limits.bias, self._joints, strict=True))
+        self.bias = (
+            self._limits.bias
+            if not late
+            else tuple(
+                bias + abs(joint.velocity) * (skew + joint.since)
+                for bias, joint in zip(self._limits.bias, self._joints, strict=True)
+            )
+        )
         return away, symptoms
 
     def left(self, used: Collection[int]) -> list[int]:
@@ -102,8 +118,7 @@ class JointMonitors:
         quiet = all(self.samples - self._disturbed[sensor] >= samples for sensor in others)
         return left if others and quiet and not (self._vibrates and samples > 1) else []
 
-    def jumps(self, used: Collection[int], hidden: Collection[int],
-              is_gap: bool) -> list[Symptom]:
+    def jumps(self, used: Collection[int], hidden: Collection[int], is_gap: bool) -> list[Symptom]:
         """
         Return the sensors that left their motion alone, each by a step, where no parity shows it.
 
@@ -116,9 +131,15 @@ class JointMonitors:
         least = Step.SUSPECTED if is_gap or len(alone) == 1 else Step.CERTAIN
         if any(self._joints[sensor].step < least for sensor in alone):
             return []
-        return [Symptom(
-            Reason.JUMPED, f'{self._joints[sensor].innovation:.1f} sigma off its motion', sensor,
-            Severity.LATCH if is_gap else Severity.PENDING) for sensor in alone]
+        return [
+            Symptom(
+                Reason.JUMPED,
+                f'{self._joints[sensor].innovation:.1f} sigma off its motion',
+                sensor,
+                Severity.LATCH if is_gap else Severity.PENDING,
+            )
+            for sensor in alone
+        ]
 
     def returned(self, sensor: int | None) -> bool:
         """Whether a sensor that left its motion jumped back to it."""
@@ -131,18 +152,22 @@ class JointMonitors:
         `bounds` returns the largest factor of each sensor that the parity allows: a joint that
         seems noisier vibrates.
         """
-        factors = [joint.noise / sigma
-                   for joint, sigma in zip(self._joints, self._sigma, strict=True)]
+        factors = [
+            joint.noise / sigma for joint, sigma in zip(self._joints, self._sigma, strict=True)
+        ]
         self._vibrates = False
         if max(factors) > NOISE_FACTOR:
             allowed = bounds()
             self._vibrates = any(
                 joint.noise > NOISE_FACTOR * joint.expected and bound <= NOISE_FACTOR
-                for joint, bound in zip(self._joints, allowed, strict=True))
+                for joint, bound in zip(self._joints, allowed, strict=True)
+            )
             # Where one joint vibrates, one that the parity does not see does so too.
             hidden = 1.0 if self._vibrates else inf
-            factors = [min(factor, bound if bound < inf else hidden)
-                       for factor, bound in zip(factors, allowed, strict=True)]
+            factors = [
+                min(factor, bound if bound < inf else hidden)
+                for factor, bound in zip(factors, allowed, strict=True)
+            ]
         self.factors = tuple(factor if factor > NOISE_FACTOR else 1.0 for factor in factors)
         for joint, sigma, factor in zip(self._joints, self._sigma, self.factors, strict=True):
             joint.allow(factor * sigma)
@@ -153,11 +178,14 @@ class JointMonitors:
 
     def cautions(self) -> dict[str, str]:
         """Return which sensors have more noise than configured, by kind, in words."""
-        return {f'noise {name}': f'noise of {name} {degrees(factor * sigma):.2f} deg, '
-                                 f'configured {degrees(sigma):.2g}'
-                for name, factor, sigma in zip(ALL_JOINT_NAMES, self.factors, self._sigma,
-                                               strict=False)
-                if factor > NOISE_CAUTION}
+        return {
+            f'noise {name}': f'noise of {name} {degrees(factor * sigma):.2f} deg, '
+            f'configured {degrees(sigma):.2g}'
+            for name, factor, sigma in zip(
+                ALL_JOINT_NAMES, self.factors, self._sigma, strict=False
+            )
+            if factor > NOISE_CAUTION
+        }
 
     def restart(self) -> None:
         """Forget every motion."""

@@ -90,11 +90,14 @@ class StateMachine:
         if fault:
             announced = silent(fault)
         elif cause is None:
-            announced = OrientationState(Condition.DEGRADED, reservations) if reservations \
-                else HEALTHY
+            announced = (
+                OrientationState(Condition.DEGRADED, reservations) if reservations else HEALTHY
+            )
         elif published is None and (
-                cause.reason is Reason.STARTING or cause.severity > Severity.WITHHOLD
-                or stamp - self.since < BRIEF):
+            cause.reason is Reason.STARTING
+            or cause.severity > Severity.WITHHOLD
+            or stamp - self.since < BRIEF
+        ):
             # Only further samples are awaited for the first orientation.
             announced = STARTING
         elif published is None or stamp - published >= BRIEF or not self.announced.publishes:

@@ -56,8 +56,9 @@ class ParityWindow:
         """Return the limit of the norm of a mean of samples."""
         return self._threshold * noise / sqrt(samples) + bias
 
-    def check(self, stamp: int, parity: tuple[float, ...], noise: float,
-              bias: float) -> Symptom | None:
+    def check(
+        self, stamp: int, parity: tuple[float, ...], noise: float, bias: float
+    ) -> Symptom | None:
         """
         Test a sample by itself, then with those of the window.
 
@@ -69,7 +70,8 @@ class ParityWindow:
         limit = self._threshold * noise + bias
         if not square <= limit * limit:
             return Symptom(
-                Reason.INCONSISTENT, f'parity {sqrt(square):.1f} sigma, limit {limit:.1f}')
+                Reason.INCONSISTENT, f'parity {sqrt(square):.1f} sigma, limit {limit:.1f}'
+            )
         parities = self._parities
         parities.append((stamp, x, y, z, bias))
         sum_x, sum_y, sum_z = self._x + x, self._y + y, self._z + z
@@ -96,8 +98,11 @@ class ParityWindow:
             # The nominal biases of a moving device may do less to this sample than to the others.
             limit += max(part * sum(each[4] for each in parities) - bias, 0.0)
         if not square <= limit * limit:
-            return Symptom(Reason.DRIFTED, f'mean parity of {count} samples {sqrt(square):.2f} '
-                           f'sigma, limit {limit:.2f}', severity=Severity.LATCH)
+            return Symptom(
+                Reason.DRIFTED,
+                f'mean parity of {count} samples {sqrt(square):.2f} sigma, limit {limit:.2f}',
+                severity=Severity.LATCH,
+            )
         return None
 
     def _follow_variance(self, x: float, y: float, z: float) -> None:

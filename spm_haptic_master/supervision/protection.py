@@ -57,8 +57,9 @@ class Integrity(NamedTuple):
         return parts
 
 
-def integrity(estimate: SampleEstimate, bias: tuple[float, ...],
-              factors: tuple[float, ...]) -> Integrity:
+def integrity(
+    estimate: SampleEstimate, bias: tuple[float, ...], factors: tuple[float, ...]
+) -> Integrity:
     """
     Return the integrity of an estimate from three to six sensors in use of N mounted ones.
 
@@ -75,8 +76,12 @@ def integrity(estimate: SampleEstimate, bias: tuple[float, ...],
         bias_a, bias_b, bias_c, bias_3 = bias
         turned = turn_a * bias_a + turn_b * bias_b + turn_c * bias_c + turn_3 * bias_3
         moved = move_a * bias_a + move_b * bias_b + move_c * bias_c + move_3 * bias_3
-        slopes = (turn_a / move_a, turn_b / move_b if move_b else inf,
-                  turn_c / move_c if move_c else inf, turn_3 / move_3 if move_3 else inf)
+        slopes = (
+            turn_a / move_a,
+            turn_b / move_b if move_b else inf,
+            turn_c / move_c if move_c else inf,
+            turn_3 / move_3 if move_3 else inf,
+        )
     else:
         turned = moved = total = 0.0
         slopes, weights = [], estimate.sensors.weights
@@ -91,11 +96,13 @@ def integrity(estimate: SampleEstimate, bias: tuple[float, ...],
             moved = sqrt(total)
     if max(factors) > 1.0:
         for turn, move, factor, sigma in zip(
-                turns, moves, factors, estimate.sensors.sigma, strict=True):
+            turns, moves, factors, estimate.sensors.sigma, strict=True
+        ):
             excess = (factor * factor - 1.0) * sigma * sigma
             variance += excess * turn * turn
             square += excess * move * move
     deviation = sqrt(variance)
     # As Integrity(...) does, without its call.
-    return tuple.__new__(Integrity, (
-        MISSED_DETECTION * deviation + turned, deviation, sqrt(square), moved, slopes))
+    return tuple.__new__(
+        Integrity, (MISSED_DETECTION * deviation + turned, deviation, sqrt(square), moved, slopes)
+    )

@@ -88,8 +88,11 @@ def supervise(stamps: ArrayLike, angles: ArrayLike, **parameters: Any) -> Superv
     """
     times, readings = _checked(stamps, angles)
     sensors = readings.shape[1]
-    values = complete(FKM_SETTINGS, {'sensors': sensors} | {
-        name.replace('__', '.'): _plain(value) for name, value in parameters.items()})
+    values = complete(
+        FKM_SETTINGS,
+        {'sensors': sensors}
+        | {name.replace('__', '.'): _plain(value) for name, value in parameters.items()},
+    )
     if values['sensors'] != sensors:
         raise SettingError('sensors', values['sensors'], f'{sensors}, as angles have')
     return run(times, readings, values)
@@ -106,8 +109,13 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def run(times: NDArray[np.int64], readings: NDArray[np.float64], values: Values,
-        progress: Callable[[int], None] | None = None, withheld: float = inf) -> Supervised:
+def run(
+    times: NDArray[np.int64],
+    readings: NDArray[np.float64],
+    values: Values,
+    progress: Callable[[int], None] | None = None,
+    withheld: float = inf,
+) -> Supervised:
     """
     Run recorded samples through the supervision that checked settings describe.
 
@@ -119,8 +127,13 @@ def run(times: NDArray[np.int64], readings: NDArray[np.float64], values: Values,
     supervisor, mounting = make_supervisor(values), mounting_from(values)
     n, sensors = readings.shape
     result = Supervised(
-        np.zeros(n, bool), np.full((n, 4), np.nan), np.full((n, 3, 3), np.nan),
-        np.full(n, np.nan), np.full((n, sensors), np.inf), np.full((n, sensors), np.inf))
+        np.zeros(n, bool),
+        np.full((n, 4), np.nan),
+        np.full((n, 3, 3), np.nan),
+        np.full(n, np.nan),
+        np.full((n, sensors), np.inf),
+        np.full((n, sensors), np.inf),
+    )
     announced = None
     for index, (stamp, row) in enumerate(zip(times.tolist(), readings.tolist(), strict=True)):
         if progress is not None and index % PROGRESS_SAMPLES == 0:
@@ -152,11 +165,14 @@ def _checked(stamps: ArrayLike, angles: ArrayLike) -> tuple[NDArray[Any], NDArra
     except (TypeError, ValueError) as error:
         raise InputError(f'stamps and angles: expected arrays of numbers ({error})') from error
     if times.dtype.kind not in 'iu' or times.ndim != 1:
-        raise InputError(f'stamps of type {times.dtype} and shape {times.shape}: expected '
-                         'integers (ns) of shape (n,)')
+        raise InputError(
+            f'stamps of type {times.dtype} and shape {times.shape}: expected '
+            'integers (ns) of shape (n,)'
+        )
     if readings.dtype.kind not in 'fiu':
         raise InputError(f'angles of type {readings.dtype}: expected real numbers (rad)')
     if readings.shape not in [(len(times), sensors) for sensors in SENSORS_SETTING.allowed]:
-        raise InputError(f'angles have shape {readings.shape}: expected '
-                         f'({len(times)}, N) with N = 4, 5 or 6')
+        raise InputError(
+            f'angles have shape {readings.shape}: expected ({len(times)}, N) with N = 4, 5 or 6'
+        )
     return times, readings.astype(float)

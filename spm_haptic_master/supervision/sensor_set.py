@@ -60,19 +60,25 @@ class Solver:
     sensors, rad: the last orientation selects among solutions that they and the noise allow.
     """
 
-    def __init__(self, geometry: Geometry, sigma: tuple[float, ...],
-                 method: str = 'estimate',
-                 working_mode: tuple[int, int, int] = RIG_WORKING_MODE,
-                 bias: tuple[float, ...] = ()):
+    def __init__(
+        self,
+        geometry: Geometry,
+        sigma: tuple[float, ...],
+        method: str = 'estimate',
+        working_mode: tuple[int, int, int] = RIG_WORKING_MODE,
+        bias: tuple[float, ...] = (),
+    ):
         self._geometry, self._working_mode = geometry, working_mode
         self._sigma, self._method = sigma, method
         self._active = UsedSensors(sigma[:4], (TH3A,))
         self._last_step = sqrt(REMAINDER * min(sigma))
         self._consistent = CONSISTENT + hypot(
-            *(each / deviation for each, deviation in zip(bias, sigma, strict=False)))
+            *(each / deviation for each, deviation in zip(bias, sigma, strict=False))
+        )
 
-    def solve(self, angles: Angles, sensors: UsedSensors,
-              prior: Quaternion[float] | None) -> tuple[SampleEstimate, float]:
+    def solve(
+        self, angles: Angles, sensors: UsedSensors, prior: Quaternion[float] | None
+    ) -> tuple[SampleEstimate, float]:
         """
         Return the orientation of a sample by the chosen method, and its angle to the estimate.
 
@@ -81,19 +87,31 @@ class Solver:
         angles determine no orientation, or only in another working mode, or methods disagree.
         """
         estimate = estimate_sample(
-            angles, sensors, self._geometry, prior, self._working_mode, self._last_step,
-            self._consistent)
+            angles,
+            sensors,
+            self._geometry,
+            prior,
+            self._working_mode,
+            self._last_step,
+            self._consistent,
+        )
         if self._method == 'estimate' or not sensors.usual:
             return estimate, 0.0
-        other = self._case_2(angles, estimate) if self._method == 'theta3a' else \
-            self._classic(angles, prior or estimate.quaternion)
+        other = (
+            self._case_2(angles, estimate)
+            if self._method == 'theta3a'
+            else self._classic(angles, prior or estimate.quaternion)
+        )
         apart = rotations.rotation_distance(other.quaternion, estimate.quaternion)
         limit = AGREEMENT_DEVIATIONS * (total_deviation(estimate) + total_deviation(other))
         if apart > limit:
-            raise SingularityError(f'{self._method} is {apart:.4f} rad from the estimate of all '
-                                   f'four sensors, limit {limit:.4f}')
-        return estimate._replace(quaternion=other.quaternion, covariance=other.covariance,
-                                 determined=other.determined), apart
+            raise SingularityError(
+                f'{self._method} is {apart:.4f} rad from the estimate of all '
+                f'four sensors, limit {limit:.4f}'
+            )
+        return estimate._replace(
+            quaternion=other.quaternion, covariance=other.covariance, determined=other.determined
+        ), apart
 
     def others(self, found: SampleEstimate, angles: Angles) -> list[SampleEstimate]:
         """Return the solutions of a sample but the one `found`."""
@@ -105,21 +123,28 @@ class Solver:
         gains = theta3a_gains(a, b, c, third, self._geometry)
         variances = [sigma * sigma for sigma in self._sigma]
         xx, xy, xz, yx, yy, yz, zx, zy, zz = (
-            sum(gain[row] * gain[column] * variance
-                for gain, variance in zip(gains, variances, strict=False))
-            for row in range(3) for column in range(3))
+            sum(
+                gain[row] * gain[column] * variance
+                for gain, variance in zip(gains, variances, strict=False)
+            )
+            for row in range(3)
+            for column in range(3)
+        )
         result = estimate._replace(
             quaternion=theta3a_quaternion(a, b, c, third, self._geometry),
-            covariance=(xx, xy, xz, yx, yy, yz, zx, zy, zz))
+            covariance=(xx, xy, xz, yx, yy, yz, zx, zy, zz),
+        )
         return result._replace(
-            determined=estimate.determined and total_deviation(result) < DETERMINED_DEVIATION)
+            determined=estimate.determined and total_deviation(result) < DETERMINED_DEVIATION
+        )
 
     def _classic(self, angles: Angles, prior: Quaternion[float]) -> SampleEstimate:
         """Return the tracked mode's orientation with the covariance of three sensors there."""
         tracked = track_mode(angles[:3], rotations.matrix_from_quaternion(prior), self._geometry)
         if tracked.ambiguous:
-            raise SingularityError('two assembly modes of the active joints are too close to '
-                                   'distinguish')
+            raise SingularityError(
+                'two assembly modes of the active joints are too close to distinguish'
+            )
         x, y, z, w = rotations.quaternion_from_matrix(tracked.rotation).tolist()
         three = estimate_sample(angles[:4], self._active, self._geometry, (x, y, z, w))
         return three._replace(quaternion=(x, y, z, w))
@@ -152,8 +177,13 @@ class SensorSet:
     `deviation` is the total standard deviation by all sensors in use, whatever the method, rad.
     """
 
-    def __init__(self, solver: Solver, sigma: tuple[float, ...], limits: Limits,
-                 left_out: Collection[int] = ()) -> None:
+    def __init__(
+        self,
+        solver: Solver,
+        sigma: tuple[float, ...],
+        limits: Limits,
+        left_out: Collection[int] = (),
+    ) -> None:
         self.sensors = UsedSensors(sigma, left_out)
         self.entries = self.sensors.count - 3
         self.estimate: SampleEstimate | None = None
@@ -192,8 +222,8 @@ class SensorSet:
         if not self.entries:
             return None
         return self._window.check(
-            sample.stamp, estimate.parity_vector, worth.noise, worth.bias) or self._rival(
-                sample, estimate, worth)
+            sample.stamp, estimate.parity_vector, worth.noise, worth.bias
+        ) or self._rival(sample, estimate, worth)
 
     def _rival(self, sample: Sample, estimate: SampleEstimate, worth: Integrity) -> Symptom | None:
         """Return a symptom if another solution fits that may continue the last orientation too."""
@@ -201,15 +231,21 @@ class SensorSet:
         turn = pi
         if prior is not None and sample.followed is not None:
             turn = self._speed * (sample.stamp - sample.followed) * 1e-9
-            if FOLD * self.deviation * (turn + TURN_DEVIATIONS * self.deviation) \
-                    < self.sensors.largest:
+            if (
+                FOLD * self.deviation * (turn + TURN_DEVIATIONS * self.deviation)
+                < self.sensors.largest
+            ):
                 return None
         for other in self._solver.others(estimate, sample.angles):
             parity = hypot(*other.parity_vector)
-            if parity <= limit and (prior is None or within(
-                    other.quaternion, prior, turn + TURN_DEVIATIONS * total_deviation(other))):
-                return withheld(Reason.UNDETERMINED, 'another one fits, with a parity of '
-                                f'{parity:.1f} sigma, limit {limit:.1f}')
+            if parity <= limit and (
+                prior is None
+                or within(other.quaternion, prior, turn + TURN_DEVIATIONS * total_deviation(other))
+            ):
+                return withheld(
+                    Reason.UNDETERMINED,
+                    f'another one fits, with a parity of {parity:.1f} sigma, limit {limit:.1f}',
+                )
         return None
 
     def levels(self, worth: Integrity) -> list[float]:
@@ -238,11 +274,27 @@ class SensorSet:
         if estimate is None or max(factors) <= 1.0:
             return None
         parts = self.levels(integrity(estimate, sample.bias, (1.0,) * len(sigma)))
-        excess, worst = max((
-            MISSED_DETECTION * factors[sensor] * sigma[sensor] * estimate.gain_sizes[sensor]
-            / parts[sensor], sensor) for sensor in self.sensors.used)
-        return Symptom(Reason.NOISY, f'{degrees(factors[worst] * sigma[worst]):.2f} deg', worst,
-                       Severity.LATCH) if excess > 1.0 else None
+        excess, worst = max(
+            (
+                MISSED_DETECTION
+                * factors[sensor]
+                * sigma[sensor]
+                * estimate.gain_sizes[sensor]
+                / parts[sensor],
+                sensor,
+            )
+            for sensor in self.sensors.used
+        )
+        return (
+            Symptom(
+                Reason.NOISY,
+                f'{degrees(factors[worst] * sigma[worst]):.2f} deg',
+                worst,
+                Severity.LATCH,
+            )
+            if excess > 1.0
+            else None
+        )
 
     def evidence(self, symptom: Symptom) -> tuple[Parity, float] | None:
         """Return the parity vector that made a symptom, and its limit."""
@@ -272,7 +324,8 @@ class SensorSet:
         age = 0.0 if sample.followed is None else (sample.stamp - sample.followed) * 1e-9
         turn = min(max(CONTINUING_TURN, self._speed * age), SAME_SOLUTION)
         if sample.prior is not None and not within(
-                estimate.quaternion, sample.prior, turn + TURN_DEVIATIONS * worth.deviation):
+            estimate.quaternion, sample.prior, turn + TURN_DEVIATIONS * worth.deviation
+        ):
             return False
         size = sqrt(sum(part * part for part in estimate.parity_vector))
         return size <= self._window.limit(worth.noise, worth.bias)

@@ -62,15 +62,18 @@ class SensorsInUse:
         self.left_out = tuple(sorted({*self.missing, *self.distrusted}))
         if len(self._gone) - len(self.left_out) >= THREE:
             self.used = self.without(*self.left_out)
-        self.words = ', '.join(f'{ALL_JOINT_NAMES[place]} {self.distrusted[place].word}'
-                               for place in sorted(self.distrusted))
+        self.words = ', '.join(
+            f'{ALL_JOINT_NAMES[place]} {self.distrusted[place].word}'
+            for place in sorted(self.distrusted)
+        )
 
     def note(self, angles: Angles) -> Symptom | None:
         """Note which sensors have a reading; return why they do not suffice."""
         if any(angle in (inf, -inf) for angle in angles):
             return withheld(Reason.NOT_FINITE, f'{list(angles)} rad')
         missing = self.missing = tuple(
-            place for place, angle in enumerate(angles) if angle != angle)
+            place for place, angle in enumerate(angles) if angle != angle
+        )
         for place in range(len(angles)):
             self._gone[place] = self._gone[place] + 1 if place in missing else 0
             if self._gone[place] != MISSING_SAMPLES:
@@ -80,8 +83,9 @@ class SensorsInUse:
             elif len(angles) - len({*missing, *self.distrusted}) >= FOUR:
                 self.distrusted[place] = Distrust(Reason.MISSING.value, self._limits.window)
         self._update()
-        if len(angles) - len(missing) < FOUR \
-                or len(angles) - len(self.left_out) < min(FOUR, self._limits.fewest_sensors):
+        if len(angles) - len(missing) < FOUR or len(angles) - len(self.left_out) < min(
+            FOUR, self._limits.fewest_sensors
+        ):
             return withheld(Reason.MISSING, f'{list(angles)} rad', *missing[:1])
         return None
 
@@ -98,9 +102,13 @@ class SensorsInUse:
         """
         for sensor in [each for each in self.distrusted if each not in self.missing]:
             trial, distrust = self.without(*{*self.left_out} - {sensor}), self.distrusted[sensor]
-            agrees = not bad and trial.take(sample) is None and trial.worth is not None \
-                and trial.levels(trial.worth)[sensor] <= alert_limit \
+            agrees = (
+                not bad
+                and trial.take(sample) is None
+                and trial.worth is not None
+                and trial.levels(trial.worth)[sensor] <= alert_limit
                 and ((noisy := trial.too_noisy(sample)) is None or noisy.sensor != sensor)
+            )
             distrust.agreed = distrust.agreed + dt if agrees else 0.0
             if distrust.agreed >= distrust.time:
                 del self.distrusted[sensor]

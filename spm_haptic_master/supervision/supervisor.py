@@ -146,12 +146,21 @@ class Supervisor:
             if cause is not None:
                 return self._withhold(stamp, cause)
         away, symptoms = joints.check(
-            angles, dt, clock.period or dt, clock.jitter, sensors.left_out)
+            angles, dt, clock.period or dt, clock.jitter, sensors.left_out
+        )
         used = sensors.used
         # As Sample(...) and Verdict(...) do, without their calls.
-        sample = tuple.__new__(Sample, (
-            stamp, angles, self._anchor.prior(stamp), self._anchor.stamp, joints.bias,
-            joints.factors))
+        sample = tuple.__new__(
+            Sample,
+            (
+                stamp,
+                angles,
+                self._anchor.prior(stamp),
+                self._anchor.stamp,
+                joints.bias,
+                joints.factors,
+            ),
+        )
         if joints.samples % NOISE_PERIOD == 0:
             joints.follow_noise(used.noise_bounds)
             noisy = used.too_noisy(sample)
@@ -190,8 +199,11 @@ class Supervisor:
             return
         if symptom.reason is Reason.UNDETERMINED:
             self._undetermined = sample.stamp
-        elif symptom.reason in (Reason.NO_FIT, Reason.DISCONTINUOUS) and last is not None \
-                and sample.stamp - last <= PRIOR_AGE:
+        elif (
+            symptom.reason in (Reason.NO_FIT, Reason.DISCONTINUOUS)
+            and last is not None
+            and sample.stamp - last <= PRIOR_AGE
+        ):
             # Where the sensors determine nothing it is no evidence against one of them.
             symptom = withheld(Reason.UNDETERMINED, symptom.detail)
             self._anchor.restart()
@@ -206,8 +218,7 @@ class Supervisor:
     def _may_exclude(self, sample: Sample) -> bool:
         """Whether the others can continue without a sensor; three need the last orientation."""
         count = self._sensors.used.sensors.count
-        return count > self._limits.fewest_sensors and (
-            count > FOUR or sample.prior is not None)
+        return count > self._limits.fewest_sensors and (count > FOUR or sample.prior is not None)
 
     def _consistent(self, sample: Sample, used: SensorSet, dt: float) -> Verdict:
         """Publish the orientation of a consistent sample, or withhold it for its worth."""
@@ -218,8 +229,12 @@ class Supervisor:
             self._undetermined = stamp
             self._anchor.restart()
             self._exposure.interrupt()
-            return self._withhold(stamp, withheld(
-                Reason.UNDETERMINED, f'standard deviation above {DETERMINED_DEVIATION:g} rad'))
+            return self._withhold(
+                stamp,
+                withheld(
+                    Reason.UNDETERMINED, f'standard deviation above {DETERMINED_DEVIATION:g} rad'
+                ),
+            )
         quaternion = self._anchor.follow(stamp, estimate.quaternion, used.deviation)
         if self._anchor.stamp is None or worth.deviation > self._limits.deviation:
             self._undetermined = stamp
@@ -229,8 +244,9 @@ class Supervisor:
         level = self._exposure.take(stamp, parts, self.alert_limit, right, worth.healthy)
         if latch.symptom is not None:
             # Not onto another orientation with which all angles fit.
-            same = right or (self._last is not None
-                             and within(quaternion, self._last[0], SAME_SOLUTION))
+            same = right or (
+                self._last is not None and within(quaternion, self._last[0], SAME_SOLUTION)
+            )
             if not latch.clears(lambda sensor: same and self._exposure.seen(sensor, stamp), dt):
                 return self._withhold(stamp, latch.symptom)
             latch.end()
@@ -253,14 +269,23 @@ class Supervisor:
         limits, clean = self._limits, self.latch.clean
         if self._state.published is None and clean < limits.start_samples:
             return withheld(
-                Reason.STARTING, f'{clean} consistent samples of {limits.start_samples}')
+                Reason.STARTING, f'{clean} consistent samples of {limits.start_samples}'
+            )
         if deviation > limits.deviation:
-            return withheld(Reason.UNDETERMINED, f'standard deviation {deviation:.4f} rad, '
-                            f'limit {limits.deviation:g}')
+            return withheld(
+                Reason.UNDETERMINED,
+                f'standard deviation {deviation:.4f} rad, limit {limits.deviation:g}',
+            )
         if level > self.alert_limit:
-            return withheld(Reason.UNPROTECTED, ', '.join([
-                f'{degrees(level):.2f} deg, limit {degrees(self.alert_limit):g}',
-                *self.joints.cautions().values()]))
+            return withheld(
+                Reason.UNPROTECTED,
+                ', '.join(
+                    [
+                        f'{degrees(level):.2f} deg, limit {degrees(self.alert_limit):g}',
+                        *self.joints.cautions().values(),
+                    ]
+                ),
+            )
         return self._exposure.overdue(stamp, limits, self._sensors.left_out)
 
     def _withhold(self, stamp: int, cause: Symptom) -> Verdict:
@@ -269,8 +294,15 @@ class Supervisor:
 
     def _restart(self) -> None:
         """Reset what does not survive a pause of the samples; a fault stays latched."""
-        for part in (self._state, self.latch, self._sensors, self._exposure, self._anchor,
-                     self._clock, self.joints):
+        for part in (
+            self._state,
+            self.latch,
+            self._sensors,
+            self._exposure,
+            self._anchor,
+            self._clock,
+            self.joints,
+        ):
             part.restart()
 
     def accepted(self) -> tuple[Quaternion[float], Angles] | None:
@@ -286,12 +318,14 @@ class Supervisor:
     def cautions(self) -> dict[str, str]:
         """Return what an engineer should check although orientations go out, by kind, in words."""
         return self.joints.cautions() | self._exposure.cautions(
-            self._clock.stamp or 0, self._anchor.confirmed)
+            self._clock.stamp or 0, self._anchor.confirmed
+        )
 
 
 def make_supervisor(values: Values) -> Supervisor:
     """Return the supervisor that checked settings describe; SettingError as `limits_from`."""
     limits, sigma = limits_from(values), sigma_from(values)
-    solver = Solver(geometry_from(values), sigma, values['solver'], values['working_mode'],
-                    limits.bias)
+    solver = Solver(
+        geometry_from(values), sigma, values['solver'], values['working_mode'], limits.bias
+    )
     return Supervisor(solver, sigma, limits)

@@ -68,12 +68,17 @@ def worst(symptoms: list[Symptom]) -> Symptom:
 
 # What to do about a reason of silence, by its words, for people: no program reads this. A motor
 # sensor and one of a passive joint are checked by the others in different places.
-REMEDIES = {Reason.NO_FIT.value: "the calibration may be another rig's, or no longer hold: "
-            'calibrate --motion --check calibration.yaml'} | {
-    Symptom(Reason.NOT_CHECKED, sensor=sensor).words:
-        'turn the handle about its axis, away from the singularity' if name.startswith('joint_3')
-        else 'tilt the handle towards the centre of the workspace'
-    for sensor, name in enumerate(ALL_JOINT_NAMES)}
+REMEDIES = {
+    Reason.NO_FIT.value: "the calibration may be another rig's, or no longer hold: "
+    'calibrate --motion --check calibration.yaml'
+} | {
+    Symptom(
+        Reason.NOT_CHECKED, sensor=sensor
+    ).words: 'turn the handle about its axis, away from the singularity'
+    if name.startswith('joint_3')
+    else 'tilt the handle towards the centre of the workspace'
+    for sensor, name in enumerate(ALL_JOINT_NAMES)
+}
 
 
 def with_remedy(why: str, message: str) -> str:

@@ -83,8 +83,10 @@ class LimitedRotation:
         if distance > (1.0 + ROUNDING) * speed * dt:
             broken = 'speed'
         # Also where it has caught up, but would then be faster than the target by too much.
-        elif max(norm(_difference(wanted, self.velocity)),
-                 norm(_difference(wanted, moving))) > (1.0 + ROUNDING) * gain:
+        elif (
+            max(norm(_difference(wanted, self.velocity)), norm(_difference(wanted, moving)))
+            > (1.0 + ROUNDING) * gain
+        ):
             broken = 'acceleration'
         else:
             self._target = None
@@ -96,7 +98,8 @@ class LimitedRotation:
         if not limits.slews:
             return broken
         velocity = self._slewed(
-            self.rotation if before is None else before, moving, dt, speed, gain)
+            self.rotation if before is None else before, moving, dt, speed, gain
+        )
         if norm(velocity) * dt > (1.0 + ROUNDING) * limits.jump:
             return 'jump'
         self.velocity = x, y, z = velocity
@@ -110,8 +113,14 @@ class LimitedRotation:
         """Take the next target as one to move to from here: what the command is behind is lost."""
         self._target = None
 
-    def _slewed(self, target: Quaternion[float], moving: Vector[float], dt: float,
-                limit: float, gain: float) -> Vector[float]:
+    def _slewed(
+        self,
+        target: Quaternion[float],
+        moving: Vector[float],
+        dt: float,
+        limit: float,
+        gain: float,
+    ) -> Vector[float]:
         """
         Return the velocity to where a target was that moves (rad/s), able to stay with it.
 
@@ -140,8 +149,14 @@ class Following:
     With an `align_speed` above 0, rad/s, the offset between them shrinks to none.
     """
 
-    def __init__(self, limits: CommandLimits, align_speed: float, master: Quaternion[float],
-                 slave: Quaternion[float], stamp: int) -> None:
+    def __init__(
+        self,
+        limits: CommandLimits,
+        align_speed: float,
+        master: Quaternion[float],
+        slave: Quaternion[float],
+        stamp: int,
+    ) -> None:
         self._limits = limits
         # The offset R_m0^T R_s0, from the master's handle to the slave's instrument.
         self._offset = multiply_quaternions(conjugate(master), slave)
@@ -224,7 +239,8 @@ class FadingTwist:
     def follow(self, velocity: Vector[float], dt: float) -> Vector[float]:
         """Return the velocity of the command, or the nearest one within reach in `dt`, s."""
         velocity = self._velocity = _toward(
-            self._velocity, velocity, (1.0 + ROUNDING) * self._acceleration * dt)
+            self._velocity, velocity, (1.0 + ROUNDING) * self._acceleration * dt
+        )
         self._left, self._fading = self._zeros, 0.0
         return velocity
 

@@ -74,15 +74,17 @@ class Inputs:
         """Take the master's rotation in its own base frame."""
         master = unit_quaternion(quaternion)
         self._master_at = self.now
-        self.master = None if master is None else multiply_quaternions(
-            self._conditions.registration, master)
+        self.master = (
+            None if master is None else multiply_quaternions(self._conditions.registration, master)
+        )
 
     def take_slave(self, quaternion: Quaternion[float]) -> None:
         """Take the slave's measured rotation."""
         self.slave = slave = unit_quaternion(quaternion)
         self._slave_at = self.now
-        if slave is not None and (self._rest is None or rotation_distance(
-                self._rest, slave) > REST_ANGLE):
+        if slave is not None and (
+            self._rest is None or rotation_distance(self._rest, slave) > REST_ANGLE
+        ):
             self._rest, self._rest_at = slave, self.now
 
     def await_rest(self) -> None:

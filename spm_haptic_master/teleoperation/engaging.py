@@ -106,8 +106,9 @@ class Teleoperation:
         if self.phase is not Phase.DISENGAGED:
             self._release(self._blocking() or ('' if self._inputs.is_present else NO_PRESENCE))
         elif self._enabled_at is not None and (
-                self._inputs.now - self._enabled_at > self._conditions.enable_timeout
-                or self._blocking()):
+            self._inputs.now - self._enabled_at > self._conditions.enable_timeout
+            or self._blocking()
+        ):
             self._enabled_at = None
 
     def disengage(self, reason: str = 'disabled') -> None:
@@ -142,8 +143,12 @@ class Teleoperation:
         """
         before, self._inputs.enabling = self._inputs.enabling, number
         self._release(self._blocking())
-        if number and before is not None and number != before \
-                and abs(age) <= self._conditions.enable_timeout:
+        if (
+            number
+            and before is not None
+            and number != before
+            and abs(age) <= self._conditions.enable_timeout
+        ):
             self.enable()
 
     def take_presence(self, pressed: bool) -> None:
@@ -172,8 +177,12 @@ class Teleoperation:
         self._inputs.take_slave(quaternion)
         self._release(self._blocking())
         slave = self._inputs.slave
-        if slave is not None and self._following is not None and rotation_distance(
-                self._following.rotation, slave) > self._conditions.tracking_limit:
+        if (
+            slave is not None
+            and self._following is not None
+            and rotation_distance(self._following.rotation, slave)
+            > self._conditions.tracking_limit
+        ):
             self.disengage('the slave does not follow')
 
     def take_level(self, level: float) -> None:
@@ -234,7 +243,8 @@ class Teleoperation:
         self.starts += 1
         self._enabled_at = None
         self._following = Following(
-            self._limits, conditions.align_speed, master, inputs.slave, stamp)
+            self._limits, conditions.align_speed, master, inputs.slave, stamp
+        )
 
     def _release(self, reason: str) -> None:
         """Disengage for a reason, if there is one, from engaged or clutched alone."""

@@ -92,9 +92,11 @@ class OperatingState:
         orientation = self._orientation
         if text == 'enable' and (orientation is None or not orientation.publishes):
             return 'the orientation is ' + (
-                'not there' if orientation is None else orientation.text)
-        if (text == 'resume' and self.name != PAUSED) \
-                or (text == 'pause' and self.name not in (ENABLED, PAUSED)):
+                'not there' if orientation is None else orientation.text
+            )
+        if (text == 'resume' and self.name != PAUSED) or (
+            text == 'pause' and self.name not in (ENABLED, PAUSED)
+        ):
             return f'the state is {self.name}'
         return ''
 

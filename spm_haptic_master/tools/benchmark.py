@@ -23,29 +23,49 @@ def main(args: list[str] | None = None) -> int:
     parser = measurement_parser('benchmark', __doc__)
     parser.add_argument('--seconds', type=positive, default=20.0, help='of a run (20)')
     parser.add_argument('--rounds', type=int, default=5, help='of all pipelines in turn (5)')
-    parser.add_argument('--output', type=Path, default=Path('bench-pipeline'), metavar='DIR',
-                        help='for runs.csv (bench-pipeline)')
-    return run(parser, lambda given, parameters: compare(
-        given.seconds, given.rounds, given.rate, parameters, given.output), args)
+    parser.add_argument(
+        '--output',
+        type=Path,
+        default=Path('bench-pipeline'),
+        metavar='DIR',
+        help='for runs.csv (bench-pipeline)',
+    )
+    return run(
+        parser,
+        lambda given, parameters: compare(
+            given.seconds, given.rounds, given.rate, parameters, given.output
+        ),
+        args,
+    )
 
 
 def measurement_parser(name: str, description: str | None) -> OneLineParser:
     """Return a parser of what every measurement takes: --rate and -p."""
     parser = OneLineParser(prog=name, description=description)
     parser.add_argument('--rate', type=positive, default=1000.0, help='Hz (1000)')
-    parser.add_argument('-p', '--param', action='append', default=[], metavar='NAME:=VALUE',
-                        help='a parameter of every node, bare ones too: realtime.gc:=disable; '
-                             'realtime.slice and .priority are also those of the observer')
+    parser.add_argument(
+        '-p',
+        '--param',
+        action='append',
+        default=[],
+        metavar='NAME:=VALUE',
+        help='a parameter of every node, bare ones too: realtime.gc:=disable; '
+        'realtime.slice and .priority are also those of the observer',
+    )
     return parser
 
 
-def run(parser: OneLineParser, measure: Callable[[argparse.Namespace, dict[str, str]], None],
-        args: list[str] | None) -> int:
+def run(
+    parser: OneLineParser,
+    measure: Callable[[argparse.Namespace, dict[str, str]], None],
+    args: list[str] | None,
+) -> int:
     """
     Check the command line, print what machine this is, measure; return the exit code.
 
     `measure` is called with the command line and the parameters of the nodes by name.
     """
+
     def program(words: list[str]) -> int:
         # As of the nodes, whose arguments ROS has behind it.
         given = parser.parse_args([each for each in words if each != '--ros-args'])

@@ -53,9 +53,16 @@ CAPTURE_PERIOD = 0.25
 # Least number of captured orientations.
 CAPTURED_MINIMUM = 20
 # Settings that the calibration's file has in any case.
-DETERMINED = {CALIBRATION_SETTING.name, SENSORS_SETTING.name, encoders.VERIFIED_SETTING.name,
-              encoders.ACCEPT_SETTING.name, 'encoders.direction', 'encoders.zero_count',
-              'encoders.counts_per_turn', *(each.name for each in encoders.HARMONIC_SETTINGS)}
+DETERMINED = {
+    CALIBRATION_SETTING.name,
+    SENSORS_SETTING.name,
+    encoders.VERIFIED_SETTING.name,
+    encoders.ACCEPT_SETTING.name,
+    'encoders.direction',
+    'encoders.zero_count',
+    'encoders.counts_per_turn',
+    *(each.name for each in encoders.HARMONIC_SETTINGS),
+}
 
 
 def run(options: argparse.Namespace) -> int:
@@ -71,24 +78,40 @@ def run(options: argparse.Namespace) -> int:
     sensors = encoders.sensors_of(given)
     values = command_line.checked(
         given | raw_counts(sensors) | {'encoders.direction_verified': (True,) * sensors},
-        SOURCE_SETTINGS[source], source)
+        SOURCE_SETTINGS[source],
+        source,
+    )
     mechanism = command_line.checked(given, MECHANISM_SETTINGS)
-    layout = Layout(sensors, geometry_from(mechanism), mechanism['working_mode'],
-                    radians(options.mechanism_tolerance), radians(options.harmonic_tolerance))
+    layout = Layout(
+        sensors,
+        geometry_from(mechanism),
+        mechanism['working_mode'],
+        radians(options.mechanism_tolerance),
+        radians(options.harmonic_tolerance),
+    )
     seconds = options.seconds or SECONDS_DEFAULT
     with _guidance_topic(options.remap) as publish:
         stamps, angles = motion_source.read_motion(
-            source, values, options.seconds, SECONDS_DEFAULT, 'move the handle through its whole '
+            source,
+            values,
+            options.seconds,
+            SECONDS_DEFAULT,
+            'move the handle through its whole '
             'workspace: tilt it in all directions and turn it both ways,\ncalibrate: for '
             f'{seconds:g} s at most; Ctrl-C ends the recording and keeps it',
             _guided(Guide(layout), radians(options.target), publish),
-            output.with_name(f'{output.stem}_motion.log'))
+            output.with_name(f'{output.stem}_motion.log'),
+        )
     directions = given.get('encoders.direction')
     mounting = None
     with ProgressBar('calibrate') as bar:
         found = calibrate_motion(
-            layout, stamps, angles, directions if isinstance(directions, (list, tuple)) else None,
-            bar.stage)
+            layout,
+            stamps,
+            angles,
+            directions if isinstance(directions, (list, tuple)) else None,
+            bar.stage,
+        )
     if options.pose or options.capture is not None:
         mounting = _mounted_by(options, source, values, found)
         found = mounting.calibration
@@ -96,9 +119,11 @@ def run(options: argparse.Namespace) -> int:
         datetime.now().astimezone().isoformat(timespec='seconds'),
         source_text(source, values).removeprefix('replay: '),
         checksum(Path(values['replay.path'])) if source == 'replay' else '',
-        version('spm_haptic_master'), values['encoders.counts_per_turn'],
+        version('spm_haptic_master'),
+        values['encoders.counts_per_turn'],
         kept_settings(source, given, values, mechanism)
-        | ({} if mounting is None else _mounting_settings(mounting)))
+        | ({} if mounting is None else _mounting_settings(mounting)),
+    )
     fkm = FkmValues(both, origin)
     with ProgressBar('calibrate') as bar:
         found, limit = supported(found, fkm)
@@ -118,12 +143,18 @@ def _check_references(options: argparse.Namespace, source: str) -> None:
     if source != 'replay' and options.pose_recording:
         raise InputError(f'--pose-recording with source {source!r}; expected it with replay')
     if source == 'replay' and len(options.pose or ()) != len(options.pose_recording or ()):
-        raise InputError(f'--pose is given {len(options.pose or ())} times and --pose-recording '
-                         f'{len(options.pose_recording or ())} times; expected as many')
+        raise InputError(
+            f'--pose is given {len(options.pose or ())} times and --pose-recording '
+            f'{len(options.pose_recording or ())} times; expected as many'
+        )
 
 
-def _mounted_by(options: argparse.Namespace, source: str, values: dict[str, Any],
-                found: calibration.MotionCalibration) -> Mounted:
+def _mounted_by(
+    options: argparse.Namespace,
+    source: str,
+    values: dict[str, Any],
+    found: calibration.MotionCalibration,
+) -> Mounted:
     """Return a calibration with the mounting by a jig's poses or a motion capture."""
     if options.capture is not None:
         turned, outside = _captured(options, found)
@@ -135,50 +166,70 @@ def _mounted_by(options: argparse.Namespace, source: str, values: dict[str, Any]
         if recording is None:
             motion_source.wait_for_pose(number, len(options.pose), pose)
         counts = motion_source.record_pose(
-            source, values | ({} if recording is None else {'replay.path': str(recording)}),
-            JIG_SECONDS)
-        rows.append(read_still(counts, per_turn, radians(options.noise_limit),
-                               radians(options.drift_limit))[0])
-    return mounted(found, np.array(rows) * TURN / np.array(per_turn) * np.array(found.direction),
-                   kinematics.matrix_from_zxz(*np.radians(options.pose).T),
-                   radians(options.jig_error or JIG_SIGMA))
+            source,
+            values | ({} if recording is None else {'replay.path': str(recording)}),
+            JIG_SECONDS,
+        )
+        rows.append(
+            read_still(
+                counts, per_turn, radians(options.noise_limit), radians(options.drift_limit)
+            )[0]
+        )
+    return mounted(
+        found,
+        np.array(rows) * TURN / np.array(per_turn) * np.array(found.direction),
+        kinematics.matrix_from_zxz(*np.radians(options.pose).T),
+        radians(options.jig_error or JIG_SIGMA),
+    )
 
 
-def _captured(options: argparse.Namespace,
-              found: calibration.MotionCalibration) -> tuple[Array, Array]:
+def _captured(
+    options: argparse.Namespace, found: calibration.MotionCalibration
+) -> tuple[Array, Array]:
     """Return readings by their directions, and captured orientations, at the same times."""
     capture = read_capture(options.capture, options.capture_topic)
     if capture.values.shape[1] != len('xyzw'):
-        raise InputError(f'{options.capture}: markers; expected the pose of a body (qx, qy, qz, '
-                         'qw), as the motion capture computes it')
+        raise InputError(
+            f'{options.capture}: markers; expected the pose of a body (qx, qy, qz, '
+            'qw), as the motion capture computes it'
+        )
     seconds = found.readings.seconds
     known = np.isfinite(found.rotation).all(axis=(1, 2))
     times, quaternions = seconds[known], kinematics.quaternion_from_matrix(found.rotation[known])
     begin = capture.time - capture.time[0]
     fitted = align(times, quaternions, begin, capture.values, False)
-    rows = np.flatnonzero(known)[::max(1, int(CAPTURE_PERIOD / np.median(np.diff(times))))]
+    rows = np.flatnonzero(known)[:: max(1, int(CAPTURE_PERIOD / np.median(np.diff(times))))]
     at = interpolate(begin + fitted.offset, capture.values, seconds[rows])
     inside = np.isfinite(at).all(axis=1)
     if inside.sum() < CAPTURED_MINIMUM:
-        raise CalibrationError(f'{options.capture}: {int(inside.sum())} orientations at times of '
-                               f'the motion; expected at least {CAPTURED_MINIMUM}')
+        raise CalibrationError(
+            f'{options.capture}: {int(inside.sum())} orientations at times of '
+            f'the motion; expected at least {CAPTURED_MINIMUM}'
+        )
     rows = rows[inside]
     return found.turned[rows], kinematics.matrix_from_quaternion(at[inside])
 
 
 def _mounting_settings(mounting: Mounted) -> dict[str, Any]:
-    return {f'mounting.{part}_zxz_deg': tuple(
-        round(degrees(float(angle)), 6) for angle in kinematics.zxz_from_matrix(rotation))
+    return {
+        f'mounting.{part}_zxz_deg': tuple(
+            round(degrees(float(angle)), 6) for angle in kinematics.zxz_from_matrix(rotation)
+        )
         for part, rotation in (('base', mounting.base), ('handle', mounting.handle))
-        if part == 'base' or mounting.handle_deviations.any()}
+        if part == 'base' or mounting.handle_deviations.any()
+    }
 
 
 def _print_mounting(mounting: Mounted) -> None:
-    for name, deviations in (('base', mounting.base_deviations),
-                             ('handle', mounting.handle_deviations)):
+    for name, deviations in (
+        ('base', mounting.base_deviations),
+        ('handle', mounting.handle_deviations),
+    ):
         if deviations.any():
-            print(f'  mounting of the {name}: standard deviations '
-                  f'{" ".join(f"{degrees(each):.3f}" for each in deviations)} deg')
+            print(
+                f'  mounting of the {name}: standard deviations '
+                f'{" ".join(f"{degrees(each):.3f}" for each in deviations)} deg'
+            )
     print(f'  residual of the orientations from outside: {degrees(mounting.rms):.3f} deg rms')
 
 
@@ -193,13 +244,16 @@ def _guidance_topic(remaps: Sequence[str]) -> AbstractContextManager[Publish]:
 
 def _guided(guide: Guide, target: float, publish: Publish) -> motion_source.Evaluate:
     """Return an evaluation that shows the guidance, and ends at a target error, rad."""
-    def evaluate(bar: ProgressBar, source: EncoderSource, recording: Recording,
-                 seconds: float) -> bool:
+
+    def evaluate(
+        bar: ProgressBar, source: EncoderSource, recording: Recording, seconds: float
+    ) -> bool:
         found = guide.evaluate(*recording)
         # The information there is, over that of the target: the inverse variance.
         share = 0.0 if found.error is None else min(1.0, (target / found.error) ** 2)
         text = motion_source.with_trouble(
-            f'{seconds:.0f} s, {len(recording[0])} sets: {found.text}', source)
+            f'{seconds:.0f} s, {len(recording[0])} sets: {found.text}', source
+        )
         bar.stage(text, share)
         publish(text, {'precision': share, **found.covered})
         return found.error is not None and found.error <= target
@@ -207,15 +261,19 @@ def _guided(guide: Guide, target: float, publish: Publish) -> motion_source.Eval
     return evaluate
 
 
-def kept_settings(source: str, given: dict[str, object], values: dict[str, Any],
-                  mechanism: dict[str, Any]) -> dict[str, Any]:
+def kept_settings(
+    source: str, given: dict[str, object], values: dict[str, Any], mechanism: dict[str, Any]
+) -> dict[str, Any]:
     """Return the settings of the bus that were given, and the layout that it was measured with."""
     layout = {setting.name for setting in encoders.LAYOUT_SETTINGS}
     kept: dict[str, Any] = {'source': 'can'} if source == 'can' else {}
-    kept |= {setting.name: values[setting.name]
-             for setting in encoders.for_sensors(encoders.CAN_SETTINGS, values['sensors'])
-             if (setting.name in given or setting.name in layout) and setting.name in values
-             and setting.name not in DETERMINED}
+    kept |= {
+        setting.name: values[setting.name]
+        for setting in encoders.for_sensors(encoders.CAN_SETTINGS, values['sensors'])
+        if (setting.name in given or setting.name in layout)
+        and setting.name in values
+        and setting.name not in DETERMINED
+    }
     if mechanism['working_mode'] != (1, 1, 1):
         kept['working_mode'] = mechanism['working_mode']
     return kept
@@ -225,12 +283,17 @@ def _print(path: Path, report: str, verdict: calibration.Verdict) -> None:
     """Print what was written; what it is good for comes last."""
     found, readings = verdict.calibration, verdict.calibration.readings
     print(f'{path}: written; {report}')
-    print(f'  {readings.sets} sets in {readings.seconds[-1]:.1f} s, {readings.spikes} left out as '
-          f'spikes, {100.0 * found.cut:.1f} % of the samples cut')
+    print(
+        f'  {readings.sets} sets in {readings.seconds[-1]:.1f} s, {readings.spikes} left out as '
+        f'spikes, {100.0 * found.cut:.1f} % of the samples cut'
+    )
     for joint, direction, noise, bias in zip(
-            ALL_JOINT_NAMES, found.direction, readings.noise, found.bias, strict=False):
-        print(f'  {joint}: direction {direction:+d}, sigma {degrees(noise):.4f} deg, bias '
-              f'{degrees(bias):.2f} deg')
+        ALL_JOINT_NAMES, found.direction, readings.noise, found.bias, strict=False
+    ):
+        print(
+            f'  {joint}: direction {direction:+d}, sigma {degrees(noise):.4f} deg, bias '
+            f'{degrees(bias):.2f} deg'
+        )
     for group, reason in found.left.items():
         print(f'  {group} left as drawn: {reason}')
     for caution in found.cautions:
@@ -239,6 +302,8 @@ def _print(path: Path, report: str, verdict: calibration.Verdict) -> None:
     print(f'  {100.0 * verdict.published:.2f} % of the motion published by fkm with this file')
     default = float(command_line.checked({}, FKM_SETTINGS)['alert_limit_deg'])
     if verdict.alert_limit_deg > default:
-        print(f'fkm needs alert_limit_deg {verdict.alert_limit_deg:g} or more in rig.yaml: with '
-              f'its default, {default:g}, it publishes less')
+        print(
+            f'fkm needs alert_limit_deg {verdict.alert_limit_deg:g} or more in rig.yaml: with '
+            f'its default, {default:g}, it publishes less'
+        )
     print(f'{verdict.reached}\n{verdict.text}')

@@ -65,28 +65,36 @@ class FkmValues:
 
     def of(self, calibration: MotionCalibration) -> dict[str, Any]:
         """Return the checked values with a calibration."""
-        given = {name: value for name, value in self.given.items()
-                 if not name.startswith('geometry.')}
+        given = {
+            name: value for name, value in self.given.items() if not name.startswith('geometry.')
+        }
         values = given | motion_parameters(calibration, self.origin)
         return command_line.checked(
-            {name: values[name] for name in FKM_NAMES & values.keys()}, FKM_SETTINGS)
+            {name: values[name] for name in FKM_NAMES & values.keys()}, FKM_SETTINGS
+        )
 
     def angles(self, calibration: MotionCalibration, readings: Array) -> Array:
         """Return the joint angles of raw readings with a calibration, rad, shape (n, N)."""
         values = command_line.checked(
-            motion_parameters(calibration, self.origin)
-            | {'replay.path': self.origin.recording}, SOURCE_SETTINGS['replay'], 'replay')
+            motion_parameters(calibration, self.origin) | {'replay.path': self.origin.recording},
+            SOURCE_SETTINGS['replay'],
+            'replay',
+        )
         found = np.empty_like(readings)
         for sensor, harmonics in enumerate(make_harmonics(values)):
-            zero = values['encoders.zero_count'][sensor] * tau \
+            zero = (
+                values['encoders.zero_count'][sensor]
+                * tau
                 / values['encoders.counts_per_turn'][sensor]
+            )
             angle = wrapped(values['encoders.direction'][sensor] * (readings[:, sensor] - zero))
             found[:, sensor] = angle if harmonics is None else harmonics.angles(angle)
         return found
 
 
-def supported(calibration: MotionCalibration,
-              values: FkmValues) -> tuple[MotionCalibration, float]:
+def supported(
+    calibration: MotionCalibration, values: FkmValues
+) -> tuple[MotionCalibration, float]:
     """
     Return a calibration for the largest region that it supports, and its least alert limit, deg.
 
@@ -97,24 +105,30 @@ def supported(calibration: MotionCalibration,
     moved = region_of(calibration.rotation)
     limits = []
     for region in (WORKSPACE, moved) if moved.is_large else (WORKSPACE,):
-        candidate = calibration if region == calibration.region \
-            else replace(calibration, region=region)
+        candidate = (
+            calibration if region == calibration.region else replace(calibration, region=region)
+        )
         if degrees(candidate.region_error) > ERROR_LIMIT_DEG:
             continue
         limits.append(least_alert_limit(candidate, values))
         if limits[-1] <= limit:
             return candidate, limits[-1]
     # No further motion mends a rig that is not the model's.
-    cure = calibration.misfit or calibration.unusual \
-        or f'{calibration.advice}, and move for longer'
+    cure = (
+        calibration.misfit or calibration.unusual or f'{calibration.advice}, and move for longer'
+    )
     least = min(limits, default=inf)
-    more = f'; a task that tolerates more may take -p alert_limit_deg:={least:g}' \
-        if least < inf else ''
+    more = (
+        f'; a task that tolerates more may take -p alert_limit_deg:={least:g}'
+        if least < inf
+        else ''
+    )
     raise CalibrationError(
         f'the motion does not support alert_limit_deg {limit:g}: {cure}{more} (bias_deg over the '
         f'workspace is {" ".join(f"{each:.2f}" for each in np.degrees(calibration.bias))}, noise '
         f'up to {degrees(calibration.readings.noise.max()):.2f} deg; the region moved, '
-        f'{moved.text}, {"is no better" if moved.is_large else "is too small"})')
+        f'{moved.text}, {"is no better" if moved.is_large else "is too small"})'
+    )
 
 
 def least_alert_limit(calibration: MotionCalibration, values: FkmValues) -> float:
@@ -124,15 +138,23 @@ def least_alert_limit(calibration: MotionCalibration, values: FkmValues) -> floa
     tried = sorted({*ALERT_LIMITS_DEG, float(fkm['alert_limit_deg'])})
 
     def suffices(limit: float) -> bool:
-        result = run(stamps, angles, fkm | {'alert_limit_deg': limit},
-                     withheld=(1.0 - PUBLISHED) * len(stamps))
+        result = run(
+            stamps,
+            angles,
+            fkm | {'alert_limit_deg': limit},
+            withheld=(1.0 - PUBLISHED) * len(stamps),
+        )
         return bool(result.published.mean() >= PUBLISHED)
 
     return [*tried, inf][bisect_left(tried, True, key=suffices)]
 
 
-def published_share(calibration: MotionCalibration, recording: Recording, values: FkmValues,
-                    progress: Callable[[str, float], None]) -> float:
+def published_share(
+    calibration: MotionCalibration,
+    recording: Recording,
+    values: FkmValues,
+    progress: Callable[[str, float], None],
+) -> float:
     """
     Return the share of the recorded motion that fkm publishes with a calibration (unit 1).
 
@@ -141,20 +163,26 @@ def published_share(calibration: MotionCalibration, recording: Recording, values
     """
     good = ~calibration.readings.spiked
     stamps, readings = recording[0][good], recording[1][good]
-    result = run(stamps, values.angles(calibration, readings), values.of(calibration),
-                 lambda done: progress('supervision of the motion', done / len(stamps)))
+    result = run(
+        stamps,
+        values.angles(calibration, readings),
+        values.of(calibration),
+        lambda done: progress('supervision of the motion', done / len(stamps)),
+    )
     share = float(result.published.mean())
     if share < PUBLISHED:
         raise CalibrationError(
             f'with this calibration fkm publishes {100.0 * share:.1f} % of the motion, expected '
-            f'{100.0 * PUBLISHED:g} % at least: {_reason(result)}; nothing is written')
+            f'{100.0 * PUBLISHED:g} % at least: {_reason(result)}; nothing is written'
+        )
     return share
 
 
 def _reason(result: Supervised) -> str:
     """Return the most frequent reason of silence; the start, which follows others, comes last."""
-    reason, count = max(result.reasons.items(), key=lambda each: (
-        each[0] != Reason.STARTING.value, each[1]))
+    reason, count = max(
+        result.reasons.items(), key=lambda each: (each[0] != Reason.STARTING.value, each[1])
+    )
     return f'{with_remedy(reason, reason)} ({count} samples)'
 
 
@@ -164,10 +192,12 @@ def _simulated(calibration: MotionCalibration) -> tuple[NDArray[np.int64], Array
     t = np.arange(int(SECONDS * RATE)) / RATE
     around, out, about = (tau * t / period for period in PERIODS)
     middle, half = 0.5 * (region.from_deg + region.to_deg), 0.5 * (region.to_deg - region.from_deg)
-    poses = workspace_pose(np.radians(region.tilt_deg) * (0.5 - 0.5 * np.cos(out)), around,
-                           np.radians(middle + half * np.sin(about)))
-    angles = calibration.model.joint_angles(
-        poses, calibration.layout.geometry(calibration.vector))
+    poses = workspace_pose(
+        np.radians(region.tilt_deg) * (0.5 - 0.5 * np.cos(out)),
+        around,
+        np.radians(middle + half * np.sin(about)),
+    )
+    angles = calibration.model.joint_angles(poses, calibration.layout.geometry(calibration.vector))
     within = np.isfinite(angles).all(axis=1)
     return (t[within] * 1e9).astype(np.int64), angles[within]
 
@@ -176,27 +206,39 @@ def check(options: argparse.Namespace) -> int:
     """Check a calibration by a motion; 1 if it does not hold. Errors as SpmError."""
     path = options.check
     if options.output is not None:
-        raise InputError(f'-o {options.output} with --check {path}; expected one of them: a check '
-                         'writes nothing')
+        raise InputError(
+            f'-o {options.output} with --check {path}; expected one of them: a check '
+            'writes nothing'
+        )
     of_file = read_parameters(path)
     missing = [name for name in NEEDED if name not in of_file]
     if missing:
-        raise InputError(f'--check {path}: it has no {", ".join(missing)}; expected a file that '
-                         'calibrate wrote')
+        raise InputError(
+            f'--check {path}: it has no {", ".join(missing)}; expected a file that calibrate wrote'
+        )
     options.params_file.append(str(path))
     source, given = given_for_motion(options, 'check')
     values = command_line.checked(given, SOURCE_SETTINGS[source], source)
     settings = command_line.checked(given, FKM_SETTINGS)
     stamps, angles = read_motion(
-        source, values, options.seconds, SECONDS_DEFAULT, 'tilt the handle in all directions and '
+        source,
+        values,
+        options.seconds,
+        SECONDS_DEFAULT,
+        'tilt the handle in all directions and '
         f'turn it both ways, for {options.seconds or SECONDS_DEFAULT:g} s; Ctrl-C ends the '
-        'recording and keeps it')
+        'recording and keeps it',
+    )
     readings = motion_readings(stamps, angles)
     sigma = np.maximum(sigma_from(settings), readings.noise) / np.sqrt(readings.together)
     with ProgressBar('calibrate') as bar:
         found = CalibrationChecker(
-            sigma, np.array(limits_from(settings).bias), geometry_from(settings),
-            settings['working_mode'], bar.stage).check(readings.readings)
+            sigma,
+            np.array(limits_from(settings).bias),
+            geometry_from(settings),
+            settings['working_mode'],
+            bar.stage,
+        ).check(readings.readings)
     _print(path, found, readings, settings)
     if not found.holds:
         raise CalibrationError(f'{path} does not hold: {found.text}')
@@ -205,17 +247,23 @@ def check(options: argparse.Namespace) -> int:
 
 def _print(path: Path, found: Check, readings: MotionReadings, settings: dict[str, Any]) -> None:
     verdict, each = 'holds' if found.holds else 'does not hold', found.evaluation
-    print(f'{path}: {verdict}; {readings.sets} sets in {readings.seconds[-1]:.1f} s, '
-          f'{readings.spikes} left out as spikes, {each.poses if each else 0} poses')
+    print(
+        f'{path}: {verdict}; {readings.sets} sets in {readings.seconds[-1]:.1f} s, '
+        f'{readings.spikes} left out as spikes, {each.poses if each else 0} poses'
+    )
     if each is None:
         print(f'  only {100.0 * found.usable:.0f} % of the angles fit the mechanism')
         return
-    print(f'  slow parity {degrees(each.slow):.4f} deg rms; noise alone '
-          f'{degrees(each.white):.4f}, noise and bias_deg {degrees(each.expected):.4f}')
+    print(
+        f'  slow parity {degrees(each.slow):.4f} deg rms; noise alone '
+        f'{degrees(each.white):.4f}, noise and bias_deg {degrees(each.expected):.4f}'
+    )
     print(f'  figure of merit {each.merit:.2f} (1: as large as noise and bias_deg explain)')
     sigma = sigma_from(settings)
-    for index, name in enumerate(ALL_JOINT_NAMES[:len(sigma)]):
-        print(f'  {name}: if it alone slipped {degrees(each.slip[index]):+.3f} deg '
-              f'+- {degrees(each.deviation[index]):.3f}, least that shows '
-              f'{degrees(each.visible[index]):.3f}; noise {degrees(readings.noise[index]):.4f} '
-              f'deg, sigma_deg {degrees(sigma[index]):.4f}')
+    for index, name in enumerate(ALL_JOINT_NAMES[: len(sigma)]):
+        print(
+            f'  {name}: if it alone slipped {degrees(each.slip[index]):+.3f} deg '
+            f'+- {degrees(each.deviation[index]):.3f}, least that shows '
+            f'{degrees(each.visible[index]):.3f}; noise {degrees(readings.noise[index]):.4f} '
+            f'deg, sigma_deg {degrees(sigma[index]):.4f}'
+        )

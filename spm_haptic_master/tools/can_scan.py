@@ -25,8 +25,10 @@ SDO, compares the answers and frames with the configuration, and prints the line
 Exit code 0 if the bus is as configured, 1 if something is missing or unexpected."""
 # Parameters that choose the encoders: without them the joints are in the order of the node ids.
 CHOSEN = ('encoders.node_id', 'encoders.id')
-IN_ORDER = (', in the order of the node ids: put both lists into that of the joints, as the '
-            'device is wired')
+IN_ORDER = (
+    ', in the order of the node ids: put both lists into that of the joints, as the '
+    'device is wired'
+)
 
 
 @command_line.program('can_scan')
@@ -39,15 +41,26 @@ def main(args: list[str]) -> int:
     values = command_line.bus_values(given)
     decoder = make_decoder(values)
     expected = scan_report.Expected(
-        decoder.layouts, values['encoders.node_id'] if decoder.network else None, values['rate'],
-        *_drives(given, values))
+        decoder.layouts,
+        values['encoders.node_id'] if decoder.network else None,
+        values['rate'],
+        *_drives(given, values),
+    )
     scan = BusScan(decoder.sync_id)
     interface, channel = values['can.interface'], values['can.channel']
     with command_line.bus_of(values) as bus:
-        scanner = BusScanner(bus, scan, expected.rate, interface == ECHOING,
-                             partial(print, 'can_scan:', file=sys.stderr))
-        scanner.listen(options.seconds, not options.passive,
-                       (expected.node_ids or ()) if options.start else None)
+        scanner = BusScanner(
+            bus,
+            scan,
+            expected.rate,
+            interface == ECHOING,
+            partial(print, 'can_scan:', file=sys.stderr),
+        )
+        scanner.listen(
+            options.seconds,
+            not options.passive,
+            (expected.node_ids or ()) if options.start else None,
+        )
     print(f'{command_line.bus_name(values)}, {options.seconds:g} s:')
     print('\n'.join(scan_report.listing(scan, expected)) or '  nothing')
     found = scan_report.problems(scan, expected)
@@ -60,9 +73,18 @@ def main(args: list[str]) -> int:
     if expected.node_ids is not None:
         known = any(name in given for name in CHOSEN)
         print('lines for rig.yaml' + ('' if known else IN_ORDER) + ':')
-        print('\n'.join(scan_report.rig_lines(
-            scan, expected, known, interface, channel,
-            values['can.bitrate'] if 'can.bitrate' in given else None)))
+        print(
+            '\n'.join(
+                scan_report.rig_lines(
+                    scan,
+                    expected,
+                    known,
+                    interface,
+                    channel,
+                    values['can.bitrate'] if 'can.bitrate' in given else None,
+                )
+            )
+        )
     return 1 if found else 0
 
 
@@ -75,19 +97,26 @@ def _drives(given: Values, values: Values) -> tuple[dict[int, str], dict[int, st
     names = {drive.node_id: drive.name for drive in plan.drives}
     frames = {plan.combined_id: 'torques of all drives'} if plan.combined else {}
     for drive in plan.drives:
-        frames |= {drive.status_id: f'status of the {drive.name}',
-                   drive.control_id: f'command to the {drive.name}'}
+        frames |= {
+            drive.status_id: f'status of the {drive.name}',
+            drive.control_id: f'command to the {drive.name}',
+        }
     frames[canopen.HEARTBEAT_BASE + plan.master_id] = 'heartbeat of the master of the drives'
     return names, frames
 
 
 def _parser() -> Parser:
     parser = Parser('can_scan', DESCRIPTION)
-    parser.add_argument('--seconds', type=positive, default=3.0, metavar='S',
-                        help='time to listen, s (default 3)')
-    parser.add_argument('--passive', action='store_true',
-                        help='send nothing, not even SDO requests')
-    parser.add_argument('--start', action='store_true',
-                        help='send NMT start to every node that is heard, and SYNC at `rate` as '
-                        'long as no master makes it')
+    parser.add_argument(
+        '--seconds', type=positive, default=3.0, metavar='S', help='time to listen, s (default 3)'
+    )
+    parser.add_argument(
+        '--passive', action='store_true', help='send nothing, not even SDO requests'
+    )
+    parser.add_argument(
+        '--start',
+        action='store_true',
+        help='send NMT start to every node that is heard, and SYNC at `rate` as '
+        'long as no master makes it',
+    )
     return parser

@@ -50,8 +50,10 @@ def main(args: list[str]) -> int:
             with canopen_network.awaited(network, identifier) as heard:
                 running = heard.wait(LISTEN)
             if running:
-                raise SetupError(f'{kind} 0x{identifier:X} on the bus: a master is running; stop '
-                                 'it before anything is written')
+                raise SetupError(
+                    f'{kind} 0x{identifier:X} on the bus: a master is running; stop '
+                    'it before anything is written'
+                )
         return _set_up(network, command_line.bus_name(values, of), nodes, options)
 
 
@@ -60,18 +62,34 @@ def _encoders(given: Values, options: argparse.Namespace) -> Plan:
     values = command_line.bus_values(given)
     decoder = make_decoder(values)
     if decoder.network is None:
-        raise SettingError('can.protocol', values['can.protocol'], "'canopen': other encoders "
-                           'have no objects')
-    nodes = [(layout.joint, node_id, node_setup.wanted_objects(
-        layout, node_id, decoder.sync_id is not None, 1.0 / values['rate'], options.heartbeat))
-        for layout, node_id in zip(decoder.layouts, values['encoders.node_id'], strict=True)]
+        raise SettingError(
+            'can.protocol', values['can.protocol'], "'canopen': other encoders have no objects"
+        )
+    nodes = [
+        (
+            layout.joint,
+            node_id,
+            node_setup.wanted_objects(
+                layout,
+                node_id,
+                decoder.sync_id is not None,
+                1.0 / values['rate'],
+                options.heartbeat,
+            ),
+        )
+        for layout, node_id in zip(decoder.layouts, values['encoders.node_id'], strict=True)
+    ]
     joints = [joint for joint, _, _ in nodes]
     for joint in options.joint or ():
         if joint not in joints:
-            raise InputError(f'joint {joint}; expected one of {", ".join(joints)} '
-                             f'(sensors: {len(joints)})')
-    return (values, [node for node in nodes if node[0] in (options.joint or joints)],
-            None if decoder.sync_id is None else ('SYNC', decoder.sync_id))
+            raise InputError(
+                f'joint {joint}; expected one of {", ".join(joints)} (sensors: {len(joints)})'
+            )
+    return (
+        values,
+        [node for node in nodes if node[0] in (options.joint or joints)],
+        None if decoder.sync_id is None else ('SYNC', decoder.sync_id),
+    )
 
 
 def _drives(given: Values, options: argparse.Namespace) -> Plan:
@@ -81,19 +99,26 @@ def _drives(given: Values, options: argparse.Namespace) -> Plan:
         raise SettingError('drives.channel', '', "the channel of the drives' bus")
     plan = make_plan(values)
     check_shared_bus(values, command_line.bus_values(given))
-    nodes = [(joint, drive.node_id, drive_objects(plan, drive))
-             for joint, drive in zip(JOINT_NAMES, plan.drives, strict=False)
-             if joint in (options.joint or JOINT_NAMES)]
+    nodes = [
+        (joint, drive.node_id, drive_objects(plan, drive))
+        for joint, drive in zip(JOINT_NAMES, plan.drives, strict=False)
+        if joint in (options.joint or JOINT_NAMES)
+    ]
     if not nodes:
-        raise InputError(f'--joint {options.joint[0]} with --drives; expected one of '
-                         + ', '.join(JOINT_NAMES[:len(plan.drives)]))
+        raise InputError(
+            f'--joint {options.joint[0]} with --drives; expected one of '
+            + ', '.join(JOINT_NAMES[: len(plan.drives)])
+        )
     return values, nodes, ('heartbeat', canopen.HEARTBEAT_BASE + plan.master_id)
 
 
 def _set_up(network: Any, bus: str, nodes: Nodes, options: argparse.Namespace) -> int:
     """Set nodes up; return the exit code."""
-    kind, profile = ('drives', canopen.DRIVE_PROFILE) if options.drives \
+    kind, profile = (
+        ('drives', canopen.DRIVE_PROFILE)
+        if options.drives
         else ('encoders', canopen.ENCODER_PROFILE)
+    )
     different = failed = 0
     for joint, node_id, objects in nodes:
         try:
@@ -106,16 +131,25 @@ def _set_up(network: Any, bus: str, nodes: Nodes, options: argparse.Namespace) -
         print(f'{bus}: {failed} of {len(nodes)} {kind} not set up')
         return 1
     if different and not options.write:
-        print(f'{bus}: {different} of {len(nodes)} {kind} not as configured; nothing was '
-              'written (--write)')
+        print(
+            f'{bus}: {different} of {len(nodes)} {kind} not as configured; nothing was '
+            'written (--write)'
+        )
         return 1
-    print(f'{bus}: {len(nodes)} of {len(nodes)} {kind} as configured'
-          + (', stored and read back after a reset' if different else ''))
+    print(
+        f'{bus}: {len(nodes)} of {len(nodes)} {kind} as configured'
+        + (', stored and read back after a reset' if different else '')
+    )
     return 0
 
 
-def _set_up_one(joint: str, node: canopen_network.Node, wanted: node_setup.WantedObjects,
-                writes: bool, profile: int) -> bool:
+def _set_up_one(
+    joint: str,
+    node: canopen_network.Node,
+    wanted: node_setup.WantedObjects,
+    writes: bool,
+    profile: int,
+) -> bool:
     """Print and, on request, write what differs; return whether something did."""
     print(f'{joint}, node {node.node_id}: {node_setup.identity(node, profile)}', flush=True)
     if not all(pdo.mapping for pdo in wanted.pdos):
@@ -125,19 +159,36 @@ def _set_up_one(joint: str, node: canopen_network.Node, wanted: node_setup.Wante
         print(f'  {line}')
     if found and writes:
         node_setup.write(node, wanted, found)
-    print(f'  {len(wanted.every) - len(found)} of {len(wanted.every)} objects as configured'
-          + (f'; {len(found)} written' if found and writes else ''), flush=True)
+    print(
+        f'  {len(wanted.every) - len(found)} of {len(wanted.every)} objects as configured'
+        + (f'; {len(found)} written' if found and writes else ''),
+        flush=True,
+    )
     return bool(found)
 
 
 def _parser() -> Parser:
     parser = Parser('can_setup', DESCRIPTION)
-    parser.add_argument('--write', action='store_true',
-                        help='write, store and verify; without it nothing is changed')
-    parser.add_argument('--drives', action='store_true',
-                        help='the drives of drives.* in place of the encoders')
-    parser.add_argument('--joint', action='append', choices=ALL_JOINT_NAMES, metavar='JOINT',
-                        help='set up the node of this joint; may be repeated (default: all)')
-    parser.add_argument('--heartbeat', type=positive, default=0.1, metavar='S',
-                        help='time between heartbeats, s (default 0.1)')
+    parser.add_argument(
+        '--write',
+        action='store_true',
+        help='write, store and verify; without it nothing is changed',
+    )
+    parser.add_argument(
+        '--drives', action='store_true', help='the drives of drives.* in place of the encoders'
+    )
+    parser.add_argument(
+        '--joint',
+        action='append',
+        choices=ALL_JOINT_NAMES,
+        metavar='JOINT',
+        help='set up the node of this joint; may be repeated (default: all)',
+    )
+    parser.add_argument(
+        '--heartbeat',
+        type=positive,
+        default=0.1,
+        metavar='S',
+        help='time between heartbeats, s (default 0.1)',
+    )
     return parser

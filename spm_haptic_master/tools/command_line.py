@@ -38,8 +38,11 @@ LINE_PERIOD, TERMINAL_PERIOD = 1.0, 0.1
 BAR = 30
 
 
-def given(found: argparse.Namespace, nodes: Sequence[str] = (DRIVER,),
-          names: Collection[str] = DRIVER_NAMES) -> dict[str, object]:
+def given(
+    found: argparse.Namespace,
+    nodes: Sequence[str] = (DRIVER,),
+    names: Collection[str] = DRIVER_NAMES,
+) -> dict[str, object]:
     """
     Return parameters of nodes on a command line parsed by `arguments.Parser`, by name.
 
@@ -48,13 +51,17 @@ def given(found: argparse.Namespace, nodes: Sequence[str] = (DRIVER,),
     """
     parameters = parameters_of(found)
     parameters.check(nodes, names)
-    own = {node: {setting.name for setting in NODE_SETTINGS[node]}.intersection(names)
-           for node in nodes}
+    own = {
+        node: {setting.name for setting in NODE_SETTINGS[node]}.intersection(names)
+        for node in nodes
+    }
     unused = parameters.unused({parameters.full_name(node): own[node] for node in nodes})
     if unused:
         raise InputError(f'{unused[0]}: {NO_EFFECT}')
-    values = {node: {name: value for name, value in parameters.of(node).items()
-                     if name in own[node]} for node in nodes}
+    values = {
+        node: {name: value for name, value in parameters.of(node).items() if name in own[node]}
+        for node in nodes
+    }
     check_agreement(values)
     return {name: value for of_node in values.values() for name, value in of_node.items()}
 
@@ -65,8 +72,9 @@ def checked(values: Values, settings: tuple[Setting, ...], *sources: str) -> dic
 
     SettingError for a value that a setting cannot have.
     """
-    defaults = {name: value for source in sources
-                for name, value in source_defaults(source).items()}
+    defaults = {
+        name: value for source in sources for name, value in source_defaults(source).items()
+    }
     return resolve(values, settings, defaults)[1]
 
 
@@ -90,8 +98,9 @@ def bus_of(values: Values, of: str = 'can') -> Iterator[can.BusABC]:
     """
     can_bus.check_interface(values[f'{of}.interface'], f'{of}.interface')
     try:
-        with can_bus.open_bus(values[f'{of}.interface'], values[f'{of}.channel'],
-                              values[f'{of}.bitrate']) as bus:
+        with can_bus.open_bus(
+            values[f'{of}.interface'], values[f'{of}.channel'], values[f'{of}.bitrate']
+        ) as bus:
             yield bus
     except SpmError:
         raise
@@ -122,8 +131,11 @@ class ProgressBar:
         if not self._terminal:
             print(f'{self._name}: {text}', file=sys.stderr)
             return
-        bar = '' if share is None else \
-            f'[{("#" * round(BAR * min(max(share, 0.0), 1.0))).ljust(BAR, ".")}] '
+        bar = (
+            ''
+            if share is None
+            else f'[{("#" * round(BAR * min(max(share, 0.0), 1.0))).ljust(BAR, ".")}] '
+        )
         width = shutil.get_terminal_size().columns - 1
         print(f'\r{f"{bar}{text}"[:width]}\x1b[K', end='', file=sys.stderr, flush=True)
 

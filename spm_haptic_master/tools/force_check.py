@@ -82,12 +82,16 @@ def main(args: list[str]) -> int:
     for direction, each in releases.items():
         found = identify_friction(each)
         stiffest = found.stiffest(options.damping, 1.0 / options.rate, options.latency)
-        print(f'handle about {direction}: inertia {1e3 * found.inertia:.3f} g m^2, friction '
-              f'{1e3 * found.viscous:.2f} mN m s/rad and {1e3 * found.dry:.1f} mN m; largest '
-              f'stiffness {stiffest:.2f} N m/rad')
+        print(
+            f'handle about {direction}: inertia {1e3 * found.inertia:.3f} g m^2, friction '
+            f'{1e3 * found.viscous:.2f} mN m s/rad and {1e3 * found.dry:.1f} mN m; largest '
+            f'stiffness {stiffest:.2f} N m/rad'
+        )
         if options.stiffness > stiffest:
-            failed.append(f'{options.stiffness:g} N m/rad about {direction}, at {options.rate:g} '
-                          f'Hz and {1e3 * options.latency:g} ms: expected {stiffest:.2f} or less')
+            failed.append(
+                f'{options.stiffness:g} N m/rad about {direction}, at {options.rate:g} '
+                f'Hz and {1e3 * options.latency:g} ms: expected {stiffest:.2f} or less'
+            )
     for text in failed:
         print(f'not as expected: {text}')
     if not failed:
@@ -104,14 +108,26 @@ def _record(path: Path, given: Values, values: dict[str, Any], poses: int) -> No
     if drives is None:
         raise InputError("drives.channel = '' with --record: expected the bus of the drives")
     settings = command_line.checked(given, nodes.SOURCE_SETTINGS[kind], kind)
-    print('force_check: the motors turn the handle by some degrees: balance it, and touch it only '
-          'when asked', file=sys.stderr)
+    print(
+        'force_check: the motors turn the handle by some degrees: balance it, and touch it only '
+        'when asked',
+        file=sys.stderr,
+    )
     source = make_source(kind, settings)
     try:
-        record(path, BringUp(
-            source, drives, geometry_from(values), values['working_mode'],
-            sigma_from(values)[:4], settings['can.timeout'],
-            lambda text: print(f'force_check: {text}', file=sys.stderr)), poses)
+        record(
+            path,
+            BringUp(
+                source,
+                drives,
+                geometry_from(values),
+                values['working_mode'],
+                sigma_from(values)[:4],
+                settings['can.timeout'],
+                lambda text: print(f'force_check: {text}', file=sys.stderr),
+            ),
+            poses,
+        )
     finally:
         drives.close()
         source.close()
@@ -134,22 +150,32 @@ def check_weight(parts: list[Part], values: Values, failed: list[str]) -> Gravit
         return Gravity()
     left, _, right = np.linalg.svd([rotations(part, values).mean(axis=0) for part in poses])
     gravity, residual = identify_gravity(
-        left @ right, [part.torque.mean(axis=0) for part in poses], geometry_from(values),
-        values['working_mode'])
-    handle, links = ('[' + ', '.join(f'{value:.4f}' for value in moments) + ']'
-                     for moments in (gravity.handle, gravity.proximal))
-    print(f'weight from {len(poses)} poses: handle {handle}, proximal links {links} kg m; '
-          f'{1e3 * residual:.1f} mN m not explained')
+        left @ right,
+        [part.torque.mean(axis=0) for part in poses],
+        geometry_from(values),
+        values['working_mode'],
+    )
+    handle, links = (
+        '[' + ', '.join(f'{value:.4f}' for value in moments) + ']'
+        for moments in (gravity.handle, gravity.proximal)
+    )
+    print(
+        f'weight from {len(poses)} poses: handle {handle}, proximal links {links} kg m; '
+        f'{1e3 * residual:.1f} mN m not explained'
+    )
     if residual > LARGEST_RESIDUAL:
-        failed.append(f'the weight does not explain {1e3 * residual:.1f} mN m: expected '
-                      f'{1e3 * LARGEST_RESIDUAL:g} or less')
+        failed.append(
+            f'the weight does not explain {1e3 * residual:.1f} mN m: expected '
+            f'{1e3 * LARGEST_RESIDUAL:g} or less'
+        )
     return gravity
 
 
 def rotations(part: Part, values: Values) -> Array:
     """Return R_base_platform of each row, shape (n, 3, 3)."""
-    found: Array = estimate(part.angles[:, :3], part.angles[:, 3], sigma_from(values)[:4],
-                            geometry_from(values)).rotation
+    found: Array = estimate(
+        part.angles[:, :3], part.angles[:, 3], sigma_from(values)[:4], geometry_from(values)
+    ).rotation
     if not np.isfinite(found).all():
         raise InputError(f"part '{' '.join(part.name)}': no orientation has these angles")
     return found
@@ -159,8 +185,9 @@ def release_of(part: Part, values: Values, gravity: Gravity) -> Release:
     """Return time, turn and net torque about the direction of a release."""
     R = rotations(part, values)
     axis = R[0, :, DIRECTIONS.index(part.name[1])]
-    statics = make_statics(geometry_from(values), values['working_mode'], part.torque.shape[1],
-                           ForceLimits())
+    statics = make_statics(
+        geometry_from(values), values['working_mode'], part.torque.shape[1], ForceLimits()
+    )
     weight, net = Weight(gravity, statics), []
     for pose, tau in zip(R.reshape(-1, 9), part.torque.tolist(), strict=True):
         statics.place(tuple(pose.tolist()))
@@ -177,23 +204,36 @@ def read(path: Path) -> list[Part]:
         with path.open(encoding='utf-8', newline='') as file:
             rows = list(csv.DictReader(file))
         motors = [name for name in TORQUES if rows and name in rows[0]]
-        groups = [(name, np.array([[float(row[column]) for column in ('time', *ANGLES, *motors)]
-                                   for row in group]))
-                  for name, group in groupby(rows, lambda row: row['part'])]
+        groups = [
+            (
+                name,
+                np.array(
+                    [
+                        [float(row[column]) for column in ('time', *ANGLES, *motors)]
+                        for row in group
+                    ]
+                ),
+            )
+            for name, group in groupby(rows, lambda row: row['part'])
+        ]
     except (OSError, KeyError, TypeError, ValueError, csv.Error) as error:
-        raise InputError(f'{path}: cannot be read as a recording of a bring-up: '
-                         f'{error!r}') from error
+        raise InputError(
+            f'{path}: cannot be read as a recording of a bring-up: {error!r}'
+        ) from error
     if len(motors) < 3:
         raise InputError(f'{path}: torques of {len(motors)} motors: expected {", ".join(TORQUES)}')
     for name, numbers in groups:
         part = PART.match(name)
         if part is None or part[1] and f'tau{part[1]}' not in motors:
-            raise InputError(f"{path}: part '{name}': expected 'step 1a', 'pose 1' or 'release z "
-                             "1'")
+            raise InputError(
+                f"{path}: part '{name}': expected 'step 1a', 'pose 1' or 'release z 1'"
+            )
         if not np.isfinite(numbers).all():
             raise InputError(f"{path}: part '{name}': expected finite numbers")
-    return [Part(name.split(), numbers[:, 0], numbers[:, 1:5], numbers[:, 5:])
-            for name, numbers in groups]
+    return [
+        Part(name.split(), numbers[:, 0], numbers[:, 1:5], numbers[:, 5:])
+        for name, numbers in groups
+    ]
 
 
 def _of(parts: list[Part], kind: str) -> list[Part]:
@@ -203,17 +243,31 @@ def _of(parts: list[Part], kind: str) -> list[Part]:
 def _parser() -> Parser:
     parser = Parser('force_check', DESCRIPTION)
     parser.add_argument('recording', type=Path, metavar='RECORDING', help='CSV file')
-    parser.add_argument('--record', action='store_true',
-                        help='make RECORDING first, by the drives and encoders of the parameters: '
-                        'steps, releases, and poses that a hand chooses')
-    parser.add_argument('--poses', type=int, default=POSES, choices=(0, *range(6, 41)),
-                        metavar='N', help='poses of --record, 6 to 40; 0: none, the handle is '
-                        f'balanced (default {POSES})')
+    parser.add_argument(
+        '--record',
+        action='store_true',
+        help='make RECORDING first, by the drives and encoders of the parameters: '
+        'steps, releases, and poses that a hand chooses',
+    )
+    parser.add_argument(
+        '--poses',
+        type=int,
+        default=POSES,
+        choices=(0, *range(6, 41)),
+        metavar='N',
+        help=f'poses of --record, 6 to 40; 0: none, the handle is balanced (default {POSES})',
+    )
     for name, default, words in (
-            ('stiffness', 1.0, 'stiffest spring that is commanded, N m/rad'),
-            ('damping', ForceLimits().damping, 'damping that the control adds, N m s/rad'),
-            ('rate', 1000.0, 'rate of the control, Hz'),
-            ('latency', 0.001, 'time from an angle to its torque, s')):
-        parser.add_argument(f'--{name}', type=positive, default=default, metavar='X',
-                            help=f'{words} (default {default:g})')
+        ('stiffness', 1.0, 'stiffest spring that is commanded, N m/rad'),
+        ('damping', ForceLimits().damping, 'damping that the control adds, N m s/rad'),
+        ('rate', 1000.0, 'rate of the control, Hz'),
+        ('latency', 0.001, 'time from an angle to its torque, s'),
+    ):
+        parser.add_argument(
+            f'--{name}',
+            type=positive,
+            default=default,
+            metavar='X',
+            help=f'{words} (default {default:g})',
+        )
     return parser

@@ -57,9 +57,16 @@ class BringUp:
     takes what a person has to know.
     """
 
-    def __init__(self, source: EncoderSource, drives: Drives, geometry: Geometry,
-                 working_mode: WorkingMode, sigma: tuple[float, ...], silence: float,
-                 show: Callable[[str], None]) -> None:
+    def __init__(
+        self,
+        source: EncoderSource,
+        drives: Drives,
+        geometry: Geometry,
+        working_mode: WorkingMode,
+        sigma: tuple[float, ...],
+        silence: float,
+        show: Callable[[str], None],
+    ) -> None:
         self._source, self._drives, self._silence, self.show = source, drives, silence, show
         self._geometry, self._sensors = geometry, UsedSensors(sigma)
         self._statics = make_statics(geometry, working_mode, drives.motors, ForceLimits())
@@ -76,8 +83,10 @@ class BringUp:
             if sample is not None and report.ready:
                 return
         raise InputError(
-            f'no set of angles within {READY:g} s: {self._source.fault}' if sample is None else
-            f'the drives are not ready after {READY:g} s: {report.fault}')
+            f'no set of angles within {READY:g} s: {self._source.fault}'
+            if sample is None
+            else f'the drives are not ready after {READY:g} s: {report.fault}'
+        )
 
     def begin(self, part: str) -> None:
         """Begin a part with the next sample."""
@@ -106,22 +115,33 @@ class BringUp:
 
     def turn(self, angles: Torques) -> float:
         """Return the largest turn of a joint from given angles, rad."""
-        return max(abs(remainder(a - b, 2.0 * pi))
-                   for a, b in zip(self.angles, angles, strict=True))
+        return max(
+            abs(remainder(a - b, 2.0 * pi)) for a, b in zip(self.angles, angles, strict=True)
+        )
 
     def about_z(self, torque: float) -> Torques:
         """Return the motor torques of a torque about the handle's z axis, N m."""
         R = rotation_from_quaternion(
-            *estimate_sample(self.angles[:4], self._sensors, self._geometry).quaternion)
+            *estimate_sample(self.angles[:4], self._sensors, self._geometry).quaternion
+        )
         self._statics.place(R)
         return self._statics.render((torque * R[2], torque * R[5], torque * R[8]))[0]
 
     def spring(self, stiffness: float, angles: Torques, largest: float) -> Torques:
         """Return the torques of springs and dampers, N m; none before a velocity is known."""
         velocity = self._motion.velocity
-        return self.nothing if velocity is None else tuple([
-            clipped(stiffness * remainder(centre - angle, 2.0 * pi) - DAMPING * rate, largest)
-            for centre, angle, rate in zip(angles, self.angles, velocity, strict=False)])
+        return (
+            self.nothing
+            if velocity is None
+            else tuple(
+                [
+                    clipped(
+                        stiffness * remainder(centre - angle, 2.0 * pi) - DAMPING * rate, largest
+                    )
+                    for centre, angle, rate in zip(angles, self.angles, velocity, strict=False)
+                ]
+            )
+        )
 
     def _read(self) -> tuple[int, Torques]:
         """Return stamp, ns, and angles, rad, of the next set."""
@@ -149,16 +169,20 @@ def record(path: Path, bring_up: BringUp, poses: int = 0) -> None:
             _release(bring_up, f'release z {number}', torque)
         held: list[Torques] = []
         while len(held) < poses:
-            bring_up.show(f'pose {len(held) + 1} of {poses}: bring the handle to a new pose, 10 '
-                          'deg or more from the others, and keep it still')
+            bring_up.show(
+                f'pose {len(held) + 1} of {poses}: bring the handle to a new pose, 10 '
+                'deg or more from the others, and keep it still'
+            )
             held.append(_pose(bring_up, held))
         bring_up.show('all parts are recorded: the motors no longer hold the handle')
     try:
         with path.open('w', encoding='utf-8', newline='') as file:
             writer = csv.writer(file)
-            writer.writerow(('part', 'time', *ANGLES, *TORQUES[:len(motors)]))
-            writer.writerows((name, f'{since:.6f}', *angles, *torques)
-                             for name, since, angles, torques in bring_up.rows)
+            writer.writerow(('part', 'time', *ANGLES, *TORQUES[: len(motors)]))
+            writer.writerows(
+                (name, f'{since:.6f}', *angles, *torques)
+                for name, since, angles, torques in bring_up.rows
+            )
     except OSError as error:
         raise InputError(f'{path}: cannot be written: {error}') from error
 
@@ -167,24 +191,39 @@ def _step(bring_up: BringUp, motor: int) -> int:
     """Turn one motor alone; return its sign."""
     name, before = f'step {ANGLES[motor][2:]}', len(bring_up.rows)
     nothing = bring_up.nothing
-    push, back = ((*nothing[:motor], torque, *nothing[motor + 1:]) for torque in (STEP, -STEP))
+    push, back = ((*nothing[:motor], torque, *nothing[motor + 1 :]) for torque in (STEP, -STEP))
     # The opposite step takes the speed away again, whatever the sign.
-    _move(bring_up, name, (SHOWN, lambda: nothing, False), (REST, lambda: nothing, True),
-          (PUSH, lambda: push, True), (BACK, lambda: back, False), (END, lambda: nothing, False))
+    _move(
+        bring_up,
+        name,
+        (SHOWN, lambda: nothing, False),
+        (REST, lambda: nothing, True),
+        (PUSH, lambda: push, True),
+        (BACK, lambda: back, False),
+        (END, lambda: nothing, False),
+    )
     own = bring_up.rows[before:]
-    return motor_sign(np.array([torques[motor] for *_, torques in own]),
-                      np.array([angles[motor] for _, _, angles, _ in own]))
+    return motor_sign(
+        np.array([torques[motor] for *_, torques in own]),
+        np.array([angles[motor] for _, _, angles, _ in own]),
+    )
 
 
 def _release(bring_up: BringUp, name: str, torque: float) -> None:
     """Turn the handle from rest for a moment, and let it go."""
-    _move(bring_up, name, (SHOWN, lambda: bring_up.spring(0.0, bring_up.angles, STEP), False),
-          (REST, lambda: bring_up.nothing, True), (PUSH, lambda: bring_up.about_z(torque), True),
-          (END, lambda: bring_up.nothing, True))
+    _move(
+        bring_up,
+        name,
+        (SHOWN, lambda: bring_up.spring(0.0, bring_up.angles, STEP), False),
+        (REST, lambda: bring_up.nothing, True),
+        (PUSH, lambda: bring_up.about_z(torque), True),
+        (END, lambda: bring_up.nothing, True),
+    )
 
 
-def _move(bring_up: BringUp, part: str,
-          *stages: tuple[float, Callable[[], Torques], bool]) -> None:
+def _move(
+    bring_up: BringUp, part: str, *stages: tuple[float, Callable[[], Torques], bool]
+) -> None:
     """Do a part by stages: time of the end, s, torques of a sample, whether they are recorded."""
     bring_up.show(part)
     bring_up.begin(part)
@@ -193,8 +232,10 @@ def _move(bring_up: BringUp, part: str,
         while bring_up.since < end:
             bring_up.step(torques(), recorded)
             if (turn := bring_up.turn(first)) > FARTHEST:
-                raise InputError(f'{part}: a joint turned by {turn:.2f} rad: expected some '
-                                 'degrees; is the device balanced, and nobody holds it?')
+                raise InputError(
+                    f'{part}: a joint turned by {turn:.2f} rad: expected some '
+                    'degrees; is the device balanced, and nobody holds it?'
+                )
 
 
 def _pose(bring_up: BringUp, others: list[Torques]) -> Torques:

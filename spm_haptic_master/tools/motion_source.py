@@ -40,8 +40,10 @@ NODES, FKM_NAMES = ('encoder_driver', 'fkm'), {setting.name for setting in FKM_S
 def check_source(source: str, nothing_to: str) -> None:
     """Raise InputError for a source that has no motion of a real device."""
     if source not in ('can', 'replay'):
-        raise InputError(f"parameter 'source' is {source!r}; expected can or replay "
-                         f'(a simulation has nothing to {nothing_to})')
+        raise InputError(
+            f"parameter 'source' is {source!r}; expected can or replay "
+            f'(a simulation has nothing to {nothing_to})'
+        )
 
 
 def given_for_motion(options: argparse.Namespace, nothing_to: str) -> tuple[str, dict[str, Any]]:
@@ -52,9 +54,15 @@ def given_for_motion(options: argparse.Namespace, nothing_to: str) -> tuple[str,
     return source, given
 
 
-def read_motion(source: str, values: dict[str, Any], given: float | None, live_seconds: float,
-                instruction: str, evaluate: Evaluate | None = None,
-                keep: Path | None = None) -> Recording:
+def read_motion(
+    source: str,
+    values: dict[str, Any],
+    given: float | None,
+    live_seconds: float,
+    instruction: str,
+    evaluate: Evaluate | None = None,
+    keep: Path | None = None,
+) -> Recording:
     """
     Return the recording of a motion, up to the time that the user has given, s.
 
@@ -65,7 +73,8 @@ def read_motion(source: str, values: dict[str, Any], given: float | None, live_s
     if source == 'replay':
         with closing(make_replay(values)) as replay, ProgressBar('calibrate') as bar:
             recording, notes = read_log(
-                replay, lambda count: bar.show(f'{count} sets read'), given or inf)
+                replay, lambda count: bar.show(f'{count} sets read'), given or inf
+            )
         _say(*notes)
         return recording
     live = make_source(source, values)
@@ -74,27 +83,35 @@ def read_motion(source: str, values: dict[str, Any], given: float | None, live_s
     if keep is not None and isinstance(live, CanSource):
         log = FrameLog(free_path(keep))
         live.keep(log.take)
-        _say(f'the motion is kept in {log.path}; from it again: -p source:=replay -p '
-             f'replay.path:={log.path}')
+        _say(
+            f'the motion is kept in {log.path}; from it again: -p source:=replay -p '
+            f'replay.path:={log.path}'
+        )
     try:
         return _recorded(live, given or live_seconds, evaluate)
     finally:
         if log is not None:
             log.close()
             if log.error:
-                _say(f'{log.path}: cannot be written: {log.error}; the motion is not kept from '
-                     'then on')
+                _say(
+                    f'{log.path}: cannot be written: {log.error}; the motion is not kept from '
+                    'then on'
+                )
 
 
-def _recorded(live: EncoderSource, seconds: float, evaluate: Evaluate | None = None,
-              **how: Any) -> Recording:
+def _recorded(
+    live: EncoderSource, seconds: float, evaluate: Evaluate | None = None, **how: Any
+) -> Recording:
     """Record a source, close it and say what is left out; without `evaluate` show the time."""
     with closing(live), ProgressBar('calibrate') as bar:
+
         def show(recording: Recording, since: float) -> bool:
             if evaluate is not None:
                 return evaluate(bar, live, recording, since)
-            bar.show(with_trouble(f'{since:4.1f} of {seconds:g} s, {len(recording[0])} sets',
-                                  live), since / seconds)
+            bar.show(
+                with_trouble(f'{since:4.1f} of {seconds:g} s, {len(recording[0])} sets', live),
+                since / seconds,
+            )
             return False
 
         recording, notes = record(live, seconds, show, **how)
@@ -110,11 +127,12 @@ def with_trouble(text: str, source: EncoderSource) -> str:
 
 def wait_for_pose(number: int, count: int, pose: Sequence[float]) -> None:
     """Ask for a pose, psi theta phi, deg, and wait for Enter; InputError where stdin has ended."""
-    _say(f'pose {number} of {count}: hold the device at psi theta phi '
-         f'{" ".join(f"{angle:g}" for angle in pose)} deg, then press Enter')
+    _say(
+        f'pose {number} of {count}: hold the device at psi theta phi '
+        f'{" ".join(f"{angle:g}" for angle in pose)} deg, then press Enter'
+    )
     if not sys.stdin.readline():
-        raise InputError('standard input has ended; expected Enter for each of '
-                         f'{count} poses')
+        raise InputError(f'standard input has ended; expected Enter for each of {count} poses')
 
 
 def record_pose(source: str, values: dict[str, Any], seconds: float) -> NDArray[np.int64]:

@@ -49,8 +49,10 @@ group (can.channel) that any program of the host has joined on its port."""
 # Rated torque of simulated motors where none is given (N m).
 SIMULATED_RATED_TORQUE = 0.5
 # What a second program on the bus is, and its cure.
-TWIN = ('a second sim_bus, or encoders; udp_multicast needs a port for each bus, as in '
-        'CAN_CONFIG=\'{"port": 43114}\'')
+TWIN = (
+    'a second sim_bus, or encoders; udp_multicast needs a port for each bus, as in '
+    'CAN_CONFIG=\'{"port": 43114}\''
+)
 
 
 @command_line.program('sim_bus')
@@ -71,10 +73,20 @@ def main(args: list[str]) -> int:
     if motion.rig.has_harmonics:
         # The rig's are those of its encoders, not the ones that a driver corrects.
         layouts = tuple(replace(layout, harmonics=None) for layout in layouts)
-    of_encoders, of_drives = (tuple(each for each in faults if each.kind in kinds)
-                              for kinds in (fault_injection.KINDS, fault_injection.DRIVE_KINDS))
-    encoders = SimulatedBus(layouts, node_ids, motion, of_encoders, options.heartbeat,
-                            values['sim.seed'], decoder.sync_id is not None, options.factory)
+    of_encoders, of_drives = (
+        tuple(each for each in faults if each.kind in kinds)
+        for kinds in (fault_injection.KINDS, fault_injection.DRIVE_KINDS)
+    )
+    encoders = SimulatedBus(
+        layouts,
+        node_ids,
+        motion,
+        of_encoders,
+        options.heartbeat,
+        values['sim.seed'],
+        decoder.sync_id is not None,
+        options.factory,
+    )
     drives = _drives(values, options, of_drives)
     grid = DeadlineGrid(1.0 / values['rate']) if options.sync or decoder.sync_id is None else None
     end = time.monotonic() + options.seconds if options.seconds else float('inf')
@@ -82,7 +94,8 @@ def main(args: list[str]) -> int:
         record = None
         if (directory := options.ground_truth) is not None:
             table = recording_files.Table(
-                directory / recording_files.GROUND_TRUTH_NAME, recording_files.QUATERNION_COLUMNS)
+                directory / recording_files.GROUND_TRUTH_NAME, recording_files.QUATERNION_COLUMNS
+            )
             stack.callback(table.close)
             recording_files.write_new(directory / recording_files.RIG_NAME, rig_text(motion.rig))
             record = table.write
@@ -90,19 +103,26 @@ def main(args: list[str]) -> int:
         name = command_line.bus_name(values)
         runner = BusRunner(bus, encoders, decoder.sync_id, grid, record)
         if heard := ', '.join(f'0x{each:X}' for each in runner.listen()):
-            print(f'sim_bus: another program sends {heard} on {name}, too: {TWIN}',
-                  file=sys.stderr)
+            print(
+                f'sim_bus: another program sends {heard} on {name}, too: {TWIN}', file=sys.stderr
+            )
         runner.boot()
-        print(f'sim_bus: {decoder.words} on {name}, zero counts '
-              f'{list(values["encoders.zero_count"])}, directions '
-              f'{list(values["encoders.direction"])}', flush=True)
+        print(
+            f'sim_bus: {decoder.words} on {name}, zero counts '
+            f'{list(values["encoders.zero_count"])}, directions '
+            f'{list(values["encoders.direction"])}',
+            flush=True,
+        )
         loop = None
         if drives is not None:
             of = 'drives' if values['drives.channel'] else 'can'
             loop = DriveLoop(stack.enter_context(command_line.bus_of(values, of)), drives)
             stack.callback(loop.close)
-            print(f'sim_bus: {len(drives.drives)} drives on {command_line.bus_name(values, of)}, '
-                  f'nodes {[drive.node_id for drive in drives.drives]}', flush=True)
+            print(
+                f'sim_bus: {len(drives.drives)} drives on {command_line.bus_name(values, of)}, '
+                f'nodes {[drive.node_id for drive in drives.drives]}',
+                flush=True,
+            )
         try:
             while time.monotonic() < end:
                 lines = runner.step()
@@ -113,18 +133,22 @@ def main(args: list[str]) -> int:
                 for line in lines:
                     print(f'{time.time():.6f} {line}', flush=True)
         finally:
-            print(f'sim_bus: {runner.cycles} cycles answered'
-                  + (f', {grid.missed} deadlines missed' if grid else ''))
+            print(
+                f'sim_bus: {runner.cycles} cycles answered'
+                + (f', {grid.missed} deadlines missed' if grid else '')
+            )
     return 0
 
 
-def _drives(values: Values, options: argparse.Namespace,
-            faults: tuple[fault_injection.Fault, ...]) -> SimulatedDrives | None:
+def _drives(
+    values: Values, options: argparse.Namespace, faults: tuple[fault_injection.Fault, ...]
+) -> SimulatedDrives | None:
     """Return the simulated drives, None without any; InputError for faults without drives."""
     if options.drives is None and not values['drives.channel']:
         if faults:
-            raise InputError(f"fault '{faults[0].text}' without drives; expected --drives or "
-                             'drives.channel')
+            raise InputError(
+                f"fault '{faults[0].text}' without drives; expected --drives or drives.channel"
+            )
         return None
     taken = dict(values)
     node_ids = values['drives.node_id']
@@ -138,25 +162,52 @@ def _drives(values: Values, options: argparse.Namespace,
 
 def _parser() -> Parser:
     parser = Parser('sim_bus', DESCRIPTION)
-    parser.add_argument('--sync', action='store_true',
-                        help='send SYNC, too, at `rate` (and answer no other SYNC)')
-    parser.add_argument('--heartbeat', type=positive, default=0.1, metavar='S',
-                        help='time between heartbeats, s (default 0.1)')
-    parser.add_argument('--seconds', type=positive, metavar='S',
-                        help='end after this time, s (default: run until Ctrl-C)')
-    parser.add_argument('--factory', action='store_true',
-                        help="with their maker's defaults, for can_setup")
-    parser.add_argument('--ground-truth', type=Path, metavar='DIRECTORY',
-                        help='write the true orientation of each cycle to '
-                        f'{recording_files.GROUND_TRUTH_NAME} there, and the rig to '
-                        f'{recording_files.RIG_NAME}')
-    parser.add_argument('--drives', type=int, choices=(1, 2, 3, 4), metavar='N',
-                        help='simulate N drives, too (rated torque '
-                        f'{SIMULATED_RATED_TORQUE:g} N m unless it is given)')
-    parser.add_argument('--fault', action='append', default=[], metavar='FAULT',
-                        help=f'{fault_injection.SYNTAX}; may be repeated')
+    parser.add_argument(
+        '--sync', action='store_true', help='send SYNC, too, at `rate` (and answer no other SYNC)'
+    )
+    parser.add_argument(
+        '--heartbeat',
+        type=positive,
+        default=0.1,
+        metavar='S',
+        help='time between heartbeats, s (default 0.1)',
+    )
+    parser.add_argument(
+        '--seconds',
+        type=positive,
+        metavar='S',
+        help='end after this time, s (default: run until Ctrl-C)',
+    )
+    parser.add_argument(
+        '--factory', action='store_true', help="with their maker's defaults, for can_setup"
+    )
+    parser.add_argument(
+        '--ground-truth',
+        type=Path,
+        metavar='DIRECTORY',
+        help='write the true orientation of each cycle to '
+        f'{recording_files.GROUND_TRUTH_NAME} there, and the rig to '
+        f'{recording_files.RIG_NAME}',
+    )
+    parser.add_argument(
+        '--drives',
+        type=int,
+        choices=(1, 2, 3, 4),
+        metavar='N',
+        help='simulate N drives, too (rated torque '
+        f'{SIMULATED_RATED_TORQUE:g} N m unless it is given)',
+    )
+    parser.add_argument(
+        '--fault',
+        action='append',
+        default=[],
+        metavar='FAULT',
+        help=f'{fault_injection.SYNTAX}; may be repeated',
+    )
     every = fault_injection.KINDS | fault_injection.DRIVE_KINDS
-    kinds = '\n'.join(f'  {kind:13}{what}' + (f' (=VALUE, {unit})' if unit else '')
-                      for kind, (what, unit) in every.items())
+    kinds = '\n'.join(
+        f'  {kind:13}{what}' + (f' (=VALUE, {unit})' if unit else '')
+        for kind, (what, unit) in every.items()
+    )
     parser.epilog = f'faults:\n{kinds}\nexample: --fault offset:joint_3a@5+2=1.5'
     return parser

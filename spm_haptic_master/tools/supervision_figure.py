@@ -24,8 +24,13 @@ POINTS = 20_000
 WITHHELD = {'color': plot_style.CLASSIC, 'alpha': 0.25, 'linewidth': 0.0}
 
 
-def draw(path: Path, seconds: NDArray[np.float64], found: ParityMap, result: Supervised,
-         alert_limit_deg: float) -> None:
+def draw(
+    path: Path,
+    seconds: NDArray[np.float64],
+    found: ParityMap,
+    result: Supervised,
+    alert_limit_deg: float,
+) -> None:
     """
     Draw parity, protection level and exposure over time, and the parity over the workspace.
 
@@ -36,20 +41,26 @@ def draw(path: Path, seconds: NDArray[np.float64], found: ParityMap, result: Sup
     t = seconds[::every]
     figure = plot_style.new_figure(height=8.5)
     parity, level, exposure, map_ = figure.subplots(
-        4, 1, gridspec_kw={'height_ratios': [2, 2, 2, 3]})
+        4, 1, gridspec_kw={'height_ratios': [2, 2, 2, 3]}
+    )
     parity.plot(t, found.parity_deg[::every], '.', markersize=1.0, color=plot_style.IMPROVED)
     plot_style.label_axes(parity, '', 'parity, deg', 'Shaded: orientation withheld')
-    level.plot(t, result.protection_level[::every], '.', markersize=1.5,
-               color=plot_style.ESTIMATE)
-    level.axhline(alert_limit_deg, color=plot_style.CLASSIC, linestyle='--', linewidth=1.0,
-                  label='alert limit')
+    level.plot(t, result.protection_level[::every], '.', markersize=1.5, color=plot_style.ESTIMATE)
+    level.axhline(
+        alert_limit_deg,
+        color=plot_style.CLASSIC,
+        linestyle='--',
+        linewidth=1.0,
+        label='alert limit',
+    )
     level.set_ylim(bottom=0.0)
     level.legend(loc='lower left')
     plot_style.label_axes(level, '', 'protection level, deg')
     for column, name, colour in zip(result.unchecked.T, ALL_JOINT_NAMES, SENSORS, strict=False):
         times = column[::every]
-        exposure.plot(t, np.where(np.isfinite(times), times, t), color=colour, label=name,
-                      linewidth=1.2)
+        exposure.plot(
+            t, np.where(np.isfinite(times), times, t), color=colour, label=name, linewidth=1.2
+        )
     exposure.legend(loc='upper left', ncols=len(result.unchecked.T))
     plot_style.label_axes(exposure, 'time, s', 'unchecked, s')
     for axes in (parity, level, exposure):
@@ -64,8 +75,16 @@ def _draw_map(figure: Any, axes: Any, found: ParityMap, every: int) -> None:
     parity = found.parity_deg[::every]
     known = parity[np.isfinite(parity)]
     largest = float(np.percentile(np.abs(known), 98.0)) if len(known) else 1.0
-    points = axes.scatter(found.phi_deg[::every], found.tilt_deg[::every], c=parity, s=3.0,
-                          cmap='coolwarm', vmin=-largest, vmax=largest, linewidths=0.0)
+    points = axes.scatter(
+        found.phi_deg[::every],
+        found.tilt_deg[::every],
+        c=parity,
+        s=3.0,
+        cmap='coolwarm',
+        vmin=-largest,
+        vmax=largest,
+        linewidths=0.0,
+    )
     figure.colorbar(points, ax=axes, label='parity, deg')
     plot_style.label_axes(axes, 'self-rotation φ, deg', 'tilt, deg')
 

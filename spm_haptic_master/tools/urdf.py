@@ -21,14 +21,25 @@ the nominal one. Give it the files that `fkm` has: the URDF is then that of the 
 def main(args: list[str]) -> int:
     """Write the files."""
     parser = Parser('urdf', DESCRIPTION)
-    parser.add_argument('-o', '--output', type=Path, default=Path('urdf'), metavar='DIR',
-                        help='directory (default: urdf)')
-    parser.add_argument('--prefix', metavar='TEXT', help='what the URDF names DIR by, such as '
-                        'package://PACKAGE/urdf (default: file:// and its absolute path)')
+    parser.add_argument(
+        '-o',
+        '--output',
+        type=Path,
+        default=Path('urdf'),
+        metavar='DIR',
+        help='directory (default: urdf)',
+    )
+    parser.add_argument(
+        '--prefix',
+        metavar='TEXT',
+        help='what the URDF names DIR by, such as '
+        'package://PACKAGE/urdf (default: file:// and its absolute path)',
+    )
     options = parser.parse(args)
     values = command_line.checked(
         command_line.given(options, names={setting.name for setting in GEOMETRY_SETTINGS}),
-        GEOMETRY_SETTINGS)
+        GEOMETRY_SETTINGS,
+    )
     output = options.output
     prefix = output.absolute().as_uri() if options.prefix is None else options.prefix
     print(write(geometry_from(values), output, prefix))

@@ -31,18 +31,28 @@ MARKER_AZIMUTHS = (0.0, 180.0)
 def main(args: list[str]) -> int:
     """Validate a recording; 1 if its files are not as expected."""
     options = _parser().parse(args)
-    values = command_line.checked(command_line.given(
-        options, ('fkm',), {setting.name for setting in SETTINGS}), SETTINGS)
+    values = command_line.checked(
+        command_line.given(options, ('fkm',), {setting.name for setting in SETTINGS}), SETTINGS
+    )
     # matplotlib is an extra: report that it is missing before anything is read.
     from spm_haptic_master.validation import plot_style
 
     recorded = recordings.read_orientation(options.recording, options.topic)
-    joints = recordings.read_joints(options.joints or options.recording, options.joints_topic) \
-        if options.joints or bags.is_bag(options.recording) else None
+    joints = (
+        recordings.read_joints(options.joints or options.recording, options.joints_topic)
+        if options.joints or bags.is_bag(options.recording)
+        else None
+    )
     capture = recordings.read_capture(options.capture, options.capture_topic)
     azimuth_c, azimuth_d = map(math.radians, options.marker_azimuths)
-    result = comparison.compare(recorded, capture, joints, geometry.geometry_from(values),
-                                (azimuth_c, azimuth_d), geometry.mounting_from(values))
+    result = comparison.compare(
+        recorded,
+        capture,
+        joints,
+        geometry.geometry_from(values),
+        (azimuth_c, azimuth_d),
+        geometry.mounting_from(values),
+    )
     table = comparison.error_table(result)
     try:
         options.output.mkdir(parents=True, exist_ok=True)
@@ -60,37 +70,74 @@ def main(args: list[str]) -> int:
 def _parser() -> Parser:
     parser = Parser('validate', DESCRIPTION)
     parser.epilog = recordings.__doc__
-    parser.add_argument('recording', type=Path, metavar='RECORDING',
-                        help='orientations: rosbag2 (directory, .mcap or .db3), directory of '
-                        'recorder, or CSV')
-    parser.add_argument('capture', type=Path, metavar='CAPTURE',
-                        help='motion capture: markers or pose as CSV, such as ground_truth.csv of '
-                        'recorder or sim_bus, or rosbag2 with a pose')
-    parser.add_argument('--joints', type=Path, metavar='FILE',
-                        help='joint angles, for the classic model from the active three '
-                        '(default: those in RECORDING, if it is a rosbag2 or of recorder)')
-    parser.add_argument('--topic', default='orientation',
-                        help='topic of the orientations in a rosbag2 (default: orientation)')
-    parser.add_argument('--joints-topic', default='measured_js', metavar='TOPIC',
-                        help='topic of the joint angles in a rosbag2 (default: measured_js)')
-    parser.add_argument('--capture-topic', metavar='TOPIC',
-                        help='topic of the captured PoseStamped, if CAPTURE is a rosbag2')
-    parser.add_argument('--marker-azimuths', type=finite, nargs=2, default=MARKER_AZIMUTHS,
-                        metavar=('C', 'D'), help='azimuths of the markers C and D about Z_E, deg '
-                        "from the platform's x axis (default {:g} {:g})".format(*MARKER_AZIMUTHS))
-    parser.add_argument('-o', '--output', type=Path, default=Path('validation'), metavar='DIR',
-                        help='directory for pictures and tables (default: validation)')
+    parser.add_argument(
+        'recording',
+        type=Path,
+        metavar='RECORDING',
+        help='orientations: rosbag2 (directory, .mcap or .db3), directory of recorder, or CSV',
+    )
+    parser.add_argument(
+        'capture',
+        type=Path,
+        metavar='CAPTURE',
+        help='motion capture: markers or pose as CSV, such as ground_truth.csv of '
+        'recorder or sim_bus, or rosbag2 with a pose',
+    )
+    parser.add_argument(
+        '--joints',
+        type=Path,
+        metavar='FILE',
+        help='joint angles, for the classic model from the active three '
+        '(default: those in RECORDING, if it is a rosbag2 or of recorder)',
+    )
+    parser.add_argument(
+        '--topic',
+        default='orientation',
+        help='topic of the orientations in a rosbag2 (default: orientation)',
+    )
+    parser.add_argument(
+        '--joints-topic',
+        default='measured_js',
+        metavar='TOPIC',
+        help='topic of the joint angles in a rosbag2 (default: measured_js)',
+    )
+    parser.add_argument(
+        '--capture-topic',
+        metavar='TOPIC',
+        help='topic of the captured PoseStamped, if CAPTURE is a rosbag2',
+    )
+    parser.add_argument(
+        '--marker-azimuths',
+        type=finite,
+        nargs=2,
+        default=MARKER_AZIMUTHS,
+        metavar=('C', 'D'),
+        help='azimuths of the markers C and D about Z_E, deg '
+        "from the platform's x axis (default {:g} {:g})".format(*MARKER_AZIMUTHS),
+    )
+    parser.add_argument(
+        '-o',
+        '--output',
+        type=Path,
+        default=Path('validation'),
+        metavar='DIR',
+        help='directory for pictures and tables (default: validation)',
+    )
     return parser
 
 
-def _report(result: comparison.Comparison, table: list[comparison.ErrorRow],
-            output: Path) -> None:
+def _report(result: comparison.Comparison, table: list[comparison.ErrorRow], output: Path) -> None:
     alignment = result.alignment
-    print(f'{len(result.time)} captured orientations; their clock is '
-          f'{-alignment.offset:+.6f} s off, angular speeds correlate by '
-          f'{alignment.correlation:.3f}')
+    print(
+        f'{len(result.time)} captured orientations; their clock is '
+        f'{-alignment.offset:+.6f} s off, angular speeds correlate by '
+        f'{alignment.correlation:.3f}'
+    )
     print(f'{"error, deg":<24}{"mean":>9}{"rms":>9}{"95 %":>9}{"max":>9}{"missing":>9}')
     for row in table:
-        print(f'{row.model + " " + row.quantity:<24}'
-              + ''.join(f'{value:9.4f}' for value in row.figures_deg) + f'{row.missing:9d}')
+        print(
+            f'{row.model + " " + row.quantity:<24}'
+            + ''.join(f'{value:9.4f}' for value in row.figures_deg)
+            + f'{row.missing:9d}'
+        )
     print(f'{output}: fig32.png, fig33.png, fig34.png, errors.csv, aligned.csv')

@@ -57,8 +57,9 @@ def between(time: np.ndarray, quaternions: np.ndarray, at: np.ndarray) -> np.nda
     """Return quaternions at other times, s, (m, 4), on chords: arcs of a degree or two."""
     flips = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0.0
     signs = np.concatenate([[1.0], np.where(np.cumsum(flips) % 2, -1.0, 1.0)])
-    return np.stack([np.interp(at, time, each) for each in (quaternions * signs[:, None]).T],
-                    axis=1)
+    return np.stack(
+        [np.interp(at, time, each) for each in (quaternions * signs[:, None]).T], axis=1
+    )
 
 
 def interpolate(time: np.ndarray, quaternions: np.ndarray, at: np.ndarray) -> np.ndarray:
@@ -72,20 +73,30 @@ def interpolate(time: np.ndarray, quaternions: np.ndarray, at: np.ndarray) -> np
 
 def angular_speed(time: np.ndarray, quaternions: np.ndarray) -> tuple[float, np.ndarray]:
     """Return a time, s, and, later by a constant, smoothed speeds, rad/s, each `SPEED_STEP`."""
-    grid = np.arange(math.ceil(time[0] / SPEED_STEP),
-                     math.floor(time[-1] / SPEED_STEP) + 1) * SPEED_STEP
+    grid = (
+        np.arange(math.ceil(time[0] / SPEED_STEP), math.floor(time[-1] / SPEED_STEP) + 1)
+        * SPEED_STEP
+    )
     if len(grid) < 4 * SPEED_WINDOW:
-        raise InputError(f'{time[-1] - time[0]:.2f} s are too short to be aligned; expected '
-                         f'{4 * SPEED_WINDOW * SPEED_STEP:g} s or more')
-    smooth = np.stack([np.convolve(each, np.full(SPEED_WINDOW, 1.0 / SPEED_WINDOW), 'valid')
-                       for each in between(time, quaternions, grid).T], axis=1)
+        raise InputError(
+            f'{time[-1] - time[0]:.2f} s are too short to be aligned; expected '
+            f'{4 * SPEED_WINDOW * SPEED_STEP:g} s or more'
+        )
+    smooth = np.stack(
+        [
+            np.convolve(each, np.full(SPEED_WINDOW, 1.0 / SPEED_WINDOW), 'valid')
+            for each in between(time, quaternions, grid).T
+        ],
+        axis=1,
+    )
     chord = np.linalg.norm(smooth[SPEED_WINDOW:] - smooth[:-SPEED_WINDOW], axis=1)
     speed = 4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)) / (SPEED_WINDOW * SPEED_STEP)
     return grid[0], speed
 
 
-def coarse_offset(recorded: tuple[float, np.ndarray],
-                  captured: tuple[float, np.ndarray]) -> tuple[float, float]:
+def coarse_offset(
+    recorded: tuple[float, np.ndarray], captured: tuple[float, np.ndarray]
+) -> tuple[float, float]:
     """
     Return the time to add to the captured times, s, by two results of `angular_speed`.
 
@@ -98,7 +109,7 @@ def coarse_offset(recorded: tuple[float, np.ndarray],
     def slide(p: np.ndarray, q: np.ndarray) -> np.ndarray:
         """Return the sums of p[i + shift] q[i] for shift = -(m - 1) .. n - 1."""
         sums = np.fft.irfft(np.fft.rfft(p, size) * np.fft.rfft(q[::-1], size), size)
-        return sums[:n + m - 1]
+        return sums[: n + m - 1]
 
     ones_a, ones_b = np.ones(n), np.ones(m)
     number = slide(ones_a, ones_b)
@@ -108,8 +119,9 @@ def coarse_offset(recorded: tuple[float, np.ndarray],
     square_a, square_b, mixed = slide(a * a, ones_b), slide(ones_a, b * b), slide(a, b)
     # Rounding leaves equal motions a misfit of a few units in the last place, of either sign.
     rounding = FFT_ROUNDING * (square_a.max() + square_b.max()) / number
-    misfit = np.where(enough, np.maximum((square_a + square_b - 2.0 * mixed) / number, rounding),
-                      np.inf)
+    misfit = np.where(
+        enough, np.maximum((square_a + square_b - 2.0 * mixed) / number, rounding), np.inf
+    )
     # A motion that repeats itself fits at every period: take the one with the longest overlap.
     alike = np.flatnonzero(misfit <= TIE_RATIO * misfit.min())
     most = alike[np.argmax(number[alike])]
@@ -119,9 +131,11 @@ def coarse_offset(recorded: tuple[float, np.ndarray],
     covariance = (mixed - sum_a * sum_b / number)[best]
     correlation = covariance / math.sqrt(spread) if spread > 0.0 else 0.0
     if not correlation >= CORRELATION_LIMIT:
-        raise InputError('recording and motion capture do not move alike: the best correlation of '
-                         f'their angular speeds is {correlation:.2f}, expected '
-                         f'{CORRELATION_LIMIT:g} or more')
+        raise InputError(
+            'recording and motion capture do not move alike: the best correlation of '
+            f'their angular speeds is {correlation:.2f}, expected '
+            f'{CORRELATION_LIMIT:g} or more'
+        )
     return float(begin_a + (best - (m - 1)) * SPEED_STEP - begin_b), float(correlation)
 
 
@@ -132,8 +146,9 @@ def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
     return left @ right
 
 
-def constant_frames(captured: np.ndarray, recorded: np.ndarray,
-                    body_known: bool) -> tuple[np.ndarray, np.ndarray]:
+def constant_frames(
+    captured: np.ndarray, recorded: np.ndarray, body_known: bool
+) -> tuple[np.ndarray, np.ndarray]:
     """
     Return X and, approximately, Y of captured = X recorded Y, orientations, (n, 3, 3).
 
@@ -144,8 +159,13 @@ def constant_frames(captured: np.ndarray, recorded: np.ndarray,
     if body_known:
         return nearest_rotation(np.einsum('abcb->ac', products)), np.eye(3)
     # One of the 24 rotations that map axes to axes is near every solution.
-    turns = np.array([np.eye(3)[list(columns)].T * signs for columns in permutations(range(3))
-                      for signs in product((1.0, -1.0), repeat=3)])
+    turns = np.array(
+        [
+            np.eye(3)[list(columns)].T * signs
+            for columns in permutations(range(3))
+            for signs in product((1.0, -1.0), repeat=3)
+        ]
+    )
     body = turns[np.linalg.det(turns) > 0.0]
     frame, fit, going = body.copy(), np.full(len(body), -math.inf), np.arange(len(body))
     for _ in range(FRAME_STEPS):
@@ -160,16 +180,26 @@ def constant_frames(captured: np.ndarray, recorded: np.ndarray,
 
 def rotation_vectors(matrices: np.ndarray) -> np.ndarray:
     """Return the rotation vectors, rad, shape (n, 3), of rotations well below half a turn."""
-    sine = 0.5 * np.stack([matrices[..., 2, 1] - matrices[..., 1, 2],
-                           matrices[..., 0, 2] - matrices[..., 2, 0],
-                           matrices[..., 1, 0] - matrices[..., 0, 1]], axis=-1)
+    sine = 0.5 * np.stack(
+        [
+            matrices[..., 2, 1] - matrices[..., 1, 2],
+            matrices[..., 0, 2] - matrices[..., 2, 0],
+            matrices[..., 1, 0] - matrices[..., 0, 1],
+        ],
+        axis=-1,
+    )
     size = np.linalg.norm(sine, axis=-1, keepdims=True)
     cosine = 0.5 * (np.trace(matrices, axis1=-2, axis2=-1)[..., None] - 1.0)
     return sine * np.where(size > 0.0, np.arctan2(size, cosine) / np.maximum(size, 1e-300), 1.0)
 
 
-def align(recorded_time: np.ndarray, recorded: np.ndarray, captured_time: np.ndarray,
-          captured: np.ndarray, body_known: bool) -> Alignment:
+def align(
+    recorded_time: np.ndarray,
+    recorded: np.ndarray,
+    captured_time: np.ndarray,
+    captured: np.ndarray,
+    body_known: bool,
+) -> Alignment:
     """
     Return the time offset and the constant rotations between a recording and a capture.
 
@@ -180,19 +210,23 @@ def align(recorded_time: np.ndarray, recorded: np.ndarray, captured_time: np.nda
     # Measured from the first sample, times in floats resolve far less than a microsecond.
     begin, captured_begin = recorded_time[0], captured_time[0]
     recorded_time, captured_time = recorded_time - begin, captured_time - captured_begin
-    offset, correlation = coarse_offset(angular_speed(recorded_time, recorded),
-                                        angular_speed(captured_time, captured))
+    offset, correlation = coarse_offset(
+        angular_speed(recorded_time, recorded), angular_speed(captured_time, captured)
+    )
     rotations = matrix_from_quaternion(captured)
     frame = body = np.eye(3)
     for number in range(STEPS):
         at = captured_time + offset
-        here, before, after = (interpolate(recorded_time, recorded, at + shift) for shift in (
-            0.0, -VELOCITY_HALF_WIDTH, VELOCITY_HALF_WIDTH))
+        here, before, after = (
+            interpolate(recorded_time, recorded, at + shift)
+            for shift in (0.0, -VELOCITY_HALF_WIDTH, VELOCITY_HALF_WIDTH)
+        )
         known = np.isfinite(here + before + after).all(axis=-1)
         if known.sum() < ROWS_MINIMUM:
             raise InputError('recording and motion capture hardly overlap')
-        here, before, after = (matrix_from_quaternion(each[known])
-                               for each in (here, before, after))
+        here, before, after = (
+            matrix_from_quaternion(each[known]) for each in (here, before, after)
+        )
         if number == 0:
             frame, body = constant_frames(rotations[known], here, body_known)
         ahead = rotation_vectors(frame.T @ rotations[known] @ body.T @ here.swapaxes(-1, -2))

@@ -35,8 +35,9 @@ def is_bag(path: Path) -> bool:
     return path.is_dir() or _stored_name(path.name).endswith(STORAGE_SUFFIXES)
 
 
-def read_topic(path: Path, topic: str,
-               optional: bool = False) -> tuple[str, str, list[bytes]] | None:
+def read_topic(
+    path: Path, topic: str, optional: bool = False
+) -> tuple[str, str, list[bytes]] | None:
     """
     Return name, type and serialized messages of the topic whose name is, or ends in, `topic`.
 
@@ -50,7 +51,8 @@ def read_topic(path: Path, topic: str,
         if read[name] != counts[name]:
             raise InputError(
                 f'{path}: {read[name]} messages on {name}, {counts[name]} according to '
-                f'{METADATA}; `ros2 bag reindex {path}` counts them again')
+                f'{METADATA}; `ros2 bag reindex {path}` counts them again'
+            )
     if len(read) > 1:
         raise InputError(f'{path}: {topic} is ambiguous: {", ".join(sorted(read))}; name one')
     for name in read:
@@ -59,16 +61,18 @@ def read_topic(path: Path, topic: str,
         return name, types[name], [content for _, _, content in messages]
     if optional:
         return None
-    raise InputError(f'{path}: nothing on topic {topic}; it has '
-                     + (', '.join(sorted(types)) or 'no messages'))
+    raise InputError(
+        f'{path}: nothing on topic {topic}; it has ' + (', '.join(sorted(types)) or 'no messages')
+    )
 
 
 def _metadata(path: Path) -> tuple[bool, Counter[str]]:
     """Return whether a recording is compressed, and its messages by topic, by metadata.yaml."""
     if not path.is_dir():
         if path.name.endswith(COMPRESSED_SUFFIX):
-            raise InputError(f'{path}: compressed as a whole; expected its directory, with '
-                             f'{METADATA}')
+            raise InputError(
+                f'{path}: compressed as a whole; expected its directory, with {METADATA}'
+            )
         _check_ended(path)
         return False, Counter()
     try:
@@ -80,8 +84,10 @@ def _metadata(path: Path) -> tuple[bool, Counter[str]]:
         for each in about['topics_with_message_count']:
             counts[each['topic_metadata']['name']] += int(each['message_count'])
     except (OSError, ValueError, yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
-        raise InputError(f'{path / METADATA}: cannot be read: {_first_line(error)}; '
-                         f'`ros2 bag reindex {path}` writes a new one') from error
+        raise InputError(
+            f'{path / METADATA}: cannot be read: {_first_line(error)}; '
+            f'`ros2 bag reindex {path}` writes a new one'
+        ) from error
     there = {_stored_name(each.name) for each in path.iterdir() if is_bag(each)}
     alone = sorted(there ^ {_stored_name(name) for name in listed})
     if alone:
@@ -107,8 +113,10 @@ def _check_ended(path: Path) -> None:
 
 
 def _not_ended(path: Path, why: str, directory: Path) -> InputError:
-    return InputError(f'{path}: {why}: the recording was not ended; `ros2 bag reindex '
-                      f'{directory}` makes it readable')
+    return InputError(
+        f'{path}: {why}: the recording was not ended; `ros2 bag reindex '
+        f'{directory}` makes it readable'
+    )
 
 
 def _stored_name(name: str) -> str:
@@ -126,13 +134,16 @@ def _read(path: Path, compressed: bool, topic: str) -> Content:
         except Exception as error:
             # The readers, their formats and their compressions have no common exception.
             directory = path if path.is_dir() else path.parent
-            raise InputError(f'{path}: cannot be read as rosbag2: {type(error).__name__}: '
-                             f'{_first_line(error)}; if its recording was not ended, '
-                             f'`ros2 bag reindex {directory}` makes it readable') from error
+            raise InputError(
+                f'{path}: cannot be read as rosbag2: {type(error).__name__}: '
+                f'{_first_line(error)}; if its recording was not ended, '
+                f'`ros2 bag reindex {directory}` makes it readable'
+            ) from error
     raise InputError(
         f'{path}: reading it needs rosbag2_py (apt install ros-jazzy-rosbag2-py, and source '
         'setup.bash of ROS 2), or rosbags (in a virtual environment: pip install '
-        f"'.[validate]'): {missing}") from missing
+        f"'.[validate]'): {missing}"
+    ) from missing
 
 
 def _select(names: Iterable[str], topic: str) -> list[str]:
@@ -143,11 +154,14 @@ def _select(names: Iterable[str], topic: str) -> list[str]:
 def _by_rosbag2_py(source: Path, compressed: bool, topic: str) -> Content:
     import rosbag2_py
 
-    reader = rosbag2_py.SequentialCompressionReader() if compressed \
-        else rosbag2_py.SequentialReader()
+    reader = (
+        rosbag2_py.SequentialCompressionReader() if compressed else rosbag2_py.SequentialReader()
+    )
     # Without a format to convert to, messages come as they are stored.
-    reader.open(rosbag2_py.StorageOptions(uri=str(source), storage_id=''),
-                rosbag2_py.ConverterOptions('', ''))
+    reader.open(
+        rosbag2_py.StorageOptions(uri=str(source), storage_id=''),
+        rosbag2_py.ConverterOptions('', ''),
+    )
     types = {topic.name: topic.type for topic in reader.get_all_topics_and_types()}
     chosen = _select(types, topic)
     messages = []
@@ -166,8 +180,14 @@ def _by_rosbags(source: Path, _: bool, topic: str) -> Content:
         types = {connection.topic: connection.msgtype for connection in reader.connections}
         chosen = _select(types, topic)
         connections = [each for each in reader.connections if each.topic in chosen]
-        messages = [(time, connection.topic, bytes(content)) for connection, time, content
-                    in reader.messages(connections=connections)] if connections else []
+        messages = (
+            [
+                (time, connection.topic, bytes(content))
+                for connection, time, content in reader.messages(connections=connections)
+            ]
+            if connections
+            else []
+        )
     return types, messages
 
 

@@ -24,8 +24,16 @@ ANGLES = ('psi', 'theta', 'phi')
 # two markers: below it a direction is only noise.
 LEAST_DISTANCE = 0.05
 # Header of errors.csv.
-ERROR_COLUMNS = ('model', 'quantity', 'samples', 'missing', 'mean_deg', 'rms_deg', 'p95_deg',
-                 'max_deg')
+ERROR_COLUMNS = (
+    'model',
+    'quantity',
+    'samples',
+    'missing',
+    'mean_deg',
+    'rms_deg',
+    'p95_deg',
+    'max_deg',
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,8 +47,14 @@ class Comparison:
     alignment: Alignment
 
 
-def compare(recorded: Track, capture: Track, joints: Track | None, geometry: kinematics.Geometry,
-            azimuths: tuple[float, float], mounting: Mounting | None = None) -> Comparison:
+def compare(
+    recorded: Track,
+    capture: Track,
+    joints: Track | None,
+    geometry: kinematics.Geometry,
+    azimuths: tuple[float, float],
+    mounting: Mounting | None = None,
+) -> Comparison:
     """
     Return capture and models in one frame, at the capture's times with a recorded orientation.
 
@@ -48,10 +62,14 @@ def compare(recorded: Track, capture: Track, joints: Track | None, geometry: kin
     `mounting` is that of the recorded orientations. InputError: they are of another motion.
     """
     by_markers = capture.values.shape[-1] == len(MARKERS)
-    quaternions = capture.values if not by_markers else kinematics.quaternion_from_matrix(
-        orientation_of_markers(capture.values, azimuths))
+    quaternions = (
+        capture.values
+        if not by_markers
+        else kinematics.quaternion_from_matrix(orientation_of_markers(capture.values, azimuths))
+    )
     aligned = alignment.align(
-        recorded.time, recorded.values, capture.time, quaternions, by_markers)
+        recorded.time, recorded.values, capture.time, quaternions, by_markers
+    )
     captured = aligned.frame.T @ kinematics.matrix_from_quaternion(quaternions) @ aligned.body.T
     time = capture.time + aligned.offset
     found = alignment.interpolate(recorded.time, recorded.values, time)
@@ -64,7 +82,8 @@ def compare(recorded: Track, capture: Track, joints: Track | None, geometry: kin
     models = {'improved': kinematics.matrix_from_quaternion(found[known])}
     if joints is not None:
         models['classic'] = _mounted_classic(
-            joints, time, found[known][0], geometry, mounting or Mounting())
+            joints, time, found[known][0], geometry, mounting or Mounting()
+        )
     return Comparison(time, capture.time[known], captured, models, aligned)
 
 
@@ -79,8 +98,13 @@ def marker_directions(coordinates: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
     span = float(np.median(np.linalg.norm(markers - a, axis=2).max(axis=0)))
     axis = _unit(b - a, span, 'A and B coincide')
     toward_c, toward_d = (
-        _unit(beside - np.sum(beside * axis, axis=1, keepdims=True) * axis, span,
-              f'{name} lies on the axis A-B') for name, beside in (('C', c - a), ('D', d - a)))
+        _unit(
+            beside - np.sum(beside * axis, axis=1, keepdims=True) * axis,
+            span,
+            f'{name} lies on the axis A-B',
+        )
+        for name, beside in (('C', c - a), ('D', d - a))
+    )
     return axis, toward_c, toward_d
 
 
@@ -91,8 +115,10 @@ def orientation_of_markers(coordinates: np.ndarray, azimuths: tuple[float, float
     The self-rotation is the mean by C and D (Fig. 29), whose azimuths are rad from the x axis.
     """
     axis, *toward = marker_directions(coordinates)
-    x = sum(np.cos(azimuth) * each - np.sin(azimuth) * np.cross(axis, each)
-            for azimuth, each in zip(azimuths, toward, strict=True))
+    x = sum(
+        np.cos(azimuth) * each - np.sin(azimuth) * np.cross(axis, each)
+        for azimuth, each in zip(azimuths, toward, strict=True)
+    )
     x /= np.linalg.norm(x, axis=1, keepdims=True)
     return np.stack([x, np.cross(axis, x), axis], axis=2)
 
@@ -104,8 +130,13 @@ def _unit(vectors: np.ndarray, span: float, problem: str) -> np.ndarray:
     return vectors / length
 
 
-def _mounted_classic(joints: Track, time: np.ndarray, start: np.ndarray,
-                     geometry: kinematics.Geometry, mounting: Mounting) -> np.ndarray:
+def _mounted_classic(
+    joints: Track,
+    time: np.ndarray,
+    start: np.ndarray,
+    geometry: kinematics.Geometry,
+    mounting: Mounting,
+) -> np.ndarray:
     """
     Return the classic model's orientations as mounted, by the joint angles nearest to each time.
 
@@ -122,7 +153,8 @@ def _mounted_classic(joints: Track, time: np.ndarray, start: np.ndarray,
             continue
         try:
             last = rotations[place] = kinematics.track_mode(
-                joints.values[row, :3], last, geometry).rotation
+                joints.values[row, :3], last, geometry
+            ).rotation
         except SpmError:
             continue  # no mode, or infinitely many: the classic model has no answer here
     table, handle = kinematics.matrix_from_quaternion([mounting.base, mounting.handle])
@@ -156,16 +188,36 @@ def error_table(comparison: Comparison) -> list[ErrorRow]:
         known = np.isfinite(rotations).all(axis=(1, 2))
         if not known.any():
             continue
-        errors = [np.angle(np.exp(1j * (angle - truth[known]))) for angle, truth in zip(
-            kinematics.zxz_from_matrix(rotations[known]), captured, strict=True)]
-        errors.append(np.linalg.norm(alignment.rotation_vectors(
-            rotations[known] @ comparison.captured[known].swapaxes(1, 2)), axis=1))
+        errors = [
+            np.angle(np.exp(1j * (angle - truth[known])))
+            for angle, truth in zip(
+                kinematics.zxz_from_matrix(rotations[known]), captured, strict=True
+            )
+        ]
+        errors.append(
+            np.linalg.norm(
+                alignment.rotation_vectors(
+                    rotations[known] @ comparison.captured[known].swapaxes(1, 2)
+                ),
+                axis=1,
+            )
+        )
         for quantity, error in zip((*ANGLES, 'rotation'), errors, strict=True):
             size = np.degrees(np.abs(error))
-            table.append(ErrorRow(
-                model, quantity, int(known.sum()), int((~known).sum()), (
-                    float(np.degrees(error.mean())), float(np.sqrt(np.mean(size**2))),
-                    float(np.percentile(size, 95.0)), float(size.max()))))
+            table.append(
+                ErrorRow(
+                    model,
+                    quantity,
+                    int(known.sum()),
+                    int((~known).sum()),
+                    (
+                        float(np.degrees(error.mean())),
+                        float(np.sqrt(np.mean(size**2))),
+                        float(np.percentile(size, 95.0)),
+                        float(size.max()),
+                    ),
+                )
+            )
     return table
 
 
@@ -181,9 +233,21 @@ def write_error_table(path: Path, table: list[ErrorRow]) -> None:
 def write_aligned(path: Path, comparison: Comparison) -> None:
     """Write aligned.csv: both clocks' times (s) and the ZXZ angles (deg) of capture and models."""
     tracks = {'captured': comparison.captured, **comparison.models}
-    columns = [comparison.time, comparison.capture_time,
-               *(column for rotations in tracks.values() for column in zxz_degrees(rotations))]
-    header = ['time', 'capture_time',
-              *(f'{name}_{angle}_deg' for name in tracks for angle in ANGLES)]
-    np.savetxt(path, np.column_stack(columns), fmt='%.6f', delimiter=',',
-               header=','.join(header), comments='')
+    columns = [
+        comparison.time,
+        comparison.capture_time,
+        *(column for rotations in tracks.values() for column in zxz_degrees(rotations)),
+    ]
+    header = [
+        'time',
+        'capture_time',
+        *(f'{name}_{angle}_deg' for name in tracks for angle in ANGLES),
+    ]
+    np.savetxt(
+        path,
+        np.column_stack(columns),
+        fmt='%.6f',
+        delimiter=',',
+        header=','.join(header),
+        comments='',
+    )

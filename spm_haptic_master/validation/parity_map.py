@@ -57,8 +57,12 @@ class ParityMap:
     phi_deg: Array  # self-rotation
 
 
-def parity_map(angles: Array, sigma: tuple[float, ...], geometry: kinematics.Geometry,
-               working_mode: tuple[int, int, int]) -> ParityMap:
+def parity_map(
+    angles: Array,
+    sigma: tuple[float, ...],
+    geometry: kinematics.Geometry,
+    working_mode: tuple[int, int, int],
+) -> ParityMap:
     """Return the parity map of angles, rad, (n, N), and sigma, rad, (N,), by the first four."""
     n, angles, sigma = len(angles), angles[:, :4], sigma[:4]
     parity, tilt, phi = (np.full(n, np.nan) for _ in range(3))
@@ -71,7 +75,7 @@ def parity_map(angles: Array, sigma: tuple[float, ...], geometry: kinematics.Geo
     rows, rotation = rows[usable], rotation[usable]
     # The null vector of the Jacobian's transpose: the last left singular vector.
     normal = np.linalg.svd(matrices[usable])[0][:, :, 3]
-    deviation = np.sqrt((normal ** 2 * np.square(sigma)).sum(axis=1))
+    deviation = np.sqrt((normal**2 * np.square(sigma)).sum(axis=1))
     parity[rows] = np.degrees(found.parity[known][usable] * deviation)
     tilt[rows], phi[rows] = np.degrees(tilt_and_turn(rotation))
     return ParityMap(parity, tilt, phi)
@@ -80,8 +84,10 @@ def parity_map(angles: Array, sigma: tuple[float, ...], geometry: kinematics.Geo
 def tilt_and_turn(rotation: Array) -> tuple[Array, Array]:
     """Return tilts from the centre of the workspace, and self-rotations, rad, (n,) each."""
     axis = kinematics.workspace_pose(0.0, 0.0, 0.0)[:, 2]
-    return (np.arccos(np.clip(rotation[:, :, 2] @ axis, -1.0, 1.0)),
-            kinematics.zxz_from_matrix(rotation)[2])
+    return (
+        np.arccos(np.clip(rotation[:, :, 2] @ axis, -1.0, 1.0)),
+        kinematics.zxz_from_matrix(rotation)[2],
+    )
 
 
 def regions(found: ParityMap, published: NDArray[np.bool_], level_deg: Array) -> list[Region]:
@@ -95,11 +101,19 @@ def regions(found: ParityMap, published: NDArray[np.bool_], level_deg: Array) ->
             inside = ring & (phi == step)
             parity = found.parity_deg[inside]
             out = inside & published
-            table.append(Region(
-                low, high, float(step * PHI_STEP), float((step + 1.0) * PHI_STEP),
-                int(inside.sum()), float(published[inside].mean()), float(parity.mean()),
-                float(np.sqrt(np.mean(parity ** 2))),
-                float(np.median(level_deg[out])) if out.any() else float('nan')))
+            table.append(
+                Region(
+                    low,
+                    high,
+                    float(step * PHI_STEP),
+                    float((step + 1.0) * PHI_STEP),
+                    int(inside.sum()),
+                    float(published[inside].mean()),
+                    float(parity.mean()),
+                    float(np.sqrt(np.mean(parity**2))),
+                    float(np.median(level_deg[out])) if out.any() else float('nan'),
+                )
+            )
     return table
 
 
@@ -124,8 +138,10 @@ def white_noise(stamps: NDArray[np.int64], angles: Array) -> Array:
         size = size[size <= OUTLIER * typical]
         changes = np.abs(np.diff(each))
         rounding = changes[changes > 0.0].min(initial=np.inf) / np.sqrt(12.0)
-        noise[sensor] = max(np.sqrt(np.mean(size ** 2) / THIRD_DIFFERENCE),
-                            rounding if np.isfinite(rounding) else 0.0)
+        noise[sensor] = max(
+            np.sqrt(np.mean(size**2) / THIRD_DIFFERENCE),
+            rounding if np.isfinite(rounding) else 0.0,
+        )
     return noise
 
 
@@ -136,8 +152,10 @@ def nominal_bias(table: list[Region]) -> float | None:
     The largest mean parity of a region: independent errors of that size in each of the four
     sensors cause a parity of that size, as n is a unit vector.
     """
-    return max((abs(region.mean_deg) for region in table if region.samples >= REGION_SAMPLES),
-               default=None)
+    return max(
+        (abs(region.mean_deg) for region in table if region.samples >= REGION_SAMPLES),
+        default=None,
+    )
 
 
 def write_regions(path: Path, table: list[Region]) -> None:

@@ -20,8 +20,10 @@ try:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 except ImportError as error:
-    raise InputError(f'drawing needs matplotlib ({error}): sudo apt install python3-matplotlib, '
-                     "or in a virtual environment: pip install '.[validate]'") from error
+    raise InputError(
+        f'drawing needs matplotlib ({error}): sudo apt install python3-matplotlib, '
+        "or in a virtual environment: pip install '.[validate]'"
+    ) from error
 
 # Resolution (dots per inch): an 8 inch picture fills the column of a README on a dense screen.
 RESOLUTION = 110
@@ -64,8 +66,13 @@ def label_axes(axes: Axes, x: str, y: str, title: str = '') -> None:
 def save(figure: Figure, path: Path | BytesIO) -> None:
     """Write a PNG, the same bytes for the same picture; InputError where that is not possible."""
     try:
-        figure.savefig(path, format='png', dpi=RESOLUTION, metadata={'Software': None},
-                       pil_kwargs={'optimize': True})
+        figure.savefig(
+            path,
+            format='png',
+            dpi=RESOLUTION,
+            metadata={'Software': None},
+            pil_kwargs={'optimize': True},
+        )
     except OSError as error:
         raise InputError(f'{path}: cannot be written: {error}') from error
 
@@ -73,13 +80,16 @@ def save(figure: Figure, path: Path | BytesIO) -> None:
 def draw_comparison(comparison: Comparison, directory: Path) -> None:
     """Draw fig32.png (all angles), fig33.png and fig34.png (self-rotation) into a directory."""
     time = comparison.time - comparison.time[0]
-    angles = {name: zxz_degrees(rotations, unwrapped=True) for name, rotations in (
-        *comparison.models.items(), ('captured', comparison.captured))}
+    angles = {
+        name: zxz_degrees(rotations, unwrapped=True)
+        for name, rotations in (*comparison.models.items(), ('captured', comparison.captured))
+    }
     models = [name for name in STYLES if name in comparison.models]
 
     figure = new_figure(height=6.0)
-    for row, (axes, letter) in enumerate(zip(
-            figure.subplots(3, 1, sharex=True), ('ψ', 'θ', 'φ'), strict=True)):
+    for row, (axes, letter) in enumerate(
+        zip(figure.subplots(3, 1, sharex=True), ('ψ', 'θ', 'φ'), strict=True)
+    ):
         for name in models:
             axes.plot(time, angles[name][row], **STYLES[name])
         low, high = axes.get_ylim()
@@ -88,8 +98,9 @@ def draw_comparison(comparison: Comparison, directory: Path) -> None:
         label_axes(axes, 'time, s' if row == 2 else '', f'{letter}, deg')
     _finish(figure, 'Orientation of the platform by the forward models', directory / 'fig32.png')
     for number, names, title in (
-            (33, models, 'Self-rotation by the forward models'),
-            (34, ['captured', *models], 'Self-rotation: forward models and motion capture')):
+        (33, models, 'Self-rotation by the forward models'),
+        (34, ['captured', *models], 'Self-rotation: forward models and motion capture'),
+    ):
         figure = new_figure()
         axes = figure.subplots()
         for name in names:
@@ -100,6 +111,10 @@ def draw_comparison(comparison: Comparison, directory: Path) -> None:
 
 def _finish(figure: Figure, title: str, path: Path) -> None:
     figure.axes[0].set_title(title, fontsize=10)
-    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc='outside lower center', ncols=3,
-                  fontsize=9)
+    figure.legend(
+        *figure.axes[0].get_legend_handles_labels(),
+        loc='outside lower center',
+        ncols=3,
+        fontsize=9,
+    )
     save(figure, path)

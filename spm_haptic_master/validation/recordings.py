@@ -71,8 +71,12 @@ class Track:
 def read_orientation(path: Path, topic: str) -> Track:
     """Return orientations (of a topic: QuaternionStamped or PoseStamped); InputError: none."""
     path = _table_in(path, ORIENTATION_NAME)
-    return _quaternions(path, _topic_rows(path, topic, ORIENTATIONS) if bags.is_bag(path)
-                        else _csv_rows(path, _csv_table(path), QUATERNION))
+    return _quaternions(
+        path,
+        _topic_rows(path, topic, ORIENTATIONS)
+        if bags.is_bag(path)
+        else _csv_rows(path, _csv_table(path), QUATERNION),
+    )
 
 
 def read_joints(path: Path, topic: str) -> Track | None:
@@ -84,8 +88,10 @@ def read_joints(path: Path, topic: str) -> Track | None:
         rows = _topic_rows(path, topic, JOINT_ANGLES, optional=True)
         numbers = sorted({len(row) - 1 for row in rows})
         if len(numbers) > 1:
-            raise InputError(f'{path}: joint angles of {" and of ".join(map(str, numbers))} '
-                             'sensors; expected one number of them')
+            raise InputError(
+                f'{path}: joint angles of {" and of ".join(map(str, numbers))} '
+                'sensors; expected one number of them'
+            )
         return _track(path, rows, len(JOINT_NAMES)) if rows else None
     table = _csv_table(path)
     try:
@@ -107,14 +113,19 @@ def read_capture(path: Path, topic: str | None) -> Track:
     if set(QUATERNION) <= set(table[0]):
         return _quaternions(path, _csv_rows(path, table, QUATERNION))
     named = ', '.join(table[0])
-    raise InputError(f'{path}: columns {named[:QUOTED]!r}; expected time and either '
-                     f'{", ".join(MARKERS)} (markers) or {", ".join(QUATERNION)} (a pose)')
+    raise InputError(
+        f'{path}: columns {named[:QUOTED]!r}; expected time and either '
+        f'{", ".join(MARKERS)} (markers) or {", ".join(QUATERNION)} (a pose)'
+    )
 
 
 def _joints_among(names: Sequence[str]) -> tuple[str, ...]:
     """Return the joints of four, five or six sensors; ValueError where one of them is missing."""
-    count = max(number for number, name in enumerate(ALL_JOINT_NAMES, 1)
-                if name in names or number == len(JOINT_NAMES))
+    count = max(
+        number
+        for number, name in enumerate(ALL_JOINT_NAMES, 1)
+        if name in names or number == len(JOINT_NAMES)
+    )
     expected = ALL_JOINT_NAMES[:count]
     missing = [name for name in expected if name not in names]
     if missing:
@@ -135,15 +146,24 @@ def _quaternions(path: Path, rows: list[list[float]]) -> Track:
         norm = np.linalg.norm(track.values, axis=1)
     wrong = np.flatnonzero(np.abs(norm - 1.0) > NORM_TOLERANCE)
     if wrong.size:
-        raise InputError(f'{path}: at time {track.time[wrong[0]]:.6f} s the quaternion has norm '
-                         f'{norm[wrong[0]]:.4g}; expected 1')
+        raise InputError(
+            f'{path}: at time {track.time[wrong[0]]:.6f} s the quaternion has norm '
+            f'{norm[wrong[0]]:.4g}; expected 1'
+        )
     return Track(track.time, track.values / norm[:, None], len(rows) - len(track.time))
 
 
 def _track(path: Path, rows: list[list[float]], least: int | None = None) -> Track:
     """Return the rows with at least `least` values; by default with all of them."""
-    known = np.array([row for row in rows if not math.isnan(row[0]) and (
-        len(row) - 1 if least is None else least) <= sum(value == value for value in row[1:])])
+    known = np.array(
+        [
+            row
+            for row in rows
+            if not math.isnan(row[0])
+            and (len(row) - 1 if least is None else least)
+            <= sum(value == value for value in row[1:])
+        ]
+    )
     if len(known) < ROWS_MINIMUM:
         raise InputError(f'{path}: {len(known)} complete rows; expected {ROWS_MINIMUM} or more')
     if np.isinf(known).any():
@@ -159,7 +179,8 @@ def _csv_table(path: Path) -> list[list[str]]:
     """Return the lines of a CSV file, of which the first is the header in small letters."""
     try:
         with (gzip.open if path.suffix == '.gz' else open)(
-                path, 'rt', newline='', encoding='utf-8-sig', errors='backslashreplace') as file:
+            path, 'rt', newline='', encoding='utf-8-sig', errors='backslashreplace'
+        ) as file:
             header, *lines = [*csv.reader(file)] or [[]]
     except (OSError, EOFError, zlib.error, csv.Error) as error:
         raise InputError(f'{path}: cannot be read: {error}') from error
@@ -174,8 +195,7 @@ def _csv_rows(path: Path, table: list[list[str]], columns: tuple[str, ...]) -> l
     columns = (TIME, *columns)
     missing = [name for name in columns if name not in header]
     if missing:
-        raise InputError(
-            f'{path}: no column {", ".join(missing)}; expected {", ".join(columns)}')
+        raise InputError(f'{path}: no column {", ".join(missing)}; expected {", ".join(columns)}')
     places = [header.index(name) for name in columns]
     rows = []
     for number, line in enumerate(lines, start=2):
@@ -184,8 +204,9 @@ def _csv_rows(path: Path, table: list[list[str]], columns: tuple[str, ...]) -> l
         try:
             rows.append([float(line[place].strip() or 'nan') for place in places])
         except (ValueError, IndexError) as error:
-            raise InputError(f'{path}, line {number}: not numbers in the columns '
-                             f'{", ".join(columns)}') from error
+            raise InputError(
+                f'{path}, line {number}: not numbers in the columns {", ".join(columns)}'
+            ) from error
     return rows
 
 
@@ -233,12 +254,14 @@ def _joint_angles(cdr: Cdr) -> Sequence[float]:
 Decoder = Callable[[Cdr], Sequence[float]]
 ORIENTATIONS: dict[str, Decoder] = {
     'geometry_msgs/msg/QuaternionStamped': lambda cdr: cdr.numbers('d', 4),
-    'geometry_msgs/msg/PoseStamped': lambda cdr: cdr.numbers('d', 7)[3:]}
+    'geometry_msgs/msg/PoseStamped': lambda cdr: cdr.numbers('d', 7)[3:],
+}
 JOINT_ANGLES: dict[str, Decoder] = {'sensor_msgs/msg/JointState': _joint_angles}
 
 
-def _topic_rows(path: Path, topic: str, decoders: Mapping[str, Decoder],
-                optional: bool = False) -> list[list[float]]:
+def _topic_rows(
+    path: Path, topic: str, decoders: Mapping[str, Decoder], optional: bool = False
+) -> list[list[float]]:
     """Return the rows (header stamp in s, values) of a topic; [] if it is optional and missing."""
     found = bags.read_topic(path, topic, optional)
     if found is None:
@@ -252,6 +275,7 @@ def _topic_rows(path: Path, topic: str, decoders: Mapping[str, Decoder],
             cdr = Cdr(message)
             rows.append([cdr.stamp(), *decoders[kind](cdr)])
         except ValueError as error:
-            raise InputError(f'{path}: message {number} on {name}: not as expected: '
-                             f'{error}') from error
+            raise InputError(
+                f'{path}: message {number} on {name}: not as expected: {error}'
+            ) from error
     return rows

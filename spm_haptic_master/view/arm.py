@@ -43,8 +43,12 @@ from std_msgs.msg import Float64MultiArray, String
 
 # Settings of fkm that the page needs, and the period of asking for them (s): another fkm may have
 # another mechanism or mounting.
-SETTINGS = (*geometry.MECHANISM_SETTINGS, *geometry.MOUNTING_SETTINGS, SENSORS_SETTING,
-            *(setting for setting in FKM_SETTINGS if setting.name == 'alert_limit_deg'))
+SETTINGS = (
+    *geometry.MECHANISM_SETTINGS,
+    *geometry.MOUNTING_SETTINGS,
+    SENSORS_SETTING,
+    *(setting for setting in FKM_SETTINGS if setting.name == 'alert_limit_deg'),
+)
 ASK_PERIOD = 1.0
 # Shortest time between two drawings of the joints (s): nobody sees faster ones.
 LEAST_PERIOD = 0.012
@@ -67,8 +71,7 @@ class Arm:
     which only the newest message is taken, when it is drawn.
     """
 
-    def __init__(self, node: Node, taker: Node, page: Page, namespace: str,
-                 number: int) -> None:
+    def __init__(self, node: Node, taker: Node, page: Page, namespace: str, number: int) -> None:
         self._node, self._page, self._number = node, page, number
         self._server = server = page.server
         self._prefix = namespace.rstrip('/')
@@ -90,23 +93,31 @@ class Arm:
         self._entries = status.StatusEntries(self._prefix)
         folder = server.gui.add_folder(self._title) if self._title else nullcontext()
         with folder:
-            figures, _ = (server.gui.add_html(
-                f'<div id="spm-{self._title}{part}" class="spm-device"></div>')
-                for part in ('', '-lower'))
+            figures, _ = (
+                server.gui.add_html(f'<div id="spm-{self._title}{part}" class="spm-device"></div>')
+                for part in ('', '-lower')
+            )
         name = self._name
         self.simulation = SimulatedDevice(node, server.gui, folder, figures.order + 0.5, name)
         node.create_subscription(JointState, name('joint_states'), self._on_joints, DISPLAY)
-        for topic, take in (('state', self._on_state), ('source', self._on_source),
-                            ('force_state', self._on_force), (COVERAGE_TOPIC, self._on_coverage)):
+        for topic, take in (
+            ('state', self._on_state),
+            ('source', self._on_source),
+            ('force_state', self._on_force),
+            (COVERAGE_TOPIC, self._on_coverage),
+        ):
             node.create_subscription(String, name(topic), take, STATE)
         self._dexterity = SampledTopic(taker, Float64MultiArray, name('dexterity'))
         self._readings = SampledTopic(taker, JointState, name('readings'))
-        self._wrenches = [SampledTopic(taker, WrenchStamped, name(topic))
-                          for topic in TORQUE_TOPICS]
+        self._wrenches = [
+            SampledTopic(taker, WrenchStamped, name(topic)) for topic in TORQUE_TOPICS
+        ]
         # Torques commanded and rendered, N m, in the handle's frame, and when they came (s).
         self._torques = [(-inf, NO_TORQUE)] * len(TORQUE_TOPICS)
-        self._fkm, self._asks = node.create_client(
-            GetParameters, name('fkm/get_parameters')), Periodic(ASK_PERIOD)
+        self._fkm, self._asks = (
+            node.create_client(GetParameters, name('fkm/get_parameters')),
+            Periodic(ASK_PERIOD),
+        )
         # Settings of the mechanism that is drawn, none before the first.
         self._settings: Values = {}
 
@@ -114,8 +125,9 @@ class Arm:
         return f'{self._prefix}/{topic}'
 
     def _on_joints(self, message: JointState) -> None:
-        if list(message.name) != list(MECHANISM_JOINT_NAMES) \
-                or not all(map(isfinite, message.position)):
+        if list(message.name) != list(MECHANISM_JOINT_NAMES) or not all(
+            map(isfinite, message.position)
+        ):
             return
         stamp = message.header.stamp.sec * SECOND + message.header.stamp.nanosec
         if stamp == self._stamp:
@@ -125,8 +137,13 @@ class Arm:
         self._ghost.add_pose(stamp, self.seen.angles)
         now = time.monotonic()
         self._age.renew(now)
-        if self._scene is not None and self._state is not None and self._state.publishes \
-                and self._server.get_clients() and self._joints.is_due(now):
+        if (
+            self._scene is not None
+            and self._state is not None
+            and self._state.publishes
+            and self._server.get_clients()
+            and self._joints.is_due(now)
+        ):
             with self._server.atomic():
                 self._scene.place(self.seen.angles)
             self._drawn += 1
@@ -156,8 +173,11 @@ class Arm:
     def _on_settings(self, future: Future) -> None:
         """Take the answer of fkm; ignore settings that cannot be drawn."""
         answers = map(parameter_value_to_python, future.result().values)
-        given = {setting.name: value for setting, value in zip(SETTINGS, answers, strict=False)
-                 if value is not None}
+        given = {
+            setting.name: value
+            for setting, value in zip(SETTINGS, answers, strict=False)
+            if value is not None
+        }
         with suppress(SpmError):
             self.build(complete(SETTINGS, given))
 
@@ -173,9 +193,13 @@ class Arm:
         if self._scene is not None:
             self._scene.remove()
         self._scene = Scene(
-            self._server.scene, self._number, self._geometry,
+            self._server.scene,
+            self._number,
+            self._geometry,
             values[geometry.WORKING_MODE_SETTING.name],
-            IDENTITY if mounting is None else mounting.base, self.seen.sensors)
+            IDENTITY if mounting is None else mounting.base,
+            self.seen.sensors,
+        )
         self.seen.states = []
         self.simulation.show(self.seen.source, self.seen.sensors)
         self._settings = values
@@ -183,8 +207,9 @@ class Arm:
     def tick(self, now: float) -> None:
         """Draw what is due; call it every 50 ms."""
         if self._fkm.service_is_ready() and self._asks.is_due(now):
-            self._fkm.call_async(GetParameters.Request(names=[
-                setting.name for setting in SETTINGS])).add_done_callback(self._on_settings)
+            self._fkm.call_async(
+                GetParameters.Request(names=[setting.name for setting in SETTINGS])
+            ).add_done_callback(self._on_settings)
         self._age.tick(now)
         self._show_state(now)
         watched = bool(self._server.get_clients())
@@ -236,16 +261,25 @@ class Arm:
         if self._map.is_due(now):
             scene.dome.paint(zxz_angles(*orientation)[2])
         scene.show_ghost(self._ghost.turn if alive else None)
-        scene.show_torques([torque if alive and now - came <= TORQUE_TIMEOUT else NO_TORQUE
-                            for came, torque in self._torques])
+        scene.show_torques(
+            [
+                torque if alive and now - came <= TORQUE_TIMEOUT else NO_TORQUE
+                for came, torque in self._torques
+            ]
+        )
 
     def _show_figures(self, now: float) -> None:
         """Show figures, plots, the encoders' states and the sliders."""
         seen = self.seen
         before, seen.states = seen.states, self._entries.sensor_states(seen.sensors, self._state)
-        seen.happened = [*self.simulation.happened, *(
-            f'th{name} {state.words}' for name, state, was in zip(
-                SHORT_NAMES, seen.states, before, strict=False) if state != was)]
+        seen.happened = [
+            *self.simulation.happened,
+            *(
+                f'th{name} {state.words}'
+                for name, state, was in zip(SHORT_NAMES, seen.states, before, strict=False)
+                if state != was
+            ),
+        ]
         self.simulation.happened = []
         seen.ghost = self._ghost.error
         seen.pace = self._drawn / max(now - self._shown_at, FIGURES_PERIOD)
@@ -264,8 +298,11 @@ class Arm:
         entry = self._entries.entry(status.SINGULARITY)
         reason = '' if entry is None or entry.message in MESSAGES else entry.message
         self.seen.banner = shown = status.banner(
-            self._state, self._age.value, reason,
-            heard=not self._entries.has_ended(status.ORIENTATION))
+            self._state,
+            self._age.value,
+            reason,
+            heard=not self._entries.has_ended(status.ORIENTATION),
+        )
         if self._scene is not None:
             self._scene.set_alive(shown.alive)
         self._page.show(self._title, shown)

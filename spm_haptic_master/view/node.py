@@ -58,11 +58,16 @@ class View(ParameterNode):
         self._process: int = values['view.process']
         self._arms: dict[str, Arm] = {}
         # Only messages that are drawn are taken: at 1 kHz these are few.
-        self._taker = rclpy.create_node('view_samples', namespace=self.get_namespace(),
-                                        start_parameter_services=False, enable_rosout=False)
+        self._taker = rclpy.create_node(
+            'view_samples',
+            namespace=self.get_namespace(),
+            start_parameter_services=False,
+            enable_rosout=False,
+        )
         self._refusals, self._news = Periodic(REFUSAL_PERIOD), Periodic(NEWS_PERIOD)
-        self._server = serve(values['view.host'], values['view.port'], values['view.hosts'],
-                             self._report_refusal)
+        self._server = serve(
+            values['view.host'], values['view.port'], values['view.hosts'], self._report_refusal
+        )
         self._page = Page(self._server)
         host = self._server.get_host()
         shown = in_url({'0.0.0.0': '127.0.0.1', '::': '::1'}.get(host, host))
@@ -92,7 +97,8 @@ class View(ParameterNode):
         for namespace in [own] if own != '/' else self._namespaces():
             if namespace not in self._arms and len(self._arms) < LARGEST_NUMBER:
                 self._arms[namespace] = Arm(
-                    self, self._taker, self._page, namespace, len(self._arms))
+                    self, self._taker, self._page, namespace, len(self._arms)
+                )
                 self._page.aim(len(self._arms))
 
     def _namespaces(self) -> list[str]:

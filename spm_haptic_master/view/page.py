@@ -38,7 +38,8 @@ LEGEND = (
     'Encoder: green healthy, amber not checked by the others, red faulty, black no reading.',
     'Parity: how far the encoders disagree, in standard deviations; of noise mostly below 3.',
     "Protection level: bound of the orientation's error, even if an encoder is wrong.",
-    'Cone about the handle: the protection level, ten times as wide, at most 20 deg.')
+    'Cone about the handle: the protection level, ten times as wide, at most 20 deg.',
+)
 # Begin of a script with news.
 NEWS = 'window.spm.show('
 # Camera's position relative to its target in each view of one device, and the target (units of the
@@ -96,9 +97,13 @@ class Page:
         self.content: dict[str, dict[str, Any]] = {}
         self.aim(1)
         setup = {
-            'css': (FOLDER / 'page.css').read_text(), 'timeout': NEWS_TIMEOUT,
-            'lost': 'no news from view: the picture is old', 'dome': colour_bar(),
-            'views': self.views, 'legend': LEGEND}
+            'css': (FOLDER / 'page.css').read_text(),
+            'timeout': NEWS_TIMEOUT,
+            'lost': 'no news from view: the picture is old',
+            'dome': colour_bar(),
+            'views': self.views,
+            'legend': LEGEND,
+        }
         self._run((FOLDER / 'page.js').read_text().replace('SETUP', json.dumps(setup)))
         self.refresh()
 
@@ -122,10 +127,18 @@ class Page:
     def refresh(self) -> None:
         """Send all of it, as a sign of life; call it every second."""
         shown = self.shown or {'': NO_DEVICE}
-        devices = [{
-            'name': name, 'content': self.content.get(name),
-            'banner': (f'{name}: {banner.text}' if name else banner.text, banner.light.value,
-                       banner.alive)} for name, banner in shown.items()]
+        devices = [
+            {
+                'name': name,
+                'content': self.content.get(name),
+                'banner': (
+                    f'{name}: {banner.text}' if name else banner.text,
+                    banner.light.value,
+                    banner.alive,
+                ),
+            }
+            for name, banner in shown.items()
+        ]
         # JSON of Python, with NaN and Infinity, is valid in a script.
         self._run(f'{NEWS}{json.dumps({"devices": devices, "views": self.views})});')
 
@@ -139,8 +152,10 @@ def views(arms: int) -> dict[str, tuple[tuple[float, ...], tuple[float, ...]]]:
     x, y, z = LOOK_AT
     x += 0.5 * ARM_DISTANCE * (arms - 1)
     back = 1.0 + BACK_OFF * (arms - 1)
-    return {name: ((x + back * dx, y + back * dy, z + back * dz), (x, y, z))
-            for name, (dx, dy, dz) in CAMERAS.items()}
+    return {
+        name: ((x + back * dx, y + back * dy, z + back * dz), (x, y, z))
+        for name, (dx, dy, dz) in CAMERAS.items()
+    }
 
 
 def content(seen: Seen, entries: status.StatusEntries) -> dict[str, Any]:
@@ -148,67 +163,122 @@ def content(seen: Seen, entries: status.StatusEntries) -> dict[str, Any]:
     if not seen.banner.alive:
         seen = replace(seen, angles=None, orientation=None, dexterities=None, ghost=None)
     limits, figures, timing = map(
-        entries.numbers, (status.SINGULARITY, status.ORIENTATION, status.TIMING))
+        entries.numbers, (status.SINGULARITY, status.ORIENTATION, status.TIMING)
+    )
     warn, error = limits.get('warn below', nan), limits.get('error below', nan)
     three, every = dexterities = seen.dexterities or (nan, nan)
     if seen.orientation is None:
         figures = {}
     level, parity = (figures.get(key, nan) for key in ('protection level (deg)', 'parity (sigma)'))
     ghost = nan if seen.ghost is None else degrees(seen.ghost)
-    rate, p50, p99 = (timing.get(key, nan) for key in (
-        'orientation rate (Hz)', 'latency p50 (us)', 'latency p99 (us)'))
+    rate, p50, p99 = (
+        timing.get(key, nan)
+        for key in ('orientation rate (Hz)', 'latency p50 (us)', 'latency p99 (us)')
+    )
     note, warns = (seen.story, False) if seen.story else _note(seen, warn)
     driver, singularity = entries.entry(status.ENCODERS), entries.entry(status.SINGULARITY)
     missing = entries.missing_joints()
     # A joint without a reading has a gap in its plot.
-    angles = [nan if seen.angles is None or name in missing
-              else degrees(seen.angles[joints.MECHANISM_JOINT_NAMES.index(name)])
-              for name in joints.ALL_JOINT_NAMES[:seen.sensors]]
+    angles = [
+        nan
+        if seen.angles is None or name in missing
+        else degrees(seen.angles[joints.MECHANISM_JOINT_NAMES.index(name)])
+        for name in joints.ALL_JOINT_NAMES[: seen.sensors]
+    ]
     zxz = map(degrees, () if seen.orientation is None else zxz_angles(*seen.orientation))
     # Always these rows: name, text, and share and colour of a bar, if any.
     rows = [
         ('source', seen.source or 'unknown'),
         ('encoders', DASH if driver is None else driver.message),
-        ('orientation', ', '.join(f'{name} {angle:.2f}\u00b0' for name, angle in zip(
-            '\u03c8\u03b8\u03c6', zxz, strict=False)) or DASH),
+        (
+            'orientation',
+            ', '.join(
+                f'{name} {angle:.2f}\u00b0'
+                for name, angle in zip('\u03c8\u03b8\u03c6', zxz, strict=False)
+            )
+            or DASH,
+        ),
         ('three encoders', _known(f'{ghost:.2f}\u00b0 off', ghost)),
         ('protection level', _known(f'{level:.2f}\u00b0', level)),
         ('parity', _known(f'{parity:.1f} sigma', parity)),
-        ('singularity', DASH if singularity is None or seen.orientation is None
-         else singularity.message),
-        *((f'dexterity of {count}', _known(f'{value:.3f}', value),
-           0.0 if value != value else value / FULL_DEXTERITY, _light(value, warn, error).value)
-          for count, value in zip((3, seen.sensors), dexterities, strict=True)),
+        (
+            'singularity',
+            DASH if singularity is None or seen.orientation is None else singularity.message,
+        ),
+        *(
+            (
+                f'dexterity of {count}',
+                _known(f'{value:.3f}', value),
+                0.0 if value != value else value / FULL_DEXTERITY,
+                _light(value, warn, error).value,
+            )
+            for count, value in zip((3, seen.sensors), dexterities, strict=True)
+        ),
         ('rate', _known(f'{rate:.0f} Hz', rate)),
         ('latency', _known(f'p50 {p50:.0f} us, p99 {p99:.0f} us', p50 + p99)),
         ('force', seen.force or DASH),
         ('caution', entries.texts(status.ORIENTATION).get(CAUTION_KEY) or DASH),
-        ('picture', f'{seen.pace:.0f} poses a second')]
+        ('picture', f'{seen.pace:.0f} poses a second'),
+    ]
     text, shares = seen.calibration or ('', {})
     return {
-        'note': note, 'warns': warns, 'rows': rows,
-        'chips': [(short, f'{name}: {state.words}', state.colour) for short, name, state in zip(
-            joints.SHORT_NAMES, joints.ALL_JOINT_NAMES, seen.states, strict=False)],
-        'calibration': seen.calibration and {'text': text, 'covered': [
-            (name, share, (status.Light.GREEN if share >= ENOUGH else status.Light.AMBER).value)
-            for name, share in shares.items()]},
+        'note': note,
+        'warns': warns,
+        'rows': rows,
+        'chips': [
+            (short, f'{name}: {state.words}', state.colour)
+            for short, name, state in zip(
+                joints.SHORT_NAMES, joints.ALL_JOINT_NAMES, seen.states, strict=False
+            )
+        ],
+        'calibration': seen.calibration
+        and {
+            'text': text,
+            'covered': [
+                (
+                    name,
+                    share,
+                    (status.Light.GREEN if share >= ENOUGH else status.Light.AMBER).value,
+                )
+                for name, share in shares.items()
+            ],
+        },
         'plots': [
-            _plot('dexterity', 'dexterity', [('3 encoders', GHOST),
-                                             (f'{seen.sensors} encoders', ALL)],
-                  [(warn, status.Light.AMBER.value), (error, LIMIT)]),
+            _plot(
+                'dexterity',
+                'dexterity',
+                [('3 encoders', GHOST), (f'{seen.sensors} encoders', ALL)],
+                [(warn, status.Light.AMBER.value), (error, LIMIT)],
+            ),
             _plot('ghost', 'three encoders alone: error, deg', [('error', GHOST)]),
-            _plot('level', 'protection level, deg', [('level', ALL)],
-                  [(seen.alert_limit, LIMIT)]),
-            _plot('angles', 'joint angles, deg', [
-                (name, LEGS['ABC'.index(name[1])], name[0] == '3')
-                for name in joints.SHORT_NAMES[:seen.sensors]], zero=False),
+            _plot('level', 'protection level, deg', [('level', ALL)], [(seen.alert_limit, LIMIT)]),
+            _plot(
+                'angles',
+                'joint angles, deg',
+                [
+                    (name, LEGS['ABC'.index(name[1])], name[0] == '3')
+                    for name in joints.SHORT_NAMES[: seen.sensors]
+                ],
+                zero=False,
+            ),
             _plot('parity', 'parity, sigma', [('parity', ALL)], zero=False),
-            _plot('latency', 'latency, us', [('p50', ALL), ('p99', GHOST)])],
+            _plot('latency', 'latency, us', [('p50', ALL), ('p99', GHOST)]),
+        ],
         'sample': {
-            't': entries.now, 'state': seen.banner.text, 'colour': seen.banner.light.value,
-            'happened': seen.happened, 'values': {
-                'dexterity': [three, every], 'ghost': [ghost], 'level': [level],
-                'parity': [parity], 'angles': angles, 'latency': [p50, p99]}}}
+            't': entries.now,
+            'state': seen.banner.text,
+            'colour': seen.banner.light.value,
+            'happened': seen.happened,
+            'values': {
+                'dexterity': [three, every],
+                'ghost': [ghost],
+                'level': [level],
+                'parity': [parity],
+                'angles': angles,
+                'latency': [p50, p99],
+            },
+        },
+    }
 
 
 def _known(text: str, value: float) -> str:
@@ -216,11 +286,21 @@ def _known(text: str, value: float) -> str:
     return DASH if value != value else text
 
 
-def _plot(key: str, title: str, series: Sequence[Sequence[Any]],
-          limits: Sequence[tuple[float, str]] = (), zero: bool = True) -> dict[str, Any]:
+def _plot(
+    key: str,
+    title: str,
+    series: Sequence[Sequence[Any]],
+    limits: Sequence[tuple[float, str]] = (),
+    zero: bool = True,
+) -> dict[str, Any]:
     """Return a plot: name, colour and whether dashed of each quantity; limits with colours."""
-    return {'key': key, 'title': title, 'series': series, 'zero': zero,
-            'limits': [each for each in limits if each[0] == each[0]]}
+    return {
+        'key': key,
+        'title': title,
+        'series': series,
+        'zero': zero,
+        'limits': [each for each in limits if each[0] == each[0]],
+    }
 
 
 def _note(seen: Seen, warn: float) -> tuple[str, bool]:
@@ -230,17 +310,24 @@ def _note(seen: Seen, warn: float) -> tuple[str, bool]:
     if seen.dexterities is None or warn != warn:
         return DASH, False
     three, every = seen.dexterities
-    lost = sum(state in (status.SensorState.MISSING, status.SensorState.EXCLUDED)
-               for state in seen.states)
+    lost = sum(
+        state in (status.SensorState.MISSING, status.SensorState.EXCLUDED) for state in seen.states
+    )
     number = joints.NUMBER_WORDS.get(seen.sensors - lost, 'the')
     if every < warn:
         return f'Not even {number} encoders determine this pose.', True
     if not three >= warn:
-        return (f'Singularity: three encoders do not determine this pose; {number} do. The violet '
-                'ghost is what three alone would report.', True)
+        return (
+            f'Singularity: three encoders do not determine this pose; {number} do. The violet '
+            'ghost is what three alone would report.',
+            True,
+        )
     if seen.ghost is not None and degrees(seen.ghost) > WRONG_SIDE:
-        return ('Three encoders alone came out of the singularity on its wrong side. With '
-                f'{number} the device did not.', True)
+        return (
+            'Three encoders alone came out of the singularity on its wrong side. With '
+            f'{number} the device did not.',
+            True,
+        )
     return f'Three encoders determine this pose. With {number} they check one another.', False
 
 

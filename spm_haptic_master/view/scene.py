@@ -64,28 +64,47 @@ TRACE_POINTS, TRACE_STEP = 300, 0.004
 class Dome:
     """The dome of a device, below a frame of the scene, `root`."""
 
-    def __init__(self, scene: SceneApi, root: str, geometry: Geometry,
-                 working_mode: WorkingMode) -> None:
-        def line(name: str, segments: NDArray[np.float64],
-                 colour: str) -> LineSegmentsHandle:
+    def __init__(
+        self, scene: SceneApi, root: str, geometry: Geometry, working_mode: WorkingMode
+    ) -> None:
+        def line(name: str, segments: NDArray[np.float64], colour: str) -> LineSegmentsHandle:
             # As wide as in the scene, a line is drawn twice, by two programs.
-            return scene.add_line_segments(f'{root}/{name}', segments, rgb([colour])[0],
-                                           thickness=LINE_WIDTH, thickness_units='screen')
+            return scene.add_line_segments(
+                f'{root}/{name}',
+                segments,
+                rgb([colour])[0],
+                thickness=LINE_WIDTH,
+                thickness_units='screen',
+            )
 
         self._map = WorkspaceMap(geometry, working_mode)
         self._points: deque[NDArray[np.float64]] = deque(maxlen=TRACE_POINTS)
         axes = self._map.axes
         self.tiles = surfaces.add(
-            scene, f'{root}/map', surfaces.two_sided(surfaces.fan(TILE_RADIUS, 0.0, 6)),
-            self._map.colours(0.0), axes, RADIUS * axes, opacity=TILE_OPACITY)
+            scene,
+            f'{root}/map',
+            surfaces.two_sided(surfaces.fan(TILE_RADIUS, 0.0, 6)),
+            self._map.colours(0.0),
+            axes,
+            RADIUS * axes,
+            opacity=TILE_OPACITY,
+        )
         self.singular = scene.add_point_cloud(
-            f'{root}/singular', np.zeros((1, 3)), rgb([SINGULAR])[0], point_size=SINGULAR_SIZE,
-            point_shape='circle', point_shading='flat', precision='float32', visible=False)
+            f'{root}/singular',
+            np.zeros((1, 3)),
+            rgb([SINGULAR])[0],
+            point_size=SINGULAR_SIZE,
+            point_shape='circle',
+            point_shading='flat',
+            precision='float32',
+            visible=False,
+        )
         rim = RADIUS * workspace_pose(HALF_ANGLE, np.linspace(0.0, 2.0 * pi, 97), 0.0)[..., 2]
         line('rim', np.stack([rim[:-1], rim[1:]], axis=1), GREY)
         self.trace = line('trace', np.zeros((1, 2, 3)), TRACE_COLOUR)
-        self.pin = surfaces.add(scene, f'{root}/pin', surfaces.ball(PIN_RADIUS),
-                                rgb([TRACE_COLOUR]), visible=False)
+        self.pin = surfaces.add(
+            scene, f'{root}/pin', surfaces.ball(PIN_RADIUS), rgb([TRACE_COLOUR]), visible=False
+        )
 
     def move(self, axis: Sequence[float]) -> None:
         """Continue the trace of the handle's axis, a unit vector in the base frame."""
@@ -121,8 +140,15 @@ class Scene:
     `table` is the quaternion x, y, z, w of R_table_base, `sensors` the number of encoders.
     """
 
-    def __init__(self, scene: SceneApi, number: int, geometry: Geometry,
-                 working_mode: WorkingMode, table: Quaternion[float], sensors: int) -> None:
+    def __init__(
+        self,
+        scene: SceneApi,
+        number: int,
+        geometry: Geometry,
+        working_mode: WorkingMode,
+        table: Quaternion[float],
+        sensors: int,
+    ) -> None:
         centre = workspace_pose(0.0, 0.0, 0.0)
         # A mechanism that cannot be assembled there is refused.
         angles = mechanism_angles(tuple(centre.ravel().tolist()), geometry, working_mode)
@@ -130,68 +156,125 @@ class Scene:
         x, y, z, w = table
         place = np.array([ARM_DISTANCE * number, 0.0, 0.0])
         self._root = scene.add_frame(
-            f'/arm{number}', show_axes=False, position=place,
-            wxyz=wxyz(centre.T) if table == IDENTITY else np.array([w, x, y, z]))
+            f'/arm{number}',
+            show_axes=False,
+            position=place,
+            wxyz=wxyz(centre.T) if table == IDENTITY else np.array([w, x, y, z]),
+        )
         self._frame = scene.add_frame(f'{self._root.name}/platform', show_axes=False)
         # Frames of what is beside the device: `show_rest` shows it.
-        self._rest = [scene.add_frame(f'{frame.name}/rest', show_axes=False, visible=False)
-                      for frame in (self._root, self._frame)]
+        self._rest = [
+            scene.add_frame(f'{frame.name}/rest', show_axes=False, visible=False)
+            for frame in (self._root, self._frame)
+        ]
         fixed, turned, fixed_rest, turned_rest = (
-            frame.name for frame in (self._root, self._frame, *self._rest))
+            frame.name for frame in (self._root, self._frame, *self._rest)
+        )
         add = partial(surfaces.add, scene, scale=SCALE)
         self._geometry, shapes = geometry, solids.solids(geometry)
         base = add(f'{fixed}/base', shapes['base'], rgb([css('base')]))
         # Encoders have the colours of their states: first those on motors, then those on the third
         # joints th3A, th3B, th3C.
-        self._motors = add(f'{fixed}/motors', solids.cylinder(solids.MOTOR_ENCODER),
-                           rgb([GREY] * len(solids.LEGS)), geometry.base_axes)
-        thirds = geometry.platform_axes[:sensors - len(solids.LEGS)]
-        self._others = add(f'{turned}/encoder', solids.cylinder(solids.THIRD_ENCODER),
-                           rgb([GREY] * len(thirds)), thirds)
+        self._motors = add(
+            f'{fixed}/motors',
+            solids.cylinder(solids.MOTOR_ENCODER),
+            rgb([GREY] * len(solids.LEGS)),
+            geometry.base_axes,
+        )
+        thirds = geometry.platform_axes[: sensors - len(solids.LEGS)]
+        self._others = add(
+            f'{turned}/encoder',
+            solids.cylinder(solids.THIRD_ENCODER),
+            rgb([GREY] * len(thirds)),
+            thirds,
+        )
         # Links of one shape, turned by one message: their rows in `link_turns`.
         self._batches: list[tuple[list[int], BatchedMeshHandle]] = []
-        for first, kind, spans in ((0, 'proximal', geometry.alphas),
-                                   (len(solids.LEGS), 'distal', geometry.betas)):
+        for first, kind, spans in (
+            (0, 'proximal', geometry.alphas),
+            (len(solids.LEGS), 'distal', geometry.betas),
+        ):
             for span in dict.fromkeys(spans):
                 legs = [k for k, each in enumerate(spans) if each == span]
                 link = f'{kind}_{solids.LEGS[legs[0]]}'
-                self._batches.append(([first + k for k in legs], add(
-                    f'{fixed}/{link}', shapes[link],
-                    rgb([css(f'leg_{solids.LEGS[k]}') for k in legs]))))
+                self._batches.append(
+                    (
+                        [first + k for k in legs],
+                        add(
+                            f'{fixed}/{link}',
+                            shapes[link],
+                            rgb([css(f'leg_{solids.LEGS[k]}') for k in legs]),
+                        ),
+                    )
+                )
         pointer = solids.cylinder(POINTER).turned(solids.onto((1.0, 0.0, 0.0)))
-        platform = solids.together(shapes['platform'], solids.Solid(
-            pointer.vertices + (0.0, 0.0, solids.SIZE * POINTER_AT), pointer.triangles))
+        platform = solids.together(
+            shapes['platform'],
+            solids.Solid(
+                pointer.vertices + (0.0, 0.0, solids.SIZE * POINTER_AT), pointer.triangles
+            ),
+        )
         # Parts that turn grey, with their own colours.
-        self._coloured = [(handle, handle.batched_colors.copy()) for handle in (
-            base, *(links for _, links in self._batches),
-            add(f'{turned}/solid', platform, rgb([css('platform')])),
-            add(f'{turned}/axes', solids.cylinder(AXIS), rgb(AXIS_COLOURS), np.eye(3)))]
+        self._coloured = [
+            (handle, handle.batched_colors.copy())
+            for handle in (
+                base,
+                *(links for _, links in self._batches),
+                add(f'{turned}/solid', platform, rgb([css('platform')])),
+                add(f'{turned}/axes', solids.cylinder(AXIS), rgb(AXIS_COLOURS), np.eye(3)),
+            )
+        ]
         # To be scaled to the protection level.
         self.level = surfaces.add(
-            scene, f'{turned_rest}/level',
-            surfaces.two_sided(surfaces.fan(RADIUS, RADIUS, LEVEL_CORNERS)), rgb([LEVEL]),
-            opacity=LEVEL_OPACITY, visible=False)
+            scene,
+            f'{turned_rest}/level',
+            surfaces.two_sided(surfaces.fan(RADIUS, RADIUS, LEVEL_CORNERS)),
+            rgb([LEVEL]),
+            opacity=LEVEL_OPACITY,
+            visible=False,
+        )
         self.dome = Dome(scene, fixed_rest, geometry, working_mode)
         self.ghost = surfaces.add(
-            scene, f'{turned_rest}/ghost', platform, rgb([GHOST]),
-            scale=GHOST_SCALE / solids.SIZE, opacity=GHOST_OPACITY, visible=False)
+            scene,
+            f'{turned_rest}/ghost',
+            platform,
+            rgb([GHOST]),
+            scale=GHOST_SCALE / solids.SIZE,
+            opacity=GHOST_OPACITY,
+            visible=False,
+        )
         self.torques = [
-            surfaces.add(scene, f'{turned}/torque_{kind}', surfaces.ARROW, rgb([colour]),
-                         visible=False) for kind, colour in TORQUES.items()]
+            surfaces.add(
+                scene, f'{turned}/torque_{kind}', surfaces.ARROW, rgb([colour]), visible=False
+            )
+            for kind, colour in TORQUES.items()
+        ]
         # It is in the scene's frame, whatever the mounting is.
         self._floor = surfaces.add(
-            scene, f'/floor{fixed}', surfaces.fan(FLOOR_RADIUS, 0.0, FLOOR_CORNERS),
-            rgb([FLOOR]), places=place[None] + (0.0, 0.0, FLOOR_HEIGHT))
+            scene,
+            f'/floor{fixed}',
+            surfaces.fan(FLOOR_RADIUS, 0.0, FLOOR_CORNERS),
+            rgb([FLOOR]),
+            places=place[None] + (0.0, 0.0, FLOOR_HEIGHT),
+        )
         axes = np.array(geometry.base_axes)
         for parent, text, at in (
-                *((fixed_rest, f'th{SHORT_NAMES[k]}', MOTOR_AT * z) for k, z in enumerate(axes)),
-                *((fixed_rest, solids.LEGS[k].upper(), LEG_AT * z) for k, z in enumerate(axes)),
-                *((turned_rest, f'th{SHORT_NAMES[len(solids.LEGS) + k]}', THIRD_AT * np.array(z))
-                  for k, z in enumerate(thirds)),
-                (turned_rest, 'handle', np.array([0.0, 0.0, HANDLE_AT])),
-                (fixed_rest, 'O', np.zeros(3))):
-            scene.add_label(f'{parent}/label_{text}', text, position=at, anchor='center-center',
-                            font_screen_scale=1.0)
+            *((fixed_rest, f'th{SHORT_NAMES[k]}', MOTOR_AT * z) for k, z in enumerate(axes)),
+            *((fixed_rest, solids.LEGS[k].upper(), LEG_AT * z) for k, z in enumerate(axes)),
+            *(
+                (turned_rest, f'th{SHORT_NAMES[len(solids.LEGS) + k]}', THIRD_AT * np.array(z))
+                for k, z in enumerate(thirds)
+            ),
+            (turned_rest, 'handle', np.array([0.0, 0.0, HANDLE_AT])),
+            (fixed_rest, 'O', np.zeros(3)),
+        ):
+            scene.add_label(
+                f'{parent}/label_{text}',
+                text,
+                position=at,
+                anchor='center-center',
+                font_screen_scale=1.0,
+            )
         self.place(angles)
         self.set_alive(False)
 
@@ -205,8 +288,8 @@ class Scene:
     def show_sensors(self, colours: Sequence[str]) -> None:
         """Give each encoder the colour of its state, as CSS has it: #rrggbb."""
         sensors = rgb(colours)
-        self._motors.batched_colors = sensors[:len(solids.LEGS)]
-        self._others.batched_colors = sensors[len(solids.LEGS):]
+        self._motors.batched_colors = sensors[: len(solids.LEGS)]
+        self._others.batched_colors = sensors[len(solids.LEGS) :]
 
     def show_rest(self) -> None:
         """Show what is beside the device: dome, names, cone, and what three encoders report."""

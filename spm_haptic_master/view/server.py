@@ -67,10 +67,14 @@ def refusal(headers: Headers, names: frozenset[str]) -> str:
     host = hosts[0].lower() if len(hosts) == 1 else ''
     match = HOST.fullmatch(host)
     if match is None or match[1] not in names:
-        return (f'Host {_quoted(hosts)} is not a name of this page; '
-                '-p view.hosts:=NAME allows one more')
+        return (
+            f'Host {_quoted(hosts)} is not a name of this page; '
+            '-p view.hosts:=NAME allows one more'
+        )
     if origins and [origin.lower() for origin in origins] not in (
-            [f'http://{host}'], [f'https://{host}']):
+        [f'http://{host}'],
+        [f'https://{host}'],
+    ):
         return f'Origin {_quoted(origins)} is another page than {host}'
     return ''
 
@@ -82,7 +86,8 @@ def is_wanted(message: str | bytes) -> bool:
     try:
         found = msgspec.msgpack.decode(message)
         return found['type'] == 'ViewerCameraMessage' or (
-            found['type'] == 'GuiUpdateMessage' and list(found['updates']) == ['value'])
+            found['type'] == 'GuiUpdateMessage' and list(found['updates']) == ['value']
+        )
     except (msgspec.MsgspecError, ValueError, TypeError, KeyError):
         return False
 
@@ -125,13 +130,20 @@ def serve(host: str, port: int, names: str, report: Callable[[str], None]) -> Vi
                 host = request.headers['Host']
                 response.headers['Content-Security-Policy'] = (
                     f"frame-ancestors 'none'; connect-src http://{host} https://{host} "
-                    f'ws://{host} wss://{host} data: blob:')
+                    f'ws://{host} wss://{host} data: blob:'
+                )
             return response
 
         guards.append(answer)
-        return unguarded(*args, **options | {
-            'process_request': answer, 'max_size': LONGEST_MESSAGE,
-            'create_connection': GuardedConnection})
+        return unguarded(
+            *args,
+            **options
+            | {
+                'process_request': answer,
+                'max_size': LONGEST_MESSAGE,
+                'create_connection': GuardedConnection,
+            },
+        )
 
     websocket_server.serve = serve_guarded
     try:
@@ -159,18 +171,21 @@ def free_port(host: str, first: int) -> int:
     try:
         for port in range(first, 65536):
             try:
-                for family, *_, address in socket.getaddrinfo(
-                        host, port, type=socket.SOCK_STREAM):
+                for family, *_, address in socket.getaddrinfo(host, port, type=socket.SOCK_STREAM):
                     socket.create_server(address, family=family).close()
                 return port
             except OSError as error:
                 if error.errno != errno.EADDRINUSE:
                     raise
     except OSError as error:
-        raise InputError(f"parameter 'view.host' is {host!r}; expected an address of this host "
-                         f'({str(error.strerror).partition(" (while")[0]})') from error
-    raise InputError(f"parameter 'view.port' is {first}; expected a port that is free, or has a "
-                     'free one after it')
+        raise InputError(
+            f"parameter 'view.host' is {host!r}; expected an address of this host "
+            f'({str(error.strerror).partition(" (while")[0]})'
+        ) from error
+    raise InputError(
+        f"parameter 'view.port' is {first}; expected a port that is free, or has a "
+        'free one after it'
+    )
 
 
 def in_url(host: str) -> str:

@@ -61,8 +61,14 @@ class SimulatedDevice:
     the name of a topic in the device's namespace.
     """
 
-    def __init__(self, node: Node, gui: GuiApi, folder: AbstractContextManager[Any],
-                 order: float, name: Callable[[str], str]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        gui: GuiApi,
+        folder: AbstractContextManager[Any],
+        order: float,
+        name: Callable[[str], str],
+    ) -> None:
         self._node, self._gui, self._panel, self._name = node, gui, folder, name
         self._order = order
         # Publishers by topic, made for the first simulated source.
@@ -93,8 +99,10 @@ class SimulatedDevice:
             return
         if not self._outs:
             node, name = self._node, self._name
-            self._outs = {topic: node.create_publisher(kind, name(topic), 1) for topic, kind in (
-                (STEER_TOPIC, Float64MultiArray), (FAULT_TOPIC, String))}
+            self._outs = {
+                topic: node.create_publisher(kind, name(topic), 1)
+                for topic, kind in ((STEER_TOPIC, Float64MultiArray), (FAULT_TOPIC, String))
+            }
             node.create_subscription(String, name(FAULTS_TOPIC), self._on_faults, STATE)
         with self._panel:
             self.knobs = self._gui.add_folder('Simulation', order=self._order)
@@ -111,15 +119,19 @@ class SimulatedDevice:
         self.sliders = tuple(
             gui.add_slider(f'{name}, deg', *limit, step, value)
             for name, limit, step, value in zip(
-                ('tilt', 'azimuth', 'self-rotation'), limits, STEPS, FIRST_POSE, strict=True))
+                ('tilt', 'azimuth', 'self-rotation'), limits, STEPS, FIRST_POSE, strict=True
+            )
+        )
         for slider in self.sliders:
             slider.on_update(self._on_slider)
         gui.add_button('move by itself').on_click(self._release)
-        self.joint = gui.add_dropdown('encoder', ALL_JOINT_NAMES[:self._sensors],
-                                      initial_value=ALL_JOINT_NAMES[1])
+        self.joint = gui.add_dropdown(
+            'encoder', ALL_JOINT_NAMES[: self._sensors], initial_value=ALL_JOINT_NAMES[1]
+        )
         self.offset = gui.add_number('offset, deg', OFFSET, min=-180.0, max=180.0, step=0.1)
         gui.add_button_group('fault', SWITCHED).on_click(
-            lambda event: self.add_fault(str(event.target.value)))
+            lambda event: self.add_fault(str(event.target.value))
+        )
         gui.add_button('no fault').on_click(lambda _: self._set_faults(''))
         self._faults_html = gui.add_html('')
 
@@ -134,7 +146,8 @@ class SimulatedDevice:
             return
         u, v, phi = place(*zxz_angles(*orientation))
         for slider, value, step in zip(
-                self.sliders, (hypot(u, v), atan2(v, u), phi), STEPS, strict=True):
+            self.sliders, (hypot(u, v), atan2(v, u), phi), STEPS, strict=True
+        ):
             slider.value = min(max(step * round(degrees(value) / step), slider.min), slider.max)
 
     def add_fault(self, kind: str) -> None:
@@ -143,8 +156,11 @@ class SimulatedDevice:
         if kind == 'offset':
             text += f'={self.offset.value:g}'
         # Another offset of the same joint replaces the one before.
-        present = [each for each in self._faults.split(', ')
-                   if each and each.partition('=')[0] != text.partition('=')[0]]
+        present = [
+            each
+            for each in self._faults.split(', ')
+            if each and each.partition('=')[0] != text.partition('=')[0]
+        ]
         self._set_faults(', '.join([*present, text]))
 
     def _lead(self, touched: bool) -> None:
@@ -191,7 +207,8 @@ class SimulatedDevice:
 
     def _show_faults(self) -> None:
         self._faults_html.content = (
-            f'<div class="spm-device spm-event">faults: {escape(self._faults) or "none"}</div>')
+            f'<div class="spm-device spm-event">faults: {escape(self._faults) or "none"}</div>'
+        )
 
     def _steer(self, *pose: float) -> None:
         """Lead the device to tilt, azimuth and phi, rad; without a pose it moves by itself."""
@@ -208,23 +225,48 @@ def stories(sensors: int) -> tuple[Story, ...]:
     four = sensors == len(JOINT_NAMES)
     number = NUMBER_WORDS[sensors]
     return (
-        Story('cross the singularity',
-              'Three encoders lose the handle at the singularity: the violet ghost is what they '
-              f'would report. The device has {number} and goes through as if nothing were there.',
-              (Step(0.0, SINGULAR - AWAY, ''), Step(3.0, SINGULAR), Step(6.0, SINGULAR + NEAR),
-               Step(10.0, SINGULAR + AWAY), Step(13.0, SINGULAR - AWAY), Step(17.0))),
-        Story('break th3A there',
-              'Here th3A alone knows the self-rotation and no other encoder checks it: its chip '
-              'is amber. It freezes, its own stillness gives it away, and the device is silent.'
-              if four else
-              f'With {number} encoders the others check th3A even at the singularity. It freezes, '
-              'is excluded, and the device continues without it.',
-              (Step(0.0, SINGULAR, ''), Step(5.0, None, 'stuck:joint_3a'),
-               Step(7.0, SINGULAR - AWAY), Step(14.0, None, ''), Step(16.0))),
-        Story(f'unplug one of {number}',
-              'With four encoders none may be missing: without th1B the device is silent. With '
-              'six it continues: start it with -p sensors:=6.' if four else
-              f'One of {number} encoders does not answer: its chip is black, and the state says '
-              'so. The device continues with the others.',
-              (Step(0.0, None, ''), Step(2.0, None, 'dropout:joint_1b'), Step(9.0, None, ''),
-               Step(11.0))))
+        Story(
+            'cross the singularity',
+            'Three encoders lose the handle at the singularity: the violet ghost is what they '
+            f'would report. The device has {number} and goes through as if nothing were there.',
+            (
+                Step(0.0, SINGULAR - AWAY, ''),
+                Step(3.0, SINGULAR),
+                Step(6.0, SINGULAR + NEAR),
+                Step(10.0, SINGULAR + AWAY),
+                Step(13.0, SINGULAR - AWAY),
+                Step(17.0),
+            ),
+        ),
+        Story(
+            'break th3A there',
+            'Here th3A alone knows the self-rotation and no other encoder checks it: its chip '
+            'is amber. It freezes, its own stillness gives it away, and the device is silent.'
+            if four
+            else f'With {number} encoders the others check th3A even at the singularity. It '
+            'freezes, '
+            'is excluded, and the device continues without it.',
+            (
+                Step(0.0, SINGULAR, ''),
+                Step(5.0, None, 'stuck:joint_3a'),
+                Step(7.0, SINGULAR - AWAY),
+                Step(14.0, None, ''),
+                Step(16.0),
+            ),
+        ),
+        Story(
+            f'unplug one of {number}',
+            'With four encoders none may be missing: without th1B the device is silent. With '
+            'six it continues: start it with -p sensors:=6.'
+            if four
+            else f'One of {number} encoders does not answer: its chip is black, and the '
+            'state says '
+            'so. The device continues with the others.',
+            (
+                Step(0.0, None, ''),
+                Step(2.0, None, 'dropout:joint_1b'),
+                Step(9.0, None, ''),
+                Step(11.0),
+            ),
+        ),
+    )

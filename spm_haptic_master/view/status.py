@@ -72,8 +72,9 @@ class SampleAge:
         self._ticked, self._late = now, late
 
 
-def banner(state: OrientationState | None, age: float | None, diagnostics: str = '',
-           heard: bool = True) -> Banner:
+def banner(
+    state: OrientationState | None, age: float | None, diagnostics: str = '', heard: bool = True
+) -> Banner:
     """
     Return the banner for the latest state and the time since joint angles came, s, if any did.
 

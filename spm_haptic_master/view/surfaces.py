@@ -24,10 +24,17 @@ from viser import BatchedMeshHandle, SceneApi
 ARROW = turned_profile([(0.018, 0.0), (0.018, 0.75), (0.05, 0.75), (0.001, 1.0)])
 
 
-def add(scene: SceneApi, path: str, solid: Solid, colours: NDArray[np.uint8],
-        axes: Sequence[object] | NDArray[np.float64] | None = None,
-        places: NDArray[np.float64] | None = None, scale: float = 1.0,
-        opacity: float | None = None, visible: bool = True) -> BatchedMeshHandle:
+def add(
+    scene: SceneApi,
+    path: str,
+    solid: Solid,
+    colours: NDArray[np.uint8],
+    axes: Sequence[object] | NDArray[np.float64] | None = None,
+    places: NDArray[np.float64] | None = None,
+    scale: float = 1.0,
+    opacity: float | None = None,
+    visible: bool = True,
+) -> BatchedMeshHandle:
     """
     Add a solid, scaled, once for each colour as of `rgb`.
 
@@ -37,10 +44,20 @@ def add(scene: SceneApi, path: str, solid: Solid, colours: NDArray[np.uint8],
     count = len(colours)
     turns = np.array([np.eye(3)] * count) if axes is None else onto(axes)
     return scene.add_batched_meshes_simple(
-        path, solid.vertices * scale, solid.triangles, wxyz(turns),
+        path,
+        solid.vertices * scale,
+        solid.triangles,
+        wxyz(turns),
         np.zeros((count, 3)) if places is None else places,
-        batched_colors=colours, opacity=opacity, flat_shading=True,
-        side='front', lod='off', cast_shadow=False, receive_shadow=False, visible=visible)
+        batched_colors=colours,
+        opacity=opacity,
+        flat_shading=True,
+        side='front',
+        lod='off',
+        cast_shadow=False,
+        receive_shadow=False,
+        visible=visible,
+    )
 
 
 def rgb(colours: Sequence[str]) -> NDArray[np.uint8]:
@@ -67,8 +84,10 @@ def fan(radius: float, height: float, corners: int) -> Solid:
     """Return the triangles from O to a regular polygon about z at a height, seen from above."""
     turn, here = np.arange(corners) * 2.0 * pi / corners, np.arange(1, corners + 1)
     rim = np.stack([radius * np.cos(turn), radius * np.sin(turn), 0.0 * turn + height], axis=1)
-    return Solid(np.concatenate([np.zeros((1, 3)), rim]),
-                 np.stack([np.zeros_like(here), here, np.roll(here, -1)], axis=1))
+    return Solid(
+        np.concatenate([np.zeros((1, 3)), rim]),
+        np.stack([np.zeros_like(here), here, np.roll(here, -1)], axis=1),
+    )
 
 
 def ball(radius: float) -> Solid:

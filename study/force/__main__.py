@@ -114,8 +114,13 @@ bench` has the cost of a sample.
 
 def main(args: list[str] | None = None) -> int:
     """Draw all pictures and write the page; return 1 after an error."""
-    return run_page('force', 'Draws force feedback in simulated time, and a page about it.',
-                    DEFAULT_OUTPUT, _make, args)
+    return run_page(
+        'force',
+        'Draws force feedback in simulated time, and a page about it.',
+        DEFAULT_OUTPUT,
+        _make,
+        args,
+    )
 
 
 def _make(output: Path) -> None:
@@ -125,18 +130,22 @@ def _make(output: Path) -> None:
     from study.force.feel_picture import draw, figures
     from study.force.limits_table import limits_table
     from study.force.session import play
+
     session = play()
     draw(session, output / 'feel.png')
     text = TEXT.format(
         feel=figures(session)[0].strip('\n'),
         motor_torque=statics.motor_torque(output / 'motor_torque.png'),
-        faded=statics.fade(output / 'fade.png'), crossing=crossing(),
+        faded=statics.fade(output / 'fade.png'),
+        crossing=crossing(),
         z_width=dynamics.z_width(output / 'z_width.png'),
         energy=dynamics.energy(output / 'energy.png'),
-        loss=dynamics.loss(output / 'loss.png'), limits=limits_table())
+        loss=dynamics.loss(output / 'loss.png'),
+        limits=limits_table(),
+    )
     (output / PAGE).write_text(text, encoding='utf-8')
-    print(text[text.index('## The fade'):text.index('## Stiffness')].strip())
-    print(text[text.index('## Limits'):].strip())
+    print(text[text.index('## The fade') : text.index('## Stiffness')].strip())
+    print(text[text.index('## Limits') :].strip())
 
 
 if __name__ == '__main__':

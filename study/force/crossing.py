@@ -34,15 +34,17 @@ CHOICES: tuple[tuple[str, tuple[float, float], ForceLimits], ...] = (
     ('bound of 1.73, from 1 off', (1.73, 1.0), ForceLimits()),
     ('bound of 1.4, from 1 off', (1.4, 1.0), ForceLimits()),
     ('bound of 1.2, from 1 off', (1.2, 1.0), ForceLimits()),
-    ('bound of 1.4, from 0.4 off', (1.4, 0.4), ForceLimits()))
+    ('bound of 1.4, from 0.4 off', (1.4, 0.4), ForceLimits()),
+)
 
 
 def exact_share(limits: ForceLimits) -> float:
     """Return the share of poses and directions of the workspace that are rendered exactly."""
     rng = np.random.default_rng(6)
     tilt, azimuth, phi = rng.uniform(size=(3, POSES))
-    R = workspace_pose(np.radians(20.0) * np.sqrt(tilt), 2.0 * np.pi * azimuth,
-                       np.radians(95.0) * phi)
+    R = workspace_pose(
+        np.radians(20.0) * np.sqrt(tilt), 2.0 * np.pi * azimuth, np.radians(95.0) * phi
+    )
     R = R[np.isfinite(jacobian(R)).all((1, 2))]
     drawn = rng.normal(size=(len(R), 3))
     m = THROWN * drawn / np.linalg.norm(drawn, axis=1)[:, None]
@@ -56,10 +58,15 @@ def thrown(stiffness: float, motors: int = 3, limits: ForceLimits | None = None)
     roll = axis(R, 'roll')
     x, y, z = (-THROWN * roll).tolist()
     across = push(roll, ACROSS, rise=SLOWLY)
-    found = run(R, Slave(constant((x, y, z))), SETTLED + SLOWLY, motors=motors,
-                hand=(stiffness, 0.01 * stiffness),
-                controller=ForceController(motors=motors, limits=limits),
-                motion=lambda time: across(max(0.0, time - SETTLED)))
+    found = run(
+        R,
+        Slave(constant((x, y, z))),
+        SETTLED + SLOWLY,
+        motors=motors,
+        hand=(stiffness, 0.01 * stiffness),
+        controller=ForceController(motors=motors, limits=limits),
+        motion=lambda time: across(max(0.0, time - SETTLED)),
+    )
     if found.states[-1] != 'engaged':
         return float('nan')
     first = found.start + round(SETTLED / DT)
@@ -71,7 +78,12 @@ def crossing() -> str:
     rows = []
     for name, bound, limits in CHOICES:
         with weak_bound(*bound):
-            rows.append((name, f'{100.0 * exact_share(limits):.1f} %',
-                         *(f'{thrown(hand, limits=limits):.2f}' for hand in HANDS)))
+            rows.append(
+                (
+                    name,
+                    f'{100.0 * exact_share(limits):.1f} %',
+                    *(f'{thrown(hand, limits=limits):.2f}' for hand in HANDS),
+                )
+            )
     rows.append(('four motors', '100 %', *(f'{thrown(hand, 4):.2f}' for hand in HANDS)))
     return table(('', 'exact', *(f'hand {hand:g} N m/rad' for hand in HANDS)), rows)

@@ -18,12 +18,24 @@ PICTURE = 'feel.png'
 
 def main(args: list[str] | None = None) -> int:
     """Play the session, print its figures, draw it; return 1 where a torque lasts too long."""
-    parser = argparse.ArgumentParser(prog='feel', description=(
-        'Plays a session with force feedback in simulated time: a wall, the singular surface, the '
-        'clutch, and the loss of wrench, encoder, drive and master. Exit code 1 if a torque lasts '
-        'longer than it may.'))
-    parser.add_argument('-o', '--output', type=Path, default=DEFAULT_OUTPUT, metavar='DIR',
-                        help='directory of the picture (default: docs/force)')
+    parser = argparse.ArgumentParser(
+        prog='feel',
+        description=(
+            'Plays a session with force feedback in simulated time: a wall, the singular '
+            'surface, the '
+            'clutch, and the loss of wrench, encoder, drive and master. Exit code 1 if a '
+            'torque lasts '
+            'longer than it may.'
+        ),
+    )
+    parser.add_argument(
+        '-o',
+        '--output',
+        type=Path,
+        default=DEFAULT_OUTPUT,
+        metavar='DIR',
+        help='directory of the picture (default: docs/force)',
+    )
     options = parser.parse_args(args)
     try:
         return _play(options.output)
@@ -39,8 +51,10 @@ def _play(output: Path) -> int:
         from study.force.feel_picture import draw, figures
         from study.force.session import END, play
     except ImportError as error:
-        raise InputError(f'needs more than the package itself ({error}): make feel, or in a '
-                         "virtual environment: pip install '.[ros,paper]'") from error
+        raise InputError(
+            f'needs more than the package itself ({error}): make feel, or in a '
+            "virtual environment: pip install '.[ros,paper]'"
+        ) from error
     found = play(lambda share: _show(f'{share * END:4.1f} of {END:g} s'))
     _show('drawing')
     try:

@@ -24,13 +24,25 @@ FADE_ZONE = 44.0
 Row = tuple[str, float, float, bool, str]
 
 
-def _pushed(phi_deg: float, about: str, stiffness: float, seconds: float,
-            hand: tuple[float, float], depth: float, delays: tuple[int, int, int],
-            **motion: float) -> Trace:
+def _pushed(
+    phi_deg: float,
+    about: str,
+    stiffness: float,
+    seconds: float,
+    hand: tuple[float, float],
+    depth: float,
+    delays: tuple[int, int, int],
+    **motion: float,
+) -> Trace:
     R = pose(phi_deg)
     direction = axis(R, about)
-    return run(R, Slave(wall(quaternion(R), direction, stiffness), *delays), seconds, hand=hand,
-               motion=push(direction, depth, **motion))
+    return run(
+        R,
+        Slave(wall(quaternion(R), direction, stiffness), *delays),
+        seconds,
+        hand=hand,
+        motion=push(direction, depth, **motion),
+    )
 
 
 def _statics() -> list[Row]:
@@ -39,44 +51,91 @@ def _statics() -> list[Row]:
     for tilt in (0.0, 5.0, 12.0):
         for azimuth in (0.5, 2.5, 4.5):
             R = workspace_pose(np.radians(tilt), azimuth, np.radians(np.arange(20.0, 80.0, 0.05)))
-            for direction in np.vstack([np.eye(3), np.full(3, 3.0 ** -0.5)]):
+            for direction in np.vstack([np.eye(3), np.full(3, 3.0**-0.5)]):
                 found = render(R, THROWN * direction)
                 peak = max(peak, np.abs(found.motor_torque).max())
                 motor = max(motor, np.abs(np.diff(found.motor_torque, axis=0)).max())
                 handle = max(handle, np.linalg.norm(np.diff(found.rendered, axis=0), axis=1).max())
     return [
-        ('three motors: 0.3 N m is rendered exactly', 100.0 * exact_share(ForceLimits()), 75.0,
-         True, '%'),
+        (
+            'three motors: 0.3 N m is rendered exactly',
+            100.0 * exact_share(ForceLimits()),
+            75.0,
+            True,
+            '%',
+        ),
         ('three motors: largest torque of a motor', peak, 0.5, False, 'N m'),
         ('poses 0.05 deg apart: step of a motor', motor, 0.05, False, 'N m'),
-        ('poses 0.05 deg apart: step at the handle', handle, 0.01, False, 'N m')]
+        ('poses 0.05 deg apart: step at the handle', handle, 0.01, False, 'N m'),
+    ]
 
 
 def _walls() -> list[Row]:
     """Return the rows of the slave's wall."""
-    deep = [_pushed(phi, about, 2.0, 3.5, hand, 0.2, NEAR) for phi, about, hand in (
-        (60.0, 'roll', USUAL), (60.0, 'roll', SOFT), (20.0, 'tilt', USUAL))]
+    deep = [
+        _pushed(phi, about, 2.0, 3.5, hand, 0.2, NEAR)
+        for phi, about, hand in (
+            (60.0, 'roll', USUAL),
+            (60.0, 'roll', SOFT),
+            (20.0, 'tilt', USUAL),
+        )
+    ]
     shallow = _pushed(20.0, 'roll', 2.0, 3.5, USUAL, 0.06, NEAR)
-    far = [_pushed(20.0, about, stiffness, 3.0, hand, 0.2, FAR) for about, stiffness, hand in (
-        ('roll', 2.0, USUAL), ('roll', 8.0, USUAL), ('tilt', 8.0, USUAL), ('roll', 8.0, SOFT))]
+    far = [
+        _pushed(20.0, about, stiffness, 3.0, hand, 0.2, FAR)
+        for about, stiffness, hand in (
+            ('roll', 2.0, USUAL),
+            ('roll', 8.0, USUAL),
+            ('tilt', 8.0, USUAL),
+            ('roll', 8.0, SOFT),
+        )
+    ]
     near = 'wall of 2 N m/rad, 200 Hz, 30 ms'
     rows: list[Row] = [
         (f'{near}, push of 0.06 rad: generated', 1e3 * shallow.generated, 5.0, False, 'mJ'),
-        (f'{near}, push of 0.2 rad: generated', 1e3 * max(each.generated for each in deep), 6.0,
-         False, 'mJ'),
-        (f'{near}: least share of the wrench', min(
-            each.share.min() for each in (shallow, *deep)), 0.9, True, ''),
-        ('walls of 2 and 8 N m/rad, 100 Hz, 70 ms: generated', 1e3 * max(
-            each.generated for each in far), 20.0, False, 'mJ'),
-        ('these walls: runs that end in a fault', float(sum(
-            each.states[-1] != 'engaged' for each in far)), 0.0, False, '')]
+        (
+            f'{near}, push of 0.2 rad: generated',
+            1e3 * max(each.generated for each in deep),
+            6.0,
+            False,
+            'mJ',
+        ),
+        (
+            f'{near}: least share of the wrench',
+            min(each.share.min() for each in (shallow, *deep)),
+            0.9,
+            True,
+            '',
+        ),
+        (
+            'walls of 2 and 8 N m/rad, 100 Hz, 70 ms: generated',
+            1e3 * max(each.generated for each in far),
+            20.0,
+            False,
+            'mJ',
+        ),
+        (
+            'these walls: runs that end in a fault',
+            float(sum(each.states[-1] != 'engaged' for each in far)),
+            0.0,
+            False,
+            '',
+        ),
+    ]
     for stiffness, most in ((1.0, 1.0), (2.0, 8.0)):
         found = _pushed(20.0, 'roll', stiffness, 1.6, USUAL, 0.3, NEAR, rise=0.5, hold=0.5)
         asked = np.linalg.norm(found.asked, axis=1)
         pressed = asked > 0.02
         whole = asked[pressed] / found.share[pressed]
-        rows.append((f'press and release, {stiffness:g} N m/rad: torque lost',
-                     100.0 * (1.0 - asked[pressed].sum() / whole.sum()), most, False, '%'))
+        rows.append(
+            (
+                f'press and release, {stiffness:g} N m/rad: torque lost',
+                100.0 * (1.0 - asked[pressed].sum() / whole.sum()),
+                most,
+                False,
+                '%',
+            )
+        )
     return rows
 
 
@@ -87,27 +146,48 @@ def _energy() -> list[Row]:
     for speed in (1.0, 3.0):
         for sense in (1, -1):
             motion, environment, seconds = loops(R, speed, 12, sense)
-            generated = max(generated, run(R, Slave(environment), seconds, motion=motion,
-                                           hand=None).generated)
+            generated = max(
+                generated, run(R, Slave(environment), seconds, motion=motion, hand=None).generated
+            )
     before = pose(40.0)
     roll = axis(before, 'roll')
     x, y, z = (THROWN * roll).tolist()
-    across = run(before, Slave(constant((x, y, z))), 1.5, hand=(10.0, 0.03),
-                 motion=push(roll, 0.35, rise=1.2))
-    step = np.linalg.norm(np.diff(across.rendered[across.start:], axis=0), axis=1).max()
+    across = run(
+        before,
+        Slave(constant((x, y, z))),
+        1.5,
+        hand=(10.0, 0.03),
+        motion=push(roll, 0.35, rise=1.2),
+    )
+    step = np.linalg.norm(np.diff(across.rendered[across.start :], axis=0), axis=1).max()
     quiet = run(pose(20.0), Slave(constant((0.0, 0.0, 0.0))), 3.0, hand=None)
-    felt = quiet.rendered[quiet.start:]
+    felt = quiet.rendered[quiet.start :]
     rest = run(pose(20.0), Slave(constant((0.1, 0.0, 0.0))), 60.0, hand=None)
     return [
-        ('twelve loops in the fade zone, 1 and 3 rad/s: generated', 1e3 * generated, 20.0, False,
-         'mJ'),
-        ('across the surface, 0.3 N m, hand of 10 N m/rad: step', step, 0.15, False,
-         'N m a ms'),
-        ('at rest, damping alone: torque by noise, rms', 1e3 * np.sqrt(np.mean(
-            np.sum(felt ** 2, axis=1))), 1.0, False, 'mN m'),
-        ('a minute at rest with 0.1 N m: least budget', 1e3 * rest.energy[rest.start:].min(), 1.5,
-         True, 'mJ'),
-        ('the same: least share of the wrench', rest.share.min(), 1.0, True, '')]
+        (
+            'twelve loops in the fade zone, 1 and 3 rad/s: generated',
+            1e3 * generated,
+            20.0,
+            False,
+            'mJ',
+        ),
+        ('across the surface, 0.3 N m, hand of 10 N m/rad: step', step, 0.15, False, 'N m a ms'),
+        (
+            'at rest, damping alone: torque by noise, rms',
+            1e3 * np.sqrt(np.mean(np.sum(felt**2, axis=1))),
+            1.0,
+            False,
+            'mN m',
+        ),
+        (
+            'a minute at rest with 0.1 N m: least budget',
+            1e3 * rest.energy[rest.start :].min(),
+            1.5,
+            True,
+            'mJ',
+        ),
+        ('the same: least share of the wrench', rest.share.min(), 1.0, True, ''),
+    ]
 
 
 def limits_table() -> str:
@@ -115,6 +195,12 @@ def limits_table() -> str:
     rows = []
     for name, found, limit, more, unit in (*_statics(), *_walls(), *_energy()):
         holds = found >= limit if more else found <= limit
-        rows.append((name, f'{found:.3g} {unit}', f'{">" if more else "<"}= {limit:g} {unit}',
-                     'holds' if holds else 'does not hold'))
+        rows.append(
+            (
+                name,
+                f'{found:.3g} {unit}',
+                f'{">" if more else "<"}= {limit:g} {unit}',
+                'holds' if holds else 'does not hold',
+            )
+        )
     return table(('', 'found', 'limit', COLUMN), rows)

@@ -25,7 +25,7 @@ from study.force.plant import Plant, StiffHand
 # Control period (ns), and in s.
 PERIOD, DT = 1_000_000, 1e-3
 # Standard deviation of an encoder's noise (rad), and its counts a turn.
-SIGMA, COUNTS = radians(0.04), 2 ** 14
+SIGMA, COUNTS = radians(0.04), 2**14
 # Time over which the angular velocity is averaged (ns).
 WINDOW = 10_000_000
 # Time until force is engaged and its ramp is over (s): the hand holds still meanwhile.
@@ -97,10 +97,19 @@ class Trace:
         return float(max(0.0, (self.given - self.given[self.start]).max()))
 
 
-def run(R: np.ndarray, slave: Slave, seconds: float, *, motion: Motion | None = None,
-        hand: tuple[float, float] | None = (1.0, 0.01), motors: int = 3,
-        controller: ForceController | None = None, friction: float = 1.0, noise: float = 1.0,
-        seed: int = 1) -> Trace:
+def run(
+    R: np.ndarray,
+    slave: Slave,
+    seconds: float,
+    *,
+    motion: Motion | None = None,
+    hand: tuple[float, float] | None = (1.0, 0.01),
+    motors: int = 3,
+    controller: ForceController | None = None,
+    friction: float = 1.0,
+    noise: float = 1.0,
+    seed: int = 1,
+) -> Trace:
     """
     Run the closed loop for some seconds from R_base_platform `R`, (3, 3).
 
@@ -110,8 +119,9 @@ def run(R: np.ndarray, slave: Slave, seconds: float, *, motion: Motion | None = 
     `friction` are those of `Plant`, `noise` is a factor of the encoders' noise.
     """
     rng = np.random.default_rng(seed)
-    plant = StiffHand(R, motors, GEOMETRY) if hand is None else Plant(
-        R, motors, GEOMETRY, friction)
+    plant = (
+        StiffHand(R, motors, GEOMETRY) if hand is None else Plant(R, motors, GEOMETRY, friction)
+    )
     if controller is None:
         controller = ForceController(GEOMETRY, motors=motors, limits=ForceLimits(ramp=0.05))
     first, start = plant.hand, round((START + 0.06) / DT)
@@ -130,8 +140,9 @@ def run(R: np.ndarray, slave: Slave, seconds: float, *, motion: Motion | None = 
         if step < start:
             # Nothing to feel until the motion begins.
             wrench = Wrench(stamp, (0.0, 0.0, 0.0))
-        output = controller.take(ForceSample(
-            stamp, angles, prior, filtered.value(), wrench=wrench))
+        output = controller.take(
+            ForceSample(stamp, angles, prior, filtered.value(), wrench=wrench)
+        )
         here = (0.0, 0.0, 0.0)
         if motion is not None and step >= start:
             here = motion((step - start) * DT)
@@ -141,15 +152,27 @@ def run(R: np.ndarray, slave: Slave, seconds: float, *, motion: Motion | None = 
         # The command is in force one period after its sample.
         plant.run(torques, (rate[0], rate[1], rate[2]), *(hand or ()))
         torques = output.motor_torque
-        rows.append((output, vector_from_quaternion(*multiply_quaternions(
-            plant.quaternion, conjugate(first))), plant.velocity, plant.given))
+        rows.append(
+            (
+                output,
+                vector_from_quaternion(*multiply_quaternions(plant.quaternion, conjugate(first))),
+                plant.velocity,
+                plant.given,
+            )
+        )
     outputs, turned, velocities, given = zip(*rows, strict=True)
     return Trace(
         np.array([each.motor_torque for each in outputs]),
         np.array([each.asked for each in outputs]),
-        np.array([each.rendered or (np.nan,) * 3 for each in outputs]), np.array(turned),
-        np.array(velocities), np.array(given), np.array([each.energy for each in outputs]),
-        np.array([each.share for each in outputs]), [each.state.text for each in outputs], start)
+        np.array([each.rendered or (np.nan,) * 3 for each in outputs]),
+        np.array(turned),
+        np.array(velocities),
+        np.array(given),
+        np.array([each.energy for each in outputs]),
+        np.array([each.share for each in outputs]),
+        [each.state.text for each in outputs],
+        start,
+    )
 
 
 def quantised(angles: np.ndarray) -> tuple[float, ...]:

@@ -36,9 +36,9 @@ def quaternion(R: np.ndarray) -> Quaternion[float]:
     return x, y, z, w
 
 
-def push(direction: np.ndarray, depth: float, rise: float = 0.3,
-         hold: float = math.inf) -> Motion:
+def push(direction: np.ndarray, depth: float, rise: float = 0.3, hold: float = math.inf) -> Motion:
     """Return a push to a depth, rad, and after `hold`, s, the way back; each in `rise`, s."""
+
     def motion(time: float) -> Vector[float]:
         share = min(1.0, time / rise, max(0.0, (2.0 * rise + hold - time) / rise))
         x, y, z = (depth * share * share * (3.0 - 2.0 * share) * direction).tolist()
@@ -47,8 +47,9 @@ def push(direction: np.ndarray, depth: float, rise: float = 0.3,
     return motion
 
 
-def loops(R: np.ndarray, speed: float, count: int,
-          sense: int) -> tuple[Motion, Environment, float]:
+def loops(
+    R: np.ndarray, speed: float, count: int, sense: int
+) -> tuple[Motion, Environment, float]:
     """
     Loops of roll and tilt at a speed, rad/s, in one sense, 1 or -1, against a spring.
 

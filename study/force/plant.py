@@ -44,8 +44,9 @@ class Plant:
     It starts at R_base_platform `R`, (3, 3); `friction` is a factor of the joints' friction.
     """
 
-    def __init__(self, R: np.ndarray, motors: int = 3, g: Geometry | None = None,
-                 friction: float = 1.0) -> None:
+    def __init__(
+        self, R: np.ndarray, motors: int = 3, g: Geometry | None = None, friction: float = 1.0
+    ) -> None:
         g = Geometry() if g is None else g
         self._body = body = MultiBody(g)
         self.sensors = [*body.active, body.third]
@@ -91,8 +92,13 @@ class Plant:
         x, y, z = self._data.cvel[self._body.platform, :3].tolist()
         return x, y, z
 
-    def run(self, torques: Sequence[float], hand_velocity: Vector[float] = (0.0, 0.0, 0.0),
-            stiffness: float = 0.0, damping: float = 0.0) -> None:
+    def run(
+        self,
+        torques: Sequence[float],
+        hand_velocity: Vector[float] = (0.0, 0.0, 0.0),
+        stiffness: float = 0.0,
+        damping: float = 0.0,
+    ) -> None:
         """
         Run a control period.
 
@@ -114,11 +120,14 @@ class Plant:
         for _ in range(STEPS):
             if stiffness or damping:
                 x, y, z = vector_from_quaternion(
-                    *multiply_quaternions(self.hand, conjugate(self.quaternion)))
+                    *multiply_quaternions(self.hand, conjugate(self.quaternion))
+                )
                 wx, wy, wz = self.velocity
                 data.xfrc_applied[platform, 3:] = (
-                    stiffness * x + damping * (hx - wx), stiffness * y + damping * (hy - wy),
-                    stiffness * z + damping * (hz - wz))
+                    stiffness * x + damping * (hx - wx),
+                    stiffness * y + damping * (hy - wy),
+                    stiffness * z + damping * (hz - wz),
+                )
             mujoco.mj_step(model, data)
         self.given += float(np.dot(torques, data.qpos[self._motors] - before))
         # `mj_step` leaves the poses of bodies one step behind the joints.
@@ -149,15 +158,22 @@ class StiffHand:
 
     def _move(self) -> None:
         self.quaternion = self.hand
-        self.angles = measured_angles(
-            rotation_from_quaternion(*self.hand), self._g, (1, 1, 1), 4)
+        self.angles = measured_angles(rotation_from_quaternion(*self.hand), self._g, (1, 1, 1), 4)
 
-    def run(self, torques: Sequence[float], hand_velocity: Vector[float] = (0.0, 0.0, 0.0),
-            stiffness: float = 0.0, damping: float = 0.0) -> None:
+    def run(
+        self,
+        torques: Sequence[float],
+        hand_velocity: Vector[float] = (0.0, 0.0, 0.0),
+        stiffness: float = 0.0,
+        damping: float = 0.0,
+    ) -> None:
         """Run a control period; a stiff hand has no stiffness."""
         before = self.angles
         self._move()
         self.velocity = hand_velocity
         self.given += sum(
-            torque * remainder(after - angle, tau) for torque, after, angle in zip(
-                torques, self.angles[:self._motors], before, strict=False))
+            torque * remainder(after - angle, tau)
+            for torque, after, angle in zip(
+                torques, self.angles[: self._motors], before, strict=False
+            )
+        )

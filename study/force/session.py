@@ -45,14 +45,42 @@ LIE = radians(5.0)
 
 # Where the hand is: time (s), and its turn from the start (deg); smooth between them.
 HAND_WAY = (
-    (0.0, 0.0), (0.3, -4.0), (0.6, 6.0), (0.9, 0.0),
-    (1.3, 0.0), (1.8, 22.0), (2.4, 22.0), (2.8, 0.0),
-    (3.1, 0.0), (4.4, 64.0), (4.6, 64.0), (5.9, 0.0),
-    (6.2, 0.0), (6.6, 22.0), (7.2, 22.0), (7.5, 14.0), (7.8, 14.0), (8.1, -4.0),
-    (8.5, -4.0), (8.8, 14.0), (9.5, 14.0), (9.8, -4.0),
-    (10.4, -4.0), (10.8, 14.0), (11.5, 14.0), (11.8, -4.0), (12.3, 6.0), (12.8, -4.0),
-    (13.6, -4.0), (14.0, 14.0), (14.7, 14.0), (15.0, -4.0),
-    (16.0, -4.0), (16.4, 14.0), (17.6, 14.0))
+    (0.0, 0.0),
+    (0.3, -4.0),
+    (0.6, 6.0),
+    (0.9, 0.0),
+    (1.3, 0.0),
+    (1.8, 22.0),
+    (2.4, 22.0),
+    (2.8, 0.0),
+    (3.1, 0.0),
+    (4.4, 64.0),
+    (4.6, 64.0),
+    (5.9, 0.0),
+    (6.2, 0.0),
+    (6.6, 22.0),
+    (7.2, 22.0),
+    (7.5, 14.0),
+    (7.8, 14.0),
+    (8.1, -4.0),
+    (8.5, -4.0),
+    (8.8, 14.0),
+    (9.5, 14.0),
+    (9.8, -4.0),
+    (10.4, -4.0),
+    (10.8, 14.0),
+    (11.5, 14.0),
+    (11.8, -4.0),
+    (12.3, 6.0),
+    (12.8, -4.0),
+    (13.6, -4.0),
+    (14.0, 14.0),
+    (14.7, 14.0),
+    (15.0, -4.0),
+    (16.0, -4.0),
+    (16.4, 14.0),
+    (17.6, 14.0),
+)
 # What happens: from, to (s).
 CLUTCH, NO_WRENCH, ENCODER, DRIVE = (7.1, 7.7), (9.2, 9.9), (11.2, 11.9), (14.4, 15.1)
 MASTER = 17.0
@@ -81,8 +109,11 @@ class Loss:
 
 
 LOSSES = (
-    Loss('the wrench of the slave', NO_WRENCH[0], 0.05), Loss('an encoder', ENCODER[0], 0.025),
-    Loss('a drive', DRIVE[0], 0.005), Loss('the master', MASTER, 0.01))
+    Loss('the wrench of the slave', NO_WRENCH[0], 0.05),
+    Loss('an encoder', ENCODER[0], 0.025),
+    Loss('a drive', DRIVE[0], 0.005),
+    Loss('the master', MASTER, 0.01),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,8 +188,13 @@ class _Master:
         """Take a sample: orientation and verdict."""
         decided = self._supervisor.take(stamp, angles)
         self._sample = ForceSample(
-            stamp, angles, None, None, decided.protection_level,
-            max(self._supervisor.joints.noise()) / SIGMA)
+            stamp,
+            angles,
+            None,
+            None,
+            decided.protection_level,
+            max(self._supervisor.joints.noise()) / SIGMA,
+        )
         self.verdict, self.quaternion = decided.announced.text, None
         if decided.estimate is None:
             self._velocity = AngularVelocity(WINDOW)
@@ -166,12 +202,14 @@ class _Master:
             self.quaternion = decided.estimate.quaternion
             self._velocity.add(stamp, self.quaternion)
             self._sample = self._sample._replace(
-                quaternion=self.quaternion, velocity=self._velocity.value())
+                quaternion=self.quaternion, velocity=self._velocity.value()
+            )
 
     def act(self, wrench: Wrench | None, drives: Drives, clutched: bool) -> ForceOutput:
         """Return the force output of that sample."""
-        return self.force.take(self._sample._replace(
-            wrench=wrench, drives=drives, clutched=clutched))
+        return self.force.take(
+            self._sample._replace(wrench=wrench, drives=drives, clutched=clutched)
+        )
 
 
 def within(time: float, span: tuple[float, float]) -> bool:
@@ -188,7 +226,8 @@ def play(progress: Callable[[float], None] | None = None, seed: int = 1) -> Sess
 
     def turned(angle: float) -> Quaternion[float]:
         return multiply_quaternions(
-            quaternion_from_vector(angle * rx, angle * ry, angle * rz), first)
+            quaternion_from_vector(angle * rx, angle * ry, angle * rz), first
+        )
 
     def turn(quaternion: Quaternion[float]) -> float:
         x, y, z = vector_from_quaternion(*multiply_quaternions(quaternion, conjugate(first)))
@@ -222,8 +261,10 @@ def play(progress: Callable[[float], None] | None = None, seed: int = 1) -> Sess
             if any(abs(time - each) < 0.5 * DT for each in ACKNOWLEDGED):
                 master.force.acknowledge()
             output = master.act(
-                wrench, Drives.FAULT if within(time, DRIVE) else Drives.OPERATING,
-                within(time, CLUTCH))
+                wrench,
+                Drives.FAULT if within(time, DRIVE) else Drives.OPERATING,
+                within(time, CLUTCH),
+            )
         elif time >= MASTER + EVENT_TIMER:
             torques = (0.0, 0.0, 0.0)
         angle = hand_turn(time)
@@ -234,17 +275,46 @@ def play(progress: Callable[[float], None] | None = None, seed: int = 1) -> Sess
         plant.run(in_force, (rate * rx, rate * ry, rate * rz), *HAND)
         if time < MASTER:
             torques = output.motor_torque
-        rows.append((
-            time, START_DEG + degrees(turn(plant.quaternion)),
-            START_DEG + WALL_DEG + degrees(offset),
-            0.0 if wrench is None else float(np.dot(wrench.torque, roll)), in_force,
-            plant.quaternion, plant.given, output.energy, plant.velocity, output.state.text,
-            master.verdict))
-    (times, angle_rows, walls, commanded, motor_rows, quaternions, given, energies, velocities,
-     states, verdicts) = zip(*rows, strict=True)
+        rows.append(
+            (
+                time,
+                START_DEG + degrees(turn(plant.quaternion)),
+                START_DEG + WALL_DEG + degrees(offset),
+                0.0 if wrench is None else float(np.dot(wrench.torque, roll)),
+                in_force,
+                plant.quaternion,
+                plant.given,
+                output.energy,
+                plant.velocity,
+                output.state.text,
+                master.verdict,
+            )
+        )
+    (
+        times,
+        angle_rows,
+        walls,
+        commanded,
+        motor_rows,
+        quaternions,
+        given,
+        energies,
+        velocities,
+        states,
+        verdicts,
+    ) = zip(*rows, strict=True)
     motor_torque = np.array(motor_rows)
     G = jacobian(matrix_from_quaternion(np.array(quaternions)))
     return Session(
-        np.array(times), np.array(angle_rows), np.array(walls), np.array(commanded),
-        np.einsum('nij,ni->nj', G, motor_torque) @ roll, motor_torque, np.array(given),
-        np.array(energies), np.linalg.norm(velocities, axis=1), list(states), list(verdicts))
+        np.array(times),
+        np.array(angle_rows),
+        np.array(walls),
+        np.array(commanded),
+        np.einsum('nij,ni->nj', G, motor_torque) @ roll,
+        motor_torque,
+        np.array(given),
+        np.array(energies),
+        np.linalg.norm(velocities, axis=1),
+        list(states),
+        list(verdicts),
+    )

@@ -35,8 +35,12 @@ def _least_peak(G: np.ndarray, m: np.ndarray) -> np.ndarray:
     """Return the least peak of a motor, N m, for G (..., 4, 3) and torques (..., 3)."""
     p = np.einsum('...ji,...j->...i', np.linalg.pinv(G), m)
     n = np.linalg.svd(G)[0][..., 3]
-    peaks = [np.abs(n[..., j] * p[..., i] - n[..., i] * p[..., j])
-             / (np.abs(n[..., i]) + np.abs(n[..., j])) for i in range(4) for j in range(i)]
+    peaks = [
+        np.abs(n[..., j] * p[..., i] - n[..., i] * p[..., j])
+        / (np.abs(n[..., i]) + np.abs(n[..., j]))
+        for i in range(4)
+        for j in range(i)
+    ]
     return np.max(peaks, axis=0)
 
 
@@ -48,30 +52,44 @@ def motor_torque(path: Path) -> str:
     curves = {
         'three motors': np.linalg.norm(np.linalg.inv(three), axis=1).max(axis=1),
         'four, least heat': np.linalg.norm(np.linalg.pinv(four), axis=1).max(axis=1),
-        'four, least peak': _least_peak(four[:, None], unit).max(axis=1)}
+        'four, least peak': _least_peak(four[:, None], unit).max(axis=1),
+    }
     figure = plot_style.new_figure()
     axes = figure.subplots()
     for name, curve in curves.items():
         axes.semilogy(PHI, curve, label=name)
     axes.set_ylim(0.4, 200.0)
     axes.legend()
-    plot_style.label_axes(axes, 'self-rotation φ, deg', 'worst motor per handle torque',
-                          'N m of a motor for 1 N m on the handle, worst direction, centre')
+    plot_style.label_axes(
+        axes,
+        'self-rotation φ, deg',
+        'worst motor per handle torque',
+        'N m of a motor for 1 N m on the handle, worst direction, centre',
+    )
     plot_style.save(figure, path)
     rng = np.random.default_rng(2)
     tilt, azimuth, phi = rng.uniform(size=(3, POSES))
-    R = workspace_pose(np.radians(20.0) * np.sqrt(tilt), 2.0 * np.pi * azimuth,
-                       np.radians(95.0) * phi)
+    R = workspace_pose(
+        np.radians(20.0) * np.sqrt(tilt), 2.0 * np.pi * azimuth, np.radians(95.0) * phi
+    )
     G = jacobian(R, sensors=4)
     known = np.isfinite(G).all((1, 2))
     R, G, m = R[known], G[known], _unit(POSES, 3)[known]
     worst = {
         'three': np.abs(np.linalg.solve(np.swapaxes(G[:, :3], 1, 2), m[..., None])).max((1, 2)),
         'four, least heat': np.abs(
-            render(R, m, motors=4, motor_torque_limit=UNLIMITED).motor_torque).max(axis=1),
-        'four, least peak': _least_peak(G, m)}
-    rows = [(name, *(f'{np.percentile(values, each):.2f}' for each in (50.0, 90.0, 99.0)),
-             f'{values.max():.2f}') for name, values in worst.items()]
+            render(R, m, motors=4, motor_torque_limit=UNLIMITED).motor_torque
+        ).max(axis=1),
+        'four, least peak': _least_peak(G, m),
+    }
+    rows = [
+        (
+            name,
+            *(f'{np.percentile(values, each):.2f}' for each in (50.0, 90.0, 99.0)),
+            f'{values.max():.2f}',
+        )
+        for name, values in worst.items()
+    ]
     return table(('motors', 'median', '90 %', '99 %', 'largest'), rows)
 
 

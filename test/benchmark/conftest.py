@@ -23,4 +23,5 @@ def measured(monkeypatch, capsys):
         machine.expect(not any(words in err for words in OVERLOADED), err)
         assert (code, err) == (0, '')
         return out
+
     return measured

@@ -40,7 +40,8 @@ def test_all_pipelines_run(measured, tmp_path):
     # The driver reports its counts once a second, and two of them are needed.
     out = measured(main, '--seconds', '2', '--rounds', '1', '--output', str(tmp_path))
     assert re.findall(r'^\| (.*?) \| [\d.]+ \|', out, re.MULTILINE) == [
-        case.name for case in comparison.CASES]
+        case.name for case in comparison.CASES
+    ]
 
 
 class Pipeline:
@@ -51,15 +52,18 @@ class Pipeline:
         # Exit codes of programs that end at once, in the window, and at the end.
         self.early, self.within, self.late = {}, {}, {}
         self.directory, self.output, self.samples, self.slept = None, run.READY, None, []
-        self.ticks = [{7: (1, 100), 8: (1, 10), 9: (1, 1), 10: (1, 50), os.getpid(): (1, 5)},
-                      {7: (1, 130), 8: (1, 30), 9: (1, 41), 10: (1, 75), os.getpid(): (1, 900)}]
+        self.ticks = [
+            {7: (1, 100), 8: (1, 10), 9: (1, 1), 10: (1, 50), os.getpid(): (1, 5)},
+            {7: (1, 130), 8: (1, 30), 9: (1, 41), 10: (1, 75), os.getpid(): (1, 900)},
+        ]
         self.now = 10**18
         monkeypatch.setattr(run, 'start_process', self.start)
         monkeypatch.setattr(run, 'all_processes', lambda: self.ticks.pop(0))
         monkeypatch.setattr(run, 'Control', lambda: SimpleNamespace(stop=lambda: np.zeros(3)))
         monkeypatch.setattr(run, 'wait_until', lambda condition, seconds: condition())
-        monkeypatch.setattr(run, 'time', SimpleNamespace(
-            time_ns=lambda: self.now, sleep=self.sleep))
+        monkeypatch.setattr(
+            run, 'time', SimpleNamespace(time_ns=lambda: self.now, sleep=self.sleep)
+        )
 
     def sleep(self, seconds):
         self.slept.append(seconds)
@@ -77,8 +81,13 @@ class Pipeline:
                 raise TimeoutError('was killed')
 
         return SimpleNamespace(
-            pid=7 + len(self.started) - 1, stdout=self.output, stderr=f'{name} says', wait=wait,
-            poll=poll, send_signal=lambda number: self.signals.append((name, number)))
+            pid=7 + len(self.started) - 1,
+            stdout=self.output,
+            stderr=f'{name} says',
+            wait=wait,
+            poll=poll,
+            send_signal=lambda number: self.signals.append((name, number)),
+        )
 
     def during(self, seconds, processes, directory):
         """Write what an observer writes: samples 1 ms apart, 0.4 ms old, one of which is lost."""
@@ -86,15 +95,20 @@ class Pipeline:
         begin, margin = int(stamps[0]), round(run.STATUS_PERIOD * 1e9)
         ends = self.now - margin, self.now + round(seconds * 1e9) + margin
         self.sleep(seconds)
-        pairs = np.column_stack([stamps + 400_000, stamps])[:self.samples]
+        pairs = np.column_stack([stamps + 400_000, stamps])[: self.samples]
         # Of the last sample more than its arrival is not written yet.
         (directory / run.SAMPLES_FILE).write_bytes(pairs.tobytes() + bytes(9))
-        reports = [(ends[0] - 1, 'old', {'sets': '0'}), (ends[1] + 1, 'new', {'sets': '0'})] + [
-            (at, 'at an end of the window', {}) for at in ends] + [
-            (begin + ms * MS + MS // 2, 'encoders', {'sets': str(ms), 'missed deadlines': '3'})
-            for ms in (10, 1090)]
-        (directory / run.STATUSES_FILE).write_text(''.join(
-            json.dumps(each) + '\n' for each in reports))
+        reports = (
+            [(ends[0] - 1, 'old', {'sets': '0'}), (ends[1] + 1, 'new', {'sets': '0'})]
+            + [(at, 'at an end of the window', {}) for at in ends]
+            + [
+                (begin + ms * MS + MS // 2, 'encoders', {'sets': str(ms), 'missed deadlines': '3'})
+                for ms in (10, 1090)
+            ]
+        )
+        (directory / run.STATUSES_FILE).write_text(
+            ''.join(json.dumps(each) + '\n' for each in reports)
+        )
 
 
 @pytest.fixture
@@ -111,9 +125,11 @@ def test_a_run_counts_what_its_processes_did_within_its_window(pipeline, capsys)
     assert pipeline.started == {
         'observer': {'realtime.priority': '3'},
         'fkm': {'source': 'sim', 'rate': 500.0, 'realtime.priority': '3', 'fkm:max_age': 1.0},
-        'encoder_driver': {'source': 'sim', 'rate': 500.0, 'realtime.priority': '3'}}
+        'encoder_driver': {'source': 'sim', 'rate': 500.0, 'realtime.priority': '3'},
+    }
     assert pipeline.signals == [
-        (name, signal.SIGINT) for name in ('encoder_driver', 'fkm', 'observer')]
+        (name, signal.SIGINT) for name in ('encoder_driver', 'fkm', 'observer')
+    ]
     assert (found.case, found.rate, found.span) == (case, 500.0, 2.0)
     assert len(found.stamps) == 1999 and found.achieved == 999.5
     np.testing.assert_allclose(found.latencies, 400.0)
@@ -127,12 +143,18 @@ def test_a_run_counts_what_its_processes_did_within_its_window(pipeline, capsys)
     assert settled == run.SETTLE and window == 2.0 and after >= 1.0
 
 
-@pytest.mark.parametrize(('trouble', 'words'), [
-    ({'output': ''}, 'one: no orientation within 30 s\nobserver saysfkm says'),
-    *(({when: {'fkm': 0}}, 'one: fkm ended by itself\nobserver saysfkm says')
-      for when in ('early', 'within')),
-    ({'late': {'fkm': 3}}, 'one: fkm ended with 3\nobserver saysfkm says'),
-    ({'samples': 0}, 'one: overloaded: of 1080 samples not one orientation arrived in 1.0 s')])
+@pytest.mark.parametrize(
+    ('trouble', 'words'),
+    [
+        ({'output': ''}, 'one: no orientation within 30 s\nobserver saysfkm says'),
+        *(
+            ({when: {'fkm': 0}}, 'one: fkm ended by itself\nobserver saysfkm says')
+            for when in ('early', 'within')
+        ),
+        ({'late': {'fkm': 3}}, 'one: fkm ended with 3\nobserver saysfkm says'),
+        ({'samples': 0}, 'one: overloaded: of 1080 samples not one orientation arrived in 1.0 s'),
+    ],
+)
 def test_a_pipeline_that_fails_is_named_with_its_errors(pipeline, trouble, words):
     vars(pipeline).update(trouble)
     with pytest.raises(PipelineError, match=words):
@@ -141,8 +163,10 @@ def test_a_pipeline_that_fails_is_named_with_its_errors(pipeline, trouble, words
 
 
 def test_a_program_is_started_stopped_and_killed_with_its_output(tmp_path):
-    code = ('import os, sys, time; print("out", flush=True); '
-            'print(os.environ["ROS_DOMAIN_ID"], os.getsid(0), os.getcwd(), file=sys.stderr)')
+    code = (
+        'import os, sys, time; print("out", flush=True); '
+        'print(os.environ["ROS_DOMAIN_ID"], os.getsid(0), os.getcwd(), file=sys.stderr)'
+    )
     own = child_process.private_environment()['ROS_DOMAIN_ID']
     with Program([sys.executable, '-c', f'{code}; time.sleep(60)'], directory=tmp_path) as program:
         assert wait_until(lambda: program.stderr.count('\n'), 60.0)
@@ -151,8 +175,14 @@ def test_a_program_is_started_stopped_and_killed_with_its_output(tmp_path):
         assert program.stderr == f'{own} {os.getsid(0)} {tmp_path}\n'
         assert program.poll() is None
     assert program.poll() == -signal.SIGTERM
-    stubborn = Program([sys.executable, '-c', 'import signal, time; signal.signal('
-                        'signal.SIGTERM, signal.SIG_IGN); print(1, flush=True); time.sleep(60)'])
+    stubborn = Program(
+        [
+            sys.executable,
+            '-c',
+            'import signal, time; signal.signal('
+            'signal.SIGTERM, signal.SIG_IGN); print(1, flush=True); time.sleep(60)',
+        ]
+    )
     assert wait_until(lambda: stubborn.stdout, 60.0)
     with pytest.raises(TimeoutError, match='within 0.1 s and was killed'):
         stubborn.stop(timeout=0.1)
@@ -162,12 +192,21 @@ def test_a_program_is_started_stopped_and_killed_with_its_output(tmp_path):
 
 def test_parameters_are_words_of_a_command():
     assert child_process.executable('fkm', '--x', parameters={'a': True, 'b.c': 0.5})[3:] == [
-        'fkm', '--x', '--ros-args', '-p', 'a:=true', '-p', 'b.c:=0.5']
+        'fkm',
+        '--x',
+        '--ros-args',
+        '-p',
+        'a:=true',
+        '-p',
+        'b.c:=0.5',
+    ]
 
 
 def test_two_runs_on_one_host_have_different_domains_and_buses(monkeypatch):
-    code = ('from spm_haptic_master.benchmark.child_process import *\n'
-            'e = private_environment()\nprint(e["ROS_DOMAIN_ID"], e["CAN_CONFIG"], bus_channel())')
+    code = (
+        'from spm_haptic_master.benchmark.child_process import *\n'
+        'e = private_environment()\nprint(e["ROS_DOMAIN_ID"], e["CAN_CONFIG"], bus_channel())'
+    )
     other = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True).stdout
     own = child_process.private_environment()
     assert other.split()[-1] != child_process.bus_channel()
@@ -227,9 +266,14 @@ def test_a_bare_pipeline_passes_positions_on_at_the_rate(node):
     assert reported[0][2]['sets'] >= 20 and set(reported[0][2]) == {'sets', 'missed deadlines'}
 
 
-@pytest.mark.parametrize(('name', 'program', 'nodes'), [
-    ('bare_master', 'bare_master', ['BareRelay', 'BareListener', 'BareDriver']),
-    ('bare_relay', 'bare_relay', ['BareRelay']), ('observer_of_all', 'observer', ['Observer'])])
+@pytest.mark.parametrize(
+    ('name', 'program', 'nodes'),
+    [
+        ('bare_master', 'bare_master', ['BareRelay', 'BareListener', 'BareDriver']),
+        ('bare_relay', 'bare_relay', ['BareRelay']),
+        ('observer_of_all', 'observer', ['Observer']),
+    ],
+)
 def test_a_process_runs_the_nodes_of_its_name(monkeypatch, name, program, nodes):
     ran, added = [], []
     monkeypatch.setattr(measured_process.runner, 'run', lambda *given: ran.append(given) or 3)
@@ -250,7 +294,12 @@ def test_an_executable_runs_as_by_itself(monkeypatch):
 def test_an_observer_writes_arrivals_and_statuses(node, tmp_path, capsys):
     observer = node(measured_process.Observer, 'observer_of_all', tmp_path)
     assert {each.topic_name for each in observer.subscriptions} >= {
-        '/orientation', '/diagnostics', '/measured_cp', '/pose_with_covariance', '/measured_cv'}
+        '/orientation',
+        '/diagnostics',
+        '/measured_cp',
+        '/pose_with_covariance',
+        '/measured_cv',
+    }
     message = QuaternionStamped()
     message.header.stamp.sec, message.header.stamp.nanosec = 5, 6
     began = time.time_ns()
@@ -259,8 +308,9 @@ def test_an_observer_writes_arrivals_and_statuses(node, tmp_path, capsys):
     assert capsys.readouterr().out == f'{run.READY}\n'
     # The first is written at once.
     assert run.read_samples(tmp_path).shape == (2, 1)
-    array = DiagnosticArray(status=[DiagnosticStatus(
-        name='fkm: timing', values=[KeyValue(key='sets', value='3')])])
+    array = DiagnosticArray(
+        status=[DiagnosticStatus(name='fkm: timing', values=[KeyValue(key='sets', value='3')])]
+    )
     array.header.stamp.sec, array.header.stamp.nanosec = 9, 7
     callback(observer, '/diagnostics')(array)
     observer._samples_file.close()
@@ -268,13 +318,16 @@ def test_an_observer_writes_arrivals_and_statuses(node, tmp_path, capsys):
     arrivals, stamps = run.read_samples(tmp_path)
     assert stamps.tolist() == [5_000_000_006] * 3 and 0 <= min(arrivals) - began < 60e9
     assert [json.loads(line) for line in (tmp_path / run.STATUSES_FILE).open()] == [
-        [9 * 10**9 + 7, 'fkm: timing', {'sets': '3'}]]
+        [9 * 10**9 + 7, 'fkm: timing', {'sets': '3'}]
+    ]
 
 
 def test_samples_are_lost_that_were_counted_and_did_not_arrive():
     stamps = np.delete(np.arange(1, 100) * MS + 500_000, [40, 41])[::-1]
-    statuses = [(ms * MS, 'encoders', {'sets': str(1000 + ms), 'missed deadlines': str(missed)})
-                for ms, missed in ((10, 3), (50, 4), (90, 7))]
+    statuses = [
+        (ms * MS, 'encoders', {'sets': str(1000 + ms), 'missed deadlines': str(missed)})
+        for ms, missed in ((10, 3), (50, 4), (90, 7))
+    ]
     assert count_samples([(11 * MS, 'fkm', {}), *statuses], stamps) == (80, 2, 4)
     assert count_samples(statuses, np.arange(1, 100) * MS + 500_000) == (80, 0, 4)
     # One of the window's ends is not certain: a sample was stamped just before it.
@@ -285,13 +338,30 @@ def test_samples_are_lost_that_were_counted_and_did_not_arrive():
 
 
 def run_of(case, latency, lost=0, late=0.0, others=0.0):
-    return Run(case, 1000.0, 3.0, latency + np.arange(101.0), np.zeros(101), 200, lost, 5,
-               {case.processes[0]: 12.5}, others, np.full(10, late), [])
+    return Run(
+        case,
+        1000.0,
+        3.0,
+        latency + np.arange(101.0),
+        np.zeros(101),
+        200,
+        lost,
+        5,
+        {case.processes[0]: 12.5},
+        others,
+        np.full(10, late),
+        [],
+    )
 
 
-@pytest.mark.parametrize(('late', 'others', 'words'), [
-    (1000.0, 20.0, ''), (1001.0, 20.0, 'control thread p99 1001 us late'),
-    (1000.0, 21.0, 'other programs 21 % of a core')])
+@pytest.mark.parametrize(
+    ('late', 'others', 'words'),
+    [
+        (1000.0, 20.0, ''),
+        (1001.0, 20.0, 'control thread p99 1001 us late'),
+        (1000.0, 21.0, 'other programs 21 % of a core'),
+    ],
+)
 def test_a_machine_that_was_busy_is_named(late, others, words):
     assert disturbance(run_of(ONE, 100.0, late=late, others=others)) == words
 
@@ -316,20 +386,31 @@ def test_all_rounds_are_compared_and_written(monkeypatch, tmp_path, capsys):
 
 def test_the_publication_by_fkm_is_its_median_and_the_machine_is_named(monkeypatch):
     entries = [(1, 'fkm: timing', {'latency p50 (us)': text}) for text in ('70', '90', '80')] + [
-        (1, 'other: timing', {'latency p50 (us)': '1'}), (2, 'fkm: timing', {})]
+        (1, 'other: timing', {'latency p50 (us)': '1'}),
+        (2, 'fkm: timing', {}),
+    ]
     assert published(replace(run_of(ONE, 1.0), statuses=entries)) == 80.0
     assert np.isnan(published(run_of(ONE, 1.0)))
     monkeypatch.setenv('RMW_IMPLEMENTATION', 'rmw_nothing')
-    assert re.fullmatch(r'\d{4}-\d\d-\d\d, \d+ x \S.*, Linux \d.*, Python 3[\d.]+, '
-                        r'rclpy \d[\d.]*, rmw_nothing \(version unknown\)', machine())
+    assert re.fullmatch(
+        r'\d{4}-\d\d-\d\d, \d+ x \S.*, Linux \d.*, Python 3[\d.]+, '
+        r'rclpy \d[\d.]*, rmw_nothing \(version unknown\)',
+        machine(),
+    )
     assert (', virtual machine,' in machine()) == (
-        ' hypervisor ' in Path('/proc/cpuinfo').read_text())
+        ' hypervisor ' in Path('/proc/cpuinfo').read_text()
+    )
 
 
 def test_a_control_thread_measures_its_lateness(monkeypatch):
     waited = []
-    monkeypatch.setattr(run, 'DeadlineGrid', lambda period: SimpleNamespace(
-        lateness=0.002 + period, wait=lambda seconds: (time.sleep(seconds), waited.append(1))))
+    monkeypatch.setattr(
+        run,
+        'DeadlineGrid',
+        lambda period: SimpleNamespace(
+            lateness=0.002 + period, wait=lambda seconds: (time.sleep(seconds), waited.append(1))
+        ),
+    )
     control = run.Control()
     assert wait_until(lambda: len(waited) > 3, 60.0)
     # us, at a period of 5 ms.

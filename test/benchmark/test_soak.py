@@ -17,23 +17,34 @@ import pytest
 @pytest.mark.evidence
 def test_soak_survives_failures_of_the_bus(measured, monkeypatch):
     # "Minutes" of a second, and failures and visitors every few of them.
-    monkeypatch.setattr(soak, 'SCHEDULE', Schedule(
-        minute=1.0, failure_period=4.0, failure=1.0, visit_period=7.0, visit=6.0))
+    monkeypatch.setattr(
+        soak,
+        'SCHEDULE',
+        Schedule(minute=1.0, failure_period=4.0, failure=1.0, visit_period=7.0, visit=6.0),
+    )
     out = measured(soak.main, '--minutes', '14', '--apart')
     for pattern in (
-            *(rf'resident memory of {name}: [\d.]+ MiB, growth'
-              for name in ('recorder', 'fkm', 'diagnostics', 'encoder_driver')),
-            r'5 minutes: \d+ orientations; resident memory, MiB: observer [\d.]+',
-            *(rf'latency, {part} [\d.]+ minutes: (p50 \d+ p99 \d+|no orientation \(control)'
-              for part in ('first', 'last')),
-            # Of 14 s: bus-off after 4, power lost after 8, and again.
-            r'failures of the bus: [2-9]; bus opened again [1-9] times; first',
-            r'came and went: [1-9]',
-            r'while the bus was alive: \d+.*; of these without a rejected sample: \d+'):
+        *(
+            rf'resident memory of {name}: [\d.]+ MiB, growth'
+            for name in ('recorder', 'fkm', 'diagnostics', 'encoder_driver')
+        ),
+        r'5 minutes: \d+ orientations; resident memory, MiB: observer [\d.]+',
+        *(
+            rf'latency, {part} [\d.]+ minutes: (p50 \d+ p99 \d+|no orientation \(control)'
+            for part in ('first', 'last')
+        ),
+        # Of 14 s: bus-off after 4, power lost after 8, and again.
+        r'failures of the bus: [2-9]; bus opened again [1-9] times; first',
+        r'came and went: [1-9]',
+        r'while the bus was alive: \d+.*; of these without a rejected sample: \d+',
+    ):
         assert re.search(pattern, out), out
-    cycles, made, missing, recorded = map(int, re.search(
-        r'samples: (\d+) cycles, (\d+) made, (\d+) without .* rejected by fkm; (\d+) ',
-        out).groups())
+    cycles, made, missing, recorded = map(
+        int,
+        re.search(
+            r'samples: (\d+) cycles, (\d+) made, (\d+) without .* rejected by fkm; (\d+) ', out
+        ).groups(),
+    )
     assert 0 <= missing < made <= cycles + 1 and recorded > 0
 
 
@@ -55,6 +66,10 @@ def test_a_gap_is_explained_by_samples_rejected_in_it():
 
 
 def test_counts_grow_from_the_first_status_of_their_name():
-    assert growth([(1, 'fkm', {'sets': '5', 'state': 'healthy'}), (2, 'driver', {'made': '1'}),
-                   (3, 'fkm', {'sets': '9', 'lost': '2', 'state': '7'})]) == {
-        'sets': 4, 'lost': 2, 'made': 0}
+    assert growth(
+        [
+            (1, 'fkm', {'sets': '5', 'state': 'healthy'}),
+            (2, 'driver', {'made': '1'}),
+            (3, 'fkm', {'sets': '9', 'lost': '2', 'state': '7'}),
+        ]
+    ) == {'sets': 4, 'lost': 2, 'made': 0}

@@ -11,8 +11,12 @@ import pytest
 
 # Time-outs that a pause of a busy machine does not reach (s).
 TIMEOUT = 0.5
-PARAMETERS = {'rate': '200', 'sample_timeout': f'{TIMEOUT}', 'max_age': '1.0',
-              **{name: f'{TIMEOUT}' for name in TIMEOUTS.values() if name}}
+PARAMETERS = {
+    'rate': '200',
+    'sample_timeout': f'{TIMEOUT}',
+    'max_age': '1.0',
+    **{name: f'{TIMEOUT}' for name in TIMEOUTS.values() if name},
+}
 # What the middleware and the observer of a busy machine may add to a stop (ms).
 SLACK = 100.0
 # Stops: one that is killed is missed by the others only after seconds.

@@ -27,12 +27,14 @@ def rig(seed=0, sensors=4):
 def check(found, angles):
     """Return what a check says."""
     return CalibrationChecker(found.sigma, found.bias, found.geometry, MODE).check(
-        (angles + np.pi) % (2.0 * np.pi) - np.pi)
+        (angles + np.pi) % (2.0 * np.pi) - np.pi
+    )
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('sensors', [
-    4, *(pytest.param(number, marks=pytest.mark.evidence) for number in (5, 6))])
+@pytest.mark.parametrize(
+    'sensors', [4, *(pytest.param(number, marks=pytest.mark.evidence) for number in (5, 6))]
+)
 def test_no_healthy_rig_is_reported_and_no_healthy_sensor_named(sensors):
     named = 0
     for seed in range(10):
@@ -53,8 +55,10 @@ def test_a_reversed_direction_and_angles_that_fit_nothing_are_reported(monkeypat
     monkeypatch.setattr(calibration_check, 'TRIED_POSES', 10)
     found, angles = rig()
     # With harmonics of the encoder (deg): such as it may have, and larger ones.
-    for harmonic, text in ((2.0, 'joint_3a turns in the opposite direction'),
-                           (3.0, 'no change of one sensor explains the angles')):
+    for harmonic, text in (
+        (2.0, 'joint_3a turns in the opposite direction'),
+        (3.0, 'no change of one sensor explains the angles'),
+    ):
         read = angles[::8] + np.radians([0.0, 0.0, 0.0, harmonic]) * np.cos(2.0 * angles[::8])
         result = check(found, read * [1.0, 1.0, 1.0, -1.0])
         assert not result.holds and result.text == text
@@ -79,12 +83,21 @@ def test_the_parity_of_a_sample_is_that_of_a_batch(sensors):
     batch = slip_evidence.parities(angles, rotation, found.sigma, found.geometry, MODE)
     for index, quaternion in enumerate(quaternion_from_matrix(rotation).tolist()):
         turns = 2.0 * np.pi * (np.arange(sensors) - index % 3)
-        one = slip_evidence.parity_of_sample((angles[index] + turns).tolist(), tuple(quaternion),
-                                             found.sigma, found.geometry, MODE)
-        np.testing.assert_allclose(one.gain[0].T @ one.parity[0],
-                                   batch.gain[index].T @ batch.parity[index], rtol=1e-6, atol=1e-3)
-        np.testing.assert_allclose(one.gain[0].T @ one.gain[0],
-                                   batch.gain[index].T @ batch.gain[index], rtol=1e-6, atol=1e-3)
+        one = slip_evidence.parity_of_sample(
+            (angles[index] + turns).tolist(), tuple(quaternion), found.sigma, found.geometry, MODE
+        )
+        np.testing.assert_allclose(
+            one.gain[0].T @ one.parity[0],
+            batch.gain[index].T @ batch.parity[index],
+            rtol=1e-6,
+            atol=1e-3,
+        )
+        np.testing.assert_allclose(
+            one.gain[0].T @ one.gain[0],
+            batch.gain[index].T @ batch.gain[index],
+            rtol=1e-6,
+            atol=1e-3,
+        )
 
 
 def test_slips_before_a_motion_are_named_as_recorded():
@@ -93,12 +106,18 @@ def test_slips_before_a_motion_are_named_as_recorded():
     for sensors in (6, 4):
         found = CalibratedRig(2, sensors)
         angles = found.angles(motion(2002, 20.0, 25.0))
-        for slip in ((0.0, 0.0, 0.0, 0.0), (0.0, 0.2, 0.0, 0.0), (0.0, 0.3, 0.0, 0.4),
-                     (0.0, 0.0, 0.0, 2.5))[:8 - sensors]:
+        for slip in (
+            (0.0, 0.0, 0.0, 0.0),
+            (0.0, 0.2, 0.0, 0.0),
+            (0.0, 0.3, 0.0, 0.4),
+            (0.0, 0.0, 0.0, 2.5),
+        )[: 8 - sensors]:
             result = check(found, angles + np.radians([*slip, *[0.0] * (sensors - 4)]))
             each = result.evaluation
-            lines += [f'{"holds" if result.holds else result.text}: merit {each.merit:.3f}, white '
-                      f'{degrees(each.white):.4f}, limit {each.limit:.2f}, visible '
-                      f'{" ".join(f"{slip:.4f}" for slip in np.degrees(each.visible))}, '
-                      f'{each.poses} poses']
+            lines += [
+                f'{"holds" if result.holds else result.text}: merit {each.merit:.3f}, white '
+                f'{degrees(each.white):.4f}, limit {each.limit:.2f}, visible '
+                f'{" ".join(f"{slip:.4f}" for slip in np.degrees(each.visible))}, '
+                f'{each.poses} poses'
+            ]
     assert_recorded('calibration/checks.txt', '\n'.join(lines))

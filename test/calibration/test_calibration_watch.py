@@ -33,12 +33,16 @@ def feed(into, seconds, drift, seed=5):
     """Feed samples at 1 Hz; return the cautions at each evaluation, and the seconds."""
     found = rig(len(drift))
     angles = found.angles(motion(seed, seconds, 1.0)) + np.radians(drift)
-    more = {name: angles[:, index] for index, name in ((4, 'theta3b'), (5, 'theta3c'))
-            if index < len(drift)}
+    more = {
+        name: angles[:, index]
+        for index, name in ((4, 'theta3b'), (5, 'theta3c'))
+        if index < len(drift)
+    }
     fitted = estimate(angles[:, :3], angles[:, 3], tuple(found.sigma), found.geometry, **more)
     seen = []
-    for second, (quaternion, row) in enumerate(zip(
-            quaternion_from_matrix(fitted.rotation).tolist(), angles.tolist(), strict=True), 1):
+    for second, (quaternion, row) in enumerate(
+        zip(quaternion_from_matrix(fitted.rotation).tolist(), angles.tolist(), strict=True), 1
+    ):
         into.take(tuple(quaternion), tuple(row))
         if second % 10 == 0:
             into.evaluate()
@@ -48,7 +52,8 @@ def feed(into, seconds, drift, seed=5):
 
 @pytest.mark.parametrize(('sensors', 'drifting'), [(4, 1), (6, 5)])
 def test_a_drift_is_reported_with_sensor_and_size_within_minutes_until_it_is_over(
-        sensors, drifting):
+    sensors, drifting
+):
     found, none = watch(sensors), np.zeros(sensors)
     assert {caution for _, caution in feed(found, 600, none)} == {''}
     assert 0.3 < found.evaluation.merit < 1.2
@@ -65,7 +70,8 @@ def test_a_drift_is_reported_with_sensor_and_size_within_minutes_until_it_is_ove
     assert found.take(*sample) and not any(found.take(*sample) for _ in range(500))
     found.evaluate()
     assert found.evaluation.slip[drifting] == pytest.approx(
-        before.slip[drifting], abs=radians(0.005))
+        before.slip[drifting], abs=radians(0.005)
+    )
     feed(found, 1000, none, seed=6)
     assert found.caution == ''
 
@@ -89,8 +95,9 @@ def test_all_sensors_at_their_bias_feign_no_slip_at_one_pose(sensors):
     bias = np.full(sensors, radians(0.05))
     rotation = motion(5, 1.0, 1.0)
     found = inverse(rotation)
-    true = np.column_stack(
-        [found.theta1, found.theta3a, found.theta3b, found.theta3c])[:, :sensors]
+    true = np.column_stack([found.theta1, found.theta3a, found.theta3b, found.theta3c])[
+        :, :sensors
+    ]
     sigma = np.full(sensors, radians(0.001))
     gain = parities(true, rotation, sigma, Geometry(), MODE).gain[0]
     for row in gain:

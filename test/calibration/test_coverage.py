@@ -16,13 +16,16 @@ from spm_haptic_master.simulation.rig import random_rig
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('number, changes', [
-    (0, {'seconds': 15.0}), (0, {'tilt': 5.0, 'seconds': 40.0}), (1, {'seconds': 40.0})])
+@pytest.mark.parametrize(
+    'number, changes',
+    [(0, {'seconds': 15.0}), (0, {'tilt': 5.0, 'seconds': 40.0}), (1, {'seconds': 40.0})],
+)
 def test_no_sensor_is_off_by_more_than_its_bias(number, changes):
     """Neither over the workspace, where a motion of small tilts says little, nor where it went."""
     rig = random_rig(number, free_motions.DEVIATIONS)
     stamps, raw, direction, zeros = readings(
-        rig, replace(free_motions.SHORT, **changes), 100 * number + 7)
+        rig, replace(free_motions.SHORT, **changes), 100 * number + 7
+    )
     found = free_motions.calibrated(stamps[::5], raw[::5], direction, zeros)
     for each in (found, replace(found, region=coverage.region_of(found.rotation))):
         assert (free_motions.sensor_errors(each, rig, zeros) <= each.bias).all()
@@ -47,21 +50,28 @@ def test_the_bound_covers_what_the_covariance_draws_and_the_mechanism_turns():
         beyond.append((np.abs(errors) > bound).any(axis=0))
     assert np.mean(beyond) < 0.1
     wider = coverage.sensor_bounds(
-        model, vector, half @ half.T, there, np.array([0.0, 0.01, 0.0, 0.0]))
+        model, vector, half @ half.T, there, np.array([0.0, 0.01, 0.0, 0.0])
+    )
     assert wider[1] > bound[1] + 0.009
     # Where links alone are unknown, the bounds cover what they do to the orientation.
     covariance = np.diag(np.repeat([radians(0.001) ** 2, 0.0], [4, model.layout.count - 4]))
-    links = covariance + np.diag(np.repeat(
-        [0.0, radians(0.2) ** 2, 0.0], [4, 6, model.layout.count - 10]))
-    few, many = (coverage.sensor_bounds(model, vector, each, there, np.zeros(4))
-                 for each in (covariance, links))
+    links = covariance + np.diag(
+        np.repeat([0.0, radians(0.2) ** 2, 0.0], [4, 6, model.layout.count - 10])
+    )
+    few, many = (
+        coverage.sensor_bounds(model, vector, each, there, np.zeros(4))
+        for each in (covariance, links)
+    )
     assert (many > 5.0 * few).all()
 
 
 def test_the_region_of_a_motion_is_within_it():
     seconds = np.linspace(0.0, 60.0, 6000)
-    rotation = workspace_pose(np.radians(12.4) * np.abs(np.sin(seconds)), 2.3 * seconds,
-                              np.radians(170.0 + 30.3 * np.sin(0.7 * seconds)))
+    rotation = workspace_pose(
+        np.radians(12.4) * np.abs(np.sin(seconds)),
+        2.3 * seconds,
+        np.radians(170.0 + 30.3 * np.sin(0.7 * seconds)),
+    )
     rotation[:100] = np.nan
     found = coverage.region_of(rotation)
     assert 11.0 <= found.tilt_deg <= 12.4

@@ -27,10 +27,15 @@ def test_readings_without_noise_give_the_parameters_back(sensors):
     true = random_vector(model, 8)
     start = np.zeros(model.layout.count)
     start[:sensors] = true[:sensors] + np.array([0.2, 0.2, -0.2, 0.2, 0.2, 0.2])[:sensors]
-    nothing_known = replace(model, layout=replace(
-        model.layout, mechanism_tolerance=np.inf, harmonic_tolerance=np.inf))
-    found = fit.fit(nothing_known, readings_of(model, true, 100, 8, noise=0.0), start,
-                    range(model.layout.count))
+    nothing_known = replace(
+        model, layout=replace(model.layout, mechanism_tolerance=np.inf, harmonic_tolerance=np.inf)
+    )
+    found = fit.fit(
+        nothing_known,
+        readings_of(model, true, 100, 8, noise=0.0),
+        start,
+        range(model.layout.count),
+    )
     assert found.rms < 1e-4
     assert np.abs(found.vector - true).max() < 2e-4
 
@@ -42,13 +47,15 @@ def test_one_sample_in_twenty_that_is_wrong_changes_little():
     turned = readings_of(model, true, 1500, 9)
     wrong = random.uniform(size=len(turned)) < 0.05
     spoilt, count = turned.copy(), wrong.sum()
-    spoilt[wrong, random.integers(0, 4, count)] += random.choice((-1, 1), count) \
-        * random.uniform(0.05, 3.0, count)
+    spoilt[wrong, random.integers(0, 4, count)] += random.choice((-1, 1), count) * random.uniform(
+        0.05, 3.0, count
+    )
     places = range(model.layout.slices['platform axes'].stop)
     start = np.where(np.arange(len(true)) < 4, true, 0.0)
     clean, found = (fit.fit(model, each, start, places) for each in (turned, spoilt))
-    deviations = np.sqrt(np.diag(inverse(
-        clean.normal.matrix + np.diag(model.layout.deviations[places] ** -2.0))))
+    deviations = np.sqrt(
+        np.diag(inverse(clean.normal.matrix + np.diag(model.layout.deviations[places] ** -2.0)))
+    )
     assert (np.abs(found.vector - clean.vector)[places] < deviations).all()
     assert not found.normal.kept[wrong].mean() > 0.1
 
@@ -67,7 +74,8 @@ def test_what_is_not_estimated_enters_the_covariance():
     errors = -true
     errors[:, inside] += np.linalg.solve(
         rows[:, inside].T @ rows[:, inside] + np.diag(deviations[inside] ** -2.0),
-        rows[:, inside].T @ read.T).T
+        rows[:, inside].T @ read.T,
+    ).T
     assert np.allclose(np.cov(errors.T), predicted, atol=0.03 * predicted.max())
 
 

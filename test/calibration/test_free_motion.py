@@ -36,8 +36,13 @@ from spm_haptic_master.validation.alignment import constant_frames, rotation_vec
 
 PER_TURN = (16384, 16384, 4096, 65536)
 ORIGIN = results.Origin(
-    '2026-03-01T10:00:00+01:00', 'hand | motion.log', 'ab' * 32, '1.2.3', PER_TURN,
-    {'can.channel': 'can1', 'source': 'can', 'encoders.id': (1, 2, 3, 4)})
+    '2026-03-01T10:00:00+01:00',
+    'hand | motion.log',
+    'ab' * 32,
+    '1.2.3',
+    PER_TURN,
+    {'can.channel': 'can1', 'source': 'can', 'encoders.id': (1, 2, 3, 4)},
+)
 
 
 @pytest.fixture
@@ -49,7 +54,7 @@ def calibration():
 def exact(seed, count=200):
     """Return orientations of another motion, and readings without noise by their directions."""
     poses = hand_motion(RIG, replace(SHORT, seconds=10.0), seed)
-    poses = poses[::len(poses) // count]
+    poses = poses[:: len(poses) // count]
     angles = joint_angles(poses, RIG)
     return poses, angles + deviations_of(RIG, angles)
 
@@ -60,7 +65,7 @@ def error_deg(found, vector, zeros):
     orientations = found.model.orientations(read + zeros, vector)
     base, body = constant_frames(poses, orientations, False)
     vectors = rotation_vectors(base @ orientations @ body @ poses.swapaxes(1, 2))
-    return degrees(float(np.sqrt(np.mean(np.sum(vectors ** 2, axis=1)))))
+    return degrees(float(np.sqrt(np.mean(np.sum(vectors**2, axis=1)))))
 
 
 def check(found):
@@ -79,7 +84,7 @@ def check(found):
     assert (free_motions.sensor_errors(found, RIG, zeros) < found.bias).all()
     assert (found.bias < radians(0.6)).all()
     # The parity is that of white noise, of as many means.
-    white = np.sqrt(np.mean(found.readings.sigma ** 2))
+    white = np.sqrt(np.mean(found.readings.sigma**2))
     assert np.nanstd(found.parity) == pytest.approx(white, rel=0.1)
     assert np.nanstd(found.parity_before) > 2.0 * white
 
@@ -96,21 +101,36 @@ def test_nothing_is_known_and_the_directions_that_are_given_are_verified():
     check(calibrate_motion(Layout(4), stamps, raw, direction.tolist()))
     wrong = list(direction)
     wrong[2] = -wrong[2]
-    with pytest.raises(CalibrationError, match=(
+    with pytest.raises(
+        CalibrationError,
+        match=(
             rf'^joint_1c turns with direction \{direction[2]:+d}, encoders.direction has '
-            rf'\{-direction[2]:+d}$')):
+            rf'\{-direction[2]:+d}$'
+        ),
+    ):
         calibrate_motion(Layout(4), stamps, raw, wrong)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('change, words', [
-    (lambda raw: raw[:, [0, 2, 1, 3]], '^joint_1b and joint_1c are swapped: '),
-    # One encoder turns with another shaft.
-    (lambda raw: np.column_stack([raw[:, 0], np.roll(raw[:, 1], 5000), raw[:, 2:]]),
-     'no zeros and directions of the encoders explain|the motion does not determine the zeros'),
-    # A motion that hardly moves is refused with what is missing.
-    (lambda raw: readings(RIG, replace(SHORT, tilt=1.5, turn_from=44.0, turn_to=48.0), SEED)[1],
-     'tilt the handle|turn the handle')])
+@pytest.mark.parametrize(
+    'change, words',
+    [
+        (lambda raw: raw[:, [0, 2, 1, 3]], '^joint_1b and joint_1c are swapped: '),
+        # One encoder turns with another shaft.
+        (
+            lambda raw: np.column_stack([raw[:, 0], np.roll(raw[:, 1], 5000), raw[:, 2:]]),
+            'no zeros and directions of the encoders explain|the motion does not determine '
+            'the zeros',
+        ),
+        # A motion that hardly moves is refused with what is missing.
+        (
+            lambda raw: readings(
+                RIG, replace(SHORT, tilt=1.5, turn_from=44.0, turn_to=48.0), SEED
+            )[1],
+            'tilt the handle|turn the handle',
+        ),
+    ],
+)
 def test_readings_of_another_mechanism_or_hardly_a_motion_are_refused(change, words):
     stamps, raw, _, _ = short_motion()
     with pytest.raises(CalibrationError, match=words):
@@ -123,23 +143,30 @@ def test_the_file_is_what_was_found(calibration, tmp_path):
     write_text(path, results.motion_text(results.Verdict(part, ORIGIN, 0.5, 0.9987, 0.04)))
     assert_recorded('calibration/short.yaml', path.read_text())
     values = read_parameters(path)
-    geometry = geometry_from(command_line.checked(
-        {name: value for name, value in values.items() if name.startswith('geometry.')},
-        MECHANISM_SETTINGS))
+    geometry = geometry_from(
+        command_line.checked(
+            {name: value for name, value in values.items() if name.startswith('geometry.')},
+            MECHANISM_SETTINGS,
+        )
+    )
     expected = calibration.layout.geometry(calibration.vector)
     for name in ('base_axes', 'platform_axes', 'alphas', 'betas'):
         assert np.allclose(getattr(geometry, name), getattr(expected, name), atol=1e-7)
     # Counts become the joint angles of the model: whole zero counts, table and harmonics.
     checked = command_line.checked(
-        values | {'can.channel': 'vcan0'}, SOURCE_SETTINGS['can'], 'can')
+        values | {'can.channel': 'vcan0'}, SOURCE_SETTINGS['can'], 'can'
+    )
     turned = exact(77)[1] + calibration.vector[:4]
     zeros = np.multiply(calibration.direction, values['encoders.zero_count']) * tau / PER_TURN
     for sensor, harmonics in enumerate(make_harmonics(checked)):
         angle = harmonics.angles(turned[:, sensor] - zeros[sensor])
         first, second = calibration.layout.harmonics(calibration.vector)
-        reading = angle + first[sensor] @ [np.cos(angle), np.sin(angle)] \
-            + second[sensor] @ [np.cos(2.0 * angle), np.sin(2.0 * angle)] \
+        reading = (
+            angle
+            + first[sensor] @ [np.cos(angle), np.sin(angle)]
+            + second[sensor] @ [np.cos(2.0 * angle), np.sin(2.0 * angle)]
             + calibration.vector[sensor]
+        )
         assert np.abs(wrapped(reading - turned[:, sensor])).max() < 1e-6
     # A millionth of a degree is enough for all but axes.
     assert not re.search(r'^(?!.*_axes).*\.\d{7}', path.read_text(), re.MULTILINE)
@@ -150,7 +177,9 @@ def test_any_name_of_a_log_can_be_read_back(tmp_path, name):
     path = tmp_path / 'calibration.yaml'
     write_text(path, file_text(['a comment'], {'calibration': 'motion'}, {'recording': name}))
     assert [section.values for section in read_sections(path)] == [
-        {'calibration': 'motion'}, {'recording': name}]
+        {'calibration': 'motion'},
+        {'recording': name},
+    ]
     assert parameter_dict_from_yaml_file(str(path), True, [])
 
 
@@ -172,15 +201,32 @@ def test_poses_from_outside_give_the_mountings_and_improve_the_mechanism(calibra
     for deviations in (found.base_deviations, found.handle_deviations):
         assert (deviations > 0.1 * sigma).all() and (deviations < radians(0.5)).all()
     # With what the frames of mechanism and drawing differ by.
-    off = rotation_vectors(np.array([one.base, found.base, found.handle]) @ np.array(
-        [base, base, handle]).swapaxes(1, 2))
+    off = rotation_vectors(
+        np.array([one.base, found.base, found.handle])
+        @ np.array([base, base, handle]).swapaxes(1, 2)
+    )
     assert np.abs(off).max() < radians(1.0)
-    assert_recorded('calibration/mounted.txt', '\n'.join(
-        f'{degrees(each.rms):.5f} {degrees(each.calibration.error):.5f} ' + ' '.join(
-            f'{angle:.5f}' for angle in np.degrees(np.concatenate([
-                each.base_deviations, each.handle_deviations, np.ravel(each.base),
-                np.ravel(each.handle), each.calibration.vector])))
-        for each in (one, mounted(calibration, turned[:2], base @ poses[:2], sigma), found)))
+    assert_recorded(
+        'calibration/mounted.txt',
+        '\n'.join(
+            f'{degrees(each.rms):.5f} {degrees(each.calibration.error):.5f} '
+            + ' '.join(
+                f'{angle:.5f}'
+                for angle in np.degrees(
+                    np.concatenate(
+                        [
+                            each.base_deviations,
+                            each.handle_deviations,
+                            np.ravel(each.base),
+                            np.ravel(each.handle),
+                            each.calibration.vector,
+                        ]
+                    )
+                )
+            )
+            for each in (one, mounted(calibration, turned[:2], base @ poses[:2], sigma), found)
+        ),
+    )
     with pytest.raises(CalibrationError, match='contradict the motion'):
         mounted(calibration, turned, outside[::-1], sigma)
 
@@ -190,30 +236,44 @@ def test_cautions_name_what_an_engineer_should_look_at(calibration):
     c, vector = calibration, calibration.vector.copy()
     vector[c.layout.names.index('distal link B')] = 3.6 * radians(0.5)
     spiked = np.arange(c.readings.sets) % 500 == 0
-    found = replace(c, vector=vector, contradiction=3.1, readings=replace(
-        c.readings, spiked=spiked), kept=np.arange(len(c.kept)) % 100 > 0)
+    found = replace(
+        c,
+        vector=vector,
+        contradiction=3.1,
+        readings=replace(c.readings, spiked=spiked),
+        kept=np.arange(len(c.kept)) % 100 > 0,
+    )
     assert [caution[:60] for caution in found.cautions] == [
         'farther from the drawing than 3.5 tolerances: distal link B;',
         'halves of the motion contradict each other (3.1 times the va',
         '0.2 % of the sets have a spike; fkm withholds ten orientatio',
-        '1.0 % of the samples do not fit the others and were cut: an ']
+        '1.0 % of the samples do not fit the others and were cut: an ',
+    ]
     vector[c.layout.names.index('distal link B')] = -3.4 * radians(0.5)
-    assert replace(found, vector=vector, contradiction=2.9, kept=np.arange(len(c.kept)) % 250 > 0,
-                   readings=c.readings).cautions == ()
+    assert (
+        replace(
+            found,
+            vector=vector,
+            contradiction=2.9,
+            kept=np.arange(len(c.kept)) % 250 > 0,
+            readings=c.readings,
+        ).cautions
+        == ()
+    )
 
 
 @pytest.mark.slow
 def test_groups_that_are_confirmed_together_only_are_estimated():
     """One alone takes the place of the others; without any, the rest looked like a slip."""
     found = free_motions.calibrated(
-        *readings(random_rig(11, DEVIATIONS), replace(SHORT, seconds=30.0), 1107))
+        *readings(random_rig(11, DEVIATIONS), replace(SHORT, seconds=30.0), 1107)
+    )
     assert not found.left and not found.misfit
 
 
 @pytest.mark.slow
 def test_five_and_six_sensors_are_calibrated_too():
-    stamps, raw, direction, zeros = readings(
-        random_rig(12, DEVIATIONS, sensors=6), SHORT, SEED)
+    stamps, raw, direction, zeros = readings(random_rig(12, DEVIATIONS, sensors=6), SHORT, SEED)
     found = calibrate_motion(Layout(6), stamps, raw)
     assert found.direction == tuple(direction)
     off = np.abs(wrapped(found.vector[:6] - zeros))
@@ -221,9 +281,15 @@ def test_five_and_six_sensors_are_calibrated_too():
     assert found.error < radians(0.03)
 
 
-@pytest.mark.parametrize('begin, end, words', [
-    (0.0, 1.5, '1.5.* more than 4 s'), (0.0, 3.9, '3.9.* more than 4 s'),
-    (7.0, 9.5, '2.5.* more than 4 s'), (0.0, 9.9, '.* without a long pause')])
+@pytest.mark.parametrize(
+    'begin, end, words',
+    [
+        (0.0, 1.5, '1.5.* more than 4 s'),
+        (0.0, 3.9, '3.9.* more than 4 s'),
+        (7.0, 9.5, '2.5.* more than 4 s'),
+        (0.0, 9.9, '.* without a long pause'),
+    ],
+)
 def test_a_motion_without_a_part_that_confirms_the_rest_is_refused(begin, end, words):
     stamps, raw, _, _ = short_motion()
     since = (stamps - stamps[0]) * 1e-9
@@ -234,6 +300,7 @@ def test_a_motion_without_a_part_that_confirms_the_rest_is_refused(begin, end, w
 
 def test_guidance_is_the_recorded_one(monkeypatch):
     """Of the beginnings of a motion, with the zeros: the first search for them finds none."""
+
     def found(*given, **options):
         lines.append('search')
         if lines.count('search') == 1:
@@ -249,6 +316,8 @@ def test_guidance_is_the_recorded_one(monkeypatch):
     guide, lines = free_motion.Guide(Layout(4)), []
     for count in (1500, 2500, 10000, 14000, 16000):
         guidance = guide.evaluate(stamps[:count:8], raw[:count:8])
-        lines += [f'{count} sets: {guidance.text}', *(
-            f'    {name}: {share:.4f}' for name, share in guidance.covered.items())]
+        lines += [
+            f'{count} sets: {guidance.text}',
+            *(f'    {name}: {share:.4f}' for name, share in guidance.covered.items()),
+        ]
     assert_recorded('calibration/guidance.txt', '\n'.join(lines))

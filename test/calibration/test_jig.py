@@ -39,21 +39,32 @@ def recorded(angles, sets=2000, noise_deg=0.04, drift_deg=0.0, direction=DIRECTI
     """Return counts of encoders at rest: noise, and joint_1b drifting over the recording."""
     drift = np.linspace(0.0, radians(drift_deg), sets)[:, None] * [0.0, 1.0, 0.0, 0.0]
     noise = np.random.default_rng(5).normal(0.0, radians(noise_deg), (sets, 4))
-    return np.array([[counts_from_angle(*each) for each in zip(
-        row, zero, direction, PER_TURN, strict=True)]
-        for row in (angles + drift + noise).tolist()])
+    return np.array(
+        [
+            [counts_from_angle(*each) for each in zip(row, zero, direction, PER_TURN, strict=True)]
+            for row in (angles + drift + noise).tolist()
+        ]
+    )
 
 
 def station(angles, stated=None, sets=2000, **how):
     """Return the readings at joint angles, with those that the jig states."""
     means, noise = jig.read_still(recorded(angles, sets, **how), PER_TURN, *LIMITS)
-    return jig.Station((2.3, 0.9, 0.0), stated or angles, tuple(means.tolist()),
-                       tuple(noise.tolist()), sets)
+    return jig.Station(
+        (2.3, 0.9, 0.0), stated or angles, tuple(means.tolist()), tuple(noise.tolist()), sets
+    )
 
 
 def calibrated(*stations, direction=DIRECTION, before=None):
-    return jig.calibrate(stations or [station(FIRST)], direction, PER_TURN,
-                         '2026-01-02T03:04:05+00:00', BIAS, TOLERANCE, before)
+    return jig.calibrate(
+        stations or [station(FIRST)],
+        direction,
+        PER_TURN,
+        '2026-01-02T03:04:05+00:00',
+        BIAS,
+        TOLERANCE,
+        before,
+    )
 
 
 def assert_zeros(found):
@@ -65,23 +76,37 @@ def test_zero_counts_and_noise_are_found():
     found = calibrated()
     assert_zeros(found)
     # With the noise of the quantisation: a quiet encoder at rest repeats one count.
-    quantised = [2.0 * pi / per_turn / 12.0 ** 0.5 for per_turn in PER_TURN]
+    quantised = [2.0 * pi / per_turn / 12.0**0.5 for per_turn in PER_TURN]
     assert found.sigma == pytest.approx(np.hypot(radians(0.04), quantised), rel=0.05)
     assert calibrated(station(FIRST, noise_deg=0.0)).sigma == pytest.approx(quantised)
     assert found.direction_verified == (False,) * 4
     # At a second pose with less noise: the mean square of both.
     less = calibrated(station(FIRST), station(FIRST, noise_deg=0.0)).sigma
-    assert less[2] == pytest.approx(found.sigma[2] / 2.0 ** 0.5, rel=0.01)
+    assert less[2] == pytest.approx(found.sigma[2] / 2.0**0.5, rel=0.01)
 
 
-@pytest.mark.parametrize(('how', 'reason'), [
-    ({'drift_deg': 0.2}, 'the device moved: joint_1b by 0.1'),
-    ({'noise_deg': 0.3}, r'joint_1a is noisy: 0\.30\d deg'),
-    ({'sets': 60}, '60 sets of four encoders; at least 100'),
-    *(({'zero': tuple(counts_from_angle(-FIRST[at], 0, DIRECTION[at], PER_TURN[at])
-                      if at == index else zero for at, zero in enumerate(ZERO))},
-       f'{JOINT_NAMES[index]} wraps') for index in range(4)),
-])
+@pytest.mark.parametrize(
+    ('how', 'reason'),
+    [
+        ({'drift_deg': 0.2}, 'the device moved: joint_1b by 0.1'),
+        ({'noise_deg': 0.3}, r'joint_1a is noisy: 0\.30\d deg'),
+        ({'sets': 60}, '60 sets of four encoders; at least 100'),
+        *(
+            (
+                {
+                    'zero': tuple(
+                        counts_from_angle(-FIRST[at], 0, DIRECTION[at], PER_TURN[at])
+                        if at == index
+                        else zero
+                        for at, zero in enumerate(ZERO)
+                    )
+                },
+                f'{JOINT_NAMES[index]} wraps',
+            )
+            for index in range(4)
+        ),
+    ],
+)
 def test_an_unusable_recording_is_refused(how, reason):
     with pytest.raises(CalibrationError, match=reason):
         jig.read_still(recorded(FIRST, **how), PER_TURN, *LIMITS)
@@ -143,8 +168,9 @@ def test_the_error_of_the_jig_becomes_the_bias_of_each_sensor():
     error, pose = radians(0.1), [*map(radians, POSES[0])]
     bias = np.array(jig.jig_bias(pose, GEOMETRY, (1, 1, 1), error, 4))
     axes = np.random.default_rng(3).normal(size=(2000, 3))
-    turned = matrix_from_vector(error * axes / np.linalg.norm(axes, axis=1, keepdims=True)) \
-        @ matrix_from_zxz(*pose)
+    turned = matrix_from_vector(
+        error * axes / np.linalg.norm(axes, axis=1, keepdims=True)
+    ) @ matrix_from_zxz(*pose)
     found = inverse(turned, GEOMETRY)
     worst = np.abs(np.column_stack([found.theta1, found.theta3a]) - FIRST).max(axis=0)
     assert (worst <= 1.01 * bias).all() and (worst >= 0.98 * bias).all()
@@ -160,32 +186,44 @@ def test_the_file_holds_it_all_and_every_node_loads_it(tmp_path):
     assert read.bias == pytest.approx(found.bias, abs=1e-7)
     for one, other in zip(read.stations, found.stations, strict=True):
         assert [*one.pose, *one.angles, *one.counts, *one.sigma, one.sets] == pytest.approx(
-            [*other.pose, *other.angles, *other.counts, *other.sigma, other.sets], abs=1e-3)
+            [*other.pose, *other.angles, *other.counts, *other.sigma, other.sets], abs=1e-3
+        )
     # The section is that of all nodes.
-    loaded = {name: parameter_value_to_python(each.value) for name, each in
-              parameter_dict_from_yaml_file(str(path), target_nodes=['/**']).items()}
+    loaded = {
+        name: parameter_value_to_python(each.value)
+        for name, each in parameter_dict_from_yaml_file(str(path), target_nodes=['/**']).items()
+    }
     assert loaded == {
-        'calibration': f'jig, {found.date}', 'geometry.alpha_deg': 39.0,
-        'encoders.counts_per_turn': list(PER_TURN), 'encoders.direction': list(DIRECTION),
-        'encoders.direction_verified': [True] * 4, 'encoders.zero_count': list(found.zero_count),
+        'calibration': f'jig, {found.date}',
+        'geometry.alpha_deg': 39.0,
+        'encoders.counts_per_turn': list(PER_TURN),
+        'encoders.direction': list(DIRECTION),
+        'encoders.direction_verified': [True] * 4,
+        'encoders.zero_count': list(found.zero_count),
         'sigma_deg': pytest.approx(np.degrees(found.sigma), abs=1e-6),
-        'bias_deg': pytest.approx([0.05] * 4)}
+        'bias_deg': pytest.approx([0.05] * 4),
+    }
     assert 'NOT verified' not in path.read_text()
-    assert 'NOT verified: joint_1a, joint_1b, joint_1c, joint_3a' in \
-        calibration_file.calibration_text(calibrated(), {})
+    assert (
+        'NOT verified: joint_1a, joint_1b, joint_1c, joint_3a'
+        in calibration_file.calibration_text(calibrated(), {})
+    )
 
 
-@pytest.mark.parametrize(('old', 'new', 'reason'), [
-    ('direction: [1,', 'direction: {1,', 'not valid YAML'),
-    ('/**', 'nodes', "'encoders.direction' is not set; expected a list of 4"),
-    ('direction: [1, 1, -1, 1]', 'direction: [1, 1, 2, 1]', 'a list of 4, each one of 1, -1'),
-    ('direction: [1, 1, -1, 1]', 'direction: [1, 1, -1]', 'expected a list of 4'),
-    ('zero_count: [', 'zero_count: [7, ', 'expected a list of 4'),
-    ('direction_verified: [false,', 'direction_verified: ["no",', 'no'),
-    ('bias_deg: [0.05,', 'bias_deg: [.nan,', 'bias_deg'),
-    ('mean_counts: [', 'mean_counts: [1.0, ', "'mean_counts' is .*; expected a list of 4"),
-    ('direction_verified', 'direction_checked', 'direction_verified'),
-])
+@pytest.mark.parametrize(
+    ('old', 'new', 'reason'),
+    [
+        ('direction: [1,', 'direction: {1,', 'not valid YAML'),
+        ('/**', 'nodes', "'encoders.direction' is not set; expected a list of 4"),
+        ('direction: [1, 1, -1, 1]', 'direction: [1, 1, 2, 1]', 'a list of 4, each one of 1, -1'),
+        ('direction: [1, 1, -1, 1]', 'direction: [1, 1, -1]', 'expected a list of 4'),
+        ('zero_count: [', 'zero_count: [7, ', 'expected a list of 4'),
+        ('direction_verified: [false,', 'direction_verified: ["no",', 'no'),
+        ('bias_deg: [0.05,', 'bias_deg: [.nan,', 'bias_deg'),
+        ('mean_counts: [', 'mean_counts: [1.0, ', "'mean_counts' is .*; expected a list of 4"),
+        ('direction_verified', 'direction_checked', 'direction_verified'),
+    ],
+)
 def test_a_calibration_that_was_edited_wrongly_is_refused(tmp_path, old, new, reason):
     path = tmp_path / 'rig.yaml'
     text = calibration_file.calibration_text(calibrated(), {})

@@ -30,9 +30,16 @@ def changed(sensor, change, **how):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('sensor, part', [
-    (1, 0.06), *(pytest.param(*case, marks=pytest.mark.evidence)
-                 for case in ((0, 0.03), (3, 0.94), (2, 0.97)))])
+@pytest.mark.parametrize(
+    'sensor, part',
+    [
+        (1, 0.06),
+        *(
+            pytest.param(*case, marks=pytest.mark.evidence)
+            for case in ((0, 0.03), (3, 0.94), (2, 0.97))
+        ),
+    ],
+)
 def test_a_slip_near_an_end_of_the_motion_names_no_wrong_sensor(sensor, part):
     name = ('joint_1a', 'joint_1b', 'joint_1c', 'joint_3a')[sensor]
     try:
@@ -51,8 +58,9 @@ def test_play_is_a_caution_and_raises_the_bias():
     turns = np.unwrap(raw[::10, 0] * direction[0])
     sense = np.sign(np.gradient(np.convolve(turns, np.ones(25) / 25.0, 'same')))
     found = changed(0, lambda at: 0.1 * sense, progress=lambda text, share: shares.append(share))
-    assert any('contradict each other' in caution and 'play' in caution
-               for caution in found.cautions)
+    assert any(
+        'contradict each other' in caution and 'play' in caution for caution in found.cautions
+    )
     assert found.bias[0] > radians(0.1) and (found.bias > healthy.bias).all()
     assert shares == [0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.9, 0.95]
 
@@ -60,13 +68,15 @@ def test_play_is_a_caution_and_raises_the_bias():
 @pytest.mark.slow
 def test_axes_that_miss_the_centre_are_a_caution():
     geometry = Geometry()
-    rotation = hand_motion(
-        perfect_rig(geometry, 0.0), Condition('motion', seconds=32.0), 41)[::8]
+    rotation = hand_motion(perfect_rig(geometry, 0.0), Condition('motion', seconds=32.0), 41)[::8]
     random = np.random.default_rng(1)
     offsets = 3.0 * random.normal(size=(3, 3, 3)) * [1.0, 1.0, 0.0]
     drawn = inverse(rotation[:50], geometry)
-    assert np.allclose(closed_angles(rotation[:50], 0.0 * offsets, geometry),
-                       np.column_stack([drawn.theta1, drawn.theta3a]), atol=1e-9)
+    assert np.allclose(
+        closed_angles(rotation[:50], 0.0 * offsets, geometry),
+        np.column_stack([drawn.theta1, drawn.theta3a]),
+        atol=1e-9,
+    )
     angles = closed_angles(rotation, offsets, geometry)
     zeros, direction = random.uniform(0.0, tau, 4), np.array([1, -1, 1, 1])
     read = angles + random.normal(size=angles.shape) * radians(0.02) + zeros
@@ -93,8 +103,9 @@ def test_slips_during_a_motion_are_named_as_recorded():
     turned = with_noise(model.readings(free_motions.poses(3000), vector), 1)
     seconds = 0.01 * np.arange(3000)
     lines = []
-    for sensor, change in enumerate((
-            0.5 * (seconds > 12.0), -0.4 * (seconds > 20.0), 0.02 * seconds, 0.0 * seconds)):
+    for sensor, change in enumerate(
+        (0.5 * (seconds > 12.0), -0.4 * (seconds > 20.0), 0.02 * seconds, 0.0 * seconds)
+    ):
         slipped = turned + np.outer(np.radians(change), np.eye(4)[sensor])
         found = fit(model, slipped, vector, range(4))
         lines.append(f'slow factor {misfit.slow_factor(seconds, found.normal):.3f}')

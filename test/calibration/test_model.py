@@ -17,11 +17,18 @@ def test_the_groups_fill_the_vector_and_zero_is_the_drawing(sensors):
     layout = Layout(sensors, mechanism_tolerance=2.0, harmonic_tolerance=3.0)
     assert layout.count == len(set(layout.names)) == 12 + 5 * sensors
     # Each parameter by its name: zeros, links, axes, harmonics of first and second order.
-    expected = [np.inf if name.startswith('zero') else 3.0 if name.startswith('first')
-                else 0.3 if name.startswith('second') else 2.0 for name in layout.names]
+    expected = [
+        np.inf
+        if name.startswith('zero')
+        else 3.0
+        if name.startswith('first')
+        else 0.3
+        if name.startswith('second')
+        else 2.0
+        for name in layout.names
+    ]
     np.testing.assert_allclose(layout.deviations, expected)
-    assert layout.names[layout.columns('first harmonics')[3]] == \
-        'first harmonic of joint_1b, sine'
+    assert layout.names[layout.columns('first harmonics')[3]] == 'first harmonic of joint_1b, sine'
     found, drawn = layout.geometry(np.zeros(layout.count)), Geometry()
     for name in ('base_axes', 'platform_axes', 'alphas', 'betas'):
         assert np.allclose(getattr(found, name), getattr(drawn, name), atol=1e-15)
@@ -32,14 +39,25 @@ def test_the_parameters_are_independent_in_the_usual_frames():
     layout = Layout(4)
 
     def numbers(geometry):
-        return np.concatenate([np.ravel(each) for each in (
-            geometry.alphas, geometry.betas, geometry.base_axes, geometry.platform_axes)])
+        return np.concatenate(
+            [
+                np.ravel(each)
+                for each in (
+                    geometry.alphas,
+                    geometry.betas,
+                    geometry.base_axes,
+                    geometry.platform_axes,
+                )
+            ]
+        )
 
     found = layout.geometry(random_vector(model_of(), 1))
     assert np.allclose(numbers(in_usual_frames(found)), numbers(found), atol=1e-14)
     drawn, step = numbers(Geometry()), 1e-6 * np.eye(layout.count)
-    rows = [numbers(layout.geometry(step[place])) - drawn for place in range(
-        layout.slices['links'].start, layout.slices['platform axes'].stop)]
+    rows = [
+        numbers(layout.geometry(step[place])) - drawn
+        for place in range(layout.slices['links'].start, layout.slices['platform axes'].stop)
+    ]
     assert np.linalg.svd(rows)[1].min() > 0.5e-6
 
 
@@ -56,8 +74,9 @@ def test_the_parity_is_that_of_the_estimate(sensors):
     """At the maximum-likelihood orientation, against `estimate`, which is another formula."""
     model = model_of(sensors)
     vector = np.zeros(model.layout.count)
-    turned = model.readings(poses(40), vector) \
-        + SIGMA * np.random.default_rng(2).normal(size=(40, sensors))
+    turned = model.readings(poses(40), vector) + SIGMA * np.random.default_rng(2).normal(
+        size=(40, sensors)
+    )
     at = model.orientations(turned, vector)
     more = dict(zip(('theta3b', 'theta3c'), turned.T[4:], strict=False))
     found = estimate(turned[:, :3], turned[:, 3], SIGMA, **more)
@@ -72,8 +91,9 @@ def test_derivatives_of_the_parity_are_those_of_differences(sensors):
     model = model_of(sensors)
     vector = random_vector(model, 3)
     true = poses(5)
-    turned = model.readings(true, vector) \
-        + 3e-4 * np.random.default_rng(4).normal(size=(5, sensors))
+    turned = model.readings(true, vector) + 3e-4 * np.random.default_rng(4).normal(
+        size=(5, sensors)
+    )
     columns = tuple(range(model.layout.count))
 
     def settled(vector, columns=()):
@@ -82,13 +102,15 @@ def test_derivatives_of_the_parity_are_those_of_differences(sensors):
     here = settled(vector, columns)
     for column in columns[::2]:
         step = 2e-6 * np.eye(len(columns))[column]
-        above, below = (np.sum(settled(moved).parity ** 2, axis=1)
-                        for moved in (vector + step, vector - step))
+        above, below = (
+            np.sum(settled(moved).parity ** 2, axis=1) for moved in (vector + step, vector - step)
+        )
         expected = (above - below) / 4e-6
         found = 2.0 * np.einsum('nk,nk->n', here.parity, here.derivative[:, :, column])
         # What the Gauss-Newton derivative leaves out is of the parity's own size.
-        scale = np.linalg.norm(here.derivative[:, :, column], axis=1) * \
-            np.linalg.norm(here.parity, axis=1)
+        scale = np.linalg.norm(here.derivative[:, :, column], axis=1) * np.linalg.norm(
+            here.parity, axis=1
+        )
         assert np.abs(found - expected).max() < 0.02 * scale.max() + 1e-6 * abs(expected).max()
 
 
@@ -125,9 +147,12 @@ def test_the_parity_of_a_constant_error_has_no_jump_and_begins_with_that_of_four
     rotation = workspace_pose(0.25, azimuth, 0.8 + 0.5 * np.sin(azimuth))
     turned = model.readings(rotation, np.zeros(model.layout.count))
     turned[:, 2] += 3e-4
-    found, of_four = (each.linearised(turned[:, :each.layout.sensors], rotation,
-                                      np.zeros(each.layout.count), (0, 1, 2))
-                      for each in (model, four))
+    found, of_four = (
+        each.linearised(
+            turned[:, : each.layout.sensors], rotation, np.zeros(each.layout.count), (0, 1, 2)
+        )
+        for each in (model, four)
+    )
     assert found.usable.all()
     for parity in found.parity.T:
         assert np.ptp(parity) > 0.1

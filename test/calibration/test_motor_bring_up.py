@@ -24,15 +24,19 @@ def release(torque, friction=TRUE, rest=0.02):
 def test_inertia_and_friction_are_those_of_the_motion():
     found = identify_friction([release(0.02), release(-0.03), release(0.05)])
     assert [found.inertia, found.viscous, found.dry] == pytest.approx(
-        [TRUE.inertia, TRUE.viscous, TRUE.dry], rel=0.02)
+        [TRUE.inertia, TRUE.viscous, TRUE.dry], rel=0.02
+    )
     # Half of what Colgate's and Schenkel's condition allows.
     assert TRUE.stiffest(0.015, 1e-3, 2e-3) == pytest.approx(0.5 * 0.02 / 2.5e-3)
     assert Friction(1.0, -0.01, 0.0).stiffest(0.005, 1e-3, 1e-3) == 0.0
 
 
 def test_what_determines_no_friction_is_refused_by_its_number():
-    with pytest.raises(CalibrationError, match=r'release 2 turns the handle by 0\.0\d+ rad: '
-                       r'expected 0\.02 or more; is the handle free\?'):
+    with pytest.raises(
+        CalibrationError,
+        match=r'release 2 turns the handle by 0\.0\d+ rad: '
+        r'expected 0\.02 or more; is the handle free\?',
+    ):
         identify_friction([release(0.02), release(0.0041)])
     # Of one push without friction, inertia and dry friction look the same.
     parabola = TIME, 4.0 * np.maximum(TIME - 0.02, 0.0) ** 2, 0.016 * (TIME > 0.02)

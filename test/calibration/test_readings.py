@@ -24,8 +24,9 @@ def motion(seed=1, noise=NOISE):
     """Return smooth readings on any turn, rad, and the same without noise."""
     random = np.random.default_rng(seed)
     t = STAMPS * 1e-9
-    true = np.stack([3.0 + 0.5 * np.sin(tau * t / period) for period in (5.0, 3.1, 4.3, 7.7)],
-                    axis=1)
+    true = np.stack(
+        [3.0 + 0.5 * np.sin(tau * t / period) for period in (5.0, 3.1, 4.3, 7.7)], axis=1
+    )
     return (true + noise * random.normal(size=true.shape)) % tau, true
 
 
@@ -35,8 +36,9 @@ def off(found, true):
     return (found.readings - true[rows] + np.pi) % tau - np.pi
 
 
-@pytest.mark.parametrize('rate, together, tolerance', [
-    (1000, 2, 0.05), (250, 1, 0.1), (50, 1, 0.2), (10, 1, 0.5)])
+@pytest.mark.parametrize(
+    'rate, together, tolerance', [(1000, 2, 0.05), (250, 1, 0.1), (50, 1, 0.2), (10, 1, 0.5)]
+)
 def test_means_are_of_the_readings_across_the_turn_at_any_rate(rate, together, tolerance):
     read, true = motion()
     every = slice(None, None, 1000 // rate)
@@ -73,8 +75,11 @@ def test_a_gap_is_bridged_by_no_mean():
 
 def test_too_few_sets_rest_and_nothing_but_spikes_are_refused():
     read, _ = motion()
-    with pytest.raises(CalibrationError, match=r'^1999 sets of four encoders in 2\.0 s; a motion '
-                       r'needs at least 200 sets and 2 s$'):
+    with pytest.raises(
+        CalibrationError,
+        match=r'^1999 sets of four encoders in 2\.0 s; a motion '
+        r'needs at least 200 sets and 2 s$',
+    ):
         motion_readings(STAMPS[:1999], read[:1999])
     with pytest.raises(CalibrationError, match=r'^150 sets of four encoders in 14\.9 s; '):
         motion_readings(STAMPS[::100][:150], read[::100][:150])
@@ -112,12 +117,16 @@ def test_stamps_that_go_back_are_refused_and_a_jump_forward_is_none():
 
 
 def test_readings_of_a_hand_with_outliers_rest_and_a_gap_are_made_ready_as_recorded():
-    stamps, raw, _, _ = readings(random_rig(3, DEVIATIONS), replace(
-        SHORT, seconds=12.0, outliers=0.05, dropout=0.05, rest=0.1), 8)
+    stamps, raw, _, _ = readings(
+        random_rig(3, DEVIATIONS),
+        replace(SHORT, seconds=12.0, outliers=0.05, dropout=0.05, rest=0.1),
+        8,
+    )
     found = motion_readings(stamps, raw)
     lines = [f'{found.sets} sets, {found.spikes} spikes, noise, and means:'] + [
         ' '.join(f'{angle:.4f}' for angle in np.degrees(row))
-        for row in (found.noise, *found.readings[::1000])]
+        for row in (found.noise, *found.readings[::1000])
+    ]
     assert_recorded('calibration/readings.txt', '\n'.join(lines))
 
 

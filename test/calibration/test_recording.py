@@ -63,11 +63,20 @@ def quick(monkeypatch):
     monkeypatch.setattr(recording, 'PATIENCE', 0.25)
 
 
-@pytest.mark.parametrize('then, ended', (
-    (None, ['no more sets of readings arrive: no answer from joint_1a; what arrived before '
-            'that is used']),
-    (DOWN, ['can0: the interface is down; what arrived before that is used']),
-    (SourceEnded(), [])))
+@pytest.mark.parametrize(
+    'then, ended',
+    (
+        (
+            None,
+            [
+                'no more sets of readings arrive: no answer from joint_1a; what arrived before '
+                'that is used'
+            ],
+        ),
+        (DOWN, ['can0: the interface is down; what arrived before that is used']),
+        (SourceEnded(), []),
+    ),
+)
 def test_what_came_before_the_end_of_the_source_is_kept(then, ended):
     stamps, angles, notes = recorded(Device(300, then))
     np.testing.assert_array_equal(stamps, 1_000_000 * np.arange(1, 301))
@@ -88,12 +97,16 @@ def test_what_came_before_ctrl_c_is_kept_where_the_caller_wants_it(keep):
         assert not keep
 
 
-@pytest.mark.parametrize('sets, then, keep, text', (
-    (0, None, True, 'no set of readings arrived: no answer from joint_1a'),
-    (0, SourceEnded(), True, 'no set of readings arrived: no answer from joint_1a'),
-    (0, DOWN, True, 'can0: the interface is down'),
-    (300, DOWN, False, 'can0: the interface is down'),
-    (300, KeyError('of the code'), True, 'of the code')))
+@pytest.mark.parametrize(
+    'sets, then, keep, text',
+    (
+        (0, None, True, 'no set of readings arrived: no answer from joint_1a'),
+        (0, SourceEnded(), True, 'no set of readings arrived: no answer from joint_1a'),
+        (0, DOWN, True, 'can0: the interface is down'),
+        (300, DOWN, False, 'can0: the interface is down'),
+        (300, KeyError('of the code'), True, 'of the code'),
+    ),
+)
 def test_nothing_or_a_part_of_what_is_needed_whole_is_an_error(sets, then, keep, text):
     with pytest.raises((CalibrationError, InputError, KeyError), match=text):
         recorded(Device(sets, then), keep=keep)
@@ -104,29 +117,39 @@ def test_the_recording_ends_when_it_is_enough_or_long_enough(monkeypatch):
     recorded(Device(300), evaluate=lambda found, since: seen.append(since) or len(seen) > 2)
     assert len(seen) == 3 and seen[0] == 0.0 < seen[1]
     # As long as it says, however long an evaluation takes.
-    stamps, _, notes = recorded(Device(10 ** 9, pause=1e-4), 0.1, lambda *_: time.sleep(0.15))
+    stamps, _, notes = recorded(Device(10**9, pause=1e-4), 0.1, lambda *_: time.sleep(0.15))
     assert notes == [] and len(stamps) == 101 and stamps[-1] - stamps[0] == 100_000_000
     # The first evaluation is after a second; no read takes more than a tenth of one.
     waits, sleep, wait = set(), time.sleep, recording.wait
     monkeypatch.setattr(time, 'sleep', lambda each: waits.add(each) or sleep(0.01 * each))
-    monkeypatch.setattr(recording, 'wait', lambda collecting, each: waits.add(each) or wait(
-        collecting, 0.01 * each))
+    monkeypatch.setattr(
+        recording,
+        'wait',
+        lambda collecting, each: waits.add(each) or wait(collecting, 0.01 * each),
+    )
     record(Device(1), 60.0, lambda *_: True)
     assert 1.0 in waits <= {0.0, 0.1, 1.0}
 
 
 def test_sets_that_are_left_out_are_reported_with_their_joint(monkeypatch, capsys):
-    monkeypatch.setattr(motion_source, 'make_source', lambda source, values: Device(
-        300, SourceEnded(), nth=10))
+    monkeypatch.setattr(
+        motion_source, 'make_source', lambda source, values: Device(300, SourceEnded(), nth=10)
+    )
     values = {'sensors': 5, 'encoders.counts_per_turn': (360, 360, 3600, 360, 360)}
     stamps, angles = motion_source.read_motion('can', {}, 60.0, 20.0, 'move it')
     counts = motion_source.record_pose('can', values, 60.0)
     assert len(stamps) == 270 and np.isfinite(angles).all()
     # Each in a turn.
     np.testing.assert_array_equal(counts, [(6, 11, 172, 23, 270)] * 270)
-    assert capsys.readouterr().err.count(
-        'calibrate: joint_3b has no reading in 30 of 300 sets; these are left out\n') == 2
+    assert (
+        capsys.readouterr().err.count(
+            'calibrate: joint_3b has no reading in 30 of 300 sets; these are left out\n'
+        )
+        == 2
+    )
     # In a third of the sets: that is no recording.
-    with pytest.raises(CalibrationError, match='joint_3b has no reading in 100 of 300 sets; '
-                       'expected readings of all joints'):
+    with pytest.raises(
+        CalibrationError,
+        match='joint_3b has no reading in 100 of 300 sets; expected readings of all joints',
+    ):
         recorded(Device(300, SourceEnded(), nth=3))

@@ -29,16 +29,18 @@ def samples(direction, zeros, seed, links=0.0):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('seed', [0, *(
-    pytest.param(seed, marks=pytest.mark.evidence) for seed in (1, 2, 3))])
+@pytest.mark.parametrize(
+    'seed', [0, *(pytest.param(seed, marks=pytest.mark.evidence) for seed in (1, 2, 3))]
+)
 def test_the_best_are_the_true_ones_and_stand_alone(seed):
     random = np.random.default_rng(seed)
     direction, zeros = random.choice((-1, 1), 4), random.uniform(-np.pi, np.pi, 4)
     read = samples(direction, zeros, seed, links=radians(0.3))
     found, again = (search_zeros(read, model_of().layout, 24) for _ in range(2))
     best = found[0]
-    assert all(np.array_equal(one.zeros, other.zeros)
-               for one, other in zip(found, again, strict=True))
+    assert all(
+        np.array_equal(one.zeros, other.zeros) for one, other in zip(found, again, strict=True)
+    )
     assert [each.misfit for each in found] == sorted(each.misfit for each in found)
     assert best.direction == tuple(direction)
     # Links off by 0.3 deg are explained by zeros off by a degree.
@@ -48,6 +50,7 @@ def test_the_best_are_the_true_ones_and_stand_alone(seed):
 
 def test_a_wrong_pair_that_several_zeros_explain_does_not_end_the_search(monkeypatch):
     """The last two of six are swapped; other swaps leave several choices."""
+
     def explaining(readings, model, count):
         first = readings[0].tolist()
         if first == [0.0, 1.0, 2.0, 3.0, 5.0, 4.0]:
@@ -70,7 +73,8 @@ def test_further_sensors_have_the_zeros_and_directions_that_those_of_four_leave(
     # Of a pose without an orientation nothing follows.
     readings[5, :4] += 1.0
     found = zero_search._with_more(
-        readings, model, zero_search.ZeroGuess(direction[:4], zeros[:4], 0.0))
+        readings, model, zero_search.ZeroGuess(direction[:4], zeros[:4], 0.0)
+    )
     assert found.direction == direction
     assert np.abs(wrapped(found.vector[:6] - zeros)).max() < 1e-6
     assert not found.vector[6:].any()

@@ -25,11 +25,16 @@ def test_the_layout_names_panels_topics_and_figures_that_there_are():
     text = json.dumps(LAYOUT['configById'])
     topics = {path.partition('.')[0] for path in re.findall(r'"value": "(/[^"\\]+)', text)}
     assert topics == {'/state', '/source', '/measured_js', '/protection_level', '/diagnostics'}
-    assert all(f'`{topic.strip("/")}`' in INTERFACES or f'`{topic}`' in INTERFACES
-               for topic in topics)
+    assert all(
+        f'`{topic.strip("/")}`' in INTERFACES or f'`{topic}`' in INTERFACES for topic in topics
+    )
     nodes = ''.join(path.read_text() for path in (ROOT / 'spm_haptic_master/nodes').glob('*.py'))
-    paths = [path['value'] for panel in LAYOUT['configById'].values()
-             for path in panel.get('paths', []) if '{' in path['value']]
+    paths = [
+        path['value']
+        for panel in LAYOUT['configById'].values()
+        for path in panel.get('paths', [])
+        if '{' in path['value']
+    ]
     assert len(paths) == 3
     for path in paths:
         name, key = re.findall(r'=="([^"]+)"', path)
@@ -63,25 +68,33 @@ def test_rviz_shows_the_description_of_an_arm_in_its_base_frame():
     assert shown('arms/left')['RobotModel'] == {**displays['RobotModel'], 'TF Prefix': 'arms/left'}
 
 
-@pytest.mark.parametrize(('source', 'config', 'calibration', 'expected'), [
-    ('', '', '', 'sim'), ('', 'rig.yaml', '', ''), ('', '', 'calibration.yaml', ''),
-    ('sim', 'rig.yaml', 'calibration.yaml', 'sim'), ('can', '', '', 'can')])
+@pytest.mark.parametrize(
+    ('source', 'config', 'calibration', 'expected'),
+    [
+        ('', '', '', 'sim'),
+        ('', 'rig.yaml', '', ''),
+        ('', '', 'calibration.yaml', ''),
+        ('sim', 'rig.yaml', 'calibration.yaml', 'sim'),
+        ('can', '', '', 'can'),
+    ],
+)
 def test_a_rig_is_not_simulated_unless_that_is_asked_for(source, config, calibration, expected):
     assert source_to_show(source, config, calibration) == expected
 
 
 @pytest.mark.parametrize('is_calibrated', [False, True])
 def test_a_nominal_device_has_the_installed_meshes_and_a_calibrated_one_its_own(
-        is_calibrated, tmp_path):
+    is_calibrated, tmp_path
+):
     calibration = tmp_path / 'calibration.yaml'
-    calibration.write_text(yaml.safe_dump(
-        {'/**': {'ros__parameters': rig_as_built.mechanism()}}))
+    calibration.write_text(yaml.safe_dump({'/**': {'ros__parameters': rig_as_built.mechanism()}}))
     geometry = mechanism('', str(calibration) if is_calibrated else '', 'left')
     built = rig_as_built.rig()['base_axes']
     assert np.allclose(geometry.base_axes, built, atol=1e-6) == is_calibrated
     names = set(re.findall(r'filename="([^"]+)"', describe(geometry, tmp_path / 'urdf')))
-    prefix, folder = (f'file://{tmp_path}', tmp_path) if is_calibrated else (
-        INSTALLED, ROOT / 'urdf')
+    prefix, folder = (
+        (f'file://{tmp_path}', tmp_path) if is_calibrated else (INSTALLED, ROOT / 'urdf')
+    )
     assert len(names) == 8
     assert all((folder / name.removeprefix(f'{prefix}/')).is_file() for name in names)
     assert (tmp_path / 'urdf').exists() == is_calibrated

@@ -38,8 +38,11 @@ def test_every_part_of_a_link_is_closed_and_filled_with_its_mass(geometry):
     bodies, named = solids.masses(geometry), solids.solids(geometry)
     bodies['platform'] = bodies.pop('spm_platform')
     for name, solid in named.items():
-        edges = Counter((int(a), int(b)) for triangle in solid.triangles
-                        for a, b in zip(triangle, np.roll(triangle, -1), strict=True))
+        edges = Counter(
+            (int(a), int(b))
+            for triangle in solid.triangles
+            for a, b in zip(triangle, np.roll(triangle, -1), strict=True)
+        )
         assert set(edges.values()) == {1} and all((b, a) in edges for a, b in edges)
         # None is inside out.
         parts = volumes(solid)
@@ -59,38 +62,45 @@ def test_each_link_is_turned_so_that_it_joins_its_neighbours(geometry):
     z = np.array([0.0, 0.0, 1.0])
     for pose in ((0.0, 0.0, 0.0), (0.3, 1.0, 0.9), (0.2, 4.0, -0.3)):
         R = kinematics.workspace_pose(*pose)
-        *links, platform = map(kinematics.matrix_from_quaternion, solids.link_turns(
-            geometry, kinematics.mechanism_angles(tuple(R.ravel()), geometry)))
+        *links, platform = map(
+            kinematics.matrix_from_quaternion,
+            solids.link_turns(geometry, kinematics.mechanism_angles(tuple(R.ravel()), geometry)),
+        )
         np.testing.assert_allclose(platform, R, atol=1e-12)
         for k, (proximal, distal) in enumerate(zip(links[:3], links[3:], strict=True)):
             for one, other in (
-                    (proximal @ z, geometry.base_axes[k]),
-                    (proximal @ about_x(geometry.alphas[k]) @ z, distal @ z),
-                    (distal @ about_x(geometry.betas[k]) @ z, R @ geometry.platform_axes[k])):
+                (proximal @ z, geometry.base_axes[k]),
+                (proximal @ about_x(geometry.alphas[k]) @ z, distal @ z),
+                (distal @ about_x(geometry.betas[k]) @ z, R @ geometry.platform_axes[k]),
+            ):
                 np.testing.assert_allclose(one, other, atol=1e-12)
 
 
 def test_a_prism_has_its_mass_centre_and_inertia_wherever_it_is():
     """An upright regular polygon of radius 0.02 m from 0.03 to 0.08 m, by its formulas."""
     prism = solids.turned_profile([(0.02, 0.03), (0.02, 0.08)])
-    mass = 1000.0 * 0.05 * 0.5 * CORNERS * 0.02 ** 2 * sin(2.0 * pi / CORNERS)
-    polar = mass * 0.02 ** 2 / 6.0 * (2.0 + cos(2.0 * pi / CORNERS))
-    across = 0.5 * polar + mass * 0.05 ** 2 / 12.0
-    for rotation, place in ((np.eye(3), np.zeros(3)),
-                            (turn([0.3, -0.8, 0.5]), np.array([0.3, -0.2, 0.1]))):
+    mass = 1000.0 * 0.05 * 0.5 * CORNERS * 0.02**2 * sin(2.0 * pi / CORNERS)
+    polar = mass * 0.02**2 / 6.0 * (2.0 + cos(2.0 * pi / CORNERS))
+    across = 0.5 * polar + mass * 0.05**2 / 12.0
+    for rotation, place in (
+        (np.eye(3), np.zeros(3)),
+        (turn([0.3, -0.8, 0.5]), np.array([0.3, -0.2, 0.1])),
+    ):
         moved = solids.Solid(prism.turned(rotation).vertices + place, prism.triangles)
         body = moved.mass_properties(1000.0)
         assert body.mass == pytest.approx(mass, rel=1e-12)
         assert body.centre == pytest.approx(rotation @ [0.0, 0.0, 0.055] + place, abs=1e-12)
         np.testing.assert_allclose(
-            body.inertia, rotation @ np.diag([across, across, polar]) @ rotation.T, atol=1e-12)
+            body.inertia, rotation @ np.diag([across, across, polar]) @ rotation.T, atol=1e-12
+        )
 
 
 def test_a_leg_on_the_axis_of_the_handle_needs_no_bar():
     """One of no length has neither a direction nor normals."""
     drawn, _ = MECHANISMS
     ends = [(0.0, 0.0, 1.0), *drawn.platform_axes[1:]]
-    platform = solids.solids(kinematics.Geometry.from_axes(
-        drawn.base_axes, ends, drawn.alphas, drawn.betas))['platform']
+    platform = solids.solids(
+        kinematics.Geometry.from_axes(drawn.base_axes, ends, drawn.alphas, drawn.betas)
+    )['platform']
     facets = np.frombuffer(platform.stl('platform'), '12<f4, <u2', offset=84)
     assert np.isfinite(facets['f0']).all()

@@ -27,9 +27,11 @@ NUMBER = re.compile(r'-?\d+\.?\d*(?:e-?\d+)?')
 def poses(geometry, largest_deg):
     """Return matrices of poses within reach over the whole workspace."""
     rng, n = np.random.default_rng(17), 3000
-    drawn = workspace_pose(np.radians(26.0) * np.sqrt(rng.uniform(size=n)),
-                           rng.uniform(0.0, 2.0 * np.pi, n),
-                           np.radians(rng.uniform(-20.0, largest_deg, n)))
+    drawn = workspace_pose(
+        np.radians(26.0) * np.sqrt(rng.uniform(size=n)),
+        rng.uniform(0.0, 2.0 * np.pi, n),
+        np.radians(rng.uniform(-20.0, largest_deg, n)),
+    )
     return drawn[~np.isnan(inverse(drawn, geometry).theta3a)]
 
 
@@ -39,9 +41,17 @@ class MujocoTree:
     def __init__(self, folder):
         self._mujoco = pytest.importorskip('mujoco', reason='mujoco is not installed')
         # Links without a mesh are kept as bodies; those that move have their mass.
-        text = (folder / 'spm.urdf').read_text().replace('<robot name="spm_haptic_master">', (
-            '<robot name="spm_haptic_master"><mujoco><compiler strippath="true" '
-            f'meshdir="{folder}/meshes" fusestatic="false" discardvisual="true"/></mujoco>'))
+        text = (
+            (folder / 'spm.urdf')
+            .read_text()
+            .replace(
+                '<robot name="spm_haptic_master">',
+                (
+                    '<robot name="spm_haptic_master"><mujoco><compiler strippath="true" '
+                    f'meshdir="{folder}/meshes" fusestatic="false" discardvisual="true"/></mujoco>'
+                ),
+            )
+        )
         self.model = self._mujoco.MjModel.from_xml_string(text)
         self._data = self._mujoco.MjData(self.model)
 
@@ -80,19 +90,25 @@ def test_the_platform_has_the_orientation_and_the_legs_close(tmp_path, geometry)
 
 def test_the_joints_have_the_limits_of_the_other_rooms():
     robot = ElementTree.fromstring(urdf.urdf(Geometry(), 'meshes'))
-    limits = {joint.get('name'): joint.find('limit').attrib for joint in robot.iter('joint')
-              if joint.get('type') == 'revolute'}
+    limits = {
+        joint.get('name'): joint.find('limit').attrib
+        for joint in robot.iter('joint')
+        if joint.get('type') == 'revolute'
+    }
     assert list(limits) == list(MECHANISM_JOINT_NAMES)
     (speed,) = [each.default for each in FKM_SETTINGS if each.name == 'joint_speed']
     assert urdf.JOINT_SPEED == speed and urdf.MOTOR_TORQUE == ForceLimits().motor_torque
     assert {name for name, limit in limits.items() if float(limit['effort'])} == {
-        f'joint_1{leg}' for leg in solids.LEGS}
+        f'joint_1{leg}' for leg in solids.LEGS
+    }
 
 
 @pytest.mark.parametrize('geometry', MECHANISMS)
 def test_the_joints_reach_the_workspace_and_little_more(geometry):
-    found = [np.degrees(mechanism_angles(tuple(pose.ravel()), geometry))
-             for pose in poses(geometry, 100.0)]
+    found = [
+        np.degrees(mechanism_angles(tuple(pose.ravel()), geometry))
+        for pose in poses(geometry, 100.0)
+    ]
     low, high = np.degrees(np.transpose(urdf.joint_limits(geometry)))
     least, largest = np.min(found, axis=0), np.max(found, axis=0)
     assert (least >= low).all() and (largest <= high).all()
@@ -101,6 +117,7 @@ def test_the_joints_reach_the_workspace_and_little_more(geometry):
 
 def test_the_installed_files_are_current():
     """Those in urdf/ are what `make docs` writes, to the rounding of another machine's sine."""
+
     def numbers(text):
         return np.array(NUMBER.findall(text), dtype=float), NUMBER.sub('#', text)
 

@@ -10,14 +10,14 @@ import pytest
 from spm_haptic_master import kinematics
 from spm_haptic_master.description.workspace_map import colour_bar, HALF_ANGLE, WorkspaceMap
 
-CENTRE = np.ones(3) / 3.0 ** 0.5
+CENTRE = np.ones(3) / 3.0**0.5
 # Colours of dexterity 0, 0.1, 0.2: dark red, amber, blue.
 COLOURS = np.array([(150, 0, 20), (225, 160, 30), (20, 95, 160)])
 
 
 def poses_of(axes, phi):
     """Return the poses of the cone with these platform axes."""
-    across, along = np.array([[1.0, -1.0, 0.0], [1.0, 1.0, -2.0]]) / [[2.0 ** 0.5], [6.0 ** 0.5]]
+    across, along = np.array([[1.0, -1.0, 0.0], [1.0, 1.0, -2.0]]) / [[2.0**0.5], [6.0**0.5]]
     tilts = np.arccos(np.clip(axes @ CENTRE, -1.0, 1.0))
     return kinematics.workspace_pose(tilts, np.arctan2(axes @ along, axes @ across), phi)
 
@@ -29,14 +29,17 @@ def test_the_map_has_the_dexterity_and_the_singularities(phi):
     assert tilts.max() < HALF_ANGLE
     # Evenly over the cone: as many tiles within a part of it as its area has of the whole.
     assert np.mean(tilts < 0.5 * HALF_ANGLE) == pytest.approx(
-        (1 - np.cos(0.5 * HALF_ANGLE)) / (1 - np.cos(HALF_ANGLE)), abs=0.01)
+        (1 - np.cos(0.5 * HALF_ANGLE)) / (1 - np.cos(HALF_ANGLE)), abs=0.01
+    )
     apart = np.linalg.norm(drawn.axes - drawn.axes[:, None], axis=-1) + 9.0 * np.eye(len(tilts))
     assert apart.min() > 0.85 * np.sqrt(2.0 * np.pi * (1 - np.cos(HALF_ANGLE)) / len(tilts))
     poses, colours = poses_of(drawn.axes, phi), drawn.colours(phi)
     np.testing.assert_allclose(poses[..., 2], drawn.axes, atol=1e-12)
     eta = kinematics.dexterity(poses)
-    assert colour_bar() == {'colours': [f'rgb({r},{g},{b})' for r, g, b in COLOURS],
-                            'words': ['0: singular', '0.1', '0.2 and more']}
+    assert colour_bar() == {
+        'colours': [f'rgb({r},{g},{b})' for r, g, b in COLOURS],
+        'words': ['0: singular', '0.1', '0.2 and more'],
+    }
     # The nearer to a singularity, the nearer to the first colour.
     grey = np.ptp(colours.astype(int), axis=1) == 0
     assert np.array_equal(grey, np.isnan(eta))

@@ -17,8 +17,7 @@ MS = 1e-3
 
 def drive_values(**overrides):
     """Return the checked settings of three drives; in names, __ stands for a dot."""
-    given = {'drives.channel': 'test', 'drives.interface': 'virtual',
-             'drives.rated_torque': [0.5]}
+    given = {'drives.channel': 'test', 'drives.interface': 'virtual', 'drives.rated_torque': [0.5]}
     given |= {name.replace('__', '.'): value for name, value in overrides.items()}
     return complete((*DRIVE_SETTINGS, RATE_SETTING), given)
 
@@ -86,9 +85,14 @@ class Rig:
     def commands(self, since=0.0):
         """Return controlword and torque, per mille, of all frames of the master since a time."""
         ids = {drive.control_id for drive in self.plan.drives}
-        return [(int.from_bytes(message.data[:2], 'little'),
-                 int.from_bytes(message.data[2:4], 'little', signed=True))
-                for at, message in self.sent if at >= since and message.arbitration_id in ids]
+        return [
+            (
+                int.from_bytes(message.data[:2], 'little'),
+                int.from_bytes(message.data[2:4], 'little', signed=True),
+            )
+            for at, message in self.sent
+            if at >= since and message.arbitration_id in ids
+        ]
 
     def _put(self, messages):
         for message in messages:

@@ -35,10 +35,14 @@ def rig(starting):
 
 # Start-up ---------------------------------------------------------------------------------
 
+
 @pytest.mark.parametrize('combined', [False, True])
 def test_after_the_proof_the_drives_make_the_torques(combined):
-    with Rig(plan=make_test_plan(drives__combined=combined, drives__direction=[1, -1, 1],
-                                 drives__gear=[1.0, 2.0, 1.0])) as rig:
+    with Rig(
+        plan=make_test_plan(
+            drives__combined=combined, drives__direction=[1, -1, 1], drives__gear=[1.0, 2.0, 1.0]
+        )
+    ) as rig:
         rig.ready()
         report = rig.run(TORQUES, 0.03)
         assert report.ready and report.fault is None
@@ -54,7 +58,7 @@ def test_no_torque_goes_out_before_the_drives_have_fallen_out_without_frames(sta
         starting.step(TORQUES)
         states.append(tuple(drive.state for drive in starting.drive))
     all_on = (State.ENABLED,) * 3
-    assert (State.DISABLED,) * 3 in states[states.index(all_on):]
+    assert (State.DISABLED,) * 3 in states[states.index(all_on) :]
     # Three frames of the sample in which they became ready.
     *before, first, second, third = [torque for _, torque in starting.commands()]
     assert (first, second, third) == (200, -400, 100)
@@ -67,7 +71,8 @@ def test_a_drive_that_goes_on_without_frames_gets_no_torque():
         assert not report.ready
         assert report.fault.startswith(
             'drive of joint_1b (node 12) did not leave Operation enabled without frames of this '
-            'master; expected within 28 ms by its event timer')
+            'master; expected within 28 ms by its event timer'
+        )
         assert {torque for _, torque in rig.commands()} == {0}
         assert all(drive.state is State.DISABLED for drive in rig.drive)
 
@@ -101,8 +106,9 @@ def test_one_of_three_proofs_has_to_be_in_time(starting, late, ready):
     """A proof is late by the heartbeat, in place of the event timer; this machine may be, too."""
     drive, proofs = starting.drive[2], 0
     value = drive.objects.value
-    drive.objects.value = lambda index, sub: \
+    drive.objects.value = lambda index, sub: (
         0 if (index, sub) == (0x1400, 5) and proofs <= late else value(index, sub)
+    )
     while not (starting.report and (starting.report.ready or starting.report.fault)):
         before = drive.state
         starting.step(ZERO)
@@ -133,11 +139,15 @@ def test_drives_that_are_off_are_waited_for(starting):
     assert starting.report.fault is None
 
 
-@pytest.mark.parametrize(('key', 'value', 'words'), [
-    ((0x6007, 0), 3, '0x6007:00 abort connection option: 3, wanted 2'),
-    ((0x6076, 0), 400, '0x6076:00 rated torque: 400, wanted 500'),
-    ((0x1400, 5), 0, '0x1400:05 RPDO1 event timer, ms: 0, wanted 10'),
-    ((0x1600, 2), 0x607A0020, '0x1600:02 RPDO1 mapping: 0x607A0020, wanted 0x60710010')])
+@pytest.mark.parametrize(
+    ('key', 'value', 'words'),
+    [
+        ((0x6007, 0), 3, '0x6007:00 abort connection option: 3, wanted 2'),
+        ((0x6076, 0), 400, '0x6076:00 rated torque: 400, wanted 500'),
+        ((0x1400, 5), 0, '0x1400:05 RPDO1 event timer, ms: 0, wanted 10'),
+        ((0x1600, 2), 0x607A0020, '0x1600:02 RPDO1 mapping: 0x607A0020, wanted 0x60710010'),
+    ],
+)
 def test_what_is_not_as_wanted_is_named_and_gets_no_torque(starting, key, value, words):
     objects = starting.drive[1].objects
     objects.show(key, value)
@@ -152,7 +162,8 @@ def test_what_is_not_as_wanted_is_named_and_gets_no_torque(starting, key, value,
 def test_a_node_that_is_no_drive_gets_no_torque(starting):
     starting.drive[0].objects.show((0x1000, 0), 0x00010196)
     assert starting.run(TORQUES, STARTED).fault == (
-        'drive of joint_1a (node 11): device type 0x00010196; expected a drive (profile 402)')
+        'drive of joint_1a (node 11): device type 0x00010196; expected a drive (profile 402)'
+    )
     assert starting.commands() == []
 
 
@@ -170,11 +181,14 @@ def test_profile_torque_is_chosen_where_the_cyclic_mode_is_missing(starting, mod
 def test_a_drive_that_does_not_reach_operation_enabled_is_named(starting):
     starting.drive[1]._controlword = lambda word: []
     report = starting.run(TORQUES, STARTED)
-    assert report.fault == ('drive of joint_1b (node 12): Switch on disabled 2 s after its start; '
-                            'expected Operation enabled')
+    assert report.fault == (
+        'drive of joint_1b (node 12): Switch on disabled 2 s after its start; '
+        'expected Operation enabled'
+    )
 
 
 # Operation --------------------------------------------------------------------------------
+
 
 def test_frames_that_stop_are_zero_torque_within_the_event_timer(rig):
     assert all(drive.torque for drive in rig.drive)
@@ -192,8 +206,9 @@ def test_one_drive_fault_is_zero_torque_of_all_within_5_ms(rig):
     assert rig.run_until(TORQUES, lambda report: report.fault is not None) <= 5 * MS
     rig.step(TORQUES)
     assert not any(drive.torque for drive in rig.drive)
-    assert rig.report.fault == ('drive of joint_1b (node 12): EMCY 0x2310 continuous over '
-                                'current, error register 0x01')
+    assert rig.report.fault == (
+        'drive of joint_1b (node 12): EMCY 0x2310 continuous over current, error register 0x01'
+    )
     rig.run(TORQUES, 0.5)
     assert set(rig.commands(began + 5 * MS)) == {(0, 0)}
 
@@ -212,8 +227,7 @@ def test_a_drive_whose_heartbeat_never_came_gets_no_torque_for_long(starting):
     while starting.bus.recv(0.0) is not None:
         pass
     put, own = starting._put, canopen.HEARTBEAT_BASE + 12
-    starting._put = lambda messages: put([each for each in messages
-                                          if each.arbitration_id != own])
+    starting._put = lambda messages: put([each for each in messages if each.arbitration_id != own])
     report = starting.run(TORQUES, STARTED)
     assert report.fault is not None
     assert report.fault.startswith('drive of joint_1b (node 12): no heartbeat for 6')
@@ -277,8 +291,13 @@ def test_a_torque_above_the_limit_is_limited(rig):
 def test_a_foreign_frame_of_the_same_identifier_is_no_status(rig):
     rig.other.send(canopen.frame(0x18B, b'\x08\0'))
     for kind in ('is_extended_id', 'is_remote_frame', 'is_error_frame'):
-        rig.other.send(can.Message(arbitration_id=0x18B, data=b'\x08\0\0\0\x0a', **{
-            'is_extended_id': False, kind: True}))
+        rig.other.send(
+            can.Message(
+                arbitration_id=0x18B,
+                data=b'\x08\0\0\0\x0a',
+                **{'is_extended_id': False, kind: True},
+            )
+        )
     assert rig.run(TORQUES, 0.01).fault is None
 
 
@@ -293,6 +312,7 @@ def test_closing_sends_zero_torque_and_then_disables_the_voltage(rig):
 
 # Bus --------------------------------------------------------------------------------------
 
+
 @pytest.mark.parametrize(('seconds', 'identifier'), [(0.02, 0x60B), (STARTED, 0x20B)])
 def test_a_full_buffer_is_a_fault_and_ends_the_start_up(starting, seconds, identifier):
     def full(message, timeout):
@@ -305,7 +325,8 @@ def test_a_full_buffer_is_a_fault_and_ends_the_start_up(starting, seconds, ident
     starting.sent.clear()
     report = starting.run(TORQUES, 0.5)
     assert not report.ready and report.fault == (
-        f'virtual test: frame 0x{identifier:X} not sent: Transmit buffer full')
+        f'virtual test: frame 0x{identifier:X} not sent: Transmit buffer full'
+    )
     # In the start-up nothing goes out any more, after it no torque.
     assert set(starting.commands()) <= {(0, 0)}
     assert bool(starting.sent) is (seconds == STARTED)

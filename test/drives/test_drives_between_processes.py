@@ -17,27 +17,40 @@ TORQUES = (0.1, -0.2, 0.05)
 # Rated torque (N m): twice of it for a second is too much heat for a simulated drive. Time-outs
 # that other programs of this machine do not exhaust (s).
 RATED = 0.2
-SETTINGS = {'drives.rated_torque': [RATED], 'drives.event_timer': 0.5,
-            'drives.status_timeout': 1.0, 'drives.heartbeat_timeout': 0.5}
+SETTINGS = {
+    'drives.rated_torque': [RATED],
+    'drives.event_timer': 0.5,
+    'drives.status_timeout': 1.0,
+    'drives.heartbeat_timeout': 0.5,
+}
 
 
 @pytest.fixture
 def sim_bus(start, bus_channel):
     """Start sim_bus with drives alone on their bus; give a function for its arguments."""
+
     def run(*args):
-        program = start('sim_bus', '--drives', '3', *args, parameters={
-            'can.interface': 'udp_multicast', 'can.channel': bus_channel, **SETTINGS})
-        assert wait_until(lambda: 'sim_bus: 3 drives on udp_multicast' in program.stdout,
-                          PATIENCE), program.stderr
+        program = start(
+            'sim_bus',
+            '--drives',
+            '3',
+            *args,
+            parameters={'can.interface': 'udp_multicast', 'can.channel': bus_channel, **SETTINGS},
+        )
+        assert wait_until(
+            lambda: 'sim_bus: 3 drives on udp_multicast' in program.stdout, PATIENCE
+        ), program.stderr
         return program
+
     return run
 
 
 @pytest.fixture
 def drives(bus_channel):
     """Give drives on that bus."""
-    made = make_drives(drive_values(drives__interface='udp_multicast',
-                                    drives__channel=bus_channel, **SETTINGS))
+    made = make_drives(
+        drive_values(drives__interface='udp_multicast', drives__channel=bus_channel, **SETTINGS)
+    )
     yield made
     made.close()
 
@@ -55,16 +68,20 @@ def step_until(drives, torques, condition):
 
 def started(drives):
     """Step the start-up to its end; return the last report."""
-    return step_until(drives, (0.0, 0.0, 0.0), lambda report: report.ready or (
-        report.fault and 'does not answer' not in report.fault))
+    return step_until(
+        drives,
+        (0.0, 0.0, 0.0),
+        lambda report: report.ready or (report.fault and 'does not answer' not in report.fault),
+    )
 
 
 def test_simulated_drives_are_proven_make_torques_and_report_a_fault(sim_bus, drives):
     sim_bus()
     report = started(drives)
     assert report.fault is None
-    report = step_until(drives, TORQUES, lambda report: report.fault or report.torques
-                        == pytest.approx(TORQUES))
+    report = step_until(
+        drives, TORQUES, lambda report: report.fault or report.torques == pytest.approx(TORQUES)
+    )
     assert report.fault is None and report.ready
     report = step_until(drives, (0.0, 2.0 * RATED, 0.0), lambda report: report.fault)
     assert not report.ready

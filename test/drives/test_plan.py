@@ -23,22 +23,28 @@ def test_nothing_is_opened_before_the_first_step():
     drives.close()
 
 
-@pytest.mark.parametrize(('given', 'name', 'words'), [
-    ({'drives__rated_torque': [0.0]}, 'drives.rated_torque', 'rated torque, N m, above 0'),
-    ({'drives__rated_torque': [0.1, 0.2]}, 'drives.rated_torque', 'one value, or 3'),
-    ({'drives__node_id': [11, 11, 12]}, 'drives.node_id', 'different node ids'),
-    ({'drives__node_id': [11, 12, 126]}, 'drives.node_id', 'drives.master_id'),
-    ({'drives__node_id': [1, 2, 3, 4, 5]}, 'drives.node_id', 'at most 4 drives'),
-    ({'drives__torque_limit': 16.384}, 'drives.torque_limit', 'it is 32768'),
-    ({'drives__torque_limit': 0.001, 'drives__rated_torque': [2.0]}, 'drives.torque_limit',
-     'it is 0'),
-    ({'drives__event_timer': 0.0105}, 'drives.event_timer', 'whole milliseconds'),
-    ({'drives__event_timer': 0.002}, 'drives.event_timer', '3 samples at rate 1000 Hz'),
-    ({'drives__status_timeout': 0.007}, 'drives.status_timeout', 'at least 0.008 s'),
-    ({'drives__heartbeat_timeout': 0.039}, 'drives.heartbeat_timeout', 'at least 0.04 s'),
-    ({'drives__interface': 'nothing'}, 'drives.interface', 'one of '),
-    ({'drives__bitrate': 250_000}, 'drives.bitrate', '% bus load'),
-])
+@pytest.mark.parametrize(
+    ('given', 'name', 'words'),
+    [
+        ({'drives__rated_torque': [0.0]}, 'drives.rated_torque', 'rated torque, N m, above 0'),
+        ({'drives__rated_torque': [0.1, 0.2]}, 'drives.rated_torque', 'one value, or 3'),
+        ({'drives__node_id': [11, 11, 12]}, 'drives.node_id', 'different node ids'),
+        ({'drives__node_id': [11, 12, 126]}, 'drives.node_id', 'drives.master_id'),
+        ({'drives__node_id': [1, 2, 3, 4, 5]}, 'drives.node_id', 'at most 4 drives'),
+        ({'drives__torque_limit': 16.384}, 'drives.torque_limit', 'it is 32768'),
+        (
+            {'drives__torque_limit': 0.001, 'drives__rated_torque': [2.0]},
+            'drives.torque_limit',
+            'it is 0',
+        ),
+        ({'drives__event_timer': 0.0105}, 'drives.event_timer', 'whole milliseconds'),
+        ({'drives__event_timer': 0.002}, 'drives.event_timer', '3 samples at rate 1000 Hz'),
+        ({'drives__status_timeout': 0.007}, 'drives.status_timeout', 'at least 0.008 s'),
+        ({'drives__heartbeat_timeout': 0.039}, 'drives.heartbeat_timeout', 'at least 0.04 s'),
+        ({'drives__interface': 'nothing'}, 'drives.interface', 'one of '),
+        ({'drives__bitrate': 250_000}, 'drives.bitrate', '% bus load'),
+    ],
+)
 def test_settings_that_contradict_each_other_are_refused(given, name, words):
     with pytest.raises(SettingError) as caught:
         make_drives(drive_values(**given))
@@ -47,14 +53,24 @@ def test_settings_that_contradict_each_other_are_refused(given, name, words):
 
 
 def test_times_and_limits_may_be_as_short_as_they_say():
-    make_drives(drive_values(drives__event_timer=0.003, drives__status_timeout=0.008,
-                             drives__heartbeat_timeout=0.04, drives__torque_limit=16.3835))
+    make_drives(
+        drive_values(
+            drives__event_timer=0.003,
+            drives__status_timeout=0.008,
+            drives__heartbeat_timeout=0.04,
+            drives__torque_limit=16.3835,
+        )
+    )
     make_drives(drive_values(drives__torque_limit=0.001, drives__rated_torque=[1.0]))
 
 
 def test_torques_are_per_mille_of_the_rated_torque_within_the_cap():
-    plan = make_test_plan(drives__rated_torque=[0.1], drives__gear=[4.0],
-                          drives__direction=[-1], drives__torque_limit=0.3)
+    plan = make_test_plan(
+        drives__rated_torque=[0.1],
+        drives__gear=[4.0],
+        drives__direction=[-1],
+        drives__torque_limit=0.3,
+    )
     drive = plan.drives[0]
     assert drive.per_mille(0.2) == -500
     assert [drive.per_mille(torque) for torque in (9.0, -9.0)] == [-750, 750]
@@ -63,50 +79,85 @@ def test_torques_are_per_mille_of_the_rated_torque_within_the_cap():
 def test_the_frames_of_a_sample_are_laid_out_as_documented():
     plan = make_test_plan()
     assert torque_frames(plan, [0x0F, 0x06, 0x00], [1, -2, 1000], True) == [
-        (0x20B, bytes.fromhex('0f000100')), (0x20C, bytes.fromhex('0600feff')),
-        (0x20D, bytes.fromhex('0000e803'))]
+        (0x20B, bytes.fromhex('0f000100')),
+        (0x20C, bytes.fromhex('0600feff')),
+        (0x20D, bytes.fromhex('0000e803')),
+    ]
     plan = make_test_plan(drives__combined=True)
     assert torque_frames(plan, [0x0F, 0x06, 0x00], [1, -2, 1000], False) == [
-        (0x30B, bytes.fromhex('0100feffe803'))]
+        (0x30B, bytes.fromhex('0100feffe803'))
+    ]
     assert torque_frames(plan, [0x0F, 0x06, 0x00], [1, -2, 1000], True)[1:] == [
-        (0x20B, b'\x0f\0'), (0x20C, b'\x06\0'), (0x20D, b'\0\0')]
+        (0x20B, b'\x0f\0'),
+        (0x20C, b'\x06\0'),
+        (0x20D, b'\0\0'),
+    ]
 
 
 def check(encoders=(), **drives):
     """Check drives on the bus of the encoders."""
     check_shared_bus(
         drive_values(drives__interface='virtual', drives__channel='one', **drives),
-        values(can__interface='virtual', can__channel='one',
-               **{'can__bitrate': MBIT, **dict(encoders)}))
+        values(
+            can__interface='virtual',
+            can__channel='one',
+            **{'can__bitrate': MBIT, **dict(encoders)},
+        ),
+    )
 
 
 def test_drives_fit_on_the_bus_of_the_encoders_by_one_frame_and_at_an_unknown_bit_rate():
     check(drives__combined=True)
     check({'can__bitrate': 0})
-    check_shared_bus(drive_values(drives__channel='two', drives__bitrate=MBIT),
-                     values(can__interface='virtual', can__channel='one', can__bitrate=MBIT))
+    check_shared_bus(
+        drive_values(drives__channel='two', drives__bitrate=MBIT),
+        values(can__interface='virtual', can__channel='one', can__bitrate=MBIT),
+    )
 
 
 # Worst-case bits by the standard: a data frame of n bytes has 47 + 8 n, and a stuff bit for every
 # four of 34 + 8 n - 1. SYNC and encoders: 55 + 4 * 95.
-@pytest.mark.parametrize(('given', 'name', 'words'), [
-    ({}, 'drives.bitrate',
-     "parameter 'drives.bitrate' is 1000000; expected a second bus (drives.channel) or one "
-     'frame with all torques (drives.combined) or a lower rate: SYNC and encoders 435 bits x '
-     '1000 Hz + torque 285 bits x 1000 Hz + status 315 bits x 250 Hz + heartbeats 260 bits x '
-     '50 Hz = 81 % bus load, beyond 70 %'),
-    ({'drives__combined': True, 'drives__bitrate': 500_000}, 'drives.bitrate',
-     'expected a second bus (drives.channel) or a lower rate: SYNC and encoders 435 bits x '
-     '1000 Hz + torque 115 bits x 1000 Hz + status 315 bits x 250 Hz + heartbeats 260 bits x '
-     '50 Hz + controlwords 225 bits x 50 Hz = 131 % bus load'),
-    ({'drives__combined': True, 'drives__node_id': [4, 5, 6]}, 'drives.node_id',
-     '4 is in encoders.node_id'),
-    ({'drives__combined': True, 'drives__master_id': 2}, 'drives.node_id',
-     '2 is in encoders.node_id'),
-    ({'drives__combined': True, 'encoders': {'encoders__id': [0x18C, 2, 3, 4],
-                                             'can__protocol': 'raw'}}, 'encoders.id',
-     '0x18C of joint_1a'),
-])
+@pytest.mark.parametrize(
+    ('given', 'name', 'words'),
+    [
+        (
+            {},
+            'drives.bitrate',
+            "parameter 'drives.bitrate' is 1000000; expected a second bus (drives.channel) or one "
+            'frame with all torques (drives.combined) or a lower rate: SYNC and encoders '
+            '435 bits x '
+            '1000 Hz + torque 285 bits x 1000 Hz + status 315 bits x 250 Hz + heartbeats '
+            '260 bits x '
+            '50 Hz = 81 % bus load, beyond 70 %',
+        ),
+        (
+            {'drives__combined': True, 'drives__bitrate': 500_000},
+            'drives.bitrate',
+            'expected a second bus (drives.channel) or a lower rate: SYNC and encoders 435 bits x '
+            '1000 Hz + torque 115 bits x 1000 Hz + status 315 bits x 250 Hz + heartbeats '
+            '260 bits x '
+            '50 Hz + controlwords 225 bits x 50 Hz = 131 % bus load',
+        ),
+        (
+            {'drives__combined': True, 'drives__node_id': [4, 5, 6]},
+            'drives.node_id',
+            '4 is in encoders.node_id',
+        ),
+        (
+            {'drives__combined': True, 'drives__master_id': 2},
+            'drives.node_id',
+            '2 is in encoders.node_id',
+        ),
+        (
+            {
+                'drives__combined': True,
+                'encoders': {'encoders__id': [0x18C, 2, 3, 4], 'can__protocol': 'raw'},
+            },
+            'encoders.id',
+            '0x18C of joint_1a',
+        ),
+    ],
+)
 def test_drives_that_do_not_fit_on_the_bus_of_the_encoders_are_refused(given, name, words):
     with pytest.raises(SettingError) as caught:
         check(**given)

@@ -26,10 +26,12 @@ def clock(monkeypatch):
 @pytest.fixture
 def rig(monkeypatch, clock):
     """Make a source on scripted buses, one for each time that it opens one."""
+
     def make(*buses, **overrides):
         """`buses` are scripts, or exceptions that opening raises; the last one stays."""
-        scripted = [bus if isinstance(bus, Exception) else ScriptedBus(clock, bus)
-                    for bus in buses]
+        scripted = [
+            bus if isinstance(bus, Exception) else ScriptedBus(clock, bus) for bus in buses
+        ]
         opened = []
 
         def opening(interface, channel, bitrate, own=False):
@@ -40,8 +42,9 @@ def rig(monkeypatch, clock):
             return bus
 
         monkeypatch.setattr(can_bus, 'open_bus', opening)
-        source = make_source('can', values(
-            can__interface='virtual', can__channel='can7', **overrides))
+        source = make_source(
+            'can', values(can__interface='virtual', can__channel='can7', **overrides)
+        )
         source.opened, source.buses, source.clock = opened, scripted, clock
         return source
 
@@ -51,6 +54,7 @@ def rig(monkeypatch, clock):
 @pytest.fixture
 def producing(rig, monkeypatch):
     """Make a source on a scripted bus, and the producer of SYNC that stands in for its own."""
+
     def make(*buses, **overrides):
         producer = Mock(spec=SyncProducer, yielding=False, producing=False, lost=0.0)
         producer.openings.return_value, producer.statistics.return_value = [], {}

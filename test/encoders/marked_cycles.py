@@ -9,14 +9,21 @@ from encoder_frames import answer, decoder, PERIOD, sync, T0
 
 COUNT = 2.0 * 3.14159265 / 16384
 COUNTER = {'encoders__data_length': 5, 'encoders__counter_byte': 4, 'encoders__counter_mask': 0x0F}
-STATUS = {'encoders__data_length': 5, 'encoders__status_byte': 4, 'encoders__status_mask': 0x03,
-          'encoders__status_good': 0x01}
+STATUS = {
+    'encoders__data_length': 5,
+    'encoders__status_byte': 4,
+    'encoders__status_mask': 0x03,
+    'encoders__status_good': 0x01,
+}
 
 
 def rig(sensors, layout=None, **overrides):
     """Return a decoder of N encoders, and their layouts."""
-    taker = decoder(sensors=sensors, **overrides, **{
-        name: (value,) * sensors for name, value in (layout or {}).items()})
+    taker = decoder(
+        sensors=sensors,
+        **overrides,
+        **{name: (value,) * sensors for name, value in (layout or {}).items()},
+    )
     return taker, taker.layouts
 
 
@@ -34,8 +41,10 @@ def frame(layouts, index, number, sampled=None):
 
 def cycle(layouts, number, without=()):
     """Return SYNC and the answers of a cycle."""
-    return [sync(T0 + PERIOD * number), *(
-        frame(layouts, index, number) for index in range(len(layouts)) if index not in without)]
+    return [
+        sync(T0 + PERIOD * number),
+        *(frame(layouts, index, number) for index in range(len(layouts)) if index not in without),
+    ]
 
 
 def by_cycle(samples, mixed=-1):
@@ -45,7 +54,8 @@ def by_cycle(samples, mixed=-1):
         number = round((sample.stamp * 1e-9 - T0) / PERIOD - 0.05)
         assert number not in found and number >= max(found, default=0)
         for index, reading in enumerate(sample.angles):
-            assert isnan(reading) or number <= mixed \
-                or abs(reading - angle(index, number)) < COUNT, (number, index)
+            assert (
+                isnan(reading) or number <= mixed or abs(reading - angle(index, number)) < COUNT
+            ), (number, index)
         found[number] = {i for i, reading in enumerate(sample.angles) if isnan(reading)}
     return found

@@ -77,14 +77,25 @@ def cycles(begin, count, without=()):
     script = []
     for start in (begin + 0.01 * number for number in range(count)):
         script.append((start, sync(T0 + start)))
-        script += [(at := start + 1e-4 * (index + 1), answer(index, T0 + at))
-                   for index in range(4) if index not in without]
+        script += [
+            (at := start + 1e-4 * (index + 1), answer(index, T0 + at))
+            for index in range(4)
+            if index not in without
+        ]
     return script
 
 
 def error_frame(at, identifier):
-    return (at, can.Message(arbitration_id=identifier, is_error_frame=True, is_extended_id=False,
-                            timestamp=T0 + at, data=bytes(8)))
+    return (
+        at,
+        can.Message(
+            arbitration_id=identifier,
+            is_error_frame=True,
+            is_extended_id=False,
+            timestamp=T0 + at,
+            data=bytes(8),
+        ),
+    )
 
 
 def node_frame(at, identifier, data):
@@ -97,7 +108,7 @@ def opening_of(script):
 
     def opening(stamp):
         due = [each for each in openings if each <= stamp]
-        del openings[:len(due)]
+        del openings[: len(due)]
         return due
 
     return opening, [each for each in script if each[1].arbitration_id != 0x80]

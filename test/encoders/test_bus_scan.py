@@ -29,6 +29,7 @@ class Bus(ScriptedBus):
 @pytest.fixture
 def scan_of(clock):
     """Scan a scripted bus; return the scan, what was sent and when, and the reports."""
+
     def make(script, seconds, ask=False, start=None, rate=100.0, sync_id=0x80, **changes):
         bus, scan, reports = Bus(clock, script), BusScan(sync_id), []
         for name, value in changes.items():
@@ -36,6 +37,7 @@ def scan_of(clock):
         scanner = BusScanner(bus, scan, rate, bus.echoes, reports.append)
         scanner.listen(seconds, ask, start)
         return scan, bus.sent, reports
+
     return make
 
 
@@ -48,47 +50,77 @@ def test_passive_scan_collects_for_its_time_and_sends_nothing(scan_of, clock):
 
 def test_every_node_is_asked_for_its_type_and_those_heard_for_the_rest(scan_of):
     _, sent, reports = scan_of([node_frame(0.1, 0x707, b'\x05')], 2.9, ask=True)
-    asked = [(message.arbitration_id - canopen.SDO_REQUEST_BASE,
-              canopen.sdo_object(message.data)) for _, message in sent]
-    assert asked == [*((node, (0x1000, 0)) for node in range(1, 128)),
-                     *((7, (0x1018, subindex)) for subindex in (1, 2, 3, 4))]
+    asked = [
+        (message.arbitration_id - canopen.SDO_REQUEST_BASE, canopen.sdo_object(message.data))
+        for _, message in sent
+    ]
+    assert asked == [
+        *((node, (0x1000, 0)) for node in range(1, 128)),
+        *((7, (0x1018, subindex)) for subindex in (1, 2, 3, 4)),
+    ]
     # At 1 Mbit/s they take a tenth of the bus.
     assert sent[-1][0] - sent[0][0] == pytest.approx(0.002 * 130, rel=0.1)
     assert reports == ['2 s left, 1 identifiers', '1 s left, 1 identifiers']
 
 
-@pytest.mark.parametrize(('rate', 'master', 'count', 'reported'), [
-    # No master: for all the time after it was listened for; one from the start; one later.
-    (20.0, None, 18, 1), (1000.0, None, 900, 1), (20.0, 0.5, 0, 0), (20.0, LISTEN + 0.23, 5, 2)])
+@pytest.mark.parametrize(
+    ('rate', 'master', 'count', 'reported'),
+    [
+        # No master: for all the time after it was listened for; one from the start; one later.
+        (20.0, None, 18, 1),
+        (1000.0, None, 900, 1),
+        (20.0, 0.5, 0, 0),
+        (20.0, LISTEN + 0.23, 5, 2),
+    ],
+)
 def test_sync_is_sent_at_the_rate_while_no_master_makes_it(
-        scan_of, clock, rate, master, count, reported):
-    script = [] if master is None else [
-        node_frame(master + 0.02 * number, 0x80, b'') for number in range(150)]
+    scan_of, clock, rate, master, count, reported
+):
+    script = (
+        []
+        if master is None
+        else [node_frame(master + 0.02 * number, 0x80, b'') for number in range(150)]
+    )
     scan, sent, reports = scan_of(script, 0.9, start=(), rate=rate)
-    assert {(message.arbitration_id, bytes(message.data)) for _, message in sent} \
-        <= {(0x80, b'')}
+    assert {(message.arbitration_id, bytes(message.data)) for _, message in sent} <= {(0x80, b'')}
     assert len(sent) == (scan.own_sync.count if scan.own_sync else 0) == count
     assert [at for at, _ in sent] == pytest.approx(
-        [LISTEN + number / rate for number in range(count)], abs=0.01)
+        [LISTEN + number / rate for number in range(count)], abs=0.01
+    )
     assert [each for each in reports if 'SYNC' in each] == [
-        'no SYNC on the bus: SYNC 0x80 is sent from here, at '
-        f'{rate:g} Hz',
-        'another master makes SYNC: none is sent from here any more'][:reported]
+        f'no SYNC on the bus: SYNC 0x80 is sent from here, at {rate:g} Hz',
+        'another master makes SYNC: none is sent from here any more',
+    ][:reported]
     assert clock.now == pytest.approx(LISTEN + (0.9 if count else 0.0), abs=0.01)
 
 
 def test_every_node_is_started_until_it_is_operational(scan_of):
-    script = [*(node_frame(0.01, 0x700 + node, bytes((state,)))
-                for node, state in ((9, canopen.PRE_OPERATIONAL), (17, canopen.OPERATIONAL),
-                                    (33, canopen.BOOT_UP))), node_frame(0.8, 0x709, b'\x05')]
+    script = [
+        *(
+            node_frame(0.01, 0x700 + node, bytes((state,)))
+            for node, state in (
+                (9, canopen.PRE_OPERATIONAL),
+                (17, canopen.OPERATIONAL),
+                (33, canopen.BOOT_UP),
+            )
+        ),
+        node_frame(0.8, 0x709, b'\x05'),
+    ]
     scan, sent, _ = scan_of(script, 1.0, start=(5,), sync_id=None)
     # And no SYNC, which this bus has not.
-    assert {(message.arbitration_id, message.data[0]) for _, message in sent} \
-        == {(canopen.NMT_ID, canopen.NMT_START)}
-    starts = {node: [at for at, message in sent if message.data[1:2] == bytes((node,))]
-              for node in (5, 9, 17, 33)}
-    for node, expected in ((5, (0.0, AGAIN, 2 * AGAIN)), (9, (0.01, 0.01 + AGAIN)), (17, ()),
-                           (33, (0.01, 0.01 + AGAIN, 0.01 + 2 * AGAIN))):
+    assert {(message.arbitration_id, message.data[0]) for _, message in sent} == {
+        (canopen.NMT_ID, canopen.NMT_START)
+    }
+    starts = {
+        node: [at for at, message in sent if message.data[1:2] == bytes((node,))]
+        for node in (5, 9, 17, 33)
+    }
+    for node, expected in (
+        (5, (0.0, AGAIN, 2 * AGAIN)),
+        (9, (0.01, 0.01 + AGAIN)),
+        (17, ()),
+        (33, (0.01, 0.01 + AGAIN, 0.01 + 2 * AGAIN)),
+    ):
         assert starts[node] == pytest.approx(expected, abs=0.01)
     assert scan.started == {5, 9, 33}
 
@@ -103,8 +135,13 @@ def test_echoes_are_not_in_the_table_and_others_are(scan_of):
 
 
 def test_a_scan_goes_on_where_nobody_acknowledges(scan_of):
-    scan, sent, _ = scan_of([node_frame(0.15, 0x181, bytes(4))], 0.2, ask=True, start=(1, 2),
-                            refusal=can.CanOperationError('Transmit buffer full'))
+    scan, sent, _ = scan_of(
+        [node_frame(0.15, 0x181, bytes(4))],
+        0.2,
+        ask=True,
+        start=(1, 2),
+        refusal=can.CanOperationError('Transmit buffer full'),
+    )
     assert set(scan.frames) == {(False, 0x181)} and sent == []
     assert scan.unsent['Transmit buffer full'] > 100 and scan.own_sync is None
     assert scan.started == set()
@@ -113,15 +150,35 @@ def test_a_scan_goes_on_where_nobody_acknowledges(scan_of):
 RNG = np.random.default_rng(2)
 
 
-@pytest.mark.parametrize(('stamps', 'off'), [
-    # A busy machine loses a third of the SYNCs, and reads the others late by up to a fifth of a
-    # period.
-    ([0.02 * number + RNG.uniform(0.0, 4e-3) for number in range(150)
-      if RNG.random() > 1.0 / 3.0], 0.05),
-    # A pause of a program, in periods: that of the first SYNC and those in which it catches up.
-    *((0.02 * (np.arange(100) + [*[0.0] * 50, *late, *[0.0] * (50 - len(late))]), 1e-6)
-      for late in ((0.55, 0.1), (0.52,), (1.0,), (1.6, 0.7, 0.2), (2.6, 1.7, 0.8, 0.3),
-                   (-0.1, 0.45)))])
+@pytest.mark.parametrize(
+    ('stamps', 'off'),
+    [
+        # A busy machine loses a third of the SYNCs, and reads the others late by up to a fifth
+        # of a
+        # period.
+        (
+            [
+                0.02 * number + RNG.uniform(0.0, 4e-3)
+                for number in range(150)
+                if RNG.random() > 1.0 / 3.0
+            ],
+            0.05,
+        ),
+        # A pause of a program, in periods: that of the first SYNC and those in which it catches
+        # up.
+        *(
+            (0.02 * (np.arange(100) + [*[0.0] * 50, *late, *[0.0] * (50 - len(late))]), 1e-6)
+            for late in (
+                (0.55, 0.1),
+                (0.52,),
+                (1.0,),
+                (1.6, 0.7, 0.2),
+                (2.6, 1.7, 0.8, 0.3),
+                (-0.1, 0.45),
+            )
+        ),
+    ],
+)
 def test_the_rate_of_a_master_is_what_it_is_set_to_on_a_busy_machine(stamps, off):
     scan = BusScan()
     assert scan.master_rate == 0.0

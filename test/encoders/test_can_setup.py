@@ -27,14 +27,25 @@ ONE = ('--joint', 'joint_1b')
 def run(capsys, channel, monkeypatch):
     """Run the command line on the bus, soon; return its exit code, stdout and stderr."""
     for module, name, value in (
-            (canopen_network, 'ANSWER_TIMEOUT', 0.1), (canopen_network, 'RECEIVE_TIMEOUT', 0.005),
-            (can_setup, 'LISTEN', 0.05), (command_line, 'SIGNALS', ())):
+        (canopen_network, 'ANSWER_TIMEOUT', 0.1),
+        (canopen_network, 'RECEIVE_TIMEOUT', 0.005),
+        (can_setup, 'LISTEN', 0.05),
+        (command_line, 'SIGNALS', ()),
+    ):
         monkeypatch.setattr(module, name, value)
 
     def run(*args):
         capsys.readouterr()
-        code = can_setup.main(['can_setup', '-p', 'can.interface:=virtual',
-                               '-p', f'can.channel:={channel}', *map(str, args)])
+        code = can_setup.main(
+            [
+                'can_setup',
+                '-p',
+                'can.interface:=virtual',
+                '-p',
+                f'can.channel:={channel}',
+                *map(str, args),
+            ]
+        )
         return code, *capsys.readouterr()
 
     return run
@@ -43,6 +54,7 @@ def run(capsys, channel, monkeypatch):
 @pytest.fixture
 def factory(encoders, stack):
     """Make encoders from their maker; give that of joint_1b, with some objects replaced."""
+
     def make(changes, **options):
         node = stack.enter_context(encoders(factory=True, **options))[1]
         for objects in (node._entries, node._stored):
@@ -50,25 +62,42 @@ def factory(encoders, stack):
             for key in [key for key, entry in changes.items() if entry is None]:
                 del objects[key]
         return node
+
     return make
 
 
 def held(node, keys):
     """Return the values of objects, read by SDO."""
-    return {key: canopen.sdo_value(node.answer(2, canopen.sdo_upload(2, *key).data).data)
-            for key in keys}
+    return {
+        key: canopen.sdo_value(node.answer(2, canopen.sdo_upload(2, *key).data).data)
+        for key in keys
+    }
 
 
-def test_differences_are_listed_and_on_request_written_stored_and_verified(
-        factory, run, channel):
+def test_differences_are_listed_and_on_request_written_stored_and_verified(factory, run, channel):
     """The simulated encoders refuse what is not written in the order of CiA 301."""
-    node = factory({(0x1800, 5): Entry(10, 2), (0x1801, 1): Entry(0x282),
-                    (0x6000, 0): Entry(1, 2), (0x6200, 0): Entry(10, 2)})
+    node = factory(
+        {
+            (0x1800, 5): Entry(10, 2),
+            (0x1801, 1): Entry(0x282),
+            (0x6000, 0): Entry(1, 2),
+            (0x6200, 0): Entry(10, 2),
+        }
+    )
     expected = {
-        (0x1800, 1): 0x40000182, (0x1800, 2): 1, (0x1800, 5): 0, (0x1A00, 0): 1,
-        (0x1A00, 1): 0x60040020, (0x1801, 1): 0x80000282, (0x1017, 0): 100,
+        (0x1800, 1): 0x40000182,
+        (0x1800, 2): 1,
+        (0x1800, 5): 0,
+        (0x1A00, 0): 1,
+        (0x1A00, 1): 0x60040020,
+        (0x1801, 1): 0x80000282,
+        (0x1017, 0): 100,
         # The direction of counting, bit 0, is left as it was.
-        (0x6000, 0): 5, (0x6001, 0): 16384, (0x6002, 0): 16384, (0x6200, 0): 0}
+        (0x6000, 0): 5,
+        (0x6001, 0): 16384,
+        (0x6002, 0): 16384,
+        (0x6200, 0): 0,
+    }
     before = held(node, expected)
     outcomes = [run()]
     assert held(node, expected) == before
@@ -76,55 +105,91 @@ def test_differences_are_listed_and_on_request_written_stored_and_verified(
         outcomes.append(run('--write'))
         frames = iter(lambda: other.recv(0.0), None)
         # Its states (CiA 301): pre-operational, reset.
-        assert [each.data.hex() for each in frames if each.arbitration_id == 0
-                and each.data[1] == 2] == ['8002', '8102']
+        assert [
+            each.data.hex() for each in frames if each.arbitration_id == 0 and each.data[1] == 2
+        ] == ['8002', '8102']
     assert held(node, expected) == expected
     outcomes.append(run('--write'))
     assert [(code, err) for code, _, err in outcomes] == [(1, ''), (0, ''), (0, '')]
-    assert_recorded('encoders/setup.txt', '\n'.join(out for _, out, _ in outcomes).replace(
-        channel, 'can7'))
+    assert_recorded(
+        'encoders/setup.txt', '\n'.join(out for _, out, _ in outcomes).replace(channel, 'can7')
+    )
 
 
-@pytest.mark.parametrize(('node_id', 'given', 'expected'), [
-    # Another TPDO and resolution.
-    (9, ('encoders.node_id:=[1, 9, 3, 4]', 'encoders.id:=[0x181, 0x289, 0x183, 0x184]',
-         'encoders.counts_per_turn:=[16384, 4096, 16384, 16384]',
-         'encoders.zero_count:=[0, 0, 0, 0]'),
-     {(0x1801, 1): 0x40000289, (0x1800, 1): 0xC0000189, (0x6001, 0): 4096, (0x1017, 0): 250}),
-    # A frame of another layout keeps its mapping.
-    (2, ('encoders.data_length:=[6, 6, 6, 6]',), {(0x1A00, 0): 2, (0x1800, 2): 1}),
-    # Without SYNC it sends by a timer; where a mask selects the turn it may count turns.
-    (2, ('encoders.sync_id:=0', 'encoders.mask:=[0, 0x3FFF, 0, 0]'),
-     {(0x1800, 2): 254, (0x6200, 0): 1, (0x6002, 0): 65536})])
+@pytest.mark.parametrize(
+    ('node_id', 'given', 'expected'),
+    [
+        # Another TPDO and resolution.
+        (
+            9,
+            (
+                'encoders.node_id:=[1, 9, 3, 4]',
+                'encoders.id:=[0x181, 0x289, 0x183, 0x184]',
+                'encoders.counts_per_turn:=[16384, 4096, 16384, 16384]',
+                'encoders.zero_count:=[0, 0, 0, 0]',
+            ),
+            {
+                (0x1801, 1): 0x40000289,
+                (0x1800, 1): 0xC0000189,
+                (0x6001, 0): 4096,
+                (0x1017, 0): 250,
+            },
+        ),
+        # A frame of another layout keeps its mapping.
+        (2, ('encoders.data_length:=[6, 6, 6, 6]',), {(0x1A00, 0): 2, (0x1800, 2): 1}),
+        # Without SYNC it sends by a timer; where a mask selects the turn it may count turns.
+        (
+            2,
+            ('encoders.sync_id:=0', 'encoders.mask:=[0, 0x3FFF, 0, 0]'),
+            {(0x1800, 2): 254, (0x6200, 0): 1, (0x6002, 0): 65536},
+        ),
+    ],
+)
 def test_other_settings_are_other_objects(factory, run, node_id, given, expected):
     second = node_id == 9
-    node = factory({(0x1800, 1): Entry(0x40000189)} if second else {},
-                   encoders__node_id=(1, node_id, 3, 4),
-                   encoders__id=(0x181, 0x289 if second else 0x182, 0x183, 0x184))
+    node = factory(
+        {(0x1800, 1): Entry(0x40000189)} if second else {},
+        encoders__node_id=(1, node_id, 3, 4),
+        encoders__id=(0x181, 0x289 if second else 0x182, 0x183, 0x184),
+    )
     node.answer = Mock(wraps=node.answer)
-    code, out, _ = run(*ONE, '--write', '--heartbeat', '0.25',
-                       *(part for each in given for part in ('-p', each)))
+    code, out, _ = run(
+        *ONE, '--write', '--heartbeat', '0.25', *(part for each in given for part in ('-p', each))
+    )
     assert code == 0, out
     # The identifier of the TPDO changes while it is off (bit 31).
-    written = [data for (_, data), _ in node.answer.call_args_list if canopen.sdo_object(data) == (
-        0x1801 if second else 0x1800, 1) and canopen.sdo_download(data)]
+    written = [
+        data
+        for (_, data), _ in node.answer.call_args_list
+        if canopen.sdo_object(data) == (0x1801 if second else 0x1800, 1)
+        and canopen.sdo_download(data)
+    ]
     assert [data[-1] >> 7 for data in written] == [1, 1, 0]
     assert held(node, expected) == expected
-    assert ('the mapping cannot be derived from this layout: left as it is' in out) \
-        == ((0x1A00, 0) in expected)
+    assert ('the mapping cannot be derived from this layout: left as it is' in out) == (
+        (0x1A00, 0) in expected
+    )
 
 
-@pytest.mark.parametrize(('changes', 'words'), [
-    ({(0x6001, 0): Entry(65536, writable=False)},
-     'node 2 refuses 0x4000 for 0x6001:00: Code 0x06010002, Attempt to write a read only object'),
-    ({(0x6001, 0): None}, '0x6001:00 units per turn: missing, wanted 16384'),
-    ({(0x1000, 0): Entry(0x00020192)},
-     'node 2 has device type 0x00020192; expected profile 406 (encoder)'),
-    ({(0x1000, 0): None}, 'node 2 has device type none; expected'),
-    ({(0x1010, 1): None}, 'node 2 refuses 0x65766173 for 0x1010:01'),
-    (None, 'node 2: not as configured after storing and a reset: 0x1800:02 TPDO1'),
-    ({}, 'node 2 has not booted within 0.05 s of its reset'),
-])
+@pytest.mark.parametrize(
+    ('changes', 'words'),
+    [
+        (
+            {(0x6001, 0): Entry(65536, writable=False)},
+            'node 2 refuses 0x4000 for 0x6001:00: Code 0x06010002, Attempt to write a read '
+            'only object',
+        ),
+        ({(0x6001, 0): None}, '0x6001:00 units per turn: missing, wanted 16384'),
+        (
+            {(0x1000, 0): Entry(0x00020192)},
+            'node 2 has device type 0x00020192; expected profile 406 (encoder)',
+        ),
+        ({(0x1000, 0): None}, 'node 2 has device type none; expected'),
+        ({(0x1010, 1): None}, 'node 2 refuses 0x65766173 for 0x1010:01'),
+        (None, 'node 2: not as configured after storing and a reset: 0x1800:02 TPDO1'),
+        ({}, 'node 2 has not booted within 0.05 s of its reset'),
+    ],
+)
 def test_what_an_encoder_does_not_do_is_reported(factory, run, monkeypatch, changes, words):
     node = factory(changes or {})
     if changes is None:
@@ -141,8 +206,9 @@ def test_what_an_encoder_does_not_do_is_reported(factory, run, monkeypatch, chan
 def test_an_encoder_that_is_missing_does_not_stop_the_others(factory, run):
     # Objects that are not needed may be missing.
     factory({(0x1800, 5): None, (0x6200, 0): None})
-    code, out, _ = run('--write', *ONE, '--joint', 'joint_1c', '-p',
-                       'encoders.node_id:=[1, 2, 9, 4]')
+    code, out, _ = run(
+        '--write', *ONE, '--joint', 'joint_1c', '-p', 'encoders.node_id:=[1, 2, 9, 4]'
+    )
     assert code == 1
     assert 'joint_1c: node 9 does not answer SDO' in out
     assert out.count('objects as configured; ') == 1
@@ -165,9 +231,14 @@ def test_objects_have_the_sizes_that_the_encoders_have(factory):
 
 def test_abort_codes_are_those_of_the_library():
     codes = {name: code for name, code in vars(canopen).items() if name.startswith('SDO_')}
-    assert_recorded('encoders/abort_codes.txt', ''.join(
-        f'{name}: {library.SdoAbortedError.CODES.get(code)}\n' for name, code in codes.items()
-        if code > 0xFFFF))
+    assert_recorded(
+        'encoders/abort_codes.txt',
+        ''.join(
+            f'{name}: {library.SdoAbortedError.CODES.get(code)}\n'
+            for name, code in codes.items()
+            if code > 0xFFFF
+        ),
+    )
 
 
 def test_a_bus_that_failed_is_the_reason(channel):
@@ -179,11 +250,17 @@ def test_a_bus_that_failed_is_the_reason(channel):
                 request()
 
 
-@pytest.mark.parametrize(('args', 'words'), [
-    (('--heartbeat', '0.1005'), '--heartbeat 0.1005 s; expected whole milliseconds'),
-    (('--heartbeat', '66'), '--heartbeat 66 s; expected whole milliseconds'),
-    (('-p', 'encoders.sync_id:=0', '-p', 'rate:=300.0'), '1 / rate 0.00333333 s; expected whole'),
-])
+@pytest.mark.parametrize(
+    ('args', 'words'),
+    [
+        (('--heartbeat', '0.1005'), '--heartbeat 0.1005 s; expected whole milliseconds'),
+        (('--heartbeat', '66'), '--heartbeat 66 s; expected whole milliseconds'),
+        (
+            ('-p', 'encoders.sync_id:=0', '-p', 'rate:=300.0'),
+            '1 / rate 0.00333333 s; expected whole',
+        ),
+    ],
+)
 def test_a_wrong_argument_is_reported(run, args, words):
     code, _, err = run(*args)
     assert code == 1 and words in err and err.count('\n') == 1

@@ -48,11 +48,19 @@ def test_opening_is_tried_again_with_back_off_and_soon_after_frames(rig):
     assert driver.statistics()['bus opened'] == 0
     run(driver, 9.5)
     assert [at for at, *_ in driver.opened] == pytest.approx(
-        [0.0, 0.1, 0.3, 0.7, 1.5, 3.1, 5.1, 7.1, 9.1, 9.3])
+        [0.0, 0.1, 0.3, 0.7, 1.5, 3.1, 5.1, 7.1, 9.1, 9.3]
+    )
 
 
-@pytest.mark.parametrize('error', [
-    can.CanOperationError(''), OSError('Network is down'), ValueError('bad'), ImportError('no x')])
+@pytest.mark.parametrize(
+    'error',
+    [
+        can.CanOperationError(''),
+        OSError('Network is down'),
+        ValueError('bad'),
+        ImportError('no x'),
+    ],
+)
 def test_each_kind_of_bus_error_is_survived(rig, error):
     driver = rig([(0.01, error)], cycles(0.2, 5))
     shutdown = driver.buses[0].shutdown = Mock(side_effect=OSError('gone for good'))
@@ -91,11 +99,20 @@ def test_a_reopened_bus_starts_a_new_cycle_and_a_new_clock(rig, start, again):
 
 
 def test_silent_and_booting_nodes_are_started(rig):
-    driver = rig([*cycles(0.005, 25, without=(1,)), *cycles(0.255, 15, without=(1, 2)),
-                  *cycles(0.405, 80, without=(1,)), node_frame(0.3511, 0x703, b'\x00')])
+    driver = rig(
+        [
+            *cycles(0.005, 25, without=(1,)),
+            *cycles(0.255, 15, without=(1, 2)),
+            *cycles(0.405, 80, without=(1,)),
+            node_frame(0.3511, 0x703, b'\x00'),
+        ]
+    )
     run(driver, 1.19)
-    starts = [(at, *message.data[1:]) for at, message in driver.buses[0].sent
-              if bytes(message.data[:1]) == bytes((canopen.NMT_START,))]
+    starts = [
+        (at, *message.data[1:])
+        for at, message in driver.buses[0].sent
+        if bytes(message.data[:1]) == bytes((canopen.NMT_START,))
+    ]
     # All four before any was heard; node 2 every half second; node 3 when it has booted.
     assert starts[:4] == [(0.0, 1), (0.0, 2), (0.0, 3), (0.0, 4)]
     assert [node for _, node in starts[4:]] == [3, 2, 2]
@@ -128,15 +145,28 @@ def test_closing_stops_the_nodes_where_configured(rig, stop):
     driver.close()
     assert bus.shut == 1
     assert [tuple(message.data) for _, message in bus.sent] == [
-        (canopen.NMT_STOP, node_id) for node_id in (1, 2, 3, 4) if stop]
+        (canopen.NMT_STOP, node_id) for node_id in (1, 2, 3, 4) if stop
+    ]
 
 
 def test_a_reason_is_held_before_another_takes_its_place(rig):
-    driver = rig([*cycles(0.01, 40, without=(2,)), *cycles(0.41, 60, without=(1,)),
-                  *cycles(1.01, 5), *cycles(1.06, 30, without=(3,))], can__timeout=0.05)
+    driver = rig(
+        [
+            *cycles(0.01, 40, without=(2,)),
+            *cycles(0.41, 60, without=(1,)),
+            *cycles(1.01, 5),
+            *cycles(1.06, 30, without=(3,)),
+        ],
+        can__timeout=0.05,
+    )
     # Sets end a reason at once, and the next one is new at once.
-    for until, silent in ((0.3, '1c'), (0.3 + 0.9 * REASON_HOLD, '1c'),
-                          (0.31 + REASON_HOLD, '1b'), (1.055, None), (1.3, '3a')):
+    for until, silent in (
+        (0.3, '1c'),
+        (0.3 + 0.9 * REASON_HOLD, '1c'),
+        (0.31 + REASON_HOLD, '1b'),
+        (1.055, None),
+        (1.3, '3a'),
+    ):
         run(driver, until)
         assert driver.fault == (silent and f'joint_{silent} silent (no frames)')
 
@@ -145,41 +175,81 @@ def beside(script, *others):
     """Return a script with a frame of other nodes behind each cycle."""
     return script + [
         node_frame(0.0102 + 0.01 * n, identifier, bytes(1 if identifier > 0x700 else 4))
-        for n in range(20) for identifier in others]
+        for n in range(20)
+        for identifier in others
+    ]
 
 
 ALL = range(4)
 NO_SYNC = 'no SYNC 0x80 on virtual can7: no other master makes it, and can.sync is consume; '
-OTHERS = ' (no frames); on the bus, and not in encoders.node_id: {} (can_scan prints the lines ' \
+OTHERS = (
+    ' (no frames); on the bus, and not in encoders.node_id: {} (can_scan prints the lines '
     'for rig.yaml)'
+)
 
 
-@pytest.mark.parametrize(('script', 'until', 'fault'), [
-    ([node_frame(0.01 * n, 0x701, b'\x05') for n in range(1, 9)], 0.08,
-     NO_SYNC + 'give -p can.sync:=produce to make it here'),
-    (opening_of(cycles(0.01, 20, without=(3,)))[1], 0.02,
-     NO_SYNC + 'the encoders send without SYNC: give -p encoders.sync_id:=0'),
-    ([error_frame(0.01 * n, 0x20) for n in range(1, 9)], 0.085,
-     'virtual can7: no acknowledge (is any other node on the bus?)'),
-    # Bus-off is the reason until an encoder is heard; another error frame explains none then.
-    ([*cycles(0.01, 1), error_frame(0.02, 0x40), error_frame(0.03, 0x100)], 0.19,
-     'virtual can7: bus-off'),
-    ([*cycles(0.01, 1), error_frame(0.02, 0x40), *cycles(0.2, 1, without=(0, 1))], 0.7,
-     'no frames on virtual can7'),
-    ([*cycles(0.01, 10, without=(2,)), error_frame(0.1011, 0x88)], 0.11,
-     'joint_1c silent (no frames)'),
-    (cycles(0.01, 20, without=ALL), 0.2, 'all encoders silent (no frames)'),
-    # Heartbeats or TPDOs of nodes that are not configured: the node ids are wrong.
-    (beside(cycles(0.01, 20, without=ALL), 0x72C, 0x709), 0.21,
-     'all encoders silent' + OTHERS.format('9, 44')),
-    (beside(cycles(0.01, 20, without=(3,)), 0x189), 0.21, 'joint_3a silent' + OTHERS.format(9)),
-    # Every encoder is heard, but never all four in a window: the assembler's cause.
-    ([*cycles(0.01, 20, without=(3,)), *((0.0199 + 0.01 * n, answer(3, T0 + 0.0199 + 0.01 * n))
-                                         for n in range(20))], 0.2,
-     'answer from joint_3a outside the window'),
-    ([*((0.001, answer(index, T0 + 0.001)) for index in ALL), (0.002, sync(T0 + 0.002))], 0.01,
-     'frames on virtual can7, but no set of four encoders'),
-])
+@pytest.mark.parametrize(
+    ('script', 'until', 'fault'),
+    [
+        (
+            [node_frame(0.01 * n, 0x701, b'\x05') for n in range(1, 9)],
+            0.08,
+            NO_SYNC + 'give -p can.sync:=produce to make it here',
+        ),
+        (
+            opening_of(cycles(0.01, 20, without=(3,)))[1],
+            0.02,
+            NO_SYNC + 'the encoders send without SYNC: give -p encoders.sync_id:=0',
+        ),
+        (
+            [error_frame(0.01 * n, 0x20) for n in range(1, 9)],
+            0.085,
+            'virtual can7: no acknowledge (is any other node on the bus?)',
+        ),
+        # Bus-off is the reason until an encoder is heard; another error frame explains none then.
+        (
+            [*cycles(0.01, 1), error_frame(0.02, 0x40), error_frame(0.03, 0x100)],
+            0.19,
+            'virtual can7: bus-off',
+        ),
+        (
+            [*cycles(0.01, 1), error_frame(0.02, 0x40), *cycles(0.2, 1, without=(0, 1))],
+            0.7,
+            'no frames on virtual can7',
+        ),
+        (
+            [*cycles(0.01, 10, without=(2,)), error_frame(0.1011, 0x88)],
+            0.11,
+            'joint_1c silent (no frames)',
+        ),
+        (cycles(0.01, 20, without=ALL), 0.2, 'all encoders silent (no frames)'),
+        # Heartbeats or TPDOs of nodes that are not configured: the node ids are wrong.
+        (
+            beside(cycles(0.01, 20, without=ALL), 0x72C, 0x709),
+            0.21,
+            'all encoders silent' + OTHERS.format('9, 44'),
+        ),
+        (
+            beside(cycles(0.01, 20, without=(3,)), 0x189),
+            0.21,
+            'joint_3a silent' + OTHERS.format(9),
+        ),
+        # Every encoder is heard, but never all four in a window: the assembler's cause.
+        (
+            [
+                *cycles(0.01, 20, without=(3,)),
+                *((0.0199 + 0.01 * n, answer(3, T0 + 0.0199 + 0.01 * n)) for n in range(20)),
+            ],
+            0.2,
+            'answer from joint_3a outside the window',
+        ),
+        (
+            [*((0.001, answer(index, T0 + 0.001)) for index in ALL), (0.002, sync(T0 + 0.002))],
+            0.01,
+            'frames on virtual can7, but no set of four encoders',
+        ),
+    ],
+)
 def test_a_reason_is_given_while_no_sets_come(rig, script, until, fault):
     driver = rig(script)
     run(driver, until)
@@ -187,8 +257,9 @@ def test_a_reason_is_given_while_no_sets_come(rig, script, until, fault):
 
 
 def test_where_the_bus_has_no_sync_and_no_nodes_none_is_missed_or_started(rig):
-    driver = rig(opening_of(cycles(0.01, 20, without=(3,)))[1], encoders__sync_id=0,
-                 can__protocol='raw')
+    driver = rig(
+        opening_of(cycles(0.01, 20, without=(3,)))[1], encoders__sync_id=0, can__protocol='raw'
+    )
     run(driver, 0.2)
     assert driver.fault == 'joint_3a silent (no frames)'
     assert driver.buses[0].sent == []
@@ -213,13 +284,18 @@ def test_emergencies_are_the_reason_where_they_stop_the_sets(rig, stops):
 
 def test_a_producer_hears_syncs_and_opens_cycles_before_other_frames(producing):
     answers = [answer(index, T0 + 0.0105) for index in range(4)]
-    driver, producer = producing([(0.005, sync(T0 + 0.005)),
-                                  *((0.0105, message) for message in answers)])
+    driver, producer = producing(
+        [(0.005, sync(T0 + 0.005)), *((0.0105, message) for message in answers)]
+    )
     producer.openings.side_effect = [[T0 + 0.0102], [], [], []]
     (sample,) = run(driver, 0.02)
     assert sample.stamp == pytest.approx((T0 + 0.0102) * 1e9, abs=1000)
     assert producer.method_calls[:4] == [
-        call.start(), call.skip(), call.heard(T0 + 0.005), call.openings(T0 + 0.0105)]
+        call.start(),
+        call.skip(),
+        call.heard(T0 + 0.005),
+        call.openings(T0 + 0.0105),
+    ]
 
 
 def test_a_missing_sync_of_our_own_is_explained(producing):
@@ -239,8 +315,7 @@ def test_a_producer_starts_with_each_bus_and_its_figures_are_in_the_statistics(p
     driver, producer = producing([(0.05, OSError('gone'))], ())
     assert (producer.made_with, producer.method_calls) == ((0x80, 1e-3), [])
     run(driver, 0.3)
-    assert producer.method_calls == [
-        call.start(), call.skip(), call.stop(), call.start()]
+    assert producer.method_calls == [call.start(), call.skip(), call.stop(), call.start()]
     producer.lost, producer.statistics.return_value = 0.25, {'SYNC sent': 5}
     assert driver.lost == 0.25 and driver.statistics()['SYNC sent'] == 5
     assert driver.caution is None

@@ -21,8 +21,9 @@ def test_an_interface_that_python_can_does_not_have_is_refused():
         make_source('can', values(can__interface='nonsense'))
 
 
-@pytest.mark.parametrize('case', yaml.safe_load((DATA / 'encoders/settings.yaml').read_text()),
-                         ids=str)
+@pytest.mark.parametrize(
+    'case', yaml.safe_load((DATA / 'encoders/settings.yaml').read_text()), ids=str
+)
 def test_settings_are_checked_against_each_other(case):
     joint, given, *expected = case
     overrides = dict(given)
@@ -34,31 +35,49 @@ def test_settings_are_checked_against_each_other(case):
         decoder(**overrides)
 
 
-@pytest.mark.parametrize(('bitrate', 'rate', 'overrides', 'words'), [
-    (250_000, 545.0, {}, None), (0, 9000.0, {}, None),
-    # 435 bits at 950 Hz are exactly 95 %.
-    (435_000, 950.0, {}, None),
-    (250_000, 600.0, {}, "parameter 'rate' is 600.0; expected at most 546 Hz at can.bitrate "
-     '250000: a cycle of SYNC and four answers has up to 435 bits, and 435 bits x 600 Hz / 250000 '
-     'bit/s = 104 % bus load, beyond 95 %'),
-    (250_000, 1000.0, {'encoders__sync_id': 0}, 'a cycle of four answers has up to 380 bits'),
-    (1_000_000, 1600.0, {'sensors': 6}, 'SYNC and six answers'),
-    # Stuffed: 135 bits for a frame of eight bytes, 160 with 29 bits (CAN in Automation).
-    (500_000, 1000.0, {'encoders__data_length': (8,) * 4,
-                       'encoders__extended': (False, True, False, False)}, 'up to 620 bits')])
+@pytest.mark.parametrize(
+    ('bitrate', 'rate', 'overrides', 'words'),
+    [
+        (250_000, 545.0, {}, None),
+        (0, 9000.0, {}, None),
+        # 435 bits at 950 Hz are exactly 95 %.
+        (435_000, 950.0, {}, None),
+        (
+            250_000,
+            600.0,
+            {},
+            "parameter 'rate' is 600.0; expected at most 546 Hz at can.bitrate "
+            '250000: a cycle of SYNC and four answers has up to 435 bits, and 435 bits x '
+            '600 Hz / 250000 '
+            'bit/s = 104 % bus load, beyond 95 %',
+        ),
+        (250_000, 1000.0, {'encoders__sync_id': 0}, 'a cycle of four answers has up to 380 bits'),
+        (1_000_000, 1600.0, {'sensors': 6}, 'SYNC and six answers'),
+        # Stuffed: 135 bits for a frame of eight bytes, 160 with 29 bits (CAN in Automation).
+        (
+            500_000,
+            1000.0,
+            {'encoders__data_length': (8,) * 4, 'encoders__extended': (False, True, False, False)},
+            'up to 620 bits',
+        ),
+    ],
+)
 def test_a_rate_that_the_bus_cannot_carry_is_refused_with_the_arithmetic(
-        bitrate, rate, overrides, words):
+    bitrate, rate, overrides, words
+):
     settings = values(can__interface='virtual', can__bitrate=bitrate, rate=rate, **overrides)
     with pytest.raises(SettingError, match=re.escape(words)) if words else nullcontext():
         make_source('can', settings).close()
 
 
-@pytest.mark.parametrize(('source', 'given'), [
-    ('can', {}), ('replay', {'replay__path': '/data/session.log'})])
+@pytest.mark.parametrize(
+    ('source', 'given'), [('can', {}), ('replay', {'replay__path': '/data/session.log'})]
+)
 def test_what_decodes_counts_needs_verified_directions(source, given):
     assert unverified_joints(values(source, **given)) == unverified_joints(values('sim')) == ()
     some = {**given, 'encoders__direction_verified': (True, False, True, False)}
     with pytest.raises(SettingError, match='direction of joint_1b, joint_3a is not verified'):
         unverified_joints(values(source, **some))
-    assert unverified_joints(values(
-        source, **some, encoders__accept_unverified_directions=True)) == ('joint_1b', 'joint_3a')
+    assert unverified_joints(
+        values(source, **some, encoders__accept_unverified_directions=True)
+    ) == ('joint_1b', 'joint_3a')

@@ -24,11 +24,17 @@ def test_every_layout_carries_every_angle(data):
     per_turn = data.draw(st.integers(2, 1 << mask_bits))
     length = data.draw(st.integers((bits + 7) // 8, 8))
     layout = replace(
-        PLAIN, byte_order=data.draw(st.sampled_from(['little', 'big'])), bit_length=bits,
-        mask=((1 << mask_bits) - 1) << shift, signed=data.draw(st.booleans()),
-        data_length=length, byte_offset=data.draw(st.integers(0, length - (bits + 7) // 8)),
-        counts_per_turn=per_turn, direction=data.draw(st.sampled_from([1, -1])),
-        zero_count=data.draw(st.integers(0, per_turn - 1)))
+        PLAIN,
+        byte_order=data.draw(st.sampled_from(['little', 'big'])),
+        bit_length=bits,
+        mask=((1 << mask_bits) - 1) << shift,
+        signed=data.draw(st.booleans()),
+        data_length=length,
+        byte_offset=data.draw(st.integers(0, length - (bits + 7) // 8)),
+        counts_per_turn=per_turn,
+        direction=data.draw(st.sampled_from([1, -1])),
+        zero_count=data.draw(st.integers(0, per_turn - 1)),
+    )
     angle = data.draw(st.floats(-pi, pi))
     frame = layout.data(angle)
     assert len(frame) == length
@@ -37,30 +43,46 @@ def test_every_layout_carries_every_angle(data):
     assert abs(apart) <= pi / per_turn + 1e-9
 
 
-@pytest.mark.parametrize(('data', 'changes', 'counts'), [
-    ('05100000', {}, 0x1005),
-    ('00001005', {'byte_order': 'big'}, 0x1005),
-    ('FFFF05103FAA', {'byte_offset': 2, 'bit_length': 16, 'data_length': 6}, 0x1005),
-    # 14 bits at the top of a 16-bit word, two status bits below.
-    ('4017', {'bit_length': 16, 'mask': 0xFFFC, 'data_length': 2, 'byte_order': 'big'}, 0x1005),
-    # Multi-turn: 3 turns and 5 counts; the turns are masked away.
-    ('05C00000', {'mask': 0x3FFF}, 5),
-    ('FBFFFFFF', {'signed': True}, -5),
-    ('FB3F', {'signed': True, 'bit_length': 16, 'mask': 0x3FFF, 'data_length': 2}, -5),
-    # Beyond a turn: an error value, not a position.
-    ('00400000', {}, None),
-    ('FF3F0000', {}, 0x3FFF),
-    ('01200000', {'signed': True}, None),
-])
+@pytest.mark.parametrize(
+    ('data', 'changes', 'counts'),
+    [
+        ('05100000', {}, 0x1005),
+        ('00001005', {'byte_order': 'big'}, 0x1005),
+        ('FFFF05103FAA', {'byte_offset': 2, 'bit_length': 16, 'data_length': 6}, 0x1005),
+        # 14 bits at the top of a 16-bit word, two status bits below.
+        (
+            '4017',
+            {'bit_length': 16, 'mask': 0xFFFC, 'data_length': 2, 'byte_order': 'big'},
+            0x1005,
+        ),
+        # Multi-turn: 3 turns and 5 counts; the turns are masked away.
+        ('05C00000', {'mask': 0x3FFF}, 5),
+        ('FBFFFFFF', {'signed': True}, -5),
+        ('FB3F', {'signed': True, 'bit_length': 16, 'mask': 0x3FFF, 'data_length': 2}, -5),
+        # Beyond a turn: an error value, not a position.
+        ('00400000', {}, None),
+        ('FF3F0000', {}, 0x3FFF),
+        ('01200000', {'signed': True}, None),
+    ],
+)
 def test_counts_are_read_as_the_layout_defines(data, changes, counts):
     assert replace(PLAIN, **changes).counts(bytes.fromhex(data)) == counts
 
 
-@pytest.mark.parametrize(('counts', 'zero', 'direction', 'turns'), [
-    (0, 0, 1, 0.0), (4096, 0, 1, 0.25), (4096, 0, -1, -0.25), (12288, 0, 1, -0.25),
-    (8192, 0, 1, 0.5), (8192, 0, -1, 0.5), (100, 16284, 1, 200 / 16384),
-    (0, 1, 1, -1 / 16384), (0, 1, -1, 1 / 16384),
-])
+@pytest.mark.parametrize(
+    ('counts', 'zero', 'direction', 'turns'),
+    [
+        (0, 0, 1, 0.0),
+        (4096, 0, 1, 0.25),
+        (4096, 0, -1, -0.25),
+        (12288, 0, 1, -0.25),
+        (8192, 0, 1, 0.5),
+        (8192, 0, -1, 0.5),
+        (100, 16284, 1, 200 / 16384),
+        (0, 1, 1, -1 / 16384),
+        (0, 1, -1, 1 / 16384),
+    ],
+)
 def test_angle_wraps_into_half_a_turn_to_either_side(counts, zero, direction, turns):
     angle = angle_from_counts(counts, zero, direction, 16384)
     assert angle == pytest.approx(turns * 2.0 * pi, abs=1e-15)
@@ -68,8 +90,15 @@ def test_angle_wraps_into_half_a_turn_to_either_side(counts, zero, direction, tu
 
 
 def test_rolling_counter_and_status_bits():
-    layout = replace(PLAIN, data_length=6, counter_byte=4, counter_mask=0xF0, status_byte=5,
-                     status_mask=0x81, status_good=0x80)
+    layout = replace(
+        PLAIN,
+        data_length=6,
+        counter_byte=4,
+        counter_mask=0xF0,
+        status_byte=5,
+        status_mask=0x81,
+        status_good=0x80,
+    )
     assert layout.data(0.3)[4:] == bytes((0x00, 0x80))
     assert layout.data(0.3, 5, False)[4:] == bytes((0x50, 0x01))
     assert [layout.counter(layout.data(0.3, count)) for count in (0, 15, 16, 21)] == [0, 15, 0, 5]

@@ -20,21 +20,32 @@ def at(when, message):
     return message
 
 
-@pytest.mark.parametrize(('fields', 'reason'), [
-    ({'is_error_frame': True}, 'rejected: error frame'),
-    ({'is_remote_frame': True, 'data': b'', 'dlc': 4}, 'rejected: remote frame'),
-    ({'is_extended_id': True}, 'joint_1b rejected: identifier width'),
-    ({'is_fd': True}, 'rejected: CAN FD frame'),
-    ({'data': bytes(3)}, 'joint_1b rejected: 3 bytes instead of 4'),
-    ({'data': b'\xff' * 4}, 'joint_1b rejected: counts beyond a turn'),
-    ({'arbitration_id': 0x185}, 'rejected: foreign identifier'),
-    ({'arbitration_id': 0x80, 'data': bytes(2)}, 'rejected: SYNC of wrong length'),
-    ({'arbitration_id': 0x80, 'is_extended_id': True, 'data': b''},
-     'rejected: foreign identifier'),
-    ({'arbitration_id': 0x80, 'is_error_frame': True, 'data': bytes(8)}, 'rejected: error frame'),
-    ({'arbitration_id': 0x701, 'data': bytes(2)}, 'rejected: joint_1a heartbeat of wrong length'),
-    ({'arbitration_id': 0x81, 'data': bytes(2)}, 'rejected: joint_1a EMCY of wrong length'),
-])
+@pytest.mark.parametrize(
+    ('fields', 'reason'),
+    [
+        ({'is_error_frame': True}, 'rejected: error frame'),
+        ({'is_remote_frame': True, 'data': b'', 'dlc': 4}, 'rejected: remote frame'),
+        ({'is_extended_id': True}, 'joint_1b rejected: identifier width'),
+        ({'is_fd': True}, 'rejected: CAN FD frame'),
+        ({'data': bytes(3)}, 'joint_1b rejected: 3 bytes instead of 4'),
+        ({'data': b'\xff' * 4}, 'joint_1b rejected: counts beyond a turn'),
+        ({'arbitration_id': 0x185}, 'rejected: foreign identifier'),
+        ({'arbitration_id': 0x80, 'data': bytes(2)}, 'rejected: SYNC of wrong length'),
+        (
+            {'arbitration_id': 0x80, 'is_extended_id': True, 'data': b''},
+            'rejected: foreign identifier',
+        ),
+        (
+            {'arbitration_id': 0x80, 'is_error_frame': True, 'data': bytes(8)},
+            'rejected: error frame',
+        ),
+        (
+            {'arbitration_id': 0x701, 'data': bytes(2)},
+            'rejected: joint_1a heartbeat of wrong length',
+        ),
+        ({'arbitration_id': 0x81, 'data': bytes(2)}, 'rejected: joint_1a EMCY of wrong length'),
+    ],
+)
 def test_a_frame_of_another_kind_changes_nothing(fields, reason):
     for place in range(6):
         taker = decoder()
@@ -45,18 +56,23 @@ def test_a_frame_of_another_kind_changes_nothing(fields, reason):
 
 
 def test_a_frame_of_29_bits_is_an_answer_where_it_is_configured():
-    taker = decoder(encoders__id=(0x181, 0x18FF1234, 0x183, 0x184),
-                    encoders__extended=(False, True, False, False))
+    taker = decoder(
+        encoders__id=(0x181, 0x18FF1234, 0x183, 0x184),
+        encoders__extended=(False, True, False, False),
+    )
     (sample,) = feed(taker, cycle(0, layouts=taker.layouts))
     assert sample.angles == pytest.approx((0.1, 0.2, 0.3, 0.4), abs=4e-4)
 
 
 @pytest.mark.parametrize('sensors', [5, 6])
-@pytest.mark.parametrize(('begin', 'end', 'reason'), [
-    (canopen.emcy(5, 0x5000, 1), canopen.emcy(5, 0, 0), EMERGENCY),
-    (canopen.frame(0x705, b'\x7f'), canopen.frame(0x705, b'\x05'), 'pre-operational'),
-    (canopen.frame(0x705, b'\x04'), canopen.frame(0x705, b'\x05'), 'stopped'),
-])
+@pytest.mark.parametrize(
+    ('begin', 'end', 'reason'),
+    [
+        (canopen.emcy(5, 0x5000, 1), canopen.emcy(5, 0, 0), EMERGENCY),
+        (canopen.frame(0x705, b'\x7f'), canopen.frame(0x705, b'\x05'), 'pre-operational'),
+        (canopen.frame(0x705, b'\x04'), canopen.frame(0x705, b'\x05'), 'stopped'),
+    ],
+)
 def test_a_node_that_is_not_well_takes_its_joint_away_and_no_set(sensors, begin, end, reason):
     taker, layouts = rig(sensors)
     stream = [marked(layouts, number) for number in range(30)]
@@ -97,8 +113,9 @@ def test_status_bits_take_their_joint_away(sensors):
     bad = marked(layouts, 1)
     bad[4].data = layouts[3].data(angle(3, 1), healthy=False)
     found = by_cycle(feed(taker, [*marked(layouts, 0), *bad]))
-    assert taker.caution(T0 + 2 * PERIOD) \
-        == 'joint_3a: frames rejected, status bits report an error'
+    assert (
+        taker.caution(T0 + 2 * PERIOD) == 'joint_3a: frames rejected, status bits report an error'
+    )
     found |= by_cycle(feed(taker, marked(layouts, 2)))
     assert found == {0: set(), **({} if sensors == 4 else {1: {3}}), 2: set()}
     assert taker.tally()['dropped: joint_3a: status bits report an error'] == (sensors == 4)
@@ -111,7 +128,8 @@ def test_too_many_nodes_that_are_not_well_are_all_named():
         taker.feed(at(0.0, canopen.emcy(node_id, 0x5000, 1)))
     assert feed(taker, marked(layouts, 0)) == []
     assert taker.explain(T0, 1.0) == '; '.join(
-        f'{joint}: {EMERGENCY}' for joint in ('joint_1a', 'joint_3b', 'joint_3c'))
+        f'{joint}: {EMERGENCY}' for joint in ('joint_1a', 'joint_3b', 'joint_3c')
+    )
 
 
 def test_silent_encoders_are_explained_by_what_is_known_of_each():
@@ -123,10 +141,12 @@ def test_silent_encoders_are_explained_by_what_is_known_of_each():
     assert taker.explain(NOW, 0.03) == 'joint_1c silent (no frames); joint_3a silent (no frames)'
     feed(taker, [answer(2, NOW - 0.02, data=bytes(3))])
     assert taker.explain(NOW, 0.03) == (
-        'joint_1c silent (frames rejected, 3 bytes instead of 4); joint_3a silent (no frames)')
+        'joint_1c silent (frames rejected, 3 bytes instead of 4); joint_3a silent (no frames)'
+    )
     # A rejection as old as the timeout explains nothing any more.
     assert taker.explain(NOW + 0.02, 0.03).startswith(
-        'joint_1b silent (no frames); joint_1c silent (no frames)')
+        'joint_1b silent (no frames); joint_1c silent (no frames)'
+    )
     feed(taker, [at(1.0, canopen.frame(0x704, b'\x7f'))])
     assert taker.explain(NOW, 0.03).endswith('joint_3a silent (pre-operational)')
     # Four may answer in a state that is no caution.
@@ -135,7 +155,6 @@ def test_silent_encoders_are_explained_by_what_is_known_of_each():
 
 def test_counters_are_read_in_one_step_since_another_thread_adds_new_ones():
     class Growing(Counter):
-
         def items(self):
             raise RuntimeError('dictionary changed size during iteration')
 
@@ -181,8 +200,14 @@ def test_statistics_have_rates_ages_missed_cycles_and_percentiles(clock):
     assert not any(word in name for name in figures for word in ('skew', 'jitter', 'node'))
     for number in range(1, 201):
         at = T0 + 0.01 * number
-        feed(taker, [sync(at), *(answer(index, at + 1e-3) for index in range(3)),
-                     answer(3, at + 1e-3 + 5e-6 * number)])
+        feed(
+            taker,
+            [
+                sync(at),
+                *(answer(index, at + 1e-3) for index in range(3)),
+                answer(3, at + 1e-3 + 5e-6 * number),
+            ],
+        )
     for number in range(300):
         feed(taker, [sync(T0 + 10.0 + 0.01 * number)])
     clock.now = 4.0

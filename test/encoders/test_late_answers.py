@@ -38,17 +38,29 @@ def late_stream(layouts, late, by, begin, count, gaps=()):
 def test_a_rolling_counter_shows_a_late_encoder_from_its_first_late_answer(sensors, late, by):
     taker, layouts = rig(sensors, COUNTER)
     found = by_cycle(feed(taker, late_stream(layouts, late, by, 10, 60)))
-    assert found == {number: {late} if number >= 10 else set()
-                     for number in range(10 if sensors == 4 else 60)}
+    assert found == {
+        number: {late} if number >= 10 else set() for number in range(10 if sensors == 4 else 60)
+    }
 
 
 @pytest.mark.parametrize('sensors', [4, 5, 6])
 def test_a_rolling_counter_that_leaves_a_number_out_shows_that_the_frame_was_lost(sensors):
     taker, layouts = rig(sensors, COUNTER)
-    found = by_cycle(feed(taker, [each for number in range(20) for each in cycle(
-        layouts, number, {3} if number == 10 else ())]))
-    assert found == {number: {3} if number == 10 else set() for number in range(20)
-                     if sensors > 4 or number != 10}
+    found = by_cycle(
+        feed(
+            taker,
+            [
+                each
+                for number in range(20)
+                for each in cycle(layouts, number, {3} if number == 10 else ())
+            ],
+        )
+    )
+    assert found == {
+        number: {3} if number == 10 else set()
+        for number in range(20)
+        if sensors > 4 or number != 10
+    }
     # Nothing more is expected of it: the next set goes out with its last answer.
     assert taker.assembler.counters['sets at the end of the cycle'] == 1
 
@@ -70,8 +82,9 @@ def test_an_unchanged_rolling_counter_yields_no_set():
 def test_a_cycle_of_two_periods_shows_an_encoder_that_is_late_since_its_start(sensors, late, by):
     taker, layouts = rig(sensors)
     found = by_cycle(feed(taker, late_stream(layouts, late, by, 0, 80, gaps={20, 60})), 20)
-    assert {number: joints for number, joints in found.items() if number > 20} \
-        == {number: {late} for number in range(21, 80) if number != 60 and sensors > 4}
+    assert {number: joints for number, joints in found.items() if number > 20} == {
+        number: {late} for number in range(21, 80) if number != 60 and sensors > 4
+    }
     assert LATE in taker.caution(T0 + 80 * PERIOD)
     reason = taker.explain(T0 + 80 * PERIOD, 1.0)
     assert reason == (f'joint_{"3a" if late else "1a"}: {LATE}' if sensors == 4 else None)
@@ -81,8 +94,17 @@ def test_an_encoder_that_is_in_time_again_is_taken_after_three_cycles_of_two_per
     taker, layouts = rig(6)
     feed(taker, late_stream(layouts, 4, 1, 0, 40, gaps={20}))
     pauses = (46, 53, 60)
-    found = by_cycle(feed(taker, [each for number in range(40, 80) if number not in pauses
-                                  for each in cycle(layouts, number)]))
+    found = by_cycle(
+        feed(
+            taker,
+            [
+                each
+                for number in range(40, 80)
+                if number not in pauses
+                for each in cycle(layouts, number)
+            ],
+        )
+    )
     assert all(joints == ({4} if number < 60 else set()) for number, joints in found.items())
 
 
@@ -92,16 +114,26 @@ def test_a_late_encoder_is_not_taken_because_it_answers_once_in_a_long_cycle(gap
     taker, layouts = rig(6)
     stream = late_stream(layouts, 4, 1, 0, 80, gaps=gaps)
     if lost:
-        stream.remove(next(message for message in stream if message.arbitration_id == 0x185
-                           and message.timestamp > T0 + lost * PERIOD))
-    assert all(joints == {4} for number, joints in by_cycle(feed(taker, stream), 20).items()
-               if number > 20)
+        stream.remove(
+            next(
+                message
+                for message in stream
+                if message.arbitration_id == 0x185 and message.timestamp > T0 + lost * PERIOD
+            )
+        )
+    assert all(
+        joints == {4}
+        for number, joints in by_cycle(feed(taker, stream), 20).items()
+        if number > 20
+    )
 
 
 def test_an_encoder_that_owed_its_second_answer_in_a_long_cycle_is_not_late():
     taker, layouts = rig(6)
-    stream = [*late_stream(layouts, 4, 1, 10, 13, gaps={12}), *(
-        each for number in range(13, 40) for each in cycle(layouts, number))]
+    stream = [
+        *late_stream(layouts, 4, 1, 10, 13, gaps={12}),
+        *(each for number in range(13, 40) for each in cycle(layouts, number)),
+    ]
     found = by_cycle(feed(taker, stream))
     assert found == {n: {4} if n == 10 else set() for n in range(40) if n != 12}
 
@@ -109,7 +141,7 @@ def test_an_encoder_that_owed_its_second_answer_in_a_long_cycle_is_not_late():
 def test_a_lost_sync_is_no_sign_that_all_are_late():
     """The encoders heard it and answer: in two periods each of them twice."""
     taker, layouts = rig(6)
-    stream = [each for number in range(40) for each in cycle(layouts, number)[number == 20:]]
+    stream = [each for number in range(40) for each in cycle(layouts, number)[number == 20 :]]
     assert by_cycle(feed(taker, stream)) == {n: set() for n in range(40) if n != 20}
 
 
@@ -118,7 +150,8 @@ def test_the_driver_leaves_sync_out_until_all_are_proven(producing):
     begin = driver.clock.now
     # The cycle at 2.5 s is one of two periods.
     producer.openings, driver.buses[0].script = opening_of(
-        [*cycles(begin + 0.01, 249), *cycles(begin + 2.51, 250)])
+        [*cycles(begin + 0.01, 249), *cycles(begin + 2.51, 250)]
+    )
     for until, skipped in ((0.5, 1), (2.4, 3), (5.0, 3)):
         run(driver, begin + until)
         assert producer.skip.call_count == skipped
@@ -126,8 +159,10 @@ def test_the_driver_leaves_sync_out_until_all_are_proven(producing):
 
 def counted(layouts, number, counts):
     """Return SYNC and the answers with the given counters, by joint, of a cycle."""
-    return [sync(T0 + PERIOD * number), *(
-        frame(layouts, index, number, count) for index, count in counts.items())]
+    return [
+        sync(T0 + PERIOD * number),
+        *(frame(layouts, index, number, count) for index, count in counts.items()),
+    ]
 
 
 @pytest.mark.parametrize('first', [(), (0,), (3,), (1, 2, 3)])
@@ -143,15 +178,18 @@ def test_encoders_that_come_up_are_soon_taken(silent, first):
     assert sum(sample.stamp > (T0 + PERIOD * 120) * 1e9 for sample in samples) > 70
 
 
-@pytest.mark.parametrize(('back', 'restart', 'taken'), [
-    (60, 0, True), (60, 77, True), (60, 10, True), (43, 10, True), (42, 10, False)])
+@pytest.mark.parametrize(
+    ('back', 'restart', 'taken'),
+    [(60, 0, True), (60, 77, True), (60, 10, True), (43, 10, True), (42, 10, False)],
+)
 def test_an_encoder_with_a_counter_is_taken_again_soon_after_a_long_silence(back, restart, taken):
     """Its counter goes on where it was (10; soon, it is late), or from anywhere after a reboot."""
     taker, layouts = rig(4, COUNTER)
     samples = []
     for number in range(back + 20):
-        last = {3: number} if number < 10 else {3: restart + number - back} if number >= back \
-            else {}
+        last = (
+            {3: number} if number < 10 else {3: restart + number - back} if number >= back else {}
+        )
         samples += feed(taker, counted(layouts, number, dict.fromkeys(range(3), number) | last))
     late = sum(sample.stamp > (T0 + PERIOD * (back + 4.5)) * 1e9 for sample in samples)
     assert late >= 14 if taken else late == 0

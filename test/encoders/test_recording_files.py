@@ -15,8 +15,18 @@ from spm_haptic_master.encoders.recording_files import FrameLog, free_path, Tabl
 from spm_haptic_master.exceptions import InputError, ReplayError, SettingError
 from spm_haptic_master.simulation.source_factory import make_replay
 
-FORMATS = ('.log', '.asc', '.blf', '.csv', '.trc',
-           '.log.gz', '.asc.gz', '.blf.gz', '.csv.gz', '.trc.gz')
+FORMATS = (
+    '.log',
+    '.asc',
+    '.blf',
+    '.csv',
+    '.trc',
+    '.log.gz',
+    '.asc.gz',
+    '.blf.gz',
+    '.csv.gz',
+    '.trc.gz',
+)
 
 
 def replayed(path):
@@ -43,7 +53,7 @@ def test_every_format_keeps_sets_and_spacing(tmp_path, monkeypatch, suffix):
 @pytest.mark.parametrize('suffix', ['.log.gz', '.blf'])
 def test_a_cut_recording_is_not_taken_for_a_whole_one(tmp_path, suffix):
     path = record(tmp_path / f'a{suffix}', stream(*range(700)))
-    path.write_bytes(path.read_bytes()[:path.stat().st_size * 2 // 3])
+    path.write_bytes(path.read_bytes()[: path.stat().st_size * 2 // 3])
     with pytest.raises(ReplayError, match=f'{path}: not readable after'):
         replayed(path)
 
@@ -65,11 +75,18 @@ def test_a_recording_without_one_encoder_has_no_set_and_names_it(tmp_path):
         replayed(record(tmp_path / 'empty.log', []))
 
 
-@pytest.mark.parametrize(('name', 'expected'), [
-    ('missing.log', 'an existing file'), ('.', 'an existing file'),
-    # python-can's writer drops frames of a .db; what is left would play without a word.
-    *((name, r'a format that keeps all frames \(\.log, \.asc, \.blf')
-      for name in ('a.txt', 'a.db', 'a.log.DB'))])
+@pytest.mark.parametrize(
+    ('name', 'expected'),
+    [
+        ('missing.log', 'an existing file'),
+        ('.', 'an existing file'),
+        # python-can's writer drops frames of a .db; what is left would play without a word.
+        *(
+            (name, r'a format that keeps all frames \(\.log, \.asc, \.blf')
+            for name in ('a.txt', 'a.db', 'a.log.DB')
+        ),
+    ],
+)
 def test_a_path_that_is_not_a_log_is_refused(tmp_path, name, expected):
     if name.startswith('a.'):
         (tmp_path / name).write_text('nothing')
@@ -86,8 +103,10 @@ def test_frames_may_be_swapped_by_less_than_a_cycle(tmp_path):
         return replayed(record(tmp_path / 'recorded.log', [*messages, other]))
 
     assert len(swapped(0.9e-3)) == 10
-    with pytest.raises(ReplayError, match=f'time runs backwards at frame 51, from {last:.6f} s to '
-                       f'{last - 1.1e-3:.6f} s'):
+    with pytest.raises(
+        ReplayError,
+        match=f'time runs backwards at frame 51, from {last:.6f} s to {last - 1.1e-3:.6f} s',
+    ):
         swapped(1.1e-3)
 
 
@@ -111,9 +130,18 @@ def test_a_clock_that_is_set_back_a_little_leaves_a_log_that_can_be_read(tmp_pat
 @pytest.mark.parametrize('produces', [False, True])
 def test_the_replay_of_kept_frames_gives_the_same_sets(rig, producing, tmp_path, produces):
     """Also where SYNC is sent and not received."""
-    script = [*cycles(0.01, 120), *cycles(1.21, 5, without=(2,)), error_frame(1.262, 0x20),
-              (1.263, can.Message(arbitration_id=0x5AB, data=b'\1\2', is_extended_id=True,
-                                  timestamp=T0 + 1.263)), *cycles(1.27, 60)]
+    script = [
+        *cycles(0.01, 120),
+        *cycles(1.21, 5, without=(2,)),
+        error_frame(1.262, 0x20),
+        (
+            1.263,
+            can.Message(
+                arbitration_id=0x5AB, data=b'\1\2', is_extended_id=True, timestamp=T0 + 1.263
+            ),
+        ),
+        *cycles(1.27, 60),
+    ]
     if produces:
         driver, producer = producing((), rate=100.0)
         producer.openings, driver.buses[0].script = opening_of(script)
@@ -138,8 +166,9 @@ def test_a_table_is_made_with_its_first_row_and_no_file_is_overwritten(tmp_path)
         table.write(stamp, (1.0, -2.5))
     table.close()
     assert path.read_text() == 'time,x,y\n' + ''.join(
-        f'{time},1.000000000,-2.500000000\n' for time in ('1.000000001', '2.000000000',
-                                                          '3.000000000'))
+        f'{time},1.000000000,-2.500000000\n'
+        for time in ('1.000000001', '2.000000000', '3.000000000')
+    )
     assert (table.rows, table.span) == (3, (1_000_000_001, 3_000_000_000))
     write_new(tmp_path / 'rig' / 'rig.json', '{}')
     for again in (lambda: Table(path, ()), lambda: write_new(tmp_path / 'rig' / 'rig.json', '')):

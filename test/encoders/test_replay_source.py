@@ -13,10 +13,12 @@ from spm_haptic_master.simulation.source_factory import make_source
 @pytest.fixture
 def replay(tmp_path):
     """Make a source that plays frames."""
+
     def make(messages, rate=100.0, **overrides):
         path = record(tmp_path / 'recorded.log', messages)
-        return make_source('replay', values(
-            'replay', replay__path=str(path), replay__rate=rate, **overrides))
+        return make_source(
+            'replay', values('replay', replay__path=str(path), replay__rate=rate, **overrides)
+        )
 
     return make
 
@@ -36,7 +38,8 @@ def test_two_sets_of_one_stamp_are_played_in_every_round_until_the_file_is_gone(
 
 @pytest.mark.parametrize(('rate', 'paused'), [(1.0, 0), (4.0, 0), (1.0, 1000.0)])
 def test_sets_are_due_at_their_last_frame_and_rounds_a_millisecond_apart(
-        replay, clock, rate, paused):
+    replay, clock, rate, paused
+):
     source = replay(stream(0, 1, 2), rate, replay__loop=True)
     begin = clock.time_ns()
     # The last frame of a round comes 2.6 ms after its first.
@@ -44,10 +47,10 @@ def test_sets_are_due_at_their_last_frame_and_rounds_a_millisecond_apart(
         for number in range(3):
             sample = source.read(1.0)
             # SYNC at number ms, the last answer 0.6 ms later.
-            assert sample.stamp - begin == pytest.approx(
-                1e6 * (start + number / rate), abs=3000)
+            assert sample.stamp - begin == pytest.approx(1e6 * (start + number / rate), abs=3000)
             assert clock.time_ns() - begin == pytest.approx(
-                1e6 * (start + (number + 0.6) / rate), abs=3000)
+                1e6 * (start + (number + 0.6) / rate), abs=3000
+            )
         assert source.statistics()['rounds played'] == played
         clock.now += 1e-3 * paused
 
@@ -85,8 +88,9 @@ def test_a_round_ends_the_open_cycle(replay):
 
 
 def test_fault_and_figures_are_those_at_this_point_of_the_recording(replay):
-    source = replay([*cycle(0), *[m for m in cycle(1) if m.arbitration_id != 0x183],
-                     *stream(2, 3, 4)])
+    source = replay(
+        [*cycle(0), *[m for m in cycle(1) if m.arbitration_id != 0x183], *stream(2, 3, 4)]
+    )
     source.read(1.0)
     assert source.fault is None
     assert source.statistics()['joint_1a age (ms)'] == pytest.approx(0.45, abs=0.01)

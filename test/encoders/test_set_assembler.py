@@ -71,8 +71,9 @@ def test_answers_that_pile_up_are_never_taken_for_fresh(stall, at_once, answered
     assert numbers[:10] == [*range(10)] and numbers[-10:] == [*range(30, 40)]
 
 
-@pytest.mark.parametrize(('sensors', 'gone'), [
-    (5, {4}), (5, {0}), (6, {4}), (6, {5}), (6, {0, 1}), (6, {3, 4})])
+@pytest.mark.parametrize(
+    ('sensors', 'gone'), [(5, {4}), (5, {0}), (6, {4}), (6, {5}), (6, {0, 1}), (6, {3, 4})]
+)
 def test_the_sets_go_on_without_a_silent_sensor_and_do_not_wait_for_it(sensors, gone):
     taker, layouts = rig(sensors)
     found = by_cycle(feed(taker, sum((cycle(layouts, number) for number in range(10)), [])))
@@ -88,11 +89,11 @@ def test_the_sets_go_on_without_a_silent_sensor_and_do_not_wait_for_it(sensors, 
     assert held == SILENT == taker.assembler.counters['sets at the end of the cycle']
     assert taker.assembler.counters['sets with a joint missing'] == 50
     assert taker.caution(T0 + 60 * PERIOD) == '; '.join(
-        f'{ALL_JOINT_NAMES[index]}: no frames' for index in sorted(gone))
+        f'{ALL_JOINT_NAMES[index]}: no frames' for index in sorted(gone)
+    )
 
 
-@pytest.mark.parametrize(('sensors', 'gone'), [
-    (4, {3}), (4, {0}), (5, {0, 4}), (6, {0, 3, 5})])
+@pytest.mark.parametrize(('sensors', 'gone'), [(4, {3}), (4, {0}), (5, {0, 4}), (6, {0, 3, 5})])
 def test_fewer_than_four_readings_are_no_set(sensors, gone):
     taker, layouts = rig(sensors)
     feed(taker, cycle(layouts, 0))
@@ -110,13 +111,18 @@ def test_a_sensor_is_taken_again_when_it_answers_again(sensors, silent):
     for index in range(sensors) if silent == 1 else (3,):
         taker, layouts = rig(sensors)
         begin, back = 10, 10 + silent
-        stream = [cycle(layouts, number, {index} if begin <= number < back else ())
-                  for number in range(back + 20)]
+        stream = [
+            cycle(layouts, number, {index} if begin <= number < back else ())
+            for number in range(back + 20)
+        ]
         found = by_cycle(feed(taker, sum(stream, [])))
         # Until its late answers would have come, what comes may be one of them.
         lost = range(begin, back + (0 if silent == 1 else 3))
-        assert found == {n: {index} if n in lost else set() for n in range(back + 20)
-                         if sensors > 4 or n not in lost}
+        assert found == {
+            n: {index} if n in lost else set()
+            for n in range(back + 20)
+            if sensors > 4 or n not in lost
+        }
         assert taker.assembler.missed == [silent * (i == index) for i in range(sensors)]
 
 
@@ -126,8 +132,13 @@ def test_one_per_cent_of_lost_frames(sensors, share):
     rng = random.Random(25)
     taker, layouts = rig(sensors)
     cycles = 1500
-    stream = (message for number in range(cycles) for message in cycle(
-        layouts, number, {index for index in range(sensors) if rng.random() < 0.01}))
+    stream = (
+        message
+        for number in range(cycles)
+        for message in cycle(
+            layouts, number, {index for index in range(sensors) if rng.random() < 0.01}
+        )
+    )
     found = by_cycle(feed(taker, stream))
     assert len(found) > share * cycles
     assert sum(map(len, found.values())) < 0.02 * sensors * cycles
@@ -136,8 +147,9 @@ def test_one_per_cent_of_lost_frames(sensors, share):
 @pytest.mark.parametrize(('sensors', 'gone'), [(4, {2}), (5, {4}), (6, {0}), (6, {2, 3})])
 def test_without_sync_a_silent_sensor_is_not_waited_for_either(sensors, gone):
     taker, layouts = rig(sensors, encoders__sync_id=0)
-    stream = [cycle(layouts, number, gone if 10 <= number < 30 else ())[1:]
-              for number in range(40)]
+    stream = [
+        cycle(layouts, number, gone if 10 <= number < 30 else ())[1:] for number in range(40)
+    ]
     found = by_cycle(feed(taker, sum(stream, [])))
     assert taker.assembler.counters['sets at the end of the cycle'] <= SILENT + 1
     if sensors == 4:
@@ -154,14 +166,25 @@ def assembler(synchronised=True, window=WINDOW):
 
 def answer_all(taker, stamp, without=()):
     """Answer for the joints in order, from `stamp`; return the set, if any."""
-    got = [taker.answer(index, 0.1 * index, stamp + 0.1 * index)
-           for index in range(4) if index not in without]
+    got = [
+        taker.answer(index, 0.1 * index, stamp + 0.1 * index)
+        for index in range(4)
+        if index not in without
+    ]
     return next((sample for sample in got if sample is not None), None)
 
 
-@pytest.mark.parametrize(('window', 'at', 'good'), [
-    (0.5, 0.0, True), (0.5, 0.5, True), (0.5, 0.501, False), (0.5, -0.001, False),
-    (3.5, 1.5, True), (3.5, 3.501, False)])
+@pytest.mark.parametrize(
+    ('window', 'at', 'good'),
+    [
+        (0.5, 0.0, True),
+        (0.5, 0.5, True),
+        (0.5, 0.501, False),
+        (0.5, -0.001, False),
+        (3.5, 1.5, True),
+        (3.5, 3.501, False),
+    ],
+)
 def test_an_answer_counts_within_the_window(window, at, good):
     taker = assembler(window=window)
     taker.begin(64.0)
@@ -214,8 +237,10 @@ def test_more_answers_than_are_owed_spoil_their_cycle():
     assert taker.cause == 'two answers from joint_1b in one cycle'
 
 
-@pytest.mark.parametrize(('index', 'at', 'same'), [
-    (3, WINDOW, True), (3, WINDOW + 0.01, False), (3, -0.01, False), (0, 0.1, False)])
+@pytest.mark.parametrize(
+    ('index', 'at', 'same'),
+    [(3, WINDOW, True), (3, WINDOW + 0.01, False), (3, -0.01, False), (0, 0.1, False)],
+)
 def test_without_sync_a_frame_beyond_the_window_or_a_second_one_opens_a_cycle(index, at, same):
     taker = assembler(synchronised=False)
     for other in range(3):

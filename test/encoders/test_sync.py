@@ -35,6 +35,7 @@ class OnClock(threading.Event):
 @pytest.fixture
 def producer(clock):
     """Make a producer that runs for some seconds, in the test's thread."""
+
     def make(end, on_send=None, echo=None):
         sent = []
 
@@ -49,6 +50,7 @@ def producer(clock):
         made.times = lambda: [at for at, _ in sent]
         made.messages = sent
         return made
+
     return make
 
 
@@ -57,21 +59,33 @@ def test_it_listens_then_probes_then_keeps_its_grid(producer):
     made = producer(0.495, lambda number: states.append(made.producing))
     made._run()
     assert made.times() == pytest.approx(
-        [LISTEN, *(LISTEN + PROBE + PERIOD * number for number in range(36))])
+        [LISTEN, *(LISTEN + PROBE + PERIOD * number for number in range(36))]
+    )
     assert states == [False] + [True] * 36 and not made.producing
     assert made.statistics() == {
-        'SYNC sent': 37, 'SYNC not sent': 0, 'SYNC deadlines missed': 0, 'SYNC left out': 0,
-        "another master's SYNC": 0, 'SYNC sent late p50 / p99 / max (us)': '0 / 0 / 0'}
+        'SYNC sent': 37,
+        'SYNC not sent': 0,
+        'SYNC deadlines missed': 0,
+        'SYNC left out': 0,
+        "another master's SYNC": 0,
+        'SYNC sent late p50 / p99 / max (us)': '0 / 0 / 0',
+    }
     _, message = made.messages[0]
-    assert (message.arbitration_id, bytes(message.data), message.is_extended_id) \
-        == (0x80, b'', False)
+    assert (message.arbitration_id, bytes(message.data), message.is_extended_id) == (
+        0x80,
+        b'',
+        False,
+    )
 
 
 # In half a second: lateness of each wait, s; deadlines missed; s lost, more than a period late.
-@pytest.mark.parametrize(('late', 'missed', 'lost'), [
-    (0.0, 0, 0.0), (0.002, 0, 0.0), (0.0099, 0, 0.0), (0.012, 18, 0.216), (0.0305, 27, 0.2745)])
+@pytest.mark.parametrize(
+    ('late', 'missed', 'lost'),
+    [(0.0, 0, 0.0), (0.002, 0, 0.0), (0.0099, 0, 0.0), (0.012, 18, 0.216), (0.0305, 27, 0.2745)],
+)
 def test_the_grid_keeps_its_phase_and_what_is_late_missed_or_lost_is_measured(
-        producer, clock, late, missed, lost):
+    producer, clock, late, missed, lost
+):
     made = producer(0.5)
     clock.late = late
     made._run()
@@ -80,7 +94,8 @@ def test_the_grid_keeps_its_phase_and_what_is_late_missed_or_lost_is_measured(
     assert made.lost == pytest.approx(lost)
     begin, *times = made.times()[1:]
     assert (np.array(times) - late - begin) / PERIOD == pytest.approx(
-        1 + np.arange(len(times)) * (1 + int(late / PERIOD)), abs=1e-6)
+        1 + np.arange(len(times)) * (1 + int(late / PERIOD)), abs=1e-6
+    )
 
 
 def test_one_sync_is_left_out_on_request_while_it_produces(producer):
@@ -95,6 +110,7 @@ def test_one_sync_is_left_out_on_request_while_it_produces(producer):
 @pytest.mark.parametrize('number', [0, 10])
 def test_another_master_keeps_it_quiet_for_the_pause_and_it_resumes(producer, clock, number):
     """One that is there from the start, and one that begins later."""
+
     def on_send(sent):
         if sent == number:
             # Also while a SYNC sent here, of which no frame has come since, waits for its cycle.
@@ -103,7 +119,7 @@ def test_another_master_keeps_it_quiet_for_the_pause_and_it_resumes(producer, cl
     made = producer(3.0, on_send)
     on_send(0)
     made._run()
-    heard, resumed = [0.0, *made.times()][number:number + 2]
+    heard, resumed = [0.0, *made.times()][number : number + 2]
     assert heard + QUIET - 1e-6 < resumed < heard + QUIET + LISTEN + 2.0 * PERIOD
     assert (made.foreign, made.lost, made.statistics()['SYNC deadlines missed']) == (1, 0.0, 0)
     # What was sent before is no more taken for one of these.
@@ -112,8 +128,12 @@ def test_another_master_keeps_it_quiet_for_the_pause_and_it_resumes(producer, cl
 
 
 def test_a_refused_send_is_counted_and_the_grid_goes_on(producer, clock):
-    refusals = [can.CanOperationError('full'), OSError('down'), ValueError('too long'),
-                ImportError('no back end')]
+    refusals = [
+        can.CanOperationError('full'),
+        OSError('down'),
+        ValueError('too long'),
+        ImportError('no back end'),
+    ]
 
     def on_send(number):
         if 3 <= number < 3 + len(refusals):
@@ -177,20 +197,31 @@ STEADY = np.arange(0.0, 5.0, 1e-3)
 RNG = np.random.default_rng(5)
 
 
-@pytest.mark.parametrize(('stamps', 'measured'), [
-    *((np.arange(0.0, 3.0, 1.0 / bus), bus) for bus in (100.0, 200.0, 500.0, 2000.0, 30.0)),
-    # A busy machine: two of three are lost, or late by up to two periods.
-    (STEADY, None), (STEADY[RNG.random(5000) < 1.0 / 3.0], None),
-    (np.sort(STEADY + RNG.uniform(0.0, 2e-3, 5000)), None),
-    # The cause begins, or has ended; a gap, or a clock set back, is no rate.
-    ([*STEADY, *np.arange(5.0, 7.0, 5e-3)], 200.0),
-    ([*np.arange(0.0, 2.0, 5e-3), *np.arange(2.0, 4.0, 1e-3)], None),
-    ([0.0, 0.001, 3.0, 3.001, 9.0, *np.arange(7.0, 9.0, 1e-3)], None), ([], None)])
+@pytest.mark.parametrize(
+    ('stamps', 'measured'),
+    [
+        *((np.arange(0.0, 3.0, 1.0 / bus), bus) for bus in (100.0, 200.0, 500.0, 2000.0, 30.0)),
+        # A busy machine: two of three are lost, or late by up to two periods.
+        (STEADY, None),
+        (STEADY[RNG.random(5000) < 1.0 / 3.0], None),
+        (np.sort(STEADY + RNG.uniform(0.0, 2e-3, 5000)), None),
+        # The cause begins, or has ended; a gap, or a clock set back, is no rate.
+        ([*STEADY, *np.arange(5.0, 7.0, 5e-3)], 200.0),
+        ([*np.arange(0.0, 2.0, 5e-3), *np.arange(2.0, 4.0, 1e-3)], None),
+        ([0.0, 0.001, 3.0, 3.001, 9.0, *np.arange(7.0, 9.0, 1e-3)], None),
+        ([], None),
+    ],
+)
 def test_another_rate_of_sync_is_reported_with_the_cure(stamps, measured):
     found = SyncRate(1e-3)
     for stamp in stamps:
         found.heard(stamp)
     assert found.measured == (measured and pytest.approx(measured, rel=0.02))
-    assert found.text() == (measured and (
-        f'SYNC comes at {measured:.0f} Hz, rate is 1000 Hz: give rate, as it is on the bus, to '
-        'all nodes (can_scan prints it)'))
+    assert found.text() == (
+        measured
+        and (
+            f'SYNC comes at {measured:.0f} Hz, rate is 1000 Hz: give rate, as it is on the '
+            'bus, to '
+            'all nodes (can_scan prints it)'
+        )
+    )

@@ -32,8 +32,7 @@ class Bench:
 
     def __init__(self, motors=3, limits=None, **kwargs):
         self.motors = motors
-        self.controller = ForceController(
-            motors=motors, limits=limits or ForceLimits(), **kwargs)
+        self.controller = ForceController(motors=motors, limits=limits or ForceLimits(), **kwargs)
         self.now, self.torque, self.wrench, self.changed = 0, STILL, None, {}
         self.outputs = []
 

@@ -43,7 +43,7 @@ def test_what_the_motors_give_is_taken_from_the_budget():
 def test_what_the_hand_gives_is_kept_up_to_the_energy_of_the_softest_spring():
     budget = EnergyBudget()
     spend(budget, -1.0, 10, (0.0, 0.12, 0.16))
-    assert budget.energy == pytest.approx(ADVANCE + 0.2 ** 2 / 0.4)
+    assert budget.energy == pytest.approx(ADVANCE + 0.2**2 / 0.4)
     spend(budget, 0.0, 1)
     assert budget.energy == ADVANCE
 
@@ -89,8 +89,9 @@ def test_the_work_is_that_of_the_motors_alone(motors, work):
     motion = JointMotion(motors)
     torques = (*WEIGHTS, 1000.0)[:motors]
     motion.take(0, (0.1, 0.2, 0.3, 0.4, 0.5), torques, DT)
-    assert motion.take(1_000_000, (0.101, 0.202, 0.303, 0.404, 9.0), torques,
-                       DT) == pytest.approx(work)
+    assert motion.take(1_000_000, (0.101, 0.202, 0.303, 0.404, 9.0), torques, DT) == pytest.approx(
+        work
+    )
 
 
 def test_an_encoder_that_jumps_is_no_motion():
@@ -119,8 +120,10 @@ def yielding(bench, **changed):
     while True:
         output = bench.step(angles=angles, **changed)
         yield output, angles
-        angles = tuple(angle + 1e-2 * torque for angle, torque in zip(
-            angles, (*output.motor_torque, 0.0), strict=True))
+        angles = tuple(
+            angle + 1e-2 * torque
+            for angle, torque in zip(angles, (*output.motor_torque, 0.0), strict=True)
+        )
 
 
 def test_energy_that_is_generated_ends_in_a_latched_fault():
@@ -157,14 +160,16 @@ def test_a_lock_that_generates_energy_falls_with_its_share():
 
 
 @pytest.mark.parametrize('sense', [1, -1])
-@pytest.mark.parametrize('speed', [
-    pytest.param(0.2, marks=pytest.mark.slow), pytest.param(1.0, marks=pytest.mark.slow), 3.0])
+@pytest.mark.parametrize(
+    'speed',
+    [pytest.param(0.2, marks=pytest.mark.slow), pytest.param(1.0, marks=pytest.mark.slow), 3.0],
+)
 def test_twelve_loops_in_the_fade_zone(speed, sense):
     """A faded spring is not conservative, and no damping helps in slow motion: 20 mJ in all."""
     R = pose(FADE_ZONE)
     motion, environment, seconds = loops(R, speed, 12, sense)
     found = run(R, Slave(environment), seconds, motion=motion, hand=None)
-    assert set(found.states[found.start:]) == {'engaged'}
+    assert set(found.states[found.start :]) == {'engaged'}
     assert found.generated <= 20e-3
 
 
@@ -173,8 +178,8 @@ def test_fast_loops_move_no_motor_by_jerks():
     R = pose(FADE_ZONE)
     motion, environment, seconds = loops(R, 5.0, 12, 1)
     found = run(R, Slave(environment), seconds, motion=motion, hand=None)
-    assert found.generated <= 20e-3 and found.energy[found.start:].min() < 0.0
-    assert np.abs(np.diff(found.torque[found.start:], axis=0)).max() <= 0.2
+    assert found.generated <= 20e-3 and found.energy[found.start :].min() < 0.0
+    assert np.abs(np.diff(found.torque[found.start :], axis=0)).max() <= 0.2
 
 
 def test_loops_generate_without_the_law_and_with_four_motors_do_not():
@@ -183,8 +188,16 @@ def test_loops_generate_without_the_law_and_with_four_motors_do_not():
     left = {}
     for motors in (3, 4):
         motion, environment, seconds = loops(R, 1.0, 4, 1)
-        found = run(R, Slave(environment), seconds, motion=motion, hand=None, motors=motors,
-                    noise=0.0, controller=without_energy_law(motors))
+        found = run(
+            R,
+            Slave(environment),
+            seconds,
+            motion=motion,
+            hand=None,
+            motors=motors,
+            noise=0.0,
+            controller=without_energy_law(motors),
+        )
         turn = (len(found.given) - found.start) // 4
         left[motors] = (found.given[-1] - found.given[-1 - 2 * turn]) / 2.0
     assert left[3] > 2e-3
@@ -194,13 +207,21 @@ def test_loops_generate_without_the_law_and_with_four_motors_do_not():
 def test_the_work_against_the_weight_is_not_counted():
     """The motors lift the handle for the hand: more than the budget, and none of it counts."""
     R = pose(20.0)
-    controller = ForceController(limits=ForceLimits(ramp=0.05), gravity=Gravity(
-        handle=(0.0, 0.0, 0.02), proximal=(0.005, 0.0, 0.005, 0.0, 0.005, 0.0)))
-    found = run(R, Slave(constant((0.0, 0.0, 0.0))), 1.0, hand=None, controller=controller,
-                motion=push(axis(R, 'tilt'), -0.3, rise=0.5, hold=0.5))
+    controller = ForceController(
+        limits=ForceLimits(ramp=0.05),
+        gravity=Gravity(handle=(0.0, 0.0, 0.02), proximal=(0.005, 0.0, 0.005, 0.0, 0.005, 0.0)),
+    )
+    found = run(
+        R,
+        Slave(constant((0.0, 0.0, 0.0))),
+        1.0,
+        hand=None,
+        controller=controller,
+        motion=push(axis(R, 'tilt'), -0.3, rise=0.5, hold=0.5),
+    )
     assert found.generated > 10e-3
-    assert found.energy[found.start:].min() >= 1.5e-3
-    assert set(found.states[found.start:]) == {'engaged'}
+    assert found.energy[found.start :].min() >= 1.5e-3
+    assert set(found.states[found.start :]) == {'engaged'}
 
 
 def test_twelve_loops_of_a_handle_that_weighs_in_the_fade_zone():
@@ -210,17 +231,23 @@ def test_twelve_loops_of_a_handle_that_weighs_in_the_fade_zone():
     samples = []
     for number in range(turn):
         angle = -math.tau * number / turn
-        R = workspace_pose(tilt + radius * math.sin(angle), azimuth,
-                           phi + radius * (math.cos(angle) - 1.0))
+        R = workspace_pose(
+            tilt + radius * math.sin(angle), azimuth, phi + radius * (math.cos(angle) - 1.0)
+        )
         joints = inverse(R)
-        samples.append(((*joints.theta1.tolist(), float(joints.theta3a)),
-                        tuple(quaternion_from_matrix(R).tolist())))
+        samples.append(
+            (
+                (*joints.theta1.tolist(), float(joints.theta3a)),
+                tuple(quaternion_from_matrix(R).tolist()),
+            )
+        )
     work, torques, before = 0.0, (0.0,) * 3, samples[0][0]
     for number in range(700 + 12 * turn):
         angles, quaternion = samples[max(0, number - 700) % turn]
         output = bench.step(angles=angles, quaternion=quaternion)
-        work += sum(torque * (new - old) for torque, new, old in zip(
-            torques, angles, before, strict=False))
+        work += sum(
+            torque * (new - old) for torque, new, old in zip(torques, angles, before, strict=False)
+        )
         torques, before = output.motor_torque, angles
     assert output.state.text == 'engaged'
     assert work <= 20e-3
@@ -229,8 +256,8 @@ def test_twelve_loops_of_a_handle_that_weighs_in_the_fade_zone():
 def test_noise_at_rest_is_one_millinewtonmetre():
     """0.04 deg on each encoder, 14 bit, damping 0.005 N m s/rad."""
     found = run(pose(20.0), Slave(constant((0.0, 0.0, 0.0))), 3.0, hand=None)
-    felt = found.rendered[found.start:]
-    assert 0.0 < np.sqrt(np.mean(np.sum(felt ** 2, axis=1))) <= 1e-3
+    felt = found.rendered[found.start :]
+    assert 0.0 < np.sqrt(np.mean(np.sum(felt**2, axis=1))) <= 1e-3
 
 
 @pytest.mark.slow
@@ -239,5 +266,5 @@ def test_a_minute_at_rest_leaves_the_budget(phi_deg, torque):
     """Noise alone takes at most 0.5 mJ, and nothing of the wrench."""
     slave = Slave(constant((torque, 0.0, 0.0)))
     found = run(pose(phi_deg), slave, 60.0, hand=None)
-    assert found.energy[found.start:].min() >= 1.5e-3
+    assert found.energy[found.start :].min() >= 1.5e-3
     assert (found.share == 1.0).all()

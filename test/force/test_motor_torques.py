@@ -36,8 +36,11 @@ def poses(count, seed=0, half_angle=20.0, low=0.0, high=95.0):
     """Poses of the workspace within reach, and G with four rows."""
     rng = np.random.default_rng(seed)
     tilt, azimuth, phi = rng.uniform(size=(3, count))
-    R = workspace_pose(math.radians(half_angle) * np.sqrt(tilt), 2.0 * math.pi * azimuth,
-                       np.radians(low + (high - low) * phi))
+    R = workspace_pose(
+        math.radians(half_angle) * np.sqrt(tilt),
+        2.0 * math.pi * azimuth,
+        np.radians(low + (high - low) * phi),
+    )
     G = jacobian(R, sensors=4)
     known = np.isfinite(G).all((1, 2))
     return R[known], G[known]
@@ -55,8 +58,11 @@ def test_the_rows_are_the_jacobian_of_the_inverse_model():
         g = built.geometry
         for mode in (MODES[trial % 8], MODE):
             try:
-                R = built.reachable_rotation(rng) if trial % 2 else workspace_pose(
-                    0.2, rng.uniform(0.0, 6.0), rng.uniform(0.0, 0.7))
+                R = (
+                    built.reachable_rotation(rng)
+                    if trial % 2
+                    else workspace_pose(0.2, rng.uniform(0.0, 6.0), rng.uniform(0.0, 0.7))
+                )
                 G = jacobian(R, g, mode, sensors=4)
             except SpmError:
                 continue
@@ -72,7 +78,8 @@ def test_four_motors_render_all_with_the_least_heat_or_the_least_peak():
     least_heat = render(R, torque, motors=4, motor_torque_limit=UNLIMITED)
     assert np.abs(least_heat.motor_torque).max() <= 1.0
     np.testing.assert_allclose(
-        least_heat.motor_torque, np.einsum('nji,nj->ni', np.linalg.pinv(G), torque), atol=1e-12)
+        least_heat.motor_torque, np.einsum('nji,nj->ni', np.linalg.pinv(G), torque), atol=1e-12
+    )
     least_peak = render(R, torque, motors=4, motor_torque_limit=0.88)
     np.testing.assert_allclose(least_peak.rendered, torque, atol=1e-9)
     assert np.abs(least_peak.motor_torque).max() <= 0.88
@@ -212,10 +219,20 @@ def test_poses_that_a_leg_does_not_reach_are_those_without_a_jacobian(motors):
     np.testing.assert_array_equal(np.isfinite(found.fraction), reached)
 
 
-@pytest.mark.parametrize('wrong', [
-    {'motors': 2}, {'motors': True}, {'motor_torque_limit': 0.0}, {'sigma_off': 0.2},
-    {'torque': (0.0, 0.0)}, {'torque': (0.0, 0.0, math.nan)}, {'working_mode': (1, 1)},
-    {'motor_torque_limit': math.inf}, {'geometry': None}])
+@pytest.mark.parametrize(
+    'wrong',
+    [
+        {'motors': 2},
+        {'motors': True},
+        {'motor_torque_limit': 0.0},
+        {'sigma_off': 0.2},
+        {'torque': (0.0, 0.0)},
+        {'torque': (0.0, 0.0, math.nan)},
+        {'working_mode': (1, 1)},
+        {'motor_torque_limit': math.inf},
+        {'geometry': None},
+    ],
+)
 def test_wrong_arguments(wrong):
     with pytest.raises(InputError):
         render(**({'R': np.eye(3), 'torque': (0.0, 0.0, 0.1)} | wrong))
@@ -236,7 +253,8 @@ def test_the_weight_is_held_by_the_slope_of_its_potential_energy():
     def energy(R):
         found = R @ gravity.handle
         for leg, angle, (along, across) in zip(
-                PAPER.legs, inverse(R).theta1, np.reshape(gravity.proximal, (3, 2)), strict=True):
+            PAPER.legs, inverse(R).theta1, np.reshape(gravity.proximal, (3, 2)), strict=True
+        ):
             constant, cosine, sine = np.array(leg.second)
             second = constant + np.cos(angle) * cosine + np.sin(angle) * sine
             found = found + along * second + across * np.cross(leg.first, second)
@@ -247,7 +265,8 @@ def test_the_weight_is_held_by_the_slope_of_its_potential_energy():
 
     for R in workspace_pose(0.3 * rng.random(5), 6.0 * rng.random(5), 0.7 * rng.random(5)):
         statics.place(R.ravel().tolist())
-        slope = [(energy(turn(step * axis) @ R)
-                  - energy(turn(-step * axis) @ R)) / (2.0 * step)
-                 for axis in np.eye(3)]
+        slope = [
+            (energy(turn(step * axis) @ R) - energy(turn(-step * axis) @ R)) / (2.0 * step)
+            for axis in np.eye(3)
+        ]
         np.testing.assert_allclose(weight.torque(), slope, rtol=1e-6, atol=1e-6)

@@ -43,7 +43,7 @@ ENDS = [
     ({'angles': (NAN, *ANGLES[1:])}, Reason.ANGLE),
     ({'sources': 2}, Reason.SOURCES),
     ({'wrench': Wrench(0, TORQUE)}, Reason.STALE),
-    ({'wrench': Wrench(10 ** 12, TORQUE)}, Reason.STALE),
+    ({'wrench': Wrench(10**12, TORQUE)}, Reason.STALE),
     ({'wrench': None}, Reason.STALE),
     ({'wrench': Wrench(0, (NAN, 0.0, 0.0))}, Reason.NOT_FINITE),
     ({'lock': (NAN, 0.0, 0.0)}, Reason.NOT_FINITE),
@@ -71,8 +71,14 @@ def test_the_way_to_force_and_back():
     bench.run(10)
     bench.run(30, present=False)
     assert texts(bench) == [
-        'off', 'ready', 'engaged', 'holding', 'engaged',
-        f'fading: {Reason.ABSENT.value}', 'ready']
+        'off',
+        'ready',
+        'engaged',
+        'holding',
+        'engaged',
+        f'fading: {Reason.ABSENT.value}',
+        'ready',
+    ]
 
 
 def test_ready_needs_a_tenth_of_a_second_without_a_break():
@@ -190,8 +196,7 @@ def test_what_ends_force_does_not_let_it_begin(changed, reason):
         bench.torque = None
     bench.run(300, **changed)
     assert all(output.motor_torque == ZERO for output in bench.outputs)
-    assert {output.state.condition for output in bench.outputs} <= {
-        Condition.OFF, Condition.READY}
+    assert {output.state.condition for output in bench.outputs} <= {Condition.OFF, Condition.READY}
 
 
 def test_an_encoder_that_jumps_turns_no_motor_up():
@@ -199,8 +204,7 @@ def test_an_encoder_that_jumps_turns_no_motor_up():
     bench = Bench()
     before = bench.engage()
     a, b, c, third = ANGLES
-    jumped = {'angles': (a, b + math.radians(5.0), c, third), 'quaternion': None,
-              'velocity': None}
+    jumped = {'angles': (a, b + math.radians(5.0), c, third), 'quaternion': None, 'velocity': None}
     for _ in range(20):
         output = bench.step(**jumped)
         for new, old in zip(output.motor_torque, before.motor_torque, strict=True):
@@ -341,9 +345,17 @@ def test_ten_thousand_random_faults_and_transitions():
     assert {'off', 'ready', 'engaged', 'holding'} < seen and len(seen) > 20
 
 
-@pytest.mark.parametrize('wrong', [
-    {'torque': 0.0}, {'slew': -1.0}, {'sigma_off': 0.2}, {'speed': NAN}, {'ramp': 'x'},
-    {'noise': True}])
+@pytest.mark.parametrize(
+    'wrong',
+    [
+        {'torque': 0.0},
+        {'slew': -1.0},
+        {'sigma_off': 0.2},
+        {'speed': NAN},
+        {'ramp': 'x'},
+        {'noise': True},
+    ],
+)
 def test_wrong_limits(wrong):
     with pytest.raises(InputError, match=next(iter(wrong))):
         ForceLimits(**wrong)
@@ -356,8 +368,11 @@ def test_wrong_number_of_motors():
 
 def test_every_word_of_the_state_is_read_as_it_was_made():
     whys = {Condition.FADING: Reason, Condition.FAULT: Reason}
-    states = [ForceState(condition, why)
-              for condition in Condition for why in whys.get(condition, [None])]
+    states = [
+        ForceState(condition, why)
+        for condition in Condition
+        for why in whys.get(condition, [None])
+    ]
     assert len(states) == 4 + 2 * len(Reason)
     assert [FORCE_STATES.get(state.text) for state in states] == states
 

@@ -20,8 +20,9 @@ MultiBody = pytest.importorskip('paper.mujoco_model').MultiBody
 def drawn_poses(count, seed):
     rng = np.random.default_rng(seed)
     tilt, azimuth, phi = rng.uniform(size=(3, count))
-    R = workspace_pose(math.radians(20.0) * np.sqrt(tilt), 2.0 * math.pi * azimuth,
-                       math.radians(95.0) * phi)
+    R = workspace_pose(
+        math.radians(20.0) * np.sqrt(tilt), 2.0 * math.pi * azimuth, math.radians(95.0) * phi
+    )
     return R[np.isfinite(jacobian(R)).all((1, 2))]
 
 
@@ -56,7 +57,8 @@ def test_torque_that_the_handle_gets_is_mujocos(motors, built):
         place(body, pose, g)
         free, turning = motions(body)
         np.testing.assert_allclose(
-            np.linalg.solve(turning.T, free[driven].T @ tau), felt, atol=1e-5)
+            np.linalg.solve(turning.T, free[driven].T @ tau), felt, atol=1e-5
+        )
 
 
 def heavy_body():
@@ -96,8 +98,7 @@ def test_gravity_is_identified_from_twelve_noisy_poses():
     R = R[np.linalg.svd(jacobian(R), compute_uv=False)[:, 2] > 0.3]
     learned, others = R[:12], R[12:32]
     torques = np.array([holding(body, pose) for pose in learned])
-    gravity, residual = identify_gravity(
-        learned, torques + 1e-3 * rng.normal(size=torques.shape))
+    gravity, residual = identify_gravity(learned, torques + 1e-3 * rng.normal(size=torques.shape))
     assert residual <= 3e-3
     statics = make_statics(body.g, (1, 1, 1), 3, ForceLimits())
     weight = Weight(gravity, statics)

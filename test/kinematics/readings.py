@@ -23,8 +23,10 @@ UNEQUAL = SIGMA * np.array([1.0, 2.0, 0.5, 1.5, 0.8, 1.2])
 def all_angles(R, g=PAPER, mode=(1, 1, 1)):
     """Return the true readings of six sensors."""
     joints = inverse(R, g, mode)
-    return np.concatenate([joints.theta1, np.stack(
-        [joints.theta3a, joints.theta3b, joints.theta3c], axis=-1)], axis=-1)
+    return np.concatenate(
+        [joints.theta1, np.stack([joints.theta3a, joints.theta3b, joints.theta3c], axis=-1)],
+        axis=-1,
+    )
 
 
 def four_angles(R, g=PAPER, mode=(1, 1, 1)):
@@ -39,9 +41,17 @@ def wrapped(angles):
 
 def differences(R, g=PAPER, mode=(1, 1, 1), step=1e-5):
     """Rates of six sensors along turns about the base axes, by central differences, (6, 3)."""
-    return np.stack([wrapped(
-        all_angles(turn(step * axis) @ R, g, mode) - all_angles(turn(-step * axis) @ R, g, mode)
-        ) / (2.0 * step) for axis in np.eye(3)], axis=-1)
+    return np.stack(
+        [
+            wrapped(
+                all_angles(turn(step * axis) @ R, g, mode)
+                - all_angles(turn(-step * axis) @ R, g, mode)
+            )
+            / (2.0 * step)
+            for axis in np.eye(3)
+        ],
+        axis=-1,
+    )
 
 
 def estimated(readings, sigma=SIGMA, g=PAPER, **options):

@@ -44,9 +44,13 @@ def nearest(R, others):
     return min(mechanism.angle_between(R, other) for other in others)
 
 
-@pytest.mark.parametrize('mode', [
-    pytest.param(mode, marks=[pytest.mark.slow] * (number not in (0, 5)))
-    for number, mode in enumerate(mechanism.MODES[:6])])
+@pytest.mark.parametrize(
+    'mode',
+    [
+        pytest.param(mode, marks=[pytest.mark.slow] * (number not in (0, 5)))
+        for number, mode in enumerate(mechanism.MODES[:6])
+    ],
+)
 def test_complete_against_an_independent_search(mode):
     """Every other mechanism is of a design with more modes than the paper's."""
     rng = np.random.default_rng(21)
@@ -73,13 +77,23 @@ def singular_poses():
     for trial in range(16):
         built, mode = nominal() if trial % 2 else random_nominal(rng), mechanism.MODES[trial % 8]
         determinant = functools.partial(
-            kinematics.parallel_determinant, geometry=built.geometry, working_mode=mode)
+            kinematics.parallel_determinant, geometry=built.geometry, working_mode=mode
+        )
         poses.append((pose_of_zero(determinant, built, rng, 0.3), built, mode))
     return poses
 
 
-@pytest.mark.parametrize('offset_deg', [0.0, 1e-7, *(
-    pytest.param(offset, marks=pytest.mark.slow) for offset in (1e-9, 1e-6, 1e-5, 1e-3, 0.1))])
+@pytest.mark.parametrize(
+    'offset_deg',
+    [
+        0.0,
+        1e-7,
+        *(
+            pytest.param(offset, marks=pytest.mark.slow)
+            for offset in (1e-9, 1e-6, 1e-5, 1e-3, 0.1)
+        ),
+    ],
+)
 def test_a_mode_at_a_singularity_is_never_lost(offset_deg):
     distances, axis = [], np.array([0.36, -0.48, 0.8])
     for pose, built, mode in singular_poses():
@@ -113,12 +127,25 @@ def test_a_root_where_the_half_angle_has_no_tangent(th2a):
 # Mechanism, th1A, th1B, th1C, th2A and two th3A (rad) at which the mechanism closes for both th3A,
 # found by Newton's method on the closures of legs B and C.
 SHARED_TH2A = [
-    (nominal(),
-     2.471863398292986, 1.5688000056634006, 1.8704822478258292, -1.7193109970503544,
-     3.0841780303724864, 1.8028612636977943),
-    (nominal(1.3549917395094901, 1.1198859780098633, 2.3048541349812073),
-     -0.6437003662958186, -0.6789278027222777, 0.6314690148576105, -2.470167939559364,
-     -1.1267513135475884, -0.5877361115926756)]
+    (
+        nominal(),
+        2.471863398292986,
+        1.5688000056634006,
+        1.8704822478258292,
+        -1.7193109970503544,
+        3.0841780303724864,
+        1.8028612636977943,
+    ),
+    (
+        nominal(1.3549917395094901, 1.1198859780098633, 2.3048541349812073),
+        -0.6437003662958186,
+        -0.6789278027222777,
+        0.6314690148576105,
+        -2.470167939559364,
+        -1.1267513135475884,
+        -0.5877361115926756,
+    ),
+]
 
 
 @pytest.mark.parametrize('built, th1a, th1b, th1c, th2a, first, second', SHARED_TH2A)
@@ -158,8 +185,10 @@ def test_tracking_through_figure_10():
         kinematics.track_mode(np.radians([-100.0] * 3), np.eye(3))
 
 
-@pytest.mark.parametrize('equation, nearest', [
-    ((1.0, 0.0, 2.0), math.pi), ((1.0, 0.0, -2.0), 0.0), ((0.0, 1.0, 3.0), -0.5 * math.pi)])
+@pytest.mark.parametrize(
+    'equation, nearest',
+    [((1.0, 0.0, 2.0), math.pi), ((1.0, 0.0, -2.0), 0.0), ((0.0, 1.0, 3.0), -0.5 * math.pi)],
+)
 def test_without_a_solution_the_nearest_turn_twice(equation, nearest):
     for t in both_turns(equation):
         assert abs(math.remainder(t - nearest, 2.0 * math.pi)) < 1e-12

@@ -35,9 +35,12 @@ def check_models(built, mode, rng):
     assert built.working_mode(th1, R) == mode
     floats = kinematics.mechanism_angles(tuple(R.ravel().tolist()), g, mode)
     for leg in range(3):
-        assert angle_between(built.chain(leg, *floats[3 * leg:3 * leg + 3]), R) < 1e-9
-    np.testing.assert_allclose(floats[::3] + floats[1:3] + floats[5::3], [
-        *th1, th2a, th3a, joints.theta3b, joints.theta3c], atol=1e-12)
+        assert angle_between(built.chain(leg, *floats[3 * leg : 3 * leg + 3]), R) < 1e-9
+    np.testing.assert_allclose(
+        floats[::3] + floats[1:3] + floats[5::3],
+        [*th1, th2a, th3a, joints.theta3b, joints.theta3c],
+        atol=1e-12,
+    )
     modes = kinematics.forward_all(th1, g)
     assert len(modes) <= 8
     np.testing.assert_allclose(built.closures(th1, modes), 0.0, atol=2e-12)
@@ -48,8 +51,10 @@ def check_models(built, mode, rng):
             again = kinematics.measured_angles(tuple(matrix.ravel().tolist()), g, signs, 4)[:3]
             np.testing.assert_allclose(wrapped(again - th1), 0.0, atol=1e-9)
     closed_forms = (
-        kinematics.forward_theta2a(th1, th2a, g), kinematics.forward_theta3a(th1, th3a, g),
-        kinematics.matrix_from_quaternion(kinematics.theta3a_quaternion(*th1.tolist(), th3a, g)))
+        kinematics.forward_theta2a(th1, th2a, g),
+        kinematics.forward_theta3a(th1, th3a, g),
+        kinematics.matrix_from_quaternion(kinematics.theta3a_quaternion(*th1.tolist(), th3a, g)),
+    )
     chain = LockedChain.of(th1.tolist(), g, FLOATS)
     case_1 = common_turn(*chain.turn_equations(math.cos(th2a), math.sin(th2a)))[2]
     case_2 = case_2_determinant([*th1, th3a], g)
@@ -76,11 +81,16 @@ def test_gains_of_the_closed_form_are_finite_differences():
         R = kinematics.workspace_pose(*rng.uniform((0.0, 0.0, 0.2), (0.3, 6.0, 1.4)))
         readings = four_angles(R, g)
         steps = 1e-6 * np.eye(4)
-        ahead, behind = (kinematics.forward_theta3a(shifted[:, :3], shifted[:, 3], g)
-                         for shifted in (readings + steps, readings - steps))
+        ahead, behind = (
+            kinematics.forward_theta3a(shifted[:, :3], shifted[:, 3], g)
+            for shifted in (readings + steps, readings - steps)
+        )
         np.testing.assert_allclose(
             theta3a_gains(*readings.tolist(), g),
-            small_vector(ahead @ np.swapaxes(behind, 1, 2)) / 2e-6, rtol=1e-5, atol=1e-6)
+            small_vector(ahead @ np.swapaxes(behind, 1, 2)) / 2e-6,
+            rtol=1e-5,
+            atol=1e-6,
+        )
 
 
 def test_long_batches_are_their_rows():
@@ -92,16 +102,16 @@ def test_long_batches_are_their_rows():
         R = model(th1, passive)
         assert R.shape == (2, SLICE - 100, 3, 3)
         for index in ((0, 0), (0, SLICE - 101), (1, 50), (1, 99), (1, 100), (1, SLICE - 101)):
-            np.testing.assert_array_equal(
-                R[index], model(th1[index][None], passive[index[1]])[0])
+            np.testing.assert_array_equal(R[index], model(th1[index][None], passive[index[1]])[0])
 
 
 def degenerate(size):
     """Four angles at which the closed form's determinant has this value, by Newton's method."""
     angle = 1.1
     for _ in range(30):
-        error, ahead = (case_2_determinant((1.1, 1.0, x, 0.4)) - size
-                        for x in (angle, angle + 1e-6))
+        error, ahead = (
+            case_2_determinant((1.1, 1.0, x, 0.4)) - size for x in (angle, angle + 1e-6)
+        )
         angle -= 1e-6 * error / (ahead - error)
     assert case_2_determinant((1.1, 1.0, angle, 0.4)) == pytest.approx(size, rel=1e-3)
     return 1.1, 1.0, angle, 0.4
@@ -123,8 +133,9 @@ def test_closed_form_down_to_its_least_determinant(sign):
 def test_half_turns_of_points_all_round():
     """The point 0 has the angle 0; NaN stays NaN."""
     near = np.array([1e-9, 1e-15])
-    angles = np.concatenate([np.linspace(-3.1, 3.1, 50), math.pi - near, near - math.pi, -near,
-                             near, [0.0, np.nan]])
+    angles = np.concatenate(
+        [np.linspace(-3.1, 3.1, 50), math.pi - near, near - math.pi, -near, near, [0.0, np.nan]]
+    )
     for radius in (1e-9, 1.0, 1e6):
         y, x = radius * np.sin(angles), radius * np.cos(angles)
         y[-2] = x[-2] = 0.0

@@ -35,10 +35,17 @@ def measure(R, rotation, covariance):
     error = small_vector(rotation[answered] @ R.T)
     squares = np.einsum('ni,nij,nj->n', error, np.linalg.inv(covariance), error)
     stated = np.median(np.trace(covariance, axis1=1, axis2=2))
-    row = (math.sqrt((error**2).sum(-1).mean() / stated), squares.mean() / 3.0,
-           (squares > ONE_IN_A_THOUSAND).mean(), answered.mean())
-    print('rms / stated {:.3f}, chi^2 / 3 {:.3f}, beyond 1 in 1000 {:.4f}, answered {:.4f}'.format(
-        *row))
+    row = (
+        math.sqrt((error**2).sum(-1).mean() / stated),
+        squares.mean() / 3.0,
+        (squares > ONE_IN_A_THOUSAND).mean(),
+        answered.mean(),
+    )
+    print(
+        'rms / stated {:.3f}, chi^2 / 3 {:.3f}, beyond 1 in 1000 {:.4f}, answered {:.4f}'.format(
+            *row
+        )
+    )
     return row
 
 
@@ -50,15 +57,32 @@ def measure_four(R, sigma=SIGMA):
 # Poses, noise and largest share beyond 1 in 1000: over the workspace, the parallel singularity
 # among them; with noise up to a degree; to ten sigma from the boundary of a working mode.
 RIGHT = [
-    *(pytest.param(tilted(math.radians(phi), math.radians(tilt), 1.0), SIGMA, 2e-3,
-                   marks=[pytest.mark.slow] * (tilt < 20.0))
-      for phi in (0.0, 30.0, math.degrees(SINGULAR_PHI), 70.0) for tilt in (0.0, 13.0, 20.0)),
-    *(pytest.param(R, math.radians(sigma), 4e-3, marks=[pytest.mark.slow] * (sigma != 0.4))
-      for sigma in (0.004, 0.4, 1.0)
-      for R in (tilted(SINGULAR_PHI, 0.0, 0.0), tilted(0.0, math.radians(26.0), 0.0))),
-    *(pytest.param(near_boundary(leg, distance * SIGMA), SIGMA, 3e-3,
-                   marks=[pytest.mark.slow] * (distance > 10.0))
-      for leg in range(3) for distance in (100.0, 30.0, 10.0))]
+    *(
+        pytest.param(
+            tilted(math.radians(phi), math.radians(tilt), 1.0),
+            SIGMA,
+            2e-3,
+            marks=[pytest.mark.slow] * (tilt < 20.0),
+        )
+        for phi in (0.0, 30.0, math.degrees(SINGULAR_PHI), 70.0)
+        for tilt in (0.0, 13.0, 20.0)
+    ),
+    *(
+        pytest.param(R, math.radians(sigma), 4e-3, marks=[pytest.mark.slow] * (sigma != 0.4))
+        for sigma in (0.004, 0.4, 1.0)
+        for R in (tilted(SINGULAR_PHI, 0.0, 0.0), tilted(0.0, math.radians(26.0), 0.0))
+    ),
+    *(
+        pytest.param(
+            near_boundary(leg, distance * SIGMA),
+            SIGMA,
+            3e-3,
+            marks=[pytest.mark.slow] * (distance > 10.0),
+        )
+        for leg in range(3)
+        for distance in (100.0, 30.0, 10.0)
+    ),
+]
 
 
 @pytest.mark.parametrize('R, sigma, most_beyond', RIGHT)
@@ -76,8 +100,10 @@ def test_tails_at_three_sigma_from_the_boundary_of_a_working_mode(leg):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('away_deg, rms, answered', [
-    (8.0, 1.01, 1.0), (4.0, 1.04, 1.0), (2.0, 0.85, 0.86), (1.0, 0.91, 0.60), (0.3, 1.27, 0.51)])
+@pytest.mark.parametrize(
+    'away_deg, rms, answered',
+    [(8.0, 1.01, 1.0), (4.0, 1.04, 1.0), (2.0, 0.85, 0.86), (1.0, 0.91, 0.60), (0.3, 1.27, 0.51)],
+)
 def test_three_sensors_near_the_parallel_singularity(away_deg, rms, answered):
     """Without th3A half of the samples close no mechanism there, and the others are biased."""
     R = zxz(*CENTRE, SINGULAR_PHI + math.radians(away_deg))

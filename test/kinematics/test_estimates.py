@@ -32,11 +32,13 @@ def test_noise_is_at_the_bound_and_the_parity_vector_is_white(pose, sensors, as_
     assert (error**2).sum(-1).mean() / np.trace(least) == pytest.approx(1.0, abs=0.03)
     np.testing.assert_allclose(found.covariance.mean(0), least, atol=0.03 * np.trace(least))
     assert found.parity_vector.shape == (8000, sensors - 3)
-    np.testing.assert_allclose(np.cov(found.parity_vector.T), np.eye(sensors - 3).squeeze(),
-                               atol=0.05)
+    np.testing.assert_allclose(
+        np.cov(found.parity_vector.T), np.eye(sensors - 3).squeeze(), atol=0.05
+    )
     np.testing.assert_allclose(found.parity_vector.mean(0), 0.0, atol=0.05)
-    expected = found.parity_vector[:, 0] if sensors == 4 else np.linalg.norm(
-        found.parity_vector, axis=-1)
+    expected = (
+        found.parity_vector[:, 0] if sensors == 4 else np.linalg.norm(found.parity_vector, axis=-1)
+    )
     np.testing.assert_allclose(found.parity, expected, rtol=1e-12)
     assert found.determined.all() and found.consistent.mean() > 0.999
 
@@ -84,7 +86,8 @@ def test_long_batches_are_their_rows_and_only_those_that_fail_are_nan(sensors):
     assert batch.parity_vector.shape == (2, SLICE + 3, sensors - 3)
     rotation, covariance, parity, vector, determined = (
         getattr(batch, name).reshape(len(readings), *getattr(batch, name).shape[2:])
-        for name in ('rotation', 'covariance', 'parity', 'parity_vector', 'determined'))
+        for name in ('rotation', 'covariance', 'parity', 'parity_vector', 'determined')
+    )
     answered = np.isfinite(rotation).all((1, 2))
     assert np.flatnonzero(~answered).tolist() == failing
     np.testing.assert_array_equal(np.isfinite(vector).all(-1), answered)
@@ -95,7 +98,8 @@ def test_long_batches_are_their_rows_and_only_those_that_fail_are_nan(sensors):
     for row in (0, SLICE - 1, SLICE, SLICE + 4, 2 * SLICE - 1, 2 * SLICE, 2 * SLICE + 5):
         single = estimated(readings[row], sigma)
         sample = kinematics.estimate_sample(
-            tuple(readings[row].tolist()), kinematics.UsedSensors(tuple(sigma)), PAPER)
+            tuple(readings[row].tolist()), kinematics.UsedSensors(tuple(sigma)), PAPER
+        )
         for found in (rotation[row], kinematics.matrix_from_quaternion(sample.quaternion)):
             np.testing.assert_allclose(found, single.rotation, atol=1e-12)
         for found in (covariance[row], np.reshape(sample.covariance, (3, 3))):

@@ -17,8 +17,9 @@ from spm_haptic_master.exceptions import GeometryError
 from spm_haptic_master.kinematics import Geometry, in_usual_frames, workspace_pose
 
 
-@pytest.mark.parametrize('angles', [
-    (ALPHA, BETA, GAMMA), (0.7, 1.1, 0.9), (1.2, 0.8, 2.0), (0.9, 0.9, 0.01)])
+@pytest.mark.parametrize(
+    'angles', [(ALPHA, BETA, GAMMA), (0.7, 1.1, 0.9), (1.2, 0.8, 2.0), (0.9, 0.9, 0.01)]
+)
 def test_nominal_axes_are_the_nominal_mechanism(angles):
     as_built, g = nominal(*angles).geometry, Geometry(*angles)
     np.testing.assert_allclose(as_built.platform_axes, g.platform_axes, atol=1e-15)
@@ -51,23 +52,39 @@ def test_a_mechanism_is_a_value():
 GOOD = nominal()
 
 
-@pytest.mark.parametrize('name, value, quoted', [
-    ('base_axes', np.zeros((2, 3, 3)), r'\(2, 3, 3\)'), ('base_axes', None, 'None'),
-    ('base_axes', np.full((3, 3), np.nan), 'nan'),
-    ('base_axes', 1.001 * GOOD.base, r'row 0 = \[0.0, 0.0, 1.001\] has length 1.001'),
-    ('base_axes', 0.0 * GOOD.base, 'length 0'),
-    ('base_axes', GOOD.base[[0, 0, 2]], 'rows 0 and 1 .*parallel to 0 deg'),
-    ('base_axes', np.stack([GOOD.base[0], GOOD.base[1], -GOOD.base[1]]), 'rows 1 and 2 .*parall'),
-    ('base_axes', GOOD.base * [[1], [1], [-1]], r'Z1C = \[.*-1.0, .*\] is opposite to'),
-    ('platform_axes', GOOD.platform[[0, 1, 1]], 'rows 1 and 2 .*parallel'),
-    ('platform_axes', [[0, 0, -1], [1, 0, 0], [0, 1, 0]], 'Z3A = .* is opposite to'),
-    ('alpha', [0.7, 0.7], r'\(2,\)'), ('alpha', 0.7, r'\(\)'),
-    ('alpha', [0.7, 0.0, 0.7], 'alpha of leg B = 0.0'),
-    ('alpha', [39.3, 39.4, 39.1], 'alpha of leg A = 39.3'),
-    ('beta', [0.6, 0.6, math.pi], 'beta of leg C = 3.14'), ('beta', 'x', 'x')])
+@pytest.mark.parametrize(
+    'name, value, quoted',
+    [
+        ('base_axes', np.zeros((2, 3, 3)), r'\(2, 3, 3\)'),
+        ('base_axes', None, 'None'),
+        ('base_axes', np.full((3, 3), np.nan), 'nan'),
+        ('base_axes', 1.001 * GOOD.base, r'row 0 = \[0.0, 0.0, 1.001\] has length 1.001'),
+        ('base_axes', 0.0 * GOOD.base, 'length 0'),
+        ('base_axes', GOOD.base[[0, 0, 2]], 'rows 0 and 1 .*parallel to 0 deg'),
+        (
+            'base_axes',
+            np.stack([GOOD.base[0], GOOD.base[1], -GOOD.base[1]]),
+            'rows 1 and 2 .*parall',
+        ),
+        ('base_axes', GOOD.base * [[1], [1], [-1]], r'Z1C = \[.*-1.0, .*\] is opposite to'),
+        ('platform_axes', GOOD.platform[[0, 1, 1]], 'rows 1 and 2 .*parallel'),
+        ('platform_axes', [[0, 0, -1], [1, 0, 0], [0, 1, 0]], 'Z3A = .* is opposite to'),
+        ('alpha', [0.7, 0.7], r'\(2,\)'),
+        ('alpha', 0.7, r'\(\)'),
+        ('alpha', [0.7, 0.0, 0.7], 'alpha of leg B = 0.0'),
+        ('alpha', [39.3, 39.4, 39.1], 'alpha of leg A = 39.3'),
+        ('beta', [0.6, 0.6, math.pi], 'beta of leg C = 3.14'),
+        ('beta', 'x', 'x'),
+    ],
+)
 def test_impossible_mechanisms(name, value, quoted):
-    arguments = {'base_axes': GOOD.base, 'platform_axes': GOOD.platform, 'alpha': GOOD.alpha,
-                 'beta': GOOD.beta, name: value}
+    arguments = {
+        'base_axes': GOOD.base,
+        'platform_axes': GOOD.platform,
+        'alpha': GOOD.alpha,
+        'beta': GOOD.beta,
+        name: value,
+    }
     with pytest.raises(GeometryError, match=quoted) as caught:
         Geometry.from_axes(**arguments)
     assert name in str(caught.value) and '\n' not in str(caught.value)
@@ -78,15 +95,20 @@ def test_axes_apart_by_the_least_angle(degrees, accepted):
     near = turn([math.radians(degrees), 0.0, 0.0]) @ GOOD.base[0]
     opposite = turn([0.0, math.radians(degrees), 0.0]) @ -GOOD.base[1]
     for second in (near, opposite):
-        with nullcontext() if accepted else pytest.raises(
-                GeometryError, match='deg or more between them'):
-            Geometry.from_axes([GOOD.base[0], second, GOOD.base[2]], GOOD.platform, GOOD.alpha,
-                               GOOD.beta)
+        with (
+            nullcontext()
+            if accepted
+            else pytest.raises(GeometryError, match='deg or more between them')
+        ):
+            Geometry.from_axes(
+                [GOOD.base[0], second, GOOD.base[2]], GOOD.platform, GOOD.alpha, GOOD.beta
+            )
 
 
 def test_axes_in_single_precision_are_normalised():
-    g = Geometry.from_axes(GOOD.base.astype(np.float32), GOOD.platform.astype(np.float32),
-                           GOOD.alpha, GOOD.beta)
+    g = Geometry.from_axes(
+        GOOD.base.astype(np.float32), GOOD.platform.astype(np.float32), GOOD.alpha, GOOD.beta
+    )
     np.testing.assert_allclose(np.linalg.norm(g.platform_axes, axis=1), 1.0, atol=1e-15)
 
 
@@ -101,11 +123,11 @@ def test_the_usual_frames_are_the_same_from_any_other_frames():
         # Where the sum of squares is least, no small turn reduces it.
         axes, drawn = np.array(there.platform_axes), np.array(Geometry().platform_axes)
         np.testing.assert_allclose(np.cross(axes, drawn).sum(0), 0.0, atol=1e-14)
-        assert ((axes - drawn)**2).sum() < ((axes @ turn([0.1, 0.0, 0.2]).T - drawn)**2).sum()
+        assert ((axes - drawn) ** 2).sum() < ((axes @ turn([0.1, 0.0, 0.2]).T - drawn) ** 2).sum()
         outer, inner = turn(0.3 * rng.normal(size=3)), turn(0.3 * rng.normal(size=3))
         again = in_usual_frames(
-            Built(built.base @ outer.T, built.platform @ inner.T, built.alpha,
-                  built.beta).geometry)
+            Built(built.base @ outer.T, built.platform @ inner.T, built.alpha, built.beta).geometry
+        )
         np.testing.assert_allclose(again.base_axes, there.base_axes, atol=1e-14)
         np.testing.assert_allclose(again.platform_axes, there.platform_axes, atol=1e-14)
         # Nothing between two of its axes changes, nor its handedness.

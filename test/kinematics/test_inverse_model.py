@@ -25,16 +25,27 @@ def test_unreachable_is_exactly_what_the_links_cannot_span():
         R, g = random_rotations(rng, 300).reshape(20, 15, 3, 3), built.geometry
         joints, expected = kinematics.inverse(R, g), built.margins(R).min(-1) >= 0.0
         assert joints.theta1.shape == (20, 15, 3) and 0 < expected.sum() < 300
-        for values in (*np.moveaxis(joints.theta1, -1, 0), joints.theta2a, joints.theta3a,
-                       joints.theta3b, joints.theta3c):
+        for values in (
+            *np.moveaxis(joints.theta1, -1, 0),
+            joints.theta2a,
+            joints.theta3a,
+            joints.theta3b,
+            joints.theta3c,
+        ):
             np.testing.assert_array_equal(np.isfinite(values), expected)
         for function in (kinematics.dexterity, kinematics.parallel_determinant):
             np.testing.assert_array_equal(np.isfinite(function(R, g)), expected)
         for matrix, is_reached in zip(R[0], expected[0], strict=True):
-            for one in (kinematics.inverse, kinematics.jacobian,
-                        lambda R, g: kinematics.mechanism_angles(tuple(R.ravel()), g)):
-                with nullcontext() if is_reached else pytest.raises(
-                        UnreachableError, match='no configuration'):
+            for one in (
+                kinematics.inverse,
+                kinematics.jacobian,
+                lambda R, g: kinematics.mechanism_angles(tuple(R.ravel()), g),
+            ):
+                with (
+                    nullcontext()
+                    if is_reached
+                    else pytest.raises(UnreachableError, match='no configuration')
+                ):
                     one(matrix, g)
 
 
@@ -49,13 +60,18 @@ def test_jacobians_are_finite_differences(mode):
         for sensors in (3, 4, 5, 6):
             G = kinematics.jacobian(R, g, mode, sensors)
             np.testing.assert_allclose(
-                G, expected[:sensors], rtol=1e-6, atol=1e-6 * np.abs(expected).max())
+                G, expected[:sensors], rtol=1e-6, atol=1e-6 * np.abs(expected).max()
+            )
             rows, left_out = expected[:sensors], range(sensors)[3:4]
-            near = nearness(tuple(kinematics.quaternion_from_matrix(R).tolist()), g, mode, sensors,
-                            left_out)
+            near = nearness(
+                tuple(kinematics.quaternion_from_matrix(R).tolist()), g, mode, sensors, left_out
+            )
             for eta, used in (
-                    (kinematics.dexterity(R, g, mode, sensors), rows), (near.every, rows),
-                    (near.three, rows[:3]), (near.in_use, np.delete(rows, left_out, axis=0))):
+                (kinematics.dexterity(R, g, mode, sensors), rows),
+                (near.every, rows),
+                (near.three, rows[:3]),
+                (near.in_use, np.delete(rows, left_out, axis=0)),
+            ):
                 values = np.linalg.svd(used, compute_uv=False)
                 assert eta == pytest.approx(values[2] / values[0], rel=1e-5, abs=1e-8)
 
@@ -77,7 +93,8 @@ def test_power_balance():
         power = tau @ (kinematics.jacobian(R, built.geometry, mode) @ omega)
         assert power == pytest.approx(moments @ rows @ omega, abs=1e-9)
         assert kinematics.parallel_determinant(R, built.geometry, mode) == pytest.approx(
-            np.linalg.det(rows), abs=1e-14)
+            np.linalg.det(rows), abs=1e-14
+        )
 
 
 @pytest.mark.parametrize('leg', range(3))
@@ -89,8 +106,12 @@ def test_up_to_the_boundary_of_a_working_mode(leg, size, inside):
         assert np.abs(kinematics.jacobian(R)[leg]).max() > 1e4
         assert np.isfinite(rows).all()
     else:
-        for function in (kinematics.jacobian, lambda R: nearness(
-                tuple(kinematics.quaternion_from_matrix(R).tolist()), PAPER, MODES[0])):
+        for function in (
+            kinematics.jacobian,
+            lambda R: nearness(
+                tuple(kinematics.quaternion_from_matrix(R).tolist()), PAPER, MODES[0]
+            ),
+        ):
             with pytest.raises(SingularityError, match='boundary'):
                 function(R)
         assert np.isnan(rows).all()
@@ -101,19 +122,23 @@ def approach_at(degrees):
     return R, approach(tuple(kinematics.quaternion_from_matrix(R).tolist()), PAPER, MODES[0])
 
 
-@pytest.mark.parametrize('degrees', [
-    (135.0, 54.7356, 49.0), (125.0, 50.0, 45.0), (140.0, 60.0, 52.0)])
+@pytest.mark.parametrize(
+    'degrees', [(135.0, 54.7356, 49.0), (125.0, 50.0, 45.0), (140.0, 60.0, 52.0)]
+)
 def test_approach_ends_on_the_singular_surface_and_nothing_is_nearer(degrees):
     rotation, got = approach_at(degrees)
     assert np.linalg.norm(got.axis) == pytest.approx(1.0, abs=1e-12)
     here = kinematics.parallel_determinant(rotation)
-    there, beyond = (kinematics.parallel_determinant(
-        turn(part * got.distance * np.array(got.axis)) @ rotation) for part in (1.0, 1.001))
+    there, beyond = (
+        kinematics.parallel_determinant(turn(part * got.distance * np.array(got.axis)) @ rotation)
+        for part in (1.0, 1.001)
+    )
     assert abs(there) < 1e-6 * abs(here) and beyond * here < 0.0
     # Neither along random directions nor just beside the one that was found.
     rng = np.random.default_rng(53)
-    directions = np.concatenate([
-        rng.normal(size=(200, 3)), got.axis + 0.1 * rng.normal(size=(100, 3))])
+    directions = np.concatenate(
+        [rng.normal(size=(200, 3)), got.axis + 0.1 * rng.normal(size=(100, 3))]
+    )
     directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
     for part in (0.5, 0.999):
         turns = matrix_from_vector(part * got.distance * directions)
@@ -127,9 +152,14 @@ def test_the_determinants_gradient_is_a_finite_difference():
         g, R = built.geometry, built.reachable_rotation(rng, slack=0.1)
         value, gradient = determinant_gradient(tuple(R.ravel().tolist()), g, mode)
         assert value == pytest.approx(kinematics.parallel_determinant(R, g, mode), abs=1e-12)
-        expected = [(kinematics.parallel_determinant(turn(1e-5 * axis) @ R, g, mode)
-                     - kinematics.parallel_determinant(turn(-1e-5 * axis) @ R, g, mode)) / 2e-5
-                    for axis in np.eye(3)]
+        expected = [
+            (
+                kinematics.parallel_determinant(turn(1e-5 * axis) @ R, g, mode)
+                - kinematics.parallel_determinant(turn(-1e-5 * axis) @ R, g, mode)
+            )
+            / 2e-5
+            for axis in np.eye(3)
+        ]
         np.testing.assert_allclose(gradient, expected, rtol=1e-5, atol=1e-6)
 
 
@@ -144,17 +174,21 @@ def test_nothing_out_of_reach_and_where_there_is_no_singularity():
 
 # Workspace ---------------------------------------------------------------------------------------
 
+
 def test_poses_of_the_cone():
     tilt, azimuth = np.radians([0.0, 10.0, 26.0]), np.radians([[0.0], [90.0], [200.0]])
     R = kinematics.workspace_pose(tilt, azimuth, PHI)
     axis = np.ones(3) / math.sqrt(3.0)
     np.testing.assert_allclose(
-        np.arccos(np.minimum(1.0, R[..., 2] @ axis)), np.broadcast_to(tilt, (3, 3)), atol=1e-7)
+        np.arccos(np.minimum(1.0, R[..., 2] @ axis)), np.broadcast_to(tilt, (3, 3)), atol=1e-7
+    )
     np.testing.assert_allclose(kinematics.zxz_from_matrix(R)[2], PHI, atol=1e-14)
     np.testing.assert_allclose(R[0, 0], zxz(*CENTRE, PHI), atol=1e-15)
     np.testing.assert_allclose(
-        R[0, 1][:, 2], math.cos(tilt[1]) * axis + math.sin(tilt[1]) * np.array([1, -1, 0])
-        / math.sqrt(2.0), atol=1e-15)
+        R[0, 1][:, 2],
+        math.cos(tilt[1]) * axis + math.sin(tilt[1]) * np.array([1, -1, 0]) / math.sqrt(2.0),
+        atol=1e-15,
+    )
 
 
 def test_figures_6_and_15_dexterity_over_the_cone():
@@ -166,17 +200,24 @@ def test_figures_6_and_15_dexterity_over_the_cone():
     assert (four.min(), four.max()) == pytest.approx((0.323, 0.502), abs=1e-3)
 
 
-@pytest.mark.parametrize('phi_deg', [
-    49.358591780, pytest.param(45.0, marks=pytest.mark.slow),
-    pytest.param(53.0, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    'phi_deg',
+    [
+        49.358591780,
+        pytest.param(45.0, marks=pytest.mark.slow),
+        pytest.param(53.0, marks=pytest.mark.slow),
+    ],
+)
 def test_locus_is_where_the_determinant_changes_sign(phi_deg):
     phi = math.radians(phi_deg)
     tilt, azimuth = kinematics.singularity_locus(phi, math.radians(26.0))
     assert kinematics.singularity_locus(0.0, math.radians(13.0))[0].shape == (0,)
     assert len(tilt) > 50 and tilt.max() <= math.radians(26.0) and np.diff(azimuth).min() >= 0.0
     np.testing.assert_allclose(
-        kinematics.parallel_determinant(kinematics.workspace_pose(tilt, azimuth, phi)), 0.0,
-        atol=1e-14)
+        kinematics.parallel_determinant(kinematics.workspace_pose(tilt, azimuth, phi)),
+        0.0,
+        atol=1e-14,
+    )
     # Every change of sign on a finer, shifted grid has a point of the locus next to it.
     angles = np.radians(np.arange(0.25, 360.0, 1.0))
     grid = np.radians(np.linspace(0.2, 25.9, 300))

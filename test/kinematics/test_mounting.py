@@ -15,32 +15,41 @@ from spm_haptic_master.supervision import supervise
 BASE_DEG, HANDLE_DEG = [30.0, 40.0, -70.0], [10.0, -20.0, 200.0]
 
 
-@pytest.mark.parametrize('base, handle', [
-    (BASE_DEG, HANDLE_DEG), (BASE_DEG, [0.0] * 3), ([0.0] * 3, HANDLE_DEG)])
+@pytest.mark.parametrize(
+    'base, handle', [(BASE_DEG, HANDLE_DEG), (BASE_DEG, [0.0] * 3), ([0.0] * 3, HANDLE_DEG)]
+)
 def test_the_supervision_publishes_the_handle_on_the_table(base, handle):
     joints = kinematics.inverse(kinematics.workspace_pose(*np.radians([10.0, 100.0, 60.0])))
-    angles = np.tile([*joints.theta1, joints.theta3a], (40, 1)) \
-        + np.random.default_rng(1).normal(0.0, 5e-4, (40, 4))
+    angles = np.tile([*joints.theta1, joints.theta3a], (40, 1)) + np.random.default_rng(1).normal(
+        0.0, 5e-4, (40, 4)
+    )
     stamps = np.arange(40) * 1_000_000
     plain = supervise(stamps, angles)
     mounted = supervise(
-        stamps, angles, mounting__base_zxz_deg=base, mounting__handle_zxz_deg=handle)
+        stamps, angles, mounting__base_zxz_deg=base, mounting__handle_zxz_deg=handle
+    )
     seen = plain.published
     assert seen.sum() == 36 and (mounted.published == seen).all()
     table, grip = (kinematics.matrix_from_zxz(*np.radians(each)) for each in (base, handle))
-    inner, outer = (kinematics.matrix_from_quaternion(each.quaternion[seen])
-                    for each in (plain, mounted))
+    inner, outer = (
+        kinematics.matrix_from_quaternion(each.quaternion[seen]) for each in (plain, mounted)
+    )
     np.testing.assert_allclose(outer, table @ inner @ grip, rtol=0.0, atol=1e-14)
-    np.testing.assert_allclose(mounted.covariance[seen], table @ plain.covariance[seen] @ table.T,
-                               rtol=0.0, atol=1e-20)
+    np.testing.assert_allclose(
+        mounted.covariance[seen], table @ plain.covariance[seen] @ table.T, rtol=0.0, atol=1e-20
+    )
     # What is decided on is the mechanism's own.
     np.testing.assert_array_equal(mounted.protection_level, plain.protection_level)
     assert mounted.state == plain.state
-    mounting = mounting_from(complete(MOUNTING_SETTINGS, {
-        'mounting.base_zxz_deg': base, 'mounting.handle_zxz_deg': handle}))
+    mounting = mounting_from(
+        complete(
+            MOUNTING_SETTINGS, {'mounting.base_zxz_deg': base, 'mounting.handle_zxz_deg': handle}
+        )
+    )
     back = mounting.unmounted(tuple(mounted.quaternion[-1].tolist()))
     np.testing.assert_allclose(
-        kinematics.matrix_from_quaternion(back), inner[-1], rtol=0.0, atol=1e-14)
+        kinematics.matrix_from_quaternion(back), inner[-1], rtol=0.0, atol=1e-14
+    )
     assert mounting_from(complete(MOUNTING_SETTINGS, {})) is None
 
 

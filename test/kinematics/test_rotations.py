@@ -17,8 +17,12 @@ WINDOW, PERIOD = 20_000_000, 1_000_000
 
 def test_quaternion_of_matrix_at_every_angle():
     axes = [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1), (1, -2, 0.5)]
-    R = np.array([[turn(angle * np.array(axis) / np.linalg.norm(axis)) for axis in axes]
-                  for angle in (0.0, 1e-9, 1.0, math.pi - 1e-9, math.pi)])
+    R = np.array(
+        [
+            [turn(angle * np.array(axis) / np.linalg.norm(axis)) for axis in axes]
+            for angle in (0.0, 1e-9, 1.0, math.pi - 1e-9, math.pi)
+        ]
+    )
     q = rotations.quaternion_from_matrix(R)
     np.testing.assert_allclose(q[2, 2], [0.0, 0.0, math.sin(0.5), math.cos(0.5)], atol=1e-15)
     assert q.shape == (5, 5, 4) and (q[..., 3] >= 0.0).all()
@@ -41,17 +45,26 @@ def test_product_and_distance_of_quaternions():
     assert half_turn == pytest.approx(math.pi)
 
 
-@pytest.mark.parametrize('vector', [
-    (0.0, 0.0, 0.0), (1e-200, 0.0, 0.0), (1e-9, -2e-9, 0.0), (0.3, -0.2, 0.5), (0.0, math.pi, 0.0),
-    (3.0, 2.0, -4.0)])
+@pytest.mark.parametrize(
+    'vector',
+    [
+        (0.0, 0.0, 0.0),
+        (1e-200, 0.0, 0.0),
+        (1e-9, -2e-9, 0.0),
+        (0.3, -0.2, 0.5),
+        (0.0, math.pi, 0.0),
+        (3.0, 2.0, -4.0),
+    ],
+)
 def test_quaternion_of_a_rotation_vector(vector):
     q = rotations.quaternion_from_vector(*vector)
     assert np.linalg.norm(q) == pytest.approx(1.0, abs=1e-15)
     np.testing.assert_allclose(rotations.matrix_from_quaternion(q), turn(vector), atol=1e-15)
 
 
-@pytest.mark.parametrize('excess, accepted', [
-    (9e-7, True), (-9e-7, True), (1.1e-6, False), (-1.1e-6, False)])
+@pytest.mark.parametrize(
+    'excess, accepted', [(9e-7, True), (-9e-7, True), (1.1e-6, False), (-1.1e-6, False)]
+)
 def test_rotations_and_quaternions_are_checked_to_their_tolerance(excess, accepted):
     R = zxz(0.3, 0.4, 0.5)
     longer = (1.0 + excess) * rotations.quaternion_from_matrix(R)
@@ -78,8 +91,11 @@ def test_zxz_angles_matrices_and_continuous_quaternions_are_each_other():
     for row, angles in enumerate(zip(psi.tolist(), theta.tolist(), phi.tolist(), strict=True)):
         expected = zxz(*angles)
         q = rotations.zxz_quaternion(*angles)
-        for found in (R[row], np.reshape(rotations.zxz_rotation(*angles), (3, 3)),
-                      rotations.matrix_from_quaternion(q)):
+        for found in (
+            R[row],
+            np.reshape(rotations.zxz_rotation(*angles), (3, 3)),
+            rotations.matrix_from_quaternion(q),
+        ):
             np.testing.assert_allclose(found, expected, atol=2e-15)
         for step in 1e-6 * np.eye(3):
             np.testing.assert_allclose(rotations.zxz_quaternion(*(angles + step)), q, atol=1e-6)
@@ -97,7 +113,8 @@ def test_a_constant_turn_in_the_base_frame_from_half_a_window_on():
         if step in (11, 59):
             np.testing.assert_allclose(value, omega, atol=2e-3)
         quaternion = rotations.quaternion_from_matrix(
-            turn(1e-9 * omega * step * PERIOD) @ zxz(0.3, 0.4, 0.5))
+            turn(1e-9 * omega * step * PERIOD) @ zxz(0.3, 0.4, 0.5)
+        )
         last = quaternion if quaternion @ last >= 0.0 else -quaternion
         velocity.add(step * PERIOD, tuple(last.tolist()))
 

@@ -31,9 +31,12 @@ from spm_haptic_master.kinematics.estimation.estimates import other_solutions
 from spm_haptic_master.kinematics.estimation.gauss_newton import fit, one_step
 from spm_haptic_master.kinematics.number_backends import FLOATS
 
-SETS = [kinematics.UsedSensors(tuple(UNEQUAL[:mounted].tolist()), left_out)
-        for mounted in (4, 5, 6) for number in range(mounted - 2)
-        for left_out in combinations(range(mounted), number)]
+SETS = [
+    kinematics.UsedSensors(tuple(UNEQUAL[:mounted].tolist()), left_out)
+    for mounted in (4, 5, 6)
+    for number in range(mounted - 2)
+    for left_out in combinations(range(mounted), number)
+]
 # Away from the singularities of all sets of three.
 POSES = [(0.05, 3.8, 0.4), (0.02, 1.6, 0.5), (0.07, 2.9, 0.4)]
 # Factors of a reading of a faulty sensor.
@@ -46,8 +49,10 @@ def name_of(sensors):
 
 def readings_at(R, sensors, mode=(1, 1, 1)):
     """Return the true readings of the mounted sensors; NaN of those that are left out."""
-    return tuple(angle if place in sensors.used else math.nan for place, angle in enumerate(
-        all_angles(R, mode=mode)[:len(sensors.sigma)].tolist()))
+    return tuple(
+        angle if place in sensors.used else math.nan
+        for place, angle in enumerate(all_angles(R, mode=mode)[: len(sensors.sigma)].tolist())
+    )
 
 
 def quaternion(R):
@@ -65,7 +70,7 @@ def test_true_readings_give_the_pose_and_its_gains(sensors):
     mounted, step = len(sensors.sigma), 1e-5
     R = kinematics.workspace_pose(*POSES[sensors.used[-2] % len(POSES)])
     readings = readings_at(R, sensors)
-    for prior in (quaternion(turn([0.01, -0.01, 0.01]) @ R), None)[:sensors.count - 2]:
+    for prior in (quaternion(turn([0.01, -0.01, 0.01]) @ R), None)[: sensors.count - 2]:
         sample = kinematics.estimate_sample(readings, sensors, PAPER, prior, (1, 1, 1), 1e-9)
         assert np.linalg.norm(rotated(sample, R)) < 1e-7
         assert len(sample.parity_vector) == sensors.count - 3
@@ -73,23 +78,35 @@ def test_true_readings_give_the_pose_and_its_gains(sensors):
         assert (sample.parity is None) == (sensors.count == 3)
     gains, moved = np.zeros((mounted, 3)), np.zeros((mounted, sensors.count - 3))
     for place in sensors.used:
-        ahead, behind = (kinematics.estimate_sample(
-            (*readings[:place], readings[place] + change, *readings[place + 1:]), sensors,
-            PAPER, quaternion(R), last_step=1e-9) for change in (step, -step))
+        ahead, behind = (
+            kinematics.estimate_sample(
+                (*readings[:place], readings[place] + change, *readings[place + 1 :]),
+                sensors,
+                PAPER,
+                quaternion(R),
+                last_step=1e-9,
+            )
+            for change in (step, -step)
+        )
         gains[place] = (rotated(ahead, R) - rotated(behind, R)) / (2.0 * step)
         moved[place] = np.subtract(ahead.parity_vector, behind.parity_vector) / (2.0 * step)
     np.testing.assert_allclose(sample.gain_sizes, np.linalg.norm(gains, axis=1), rtol=1e-3)
     weighted, parity_gains = np.array(sensors.sigma)[:, None] * gains, sample.parity_gains
-    np.testing.assert_allclose(weighted.T @ weighted, np.reshape(sample.covariance, (3, 3)),
-                               rtol=0.0, atol=2e-3 * np.trace(weighted.T @ weighted))
+    np.testing.assert_allclose(
+        weighted.T @ weighted,
+        np.reshape(sample.covariance, (3, 3)),
+        rtol=0.0,
+        atol=2e-3 * np.trace(weighted.T @ weighted),
+    )
     np.testing.assert_allclose(SIGMA * moved, SIGMA * np.array(parity_gains), atol=1e-3)
     np.testing.assert_allclose(
-        sample.parity_sizes, np.linalg.norm(parity_gains, axis=1), rtol=1e-9, atol=1e-9)
+        sample.parity_sizes, np.linalg.norm(parity_gains, axis=1), rtol=1e-9, atol=1e-9
+    )
     # The parity vector is white, and an entry depends on no later sensor.
     white = np.array(sensors.sigma)[:, None] * parity_gains
     np.testing.assert_allclose(white.T @ white, np.eye(sensors.count - 3), atol=1e-8)
     for entry, place in enumerate(sensors.used[3:]):
-        assert white[place, entry] and not white[list(sensors.used[4 + entry:]), entry].any()
+        assert white[place, entry] and not white[list(sensors.used[4 + entry :]), entry].any()
 
 
 @pytest.mark.parametrize('sensors', [each for each in SETS if each.count > 3], ids=name_of)
@@ -116,23 +133,30 @@ def test_noise_may_take_a_leg_just_beyond_the_boundary_of_its_mode(leg, beyond, 
     for last_step in (1e-5, LAST_STEP):
         with nullcontext() if answered else pytest.raises(SpmError):
             kinematics.estimate_sample(
-                readings, kinematics.UsedSensors((SIGMA,) * 4), PAPER, None, (1, 1, 1), last_step)
+                readings, kinematics.UsedSensors((SIGMA,) * 4), PAPER, None, (1, 1, 1), last_step
+            )
 
 
-@pytest.mark.parametrize('seed, number', [(0, 1000), *(
-    pytest.param(seed, 5000, marks=pytest.mark.slow) for seed in range(4))])
+@pytest.mark.parametrize(
+    'seed, number',
+    [(0, 1000), *(pytest.param(seed, 5000, marks=pytest.mark.slow) for seed in range(4))],
+)
 def test_nothing_but_its_own_errors_is_raised_in_random_calls(seed, number):
     rng = random.Random(seed)
-    R = kinematics.workspace_pose(*np.random.default_rng(seed).uniform(
-        (0.0, 0.0, -1.0), (0.5, 6.3, 2.5), (300, 3)).T)
+    R = kinematics.workspace_pose(
+        *np.random.default_rng(seed).uniform((0.0, 0.0, -1.0), (0.5, 6.3, 2.5), (300, 3)).T
+    )
     every = all_angles(R)
-    known = [(readings.tolist(), quaternion(pose))
-             for readings, pose in zip(every, R, strict=True) if np.isfinite(readings).all()]
+    known = [
+        (readings.tolist(), quaternion(pose))
+        for readings, pose in zip(every, R, strict=True)
+        if np.isfinite(readings).all()
+    ]
     answered = 0
     for _ in range(number):
         sensors = rng.choice(SETS)
         true, last = rng.choice(known)
-        readings = true[:len(sensors.sigma)]
+        readings = true[: len(sensors.sigma)]
         if rng.random() < 0.75:
             # One sensor anywhere.
             readings[rng.choice(sensors.used)] = rng.uniform(-7.0, 7.0) * rng.choice(SCALES)
@@ -152,6 +176,7 @@ def test_nothing_but_its_own_errors_is_raised_in_random_calls(seed, number):
 
 # Where Case 2 gives no start --------------------------------------------------------------------
 
+
 def degenerate_pose(rng):
     """Find a pose at which the closed form's determinant vanishes."""
     return pose_of_zero(lambda R: case_2_determinant(four_angles(R)), nominal(), rng, 0.1)
@@ -170,7 +195,8 @@ def test_where_the_closed_form_is_degenerate_a_prior_or_a_further_sensor_selects
         found = estimated(angles, prior=prior)
         assert angle_between(found.rotation, R) < 1e-7
         np.testing.assert_allclose(
-            found.covariance, bound(R, SIGMA), rtol=1e-3, atol=1e-3 * np.trace(found.covariance))
+            found.covariance, bound(R, SIGMA), rtol=1e-3, atol=1e-3 * np.trace(found.covariance)
+        )
         for sensors in (5, 6):
             assert angle_between(estimated(readings[:sensors]).rotation, R) < 1e-7
         try:
@@ -190,13 +216,17 @@ def rival_of(R):
     th1a, th1b, th1c, th3a = four_angles(R).tolist()
     _, _, leg_b, _ = leg_kernels.linkage(th1a, th1b, th1c, th3a, PAPER, FLOATS)
     here = kinematics.inverse(R).theta2a
-    th2a = max(leg_kernels.both_turns(leg_kernels.turn_equation(*leg_b)),
-               key=lambda th2a: abs(math.remainder(th2a - here, 2.0 * math.pi)))
+    th2a = max(
+        leg_kernels.both_turns(leg_kernels.turn_equation(*leg_b)),
+        key=lambda th2a: abs(math.remainder(th2a - here, 2.0 * math.pi)),
+    )
     return nominal().chain(0, th1a, th2a, th3a)
 
 
-@pytest.mark.parametrize(('squared', 'ambiguous', 'selectable'), [
-    (8.8, True, True), (9.2, False, True), (99.0, False, True), (101.0, False, False)])
+@pytest.mark.parametrize(
+    ('squared', 'ambiguous', 'selectable'),
+    [(8.8, True, True), (9.2, False, True), (99.0, False, True), (101.0, False, False)],
+)
 def test_two_solutions_are_ambiguous_up_to_three_sigma(squared, ambiguous, selectable):
     """A prior selects the worse of them up to 10 sigma, as noise and bias may have made it so."""
     R = turn([1e-3, 2e-3, -1e-3]) @ degenerate_pose(np.random.default_rng(72))
@@ -224,7 +254,8 @@ def test_two_solutions_are_ambiguous_up_to_three_sigma(squared, ambiguous, selec
 def test_a_prior_has_no_weight():
     angles = four_angles(tilted(0.3, 0.1, 0.0)) + SIGMA * np.array([1.0, -1.0, 2.0, 0.5])
     np.testing.assert_array_equal(
-        estimated(angles).rotation, estimated(angles, prior=tilted(0.2, 0.2, 2.0)).rotation)
+        estimated(angles).rotation, estimated(angles, prior=tilted(0.2, 0.2, 2.0)).rotation
+    )
     # Where no leg gives a start the solutions of all legs are tried.
     R = kinematics.workspace_pose(0.1, 1.0, 0.4)
     for prior in (None, turn([0.02, 0.0, 0.0]) @ R):
@@ -237,9 +268,13 @@ def test_a_prior_has_no_weight():
 LAST_STEP = math.sqrt(0.01 * SIGMA)
 # Where a healthy sample takes one step; with sensors of which one counts far more than another.
 USUAL = [sensors for sensors in SETS if sensors.usual] + [
-    kinematics.UsedSensors(tuple(SIGMA * factor for factor in factors)) for factors in (
-        (1.0, 1.0, 1.0, 1.0, 30.0), (1.0, 0.1, 1.0, 1.0, 1.0, 30.0),
-        (0.1, 1.0, 1.0, 3.0, 0.1, 1.0))]
+    kinematics.UsedSensors(tuple(SIGMA * factor for factor in factors))
+    for factors in (
+        (1.0, 1.0, 1.0, 1.0, 30.0),
+        (1.0, 0.1, 1.0, 1.0, 1.0, 30.0),
+        (0.1, 1.0, 1.0, 3.0, 0.1, 1.0),
+    )
+]
 
 
 def start_of(readings):
@@ -254,9 +289,10 @@ def start_of(readings):
 def samples(sensors, number=40):
     """Yield readings of the mounted sensors at random poses, with noise."""
     rng = np.random.default_rng(sensors.count)
-    poses = kinematics.workspace_pose(*rng.uniform(
-        (0.0, 0.0, -0.5), (0.35, 6.3, 0.7), (number, 3)).T)
-    angles = all_angles(poses)[:, :len(sensors.sigma)]
+    poses = kinematics.workspace_pose(
+        *rng.uniform((0.0, 0.0, -0.5), (0.35, 6.3, 0.7), (number, 3)).T
+    )
+    angles = all_angles(poses)[:, : len(sensors.sigma)]
     yield from map(tuple, (angles + sensors.sigma * rng.normal(size=angles.shape)).tolist())
 
 
@@ -269,11 +305,19 @@ def test_one_step_is_the_first_of_gauss_newton(sensors):
         if found is None:
             continue
         done += 1
-        for name in ('quaternion', 'covariance', 'parity', 'parity_vector', 'parity_sizes',
-                     'parity_gains', 'gain_sizes'):
+        for name in (
+            'quaternion',
+            'covariance',
+            'parity',
+            'parity_vector',
+            'parity_sizes',
+            'parity_gains',
+            'gain_sizes',
+        ):
             value = np.array(getattr(expected, name))
             np.testing.assert_allclose(
-                getattr(found, name), value, rtol=0.0, atol=tolerance * np.abs(value).max())
+                getattr(found, name), value, rtol=0.0, atol=tolerance * np.abs(value).max()
+            )
         assert found.determined == expected.determined and found.sensors is sensors
     assert done > 30
 

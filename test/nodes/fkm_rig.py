@@ -24,8 +24,10 @@ PERIOD = 0.005
 def angles(rotation: np.ndarray = POSE, sensors: int = 4) -> list[float]:
     """Return what the sensors read at a pose, rad."""
     joints = kinematics.inverse(rotation)
-    return [*map(float, joints.theta1), *map(float, (
-        joints.theta3a, joints.theta3b, joints.theta3c)[:sensors - 3])]
+    return [
+        *map(float, joints.theta1),
+        *map(float, (joints.theta3a, joints.theta3b, joints.theta3c)[: sensors - 3]),
+    ]
 
 
 # What four sensors read far from the singularity.
@@ -35,7 +37,8 @@ CLEAR = angles(kinematics.workspace_pose(0.0, 0.0, np.radians(20.0)))
 def matrix(quaternion: object) -> np.ndarray:
     """Return the rotation matrix of a message's quaternion."""
     return kinematics.matrix_from_quaternion(
-        [quaternion.x, quaternion.y, quaternion.z, quaternion.w])
+        [quaternion.x, quaternion.y, quaternion.z, quaternion.w]
+    )
 
 
 class FkmRig:
@@ -44,13 +47,15 @@ class FkmRig:
     def __init__(self, host: Hosted) -> None:
         self.host, self.sent = host, host.sent
 
-    def send(self, position: Sequence[float], names: Sequence[str] | None = None,
-             offset: float = 0.0) -> list:
+    def send(
+        self, position: Sequence[float], names: Sequence[str] | None = None, offset: float = 0.0
+    ) -> list:
         """Give a sample stamped now + offset, s; return the orientations with its stamp."""
-        names = ALL_JOINT_NAMES[:len(position)] if names is None else names
+        names = ALL_JOINT_NAMES[: len(position)] if names is None else names
         sample = JointState(name=[*names], position=[*position])
         sample.header.stamp.sec, sample.header.stamp.nanosec = divmod(
-            self.host.time_ns() + round(offset * 1e9), 10**9)
+            self.host.time_ns() + round(offset * 1e9), 10**9
+        )
         return self.give(sample)
 
     def give(self, sample: JointState) -> list:
@@ -80,8 +85,10 @@ class FkmRig:
     def reason(self) -> str:
         """Return what is on /diagnostics, and why a sample was rejected last."""
         self.host.run(1.0)
-        return (f'{self.host.entry("orientation").message} / '
-                f'{self.host.figures("orientation").get("last rejected")}')
+        return (
+            f'{self.host.entry("orientation").message} / '
+            f'{self.host.figures("orientation").get("last rejected")}'
+        )
 
 
 @contextmanager

@@ -19,9 +19,15 @@ from std_srvs.srv import Trigger
 # Time that a busy machine may need (s).
 PATIENCE = 60.0
 # Parameters of a master for it: on a busy machine the client is not to be late.
-FORCE = {'force.enabled': True, 'force.without_drives': True, 'force.wrench_timeout': 0.2,
-         'force.engaged_by': 'operating_state', 'force.protection_limit_deg': 5.0,
-         'force.damping': 0.0, 'force.noise_limit': 100.0}
+FORCE = {
+    'force.enabled': True,
+    'force.without_drives': True,
+    'force.wrench_timeout': 0.2,
+    'force.engaged_by': 'operating_state',
+    'force.protection_limit_deg': 5.0,
+    'force.damping': 0.0,
+    'force.noise_limit': 100.0,
+}
 # So often it is tried, because a pause of the machine is a fault of its own.
 ATTEMPTS = 20
 TORQUE = (0.05, -0.1, 0.1)
@@ -50,8 +56,10 @@ class Client:
         self.joints = observer.collect(JointState, f'{arm}/crtk/measured_js')
         self.health = observer.collect(DiagnosticArray, '/diagnostics')
         self.name = f'{arm}/fkm: force'.lstrip('/')
-        self.clients = {name: node.create_client(Trigger, f'{arm}/{name}')
-                        for name in ('enable', 'fkm/acknowledge')}
+        self.clients = {
+            name: node.create_client(Trigger, f'{arm}/{name}')
+            for name in ('enable', 'fkm/acknowledge')
+        }
         self.publisher = node.create_publisher(WrenchStamped, f'{arm}/{topic}', qos)
         self.torque, self.sent = None, 0
         self.changed, self._latest = [], None
@@ -78,14 +86,16 @@ class Client:
         return future.result()
 
     def awaits(self, condition, seconds=PATIENCE):
-        return self.observer.spin_until(lambda: self.state is not None
-                                        and self.state.condition is condition, seconds)
+        return self.observer.spin_until(
+            lambda: self.state is not None and self.state.condition is condition, seconds
+        )
 
     def engage(self):
         """Engage, again where a pause of a busy machine ended it."""
         assert self.observer.spin_until(
-            lambda: self.states and all(each.service_is_ready() for each in
-                                        self.clients.values()), PATIENCE)
+            lambda: self.states and all(each.service_is_ready() for each in self.clients.values()),
+            PATIENCE,
+        )
         self.torque = (0.0, 0.0, 0.0)
         end = time.monotonic() + PATIENCE
         while time.monotonic() < end:
@@ -102,26 +112,38 @@ class Client:
 
         It engages again after a pause of the machine.
         """
+
         def is_felt():
             latest = self.felt[-1][1].wrench.torque
-            return np.abs(np.subtract(
-                torque if felt is None else felt, (latest.x, latest.y, latest.z))).max() < 0.01
+            return (
+                np.abs(
+                    np.subtract(torque if felt is None else felt, (latest.x, latest.y, latest.z))
+                ).max()
+                < 0.01
+            )
 
         for _ in range(ATTEMPTS):
             self.engage()
             self.torque = torque
             del self.felt[:]
-            if self.observer.spin_until(lambda: self.state.condition is not Condition.ENGAGED or (
-                    self.felt and is_felt() and beside()), 6.0) and (
-                    self.state.condition is Condition.ENGAGED):
+            if self.observer.spin_until(
+                lambda: (
+                    self.state.condition is not Condition.ENGAGED
+                    or (self.felt and is_felt() and beside())
+                ),
+                6.0,
+            ) and (self.state.condition is Condition.ENGAGED):
                 return True
         return False
 
     def entry(self):
         """Return message and values of the entry on /diagnostics."""
         found = status(self.health, self.name)
-        return ('', {}) if found is None else (
-            found.message, {value.key: value.value for value in found.values})
+        return (
+            ('', {})
+            if found is None
+            else (found.message, {value.key: value.value for value in found.values})
+        )
 
     def figure(self, key):
         """Return a number of that entry; 0 where it has none."""

@@ -29,8 +29,10 @@ EPOCH = 1_800_000_000_000_000_000
 
 def exit_code(main: Callable, *arguments: str) -> int:
     """Run a program in this process; return its exit code."""
-    before = {number: signal.getsignal(number)
-              for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)}
+    before = {
+        number: signal.getsignal(number)
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)
+    }
     try:
         with mock.patch.dict(os.environ):
             return main([*arguments])
@@ -44,8 +46,10 @@ def exit_code(main: Callable, *arguments: str) -> int:
 @contextmanager
 def ros(*remaps: str) -> Iterator[None]:
     """Have rclpy in this process, in the domain of the run and with names such as '__ns:=/a'."""
-    rclpy.init(args=['--ros-args', *(word for each in remaps for word in ('-r', each))],
-               domain_id=int(private_environment()['ROS_DOMAIN_ID']))
+    rclpy.init(
+        args=['--ros-args', *(word for each in remaps for word in ('-r', each))],
+        domain_id=int(private_environment()['ROS_DOMAIN_ID']),
+    )
     try:
         yield
     finally:
@@ -129,12 +133,18 @@ class Hosted:
         assert self._deliver(self.node.resolve_topic_name(topic), message)
 
     def _deliver(self, name: str, message: object) -> int:
-        found = [each for node in self.nodes for each in node.subscriptions
-                 if each.topic_name == name]
+        found = [
+            each for node in self.nodes for each in node.subscriptions if each.topic_name == name
+        ]
         for each in found:
             is_raw = isinstance(message, bytes)
-            each.callback(message if is_raw is each.raw else serialize_message(message)
-                          if each.raw else deserialize_message(message, each.msg_type))
+            each.callback(
+                message
+                if is_raw is each.raw
+                else serialize_message(message)
+                if each.raw
+                else deserialize_message(message, each.msg_type)
+            )
         return len(found)
 
     def check_qos(self) -> None:
@@ -147,13 +157,15 @@ class Hosted:
 
     def restart_publisher(self, topic: str) -> None:
         """Have DDS report that another publisher has taken the place of the one of a topic."""
-        self.matched[self.node.resolve_topic_name(topic)](SimpleNamespace(
-            current_count=1, current_count_change=0, total_count_change=1))
+        self.matched[self.node.resolve_topic_name(topic)](
+            SimpleNamespace(current_count=1, current_count_change=0, total_count_change=1)
+        )
 
     def call(self, name: str) -> object:
         """Call a service of the node that takes no arguments, by its name in the code."""
-        (service,) = (each for node in self.nodes for each in node.services
-                      if each.srv_name == name)
+        (service,) = (
+            each for node in self.nodes for each in node.services if each.srv_name == name
+        )
         return service.callback(service.srv_type.Request(), service.srv_type.Response())
 
     def last(self, topic: str) -> object:
@@ -163,9 +175,15 @@ class Hosted:
     def entry(self, aspect: str) -> object:
         """Return the latest entry of an aspect on /diagnostics; None without one."""
         arrays = self.sent['/diagnostics']
-        return next((status for index in reversed(range(len(arrays)))
-                     for status in arrays[index].status
-                     if status.name.endswith(f': {aspect}')), None)
+        return next(
+            (
+                status
+                for index in reversed(range(len(arrays)))
+                for status in arrays[index].status
+                if status.name.endswith(f': {aspect}')
+            ),
+            None,
+        )
 
     def figures(self, aspect: str) -> dict[str, str]:
         """Return keys and values of that entry."""
@@ -178,14 +196,21 @@ class Hosted:
 
             def publish(message):
                 # A copy: nodes use their messages again.
-                self.sent[topic].append((deepcopy(message), None) if not is_real else (
-                    message if isinstance(message, bytes) else serialize_message(message), kind))
+                self.sent[topic].append(
+                    (deepcopy(message), None)
+                    if not is_real
+                    else (
+                        message if isinstance(message, bytes) else serialize_message(message),
+                        kind,
+                    )
+                )
                 if is_real:
                     self._deliver(out.topic_name, message)
 
             out.publish, out.wait_for_all_acked = publish, lambda timeout: None
             out.get_subscription_count = lambda: int(self.subscribed(topic))
             return out
+
         return created
 
     def _create_subscription(self, create: Callable) -> Callable:
@@ -195,33 +220,46 @@ class Hosted:
                 return None
             if event_callbacks is not None:
                 self.matched[topic] = event_callbacks.matched
-                event_callbacks.matched(SimpleNamespace(
-                    current_count=1, current_count_change=1, total_count_change=1))
-            return create(node, kind, topic, callback, *args, event_callbacks=event_callbacks,
-                          **options)
+                event_callbacks.matched(
+                    SimpleNamespace(current_count=1, current_count_change=1, total_count_change=1)
+                )
+            return create(
+                node, kind, topic, callback, *args, event_callbacks=event_callbacks, **options
+            )
+
         return created
 
     def _infos(self, topic: str) -> list[SimpleNamespace]:
-        return [SimpleNamespace(node_name=name, node_namespace='/')
-                for name in self.publishers.get(topic, ('other',))]
+        return [
+            SimpleNamespace(node_name=name, node_namespace='/')
+            for name in self.publishers.get(topic, ('other',))
+        ]
 
 
 @contextmanager
-def hosted(make: Callable, *settings: str, remaps: Sequence[str] = (),
-           subscribes: bool = False) -> Iterator[Hosted]:
+def hosted(
+    make: Callable, *settings: str, remaps: Sequence[str] = (), subscribes: bool = False
+) -> Iterator[Hosted]:
     """
     Yield what `make` returns for parameters such as 'rate:=200.0': a node, or a list of them.
 
     With `subscribes` they take their samples or orientations from the topics.
     """
     host = Hosted()
-    modules = [module for name, module in sys.modules.items()
-               if name.startswith('spm_haptic_master') and '.benchmark' not in name
-               and getattr(module, 'time', None) is time]
-    with mock.patch.object(Node, 'create_publisher', host._create_publisher(
-            Node.create_publisher)), mock.patch.object(
-            Node, 'create_subscription', host._create_subscription(
-                Node.create_subscription)), ros(*remaps):
+    modules = [
+        module
+        for name, module in sys.modules.items()
+        if name.startswith('spm_haptic_master')
+        and '.benchmark' not in name
+        and getattr(module, 'time', None) is time
+    ]
+    with (
+        mock.patch.object(Node, 'create_publisher', host._create_publisher(Node.create_publisher)),
+        mock.patch.object(
+            Node, 'create_subscription', host._create_subscription(Node.create_subscription)
+        ),
+        ros(*remaps),
+    ):
         for module in modules:
             module.time = host
         try:

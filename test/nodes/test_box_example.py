@@ -18,19 +18,37 @@ pytestmark = pytest.mark.process
 
 
 def test_the_walls_of_the_box_are_felt(start, start_python, observer):
-    start('master', parameters={**SIM, 'sim.trajectory': 'perturbed', 'rate': 500.0,
-                                'max_age': 2.0, 'alert_limit_deg': 5.0, **FORCE})
+    start(
+        'master',
+        parameters={
+            **SIM,
+            'sim.trajectory': 'perturbed',
+            'rate': 500.0,
+            'max_age': 2.0,
+            'alert_limit_deg': 5.0,
+            **FORCE,
+        },
+    )
     box = start_python(str(ROOT / 'examples' / 'box.py'))
     states = observer.collect(String, 'force_state', STATE)
     felt = observer.collect(WrenchStamped, 'spatial/measured_cf')
-    clients = [observer.node.create_client(Trigger, name) for name in (
-        'enable', 'fkm/acknowledge')]
+    clients = [
+        observer.node.create_client(Trigger, name) for name in ('enable', 'fkm/acknowledge')
+    ]
     assert observer.spin_until(
-        lambda: states and all(each.service_is_ready() for each in clients), PATIENCE), box.stderr
+        lambda: states and all(each.service_is_ready() for each in clients), PATIENCE
+    ), box.stderr
 
     def largest():
-        return max((np.hypot(np.hypot(each.wrench.torque.x, each.wrench.torque.y),
-                             each.wrench.torque.z) for _, each in felt), default=0.0)
+        return max(
+            (
+                np.hypot(
+                    np.hypot(each.wrench.torque.x, each.wrench.torque.y), each.wrench.torque.z
+                )
+                for _, each in felt
+            ),
+            default=0.0,
+        )
 
     end = time.monotonic() + 2.0 * PATIENCE
     while largest() < 0.05 and time.monotonic() < end:

@@ -41,8 +41,11 @@ def make(_):
 @pytest.fixture
 def device(monkeypatch):
     monkeypatch.setitem(sys.modules, 'crtk_msgs', types.ModuleType('crtk_msgs'))
-    monkeypatch.setitem(sys.modules, 'crtk_msgs.msg', types.SimpleNamespace(
-        OperatingState=OperatingState, StringStamped=StringStamped))
+    monkeypatch.setitem(
+        sys.modules,
+        'crtk_msgs.msg',
+        types.SimpleNamespace(OperatingState=OperatingState, StringStamped=StringStamped),
+    )
     with hosted(make) as host:
         yield host
 
@@ -73,8 +76,12 @@ def test_states_and_commands_by_crtk_msgs(device):
         command(StringStamped(string='enable'))
         device.run(0.01)
     assert states(device) == [
-        ('DISABLED', False), ('ENABLED', True), ('FAULT', False), ('DISABLED', False),
-        ('ENABLED', True)]
+        ('DISABLED', False),
+        ('ENABLED', True),
+        ('FAULT', False),
+        ('DISABLED', False),
+        ('ENABLED', True),
+    ]
     published = device.sent['operating_state']
     assert {(each.header.frame_id, each.is_busy) for each in published} == {('spm_base', False)}
     # A client ignores a state that is not newer than the last.
@@ -82,19 +89,32 @@ def test_states_and_commands_by_crtk_msgs(device):
     assert stamps == sorted(set(stamps))
     assert texts(device, 'error') == ['silent: no joint samples']
     assert texts(device, 'warning') == [
-        "state_command 'enable': the orientation is silent: no joint samples"]
+        "state_command 'enable': the orientation is silent: no joint samples"
+    ]
     assert texts(device, 'status') == [
-        'healthy', 'ENABLED', 'FAULT', 'healthy', 'DISABLED', 'ENABLED']
+        'healthy',
+        'ENABLED',
+        'FAULT',
+        'healthy',
+        'DISABLED',
+        'ENABLED',
+    ]
     # It is repeated for subscribers that come later.
     device.run(1.0)
     assert states(device)[5:] == [('ENABLED', True)] * 10
 
 
-@pytest.mark.parametrize(('end', 'error'), [
-    (lambda state: state.end(), 'silent: fkm has ended'),
-    # Whatever they begin with: nobody knows what they say of the orientation.
-    (lambda state: state.take(received_state('healthy again')),
-     "silent: unknown state 'healthy again'")])
+@pytest.mark.parametrize(
+    ('end', 'error'),
+    [
+        (lambda state: state.end(), 'silent: fkm has ended'),
+        # Whatever they begin with: nobody knows what they say of the orientation.
+        (
+            lambda state: state.take(received_state('healthy again')),
+            "silent: unknown state 'healthy again'",
+        ),
+    ],
+)
 def test_its_end_and_words_that_are_no_state_are_a_fault(device, end, error):
     state = device.node.state
     state.take(received_state('healthy'))
@@ -108,6 +128,7 @@ def test_its_end_and_words_that_are_no_state_are_a_fault(device, end, error):
 
 def test_silence_is_a_fault_until_enable_without_crtk_msgs(without_messages):
     with fkm_rig('recovery:=0.2') as rig:
+
         def called(name):
             answer = rig.host.call(name)
             return answer.success, answer.message

@@ -21,8 +21,11 @@ from spm_haptic_master.parameters.geometry import mechanism_checksum
 from spm_haptic_master.ros.diagnostic_status import ERROR, OK, WARN
 from spm_haptic_master.ros.overload import START, TOO_BUSY
 
-SOURCES = {'sim': {'source': 'sim'}, 'replay': {'source': 'replay', 'replay.path': LOG},
-           'can': {'source': 'can', 'can.interface': 'udp_multicast', 'can.channel': '239.74.0.0'}}
+SOURCES = {
+    'sim': {'source': 'sim'},
+    'replay': {'source': 'replay', 'replay.path': LOG},
+    'can': {'source': 'can', 'can.interface': 'udp_multicast', 'can.channel': '239.74.0.0'},
+}
 # Parameters of the simulated rig, as they are written.
 RIG = {name: str(value).lower() for name, value in simulated_rig().items()}
 UNVERIFIED = {**RIG, 'encoders.direction_verified': '[true, true, false, false]'}
@@ -50,8 +53,10 @@ def driving(settings, scripted=None):
     with pytest.MonkeyPatch.context() as patch:
         if scripted is not None:
             patch.setattr(encoder_driver, 'make_source', lambda name, values: scripted)
-        with hosted(lambda given: encoder_driver.EncoderDriver(given, Future()), *(
-                f'{name}:={value}' for name, value in settings.items())) as host:
+        with hosted(
+            lambda given: encoder_driver.EncoderDriver(given, Future()),
+            *(f'{name}:={value}' for name, value in settings.items()),
+        ) as host:
             yield host
 
 
@@ -145,15 +150,18 @@ def test_each_set_is_published_and_some_of_them_for_the_eye(driver, source):
     np.testing.assert_array_equal(sets[-1].position, (0.1, 0.2, 0.3, nan))
     # Every tenth of 200 Hz.
     assert [message.header.stamp for message in readings] == [
-        message.header.stamp for message in sets[::10]]
+        message.header.stamp for message in sets[::10]
+    ]
     driver.run(1.1)
     figures = driver.figures('encoders')
     assert figures['joints missing'] == 'joint_3a'
     assert figures['mechanism'] == mechanism_checksum(driver.node.values)
 
 
-@pytest.mark.parametrize(('kind', 'text'), [
-    ('sim', 'sim'), ('replay', f'replay: {LOG.name}'), ('can', 'can: udp_multicast 239.74.0.0')])
+@pytest.mark.parametrize(
+    ('kind', 'text'),
+    [('sim', 'sim'), ('replay', f'replay: {LOG.name}'), ('can', 'can: udp_multicast 239.74.0.0')],
+)
 def test_the_source_is_on_a_latched_topic_and_on_diagnostics(kind, text):
     """Nobody takes a simulated angle for a measured one; and only such a device can be moved."""
     with driving(SOURCES[kind] | ({} if kind == 'sim' else RIG)) as driver:
@@ -162,19 +170,37 @@ def test_the_source_is_on_a_latched_topic_and_on_diagnostics(kind, text):
         entry = driver.entry('encoders')
         assert entry.message.endswith(f' [{text}]') and entry.hardware_id == text
         assert driver.figures('encoders')['source'] == text
-        topics = {each.topic_name for each in (*driver.node.publishers,
-                                               *driver.node.subscriptions)
-                  if 'simulation' in each.topic_name or 'ground_truth' in each.topic_name}
+        topics = {
+            each.topic_name
+            for each in (*driver.node.publishers, *driver.node.subscriptions)
+            if 'simulation' in each.topic_name or 'ground_truth' in each.topic_name
+        }
         assert len(topics) == (5 if kind == 'sim' else 0)
 
 
 @pytest.mark.parametrize('kind', ['can', 'replay'])
-@pytest.mark.parametrize(('calibration', 'words'), [
-    ({}, ["'encoders.zero_count' is not set", 'run `ros2 run spm_haptic_master calibrate',
-          '`--params-file calibration.yaml`']),
-    (UNVERIFIED, ["'encoders.direction_verified' is [True, True, False, False]",
-                  'the direction of joint_1c, joint_3a is not verified', 'calibrate',
-                  'encoders.accept_unverified_directions'])])
+@pytest.mark.parametrize(
+    ('calibration', 'words'),
+    [
+        (
+            {},
+            [
+                "'encoders.zero_count' is not set",
+                'run `ros2 run spm_haptic_master calibrate',
+                '`--params-file calibration.yaml`',
+            ],
+        ),
+        (
+            UNVERIFIED,
+            [
+                "'encoders.direction_verified' is [True, True, False, False]",
+                'the direction of joint_1c, joint_3a is not verified',
+                'calibrate',
+                'encoders.accept_unverified_directions',
+            ],
+        ),
+    ],
+)
 def test_one_line_names_the_calibration(kind, calibration, words):
     with pytest.raises(SettingError) as error, driving(SOURCES[kind] | calibration):
         pass
@@ -183,8 +209,9 @@ def test_one_line_names_the_calibration(kind, calibration, words):
 
 
 def test_accepted_unverified_directions_stay_a_warning_beside_another_caution(source):
-    with driving(SOURCES['can'] | UNVERIFIED | {
-            'encoders.accept_unverified_directions': 'true'}, source) as driver:
+    with driving(
+        SOURCES['can'] | UNVERIFIED | {'encoders.accept_unverified_directions': 'true'}, source
+    ) as driver:
         for caution, before in ((None, ''), ('joint_1a: EMCY 0x5000', 'joint_1a: EMCY 0x5000; ')):
             source.caution = caution
             driver.run(1.1)

@@ -34,25 +34,29 @@ def rig():
         yield rig
 
 
-@pytest.mark.parametrize(('position', 'names', 'reason'), [
-    (angles()[:3], NAMES[:3], 'misnamed'),
-    (angles()[:3], NAMES, 'incomplete'),
-    ([*angles(), 0.0], NAMES, 'incomplete'),
-    ([], NAMES, 'incomplete'),
-    (angles(POSE, 6), ALL_JOINT_NAMES, 'silent: sample of another number of sensors'),
-    ([*angles()[:3], float('nan')], NAMES, 'not finite'),
-    ([float('inf'), float('-inf'), *angles()[2:]], NAMES, 'not finite'),
-    (angles(), [NAMES[0], NAMES[2], NAMES[1], NAMES[3]], 'misnamed'),
-    (angles(), [], 'misnamed'),
-    (list(np.add(angles(), [0.0, 0.0, 0.0, np.radians(2.0)])), NAMES, 'silent: '),
-    (list(np.add(angles(), [0.0, np.radians(2.0), 0.0, 0.0])), NAMES, 'silent: '),
-])
+@pytest.mark.parametrize(
+    ('position', 'names', 'reason'),
+    [
+        (angles()[:3], NAMES[:3], 'misnamed'),
+        (angles()[:3], NAMES, 'incomplete'),
+        ([*angles(), 0.0], NAMES, 'incomplete'),
+        ([], NAMES, 'incomplete'),
+        (angles(POSE, 6), ALL_JOINT_NAMES, 'silent: sample of another number of sensors'),
+        ([*angles()[:3], float('nan')], NAMES, 'not finite'),
+        ([float('inf'), float('-inf'), *angles()[2:]], NAMES, 'not finite'),
+        (angles(), [NAMES[0], NAMES[2], NAMES[1], NAMES[3]], 'misnamed'),
+        (angles(), [], 'misnamed'),
+        (list(np.add(angles(), [0.0, 0.0, 0.0, np.radians(2.0)])), NAMES, 'silent: '),
+        (list(np.add(angles(), [0.0, np.radians(2.0), 0.0, 0.0])), NAMES, 'silent: '),
+    ],
+)
 def test_a_bad_sample_gives_silence_and_a_reason(rig, position, names, reason):
     rig.qualify()
     assert rig.send_many(10, position, names=names) == []
     rig.host.run(0.02)
     assert reason in rig.host.entry('orientation').message + str(
-        rig.host.figures('orientation').get('last rejected'))
+        rig.host.figures('orientation').get('last rejected')
+    )
     assert rig.host.entry('orientation').level == DiagnosticStatus.ERROR
     # And it does not spoil what follows.
     rig.qualify()
@@ -63,7 +67,8 @@ def test_another_rigs_calibration_is_suspected_where_no_orientation_fits():
         rig.send_many(20, [3.0, -3.0, 3.0, 0.0])
         assert rig.host.entry('orientation').message == (
             "silent: no orientation fits: the calibration may be another rig's, or no longer "
-            'hold: calibrate --motion --check calibration.yaml')
+            'hold: calibrate --motion --check calibration.yaml'
+        )
 
 
 def test_old_future_and_repeated_samples_give_silence(rig):
@@ -118,7 +123,8 @@ def test_the_alert_limit_is_live():
         above = 'silent: protection level above the alert limit'
         for limit, state in ((1.0, 'healthy'), (0.1, above), (1.0, 'healthy')):
             assert rig.host.node.set_parameters_atomically(
-                [Parameter('alert_limit_deg', value=limit)]).successful
+                [Parameter('alert_limit_deg', value=limit)]
+            ).successful
             rig.send_many(0, *(noisy(rng) for _ in range(200)))
             assert rig.state == state
             assert bool(rig.send(CLEAR)) == (state == 'healthy')
@@ -127,9 +133,11 @@ def test_the_alert_limit_is_live():
 def test_two_sensors_that_jump_wait_for_the_acknowledgement():
     rng = np.random.default_rng(4)
     with fkm_rig('recovery:=0.2') as rig:
+
         def send(count, offset_deg=(0.0, 0.0, 0.0, 0.0)):
-            return rig.send_many(0, *(
-                noisy(rng, CLEAR + np.radians(offset_deg)) for _ in range(count)))
+            return rig.send_many(
+                0, *(noisy(rng, CLEAR + np.radians(offset_deg)) for _ in range(count))
+            )
 
         assert send(200) and 'no fault waits' in rig.host.call('~/acknowledge').message
         # They stay: an interference of some milliseconds would clear by itself.
@@ -145,8 +153,13 @@ def test_a_drift_of_the_calibration_is_a_warning_while_orientations_go_on():
     """A zero that slipped by less than a fault."""
     slip = np.radians([0.0, 0.18, 0.0, 0.0])
     samples = joint_angles(motion('sweep', 120.0, 10.0), 4) + slip
-    with hosted(Fkm, 'rate:=10.0', 'bias_deg:=[0.07, 0.07, 0.07, 0.07]', 'window:=0.5',
-                'sample_timeout:=0.3') as host:
+    with hosted(
+        Fkm,
+        'rate:=10.0',
+        'bias_deg:=[0.07, 0.07, 0.07, 0.07]',
+        'window:=0.5',
+        'sample_timeout:=0.3',
+    ) as host:
         for row in samples.tolist():
             host.node.take(host.time_ns(), tuple(row))
             host.run(0.1)
@@ -170,10 +183,19 @@ def test_samples_that_show_nothing_of_the_calibration_are_counted():
 
 def test_fkm_is_silent_with_a_driver_of_another_mechanism():
     with fkm_rig() as rig:
+
         def report(mechanism):
-            rig.host.give('/diagnostics', DiagnosticArray(status=[DiagnosticStatus(
-                name='encoder_driver: encoders',
-                values=[KeyValue(key='mechanism', value=mechanism)])]))
+            rig.host.give(
+                '/diagnostics',
+                DiagnosticArray(
+                    status=[
+                        DiagnosticStatus(
+                            name='encoder_driver: encoders',
+                            values=[KeyValue(key='mechanism', value=mechanism)],
+                        )
+                    ]
+                ),
+            )
             # It is looked at now and then.
             rig.send_many(50, CLEAR)
 
@@ -196,8 +218,9 @@ def test_a_process_that_did_not_run_blames_the_machine_and_not_the_sensors(rig):
     rig.host.run(1.0)
     said = [entry.message for array in rig.sent['/diagnostics'] for entry in array.status]
     assert any(TOO_BUSY in message for message in said)
-    assert not any(words in message for message in said
-                   for words in ('stale', 'clocks', 'too fast', 'jumped'))
+    assert not any(
+        words in message for message in said for words in ('stale', 'clocks', 'too fast', 'jumped')
+    )
 
 
 def test_a_busy_machine_explains_silence_and_nothing_else(rig):
@@ -230,26 +253,46 @@ EVENTS = {
     'healthy': lambda angles, times: None,
     'fault': lambda angles, times: added(angles[BEGIN:END, 1], 5.0),
     'missing and return': lambda angles, times: added(angles[BEGIN:END, -1], np.nan),
-    'lost samples': lambda angles, times: added(angles[BEGIN:BEGIN + 50], np.nan),
+    'lost samples': lambda angles, times: added(angles[BEGIN : BEGIN + 50], np.nan),
     'clock set back': lambda angles, times: np.subtract(
-        times[BEGIN:], 2_000_000_000, out=times[BEGIN:])}
+        times[BEGIN:], 2_000_000_000, out=times[BEGIN:]
+    ),
+}
 
 
-@pytest.mark.parametrize(('event', 'sensors'), [
-    ('fault', 4), ('clock set back', 4), ('missing and return', 6),
-    *(pytest.param(*each, marks=pytest.mark.slow) for each in (
-        ('healthy', 4), ('fault', 6), ('lost samples', 6)))])
+@pytest.mark.parametrize(
+    ('event', 'sensors'),
+    [
+        ('fault', 4),
+        ('clock set back', 4),
+        ('missing and return', 6),
+        *(
+            pytest.param(*each, marks=pytest.mark.slow)
+            for each in (('healthy', 4), ('fault', 6), ('lost samples', 6))
+        ),
+    ],
+)
 def test_fkm_publishes_the_states_of_supervise(event, sensors):
     times = np.arange(COUNT, dtype=np.int64) * PERIOD
-    samples = encoders(joint_angles(motion('turning', COUNT * PERIOD * 1e-9, 1e9 / PERIOD),
-                                    sensors))
+    samples = encoders(
+        joint_angles(motion('turning', COUNT * PERIOD * 1e-9, 1e9 / PERIOD), sensors)
+    )
     EVENTS[event](samples, times)
-    expected = [text for _, text in supervise(
-        times + 10_000_000_000, samples, sensors=sensors, **SETTINGS).state]
+    expected = [
+        text
+        for _, text in supervise(
+            times + 10_000_000_000, samples, sensors=sensors, **SETTINGS
+        ).state
+    ]
     assert expected[0] == 'starting'
     assert (expected == ['starting', 'healthy']) is (event == 'healthy')
-    with hosted(Fkm, f'sensors:={sensors}', 'max_age:=10.0', 'sample_timeout:=10.0',
-                *(f'{name}:={value}' for name, value in SETTINGS.items())) as host:
+    with hosted(
+        Fkm,
+        f'sensors:={sensors}',
+        'max_age:=10.0',
+        'sample_timeout:=10.0',
+        *(f'{name}:={value}' for name, value in SETTINGS.items()),
+    ) as host:
         times += host.time_ns()
         for when, row in zip(times.tolist(), samples.tolist(), strict=True):
             host.node.take(when, tuple(row))

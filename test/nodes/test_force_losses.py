@@ -35,12 +35,20 @@ GRID = 0.002
 SYNC_PERIOD = 0.002
 # Error codes of the drives.
 PDO_LOST, HEARTBEAT_LOST = 0x8250, 0x8130
-MASTER = {'source': 'can', 'can.timeout': 0.5, 'max_age': 2.0, 'alert_limit_deg': 5.0,
-          'crtk_rate': 0.0}
+MASTER = {
+    'source': 'can',
+    'can.timeout': 0.5,
+    'max_age': 2.0,
+    'alert_limit_deg': 5.0,
+    'crtk_rate': 0.0,
+}
 POSE = {'sim.trajectory': 'fixed', 'sim.pose_deg': [130.0, 50.0, 20.0]}
 # Time-outs that other programs of this machine do not exhaust (s); and such of a rig.
-PATIENT = {'drives.event_timer': 0.5, 'drives.status_timeout': 1.0,
-           'drives.heartbeat_timeout': 0.5}
+PATIENT = {
+    'drives.event_timer': 0.5,
+    'drives.status_timeout': 1.0,
+    'drives.heartbeat_timeout': 0.5,
+}
 EVENT_TIMER = PATIENT | {'drives.event_timer': 0.01}
 HEARTBEAT = PATIENT | {'drives.event_timer': 0.0, 'drives.heartbeat_timeout': 0.06}
 
@@ -84,8 +92,11 @@ class Ear:
 
     def emergencies(self, code, since=0.0):
         """Return the times of the emergencies with a code from a time on."""
-        return [at for at, data in self.of(EMERGENCIES, since)
-                if int.from_bytes(data[:2], 'little') == code]
+        return [
+            at
+            for at, data in self.of(EMERGENCIES, since)
+            if int.from_bytes(data[:2], 'little') == code
+        ]
 
     def reset(self, node_id):
         """Reset a node."""
@@ -117,24 +128,48 @@ class Rig:
         self.ear = Ear(channel)
         self.encoders = start('sim_bus', '--sync', *SIMULATED, parameters={**bus, **POSE})
         # Its encoders are never started: nobody has their node ids.
-        self.drives = start('sim_bus', '--drives', '3', parameters={
-            **bus, **drives, 'encoders.node_id': [41, 42, 43, 44],
-            'encoders.id': [0x1A9, 0x1AA, 0x1AB, 0x1AC]})
-        assert wait_until(lambda: 'four encoders' in self.encoders.stdout
-                          and '3 drives on' in self.drives.stdout, PATIENCE), \
-            self.encoders.stderr + self.drives.stderr
-        self.master = start('master', *SIMULATED, '-r', '__ns:=/lost', parameters={
-            **MASTER, **bus, **force, **drives, 'drives.interface': 'udp_multicast',
-            'drives.channel': channel})
+        self.drives = start(
+            'sim_bus',
+            '--drives',
+            '3',
+            parameters={
+                **bus,
+                **drives,
+                'encoders.node_id': [41, 42, 43, 44],
+                'encoders.id': [0x1A9, 0x1AA, 0x1AB, 0x1AC],
+            },
+        )
+        assert wait_until(
+            lambda: (
+                'four encoders' in self.encoders.stdout and '3 drives on' in self.drives.stdout
+            ),
+            PATIENCE,
+        ), self.encoders.stderr + self.drives.stderr
+        self.master = start(
+            'master',
+            *SIMULATED,
+            '-r',
+            '__ns:=/lost',
+            parameters={
+                **MASTER,
+                **bus,
+                **force,
+                **drives,
+                'drives.interface': 'udp_multicast',
+                'drives.channel': channel,
+            },
+        )
         self.observer = Observer()
         self.client = force_client.Client(self.observer, '/lost')
 
     def feel(self):
         """Have all drives make a torque; skip the test where other programs prevent it."""
+
         def made():
             now = time.time()
             latest = [self.ear.of((each,), now - 0.2)[-1:] for each in STATUS]
             return all(frames and has_torque(frames[0][1]) for frames in latest)
+
         with Disturbance() as self.machine:
             try:
                 is_felt = self.client.feels(TORQUE, made)
@@ -171,20 +206,24 @@ def rig(start, bus_channel, stack):
 def fallen(rig, code, began):
     """Return the time from `began` until the last of the drives has fallen out."""
     ear = rig.ear
-    assert wait_until(lambda: len(ear.emergencies(code, began)) >= len(NODES), PATIENCE), \
+    assert wait_until(lambda: len(ear.emergencies(code, began)) >= len(NODES), PATIENCE), (
         rig.drives.stdout
+    )
     # And without torque: status frames that come later.
-    last = max(ear.emergencies(code, began)[:len(NODES)])
+    last = max(ear.emergencies(code, began)[: len(NODES)])
     assert wait_until(lambda: all(ear.of((each,), last + 0.01) for each in STATUS), PATIENCE)
     assert not any(has_torque(data) for _, data in ear.of(STATUS, last + 0.01))
     return last - began
 
 
 @pytest.mark.parametrize('ending', [signal.SIGKILL, signal.SIGSTOP])
-@pytest.mark.parametrize(('values', 'code', 'limit'), [
-    (EVENT_TIMER, PDO_LOST, EVENT_TIMER['drives.event_timer']),
-    (HEARTBEAT, HEARTBEAT_LOST, HEARTBEAT['drives.heartbeat_timeout']),
-])
+@pytest.mark.parametrize(
+    ('values', 'code', 'limit'),
+    [
+        (EVENT_TIMER, PDO_LOST, EVENT_TIMER['drives.event_timer']),
+        (HEARTBEAT, HEARTBEAT_LOST, HEARTBEAT['drives.heartbeat_timeout']),
+    ],
+)
 def test_a_master_that_ends_or_hangs(rig, ending, values, code, limit):
     running = rig(values)
     with Disturbance() as machine:
@@ -206,7 +245,7 @@ def test_encoders_that_end(rig):
         began = running.ear.of(ENCODERS)[-1][0]
         ended = running.ear.torque_ends(began)
         lost = running.ear.emergencies(PDO_LOST, began)
-        took = min([ended, *lost[len(NODES) - 1:len(NODES)]]) - began
+        took = min([ended, *lost[len(NODES) - 1 : len(NODES)]]) - began
     running.was_on(machine, began)
     machine.expect(took <= 0.025, took)
 
@@ -226,7 +265,8 @@ def test_one_drive_that_restarts(rig):
     # And it stays so, and says why.
     assert ear.torque_ends(began + 0.2) == began + 0.2
     assert running.observer.spin_until(
-        lambda: '(node 12): booted' in running.client.entry()[1].get('drives', ''), PATIENCE)
+        lambda: '(node 12): booted' in running.client.entry()[1].get('drives', ''), PATIENCE
+    )
 
 
 @pytest.mark.evidence

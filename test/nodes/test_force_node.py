@@ -27,9 +27,17 @@ from std_msgs.msg import Bool, Empty, Float64, String
 PERIOD = 0.002
 TORQUE, ZERO = (0.05, -0.1, 0.15), (0.0, 0.0, 0.0)
 # Each sensor is unchecked at first: the protection level of one pose is of all sensors.
-FORCE = {'rate': 500.0, 'recovery': 0.05, 'crtk_rate': 0.0, 'alert_limit_deg': 5.0,
-         'force.enabled': 'true', 'force.without_drives': 'true', 'force.damping': 0.0,
-         'force.protection_limit_deg': 5.0, 'force.ramp': 0.02}
+FORCE = {
+    'rate': 500.0,
+    'recovery': 0.05,
+    'crtk_rate': 0.0,
+    'alert_limit_deg': 5.0,
+    'force.enabled': 'true',
+    'force.without_drives': 'true',
+    'force.damping': 0.0,
+    'force.protection_limit_deg': 5.0,
+    'force.ramp': 0.02,
+}
 DRIVES = {'force.without_drives': False, 'drives.channel': 'bus', 'drives.rated_torque': [0.5]}
 BASE_DEG, HANDLE_DEG = [90.0, 20.0, -30.0], [10.0, -40.0, 70.0]
 TABLE, HANDLE = (matrix_from_zxz(*np.radians(turn)) for turn in (BASE_DEG, HANDLE_DEG))
@@ -75,7 +83,8 @@ class Rig:
         message.header.frame_id = frame
         if age is not None:
             message.header.stamp.sec, message.header.stamp.nanosec = divmod(
-                self.host.time_ns() - round(1e9 * age), 10 ** 9)
+                self.host.time_ns() - round(1e9 * age), 10**9
+            )
         t, f = message.wrench.torque, message.wrench.force
         t.x, t.y, t.z = torque
         f.x, f.y, f.z = force
@@ -156,13 +165,19 @@ def test_a_wrench_in_each_frame_of_a_mounted_device():
     with running(**MOUNTED) as rig:
         rig.engage()
         for topic, frame, in_base in (
-                ('servo_cf', 'spm_base', np.eye(3)), ('servo_cf', '', TABLE.T),
-                ('servo_cf', 'spm_table', TABLE.T), ('servo_cf', 'spm_platform', POSE),
-                ('servo_cf', 'spm_handle', POSE @ HANDLE), ('spatial/servo_cf', 'any', TABLE.T),
-                ('body/servo_cf', 'any', POSE @ HANDLE)):
+            ('servo_cf', 'spm_base', np.eye(3)),
+            ('servo_cf', '', TABLE.T),
+            ('servo_cf', 'spm_table', TABLE.T),
+            ('servo_cf', 'spm_platform', POSE),
+            ('servo_cf', 'spm_handle', POSE @ HANDLE),
+            ('spatial/servo_cf', 'any', TABLE.T),
+            ('body/servo_cf', 'any', POSE @ HANDLE),
+        ):
             rig.rendered(topic=topic, frame=frame)
-            for on, of_base, name in (('spatial', TABLE, 'spm_table'),
-                                      ('body', (POSE @ HANDLE).T, 'spm_handle')):
+            for on, of_base, name in (
+                ('spatial', TABLE, 'spm_table'),
+                ('body', (POSE @ HANDLE).T, 'spm_handle'),
+            ):
                 found = rig.rendered(count=1, on=on, topic=topic, frame=frame)
                 np.testing.assert_allclose(found, of_base @ in_base @ TORQUE, atol=1e-3)
                 assert rig.host.last(f'{on}/measured_cf').header.frame_id == name
@@ -171,11 +186,14 @@ def test_a_wrench_in_each_frame_of_a_mounted_device():
 def test_without_a_mounting_the_handle_is_the_platform(rig):
     """And dVRK's absolute body wrench is in the frame of `orientation`."""
     for topic, frame, absolute, in_base in (
-            ('servo_cf', 'spm_handle', False, POSE), ('body/servo_cf', '', False, POSE),
-            ('body/servo_cf', '', True, np.eye(3))):
+        ('servo_cf', 'spm_handle', False, POSE),
+        ('body/servo_cf', '', False, POSE),
+        ('body/servo_cf', '', True, np.eye(3)),
+    ):
         rig.host.give('body/set_cf_orientation_absolute', Bool(data=absolute))
         np.testing.assert_allclose(
-            rig.rendered(topic=topic, frame=frame), in_base @ TORQUE, atol=1e-3)
+            rig.rendered(topic=topic, frame=frame), in_base @ TORQUE, atol=1e-3
+        )
     assert rig.host.last('body/measured_cf').header.frame_id == 'spm_platform'
 
 
@@ -203,15 +221,17 @@ def test_a_wrench_that_waited_while_this_process_stood_still_is_none(rig):
     assert "'wrenches too old': '2'" in rig.entry
 
 
-@pytest.mark.parametrize('broken', [
-    {'torque': (nan, 0.0, 0.0)}, {'torque': ZERO, 'force': (inf, 0.0, 0.0)}])
+@pytest.mark.parametrize(
+    'broken', [{'torque': (nan, 0.0, 0.0)}, {'torque': ZERO, 'force': (inf, 0.0, 0.0)}]
+)
 def test_a_wrench_that_is_not_finite_is_a_fault_even_between_two_samples(rig, broken):
     rig.send(**broken)
     assert rig.run(1, TORQUE) == 'fading: wrench not finite'
     assert rig.run(20, TORQUE) == 'fault: wrench not finite'
     # CRTK's `warning` has it once.
     assert [each.data for each in rig.host.sent['warning']] == [
-        'force feedback: fault: wrench not finite']
+        'force feedback: fault: wrench not finite'
+    ]
     acknowledged = [rig.host.call('~/acknowledge').success for _ in range(2)]
     assert acknowledged == [True, False]
     rig.engage()
@@ -222,19 +242,28 @@ def test_a_second_node_that_publishes_wrenches_is_a_fault(rig):
     assert rig.run(150, TORQUE) == 'engaged'
     rig.host.publishers['/body/servo_cf'] = 'one', 'other'
     rig.host.node.get_publishers_info_by_topic = lambda topic: [
-        SimpleNamespace(node_name=name, node_namespace='/', qos_profile=SAMPLES,
-                        topic_type='geometry_msgs/msg/WrenchStamped')
-        for name in rig.host.publishers[topic]]
+        SimpleNamespace(
+            node_name=name,
+            node_namespace='/',
+            qos_profile=SAMPLES,
+            topic_type='geometry_msgs/msg/WrenchStamped',
+        )
+        for name in rig.host.publishers[topic]
+    ]
     rig.run(150, TORQUE)
     assert rig.state == 'fault: two sources of the wrench'
     assert 'wrenches from /one, /other; expected one node' in rig.entry
 
 
-@pytest.mark.parametrize(('state', 'first', 'then'), [
-    ('disengaged: no presence', 'fading: no hand on the handle', 'ready'),
-    ('disengaged: waiting for enable', 'fading: teleoperation not engaged', 'ready'),
-    ('other words', 'fading: teleoperation not engaged', 'ready'),
-    ('clutched', 'holding', 'holding')])
+@pytest.mark.parametrize(
+    ('state', 'first', 'then'),
+    [
+        ('disengaged: no presence', 'fading: no hand on the handle', 'ready'),
+        ('disengaged: waiting for enable', 'fading: teleoperation not engaged', 'ready'),
+        ('other words', 'fading: teleoperation not engaged', 'ready'),
+        ('clutched', 'holding', 'holding'),
+    ],
+)
 def test_what_teleop_says(rig, state, first, then):
     rig.teleop = state
     assert rig.run(1, TORQUE) == first
@@ -310,15 +339,17 @@ def test_a_locked_orientation_pulls_and_is_let_go():
         for quaternion in (Quaternion(x=-x, y=-y, z=-z, w=-w), Quaternion(w=0.0)):
             # One that is no rotation changes nothing.
             rig.host.give('lock_orientation', quaternion)
-            np.testing.assert_allclose(rig.rendered(ZERO), 0.5 * radians(6.0) * POSE[:, 2],
-                                       atol=2e-3)
+            np.testing.assert_allclose(
+                rig.rendered(ZERO), 0.5 * radians(6.0) * POSE[:, 2], atol=2e-3
+            )
         for topic, away in (('unlock_orientation', 0.0), ('hold', 2.0)):
             rig.host.give(topic, Empty())
             for phi in np.linspace(30.0, 30.0 + away, 40):
                 rig.angles = angles(matrix_from_zxz(*np.radians((130.0, 50.0, phi))))
                 rig.run(1, ZERO)
-            np.testing.assert_allclose(rig.rendered(ZERO), -0.5 * radians(away) * POSE[:, 2],
-                                       atol=2e-3)
+            np.testing.assert_allclose(
+                rig.rendered(ZERO), -0.5 * radians(away) * POSE[:, 2], atol=2e-3
+            )
         rig.host.give('free', Empty())
         assert rig.run(20) == 'ready' and "'orientation locked': 'no'" in rig.entry
 
@@ -348,21 +379,38 @@ def test_the_defaults_are_those_of_the_limits():
     assert factories.limits_from(values()) == ForceLimits()
 
 
-@pytest.mark.parametrize(('given', 'words'), [
-    ({'force.sigma_full': 0.05}, r'force.sigma_full.*0.05.*above force.sigma_off \(0.05\)'),
-    ({'force.small_torque': 0.4}, r'force.small_torque.*0.4.*at most force.torque_limit \(0.3'),
-    ({'rate': 200.0}, r"'rate' is 200.*at least 250 Hz with force.enabled"),
-    ({'force.without_drives': False}, 'force.without_drives.*the bus of the drives in'),
-    ({**DRIVES, 'force.without_drives': True}, 'force.without_drives.*True.*not both'),
-    ({**DRIVES, 'drives.node_id': [11, 12]}, r'drives.node_id.*\[11, 12\].*3 drives \(force'),
-    ({**DRIVES, 'drives.torque_limit': 0.4}, r'drives.torque_limit.*0.4.*at least force.motor')])
+@pytest.mark.parametrize(
+    ('given', 'words'),
+    [
+        ({'force.sigma_full': 0.05}, r'force.sigma_full.*0.05.*above force.sigma_off \(0.05\)'),
+        (
+            {'force.small_torque': 0.4},
+            r'force.small_torque.*0.4.*at most force.torque_limit \(0.3',
+        ),
+        ({'rate': 200.0}, r"'rate' is 200.*at least 250 Hz with force.enabled"),
+        ({'force.without_drives': False}, 'force.without_drives.*the bus of the drives in'),
+        ({**DRIVES, 'force.without_drives': True}, 'force.without_drives.*True.*not both'),
+        ({**DRIVES, 'drives.node_id': [11, 12]}, r'drives.node_id.*\[11, 12\].*3 drives \(force'),
+        (
+            {**DRIVES, 'drives.torque_limit': 0.4},
+            r'drives.torque_limit.*0.4.*at least force.motor',
+        ),
+    ],
+)
 def test_settings_that_contradict_each_other_are_refused(given, words):
     with pytest.raises(SettingError, match=words):
         factories.make_motors(values(**{'force.without_drives': True, **given}))
     # Equal limits and as many drives as motors are none.
-    for fine in ({'force.without_drives': True, 'rate': 250.0, 'force.small_torque': 0.3},
-                 {**DRIVES, 'drives.interface': 'virtual', 'drives.torque_limit': 0.5,
-                  'force.motors': 4, 'drives.node_id': [11, 12, 13, 14]}):
+    for fine in (
+        {'force.without_drives': True, 'rate': 250.0, 'force.small_torque': 0.3},
+        {
+            **DRIVES,
+            'drives.interface': 'virtual',
+            'drives.torque_limit': 0.5,
+            'force.motors': 4,
+            'drives.node_id': [11, 12, 13, 14],
+        },
+    ):
         drives = factories.make_motors(values(**fine))[1]
         assert drives is None or drives.motors == 4
 
@@ -370,5 +418,8 @@ def test_settings_that_contradict_each_other_are_refused(given, words):
 def test_without_force_there_is_no_controller_and_no_topic():
     with running(force__enabled=False) as rig:
         assert rig.host.node.force_state is None
-        assert not [each for each in (*rig.host.node.subscriptions, *rig.host.node.publishers)
-                    if any(word in each.topic_name for word in ('_cf', 'force', 'lock'))]
+        assert not [
+            each
+            for each in (*rig.host.node.subscriptions, *rig.host.node.publishers)
+            if any(word in each.topic_name for word in ('_cf', 'force', 'lock'))
+        ]

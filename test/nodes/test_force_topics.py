@@ -21,13 +21,31 @@ pytestmark = pytest.mark.process
 # A device at rest, away from the singularity of three motors; its samples are not to be late on a
 # busy machine.
 POSE_DEG = [130.0, 50.0, 20.0]
-MASTER = {**SIM, 'sim.trajectory': 'fixed', 'sim.pose_deg': POSE_DEG, 'rate': 500.0,
-          'crtk_rate': 0.0, 'max_age': 2.0, 'alert_limit_deg': 5.0}
+MASTER = {
+    **SIM,
+    'sim.trajectory': 'fixed',
+    'sim.pose_deg': POSE_DEG,
+    'rate': 500.0,
+    'crtk_rate': 0.0,
+    'max_age': 2.0,
+    'alert_limit_deg': 5.0,
+}
 BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 FORCE_TOPICS = {
-    'servo_cf', 'spatial/servo_cf', 'body/servo_cf', 'spatial/measured_cf', 'body/measured_cf',
-    'use_gravity_compensation', 'lock_orientation', 'unlock_orientation', 'hold', 'free',
-    'force_scale', 'force_state', 'body/set_cf_orientation_absolute'}
+    'servo_cf',
+    'spatial/servo_cf',
+    'body/servo_cf',
+    'spatial/measured_cf',
+    'body/measured_cf',
+    'use_gravity_compensation',
+    'lock_orientation',
+    'unlock_orientation',
+    'hold',
+    'free',
+    'force_scale',
+    'force_state',
+    'body/set_cf_orientation_absolute',
+}
 
 
 @contextmanager
@@ -65,8 +83,9 @@ def test_crtks_haptic_example_is_felt(arm, observer):
     client = Client(observer, arm)
     assert client.feels(TORQUE, lambda: abs(client.figure('rendered fraction') - 1.0) < 0.02)
     assert client.entry()[0] == 'engaged'
-    assert client.feels(TORQUE, lambda: any(
-        abs(each) > 0.01 for each in client.joints[-1][1].effort))
+    assert client.feels(
+        TORQUE, lambda: any(abs(each) > 0.01 for each in client.joints[-1][1].effort)
+    )
     effort = client.joints[-1][1].effort
     assert len(effort) == 4 and effort[3] == 0.0
     client.torque = (0.0, 0.0, 0.0)
@@ -102,18 +121,27 @@ def test_a_wrench_is_rendered_a_period_and_3_ms_after_it_was_sent(observer):
         for sent in client.changed:
             after = np.searchsorted(times, sent)
             changed = np.abs(torques[after:] - torques[after - 1]) > 0.002
-            late.append(1e-6 * (times[after + np.argmax(changed)] - sent) if changed.any()
-                        else 1e3)
+            late.append(
+                1e-6 * (times[after + np.argmax(changed)] - sent) if changed.any() else 1e3
+            )
         limit = 1e3 / MASTER['rate'] + 3.0
-        machine.expect(len(late) == 100 and np.percentile(late, 99, method='lower') <= limit,
-                       f'{len(late)} changes, p50, p99 {np.percentile(late, [50, 99])} ms')
+        machine.expect(
+            len(late) == 100 and np.percentile(late, 99, method='lower') <= limit,
+            f'{len(late)} changes, p50, p99 {np.percentile(late, [50, 99])} ms',
+        )
 
 
 def test_the_status_of_master_has_the_state(master):
-    assert wait_until(lambda: re.search(
-        r', force (off|ready|engaged|fault: |fading: )', master.stdout), PATIENCE)
+    assert wait_until(
+        lambda: re.search(r', force (off|ready|engaged|fault: |fading: )', master.stdout), PATIENCE
+    )
 
 
 def test_with_force_its_topics_exist(arm, observer):
-    assert observer.spin_until(lambda: {f'{arm}/{topic}' for topic in FORCE_TOPICS} <= {
-        name for name, _ in observer.node.get_topic_names_and_types()}, PATIENCE)
+    assert observer.spin_until(
+        lambda: (
+            {f'{arm}/{topic}' for topic in FORCE_TOPICS}
+            <= {name for name, _ in observer.node.get_topic_names_and_types()}
+        ),
+        PATIENCE,
+    )

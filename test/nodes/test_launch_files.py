@@ -51,6 +51,7 @@ def declare_launch_argument(name, *, default_value=None, description='', choices
         value = context.launch_configurations.setdefault(name, default_value)
         if value is None or choices is not None and value not in choices:
             raise RuntimeError(f'Argument "{name}" provided value "{value}" is not valid')
+
     declare.name = name
     return declare
 
@@ -64,28 +65,44 @@ def include_launch_description(path, *, launch_arguments=(), condition=always):
         if condition(context):
             context.launch_configurations.update(launch_arguments)
             execute(path, context)
+
     return include
 
 
-def launch_node(*, package, executable, namespace='', parameters=(), arguments=(),
-                ros_arguments=(), output='log', emulate_tty=False, on_exit=None, condition=always):
+def launch_node(
+    *,
+    package,
+    executable,
+    namespace='',
+    parameters=(),
+    arguments=(),
+    ros_arguments=(),
+    output='log',
+    emulate_tty=False,
+    on_exit=None,
+    condition=always,
+):
     node = SimpleNamespace(**locals())
     return lambda context: condition(context) and context.started.append(node)
 
 
 MODULES = {
-    'launch': SimpleNamespace(LaunchContext=Context, LaunchDescriptionEntity=object,
-                              LaunchDescription=launch_description),
+    'launch': SimpleNamespace(
+        LaunchContext=Context, LaunchDescriptionEntity=object, LaunchDescription=launch_description
+    ),
     'launch.events.process': SimpleNamespace(ProcessExited=object),
     'launch.actions': SimpleNamespace(
-        DeclareLaunchArgument=declare_launch_argument, OpaqueFunction=opaque_function,
+        DeclareLaunchArgument=declare_launch_argument,
+        OpaqueFunction=opaque_function,
         IncludeLaunchDescription=include_launch_description,
         LogInfo=lambda *, msg: lambda context: context.logged.append(msg),
-        Shutdown=lambda *, reason: lambda context: setattr(context, 'is_shutdown', True)),
+        Shutdown=lambda *, reason: lambda context: setattr(context, 'is_shutdown', True),
+    ),
     'launch.conditions': SimpleNamespace(IfCondition=if_condition),
     'launch.launch_description_sources': SimpleNamespace(PythonLaunchDescriptionSource=str),
     'launch.substitutions': SimpleNamespace(LaunchConfiguration=launch_configuration),
-    'launch_ros.actions': SimpleNamespace(Node=launch_node)}
+    'launch_ros.actions': SimpleNamespace(Node=launch_node),
+}
 
 
 def execute(path, context):
@@ -109,20 +126,24 @@ def ros2_launch(monkeypatch, tmp_path):
     def ros2_launch(name, *arguments, words=('spm_haptic_master',)):
         path = ROOT / 'launch' / f'{name}.launch.py'
         monkeypatch.setattr(
-            sys, 'argv', ['ros2', 'launch', *words, path.name if words else str(path), *arguments])
+            sys, 'argv', ['ros2', 'launch', *words, path.name if words else str(path), *arguments]
+        )
         return execute(path, Context(word.split(':=', 1) for word in arguments))
+
     return ros2_launch
 
 
 @pytest.fixture
 def installed(monkeypatch, tmp_path):
     """Return a function that puts executables into a sourced workspace."""
+
     def installed(*packages):
         for package in packages:
             path = tmp_path / 'ws' / 'lib' / package / package
             path.parent.mkdir(parents=True)
             path.touch(mode=0o755)
         monkeypatch.setenv('AMENT_PREFIX_PATH', f'/no/such:{tmp_path / "ws"}')
+
     return installed
 
 
@@ -132,16 +153,25 @@ def executables(context):
 
 def test_a_master_in_one_process_or_three(ros2_launch):
     (master,) = ros2_launch(
-        'master', 'source:=sim', f'config:={CALIBRATION}', 'namespace:=left').started
+        'master', 'source:=sim', f'config:={CALIBRATION}', 'namespace:=left'
+    ).started
     assert (master.package, master.executable, master.namespace) == (
-        'spm_haptic_master', 'master', 'left')
+        'spm_haptic_master',
+        'master',
+        'left',
+    )
     assert master.ros_arguments == ['--params-file', CALIBRATION, '-p', 'source:=sim']
     assert executables(ros2_launch('master', 'source:=sim', 'composed:=false')) == [
-        ('', 'encoder_driver'), ('', 'fkm'), ('', 'diagnostics')]
+        ('', 'encoder_driver'),
+        ('', 'fkm'),
+        ('', 'diagnostics'),
+    ]
 
 
-@pytest.mark.parametrize(('name', 'arguments'), [
-    ('master', ('source:=sim',)), ('teleop', ('source:=sim', 'arms:=left'))])
+@pytest.mark.parametrize(
+    ('name', 'arguments'),
+    [('master', ('source:=sim',)), ('teleop', ('source:=sim', 'arms:=left'))],
+)
 def test_the_first_process_to_end_ends_the_launch(ros2_launch, name, arguments):
     ended, failed = (SimpleNamespace(process_name='fkm-1', returncode=code) for code in (0, 1))
     for node in ros2_launch(name, *arguments).started:
@@ -155,46 +185,66 @@ def test_the_first_process_to_end_ends_the_launch(ros2_launch, name, arguments):
 
 def test_two_arms_with_slave_and_pedals(ros2_launch):
     context = ros2_launch(
-        'teleop', 'source:=sim', f'left_config:={CALIBRATION}', 'right_slave:=/PSM1',
-        'right_slave_pose:=/PSM1/setpoint_cp', 'right_presence:=/coag', 'right_clutch:=/clutch')
-    assert executables(context) == [
-        ('left', 'master'), ('left', 'sim_slave'), ('right', 'master')]
+        'teleop',
+        'source:=sim',
+        f'left_config:={CALIBRATION}',
+        'right_slave:=/PSM1',
+        'right_slave_pose:=/PSM1/setpoint_cp',
+        'right_presence:=/coag',
+        'right_clutch:=/clutch',
+    )
+    assert executables(context) == [('left', 'master'), ('left', 'sim_slave'), ('right', 'master')]
     left, _, right = (node.ros_arguments for node in context.started)
     assert CALIBRATION in left and CALIBRATION not in right
     assert [word.split(':', 1)[1] for word in right if word.startswith('teleop:')] == [
-        'servo_cp:=/PSM1/servo_cp', 'slave/measured_cp:=/PSM1/setpoint_cp', 'presence:=/coag',
-        'clutch:=/clutch']
+        'servo_cp:=/PSM1/servo_cp',
+        'slave/measured_cp:=/PSM1/setpoint_cp',
+        'presence:=/coag',
+        'clutch:=/clutch',
+    ]
     assert 'frame_id:=right/spm_base' in right
 
 
-@pytest.mark.parametrize(('argument', 'expected'), [
-    ('right_calibration:=/no/such.yaml', 'an existing file'),
-    ('left_slave_pose:=/PSM2/setpoint_cp', 'left_slave, too'),
-    ('arms:=middle', 'left, right or left,right')])
+@pytest.mark.parametrize(
+    ('argument', 'expected'),
+    [
+        ('right_calibration:=/no/such.yaml', 'an existing file'),
+        ('left_slave_pose:=/PSM2/setpoint_cp', 'left_slave, too'),
+        ('arms:=middle', 'left, right or left,right'),
+    ],
+)
 def test_an_argument_of_an_arm_is_named_as_itself(ros2_launch, argument, expected):
     with pytest.raises(InputError, match=f'^{argument}; expected {expected}'):
         ros2_launch('teleop', 'source:=sim', argument)
 
 
-@pytest.mark.parametrize(('name', 'argument', 'near', 'words'), [
-    ('master', 'Source:=can', 'source', ()),
-    ('teleop', 'config:=rig.yaml', 'left_config', ('spm_haptic_master',)),
-    ('display', 'rvis:=false', 'rviz', ('spm_haptic_master',))])
+@pytest.mark.parametrize(
+    ('name', 'argument', 'near', 'words'),
+    [
+        ('master', 'Source:=can', 'source', ()),
+        ('teleop', 'config:=rig.yaml', 'left_config', ('spm_haptic_master',)),
+        ('display', 'rvis:=false', 'rviz', ('spm_haptic_master',)),
+    ],
+)
 def test_an_unknown_argument_is_refused_with_the_nearest_name(
-        ros2_launch, name, argument, near, words):
+    ros2_launch, name, argument, near, words
+):
     with pytest.raises(InputError) as error:
         ros2_launch(name, 'source:=sim', argument, words=words)
-    assert str(error.value) \
-        == f'{argument}; expected an argument of {name}.launch.py, such as {near}'
+    assert (
+        str(error.value) == f'{argument}; expected an argument of {name}.launch.py, such as {near}'
+    )
 
 
 def test_a_file_that_includes_one_of_these_has_arguments_of_its_own(ros2_launch, monkeypatch):
     monkeypatch.setattr(sys, 'argv', ['ros2', 'launch', 'mine', 'mine.launch.py', 'robot:=mine'])
-    context = execute(ROOT / 'launch' / 'master.launch.py',
-                      Context({'source': 'sim', 'robot': 'mine'}))
+    context = execute(
+        ROOT / 'launch' / 'master.launch.py', Context({'source': 'sim', 'robot': 'mine'})
+    )
     assert executables(context) == [('', 'master')]
     assert executables(ros2_launch('master', 'source:=sim', 'launch-prefix:=xterm')) == [
-        ('', 'master')]
+        ('', 'master')
+    ]
 
 
 def test_a_device_with_its_master_in_rviz(ros2_launch, installed, tmp_path):
@@ -202,7 +252,9 @@ def test_a_device_with_its_master_in_rviz(ros2_launch, installed, tmp_path):
     context = ros2_launch('display', 'namespace:=/left/', 'composed:=false')
     assert executables(context) == [
         *(('/left/', name) for name in ('encoder_driver', 'fkm', 'diagnostics')),
-        ('left', 'robot_state_publisher'), ('left', 'rviz2')]
+        ('left', 'robot_state_publisher'),
+        ('left', 'rviz2'),
+    ]
     _, fkm, _, publisher, rviz = context.started
     assert 'frame_id:=left/spm_base' in fkm.ros_arguments
     (parameters,) = publisher.parameters
@@ -213,13 +265,16 @@ def test_a_device_with_its_master_in_rviz(ros2_launch, installed, tmp_path):
     assert context.logged == [f'layout for Foxglove and Lichtblick: {layout}']
     assert '"/left/state.data"' in layout.read_text()
     assert executables(ros2_launch('display', 'master:=false', 'rviz:=false')) == [
-        ('', 'robot_state_publisher')]
+        ('', 'robot_state_publisher')
+    ]
 
 
-@pytest.mark.parametrize(('there', 'absent'), [
-    ('robot_state_publisher', 'rviz2'), ('rviz2', 'robot_state_publisher')])
+@pytest.mark.parametrize(
+    ('there', 'absent'), [('robot_state_publisher', 'rviz2'), ('rviz2', 'robot_state_publisher')]
+)
 def test_nothing_starts_where_what_shows_it_is_not_installed(
-        ros2_launch, installed, tmp_path, there, absent):
+    ros2_launch, installed, tmp_path, there, absent
+):
     installed(there)
     with pytest.raises(InputError, match=f'^{absent} is not installed; .*apt install') as error:
         ros2_launch('display')

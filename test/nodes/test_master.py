@@ -25,8 +25,12 @@ def test_a_second_master_leaves_the_first_alone_and_goes_on_where_that_has_ended
     with Disturbance(BESIDE_OTHERS) as machine:
         second = start('master', parameters=SIM)
         found = observer.spin_until(
-            lambda: '/orientation is published by /fkm already: end that one, or start this one '
-            'with another ROS_DOMAIN_ID' in second.stderr, PATIENCE)
+            lambda: (
+                '/orientation is published by /fkm already: end that one, or start this one '
+                'with another ROS_DOMAIN_ID' in second.stderr
+            ),
+            PATIENCE,
+        )
     machine.expect(found, second.stderr)
     # DDS may have the publisher for a moment before the name of its node.
     assert len([line for line in second.stderr.splitlines() if 'without a name' not in line]) == 1

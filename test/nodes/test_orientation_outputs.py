@@ -22,14 +22,19 @@ from spm_haptic_master.parameters.resolver import Parameters
 CRTK = 'measured_cp', 'setpoint_cp', 'measured_cv', 'crtk/measured_js', 'gripper/measured_js'
 BASE_DEG, HANDLE_DEG = [30.0, 40.0, -70.0], [0.0, 0.0, 45.0]
 TABLE, HANDLE = (matrix_from_zxz(*np.radians(turn)) for turn in (BASE_DEG, HANDLE_DEG))
-MOUNTED = (f'mounting.base_zxz_deg:={BASE_DEG}', f'mounting.handle_zxz_deg:={HANDLE_DEG}',
-           'mounting.table_frame_id:=operating_table')
+MOUNTED = (
+    f'mounting.base_zxz_deg:={BASE_DEG}',
+    f'mounting.handle_zxz_deg:={HANDLE_DEG}',
+    'mounting.table_frame_id:=operating_table',
+)
 
 
 def turning(count, speed=0.5, sensors=4):
     """Return samples of a turn about the platform's axis, from phi = 20 deg on, rad/s."""
-    return [angles(workspace_pose(0.0, 0.0, np.radians(20.0) + speed * PERIOD * number), sensors)
-            for number in range(count)]
+    return [
+        angles(workspace_pose(0.0, 0.0, np.radians(20.0) + speed * PERIOD * number), sensors)
+        for number in range(count)
+    ]
 
 
 def angular(message):
@@ -63,9 +68,10 @@ def test_poses_have_a_rate_of_their_own_and_equal_stamps():
         assert rig.host.last('gripper/measured_js').position[0] == pytest.approx(np.radians(45.0))
         for begin, value, degrees in ((354, -5.0, 0.0), (400, 5.0, 60.0)):
             rig.host.give('gripper/joy', Joy(axes=[0.0, value]))
-            rig.send_many(0, *samples[begin:begin + 46])
+            rig.send_many(0, *samples[begin : begin + 46])
             assert rig.host.last('gripper/measured_js').position[0] == pytest.approx(
-                np.radians(degrees))
+                np.radians(degrees)
+            )
 
 
 def test_a_joint_without_a_reading_is_nan_while_the_orientation_goes_on():
@@ -77,7 +83,13 @@ def test_a_joint_without_a_reading_is_nan_while_the_orientation_goes_on():
         assert len(rig.send_many(0, *rows)) > 95
         assert rig.state == 'degraded: joint_3b missing'
         assert np.isnan(rig.host.last('crtk/measured_js').position).tolist() == [
-            False, False, False, False, True, False]
+            False,
+            False,
+            False,
+            False,
+            True,
+            False,
+        ]
 
 
 def test_a_subscriber_that_comes_late_gets_no_velocity_of_long_ago():
@@ -127,14 +139,18 @@ def test_all_outputs_are_those_of_the_handle_on_the_table():
             found.append(rig.sent)
     plain, mounted = found
     for topic, of in (
-            ('orientation', lambda message: matrix(message.quaternion)),
-            ('measured_cp', lambda message: matrix(message.pose.orientation))):
+        ('orientation', lambda message: matrix(message.quaternion)),
+        ('measured_cp', lambda message: matrix(message.pose.orientation)),
+    ):
         for before, after in zip(plain[topic], mounted[topic], strict=True):
             np.testing.assert_allclose(of(after), TABLE @ of(before) @ HANDLE, atol=1e-12)
             assert (before.header.frame_id, after.header.frame_id) == (
-                'spm_base', 'operating_table')
-    for before, after in zip(plain['pose_with_covariance'], mounted['pose_with_covariance'],
-                             strict=True):
+                'spm_base',
+                'operating_table',
+            )
+    for before, after in zip(
+        plain['pose_with_covariance'], mounted['pose_with_covariance'], strict=True
+    ):
         inner, outer = (np.reshape(each.pose.covariance, (6, 6)) for each in (before, after))
         assert np.all(outer[:3] == 0.0) and np.all(outer[:, :3] == 0.0)
         assert np.diag(outer)[3:].min() > 0.0
@@ -150,20 +166,30 @@ def test_the_covariance_is_the_scatter_that_the_orientations_have():
         answers = rig.send_many(0, *rows.tolist())
         covariance = np.reshape(rig.host.last('pose_with_covariance').pose.covariance, (6, 6))
     turns = [matrix(each.quaternion) @ POSE.T for each in answers]
-    vectors = 0.5 * np.array([[t[2, 1] - t[1, 2], t[0, 2] - t[2, 0], t[1, 0] - t[0, 1]]
-                              for t in turns])
+    vectors = 0.5 * np.array(
+        [[t[2, 1] - t[1, 2], t[0, 2] - t[2, 0], t[1, 0] - t[0, 1]] for t in turns]
+    )
     np.testing.assert_allclose(vectors.std(axis=0), np.sqrt(np.diag(covariance)[3:]), rtol=0.15)
 
 
 @pytest.mark.parametrize('is_installed', [True, False])
-@pytest.mark.parametrize(('settings', 'words'), [
-    (MOUNTED, 'spm_base on operating_table, spm_handle on spm_platform'),
-    (MOUNTED[1:], 'spm_handle on spm_platform'), ((), None)])
+@pytest.mark.parametrize(
+    ('settings', 'words'),
+    [
+        (MOUNTED, 'spm_base on operating_table, spm_handle on spm_platform'),
+        (MOUNTED[1:], 'spm_handle on spm_platform'),
+        ((), None),
+    ],
+)
 def test_the_frames_are_on_diagnostics_and_on_tf_where_it_is_installed(
-        monkeypatch, is_installed, settings, words):
+    monkeypatch, is_installed, settings, words
+):
     monkeypatch.setitem(sys.modules, 'tf2_msgs', SimpleNamespace())
-    monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', SimpleNamespace(
-        TFMessage=SimpleNamespace) if is_installed else None)
+    monkeypatch.setitem(
+        sys.modules,
+        'tf2_msgs.msg',
+        SimpleNamespace(TFMessage=SimpleNamespace) if is_installed else None,
+    )
     with fkm_rig(*settings) as rig:
         rig.host.run(1.0)
         found, messages = rig.host.figures('orientation').get('mounting'), rig.sent['/tf_static']
@@ -175,8 +201,10 @@ def test_the_frames_are_on_diagnostics_and_on_tf_where_it_is_installed(
         (message,) = messages
         transforms = {each.child_frame_id: each for each in message.transforms}
         assert words == ', '.join(
-            f'{child} on {each.header.frame_id}' for child, each in transforms.items())
+            f'{child} on {each.header.frame_id}' for child, each in transforms.items()
+        )
         for child, expected in (('spm_base', TABLE), ('spm_handle', HANDLE)):
             if child in transforms:
                 np.testing.assert_allclose(
-                    matrix(transforms[child].transform.rotation), expected, atol=1e-14)
+                    matrix(transforms[child].transform.rotation), expected, atol=1e-14
+                )

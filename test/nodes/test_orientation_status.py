@@ -20,8 +20,10 @@ def timing(monkeypatch):
     """Give the status, and a list of what it publishes."""
     entries = []
     monkeypatch.setattr(
-        orientation_status.diagnostic_status, 'StatusPublisher',
-        lambda *_, **__: SimpleNamespace(publish=lambda *entry: entries.append(entry)))
+        orientation_status.diagnostic_status,
+        'StatusPublisher',
+        lambda *_, **__: SimpleNamespace(publish=lambda *entry: entries.append(entry)),
+    )
     return LatencyStatus(None, RATE, 0.005), entries
 
 
@@ -42,10 +44,15 @@ def test_a_second_without_a_loss(timing):
     assert entry == (OK, 'in time')
     values.pop('orientation rate (Hz)')
     assert values == {
-        'missed deadlines': 0, 'missed in the last second': 0,
-        **{f'latency {name} (us)': pytest.approx(400.0, rel=0.1)
-           for name in ('p50', 'p90', 'p99', 'max')},
-        'parity mean (sigma)': 0.25, 'parity deviation (sigma)': 0.75}
+        'missed deadlines': 0,
+        'missed in the last second': 0,
+        **{
+            f'latency {name} (us)': pytest.approx(400.0, rel=0.1)
+            for name in ('p50', 'p90', 'p99', 'max')
+        },
+        'parity mean (sigma)': 0.25,
+        'parity deviation (sigma)': 0.75,
+    }
     assert timing[0].parity == -0.5
 
 
@@ -55,8 +62,9 @@ def test_the_parity_is_that_of_one_second(timing):
     assert (values['parity mean (sigma)'], values['parity deviation (sigma)']) == (0.5, 0.0)
 
 
-@pytest.mark.parametrize(('lost', 'expected'), [
-    (2, (OK, 'in time')), (3, (WARN, 'samples missing'))])
+@pytest.mark.parametrize(
+    ('lost', 'expected'), [(2, (OK, 'in time')), (3, (WARN, 'samples missing'))]
+)
 def test_missing_samples_are_counted_by_the_stamps(timing, lost, expected):
     second(timing, 0)
     for busy in ('', 'a cause'):
@@ -73,9 +81,14 @@ def test_missing_samples_are_counted_by_the_stamps(timing, lost, expected):
 def test_a_rate_that_is_not_the_drivers_is_reported(timing):
     """In two processes, which cannot compare their parameters; jitter of 10 % is none."""
     assert second(timing, 0, 108, PERIOD // 108 * 100)[0] == (OK, 'in time')
-    for number, (period, words) in enumerate((
-            (PERIOD // 108 * 100, 'in time'), (PERIOD // 2, 'more samples than expected'),
-            (2 * PERIOD, 'samples missing')), 1):
+    for number, (period, words) in enumerate(
+        (
+            (PERIOD // 108 * 100, 'in time'),
+            (PERIOD // 2, 'more samples than expected'),
+            (2 * PERIOD, 'samples missing'),
+        ),
+        1,
+    ):
         begin = timing[0]._last + period
         count = round(1e9 / period)
         assert second(timing, begin, count, period)[0] == (OK if number == 1 else WARN, words)
@@ -83,8 +96,13 @@ def test_a_rate_that_is_not_the_drivers_is_reported(timing):
 
 def test_late_orientations_are_an_overload_and_none_is_a_warning(timing):
     assert second(timing, 0, delay=8_000_000)[0] == (
-        WARN, f'{TOO_BUSY}: latency p99 more than 0.005 s')
+        WARN,
+        f'{TOO_BUSY}: latency p99 more than 0.005 s',
+    )
     entry, values = second(timing, 0, count=0)
     assert entry == (WARN, 'no orientations')
     assert list(values) == [
-        'orientation rate (Hz)', 'missed deadlines', 'missed in the last second']
+        'orientation rate (Hz)',
+        'missed deadlines',
+        'missed in the last second',
+    ]

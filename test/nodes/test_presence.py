@@ -14,11 +14,14 @@ from spm_haptic_master.nodes.presence import Presence
 @contextmanager
 def joystick(**settings):
     """Yield a node; `hold` gives it buttons and returns the pedals that it makes of them."""
-    with hosted(Presence, *(f'presence.{name}:={value}' for name, value in settings.items())
-                ) as host:
+    with hosted(
+        Presence, *(f'presence.{name}:={value}' for name, value in settings.items())
+    ) as host:
+
         def pedals():
-            return tuple(host.last(topic).buttons[0] for topic in ('presence', 'clutch')
-                         if host.sent[topic])
+            return tuple(
+                host.last(topic).buttons[0] for topic in ('presence', 'clutch') if host.sent[topic]
+            )
 
         def hold(*buttons):
             host.give('joy', Joy(buttons=buttons))
@@ -34,9 +37,13 @@ def test_a_button_is_presence_and_another_one_the_clutch():
         assert joy.pedals() == (0, 0)
         assert joy.entry('pedals').message == 'no joy'
         for buttons, pedals in (
-                ((0, 0, 1), (1, 0)), ((1, 0, 1), (1, 1)), ((1, 1, 0), (0, 1)),
-                # A tap and a joystick with fewer buttons press nothing.
-                ((2, 0, 2), (0, 0)), ((1, 1), (0, 1))):
+            ((0, 0, 1), (1, 0)),
+            ((1, 0, 1), (1, 1)),
+            ((1, 1, 0), (0, 1)),
+            # A tap and a joystick with fewer buttons press nothing.
+            ((2, 0, 2), (0, 0)),
+            ((1, 1), (0, 1)),
+        ):
             assert joy.hold(*buttons) == pedals
         joy.run(0.2)
         assert joy.entry('pedals').message == 'joy has 2 buttons, expected more than 2'

@@ -26,10 +26,18 @@ def test_a_recorded_session_becomes_orientations(start, observer):
     def replay():
         fkm = start('fkm', parameters={'rate': 1000.0 * PACE})
         assert observer.spin_until(
-            lambda: observer.node.count_publishers('orientation') == 1, PATIENCE)
+            lambda: observer.node.count_publishers('orientation') == 1, PATIENCE
+        )
         orientations.clear()
-        driver = start('encoder_driver', parameters={
-            'source': 'replay', 'replay.path': LOG, 'replay.rate': PACE, **simulated_rig()})
+        driver = start(
+            'encoder_driver',
+            parameters={
+                'source': 'replay',
+                'replay.path': LOG,
+                'replay.rate': PACE,
+                **simulated_rig(),
+            },
+        )
         assert observer.spin_until(lambda: driver.poll() is not None, PATIENCE)
         observer.spin(0.5)
         assert driver.wait() == 0

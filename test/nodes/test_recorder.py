@@ -63,22 +63,23 @@ def record(monkeypatch):
 
 
 def test_joints_without_a_reading_are_recorded_and_messages_without_a_joint_are_counted(
-        record, tmp_path):
+    record, tmp_path
+):
     """A message without one of the first message's joints is of another program."""
     with record(tmp_path) as session:
         for number in range(40):
             session.orientation(2000 + number)
             session.orientation(3000 + number, 'ground_truth/orientation')
-            session.joints(1000 + number, [
-                0.1, 0.2, 0.3, 0.4, nan if number % 4 else 0.5, 0.6])
+            session.joints(1000 + number, [0.1, 0.2, 0.3, 0.4, nan if number % 4 else 0.5, 0.6])
             if number % 4:
                 session.joints(1000 + number, [0.1] * 5, ALL_JOINT_NAMES[:5])
     track = recordings.read_joints(tmp_path / 'measured_js.csv', '')
     assert track.time.tolist() == [1000.0 + number for number in range(40)]
     assert np.isnan(track.values[:, 4]).tolist() == [number % 4 > 0 for number in range(40)]
     assert (np.delete(track.values, 4, axis=1) == [0.1, 0.2, 0.3, 0.4, 0.6]).all()
-    paths = [tmp_path / name for name in ('orientation.csv', 'measured_js.csv',
-                                          'ground_truth.csv')]
+    paths = [
+        tmp_path / name for name in ('orientation.csv', 'measured_js.csv', 'ground_truth.csv')
+    ]
     for path, first in ((paths[0], 2000.25), (paths[2], 3000.25)):
         orientations = recordings.read_orientation(path, '')
         assert orientations.time.tolist() == [first + number for number in range(40)]
@@ -86,7 +87,8 @@ def test_joints_without_a_reading_are_recorded_and_messages_without_a_joint_are_
     assert session.logged == [
         '30 messages on measured_js without one of joint_1a, joint_1b, joint_1c, joint_3a, '
         'joint_3b, joint_3c: not written',
-        *(f'{path}: 40 rows, 39.0 s, {path.stat().st_size} bytes' for path in paths)]
+        *(f'{path}: 40 rows, 39.0 s, {path.stat().st_size} bytes' for path in paths),
+    ]
     assert session.error == ''
 
 
@@ -99,8 +101,9 @@ def test_a_directory_that_cannot_be_is_named_and_nothing_more_is_written(record,
     assert session.logged == []
 
 
-@pytest.mark.parametrize('name', [
-    'orientation.csv', 'ground_truth.csv', 'rig.json', 'measured_js.csv'])
+@pytest.mark.parametrize(
+    'name', ['orientation.csv', 'ground_truth.csv', 'rig.json', 'measured_js.csv']
+)
 def test_an_earlier_file_is_not_overwritten(record, tmp_path, name):
     (tmp_path / name).write_text('precious')
     error = ''
@@ -129,5 +132,4 @@ def test_nothing_is_written_where_nothing_comes(record, tmp_path):
     with record(tmp_path / 'empty') as session:
         pass
     assert not (tmp_path / 'empty').exists()
-    assert session.logged == [
-        'nothing was written: no message came on orientation or measured_js']
+    assert session.logged == ['nothing was written: no message came on orientation or measured_js']

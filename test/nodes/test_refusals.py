@@ -16,8 +16,11 @@ from spm_haptic_master.executables import EXECUTABLES
 LINES = (DATA / 'refusals.txt').read_text(encoding='utf-8').splitlines()
 
 
-@pytest.mark.parametrize(('case', 'line'), [*zip(REFUSALS, LINES, strict=True)], ids=[
-    f'{each.program} {each.what} {each.refused}' for each in REFUSALS])
+@pytest.mark.parametrize(
+    ('case', 'line'),
+    [*zip(REFUSALS, LINES, strict=True)],
+    ids=[f'{each.program} {each.what} {each.refused}' for each in REFUSALS],
+)
 def test_one_line_and_the_end(case, line, capfd, monkeypatch, tmp_path):
     """On the file descriptor: what rcl prints counts, too."""
     monkeypatch.chdir(tmp_path)
@@ -27,5 +30,6 @@ def test_one_line_and_the_end(case, line, capfd, monkeypatch, tmp_path):
     main = import_module(f'spm_haptic_master.{EXECUTABLES[case.program][0]}').main
     code, stderr = exit_code(main, case.program, *map(str, case.arguments)), capfd.readouterr().err
     assert code == 1
-    assert re.fullmatch(re.escape(line).replace(r'\.\.\.', '.*') + '\n', stderr), \
+    assert re.fullmatch(re.escape(line).replace(r'\.\.\.', '.*') + '\n', stderr), (
         f'{stderr}expected: {line}'
+    )

@@ -19,15 +19,38 @@ from std_srvs.srv import Trigger
 
 
 def test_a_message_is_shown_as_by_ros2_topic_echo():
-    message = DiagnosticArray(status=[DiagnosticStatus(
-        level=b'\x01', name='a', values=[KeyValue(key='k', value='v'), KeyValue(key='l')])])
+    message = DiagnosticArray(
+        status=[
+            DiagnosticStatus(
+                level=b'\x01', name='a', values=[KeyValue(key='k', value='v'), KeyValue(key='l')]
+            )
+        ]
+    )
     message.header.stamp.sec = 7
     assert list(ros._lines(message)) == [
-        'header:', '  stamp:', '    sec: 7', '    nanosec: 0', '  frame_id: ', 'status:',
-        '- level: 1', '  name: a', '  message: ', '  hardware_id: ', '  values:',
-        '  - key: k', '    value: v', '  - key: l', '    value: ']
+        'header:',
+        '  stamp:',
+        '    sec: 7',
+        '    nanosec: 0',
+        '  frame_id: ',
+        'status:',
+        '- level: 1',
+        '  name: a',
+        '  message: ',
+        '  hardware_id: ',
+        '  values:',
+        '  - key: k',
+        '    value: v',
+        '  - key: l',
+        '    value: ',
+    ]
     assert list(ros._lines(Joy(axes=[0.5], buttons=[1, 0])))[5:] == [
-        'axes:', '- 0.5', 'buttons:', '- 1', '- 0']
+        'axes:',
+        '- 0.5',
+        'buttons:',
+        '- 1',
+        '- 0',
+    ]
 
 
 def test_a_field_is_set_by_its_path_or_named():
@@ -48,8 +71,13 @@ def device():
     message.header.frame_id = 'spm_base'
     out = node.create_publisher(QuaternionStamped, 'orientation', SAMPLES)
     node.create_timer(0.02, lambda: out.publish(message))
-    node.declare_parameter('limit', 1.0, ParameterDescriptor(floating_point_range=[
-        FloatingPointRange(from_value=0.5, to_value=9.0)]))
+    node.declare_parameter(
+        'limit',
+        1.0,
+        ParameterDescriptor(
+            floating_point_range=[FloatingPointRange(from_value=0.5, to_value=9.0)]
+        ),
+    )
     node.declare_parameter('list', [1, 2])
 
     def acknowledge(_, answer):
@@ -71,8 +99,12 @@ def run(capfd):
     return lambda command: (exit_code(ros.main, 'ros', *command.split()), *capfd.readouterr())
 
 
-@pytest.mark.parametrize(('command', 'expected'), [
-    ('topic echo orientation --once', """header:
+@pytest.mark.parametrize(
+    ('command', 'expected'),
+    [
+        (
+            'topic echo orientation --once',
+            """header:
   stamp:
     sec: 0
     nanosec: 0
@@ -83,18 +115,27 @@ quaternion:
   z: 0.0
   w: 1.0
 ---
-"""),
-    ('topic list', '/orientation: geometry_msgs/msg/QuaternionStamped\n'),
-    ('param get fkm limit', 'limit: 1.0\n'),
-    ('param set /fkm list [3,4]', 'list: [3, 4]\n'),
-    ('service call fkm/acknowledge std_srvs/srv/Trigger',
-     'success: False\nmessage: no fault waits\n'),
-])
+""",
+        ),
+        ('topic list', '/orientation: geometry_msgs/msg/QuaternionStamped\n'),
+        ('param get fkm limit', 'limit: 1.0\n'),
+        ('param set /fkm list [3,4]', 'list: [3, 4]\n'),
+        (
+            'service call fkm/acknowledge std_srvs/srv/Trigger',
+            'success: False\nmessage: no fault waits\n',
+        ),
+    ],
+)
 def test_a_command_prints_what_ros_says(device, run, monkeypatch, command, expected):
     if command == 'topic list':
         wait = ros.Commands._wait
-        monkeypatch.setattr(ros.Commands, '_wait', lambda commands, *_: wait(
-            commands, lambda: commands._node.count_publishers('/orientation'), 20.0))
+        monkeypatch.setattr(
+            ros.Commands,
+            '_wait',
+            lambda commands, *_: wait(
+                commands, lambda: commands._node.count_publishers('/orientation'), 20.0
+            ),
+        )
     code, out, err = run(command)
     assert (code, err) == (0, '')
     assert out == expected or (command == 'topic list' and expected in out)
@@ -110,24 +151,32 @@ def test_a_message_is_published_until_ctrl_c(device, run, monkeypatch):
         return wait(commands, condition, seconds)
 
     monkeypatch.setattr(ros.Commands, '_wait', wait_or_end)
-    assert run('topic pub /presence sensor_msgs/msg/Joy --rate 20 '
-               '{"header":{"frame_id":"pedal"},"buttons":[1]}') == (0, '', '')
+    assert run(
+        'topic pub /presence sensor_msgs/msg/Joy --rate 20 '
+        '{"header":{"frame_id":"pedal"},"buttons":[1]}'
+    ) == (0, '', '')
     assert list(arrived[-1][1].buttons) == [1] and arrived[-1][1].header.frame_id == 'pedal'
 
 
-@pytest.mark.parametrize(('command', 'reason'), [
-    ('topic echo nothing', '/nothing: nobody publishes it'),
-    ('param get fkm alert', "fkm has no parameter 'alert'"),
-    ('param set fkm limit 99.0', 'limit out of range'),
-    ('param get nobody rate', '/nobody/get_parameters: no such node or service within 0.05 s'),
-    ('param set fkm limit {}', 'limit is {}; expected a single value'),
-    ('param set fkm x {"a":1,"b":2}', 'expected a single value or a list'),
-    ('param set fkm limit 99999999999999999999', 'at most 64 bits'),
-    ('service call nothing', '/nothing: no such service'),
-    ('topic', 'required: list | echo | pub'),
-    ('topic pub presence sensor_msgs/msg/Joi {}', 'sensor_msgs/msg/Joi: its package is not'),
-    ('topic pub presence sensor_msgs/msg/Joy {button:[1]}',
-     'button is [1]; expected a field of Joy')])
+@pytest.mark.parametrize(
+    ('command', 'reason'),
+    [
+        ('topic echo nothing', '/nothing: nobody publishes it'),
+        ('param get fkm alert', "fkm has no parameter 'alert'"),
+        ('param set fkm limit 99.0', 'limit out of range'),
+        ('param get nobody rate', '/nobody/get_parameters: no such node or service within 0.05 s'),
+        ('param set fkm limit {}', 'limit is {}; expected a single value'),
+        ('param set fkm x {"a":1,"b":2}', 'expected a single value or a list'),
+        ('param set fkm limit 99999999999999999999', 'at most 64 bits'),
+        ('service call nothing', '/nothing: no such service'),
+        ('topic', 'required: list | echo | pub'),
+        ('topic pub presence sensor_msgs/msg/Joi {}', 'sensor_msgs/msg/Joi: its package is not'),
+        (
+            'topic pub presence sensor_msgs/msg/Joy {button:[1]}',
+            'button is [1]; expected a field of Joy',
+        ),
+    ],
+)
 def test_what_is_not_there_is_named_in_one_line(device, run, monkeypatch, command, reason):
     if ' no' in command:
         monkeypatch.setattr(ros, 'PATIENCE', 0.05)

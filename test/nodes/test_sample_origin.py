@@ -15,11 +15,22 @@ from spm_haptic_master.ros.overload import TOO_BUSY
 def graph():
     """Give a hosted node; `report` gives it an entry of a driver on /diagnostics."""
     with hosted(lambda _: Node('fkm')) as graph:
+
         def report(name='encoder_driver', aspect='encoders', **values):
-            graph.give('/diagnostics', DiagnosticArray(status=[DiagnosticStatus(
-                name=f'{name}: {aspect}', values=[
-                    KeyValue(key=key.replace('_', ' '), value=value)
-                    for key, value in values.items()])]))
+            graph.give(
+                '/diagnostics',
+                DiagnosticArray(
+                    status=[
+                        DiagnosticStatus(
+                            name=f'{name}: {aspect}',
+                            values=[
+                                KeyValue(key=key.replace('_', ' '), value=value)
+                                for key, value in values.items()
+                            ],
+                        )
+                    ]
+                ),
+            )
 
         graph.report = report
         graph.publishers['/measured_js'] = ('encoder_driver',)
@@ -52,15 +63,30 @@ def test_rivals_are_looked_for_now_and_then_and_override_all(graph, origin):
     assert obstacle(graph, origin)[0] == 'another mechanism in the driver'
 
 
-@pytest.mark.parametrize(('values', 'expected'), [
-    ({'mechanism': 'other'}, (
-        'another mechanism in the driver', 'encoder_driver has other, expected abc: '
-        'give geometry.* and working_mode for all nodes, /**')),
-    # With the noise and the bias of no calibration the levels would be too small.
-    ({'mechanism': 'abc', 'calibration': '2026'}, (
-        'another calibration in the driver', 'encoder_driver has 2026, expected not named: '
-        'give fkm the calibration file of the driver')),
-    ({'mechanism': 'abc', 'calibration': 'not named'}, None), ({}, None)])
+@pytest.mark.parametrize(
+    ('values', 'expected'),
+    [
+        (
+            {'mechanism': 'other'},
+            (
+                'another mechanism in the driver',
+                'encoder_driver has other, expected abc: '
+                'give geometry.* and working_mode for all nodes, /**',
+            ),
+        ),
+        # With the noise and the bias of no calibration the levels would be too small.
+        (
+            {'mechanism': 'abc', 'calibration': '2026'},
+            (
+                'another calibration in the driver',
+                'encoder_driver has 2026, expected not named: '
+                'give fkm the calibration file of the driver',
+            ),
+        ),
+        ({'mechanism': 'abc', 'calibration': 'not named'}, None),
+        ({}, None),
+    ],
+)
 def test_a_driver_that_differs_is_named_as_long_as_it_publishes(graph, origin, values, expected):
     graph.report(**values)
     assert obstacle(graph, origin) == expected
@@ -82,7 +108,10 @@ def test_only_a_driver_in_this_process_surely_has_this_clock(graph, is_watching)
     limit = 100_000_000
     asks = 'limit 0.1 s: a host is too busy, or the clocks of two hosts are not synchronized'
     assert str(origin.rejection(300_000_000, limit)) == (
-        f'stale sample: 0.300000 s old, {asks}' if is_watching else
-        f'{TOO_BUSY}: a sample is more than 0.2 s old, limit 0.1 s')
+        f'stale sample: 0.300000 s old, {asks}'
+        if is_watching
+        else f'{TOO_BUSY}: a sample is more than 0.2 s old, limit 0.1 s'
+    )
     assert str(origin.rejection(-300_000_000, limit)) == (
-        f'sample from the future: -0.300000 s old, {asks}')
+        f'sample from the future: -0.300000 s old, {asks}'
+    )

@@ -78,8 +78,11 @@ class Device:
                 continue
             messages = list(messages)
             lines.append(f'{topic}: {len(messages)}')
-            is_text = topic == '/diagnostics' or hasattr(messages[0], 'data') and isinstance(
-                messages[0].data, str)
+            is_text = (
+                topic == '/diagnostics'
+                or hasattr(messages[0], 'data')
+                and isinstance(messages[0].data, str)
+            )
             step = 1 if is_text else -(-len(messages) // SHOWN)
             lines += ['  ' + ' '.join(words(message)) for message in messages[::step]]
         return '\n'.join([*lines, 'log:', *self.logged, 'shown:', *self.shown])
@@ -102,10 +105,12 @@ def words(value):
 
 def example(name):
     """Return what makes the node of an example."""
+
     def make(_):
         with mock.patch.object(rclpy, 'init'), mock.patch.object(rclpy, 'spin') as spin:
             run_path(str(ROOT / 'examples' / name))
         return spin.call_args.args[0]
+
     return make
 
 
@@ -113,8 +118,11 @@ def example(name):
 def device(monkeypatch, *settings, beside=(SimSlave, Presence), remaps=()):
     logged, done = [], Future()
     for level in ('info', 'warning', 'error'):
-        monkeypatch.setattr(node_log, level, lambda node, text, level=level: logged.append(
-            f'{node.get_name()} {level}: {text}'))
+        monkeypatch.setattr(
+            node_log,
+            level,
+            lambda node, text, level=level: logged.append(f'{node.get_name()} {level}: {text}'),
+        )
     monkeypatch.setattr(master, 'Console', Console)
     # As recorded: without the messages of packages that may be installed.
     for name in ('crtk_msgs', 'tf2_msgs', 'tf2_msgs.msg'):
@@ -130,19 +138,42 @@ def device(monkeypatch, *settings, beside=(SimSlave, Presence), remaps=()):
         master.compose(done, add)
         return [*nodes, *(kind(parameters) for kind in beside)]
 
-    with hosted(make, 'source:=sim', 'teleop.run:=true', 'presence.clutch_button:=1',
-                'presence.joy_timeout:=0.0', *settings, remaps=remaps) as host:
+    with hosted(
+        make,
+        'source:=sim',
+        'teleop.run:=true',
+        'presence.clutch_button:=1',
+        'presence.joy_timeout:=0.0',
+        *settings,
+        remaps=remaps,
+    ) as host:
         yield Device(host, done, logged)
 
 
-RECORDED = ('rate:=100.0', 'crtk_rate:=20.0', 'sim.noise_deg:=0.02', 'recovery:=0.2',
-            'slave.rate:=50.0')
+RECORDED = (
+    'rate:=100.0',
+    'crtk_rate:=20.0',
+    'sim.noise_deg:=0.02',
+    'recovery:=0.2',
+    'slave.rate:=50.0',
+)
 SETTINGS = {
-    'four': ('sim.trajectory:=tour', 'gripper.axis:=0', 'alert_limit_deg:=5.0',
-             'mounting.base_zxz_deg:=[30.0, 40.0, -70.0]', 'mounting.table_frame_id:=table',
-             'teleop.protection_limit_deg:=4.0'),
-    'six': ('sim.trajectory:=sweep', 'sensors:=6', 'gripper.position_deg:=20.0',
-            'mounting.handle_zxz_deg:=[0.0, 0.0, 45.0]', 'teleop.alignment:=absolute')}
+    'four': (
+        'sim.trajectory:=tour',
+        'gripper.axis:=0',
+        'alert_limit_deg:=5.0',
+        'mounting.base_zxz_deg:=[30.0, 40.0, -70.0]',
+        'mounting.table_frame_id:=table',
+        'teleop.protection_limit_deg:=4.0',
+    ),
+    'six': (
+        'sim.trajectory:=sweep',
+        'sensors:=6',
+        'gripper.position_deg:=20.0',
+        'mounting.handle_zxz_deg:=[0.0, 0.0, 45.0]',
+        'teleop.alignment:=absolute',
+    ),
+}
 
 
 @pytest.mark.parametrize('name', SETTINGS)
@@ -156,22 +187,35 @@ def test_a_session_is_as_recorded(monkeypatch, name):
         def fail(text):
             return give('simulation/fault', String, data=text)
 
-        rig.run(10.0, {
-            0.9: lambda: host.call('enable'), 1.0: give('joy', Joy, buttons=[1, 0]),
-            1.2: lambda: host.call('~/enable'),
-            1.5: give('gripper/joy', Joy, axes=[0.5]) if name == 'four' else lambda: None,
-            2.0: give('joy', Joy, buttons=[1, 1]), 2.5: give('joy', Joy, buttons=[1, 0]),
-            3.0: fail('offset:joint_1b=4'), 3.6: fail(''), 4.4: lambda: host.call('enable'),
-            5.0: fail('dropout:joint_3a'), 5.5: fail(''),
-            6.2: lambda: host.call('enable'), 6.6: lambda: host.pause(0.6),
-            7.6: lambda: host.publishers.update({'/orientation': ('fkm', 'another')}),
-            8.0: host.publishers.clear, 8.2: fail('melt:joint_1c'),
-            # What cannot be done is logged, and changes nothing.
-            8.3: give('simulation/steer', Float64MultiArray, data=[1.0, 0.0, 0.0]),
-            8.4: give('simulation/steer', Float64MultiArray, data=[1.0]),
-            8.5: give('servo_cp', PoseStamped), 8.55: give('joy', Joy, buttons=[2]),
-            8.6: give('simulation/steer', Float64MultiArray, data=[0.1, 0.2, 0.3]),
-            9.2: lambda: host.call('disable'), 9.4: give('simulation/steer', Float64MultiArray)})
+        rig.run(
+            10.0,
+            {
+                0.9: lambda: host.call('enable'),
+                1.0: give('joy', Joy, buttons=[1, 0]),
+                1.2: lambda: host.call('~/enable'),
+                1.5: give('gripper/joy', Joy, axes=[0.5]) if name == 'four' else lambda: None,
+                2.0: give('joy', Joy, buttons=[1, 1]),
+                2.5: give('joy', Joy, buttons=[1, 0]),
+                3.0: fail('offset:joint_1b=4'),
+                3.6: fail(''),
+                4.4: lambda: host.call('enable'),
+                5.0: fail('dropout:joint_3a'),
+                5.5: fail(''),
+                6.2: lambda: host.call('enable'),
+                6.6: lambda: host.pause(0.6),
+                7.6: lambda: host.publishers.update({'/orientation': ('fkm', 'another')}),
+                8.0: host.publishers.clear,
+                8.2: fail('melt:joint_1c'),
+                # What cannot be done is logged, and changes nothing.
+                8.3: give('simulation/steer', Float64MultiArray, data=[1.0, 0.0, 0.0]),
+                8.4: give('simulation/steer', Float64MultiArray, data=[1.0]),
+                8.5: give('servo_cp', PoseStamped),
+                8.55: give('joy', Joy, buttons=[2]),
+                8.6: give('simulation/steer', Float64MultiArray, data=[0.1, 0.2, 0.3]),
+                9.2: lambda: host.call('disable'),
+                9.4: give('simulation/steer', Float64MultiArray),
+            },
+        )
         assert_recorded(f'sessions/{name}.txt', rig.text())
         # A client ignores what is not newer.
         for topic in ('slave/measured_cp', 'presence', 'orientation', 'ground_truth/orientation'):
@@ -179,8 +223,15 @@ def test_a_session_is_as_recorded(monkeypatch, name):
             assert stamps == sorted(set(stamps))
 
 
-POWERED = ('rate:=500.0', 'alert_limit_deg:=5.0', 'crtk_rate:=0.0', 'force.enabled:=true',
-           'force.without_drives:=true', 'force.protection_limit_deg:=5.0', 'force.damping:=0.0')
+POWERED = (
+    'rate:=500.0',
+    'alert_limit_deg:=5.0',
+    'crtk_rate:=0.0',
+    'force.enabled:=true',
+    'force.without_drives:=true',
+    'force.protection_limit_deg:=5.0',
+    'force.damping:=0.0',
+)
 AT_REST = 'sim.trajectory:=fixed', 'sim.pose_deg:=[130.0, 50.0, 20.0]'
 
 
@@ -201,28 +252,48 @@ def test_the_hand_feels_the_slave_while_it_leads_it(monkeypatch):
             felt.append(components(host.last('spatial/measured_cf').wrench.torque))
             host.give('joy', Joy(buttons=buttons))
 
-        rig.run(2.0, {
-            0.6: lambda: press(1, 0), 0.7: lambda: host.call('~/enable'),
-            **{0.01 * number: lambda: send((0.0, 0.0)) for number in range(80, 100)},
-            **{0.01 * number: lambda: send((0.1, -0.2)) for number in range(100, 200)},
-            1.4: lambda: press(1, 1), 1.7: lambda: press(0, 0)})
+        rig.run(
+            2.0,
+            {
+                0.6: lambda: press(1, 0),
+                0.7: lambda: host.call('~/enable'),
+                **{0.01 * number: lambda: send((0.0, 0.0)) for number in range(80, 100)},
+                **{0.01 * number: lambda: send((0.1, -0.2)) for number in range(100, 200)},
+                1.4: lambda: press(1, 1),
+                1.7: lambda: press(0, 0),
+            },
+        )
         # Half of it, before the clutch.
         np.testing.assert_allclose(
-            felt, [(0.0, 0.0, 0.0), (0.05, -0.1, 0.0), (0.0, 0.0, 0.0)], atol=1e-3)
+            felt, [(0.0, 0.0, 0.0), (0.05, -0.1, 0.0), (0.0, 0.0, 0.0)], atol=1e-3
+        )
         assert [each.data for each in host.sent['force_state']] == [
-            'off', 'ready', 'engaged', 'holding', 'fading: no hand on the handle', 'ready']
+            'off',
+            'ready',
+            'engaged',
+            'holding',
+            'fading: no hand on the handle',
+            'ready',
+        ]
 
 
 def test_the_slave_in_the_examples_follows_from_where_it_is(monkeypatch):
-    with device(monkeypatch, 'rate:=200.0', 'sim.trajectory:=sweep',
-                beside=[example('slave.py'), Presence]) as rig:
+    with device(
+        monkeypatch, 'rate:=200.0', 'sim.trajectory:=sweep', beside=[example('slave.py'), Presence]
+    ) as rig:
         host = rig.host
-        rig.run(3.0, {0.9: lambda: host.give('joy', Joy(buttons=[1])),
-                      1.0: lambda: host.call('~/enable'),
-                      2.5: lambda: host.give('joy', Joy(buttons=[0]))})
-        commands, poses = ([(*components(q), q.w) for q in (
-            each.pose.orientation for each in host.sent[topic])]
-            for topic in ('servo_cp', 'slave/measured_cp'))
+        rig.run(
+            3.0,
+            {
+                0.9: lambda: host.give('joy', Joy(buttons=[1])),
+                1.0: lambda: host.call('~/enable'),
+                2.5: lambda: host.give('joy', Joy(buttons=[0])),
+            },
+        )
+        commands, poses = (
+            [(*components(q), q.w) for q in (each.pose.orientation for each in host.sent[topic])]
+            for topic in ('servo_cp', 'slave/measured_cp')
+        )
         assert rotation_distance(commands[0], poses[0]) < 1e-9
         assert rotation_distance(commands[0], commands[-1]) > 0.05
         assert rotation_distance(commands[-1], poses[-1]) < 1e-9
@@ -231,8 +302,13 @@ def test_the_slave_in_the_examples_follows_from_where_it_is(monkeypatch):
 
 def test_a_filter_between_driver_and_fkm_is_not_passed_by(monkeypatch):
     """With the topic remapped for one of them, in a namespace."""
-    with device(monkeypatch, 'rate:=100.0', 'recovery:=0.2', 'alert_limit_deg:=5.0', remaps=(
-            '__ns:=/left', 'fkm:measured_js:=filtered_js')) as rig:
+    with device(
+        monkeypatch,
+        'rate:=100.0',
+        'recovery:=0.2',
+        'alert_limit_deg:=5.0',
+        remaps=('__ns:=/left', 'fkm:measured_js:=filtered_js'),
+    ) as rig:
         host, passed, before = rig.host, set(), []
 
         def pass_on():
@@ -240,7 +316,12 @@ def test_a_filter_between_driver_and_fkm_is_not_passed_by(monkeypatch):
             passed.add(stamp(sample))
             host.give('filtered_js', sample)
 
-        rig.run(1.5, {0.5: lambda: before.extend(host.sent['orientation']),
-                      **{0.01 * number: pass_on for number in range(60, 150)}})
+        rig.run(
+            1.5,
+            {
+                0.5: lambda: before.extend(host.sent['orientation']),
+                **{0.01 * number: pass_on for number in range(60, 150)},
+            },
+        )
         assert before == []
         assert set() < {stamp(each) for each in host.sent['orientation']} <= passed

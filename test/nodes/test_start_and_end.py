@@ -82,10 +82,12 @@ def test_two_ctrl_c_leave_no_process_and_no_shared_memory(start):
 @pytest.mark.parametrize(('used', 'times'), [(0.2, 3), (0.6, 1)])
 def test_ctrl_c_while_it_starts_leaves_nothing_behind(start, used, times):
     master, made = interrupted(
-        start, lambda master: all_processes()[master.pid][1] * TICK >= used, times)
+        start, lambda master: all_processes()[master.pid][1] * TICK >= used, times
+    )
     # Before the package's first line runs, Python itself may end with its own message.
-    assert master.wait() in (0, -signal.SIGINT) or 'init_import_site' in master.stderr, \
+    assert master.wait() in (0, -signal.SIGINT) or 'init_import_site' in master.stderr, (
         master.stderr
+    )
     # `start` has given SIGINT its default action in time.
     assert 'in start\n' not in master.stderr
     assert all_removed(made), left_behind(made)
@@ -113,15 +115,21 @@ def test_an_end_without_a_reader_takes_five_seconds_from_the_signal_on():
 
 def test_a_process_that_receives_nothing_ends_too(start, observer):
     # In a namespace each: nobody publishes what another one of them subscribes to.
-    programs = {name: start(name, '--ros-args', '-r', f'__ns:=/alone_{name}', parameters=SIM)
-                for name in PROCESSES}
+    programs = {
+        name: start(name, '--ros-args', '-r', f'__ns:=/alone_{name}', parameters=SIM)
+        for name in PROCESSES
+    }
     assert observer.spin_until(
-        lambda: {f'/alone_{name}' for name in PROCESSES} <= {
-            namespace for _, namespace in observer.node.get_node_names_and_namespaces()},
-        PATIENCE)
+        lambda: (
+            {f'/alone_{name}' for name in PROCESSES}
+            <= {namespace for _, namespace in observer.node.get_node_names_and_namespaces()}
+        ),
+        PATIENCE,
+    )
     observer.spin(0.5)
-    assert {name: program.stop(signal.SIGTERM) for name, program in programs.items()} \
-        == dict.fromkeys(PROCESSES, 0)
+    assert {
+        name: program.stop(signal.SIGTERM) for name, program in programs.items()
+    } == dict.fromkeys(PROCESSES, 0)
 
 
 @pytest.mark.skipif(Path(sys.prefix) != ROOT / '.venv', reason='not in the .venv of make')
@@ -141,8 +149,7 @@ def test_make_run_ends_with_all_its_processes(observer):
         if make.poll() is None:
             os.killpg(make.pid, signal.SIGKILL)
     assert 'Traceback' not in make.stderr
-    assert wait_until(
-        lambda: not any(Path(f'/proc/{pid}').exists() for pid in started), PATIENCE)
+    assert wait_until(lambda: not any(Path(f'/proc/{pid}').exists() for pid in started), PATIENCE)
 
 
 def test_a_full_pipe_delays_neither_samples_nor_reasons_nor_the_end(start, observer):
@@ -153,14 +160,22 @@ def test_a_full_pipe_delays_neither_samples_nor_reasons_nor_the_end(start, obser
     with full_pipe() as (_, writing):
         program = start('master', parameters=SIM, error_to=writing)
         assert observer.spin_until(
-            lambda: faults.get_subscription_count() and len(orientations) > 100, PATIENCE)
+            lambda: faults.get_subscription_count() and len(orientations) > 100, PATIENCE
+        )
         # A line of the log that nobody reads: rclpy's own log would stop the process.
         faults.publish(String(data='dropout:joint_3a'))
         assert observer.spin_until(
-            lambda: any(line.level == Log.ERROR for _, line in log), PATIENCE)
-        assert observer.spin_until(lambda: any(
-            entry.message == 'silent: no joint samples' for _, array in entries
-            for entry in array.status if entry.name == 'fkm: orientation'), PATIENCE)
+            lambda: any(line.level == Log.ERROR for _, line in log), PATIENCE
+        )
+        assert observer.spin_until(
+            lambda: any(
+                entry.message == 'silent: no joint samples'
+                for _, array in entries
+                for entry in array.status
+                if entry.name == 'fkm: orientation'
+            ),
+            PATIENCE,
+        )
         del orientations[:]
         faults.publish(String())
         assert observer.spin_until(lambda: len(orientations) > 1000, PATIENCE)
@@ -174,5 +189,6 @@ def test_the_last_line_does_not_wait_for_a_reader():
     with full_pipe() as (_, writing):
         program = start_command(
             [sys.executable, '-m', 'spm_haptic_master', 'fkm', '--ros-args', '-p', 'rate:=0'],
-            error_to=writing)
+            error_to=writing,
+        )
         assert program.wait(PATIENCE) == 1

@@ -18,8 +18,12 @@ from spm_haptic_master.ros.duplicate_publishers import CURE
 from std_msgs.msg import Float64MultiArray, String, UInt64
 
 # No limit changes a command, and there is one for each orientation.
-UNLIMITED = {'rate': 100.0, 'teleop.command_rate': 0.0, 'teleop.acceleration_limit': 1e6,
-             'teleop.presence_timeout': 0.0}
+UNLIMITED = {
+    'rate': 100.0,
+    'teleop.command_rate': 0.0,
+    'teleop.acceleration_limit': 1e6,
+    'teleop.presence_timeout': 0.0,
+}
 POSITION = (0.01, -0.02, 0.11)
 PERIOD = 0.01
 
@@ -29,7 +33,10 @@ class Rig:
 
     def __init__(self, host):
         self.host, self.commands, self.twists = (
-            host, host.sent['servo_cp'], host.sent['delta_twist_cmds'])
+            host,
+            host.sent['servo_cp'],
+            host.sent['delta_twist_cmds'],
+        )
         self.master, self.slave = zxz(0.3, 0.5, -0.2), zxz(-1.0, 0.8, 0.4)
         self.sent = {}
         # Frame of the slave's pose, and whether its stamp goes on.
@@ -89,16 +96,19 @@ class Rig:
 
     @property
     def matrices(self):
-        return [matrix_from_quaternion([q.x, q.y, q.z, q.w])
-                for q in (message.pose.orientation for message in self.commands)]
+        return [
+            matrix_from_quaternion([q.x, q.y, q.z, q.w])
+            for q in (message.pose.orientation for message in self.commands)
+        ]
 
 
 @contextmanager
 def running(**settings):
     """Yield the rig of a node with settings; in names, __ stands for a dot."""
     given = UNLIMITED | {name.replace('__', '.'): value for name, value in settings.items()}
-    with hosted(Teleop, *(f'{name}:={value}' for name, value in given.items()),
-                subscribes=True) as host:
+    with hosted(
+        Teleop, *(f'{name}:={value}' for name, value in given.items()), subscribes=True
+    ) as host:
         host.run(0.02)
         yield Rig(host)
 
@@ -127,7 +137,8 @@ def test_it_follows_by_the_law_in_the_frame_and_at_the_position_of_the_slave():
             # Each by its own orientation, of which it has the stamp.
             hand = rig.sent[stamp(message)] @ master.T
             np.testing.assert_allclose(
-                got, registration @ hand @ registration.T @ slave, atol=1e-12)
+                got, registration @ hand @ registration.T @ slave, atol=1e-12
+            )
             assert message.header.frame_id == 'psm_base'
             p = message.pose.position
             assert (p.x, p.y, p.z) == POSITION
@@ -141,22 +152,31 @@ def second_publisher(topic):
     def end(rig):
         rig.host.publishers[f'/{topic}'] = 'one', 'other'
         rig.run(23)
+
     return end, f'2 publishers on /{topic}: /one, /other; {CURE}'
 
 
-@pytest.mark.parametrize(('end', 'reason'), [
-    (lambda rig: rig.tell('silent: solver failed'), 'silent: solver failed'),
-    (lambda rig: rig.tell('healthy again'), "silent: unknown state 'healthy again'"),
-    *((lambda rig, joy=joy: rig.host.give('presence', joy), 'no presence')
-      for joy in (Joy(), Joy(buttons=[2]), Joy(buttons=[-1, 1]))),
-    *map(second_publisher, (
-        'slave/measured_cp', 'orientation', 'state', 'enabled_at', 'servo_cp')),
-    (lambda rig: setattr(rig.host.node._inputs, 'unheard', lambda: 'not heard'), 'not heard'),
-    (lambda rig: setattr(rig, 'frame', 'camera'), 'another frame of the slave'),
-    # As a bridge does that has lost its slave.
-    (lambda rig: setattr(rig, 'slave_goes_on', False), 'no pose of the slave'),
-    (lambda rig: setattr(rig, 'level', 0.6), 'protection level above the limit'),
-    (lambda rig: rig.run(30, turning=(0.0, 0.0, 0.02)), 'the slave does not follow')])
+@pytest.mark.parametrize(
+    ('end', 'reason'),
+    [
+        (lambda rig: rig.tell('silent: solver failed'), 'silent: solver failed'),
+        (lambda rig: rig.tell('healthy again'), "silent: unknown state 'healthy again'"),
+        *(
+            (lambda rig, joy=joy: rig.host.give('presence', joy), 'no presence')
+            for joy in (Joy(), Joy(buttons=[2]), Joy(buttons=[-1, 1]))
+        ),
+        *map(
+            second_publisher,
+            ('slave/measured_cp', 'orientation', 'state', 'enabled_at', 'servo_cp'),
+        ),
+        (lambda rig: setattr(rig.host.node._inputs, 'unheard', lambda: 'not heard'), 'not heard'),
+        (lambda rig: setattr(rig, 'frame', 'camera'), 'another frame of the slave'),
+        # As a bridge does that has lost its slave.
+        (lambda rig: setattr(rig, 'slave_goes_on', False), 'no pose of the slave'),
+        (lambda rig: setattr(rig, 'level', 0.6), 'protection level above the limit'),
+        (lambda rig: rig.run(30, turning=(0.0, 0.0, 0.02)), 'the slave does not follow'),
+    ],
+)
 def test_what_ends_it_ends_it_until_enable(end, reason):
     with running(teleop__protection_limit_deg=0.5, teleop__tracking_limit_deg=20.0) as rig:
         rig.level = 0.4

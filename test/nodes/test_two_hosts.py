@@ -67,9 +67,21 @@ class Host:
     def start(self, *command: str) -> Program:
         """Start a Python module of the package; it is killed at the end."""
         program = start_command(
-            ['ip', 'netns', 'exec', self.namespace, 'sh', '-c',
-             'mount --bind "$0" /dev/shm && exec "$@"', str(self._shared_memory),
-             sys.executable, '-m', *command], ROS_AUTOMATIC_DISCOVERY_RANGE='SUBNET')
+            [
+                'ip',
+                'netns',
+                'exec',
+                self.namespace,
+                'sh',
+                '-c',
+                'mount --bind "$0" /dev/shm && exec "$@"',
+                str(self._shared_memory),
+                sys.executable,
+                '-m',
+                *command,
+            ],
+            ROS_AUTOMATIC_DISCOVERY_RANGE='SUBNET',
+        )
         self._stack.callback(program.kill)
         return program
 
@@ -82,8 +94,16 @@ def hosts(tmp_path):
     with ExitStack() as stack:
         try:
             both = {name: Host(name, tmp_path / name, stack) for name in ADDRESSES}
-            ip('link', 'add', both['driver'].link, 'type', 'veth', 'peer', 'name',
-               both['controller'].link)
+            ip(
+                'link',
+                'add',
+                both['driver'].link,
+                'type',
+                'veth',
+                'peer',
+                'name',
+                both['controller'].link,
+            )
             for name, address in ADDRESSES.items():
                 both[name].plug_in(address)
         except subprocess.CalledProcessError as error:
@@ -94,10 +114,14 @@ def hosts(tmp_path):
 def run_with_a_cut(driver_host, host, directory):
     """Return arrivals and stamps (ns since the Unix epoch), when the link was cut and restored."""
     directory.mkdir()
-    observer = host.start('spm_haptic_master.benchmark.measured_process', 'observer',
-                          str(directory))
-    programs = [driver_host.start('spm_haptic_master', 'encoder_driver', '-p', 'source:=sim'),
-                host.start('spm_haptic_master', 'fkm'), observer]
+    observer = host.start(
+        'spm_haptic_master.benchmark.measured_process', 'observer', str(directory)
+    )
+    programs = [
+        driver_host.start('spm_haptic_master', 'encoder_driver', '-p', 'source:=sim'),
+        host.start('spm_haptic_master', 'fkm'),
+        observer,
+    ]
     assert wait_until(lambda: READY in observer.stdout, PATIENCE), observer.stderr
     time.sleep(2.0 + STEADY)
     host.switch('down')
@@ -117,7 +141,8 @@ def test_driver_on_another_host_and_a_link_that_is_cut(hosts, tmp_path, capsys):
         # Nothing old comes out, whatever waited on the other side.
         return (arrivals - stamps).max() < OLDEST * 1e9 and all(
             ((stamps > begin) & (stamps < begin + STEADY * 1e9)).sum() > COMPLETE * STEADY
-            for begin in (cut - STEADY * 1e9, restored + STEADY * 1e9))
+            for begin in (cut - STEADY * 1e9, restored + STEADY * 1e9)
+        )
 
     with Disturbance() as machine:
         found = run_with_a_cut(*hosts, tmp_path / 'run')
@@ -126,7 +151,9 @@ def test_driver_on_another_host_and_a_link_that_is_cut(hosts, tmp_path, capsys):
     back = (arrivals[arrivals >= restored][0] - restored) * 1e-9
     p50, p99 = np.percentile((arrivals - stamps)[arrivals < cut], [50.0, 99.0]) * 1e-3
     with capsys.disabled():
-        print(f'\ntwo hosts: delay p50 {p50:.0f} p99 {p99:.0f} us; link cut for {CUT:g} s: '
-              f'silence, and the first orientation {back:.2f} s after it was restored')
+        print(
+            f'\ntwo hosts: delay p50 {p50:.0f} p99 {p99:.0f} us; link cut for {CUT:g} s: '
+            f'silence, and the first orientation {back:.2f} s after it was restored'
+        )
     assert not ((arrivals >= cut + ON_ITS_WAY * 1e9) & (arrivals < restored)).any()
     assert (np.diff(stamps) > 0).all()

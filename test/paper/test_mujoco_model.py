@@ -31,7 +31,8 @@ def compare(body, R, mode, rng):
         kinematics.forward_theta3a(joints.theta1, measured, g),
         kinematics.forward_theta2a(joints.theta1, body.data.qpos[body._address('joint_2a')], g),
         kinematics.estimate(joints.theta1, measured, 1e-3, g, prior=near).rotation,
-        min(kinematics.forward_all(joints.theta1, g), key=lambda mode: angle_between(mode, found))]
+        min(kinematics.forward_all(joints.theta1, g), key=lambda mode: angle_between(mode, found)),
+    ]
     return max(angle_between(found, model) for model in [R, *models]), error
 
 
@@ -47,7 +48,8 @@ def joint_rates(body):
     turning = np.zeros((3, joints))
     mujoco.mj_jacBody(body.model, body.data, None, turning, body.platform)
     return (motions @ np.eye(joints)[:, [*body.active, body.third]]).T @ np.linalg.inv(
-        turning @ motions.T)
+        turning @ motions.T
+    )
 
 
 @pytest.mark.parametrize('phi_deg', [-10.0, 0.0, 20.0, 40.0, 48.0, 55.0])
@@ -55,11 +57,13 @@ def test_agreement_over_the_workspace(phi_deg):
     rng = np.random.default_rng(30)
     body = MultiBody(kinematics.Geometry())
     compared = 0
-    for tilt, azimuth in product(np.radians([0.0, 10.0, 20.0, 26.0]),
-                                 np.radians(np.arange(0.0, 360.0, 60.0))):
+    for tilt, azimuth in product(
+        np.radians([0.0, 10.0, 20.0, 26.0]), np.radians(np.arange(0.0, 360.0, 60.0))
+    ):
         with suppress(UnreachableError):
             worst, error = compare(
-                body, tilted(math.radians(phi_deg), tilt, azimuth), (1, 1, 1), rng)
+                body, tilted(math.radians(phi_deg), tilt, azimuth), (1, 1, 1), rng
+            )
             compared += 1
             # The multi-body model's own error is 6e-13 deg.
             assert error < 1e-14 and worst < 1e-10

@@ -48,15 +48,28 @@ def test_page_has_every_figure_of_the_paper():
 
 
 @pytest.mark.evidence
-@pytest.mark.parametrize(('topic', 'options', 'words'), [
-    # Equation 5 belongs to 90 deg: a misprint.
-    ('geometry_figures', {}, {
-        (4,): ['misprint.', '15 of the 15'], (5,): ['-21.8165', '137.1047'],
-        (8,): ['49.358592', '63.577']}),
-    ('dexterity_maps', {'circles': 26, 'rays': 72}, {(6,): ['0.0070', '0.101']}),
-    ('mode_branches', {'step': 0.1}, {(10,): ['φ = 49.36 and 49.36 deg']}),
-    ('scenarios', {'step': 0.1}, {(18, 19, 20, 21): [r'improved FKM \| [\d.]+e-1[3-9]'],
-                                  (23, 24, 25, 26): ['0.009']})])
+@pytest.mark.parametrize(
+    ('topic', 'options', 'words'),
+    [
+        # Equation 5 belongs to 90 deg: a misprint.
+        (
+            'geometry_figures',
+            {},
+            {
+                (4,): ['misprint.', '15 of the 15'],
+                (5,): ['-21.8165', '137.1047'],
+                (8,): ['49.358592', '63.577'],
+            },
+        ),
+        ('dexterity_maps', {'circles': 26, 'rays': 72}, {(6,): ['0.0070', '0.101']}),
+        ('mode_branches', {'step': 0.1}, {(10,): ['φ = 49.36 and 49.36 deg']}),
+        (
+            'scenarios',
+            {'step': 0.1},
+            {(18, 19, 20, 21): [r'improved FKM \| [\d.]+e-1[3-9]'], (23, 24, 25, 26): ['0.009']},
+        ),
+    ],
+)
 def test_a_topic_finds_what_is_on_its_page(tmp_path, topic, options, words):
     found = check(import_module(f'paper.{topic}').entries(tmp_path, **options), tmp_path)
     for figures, each in words.items():
@@ -71,7 +84,8 @@ def test_monte_carlo(tmp_path):
     assert paper.sensor_placement.first_order(np.radians(50.0)) == pytest.approx(2.9, abs=0.1)
     case2, estimate = (
         float(re.search(name + r', n = 2,000 \| ([\d.]+)', found[13, 14].details)[1])
-        for name in (r'Case 2 \(th3A\)', 'estimate'))
+        for name in (r'Case 2 \(th3A\)', 'estimate')
+    )
     assert estimate < 0.9 * case2
 
 
@@ -81,7 +95,7 @@ def test_velocity_signs_of_the_print():
 
 
 def test_times():
-    entry, = paper.solve_times.entries(rounds=3)
+    (entry,) = paper.solve_times.entries(rounds=3)
     assert 'Python' in entry.here and '> 100 ms' in entry.details
     assert os.uname().nodename not in entry.here
 
@@ -104,15 +118,18 @@ def test_experiment_on_simulated_hardware(tmp_path):
     errors = {(row['model'], row['quantity']): row for row in experiment.errors}
     assert float(errors['improved', 'phi']['max_deg']) < rig_figures.CAPTURE_LIMIT
     assert float(errors['classic', 'phi']['rms_deg']) > 3.0 * float(
-        errors['improved', 'phi']['rms_deg'])
+        errors['improved', 'phi']['rms_deg']
+    )
     entries = rig_figures._compared(experiment)
     assert [entry.figures for entry in entries] == [(32,), (33,), (34,)]
 
 
 def test_a_gap_in_the_recording_is_no_step_of_a_model():
     """A busy machine loses samples: what moved meanwhile is no jump."""
-    columns = {'capture_time': np.array([0.0, 0.01, 0.02, 0.12, 0.13]),
-               'improved_phi_deg': np.array([1.0, 1.1, 1.3, 4.0, 4.1])}
+    columns = {
+        'capture_time': np.array([0.0, 0.01, 0.02, 0.12, 0.13]),
+        'improved_phi_deg': np.array([1.0, 1.1, 1.3, 4.0, 4.1]),
+    }
     assert rig_figures._largest_step(columns, 'improved_phi_deg') == pytest.approx(0.2)
 
 

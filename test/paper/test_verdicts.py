@@ -15,8 +15,14 @@ from paper import __main__ as command  # noqa: E402, I100
 from paper import solve_times, verdicts  # noqa: E402
 from paper.figure_entry import Entry, Verdict  # noqa: E402
 
-TOPICS = ('geometry_figures', 'dexterity_maps', 'mode_branches', 'sensor_placement', 'scenarios',
-          'rig_figures')
+TOPICS = (
+    'geometry_figures',
+    'dexterity_maps',
+    'mode_branches',
+    'sensor_placement',
+    'scenarios',
+    'rig_figures',
+)
 
 
 @pytest.fixture
@@ -27,10 +33,15 @@ def paper(tmp_path, monkeypatch):
 
     def run(found, *args):
         for number, name in enumerate(reversed(TOPICS), start=25):
-            monkeypatch.setattr(f'paper.{name}.entries', lambda out, number=number: [
-                Entry((number,), 'what', 'a', 'b', found if number == 27 else Verdict.AGREES)])
-        monkeypatch.setattr(solve_times, 'entries', lambda: [
-            Entry((), 'times', 'a', 'b', Verdict.PARTLY)])
+            monkeypatch.setattr(
+                f'paper.{name}.entries',
+                lambda out, number=number: [
+                    Entry((number,), 'what', 'a', 'b', found if number == 27 else Verdict.AGREES)
+                ],
+            )
+        monkeypatch.setattr(
+            solve_times, 'entries', lambda: [Entry((), 'times', 'a', 'b', Verdict.PARTLY)]
+        )
         return command.main([*args])
 
     assert run(Verdict.AGREES, '--accept') == 0
@@ -42,7 +53,9 @@ def test_a_verdict_that_changes_fails_by_its_row_and_leaves_the_page(paper, tmp_
     before = committed.read_bytes()
     # In the paper's order.
     assert re.findall(r'^## (.+): ', before.decode(), re.MULTILINE) == [
-        *(f'Fig. {number}' for number in range(25, 31)), 'Section 5']
+        *(f'Fig. {number}' for number in range(25, 31)),
+        'Section 5',
+    ]
     capsys.readouterr()
     assert run(Verdict.DIFFERS) == 1
     out, err = capsys.readouterr()
@@ -65,13 +78,18 @@ def test_a_verdict_that_changes_fails_by_its_row_and_leaves_the_page(paper, tmp_
 
 def test_rows_that_come_and_go_are_changes(tmp_path):
     committed = tmp_path / 'page.md'
-    committed.write_text('## One\n\n| fault | n | verdict |\n|---|---|---|\n'
-                         '| [step](#a) | 3 | late |\n| ramp | 4 | fine |\n')
-    new = '## One\n\n| fault | n | verdict |\n|---|---|---|\n| step | 5 | late |\n' \
-          '| noise | 6 | fine |\n\n| fault | n |\n|---|---|\n| step | 9 |\n'
+    committed.write_text(
+        '## One\n\n| fault | n | verdict |\n|---|---|---|\n'
+        '| [step](#a) | 3 | late |\n| ramp | 4 | fine |\n'
+    )
+    new = (
+        '## One\n\n| fault | n | verdict |\n|---|---|---|\n| step | 5 | late |\n'
+        '| noise | 6 | fine |\n\n| fault | n |\n|---|---|\n| step | 9 |\n'
+    )
     assert verdicts.changes(committed, new) == [
         "One: ramp: committed 'fine', found no such row",
-        "One: noise: committed no such row, found 'fine'"]
+        "One: noise: committed no such row, found 'fine'",
+    ]
 
 
 @pytest.mark.parametrize('name', ['paper', 'sensors', 'force'])

@@ -16,39 +16,75 @@ def write(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
     def write(name, content):
-        (tmp_path / name).write_text(''.join(
-            f'{nodes}:\n  ros__parameters: {values}\n' for nodes, values in content.items()))
+        (tmp_path / name).write_text(
+            ''.join(
+                f'{nodes}:\n  ros__parameters: {values}\n' for nodes, values in content.items()
+            )
+        )
         return name
+
     return write
 
 
 def test_a_later_file_wins_and_p_wins_over_all(write):
     # A calibration that is given later overrides what it has measured.
-    first = write('a.yaml', {'/**/fkm': '{alert_limit_deg: 5, geometry: {alpha_deg: 39.0}, '
-                                        'encoders: {direction: [1, 1, 1, 1]}}'})
-    second = write('b.yaml', {'/**': '{geometry.alpha_deg: 39.1, window: 0.03, '
-                                     'encoders: {direction: [1, -1, 1, 1]}}'})
+    first = write(
+        'a.yaml',
+        {
+            '/**/fkm': '{alert_limit_deg: 5, geometry: {alpha_deg: 39.0}, '
+            'encoders: {direction: [1, 1, 1, 1]}}'
+        },
+    )
+    second = write(
+        'b.yaml',
+        {'/**': '{geometry.alpha_deg: 39.1, window: 0.03, encoders: {direction: [1, -1, 1, 1]}}'},
+    )
     found = Parameters([first, second]).of('fkm')
-    assert found == {'alert_limit_deg': 5, 'geometry.alpha_deg': 39.1, 'window': 0.03,
-                     'encoders.direction': [1, -1, 1, 1]}
+    assert found == {
+        'alert_limit_deg': 5,
+        'geometry.alpha_deg': 39.1,
+        'window': 0.03,
+        'encoders.direction': [1, -1, 1, 1],
+    }
     assert Parameters([second, first]).of('fkm')['geometry.alpha_deg'] == 39.0
     # And a later section of a file.
-    for sections, rate in (({'/**': '{rate: 1.0}', '/fkm': '{rate: 2.0}'}, 2.0),
-                           ({'/fkm': '{rate: 2.0}', '/**': '{rate: 1.0}'}, 1.0)):
+    for sections, rate in (
+        ({'/**': '{rate: 1.0}', '/fkm': '{rate: 2.0}'}, 2.0),
+        ({'/fkm': '{rate: 2.0}', '/**': '{rate: 1.0}'}, 1.0),
+    ):
         assert Parameters([write('c.yaml', sections)]).of('fkm') == {'rate': rate}
-    found = Parameters([first, second], ['geometry.alpha_deg:=39.2', 'alert_limit_deg:=fast',
-                                         'fkm:window:=1', 'diagnostics:window:=2']).of('fkm')
-    assert found == {'alert_limit_deg': 'fast', 'geometry.alpha_deg': 39.2, 'window': 1,
-                     'encoders.direction': [1, -1, 1, 1]}
+    found = Parameters(
+        [first, second],
+        [
+            'geometry.alpha_deg:=39.2',
+            'alert_limit_deg:=fast',
+            'fkm:window:=1',
+            'diagnostics:window:=2',
+        ],
+    ).of('fkm')
+    assert found == {
+        'alert_limit_deg': 'fast',
+        'geometry.alpha_deg': 39.2,
+        'window': 1,
+        'encoders.direction': [1, -1, 1, 1],
+    }
 
 
-@pytest.mark.parametrize(('one', 'other'), [
-    ('can: {channel: can0}', 'can.channel: can1'), ('source: can', 'source: sim'),
-    ('encoders: {id: [1, 2, 3, 4]}', 'encoders: {id: [1, 2, 3, 5]}'), ('sensors: 4', 'sensors: 6'),
-    ('encoders.counts_per_turn: [2, 2, 2, 2]', 'encoders.counts_per_turn: [4, 2, 2, 2]')])
+@pytest.mark.parametrize(
+    ('one', 'other'),
+    [
+        ('can: {channel: can0}', 'can.channel: can1'),
+        ('source: can', 'source: sim'),
+        ('encoders: {id: [1, 2, 3, 4]}', 'encoders: {id: [1, 2, 3, 5]}'),
+        ('sensors: 4', 'sensors: 6'),
+        ('encoders.counts_per_turn: [2, 2, 2, 2]', 'encoders.counts_per_turn: [4, 2, 2, 2]'),
+    ],
+)
 def test_two_files_that_disagree_about_bus_or_layout_are_named(write, one, other):
-    files = [write('rig.yaml', {'/**/encoder_driver': f'{{{one}}}'}),
-             write('calibration.yaml', {'/**': f'{{{other}}}'})]
+    files = [
+        write('rig.yaml', {'/**/encoder_driver': f'{{{one}}}'}),
+        write('calibration.yaml', {'/**': f'{{{other}}}'}),
+    ]
     with pytest.raises(InputError, match='rig.yaml and .* in calibration.yaml') as error:
         Parameters(files).of('encoder_driver')
     assert '\n' not in str(error.value)
@@ -62,14 +98,23 @@ def test_two_files_that_disagree_about_bus_or_layout_are_named(write, one, other
     assert given == {name: 'x'}
 
 
-@pytest.mark.parametrize(('remaps', 'name'), [
-    ([], '/fkm'), (['__ns:=/'], '/fkm'), (['__ns:=/left'], '/left/fkm'),
-    (['__ns:=/left/arm'], '/left/arm/fkm'), (['__node:=f'], '/f'), (['__name:=f'], '/f'),
-    (['other:__ns:=/a', 'fkm:__ns:=/b', '__ns:=/c'], '/b/fkm'),
-    (['fkm:__node:=f', 'fkm:__ns:=/b'], '/f'), (['fkm:__node:=f', 'f:__ns:=/b'], '/b/f'),
-    (['f:__ns:=/b', '__node:=f', 'f:__node:=g'], '/b/f'),
-    (['__ns:=/a', 'fkm:__ns:=/b'], '/a/fkm'), (['measured_js:=x', 'fkm:__node:=g'], '/g'),
-])
+@pytest.mark.parametrize(
+    ('remaps', 'name'),
+    [
+        ([], '/fkm'),
+        (['__ns:=/'], '/fkm'),
+        (['__ns:=/left'], '/left/fkm'),
+        (['__ns:=/left/arm'], '/left/arm/fkm'),
+        (['__node:=f'], '/f'),
+        (['__name:=f'], '/f'),
+        (['other:__ns:=/a', 'fkm:__ns:=/b', '__ns:=/c'], '/b/fkm'),
+        (['fkm:__node:=f', 'fkm:__ns:=/b'], '/f'),
+        (['fkm:__node:=f', 'f:__ns:=/b'], '/b/f'),
+        (['f:__ns:=/b', '__node:=f', 'f:__node:=g'], '/b/f'),
+        (['__ns:=/a', 'fkm:__ns:=/b'], '/a/fkm'),
+        (['measured_js:=x', 'fkm:__node:=g'], '/g'),
+    ],
+)
 def test_names_of_nodes_are_those_of_rcl(remaps, name):
     arguments = ['--ros-args', *(word for remap in remaps for word in ('-r', remap))]
     with rclpy.Context() as context:
@@ -82,8 +127,11 @@ def test_names_of_nodes_are_those_of_rcl(remaps, name):
 def test_a_section_reaches_the_node_by_its_name_after_remapping(write):
     path = write('rig.yaml', {'/left/encoder_driver': '{rate: 1.0}', '/right/d': '{rate: 2.0}'})
     assert Parameters([path], (), ['__ns:=/left']).of('encoder_driver') == {'rate': 1.0}
-    found = Parameters([path], ['d:rate:=3.0', '/right/d:sensors:=5'],
-                       ['__ns:=/right', 'encoder_driver:__node:=d'])
+    found = Parameters(
+        [path],
+        ['d:rate:=3.0', '/right/d:sensors:=5'],
+        ['__ns:=/right', 'encoder_driver:__node:=d'],
+    )
     assert found.of('encoder_driver') == {'rate': 2.0, 'sensors': 5}
     with pytest.raises(InputError, match='it has /left/encoder_driver, /right/d, expected /'):
         read_parameters(path)
@@ -102,16 +150,26 @@ def test_a_file_may_have_what_other_nodes_of_the_package_take_but_no_other_name(
         Parameters([path]).check(['fkm'], names)
 
 
-@pytest.mark.parametrize(('nodes', 'values', 'reason'), [
-    ('/**/encoder_driver', '{source: sim, alert_limit_deg: 0.5}',
-     "'alert_limit_deg' is 0.5; expected a parameter of encoder_driver, .*/encoder_driver"),
-    ('/**/fkm', '{sim.trajectory: fixed}', "'sim.trajectory' is 'fixed'; .* of fkm"),
-    ('/**/f', '{source: can}', "'source' is 'can'; .* of fkm"),
-    ('/**/fmk', '{rate: 1.0}', r'section /\*\*/fmk reaches no node; expected /\*\*/fkm'),
-    ('/encoders_driver', '{rate: 1.0}', 'section /encoders_driver .* expected /encoder_driver'),
-    ('/left/teleopp', '{rate: 1.0}', 'expected /left/teleop'),
-    ('/**/master', '{rate: 1.0}', r'section /\*\*/master .* expected /\*\*,'),
-])
+@pytest.mark.parametrize(
+    ('nodes', 'values', 'reason'),
+    [
+        (
+            '/**/encoder_driver',
+            '{source: sim, alert_limit_deg: 0.5}',
+            "'alert_limit_deg' is 0.5; expected a parameter of encoder_driver, .*/encoder_driver",
+        ),
+        ('/**/fkm', '{sim.trajectory: fixed}', "'sim.trajectory' is 'fixed'; .* of fkm"),
+        ('/**/f', '{source: can}', "'source' is 'can'; .* of fkm"),
+        ('/**/fmk', '{rate: 1.0}', r'section /\*\*/fmk reaches no node; expected /\*\*/fkm'),
+        (
+            '/encoders_driver',
+            '{rate: 1.0}',
+            'section /encoders_driver .* expected /encoder_driver',
+        ),
+        ('/left/teleopp', '{rate: 1.0}', 'expected /left/teleop'),
+        ('/**/master', '{rate: 1.0}', r'section /\*\*/master .* expected /\*\*,'),
+    ],
+)
 def test_a_section_that_would_have_no_effect_is_refused(write, nodes, values, reason):
     path = write('rig.yaml', {'/**': '{rate: 1.0}', nodes: values})
     remaps = ['fkm:__node:=f'] if nodes == '/**/f' else []
@@ -121,19 +179,32 @@ def test_a_section_that_would_have_no_effect_is_refused(write, nodes, values, re
 
 
 def test_a_shared_file_may_have_sections_for_other_programs(write):
-    path = write('rig.yaml', {
-        '/**': '{rate: 1.0}', '/**/encoder_driver': '{source: sim, realtime.priority: 1}',
-        '/**/fkm': '{teleop.run: true, use_sim_time: true}', '/**/teleop': '{rate: 1.0}',
-        '/slave_controller': '{kp: 1.0}', '/right/fkm_right': '{rate: 1.0}', '/*/view': '{a: 1}',
-        'calibration_record': '{date: a}', '/diagnostic_aggregator': '{path: a}', '/joy': '{a: 1}',
-        '/robot_state_publisher': '{a: 1}', '/controller_manager': '{a: 1}', '/rviz2': '{a: 1}'})
+    path = write(
+        'rig.yaml',
+        {
+            '/**': '{rate: 1.0}',
+            '/**/encoder_driver': '{source: sim, realtime.priority: 1}',
+            '/**/fkm': '{teleop.run: true, use_sim_time: true}',
+            '/**/teleop': '{rate: 1.0}',
+            '/slave_controller': '{kp: 1.0}',
+            '/right/fkm_right': '{rate: 1.0}',
+            '/*/view': '{a: 1}',
+            'calibration_record': '{date: a}',
+            '/diagnostic_aggregator': '{path: a}',
+            '/joy': '{a: 1}',
+            '/robot_state_publisher': '{a: 1}',
+            '/controller_manager': '{a: 1}',
+            '/rviz2': '{a: 1}',
+        },
+    )
     Parameters([path]).check(['encoder_driver', 'fkm'], {'rate'})
 
 
 @pytest.mark.parametrize('sensors', [4, 5, 6])
 def test_the_driver_has_the_defaults_of_its_source(sensors):
-    settings, values = resolve_source({'source': 'can', **simulated_rig(sensors), 'rate': 500.0,
-                                       'sensors': sensors})
+    settings, values = resolve_source(
+        {'source': 'can', **simulated_rig(sensors), 'rate': 500.0, 'sensors': sensors}
+    )
     assert {setting.name for setting in settings} == set(values)
     # Identifiers count up, all else of further sensors is as of the fourth.
     assert values['encoders.id'] == tuple(0x181 + k for k in range(sensors))

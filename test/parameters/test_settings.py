@@ -16,11 +16,18 @@ from spm_haptic_master.parameters.nodes import NODE_SETTINGS, process_settings
 from spm_haptic_master.parameters.resolver import check_agreement
 from spm_haptic_master.parameters.setting import complete
 
-EVERY = {setting.name: setting for node in ('master', *NODE_SETTINGS)
-         for setting in process_settings(node)}
+EVERY = {
+    setting.name: setting
+    for node in ('master', *NODE_SETTINGS)
+    for setting in process_settings(node)
+}
 # Values that no setting of a kind has.
-OTHER_TYPES = {bool: (1, 'true'), int: (True, 1.0, '1'), float: (True, '1', nan, inf, 10**400),
-               str: (1, True, None)}
+OTHER_TYPES = {
+    bool: (1, 'true'),
+    int: (True, 1.0, '1'),
+    float: (True, '1', nan, inf, 10**400),
+    str: (1, True, None),
+}
 
 
 def test_the_page_of_parameters_is_current(monkeypatch):
@@ -28,8 +35,9 @@ def test_the_page_of_parameters_is_current(monkeypatch):
     monkeypatch.syspath_prepend(str(Path(__file__).resolve().parents[2]))
     from docs import generate_parameters
 
-    assert generate_parameters.page() == generate_parameters.OUTPUT.read_text(encoding='utf-8'), \
+    assert generate_parameters.page() == generate_parameters.OUTPUT.read_text(encoding='utf-8'), (
         'run `make docs`'
+    )
 
 
 @pytest.mark.parametrize('setting', EVERY.values(), ids=list(EVERY))
@@ -37,9 +45,14 @@ def test_a_setting_takes_its_range_and_refuses_all_else(setting):
     ends = [end for end in (setting.minimum, setting.maximum) if end is not None]
     good = list(setting.allowed) or list(map(setting.kind, ends))
     assert all(f'{end:g}' in setting.expected for end in ends)
-    bad = [*OTHER_TYPES[setting.kind], *(
-        nextafter(end, end + step) if setting.kind is float else end + step
-        for end, step in ((setting.minimum, -1), (setting.maximum, 1)) if end is not None)]
+    bad = [
+        *OTHER_TYPES[setting.kind],
+        *(
+            nextafter(end, end + step) if setting.kind is float else end + step
+            for end, step in ((setting.minimum, -1), (setting.maximum, 1))
+            if end is not None
+        ),
+    ]
     if setting.kind is str and setting.allowed:
         bad.append('no such word')
     if setting.kind is str:
@@ -56,7 +69,8 @@ def test_a_setting_takes_its_range_and_refuses_all_else(setting):
             setting.check(value)
         assert str(error.value) == (
             f"parameter '{setting.name}' is {'not set' if value is None else repr(value)}; "
-            f'expected {value is None and setting.remedy or setting.expected}')
+            f'expected {value is None and setting.remedy or setting.expected}'
+        )
     if setting.default is not None:
         assert complete((setting,), {}) == {setting.name: setting.default}
 
@@ -64,15 +78,23 @@ def test_a_setting_takes_its_range_and_refuses_all_else(setting):
 def test_help_has_each_setting_with_its_default_below_its_group():
     shown = help_text(EVERY.values())
     assert all(len(line) <= 99 for line in shown.splitlines())
-    groups = re.findall(r'^parameters (?:(\S+\.)\* )?\(-p NAME:=VALUE\) \[default\]:', shown,
-                        re.MULTILINE)
-    assert groups == sorted({name[:name.find('.') + 1] for name in EVERY})
+    groups = re.findall(
+        r'^parameters (?:(\S+\.)\* )?\(-p NAME:=VALUE\) \[default\]:', shown, re.MULTILINE
+    )
+    assert groups == sorted({name[: name.find('.') + 1] for name in EVERY})
     text = ' '.join(shown.split())
     for name, setting in EVERY.items():
         assert re.search(rf' {name}( \[[^]]*\])? {re.escape(setting.description)}', text)
-    for words in ('can.emcy_stops four', 'calibration name', 'frame_id [spm_base] ',
-                  'rate [1000] ', 'drives.rated_torque [0] ', 'working_mode [1, 1, 1] ',
-                  'force.enabled [false] ', 'false_alarms_per_hour [0.0001] '):
+    for words in (
+        'can.emcy_stops four',
+        'calibration name',
+        'frame_id [spm_base] ',
+        'rate [1000] ',
+        'drives.rated_torque [0] ',
+        'working_mode [1, 1, 1] ',
+        'force.enabled [false] ',
+        'false_alarms_per_hour [0.0001] ',
+    ):
         assert f' {words}' in text
 
 
@@ -85,21 +107,42 @@ def values(**given):
 def test_thresholds_share_the_false_alarms_among_the_tests(rate):
     """An hour has 3.6 million samples at 1 kHz, each sample six tests."""
     limits = limits_from(values(false_alarms_per_hour=rate))
-    for entries, density in ((1, lambda r: np.sqrt(2.0 / pi)), (2, lambda r: r),
-                             (3, lambda r: np.sqrt(2.0 / pi) * r * r)):
+    for entries, density in (
+        (1, lambda r: np.sqrt(2.0 / pi)),
+        (2, lambda r: r),
+        (3, lambda r: np.sqrt(2.0 / pi) * r * r),
+    ):
         r = np.linspace(0.0, 10.0, 200_001) + limits.threshold(entries)
         tail = np.trapezoid(density(r) * np.exp(-0.5 * r * r), r)
         assert 6.0 * 3.6e6 * tail == pytest.approx(rate, rel=1e-6)
     assert limits.threshold() == limits.threshold(1)
 
 
-@pytest.mark.parametrize(('sensors', 'degraded', 'fewest'), [
-    (4, 'auto', 5), (4, 'allow', 3), (4, 'stop', 5), (5, 'auto', 6), (5, 'allow', 3),
-    (5, 'stop', 6), (6, 'auto', 5), (6, 'allow', 3), (6, 'stop', 7)])
+@pytest.mark.parametrize(
+    ('sensors', 'degraded', 'fewest'),
+    [
+        (4, 'auto', 5),
+        (4, 'allow', 3),
+        (4, 'stop', 5),
+        (5, 'auto', 6),
+        (5, 'allow', 3),
+        (5, 'stop', 6),
+        (6, 'auto', 5),
+        (6, 'allow', 3),
+        (6, 'stop', 7),
+    ],
+)
 def test_limits_are_the_settings_in_rad_for_each_sensor(sensors, degraded, fewest):
-    given = values(sensors=sensors, degraded=degraded, bias_deg=[0.1, 0.2, 0.3, 0.4],
-                   sigma_deg=[0.5, 0.6, 0.7, 0.8, 0.9, 1.0][:sensors], window=0.03, skew=0.01,
-                   joint_min_deg=[-180.0, -90.0, -1.0, 0.0], joint_max_deg=[180.0, 90.0, 1.0, 5.0])
+    given = values(
+        sensors=sensors,
+        degraded=degraded,
+        bias_deg=[0.1, 0.2, 0.3, 0.4],
+        sigma_deg=[0.5, 0.6, 0.7, 0.8, 0.9, 1.0][:sensors],
+        window=0.03,
+        skew=0.01,
+        joint_min_deg=[-180.0, -90.0, -1.0, 0.0],
+        joint_max_deg=[180.0, 90.0, 1.0, 5.0],
+    )
     limits = limits_from(given)
     further = sensors - 4
     assert limits.fewest_sensors == fewest
@@ -110,15 +153,24 @@ def test_limits_are_the_settings_in_rad_for_each_sensor(sensors, degraded, fewes
     assert limits.joint_max == (inf, pi / 2, *np.radians([1.0, *[5.0] * (1 + further)]))
     assert (limits.alert_limit, limits.deviation) == (radians(1.0), radians(0.5))
     assert {name: getattr(limits, name) for name in ('window', 'skew', 'recovery')} == {
-        'window': 0.03, 'skew': 0.01, 'recovery': 1.0}
+        'window': 0.03,
+        'skew': 0.01,
+        'recovery': 1.0,
+    }
 
 
-@pytest.mark.parametrize(('given', 'expected'), [
-    ({'sigma': 1}, "'sigma' is 1; expected a known name: .*, sigma_deg, "),
-    ({'sigma_deg': [0.1] * 5}, "'sigma_deg' .* a list of 4$"),
-    ({'bias_deg': [0.1] * 5, 'sensors': 6}, "'bias_deg' .* a list of 4 or 6$"),
-    ({'joint_min_deg': [1.0] * 4, 'joint_max_deg': [2.0, 2.0, 1.0, 2.0]},
-     r"'joint_min_deg' .* less than joint_max_deg \(\[2.0, 2.0, 1.0, 2.0\]\)")])
+@pytest.mark.parametrize(
+    ('given', 'expected'),
+    [
+        ({'sigma': 1}, "'sigma' is 1; expected a known name: .*, sigma_deg, "),
+        ({'sigma_deg': [0.1] * 5}, "'sigma_deg' .* a list of 4$"),
+        ({'bias_deg': [0.1] * 5, 'sensors': 6}, "'bias_deg' .* a list of 4 or 6$"),
+        (
+            {'joint_min_deg': [1.0] * 4, 'joint_max_deg': [2.0, 2.0, 1.0, 2.0]},
+            r"'joint_min_deg' .* less than joint_max_deg \(\[2.0, 2.0, 1.0, 2.0\]\)",
+        ),
+    ],
+)
 def test_lists_that_fit_no_rig_are_refused(given, expected):
     with pytest.raises(SettingError, match=expected):
         checked = values(**given)
@@ -127,9 +179,15 @@ def test_lists_that_fit_no_rig_are_refused(given, expected):
 
 
 def test_nodes_of_one_device_agree_but_for_their_processes():
-    agreeing = {'fkm': {'rate': 1.0, 'realtime.cpus': '1'}, 'teleop': {'realtime.cpus': '2'},
-                'encoder_driver': {'rate': 1.0}}
+    agreeing = {
+        'fkm': {'rate': 1.0, 'realtime.cpus': '1'},
+        'teleop': {'realtime.cpus': '2'},
+        'encoder_driver': {'rate': 1.0},
+    }
     check_agreement(agreeing)
-    with pytest.raises(SettingError, match="'rate' is 2.0; expected the same value in teleop as "
-                       r'in fkm \(1.0\)'):
+    with pytest.raises(
+        SettingError,
+        match="'rate' is 2.0; expected the same value in teleop as "
+        r'in fkm \(1.0\)',
+    ):
         check_agreement({**agreeing, 'teleop': {'rate': 2.0}})

@@ -23,8 +23,7 @@ def ready(tmp_path):
     for name in FILES:
         shutil.copy(ROOT / name, tmp_path)
     for name in ('resource', 'spm_haptic_master'):
-        shutil.copytree(ROOT / name, tmp_path / name,
-                        ignore=shutil.ignore_patterns('__pycache__'))
+        shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns('__pycache__'))
     changelog = tmp_path / 'CHANGELOG.rst'
     if '\nForthcoming\n' not in changelog.read_text():  # a checkout that is to be tagged
         replace(changelog, '^\n\n', '^\n\nForthcoming\n-----------\n* Add a change.\n\n')
@@ -43,8 +42,10 @@ def test_preparing_names_version_and_day_once_and_another_changelog_is_found(rea
     assert checks.version_of(ready) == '3.2.1'
     assert changelog.read_text().count(f'3.2.1 (2027-03-04)\n{"-" * 18}\n') == 1
     assert checks.changelog_faults(ready) == checks.manifest_faults(ready) == []
-    for version, words in (('3.2.2', 'Forthcoming'), *(
-            (each, 'expected three numbers') for each in ('1.0', 'v1.0.0', '1.0.0rc1', ''))):
+    for version, words in (
+        ('3.2.2', 'Forthcoming'),
+        *((each, 'expected three numbers') for each in ('1.0', 'v1.0.0', '1.0.0rc1', '')),
+    ):
         with pytest.raises(ValueError, match=words):
             checks.prepare(ready, version, DAY)
     replace(changelog, '3.2.1 (', '3.2.0 (')
@@ -68,8 +69,12 @@ def test_a_version_of_setup_and_a_changed_tree_and_an_existing_tag_are_found(rea
     assert '9.9.9' in fault and 'expected 3.2.1' in fault
 
     def git(*arguments):
-        subprocess.run(['git', '-c', 'user.name=a', '-c', 'user.email=a@b.c', *arguments],
-                       cwd=ready, check=True, capture_output=True)
+        subprocess.run(
+            ['git', '-c', 'user.name=a', '-c', 'user.email=a@b.c', *arguments],
+            cwd=ready,
+            check=True,
+            capture_output=True,
+        )
 
     git('init')
     git('add', *FILES)

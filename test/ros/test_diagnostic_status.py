@@ -19,10 +19,14 @@ def entry(monkeypatch):
     node = SimpleNamespace(
         create_publisher=lambda kind, topic, depth: SimpleNamespace(publish=published.append),
         get_fully_qualified_name=lambda: '/left/fkm',
-        get_clock=lambda: SimpleNamespace(now=lambda: Time(seconds=7)))
+        get_clock=lambda: SimpleNamespace(now=lambda: Time(seconds=7)),
+    )
     for name in ('error', 'warning', 'info'):
-        monkeypatch.setattr(diagnostic_status.node_log, name,
-                            lambda _, text, name=name: logged.append((name, text)))
+        monkeypatch.setattr(
+            diagnostic_status.node_log,
+            name,
+            lambda _, text, name=name: logged.append((name, text)),
+        )
     monkeypatch.setattr(diagnostic_status.time, 'monotonic', lambda: now[0])
     return StatusPublisher(node, 'orientation', 'hardware'), published, logged, now
 
@@ -32,9 +36,15 @@ def test_an_entry_has_name_level_message_and_values(entry):
     status.publish(WARN, 'starting', {'rate': 1000.123456, 'sensors': 4})
     (array,) = published
     assert array.header.stamp.sec == 7
-    assert array.status == [DiagnosticStatus(
-        level=WARN, name='left/fkm: orientation', message='starting', hardware_id='hardware',
-        values=[KeyValue(key='rate', value='1000.12'), KeyValue(key='sensors', value='4')])]
+    assert array.status == [
+        DiagnosticStatus(
+            level=WARN,
+            name='left/fkm: orientation',
+            message='starting',
+            hardware_id='hardware',
+            values=[KeyValue(key='rate', value='1000.12'), KeyValue(key='sensors', value='4')],
+        )
+    ]
 
 
 def test_an_entry_is_due_when_it_changes_and_every_second(entry):
@@ -52,17 +62,39 @@ def test_an_entry_is_due_when_it_changes_and_every_second(entry):
     assert not status.is_due(OK, 'healthy')
 
 
-@pytest.mark.parametrize(('published', 'lines'), [
-    # Neither the start nor a healthy entry is logged; an error and its end are, once.
-    ([(WARN, 'starting'), (OK, 'healthy'), (ERROR, 'silent'), (ERROR, 'silent'), (OK, 'healthy')],
-     [('error', 'silent'), ('info', 'healthy')]),
-    ([(OK, 'healthy'), (WARN, 'slow'), (WARN, 'slower'), (OK, 'healthy')],
-     [('warning', 'slow'), ('info', 'slower'), ('info', 'healthy')]),
-    ([(ERROR, 'silent'), (WARN, 'starting'), (OK, 'healthy'), (OK, 'fine')],
-     [('error', 'silent'), ('warning', 'starting'), ('info', 'healthy')]),
-    # A caution of normal work is logged as what it is given for.
-    ([(OK, 'healthy'), (WARN, 'caution', (OK, 'healthy')), (ERROR, 'silent', (ERROR, 'bus-off'))],
-     [('error', 'bus-off')])])
+@pytest.mark.parametrize(
+    ('published', 'lines'),
+    [
+        # Neither the start nor a healthy entry is logged; an error and its end are, once.
+        (
+            [
+                (WARN, 'starting'),
+                (OK, 'healthy'),
+                (ERROR, 'silent'),
+                (ERROR, 'silent'),
+                (OK, 'healthy'),
+            ],
+            [('error', 'silent'), ('info', 'healthy')],
+        ),
+        (
+            [(OK, 'healthy'), (WARN, 'slow'), (WARN, 'slower'), (OK, 'healthy')],
+            [('warning', 'slow'), ('info', 'slower'), ('info', 'healthy')],
+        ),
+        (
+            [(ERROR, 'silent'), (WARN, 'starting'), (OK, 'healthy'), (OK, 'fine')],
+            [('error', 'silent'), ('warning', 'starting'), ('info', 'healthy')],
+        ),
+        # A caution of normal work is logged as what it is given for.
+        (
+            [
+                (OK, 'healthy'),
+                (WARN, 'caution', (OK, 'healthy')),
+                (ERROR, 'silent', (ERROR, 'bus-off')),
+            ],
+            [('error', 'bus-off')],
+        ),
+    ],
+)
 def test_an_error_a_warning_and_their_end_are_logged(entry, published, lines):
     status, _, found, _ = entry
     for level, message, *logged in published:

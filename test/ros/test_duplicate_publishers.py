@@ -18,15 +18,22 @@ def search(monkeypatch):
     lines = []
     node = SimpleNamespace(resolve_topic_name=lambda topic: f'/{topic}', destroy_node=lambda: None)
     monkeypatch.setattr(duplicate_publishers, 'Node', lambda name, **_: node)
-    monkeypatch.setattr(duplicate_publishers.node_log, 'warning', lambda _, text: lines.append(
-        text.partition(' already')[0]))
+    monkeypatch.setattr(
+        duplicate_publishers.node_log,
+        'warning',
+        lambda _, text: lines.append(text.partition(' already')[0]),
+    )
 
     def search(found, period=LOOK_PERIOD, is_ended=lambda: False):
         slept = []
-        monkeypatch.setattr(duplicate_publishers, 'time', SimpleNamespace(
-            monotonic=lambda: 100.0 + period * len(slept), sleep=slept.append))
-        monkeypatch.setattr(duplicate_publishers, 'publishers',
-                            lambda node, topic: found(period * len(slept)))
+        monkeypatch.setattr(
+            duplicate_publishers,
+            'time',
+            SimpleNamespace(monotonic=lambda: 100.0 + period * len(slept), sleep=slept.append),
+        )
+        monkeypatch.setattr(
+            duplicate_publishers, 'publishers', lambda node, topic: found(period * len(slept))
+        )
         wait_until_alone({'fkm': 'orientation'}, is_ended)
         return len(slept)
 
@@ -34,13 +41,16 @@ def search(monkeypatch):
     return search
 
 
-@pytest.mark.parametrize(('named_after', 'printed'), [
-    (0.5 * LOOK, ['/fkm']), (2.0 * LOOK, ['a node without a name', '/fkm'])])
+@pytest.mark.parametrize(
+    ('named_after', 'printed'),
+    [(0.5 * LOOK, ['/fkm']), (2.0 * LOOK, ['a node without a name', '/fkm'])],
+)
 def test_a_node_whose_name_comes_late_is_named(search, named_after, printed):
     with pytest.raises(RivalError, match='/orientation is published by /fkm already'):
         search(lambda passed: ('/fkm' if passed > named_after else NO_NAME,))
     assert search.lines == [
-        f'nothing published: /orientation is published by {name}' for name in printed]
+        f'nothing published: /orientation is published by {name}' for name in printed
+    ]
 
 
 def test_it_waits_for_the_end_of_another_publisher_and_longer_on_a_busy_machine(search):

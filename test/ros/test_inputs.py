@@ -36,20 +36,29 @@ def rig(monkeypatch):
     executor = SingleThreadedExecutor(context=nodes[0].context)
     executor.add_node(nodes[0])
 
-    yield *nodes, lambda condition: child_process.wait_until(
-        lambda: executor.spin_once(timeout_sec=0.01) or condition(), PATIENCE)
+    yield (
+        *nodes,
+        lambda condition: child_process.wait_until(
+            lambda: executor.spin_once(timeout_sec=0.01) or condition(), PATIENCE
+        ),
+    )
     executor.shutdown()
     for node in nodes:
         node.destroy_node()
         node.context.try_shutdown()
 
 
-@pytest.mark.parametrize(('wanted', 'kind', 'offered', 'reason'), [
-    (STATE, String, BEST_EFFORT, 'BEST_EFFORT, expected RELIABLE'),
-    (STATE, String, VOLATILE, 'VOLATILE, expected TRANSIENT_LOCAL'),
-    (EVENTS, Bool, EVENTS, 'std_msgs/msg/Bool, expected std_msgs/msg/String')])
+@pytest.mark.parametrize(
+    ('wanted', 'kind', 'offered', 'reason'),
+    [
+        (STATE, String, BEST_EFFORT, 'BEST_EFFORT, expected RELIABLE'),
+        (STATE, String, VOLATILE, 'VOLATILE, expected TRANSIENT_LOCAL'),
+        (EVENTS, Bool, EVENTS, 'std_msgs/msg/Bool, expected std_msgs/msg/String'),
+    ],
+)
 def test_a_publisher_that_is_not_heard_is_named_with_the_reason(
-        rig, wanted, kind, offered, reason):
+    rig, wanted, kind, offered, reason
+):
     node, other, spin_until = rig
     found = Inputs(node)
     found.subscribe(String, 'topic', pytest.fail, wanted)
@@ -60,8 +69,10 @@ def test_a_publisher_that_is_not_heard_is_named_with_the_reason(
 
 
 @pytest.mark.parametrize('raw', [False, True])
-@pytest.mark.parametrize(('wanted', 'offered'), [
-    (EVENTS, EVENTS), (EVENTS, STATE), (BEST_EFFORT, EVENTS), (EVENTS, BEST_EFFORT)])
+@pytest.mark.parametrize(
+    ('wanted', 'offered'),
+    [(EVENTS, EVENTS), (EVENTS, STATE), (BEST_EFFORT, EVENTS), (EVENTS, BEST_EFFORT)],
+)
 def test_an_input_follows_a_publisher_and_reports_when_it_has_gone(rig, wanted, offered, raw):
     node, other, spin_until = rig
     heard, gone, found = [], [], Inputs(node)
@@ -83,8 +94,12 @@ def test_a_late_subscriber_gets_the_newest_state_alone(rig):
     out, heard = other.create_publisher(String, '/left/topic', STATE), []
     for text in 'ab':
         out.publish(String(data=text))
-    Inputs(node).subscribe(String, 'topic', heard.append, QoSProfile(
-        depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+    Inputs(node).subscribe(
+        String,
+        'topic',
+        heard.append,
+        QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL),
+    )
     assert spin_until(lambda: heard) and heard[0] == String(data='b')
 
 
@@ -96,9 +111,14 @@ def test_several_publishers_on_one_topic_are_named(rig):
     assert found.found() is None
     other.create_publisher(String, '/left/topic', EVENTS)
     # The name of a node is known a moment after its publisher.
-    assert spin_until(lambda: found.found() == (
-        '2 publishers on /left/topic: /left/listener, /other; '
-        f'{duplicate_publishers.CURE}')), found.found()
+    assert spin_until(
+        lambda: (
+            found.found()
+            == (
+                f'2 publishers on /left/topic: /left/listener, /other; {duplicate_publishers.CURE}'
+            )
+        )
+    ), found.found()
 
 
 def test_the_newest_message_is_taken_and_no_other(rig):

@@ -56,7 +56,8 @@ def put(log, text, severity=LoggingSeverity.ERROR, node=LOGGER):
 
 
 def test_lines_are_counted_for_each_node_and_counts_come_although_nothing_else_does(
-        sink, monkeypatch):
+    sink, monkeypatch
+):
     monkeypatch.setattr(node_log, 'REPEAT_PERIOD', 0.2)
     log = NodeLog(sink)
     another = get_logger('another')
@@ -66,12 +67,20 @@ def test_lines_are_counted_for_each_node_and_counts_come_although_nothing_else_d
     for _ in range(2):
         put(log, 'healthy')
     log.close(PATIENCE)
-    assert sink.texts() == ['silent', 'silent', 'silent (1 more time)', 'healthy',
-                            'healthy (1 more time)', 'closed']
+    assert sink.texts() == [
+        'silent',
+        'silent',
+        'silent (1 more time)',
+        'healthy',
+        'healthy (1 more time)',
+        'closed',
+    ]
 
 
-@pytest.mark.parametrize(('has_console', 'takes_lines', 'shown'), [
-    (False, True, []), (True, True, ['silent']), (True, False, [])])
+@pytest.mark.parametrize(
+    ('has_console', 'takes_lines', 'shown'),
+    [(False, True, []), (True, True, ['silent']), (True, False, [])],
+)
 def test_a_display_takes_the_lines_of_the_console(sink, has_console, takes_lines, shown):
     display = Lines()
     log = NodeLog(sink if has_console else None)
@@ -79,15 +88,18 @@ def test_a_display_takes_the_lines_of_the_console(sink, has_console, takes_lines
     put(log, 'silent')
     log.close(PATIENCE)
     assert display.texts() == [*shown, 'closed']
-    assert sink.texts() == [*(['silent'] if has_console and not takes_lines else []),
-                            *(['closed'] if has_console else [])]
+    assert sink.texts() == [
+        *(['silent'] if has_console and not takes_lines else []),
+        *(['closed'] if has_console else []),
+    ]
 
 
 def test_a_log_that_nobody_ends_keeps_no_process_alive(sink):
     NodeLog(sink)
     LineWriter(2)
-    assert {thread.daemon for thread in threading.enumerate()
-            if thread.name in ('log', 'lines')} == {True}
+    assert {
+        thread.daemon for thread in threading.enumerate() if thread.name in ('log', 'lines')
+    } == {True}
 
 
 def test_lines_beyond_the_queue_are_lost_and_nobody_waits(sink, monkeypatch):
@@ -100,9 +112,14 @@ def test_lines_beyond_the_queue_are_lost_and_nobody_waits(sink, monkeypatch):
     assert 1 < len(sink.texts()) < 100
 
 
-@pytest.mark.parametrize(('args', 'printed'), [
-    ([], True), (['--ros-args', '--disable-stdout-logs'], False),
-    (['--ros-args', '--disable-stdout-logs', '--enable-stdout-logs'], True)])
+@pytest.mark.parametrize(
+    ('args', 'printed'),
+    [
+        ([], True),
+        (['--ros-args', '--disable-stdout-logs'], False),
+        (['--ros-args', '--disable-stdout-logs', '--enable-stdout-logs'], True),
+    ],
+)
 def test_the_console_follows_the_ros_arguments(args, printed, capfd):
     node_log.begin(args)
     for name in ('error', 'warning', 'info'):
@@ -112,15 +129,24 @@ def test_the_console_follows_the_ros_arguments(args, printed, capfd):
     found = re.findall(r'\[(\w+)\].*: (\w+) of this test', capfd.readouterr().err)
     # One of each is that of rclpy, whose console is on in this process.
     assert Counter(found) == dict.fromkeys(
-        [('ERROR', 'error'), ('WARN', 'warning'), ('INFO', 'info')], 1 + printed)
+        [('ERROR', 'error'), ('WARN', 'warning'), ('INFO', 'info')], 1 + printed
+    )
 
 
-@pytest.mark.parametrize(('environment', 'coloured'), [
-    ({}, True), ({'TERM': 'dumb'}, False), ({'RCUTILS_COLORIZED_OUTPUT': '0'}, False),
-    ({'TERM': 'dumb', 'RCUTILS_COLORIZED_OUTPUT': '1'}, True), ({'NO_COLOR': ''}, True),
-    ({'RCUTILS_COLORIZED_OUTPUT': '1', 'NO_COLOR': '1'}, False)])
+@pytest.mark.parametrize(
+    ('environment', 'coloured'),
+    [
+        ({}, True),
+        ({'TERM': 'dumb'}, False),
+        ({'RCUTILS_COLORIZED_OUTPUT': '0'}, False),
+        ({'TERM': 'dumb', 'RCUTILS_COLORIZED_OUTPUT': '1'}, True),
+        ({'NO_COLOR': ''}, True),
+        ({'RCUTILS_COLORIZED_OUTPUT': '1', 'NO_COLOR': '1'}, False),
+    ],
+)
 def test_a_line_has_the_form_and_on_a_terminal_the_colours_of_ros(
-        sink, environment, coloured, monkeypatch):
+    sink, environment, coloured, monkeypatch
+):
     with monkeypatch.context() as changed, open(os.openpty()[1], 'w') as terminal:
         changed.setattr(os, 'environ', environment)
         changed.setattr(node_log, 'STANDARD_ERROR', terminal.fileno())
@@ -134,7 +160,9 @@ def test_a_line_has_the_form_and_on_a_terminal_the_colours_of_ros(
     assert [re.sub(r'\[\d+\.\d{9}\]', 'TIME', line) for line in sink.lines] == [
         f'{red}[ERROR] TIME [node_of_the_log]: silent{end}',
         f'{yellow}[WARN] TIME [node_of_the_log]: silent{end}',
-        '[INFO] TIME [node_of_the_log]: silent', 'closed']
+        '[INFO] TIME [node_of_the_log]: silent',
+        'closed',
+    ]
 
 
 def test_lines_without_a_reader_are_lost_and_counted():
@@ -155,8 +183,10 @@ def test_lines_without_a_reader_are_lost_and_counted():
 
         assert wait_until(read, PATIENCE)
         assert got.decode().lstrip('.').splitlines() == [
-            'first', *(f'line {number}' for number in range(LINES_WAITING)),
-            '7 lines were lost here: they were not read in time']
+            'first',
+            *(f'line {number}' for number in range(LINES_WAITING)),
+            '7 lines were lost here: they were not read in time',
+        ]
 
 
 def test_a_reader_that_has_gone_is_no_error():
@@ -188,16 +218,28 @@ class Printed:
         self.printed += [text for severity, text in found if severity == 20]
 
 
-@pytest.mark.parametrize(('given', 'printed'), [
-    # A state that came back is printed although it is not new.
-    ([(text, 2.0 * QUIET) for text in ('engaged', 'disengaged', 'engaged')],
-     ['engaged', 'disengaged', 'engaged (1 more time in 5 s)']),
-    # A line that comes again and again is summed up once a period.
-    ([*[('silent', 1.0)] * 21, ('silent', 2.0 * REPEAT_PERIOD)],
-     ['silent', 'silent (9 more times in 10 s)', 'silent (10 more times in 10 s)',
-      'silent (2 more times in 10 s)']),
-    # After a period without it a line is new.
-    ([('silent', 1.5 * REPEAT_PERIOD), ('silent', 0.0)], ['silent', 'silent'])])
+@pytest.mark.parametrize(
+    ('given', 'printed'),
+    [
+        # A state that came back is printed although it is not new.
+        (
+            [(text, 2.0 * QUIET) for text in ('engaged', 'disengaged', 'engaged')],
+            ['engaged', 'disengaged', 'engaged (1 more time in 5 s)'],
+        ),
+        # A line that comes again and again is summed up once a period.
+        (
+            [*[('silent', 1.0)] * 21, ('silent', 2.0 * REPEAT_PERIOD)],
+            [
+                'silent',
+                'silent (9 more times in 10 s)',
+                'silent (10 more times in 10 s)',
+                'silent (2 more times in 10 s)',
+            ],
+        ),
+        # After a period without it a line is new.
+        ([('silent', 1.5 * REPEAT_PERIOD), ('silent', 0.0)], ['silent', 'silent']),
+    ],
+)
 def test_a_line_that_comes_again_is_counted_and_the_present_comes_last(given, printed):
     log = Printed()
     assert log.lines.due_at() == inf

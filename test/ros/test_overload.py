@@ -31,9 +31,18 @@ def task():
     return task
 
 
-@pytest.mark.parametrize(('gap', 'figure'), [
-    (0.051, '0.05 s'), (0.12, '0.1 s'), (0.3, '0.2 s'), (0.99, '0.5 s'), (1.4, '1 s'),
-    (30.0, '20 s'), (700.0, '500 s')])
+@pytest.mark.parametrize(
+    ('gap', 'figure'),
+    [
+        (0.051, '0.05 s'),
+        (0.12, '0.1 s'),
+        (0.3, '0.2 s'),
+        (0.99, '0.5 s'),
+        (1.4, '1 s'),
+        (30.0, '20 s'),
+        (700.0, '500 s'),
+    ],
+)
 def test_one_gap_is_reported_with_its_length_for_a_second(task, gap, figure):
     assert task.run(late=gap) == f'{LOST} {figure}'
     assert task.run(count=round(SECOND / PERIOD) - 1) and task.run(count=2) == ''
@@ -55,7 +64,8 @@ def test_small_gaps_add_up_within_a_second_only(task):
     assert task.run(late=0.03) == ''
     # The figure only grows until it ends: each other figure would be a line of the log.
     assert {task.run(late=0.03) for _ in range(200)} == {
-        f'{LOST} {figure}' for figure in ('0.05 s', '0.1 s', '0.2 s', '0.5 s')}
+        f'{LOST} {figure}' for figure in ('0.05 s', '0.1 s', '0.2 s', '0.5 s')
+    }
     assert task.run(count=round(SECOND / PERIOD) - 1) and task.run(count=2) == ''
 
 

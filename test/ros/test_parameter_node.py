@@ -19,7 +19,8 @@ SETTINGS = (
     Setting('number', int, 'Number of things', 3, minimum=1, maximum=5, live=True),
     Setting('word', str, 'A word', 'a', allowed=('a', 'b'), live=True),
     Setting('fixed', float, 'Never changes', 2.0, minimum=0.0),
-    Setting('angles', float, 'Angles (deg)', [1.0, 2.0], count=2))
+    Setting('angles', float, 'Angles (deg)', [1.0, 2.0], count=2),
+)
 
 
 @pytest.fixture
@@ -43,40 +44,65 @@ def node():
 
 
 def test_parameters_have_the_resolved_values_and_say_what_is_allowed(node):
-    assert node.declared == node.values == {
-        'speed': 2.0, 'number': 4, 'word': 'a', 'fixed': 2.0, 'angles': (1.0, 2.0)}
+    assert (
+        node.declared
+        == node.values
+        == {'speed': 2.0, 'number': 4, 'word': 'a', 'fixed': 2.0, 'angles': (1.0, 2.0)}
+    )
     assert node.declare(SETTINGS[:0]) == {}
     for setting in SETTINGS:
         value = node.get_parameter(setting.name).value
         assert (tuple(value) if setting.count else value) == node.values[setting.name]
         found = node.describe_parameter(setting.name)
         assert (found.description, found.read_only) == (setting.description, not setting.live)
-        ranges = [(each.from_value, each.to_value, each.step)
-                  for each in (*found.floating_point_range, *found.integer_range)]
+        ranges = [
+            (each.from_value, each.to_value, each.step)
+            for each in (*found.floating_point_range, *found.integer_range)
+        ]
         expected = {'speed': [(0.5, 9.0, 0.0)], 'number': [(1, 5, 1)]}.get(setting.name, [])
         assert ranges == expected
         assert found.additional_constraints == ('' if expected else setting.expected)
 
 
-@pytest.mark.parametrize(('name', 'value', 'reason'), [
-    ('speed', 5.0, ''), ('speed', 5, ''), ('number', 5, ''), ('word', 'b', ''),
-    ('speed', 8.5, "'speed' is 8.5; expected 8 or less"),
-    ('speed', 'fast', 'Type.DOUBLE'), ('number', 1.5, 'Type.INTEGER'),
-    ('word', 'c', "'word' is 'c'"), ('fixed', 3.0, 'fixed'),
-    ('sped', 3.0, "'sped' is 3.0; expected a parameter of this node, such as speed"),
-    ('speed', ParameterValue(type=77), "parameter 'speed' is of type 77; expected 1 to 9, as in "
-     'rcl_interfaces/msg/ParameterType')])
+@pytest.mark.parametrize(
+    ('name', 'value', 'reason'),
+    [
+        ('speed', 5.0, ''),
+        ('speed', 5, ''),
+        ('number', 5, ''),
+        ('word', 'b', ''),
+        ('speed', 8.5, "'speed' is 8.5; expected 8 or less"),
+        ('speed', 'fast', 'Type.DOUBLE'),
+        ('number', 1.5, 'Type.INTEGER'),
+        ('word', 'c', "'word' is 'c'"),
+        ('fixed', 3.0, 'fixed'),
+        ('sped', 3.0, "'sped' is 3.0; expected a parameter of this node, such as speed"),
+        (
+            'speed',
+            ParameterValue(type=77),
+            "parameter 'speed' is of type 77; expected 1 to 9, as in "
+            'rcl_interfaces/msg/ParameterType',
+        ),
+    ],
+)
 def test_the_services_change_a_live_setting_and_refuse_all_else(node, name, value, reason):
-    messages = [ParameterMessage(name=name, value=value if isinstance(value, ParameterValue)
-                                 else Parameter(name, value=value).get_parameter_value())]
+    messages = [
+        ParameterMessage(
+            name=name,
+            value=value
+            if isinstance(value, ParameterValue)
+            else Parameter(name, value=value).get_parameter_value(),
+        )
+    ]
     # There is one service of each type: none of rclpy beside those of the package.
     services = {service.srv_type: service.callback for service in node.services}
     assert len(services) == len(list(node.services))
     one = services[SetParameters](
-        SetParameters.Request(parameters=messages), SetParameters.Response()).results[0]
+        SetParameters.Request(parameters=messages), SetParameters.Response()
+    ).results[0]
     whole = services[SetParametersAtomically](
-        SetParametersAtomically.Request(parameters=messages),
-        SetParametersAtomically.Response()).result
+        SetParametersAtomically.Request(parameters=messages), SetParametersAtomically.Response()
+    ).result
     for result in one, whole:
         assert result.successful == (not reason)
         assert reason in result.reason

@@ -25,10 +25,14 @@ def ends(monkeypatch):
     """Give the timers of the end; what the process sets of itself is restored."""
     timers = []
     monkeypatch.setattr(signal, 'setitimer', lambda which, seconds: timers.append(seconds))
-    monkeypatch.setattr(faulthandler, 'dump_traceback_later',
-                        lambda seconds, **given: timers.append((seconds, *given.values())))
-    monkeypatch.setattr(faulthandler, 'cancel_dump_traceback_later',
-                        lambda: timers.append('cancelled'))
+    monkeypatch.setattr(
+        faulthandler,
+        'dump_traceback_later',
+        lambda seconds, **given: timers.append((seconds, *given.values())),
+    )
+    monkeypatch.setattr(
+        faulthandler, 'cancel_dump_traceback_later', lambda: timers.append('cancelled')
+    )
     for name in runner.PROFILE_VARIABLES:
         monkeypatch.setenv(name, '')
     for number in (*runner.SIGNALS, signal.SIGALRM):
@@ -40,8 +44,9 @@ def ends(monkeypatch):
 def applied(ends, monkeypatch):
     """Give the realtime settings that are applied, and the node that logs."""
     found = []
-    monkeypatch.setattr(realtime, 'apply', lambda node, values: found.append(
-        (node.get_name(), values)))
+    monkeypatch.setattr(
+        realtime, 'apply', lambda node, values: found.append((node.get_name(), values))
+    )
     return found
 
 
@@ -80,19 +85,29 @@ def run_once(*args, result=None, failure=None):
 
 def printed(capfd):
     """Return stdout and stderr without what Fast DDS prints of ports of killed processes."""
-    return [''.join(line for line in text.splitlines(keepends=True) if 'RTPS_' not in line)
-            for text in capfd.readouterr()]
+    return [
+        ''.join(line for line in text.splitlines(keepends=True) if 'RTPS_' not in line)
+        for text in capfd.readouterr()
+    ]
 
 
-@pytest.mark.parametrize(('result', 'failure', 'code', 'out', 'err'), [
-    (SourceEnded('the end'), None, 0, 'fkm: the end\n', ''), (None, None, 0, '', ''),
-    (InputError('no'), None, 1, '', 'fkm: no\n'), (None, InputError('no'), 1, '', 'fkm: no\n')])
+@pytest.mark.parametrize(
+    ('result', 'failure', 'code', 'out', 'err'),
+    [
+        (SourceEnded('the end'), None, 0, 'fkm: the end\n', ''),
+        (None, None, 0, '', ''),
+        (InputError('no'), None, 1, '', 'fkm: no\n'),
+        (None, InputError('no'), 1, '', 'fkm: no\n'),
+    ],
+)
 def test_a_process_ends_with_its_result(
-        ends, applied, monkeypatch, capfd, result, failure, code, out, err):
+    ends, applied, monkeypatch, capfd, result, failure, code, out, err
+):
     warnings = []
     monkeypatch.setattr(node_log, 'warning', lambda _, text: warnings.append(text))
-    found = run_once('-p', 'realtime.gc:=freeze', '-p', 'can.channel:=can1', result=result,
-                     failure=failure)
+    found = run_once(
+        '-p', 'realtime.gc:=freeze', '-p', 'can.channel:=can1', result=result, failure=failure
+    )
     assert warnings == [f'-p can.channel:=can1: {runner.NO_EFFECT}']
     assert found == (code, ['made', 'started', 'destroyed'])
     # The log has ended, and the process has left the DDS domain.
@@ -100,8 +115,11 @@ def test_a_process_ends_with_its_result(
     assert printed(capfd) == [out, err]
     assert [(name, values['realtime.gc']) for name, values in applied] == [('fkm', 'freeze')]
     assert ends == [*BEGUN, *LIFTED]
-    assert [signal.getsignal(number) for number in (*runner.SIGNALS, signal.SIGALRM)] \
-        == [signal.SIG_IGN, signal.SIG_IGN, signal.SIG_DFL]
+    assert [signal.getsignal(number) for number in (*runner.SIGNALS, signal.SIGALRM)] == [
+        signal.SIG_IGN,
+        signal.SIG_IGN,
+        signal.SIG_DFL,
+    ]
 
 
 @pytest.mark.parametrize('number', runner.SIGNALS)
@@ -127,9 +145,11 @@ def test_a_failure_is_one_line_and_leaves_no_node(applied, monkeypatch, capfd):
         add(Worker, events)
         raise SettingError('rate', -1, 'more')
 
-    for args, line in (((), "fkm: parameter 'rate' is -1; expected more\n"),
-                       (('-p', 'alert_limit:=1.0'), "'alert_limit' is 1.0"),
-                       (('--enclave', 'bad enclave'), 'fkm: ROS arguments rejected: ')):
+    for args, line in (
+        ((), "fkm: parameter 'rate' is -1; expected more\n"),
+        (('-p', 'alert_limit:=1.0'), "'alert_limit' is 1.0"),
+        (('--enclave', 'bad enclave'), 'fkm: ROS arguments rejected: '),
+    ):
         assert run(refused, *args) == 1 and events == ['made', 'destroyed']
         _, err = printed(capfd)
         assert line in err and err.count('\n') == 1

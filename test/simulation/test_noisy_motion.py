@@ -22,8 +22,14 @@ TIMES = np.arange(0.0, 30.0, 0.01)
 @pytest.mark.parametrize('sensors', [4, 5, 6])
 @pytest.mark.parametrize('working_mode', [(1, 1, 1), (1, -1, 1)])
 def test_every_source_has_the_angles_of_the_legs(sensors, working_mode):
-    checked = values('sim', sensors=sensors, sim__noise_deg=0.0, sim__trajectory='sweep',
-                     working_mode=working_mode, sim__tilt_max_deg=5.0)
+    checked = values(
+        'sim',
+        sensors=sensors,
+        sim__noise_deg=0.0,
+        sim__trajectory='sweep',
+        working_mode=working_mode,
+        sim__tilt_max_deg=5.0,
+    )
     motion, source = make_motion(checked), make_source('sim', checked)
     for t in (0.0, 3.0, 11.0):
         true = inverse(matrix_from_quaternion(motion.orientation(t)), working_mode=working_mode)
@@ -34,15 +40,28 @@ def test_every_source_has_the_angles_of_the_legs(sensors, working_mode):
 
 def test_each_sensor_has_its_own_errors():
     play = radians(0.3)
-    motion = NoisyMotion(sweep(radians(20.0)), Rig(Geometry(), (
-        SensorErrors((0.01, -0.02), (0.003, 0.004)), SensorErrors(play=play),
-        SensorErrors(delay=0.003, noise=0.0001), SensorErrors(resolution=0.005))), 1, (1, 1, 1))
+    motion = NoisyMotion(
+        sweep(radians(20.0)),
+        Rig(
+            Geometry(),
+            (
+                SensorErrors((0.01, -0.02), (0.003, 0.004)),
+                SensorErrors(play=play),
+                SensorErrors(delay=0.003, noise=0.0001),
+                SensorErrors(resolution=0.005),
+            ),
+        ),
+        1,
+        (1, 1, 1),
+    )
     found = np.array([motion.angles(t) for t in TIMES])
     true = np.array([motion.joints(t) for t in TIMES])
     a, error = true[:, 0], found - true
     np.testing.assert_allclose(
-        error[:, 0], 0.01 * np.cos(a) - 0.02 * np.sin(a) + 0.003 * np.cos(2.0 * a)
-        + 0.004 * np.sin(2.0 * a), atol=1e-12)
+        error[:, 0],
+        0.01 * np.cos(a) - 0.02 * np.sin(a) + 0.003 * np.cos(2.0 * a) + 0.004 * np.sin(2.0 * a),
+        atol=1e-12,
+    )
     # The encoder trails its joint by half the play at most; at a reversal it rests.
     trailing = [true[0, 1]]
     for joint in true[1:, 1]:
@@ -68,6 +87,9 @@ def test_a_motion_out_of_reach_is_refused(tmp_path):
     path = tmp_path / 'rig.json'
     path.write_text('{"alpha_deg": [39.3, 39.3, 31], "beta_deg": [34.1, 34.1, 26]}')
     make_motion(values('sim', sim__rig_file=str(path)))
-    with pytest.raises(SettingError, match="'sim.trajectory' is 'sweep'; expected a motion within "
-                       'reach of the simulated mechanism'):
+    with pytest.raises(
+        SettingError,
+        match="'sim.trajectory' is 'sweep'; expected a motion within "
+        'reach of the simulated mechanism',
+    ):
         make_motion(values('sim', sim__trajectory='sweep', sim__rig_file=str(path)))

@@ -20,8 +20,15 @@ TOLERANCES = rig.Tolerances(0.004, 0.003, 0.002, 0.001)
 
 def test_the_default_rig_is_as_drawn_and_so_is_one_without_tolerances():
     assert rig.make_rig(values('sim')) == rig.perfect_rig(Geometry(), radians(0.04))
-    same = rig.make_rig(values('sim', geometry__alpha_deg=40.0, sim__rig_seed=5,
-                               sim__tolerance_deg=(0.0, 0.0), sim__harmonics_deg=(0.0, 0.0)))
+    same = rig.make_rig(
+        values(
+            'sim',
+            geometry__alpha_deg=40.0,
+            sim__rig_seed=5,
+            sim__tolerance_deg=(0.0, 0.0),
+            sim__harmonics_deg=(0.0, 0.0),
+        )
+    )
     assert same.geometry.alphas == Geometry(radians(40.0)).alphas
     np.testing.assert_allclose(same.geometry.platform_axes, Geometry().platform_axes, atol=1e-14)
     assert same.sensors == rig.perfect_rig(Geometry(), radians(0.04)).sensors
@@ -50,9 +57,10 @@ def test_random_rigs_have_their_tolerances_in_frames_without_a_reference():
         return np.array([figures(made.geometry) for made in rigs]) - figures(drawn)
 
     for figures, deviation in (
-            (lambda g: np.array(g.alphas + g.betas), 0.004),
-            (lambda g: between(g.base_axes), 2.0**0.5 * 0.003),
-            (lambda g: between(g.platform_axes), 2.0**0.5 * 0.003)):
+        (lambda g: np.array(g.alphas + g.betas), 0.004),
+        (lambda g: between(g.base_axes), 2.0**0.5 * 0.003),
+        (lambda g: between(g.platform_axes), 2.0**0.5 * 0.003),
+    ):
         np.testing.assert_allclose(off(figures).std(0), deviation, rtol=0.12)
         np.testing.assert_allclose(off(figures).mean(0), 0.0, atol=0.2 * deviation)
     for name, deviation in (('first_harmonic', 0.002), ('second_harmonic', 0.001)):
@@ -65,13 +73,19 @@ def test_random_rigs_have_their_tolerances_in_frames_without_a_reference():
 def test_a_written_rig_is_read_again(count, tmp_path):
     path = tmp_path / 'rig.json'
     made = rig.random_rig(11, rig.Tolerances(0.01, 0.01, 0.005, 0.001), noise=0.001, sensors=count)
-    made = replace(made, sensors=(*made.sensors[:-1], replace(
-        made.sensors[-1], play=0.002, resolution=0.003, delay=0.004)))
+    made = replace(
+        made,
+        sensors=(
+            *made.sensors[:-1],
+            replace(made.sensors[-1], play=0.002, resolution=0.003, delay=0.004),
+        ),
+    )
     path.write_text(rig.rig_text(made))
     again = rig.read_rig(path, Geometry(), 1.0, count)
     for name in ('alphas', 'betas', 'base_axes', 'platform_axes'):
         np.testing.assert_allclose(
-            getattr(again.geometry, name), getattr(made.geometry, name), atol=1e-15)
+            getattr(again.geometry, name), getattr(made.geometry, name), atol=1e-15
+        )
     for one, other in zip(again.sensors, made.sensors, strict=True):
         for name in rig.SensorErrors.__slots__:
             np.testing.assert_allclose(getattr(one, name), getattr(other, name), atol=1e-15)
@@ -81,8 +95,9 @@ def test_a_written_rig_is_read_again(count, tmp_path):
 
 def test_what_a_file_lacks_is_perfect(tmp_path):
     path = tmp_path / 'rig.json'
-    path.write_text('{"play_deg": [0.1, 0, 0, 0], "zero": [0, 1, 2, 3], "direction": '
-                    '[1, -1, 1, 1]}')
+    path.write_text(
+        '{"play_deg": [0.1, 0, 0, 0], "zero": [0, 1, 2, 3], "direction": [1, -1, 1, 1]}'
+    )
     noisy = rig.SensorErrors(noise=radians(0.04))
     drawn = Geometry(alpha=radians(40.0))
     made = rig.make_rig(values('sim', sim__rig_file=str(path), geometry__alpha_deg=40.0))
@@ -98,22 +113,34 @@ def test_what_a_file_lacks_is_perfect(tmp_path):
 AXES = [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
 
 
-@pytest.mark.parametrize(('content', 'words'), [
-    ('{"alpha_deg": [39, 39, 39]', 'cannot be read'),
-    ('"text"', "not a rig ('text'); expected a JSON object"),
-    *((json.dumps({key: value}), f"key '{key}' is {value}; expected {expected}")
-      for key, value, expected in (
-          ('alpha', [39, 39, 39], 'one of the keys alpha_deg, beta_deg'),
-          ('alpha_deg', [39, 39], 'a list of 3, each a number from 0.1 to 179.9'),
-          ('beta_deg', [34, True, 34], 'a list'),
-          ('base_axes', AXES[:2], 'a list of 3 of lists of 3, each a number from -1 to 1'),
-          *((key, [[0.0, 0.0, 1.5 * sign], *AXES[1:]], 'a list of 3 of lists of 3')
-            for key in ('base_axes', 'platform_axes') for sign in (-1.0, 1.0)),
-          ('eccentricity_deg_cos_sin', [0.1] * 4, 'a list of 4 of lists of 2, each a number from '
-           '-10 to 10'),
-          ('delay', [0, 0, 0, 0.2], 'a list of 4, each a number from 0 to 0.1'))),
-    (json.dumps({'base_axes': [*AXES[:2], [0, 0.9, 0]]}), 'row 2 = [0.0, 0.9, 0.0]'),
-])
+@pytest.mark.parametrize(
+    ('content', 'words'),
+    [
+        ('{"alpha_deg": [39, 39, 39]', 'cannot be read'),
+        ('"text"', "not a rig ('text'); expected a JSON object"),
+        *(
+            (json.dumps({key: value}), f"key '{key}' is {value}; expected {expected}")
+            for key, value, expected in (
+                ('alpha', [39, 39, 39], 'one of the keys alpha_deg, beta_deg'),
+                ('alpha_deg', [39, 39], 'a list of 3, each a number from 0.1 to 179.9'),
+                ('beta_deg', [34, True, 34], 'a list'),
+                ('base_axes', AXES[:2], 'a list of 3 of lists of 3, each a number from -1 to 1'),
+                *(
+                    (key, [[0.0, 0.0, 1.5 * sign], *AXES[1:]], 'a list of 3 of lists of 3')
+                    for key in ('base_axes', 'platform_axes')
+                    for sign in (-1.0, 1.0)
+                ),
+                (
+                    'eccentricity_deg_cos_sin',
+                    [0.1] * 4,
+                    'a list of 4 of lists of 2, each a number from -10 to 10',
+                ),
+                ('delay', [0, 0, 0, 0.2], 'a list of 4, each a number from 0 to 0.1'),
+            )
+        ),
+        (json.dumps({'base_axes': [*AXES[:2], [0, 0.9, 0]]}), 'row 2 = [0.0, 0.9, 0.0]'),
+    ],
+)
 def test_what_is_wrong_is_named_in_one_line(content, words, tmp_path):
     path = tmp_path / 'rig.json'
     path.write_text(content)

@@ -44,21 +44,39 @@ def test_noise_has_its_sigma_and_the_seed_decides_it():
 
 
 def test_the_harmonics_of_the_rig_are_corrected_as_the_file_says():
-    plain = {'sim__rig_seed': 4, 'sim__tolerance_deg': [0.0, 0.0],
-             'sim__harmonics_deg': [1.0, 0.0], 'sim__noise_deg': 0.0}
+    plain = {
+        'sim__rig_seed': 4,
+        'sim__tolerance_deg': [0.0, 0.0],
+        'sim__harmonics_deg': [1.0, 0.0],
+        'sim__noise_deg': 0.0,
+    }
     checked = values('sim', **plain)
     cosine, sine = zip(*(each.first_harmonic for each in make_rig(checked).sensors), strict=True)
     true = [make_motion(checked).joints(t) for t in (0.0, 2.0, 5.0)]
     assert np.abs(angles((0.0, 2.0, 5.0), **plain) - true).max(axis=1).min() > 10.0 * COUNT
-    np.testing.assert_allclose(angles(
-        (0.0, 2.0, 5.0), **plain, encoders__harmonic_cos_deg=list(map(degrees, cosine)),
-        encoders__harmonic_sin_deg=list(map(degrees, sine))), true, atol=0.6 * COUNT)
+    np.testing.assert_allclose(
+        angles(
+            (0.0, 2.0, 5.0),
+            **plain,
+            encoders__harmonic_cos_deg=list(map(degrees, cosine)),
+            encoders__harmonic_sin_deg=list(map(degrees, sine)),
+        ),
+        true,
+        atol=0.6 * COUNT,
+    )
 
 
-@pytest.mark.parametrize(('given', 'text', 'produce'), [
-    ({'can__channel': 'can1'}, 'can: can1', None),
-    ({'can__channel': 'x', 'can__interface': 'virtual', 'can__sync': 'produce'}, 'can: virtual x',
-     0.01)])
+@pytest.mark.parametrize(
+    ('given', 'text', 'produce'),
+    [
+        ({'can__channel': 'can1'}, 'can: can1', None),
+        (
+            {'can__channel': 'x', 'can__interface': 'virtual', 'can__sync': 'produce'},
+            'can: virtual x',
+            0.01,
+        ),
+    ],
+)
 def test_the_bus_is_a_source_with_or_without_sync_from_here(monkeypatch, given, text, produce):
     made = []
     monkeypatch.setattr(source_factory, 'CanSource', lambda *args: made.append(args))
@@ -67,8 +85,10 @@ def test_the_bus_is_a_source_with_or_without_sync_from_here(monkeypatch, given, 
     ((interface, channel, _, _, timeout, period, _),) = made
     assert source_text('can', checked) == text and text.endswith(channel) and interface
     assert (timeout, period) == (0.02, produce)
-    for change, words in (({'can__timeout': 0.019}, 'at least two periods, 0.02 s at 100 Hz'),
-                          ({'can__sync': 'produce', 'encoders__sync_id': 0}, 'consume where')):
+    for change, words in (
+        ({'can__timeout': 0.019}, 'at least two periods, 0.02 s at 100 Hz'),
+        ({'can__sync': 'produce', 'encoders__sync_id': 0}, 'consume where'),
+    ):
         with pytest.raises(SettingError, match=words):
             make_source('can', values('can', **{'rate': 100.0, 'can__timeout': 0.02} | change))
     assert source_text('replay', values('replay', replay__path='/a/b.log')) == 'replay: b.log'
@@ -106,17 +126,28 @@ def test_samples_come_at_the_rate_with_the_angles_of_their_time(monkeypatch):
     assert (source.fault, source.caution) == (None, None)
 
 
-@pytest.mark.parametrize(('sensors', 'gone', 'goes_on'), [
-    (4, ['joint_3a'], False), (5, ['joint_3b'], True), (6, ['joint_1a', 'joint_3c'], True),
-    (6, ['joint_1a', 'joint_3b', 'joint_3c'], False)])
+@pytest.mark.parametrize(
+    ('sensors', 'gone', 'goes_on'),
+    [
+        (4, ['joint_3a'], False),
+        (5, ['joint_3b'], True),
+        (6, ['joint_1a', 'joint_3c'], True),
+        (6, ['joint_1a', 'joint_3b', 'joint_3c'], False),
+    ],
+)
 def test_encoders_that_do_not_answer_have_no_reading(sensors, gone, goes_on):
     source = source_of(sensors=sensors, rate=200.0)
     source.faults = tuple(parse_switched(f'dropout:{joint}', sensors) for joint in gone)
     sample, text = source.read(1.0), f'no answer of {", ".join(gone)}'
     assert (source.fault, source.caution) == ((None, text) if goes_on else (text, None))
-    assert (sample and [joint for joint, angle in zip(
-        ALL_JOINT_NAMES, sample.angles, strict=False) if isnan(angle)]) == (
-        gone if goes_on else None)
+    assert (
+        sample
+        and [
+            joint
+            for joint, angle in zip(ALL_JOINT_NAMES, sample.angles, strict=False)
+            if isnan(angle)
+        ]
+    ) == (gone if goes_on else None)
     source.faults = ()
     assert not any(map(isnan, source.read(1.0).angles)) and source.fault is None
 
@@ -127,7 +158,10 @@ def test_faults_come_and_go():
     source.faults = (parse_switched('stuck:joint_1b'), parse_switched('offset:joint_3a=5'))
     faulty = read(source, 20)
     assert [len({sample.angles[joint] for sample in faulty}) > 1 for joint in range(3)] == [
-        True, False, True]
+        True,
+        False,
+        True,
+    ]
     source.faults = (parse_switched('offset:joint_1a=359'),)
     healthy = read(source, 20)
     off = np.degrees(np.subtract(healthy[0].angles, faulty[-1].angles))

@@ -28,8 +28,9 @@ HEARTBEAT = 0.05
 def bus_of(*faults, node_ids=(1, 2, 3, 4), layouts=LAYOUTS, factory=False):
     """Return encoders that are switched on, at rest, without noise."""
     motion = make_motion(values('sim', sim__noise_deg=0.0, sim__trajectory='fixed'))
-    bus = SimulatedBus(layouts, node_ids, motion, tuple(map(parse_fault, faults)), HEARTBEAT, 1,
-                       factory=factory)
+    bus = SimulatedBus(
+        layouts, node_ids, motion, tuple(map(parse_fault, faults)), HEARTBEAT, 1, factory=factory
+    )
     bus.boot()
     return bus
 
@@ -54,36 +55,60 @@ def started(*faults):
 
 def angles(messages):
     """Return the angles of TPDOs by encoder, rad."""
-    found = {message.arbitration_id - 0x181: message for message in messages
-             if 0x181 <= message.arbitration_id <= 0x184}
-    return {index: LAYOUTS[index].angle(LAYOUTS[index].counts(bytes(message.data)))
-            for index, message in found.items()}
+    found = {
+        message.arbitration_id - 0x181: message
+        for message in messages
+        if 0x181 <= message.arbitration_id <= 0x184
+    }
+    return {
+        index: LAYOUTS[index].angle(LAYOUTS[index].counts(bytes(message.data)))
+        for index, message in found.items()
+    }
 
 
 TRUE = angles(started().cycle(11.0))
 ALL = dict.fromkeys(range(4))
 
 
-@pytest.mark.parametrize(('fault', 'during', 'after'), [
-    ('dropout:joint_1b@1+1', {1: None}, {}), ('unplug:joint_1b@1+1', {1: None}, {}),
-    ('silence@1+1', ALL, {}), ('busoff@1+1', ALL, {}), ('loss:joint_1a@1+1=100', {0: None}, {}),
-    ('late:joint_3a@1+1=3', {3: None}, {}), ('offset:joint_3a@1+1=2', {3: 2.0}, {}),
-    ('jump:joint_1a@1+1=-5', {0: -5.0}, {}), ('reboot:joint_1c@1+1', {2: None}, {2: None})])
+@pytest.mark.parametrize(
+    ('fault', 'during', 'after'),
+    [
+        ('dropout:joint_1b@1+1', {1: None}, {}),
+        ('unplug:joint_1b@1+1', {1: None}, {}),
+        ('silence@1+1', ALL, {}),
+        ('busoff@1+1', ALL, {}),
+        ('loss:joint_1a@1+1=100', {0: None}, {}),
+        ('late:joint_3a@1+1=3', {3: None}, {}),
+        ('offset:joint_3a@1+1=2', {3: 2.0}, {}),
+        ('jump:joint_1a@1+1=-5', {0: -5.0}, {}),
+        ('reboot:joint_1c@1+1', {2: None}, {2: None}),
+    ],
+)
 def test_a_fault_does_what_it_says_and_ends(fault, during, after):
     bus = started(fault)
     for t, expected, news in ((10.5, {}, []), (11.0, during, ['begins']), (12.0, after, ['ends'])):
         bus.tend(t)
         assert angles(bus.cycle(t)) == pytest.approx(
-            {index: angle + np.radians(expected.get(index, 0.0)) for index, angle in TRUE.items()
-             if expected.get(index, 0.0) is not None}, abs=4e-4)
+            {
+                index: angle + np.radians(expected.get(index, 0.0))
+                for index, angle in TRUE.items()
+                if expected.get(index, 0.0) is not None
+            },
+            abs=4e-4,
+        )
         assert bus.faults.take_news() == tuple(f'{fault} {word}' for word in news)
     bus.receive(START)
     assert len(bus.cycle(12.1)) == 4
 
 
 def test_faults_of_a_kind_that_lasts():
-    bus = started('jump:joint_1a@1=5', 'stuck:joint_1b@1+1', 'offset:joint_1b@2+1=2',
-                  'noise:joint_1c@1=1', 'loss:joint_3a@1=25')
+    bus = started(
+        'jump:joint_1a@1=5',
+        'stuck:joint_1b@1+1',
+        'offset:joint_1b@2+1=2',
+        'noise:joint_1c@1=1',
+        'loss:joint_3a@1=25',
+    )
     found = []
     for t in np.arange(11.0, 14.0, 0.01):
         bus.tend(t)
@@ -111,13 +136,18 @@ def test_late_answers_come_in_their_order_and_all_at_the_end():
 
 
 def test_emergencies_boot_ups_and_error_frames_are_sent_once():
-    bus = started('emcy:joint_1b@1+1=0x8130', 'reboot:joint_3a@3+1', 'busoff@6+1',
-                  'unplug:joint_1a@9+1')
+    bus = started(
+        'emcy:joint_1b@1+1=0x8130', 'reboot:joint_3a@3+1', 'busoff@6+1', 'unplug:joint_1a@9+1'
+    )
     sent = [(t, text(message)) for t in np.arange(10.0, 21.0, 0.02) for message in bus.tend(t)]
     others = [(t, frame) for t, frame in sent if not frame.endswith(('#05', '#7F'))]
     assert [frame for _, frame in others] == [
-        '82#3081010000000000', '82#0000000000000000', '704#00', f'error 40#{8 * "00"}',
-        f'error 100#{8 * "00"}']
+        '82#3081010000000000',
+        '82#0000000000000000',
+        '704#00',
+        f'error 40#{8 * "00"}',
+        f'error 100#{8 * "00"}',
+    ]
     assert [t for t, _ in others] == pytest.approx([11.0, 12.0, 14.0, 16.0, 17.0], abs=0.03)
     beats = [sum(frame == f'70{node}#05' for _, frame in sent) for node in (1, 2, 3)]
     # Every 0.05 s, on a grid of 0.02 s; none for the time of bus-off, of one none when unplugged.
@@ -125,16 +155,19 @@ def test_emergencies_boot_ups_and_error_frames_are_sent_once():
 
 
 def test_a_stuck_counter_repeats_its_value_in_the_second_pdo():
-    layouts = tuple(replace(layout, can_id=layout.can_id + 0x100, counter_byte=3,
-                            counter_mask=0xF0) for layout in LAYOUTS)
+    layouts = tuple(
+        replace(layout, can_id=layout.can_id + 0x100, counter_byte=3, counter_mask=0xF0)
+        for layout in LAYOUTS
+    )
     bus = bus_of('counter:joint_1a@1', layouts=layouts)
     (answer,) = bus.receive(request('601#4001180100000000'))
     assert text(answer) == '581#4301180181020040'
     bus.receive(START)
     bus.cycle(10.0)
     bus.tend(11.0)
-    found = [[layouts[0].counter(bytes(each.data)) for each in bus.cycle(11.0)[:2]]
-             for _ in range(3)]
+    found = [
+        [layouts[0].counter(bytes(each.data)) for each in bus.cycle(11.0)[:2]] for _ in range(3)
+    ]
     assert found == [[1, 2], [1, 3], [1, 4]]
 
 
@@ -144,33 +177,51 @@ def test_a_conversation_as_cia_301_has_it(name):
     bus = bus_of(factory=name != 'encoders_set_up')
     for row in (DATA / 'simulation' / f'{name}.txt').read_text().splitlines():
         asked, _, answers = row.partition(' ->')
-        found = bus.cycle(10.0) if asked == '80#' else bus.tend(10.0) if asked == 'tend' \
+        found = (
+            bus.cycle(10.0)
+            if asked == '80#'
+            else bus.tend(10.0)
+            if asked == 'tend'
             else bus.receive(request(asked))
+        )
         assert [text(message) for message in found] == answers.split(), row
 
 
 def test_what_is_not_for_the_encoders_is_ignored():
     bus = bus_of()
     for changes in ({'is_extended_id': True}, {'is_remote_frame': True}, {'is_error_frame': True}):
-        message = can.Message(**{'arbitration_id': 0, 'is_extended_id': False,
-                                 'data': b'\1\0', **changes})
+        message = can.Message(
+            **{'arbitration_id': 0, 'is_extended_id': False, 'data': b'\1\0', **changes}
+        )
         assert bus.receive(message) == []
     assert bus.cycle(10.0) == []
     assert bus_of(node_ids=None).receive(request('601#4000100000000000')) == []
-    assert bus.identifiers() == [*((False, 0x180 + node) for node in (1, 2, 3, 4)),
-                                 *((False, 0x700 + node) for node in (1, 2, 3, 4))]
+    assert bus.identifiers() == [
+        *((False, 0x180 + node) for node in (1, 2, 3, 4)),
+        *((False, 0x700 + node) for node in (1, 2, 3, 4)),
+    ]
 
 
 @pytest.fixture
 def rig():
     """Give a function that makes the encoders' runner, and the other end of its bus."""
-    with can.Bus(interface='virtual', channel='runner') as bus, \
-            can.Bus(interface='virtual', channel='runner') as master:
+    with (
+        can.Bus(interface='virtual', channel='runner') as bus,
+        can.Bus(interface='virtual', channel='runner') as master,
+    ):
+
         def make(node_ids=None, grid=None, faults=(), sync_id=SYNC, record=None):
-            encoders = SimulatedBus(LAYOUTS, node_ids, make_motion(values('sim')),
-                                    tuple(map(parse_fault, faults)), 60.0, 1,
-                                    synchronised=sync_id is not None)
+            encoders = SimulatedBus(
+                LAYOUTS,
+                node_ids,
+                make_motion(values('sim')),
+                tuple(map(parse_fault, faults)),
+                60.0,
+                1,
+                synchronised=sync_id is not None,
+            )
             return BusRunner(bus, encoders, sync_id, grid, record), master
+
         yield make
 
 
@@ -195,8 +246,10 @@ def test_each_sync_is_answered_by_all_encoders_as_soon_as_they_are_started(rig):
         for _ in range(3):
             master.send(canopen.frame(SYNC))
         assert (runner.step(), runner.cycles) == (news, expected)
-        assert [each for each in heard(master) if each < 0x700] \
-            == expected * [TPDOS[0], *TPDOS[2:]]
+        assert [each for each in heard(master) if each < 0x700] == expected * [
+            TPDOS[0],
+            *TPDOS[2:],
+        ]
         master.send(canopen.nmt(canopen.NMT_START, 0))
         assert runner.step() == ()
         heard(master)

@@ -113,19 +113,30 @@ CONVERSATIONS = {
 0.005  -> 70B#05 18B#370200000A
 0.005  30B#C800 ->
 0.01   -> 18B#3702C8000A
-0.0155 -> 08B#5082010000000000 18B#500200000A"""}
+0.0155 -> 08B#5082010000000000 18B#500200000A""",
+}
 
 
 def plan(**settings):
     """Return the plan of one drive, node 11."""
-    return make_plan(complete((*DRIVE_SETTINGS, RATE_SETTING), {
-        'drives.channel': 'x', 'drives.rated_torque': [0.5], 'drives.node_id': [11], **settings}))
+    return make_plan(
+        complete(
+            (*DRIVE_SETTINGS, RATE_SETTING),
+            {
+                'drives.channel': 'x',
+                'drives.rated_torque': [0.5],
+                'drives.node_id': [11],
+                **settings,
+            },
+        )
+    )
 
 
 def frame(row):
     identifier, _, data = row.partition('#')
-    return can.Message(arbitration_id=int(identifier, 16), data=bytes.fromhex(data),
-                       is_extended_id=False)
+    return can.Message(
+        arbitration_id=int(identifier, 16), data=bytes.fromhex(data), is_extended_id=False
+    )
 
 
 def text(messages):
@@ -134,12 +145,17 @@ def text(messages):
 
 @pytest.mark.parametrize('name', CONVERSATIONS)
 def test_a_conversation_as_cia_402_has_it(name):
-    drives = SimulatedDrives(plan(**{'drives.combined': name == 'with a frame of all torques'}),
-                             factory=name == 'of its maker')
+    drives = SimulatedDrives(
+        plan(**{'drives.combined': name == 'with a frame of all torques'}),
+        factory=name == 'of its maker',
+    )
     assert text(drives.boot()) == '70B#00'
     for row in CONVERSATIONS[name].strip().splitlines():
-        time, asked, *answers = row.replace('->', '').split() if '#' in row.partition('->')[0] \
+        time, asked, *answers = (
+            row.replace('->', '').split()
+            if '#' in row.partition('->')[0]
             else (row.split()[0], '', *row.split()[2:])
+        )
         found = drives.receive(frame(asked), float(time)) if asked else drives.tend(float(time))
         assert text(found) == ' '.join(answers), row
 
@@ -150,8 +166,10 @@ def test_drives_answer_on_a_bus_until_it_ends():
             loop = DriveLoop(bus, SimulatedDrives(plan()))
             heard = (text([master.recv(PATIENCE)]) for _ in range(1000))
             assert next(heard) == '70B#00'
-            for asked, answer in (('60B#4041600000000000', '58B#4B41600050020000'),
-                                  ('000#010B', '70B#05')):
+            for asked, answer in (
+                ('60B#4041600000000000', '58B#4B41600050020000'),
+                ('000#010B', '70B#05'),
+            ):
                 master.send(frame(asked))
                 assert answer in heard
             assert loop.error is None
@@ -187,17 +205,36 @@ def test_a_motor_at_twice_its_rated_torque_is_too_hot_after_a_second():
 
 def test_faults_are_timed_from_the_first_start_and_end():
     """Also two of one kind, one after the other; one of a drive that is not there is no news."""
-    faults = ('drive:joint_1a@1+1=0x2310', 'drive:joint_1a@3+1=0x2320',
-              'drive_torque:joint_1a@5+1=30', 'drive_unplug:joint_1a@7+1', 'drive:joint_1b@0=1')
+    faults = (
+        'drive:joint_1a@1+1=0x2310',
+        'drive:joint_1a@3+1=0x2320',
+        'drive_torque:joint_1a@5+1=30',
+        'drive_unplug:joint_1a@7+1',
+        'drive:joint_1b@0=1',
+    )
     drives, failed, enabled = started(*faults), '18B#180200000A', '18B#3702C8000A'
-    for k, (present, words) in enumerate(zip((None, 0, None, 1, None, 2, None, 3, None), (
-            (enabled,), ('08B#1023010000000000', failed), (failed, enabled),
-            ('08B#2023010000000000', failed), (failed, enabled), ('18B#370204010A',), (enabled,),
-            (), (enabled,)), strict=True)):
+    for k, (present, words) in enumerate(
+        zip(
+            (None, 0, None, 1, None, 2, None, 3, None),
+            (
+                (enabled,),
+                ('08B#1023010000000000', failed),
+                (failed, enabled),
+                ('08B#2023010000000000', failed),
+                (failed, enabled),
+                ('18B#370204010A',),
+                (enabled,),
+                (),
+                (enabled,),
+            ),
+            strict=True,
+        )
+    ):
         found = operated(drives, 10.0 + k, 10.003 + k)
         drives.receive(frame('20B#8000C800'), 10.003 + k)
         found += ' ' + operated(drives, 10.005 + k, 10.97 + k)
         assert set(found.split()) - {'70B#05', '18B#500200000A'} == set(words), k
         assert drives.faults.take_news() == (
             *([f'{faults[k // 2 - 1]} ends'] if present is None and k else []),
-            *([f'{faults[present]} begins'] if present is not None else []))
+            *([f'{faults[present]} begins'] if present is not None else []),
+        )

@@ -29,9 +29,15 @@ def matrices(poses):
     return matrix_from_zxz(*np.array(poses).T)
 
 
-@pytest.mark.parametrize('trajectory', [
-    trajectories.fig9, trajectories.perturbed, trajectories.sweep(radians(20.0)),
-    trajectories.fixed(radians(140.0), radians(50.0), radians(370.0))])
+@pytest.mark.parametrize(
+    'trajectory',
+    [
+        trajectories.fig9,
+        trajectories.perturbed,
+        trajectories.sweep(radians(20.0)),
+        trajectories.fixed(radians(140.0), radians(50.0), radians(370.0)),
+    ],
+)
 def test_it_goes_to_the_pose_without_a_jump_and_comes_back(trajectory):
     steering = Steering(trajectory)
     times = np.arange(0.0, 20.0, STEP)
@@ -59,10 +65,16 @@ def test_it_goes_to_the_pose_without_a_jump_and_comes_back(trajectory):
     assert turned(now, before) < FASTEST * STEP
 
 
-@pytest.mark.parametrize(('pose', 'word'), [
-    ((TILT_LIMIT + 0.01, 0.0, 0.0), 'tilt'), ((-0.1, 0.0, 0.0), 'tilt'),
-    ((0.1, 0.0, PHI_LIMITS[1] + 0.01), 'phi'), ((float('nan'), 0.0, 0.0), 'tilt'),
-    ((0.1, float('inf'), 0.0), 'azimuth')])
+@pytest.mark.parametrize(
+    ('pose', 'word'),
+    [
+        ((TILT_LIMIT + 0.01, 0.0, 0.0), 'tilt'),
+        ((-0.1, 0.0, 0.0), 'tilt'),
+        ((0.1, 0.0, PHI_LIMITS[1] + 0.01), 'phi'),
+        ((float('nan'), 0.0, 0.0), 'tilt'),
+        ((0.1, float('inf'), 0.0), 'azimuth'),
+    ],
+)
 def test_a_pose_beyond_the_limits_is_refused(pose, word):
     steering = Steering(trajectories.fig9)
     with pytest.raises(InputError, match=word):

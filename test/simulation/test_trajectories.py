@@ -11,22 +11,29 @@ from spm_haptic_master import kinematics
 from spm_haptic_master.simulation import trajectories
 
 
-@pytest.mark.parametrize(('trajectory', 'pose_deg'), [
-    (trajectories.fig9, (135.0, 54.7356103, 51.6131187)),
-    (trajectories.perturbed, (135.0, 54.7356103, 48.1798073)),
-    (trajectories.sweep(0.3), (131.528985, 67.0370412, 36.2699783)),
-    (trajectories.tour, (132.1170512, 57.0731222, 26.3799331)),
-    (trajectories.hand, (139.2475205, 50.9382805, 59.0843245)),
-    (trajectories.fixed(0.1, 0.2, 0.3), (5.729578, 11.4591559, 17.1887339))])
+@pytest.mark.parametrize(
+    ('trajectory', 'pose_deg'),
+    [
+        (trajectories.fig9, (135.0, 54.7356103, 51.6131187)),
+        (trajectories.perturbed, (135.0, 54.7356103, 48.1798073)),
+        (trajectories.sweep(0.3), (131.528985, 67.0370412, 36.2699783)),
+        (trajectories.tour, (132.1170512, 57.0731222, 26.3799331)),
+        (trajectories.hand, (139.2475205, 50.9382805, 59.0843245)),
+        (trajectories.fixed(0.1, 0.2, 0.3), (5.729578, 11.4591559, 17.1887339)),
+    ],
+)
 def test_a_motion_is_that_of_recordings_and_figures(trajectory, pose_deg):
     assert np.degrees(trajectory(2.3)) == pytest.approx(pose_deg, abs=1e-6)
 
 
-@pytest.mark.parametrize(('trajectory', 'seconds', 'tilt_deg', 'turns_deg'), [
-    (trajectories.sweep(radians(26.0)), 7.0 * 11.0 * 17.0, 26.0, (10.0, 40.0)),
-    (trajectories.tour, 13.0 * 19.0 * 16.0, 12.0, (18.0, 62.0))])
-def test_a_motion_stays_within_reach_over_whole_periods(
-        trajectory, seconds, tilt_deg, turns_deg):
+@pytest.mark.parametrize(
+    ('trajectory', 'seconds', 'tilt_deg', 'turns_deg'),
+    [
+        (trajectories.sweep(radians(26.0)), 7.0 * 11.0 * 17.0, 26.0, (10.0, 40.0)),
+        (trajectories.tour, 13.0 * 19.0 * 16.0, 12.0, (18.0, 62.0)),
+    ],
+)
+def test_a_motion_stays_within_reach_over_whole_periods(trajectory, seconds, tilt_deg, turns_deg):
     poses = np.array([trajectory(t) for t in np.arange(0.0, seconds, 0.1)])
     rotations = kinematics.matrix_from_zxz(*poses.T)
     joints = kinematics.inverse(rotations)
@@ -38,8 +45,9 @@ def test_a_motion_stays_within_reach_over_whole_periods(
 
 
 def test_the_tour_begins_clear_of_the_singularity_and_crosses_it_within_ten_seconds():
-    rotations = kinematics.matrix_from_zxz(*np.array(
-        [trajectories.tour(t) for t in np.arange(0.0, 10.0, 0.2)]).T)
+    rotations = kinematics.matrix_from_zxz(
+        *np.array([trajectories.tour(t) for t in np.arange(0.0, 10.0, 0.2)]).T
+    )
     assert kinematics.dexterity(rotations[:10]).min() > 0.1
     signs = np.sign(kinematics.parallel_determinant(rotations))
     assert signs.min() < 0.0 < signs.max()

@@ -29,13 +29,31 @@ def test_each_loss_ends_a_torque_in_time(session, loss):
 
 @pytest.mark.slow
 def test_what_a_session_goes_through(session):
-    words = [text for before, text in zip(['', *session.states], session.states, strict=False)
-             if text != before]
+    words = [
+        text
+        for before, text in zip(['', *session.states], session.states, strict=False)
+        if text != before
+    ]
     assert words == [
-        'off', 'ready', 'engaged', 'holding', 'engaged',
-        'fading: wrench missing or too old', 'ready', 'engaged',
-        'fading: no orientation', 'fault: no orientation', 'off', 'ready', 'engaged',
-        'fading: fault of a drive', 'fault: fault of a drive', 'off', 'ready', 'engaged']
+        'off',
+        'ready',
+        'engaged',
+        'holding',
+        'engaged',
+        'fading: wrench missing or too old',
+        'ready',
+        'engaged',
+        'fading: no orientation',
+        'fault: no orientation',
+        'off',
+        'ready',
+        'engaged',
+        'fading: fault of a drive',
+        'fault: fault of a drive',
+        'off',
+        'ready',
+        'engaged',
+    ]
     assert np.abs(session.motor_torque).max() <= 0.5
     wall = (session.time > 2.0) & (session.time < 2.3)
     np.testing.assert_allclose(session.rendered[wall], session.commanded[wall], atol=0.02)
@@ -43,7 +61,7 @@ def test_what_a_session_goes_through(session):
     assert np.abs(session.rendered[held]).max() < 0.02
     # No motor is turned up by an encoder that jumps.
     first = round(ENCODER[0] * 1000)
-    torque = np.abs(session.motor_torque[first - 1:first + 100])
+    torque = np.abs(session.motor_torque[first - 1 : first + 100])
     assert (torque[1:].max(axis=0) <= torque[0] + 0.01).all()
 
 

@@ -20,8 +20,7 @@ from study import nine_joints, placement, protection_maps  # noqa: E402
 
 PAPER = kinematics.Geometry()
 PAGE = ROOT / 'docs' / 'sensors' / 'README.md'
-POSES = kinematics.workspace_pose(*np.array([
-    [0.0, 0.1, 0.25], [0.0, 2.0, 4.0], [0.5, 1.1, 0.3]]))
+POSES = kinematics.workspace_pose(*np.array([[0.0, 0.1, 0.25], [0.0, 2.0, 4.0], [0.5, 1.1, 0.3]]))
 
 
 def test_rates_of_nine_joints_add_up_to_the_platforms_turn():
@@ -30,9 +29,12 @@ def test_rates_of_nine_joints_add_up_to_the_platforms_turn():
     for row, R in enumerate(POSES):
         seconds = nominal().second_axes(kinematics.inverse(R).theta1)
         for first, second, third, name in zip(
-                PAPER.base_axes, seconds, nominal().third_axes(R), 'ABC', strict=True):
-            total = sum(np.outer(axis, joints[f'{number}{name}'][row])
-                        for number, axis in zip('123', (first, second, third), strict=True))
+            PAPER.base_axes, seconds, nominal().third_axes(R), 'ABC', strict=True
+        ):
+            total = sum(
+                np.outer(axis, joints[f'{number}{name}'][row])
+                for number, axis in zip('123', (first, second, third), strict=True)
+            )
             np.testing.assert_allclose(total, np.eye(3), atol=1e-12)
 
 
@@ -54,9 +56,14 @@ def test_the_table_of_an_independent_model(sensors):
 def largest_isolable_step(sample, threshold):
     """Return the step, rad, of which any other sensor's fault leaves the threshold unexplained."""
     gains = np.array(sample.parity_gains)
-    least = [min(np.linalg.norm(gain - other * (gain @ other) / (other @ other))
-                 for index, other in enumerate(gains) if index != sensor)
-             for sensor, gain in enumerate(gains)]
+    least = [
+        min(
+            np.linalg.norm(gain - other * (gain @ other) / (other @ other))
+            for index, other in enumerate(gains)
+            if index != sensor
+        )
+        for sensor, gain in enumerate(gains)
+    ]
     return threshold / min(least) if min(least) > 1e-6 / sample.sensors.largest else inf
 
 
@@ -67,13 +74,16 @@ def test_it_is_what_the_supervision_computes(number):
     noise = np.sqrt(nine_joints.WINDOW)
     for row, R in enumerate(POSES):
         joints = kinematics.inverse(R)
-        more = [float(angle) for angle in (joints.theta3b, joints.theta3c)][:number - 4]
+        more = [float(angle) for angle in (joints.theta3b, joints.theta3c)][: number - 4]
         sample = kinematics.estimate_sample(
             (*joints.theta1.tolist(), float(joints.theta3a), *more),
-            kinematics.UsedSensors(sigma), PAPER)
+            kinematics.UsedSensors(sigma),
+            PAPER,
+        )
         worth = integrity(sample, (0.0,) * number, (1.0,) * number)
-        reach = (nine_joints.FALSE_ALARM + MISSED_DETECTION) / noise \
-            + nine_joints.BIAS / nine_joints.SIGMA * np.sqrt(number)
+        reach = (
+            nine_joints.FALSE_ALARM + MISSED_DETECTION
+        ) / noise + nine_joints.BIAS / nine_joints.SIGMA * np.sqrt(number)
         assert found.levels[row] == pytest.approx(np.degrees(max(worth.slopes)) * reach, rel=1e-6)
         assert found.deviations[row] == pytest.approx(np.degrees(worth.deviation), rel=1e-6)
         steps = largest_isolable_step(sample, nine_joints.ISOLATION / noise)

@@ -21,6 +21,7 @@ HAND, REBOUND = 300.0, 0.3
 
 # Motions --------------------------------------------------------------------------------------
 
+
 def motion(kind: str, seconds: float, rate: float = 1000.0) -> np.ndarray:
     """Return the orientations of a motion, (n, 3, 3)."""
     return motion_at(kind, np.arange(round(seconds * rate)) / rate)
@@ -46,12 +47,14 @@ def motion_at(kind: str, t: np.ndarray) -> np.ndarray:
         # To and fro once, which confirms the solution, then at rest.
         'resting': (zero, zero, 20.0 + 8.0 * np.sin(np.pi * np.minimum(t / 0.4, 1.0))),
         # To the singularity, which confirms the solution, then at rest there.
-        'to singular': (zero, zero, SINGULAR - 10.0 * np.cos(
-            0.5 * np.pi * np.minimum(t / 0.5, 1.0)) ** 2),
+        'to singular': (
+            zero,
+            zero,
+            SINGULAR - 10.0 * np.cos(0.5 * np.pi * np.minimum(t / 0.5, 1.0)) ** 2,
+        ),
         # To and fro after 1.2 s of rest, which teach the noise.
         'taught': (zero, zero, 20.0 + 6.0 * np.sin(np.pi * np.maximum(t - 1.2, 0.0))),
-        'taught singular': (
-            zero, zero, SINGULAR + 6.0 * np.sin(np.pi * np.maximum(t - 1.2, 0.0))),
+        'taught singular': (zero, zero, SINGULAR + 6.0 * np.sin(np.pi * np.maximum(t - 1.2, 0.0))),
         'near singular': (zero, zero, SINGULAR + swing(2.0, 0.5)),
     }[kind]
     return kinematics.workspace_pose(*map(np.radians, (tilt, azimuth, phi)))
@@ -66,8 +69,9 @@ def about(pose: np.ndarray, axis: np.ndarray, angles: np.ndarray) -> np.ndarray:
 
 def random_pose(rng: np.random.Generator) -> np.ndarray:
     """Return a pose of the inner workspace."""
-    return kinematics.workspace_pose(*np.radians(
-        [rng.uniform(0.0, 12.0), rng.uniform(0.0, 360.0), rng.uniform(5.0, 60.0)]))
+    return kinematics.workspace_pose(
+        *np.radians([rng.uniform(0.0, 12.0), rng.uniform(0.0, 360.0), rng.uniform(5.0, 60.0)])
+    )
 
 
 def end_stop(speed: float, contact: float) -> np.ndarray:
@@ -78,10 +82,17 @@ def end_stop(speed: float, contact: float) -> np.ndarray:
     begin, hit = 0.15, 0.15 + up + travel
     push = HAND * ((time >= begin) & (time < begin + up))
     phase = (time - hit) / contact
-    push -= (1.0 + REBOUND) * speed * np.pi / 2.0 / contact * np.sin(np.pi * phase) * (
-        (phase >= 0.0) & (phase < 1.0))
+    push -= (
+        (1.0 + REBOUND)
+        * speed
+        * np.pi
+        / 2.0
+        / contact
+        * np.sin(np.pi * phase)
+        * ((phase >= 0.0) & (phase < 1.0))
+    )
     push += HAND * ((phase >= 1.0) & (time < hit + contact + down))
-    return (np.cumsum(np.cumsum(push)) * step * step)[::round(1e-3 / step)]
+    return (np.cumsum(np.cumsum(push)) * step * step)[:: round(1e-3 / step)]
 
 
 def vibration(hertz: float, seconds: float = 2.0) -> np.ndarray:
@@ -102,11 +113,13 @@ def disturbance(kind: str, seed: int) -> np.ndarray:
 
 # Encoders and faults --------------------------------------------------------------------------
 
+
 def joint_angles(rotations: np.ndarray, sensors: int = 4) -> np.ndarray:
     """Return the true th1A, th1B, th1C, th3A, and th3B and th3C if asked, rad, (n, sensors)."""
     joints = kinematics.inverse(rotations)
-    return np.column_stack(
-        [joints.theta1, joints.theta3a, joints.theta3b, joints.theta3c])[:, :sensors]
+    return np.column_stack([joints.theta1, joints.theta3a, joints.theta3b, joints.theta3c])[
+        :, :sensors
+    ]
 
 
 def encoders(angles: np.ndarray, noise: float = 0.04, bits: int = 14, seed: int = 1) -> np.ndarray:
@@ -131,49 +144,63 @@ def paused(n: int, *pauses: tuple[int, int]) -> np.ndarray:
 
 def offset(first: int, sensor, degrees, last: int | None = None):
     """Return a fault: a sensor, or several, off by deg from a sample on."""
+
     def change(angles):
         angles[first:last, sensor] += np.radians(degrees)
+
     return change
 
 
 def ramp(first: int, sensor: int, degrees_a_second: float):
     """Return a fault: a sensor that drifts from a sample on, at 1 kHz."""
+
     def change(angles):
         after = np.maximum(np.arange(len(angles)) - first, 0) * 1e-3
         angles[:, sensor] += np.radians(degrees_a_second) * after
+
     return change
 
 
 def stuck(first: int, sensor: int):
     """Return a fault of readings: one that repeats itself from a sample on."""
+
     def change(readings):
         readings[first:, sensor] = readings[first, sensor]
+
     return change
 
 
 def noisy(first: int, sensor: int, degrees: float):
     """Return a fault of readings: a sensor has noise from a sample on (1 sigma)."""
+
     def change(readings):
         readings[first:, sensor] += np.radians(degrees) * np.random.default_rng(3).normal(
-            size=len(readings) - first)
+            size=len(readings) - first
+        )
+
     return change
 
 
 def every(*changes):
     """Return several faults as one."""
+
     def change(angles):
         for each in changes:
             each(angles)
+
     return change
 
 
 # What the supervision makes of it -------------------------------------------------------------
 
+
 def errors(result, rotations: np.ndarray) -> np.ndarray:
     """Return the rotation error of each orientation, deg; NaN where none is published."""
     true = kinematics.quaternion_from_matrix(rotations)
-    chord = np.minimum(np.linalg.norm(true - result.quaternion, axis=1),
-                       np.linalg.norm(true + result.quaternion, axis=1))
+    chord = np.minimum(
+        np.linalg.norm(true - result.quaternion, axis=1),
+        np.linalg.norm(true + result.quaternion, axis=1),
+    )
     return np.degrees(4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)))
 
 
@@ -201,16 +228,29 @@ class Outcome:
 
     def longest_undeclared(self, sensor: int, rate: float = 1000.0) -> float:
         """Return the longest time, s, off by more than the level with the sensor checked."""
-        return longest((self.error > self.level)
-                       & (self.result.unchecked[:, sensor] == 0.0)) / rate
+        return (
+            longest((self.error > self.level) & (self.result.unchecked[:, sensor] == 0.0)) / rate
+        )
 
     def longest_silence(self, first: int = 100) -> int:
         """Return the most samples in a row without an orientation."""
         return longest(~self.published[first:])
 
 
-def run(kind, sensors=4, seconds=2.0, rate=1000.0, change=None, spoil=None, noise=0.04, bits=14,
-        seed=1, times=None, keep=slice(None), **parameters) -> Outcome | None:
+def run(
+    kind,
+    sensors=4,
+    seconds=2.0,
+    rate=1000.0,
+    change=None,
+    spoil=None,
+    noise=0.04,
+    bits=14,
+    seed=1,
+    times=None,
+    keep=slice(None),
+    **parameters,
+) -> Outcome | None:
     """
     Play a kind of motion, or orientations; None where the device does not reach them.
 

@@ -29,9 +29,13 @@ def few(*axes, count=None):
     """
     sizes = [len(values) for values in axes]
     quick = {tuple(index % size for size in sizes) for index in range(count or max(sizes))}
-    return [pytest.param(*(values[place] for values, place in zip(axes, places, strict=True)),
-                         marks=() if places in quick else pytest.mark.slow)
-            for places in product(*map(range, sizes))]
+    return [
+        pytest.param(
+            *(values[place] for values, place in zip(axes, places, strict=True)),
+            marks=() if places in quick else pytest.mark.slow,
+        )
+        for places in product(*map(range, sizes))
+    ]
 
 
 def product_limits(**changed) -> Limits:
@@ -48,13 +52,13 @@ class Rig:
 
     def __init__(self, sensors=4, pose=(8.0, 30.0, 20.0), healthy=True, **settings):
         self.supervisor = make_supervisor(
-            complete(SUPERVISION_SETTINGS, {'sensors': sensors, **settings}))
+            complete(SUPERVISION_SETTINGS, {'sensors': sensors, **settings})
+        )
         self.sensors, self.now = sensors, 1000 * MS
         self._rng = np.random.default_rng(1)
         turn = np.concatenate([8.0 * np.sin(np.linspace(0.0, np.pi, 200)) ** 2, np.zeros(50)])
         tilt, azimuth, phi = np.radians(pose)
-        rotations = workspace_pose(
-            0.0 * turn + tilt, 0.0 * turn + azimuth, phi + np.radians(turn))
+        rotations = workspace_pose(0.0 * turn + tilt, 0.0 * turn + azimuth, phi + np.radians(turn))
         path = joint_angles(rotations, sensors)
         self.place = path[-1]
         self._true = tuple(quaternion_from_matrix(rotations[-1]).tolist())
@@ -69,7 +73,8 @@ class Rig:
             stamp = self.now
         readings = angles + NOISE * self._rng.normal(size=self.sensors)
         self.verdict = self.supervisor.take(
-            stamp, tuple((np.round(readings / COUNT) * COUNT).tolist()))
+            stamp, tuple((np.round(readings / COUNT) * COUNT).tolist())
+        )
         return self.verdict
 
     def sample(self, after=1, stamp=None, **moved):
@@ -81,14 +86,19 @@ class Rig:
 
     def samples(self, count, **moved):
         """Take equal samples; return the causes of those that are withheld, None for others."""
-        return [verdict.cause and verdict.cause.words
-                for verdict in (self.sample(**moved) for _ in range(count))]
+        return [
+            verdict.cause and verdict.cause.words
+            for verdict in (self.sample(**moved) for _ in range(count))
+        ]
 
     def errors(self, count, **moved):
         """Take equal samples; return the errors, deg, of the orientations that are published."""
         verdicts = [self.sample(**moved) for _ in range(count)]
-        return [np.degrees(rotation_distance(verdict.estimate.quaternion, self._true))
-                for verdict in verdicts if verdict.estimate is not None]
+        return [
+            np.degrees(rotation_distance(verdict.estimate.quaternion, self._true))
+            for verdict in verdicts
+            if verdict.estimate is not None
+        ]
 
     @property
     def state(self):

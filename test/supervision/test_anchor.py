@@ -60,10 +60,18 @@ def test_a_turn_faster_than_a_human_does_not_continue_the_motion(sign, after_ms)
     assert symptom.reason is Reason.DISCONTINUOUS and f'limit {reach:.3f}' in symptom.detail
 
 
-@pytest.mark.parametrize(('angles', 'confirmed'), [
-    ([], False), ([20.0] * 1000, False), (swept(20.0, 24.9), False), (swept(20.0, 25.1), True),
-    # Once it has moved, it may rest; to and fro is no motion.
-    (swept(20.0, 25.1) + swept(25.1, 20.0), True), ([2.0, -2.0] * 100, False)])
+@pytest.mark.parametrize(
+    ('angles', 'confirmed'),
+    [
+        ([], False),
+        ([20.0] * 1000, False),
+        (swept(20.0, 24.9), False),
+        (swept(20.0, 25.1), True),
+        # Once it has moved, it may rest; to and fro is no motion.
+        (swept(20.0, 25.1) + swept(25.1, 20.0), True),
+        ([2.0, -2.0] * 100, False),
+    ],
+)
 def test_a_solution_is_confirmed_by_five_degrees_of_consistent_motion(angles, confirmed):
     assert after(*angles)[0].confirmed == confirmed
 

@@ -25,16 +25,20 @@ MOTIONS = ('rest', 'singular', 'turning', 'rim', 'sweep', 'fast')
 
 def lost(sensor):
     """Return a fault: frames lost at random, then for long, then an infinite angle."""
+
     def change(readings):
         readings[np.random.default_rng(1).random(readings.shape) < 0.01] = np.nan
         readings[250:300, sensor], readings[400, sensor] = np.nan, np.inf
+
     return change
 
 
 def spikes(sensor):
     """Return a fault: every twelfth reading is wrong for a while."""
+
     def change(readings):
         readings[100:400:12, sensor] += 0.1
+
     return change
 
 
@@ -45,57 +49,105 @@ def slow(readings):
 
 # By name: arguments of `run`.
 CASES = {
-    **{f'{what}, {sensors} sensors': {'sensors': sensors, 'seed': sensors, **arguments}
-       for sensors in (4, 5, 6) for what, arguments in {
-           'step': {'kind': 'turning', 'change': offset(200, 1, 2.0, 400), 'recovery': 0.1},
-           'step, others go on': {'kind': 'sweep', 'change': offset(200, 3, -5.0),
-                                  'degraded': 'allow', 'alert_limit_deg': 2.0},
-           'two faults': {'kind': 'turning', 'degraded': 'allow', 'recovery': 0.1, 'change': every(
-               offset(150, 0, 3.0, 300), offset(220, 3, -2.0, 400))},
-           'drift': {'kind': 'resting', 'seconds': 0.8, 'change': ramp(500, 2, 5.0),
-                     'alert_limit_deg': 2.0},
-           'stuck': {'kind': 'taught', 'seconds': 1.7, 'spoil': stuck(1500, 0)},
-           'spikes': {'kind': 'turning', 'spoil': spikes(1)},
-           'lost': {'kind': 'rim', 'spoil': lost(3)},
-           'noisy': {'kind': 'sweep', 'spoil': noisy(200, 1, 0.5), 'alert_limit_deg': 2.0},
-           'pause': {'kind': 'singular', 'change': offset(299, 3, 2.0),
-                     'times': paused(600, (200, 7), (300, 30), (500, 700))},
-           'slow encoders': {'kind': 'fast', 'spoil': slow, 'skew': 0.001,
-                             'alert_limit_deg': 5.0},
-           'unchecked': {'kind': 'singular', 'unchecked_limit': 0.3, 'bias_deg': [0.02] * 4},
-           'end stop': {'kind': disturbance('end stop', 1)},
-           'vibration': {'kind': disturbance('vibration', 2)[:900]}}.items()},
-    **{f'{method}, {motion}': {'kind': motion, 'solver': method, 'alert_limit_deg': 5.0}
-       for method in ('theta3a', 'classic') for motion in MOTIONS},
+    **{
+        f'{what}, {sensors} sensors': {'sensors': sensors, 'seed': sensors, **arguments}
+        for sensors in (4, 5, 6)
+        for what, arguments in {
+            'step': {'kind': 'turning', 'change': offset(200, 1, 2.0, 400), 'recovery': 0.1},
+            'step, others go on': {
+                'kind': 'sweep',
+                'change': offset(200, 3, -5.0),
+                'degraded': 'allow',
+                'alert_limit_deg': 2.0,
+            },
+            'two faults': {
+                'kind': 'turning',
+                'degraded': 'allow',
+                'recovery': 0.1,
+                'change': every(offset(150, 0, 3.0, 300), offset(220, 3, -2.0, 400)),
+            },
+            'drift': {
+                'kind': 'resting',
+                'seconds': 0.8,
+                'change': ramp(500, 2, 5.0),
+                'alert_limit_deg': 2.0,
+            },
+            'stuck': {'kind': 'taught', 'seconds': 1.7, 'spoil': stuck(1500, 0)},
+            'spikes': {'kind': 'turning', 'spoil': spikes(1)},
+            'lost': {'kind': 'rim', 'spoil': lost(3)},
+            'noisy': {'kind': 'sweep', 'spoil': noisy(200, 1, 0.5), 'alert_limit_deg': 2.0},
+            'pause': {
+                'kind': 'singular',
+                'change': offset(299, 3, 2.0),
+                'times': paused(600, (200, 7), (300, 30), (500, 700)),
+            },
+            'slow encoders': {
+                'kind': 'fast',
+                'spoil': slow,
+                'skew': 0.001,
+                'alert_limit_deg': 5.0,
+            },
+            'unchecked': {'kind': 'singular', 'unchecked_limit': 0.3, 'bias_deg': [0.02] * 4},
+            'end stop': {'kind': disturbance('end stop', 1)},
+            'vibration': {'kind': disturbance('vibration', 2)[:900]},
+        }.items()
+    },
+    **{
+        f'{method}, {motion}': {'kind': motion, 'solver': method, 'alert_limit_deg': 5.0}
+        for method in ('theta3a', 'classic')
+        for motion in MOTIONS
+    },
     'two that cancel': {'kind': 'rest', 'change': offset(300, [0, 1], [2.0, -1.87])},
-    'a second sensor jumps': {'kind': 'turning', 'degraded': 'allow', 'change': every(
-        offset(100, 1, 5.0), offset(200, 3, 1.0))},
+    'a second sensor jumps': {
+        'kind': 'turning',
+        'degraded': 'allow',
+        'change': every(offset(100, 1, 5.0), offset(200, 3, 1.0)),
+    },
     'glitches of others, 6 sensors': {
-        'kind': 'sweep', 'sensors': 6, 'seconds': 1.2, 'recovery': 0.3, 'change': every(
-            offset(100, 0, 3.0), offset(400, 5, 4.0, 403), offset(500, 3, 4.0, 503))},
-    **{f'jump behind a gap of {gap} ms': {
-        'kind': 'singular', 'seconds': 0.4, 'change': offset(230, 3, 1.0),
-        'times': paused(400, (200, gap))} for gap in (200, 450, 2000)},
-    'start_checked': {'kind': 'through', 'seconds': 2.0, 'start_checked': True,
-                      'alert_limit_deg': 2.0},
+        'kind': 'sweep',
+        'sensors': 6,
+        'seconds': 1.2,
+        'recovery': 0.3,
+        'change': every(offset(100, 0, 3.0), offset(400, 5, 4.0, 403), offset(500, 3, 4.0, 503)),
+    },
+    **{
+        f'jump behind a gap of {gap} ms': {
+            'kind': 'singular',
+            'seconds': 0.4,
+            'change': offset(230, 3, 1.0),
+            'times': paused(400, (200, gap)),
+        }
+        for gap in (200, 450, 2000)
+    },
+    'start_checked': {
+        'kind': 'through',
+        'seconds': 2.0,
+        'start_checked': True,
+        'alert_limit_deg': 2.0,
+    },
     'clock set back': {'kind': 'turning', 'times': paused(600, (300, -10_000))},
-    'out of range': {
-        'kind': 'rest', 'change': offset(300, 1, 20.0), 'joint_max_deg': [80.0] * 4},
-    'slow sampling': {'kind': 'sweep', 'rate': 100.0, 'seconds': 5.0,
-                      'change': offset(300, 0, 2.0)}}
+    'out of range': {'kind': 'rest', 'change': offset(300, 1, 20.0), 'joint_max_deg': [80.0] * 4},
+    'slow sampling': {
+        'kind': 'sweep',
+        'rate': 100.0,
+        'seconds': 5.0,
+        'change': offset(300, 0, 2.0),
+    },
+}
 
 
 def decisions(case):
     """Return what becomes of a recording, as JSON has it."""
     result = run(**{'seconds': 0.6, **case}).result
     levels, checked = result.protection_level[::50], result.unchecked == 0.0
-    return {'published': int(result.published.sum()),
-            'state': [f'{index} {text}' for index, text in result.state],
-            'reasons': dict(sorted(result.reasons.items())),
-            'checked': checked.sum(axis=0).tolist(),
-            'bounds': [None if np.isinf(each) else float(f'{each:.4g}')
-                       for each in result.bounds[-1]],
-            'levels': [None if np.isnan(each) else float(f'{each:.4g}') for each in levels]}
+    return {
+        'published': int(result.published.sum()),
+        'state': [f'{index} {text}' for index, text in result.state],
+        'reasons': dict(sorted(result.reasons.items())),
+        'checked': checked.sum(axis=0).tolist(),
+        'bounds': [None if np.isinf(each) else float(f'{each:.4g}') for each in result.bounds[-1]],
+        'levels': [None if np.isnan(each) else float(f'{each:.4g}') for each in levels],
+    }
 
 
 @pytest.mark.parametrize('name', CASES)
@@ -103,7 +155,8 @@ def test_a_recording_is_decided_as_before(name):
     found, expected = decisions(CASES[name]), json.loads(TABLE.read_text())[name]
     for figures in ('levels', 'bounds'):
         np.testing.assert_allclose(
-            np.array(found.pop(figures), float), np.array(expected.pop(figures), float), rtol=1e-2)
+            np.array(found.pop(figures), float), np.array(expected.pop(figures), float), rtol=1e-2
+        )
     assert found == expected
 
 

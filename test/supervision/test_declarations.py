@@ -34,20 +34,28 @@ def test_the_level_is_the_largest_part_and_that_of_healthy_sensors_at_least():
 
 def test_another_method_adds_its_distance_to_every_part():
     usual, theta3a = settled(), settled(solver='theta3a')
-    apart = rotation_distance(usual.verdict.estimate.quaternion,
-                              theta3a.verdict.estimate.quaternion)
+    apart = rotation_distance(
+        usual.verdict.estimate.quaternion, theta3a.verdict.estimate.quaternion
+    )
     assert apart > radians(0.01)
     # Beside its larger deviation.
-    deviations = [5.3 * sqrt(sum(rig.verdict.estimate.covariance[::4])) for rig in (
-        usual, theta3a)]
+    deviations = [
+        5.3 * sqrt(sum(rig.verdict.estimate.covariance[::4])) for rig in (usual, theta3a)
+    ]
     added = np.array(theta3a.supervisor.parts) - usual.supervisor.parts
     assert added == pytest.approx(apart + deviations[1] - deviations[0], rel=1e-3)
 
 
 def test_a_declared_skew_adds_to_the_level_with_the_speed():
-    added = {kind: np.subtract(*(run(kind, seconds=1.0, skew=skew, alert_limit_deg=10.0)
-                                 .level[500:].mean() for skew in (0.003, 0.0)))
-             for kind in ('fast', 'rest')}
+    added = {
+        kind: np.subtract(
+            *(
+                run(kind, seconds=1.0, skew=skew, alert_limit_deg=10.0).level[500:].mean()
+                for skew in (0.003, 0.0)
+            )
+        )
+        for kind in ('fast', 'rest')
+    }
     assert added['fast'] > 2.0 * added['rest'] > 0.0
 
 
@@ -61,8 +69,9 @@ def test_noise_beyond_chance_raises_the_level_and_is_a_caution(factor, counts):
         for _ in range(1200):
             rig.sample(th1b=0.04 * sqrt(changed**2 - 1.0) * rng.normal())
         levels.append(rig.verdict.protection_level)
-    found = {kind: text for kind, text in rig.supervisor.cautions().items()
-             if kind.startswith('noise')}
+    found = {
+        kind: text for kind, text in rig.supervisor.cautions().items() if kind.startswith('noise')
+    }
     assert degrees(rig.supervisor.joints.noise()[1]) == pytest.approx(0.04 * factor, rel=0.2)
     if counts:
         assert 1.05 < levels[1] / levels[0] < 2.0

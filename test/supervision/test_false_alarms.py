@@ -9,17 +9,26 @@ import pytest
 from rig import few, MS
 
 SENSORS = (4, 6, 5)
-SEEDS = pytest.mark.parametrize('seeds', [
-    pytest.param(range(1), id='few'),
-    pytest.param(range(1, 25), id='more', marks=pytest.mark.evidence)])
+SEEDS = pytest.mark.parametrize(
+    'seeds',
+    [
+        pytest.param(range(1), id='few'),
+        pytest.param(range(1, 25), id='more', marks=pytest.mark.evidence),
+    ],
+)
 
 
 # Motions and encoders -------------------------------------------------------------------------
 
-@pytest.mark.parametrize(('kind', 'sensors'), few([
-    'rest', 'singular', 'crossing', 'turning', 'rim', 'tremor', 'sweep', 'fast'], SENSORS))
-@pytest.mark.parametrize('seconds', [
-    pytest.param(1.0, id='short'), pytest.param(25.0, id='long', marks=pytest.mark.evidence)])
+
+@pytest.mark.parametrize(
+    ('kind', 'sensors'),
+    few(['rest', 'singular', 'crossing', 'turning', 'rim', 'tremor', 'sweep', 'fast'], SENSORS),
+)
+@pytest.mark.parametrize(
+    'seconds',
+    [pytest.param(1.0, id='short'), pytest.param(25.0, id='long', marks=pytest.mark.evidence)],
+)
 def test_no_false_alarm_in_many_healthy_samples(kind, sensors, seconds):
     """The threshold promises one in 10,000 hours, 3.6e10 samples; `make faults` plays hours."""
     outcome = device.run(kind, sensors, seconds)
@@ -29,14 +38,14 @@ def test_no_false_alarm_in_many_healthy_samples(kind, sensors, seconds):
         assert (outcome.result.unchecked[100:] == 0.0).all()
 
 
-@pytest.mark.parametrize(('kind', 'noise', 'bits'), few(
-    ['rest', 'tremor', 'fast'], [0.0, 0.005], [12, 16]))
+@pytest.mark.parametrize(
+    ('kind', 'noise', 'bits'), few(['rest', 'tremor', 'fast'], [0.0, 0.005], [12, 16])
+)
 def test_a_healthy_quiet_encoder_is_not_frozen(kind, noise, bits):
     assert device.run(kind, noise=noise, bits=bits).published[10:].all()
 
 
-@pytest.mark.parametrize(('sensors', 'hold', 'speed'), few(
-    SENSORS, (2, 4), (1.0, 0.5), count=1))
+@pytest.mark.parametrize(('sensors', 'hold', 'speed'), few(SENSORS, (2, 4), (1.0, 0.5), count=1))
 def test_encoders_slower_than_the_bus_are_within_the_level(sensors, hold, speed):
     """All hold their readings for some samples; largest speed of a joint in rad/s."""
     angles = device.joint_angles(device.motion('fast', 2.0))
@@ -51,6 +60,7 @@ def test_encoders_slower_than_the_bus_are_within_the_level(sensors, hold, speed)
 def test_a_declared_skew_between_encoders_is_allowed_for():
     def late(angles):
         angles[1:, 3] = angles[:-1, 3].copy()
+
     outcome = device.run('fast', seconds=1.0, change=late, skew=0.002, alert_limit_deg=3.0)
     assert outcome.published[10:].mean() > 0.999
 
@@ -64,10 +74,17 @@ def test_small_systematic_errors_are_not_silent():
 
 # Impacts and vibrations -----------------------------------------------------------------------
 
+
 def disturbed(kind, seed, sensors, encoder):
     noise, bits = device.ENCODER_KINDS[encoder]
-    return device.run(device.disturbance(kind, seed), sensors, noise=noise, bits=bits, seed=seed,
-                      sigma_deg=[noise] * 4)
+    return device.run(
+        device.disturbance(kind, seed),
+        sensors,
+        noise=noise,
+        bits=bits,
+        seed=seed,
+        sigma_deg=[noise] * 4,
+    )
 
 
 @SEEDS
@@ -98,13 +115,14 @@ def test_a_vibration_is_healthy(sensors, encoder, seeds):
 
 # Stamps ---------------------------------------------------------------------------------------
 
+
 def bursts(rng):
     """Return stamps of which some come late, several at once."""
     times = np.arange(2_000) * MS
     for start in rng.integers(100, 1_900, 40):
         length = rng.integers(2, 30)
         last = times[start + length - 1]
-        times[start:start + length] = last - np.arange(length)[::-1] * 20_000
+        times[start : start + length] = last - np.arange(length)[::-1] * 20_000
     return np.maximum.accumulate(times) + np.arange(2_000)
 
 
@@ -114,8 +132,9 @@ def losses(rng, count=2_000):
     return np.cumsum(steps + rng.integers(-MS // 10, MS // 10, count))
 
 
-@pytest.mark.parametrize(('kind', 'drawn'), few(
-    ['rest', 'crossing', 'sweep'], [bursts, losses], count=2))
+@pytest.mark.parametrize(
+    ('kind', 'drawn'), few(['rest', 'crossing', 'sweep'], [bursts, losses], count=2)
+)
 def test_no_false_alarm_on_a_busy_host(kind, drawn):
     times = drawn(np.random.default_rng(13))
     rotations = device.motion_at(kind, times * 1e-9)
@@ -125,17 +144,25 @@ def test_no_false_alarm_on_a_busy_host(kind, drawn):
 
 # Spikes and interference ----------------------------------------------------------------------
 
+
 def test_a_spike_is_withheld_and_is_no_fault():
-    outcome = device.run('turning', seconds=0.5, change=device.every(
-        device.offset(200, 0, 4.0, 201), device.offset(300, 3, -60.0, 302)))
+    outcome = device.run(
+        'turning',
+        seconds=0.5,
+        change=device.every(device.offset(200, 0, 4.0, 201), device.offset(300, 3, -60.0, 302)),
+    )
     assert list(np.flatnonzero(~outcome.published[5:]) + 5) == [200, 300, 301]
     assert outcome.within_level and outcome.states[-1] == 'healthy'
 
 
 @pytest.mark.parametrize('gap', [7, 20])
 def test_a_spike_right_before_a_gap_is_no_fault(gap):
-    outcome = device.run('singular', seconds=0.4, change=device.offset(199, 3, 3.0, 200),
-                         times=device.paused(400, (200, gap)))
+    outcome = device.run(
+        'singular',
+        seconds=0.4,
+        change=device.offset(199, 3, 3.0, 200),
+        times=device.paused(400, (200, gap)),
+    )
     assert np.flatnonzero(~outcome.published).tolist() == [0, 1, 2, 3, 199]
     assert outcome.states[-1] == 'healthy'
 
@@ -144,10 +171,14 @@ def test_a_spike_right_before_a_gap_is_no_fault(gap):
 def test_a_first_reading_that_is_wrong_does_not_silence_for_good(index, sensor, gap):
     first = 200 if gap else 0
     wrong = first + index
-    outcome = device.run('rest', seconds=0.4, change=device.offset(wrong, sensor, 5.0, wrong + 1),
-                         times=device.paused(400, (first, gap)))
-    assert not outcome.published[first:wrong + 1].any()
-    assert outcome.published[first + 30:].all() and outcome.states[-1] == 'healthy'
+    outcome = device.run(
+        'rest',
+        seconds=0.4,
+        change=device.offset(wrong, sensor, 5.0, wrong + 1),
+        times=device.paused(400, (first, gap)),
+    )
+    assert not outcome.published[first : wrong + 1].any()
+    assert outcome.published[first + 30 :].all() and outcome.states[-1] == 'healthy'
 
 
 @SEEDS
@@ -167,12 +198,14 @@ def test_after_an_interference_orientations_come_again_by_themselves(sensors, ki
         for first in (500, 800):
             length, lost = int(rng.integers(1, 6)), int(rng.integers(0, 9))
             spans.append(slice(first, first + length))
-            keep[first + length:first + length + lost] = False
+            keep[first + length : first + length + lost] = False
 
         def change(angles, spans=spans, wrong=wrong, size=size, rng=rng):
             for span in spans:
                 angles[span, wrong] += size * rng.uniform(
-                    -1.0, 1.0, (span.stop - span.start, len(wrong)))
+                    -1.0, 1.0, (span.stop - span.start, len(wrong))
+                )
+
         outcome = device.run(kind, sensors, seconds, seed=seed, spoil=change, keep=keep)
         assert outcome.published[-100:].all(), seed
 

@@ -15,8 +15,10 @@ RECOVERY = 0.1005  # s, a hundred samples
 
 def until_healthy(rig, **moved):
     """Return after how many samples the state is healthy; None if it is not within 300."""
-    return next((count for count in range(1, 300)
-                 if rig.samples(1, **moved) and rig.state == 'healthy'), None)
+    return next(
+        (count for count in range(1, 300) if rig.samples(1, **moved) and rig.state == 'healthy'),
+        None,
+    )
 
 
 def test_a_fault_is_over_after_its_recovery_which_a_bad_sample_begins_again():
@@ -91,6 +93,7 @@ def test_two_that_jumped_back_need_no_person():
 
 # Which sensor it is ---------------------------------------------------------------------------
 
+
 def left_out(sensors, pose, sensor, size):
     """Return the sensors that a step of one, at rest in a pose, has excluded."""
     rig = Rig(sensors, pose, degraded='allow', alert_limit_deg=30.0)
@@ -98,8 +101,10 @@ def left_out(sensors, pose, sensor, size):
     return rig.left_out
 
 
-@pytest.mark.parametrize(('sensors', 'size', 'share'), [
-    (5, 0.5, 0.0), (5, 2.0, 0.5), (5, 20.0, 0.9), (6, 0.5, 0.9), (6, 2.0, 1.0), (6, 20.0, 1.0)])
+@pytest.mark.parametrize(
+    ('sensors', 'size', 'share'),
+    [(5, 0.5, 0.0), (5, 2.0, 0.5), (5, 20.0, 0.9), (6, 0.5, 0.9), (6, 2.0, 1.0), (6, 20.0, 1.0)],
+)
 def test_a_step_is_isolated_to_its_sensor_or_to_none(sensors, size, share):
     """A small step of one of five may be that of another as well: then to none."""
     rng, found = np.random.default_rng(1), []
@@ -112,16 +117,24 @@ def test_a_step_is_isolated_to_its_sensor_or_to_none(sensors, size, share):
     assert np.mean(found) >= share
 
 
-@pytest.mark.parametrize(('pose', 'sensor', 'size'), [
-    ((0.0, 116.0, 70.0), 1, 13.0), ((1.0, 244.0, 44.0), 4, 16.0), ((8.0, 304.0, 81.0), 1, -13.0),
-    ((13.0, 282.0, 86.0), 1, 21.0)])
+@pytest.mark.parametrize(
+    ('pose', 'sensor', 'size'),
+    [
+        ((0.0, 116.0, 70.0), 1, 13.0),
+        ((1.0, 244.0, 44.0), 4, 16.0),
+        ((8.0, 304.0, 81.0), 1, -13.0),
+        ((13.0, 282.0, 86.0), 1, 21.0),
+    ],
+)
 def test_an_orientation_that_does_not_continue_the_motion_isolates_no_sensor(pose, sensor, size):
     """Without another sensor than the faulty one, four fit another orientation by chance."""
     assert left_out(5, pose, sensor, size) in ((), (ALL_JOINT_NAMES[sensor],))
 
 
-@pytest.mark.parametrize(('pose', 'moved'), [
-    ((9.57, 295.27, 79.69), {'th1b': -10.0}), ((10.5, 142.0, 61.7), {'th1b': 10.0})])
+@pytest.mark.parametrize(
+    ('pose', 'moved'),
+    [((9.57, 295.27, 79.69), {'th1b': -10.0}), ((10.5, 142.0, 61.7), {'th1b': 10.0})],
+)
 def test_one_fault_of_five_is_never_beyond_the_level(pose, moved):
     rig = Rig(5, pose, degraded='allow')
     assert max(rig.errors(600, **moved), default=0.0) < 1.0

@@ -26,11 +26,14 @@ def outcome(kind, sensors, change=None, seconds=0.4, **options):
 def missing(first, last, *sensors):
     def change(readings):
         readings[first:last, list(sensors)] = np.nan
+
     return change
 
 
-@pytest.mark.parametrize(('fault', 'sensor'), few([
-    ('singular', offset, 1.0), ('crossing', ramp, 10.0), ('through', stuck)], (3, 4)))
+@pytest.mark.parametrize(
+    ('fault', 'sensor'),
+    few([('singular', offset, 1.0), ('crossing', ramp, 10.0), ('through', stuck)], (3, 4)),
+)
 def test_five_are_silent_where_four_see_nothing(fault, sensor):
     kind, change, *size = fault
     found = outcome(kind, 5, spoil=change(BEGIN, sensor, *size), seconds=0.5)
@@ -39,8 +42,11 @@ def test_five_are_silent_where_four_see_nothing(fault, sensor):
 
 # Six without a faulty one ---------------------------------------------------------------------
 
-@pytest.mark.parametrize(('fault', 'sensor'), few([
-    ('singular', ramp, 10.0), ('crossing', offset, 1.0), ('sweep', offset, 30.0)], SENSORS))
+
+@pytest.mark.parametrize(
+    ('fault', 'sensor'),
+    few([('singular', ramp, 10.0), ('crossing', offset, 1.0), ('sweep', offset, 30.0)], SENSORS),
+)
 def test_six_isolate_the_faulty_one_and_go_on(fault, sensor):
     kind, change, size = fault
     found = outcome(kind, 6, change(BEGIN, sensor, size))
@@ -51,8 +57,10 @@ def test_six_isolate_the_faulty_one_and_go_on(fault, sensor):
     assert unchecked[sensor] > 0.2 and (np.delete(unchecked, sensor) == 0.0).all()
 
 
-@pytest.mark.parametrize(('motion', 'sensor'), few(
-    [('sweep', 250.0), ('fast', 500.0), ('turning', 1000.0)], SENSORS, count=3))
+@pytest.mark.parametrize(
+    ('motion', 'sensor'),
+    few([('sweep', 250.0), ('fast', 500.0), ('turning', 1000.0)], SENSORS, count=3),
+)
 def test_six_go_on_within_20_ms_without_one_that_is_stuck(motion, sensor):
     kind, rate = motion
     seconds = 1.6 + 0.1 * sensor
@@ -62,29 +70,36 @@ def test_six_go_on_within_20_ms_without_one_that_is_stuck(motion, sensor):
     assert found.states[-1] == f'degraded: {ALL_JOINT_NAMES[sensor]} excluded'
 
 
-@pytest.mark.parametrize(('growth', 'sensor'), few(
-    [(0.35, 1.0, 1.8), (2.0, 0.001, 0.5)], SENSORS, count=2))
+@pytest.mark.parametrize(
+    ('growth', 'sensor'), few([(0.35, 1.0, 1.8), (2.0, 0.001, 0.5)], SENSORS, count=2)
+)
 def test_one_of_six_that_grows_noisy_is_excluded(growth, sensor):
     """Within a second, or at once."""
     size, slow, seconds = growth
 
     def grow(readings):
         share = np.clip((np.arange(len(readings)) * 1e-3 - 0.3) / slow, 0.0, 1.0)
-        readings[:, sensor] += np.radians(size) * share * np.random.default_rng(sensor).normal(
-            size=len(readings))
+        readings[:, sensor] += (
+            np.radians(size) * share * np.random.default_rng(sensor).normal(size=len(readings))
+        )
+
     found = run('sweep', 6, seconds, spoil=grow)
     assert found.states[-1] == f'degraded: {ALL_JOINT_NAMES[sensor]} excluded'
     assert found.published[-150:].mean() > 0.99
     assert found.longest_undeclared(sensor) <= 0.02
 
 
-@pytest.mark.parametrize(('kind', 'change', 'silence', 'excluded', 'seconds'), [
-    # Wrong before the start.
-    ('crossing', offset(0, 3, 20.0), 0, 'joint_3a', 0.3),
-    # A drift too slow to name the sensor at once.
-    ('rest', ramp(BEGIN, 0, 1.0), 2 * ALERT, 'joint_1a', 1.0),
-    # A spike of another sensor.
-    ('rest', every(offset(BEGIN, 3, 3.0), offset(250, 0, 4.0, 251)), ALERT, 'joint_3a', 0.4)])
+@pytest.mark.parametrize(
+    ('kind', 'change', 'silence', 'excluded', 'seconds'),
+    [
+        # Wrong before the start.
+        ('crossing', offset(0, 3, 20.0), 0, 'joint_3a', 0.3),
+        # A drift too slow to name the sensor at once.
+        ('rest', ramp(BEGIN, 0, 1.0), 2 * ALERT, 'joint_1a', 1.0),
+        # A spike of another sensor.
+        ('rest', every(offset(BEGIN, 3, 3.0), offset(250, 0, 4.0, 251)), ALERT, 'joint_3a', 0.4),
+    ],
+)
 def test_six_go_on_and_name_it(kind, change, silence, excluded, seconds):
     found = outcome(kind, 6, change, seconds)
     assert found.states[-1] == f'degraded: {excluded} excluded'
@@ -93,19 +108,24 @@ def test_six_go_on_and_name_it(kind, change, silence, excluded, seconds):
 
 # Silence --------------------------------------------------------------------------------------
 
+
 @pytest.mark.parametrize('first', [0, 3])
 def test_a_second_faulty_sensor_is_silence(first):
     found = outcome('sweep', 6, every(offset(BEGIN, first, 3.0), offset(BEGIN + 100, 5, 3.0)))
-    assert found.published[BEGIN + ALERT:BEGIN + 100].all()
-    assert not found.published[BEGIN + 100:].any()
+    assert found.published[BEGIN + ALERT : BEGIN + 100].all()
+    assert not found.published[BEGIN + 100 :].any()
     assert found.states[-1].startswith('silent: ')
 
 
-@pytest.mark.parametrize(('kind', 'change', 'parameters', 'words'), [
-    ('sweep', offset(BEGIN, 3, 1.0), {'degraded': 'stop'}, 'silent: joint_3a '),
-    # Two that jump at once need no acknowledgement.
-    ('rest', offset(BEGIN, [0, 1], 3.0), {}, 'silent: inconsistent angles'),
-    ('rest', None, {'working_mode': [1, -1, 1]}, 'silent: ')])
+@pytest.mark.parametrize(
+    ('kind', 'change', 'parameters', 'words'),
+    [
+        ('sweep', offset(BEGIN, 3, 1.0), {'degraded': 'stop'}, 'silent: joint_3a '),
+        # Two that jump at once need no acknowledgement.
+        ('rest', offset(BEGIN, [0, 1], 3.0), {}, 'silent: inconsistent angles'),
+        ('rest', None, {'working_mode': [1, -1, 1]}, 'silent: '),
+    ],
+)
 def test_six_that_may_not_or_cannot_go_on_are_silent(kind, change, parameters, words):
     found = outcome(kind, 6, change, 0.3, **parameters)
     assert not found.published[BEGIN:].any()
@@ -114,10 +134,18 @@ def test_six_that_may_not_or_cannot_go_on_are_silent(kind, change, parameters, w
 
 # Without a reading ----------------------------------------------------------------------------
 
-@pytest.mark.parametrize(('sensors', 'gone'), [
-    *((5, (sensor,)) for sensor in (1, 4)), *((6, (sensor,)) for sensor in range(6)),
-    *(pytest.param(6, pair, marks=() if sum(pair) == 5 else pytest.mark.slow)
-      for pair in combinations(range(6), 2))])
+
+@pytest.mark.parametrize(
+    ('sensors', 'gone'),
+    [
+        *((5, (sensor,)) for sensor in (1, 4)),
+        *((6, (sensor,)) for sensor in range(6)),
+        *(
+            pytest.param(6, pair, marks=() if sum(pair) == 5 else pytest.mark.slow)
+            for pair in combinations(range(6), 2)
+        ),
+    ],
+)
 def test_one_of_five_or_two_of_six_that_are_missing_cost_no_orientation(sensors, gone):
     found = outcome('sweep', sensors, seconds=0.25, spoil=missing(100, 180, *gone))
     assert found.published[10:].mean() > 0.99

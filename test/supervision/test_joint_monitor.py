@@ -20,8 +20,7 @@ ENCODERS = [(0.04, 14), (0.006, 14), (0.006, 17)]
 
 
 def joint(sigma=SIGMA):
-    return JointMonitor(
-        sigma, LIMITS.threshold(), LIMITS.joint_acceleration, LIMITS.joint_speed)
+    return JointMonitor(sigma, LIMITS.threshold(), LIMITS.joint_acceleration, LIMITS.joint_speed)
 
 
 def encoder(angles, noise=0.04, bits=14, seed=1):
@@ -48,11 +47,13 @@ def follow(monitor, readings, dt=DT, period=DT):
 
 def runs(angles, noise, bits, seeds=8):
     """Return what monitors show of an encoder's readings with different noise."""
-    return [follow(joint(radians(noise)), encoder(angles, noise, bits, seed))
-            for seed in range(seeds)]
+    return [
+        follow(joint(radians(noise)), encoder(angles, noise, bits, seed)) for seed in range(seeds)
+    ]
 
 
 # Its motion ---------------------------------------------------------------------------------
+
 
 @pytest.mark.parametrize(('noise', 'bits'), ENCODERS)
 @pytest.mark.parametrize('dt', [2.5e-4, DT, 0.01])
@@ -100,6 +101,7 @@ def test_after_five_periods_without_a_reading_the_velocity_is_set_anew():
 
 # What leaves it -----------------------------------------------------------------------------
 
+
 def test_two_readings_set_the_motion_and_no_human_moves_faster_than_the_second():
     """By the speed limit in a period, 1.15 deg, and noise."""
     for readings, away in (((0.0, 1.3), False), ((0.0, 1.9), True), ((0.0, 0.0, 0.8), True)):
@@ -120,20 +122,31 @@ def test_neither_staying_away_nor_a_motion_across_the_old_one_nor_another_jump_i
         assert seen['velocity'][-1] == pytest.approx(2.0, abs=1.0)
 
 
-@pytest.mark.parametrize(('noise', 'bits', 'size', 'speed', 'share'), [
-    (0.04, 14, 0.8, 2.0, 0.9), (0.04, 14, 0.8, -3.0, 0.9), (0.006, 17, 0.7, 6.0, 0.9),
-    # At rest, by less than the speed limit allows: it may repeat its readings.
-    (0.04, 14, 1.0, 0.0, 0.8), (0.006, 14, 1.0, 0.0, 0.8)])
+@pytest.mark.parametrize(
+    ('noise', 'bits', 'size', 'speed', 'share'),
+    [
+        (0.04, 14, 0.8, 2.0, 0.9),
+        (0.04, 14, 0.8, -3.0, 0.9),
+        (0.006, 17, 0.7, 6.0, 0.9),
+        # At rest, by less than the speed limit allows: it may repeat its readings.
+        (0.04, 14, 1.0, 0.0, 0.8),
+        (0.006, 14, 1.0, 0.0, 0.8),
+    ],
+)
 def test_a_step_with_the_same_velocity_behind_it_is_certain_after_three_readings(
-        noise, bits, size, speed, share):
+    noise, bits, size, speed, share
+):
     angles = speed * times() + radians(size) * (times() >= 0.0)
-    found = [(not speed or (seen['step'][ONSET:ONSET + 2] == Step.SUSPECTED).all())
-             and seen['step'][ONSET + 2] == Step.CERTAIN
-             for seen in runs(angles, noise, bits, 20)]
+    found = [
+        (not speed or (seen['step'][ONSET : ONSET + 2] == Step.SUSPECTED).all())
+        and seen['step'][ONSET + 2] == Step.CERTAIN
+        for seen in runs(angles, noise, bits, 20)
+    ]
     assert np.mean(found) >= share
 
 
 # Slower encoders than the bus -----------------------------------------------------------------
+
 
 def slow(angles, every):
     """Return readings of an encoder that has a new one every few samples."""
@@ -157,7 +170,7 @@ def test_a_slow_encoder_is_on_its_motion_and_the_age_of_its_reading_is_known(eve
     assert seen['since'][ONSET:] == pytest.approx(expected)
     if every in (2, 4):
         # One that stops is at rest where it was.
-        seen = follow(joint(), readings[:ONSET + 1] + 50 * [readings[ONSET]])
+        seen = follow(joint(), readings[: ONSET + 1] + 50 * [readings[ONSET]])
         assert not seen['away'].any()
         assert (seen['velocity'][-1], seen['since'][-1]) == (0.0, 0.0)
 
@@ -182,8 +195,11 @@ def test_equal_readings_mean_something_of_a_noisy_sensor_only():
     assert monitor.repeats_are_rare
     follow(monitor, [reading + radians(0.1)] * 31)
     assert (monitor.run, monitor.repeats_are_rare) == (30, True)
-    for quiet in (*(encoder(0.0 * times(3000), noise) for noise in (0.006, 0.012, 0.03)),
-                  encoder(0.0 * times(3000), 0.1, bits=12), slow(coming_to(3.0), 4)):
+    for quiet in (
+        *(encoder(0.0 * times(3000), noise) for noise in (0.006, 0.012, 0.03)),
+        encoder(0.0 * times(3000), 0.1, bits=12),
+        slow(coming_to(3.0), 4),
+    ):
         monitor = joint()
         follow(monitor, quiet)
         assert not monitor.repeats_are_rare

@@ -29,8 +29,10 @@ def direction(entries, seed=1):
 
 def check(parities, vectors, noise=1.0, bias=BIAS, step=MS, first=0):
     """Return the symptoms of parity vectors, one a sample."""
-    return [parities.check(first + index * step, tuple(vector), noise, bias)
-            for index, vector in enumerate(np.atleast_2d(vectors).tolist())]
+    return [
+        parities.check(first + index * step, tuple(vector), noise, bias)
+        for index, vector in enumerate(np.atleast_2d(vectors).tolist())
+    ]
 
 
 @ENTRIES
@@ -40,7 +42,7 @@ def test_a_sample_is_inconsistent_beyond_threshold_and_bias(entries, noise):
     limit = THRESHOLD * noise + BIAS
     for seed in range(5):
         for factor, found in ((0.999, None), (1.001, Reason.INCONSISTENT)):
-            symptom, = check(window(entries), factor * limit * direction(entries, seed), noise)
+            (symptom,) = check(window(entries), factor * limit * direction(entries, seed), noise)
             assert (symptom and symptom.reason) == found
     assert symptom.severity is Severity.PENDING
     assert symptom.detail == f'parity {1.001 * limit:.1f} sigma, limit {limit:.1f}'
@@ -55,8 +57,9 @@ def test_a_drift_is_found_by_the_mean_of_the_window(entries):
         symptoms = check(window(entries), [size * direction(entries)] * 100)
         drifted = [each for each in symptoms if each is not None]
         assert bool(drifted) == found
-        assert all((each.reason, each.severity) == (Reason.DRIFTED, Severity.LATCH)
-                   for each in drifted)
+        assert all(
+            (each.reason, each.severity) == (Reason.DRIFTED, Severity.LATCH) for each in drifted
+        )
     # The limit of evidence is that of the test.
     assert window(entries).limit(1.0, BIAS, 21.0) == pytest.approx(THRESHOLD / sqrt(21.0) + BIAS)
 
@@ -97,8 +100,7 @@ def test_rounding_does_not_add_up():
 @pytest.mark.parametrize(('entries', 'noise'), [(1, 1.0), (2, 3.0), (3, 1.0)])
 def test_the_variance_of_the_entries_is_measured_and_outlasts_a_restart(entries, noise):
     parities, found = window(entries), []
-    for index, vector in enumerate(
-            noise * np.random.default_rng(2).normal(size=(4000, entries))):
+    for index, vector in enumerate(noise * np.random.default_rng(2).normal(size=(4000, entries))):
         parities.check(index * MS, tuple(vector.tolist()), noise, BIAS)
         found.append(parities.variance)
     assert np.mean(found[1000:]) == pytest.approx(noise**2, rel=0.1)

@@ -17,8 +17,7 @@ from spm_haptic_master.supervision.protection import integrity, MISSED_DETECTION
 REACH = (6.9 + 5.3) / sqrt(20.0)
 
 
-@pytest.mark.parametrize(('sensors', 'missing'), [
-    (4, None), *product((5, 6), (None, 1, 3, 4))])
+@pytest.mark.parametrize(('sensors', 'missing'), [(4, None), *product((5, 6), (None, 1, 3, 4))])
 @pytest.mark.parametrize('pose', [(0.1, 1.0, 0.3), (0.2, 2.5, 0.7)])
 def test_it_is_the_pseudo_inverse_of_the_whitened_jacobian(sensors, missing, pose):
     rotation = kinematics.workspace_pose(*pose)
@@ -27,8 +26,11 @@ def test_it_is_the_pseudo_inverse_of_the_whitened_jacobian(sensors, missing, pos
     factors = np.array([1.5, 1.0, 2.0, 1.2, 1.0, 1.1])[:sensors]
     used = kinematics.UsedSensors(tuple(sigma.tolist()), () if missing is None else (missing,))
     sample = kinematics.estimate_sample(
-        tuple(joint_angles(rotation[None], sensors)[0].tolist()), used, kinematics.Geometry(),
-        tuple(kinematics.quaternion_from_matrix(rotation).tolist()))
+        tuple(joint_angles(rotation[None], sensors)[0].tolist()),
+        used,
+        kinematics.Geometry(),
+        tuple(kinematics.quaternion_from_matrix(rotation).tolist()),
+    )
     worth = integrity(sample, tuple(bias.tolist()), tuple(factors.tolist()))
     there = np.arange(sensors) != (-1 if missing is None else missing)
     whitened = (kinematics.jacobian(rotation, sensors=sensors) / sigma[:, None])[there]
@@ -42,19 +44,26 @@ def test_it_is_the_pseudo_inverse_of_the_whitened_jacobian(sensors, missing, pos
     assert worth.bias == pytest.approx(bound, rel=1e-6)
     assert worth.deviation == pytest.approx(np.linalg.norm(gain * factors[there]), rel=1e-6)
     assert worth.noise == pytest.approx(
-        sqrt(1.0 + (factors[there] ** 2 - 1.0) @ share ** 2), rel=1e-5)
+        sqrt(1.0 + (factors[there] ** 2 - 1.0) @ share**2), rel=1e-5
+    )
     assert worth.healthy == pytest.approx(
-        MISSED_DETECTION * worth.deviation + turns @ moved, rel=1e-6)
-    np.testing.assert_allclose(worth.levels(REACH), slopes * (
-        REACH * worth.noise + 2.0 * worth.bias) + worth.healthy)
+        MISSED_DETECTION * worth.deviation + turns @ moved, rel=1e-6
+    )
+    np.testing.assert_allclose(
+        worth.levels(REACH), slopes * (REACH * worth.noise + 2.0 * worth.bias) + worth.healthy
+    )
 
 
 def largest_error_over_level(sensors, bias, sigma, alert, pose):
     """Return the largest error over level of one faulty sensor and biases that oppose it; rad."""
     angles = tuple(joint_angles(pose[None], sensors)[0].tolist())
-    worth = integrity(kinematics.estimate_sample(
-        angles, kinematics.UsedSensors((sigma,) * sensors), kinematics.Geometry()),
-        (bias,) * sensors, (1.0,) * sensors)
+    worth = integrity(
+        kinematics.estimate_sample(
+            angles, kinematics.UsedSensors((sigma,) * sensors), kinematics.Geometry()
+        ),
+        (bias,) * sensors,
+        (1.0,) * sensors,
+    )
     threshold = product_limits().threshold(sensors - 3)
     parts = np.array(worth.levels((threshold + MISSED_DETECTION) / sqrt(20.0)))
     level = max([*parts[parts <= alert], worth.healthy])
@@ -77,12 +86,21 @@ def largest_error_over_level(sensors, bias, sigma, alert, pose):
     return worst
 
 
-@pytest.mark.parametrize(('noise', 'alert', 'sensors'), few(
-    [(0.05, 0.04), (0.1, 0.02), (0.1, 0.01), (0.05, 0.005)], [0.5, 1.0], [4, 5, 6], count=6))
+@pytest.mark.parametrize(
+    ('noise', 'alert', 'sensors'),
+    few([(0.05, 0.04), (0.1, 0.02), (0.1, 0.01), (0.05, 0.005)], [0.5, 1.0], [4, 5, 6], count=6),
+)
 def test_no_undetected_fault_is_beyond_the_level_whatever_the_signs_of_the_biases(
-        noise, alert, sensors):
+    noise, alert, sensors
+):
     """Every combination of signs, the largest fault that the window does not detect."""
     bias, sigma, limit = np.radians((*noise, alert)).tolist()
     rng = np.random.default_rng(1)
-    assert 0.1 < max(largest_error_over_level(sensors, bias, sigma, limit, random_pose(rng))
-                     for _ in range(10)) <= 1.0
+    assert (
+        0.1
+        < max(
+            largest_error_over_level(sensors, bias, sigma, limit, random_pose(rng))
+            for _ in range(10)
+        )
+        <= 1.0
+    )

@@ -33,8 +33,10 @@ def test_as_many_consistent_samples_as_set_precede_the_first_orientation(count):
     assert rig.samples(count) == ['starting'] * (count - 1) + [None]
 
 
-@pytest.mark.parametrize(('value', 'words'), [
-    (nan, 'joint_3a missing'), (inf, 'angle not finite'), (-inf, 'angle not finite')])
+@pytest.mark.parametrize(
+    ('value', 'words'),
+    [(nan, 'joint_3a missing'), (inf, 'angle not finite'), (-inf, 'angle not finite')],
+)
 def test_an_angle_that_is_no_number_is_withheld_and_is_silence_only_if_it_lasts(value, words):
     rig = Rig()
     for _ in range(5):
@@ -50,8 +52,7 @@ def test_an_angle_that_is_no_number_is_withheld_and_is_silence_only_if_it_lasts(
 
 @pytest.mark.parametrize('sensor', range(4))
 @pytest.mark.parametrize(('low', 'high'), [(-0.5, 20.0), (-20.0, 0.5)])
-def test_a_reading_out_of_its_joints_range_is_withheld_and_a_fault_if_it_lasts(
-        sensor, low, high):
+def test_a_reading_out_of_its_joints_range_is_withheld_and_a_fault_if_it_lasts(sensor, low, high):
     place = degrees(Rig(healthy=False).place[sensor])
     ends = {'joint_min_deg': [-170.0] * 4, 'joint_max_deg': [170.0] * 4}
     ends['joint_min_deg'][sensor], ends['joint_max_deg'][sensor] = place + low, place + high

@@ -27,8 +27,7 @@ def test_a_lost_frame_is_no_state_and_three_are_a_missing_sensor_until_it_agrees
     assert rig.state == 'healthy'
 
 
-@pytest.mark.parametrize('contradiction', [
-    {}, {'th1b': 5.0}, {'th1a': 5.0}, {'th1b': nan}])
+@pytest.mark.parametrize('contradiction', [{}, {'th1b': 5.0}, {'th1a': 5.0}, {'th1b': nan}])
 def test_an_excluded_sensor_is_used_after_its_recovery_in_one_piece(contradiction):
     rig = Rig(6, recovery=0.1005, **WINDOW)
     rig.samples(30, th1b=5.0)
@@ -39,12 +38,17 @@ def test_an_excluded_sensor_is_used_after_its_recovery_in_one_piece(contradictio
     assert 100 <= used_again(rig) <= 125
 
 
-@pytest.mark.parametrize(('left_out', 'moved', 'cause'), [
-    ({}, {'th3b': nan, 'th3c': nan}, None),
-    ({}, {'th3a': nan, 'th3b': nan, 'th3c': nan}, 'joint_3a missing'),
-    ({}, {'th1a': inf}, 'angle not finite'), ({}, {'th1a': -inf}, 'angle not finite'),
-    # Four in use could not go on without a fifth.
-    ({'th1b': 5.0}, {'th3b': nan, 'th3c': nan}, 'joint_3b missing')])
+@pytest.mark.parametrize(
+    ('left_out', 'moved', 'cause'),
+    [
+        ({}, {'th3b': nan, 'th3c': nan}, None),
+        ({}, {'th3a': nan, 'th3b': nan, 'th3c': nan}, 'joint_3a missing'),
+        ({}, {'th1a': inf}, 'angle not finite'),
+        ({}, {'th1a': -inf}, 'angle not finite'),
+        # Four in use could not go on without a fifth.
+        ({'th1b': 5.0}, {'th3b': nan, 'th3c': nan}, 'joint_3b missing'),
+    ],
+)
 def test_what_does_not_suffice_is_the_cause_of_silence(left_out, moved, cause):
     rig = Rig(6)
     rig.samples(30, **left_out)

@@ -30,8 +30,10 @@ def solved(angles, prior=None, method='estimate'):
 def pose(phi, tilt=0.0, azimuth=0.0):
     """Return the quaternion and the four angles of a pose, given in deg."""
     rotation = kinematics.workspace_pose(*np.radians((tilt, azimuth, phi)))
-    return (tuple(kinematics.quaternion_from_matrix(rotation).tolist()),
-            tuple(joint_angles(rotation[None])[0].tolist()))
+    return (
+        tuple(kinematics.quaternion_from_matrix(rotation).tolist()),
+        tuple(joint_angles(rotation[None])[0].tolist()),
+    )
 
 
 def moved(angles, sensor, degrees):
@@ -63,8 +65,11 @@ def test_theta3a_has_the_covariance_of_the_closed_form(place):
     four = solved(readings[0])[0]
     assert found.parity == four.parity
     assert apart == rotation_distance(found.quaternion, four.quaternion) > 0.0
-    chord = np.linalg.norm(kinematics.forward_theta3a(readings[:, :3], readings[:, 3])
-                           - kinematics.matrix_from_quaternion(truth), axis=(1, 2))
+    chord = np.linalg.norm(
+        kinematics.forward_theta3a(readings[:, :3], readings[:, 3])
+        - kinematics.matrix_from_quaternion(truth),
+        axis=(1, 2),
+    )
     assert np.sqrt(np.mean(chord**2 / 2.0)) == pytest.approx(claimed, rel=0.03)
     assert claimed >= total_deviation(solved(angles)[0])
 
@@ -80,10 +85,14 @@ def test_classic_does_not_use_th3a():
     assert total_deviation(estimate) > total_deviation(solved(angles, truth)[0])
 
 
-@pytest.mark.parametrize(('phi', 'prior', 'text'), [
-    (49.3586, 49.3586, 'too close to distinguish'),
-    # The prior is in the other mode; th3A shows that it is wrong.
-    (30.0, 70.0, 'classic is .* rad from the estimate')])
+@pytest.mark.parametrize(
+    ('phi', 'prior', 'text'),
+    [
+        (49.3586, 49.3586, 'too close to distinguish'),
+        # The prior is in the other mode; th3A shows that it is wrong.
+        (30.0, 70.0, 'classic is .* rad from the estimate'),
+    ],
+)
 def test_classic_refuses_where_modes_meet_and_the_wrong_mode(phi, prior, text):
     with pytest.raises(SingularityError, match=text):
         solved(pose(phi)[1], pose(prior)[0], 'classic')
@@ -98,12 +107,14 @@ def test_what_the_last_step_leaves_is_a_small_part_of_the_deviation():
         angles = tuple((np.array(angles) + SIGMA[0] * rng.normal(size=4)).tolist())
         try:
             converged = kinematics.estimate_sample(
-                angles, FOUR, kinematics.Geometry(), truth, working_mode=(1, 1, 1))
+                angles, FOUR, kinematics.Geometry(), truth, working_mode=(1, 1, 1)
+            )
             found = solved(angles, truth)[0]
         except (UnreachableError, SingularityError):
             continue
-        left.append(rotation_distance(found.quaternion, converged.quaternion)
-                    / total_deviation(converged))
+        left.append(
+            rotation_distance(found.quaternion, converged.quaternion) / total_deviation(converged)
+        )
         assert total_deviation(found) == pytest.approx(total_deviation(converged), rel=0.03)
         assert found.parity == pytest.approx(converged.parity, abs=0.03)
     assert max(left) < 0.03
@@ -117,5 +128,10 @@ def test_angles_of_another_working_mode_are_no_orientation():
     assert mirrored.solve(MIRRORED, FOUR, None)[0].determined
     for changed, expected in (({}, 0), ({'working_mode': (-1, -1, -1)}, 16)):
         supervisor = make_supervisor(complete(SUPERVISION_SETTINGS, changed))
-        assert sum(supervisor.take(1 + index * 1_000_000, MIRRORED).estimate is not None
-                   for index in range(20)) == expected
+        assert (
+            sum(
+                supervisor.take(1 + index * 1_000_000, MIRRORED).estimate is not None
+                for index in range(20)
+            )
+            == expected
+        )

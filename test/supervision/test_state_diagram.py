@@ -16,8 +16,13 @@ DIAGRAM = re.compile(r'```mermaid\nstateDiagram-v2\n(.*?)```', re.DOTALL)
 NAME = re.compile(r'^ *state "([A-Z]+) - .*" as (\w+)$', re.MULTILINE)
 ARROW = re.compile(r'^ *(\S+) --> (\S+)(?: : (.+))?$', re.MULTILINE)
 # Of the devices, in turn. With `start_samples` more are due at the start than after a fault.
-SETTINGS = ({'recovery': 1.0}, {'recovery': 0.05, 'start_samples': 100}, {'start_checked': True},
-            {'alert_limit_deg': 0.4}, {})
+SETTINGS = (
+    {'recovery': 1.0},
+    {'recovery': 0.05, 'start_samples': 100},
+    {'start_checked': True},
+    {'alert_limit_deg': 0.4},
+    {},
+)
 
 
 def drawn():
@@ -39,7 +44,7 @@ def made(seed):
     last = '[*]'
     for _ in range(40):
         rig.now += int(rng.choice([0, 0, 0, 0, 0, 7, 99, 699, -2001])) * MS
-        which = rng.choice(NAMES[:rig.sensors], size=rng.integers(0, 3), replace=False)
+        which = rng.choice(NAMES[: rig.sensors], size=rng.integers(0, 3), replace=False)
         moved = {name: rng.choice([5.0, -3.0, 1.0, nan, 20.0]) for name in which}
         for _ in range(rng.choice([1, 2, 4, 30, 130])):
             rig.sample(**moved)
@@ -48,9 +53,13 @@ def made(seed):
                 last = state(rig)
 
 
-@pytest.mark.parametrize('seeds', [
-    pytest.param((0, 2, 6, 13, 22, 32, 44), id='few'),
-    pytest.param(range(120), id='all', marks=pytest.mark.evidence)])
+@pytest.mark.parametrize(
+    'seeds',
+    [
+        pytest.param((0, 2, 6, 13, 22, 32, 44), id='few'),
+        pytest.param(range(120), id='all', marks=pytest.mark.evidence),
+    ],
+)
 def test_each_transition_of_the_diagram_occurs_with_its_condition_and_no_other(seeds):
     expected = drawn()
     assert all(words for (begin, _), words in expected.items() if begin != '[*]')

@@ -31,9 +31,13 @@ def test_what_is_published_is_what_the_supervisor_returns_and_the_rest_is_no_num
             assert tuple(found.quaternion[index]) == verdict.estimate.quaternion
             assert tuple(found.covariance[index].ravel()) == verdict.estimate.covariance
             assert np.radians(found.protection_level[index]) == pytest.approx(
-                verdict.protection_level)
-    for values, shape in ((found.quaternion, (60, 4)), (found.covariance, (60, 3, 3)),
-                          (found.protection_level, (60,))):
+                verdict.protection_level
+            )
+    for values, shape in (
+        (found.quaternion, (60, 4)),
+        (found.covariance, (60, 3, 3)),
+        (found.protection_level, (60,)),
+    ):
         assert values.shape == shape
         assert np.isnan(values[:4]).all() and np.isfinite(values[4:]).all()
     true = quaternion_from_matrix(motion('rest', 0.06))
@@ -43,15 +47,31 @@ def test_what_is_published_is_what_the_supervisor_returns_and_the_rest_is_no_num
     assert found.bounds.shape == (60, 4) and (found.bounds[4:] < 1.1).all()
 
 
-@pytest.mark.parametrize(('change', 'withheld', 'states', 'reasons'), [
-    # A silence of 20 ms changes the state, a shorter one does not.
-    ([(30, 31, 2, np.nan), (40, 44, 0, np.inf)], [30, *range(40, 44)], [],
-     {'joint_1c missing': 1, 'angle not finite': 4}),
-    ([(10, 20, 0, np.inf), (30, 60, 0, np.inf)], [*range(10, 20), *range(30, 60)],
-     [(49, 'silent: angle not finite')], {'angle not finite': 40}),
-    # A fault does at once.
-    ([(30, 31, 1, 0.1), (50, 60, 1, 0.1)], [30, *range(50, 60)],
-     [(52, 'silent: joint_1b jumped')], {})])
+@pytest.mark.parametrize(
+    ('change', 'withheld', 'states', 'reasons'),
+    [
+        # A silence of 20 ms changes the state, a shorter one does not.
+        (
+            [(30, 31, 2, np.nan), (40, 44, 0, np.inf)],
+            [30, *range(40, 44)],
+            [],
+            {'joint_1c missing': 1, 'angle not finite': 4},
+        ),
+        (
+            [(10, 20, 0, np.inf), (30, 60, 0, np.inf)],
+            [*range(10, 20), *range(30, 60)],
+            [(49, 'silent: angle not finite')],
+            {'angle not finite': 40},
+        ),
+        # A fault does at once.
+        (
+            [(30, 31, 1, 0.1), (50, 60, 1, 0.1)],
+            [30, *range(50, 60)],
+            [(52, 'silent: joint_1b jumped')],
+            {},
+        ),
+    ],
+)
 def test_what_is_withheld_and_why(change, withheld, states, reasons):
     readings = READINGS.copy()
     for first, last, sensor, added in change:
@@ -69,42 +89,96 @@ def test_no_samples_are_a_recording_and_lists_and_unsigned_stamps_are_arrays():
     assert supervise(TIMES.tolist(), READINGS.tolist()).published.sum() == 56
 
 
-@pytest.mark.parametrize(('parameters', 'published'), [
-    ({'start_samples': 20}, 41), ({'alert_limit_deg': 0.01}, 0), ({'degraded': 'allow'}, 56),
-    ({'geometry__alpha_deg': 39.3}, 56), ({'geometry__alpha_deg': 38.0}, 0),
-    ({'bias_deg': np.full(4, 0.1), 'alert_limit_deg': np.float64(2.0),
-      'start_samples': np.int64(5)}, 56), ({'bias_deg': [np.float64(0.05)] * 4}, 56),
-    # Axes may be matrices or numbers.
-    *(({'geometry__base_axes': base, 'geometry__platform_axes': platform,
-        'geometry__proximal_deg': np.degrees(G.alphas),
-        'geometry__distal_deg': np.degrees(G.betas)}, 56) for base, platform in (
-            (G.base_axes, G.platform_axes), (np.array(G.base_axes), np.ravel(G.platform_axes)),
-            (np.ravel(G.base_axes).tolist(), np.array(G.platform_axes).tolist())))])
+@pytest.mark.parametrize(
+    ('parameters', 'published'),
+    [
+        ({'start_samples': 20}, 41),
+        ({'alert_limit_deg': 0.01}, 0),
+        ({'degraded': 'allow'}, 56),
+        ({'geometry__alpha_deg': 39.3}, 56),
+        ({'geometry__alpha_deg': 38.0}, 0),
+        (
+            {
+                'bias_deg': np.full(4, 0.1),
+                'alert_limit_deg': np.float64(2.0),
+                'start_samples': np.int64(5),
+            },
+            56,
+        ),
+        ({'bias_deg': [np.float64(0.05)] * 4}, 56),
+        # Axes may be matrices or numbers.
+        *(
+            (
+                {
+                    'geometry__base_axes': base,
+                    'geometry__platform_axes': platform,
+                    'geometry__proximal_deg': np.degrees(G.alphas),
+                    'geometry__distal_deg': np.degrees(G.betas),
+                },
+                56,
+            )
+            for base, platform in (
+                (G.base_axes, G.platform_axes),
+                (np.array(G.base_axes), np.ravel(G.platform_axes)),
+                (np.ravel(G.base_axes).tolist(), np.array(G.platform_axes).tolist()),
+            )
+        ),
+    ],
+)
 def test_parameters_are_those_of_fkm(parameters, published):
     assert supervise(TIMES, READINGS, **parameters).published.sum() == published
 
 
-@pytest.mark.parametrize(('parameters', 'text'), [
-    ({'sigma': 0.04}, 'sigma'), ({'geometry_alpha_deg': 39.3}, 'geometry_alpha_deg'),
-    ({'geometry__alpha': 39.3}, r'geometry\.alpha'),
-    ({'sigma_deg': 0.04}, 'sigma_deg'), ({'working_mode': [1, 1, 0]}, 'working_mode'),
-    ({'geometry__base_axes': np.eye(2)}, r"'geometry\.base_axes' .* a list of 9"),
-    # Nothing is published from four of six under the name of all.
-    ({'sensors': 6}, "'sensors' is 6; expected 4, as angles have")])
+@pytest.mark.parametrize(
+    ('parameters', 'text'),
+    [
+        ({'sigma': 0.04}, 'sigma'),
+        ({'geometry_alpha_deg': 39.3}, 'geometry_alpha_deg'),
+        ({'geometry__alpha': 39.3}, r'geometry\.alpha'),
+        ({'sigma_deg': 0.04}, 'sigma_deg'),
+        ({'working_mode': [1, 1, 0]}, 'working_mode'),
+        ({'geometry__base_axes': np.eye(2)}, r"'geometry\.base_axes' .* a list of 9"),
+        # Nothing is published from four of six under the name of all.
+        ({'sensors': 6}, "'sensors' is 6; expected 4, as angles have"),
+    ],
+)
 def test_a_parameter_that_fkm_does_not_have_is_an_error(parameters, text):
     with pytest.raises(SettingError, match=text) as caught:
         supervise(TIMES, READINGS, **parameters)
     assert '\n' not in str(caught.value)
 
 
-@pytest.mark.parametrize(('times', 'angles', 'text'), [
-    *((times, READINGS, text) for times, text in (
-        (TIMES * 1e-9, 'float64'), (TIMES[:, None], r'\(60, 1\)'), (TIMES[:59], r'\(60, 4\)'),
-        (None, 'stamps'), (TIMES > 0, 'bool'), (5, r'\(\)'), ([[1], [2, 3]], 'stamps'))),
-    *((TIMES, angles, 'angles') for angles in (
-        READINGS[:, :3], READINGS[0], READINGS.T, READINGS[None], None, READINGS > 0.0,
-        [*READINGS.tolist()[:-1], [1.0, 2.0]], READINGS.astype(complex),
-        np.hstack([READINGS, READINGS])[:, :7]))])
+@pytest.mark.parametrize(
+    ('times', 'angles', 'text'),
+    [
+        *(
+            (times, READINGS, text)
+            for times, text in (
+                (TIMES * 1e-9, 'float64'),
+                (TIMES[:, None], r'\(60, 1\)'),
+                (TIMES[:59], r'\(60, 4\)'),
+                (None, 'stamps'),
+                (TIMES > 0, 'bool'),
+                (5, r'\(\)'),
+                ([[1], [2, 3]], 'stamps'),
+            )
+        ),
+        *(
+            (TIMES, angles, 'angles')
+            for angles in (
+                READINGS[:, :3],
+                READINGS[0],
+                READINGS.T,
+                READINGS[None],
+                None,
+                READINGS > 0.0,
+                [*READINGS.tolist()[:-1], [1.0, 2.0]],
+                READINGS.astype(complex),
+                np.hstack([READINGS, READINGS])[:, :7],
+            )
+        ),
+    ],
+)
 def test_stamps_and_angles_of_another_kind_are_an_error(times, angles, text):
     with pytest.raises(InputError, match=text) as caught:
         supervise(times, angles)

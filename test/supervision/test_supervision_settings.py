@@ -17,13 +17,29 @@ def values(**changed):
 
 
 def test_limits_are_in_si_units():
-    same = {'recovery': 2.0, 'frozen_samples': 7, 'start_samples': 9, 'joint_speed': 3.0,
-            'joint_acceleration': 44.0, 'false_alarms_per_hour': 0.5, 'unchecked_limit': 60.0,
-            'start_checked': True, 'window': 0.05, 'skew': 0.001}
-    limits = limits_from(values(
-        **same, joint_min_deg=[-10.0, -20.0, -30.0, -40.0], joint_max_deg=[10.0, 20.0, 30.0, 40.0],
-        deviation_limit_deg=1.0, degraded='allow', bias_deg=[0.1, 0.2, 0.3, 0.4],
-        alert_limit_deg=2.0))
+    same = {
+        'recovery': 2.0,
+        'frozen_samples': 7,
+        'start_samples': 9,
+        'joint_speed': 3.0,
+        'joint_acceleration': 44.0,
+        'false_alarms_per_hour': 0.5,
+        'unchecked_limit': 60.0,
+        'start_checked': True,
+        'window': 0.05,
+        'skew': 0.001,
+    }
+    limits = limits_from(
+        values(
+            **same,
+            joint_min_deg=[-10.0, -20.0, -30.0, -40.0],
+            joint_max_deg=[10.0, 20.0, 30.0, 40.0],
+            deviation_limit_deg=1.0,
+            degraded='allow',
+            bias_deg=[0.1, 0.2, 0.3, 0.4],
+            alert_limit_deg=2.0,
+        )
+    )
     assert {name: getattr(limits, name) for name in same} == same
     assert limits.joint_min == pytest.approx([-radians(x) for x in (10, 20, 30, 40)])
     assert limits.joint_max == pytest.approx([radians(x) for x in (10, 20, 30, 40)])
@@ -38,19 +54,28 @@ def test_limits_are_in_si_units():
 def test_further_sensors_have_their_own_values_or_those_of_th3a():
     sigma = [0.01, 0.02, 0.03, 0.04]
     assert sigma_from(values(sensors=6, sigma_deg=sigma)) == pytest.approx(
-        [radians(each) for each in (*sigma, 0.04, 0.04)])
+        [radians(each) for each in (*sigma, 0.04, 0.04)]
+    )
     assert sigma_from(values(sensors=5, sigma_deg=[*sigma, 0.05])) == pytest.approx(
-        [radians(each) for each in (*sigma, 0.05)])
+        [radians(each) for each in (*sigma, 0.05)]
+    )
 
 
-@pytest.mark.parametrize(('changed', 'text'), [
-    ({'sensors': 6, 'sigma_deg': [0.04] * 5}, 'sigma_deg.*expected a list of 4 or 6'),
-    ({'sigma_deg': [0.04] * 5}, 'sigma_deg.*a list of 4'),
-    ({'joint_max_deg': [180.0] * 5}, 'joint_max_deg.*a list of 4'),
-    ({'sigma_deg': {0.1, 0.2, 0.3, 0.4}}, 'sigma_deg'),
-    ({'joint_min_deg': [-180.0, -180.0, 50.0, -180.0], 'joint_max_deg': [50.0] * 4},
-     r'joint_min_deg.*less than joint_max_deg \(\['),
-    ({'degraded': 'other'}, 'degraded'), ({'window': 10 ** 400}, 'window')])
+@pytest.mark.parametrize(
+    ('changed', 'text'),
+    [
+        ({'sensors': 6, 'sigma_deg': [0.04] * 5}, 'sigma_deg.*expected a list of 4 or 6'),
+        ({'sigma_deg': [0.04] * 5}, 'sigma_deg.*a list of 4'),
+        ({'joint_max_deg': [180.0] * 5}, 'joint_max_deg.*a list of 4'),
+        ({'sigma_deg': {0.1, 0.2, 0.3, 0.4}}, 'sigma_deg'),
+        (
+            {'joint_min_deg': [-180.0, -180.0, 50.0, -180.0], 'joint_max_deg': [50.0] * 4},
+            r'joint_min_deg.*less than joint_max_deg \(\[',
+        ),
+        ({'degraded': 'other'}, 'degraded'),
+        ({'window': 10**400}, 'window'),
+    ],
+)
 def test_what_cannot_be_is_refused(changed, text):
     with pytest.raises(SettingError, match=text):
         make_supervisor(values(**changed))

@@ -18,6 +18,7 @@ PLACES = ['rest', 'rim', 'crossing', 'turning', 'sweep']
 
 # Steps ----------------------------------------------------------------------------------------
 
+
 @pytest.mark.parametrize(('place', 'sensor', 'step'), few(PLACES, SENSORS, [1.0, -3.0, 30.0]))
 def test_a_step_is_detected_and_a_large_one_at_once_and_named(place, sensor, step):
     outcome = run(place, seconds=0.25, change=offset(150, sensor, step), seed=sensor)
@@ -28,11 +29,16 @@ def test_a_step_is_detected_and_a_large_one_at_once_and_named(place, sensor, ste
         assert JOINT_NAMES[sensor] in outcome.states[-1]
 
 
-@pytest.mark.parametrize(('place', 'sensor', 'step'), few(
-    ['rest', 'rim', 'sweep'], SENSORS, [0.3, 0.5, 0.8]))
-@pytest.mark.parametrize('seeds', [
-    pytest.param(range(1), id='few'),
-    pytest.param(range(1, 5), id='more', marks=pytest.mark.evidence)])
+@pytest.mark.parametrize(
+    ('place', 'sensor', 'step'), few(['rest', 'rim', 'sweep'], SENSORS, [0.3, 0.5, 0.8])
+)
+@pytest.mark.parametrize(
+    'seeds',
+    [
+        pytest.param(range(1), id='few'),
+        pytest.param(range(1, 5), id='more', marks=pytest.mark.evidence),
+    ],
+)
 def test_after_its_detection_a_smaller_step_never_comes_through(place, sensor, step, seeds):
     for seed in seeds:
         outcome = run(place, seconds=0.4, change=offset(150, sensor, step), seed=seed)
@@ -46,7 +52,7 @@ def test_the_time_to_alert_holds_at_every_rate(rate, sensor):
     count = int(min(2.0 * rate, 900.0))
     outcome = run('turning', 4, count / rate, rate, offset(count // 2, sensor, 1.5))
     assert outcome.longest_undeclared(sensor, rate) <= max(0.02, 10.0 / rate)
-    assert not outcome.published[count * 2 // 3:].any()
+    assert not outcome.published[count * 2 // 3 :].any()
 
 
 @pytest.mark.parametrize('sensor', few(range(3), count=1))
@@ -61,24 +67,39 @@ def test_a_small_offset_that_creeps_in_is_detected_but_not_named(sensor):
     assert outcome.within_level
 
 
-@pytest.mark.parametrize(('encoder', 'jump'), few(
-    [(0.04, 12), (0.04, 14), (0.006, 17)], [('singular', 3, 5.0), ('rest', [0, 1], [2.0, -1.87])]))
+@pytest.mark.parametrize(
+    ('encoder', 'jump'),
+    few(
+        [(0.04, 12), (0.04, 14), (0.006, 17)],
+        [('singular', 3, 5.0), ('rest', [0, 1], [2.0, -1.87])],
+    ),
+)
 def test_a_jump_that_no_parity_shows_is_detected_with_any_noise_before_it(encoder, jump):
     """Of th3A at the singularity; of th1A and th1B such that it leaves the parity as it is."""
     (noise, bits), (kind, sensors, degrees) = encoder, jump
     for seed in range(4):
-        assert not run(kind, seconds=0.18, change=offset(150, sensors, degrees), noise=noise,
-                       bits=bits, seed=seed, sigma_deg=[noise] * 4).published[-1]
+        assert not run(
+            kind,
+            seconds=0.18,
+            change=offset(150, sensors, degrees),
+            noise=noise,
+            bits=bits,
+            seed=seed,
+            sigma_deg=[noise] * 4,
+        ).published[-1]
 
 
 def constant(first, sensor, value):
     def change(readings):
         readings[first:, sensor] = value
+
     return change
 
 
-@pytest.mark.parametrize(('fault', 'kind', 'sensor'), few(
-    [(noisy, 2.0), (constant, 0.0), (constant, 2.0 * np.pi)], ['crossing', 'sweep'], SENSORS))
+@pytest.mark.parametrize(
+    ('fault', 'kind', 'sensor'),
+    few([(noisy, 2.0), (constant, 0.0), (constant, 2.0 * np.pi)], ['crossing', 'sweep'], SENSORS),
+)
 def test_wrong_values_are_published_no_longer_than_the_time_to_alert(fault, kind, sensor):
     change, size = fault
     outcome = run(kind, seconds=1.0, spoil=change(600, sensor, size))
@@ -140,16 +161,22 @@ def test_classic_never_follows_the_wrong_mode(monkeypatch, speed):
 
 # Another mechanism ----------------------------------------------------------------------------
 
+
 def test_only_with_its_own_mechanism_a_rig_is_published():
     """Links and axes off by 0.25 deg (1 sigma)."""
     built = random_rig(1, Tolerances(*np.radians([0.25, 0.25, 0.0, 0.0]))).geometry
     rotations = motion('sweep', 8.0, 250.0)
     joints = inverse(rotations, built)
     readings = encoders(np.column_stack([joints.theta1, joints.theta3a]))
-    own = Outcome(rotations, readings, rate=250.0, geometry__base_axes=built.base_axes,
-                  geometry__platform_axes=built.platform_axes,
-                  geometry__proximal_deg=np.degrees(built.alphas),
-                  geometry__distal_deg=np.degrees(built.betas))
+    own = Outcome(
+        rotations,
+        readings,
+        rate=250.0,
+        geometry__base_axes=built.base_axes,
+        geometry__platform_axes=built.platform_axes,
+        geometry__proximal_deg=np.degrees(built.alphas),
+        geometry__distal_deg=np.degrees(built.betas),
+    )
     assert own.published[4:].mean() > 0.99 and own.within_level
     assert Outcome(rotations, readings, rate=250.0).published.mean() < 0.5
 

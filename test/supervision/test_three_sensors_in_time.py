@@ -42,8 +42,13 @@ def test_a_sensor_that_stepped_alone_is_left_out_at_once(sensor, size):
 
 @pytest.mark.parametrize('sensor', range(4), ids=JOINT_NAMES)
 def test_in_motion_the_error_is_within_the_level_and_the_covariance_larger(sensor):
-    found = run('turning', seconds=0.8, change=offset(500, sensor, 3.0), degraded='allow',
-                alert_limit_deg=2.0)
+    found = run(
+        'turning',
+        seconds=0.8,
+        change=offset(500, sensor, 3.0),
+        degraded='allow',
+        alert_limit_deg=2.0,
+    )
     assert found.states[-1] == f'degraded: {JOINT_NAMES[sensor]} excluded'
     assert found.published[503:].all() and found.within_level
     variance = np.trace(found.result.covariance, axis1=1, axis2=2)
@@ -76,10 +81,17 @@ def test_the_state_is_not_degraded_while_nothing_is_published():
     assert None not in rig.samples(30, **WRONG)
 
 
-@pytest.mark.parametrize(('limits', 'reason', 'between'), [
-    ({}, 'protection level above the alert limit', (34.0, 39.0)),
-    ({'deviation_limit_deg': 0.15, 'alert_limit_deg': 3.0}, 'orientation not determined',
-     (35.0, 39.0))])
+@pytest.mark.parametrize(
+    ('limits', 'reason', 'between'),
+    [
+        ({}, 'protection level above the alert limit', (34.0, 39.0)),
+        (
+            {'deviation_limit_deg': 0.15, 'alert_limit_deg': 3.0},
+            'orientation not determined',
+            (35.0, 39.0),
+        ),
+    ],
+)
 def test_without_th3a_it_stops_before_the_singularity(limits, reason, between):
     phi = SINGULAR - 15.0 + 15.0 * np.sin(2.0 * np.pi * 0.2 * np.arange(1125) * 2e-3)
     rotations = workspace_pose(0.0 * phi, 0.0 * phi, np.radians(phi))

@@ -18,16 +18,24 @@ DT = 0.005
 
 def at_rest(acceleration=40.0, slews=True):
     """Return a command at rest, with limits that a slow hand does not reach."""
-    return command_limits.LimitedRotation(command_limits.CommandLimits(
-        speed=6.0, acceleration=acceleration, jump=radians(5.0), slews=slews, longest=2.0 * DT),
-        IDENTITY)
+    return command_limits.LimitedRotation(
+        command_limits.CommandLimits(
+            speed=6.0, acceleration=acceleration, jump=radians(5.0), slews=slews, longest=2.0 * DT
+        ),
+        IDENTITY,
+    )
 
 
 def test_single_precision_is_a_rotation_and_what_is_none_is_refused():
     given = tuple(map(float, np.float32([0.5, 0.5, 0.5, 0.500001])))
     assert hypot(*command_limits.unit_quaternion(given)) == pytest.approx(1.0, abs=1e-15)
-    for values in ((0.0, 0.0, 0.0, 0.0), (nan, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0, float('inf')),
-                   (1e200, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.01)):
+    for values in (
+        (0.0, 0.0, 0.0, 0.0),
+        (nan, 0.0, 0.0, 1.0),
+        (0.0, 0.0, 0.0, float('inf')),
+        (1e200, 0.0, 0.0, 0.0),
+        (0.0, 0.0, 0.0, 1.01),
+    ):
         assert command_limits.unit_quaternion(values) is None
 
 
@@ -37,20 +45,29 @@ def test_no_limits_rates_and_gaps_make_the_command_break_one(seed):
     generator = random.Random(seed)
     period = 1.0 / generator.choice([20.0, 100.0, 200.0, 500.0, 1000.0])
     limits = command_limits.CommandLimits(
-        speed=generator.uniform(0.1, 10.0), acceleration=10.0 ** generator.uniform(-1.0, 5.0),
-        jump=radians(10.0 ** generator.uniform(-1.5, 1.5)), slews=True, longest=2.0 * period)
+        speed=generator.uniform(0.1, 10.0),
+        acceleration=10.0 ** generator.uniform(-1.0, 5.0),
+        jump=radians(10.0 ** generator.uniform(-1.5, 1.5)),
+        slews=True,
+        longest=2.0 * period,
+    )
     command, velocity = command_limits.LimitedRotation(limits, IDENTITY), np.zeros(3)
     moved = False
     for _ in range(40):
         axis = np.array([generator.gauss(0.0, 1.0) for _ in range(3)])
         rate = generator.choice([0.0, 0.3, 3.0, 30.0]) * axis / np.linalg.norm(axis)
-        target = command.rotation if generator.random() < 0.7 \
+        target = (
+            command.rotation
+            if generator.random() < 0.7
             else rotations.quaternion_from_vector(
-                *(generator.uniform(-1.5, 1.5) for _ in range(3)))
+                *(generator.uniform(-1.5, 1.5) for _ in range(3))
+            )
+        )
         for _ in range(generator.randint(1, 60)):
             dt = period * generator.choice([1.0, 1.0, 1.0, 0.8, 1.0, 1.0, 2.0, 4.0, 20.0])
             target = rotations.multiply_quaternions(
-                rotations.quaternion_from_vector(*rate * dt), target)
+                rotations.quaternion_from_vector(*rate * dt), target
+            )
             before = command.rotation
             broken = command.advance(target, dt)
             if broken:
@@ -59,8 +76,16 @@ def test_no_limits_rates_and_gaps_make_the_command_break_one(seed):
                 assert command.rotation == before
                 command, velocity = command_limits.LimitedRotation(limits, before), np.zeros(3)
                 continue
-            now = np.array(rotations.vector_from_quaternion(*rotations.multiply_quaternions(
-                command.rotation, rotations.conjugate(before)))) / dt
+            now = (
+                np.array(
+                    rotations.vector_from_quaternion(
+                        *rotations.multiply_quaternions(
+                            command.rotation, rotations.conjugate(before)
+                        )
+                    )
+                )
+                / dt
+            )
             moved = moved or now.any()
             assert np.linalg.norm(now) <= limits.speed * (1.0 + 1e-6) + 1e-9
             assert np.linalg.norm(now) * dt <= limits.jump * (1.0 + 1e-6) + 1e-9
@@ -103,9 +128,14 @@ def test_a_pause_is_no_step():
     assert rotations.rotation_distance(command.rotation, IDENTITY) <= 6.0 * 2.0 * DT
 
 
-@pytest.mark.parametrize(('vector', 'dt', 'broken'), [
-    ((radians(5.1), 0.0, 0.0), 0.5, 'jump'), ((0.0, 0.031, 0.0), DT, 'speed'),
-    ((0.0, 0.0, 0.02), DT, 'acceleration')])
+@pytest.mark.parametrize(
+    ('vector', 'dt', 'broken'),
+    [
+        ((radians(5.1), 0.0, 0.0), 0.5, 'jump'),
+        ((0.0, 0.031, 0.0), DT, 'speed'),
+        ((0.0, 0.0, 0.02), DT, 'acceleration'),
+    ],
+)
 def test_a_broken_limit_is_named_and_the_command_stays(vector, dt, broken):
     command = at_rest(500.0, slews=False)
     assert command.advance(rotations.quaternion_from_vector(*vector), dt) == broken

@@ -43,9 +43,14 @@ class Rig:
 
     def __init__(self, **parameters):
         # Presence is not repeated here, but where a test says so.
-        values = complete(TELEOP_SETTINGS, {'teleop.presence_timeout': 0.0} | {
-            f'teleop.{name}' if name != 'rate' else name: value
-            for name, value in parameters.items()})
+        values = complete(
+            TELEOP_SETTINGS,
+            {'teleop.presence_timeout': 0.0}
+            | {
+                f'teleop.{name}' if name != 'rate' else name: value
+                for name, value in parameters.items()
+            },
+        )
         self.machine = make_teleoperation(values)
         self.stamp = 1_700_000_000_000 * MS
         self.master, self.slave = MASTER, SLAVE
@@ -112,25 +117,29 @@ def test_each_condition_is_named_that_is_missing():
     machine = rig.machine
     rig.master_speaks = rig.slave_speaks = False
     for change, why in (
-            (lambda: None, 'no state of the orientation'),
-            (lambda: machine.take_state(read_state('silent: no joint samples')),
-             'silent: no joint samples'),
-            (lambda: machine.take_state(read_state('degraded: joint_3a missing')),
-             'no orientation'),
-            (lambda: setattr(rig, 'master_speaks', True), 'no pose of the slave'),
-            (lambda: setattr(rig, 'slave_speaks', True) or machine.take_enabling(0, 0.0),
-             'master not enabled'),
-            (lambda: machine.take_enabling(7, 0.0), 'no protection level'),
-            (lambda: setattr(rig, 'level', 1.5), 'protection level above the limit'),
-            (lambda: setattr(rig, 'level', nan), 'protection level above the limit'),
-            (lambda: setattr(rig, 'level', 0.5), 'no presence'),
-            (lambda: machine.take_presence(True) or machine.take_clutch(True), 'clutch pressed'),
-            (lambda: machine.take_clutch(False), 'waiting for enable'),
-            (machine.enable, 'waiting for a roll of the wrist'),
-            (lambda: rig.run(60), 'waiting for a roll of the wrist'),
-            # About the handle's own axis.
-            (lambda: rig.run(40, rig.master[:, 2] * 2.5), 'not aligned'),
-            (lambda: setattr(rig, 'slave', rig.master), 'waiting for the slave to be at rest')):
+        (lambda: None, 'no state of the orientation'),
+        (
+            lambda: machine.take_state(read_state('silent: no joint samples')),
+            'silent: no joint samples',
+        ),
+        (lambda: machine.take_state(read_state('degraded: joint_3a missing')), 'no orientation'),
+        (lambda: setattr(rig, 'master_speaks', True), 'no pose of the slave'),
+        (
+            lambda: setattr(rig, 'slave_speaks', True) or machine.take_enabling(0, 0.0),
+            'master not enabled',
+        ),
+        (lambda: machine.take_enabling(7, 0.0), 'no protection level'),
+        (lambda: setattr(rig, 'level', 1.5), 'protection level above the limit'),
+        (lambda: setattr(rig, 'level', nan), 'protection level above the limit'),
+        (lambda: setattr(rig, 'level', 0.5), 'no presence'),
+        (lambda: machine.take_presence(True) or machine.take_clutch(True), 'clutch pressed'),
+        (lambda: machine.take_clutch(False), 'waiting for enable'),
+        (machine.enable, 'waiting for a roll of the wrist'),
+        (lambda: rig.run(60), 'waiting for a roll of the wrist'),
+        # About the handle's own axis.
+        (lambda: rig.run(40, rig.master[:, 2] * 2.5), 'not aligned'),
+        (lambda: setattr(rig, 'slave', rig.master), 'waiting for the slave to be at rest'),
+    ):
         change()
         rig.run(5)
         assert rig.state == f'disengaged: {why}'
@@ -141,12 +150,20 @@ def test_each_condition_is_named_that_is_missing():
     assert rig.state == 'engaged'
 
 
-@pytest.mark.parametrize(('numbers', 'engages'), [
-    # It may be older than the machine: one that starts while the pedal is down stays still.
-    ([(123, 0.0)], False), ([(123, 0.0), (123, 0.0)], False), ([(123, 0.0), (124, 0.0)], True),
-    # The link was lost, or this process stood still: the surgeon has forgotten it.
-    ([(1, 0.0), (2, 9.0)], True), ([(1, 0.0), (2, 11.0)], False),
-    ([(1, 0.0), (2, 3600.0)], False), ([(1, 0.0), (2, -3600.0)], False)])
+@pytest.mark.parametrize(
+    ('numbers', 'engages'),
+    [
+        # It may be older than the machine: one that starts while the pedal is down stays still.
+        ([(123, 0.0)], False),
+        ([(123, 0.0), (123, 0.0)], False),
+        ([(123, 0.0), (124, 0.0)], True),
+        # The link was lost, or this process stood still: the surgeon has forgotten it.
+        ([(1, 0.0), (2, 9.0)], True),
+        ([(1, 0.0), (2, 11.0)], False),
+        ([(1, 0.0), (2, 3600.0)], False),
+        ([(1, 0.0), (2, -3600.0)], False),
+    ],
+)
 def test_only_a_fresh_enable_that_is_known_as_such_engages(numbers, engages):
     rig = Rig().ready()
     rig.machine.take_presence(True)
@@ -162,8 +179,9 @@ def fall_silent(rig):
     rig.machine.take_state(read_state('healthy'))
 
 
-@pytest.mark.parametrize('end', [
-    lambda rig: rig.run(120), fall_silent, lambda rig: rig.machine.disengage()])
+@pytest.mark.parametrize(
+    'end', [lambda rig: rig.run(120), fall_silent, lambda rig: rig.machine.disengage()]
+)
 def test_an_enable_that_was_not_used_lapses(end):
     rig = Rig(enable_timeout=0.1).ready()
     assert rig.machine.enable() == ''
@@ -205,20 +223,26 @@ LOSSES = {
     'no presence': lambda rig: rig.machine.take_presence(False) or rig.machine.take_presence(True),
     'no orientation': lambda rig: rig.pause('master', 60),
     'no orientation (norm)': lambda rig: rig.machine.take_master(
-        rig.stamp + 1, (0.0, nan, 0.0, 1.0)),
+        rig.stamp + 1, (0.0, nan, 0.0, 1.0)
+    ),
     'no orientation (stopped)': stop,
     # The computer slept, or its clock was set.
     'no orientation (stamp)': lambda rig: setattr(rig, 'stamp', rig.stamp + 3_600_000 * MS),
     'no pose of the slave': lambda rig: rig.pause('slave', 110),
     'no pose of the slave (norm)': lambda rig: rig.machine.take_slave((nan, 0.0, 0.0, 1.0)),
-    'silent: x': lambda rig: rig.machine.take_state(read_state('silent: x'))
-    or rig.machine.take_state(read_state('healthy')),
-    'master not enabled': lambda rig: rig.machine.take_enabling(0, 0.0)
-    or rig.machine.take_enabling(1, 1e9),
-    'protection level above the limit': lambda rig: rig.machine.take_level(radians(0.8))
-    or rig.machine.take_level(radians(0.1)),
+    'silent: x': lambda rig: (
+        rig.machine.take_state(read_state('silent: x'))
+        or rig.machine.take_state(read_state('healthy'))
+    ),
+    'master not enabled': lambda rig: (
+        rig.machine.take_enabling(0, 0.0) or rig.machine.take_enabling(1, 1e9)
+    ),
+    'protection level above the limit': lambda rig: (
+        rig.machine.take_level(radians(0.8)) or rig.machine.take_level(radians(0.1))
+    ),
     'clutch gone while pressed': lambda rig: rig.machine.take_clutch(None),
-    'disabled': lambda rig: rig.machine.disengage()}
+    'disabled': lambda rig: rig.machine.disengage(),
+}
 
 
 @pytest.mark.parametrize('cause', LOSSES)
@@ -245,8 +269,9 @@ def test_what_disengages_does_so_for_good(cause, clutched):
 
 def test_presence_has_to_be_repeated():
     """By default: a pedal that was killed does not lead the slave."""
-    timeout = next(setting.default for setting in TELEOP_SETTINGS
-                   if setting.name == 'teleop.presence_timeout')
+    timeout = next(
+        setting.default for setting in TELEOP_SETTINGS if setting.name == 'teleop.presence_timeout'
+    )
     rig = Rig(presence_timeout=timeout).engage()
     for _ in range(2):
         rig.machine.take_presence(True)
@@ -257,11 +282,12 @@ def test_presence_has_to_be_repeated():
 
 def test_the_law_at_the_rate_of_the_samples_and_with_a_registration():
     registration = zxz(0.5, -0.7, 0.2)
-    rig = Rig(command_rate=0.0,
-              registration_zxz_deg=np.degrees([0.5, -0.7, 0.2]).tolist()).engage()
+    rig = Rig(
+        command_rate=0.0, registration_zxz_deg=np.degrees([0.5, -0.7, 0.2]).tolist()
+    ).engage()
     master, slave = rig.master, rig.slave
     for k in range(300):
-        (_, given), = rig.run(1, (0.002 * k, -0.001 * k, 0.3))
+        ((_, given),) = rig.run(1, (0.002 * k, -0.001 * k, 0.3))
         expected = registration @ rig.master @ (registration @ master).T @ slave
         np.testing.assert_allclose(given, expected, atol=1e-12)
 
@@ -269,9 +295,13 @@ def test_the_law_at_the_rate_of_the_samples_and_with_a_registration():
 def test_an_orientation_that_is_not_newer_is_ignored():
     rig = Rig(command_rate=0.0).engage()
     for late in (0, 1, 1000):
-        assert rig.machine.take_master(
-            rig.stamp - late * MS, quaternion(turn([1.0, 0.0, 0.0]) @ rig.master)) is None
-    (_, after), = rig.run(1)
+        assert (
+            rig.machine.take_master(
+                rig.stamp - late * MS, quaternion(turn([1.0, 0.0, 0.0]) @ rig.master)
+            )
+            is None
+        )
+    ((_, after),) = rig.run(1)
     np.testing.assert_allclose(after, rig.slave, atol=1e-12)
 
 
@@ -323,8 +353,13 @@ def test_an_absolute_slave_brakes_ahead_and_never_passes_the_master(seed):
     generator = random.Random(seed)
     speed, acceleration = generator.uniform(0.2, 3.0), 10.0 ** generator.uniform(-0.3, 3.0)
     rate = generator.choice([0.0, 50.0, 200.0, 333.0])
-    rig = Rig(alignment='absolute', align_speed=speed, acceleration_limit=acceleration,
-              command_rate=rate, jump_limit_deg=90.0)
+    rig = Rig(
+        alignment='absolute',
+        align_speed=speed,
+        acceleration_limit=acceleration,
+        command_rate=rate,
+        jump_limit_deg=90.0,
+    )
     angle = generator.uniform(0.05, 2.8)
     rig.slave = turn(angle * np.array([0.6, 0.0, 0.8])) @ MASTER
     rig.engage()
@@ -377,13 +412,20 @@ def run_with_lag(rig, lag, every, steps, rate):
         rig.slave = turn(part * rotation_vector(commanded @ rig.slave.T)) @ rig.slave
 
 
-@pytest.mark.parametrize(('lag', 'every', 'slave_timeout', 'moment', 'rests'), [
-    (0.0, 100, 0.15, 0, False), (0.05, 5, 0.1, 30, False), (0.02, 90, 0.1, 60, False),
-    # It has rested for long, and has not reported yet that the last commands move it.
-    (0.0, 100, 0.15, 60, True)])
+@pytest.mark.parametrize(
+    ('lag', 'every', 'slave_timeout', 'moment', 'rests'),
+    [
+        (0.0, 100, 0.15, 0, False),
+        (0.05, 5, 0.1, 30, False),
+        (0.02, 90, 0.1, 60, False),
+        # It has rested for long, and has not reported yet that the last commands move it.
+        (0.0, 100, 0.15, 60, True),
+    ],
+)
 @pytest.mark.parametrize('tapped', ['clutch', 'disable'])
 def test_a_slave_on_its_way_does_not_begin_to_follow(
-        lag, every, slave_timeout, tapped, moment, rests):
+    lag, every, slave_timeout, tapped, moment, rests
+):
     """Its last pose is not where it is: the command would go back there."""
     rig = Rig(slave_timeout=slave_timeout)
     rig.machine.take_state(read_state('healthy'))
@@ -444,9 +486,13 @@ def test_a_roll_counts_only_while_the_surgeon_is_present():
     assert rig.run(100, rig.master[:, 2] * 1.5)
 
 
-@pytest.mark.parametrize('limits', [
-    {'command_rate': 20.0, 'orientation_timeout': 0.2},
-    {'jump_limit_deg': 1.0, 'command_rate': 100.0}])
+@pytest.mark.parametrize(
+    'limits',
+    [
+        {'command_rate': 20.0, 'orientation_timeout': 0.2},
+        {'jump_limit_deg': 1.0, 'command_rate': 100.0},
+    ],
+)
 def test_the_velocity_is_that_of_the_command(limits):
     """A slave that is driven by rates turns as far as one that is driven by poses."""
     rig = Rig(**limits).engage()
@@ -516,8 +562,13 @@ class Watch:
             case 'master' | 'slave':
                 setattr(rig, what, turn(value) @ getattr(rig, what))
         machine.pass_time(0.0)
-        if not self.healthy or self.enabling == 0 or what == 'disable' \
-                or (what == 'silence' and value > 50) or (what == 'stale' and value > 101):
+        if (
+            not self.healthy
+            or self.enabling == 0
+            or what == 'disable'
+            or (what == 'silence' and value > 50)
+            or (what == 'stale' and value > 101)
+        ):
             self.armed = self.engaged = False
         if self.clutch or not self.engaged or machine.phase is Phase.DISENGAGED:
             self.last = None
@@ -528,19 +579,32 @@ class Watch:
 ACTIONS = {
     'run': lambda draw: (draw.randint(1, 120), [draw.uniform(-8.0, 8.0) for _ in range(3)]),
     'walk': lambda draw: (draw.randint(1, 60), (0.2, -0.1, 0.3)),
-    'silence': lambda draw: draw.randint(1, 90), 'stale': lambda draw: draw.randint(1, 160),
-    'presence': lambda draw: draw.random() < 0.9, 'clutch': lambda draw: draw.random() < 0.3,
-    'state': lambda draw: draw.choice([
-        *['healthy'] * 8, 'degraded: joint_1a', 'silent: no joint samples', 'starting',
-        'all is well', 'healthy: but']),
-    'enable': lambda _: None, 'enable of the master': lambda draw: draw.randint(0, 8),
-    'disable': lambda _: None, 'master': lambda draw: [draw.uniform(-1.0, 1.0) for _ in range(3)],
-    'slave': lambda draw: [draw.uniform(-0.1, 0.1) for _ in range(3)]}
+    'silence': lambda draw: draw.randint(1, 90),
+    'stale': lambda draw: draw.randint(1, 160),
+    'presence': lambda draw: draw.random() < 0.9,
+    'clutch': lambda draw: draw.random() < 0.3,
+    'state': lambda draw: draw.choice(
+        [
+            *['healthy'] * 8,
+            'degraded: joint_1a',
+            'silent: no joint samples',
+            'starting',
+            'all is well',
+            'healthy: but',
+        ]
+    ),
+    'enable': lambda _: None,
+    'enable of the master': lambda draw: draw.randint(0, 8),
+    'disable': lambda _: None,
+    'master': lambda draw: [draw.uniform(-1.0, 1.0) for _ in range(3)],
+    'slave': lambda draw: [draw.uniform(-0.1, 0.1) for _ in range(3)],
+}
 WEIGHTS = (4, 8, 1, 1, 3, 2, 3, 8, 2, 0.5, 1, 1)
 
 
-@pytest.mark.parametrize('seed', [0, 1, *(
-    pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 5))])
+@pytest.mark.parametrize(
+    'seed', [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 5))]
+)
 def test_whatever_comes_there_is_no_step_and_no_command_while_not_engaged(seed):
     draw = random.Random(seed)
     watch = Watch(Rig(limit_action=('slew', 'disengage')[seed % 2]))

@@ -16,12 +16,13 @@ SECONDS, EVERY = 20.0, 10
 @pytest.fixture(scope='session')
 def motion_log(tmp_path_factory):
     """Return a function that writes the begin of a log at 100 Hz, and returns its arguments."""
+
     def write(name):
         path = tmp_path_factory.mktemp('log') / f'{name}.log'
         cycles = begin = 0
         with gzip.open(DATA / 'rig' / f'{name}.log.gz', 'rt') as source, path.open('w') as log:
             for line in source:
-                time = float(line[1:line.index(')')])
+                time = float(line[1 : line.index(')')])
                 begin = begin or time
                 if time - begin > SECONDS:
                     break
@@ -29,6 +30,7 @@ def motion_log(tmp_path_factory):
                 if cycles % EVERY == 1:
                     log.write(line)
         return ('-p', 'source:=replay', '-p', f'replay.path:={path}', '-p', 'rate:=100.0')
+
     return write
 
 
@@ -44,10 +46,17 @@ def calibrated(motion, tmp_path_factory):
     path, verdicts, lines = tmp_path_factory.mktemp('motion') / 'c.yaml', [], []
     with pytest.MonkeyPatch.context() as patch:
         # The report has tests of its own, and its picture takes seconds.
-        patch.setattr(calibrate_motion, 'write_report',
-                      lambda path, verdict: verdicts.append(verdict) or 'report c.md')
+        patch.setattr(
+            calibrate_motion,
+            'write_report',
+            lambda path, verdict: verdicts.append(verdict) or 'report c.md',
+        )
         patch.setattr(calibrate_motion, 'print', lines.append, raising=False)
         patch.setattr(calibration_verdict, 'SECONDS', 10.0)
-        assert calibrate.main(['calibrate', '--motion', *motion, '-o', str(path),
-                               '-p', 'alert_limit_deg:=30.0']) == 0
+        assert (
+            calibrate.main(
+                ['calibrate', '--motion', *motion, '-o', str(path), '-p', 'alert_limit_deg:=30.0']
+            )
+            == 0
+        )
     return path, '\n'.join(lines), *verdicts

@@ -34,12 +34,17 @@ def record(path, pose, sensors=4, without=(), every=1, noise=0.04):
     built = geometry.geometry_from(complete(geometry.MECHANISM_SETTINGS, mechanism()))
     angles = measured_angles(zxz_rotation(*map(radians, pose)), built, (1, 1, 1), sensors)
     if sensors == 4:
-        harmonics = decoder_factory.make_harmonics(values(**{
-            name.replace('.', '__'): tuple(value) for name, value in HARMONICS.items()}))
+        harmonics = decoder_factory.make_harmonics(
+            values(**{name.replace('.', '__'): tuple(value) for name, value in HARMONICS.items()})
+        )
         angles = [each.readings(angle) for each, angle in zip(harmonics, angles, strict=True)]
-    layouts = decoder_factory.make_layouts(values(
-        sensors=sensors, encoders__zero_count=ZEROS[:sensors],
-        encoders__direction=DIRECTIONS[:sensors]))
+    layouts = decoder_factory.make_layouts(
+        values(
+            sensors=sensors,
+            encoders__zero_count=ZEROS[:sensors],
+            encoders__direction=DIRECTIONS[:sensors],
+        )
+    )
     rows = np.random.default_rng(13).normal(0.0, radians(noise), (400, sensors)) + angles
     with can.CanutilsLogWriter(path) as log:
         for number, row in enumerate(rows.tolist()):
@@ -58,18 +63,34 @@ def run(capsys, *args):
 
 def at(log, output, pose, *args):
     """Return the arguments of a calibration from a log."""
-    return ('-p', 'source:=replay', '-p', f'replay.path:={log}', '-p', 'replay.rate:=20.0',
-            '--seconds', 0.3, '-o', output, '--pose', *pose, *args)
+    return (
+        '-p',
+        'source:=replay',
+        '-p',
+        f'replay.path:={log}',
+        '-p',
+        'replay.rate:=20.0',
+        '--seconds',
+        0.3,
+        '-o',
+        output,
+        '--pose',
+        *pose,
+        *args,
+    )
 
 
 @pytest.mark.parametrize('sensors', [4, 6])
 def test_two_poses_give_a_file_that_is_all_that_the_nodes_need(capsys, tmp_path, sensors):
     rig_file, output = tmp_path / 'rig.yaml', tmp_path / 'calibration.yaml'
     rig = mechanism() | (HARMONICS if sensors == 4 else {'sensors': 6})
-    rig_file.write_text('/**:\n  ros__parameters:\n' + ''.join(
-        f'    {name}: {value}\n' for name, value in rig.items()))
-    first, second = (record(tmp_path / f'{number}.log', pose, sensors)
-                     for number, pose in enumerate(POSES))
+    rig_file.write_text(
+        '/**:\n  ros__parameters:\n'
+        + ''.join(f'    {name}: {value}\n' for name, value in rig.items())
+    )
+    first, second = (
+        record(tmp_path / f'{number}.log', pose, sensors) for number, pose in enumerate(POSES)
+    )
     code, out, err = run(capsys, *at(first, output, POSES[0], '--params-file', rig_file))
     assert (code, err) == (0, '') and f'{output}: written' in out
     assert out.count('direction +1 (NOT verified)') == sensors
@@ -89,28 +110,44 @@ def test_two_poses_give_a_file_that_is_all_that_the_nodes_need(capsys, tmp_path,
     for index, sign in enumerate(DIRECTIONS[:sensors]):
         sigma, bias = degrees(found.sigma[index]), degrees(found.bias[index])
         assert 0.03 < sigma < 0.05 and 0.1 < bias < 1.0
-        assert f': zero count {found.zero_count[index]}, sigma {sigma:.4f} deg, bias {bias:.4f} ' \
+        assert (
+            f': zero count {found.zero_count[index]}, sigma {sigma:.4f} deg, bias {bias:.4f} '
             f'deg, direction {sign:+d} (verified)\n' in out
+        )
     assert 'The driver refuses' not in out
     # Noise of a count, averaged over 400.
     np.testing.assert_allclose(found.zero_count, ZEROS[:sensors], atol=1)
     parameters = read_parameters(output)
     for name, value in rig.items():
         assert parameters[name] == pytest.approx(value, abs=1e-12), name
-    assert not any('table' in name or name.endswith(('alpha_deg', 'working_mode'))
-                   for name in parameters)
-    assert decoder_factory.unverified_joints(values(sensors=sensors, **{
-        name.replace('.', '__'): tuple(value) for name, value in parameters.items()
-        if name.startswith('encoders')})) == ()
+    assert not any(
+        'table' in name or name.endswith(('alpha_deg', 'working_mode')) for name in parameters
+    )
+    assert (
+        decoder_factory.unverified_joints(
+            values(
+                sensors=sensors,
+                **{
+                    name.replace('.', '__'): tuple(value)
+                    for name, value in parameters.items()
+                    if name.startswith('encoders')
+                },
+            )
+        )
+        == ()
+    )
     # The file of a nominal rig has neither mechanism nor harmonics.
     nominal = tmp_path / 'nominal.yaml'
     assert run(capsys, *at(first, nominal, POSES[0], '-p', f'sensors:={sensors}'))[0] == 0
-    assert not any(name.startswith(('geometry', 'encoders.harmonic', 'encoders.table'))
-                   for name in read_parameters(nominal))
+    assert not any(
+        name.startswith(('geometry', 'encoders.harmonic', 'encoders.table'))
+        for name in read_parameters(nominal)
+    )
 
 
 def test_a_live_device_is_asked_for_each_pose_and_the_driver_runs_on_the_file(
-        capsys, monkeypatch, tmp_path, channel, encoders):
+    capsys, monkeypatch, tmp_path, channel, encoders
+):
     """Someone brings it to the next pose each time, and presses Enter."""
     rig = {'encoders__zero_count': ZEROS[:4], 'encoders__direction': DIRECTIONS[:4]}
     bus = {'can.interface': 'virtual', 'can.channel': channel, 'rate': 250.0}
@@ -124,33 +161,91 @@ def test_a_live_device_is_asked_for_each_pose_and_the_driver_runs_on_the_file(
     monkeypatch.setattr('sys.stdin', SimpleNamespace(readline=bring))
     monkeypatch.setattr('spm_haptic_master.calibration.jig.SETS_MINIMUM', 20)
     with ExitStack() as held:
-        assert main(['calibrate', '-o', str(path), '--seconds', '0.2', *(
-            word for name, value in bus.items() for word in ('-p', f'{name}:={value}')), *(
-            str(word) for pose in POSES for word in ('--pose', *pose))]) == 0
+        assert (
+            main(
+                [
+                    'calibrate',
+                    '-o',
+                    str(path),
+                    '--seconds',
+                    '0.2',
+                    *(word for name, value in bus.items() for word in ('-p', f'{name}:={value}')),
+                    *(str(word) for pose in POSES for word in ('--pose', *pose)),
+                ]
+            )
+            == 0
+        )
     out, err = capsys.readouterr()
     assert out.count('(verified)') == 4
     assert 'pose 2 of 2: hold the device at psi theta phi 125 50 25 deg, then press Enter\n' in err
     pose = (140.0, 60.0, 20.0)
-    file = {name.replace('.', '__'): value for name, value in read_parameters(path).items()
-            if name.startswith('encoders')}
-    with encoders(sync=0.004, pose=pose, **rig), closing(make_source('can', values(**file, **{
-            name.replace('.', '__'): value for name, value in bus.items()}))) as source:
+    file = {
+        name.replace('.', '__'): value
+        for name, value in read_parameters(path).items()
+        if name.startswith('encoders')
+    }
+    with (
+        encoders(sync=0.004, pose=pose, **rig),
+        closing(
+            make_source(
+                'can',
+                values(**file, **{name.replace('.', '__'): value for name, value in bus.items()}),
+            )
+        ) as source,
+    ):
         sample = source.read(2.0)
-    assert sample.angles == pytest.approx(measured_angles(
-        zxz_rotation(*map(radians, pose)), Geometry(), (1, 1, 1), 4), abs=4e-3)
+    assert sample.angles == pytest.approx(
+        measured_angles(zxz_rotation(*map(radians, pose)), Geometry(), (1, 1, 1), 4), abs=4e-3
+    )
 
 
-@pytest.mark.parametrize(('args', 'words'), [
-    ((), 'calibrate: no -o FILE; expected the parameter file to write'),
-    (('--check', 'c.yaml'), '--check c.yaml without --motion; expected both'),
-    (('-o', 'rig.yaml', '-p', 'source:=sim'), "'source' is 'sim'; expected can or replay"),
-    (('-o', 'rig.yaml', '--pose', 0, 0, 0), '--pose 0 0 0: out of reach of the manipulator'),
-    (('-o', 'rig.yaml', '--pose', 135, 54, 0, '--pose', 130, 50, 10),
-     'standard input has ended; expected Enter for each of 2 poses'),
-    (('-o', 'rig.yaml', '-p', 'source:=replay', '-p', f'replay.path:={LOG}', '--pose', 135, 54, 0,
-      '--pose', 130, 50, 10), '--pose is given 2 times; expected once for a recording'),
-    (('-o', 'rig.yaml', '-p', 'source:=replay', '-p', f'replay.path:={LOG}', '-p',
-      'replay.rate:=100.0', '--seconds', 0.02), 'the device moved: joint_')])
+@pytest.mark.parametrize(
+    ('args', 'words'),
+    [
+        ((), 'calibrate: no -o FILE; expected the parameter file to write'),
+        (('--check', 'c.yaml'), '--check c.yaml without --motion; expected both'),
+        (('-o', 'rig.yaml', '-p', 'source:=sim'), "'source' is 'sim'; expected can or replay"),
+        (('-o', 'rig.yaml', '--pose', 0, 0, 0), '--pose 0 0 0: out of reach of the manipulator'),
+        (
+            ('-o', 'rig.yaml', '--pose', 135, 54, 0, '--pose', 130, 50, 10),
+            'standard input has ended; expected Enter for each of 2 poses',
+        ),
+        (
+            (
+                '-o',
+                'rig.yaml',
+                '-p',
+                'source:=replay',
+                '-p',
+                f'replay.path:={LOG}',
+                '--pose',
+                135,
+                54,
+                0,
+                '--pose',
+                130,
+                50,
+                10,
+            ),
+            '--pose is given 2 times; expected once for a recording',
+        ),
+        (
+            (
+                '-o',
+                'rig.yaml',
+                '-p',
+                'source:=replay',
+                '-p',
+                f'replay.path:={LOG}',
+                '-p',
+                'replay.rate:=100.0',
+                '--seconds',
+                0.02,
+            ),
+            'the device moved: joint_',
+        ),
+    ],
+)
 def test_without_a_device_at_rest_nothing_is_written(capsys, monkeypatch, tmp_path, args, words):
     monkeypatch.setattr('sys.stdin', io.StringIO())
     monkeypatch.chdir(tmp_path)
@@ -169,12 +264,24 @@ def test_a_noisy_encoder_is_refused_below_the_limit_given(capsys, tmp_path):
     assert re.match(r'calibrate: joint_3b has no reading in \d+ of \d+ sets; these are', err), err
 
 
-@pytest.mark.parametrize('arguments', [
-    ('--pose', *POSES[0], '--jig-error', 0.1, '-p', 'replay.rate:=20.0'), ('--motion',)])
+@pytest.mark.parametrize(
+    'arguments',
+    [('--pose', *POSES[0], '--jig-error', 0.1, '-p', 'replay.rate:=20.0'), ('--motion',)],
+)
 def test_a_calibration_of_six_with_one_missing_names_it(tmp_path, capsys, arguments):
     log = record(tmp_path / 'five.log', POSES[0], 6, without={4})
-    code, _, err = run(capsys, '-p', 'source:=replay', '-p', f'replay.path:={log}', '-p',
-                       'sensors:=6', '-o', tmp_path / 'calibration.yaml', *arguments)
+    code, _, err = run(
+        capsys,
+        '-p',
+        'source:=replay',
+        '-p',
+        f'replay.path:={log}',
+        '-p',
+        'sensors:=6',
+        '-o',
+        tmp_path / 'calibration.yaml',
+        *arguments,
+    )
     assert code == 1
     assert 'joint_3b has no reading in ' in err and 'check the encoder, or give `sensors`' in err
     assert not (tmp_path / 'calibration.yaml').exists()

@@ -29,8 +29,10 @@ from spm_haptic_master.tools.calibrate import main
 
 # Layouts whose angles are counts.
 RAW = make_layouts(values(encoders__zero_count=[0] * 4, encoders__direction=[1] * 4))
-MOTION, CHECK = (('-p', 'source:=replay', '-p', f'replay.path:={DATA}/rig/{name}.log.gz')
-                 for name in ('dev_motion', 'dev_check'))
+MOTION, CHECK = (
+    ('-p', 'source:=replay', '-p', f'replay.path:={DATA}/rig/{name}.log.gz')
+    for name in ('dev_motion', 'dev_check')
+)
 
 
 def run(*args):
@@ -46,20 +48,26 @@ def test_another_log_of_the_rig_becomes_right_orientations(tmp_path):
     given = read_parameters(path)
     settings = command_line.checked(
         given | {'replay.path': CHECK[-1].removeprefix('replay.path:=')},
-        SOURCE_SETTINGS['replay'], 'replay')
+        SOURCE_SETTINGS['replay'],
+        'replay',
+    )
     samples = list(make_replay(settings).recorded())
     names = {setting.name for setting in FKM_SETTINGS}
     stamps = np.array([sample.stamp for sample in samples])
-    found = supervise(stamps, np.array([sample.angles for sample in samples]), **{
-        name.replace('.', '__'): value for name, value in given.items() if name in names})
+    found = supervise(
+        stamps,
+        np.array([sample.angles for sample in samples]),
+        **{name.replace('.', '__'): value for name, value in given.items() if name in names},
+    )
     assert found.published.mean() >= 0.999
     assert [text for _, text in found.state] == ['starting', 'healthy']
     times, true = truth()
     rows = np.searchsorted(stamps, np.round((times - times[0]) * 1e9) + stamps[0] - 300_000)
     known = found.published[rows]
     errors = errors_deg(
-        kinematics.matrix_from_quaternion(found.quaternion[rows[known]]), true[known])
-    rms = np.sqrt((errors ** 2).mean())
+        kinematics.matrix_from_quaternion(found.quaternion[rows[known]]), true[known]
+    )
+    rms = np.sqrt((errors**2).mean())
     print(f'{known.sum()} orientations, rms {rms:.4f} deg, largest {errors.max():.3f} deg')
     assert rms <= 0.06 and errors.max() <= 0.3
     assert (errors < found.protection_level[rows[known]]).all()
@@ -84,54 +92,79 @@ def test_the_motion_is_summed_up_and_its_file_has_what_it_determined(calibrated,
 
 
 def test_a_capture_or_poses_of_a_jig_give_the_mounting_of_both_ends(
-        calibrated, motion, tmp_path, monkeypatch, capsys):
+    calibrated, motion, tmp_path, monkeypatch, capsys
+):
     """Both are the calibration's own motion, turned at both ends; a capture on another clock."""
     calibration = calibrated[2].calibration
-    base, handle = (kinematics.matrix_from_zxz(*np.radians(each))
-                    for each in ((20, 30, 40), (-50, 25, 10)))
+    base, handle = (
+        kinematics.matrix_from_zxz(*np.radians(each)) for each in ((20, 30, 40), (-50, 25, 10))
+    )
     known = np.isfinite(calibration.rotation).all(axis=(1, 2))
     turned = base @ calibration.rotation[known] @ handle
     capture, output = tmp_path / 'capture.csv', tmp_path / 'c.yaml'
-    np.savetxt(capture, np.column_stack([
-        calibration.readings.seconds[known] + 7.3, kinematics.quaternion_from_matrix(turned)]),
-        delimiter=',', comments='', header='time,qx,qy,qz,qw', fmt='%.9f')
-    for name, result in (('calibrate_motion', calibration), ('published_share', 1.0),
-                         ('write_report', '')):
+    np.savetxt(
+        capture,
+        np.column_stack(
+            [calibration.readings.seconds[known] + 7.3, kinematics.quaternion_from_matrix(turned)]
+        ),
+        delimiter=',',
+        comments='',
+        header='time,qx,qy,qz,qw',
+        fmt='%.9f',
+    )
+    for name, result in (
+        ('calibrate_motion', calibration),
+        ('published_share', 1.0),
+        ('write_report', ''),
+    ):
         monkeypatch.setattr(calibrate_motion, name, lambda *_, result=result: result)
     monkeypatch.setattr(calibrate_motion, 'supported', lambda found, _: (found, 30.0))
     given = (*motion, '-p', 'alert_limit_deg:=30.0', '-o', output)
     args = (*given, '--capture', capture)
     assert run(*args) == 0, capsys.readouterr().err
     figures = r'standard deviations 0\.\d+ 0\.\d+ 0\.\d+ deg\n'
-    assert re.search(rf'\n  mounting of the base: {figures}  mounting of the handle: {figures}'
-                     r'  residual of the orientations from outside: 0\.000 deg rms\n$',
-                     capsys.readouterr().out)
+    assert re.search(
+        rf'\n  mounting of the base: {figures}  mounting of the handle: {figures}'
+        r'  residual of the orientations from outside: 0\.000 deg rms\n$',
+        capsys.readouterr().out,
+    )
     poses = []
     for row in np.flatnonzero(known)[::500]:
-        poses += ['--pose', *np.degrees(kinematics.zxz_from_matrix(
-            base @ calibration.rotation[row] @ handle)), '--pose-recording', record(
-                tmp_path / f'{row}.log', [message for number in range(150) for message in cycle(
-                    number, calibration.readings.readings[row], RAW)])]
+        poses += [
+            '--pose',
+            *np.degrees(kinematics.zxz_from_matrix(base @ calibration.rotation[row] @ handle)),
+            '--pose-recording',
+            record(
+                tmp_path / f'{row}.log',
+                [
+                    message
+                    for number in range(150)
+                    for message in cycle(number, calibration.readings.readings[row], RAW)
+                ],
+            ),
+        ]
     by_capture = read_parameters(output)
     assert run(*given, '--force', '-p', 'replay.rate:=20.0', *poses) == 0, capsys.readouterr().err
     for found, tolerance in ((by_capture, 0.05), (read_parameters(output), 0.3)):
         for name, rotation in (('base', base), ('handle', handle)):
             expected = np.degrees(kinematics.zxz_from_matrix(rotation))
             assert found[f'mounting.{name}_zxz_deg'] == pytest.approx(expected, abs=tolerance)
-    capture.write_text('time,ax,ay,az,bx,by,bz,cx,cy,cz,dx,dy,dz\n' + ''.join(
-        f'{time},0,0,0,0,0,1,1,0,0,0,1,0\n' for time in range(20)))
+    capture.write_text(
+        'time,ax,ay,az,bx,by,bz,cx,cy,cz,dx,dy,dz\n'
+        + ''.join(f'{time},0,0,0,0,0,1,1,0,0,0,1,0\n' for time in range(20))
+    )
     assert run(*args, '--force') == 1
     assert 'markers; expected the pose of a body' in capsys.readouterr().err
 
 
 def test_a_live_motion_is_kept_until_it_is_enough_and_can_be_used_again(
-        encoders, channel, tmp_path, monkeypatch, capsys):
+    encoders, channel, tmp_path, monkeypatch, capsys
+):
     """At rest, so that it is refused afterwards; a program that is killed leaves the file."""
     path, published, sets = tmp_path / 'c_motion_2.log', [], []
     (tmp_path / 'c_motion.log').write_text('mine')
 
     class Guide:
-
         def __init__(self, layout):
             self.errors = iter((None, 0.08, 0.04))
 
@@ -151,12 +184,27 @@ def test_a_live_motion_is_kept_until_it_is_enough_and_can_be_used_again(
     monkeypatch.setattr('spm_haptic_master.nodes.guidance_publisher.published', topic)
     monkeypatch.setattr(motion_source, 'record', partial(recording.record, period=0.1))
     with encoders(sync=0.01):
-        assert run('-p', 'can.interface:=virtual', '-p', f'can.channel:={channel}', '-p',
-                   'rate:=100.0', '-o', tmp_path / 'c.yaml', '--ros-args', '-r', '__ns:=/a') == 1
+        assert (
+            run(
+                '-p',
+                'can.interface:=virtual',
+                '-p',
+                f'can.channel:={channel}',
+                '-p',
+                'rate:=100.0',
+                '-o',
+                tmp_path / 'c.yaml',
+                '--ros-args',
+                '-r',
+                '__ns:=/a',
+            )
+            == 1
+        )
     assert published[0] == ['__ns:=/a'] and len(published) == 4
     shares = [covered for _, covered in published[1:]]
-    assert shares == [{'precision': pytest.approx(share), 'joint_1a': 0.5}
-                      for share in (0.0, 0.25, 1.0)]
+    assert shares == [
+        {'precision': pytest.approx(share), 'joint_1a': 0.5} for share in (0.0, 0.25, 1.0)
+    ]
     assert f' s, {sets[2]} sets: turn it' in published[3][0]
     err = capsys.readouterr().err
     assert 'calibrate: move the handle through its whole workspace' in err
@@ -164,24 +212,46 @@ def test_a_live_motion_is_kept_until_it_is_enough_and_can_be_used_again(
     assert (tmp_path / 'c_motion.log').read_text() == 'mine'
     refused = re.compile(r'calibrate: (the motion lasts|joint_1a moved by|\d+ sets of four) .*')
     assert refused.fullmatch(err.splitlines()[-1])
-    assert run('-p', 'source:=replay', '-p', f'replay.path:={path}', '-p', 'rate:=100.0',
-               '-o', tmp_path / 'd.yaml') == 1
+    assert (
+        run(
+            '-p',
+            'source:=replay',
+            '-p',
+            f'replay.path:={path}',
+            '-p',
+            'rate:=100.0',
+            '-o',
+            tmp_path / 'd.yaml',
+        )
+        == 1
+    )
     assert refused.fullmatch(capsys.readouterr().err.splitlines()[-1])
 
 
-@pytest.mark.parametrize('args, text', (
-    ((), 'no -o FILE; expected the parameter file to write'),
-    (('-o', '/proc/c.yaml'), '-o: /proc/c.yaml cannot be written'),
-    (('-o', '/no/such/directory/c.yaml'), 'expected a file in an existing directory'),
-    (('-o', 'c.yaml', '--pose', '1', '2', '3', '--capture', 'a.csv'),
-     '--pose and --capture; expected one of the two'),
-    (('-o', 'c.yaml', *MOTION, '--pose', '1', '2', '3'),
-     '--pose is given 1 times and --pose-recording 0 times; expected as many'),
-    (('-o', 'c.yaml', '--pose-recording', 'a.log'),
-     "--pose-recording with source 'can'; expected it with replay"),
-    (('-o', 'c.yaml', '-p', 'source:=sim'), "'source' is 'sim'; expected can or replay")))
+@pytest.mark.parametrize(
+    'args, text',
+    (
+        ((), 'no -o FILE; expected the parameter file to write'),
+        (('-o', '/proc/c.yaml'), '-o: /proc/c.yaml cannot be written'),
+        (('-o', '/no/such/directory/c.yaml'), 'expected a file in an existing directory'),
+        (
+            ('-o', 'c.yaml', '--pose', '1', '2', '3', '--capture', 'a.csv'),
+            '--pose and --capture; expected one of the two',
+        ),
+        (
+            ('-o', 'c.yaml', *MOTION, '--pose', '1', '2', '3'),
+            '--pose is given 1 times and --pose-recording 0 times; expected as many',
+        ),
+        (
+            ('-o', 'c.yaml', '--pose-recording', 'a.log'),
+            "--pose-recording with source 'can'; expected it with replay",
+        ),
+        (('-o', 'c.yaml', '-p', 'source:=sim'), "'source' is 'sim'; expected can or replay"),
+    ),
+)
 def test_arguments_that_lead_to_nothing_are_refused_in_one_line(
-        tmp_path, monkeypatch, capsys, args, text):
+    tmp_path, monkeypatch, capsys, args, text
+):
     monkeypatch.chdir(tmp_path)
     assert run(*args) == 1
     err = capsys.readouterr().err
@@ -191,20 +261,35 @@ def test_arguments_that_lead_to_nothing_are_refused_in_one_line(
 
 def test_the_file_has_the_bus_as_given_and_the_layout():
     """A driver that takes nothing but the file is on the same bus at the same rate."""
-    given = {'source': 'can', 'can.channel': 'can1', 'can.sync': 'produce', 'rate': 250.0,
-             'encoders.id': [0x281, 0x282, 0x283, 0x284], 'encoders.direction': [1, 1, 1, -1],
-             'geometry.alpha_deg': 40.0}
-    values = command_line.checked(recording.raw_counts(4) | given | {
-        'encoders.direction_verified': [True] * 4}, SOURCE_SETTINGS['can'], 'can')
+    given = {
+        'source': 'can',
+        'can.channel': 'can1',
+        'can.sync': 'produce',
+        'rate': 250.0,
+        'encoders.id': [0x281, 0x282, 0x283, 0x284],
+        'encoders.direction': [1, 1, 1, -1],
+        'geometry.alpha_deg': 40.0,
+    }
+    values = command_line.checked(
+        recording.raw_counts(4) | given | {'encoders.direction_verified': [True] * 4},
+        SOURCE_SETTINGS['can'],
+        'can',
+    )
     mechanism = command_line.checked(given, MECHANISM_SETTINGS)
     kept_settings = calibrate_motion.kept_settings
     kept = kept_settings('can', given, values, mechanism)
     # The whole layout: who edits it in another file is told.
-    layout = {setting.name: values[setting.name] for setting in LAYOUT_SETTINGS} \
-        | {'encoders.id': (0x281, 0x282, 0x283, 0x284)}
+    layout = {setting.name: values[setting.name] for setting in LAYOUT_SETTINGS} | {
+        'encoders.id': (0x281, 0x282, 0x283, 0x284)
+    }
     for measured in ('direction', 'zero_count', 'counts_per_turn'):
         del layout[f'encoders.{measured}']
     assert kept == layout | {
-        'source': 'can', 'can.channel': 'can1', 'can.sync': 'produce', 'rate': 250.0}
-    assert kept_settings('replay', {}, values, mechanism | {'working_mode': (1, -1, 1)}) \
-        == layout | {'working_mode': (1, -1, 1)}
+        'source': 'can',
+        'can.channel': 'can1',
+        'can.sync': 'produce',
+        'rate': 250.0,
+    }
+    assert kept_settings(
+        'replay', {}, values, mechanism | {'working_mode': (1, -1, 1)}
+    ) == layout | {'working_mode': (1, -1, 1)}

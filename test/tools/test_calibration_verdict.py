@@ -37,9 +37,12 @@ def test_a_limit_is_supported_from_the_least_one_on(found, fkm):
     with pytest.raises(CalibrationError) as caught:
         verdict.supported(found, fkm())
     # It begins with what to do, and names the limit that is accepted.
-    assert re.match(r'the motion does not support alert_limit_deg 1: (tilt|turn) the handle .*, '
-                    r'and move for longer; a task that tolerates more may take -p '
-                    rf'alert_limit_deg:={least:g} \(bias_deg over the', str(caught.value))
+    assert re.match(
+        r'the motion does not support alert_limit_deg 1: (tilt|turn) the handle .*, '
+        r'and move for longer; a task that tolerates more may take -p '
+        rf'alert_limit_deg:={least:g} \(bias_deg over the',
+        str(caught.value),
+    )
     assert verdict.supported(found, fkm(alert_limit_deg=least)) == (found, least)
     below = verdict.ALERT_LIMITS_DEG[verdict.ALERT_LIMITS_DEG.index(least) - 1]
     with pytest.raises(CalibrationError):
@@ -64,26 +67,36 @@ def test_the_motion_is_published_but_for_the_start_and_a_slip_is_refused(found, 
     stamps, readings = (found.readings.seconds * 1e9).astype(np.int64), found.readings.readings
     whole = replace(found, readings=replace(found.readings, spiked=np.zeros(len(stamps), bool)))
     shown = []
-    assert verdict.published_share(whole, (stamps, readings), values,
-                                   lambda *each: shown.append(each)) == 1.0 - 4 / len(stamps)
+    assert verdict.published_share(
+        whole, (stamps, readings), values, lambda *each: shown.append(each)
+    ) == 1.0 - 4 / len(stamps)
     assert {text for text, _ in shown} == {'supervision of the motion'}
     assert all(0.0 <= share <= 1.0 for _, share in shown)
     slipped = readings.copy()
-    slipped[len(slipped) // 2:, 1] += radians(8.0)
-    with pytest.raises(CalibrationError, match=r'fkm publishes \d\d\.\d % of the motion, expected '
-                       r'99 % at least: (?!starting|settling).*\(\d+ samples\); nothing is'):
+    slipped[len(slipped) // 2 :, 1] += radians(8.0)
+    with pytest.raises(
+        CalibrationError,
+        match=r'fkm publishes \d\d\.\d % of the motion, expected '
+        r'99 % at least: (?!starting|settling).*\(\d+ samples\); nothing is',
+    ):
         verdict.published_share(whole, (stamps, slipped), values, lambda *_: None)
     # Without the sets that have a spike.
     spiked = replace(found.readings, spiked=np.arange(len(stamps)) >= len(stamps) // 2)
-    assert verdict.published_share(replace(found, readings=spiked), (stamps, slipped), values,
-                                   lambda *_: None) > 0.99
+    assert (
+        verdict.published_share(
+            replace(found, readings=spiked), (stamps, slipped), values, lambda *_: None
+        )
+        > 0.99
+    )
 
 
 def test_the_angles_are_those_of_the_driver_by_the_file(found, fkm):
     """Of the model that was fitted, but for the rounding of the file."""
     np.testing.assert_allclose(
         fkm().angles(found, found.readings.readings),
-        found.model.corrected(found.turned, found.vector), atol=2e-6)
+        found.model.corrected(found.turned, found.vector),
+        atol=2e-6,
+    )
 
 
 def test_a_part_of_the_workspace_is_for_its_region_only(found, fkm):
@@ -102,12 +115,20 @@ def test_a_part_of_the_workspace_is_for_its_region_only(found, fkm):
 
 def write(path, **changes):
     """Write the rig's calibration, without the second harmonics, that no model knows."""
-    values = calibration() | mechanism() | {
-        'sigma_deg': [0.0405] * 4, 'bias_deg': [0.07] * 4} | {
-        name.replace('__', '.'): value for name, value in changes.items()}
-    path.write_text('/**:\n  ros__parameters:\n' + ''.join(
-        f'    {name}: {value}\n'.replace('True', 'true') for name, value in values.items()
-        if value is not None))
+    values = (
+        calibration()
+        | mechanism()
+        | {'sigma_deg': [0.0405] * 4, 'bias_deg': [0.07] * 4}
+        | {name.replace('__', '.'): value for name, value in changes.items()}
+    )
+    path.write_text(
+        '/**:\n  ros__parameters:\n'
+        + ''.join(
+            f'    {name}: {value}\n'.replace('True', 'true')
+            for name, value in values.items()
+            if value is not None
+        )
+    )
     return path
 
 
@@ -120,12 +141,14 @@ def another_motion(motion_log):
 @pytest.fixture
 def check(another_motion, capsys, tmp_path):
     """Return what checks a calibration with changes; it returns exit code, stdout and stderr."""
+
     def check(*args, **changes):
         path = write(tmp_path / 'c.yaml', **changes)
         code = main(['calibrate', '--motion', '--check', str(path), *(args or another_motion)])
         out, err = (each.replace(f'{tmp_path}/', '') for each in capsys.readouterr())
         assert [each.name for each in tmp_path.iterdir()] == ['c.yaml']
         return code, out, err
+
     return check
 
 
@@ -133,29 +156,49 @@ def test_a_calibration_holds_until_a_zero_slips_or_a_direction_is_another(check)
     code, out, err = check()
     assert code == 0
     assert_recorded('calibration/check_printed.txt', out)
-    zero, direction = ([*calibration()[f'encoders.{name}']]
-                       for name in ('zero_count', 'direction'))
+    zero, direction = (
+        [*calibration()[f'encoders.{name}']] for name in ('zero_count', 'direction')
+    )
     # Counts that are 0.22 deg.
     zero[3] += 10
     code, out, err = check(encoders__zero_count=zero)
     assert code == 1 and 'c.yaml: does not hold; 1951 sets' in out
-    slip = re.fullmatch(r'calibrate: c.yaml does not hold: joint_3a slipped by ([-+.\d]+) deg '
-                        r'\(\+- 0.0\d\)', err.splitlines()[-1])
+    slip = re.fullmatch(
+        r'calibrate: c.yaml does not hold: joint_3a slipped by ([-+.\d]+) deg '
+        r'\(\+- 0.0\d\)',
+        err.splitlines()[-1],
+    )
     assert float(slip[1]) == pytest.approx(-direction[3] * 0.22, abs=0.04)
     direction[2] *= -1
     code, out, err = check(encoders__direction=direction)
-    assert code == 1 and err.splitlines()[-1] == \
-        'calibrate: c.yaml does not hold: joint_1c turns in the opposite direction'
+    assert (
+        code == 1
+        and err.splitlines()[-1]
+        == 'calibrate: c.yaml does not hold: joint_1c turns in the opposite direction'
+    )
     assert re.search(r'\n  only \d+ % of the angles fit the mechanism\n', out)
 
 
-@pytest.mark.parametrize(('args', 'changes', 'words'), [
-    ((), {'sigma_deg': None}, 'c.yaml: it has no sigma_deg; expected a file that calibrate wrote'),
-    (('--check', '/none.yaml'), {}, '/none.yaml: cannot be read: '),
-    (('-o', 'out.yaml'), {}, '-o out.yaml with --check .*; expected one of them'),
-    (('--seconds', '1'), {}, r'100 sets of four encoders in 1\.0 s; a motion needs at least 200')])
+@pytest.mark.parametrize(
+    ('args', 'changes', 'words'),
+    [
+        (
+            (),
+            {'sigma_deg': None},
+            'c.yaml: it has no sigma_deg; expected a file that calibrate wrote',
+        ),
+        (('--check', '/none.yaml'), {}, '/none.yaml: cannot be read: '),
+        (('-o', 'out.yaml'), {}, '-o out.yaml with --check .*; expected one of them'),
+        (
+            ('--seconds', '1'),
+            {},
+            r'100 sets of four encoders in 1\.0 s; a motion needs at least 200',
+        ),
+    ],
+)
 def test_no_calibration_or_no_motion_is_refused_in_one_line(
-        check, another_motion, args, changes, words):
+    check, another_motion, args, changes, words
+):
     code, out, err = check(*another_motion, *args, **changes)
     assert (code, out) == (1, '') and re.match(f'calibrate: .*{words}', err), err
     assert err.count('\n') == 1

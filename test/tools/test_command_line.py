@@ -24,9 +24,11 @@ from spm_haptic_master.tools import benchmark, command_line, urdf, validate
 
 def interrupted(number):
     """Return a program that gets a signal, and at its end a second one."""
+
     def program(words):
         os.kill(os.getpid(), number)
         return 0
+
     return program
 
 
@@ -36,25 +38,36 @@ def refused(words):
 
 def broken(error):
     """Return a program whose output cannot be written."""
+
     def program(words):
         raise error
+
     return program
 
 
 @pytest.mark.process
 def test_the_tools_need_no_ros(start_python):
     """Neither is rclpy imported, nor anything that imports it."""
-    program = start_python('-c', 'import sys\nfrom spm_haptic_master.tools import can_scan, '
-                           'calibrate, sim_bus\nprint({name.split(".")[0] for name in sys.modules}'
-                           ' & {"rclpy", "sensor_msgs"})')
+    program = start_python(
+        '-c',
+        'import sys\nfrom spm_haptic_master.tools import can_scan, '
+        'calibrate, sim_bus\nprint({name.split(".")[0] for name in sys.modules}'
+        ' & {"rclpy", "sensor_msgs"})',
+    )
     assert program.wait(60.0) == 0 and program.stdout == 'set()\n', program.stderr
 
 
-@pytest.mark.parametrize(('program', 'code', 'err'), [
-    (len, 2, ''), (interrupted(signal.SIGINT), 130, ''), (interrupted(signal.SIGTERM), 130, ''),
-    (refused, 1, "name: no ['a', 'b']\n"), (broken(OSError(28, 'No space')), 1,
-                                            'name: [Errno 28] No space\n'),
-    (broken(BrokenPipeError()), 1, '')])
+@pytest.mark.parametrize(
+    ('program', 'code', 'err'),
+    [
+        (len, 2, ''),
+        (interrupted(signal.SIGINT), 130, ''),
+        (interrupted(signal.SIGTERM), 130, ''),
+        (refused, 1, "name: no ['a', 'b']\n"),
+        (broken(OSError(28, 'No space')), 1, 'name: [Errno 28] No space\n'),
+        (broken(BrokenPipeError()), 1, ''),
+    ],
+)
 def test_a_program_ends_with_a_code_and_at_most_one_line(monkeypatch, capsys, program, code, err):
     monkeypatch.setattr(command_line, 'discard', lambda stream: None)
     assert command_line.program('name')(program)(['name', 'a', 'b']) == code
@@ -68,19 +81,34 @@ class Terminal(io.StringIO):
         return True
 
 
-@pytest.mark.parametrize(('stream', 'expected'), [
-    (io.StringIO(), 'p: b\np: d\np:  50 %, stage\n'),
-    (Terminal(), '\r[' + '#' * 15 + '.' * 15 + '] b\x1b[K\r[' + '#' * 30 + '] d\x1b[K'
-     '\re\x1b[K\r[' + '#' * 15 + '.' * 15 + '] st\x1b[K\n')])
+@pytest.mark.parametrize(
+    ('stream', 'expected'),
+    [
+        (io.StringIO(), 'p: b\np: d\np:  50 %, stage\n'),
+        (
+            Terminal(),
+            '\r[' + '#' * 15 + '.' * 15 + '] b\x1b[K\r[' + '#' * 30 + '] d\x1b[K'
+            '\re\x1b[K\r[' + '#' * 15 + '.' * 15 + '] st\x1b[K\n',
+        ),
+    ],
+)
 def test_progress_is_a_bar_or_a_line_a_second(monkeypatch, stream, expected):
     now = [100.0]
     monkeypatch.setattr('sys.stderr', stream)
     monkeypatch.setattr(command_line, 'time', SimpleNamespace(monotonic=lambda: now[0]))
-    monkeypatch.setattr(command_line, 'shutil', SimpleNamespace(
-        get_terminal_size=lambda: SimpleNamespace(columns=36)))
+    monkeypatch.setattr(
+        command_line,
+        'shutil',
+        SimpleNamespace(get_terminal_size=lambda: SimpleNamespace(columns=36)),
+    )
     with command_line.ProgressBar('p') as bar:
-        for elapsed, text, share in ((0.9, 'a', 0.1), (1.0, 'b', 0.5), (1.05, 'c', 0.6),
-                                     (2.0, 'd', 1.7), (2.5, 'e', None)):
+        for elapsed, text, share in (
+            (0.9, 'a', 0.1),
+            (1.0, 'b', 0.5),
+            (1.05, 'c', 0.6),
+            (2.0, 'd', 1.7),
+            (2.5, 'e', None),
+        ):
             now[0] = 100.0 + elapsed
             bar.show(text, share)
         now[0] += 0.5
@@ -96,10 +124,16 @@ def test_what_fails_on_an_open_bus_is_named_with_the_bus():
         raise InputError('mine')
 
 
-@pytest.mark.parametrize(('args', 'words'), [
-    (('-p', 'rate'), 'expected NAME:=VALUE'), (('-p', 'rate:=500'), 'expected --rate'),
-    (('--ros-args', '-p', 'ratte:=1'), "parameter 'ratte'"),
-    (('--rounds', '0'), '--rounds 0; expected 1 or more'), (('--rate', '0'), 'a number above 0')])
+@pytest.mark.parametrize(
+    ('args', 'words'),
+    [
+        (('-p', 'rate'), 'expected NAME:=VALUE'),
+        (('-p', 'rate:=500'), 'expected --rate'),
+        (('--ros-args', '-p', 'ratte:=1'), "parameter 'ratte'"),
+        (('--rounds', '0'), '--rounds 0; expected 1 or more'),
+        (('--rate', '0'), 'a number above 0'),
+    ],
+)
 def test_a_wrong_argument_of_the_benchmark_is_reported(capsys, args, words):
     assert benchmark.main(['benchmark', *args]) == 1
     assert words in capsys.readouterr().err
@@ -109,8 +143,24 @@ def test_the_benchmark_measures_as_it_is_told(monkeypatch, capsys):
     calls = []
     monkeypatch.setattr(benchmark, 'compare', lambda *args: calls.append(args))
     assert benchmark.main(['benchmark', '--ros-args']) == 0
-    assert benchmark.main(['benchmark', '--rounds', '1', '--seconds', '2', '--rate', '50', '-p',
-                           'realtime.gc:=disable', '--output', 'x']) == 0
+    assert (
+        benchmark.main(
+            [
+                'benchmark',
+                '--rounds',
+                '1',
+                '--seconds',
+                '2',
+                '--rate',
+                '50',
+                '-p',
+                'realtime.gc:=disable',
+                '--output',
+                'x',
+            ]
+        )
+        == 0
+    )
     defaults, given = ([*map(str, args)] for args in calls)
     assert defaults == ['20.0', '5', '1000.0', '{}', 'bench-pipeline']
     assert given == ['2.0', '1', '50.0', "{'realtime.gc': 'disable'}", 'x']
@@ -119,47 +169,68 @@ def test_the_benchmark_measures_as_it_is_told(monkeypatch, capsys):
 
 def test_the_urdf_of_given_parameters_is_written_where_it_is_wanted(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    for args, mesh in (((), tmp_path.as_uri() + '/urdf/meshes/'),
-                       (('-o', 'b', '--prefix', 'package://p', '-p', 'geometry.alpha_deg:=45.0'),
-                        'package://p/meshes/')):
+    for args, mesh in (
+        ((), tmp_path.as_uri() + '/urdf/meshes/'),
+        (
+            ('-o', 'b', '--prefix', 'package://p', '-p', 'geometry.alpha_deg:=45.0'),
+            'package://p/meshes/',
+        ),
+    ):
         assert urdf.main(['urdf', *args]) == 0
         path = tmp_path / capsys.readouterr().out.rstrip('\n')
         assert f'filename="{mesh}' in path.read_text()
     assert path == tmp_path / 'b' / 'spm.urdf'
-    assert path.read_text().replace(mesh, '') != (tmp_path / 'urdf' / 'spm.urdf').read_text(
-        ).replace(f'{tmp_path.as_uri()}/urdf/meshes/', '')
+    assert path.read_text().replace(mesh, '') != (
+        tmp_path / 'urdf' / 'spm.urdf'
+    ).read_text().replace(f'{tmp_path.as_uri()}/urdf/meshes/', '')
 
 
 def test_a_validation_prints_alignment_and_errors(tmp_path, monkeypatch, capsys):
     """The capture is the recording on another clock, in another frame, with noise of its own."""
     monkeypatch.chdir(tmp_path)
     drawn = []
-    monkeypatch.setattr('spm_haptic_master.validation.plot_style.draw_comparison',
-                        lambda comparison, directory: drawn.append(str(directory)))
+    monkeypatch.setattr(
+        'spm_haptic_master.validation.plot_style.draw_comparison',
+        lambda comparison, directory: drawn.append(str(directory)),
+    )
     stamps, quaternions = (each[10000:16000:20] for each in truth())
     noise = np.random.default_rng(3).normal(0.0, 1e-4, quaternions.shape)
     noisy = quaternions + noise
     captured = kinematics.quaternion_from_matrix(
-        kinematics.matrix_from_zxz(0.3, 0.2, 0.1) @ kinematics.matrix_from_quaternion(
-            noisy / np.linalg.norm(noisy, axis=1, keepdims=True)))
+        kinematics.matrix_from_zxz(0.3, 0.2, 0.1)
+        @ kinematics.matrix_from_quaternion(noisy / np.linalg.norm(noisy, axis=1, keepdims=True))
+    )
     angles = recorded_angles()[10000:16000:20]
     for name, ahead, rows, columns in (
-            ('orientation', 0.0, quaternions, 'qx,qy,qz,qw'),
-            ('capture', 0.3, captured, 'qx,qy,qz,qw'),
-            ('joints', 0.0, angles, ','.join(JOINT_NAMES))):
-        np.savetxt(f'{name}.csv', np.column_stack([stamps * 1e-9 + ahead, rows]), delimiter=',',
-                   comments='', header=f'time,{columns}', fmt='%.9f')
-    assert validate.main(['validate', 'orientation.csv', 'capture.csv', '--joints',
-                          'joints.csv']) == 0
+        ('orientation', 0.0, quaternions, 'qx,qy,qz,qw'),
+        ('capture', 0.3, captured, 'qx,qy,qz,qw'),
+        ('joints', 0.0, angles, ','.join(JOINT_NAMES)),
+    ):
+        np.savetxt(
+            f'{name}.csv',
+            np.column_stack([stamps * 1e-9 + ahead, rows]),
+            delimiter=',',
+            comments='',
+            header=f'time,{columns}',
+            fmt='%.9f',
+        )
+    assert (
+        validate.main(['validate', 'orientation.csv', 'capture.csv', '--joints', 'joints.csv'])
+        == 0
+    )
     assert_recorded('validation/printed.txt', capsys.readouterr().out)
     assert {each.name for each in (tmp_path / 'validation').iterdir()} == {
-        'aligned.csv', 'errors.csv'} and drawn == ['validation']
+        'aligned.csv',
+        'errors.csv',
+    } and drawn == ['validation']
     assert validate.main(['validate', 'orientation.csv', 'capture.csv', '-o', '/dev/null/x']) == 1
     assert re.search('^validate: /dev/null/x: cannot be written: ', capsys.readouterr().err)
 
 
-@pytest.mark.parametrize('tool', [
-    'calibrate', 'can_scan', 'can_setup', 'force_check', 'sim_bus', 'supervise', 'validate'])
+@pytest.mark.parametrize(
+    'tool',
+    ['calibrate', 'can_scan', 'can_setup', 'force_check', 'sim_bus', 'supervise', 'validate'],
+)
 def test_the_defaults_of_a_program_are_those_of_its_help(tool):
     parser = import_module(f'spm_haptic_master.tools.{tool}')._parser()
     named = 0
@@ -167,6 +238,8 @@ def test_the_defaults_of_a_program_are_those_of_its_help(tool):
         stated = re.search(r'\(default:? ([\w.]+)\)', (action.help or '') % vars(action))
         if stated and action.default is not None:  # None: it depends on the arguments
             named += 1
-            assert action.default in (stated[1], float(stated[1]) if stated[1][0].isdigit()
-                                      else Path(stated[1])), action.dest
+            assert action.default in (
+                stated[1],
+                float(stated[1]) if stated[1][0].isdigit() else Path(stated[1]),
+            ), action.dest
     assert named

@@ -19,14 +19,26 @@ def run(capsys, channel, monkeypatch):
 
     def run(program, *args):
         name = program.__name__.rpartition('.')[2]
-        code = program.main([name, '-p', 'can.interface:=virtual', '-p',
-                             f'can.channel:={channel}', '-p', 'rate:=100.0', *args])
+        code = program.main(
+            [
+                name,
+                '-p',
+                'can.interface:=virtual',
+                '-p',
+                f'can.channel:={channel}',
+                '-p',
+                'rate:=100.0',
+                *args,
+            ]
+        )
         return code, *capsys.readouterr()
+
     return run
 
 
 def test_encoders_of_the_maker_are_found_set_up_and_found_as_configured(
-        run, encoders, channel, monkeypatch):
+    run, encoders, channel, monkeypatch
+):
     monkeypatch.setattr(can_setup, 'LISTEN', 0.0)
     with encoders(factory=True):
         code, out, err = run(can_scan, '--seconds', '0.3', '--start')
@@ -55,15 +67,20 @@ def test_encoders_of_the_maker_are_found_set_up_and_found_as_configured(
 
 def test_the_lines_of_a_scan_are_a_rig_file_for_all_programs(run, encoders):
     """Other node ids, and a master; a file from process substitution can be read once only."""
-    with encoders(sync=0.01, encoders__node_id=(44, 3, 90, 17),
-                  encoders__id=(0x1AC, 0x183, 0x1DA, 0x191)):
+    with encoders(
+        sync=0.01, encoders__node_id=(44, 3, 90, 17), encoders__id=(0x1AC, 0x183, 0x1DA, 0x191)
+    ):
         code, out, err = run(can_scan, '--seconds', '0.3', '--start')
         assert code == 1 and 'no SYNC' not in err  # the defaults are nodes 1 to 4
         reader, writer = os.pipe()
         with open(writer, 'w') as pipe:
             pipe.write(out.partition('lines for rig.yaml')[2].partition('\n')[2])
-        assert can_scan.main(['can_scan', '--params-file', f'/dev/fd/{reader}', '--start',
-                              '--seconds', '0.3']) == 0
+        assert (
+            can_scan.main(
+                ['can_scan', '--params-file', f'/dev/fd/{reader}', '--start', '--seconds', '0.3']
+            )
+            == 0
+        )
     os.close(reader)
 
 
@@ -77,33 +94,68 @@ def test_encoders_that_do_not_answer_are_counted(run, encoders, monkeypatch):
 def test_a_running_master_is_heard_and_nothing_is_written(run, encoders):
     with encoders(factory=True, sync=0.01):
         code, _, err = run(can_setup, '--write')
-    assert (code, err) == (1, 'can_setup: SYNC 0x80 on the bus: a master is running; stop it '
-                           'before anything is written\n')
+    assert (code, err) == (
+        1,
+        'can_setup: SYNC 0x80 on the bus: a master is running; stop it '
+        'before anything is written\n',
+    )
 
 
 def test_a_scan_that_sends_nothing_of_a_bus_without_frames(run, channel):
     with can.Bus(interface='virtual', channel=channel) as other:
-        code, out, err = run(can_scan, '--passive', '--seconds', '0.1', '-p',
-                             'encoders.node_id:=[1, 2, 3, 4]')
+        code, out, err = run(
+            can_scan, '--passive', '--seconds', '0.1', '-p', 'encoders.node_id:=[1, 2, 3, 4]'
+        )
         assert other.recv(0.0) is None
     assert (code, err) == (1, '')
     assert '0.1 s:\n  nothing\nnot as configured:\n  no frames at all' in out
     assert 'lines for rig.yaml:\n' in out
 
 
-@pytest.mark.parametrize(('program', 'args', 'words'), [
-    (can_scan, ('--start', '--passive'), 'can_scan: --start with --passive, which sends nothing'),
-    (can_scan, ('-p', 'can.interface:=nope'), "can_scan: parameter 'can.interface' is 'nope'"),
-    (can_scan, ('-p', 'can.interface:=socketcan'), 'can_scan: socketcan [0-9a-f]+: '),
-    (can_scan, ('-p', 'ratte:=1'), "can_scan: .*'ratte'"),
-    (can_setup, ('-p', 'can.protocol:=raw'), "'raw'; expected 'canopen': other encoders have no"),
-    (can_setup, ('--joint', 'joint_3c', '-p', 'sensors:=5'), 'joint joint_3c; expected one of'),
-    (can_setup, ('--drives', '-p', 'drives.rated_torque:=[0.5]'), "'drives.channel' is ''"),
-    (can_setup, ('--drives', '-p', 'drives.rated_torque:=[0.5]', '-p', 'drives.channel:=can0',
-                 '-p', 'can.channel:=can0', '-p', 'drives.interface:=virtual', '-p',
-                 'drives.event_timer:=0.1', '-p', 'drives.node_id:=[11, 2, 13]'),
-     r'node ids that no encoder has \(2 is in'),
-    (urdf, (), 'urdf: -p can.interface:=virtual: no parameter of this program')])
+@pytest.mark.parametrize(
+    ('program', 'args', 'words'),
+    [
+        (
+            can_scan,
+            ('--start', '--passive'),
+            'can_scan: --start with --passive, which sends nothing',
+        ),
+        (can_scan, ('-p', 'can.interface:=nope'), "can_scan: parameter 'can.interface' is 'nope'"),
+        (can_scan, ('-p', 'can.interface:=socketcan'), 'can_scan: socketcan [0-9a-f]+: '),
+        (can_scan, ('-p', 'ratte:=1'), "can_scan: .*'ratte'"),
+        (
+            can_setup,
+            ('-p', 'can.protocol:=raw'),
+            "'raw'; expected 'canopen': other encoders have no",
+        ),
+        (
+            can_setup,
+            ('--joint', 'joint_3c', '-p', 'sensors:=5'),
+            'joint joint_3c; expected one of',
+        ),
+        (can_setup, ('--drives', '-p', 'drives.rated_torque:=[0.5]'), "'drives.channel' is ''"),
+        (
+            can_setup,
+            (
+                '--drives',
+                '-p',
+                'drives.rated_torque:=[0.5]',
+                '-p',
+                'drives.channel:=can0',
+                '-p',
+                'can.channel:=can0',
+                '-p',
+                'drives.interface:=virtual',
+                '-p',
+                'drives.event_timer:=0.1',
+                '-p',
+                'drives.node_id:=[11, 2, 13]',
+            ),
+            r'node ids that no encoder has \(2 is in',
+        ),
+        (urdf, (), 'urdf: -p can.interface:=virtual: no parameter of this program'),
+    ],
+)
 def test_what_is_wrong_is_named_in_one_line(run, program, args, words):
     code, out, err = run(program, *args)
     assert (code, out) == (1, '') and re.search(words, err) and err.count('\n') == 1, err

@@ -65,10 +65,12 @@ def weight_of(text):
 @pytest.fixture
 def check(tmp_path, capsys):
     """Return a function that runs force_check on rows or on a file: exit code, output, errors."""
+
     def run(rows, *args):
         path = rows if isinstance(rows, str) else written(tmp_path / 'a.csv', rows)
         capsys.readouterr()
         return force_check.main(['force_check', path, *args]), *capsys.readouterr()
+
     return run
 
 
@@ -80,13 +82,23 @@ def test_the_weight_explains_the_torques_that_hold_the_poses(check, noise, fails
         assert weight_of(text) == pytest.approx(WEIGHT.handle, abs=5e-4)
 
 
-@pytest.mark.parametrize(('rows', 'words'), [
-    ([['hold', '0', *['0'] * 7]], "part 'hold'"), ([['step 9x', '0', *['0'] * 7]], 'step 9x'),
-    ([['step 3a', '0', *['0'] * 7]], "part 'step 3a'"), ([['step 1a-b', '0', *['0'] * 7]], '1a-b'),
-    ([['pose 1', '0', *['x'] * 7]], 'cannot be read'), ([], 'torques of 0 motors'),
-    ([['pose 1', '0', *['nan'] * 7]], "part 'pose 1': expected finite numbers"),
-    ([['release z 1', '0', *['0'] * 7]], "part 'release z 1': no orientation has these angles"),
-    ([['step 1a', '0', *['0'] * 7]], 'a step has 1 samples: expected 10 or more')])
+@pytest.mark.parametrize(
+    ('rows', 'words'),
+    [
+        ([['hold', '0', *['0'] * 7]], "part 'hold'"),
+        ([['step 9x', '0', *['0'] * 7]], 'step 9x'),
+        ([['step 3a', '0', *['0'] * 7]], "part 'step 3a'"),
+        ([['step 1a-b', '0', *['0'] * 7]], '1a-b'),
+        ([['pose 1', '0', *['x'] * 7]], 'cannot be read'),
+        ([], 'torques of 0 motors'),
+        ([['pose 1', '0', *['nan'] * 7]], "part 'pose 1': expected finite numbers"),
+        (
+            [['release z 1', '0', *['0'] * 7]],
+            "part 'release z 1': no orientation has these angles",
+        ),
+        ([['step 1a', '0', *['0'] * 7]], 'a step has 1 samples: expected 10 or more'),
+    ],
+)
 def test_a_file_that_is_no_recording(check, rows, words):
     code, _, text = check(rows)
     assert code == 1 and words in text
@@ -116,7 +128,8 @@ def test_friction_by_the_formula():
     assert found.dry == pytest.approx(dry, rel=0.1)
     # Half of (b + B) / (T / 2 + t_d).
     assert found.stiffest(0.005, 1e-3, 1e-3) == pytest.approx(
-        0.5 * (found.viscous + 0.005) / 1.5e-3)
+        0.5 * (found.viscous + 0.005) / 1.5e-3
+    )
 
 
 class Rig:
@@ -127,10 +140,15 @@ class Rig:
     def __init__(self, turned_over=(), ready_after=5):
         pytest.importorskip('mujoco', reason='needs mujoco')
         from study.force.plant import Plant
+
         self.plant = Plant(workspace_pose(0.05, 0.3, np.radians(10.0)))
         self.signs = [-1.0 if motor in turned_over else 1.0 for motor in range(3)]
-        self.rng, self.stamp, self.steps, self.ready_after = np.random.default_rng(2), 0, 0, \
-            ready_after
+        self.rng, self.stamp, self.steps, self.ready_after = (
+            np.random.default_rng(2),
+            0,
+            0,
+            ready_after,
+        )
         self.torques = []
 
     def read(self, timeout):
@@ -147,7 +165,8 @@ class Rig:
 
 def recording_of(rig, path, show=lambda text: None, poses=0):
     bring_up = force_record.BringUp(
-        rig, rig, Geometry(), (1, 1, 1), (np.radians(0.04),) * 4, 0.1, show)
+        rig, rig, Geometry(), (1, 1, 1), (np.radians(0.04),) * 4, 0.1, show
+    )
     force_record.record(path, bring_up, poses)
     return str(path)
 
@@ -182,8 +201,11 @@ class Hand:
 
     def __init__(self):
         rng = np.random.default_rng(100)
-        self.rotations = iter(workspace_pose(rng.uniform(0.05, 0.3, 6), rng.uniform(0.0, 6.2, 6),
-                                             rng.uniform(0.0, 0.5, 6)))
+        self.rotations = iter(
+            workspace_pose(
+                rng.uniform(0.05, 0.3, 6), rng.uniform(0.0, 6.2, 6), rng.uniform(0.0, 0.5, 6)
+            )
+        )
         self.bring(workspace_pose(0.05, 0.3, 0.2))
         self.angles, self.stamp, self.asked, self.held = self.aim, 0, [], []
 
@@ -229,17 +251,24 @@ def test_one_session_records_signs_releases_and_weight(tmp_path, check, monkeypa
     assert Counter(row['part'] for row in rows) == {
         **{f'step {motor}': 100 for motor in ('1a', '1b', '1c')},
         **{f'release z {number}': 250 for number in range(1, 5)},
-        **{f'pose {number}': pytest.approx(500, abs=1) for number in range(1, 7)}}
+        **{f'pose {number}': pytest.approx(500, abs=1) for number in range(1, 7)},
+    }
     steps = [[float(row[name]) for name in force_record.TORQUES[:3]] for row in rows[:300]]
     assert np.max(steps, axis=0).tolist() == [0.01] * 3 and np.count_nonzero(steps) == 3 * 50
     # Each spring, of 1 N m/rad, gives way until it holds its motor's part of the weight.
-    angles, torques = (np.reshape([[float(row[name]) for name in names[:3]]
-                                   for row in rows[-3000:]], (6, 500, 3))[:, 250]
-                       for names in (force_record.ANGLES, force_record.TORQUES))
+    angles, torques = (
+        np.reshape(
+            [[float(row[name]) for name in names[:3]] for row in rows[-3000:]], (6, 500, 3)
+        )[:, 250]
+        for names in (force_record.ANGLES, force_record.TORQUES)
+    )
     np.testing.assert_allclose(torques, np.subtract(hand.held, angles), atol=1e-4)
     texts, times = zip(*hand.asked, strict=True)
     assert [text.split(': ')[1] for text in texts[8:11]] == [
-        'let go of the handle', 'at rest, recording', 'recorded']
+        'let go of the handle',
+        'at rest, recording',
+        'recorded',
+    ]
     assert [text.split()[0] for text in texts[7:32:4]] == ['pose'] * 6 + ['all']
     # Till it is still in the new pose, let go is at rest again, and is taken by 0.1 rad.
     still, rest, _, taken = np.diff(times[7:]).reshape(6, 4).T * 1e-9
@@ -259,7 +288,7 @@ def test_a_handle_is_not_released_by_a_motor_that_is_turned_over(tmp_path, check
 
 
 def test_drives_and_encoders_that_are_not_there(tmp_path, monkeypatch, check):
-    rig = Rig(ready_after=10 ** 9)
+    rig = Rig(ready_after=10**9)
     monkeypatch.setattr(force_record, 'READY', 0.05)
     with pytest.raises(InputError, match='not ready after'):
         recording_of(rig, tmp_path / 'a.csv')
@@ -271,11 +300,15 @@ def test_drives_and_encoders_that_are_not_there(tmp_path, monkeypatch, check):
     assert code == 1 and "drives.channel = ''" in text
 
 
-@pytest.mark.parametrize(('change', 'words'), [
-    ({0: 1.0}, 'step 1a: a joint turned by 1.0'),
-    ({0: np.nan}, 'expected those of all joints'),
-    (None, 'no set of angles within 0.1 s'),
-    ('drives', 'step 1a: the drives are no longer ready')])
+@pytest.mark.parametrize(
+    ('change', 'words'),
+    [
+        ({0: 1.0}, 'step 1a: a joint turned by 1.0'),
+        ({0: np.nan}, 'expected those of all joints'),
+        (None, 'no set of angles within 0.1 s'),
+        ('drives', 'step 1a: the drives are no longer ready'),
+    ],
+)
 def test_a_recording_ends_where_drives_or_angles_fail(tmp_path, change, words):
     rig = Rig()
     read, step = rig.read, rig.step
@@ -284,8 +317,10 @@ def test_a_recording_ends_where_drives_or_angles_fail(tmp_path, change, words):
         sample = read(timeout)
         if rig.steps < 300 or change == 'drives':
             return sample
-        return change and JointSample(sample.stamp, tuple(
-            angle + change.get(joint, 0.0) for joint, angle in enumerate(sample.angles)))
+        return change and JointSample(
+            sample.stamp,
+            tuple(angle + change.get(joint, 0.0) for joint, angle in enumerate(sample.angles)),
+        )
 
     rig.read = failing
     if change == 'drives':
@@ -305,20 +340,43 @@ def test_what_determines_nothing():
 @pytest.mark.process
 def test_a_recording_by_drives_and_encoders_between_processes(start, bus_channel, tmp_path):
     """The simulated encoders stand still whatever the simulated drives do: no sign is seen."""
-    bus = {'can.interface': 'udp_multicast', 'can.channel': bus_channel, 'rate': 200.0,
-           'drives.rated_torque': [0.5], 'drives.event_timer': 1.0, 'drives.status_timeout': 1.0,
-           'drives.heartbeat_timeout': 1.0}
-    devices = start('sim_bus', '--sync', '--drives', '3', *SIMULATED, parameters={
-        **bus, 'sim.trajectory': 'fixed', 'sim.pose_deg': [130.0, 50.0, 20.0]})
+    bus = {
+        'can.interface': 'udp_multicast',
+        'can.channel': bus_channel,
+        'rate': 200.0,
+        'drives.rated_torque': [0.5],
+        'drives.event_timer': 1.0,
+        'drives.status_timeout': 1.0,
+        'drives.heartbeat_timeout': 1.0,
+    }
+    devices = start(
+        'sim_bus',
+        '--sync',
+        '--drives',
+        '3',
+        *SIMULATED,
+        parameters={**bus, 'sim.trajectory': 'fixed', 'sim.pose_deg': [130.0, 50.0, 20.0]},
+    )
     assert wait_until(lambda: 'four encoders' in devices.stdout, PATIENCE), devices.stderr
     path = str(tmp_path / 'recording.csv')
-    check = start('force_check', path, '--record', *SIMULATED, parameters={
-        **bus, 'source': 'can', 'can.timeout': 5.0, 'drives.interface': 'udp_multicast',
-        'drives.channel': bus_channel})
+    check = start(
+        'force_check',
+        path,
+        '--record',
+        *SIMULATED,
+        parameters={
+            **bus,
+            'source': 'can',
+            'can.timeout': 5.0,
+            'drives.interface': 'udp_multicast',
+            'drives.channel': bus_channel,
+        },
+    )
     assert check.wait(PATIENCE) == 1
     # The drives were proven. A busy machine may leave too few samples of a step to see anything
     # in, or stop a drive.
     assert 'step 1a' in check.stderr, check.stderr
-    assert 'sign not seen' in check.stdout or any(text in check.stderr for text in (
-        'expected 10 or more', 'the drives are no longer ready')), check.stderr
+    assert 'sign not seen' in check.stdout or any(
+        text in check.stderr for text in ('expected 10 or more', 'the drives are no longer ready')
+    ), check.stderr
     assert 'Traceback' not in check.stderr and 'sign right' not in check.stdout

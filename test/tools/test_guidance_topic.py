@@ -18,5 +18,7 @@ def test_it_is_there_while_a_motion_is_recorded(observer):
         publish('tilt the handle', {'precision': 0.25})
         assert observer.spin_until(lambda: found, 60.0)
         assert json.loads(found[-1][1].data) == {
-            'text': 'tilt the handle', 'covered': {'precision': 0.25}}
+            'text': 'tilt the handle',
+            'covered': {'precision': 0.25},
+        }
     assert observer.spin_until(lambda: found[-1][1].data == '{}', 60.0)

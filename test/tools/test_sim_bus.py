@@ -26,10 +26,29 @@ VIRTUAL = ('sim_bus', '-p', 'can.interface:=virtual')
 def test_the_truth_is_written_beside_the_rig(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr('spm_haptic_master.simulation.bus_runner.LISTEN', 0.0)
     begin = time.time()
-    assert sim_bus.main([*VIRTUAL, '-p', f'sim.rig_file:={RIG}', '-p', 'rate:=200.0',
-                         '-p', 'can.protocol:=raw', '--sync', '--seconds', '0.2',
-                         '--ground-truth', str(tmp_path), '--drives', '2', '-p',
-                         'drives.event_timer:=0.1']) == 0
+    assert (
+        sim_bus.main(
+            [
+                *VIRTUAL,
+                '-p',
+                f'sim.rig_file:={RIG}',
+                '-p',
+                'rate:=200.0',
+                '-p',
+                'can.protocol:=raw',
+                '--sync',
+                '--seconds',
+                '0.2',
+                '--ground-truth',
+                str(tmp_path),
+                '--drives',
+                '2',
+                '-p',
+                'drives.event_timer:=0.1',
+            ]
+        )
+        == 0
+    )
     out, err = capsys.readouterr()
     assert 'sim_bus: 2 drives on virtual can0, nodes [11, 12]\n' in out and not err
     assert re.search(r'sim_bus: \d+ cycles answered, \d+ deadlines missed\n$', out)
@@ -38,12 +57,14 @@ def test_the_truth_is_written_beside_the_rig(tmp_path, capsys, monkeypatch):
     truth = recordings.read_orientation(tmp_path / 'ground_truth.csv', '')
     assert 10 < len(truth.time) < 60 and begin < truth.time[0] < truth.time[-1] < time.time()
     motion = make_motion(values('sim', sim__rig_file=str(RIG)))
-    np.testing.assert_allclose(truth.values, [
-        motion.orientation(t) for t in truth.time - truth.time[0]], atol=1e-4)
+    np.testing.assert_allclose(
+        truth.values, [motion.orientation(t) for t in truth.time - truth.time[0]], atol=1e-4
+    )
 
 
-@pytest.mark.parametrize(('directory', 'words'), [
-    ('', 'rig.json: already exists'), ('file', 'cannot be written')])
+@pytest.mark.parametrize(
+    ('directory', 'words'), [('', 'rig.json: already exists'), ('file', 'cannot be written')]
+)
 def test_a_truth_that_cannot_be_written_ends_in_one_line(capsys, directory, words, tmp_path):
     for name in ('rig.json', 'file'):
         (tmp_path / name).write_text('precious')
@@ -59,12 +80,25 @@ def test_a_full_disk_ends_in_one_line(tmp_path, capsys, monkeypatch):
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (8192, limits[1]))
     try:
-        code = sim_bus.main([*VIRTUAL, '-p', 'can.protocol:=raw', '--sync', '--seconds', '9',
-                             '--ground-truth', str(tmp_path)])
+        code = sim_bus.main(
+            [
+                *VIRTUAL,
+                '-p',
+                'can.protocol:=raw',
+                '--sync',
+                '--seconds',
+                '9',
+                '--ground-truth',
+                str(tmp_path),
+            ]
+        )
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    assert code == 1 and capsys.readouterr().err == \
-        f'sim_bus: {tmp_path}/ground_truth.csv: cannot be written: [Errno 27] File too large\n'
+    assert (
+        code == 1
+        and capsys.readouterr().err
+        == f'sim_bus: {tmp_path}/ground_truth.csv: cannot be written: [Errno 27] File too large\n'
+    )
 
 
 @pytest.mark.parametrize('of_the_rig', [True, False])
@@ -78,8 +112,10 @@ def test_the_encoders_have_the_harmonics_of_their_rig_once(monkeypatch, of_the_r
 
     monkeypatch.setattr(sim_bus, 'SimulatedBus', stop)
     rig = ['-p', 'sim.rig_seed:=4'] if of_the_rig else []
-    assert sim_bus.main([*VIRTUAL, *rig, '-p',
-                         'encoders.harmonic_cos_deg:=[0.1, 0.1, 0.1, 0.1]']) == 130
+    assert (
+        sim_bus.main([*VIRTUAL, *rig, '-p', 'encoders.harmonic_cos_deg:=[0.1, 0.1, 0.1, 0.1]'])
+        == 130
+    )
     assert make_rig(values('sim', sim__rig_seed=4)).has_harmonics
     assert [layout.harmonics is None for layout in seen] == [of_the_rig] * 4
 
@@ -90,8 +126,9 @@ def test_another_program_that_sends_the_same_frames_is_reported_with_the_cure(ca
         assert sim_bus.main([*VIRTUAL, '--seconds', '0.01']) == 0
         task.stop()
     error = capsys.readouterr().err
-    assert error.startswith('sim_bus: another program sends 0x702 on virtual can0, too: a second '
-                            'sim_bus, or encoders')
+    assert error.startswith(
+        'sim_bus: another program sends 0x702 on virtual can0, too: a second sim_bus, or encoders'
+    )
     assert 'CAN_CONFIG=\'{"port": 43114}\'' in error and error.count('\n') == 1
     assert sim_bus.main([*VIRTUAL, '--seconds', '0.01']) == 0
     assert capsys.readouterr().err == ''

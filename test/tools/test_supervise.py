@@ -26,9 +26,14 @@ PART = slice(12_500, 13_300)
 
 def write(path, angles):
     """Write a table of joint angles at the times of the part."""
-    np.savetxt(path, np.column_stack([truth()[0][PART] * 1e-9, angles]), delimiter=',',
-               comments='', fmt='%.9f',
-               header=','.join(['time', *ALL_JOINT_NAMES[:angles.shape[1]]]))
+    np.savetxt(
+        path,
+        np.column_stack([truth()[0][PART] * 1e-9, angles]),
+        delimiter=',',
+        comments='',
+        fmt='%.9f',
+        header=','.join(['time', *ALL_JOINT_NAMES[: angles.shape[1]]]),
+    )
     return path
 
 
@@ -67,10 +72,12 @@ def run(capsys, *args):
 @pytest.fixture
 def supervise(capsys, tmp_path):
     """Return what supervises a recording, which has to succeed, and returns what is printed."""
+
     def supervise(*args):
         code, out, err = run(capsys, *args, '-o', tmp_path)
         assert code == 0, err
         return out.replace(str(tmp_path), 'directory')
+
     return supervise
 
 
@@ -81,33 +88,53 @@ def listed(name, out):
 
 def test_a_short_log_and_another_rigs_calibration(supervise, tmp_path):
     other, log = tmp_path / 'other.yaml', tmp_path / 'short.log'
-    other.write_text('/**:\n  ros__parameters:\n    encoders:\n'
-                     '      zero_count: [9123, 4011, 13000, 2345]\n'
-                     '      direction: [1, 1, 1, -1]\n'
-                     '      direction_verified: [true, true, true, true]\n')
+    other.write_text(
+        '/**:\n  ros__parameters:\n    encoders:\n'
+        '      zero_count: [9123, 4011, 13000, 2345]\n'
+        '      direction: [1, 1, 1, -1]\n'
+        '      direction_verified: [true, true, true, true]\n'
+    )
     with gzip.open(LOG, 'rt') as file:
         log.write_text(''.join(islice(file, 5 * 400)))
     assert_recorded('supervision/log.txt', supervise(log, *SIMULATED))
-    assert re.search("[0-9]+ withheld: no orientation fits: the calibration may be another rig's, "
-                     'or no longer hold: calibrate --motion --check calibration.yaml\n',
-                     supervise(log, '--params-file', other))
+    assert re.search(
+        "[0-9]+ withheld: no orientation fits: the calibration may be another rig's, "
+        'or no longer hold: calibrate --motion --check calibration.yaml\n',
+        supervise(log, '--params-file', other),
+    )
 
 
 def test_a_directory_of_recorder_with_parameters(supervise, tmp_path, table, figures):
     """It rests: no motion confirms the solution, so that no sensor counts as checked."""
     path = tmp_path / 'rig.yaml'
-    path.write_text('/**:\n  ros__parameters:\n    sigma_deg: [0.05, 0.04, 0.04, 0.04]\n'
-                    '    encoders:\n      zero_count: [1, 2, 3, 4]\n    dexterity_rate: 20.0\n')
-    assert_recorded('supervision/table.txt', supervise(
-        table.parent, '--params-file', path, '-p', 'unchecked_limit:=0.5',
-        '-p', 'bias_deg:=[0.14, 0.02, 0.0, 0.3]'))
+    path.write_text(
+        '/**:\n  ros__parameters:\n    sigma_deg: [0.05, 0.04, 0.04, 0.04]\n'
+        '    encoders:\n      zero_count: [1, 2, 3, 4]\n    dexterity_rate: 20.0\n'
+    )
+    assert_recorded(
+        'supervision/table.txt',
+        supervise(
+            table.parent,
+            '--params-file',
+            path,
+            '-p',
+            'unchecked_limit:=0.5',
+            '-p',
+            'bias_deg:=[0.14, 0.02, 0.0, 0.3]',
+        ),
+    )
     # The start and the end of the session are shaded, in which nothing is published.
     parity, level, exposure, *_ = figures[0].axes
     for axes in (parity, level, exposure):
-        shaded = [each.get_extents().transformed(axes.transData.inverted())
-                  for each in axes.patches if isinstance(each, (Polygon, Rectangle))]
+        shaded = [
+            each.get_extents().transformed(axes.transData.inverted())
+            for each in axes.patches
+            if isinstance(each, (Polygon, Rectangle))
+        ]
         assert [(each.x0, each.x1) for each in shaded] == [
-            pytest.approx((0.0, 0.004), abs=1e-4), pytest.approx((0.501, 0.799), abs=5e-4)]
+            pytest.approx((0.0, 0.004), abs=1e-4),
+            pytest.approx((0.501, 0.799), abs=5e-4),
+        ]
         assert axes.get_xlim() == pytest.approx((0.0, 0.799), abs=5e-4)
     assert_recorded('supervision/picture.txt', in_words(figures[0]))
     assert all(len(line.get_xdata()) == 800 for line in (*parity.lines, *exposure.lines))
@@ -121,7 +148,8 @@ def test_no_bias_below_the_calibrations_is_proposed():
 
 
 def test_joints_without_a_reading_are_counted_and_cost_the_others_nothing(
-        supervise, tmp_path, six):
+    supervise, tmp_path, six
+):
     out = supervise(six)
     assert_recorded('supervision/six.txt', out)
     assert listed('sigma_deg', out) == pytest.approx([0.04] * 6, abs=0.004)
@@ -133,17 +161,28 @@ def test_without_a_sensor_of_the_parity_there_are_no_regions(supervise, tmp_path
     rows = np.genfromtxt(six, delimiter=',', skip_header=1)[:300, 1:]
     rows[:, 3], rows[:, 4] = np.nan, 0.1
     path = tmp_path / 'measured_js.csv'
-    np.savetxt(path, np.column_stack([T0 + 1e-3 * np.arange(300), rows]), delimiter=',',
-               comments='', header=','.join(['time', *ALL_JOINT_NAMES]), fmt='%.9f')
+    np.savetxt(
+        path,
+        np.column_stack([T0 + 1e-3 * np.arange(300), rows]),
+        delimiter=',',
+        comments='',
+        header=','.join(['time', *ALL_JOINT_NAMES]),
+        fmt='%.9f',
+    )
     out = supervise(path)
     assert '297 samples without parity' in out and 'no bias_deg: no region has' in out
 
 
-@pytest.mark.parametrize(('recording', 'args', 'words'), [
-    (None, ('-p', 'sigma:=1'), "'sigma'"), (None, ('-p', 'sigma_deg:=[1, 2]'), 'sigma_deg'),
-    (None, ('-p', 'sensors:=6'), "'sensors' is 6; expected 4, as"),
-    (None, ('-o', '/dev/null/x'), '/dev/null/x: cannot be written'),
-    *((name, SIMULATED, name) for name in ('none.log', 'none.csv', 'none.mcap'))])
+@pytest.mark.parametrize(
+    ('recording', 'args', 'words'),
+    [
+        (None, ('-p', 'sigma:=1'), "'sigma'"),
+        (None, ('-p', 'sigma_deg:=[1, 2]'), 'sigma_deg'),
+        (None, ('-p', 'sensors:=6'), "'sensors' is 6; expected 4, as"),
+        (None, ('-o', '/dev/null/x'), '/dev/null/x: cannot be written'),
+        *((name, SIMULATED, name) for name in ('none.log', 'none.csv', 'none.mcap')),
+    ],
+)
 def test_what_is_wrong_is_named_in_one_line(capsys, tmp_path, table, recording, args, words):
     code, _, err = run(capsys, tmp_path / recording if recording else table, '-o', tmp_path, *args)
     assert code == 1

@@ -13,8 +13,11 @@ from rosbags.typesys import get_typestore, Stores  # noqa: E402
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 ORIENTATION, JOINTS, POSE = '/left/orientation', '/left/measured_js', '/vicon/platform/pose'
-KINDS = {ORIENTATION: 'geometry_msgs/msg/QuaternionStamped',
-         JOINTS: 'sensor_msgs/msg/JointState', POSE: 'geometry_msgs/msg/PoseStamped'}
+KINDS = {
+    ORIENTATION: 'geometry_msgs/msg/QuaternionStamped',
+    JOINTS: 'sensor_msgs/msg/JointState',
+    POSE: 'geometry_msgs/msg/PoseStamped',
+}
 
 
 def serialized(topic, row, names=JOINT_NAMES):
@@ -23,21 +26,30 @@ def serialized(topic, row, names=JOINT_NAMES):
     kind = KINDS[topic]
     header = STORE.types['std_msgs/msg/Header'](
         STORE.types['builtin_interfaces/msg/Time'](*divmod(round(t * 1e9), 1_000_000_000)),
-        'a_base_of_any_name')
+        'a_base_of_any_name',
+    )
     if topic == JOINTS:
         # Sensors in another order than ours, and an additional one.
-        fields = ([*names[::-1], 'joint_of_another_device'], np.array([*values[::-1], 9.0]),
-                  np.array([]), np.array([]))
+        fields = (
+            [*names[::-1], 'joint_of_another_device'],
+            np.array([*values[::-1], 9.0]),
+            np.array([]),
+            np.array([]),
+        )
     else:
         fields = (STORE.types['geometry_msgs/msg/Quaternion'](*values),)
     if topic == POSE:
-        fields = (STORE.types['geometry_msgs/msg/Pose'](
-            STORE.types['geometry_msgs/msg/Point'](1.0, 2.0, 3.0), *fields),)
+        fields = (
+            STORE.types['geometry_msgs/msg/Pose'](
+                STORE.types['geometry_msgs/msg/Point'](1.0, 2.0, 3.0), *fields
+            ),
+        )
     return STORE.serialize_cdr(STORE.types[kind](header, *fields), kind)
 
 
-def write_messages(path, messages, storage=rosbag2.StoragePlugin.MCAP,
-                   compression=rosbag2.CompressionMode.NONE):
+def write_messages(
+    path, messages, storage=rosbag2.StoragePlugin.MCAP, compression=rosbag2.CompressionMode.NONE
+):
     """Write a directory of messages: topic, log time (ns), content."""
     writer = rosbag2.Writer(path, version=9, storage_plugin=storage)
     writer.set_compression(compression, rosbag2.CompressionFormat.ZSTD)
@@ -53,6 +65,12 @@ def write_messages(path, messages, storage=rosbag2.StoragePlugin.MCAP,
 
 def write_bag(path, rows, *options):
     """Write a directory of rows (stamp in s, values) by topic."""
-    return write_messages(path, [
-        (topic, round(row[0] * 1e9), serialized(topic, row))
-        for topic, each in rows.items() for row in each], *options)
+    return write_messages(
+        path,
+        [
+            (topic, round(row[0] * 1e9), serialized(topic, row))
+            for topic, each in rows.items()
+            for row in each
+        ],
+        *options,
+    )

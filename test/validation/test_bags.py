@@ -21,8 +21,15 @@ import yaml
 
 # Stamps (s) and unit quaternions; exact in a stamp of seconds and nanoseconds.
 NUMBER = np.arange(60)
-ROWS = np.column_stack([1000.0 + 0.25 * NUMBER, np.sin(0.01 * NUMBER), 0.0 * NUMBER,
-                        0.0 * NUMBER, np.cos(0.01 * NUMBER)])
+ROWS = np.column_stack(
+    [
+        1000.0 + 0.25 * NUMBER,
+        np.sin(0.01 * NUMBER),
+        0.0 * NUMBER,
+        0.0 * NUMBER,
+        np.cos(0.01 * NUMBER),
+    ]
+)
 PARTS = ROWS.reshape(12, 5, 5)
 EVERY_TOPIC = dict.fromkeys(KINDS, ROWS)
 
@@ -36,18 +43,26 @@ def library(request, monkeypatch):
 
 def check(path, *reads):
     """Assert that topics are read as they were written."""
-    for read, topic in reads or ((recordings.read_orientation, 'orientation'),
-                                 (recordings.read_joints, 'measured_js'),
-                                 (recordings.read_capture, 'platform/pose')):
+    for read, topic in reads or (
+        (recordings.read_orientation, 'orientation'),
+        (recordings.read_joints, 'measured_js'),
+        (recordings.read_capture, 'platform/pose'),
+    ):
         track = read(path, topic)
         np.testing.assert_array_equal(track.time, ROWS[:, 0])
         np.testing.assert_allclose(track.values, ROWS[:, 1:], atol=1e-15)
 
 
-@pytest.mark.parametrize(('storage', 'compression'), [
-    (storage, compression) for storage in StoragePlugin for compression in CompressionMode
-    # sqlite3 has no compression of its own.
-    if (storage, compression) != (StoragePlugin.SQLITE3, CompressionMode.STORAGE)])
+@pytest.mark.parametrize(
+    ('storage', 'compression'),
+    [
+        (storage, compression)
+        for storage in StoragePlugin
+        for compression in CompressionMode
+        # sqlite3 has no compression of its own.
+        if (storage, compression) != (StoragePlugin.SQLITE3, CompressionMode.STORAGE)
+    ],
+)
 def test_every_storage_and_compression(tmp_path, library, storage, compression):
     path = write_bag(tmp_path / 'session', EVERY_TOPIC, storage, compression)
     check(path)
@@ -121,8 +136,11 @@ def test_a_recording_that_was_not_ended(split, library):
 def test_a_database_with_messages_beside_it(tmp_path, library):
     path = write_bag(tmp_path / 'session', EVERY_TOPIC, StoragePlugin.SQLITE3)
     with closing(sqlite3.connect(path / 'session.db3')) as connection:
-        for statement in ('PRAGMA journal_mode=WAL', 'PRAGMA wal_autocheckpoint=0',
-                          'DELETE FROM messages WHERE id > 100'):
+        for statement in (
+            'PRAGMA journal_mode=WAL',
+            'PRAGMA wal_autocheckpoint=0',
+            'DELETE FROM messages WHERE id > 100',
+        ):
             connection.execute(statement)
         connection.commit()
         for each in (path, path / 'session.db3'):
@@ -141,8 +159,10 @@ def test_a_directory_that_is_not_complete(split, library):
     refused(path, "metadata.yaml: cannot be read: 'int' object", 'ros2 bag reindex')
 
 
-@pytest.mark.parametrize('name, content', [
-    ('a.db3', b'no database ' * 1000), ('a.db3', b''), ('a.mcap', b'none'), ('a.mcap', None)])
+@pytest.mark.parametrize(
+    'name, content',
+    [('a.db3', b'no database ' * 1000), ('a.db3', b''), ('a.mcap', b'none'), ('a.mcap', None)],
+)
 def test_a_file_that_is_no_recording(tmp_path, library, name, content):
     if content is not None:
         (tmp_path / name).write_bytes(content)
@@ -150,17 +170,23 @@ def test_a_file_that_is_no_recording(tmp_path, library, name, content):
 
 
 def test_two_arms_in_one_recording(tmp_path, library):
-    path = write_messages(tmp_path / 'session', [
-        (topic, round(row[0] * 1e9), serialized(ORIENTATION, row))
-        for topic in (ORIENTATION, '/right/orientation') for row in ROWS])
+    path = write_messages(
+        tmp_path / 'session',
+        [
+            (topic, round(row[0] * 1e9), serialized(ORIENTATION, row))
+            for topic in (ORIENTATION, '/right/orientation')
+            for row in ROWS
+        ],
+    )
     refused(path, 'orientation is ambiguous: /left/orientation, /right/orientation; name one')
     check(path, (recordings.read_orientation, 'right/orientation'))
 
 
 def test_messages_that_are_not_what_they_are_called(tmp_path, library):
     good = serialized(ORIENTATION, ROWS[0])
-    path = write_messages(tmp_path / 'session', [
-        (ORIENTATION, 0, good), (ORIENTATION, 1, good[:-1])])
+    path = write_messages(
+        tmp_path / 'session', [(ORIENTATION, 0, good), (ORIENTATION, 1, good[:-1])]
+    )
     refused(path, 'message 2 on /left/orientation: not as expected')
     path = write_bag(tmp_path / 'pose', {POSE: ROWS})
     refused(path, 'nothing on topic orientation; it has /vicon/platform/pose')
@@ -171,10 +197,17 @@ def test_messages_that_are_not_what_they_are_called(tmp_path, library):
 
 def write_joints(path, rows, names):
     """Write a message each second, of the joints of the row's readings or of those given."""
-    return write_messages(path, [
-        (JOINTS, number + 1, serialized(JOINTS, [1000.0 + number, *row],
-                                        names or ALL_JOINT_NAMES[:len(row)]))
-        for number, row in enumerate(rows)])
+    return write_messages(
+        path,
+        [
+            (
+                JOINTS,
+                number + 1,
+                serialized(JOINTS, [1000.0 + number, *row], names or ALL_JOINT_NAMES[: len(row)]),
+            )
+            for number, row in enumerate(rows)
+        ],
+    )
 
 
 @pytest.mark.parametrize('sensors', [4, 5, 6])
@@ -191,10 +224,18 @@ def test_joints_without_a_reading_are_nan(tmp_path, sensors):
     assert np.isnan(track.values).any() == (sensors > 4)
 
 
-@pytest.mark.parametrize(('rows', 'names', 'words'), [
-    ([[0.1] * 4, [0.1] * 6] * 9, None, 'joint angles of 4 and of 6 sensors'),
-    # The readings of joint_3c are never taken for those of joint_3b.
-    ([[0.1] * 5], (*JOINT_NAMES, 'joint_3c'), 'message 1 on .*: not as expected: no joint_3b am')])
+@pytest.mark.parametrize(
+    ('rows', 'names', 'words'),
+    [
+        ([[0.1] * 4, [0.1] * 6] * 9, None, 'joint angles of 4 and of 6 sensors'),
+        # The readings of joint_3c are never taken for those of joint_3b.
+        (
+            [[0.1] * 5],
+            (*JOINT_NAMES, 'joint_3c'),
+            'message 1 on .*: not as expected: no joint_3b am',
+        ),
+    ],
+)
 def test_joints_of_other_sensors_are_refused(tmp_path, rows, names, words):
     with pytest.raises(InputError, match=words):
         recordings.read_joints(write_joints(tmp_path / 'bag', rows, names), 'measured_js')

@@ -24,8 +24,11 @@ def mapped(angles, sigma=SIGMA):
 def sweep(n):
     """Return a motion over the workspace, sampled at 1 kHz, and noise of 0.04 deg."""
     t = np.arange(n) * 1e-3
-    rotations = workspace_pose(np.radians(9.0 * (1.0 - np.cos(0.8 * t))), 1.3 * t,
-                               np.radians(25.0 + 25.0 * np.sin(0.4 * t)))
+    rotations = workspace_pose(
+        np.radians(9.0 * (1.0 - np.cos(0.8 * t))),
+        1.3 * t,
+        np.radians(25.0 + 25.0 * np.sin(0.4 * t)),
+    )
     return rotations, np.random.default_rng(3).normal(size=(n, 4)) * SIGMA
 
 
@@ -41,8 +44,9 @@ def test_the_parity_is_the_null_vector_times_the_errors(sigma_deg):
     angles = np.pad(joints(rotations) + errors, ((0, 0), (0, 2)), constant_values=np.nan)
     found = mapped(angles, np.radians([*sigma_deg, 0.04, 0.04]))
     normal = np.linalg.svd(jacobian(rotations, sensors=4))[0][:, :, 3]
-    np.testing.assert_allclose(np.abs(found.parity_deg), np.abs(np.degrees(normal @ errors)),
-                               atol=1e-3)
+    np.testing.assert_allclose(
+        np.abs(found.parity_deg), np.abs(np.degrees(normal @ errors)), atol=1e-3
+    )
 
 
 def test_the_place_is_tilt_and_self_rotation():
@@ -63,12 +67,23 @@ def test_regions_are_of_all_samples_with_an_orientation(tmp_path):
     table = parity_map.regions(found, published, level)
     assert sum(row.samples for row in table) == 3998
     for row in table:
-        inside = (found.tilt_deg >= row.tilt_from_deg) & (found.tilt_deg < row.tilt_to_deg) \
-            & (found.phi_deg >= row.phi_from_deg) & (found.phi_deg < row.phi_to_deg)
+        inside = (
+            (found.tilt_deg >= row.tilt_from_deg)
+            & (found.tilt_deg < row.tilt_to_deg)
+            & (found.phi_deg >= row.phi_from_deg)
+            & (found.phi_deg < row.phi_to_deg)
+        )
         parity = found.parity_deg[inside]
         assert [row.phi_to_deg - row.phi_from_deg, *row[4:]] == pytest.approx(
-            [15.0, inside.sum(), published[inside].mean(), parity.mean(),
-             np.sqrt(np.mean(parity ** 2)), np.median(level[inside & published])])
+            [
+                15.0,
+                inside.sum(),
+                published[inside].mean(),
+                parity.mean(),
+                np.sqrt(np.mean(parity**2)),
+                np.median(level[inside & published]),
+            ]
+        )
     assert np.isnan(parity_map.regions(found, np.zeros(4000, bool), level)[0].level_deg)
     parity_map.write_regions(tmp_path / 'regions.csv', table)
     assert_recorded('validation/regions.csv', (tmp_path / 'regions.csv').read_text())
@@ -80,7 +95,8 @@ def test_noise_is_that_of_each_sensor_in_motion_and_at_rest():
     noise *= expected / 0.04
     for angles in (joints(rotations) + noise, noise):
         np.testing.assert_allclose(
-            np.degrees(parity_map.white_noise(stamps(20_000), angles)), expected, rtol=0.03)
+            np.degrees(parity_map.white_noise(stamps(20_000), angles)), expected, rtol=0.03
+        )
 
 
 def test_noise_ignores_steps_gaps_and_missing_readings():
@@ -118,8 +134,11 @@ def test_the_nominal_bias_covers_the_systematic_parity(errors):
     rotations, noise = sweep(8000)
     biased = joints(rotations) + np.radians(errors)
     every = np.ones(8000, bool), np.ones(8000)
-    largest = max(abs(row.mean_deg) for row in parity_map.regions(mapped(biased), *every)
-                  if row.samples >= 200)
+    largest = max(
+        abs(row.mean_deg)
+        for row in parity_map.regions(mapped(biased), *every)
+        if row.samples >= 200
+    )
     table = parity_map.regions(mapped(biased + noise), *every)
     assert parity_map.nominal_bias(table) == pytest.approx(largest, abs=0.006)
     assert parity_map.nominal_bias([row for row in table if row.samples < 200]) is None

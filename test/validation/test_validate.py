@@ -41,7 +41,9 @@ def motion(t):
     phi = np.radians(30.0 + 6.0 * np.sin(1.3 * t) + 4.0 * np.sin(2.9 * t + 0.4 * t * t / 10.0))
     return kinematics.matrix_from_zxz(
         trajectories.CENTRE_PSI + 0.15 * np.sin(0.9 * t + 0.2),
-        trajectories.CENTRE_THETA + 0.1 * np.sin(1.7 * t), phi)
+        trajectories.CENTRE_THETA + 0.1 * np.sin(1.7 * t),
+        phi,
+    )
 
 
 def joint_angles(geometry=None):
@@ -78,8 +80,9 @@ def captured_markers(noise=0.0):
 
 
 def write_markers(tmp_path, coordinates):
-    return write_csv(tmp_path / 'markers.csv', POINT_HEADER,
-                     CAPTURED[:len(coordinates)] + OFFSET, coordinates)
+    return write_csv(
+        tmp_path / 'markers.csv', POINT_HEADER, CAPTURED[: len(coordinates)] + OFFSET, coordinates
+    )
 
 
 def run(capsys, *args):
@@ -93,10 +96,13 @@ def errors(directory):
 
 
 def test_a_recorders_directory_with_markers_of_another_clock_and_frame(
-        tmp_path, recording, capsys, monkeypatch):
+    tmp_path, recording, capsys, monkeypatch
+):
     drawn = {}
-    monkeypatch.setattr('spm_haptic_master.validation.plot_style.save',
-                        lambda figure, path: drawn.update({path.name: figure}))
+    monkeypatch.setattr(
+        'spm_haptic_master.validation.plot_style.save',
+        lambda figure, path: drawn.update({path.name: figure}),
+    )
     capture = write_markers(tmp_path, captured_markers(noise=0.1))
     joints = joint_angles()[:, :4]
     joints[::50, 3] = np.nan
@@ -107,7 +113,8 @@ def test_a_recorders_directory_with_markers_of_another_clock_and_frame(
     text = (tmp_path / 'out' / 'errors.csv').read_text()
     assert_recorded('validation/errors.txt', out.replace(str(tmp_path), '') + text)
     assert float(re.search(r'clock is ([-+.\d]+) s off', out)[1]) == pytest.approx(
-        OFFSET, abs=2e-4)
+        OFFSET, abs=2e-4
+    )
     aligned = np.genfromtxt(tmp_path / 'out' / 'aligned.csv', delimiter=',', names=True)
     np.testing.assert_allclose(aligned['capture_time'], CAPTURED + OFFSET, atol=1e-5)
     np.testing.assert_allclose(aligned['time'], CAPTURED, atol=2e-4)
@@ -116,48 +123,83 @@ def test_a_recorders_directory_with_markers_of_another_clock_and_frame(
         for model in ('captured', 'improved', 'classic'):
             np.testing.assert_allclose(aligned[f'{model}_{name}_deg'], angle, atol=1.0)
     # What is drawn is what is written, over the time from the first moment on.
-    models = {'classic FKM (3 sensors)': 'classic', 'improved FKM (4 sensors)': 'improved',
-              'motion capture': 'captured'}
-    assert_recorded('validation/figures.txt', '\n'.join(
-        f'{name}\n{in_words(figure)}' for name, figure in drawn.items()))
-    for name, angles, shown in (('fig32.png', comparison.ANGLES, 2), ('fig33.png', ['phi'], 2),
-                                ('fig34.png', ['phi'], 3)):
+    models = {
+        'classic FKM (3 sensors)': 'classic',
+        'improved FKM (4 sensors)': 'improved',
+        'motion capture': 'captured',
+    }
+    assert_recorded(
+        'validation/figures.txt',
+        '\n'.join(f'{name}\n{in_words(figure)}' for name, figure in drawn.items()),
+    )
+    for name, angles, shown in (
+        ('fig32.png', comparison.ANGLES, 2),
+        ('fig33.png', ['phi'], 2),
+        ('fig34.png', ['phi'], 3),
+    ):
         for axes, angle in zip(drawn[name].axes, angles, strict=True):
             assert len(axes.lines) == shown
             for line in axes.lines:
-                np.testing.assert_allclose(line.get_xydata().T, [
-                    aligned['time'] - aligned['time'][0],
-                    aligned[f'{models[line.get_label()]}_{angle}_deg']], atol=2e-6)
+                np.testing.assert_allclose(
+                    line.get_xydata().T,
+                    [
+                        aligned['time'] - aligned['time'][0],
+                        aligned[f'{models[line.get_label()]}_{angle}_deg'],
+                    ],
+                    atol=2e-6,
+                )
 
 
 def test_rosbag2_with_everything_in_it(tmp_path, capsys):
-    path = write_bag(tmp_path / 'bag', {
-        topic: np.column_stack([time, kinematics.quaternion_from_matrix(rotations)])
-        for topic, time, rotations in (
-            (ORIENTATION, RECORDED, motion(RECORDED)),
-            (POSE, CAPTURED + OFFSET, FRAME @ motion(CAPTURED) @ BODY))} | {
-        JOINTS: np.column_stack([RECORDED, joint_angles()[:, :4]])})
-    code, out, err = run(capsys, path, path, '--capture-topic', 'platform/pose',
-                         '-o', tmp_path / 'out')
+    path = write_bag(
+        tmp_path / 'bag',
+        {
+            topic: np.column_stack([time, kinematics.quaternion_from_matrix(rotations)])
+            for topic, time, rotations in (
+                (ORIENTATION, RECORDED, motion(RECORDED)),
+                (POSE, CAPTURED + OFFSET, FRAME @ motion(CAPTURED) @ BODY),
+            )
+        }
+        | {JOINTS: np.column_stack([RECORDED, joint_angles()[:, :4]])},
+    )
+    code, out, err = run(
+        capsys, path, path, '--capture-topic', 'platform/pose', '-o', tmp_path / 'out'
+    )
     assert (code, err) == (0, '')
     for name in ('fig32.png', 'fig33.png', 'fig34.png'):
         assert (tmp_path / 'out' / name).read_bytes().startswith(b'\x89PNG')
     table = errors(tmp_path / 'out')
     assert float(table['improved', 'rotation']['max_deg']) < 0.02
     assert float(table['classic', 'phi']['rms_deg']) < 0.02
-    fails(capsys, 'nothing on topic pose_of_mine; it has /left/measured_js', path, path,
-          '--capture-topic', 'pose_of_mine')
+    fails(
+        capsys,
+        'nothing on topic pose_of_mine; it has /left/measured_js',
+        path,
+        path,
+        '--capture-topic',
+        'pose_of_mine',
+    )
     fails(capsys, 'give the topic', path, path)
-    fails(capsys, 'measured_js is of type sensor_msgs/msg/JointState; expected geometry_msgs',
-          path, path, '--capture-topic', 'measured_js')
+    fails(
+        capsys,
+        'measured_js is of type sensor_msgs/msg/JointState; expected geometry_msgs',
+        path,
+        path,
+        '--capture-topic',
+        'measured_js',
+    )
 
 
 @pytest.mark.parametrize(('time', 'compressed'), [('time', False), ('stamp', True)])
 def test_a_truth_of_the_package_is_a_capture(tmp_path, time, compressed):
     """Of ten rows, the least number, with quaternions that are nearly of length 1."""
     truth = kinematics.quaternion_from_matrix(motion(CAPTURED[:10]))
-    path = write_csv(tmp_path / 'truth.csv', (time, *QUATERNION_HEADER[1:]), CAPTURED[:10],
-                     np.linspace(0.992, 1.008, 10)[:, None] * truth)
+    path = write_csv(
+        tmp_path / 'truth.csv',
+        (time, *QUATERNION_HEADER[1:]),
+        CAPTURED[:10],
+        np.linspace(0.992, 1.008, 10)[:, None] * truth,
+    )
     if compressed:
         path = tmp_path / 'truth.csv.gz'
         path.write_bytes(gzip.compress((tmp_path / 'truth.csv').read_bytes()))
@@ -171,8 +213,10 @@ def test_moments_without_markers_or_pose_are_left_out(tmp_path):
     coordinates[200:220, 7] = ''
     q = kinematics.quaternion_from_matrix(motion(CAPTURED))
     q[200:220] = 0.0
-    for path in (write_markers(tmp_path, coordinates),
-                 write_csv(tmp_path / 'pose.csv', QUATERNION_HEADER, CAPTURED, q)):
+    for path in (
+        write_markers(tmp_path, coordinates),
+        write_csv(tmp_path / 'pose.csv', QUATERNION_HEADER, CAPTURED, q),
+    ):
         track = recordings.read_capture(path, None)
         assert (len(track.time), track.left_out) == (len(CAPTURED) - 20, 20)
 
@@ -186,21 +230,25 @@ def test_self_rotation_is_the_average_of_both_projections():
     points[:, 2] += np.einsum('nij,j->ni', FRAME @ motion(CAPTURED), turned - POINTS[2])
     np.testing.assert_allclose(
         comparison.orientation_of_markers(points.reshape(len(points), -1), AZIMUTHS),
-        true @ kinematics.matrix_from_zxz(0.0, 0.0, math.radians(1.0)), atol=1e-9)
+        true @ kinematics.matrix_from_zxz(0.0, 0.0, math.radians(1.0)),
+        atol=1e-9,
+    )
 
 
 def test_the_classic_model_is_of_the_joint_angles_nearest_in_time():
     """From the first to the last, but for gaps beyond 0.1 s and where one of three is missing."""
     rows = np.array([row for row in range(100, 900, 6) if not 400 < row < 430])
-    recorded, captured = (recordings.Track(times, kinematics.quaternion_from_matrix(motion(times)))
-                          for times in (RECORDED, CAPTURED))
+    recorded, captured = (
+        recordings.Track(times, kinematics.quaternion_from_matrix(motion(times)))
+        for times in (RECORDED, CAPTURED)
+    )
     joints = recordings.Track(RECORDED[rows], joint_angles()[rows])
     joints.values[20:30, 1] = joints.values[:, 5] = np.nan
     found = comparison.compare(recorded, captured, joints, kinematics.Geometry(), AZIMUTHS)
     apart = np.abs(found.time[:, None] - joints.time)
     assert 0 < (apart.min(axis=1) > 0.1).sum() < 10 and found.time[0] < 1.03
     known = (apart.min(axis=1) < 0.1) & np.isfinite(joints.values[apart.argmin(axis=1), 1])
-    row, = (row for row in comparison.error_table(found) if row[:2] == ('classic', 'phi'))
+    (row,) = (row for row in comparison.error_table(found) if row[:2] == ('classic', 'phi'))
     assert (row.samples, row.missing) == (known.sum(), (~known).sum())
     assert row.figures_deg[1] < 1.0
     assert found.time[-1] > joints.time[-1] - 0.03
@@ -226,17 +274,18 @@ def fails(capsys, expected, *args):
     assert re.search(expected, err), err
 
 
-def test_the_classic_model_is_of_the_mechanism_as_built_and_mounted(
-        tmp_path, capsys, monkeypatch):
+def test_the_classic_model_is_of_the_mechanism_as_built_and_mounted(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr('spm_haptic_master.validation.plot_style.draw_comparison', lambda *_: None)
     base, handle = [20.0, 30.0, -40.0], [0.0, 0.0, 25.0]
     left, right = (kinematics.matrix_from_zxz(*np.radians(angles)) for angles in (base, handle))
     recorded = kinematics.quaternion_from_matrix(left @ motion(RECORDED) @ right)
     joints = joint_angles(geometry_from(complete(GEOMETRY_SETTINGS, mechanism())))
-    files = (write_csv(tmp_path / 'r.csv', QUATERNION_HEADER, RECORDED, recorded),
-             write_csv(tmp_path / 'c.csv', QUATERNION_HEADER, RECORDED[:500:5], recorded[:500:5]),
-             '--joints',
-             write_csv(tmp_path / 'j.csv', ('time', *ALL_JOINT_NAMES), RECORDED, joints))
+    files = (
+        write_csv(tmp_path / 'r.csv', QUATERNION_HEADER, RECORDED, recorded),
+        write_csv(tmp_path / 'c.csv', QUATERNION_HEADER, RECORDED[:500:5], recorded[:500:5]),
+        '--joints',
+        write_csv(tmp_path / 'j.csv', ('time', *ALL_JOINT_NAMES), RECORDED, joints),
+    )
 
     def rms(values):
         given = [each for name, value in values.items() for each in ('-p', f'{name}:={value}')]
@@ -253,45 +302,64 @@ def test_the_classic_model_is_of_the_mechanism_as_built_and_mounted(
 HEADER = 'time,qx,qy,qz,qw\n'
 
 
-@pytest.mark.parametrize(('content', 'expected'), [
-    (HEADER + '0.0,0,0,zero,1\n', 'line 2: not numbers'),
-    ('t,x,y,z,w\n0,0,0,0,1\n', 'no column time, qx'),
-    (HEADER + '0.0,0,0,0,1\n' * 20, 'time does not increase'),
-    (HEADER + ''.join(f'{i},0,0,0,2\n' for i in range(20)), 'norm 2; expected 1'),
-    (HEADER + '0.0,0,0,0,1\n', '1 complete rows'),
-    (HEADER + ''.join(f'{i},0,0,0,inf\n' for i in range(20)), 'a value is not finite'),
-    (b'\xff\xfe\x00\x80', 'no column time, qx'), (None, 'cannot be read.*No such file'),
-    (gzip.compress(HEADER.encode() * 1000, mtime=0)[:40], 'text.csv.gz: cannot be read'),
-    (gzip.compress(b'', mtime=0), 'no column time, qx')])
+@pytest.mark.parametrize(
+    ('content', 'expected'),
+    [
+        (HEADER + '0.0,0,0,zero,1\n', 'line 2: not numbers'),
+        ('t,x,y,z,w\n0,0,0,0,1\n', 'no column time, qx'),
+        (HEADER + '0.0,0,0,0,1\n' * 20, 'time does not increase'),
+        (HEADER + ''.join(f'{i},0,0,0,2\n' for i in range(20)), 'norm 2; expected 1'),
+        (HEADER + '0.0,0,0,0,1\n', '1 complete rows'),
+        (HEADER + ''.join(f'{i},0,0,0,inf\n' for i in range(20)), 'a value is not finite'),
+        (b'\xff\xfe\x00\x80', 'no column time, qx'),
+        (None, 'cannot be read.*No such file'),
+        (gzip.compress(HEADER.encode() * 1000, mtime=0)[:40], 'text.csv.gz: cannot be read'),
+        (gzip.compress(b'', mtime=0), 'no column time, qx'),
+    ],
+)
 def test_a_bad_table_gets_one_clear_line(tmp_path, capsys, content, expected):
-    path = tmp_path / ('text.csv.gz' if isinstance(content, bytes) and content[:2] == b'\x1f\x8b'
-                       else 'text.csv')
+    path = tmp_path / (
+        'text.csv.gz' if isinstance(content, bytes) and content[:2] == b'\x1f\x8b' else 'text.csv'
+    )
     if content is not None:
         path.write_bytes(content if isinstance(content, bytes) else content.encode())
     fails(capsys, expected, path, path)
 
 
-@pytest.mark.parametrize(('change', 'expected'), [
-    (lambda points: np.broadcast_to(points[0], points.shape), 'do not move alike'),
-    (lambda points: points[:30], 'too short'),
-    (lambda points: points[:, [0, 1, 2, 0, 1, 2, *range(6, 12)]], 'A and B coincide'),
-    (lambda points: points[:, [*range(6), 3, 4, 5, *range(9, 12)]], 'C lies on the axis'),
-    (lambda points: points, 'of another time')])
+@pytest.mark.parametrize(
+    ('change', 'expected'),
+    [
+        (lambda points: np.broadcast_to(points[0], points.shape), 'do not move alike'),
+        (lambda points: points[:30], 'too short'),
+        (lambda points: points[:, [0, 1, 2, 0, 1, 2, *range(6, 12)]], 'A and B coincide'),
+        (lambda points: points[:, [*range(6), 3, 4, 5, *range(9, 12)]], 'C lies on the axis'),
+        (lambda points: points, 'of another time'),
+    ],
+)
 def test_recordings_that_do_not_belong_together(tmp_path, recording, capsys, change, expected):
-    joints = write_csv(tmp_path / 'joints.csv', ('time', *ALL_JOINT_NAMES), RECORDED + 100.0,
-                       joint_angles())
-    fails(capsys, expected, recording, write_markers(tmp_path, change(captured_markers())),
-          '--joints', joints)
+    joints = write_csv(
+        tmp_path / 'joints.csv', ('time', *ALL_JOINT_NAMES), RECORDED + 100.0, joint_angles()
+    )
+    fails(
+        capsys,
+        expected,
+        recording,
+        write_markers(tmp_path, change(captured_markers())),
+        '--joints',
+        joints,
+    )
 
 
 def test_a_motion_that_repeats_itself_is_not_taken_for_another_period():
     def repeated(t):
         return kinematics.quaternion_from_matrix(
-            kinematics.matrix_from_zxz(*np.array([trajectories.fig9(each) for each in t]).T))
+            kinematics.matrix_from_zxz(*np.array([trajectories.fig9(each) for each in t]).T)
+        )
 
     recorded, captured = np.arange(2.0, 40.0, 0.01), np.arange(0.0, 45.0, 0.01)
-    found = alignment.align(recorded + 1.7e9, repeated(recorded), captured, repeated(captured),
-                            body_known=False)
+    found = alignment.align(
+        recorded + 1.7e9, repeated(recorded), captured, repeated(captured), body_known=False
+    )
     assert found.offset == pytest.approx(1.7e9, abs=1e-3)
 
 
@@ -305,8 +373,9 @@ def test_orientations_are_interpolated_within_the_recording_and_short_gaps_alone
     assert np.flatnonzero(np.isfinite(found[:, 0])).tolist() == known
     np.testing.assert_allclose(np.linalg.norm(found[known], axis=1), 1.0)
     assert np.isfinite(alignment.interpolate(time[:3], found[[1, 3, 5]], time[:3])).all()
-    off = alignment.rotation_vectors(kinematics.matrix_from_quaternion(found[known])
-                                     @ motion(at[known]).swapaxes(1, 2))
+    off = alignment.rotation_vectors(
+        kinematics.matrix_from_quaternion(found[known]) @ motion(at[known]).swapaxes(1, 2)
+    )
     assert np.abs(off).max() < 1e-3 and np.abs(off[[0, 2, 4]]).max() < 1e-12
 
 
@@ -332,8 +401,9 @@ def test_constant_frames_are_those_of_the_orientations(body):
 
 def test_pieces_of_which_neither_contains_the_other_are_aligned():
     first, second = np.arange(0.0, 7.0, 0.005), np.arange(3.0037, 10.0, 0.008)
-    recorded, captured = map(kinematics.quaternion_from_matrix, (
-        motion(first), FRAME @ motion(second)))
+    recorded, captured = map(
+        kinematics.quaternion_from_matrix, (motion(first), FRAME @ motion(second))
+    )
     found = alignment.align(first, recorded, second - 100.0, captured, body_known=True)
     assert found.offset == pytest.approx(100.0, abs=1e-5)
     np.testing.assert_allclose(found.frame, FRAME, atol=1e-5)
@@ -344,8 +414,9 @@ def test_a_picture_has_no_jumps_and_magnifies_no_angle_that_hardly_moves(tmp_pat
     rotations = kinematics.matrix_from_zxz(np.radians(psi), 0.9 + 1e-3 * np.sin(time), 0.0 * psi)
     with monkeypatch.context() as patch:
         patch.setattr(plot_style, 'save', lambda figure, path: drawn.append(figure))
-        plot_style.draw_comparison(comparison.Comparison(
-            time, time, rotations, {'improved': rotations}, None), tmp_path)
+        plot_style.draw_comparison(
+            comparison.Comparison(time, time, rotations, {'improved': rotations}, None), tmp_path
+        )
     moving, still, _ = drawn[0].axes
     np.testing.assert_allclose(moving.lines[0].get_ydata(), psi)
     np.testing.assert_allclose(still.get_ylim(), math.degrees(0.9) + np.array([-1, 1]), atol=0.01)

@@ -68,7 +68,8 @@ def view(observer, monkeypatch):
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     node.spin = lambda condition, patience=PATIENCE: observer.spin_until(
-        lambda: executor.spin_once(0.01) or condition(), patience)
+        lambda: executor.spin_once(0.01) or condition(), patience
+    )
     node.has_ended = done.done
     yield node
     executor.shutdown()

@@ -26,8 +26,12 @@ TICK = 0.05
 
 def entry_of(name, message='', level=DiagnosticStatus.OK, values=()):
     """Return an entry of /diagnostics."""
-    return DiagnosticStatus(level=level, name=name, message=message, values=[
-        KeyValue(key=key, value=value) for key, value in dict(values).items()])
+    return DiagnosticStatus(
+        level=level,
+        name=name,
+        message=message,
+        values=[KeyValue(key=key, value=value) for key, value in dict(values).items()],
+    )
 
 
 def entries_of(entries, now=1.0):
@@ -46,9 +50,11 @@ def turn_of(handle):
 
 def sampled(node, kind, topic):
     """Return a topic of which the newest message is the test's."""
-    return SimpleNamespace(subscribe=lambda: node.sampled.add(topic),
-                           unsubscribe=lambda: node.sampled.discard(topic),
-                           take=lambda: node.newest.pop(topic, None))
+    return SimpleNamespace(
+        subscribe=lambda: node.sampled.add(topic),
+        unsubscribe=lambda: node.sampled.discard(topic),
+        take=lambda: node.newest.pop(topic, None),
+    )
 
 
 class Shown:
@@ -65,21 +71,33 @@ class Shown:
         self.takers[topic] = take
 
     def create_publisher(self, kind, topic, qos):
-        return SimpleNamespace(publish=lambda sent: self.published.append(
-            (topic.removeprefix('/'), getattr(sent.data, 'tolist', lambda: sent.data)())))
+        return SimpleNamespace(
+            publish=lambda sent: self.published.append(
+                (topic.removeprefix('/'), getattr(sent.data, 'tolist', lambda: sent.data)())
+            )
+        )
 
     def create_client(self, kind, name):
         def ask(request):
             self.asked.append(self.now)
             values = complete(SETTINGS, self.parameters)
-            answer = SimpleNamespace(values=[Parameter(
-                name, value=list(values[name]) if isinstance(values[name], tuple)
-                else values[name]).get_parameter_value() for name in request.names])
+            answer = SimpleNamespace(
+                values=[
+                    Parameter(
+                        name,
+                        value=list(values[name])
+                        if isinstance(values[name], tuple)
+                        else values[name],
+                    ).get_parameter_value()
+                    for name in request.names
+                ]
+            )
             future = SimpleNamespace(result=lambda: answer)
             return SimpleNamespace(add_done_callback=lambda take: take(future))
 
-        return SimpleNamespace(service_is_ready=lambda: self.parameters is not None,
-                               call_async=ask)
+        return SimpleNamespace(
+            service_is_ready=lambda: self.parameters is not None, call_async=ask
+        )
 
     def count_publishers(self, topic):
         return int(self.calibrates and topic == f'/{COVERAGE_TOPIC}')
@@ -101,8 +119,10 @@ class Shown:
         """Have new joint angles of a pose, rad; return its matrix."""
         R = kinematics.workspace_pose(tilt, azimuth, phi)
         self._samples += not again
-        message = JointState(name=list(MECHANISM_JOINT_NAMES),
-                             position=kinematics.mechanism_angles(tuple(R.ravel()), GEOMETRY))
+        message = JointState(
+            name=list(MECHANISM_JOINT_NAMES),
+            position=kinematics.mechanism_angles(tuple(R.ravel()), GEOMETRY),
+        )
         message.header.stamp.sec = self._samples
         self.takers['/joint_states'](message)
         return R
@@ -150,8 +170,11 @@ class Shown:
         return self.published
 
     def control(self, label):
-        return next(each for each in self.server.gui._gui_input_handle_from_uuid.values()
-                    if each.label == label)
+        return next(
+            each
+            for each in self.server.gui._gui_input_handle_from_uuid.values()
+            if each.label == label
+        )
 
     @property
     def scene(self):

@@ -45,12 +45,15 @@ def test_what_is_shown_is_the_pose_all_the_way_through_the_singularity(shown):
     shown.run(1.0, partial(shown.pose, *pose))
     np.testing.assert_allclose(shown.scene.dome.pin.position, RADIUS * R[:, 2], atol=1e-6)
     np.testing.assert_allclose(
-        shown.content['sample']['values']['angles'], np.degrees(angles), atol=1e-6)
+        shown.content['sample']['values']['angles'], np.degrees(angles), atol=1e-6
+    )
     dome = shown.scene.dome
     np.testing.assert_allclose(dome.tiles.batched_colors, dome._map.colours(phi), atol=1.0)
     # Noise alone clear of the singularity, and more at it.
-    near, clear = ([error for three, error in errors if low < three < high]
-                   for low, high in ((0.0, 0.02), (0.12, 1.0)))
+    near, clear = (
+        [error for three, error in errors if low < three < high]
+        for low, high in ((0.0, 0.02), (0.12, 1.0))
+    )
     assert len(clear) > 3 and max(near) > 1.0 > 2.0 * np.nanmax(clear)
     # Three encoders are solved with their own dexterity.
     taken = []
@@ -73,16 +76,20 @@ def test_another_mechanism_or_mounting_of_fkm_is_drawn_within_a_second(shown):
     shown.run(1.1, shown.fkm)
     assert shown.scene is not before and before._root._impl.removed
     assert before._floor._impl.removed
-    np.testing.assert_allclose(turn_of(shown.scene._root), [[1, 0, 0], [0, 0, -1], [0, 1, 0]],
-                               atol=1e-6)
+    np.testing.assert_allclose(
+        turn_of(shown.scene._root), [[1, 0, 0], [0, 0, -1], [0, 1, 0]], atol=1e-6
+    )
     # A mechanism that cannot be assembled changes nothing.
     mounted = shown.scene
     shown.parameters = {'geometry.alpha_deg': 80.0, 'geometry.beta_deg': 20.0}
     shown.run(2.0, shown.fkm)
     assert shown.scene is mounted
     # One that reaches little is drawn where any can be assembled: upright, at the centre.
-    shown.parameters = {'geometry.alpha_deg': 20.0, 'geometry.beta_deg': 20.0,
-                        'geometry.gamma_deg': 90.0}
+    shown.parameters = {
+        'geometry.alpha_deg': 20.0,
+        'geometry.beta_deg': 20.0,
+        'geometry.gamma_deg': 90.0,
+    }
     shown.run(1.1)
     assert shown.scene is not mounted
     centre = workspace_pose(0.0, 0.0, 0.0)
@@ -94,14 +101,24 @@ def test_the_reason_of_a_missing_picture_is_on_the_page(shown):
     """Orientations go out, but diagnostics does not publish joint_states of them."""
     shown.begin()
     fkm, text = 'fkm: orientation', 'diagnostics: singularity'
-    shown.run(1.0, lambda: shown.fkm() or shown.entry(text, 'near a singularity of the sensors in '
-                                                      'use', DiagnosticStatus.WARN))
+    shown.run(
+        1.0,
+        lambda: (
+            shown.fkm()
+            or shown.entry(text, 'near a singularity of the sensors in use', DiagnosticStatus.WARN)
+        ),
+    )
     assert shown.text == 'healthy'
     # A message from before is no reason.
     shown.run(0.4, lambda: shown.entry(fkm))
     assert shown.text == 'no joint_states for 0.25 s (diagnostics)'
-    shown.run(4.0, lambda: shown.entry(fkm) or shown.entry(
-        text, 'outside the working mode', DiagnosticStatus.ERROR))
+    shown.run(
+        4.0,
+        lambda: (
+            shown.entry(fkm)
+            or shown.entry(text, 'outside the working mode', DiagnosticStatus.ERROR)
+        ),
+    )
     assert shown.text == 'no joint_states for 4 s (diagnostics: outside the working mode)'
     # Without any news the state is an old one.
     shown.run(3.0)
@@ -115,8 +132,10 @@ def test_a_repeated_or_unreadable_pose_is_not_drawn(shown):
     drawn = shown.scene._frame.wxyz
     shown.run(1.2, lambda: shown.pose(0.3, again=True))
     assert shown.text == 'no joint_states for 1 s (diagnostics)'
-    for name, position in ((['joint_1'] * 9, [0.0] * 9),
-                           (list(MECHANISM_JOINT_NAMES), [np.nan] * 9)):
+    for name, position in (
+        (['joint_1'] * 9, [0.0] * 9),
+        (list(MECHANISM_JOINT_NAMES), [np.nan] * 9),
+    ):
         shown.takers['/joint_states'](JointState(name=name, position=position))
         shown.run(TICK)
         assert not shown.arm.seen.banner.alive
@@ -148,7 +167,8 @@ def test_the_cone_of_the_protection_level(shown):
         shown.run(WHOLE, partial(shown.fkm, **{'protection level (deg)': level}))
         assert cone.visible
         assert np.degrees(np.arctan(cone.scale)) == pytest.approx(
-            [half_angle, half_angle, 45.0], abs=0.01)
+            [half_angle, half_angle, 45.0], abs=0.01
+        )
     shown.run(0.4, partial(shown.fkm, **{'protection level (deg)': 'none'}))
     assert not cone.visible
 
@@ -225,8 +245,10 @@ def test_a_calibration_is_shown_until_it_ends(shown):
         return shown.content['calibration']
 
     found = {'text': 'turn it', 'covered': {'tilt': 0.89, 'turn': 0.9}}
-    expected = {'text': 'turn it', 'covered': [('tilt', 0.89, Light.AMBER.value),
-                                               ('turn', 0.9, Light.GREEN.value)]}
+    expected = {
+        'text': 'turn it',
+        'covered': [('tilt', 0.89, Light.AMBER.value), ('turn', 0.9, Light.GREEN.value)],
+    }
     assert says(json.dumps(found)) == says('[1]') == says('turn') == expected
     assert says('{}') is None
     assert says(json.dumps(found)) == expected

@@ -17,8 +17,10 @@ import pytest
 from spm_haptic_master.benchmark.child_process import wait_until
 
 pytestmark = [
-    pytest.mark.process, pytest.mark.alone,
-    pytest.mark.skipif(browser_process.browser() is None, reason='no Chromium is installed')]
+    pytest.mark.process,
+    pytest.mark.alone,
+    pytest.mark.skipif(browser_process.browser() is None, reason='no Chromium is installed'),
+]
 PATIENCE = 240.0
 # Longest time from the end of the samples to the words on the page (s).
 SEEN_WITHIN = 0.5
@@ -58,12 +60,22 @@ def page(start, tmp_path):
 @pytest.fixture
 def device(start, page):
     """Start a simulated device and `view`; return page, device and `view` once it is healthy."""
+
     def begin(size=DESKTOP, **parameters):
-        running = start('master', parameters={
-            **SIM, 'sim.trajectory': 'fixed', 'rate': 200.0, 'max_age': 5.0, **parameters})
+        running = start(
+            'master',
+            parameters={
+                **SIM,
+                'sim.trajectory': 'fixed',
+                'rate': 200.0,
+                'max_age': 5.0,
+                **parameters,
+            },
+        )
         shown, view = page(size)
         until(lambda: shown.ask('banner()') == 'healthy' and shown.ask('hasKnobs()'), shown)
         return shown, running, view
+
     return begin
 
 
@@ -116,8 +128,10 @@ def test_a_collapsed_panel_takes_neither_banner_nor_cover_with_it(device, size):
     shown.click('probes.title()' if size == PHONE else 'probes.arrow()')
     shown.ask('notice()')
     until(lambda: not shown.ask('hasChip()') and shown.ask('banner()') == 'healthy', shown)
-    for process, seen in ((running, lambda: 'no joint_states' in shown.ask('banner()')),
-                          (view, lambda: shown.ask('isCovered()'))):
+    for process, seen in (
+        (running, lambda: 'no joint_states' in shown.ask('banner()')),
+        (view, lambda: shown.ask('isCovered()')),
+    ):
         os.kill(process.pid, signal.SIGSTOP)
         try:
             until(seen, shown)

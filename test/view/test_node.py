@@ -31,19 +31,26 @@ def test_a_calibration_alone_is_a_device(view, observer):
 def test_all_arms_are_in_each_view(arms):
     """On a page a fifth wider than high; a device is 1 in radius to each side."""
     half = np.tan(0.5 * VIEW_ANGLE)
-    points = np.array([[x, 0.0, 0.7] for arm in (0, arms - 1)
-                       for x in (ARM_DISTANCE * arm - 1.0, ARM_DISTANCE * arm + 1.0)])
+    points = np.array(
+        [
+            [x, 0.0, 0.7]
+            for arm in (0, arms - 1)
+            for x in (ARM_DISTANCE * arm - 1.0, ARM_DISTANCE * arm + 1.0)
+        ]
+    )
     cameras = views(arms)
-    for name, at in (('front', (0.0, -1.0, 0.0)), ('side', (1.0, 0.0, 0.0)),
-                     ('top', (0.0, 0.0, 1.0))):
+    for name, at in (
+        ('front', (0.0, -1.0, 0.0)),
+        ('side', (1.0, 0.0, 0.0)),
+        ('top', (0.0, 0.0, 1.0)),
+    ):
         position, target = map(np.array, cameras[name])
         ahead = (target - position) / np.linalg.norm(target - position)
         assert ahead @ at < -0.8
         right = np.cross(ahead, [0.0, 0.0, 1.0])
         right /= np.linalg.norm(right)
         rays = (points - position) / ((points - position) @ ahead)[:, None]
-        wide, high = (np.abs(rays @ axis).max() / half for axis in (
-            right, np.cross(right, ahead)))
+        wide, high = (np.abs(rays @ axis).max() / half for axis in (right, np.cross(right, ahead)))
         assert wide < 1.2 and high < 1.0
         # Nor are they smaller than that needs.
         assert wide > 0.65 or name != 'front'
@@ -54,8 +61,10 @@ def test_the_next_free_port_is_taken_and_none_beyond_the_last():
     with socket.create_server(('127.0.0.1', 28580)):
         assert free_port('127.0.0.1', 28580) == 28581
     assert free_port('127.0.0.1', 28580) == 28580
-    with socket.create_server(('127.0.0.1', 65535)), pytest.raises(
-            InputError, match="'view.port' is 65535; expected a port that is free"):
+    with (
+        socket.create_server(('127.0.0.1', 65535)),
+        pytest.raises(InputError, match="'view.port' is 65535; expected a port that is free"),
+    ):
         free_port('127.0.0.1', 65535)
     with pytest.raises(InputError, match="'view.host' is '192.0.2.1'; expected an address of thi"):
         free_port('192.0.2.1', 28580)
@@ -67,10 +76,12 @@ def test_a_page_says_that_there_is_no_device_until_there_are_some(view, observer
 
     def news():
         """Return the news that a page to come would have, by their number; one is its script."""
-        scripts = {number: message.source for number, message in buffer.message_from_id.items()
-                   if isinstance(message, RunJavascriptMessage)}
-        news = {number: source for number, source in scripts.items()
-                if source.startswith(NEWS)}
+        scripts = {
+            number: message.source
+            for number, message in buffer.message_from_id.items()
+            if isinstance(message, RunJavascriptMessage)
+        }
+        news = {number: source for number, source in scripts.items() if source.startswith(NEWS)}
         assert len(scripts) == len(news) + 1 and min(scripts) not in news
         return news
 
@@ -79,10 +90,17 @@ def test_a_page_says_that_there_is_no_device_until_there_are_some(view, observer
     assert view.spin(lambda: not first.keys() & news().keys())
     # Not one more for each second that it runs.
     assert len(news()) == 1
-    kept = [observer.node.create_publisher(kind, f'/{name}/{topic}', 1) for name in ('a', 'b')
-            for kind, topic in ((JointState, 'joint_states'), (String, 'state'))]
-    assert view.spin(lambda: {name: banner.text for name, banner in view._page.shown.items()}
-                     == dict.fromkeys('ab', 'waiting for fkm'))
+    kept = [
+        observer.node.create_publisher(kind, f'/{name}/{topic}', 1)
+        for name in ('a', 'b')
+        for kind, topic in ((JointState, 'joint_states'), (String, 'state'))
+    ]
+    assert view.spin(
+        lambda: (
+            {name: banner.text for name, banner in view._page.shown.items()}
+            == dict.fromkeys('ab', 'waiting for fkm')
+        )
+    )
     assert 'a: waiting for fkm' in ''.join(news().values())
     camera = view._server.initial_camera
     np.testing.assert_allclose((camera.position, camera.look_at), views(2)['front'])
@@ -93,5 +111,5 @@ def test_a_page_says_that_there_is_no_device_until_there_are_some(view, observer
     assert len(kept) == 4
     # It ends with the process that it goes with.
     assert not view.has_ended()
-    view._process = 2 ** 22 + 1
+    view._process = 2**22 + 1
     assert view.spin(view.has_ended)

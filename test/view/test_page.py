@@ -20,53 +20,88 @@ from std_msgs.msg import Float64MultiArray
 # Fields of a message that differ from run to run.
 UNLIKE = 'order', 'uuid', 'container_uuid', 'run_id'
 # Entries by name: level, message and values.
-CLEAR = {'diagnostics: singularity': (
-    DiagnosticStatus.OK, 'clear', {'warn below': '0.059', 'error below': '0.033'})}
+CLEAR = {
+    'diagnostics: singularity': (
+        DiagnosticStatus.OK,
+        'clear',
+        {'warn below': '0.059', 'error below': '0.033'},
+    )
+}
 
 
 def figures(entries=None, now=1.0, **known):
     """Return what the page has of a device that is alive at the centre."""
-    return content(Seen(**{
-        'banner': Banner(Light.GREEN, 'healthy', True), 'sensors': 4, 'angles': [0.1] * 9,
-        'states': [SensorState.HEALTHY] * known.get('sensors', 4),
-        'orientation': (0.0, 0.0, 0.0, 1.0), 'dexterities': (0.15, 0.4)} | known),
-        entries_of(entries or {}, now))
+    return content(
+        Seen(
+            **{
+                'banner': Banner(Light.GREEN, 'healthy', True),
+                'sensors': 4,
+                'angles': [0.1] * 9,
+                'states': [SensorState.HEALTHY] * known.get('sensors', 4),
+                'orientation': (0.0, 0.0, 0.0, 1.0),
+                'dexterities': (0.15, 0.4),
+            }
+            | known
+        ),
+        entries_of(entries or {}, now),
+    )
 
 
 # A device whose picture is of the past.
 SILENT = {'banner': Banner(Light.RED, 'silent: x', False)}
 
 
-@pytest.mark.parametrize(('known', 'words', 'warns'), [
-    ({}, 'Three encoders determine this pose. With four they check', False),
-    ({'dexterities': (0.01, 0.059)}, 'three encoders do not determine this pose; four do', True),
-    ({'dexterities': (0.001, 0.002)}, 'Not even four encoders', True),
-    ({'dexterities': (0.059, 0.4)}, 'Three encoders determine this pose', False),
-    ({'dexterities': None}, DASH, False),
-    ({'sensors': 6, 'states': [SensorState.MISSING, SensorState.EXCLUDED,
-                               *[SensorState.HEALTHY] * 4]}, 'With four they check', False),
-    ({'ghost': radians(3.1)}, 'wrong side', True),
-    ({'ghost': radians(2.9)}, 'Three encoders determine', False),
-    (SILENT, 'not the present pose', True),
-    # Limits are those of the node diagnostics, while it runs.
-    ({'now': 10.0}, DASH, False),
-    ({'story': 'Watch.'} | SILENT, 'Watch.', False)])
+@pytest.mark.parametrize(
+    ('known', 'words', 'warns'),
+    [
+        ({}, 'Three encoders determine this pose. With four they check', False),
+        (
+            {'dexterities': (0.01, 0.059)},
+            'three encoders do not determine this pose; four do',
+            True,
+        ),
+        ({'dexterities': (0.001, 0.002)}, 'Not even four encoders', True),
+        ({'dexterities': (0.059, 0.4)}, 'Three encoders determine this pose', False),
+        ({'dexterities': None}, DASH, False),
+        (
+            {
+                'sensors': 6,
+                'states': [SensorState.MISSING, SensorState.EXCLUDED, *[SensorState.HEALTHY] * 4],
+            },
+            'With four they check',
+            False,
+        ),
+        ({'ghost': radians(3.1)}, 'wrong side', True),
+        ({'ghost': radians(2.9)}, 'Three encoders determine', False),
+        (SILENT, 'not the present pose', True),
+        # Limits are those of the node diagnostics, while it runs.
+        ({'now': 10.0}, DASH, False),
+        ({'story': 'Watch.'} | SILENT, 'Watch.', False),
+    ],
+)
 def test_a_sentence_says_which_encoders_determine_the_pose(known, words, warns):
     found = figures(CLEAR, **known)
     assert words in found['note'] and found['warns'] == warns
 
 
-@pytest.mark.parametrize(('dexterities', 'colours'), [
-    ((0.01, 0.05), (Light.RED, Light.AMBER)), ((0.033, 0.059), (Light.AMBER, Light.GREEN)),
-    ((nan, 0.4), (Light.GREY, Light.GREEN)), (None, (Light.GREY, Light.GREY))])
+@pytest.mark.parametrize(
+    ('dexterities', 'colours'),
+    [
+        ((0.01, 0.05), (Light.RED, Light.AMBER)),
+        ((0.033, 0.059), (Light.AMBER, Light.GREEN)),
+        ((nan, 0.4), (Light.GREY, Light.GREEN)),
+        (None, (Light.GREY, Light.GREY)),
+    ],
+)
 def test_the_bars_of_the_dexterity(dexterities, colours):
     """Full at 0.2; grey where the value or its limits are not known."""
     for entries, expected in ((CLEAR, colours), ({}, (Light.GREY, Light.GREY))):
         found = [row for row in figures(entries, dexterities=dexterities)['rows'] if len(row) > 2]
         assert [colour for *_, colour in found] == [light.value for light in expected]
         for value, (_, text, share, _) in zip(dexterities or (nan, nan), found, strict=True):
-            assert (text, share) == ((DASH, 0.0) if value != value else (
-                f'{value:.3f}', pytest.approx(value / 0.2)))
+            assert (text, share) == (
+                (DASH, 0.0) if value != value else (f'{value:.3f}', pytest.approx(value / 0.2))
+            )
 
 
 def in_words(value):
@@ -78,8 +113,13 @@ def in_words(value):
     if isinstance(value, dict):
         return ' '.join(f'{name}: {in_words(each)}' for name, each in value.items())
     if hasattr(value, '__dataclass_fields__'):
-        return in_words({name: each for name, each in vars(value).items()
-                         if name not in UNLIKE and not name.startswith('_')})
+        return in_words(
+            {
+                name: each
+                for name, each in vars(value).items()
+                if name not in UNLIKE and not name.startswith('_')
+            }
+        )
     return str(value)
 
 
@@ -109,13 +149,30 @@ def test_a_page_is_sent_what_is_recorded(serve, shown, monkeypatch):
         shown.readings(pose, (0.01, 0.0, 0.0, 0.0))
         shown.torques(servo=0.2, measured=0.1)
         shown.pose(*pose)
-        shown.entry('fkm: orientation', 'healthy', **{
-            'protection level (deg)': '0.5', 'parity (sigma)': '1.2', 'caution': 'slow',
-            **{f'{name} unchecked (s)': str(0.3 * k) for k, name in enumerate(ALL_JOINT_NAMES)}})
-        shown.entry('fkm: timing', 'in time', **{
-            'orientation rate (Hz)': '999', 'latency p50 (us)': '130', 'latency p99 (us)': '300'})
-        shown.entry('diagnostics: singularity', 'clear', **{
-            'warn below': '0.059', 'error below': '0.033'})
+        shown.entry(
+            'fkm: orientation',
+            'healthy',
+            **{
+                'protection level (deg)': '0.5',
+                'parity (sigma)': '1.2',
+                'caution': 'slow',
+                **{
+                    f'{name} unchecked (s)': str(0.3 * k) for k, name in enumerate(ALL_JOINT_NAMES)
+                },
+            },
+        )
+        shown.entry(
+            'fkm: timing',
+            'in time',
+            **{
+                'orientation rate (Hz)': '999',
+                'latency p50 (us)': '130',
+                'latency p99 (us)': '300',
+            },
+        )
+        shown.entry(
+            'diagnostics: singularity', 'clear', **{'warn below': '0.059', 'error below': '0.033'}
+        )
         shown.entry('encoder_driver: encoders', 'publishing', **{'joints missing': 'joint_3b'})
         shown.newest['/dexterity'] = Float64MultiArray(data=(0.05, 0.4))
 

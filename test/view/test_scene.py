@@ -13,7 +13,8 @@ NOMINAL = Geometry()
 ALPHA = NOMINAL.alphas[0]
 # Two proximal links of three are of one shape, and all distal ones.
 MECHANISM = Geometry.from_axes(
-    NOMINAL.base_axes, NOMINAL.platform_axes, (ALPHA, ALPHA + 0.01, ALPHA), NOMINAL.betas)
+    NOMINAL.base_axes, NOMINAL.platform_axes, (ALPHA, ALPHA + 0.01, ALPHA), NOMINAL.betas
+)
 
 
 def drawn(shown):
@@ -31,20 +32,28 @@ def test_each_link_has_its_own_turn_shape_and_colour(shown):
     for batch, handle in scene._batches:
         links += batch
         np.testing.assert_allclose(
-            np.roll(handle.batched_wxyzs, -1, axis=1), [turns[k] for k in batch], atol=1e-6)
+            np.roll(handle.batched_wxyzs, -1, axis=1), [turns[k] for k in batch], atol=1e-6
+        )
         for k in batch:
             shape = shapes[f'{("proximal", "distal")[k // 3]}_{solids.LEGS[k % 3]}']
             np.testing.assert_allclose(handle.vertices, shape.vertices * SCALE, atol=1e-6)
         for alive in (True, False):
             scene.set_alive(alive)
             assert [f'#{bytes(colour.tolist()).hex()}' for colour in handle.batched_colors] == [
-                css(f'leg_{solids.LEGS[k % 3]}') if alive else GREY for k in batch]
+                css(f'leg_{solids.LEGS[k % 3]}') if alive else GREY for k in batch
+            ]
     assert sorted(links) == list(range(6))
 
 
 def test_every_surface_is_seen_from_outside(shown):
     """Each has one side."""
     scene = drawn(shown)
-    for handle in (*(handle for handle, _ in scene._coloured), scene.dome.pin, scene._motors,
-                   scene._others, scene.ghost, *scene.torques):
+    for handle in (
+        *(handle for handle, _ in scene._coloured),
+        scene.dome.pin,
+        scene._motors,
+        scene._others,
+        scene.ghost,
+        *scene.torques,
+    ):
         assert np.linalg.det(handle.vertices.astype(float)[handle.faces]).sum() > 0.0

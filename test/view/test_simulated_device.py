@@ -23,11 +23,12 @@ def test_the_knobs_are_those_of_a_simulated_device_alone(shown):
     shown.say('source', 'sim')
     shown.operate('cross the singularity')
     for kind, joint, offset, expected in (
-            ('offset', 'joint_1b', 5.0, 'offset:joint_1b=5'),
-            ('stuck', 'joint_1b', 5.0, 'offset:joint_1b=5, stuck:joint_1b'),
-            ('offset', 'joint_3a', 5.0, 'offset:joint_1b=5, stuck:joint_1b, offset:joint_3a=5'),
-            ('offset', 'joint_1b', 1.0, 'stuck:joint_1b, offset:joint_3a=5, offset:joint_1b=1'),
-            ('stuck', 'joint_1b', 1.0, 'offset:joint_3a=5, offset:joint_1b=1, stuck:joint_1b')):
+        ('offset', 'joint_1b', 5.0, 'offset:joint_1b=5'),
+        ('stuck', 'joint_1b', 5.0, 'offset:joint_1b=5, stuck:joint_1b'),
+        ('offset', 'joint_3a', 5.0, 'offset:joint_1b=5, stuck:joint_1b, offset:joint_3a=5'),
+        ('offset', 'joint_1b', 1.0, 'stuck:joint_1b, offset:joint_3a=5, offset:joint_1b=1'),
+        ('stuck', 'joint_1b', 1.0, 'offset:joint_3a=5, offset:joint_1b=1, stuck:joint_1b'),
+    ):
         shown.control('encoder')._impl.value = joint
         shown.control('offset, deg')._impl.value = offset
         assert shown.operate('fault', kind) == [(FAULT_TOPIC, expected)]
@@ -36,7 +37,9 @@ def test_the_knobs_are_those_of_a_simulated_device_alone(shown):
     shown.run(0.3, shown.pose)
     assert shown.content['note'] != stories(4)[0].words
     assert shown.content['sample']['happened'][:2] == [
-        'faults: offset:joint_1b=5', 'faults: offset:joint_1b=5, stuck:joint_1b']
+        'faults: offset:joint_1b=5',
+        'faults: offset:joint_1b=5, stuck:joint_1b',
+    ]
     assert shown.operate('no fault') == [(FAULT_TOPIC, '')]
     # As many encoders as there are; none without a simulation.
     shown.parameters = {'sensors': 6}
@@ -62,7 +65,7 @@ def test_the_sliders_follow_the_device_until_a_user_moves_one(shown):
     assert sliders(10.0, 40.0, 30.3) == [10.0, 40.0, 30.5]
     assert not shown.published
     shown.operate('cross the singularity')
-    (topic, pose), = shown.operate(labels[0], 9.0)
+    ((topic, pose),) = shown.operate(labels[0], 9.0)
     assert topic == STEER_TOPIC and pose == pytest.approx(np.radians([9.0, 40.0, 30.5]))
     shown.run(0.5, shown.pose)
     assert shown.content['note'] != stories(4)[0].words
@@ -102,7 +105,7 @@ def test_a_story_does_its_steps_is_explained_and_ends_without_a_fault(shown, sen
 
 
 def test_the_stories_lead_to_the_singularity_and_across_it():
-    (cross, broken, unplugged), = {stories(4)}
+    ((cross, broken, unplugged),) = {stories(4)}
     phis = [step.phi for step in cross.steps[:-1]]
     assert degrees(SINGULAR_PHI) == pytest.approx(phis[1], abs=0.05)
     etas = [float(dexterity(workspace_pose(0.0, 0.0, radians(phi)))) for phi in phis]
@@ -113,7 +116,9 @@ def test_the_stories_lead_to_the_singularity_and_across_it():
     assert PHI_LIMITS[0] < radians(min(phis)) and radians(max(phis)) < PHI_LIMITS[1]
     # With four encoders a device is silent without one of them.
     assert [['silent' in each.words for each in stories(sensors)[1:]] for sensors in (4, 6)] == [
-        [True, True], [False, False]]
+        [True, True],
+        [False, False],
+    ]
     for story in (cross, broken, unplugged):
         times = [step.at for step in story.steps]
         assert times[0] == 0.0 and all(1.9 < each < 8.0 for each in np.diff(times))

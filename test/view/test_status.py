@@ -14,22 +14,26 @@ from spm_haptic_master.view.status import Light, SensorState
 DRIVER = {'encoder_driver: encoders': (DiagnosticStatus.OK, 'publishing', {})}
 
 
-@pytest.mark.parametrize(('state', 'age', 'light', 'text', 'alive'), [
-    ('', None, Light.GREY, 'waiting for fkm', False),
-    ('starting', None, Light.GREY, 'starting', False),
-    ('starting', 0.0, Light.AMBER, 'starting', False),
-    ('', 0.0, Light.AMBER, 'state unknown: fkm publishes it', False),
-    ('healthy', 0.0, Light.GREEN, 'healthy', True),
-    ('healthy', status.STALE_AFTER, Light.GREEN, 'healthy', True),
-    # The state is that of the orientations: they go out, and something else is missing.
-    ('healthy', 0.3, Light.RED, 'no joint_states for 0.25 s (diagnostics)', False),
-    ('healthy', None, Light.AMBER, 'healthy, but no joint_states (diagnostics)', False),
-    ('starting', 1.0, Light.RED, 'silent: no orientation for 1 s', False),
-    ('degraded: joint_1b', 0.1, Light.AMBER, 'degraded: joint_1b', True),
-    # The reason of a silence is on the page at once, whatever was drawn last.
-    ('silent: no joint samples', 0.0, Light.RED, 'silent: no joint samples', False),
-    # Words of another program vouch for nothing.
-    ('healthy again', 0.0, Light.RED, "silent: unknown state 'healthy again'", False)])
+@pytest.mark.parametrize(
+    ('state', 'age', 'light', 'text', 'alive'),
+    [
+        ('', None, Light.GREY, 'waiting for fkm', False),
+        ('starting', None, Light.GREY, 'starting', False),
+        ('starting', 0.0, Light.AMBER, 'starting', False),
+        ('', 0.0, Light.AMBER, 'state unknown: fkm publishes it', False),
+        ('healthy', 0.0, Light.GREEN, 'healthy', True),
+        ('healthy', status.STALE_AFTER, Light.GREEN, 'healthy', True),
+        # The state is that of the orientations: they go out, and something else is missing.
+        ('healthy', 0.3, Light.RED, 'no joint_states for 0.25 s (diagnostics)', False),
+        ('healthy', None, Light.AMBER, 'healthy, but no joint_states (diagnostics)', False),
+        ('starting', 1.0, Light.RED, 'silent: no orientation for 1 s', False),
+        ('degraded: joint_1b', 0.1, Light.AMBER, 'degraded: joint_1b', True),
+        # The reason of a silence is on the page at once, whatever was drawn last.
+        ('silent: no joint samples', 0.0, Light.RED, 'silent: no joint samples', False),
+        # Words of another program vouch for nothing.
+        ('healthy again', 0.0, Light.RED, "silent: unknown state 'healthy again'", False),
+    ],
+)
 def test_the_banner_says_what_is_and_no_old_pose_is_alive(state, age, light, text, alive):
     shown = status.banner(received_state(state) if state else None, age)
     assert (shown.light, shown.text, shown.alive) == (light, text, alive)
@@ -56,34 +60,56 @@ def test_a_silence_is_as_long_as_it_is_but_for_a_pause_of_this_process():
         assert age.value == pytest.approx(expected)
 
 
-@pytest.mark.parametrize(('state', 'driver', 'expected'), [
-    ('healthy', DRIVER, {}),
-    ('degraded: joint_3b excluded', DRIVER, {'joint_3b': SensorState.EXCLUDED}),
-    ('silent: joint_1c stuck', DRIVER, {'joint_1c': SensorState.EXCLUDED}),
-    ('degraded: joint_3c missing', {'encoder_driver: encoders': (
-        DiagnosticStatus.WARN, 'joint_3c: no answer', {'joints missing': 'joint_3c'})},
-     {'joint_3c': SensorState.MISSING}),
-    # With four there is no set without one of them: the driver's words name it.
-    ('silent: no joint samples', {'encoder_driver: encoders': (
-        DiagnosticStatus.ERROR, 'joint_1b: no answer', {})}, {'joint_1b': SensorState.MISSING})])
+@pytest.mark.parametrize(
+    ('state', 'driver', 'expected'),
+    [
+        ('healthy', DRIVER, {}),
+        ('degraded: joint_3b excluded', DRIVER, {'joint_3b': SensorState.EXCLUDED}),
+        ('silent: joint_1c stuck', DRIVER, {'joint_1c': SensorState.EXCLUDED}),
+        (
+            'degraded: joint_3c missing',
+            {
+                'encoder_driver: encoders': (
+                    DiagnosticStatus.WARN,
+                    'joint_3c: no answer',
+                    {'joints missing': 'joint_3c'},
+                )
+            },
+            {'joint_3c': SensorState.MISSING},
+        ),
+        # With four there is no set without one of them: the driver's words name it.
+        (
+            'silent: no joint samples',
+            {'encoder_driver: encoders': (DiagnosticStatus.ERROR, 'joint_1b: no answer', {})},
+            {'joint_1b': SensorState.MISSING},
+        ),
+    ],
+)
 def test_the_state_of_each_sensor(state, driver, expected):
     figures = {f'{name} unchecked (s)': '1.0' for name in ALL_JOINT_NAMES}
     figures['joint_3a unchecked (s)'] = 'inf'
-    entries = entries_of(
-        driver | {'fkm: orientation': (DiagnosticStatus.OK, 'healthy', figures)})
-    assert dict(zip(ALL_JOINT_NAMES, entries.sensor_states(6, received_state(state)),
-                    strict=True)) \
-        == dict.fromkeys(ALL_JOINT_NAMES, SensorState.HEALTHY) | {
-            'joint_3a': SensorState.UNCHECKED} | expected
+    entries = entries_of(driver | {'fkm: orientation': (DiagnosticStatus.OK, 'healthy', figures)})
+    assert (
+        dict(zip(ALL_JOINT_NAMES, entries.sensor_states(6, received_state(state)), strict=True))
+        == dict.fromkeys(ALL_JOINT_NAMES, SensorState.HEALTHY)
+        | {'joint_3a': SensorState.UNCHECKED}
+        | expected
+    )
     # What no longer comes is not known.
     entries.now = 10.0
     assert entries.sensor_states(4, None) == [SensorState.UNKNOWN] * 4
 
 
-@pytest.mark.parametrize(('name', 'now', 'seen'), [
-    ('left/fkm: orientation', 3.5, True), ('left/fkm: orientation', 3.6, False),
-    ('fkm: orientation', 1.0, False), ('right/fkm: orientation', 1.0, False),
-    ('left/a/fkm: orientation', 1.0, False)])
+@pytest.mark.parametrize(
+    ('name', 'now', 'seen'),
+    [
+        ('left/fkm: orientation', 3.5, True),
+        ('left/fkm: orientation', 3.6, False),
+        ('fkm: orientation', 1.0, False),
+        ('right/fkm: orientation', 1.0, False),
+        ('left/a/fkm: orientation', 1.0, False),
+    ],
+)
 def test_an_entry_is_of_its_own_device_and_of_now(name, now, seen):
     entries = status.StatusEntries('/left')
     entries.take(DiagnosticStatus(name=name), 1.0)

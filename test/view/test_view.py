@@ -35,19 +35,29 @@ def test_it_serves_a_page_to_this_host_alone_and_ends(start):
 
 @pytest.mark.process
 def test_without_viser_one_line_says_how_to_get_it(start_python):
-    program = start_python('-c', (
-        'import sys; sys.modules["viser"] = None\n'
-        'from spm_haptic_master.__main__ import start\nsys.exit(start("view", ["view"]))'))
+    program = start_python(
+        '-c',
+        (
+            'import sys; sys.modules["viser"] = None\n'
+            'from spm_haptic_master.__main__ import start\nsys.exit(start("view", ["view"]))'
+        ),
+    )
     assert program.wait(PATIENCE) == 1
-    assert program.stderr == ('view: the Python module viser is missing: in a virtual '
-                              "environment, pip install '.[view]'\n")
+    assert program.stderr == (
+        'view: the Python module viser is missing: in a virtual '
+        "environment, pip install '.[view]'\n"
+    )
 
 
 def make_run(view, python):
     """Return the command of `make run`, with an interpreter, after the installation."""
     printed = subprocess.run(
-        ['make', '-n', '--no-print-directory', 'run', f'VIEW={view}'], cwd=ROOT, text=True,
-        capture_output=True, check=True).stdout
+        ['make', '-n', '--no-print-directory', 'run', f'VIEW={view}'],
+        cwd=ROOT,
+        text=True,
+        capture_output=True,
+        check=True,
+    ).stdout
     command = '\n'.join(printed.splitlines()[-2:]).replace('.venv/bin/python', python)
     return ['sh', '-c', command]
 
@@ -67,12 +77,17 @@ def test_make_run_starts_it_beside_master():
     pytest.importorskip('viser', reason='viser is not installed (extra view)')
     running = start_command(make_run(1, sys.executable))
     try:
-        assert wait_until(lambda: 'psi' in running.stdout and FIRST_LINE in running.stdout,
-                          PATIENCE), running.stderr
-        listed = subprocess.run(['ps', '-ww', '-eo', 'pid=,ni=,args='], text=True, check=True,
-                                capture_output=True).stdout.splitlines()
-        ((pid, nice),) = [line.split()[:2] for line in listed if 'sh -c' not in line
-                          and line.endswith(f'view -p view.process:={running.pid}')]
+        assert wait_until(
+            lambda: 'psi' in running.stdout and FIRST_LINE in running.stdout, PATIENCE
+        ), running.stderr
+        listed = subprocess.run(
+            ['ps', '-ww', '-eo', 'pid=,ni=,args='], text=True, check=True, capture_output=True
+        ).stdout.splitlines()
+        ((pid, nice),) = [
+            line.split()[:2]
+            for line in listed
+            if 'sh -c' not in line and line.endswith(f'view -p view.process:={running.pid}')
+        ]
         assert int(nice) > os.getpriority(os.PRIO_PROCESS, running.pid)
         policy = os.SCHED_FIFO if view_load.may_have_priority(10) else os.SCHED_OTHER
         assert os.sched_getscheduler(running.pid) == policy

@@ -90,9 +90,10 @@ class MotionCalibration:
     def error(self) -> float:
         """Return the predicted error of the orientations over the motion, aligned, rad rms."""
         moved = self.rotation[self.kept]
-        moved = moved[::max(1, len(moved) // ERROR_SAMPLES)]
+        moved = moved[:: max(1, len(moved) // ERROR_SAMPLES)]
         return coverage.orientation_error(
-            coverage.aligned_changes(self.model, moved, self.vector), self.covariance)
+            coverage.aligned_changes(self.model, moved, self.vector), self.covariance
+        )
 
     @cached_property
     def _poses(self) -> Array:
@@ -101,33 +102,42 @@ class MotionCalibration:
     @cached_property
     def bias(self) -> Array:
         """Return the bounds of the sensors' systematic errors over the region, rad, (N,)."""
-        return coverage.sensor_bounds(self.model, self.vector, self.covariance, self._poses,
-                                      self.unexplained)
+        return coverage.sensor_bounds(
+            self.model, self.vector, self.covariance, self._poses, self.unexplained
+        )
 
     @cached_property
     def region_error(self) -> float:
         """Return the predicted error of the orientations over the region, rad rms."""
         return coverage.orientation_error(
-            coverage.aligned_changes(self.model, self._poses, self.vector), self.covariance)
+            coverage.aligned_changes(self.model, self._poses, self.vector), self.covariance
+        )
 
     @property
     def unusual(self) -> str:
         """Return which parameters are far from the drawing; empty if none is."""
-        names = ', '.join(name for name, value, each in zip(
-            self.layout.names, self.vector, self.layout.deviations, strict=True)
-            if abs(value) > UNUSUAL * each)
+        names = ', '.join(
+            name
+            for name, value, each in zip(
+                self.layout.names, self.vector, self.layout.deviations, strict=True
+            )
+            if abs(value) > UNUSUAL * each
+        )
         return names and (
             f'farther from the drawing than {UNUSUAL:g} tolerances: {names}; check the drawing, '
-            'encoders.counts_per_turn and the mounting of these parts')
+            'encoders.counts_per_turn and the mounting of these parts'
+        )
 
     @property
     def misfit(self) -> str:
         """Return why the rig is another mechanism than that of the model; empty if it is not."""
         if self.contradiction <= CONTRADICTION:
             return ''
-        return (f'halves of the motion contradict each other ({self.contradiction:.1f} times the '
-                'variance of noise): look for play, axes that miss the centre, elastic links and '
-                'encoders with further harmonics')
+        return (
+            f'halves of the motion contradict each other ({self.contradiction:.1f} times the '
+            'variance of noise): look for play, axes that miss the centre, elastic links and '
+            'encoders with further harmonics'
+        )
 
     @property
     def cautions(self) -> tuple[str, ...]:
@@ -139,11 +149,13 @@ class MotionCalibration:
         if spikes > SPIKES:
             found.append(
                 f'{100.0 * spikes:.1f} % of the sets have a spike; fkm withholds ten orientations '
-                'for each: check cables and encoders')
+                'for each: check cables and encoders'
+            )
         if self.cut > CUT:
             found.append(
                 f'{100.0 * self.cut:.1f} % of the samples do not fit the others and were cut: an '
-                'encoder that slipped for a part of the motion, or contact with an end stop')
+                'encoder that slipped for a part of the motion, or contact with an end stop'
+            )
         return tuple(found)
 
 
@@ -173,22 +185,28 @@ class Verdict:
     def text(self) -> str:
         """Return alert limit and region, in one line."""
         region = self.calibration.region
-        where = 'over the workspace' if region == coverage.WORKSPACE \
-            else 'ONLY for the region moved'
-        return (f'Good for an alert limit of {self.alert_limit_deg:g} deg or more, {where}: '
-                f'{region.text}.')
+        where = (
+            'over the workspace' if region == coverage.WORKSPACE else 'ONLY for the region moved'
+        )
+        return (
+            f'Good for an alert limit of {self.alert_limit_deg:g} deg or more, {where}: '
+            f'{region.text}.'
+        )
 
     @property
     def reached(self) -> str:
         """Return target and reached error, in one line."""
         error = degrees(self.calibration.region_error)
         verb = 'reached' if error <= self.target_deg else 'NOT reached'
-        return (f'Predicted error of the orientation: {error:.3f} deg rms over the region, target '
-                f'{self.target_deg:g} deg {verb}.')
+        return (
+            f'Predicted error of the orientation: {error:.3f} deg rms over the region, target '
+            f'{self.target_deg:g} deg {verb}.'
+        )
 
 
-def zero_counts(calibration: MotionCalibration,
-                counts_per_turn: Sequence[int]) -> tuple[tuple[int, ...], Array]:
+def zero_counts(
+    calibration: MotionCalibration, counts_per_turn: Sequence[int]
+) -> tuple[tuple[int, ...], Array]:
     """Return the whole zero counts, and the reading that they leave at joint angle 0, rad."""
     sign, per_turn = np.array(calibration.direction), np.array(counts_per_turn)
     counts = sign * calibration.vector[calibration.layout.slices['zeros']] * per_turn / tau
@@ -199,7 +217,7 @@ def zero_counts(calibration: MotionCalibration,
 
 def rms(values: Array) -> float:
     """Return the root mean square of values, but for NaN."""
-    return float(np.sqrt(np.nanmean(values ** 2)))
+    return float(np.sqrt(np.nanmean(values**2)))
 
 
 def motion_parameters(calibration: MotionCalibration, origin: Origin) -> dict[str, Any]:
@@ -208,28 +226,39 @@ def motion_parameters(calibration: MotionCalibration, origin: Origin) -> dict[st
     zeros, rest = zero_counts(c, origin.counts_per_turn)
     first, _ = layout.harmonics(c.vector)
     geometry = layout.geometry(c.vector)
-    joints = ALL_JOINT_NAMES[:layout.sensors]
+    joints = ALL_JOINT_NAMES[: layout.sensors]
     # The second harmonic, and the fraction of a count that the whole zero count leaves.
     second = c.vector.copy()
     second[layout.slices['first harmonics']] = 0.0
     at = np.arange(TABLE_VALUES)[:, None] * tau / TABLE_VALUES
-    tables = {f'encoders.table_deg.{joint}': rounded(values) for joint, values in zip(
-        joints, (rest + layout.harmonic_deviation(at, second)[0]).T, strict=True)}
+    tables = {
+        f'encoders.table_deg.{joint}': rounded(values)
+        for joint, values in zip(
+            joints, (rest + layout.harmonic_deviation(at, second)[0]).T, strict=True
+        )
+    }
     return {
-        'calibration': f'motion, {origin.date}', **sensors_entry(joints),
+        'calibration': f'motion, {origin.date}',
+        **sensors_entry(joints),
         **dict(sorted(origin.settings.items())),
-        'sigma_deg': rounded(c.readings.noise), 'bias_deg': rounded(c.bias),
+        'sigma_deg': rounded(c.readings.noise),
+        'bias_deg': rounded(c.bias),
         'geometry.proximal_deg': rounded(geometry.alphas),
         'geometry.distal_deg': rounded(geometry.betas),
-        **{f'geometry.{name}': [round(float(component), 12)
-                                for component in np.ravel(getattr(geometry, name))]
-           for name in ('base_axes', 'platform_axes')},
+        **{
+            f'geometry.{name}': [
+                round(float(component), 12) for component in np.ravel(getattr(geometry, name))
+            ]
+            for name in ('base_axes', 'platform_axes')
+        },
         'encoders.counts_per_turn': origin.counts_per_turn,
         'encoders.direction': c.direction,
         'encoders.direction_verified': [True] * len(joints),
         'encoders.zero_count': zeros,
         'encoders.harmonic_cos_deg': rounded(first[:, 0]),
-        'encoders.harmonic_sin_deg': rounded(first[:, 1]), **tables}
+        'encoders.harmonic_sin_deg': rounded(first[:, 1]),
+        **tables,
+    }
 
 
 def motion_text(verdict: Verdict) -> str:
@@ -237,23 +266,37 @@ def motion_text(verdict: Verdict) -> str:
     c, origin, region = verdict.calibration, verdict.origin, verdict.calibration.region
     left = '; '.join(f'{group}: {reason}' for group, reason in c.left.items()) or 'none'
     return file_text(
-        (f'Calibration of {origin.date} from free motion, a parameter file for all nodes: '
-         '--params-file.', verdict.text, verdict.reached,
-         f'bias_deg bounds the error of each sensor for {region.text}.',
-         *(f'CAUTION: {caution}' for caution in c.cautions)),
+        (
+            f'Calibration of {origin.date} from free motion, a parameter file for all nodes: '
+            '--params-file.',
+            verdict.text,
+            verdict.reached,
+            f'bias_deg bounds the error of each sensor for {region.text}.',
+            *(f'CAUTION: {caution}' for caution in c.cautions),
+        ),
         motion_parameters(c, origin),
-        {'method': 'motion', 'date': origin.date, 'recording': origin.recording,
-         'checksum': origin.checksum, 'version': origin.version,
-         'received_sets': c.readings.sets, 'seconds': round(float(c.readings.seconds[-1]), 1),
-         'cut_percent': round(100.0 * c.cut, 2),
-         'alert_limit_deg': verdict.alert_limit_deg,
-         'published_percent': round(100.0 * verdict.published, 2),
-         'region_tilt_deg': region.tilt_deg, 'region_phi_deg': [region.from_deg, region.to_deg],
-         'target_deg': verdict.target_deg,
-         'region_error_deg': round(degrees(c.region_error), 6),
-         'predicted_error_deg': round(degrees(c.error), 6),
-         'parity_deg': round(degrees(rms(c.parity)), 6),
-         'left_as_drawn': left, 'advice': c.advice,
-         'cautions': '; '.join(c.cautions),
-         'parameters': c.layout.names, 'values_deg': rounded(c.vector),
-         'deviations_deg': rounded(c.deviations)})
+        {
+            'method': 'motion',
+            'date': origin.date,
+            'recording': origin.recording,
+            'checksum': origin.checksum,
+            'version': origin.version,
+            'received_sets': c.readings.sets,
+            'seconds': round(float(c.readings.seconds[-1]), 1),
+            'cut_percent': round(100.0 * c.cut, 2),
+            'alert_limit_deg': verdict.alert_limit_deg,
+            'published_percent': round(100.0 * verdict.published, 2),
+            'region_tilt_deg': region.tilt_deg,
+            'region_phi_deg': [region.from_deg, region.to_deg],
+            'target_deg': verdict.target_deg,
+            'region_error_deg': round(degrees(c.region_error), 6),
+            'predicted_error_deg': round(degrees(c.error), 6),
+            'parity_deg': round(degrees(rms(c.parity)), 6),
+            'left_as_drawn': left,
+            'advice': c.advice,
+            'cautions': '; '.join(c.cautions),
+            'parameters': c.layout.names,
+            'values_deg': rounded(c.vector),
+            'deviations_deg': rounded(c.deviations),
+        },
+    )

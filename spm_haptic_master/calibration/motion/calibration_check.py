@@ -63,8 +63,9 @@ class Hypothesis:
         name = ALL_JOINT_NAMES[self.sensor]
         if self.turned:
             return f'{name} turns in the opposite direction'
-        return (f'{name} slipped by {degrees(self.slip):+.2f} deg '
-                f'(+- {degrees(self.deviation):.2f})')
+        return (
+            f'{name} slipped by {degrees(self.slip):+.2f} deg (+- {degrees(self.deviation):.2f})'
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,8 +90,9 @@ class Check:
             return self.changed.text
         if self.several is not None:
             return 'several zeros moved: ' + ', '.join(
-                f'{name} by {degrees(slip):+.2f} deg' for name, slip in zip(
-                    ALL_JOINT_NAMES, self.several, strict=False))
+                f'{name} by {degrees(slip):+.2f} deg'
+                for name, slip in zip(ALL_JOINT_NAMES, self.several, strict=False)
+            )
         if self.candidates:
             return 'not isolated: ' + ', or '.join(each.text for each in self.candidates)
         return 'no change of one sensor explains the angles'
@@ -121,8 +123,12 @@ class CalibrationChecker:
             if several is not None:
                 return Check(evaluation, usable, several=several)
         left = np.array([each.left for each in found])
-        near = [found[each] for each in slip_evidence.suspects(
-            left, evaluation.freedom if evaluation else 0, np.inf)]
+        near = [
+            found[each]
+            for each in slip_evidence.suspects(
+                left, evaluation.freedom if evaluation else 0, np.inf
+            )
+        ]
         candidates = tuple(each for each in near if each.fits)
         changed = candidates[0] if len(near) == len(candidates) == 1 else None
         return Check(evaluation, usable, changed, candidates)
@@ -130,15 +136,18 @@ class CalibrationChecker:
     def _check_decidable(self, found: Evaluation) -> None:
         """Raise CalibrationError if a motion would not show a slip."""
         limits = slip_evidence.DECIDABLE * np.maximum(self.bias, self.sigma)
-        hidden = [f'{name} {degrees(visible):.2f}' for name, visible, limit
-                  in zip(ALL_JOINT_NAMES, found.visible, limits, strict=False)
-                  if visible > limit]
+        hidden = [
+            f'{name} {degrees(visible):.2f}'
+            for name, visible, limit in zip(ALL_JOINT_NAMES, found.visible, limits, strict=False)
+            if visible > limit
+        ]
         if hidden:
             raise CalibrationError(
                 f'the motion is too small to decide: in {found.poses} poses only slips beyond '
                 f'{", ".join(hidden)} deg would show, expected '
                 f'{degrees(float(limits.max())):.2f}; tilt the handle farther in all directions '
-                'and turn it farther both ways')
+                'and turn it farther both ways'
+            )
 
     def _evaluated(self, angles: Array) -> tuple[Evaluation | None, float]:
         """Return the evaluation, and the part of the samples that are usable."""
@@ -153,10 +162,12 @@ class CalibrationChecker:
         rotation = forward_theta3a(angles[:, :3], angles[:, 3], self.geometry)
         for _ in range(ROTATION_STEPS + 1):
             found = slip_evidence.parities(
-                angles, rotation, self.sigma, self.geometry, self.working_mode)
+                angles, rotation, self.sigma, self.geometry, self.working_mode
+            )
             near = found.usable & (np.abs(found.step).max(axis=1) < LONGEST_STEP)
             rotation = np.where(
-                near[:, None, None], matrix_from_vector(found.step) @ rotation, np.nan)
+                near[:, None, None], matrix_from_vector(found.step) @ rotation, np.nan
+            )
         return found
 
     def _hypotheses(self, angles: Array, evaluation: Evaluation | None) -> list[Hypothesis]:
@@ -169,8 +180,12 @@ class CalibrationChecker:
             starts = [(False, float(evaluation.slip[sensor]))] if evaluation else []
             if evaluation is None or evaluation.slow > LINEAR:
                 starts += [(other, self._tried(few, sensor, other)) for other in (False, True)]
-            found.append(min((self._refined(angles, sensor, *start) for start in starts),
-                             key=lambda each: each.left))
+            found.append(
+                min(
+                    (self._refined(angles, sensor, *start) for start in starts),
+                    key=lambda each: each.left,
+                )
+            )
         return found
 
     def _tried(self, angles: Array, sensor: int, other: bool) -> float:
@@ -178,7 +193,8 @@ class CalibrationChecker:
         slips = np.arange(-np.pi, np.pi, TRIED_STEP)
         many = np.repeat(angles[None], len(slips), axis=0)
         many[:, :, sensor] = wrapped(
-            (-1.0 if other else 1.0) * many[:, :, sensor] - slips[:, None])
+            (-1.0 if other else 1.0) * many[:, :, sensor] - slips[:, None]
+        )
         found = self._solved(many.reshape(-1, angles.shape[1]))
         size = np.linalg.norm(found.parity, axis=1)
         size[~found.usable] = np.inf
@@ -200,9 +216,15 @@ class CalibrationChecker:
             left = found.misfit - float(found.explained[sensor])
             explains = left <= found.limit
             large = other or abs(slip) > LINEAR
-            result = Hypothesis(sensor, other, float(wrapped(np.array(slip))),
-                                float(found.deviation[sensor]), left, explains,
-                                explains or large and found.slow <= LARGE_LEFT)
+            result = Hypothesis(
+                sensor,
+                other,
+                float(wrapped(np.array(slip))),
+                float(found.deviation[sensor]),
+                left,
+                explains,
+                explains or large and found.slow <= LARGE_LEFT,
+            )
             if abs(change) < REFINED:
                 break
         return result

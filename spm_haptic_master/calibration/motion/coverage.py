@@ -57,19 +57,25 @@ class Region:
     @property
     def text(self) -> str:
         """Return the region in words."""
-        return (f'tilt to {self.tilt_deg:g} deg, self-rotation {self.from_deg:g} to '
-                f'{self.to_deg:g} deg')
+        return (
+            f'tilt to {self.tilt_deg:g} deg, self-rotation {self.from_deg:g} to '
+            f'{self.to_deg:g} deg'
+        )
 
     @property
     def is_large(self) -> bool:
         """Return whether a device can be used in it."""
-        return self.tilt_deg >= LEAST_TILT_DEG \
-            and self.to_deg - self.from_deg >= LEAST_TURN_DEG
+        return self.tilt_deg >= LEAST_TILT_DEG and self.to_deg - self.from_deg >= LEAST_TURN_DEG
 
     def poses(self, model: MotionModel, vector: Array) -> Array:
         """Return poses of the region within reach, shape (n, 3, 3)."""
-        return _reachable(model, vector, np.linspace(0.0, self.tilt_deg, TILTS), AZIMUTHS,
-                          np.linspace(self.from_deg, self.to_deg, TURNS))
+        return _reachable(
+            model,
+            vector,
+            np.linspace(0.0, self.tilt_deg, TILTS),
+            AZIMUTHS,
+            np.linspace(self.from_deg, self.to_deg, TURNS),
+        )
 
 
 # Where a calibration has to be right.
@@ -79,8 +85,7 @@ WORKSPACE = Region(16.0, 0.0, 80.0)
 def region_of(rotation: Array) -> Region:
     """Return the region that orientations, NaN where there is none, are in, to whole degrees."""
     tilts, turns = tilt_and_turn(rotation[np.isfinite(rotation).all(axis=(1, 2))])
-    low, high = np.percentile(
-        np.degrees(around_middle(turns)), (RIM_PERCENT, 100.0 - RIM_PERCENT))
+    low, high = np.percentile(np.degrees(around_middle(turns)), (RIM_PERCENT, 100.0 - RIM_PERCENT))
     tilt = np.percentile(np.degrees(tilts), 100.0 - 2.0 * RIM_PERCENT)
     return Region(float(np.floor(tilt)), float(np.ceil(low)), float(np.floor(high)))
 
@@ -91,8 +96,9 @@ def around_middle(angles: Array) -> Array:
     return np.asarray(middle + wrapped(angles - middle))
 
 
-def sensor_bounds(model: MotionModel, vector: Array, covariance: Array, poses: Array,
-                  unexplained: Array) -> Array:
+def sensor_bounds(
+    model: MotionModel, vector: Array, covariance: Array, poses: Array, unexplained: Array
+) -> Array:
     """
     Return the bound of each sensor's systematic error at poses within reach, rad, (N,).
 
@@ -141,8 +147,9 @@ def inverse(information: Array) -> Array:
     return half @ half.T
 
 
-def further_motions(model: MotionModel, vector: Array, information: Array, rate: float,
-                    changes: Array) -> dict[str, float]:
+def further_motions(
+    model: MotionModel, vector: Array, information: Array, rate: float, changes: Array
+) -> dict[str, float]:
     """
     Return instructions for further motions, the one that determines most first.
 
@@ -153,17 +160,28 @@ def further_motions(model: MotionModel, vector: Array, information: Array, rate:
     columns = tuple(range(model.layout.count))
     gains: dict[str, float] = {}
     grids: list[tuple[str, Sequence[float], Sequence[float], Sequence[float]]] = [
-        (f'tilt the handle farther {_towards(azimuth)}', PROPOSED_TILTS_DEG, (azimuth,),
-         PROPOSED_TURNS_DEG) for azimuth in AZIMUTHS]
-    grids += [(f'turn the handle farther to the {side}', (0.0, 8.0), AZIMUTHS[::3], turns_deg)
-              for side, turns_deg in (('right (clockwise)', RIGHT_TURNS_DEG),
-                                      ('left (counter-clockwise)', LEFT_TURNS_DEG))]
+        (
+            f'tilt the handle farther {_towards(azimuth)}',
+            PROPOSED_TILTS_DEG,
+            (azimuth,),
+            PROPOSED_TURNS_DEG,
+        )
+        for azimuth in AZIMUTHS
+    ]
+    grids += [
+        (f'turn the handle farther to the {side}', (0.0, 8.0), AZIMUTHS[::3], turns_deg)
+        for side, turns_deg in (
+            ('right (clockwise)', RIGHT_TURNS_DEG),
+            ('left (counter-clockwise)', LEFT_TURNS_DEG),
+        )
+    ]
     for text, *grid in grids:
         poses = _reachable(model, vector, *grid)
         if not len(poses):
             continue
         derivative = model.linearised(
-            model.readings(poses, vector), poses, vector, columns).derivative
+            model.readings(poses, vector), poses, vector, columns
+        ).derivative
         rows = derivative.reshape(-1, derivative.shape[2])
         more = rows.T @ rows * (PROPOSED_SECONDS * rate / len(poses))
         after = orientation_error(changes, inverse(information + more))
@@ -172,11 +190,20 @@ def further_motions(model: MotionModel, vector: Array, information: Array, rate:
     return dict(sorted(gains.items(), key=lambda item: -item[1]))
 
 
-def _reachable(model: MotionModel, vector: Array, tilts_deg: Sequence[float] | Array,
-               azimuths: Sequence[float], turns_deg: Sequence[float] | Array) -> Array:
+def _reachable(
+    model: MotionModel,
+    vector: Array,
+    tilts_deg: Sequence[float] | Array,
+    azimuths: Sequence[float],
+    turns_deg: Sequence[float] | Array,
+) -> Array:
     """Return the poses, (n, 3, 3), of a grid that are within reach; the azimuths in rad."""
-    tilt, azimuth, turn = (grid.ravel() for grid in np.meshgrid(
-        np.radians(tilts_deg), azimuths, np.radians(turns_deg), indexing='ij'))
+    tilt, azimuth, turn = (
+        grid.ravel()
+        for grid in np.meshgrid(
+            np.radians(tilts_deg), azimuths, np.radians(turns_deg), indexing='ij'
+        )
+    )
     # Without a tilt there is no direction.
     wanted = (tilt > 0.0) | (azimuth == azimuths[0])
     poses = workspace_pose(tilt[wanted], azimuth[wanted], turn[wanted])
@@ -187,5 +214,8 @@ def _reachable(model: MotionModel, vector: Array, tilts_deg: Sequence[float] | A
 def _towards(azimuth: float) -> str:
     """Return one of `AZIMUTHS`, which begin towards (1, -1, 0), by the motors."""
     third, rest = divmod(round(degrees(azimuth)), 120)
-    return f"away from leg {'ABC'[third]}'s motor" if rest == 90 \
+    return (
+        f"away from leg {'ABC'[third]}'s motor"
+        if rest == 90
         else f"towards leg {'BCA'[third]}'s motor"
+    )

@@ -74,14 +74,22 @@ class Fit:
     def rms(self) -> float:
         """Return the root mean square parity of the samples kept (unit 1)."""
         kept = self.normal.parity[self.normal.kept]
-        return float(np.sqrt(np.mean(kept ** 2))) if kept.size else float('inf')
+        return float(np.sqrt(np.mean(kept**2))) if kept.size else float('inf')
 
 
-def normal_equations(model: MotionModel, turned: Array, rotation: Array, vector: Array,
-                     columns: tuple[int, ...], limit: float | None = None) -> Normal:
+def normal_equations(
+    model: MotionModel,
+    turned: Array,
+    rotation: Array,
+    vector: Array,
+    columns: tuple[int, ...],
+    limit: float | None = None,
+) -> Normal:
     """Return the normal equations; without `limit` the samples give that of the outliers."""
-    parts = [model.linearised(turned[at:at + SLICE], rotation[at:at + SLICE], vector, columns)
-             for at in range(0, len(turned), SLICE)]
+    parts = [
+        model.linearised(turned[at : at + SLICE], rotation[at : at + SLICE], vector, columns)
+        for at in range(0, len(turned), SLICE)
+    ]
     usable = np.concatenate([part.usable for part in parts])
     parity = np.where(usable[:, None], np.concatenate([part.parity for part in parts]), np.nan)
     size = np.linalg.norm(parity, axis=1)
@@ -90,14 +98,21 @@ def normal_equations(model: MotionModel, turned: Array, rotation: Array, vector:
     kept = size < limit
     matrix, right = np.zeros((len(columns),) * 2), np.zeros(len(columns))
     for number, part in enumerate(parts):
-        inside = kept[number * SLICE:(number + 1) * SLICE]
+        inside = kept[number * SLICE : (number + 1) * SLICE]
         # The derivatives, shape (m, P), and the parities, shape (m,).
         values = part.parity[inside].ravel()
         rows = part.derivative[inside].reshape(len(values), len(columns))
         matrix += rows.T @ rows
         right += rows.T @ values
-    return Normal(float(np.sum(np.fmin(size, limit) ** 2)), matrix, right, parity, kept,
-                  np.concatenate([part.rotation for part in parts]), limit)
+    return Normal(
+        float(np.sum(np.fmin(size, limit) ** 2)),
+        matrix,
+        right,
+        parity,
+        kept,
+        np.concatenate([part.rotation for part in parts]),
+        limit,
+    )
 
 
 def _outlier_limit(parity: Array) -> float:
@@ -106,8 +121,13 @@ def _outlier_limit(parity: Array) -> float:
     return OUTLIER * max(1.0, NORMAL_DEVIATION * float(np.median(known)) if len(known) else 0.0)
 
 
-def fit(model: MotionModel, turned: Array, vector: Array, columns: Sequence[int],
-        rotation: Array | None = None) -> Fit:
+def fit(
+    model: MotionModel,
+    turned: Array,
+    vector: Array,
+    columns: Sequence[int],
+    rotation: Array | None = None,
+) -> Fit:
     """
     Return the parameters in `columns` that explain readings best, by Levenberg-Marquardt.
 
@@ -133,8 +153,10 @@ def fit(model: MotionModel, turned: Array, vector: Array, columns: Sequence[int]
         # What nothing determines yet stays as it is.
         scale = np.sqrt(np.maximum(np.diag(matrix), LEAST_INFORMATION))
         damped = matrix / scale[:, None] / scale + damping * np.eye(len(places))
-        step = -np.linalg.lstsq(
-            damped, (now.right + weights * vector[places]) / scale, rcond=None)[0] / scale
+        step = (
+            -np.linalg.lstsq(damped, (now.right + weights * vector[places]) / scale, rcond=None)[0]
+            / scale
+        )
         moved = vector.copy()
         moved[places] += step
         try:
@@ -154,13 +176,19 @@ def fit(model: MotionModel, turned: Array, vector: Array, columns: Sequence[int]
         vector, now = moved, after
         damping = damping / DAMPING if damping > DAMPING_START else 0.0
         # The length of the step in standard deviations of the result.
-        if float(step @ matrix @ step) < CONVERGED ** 2 * len(places):
+        if float(step @ matrix @ step) < CONVERGED**2 * len(places):
             break
     return Fit(vector, chosen, now, misfit(now, vector))
 
 
-def choose(model: MotionModel, turned: Array, seconds: Array, first: Fit, factor: float,
-           progress: Callable[[str, int], None]) -> tuple[Array, tuple[int, ...], dict[str, str]]:
+def choose(
+    model: MotionModel,
+    turned: Array,
+    seconds: Array,
+    first: Fit,
+    factor: float,
+    progress: Callable[[str, int], None],
+) -> tuple[Array, tuple[int, ...], dict[str, str]]:
     """
     Return the start of a fit, the parameters to estimate, and which groups are left, and why.
 
@@ -191,12 +219,22 @@ def choose(model: MotionModel, turned: Array, seconds: Array, first: Fit, factor
         progress(group, number)
         wanted = [*layout.columns(group)]
         trial = columns + wanted
-        normal = normal_equations(model, turned[fitted], best.normal.rotation, best.vector,
-                                  tuple(trial))
-        after = np.sqrt(np.diag(inverse(
-            normal.matrix * factor / fitted.mean() + np.diag(layout.deviations[trial] ** -2.0))))
-        better = [column for column, each in zip(wanted, after[len(columns):], strict=True)
-                  if each < DETERMINED * layout.deviations[column]]
+        normal = normal_equations(
+            model, turned[fitted], best.normal.rotation, best.vector, tuple(trial)
+        )
+        after = np.sqrt(
+            np.diag(
+                inverse(
+                    normal.matrix * factor / fitted.mean()
+                    + np.diag(layout.deviations[trial] ** -2.0)
+                )
+            )
+        )
+        better = [
+            column
+            for column, each in zip(wanted, after[len(columns) :], strict=True)
+            if each < DETERMINED * layout.deviations[column]
+        ]
         if not better:
             left[group] = 'the motion does not determine them'
         elif not confirmed(better):
@@ -215,12 +253,14 @@ def held_out_part(seconds: Array) -> NDArray[np.bool_]:
         raise CalibrationError(
             f'the motion lasts {seconds[-1] - seconds[0]:.1f} s; expected more than '
             f'{2.0 * HELD_OUT_SECONDS:g} s without a long pause: a part of it confirms what the '
-            'rest determines')
+            'rest determines'
+        )
     return held
 
 
-def considered_covariance(information: Array, deviations: Array,
-                          columns: tuple[int, ...]) -> Array:
+def considered_covariance(
+    information: Array, deviations: Array, columns: tuple[int, ...]
+) -> Array:
     """
     Return the covariance of all parameters' errors after a fit of some of them, rad^2, (P, P).
 

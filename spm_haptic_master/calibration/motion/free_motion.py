@@ -36,9 +36,13 @@ TRAVEL_DEG = 25.0
 OUTLOOK_SAMPLES = 500
 
 
-def calibrate_motion(layout: Layout, stamps: NDArray[np.int64], readings: Array,
-                     given: Sequence[int] | None = None,
-                     progress: Progress = lambda text, share: None) -> MotionCalibration:
+def calibrate_motion(
+    layout: Layout,
+    stamps: NDArray[np.int64],
+    readings: Array,
+    given: Sequence[int] | None = None,
+    progress: Progress = lambda text, share: None,
+) -> MotionCalibration:
     """
     Return the calibration by stamps, ns, and readings, (n, N), rad, by the counts alone.
 
@@ -48,16 +52,22 @@ def calibrate_motion(layout: Layout, stamps: NDArray[np.int64], readings: Array,
     fit.held_out_part((stamps - stamps[0]) * 1e-9)  # refuses a motion that is too short
     means = motion_readings(stamps, readings)
     start = find_start(means, MotionModel(layout, means.sigma), progress)
-    wrong = [f'{joint} turns with direction {sign:+d}, encoders.direction has {other:+d}'
-             for joint, sign, other in zip(ALL_JOINT_NAMES, start.direction, given or (),
-                                           strict=False) if sign != other]
+    wrong = [
+        f'{joint} turns with direction {sign:+d}, encoders.direction has {other:+d}'
+        for joint, sign, other in zip(ALL_JOINT_NAMES, start.direction, given or (), strict=False)
+        if sign != other
+    ]
     if wrong:
         raise CalibrationError('; '.join(wrong))
     return fitted(layout, means, start, progress)
 
 
-def fitted(layout: Layout, means: MotionReadings, start: Start,
-           progress: Progress = lambda text, share: None) -> MotionCalibration:
+def fitted(
+    layout: Layout,
+    means: MotionReadings,
+    start: Start,
+    progress: Progress = lambda text, share: None,
+) -> MotionCalibration:
     """Return the calibration by a motion whose zeros and directions are known about."""
     white = model = MotionModel(layout, means.sigma)
     turned = means.readings * np.array(start.direction)
@@ -67,16 +77,24 @@ def fitted(layout: Layout, means: MotionReadings, start: Start,
     first = fit.fit(model, turned[chosen], start.vector, range(layout.sensors))
     advice = next(iter(_outlook(model, means, start)[1]))
     changes = coverage.aligned_changes(
-        model, coverage.WORKSPACE.poses(model, first.vector), first.vector)
+        model, coverage.WORKSPACE.poses(model, first.vector), first.vector
+    )
     error = coverage.orientation_error(
-        changes[:, :, :layout.sensors], coverage.inverse(first.normal.matrix * factor))
+        changes[:, :, : layout.sensors], coverage.inverse(first.normal.matrix * factor)
+    )
     if error > ZEROS_LIMIT:
         raise CalibrationError(
             'the motion does not determine the zeros: they leave a predicted error of '
-            f'{degrees(error):.2f} deg, limit {degrees(ZEROS_LIMIT):g} deg; {advice}')
+            f'{degrees(error):.2f} deg, limit {degrees(ZEROS_LIMIT):g} deg; {advice}'
+        )
     vector, columns, left = fit.choose(
-        model, turned[chosen], means.seconds[chosen], first, factor,
-        lambda group, number: progress(group, 0.5 + 0.05 * number))
+        model,
+        turned[chosen],
+        means.seconds[chosen],
+        first,
+        factor,
+        lambda group, number: progress(group, 0.5 + 0.05 * number),
+    )
     progress('all parameters, whole motion', 0.8)
     found = fit.fit(model, turned, vector, columns, model.orientations(turned, vector))
     misfit.check_slip(model, turned, means.seconds, found)
@@ -87,14 +105,24 @@ def fitted(layout: Layout, means: MotionReadings, start: Start,
         model = MotionModel(layout, model.sigma * np.sqrt(slow))
         found = fit.fit(model, turned, found.vector, columns, found.normal.rotation)
     progress('errors', 0.95)
-    every = fit.normal_equations(model, turned, found.normal.rotation, found.vector,
-                                 tuple(range(layout.count)))
+    every = fit.normal_equations(
+        model, turned, found.normal.rotation, found.vector, tuple(range(layout.count))
+    )
     return MotionCalibration(
-        white, found.vector, fit.considered_covariance(every.matrix, layout.deviations, columns),
-        columns, left, start.direction, means, found.normal.rotation, found.normal.kept,
+        white,
+        found.vector,
+        fit.considered_covariance(every.matrix, layout.deviations, columns),
+        columns,
+        left,
+        start.direction,
+        means,
+        found.normal.rotation,
+        found.normal.kept,
         first.vector,
         misfit.unexplained_errors(model, turned, means.seconds, found.vector, found.normal),
-        advice, split)
+        advice,
+        split,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,8 +152,10 @@ class Guide:
             return Guidance(None, str(error), {})
         model = MotionModel(self._layout, means.sigma)
         travel = np.degrees(np.ptp(np.unwrap(means.readings, axis=0), axis=0))
-        moved = {joint: min(1.0, float(each) / TRAVEL_DEG)
-                 for joint, each in zip(ALL_JOINT_NAMES, travel, strict=False)}
+        moved = {
+            joint: min(1.0, float(each) / TRAVEL_DEG)
+            for joint, each in zip(ALL_JOINT_NAMES, travel, strict=False)
+        }
         if self._start is None:
             lacking = 'the zeros are not determined yet'
             # Each search takes seconds: again when the motion has become half as long again.
@@ -137,24 +167,36 @@ class Guide:
                 with suppress(CalibrationError):
                     self._start = find_start(means, model, swaps=False)
             if self._start is None:
-                return Guidance(None, 'tilt the handle in all directions and turn it both ways '
-                                f'({lacking})', moved)
+                return Guidance(
+                    None,
+                    f'tilt the handle in all directions and turn it both ways ({lacking})',
+                    moved,
+                )
         predicted, further = _outlook(model, means, self._start)
-        return Guidance(predicted, f'predicted error {degrees(predicted):.3f} deg; '
-                        f'{next(iter(further))}', {text: 1.0 / further[text] for text in further})
+        return Guidance(
+            predicted,
+            f'predicted error {degrees(predicted):.3f} deg; {next(iter(further))}',
+            {text: 1.0 / further[text] for text in further},
+        )
 
 
-def _outlook(model: MotionModel, means: MotionReadings,
-             start: Start) -> tuple[float, dict[str, float]]:
+def _outlook(
+    model: MotionModel, means: MotionReadings, start: Start
+) -> tuple[float, dict[str, float]]:
     """Return the error over the workspace that a motion leaves, rad rms, and `further_motions`."""
     chosen = np.arange(0, len(means.readings), max(1, len(means.readings) // OUTLOOK_SAMPLES))
     turned = means.readings[chosen] * np.array(start.direction)
     rotation = model.orientations(turned, start.vector)
-    normal = fit.normal_equations(model, turned, rotation, start.vector,
-                                  tuple(range(model.layout.count)))
+    normal = fit.normal_equations(
+        model, turned, rotation, start.vector, tuple(range(model.layout.count))
+    )
     information = normal.matrix * (len(means.readings) / len(chosen)) + np.diag(
-        model.layout.deviations ** -2.0)
+        model.layout.deviations**-2.0
+    )
     changes = coverage.aligned_changes(
-        model, coverage.WORKSPACE.poses(model, start.vector), start.vector)
-    return (coverage.orientation_error(changes, coverage.inverse(information)),
-            coverage.further_motions(model, start.vector, information, means.rate, changes))
+        model, coverage.WORKSPACE.poses(model, start.vector), start.vector
+    )
+    return (
+        coverage.orientation_error(changes, coverage.inverse(information)),
+        coverage.further_motions(model, start.vector, information, means.rate, changes),
+    )

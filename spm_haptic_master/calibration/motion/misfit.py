@@ -43,22 +43,23 @@ SPIKE = 300.0
 def slow_factor(seconds: Array, normal: Normal) -> float:
     """Return the variance of pieces' mean parities over that of white noise; 1 at least."""
     means, counts = _piece_means(seconds, normal)
-    return max(1.0, float(np.mean(counts[:, None] * means ** 2)))
+    return max(1.0, float(np.mean(counts[:, None] * means**2)))
 
 
-def unexplained_errors(model: MotionModel, turned: Array, seconds: Array, vector: Array,
-                       normal: Normal) -> Array:
+def unexplained_errors(
+    model: MotionModel, turned: Array, seconds: Array, vector: Array, normal: Normal
+) -> Array:
     """Return the error of each sensor, rad, (N,), that alone causes the slow parity of 99 %."""
     means, counts = _piece_means(seconds, normal)
     enough = counts > 0.5 * np.median(counts)
     size = np.linalg.norm(means[enough], axis=1)
-    white = NORMAL_DEVIATIONS ** 2 / float(np.median(counts))
+    white = NORMAL_DEVIATIONS**2 / float(np.median(counts))
     slow = np.sqrt(max(0.0, float(np.percentile(size, PERCENT)) ** 2 - white))
     rows = np.flatnonzero(normal.kept)
-    rows = rows[::max(1, len(rows) // SAMPLES)]
+    rows = rows[:: max(1, len(rows) // SAMPLES)]
     zeros = tuple(range(model.layout.sensors))
     parts = model.linearised(turned[rows], normal.rotation[rows], vector, zeros).derivative
-    return slow / np.sqrt(np.mean(np.sum(parts ** 2, axis=1), axis=0))
+    return slow / np.sqrt(np.mean(np.sum(parts**2, axis=1), axis=0))
 
 
 def contradiction(model: MotionModel, turned: Array, found: Fit) -> float:
@@ -69,13 +70,22 @@ def contradiction(model: MotionModel, turned: Array, found: Fit) -> float:
     """
     rotation, columns = found.normal.rotation, np.array(found.columns)
     turn = np.exp(1j * zxz_from_matrix(np.nan_to_num(rotation))[2])
-    places = np.column_stack([rotation[:, 0, 2], rotation[:, 1, 2],
-                              np.angle(turn * np.conj(turn.sum()))])
+    places = np.column_stack(
+        [rotation[:, 0, 2], rotation[:, 1, 2], np.angle(turn * np.conj(turn.sum()))]
+    )
     above = places > np.nanmedian(places, axis=0)
     octant = above @ [1, 2, 4]
-    parts = {each: normal_equations(model, turned[octant == each], rotation[octant == each],
-                                    found.vector, found.columns, found.normal.limit)
-             for each in np.unique(octant).tolist()}
+    parts = {
+        each: normal_equations(
+            model,
+            turned[octant == each],
+            rotation[octant == each],
+            found.vector,
+            found.columns,
+            found.normal.limit,
+        )
+        for each in np.unique(octant).tolist()
+    }
     # Each half has half of the prior information.
     weights = 0.5 * model.layout.deviations[columns] ** -2.0
     sizes = []
@@ -109,14 +119,18 @@ def check_slip(model: MotionModel, turned: Array, seconds: Array, found: Fit) ->
     """
     rotation, vector, places = found.normal.rotation, found.vector, np.array(found.columns)
     weights = model.layout.deviations[places] ** -2.0
-    pieces = [normal_equations(model, turned[rows], rotation[rows], vector, found.columns, SPIKE)
-              for rows in np.array_split(np.arange(len(turned)), PIECES)]
+    pieces = [
+        normal_equations(model, turned[rows], rotation[rows], vector, found.columns, SPIKE)
+        for rows in np.array_split(np.arange(len(turned)), PIECES)
+    ]
     matrices = np.stack([piece.matrix for piece in pieces])
     rights = np.stack([piece.right for piece in pieces])
     right = rights.sum(axis=0) + vector[places] * weights
     covariance = inverse(matrices.sum(axis=0) + np.diag(weights))
-    beyond = sum(float(np.nansum(piece.parity[piece.kept] ** 2)) - piece.parity[piece.kept].size
-                 for piece in pieces)
+    beyond = sum(
+        float(np.nansum(piece.parity[piece.kept] ** 2)) - piece.parity[piece.kept].size
+        for piece in pieces
+    )
     least = max(LEAST_IMPROVEMENT, LEAST_PART * beyond)
     # The part of the change that a piece has: after each piece all of it, or more and more.
     steps = np.tri(PIECES, PIECES - 1, -1).T
@@ -124,21 +138,29 @@ def check_slip(model: MotionModel, turned: Array, seconds: Array, found: Fit) ->
     times = [*(float(piece[0]) for piece in np.array_split(seconds, PIECES)[1:]), None]
     sensors = model.layout.sensors
     along = np.tensordot(shares, matrices, 1)[:, :, :sensors]
-    size = np.diagonal(np.tensordot(shares ** 2, matrices, 1), axis1=1, axis2=2)[:, :sensors] \
-        - np.einsum('tpi,pq,tqi->ti', along, covariance, along)
+    size = np.diagonal(np.tensordot(shares**2, matrices, 1), axis1=1, axis2=2)[
+        :, :sensors
+    ] - np.einsum('tpi,pq,tqi->ti', along, covariance, along)
     slope = (shares @ rights)[:, :sensors] - np.einsum('tpi,p->ti', along, covariance @ right)
     # A change that nothing shows explains nothing.
-    explained = np.where(size > 0.0, slope ** 2 / np.maximum(size, np.finfo(float).tiny), 0.0)
+    explained = np.where(size > 0.0, slope**2 / np.maximum(size, np.finfo(float).tiny), 0.0)
     row, sensor = np.unravel_index(explained.argmax(), explained.shape)
     best = explained[row, sensor]
     if best <= least:
         return
     others = np.delete(explained, sensor, axis=1).max()
     slip = degrees(-slope[row, sensor] / size[row, sensor])
-    name, by = ('one of the encoders', '') if others > max(least, (1.0 - AS_GOOD) * best) \
+    name, by = (
+        ('one of the encoders', '')
+        if others > max(least, (1.0 - AS_GOOD) * best)
         else (ALL_JOINT_NAMES[sensor], f' by {slip:+.2f} deg')
+    )
     if times[row] is None:
-        raise CalibrationError(f'{name} drifted{by} during the motion; let it warm up, check its '
-                               'coupling and move the device again')
-    raise CalibrationError(f'{name} slipped{by} during the motion, about {times[row]:.0f} s after '
-                           'its beginning; fasten the encoder and move the device again')
+        raise CalibrationError(
+            f'{name} drifted{by} during the motion; let it warm up, check its '
+            'coupling and move the device again'
+        )
+    raise CalibrationError(
+        f'{name} slipped{by} during the motion, about {times[row]:.0f} s after '
+        'its beginning; fasten the encoder and move the device again'
+    )

@@ -66,16 +66,17 @@ class Layout:
         """Raise InputError if Z1B of the drawing has a component in y."""
         usual = in_usual_frames(self.nominal, self.nominal)
         if not np.allclose(usual.base_axes, self.nominal.base_axes, rtol=0.0, atol=1e-9):
-            raise InputError('geometry.base_axes: expected axes of the drawing in the usual '
-                             'frames, Z1A = z and Z1B in the half plane of positive x of x and z')
+            raise InputError(
+                'geometry.base_axes: expected axes of the drawing in the usual '
+                'frames, Z1A = z and Z1B in the half plane of positive x of x and z'
+            )
 
     @cached_property
     def slices(self) -> dict[str, slice]:
         """Return the place of each group in the vector."""
         n = self.sensors
         ends = [0, *accumulate((n, 6, 3, 3, 2 * n, 2 * n))]
-        return {group: slice(*place)
-                for group, place in zip(GROUPS, pairwise(ends), strict=True)}
+        return {group: slice(*place) for group, place in zip(GROUPS, pairwise(ends), strict=True)}
 
     @property
     def count(self) -> int:
@@ -89,20 +90,30 @@ class Layout:
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Return the name of each parameter."""
-        joints = ALL_JOINT_NAMES[:self.sensors]
-        return (*(f'zero of {joint}' for joint in joints),
-                *(f'{part} link {leg}' for part in ('proximal', 'distal') for leg in LEG_NAMES),
-                'angle from Z1A to Z1B', 'Z1C towards Z1A', 'Z1C across Z1A',
-                *(f'platform axes, deviation {number}' for number in (1, 2, 3)),
-                *(f'{order} harmonic of {joint}, {part}' for order in ('first', 'second')
-                  for joint in joints for part in ('cosine', 'sine')))
+        joints = ALL_JOINT_NAMES[: self.sensors]
+        return (
+            *(f'zero of {joint}' for joint in joints),
+            *(f'{part} link {leg}' for part in ('proximal', 'distal') for leg in LEG_NAMES),
+            'angle from Z1A to Z1B',
+            'Z1C towards Z1A',
+            'Z1C across Z1A',
+            *(f'platform axes, deviation {number}' for number in (1, 2, 3)),
+            *(
+                f'{order} harmonic of {joint}, {part}'
+                for order in ('first', 'second')
+                for joint in joints
+                for part in ('cosine', 'sine')
+            ),
+        )
 
     @cached_property
     def deviations(self) -> Array:
         """Return the standard deviation of each parameter before the fit, rad; inf for zeros."""
         mechanism, harmonic = self.mechanism_tolerance, self.harmonic_tolerance
-        return np.repeat((np.inf, *[mechanism] * 3, harmonic, harmonic * SECOND_HARMONIC),
-                         [len(self.columns(group)) for group in GROUPS])
+        return np.repeat(
+            (np.inf, *[mechanism] * 3, harmonic, harmonic * SECOND_HARMONIC),
+            [len(self.columns(group)) for group in GROUPS],
+        )
 
     @cached_property
     def platform_tangents(self) -> Array:
@@ -115,7 +126,7 @@ class Layout:
 
     def geometry(self, vector: Array) -> Geometry:
         """Return the mechanism of a vector, in its usual frames; GeometryError if impossible."""
-        mechanism = vector[self.slices['links'].start:self.slices['platform axes'].stop]
+        mechanism = vector[self.slices['links'].start : self.slices['platform axes'].stop]
         return _geometry(self, mechanism.tobytes())
 
     def harmonics(self, vector: Array) -> tuple[Array, Array]:
@@ -126,8 +137,7 @@ class Layout:
     def harmonic_deviation(self, angles: Array, vector: Array) -> tuple[Array, Array]:
         """Return reading minus angle by the harmonics, (n, N), rad, and its slope by the angle."""
         deviation = slope = 0.0 * angles + np.zeros(self.sensors)
-        for order, (cosine, sine) in enumerate(
-                (each.T for each in self.harmonics(vector)), 1):
+        for order, (cosine, sine) in enumerate((each.T for each in self.harmonics(vector)), 1):
             if not (cosine.any() or sine.any()):
                 continue
             c, s = np.cos(order * angles), np.sin(order * angles)
@@ -150,10 +160,14 @@ def _geometry(layout: Layout, numbers: bytes) -> Geometry:
     axes[2] += towards * to + across * np.cross(axes[2], to)
     axes[2] /= np.linalg.norm(axes[2])
     platform = np.array(nominal.platform_axes) + np.tensordot(
-        deviations, layout.platform_tangents, 1)
+        deviations, layout.platform_tangents, 1
+    )
     built = Geometry.from_axes(
-        axes, np.array([axis / np.linalg.norm(axis) for axis in platform]),
-        np.array(nominal.alphas) + proximal, np.array(nominal.betas) + distal)
+        axes,
+        np.array([axis / np.linalg.norm(axis) for axis in platform]),
+        np.array(nominal.alphas) + proximal,
+        np.array(nominal.betas) + distal,
+    )
     return in_usual_frames(built, nominal)
 
 
@@ -203,12 +217,14 @@ class MotionModel:
         angles = self.joint_angles(rotation, self.layout.geometry(vector))
         return angles + self.linear_part(angles, vector)
 
-    def linearised(self, turned: Array, rotation: Array, vector: Array,
-                   columns: tuple[int, ...] = ()) -> Linearised:
+    def linearised(
+        self, turned: Array, rotation: Array, vector: Array, columns: tuple[int, ...] = ()
+    ) -> Linearised:
         """Return the parity near maximum-likelihood orientations, and derivatives by columns."""
         layout = self.layout
         usable, matrices, angles, rates = reached(
-            rotation, layout.geometry(vector), layout.working_mode, layout.sensors)
+            rotation, layout.geometry(vector), layout.working_mode, layout.sensors
+        )
         deviation, slope = layout.harmonic_deviation(angles, vector)
         residual = wrapped(turned - vector[layout.slices['zeros']] - angles - deviation)
         found = projected(usable, residual, rates * (1.0 + slope)[:, :, None], self.sigma)
@@ -224,14 +240,16 @@ class MotionModel:
         """Return the changes of orientations within reach, rad, base frame, (n, 3, P)."""
         layout = self.layout
         _, _, angles, rates = reached(
-            rotation, layout.geometry(vector), layout.working_mode, layout.sensors)
+            rotation, layout.geometry(vector), layout.working_mode, layout.sensors
+        )
         slope = layout.harmonic_deviation(angles, vector)[1]
         by = self._derivative(rotation, angles, slope, vector, tuple(range(layout.count)))
         white = rates * (1.0 + slope)[:, :, None] / self.sigma[:, None]
         return np.asarray(np.linalg.pinv(white) @ (by / self.sigma[:, None]))
 
-    def _derivative(self, rotation: Array, angles: Array, slope: Array, vector: Array,
-                    columns: tuple[int, ...]) -> Array:
+    def _derivative(
+        self, rotation: Array, angles: Array, slope: Array, vector: Array, columns: tuple[int, ...]
+    ) -> Array:
         """Return the derivative of reading minus predicted reading, shape (n, N, columns)."""
         layout = self.layout
         mechanism = range(layout.slices['links'].start, layout.slices['platform axes'].stop)
@@ -240,8 +258,13 @@ class MotionModel:
             unit = np.zeros(layout.count)
             unit[column] = 1.0
             if column in mechanism:
-                change = wrapped(self.joint_angles(rotation, layout.geometry(
-                    vector + DIFFERENCE * unit)) - angles) / DIFFERENCE
+                change = (
+                    wrapped(
+                        self.joint_angles(rotation, layout.geometry(vector + DIFFERENCE * unit))
+                        - angles
+                    )
+                    / DIFFERENCE
+                )
                 found[:, :, place] = np.nan_to_num(-change * (1.0 + slope))
             else:
                 found[:, :, place] = -self.linear_part(angles, unit)
@@ -249,8 +272,9 @@ class MotionModel:
 
     def linear_part(self, angles: Array, vector: Array) -> Array:
         """Return reading minus angle, rad, (n, N), which is linear in zeros and harmonics."""
-        return vector[self.layout.slices['zeros']] \
-            + self.layout.harmonic_deviation(angles, vector)[0]
+        return (
+            vector[self.layout.slices['zeros']] + self.layout.harmonic_deviation(angles, vector)[0]
+        )
 
 
 def _continuous(gain: Array, rates: Array) -> Array:
@@ -265,12 +289,20 @@ def _continuous(gain: Array, rates: Array) -> Array:
         # The last sensor comes first: its row becomes (x, 0, ...), the next one (x, x, ...).
         rotation, lower = np.linalg.qr(gain[:, :, :3:-1], mode='complete')
         rotation[:, :, :further] *= np.where(
-            np.diagonal(lower, axis1=1, axis2=2) < 0.0, -1.0, 1.0)[:, None]
+            np.diagonal(lower, axis1=1, axis2=2) < 0.0, -1.0, 1.0
+        )[:, None]
         gain = (rotation.swapaxes(1, 2) @ gain)[:, ::-1]
     first = np.cross(rates[:, 0], rates[:, 1])
     last = np.cross(rates[:, 2], rates[:, 3])
-    minors = np.stack([(rates[:, 1] * last).sum(1), -(rates[:, 0] * last).sum(1),
-                       (rates[:, 3] * first).sum(1), -(rates[:, 2] * first).sum(1)], axis=1)
+    minors = np.stack(
+        [
+            (rates[:, 1] * last).sum(1),
+            -(rates[:, 0] * last).sum(1),
+            (rates[:, 3] * first).sum(1),
+            -(rates[:, 2] * first).sum(1),
+        ],
+        axis=1,
+    )
     signs = np.ones(gain.shape[:2])
     signs[np.einsum('ni,ni->n', gain[:, 0, :4], minors) < 0.0, 0] = -1.0
     return gain * signs[:, :, None]

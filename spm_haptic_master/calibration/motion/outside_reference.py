@@ -46,8 +46,9 @@ class Mounted:
     rms: float  # residual of the orientations from outside, rad rms
 
 
-def mounted(calibration: MotionCalibration, turned: Array, outside: Array,
-            sigma: float) -> Mounted:
+def mounted(
+    calibration: MotionCalibration, turned: Array, outside: Array, sigma: float
+) -> Mounted:
     """
     Return the calibration fused with orientations from outside, R_table_handle, (k, 3, 3).
 
@@ -63,16 +64,22 @@ def mounted(calibration: MotionCalibration, turned: Array, outside: Array,
             rotation = model.orientations(turned, vector)
         except GeometryError as error:
             raise CalibrationError(
-                f'the orientations from outside contradict the motion: {error}') from error
+                f'the orientations from outside contradict the motion: {error}'
+            ) from error
         if not np.isfinite(rotation).all():
             raise CalibrationError('the readings at a pose from outside have no orientation')
         if step == 0:
             base, handle = constant_frames(outside, rotation, not both)
         carried = base @ rotation
         errors = rotation_vectors(carried @ handle @ outside.swapaxes(1, 2))
-        rows = np.concatenate([
-            base @ model.orientation_changes(rotation, vector),
-            np.broadcast_to(np.eye(3), carried.shape), *([carried] if both else [])], axis=2)
+        rows = np.concatenate(
+            [
+                base @ model.orientation_changes(rotation, vector),
+                np.broadcast_to(np.eye(3), carried.shape),
+                *([carried] if both else []),
+            ],
+            axis=2,
+        )
         flat = rows.reshape(-1, rows.shape[2]) / sigma
         matrix, count = flat.T @ flat, len(vector)
         matrix[:count, :count] += before
@@ -81,19 +88,27 @@ def mounted(calibration: MotionCalibration, turned: Array, outside: Array,
         covariance = inverse(matrix)
         change = -covariance @ right
         vector = vector + change[:count]
-        base = matrix_from_vector(change[None, count:count + 3])[0] @ base
+        base = matrix_from_vector(change[None, count : count + 3])[0] @ base
         if both:
-            handle = matrix_from_vector(change[None, count + 3:])[0] @ handle
+            handle = matrix_from_vector(change[None, count + 3 :])[0] @ handle
     rotation = model.orientations(turned, vector)
     left = rotation_vectors(base @ rotation @ handle @ outside.swapaxes(1, 2))
-    rms = float(np.sqrt(np.mean(left ** 2)))
+    rms = float(np.sqrt(np.mean(left**2)))
     if len(outside) > 1 and rms > CONTRADICTION * sigma:
         raise CalibrationError(
             f'the orientations from outside contradict the motion: their residual is '
-            f'{degrees(rms):.3f} deg rms, expected up to {degrees(CONTRADICTION * sigma):.3f} deg')
+            f'{degrees(rms):.3f} deg rms, expected up to {degrees(CONTRADICTION * sigma):.3f} deg'
+        )
     deviations = np.sqrt(np.diag(covariance))
     normal = normal_equations(model, calibration.turned, calibration.rotation, vector, ())
-    fused = replace(calibration, vector=vector, covariance=covariance[:count, :count],
-                    rotation=normal.rotation)
-    return Mounted(fused, base, handle, deviations[count:count + 3],
-                   deviations[count + 3:] if both else np.zeros(3), rms)
+    fused = replace(
+        calibration, vector=vector, covariance=covariance[:count, :count], rotation=normal.rotation
+    )
+    return Mounted(
+        fused,
+        base,
+        handle,
+        deviations[count : count + 3],
+        deviations[count + 3 :] if both else np.zeros(3),
+        rms,
+    )

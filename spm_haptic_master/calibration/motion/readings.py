@@ -80,22 +80,27 @@ def motion_readings(stamps: NDArray[np.int64], readings: Array) -> MotionReading
     if len(stamps) < SETS_MINIMUM or seconds < SECONDS_MINIMUM:
         raise CalibrationError(
             f'{len(stamps)} sets of {NUMBER_WORDS[readings.shape[1]]} encoders in {seconds:.1f} '
-            f's; a motion needs at least {SETS_MINIMUM} sets and {SECONDS_MINIMUM:g} s')
+            f's; a motion needs at least {SETS_MINIMUM} sets and {SECONDS_MINIMUM:g} s'
+        )
     steps = np.diff(stamps)
     if (steps <= 0).any():
         row = int(np.argmax(steps <= 0))
-        raise CalibrationError(f'the stamp of set {row + 2} is {-int(steps[row])} ns before that '
-                               'of the previous set; expected stamps that increase')
+        raise CalibrationError(
+            f'the stamp of set {row + 2} is {-int(steps[row])} ns before that '
+            'of the previous set; expected stamps that increase'
+        )
     unwrapped = np.unwrap(readings, axis=0)
     noise = white_noise(stamps, unwrapped)
     if not np.isfinite(noise).all():
-        raise CalibrationError('the sets do not come at a regular interval; expected a '
-                               'constant period')
+        raise CalibrationError(
+            'the sets do not come at a regular interval; expected a constant period'
+        )
     for joint, each in zip(ALL_JOINT_NAMES, noise, strict=False):
         if each > NOISE_LIMIT:
             raise CalibrationError(
                 f'{joint} has a noise of {np.degrees(each):.2f} deg (1 sigma), or spikes in most '
-                f'of its readings; expected at most {np.degrees(NOISE_LIMIT):g} deg')
+                f'of its readings; expected at most {np.degrees(NOISE_LIMIT):g} deg'
+            )
     period = float(np.median(steps)) * 1e-9
     together = max(1, min(int(MEAN_SECONDS / period), -(-len(stamps) // MEANS_MAXIMUM)))
     rows = _pieces(steps, together)
@@ -116,16 +121,20 @@ def motion_readings(stamps: NDArray[np.int64], readings: Array) -> MotionReading
     if not enough.any() or spikes > SPIKES_MAXIMUM * good.size:
         raise CalibrationError(
             f'{100.0 * spikes / good.size:.0f} % of the sets have a spike; expected at most '
-            f'{100.0 * SPIKES_MAXIMUM:.0f} %')
-    low, high = np.percentile(np.unwrap(means, axis=0), (TRAVEL_PERCENT, 100.0 - TRAVEL_PERCENT),
-                              axis=0)
+            f'{100.0 * SPIKES_MAXIMUM:.0f} %'
+        )
+    low, high = np.percentile(
+        np.unwrap(means, axis=0), (TRAVEL_PERCENT, 100.0 - TRAVEL_PERCENT), axis=0
+    )
     for joint, travel in zip(ALL_JOINT_NAMES, high - low, strict=False):
         if travel < TRAVEL_MINIMUM:
             raise CalibrationError(
                 f'{joint} moved by {np.degrees(travel):.2f} deg; expected a motion of every '
-                'joint: tilt the handle in all directions and turn it both ways')
-    return MotionReadings((stamps[rows[enough]].mean(axis=1) - stamps[0]) * 1e-9, means, noise,
-                          together, spiked)
+                'joint: tilt the handle in all directions and turn it both ways'
+            )
+    return MotionReadings(
+        (stamps[rows[enough]].mean(axis=1) - stamps[0]) * 1e-9, means, noise, together, spiked
+    )
 
 
 def spread(readings: Array, count: int) -> NDArray[np.intp]:
@@ -143,8 +152,12 @@ def spread(readings: Array, count: int) -> NDArray[np.intp]:
 def _pieces(steps: NDArray[np.int64], together: int) -> NDArray[np.intp]:
     """Return the rows of pieces of `together` consecutive sets without a gap, shape (m, k)."""
     breaks = np.flatnonzero(steps > GAP * np.median(steps)) + 1
-    firsts = np.concatenate([np.arange(start, end - together + 1, together)
-                             for start, end in pairwise((0, *breaks, len(steps) + 1))])
+    firsts = np.concatenate(
+        [
+            np.arange(start, end - together + 1, together)
+            for start, end in pairwise((0, *breaks, len(steps) + 1))
+        ]
+    )
     return firsts.astype(np.intp)[:, None] + np.arange(together)
 
 

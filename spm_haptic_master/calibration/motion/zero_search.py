@@ -89,15 +89,19 @@ class Start:
     vector: Array  # parameters, (P,): the zeros, rad; the rest is 0
 
 
-def find_start(means: MotionReadings, model: MotionModel,
-               progress: Progress = lambda text, share: None, swaps: bool = True) -> Start:
+def find_start(
+    means: MotionReadings,
+    model: MotionModel,
+    progress: Progress = lambda text, share: None,
+    swaps: bool = True,
+) -> Start:
     """
     Return directions and zeros of which nothing is known.
 
     CalibrationError where none explain the motion, or several do. With `swaps` it names a pair of
     encoders that are swapped.
     """
-    joints = ALL_JOINT_NAMES[:model.layout.sensors]
+    joints = ALL_JOINT_NAMES[: model.layout.sensors]
     pairs = combinations(range(len(joints)), 2) if swaps else ()
     searches = [(GUESSES, []), *((GUESSES, [*pair]) for pair in pairs), (MORE_GUESSES, [])]
     for number, (count, pair) in enumerate(searches):
@@ -114,12 +118,14 @@ def find_start(means: MotionReadings, model: MotionModel,
             raise CalibrationError(
                 f'{" and ".join(joints[each] for each in pair)} are swapped: the motion fits the '
                 'mechanism if their encoders are exchanged; expected encoders.id in the order of '
-                'the joints')
+                'the joints'
+            )
     raise CalibrationError(
         'no zeros and directions of the encoders explain the motion with this mechanism; '
         "expected the drawing's link angles in geometry.*, the encoders in the order "
         f'{", ".join(joints)}, and a motion of the whole workspace: tilt the handle in all '
-        'directions, turn it both ways')
+        'directions, turn it both ways'
+    )
 
 
 def _explaining(readings: Array, model: MotionModel, count: int) -> Start | None:
@@ -127,23 +133,33 @@ def _explaining(readings: Array, model: MotionModel, count: int) -> Start | None
     layout = model.layout
     rows = spread(readings[:, :4], SEARCH_SAMPLES)
     guesses = search_zeros(readings[rows][:, :4], layout, count)
-    near = [guess for guess in guesses
-            if guess.misfit < min(MISFIT_LIMIT, MISFIT_RATIO * guesses[0].misfit)]
+    near = [
+        guess
+        for guess in guesses
+        if guess.misfit < min(MISFIT_LIMIT, MISFIT_RATIO * guesses[0].misfit)
+    ]
     if len(near) > COMPARED:
         raise _undetermined('many')
     compared = readings[spread(readings[:, :4], COMPARED_SAMPLES)]
-    fits = [found for guess in guesses[:COMPARED] if guess.misfit < MISFIT_LIMIT
-            if (found := _compared(compared, model, guess)) is not None]
+    fits = [
+        found
+        for guess in guesses[:COMPARED]
+        if guess.misfit < MISFIT_LIMIT
+        if (found := _compared(compared, model, guess)) is not None
+    ]
     if not fits:
         return None
     (misfit, best), *others = sorted(fits, key=lambda found: found[0])
     each = max(1.0, misfit / len(compared))
     for other, start in others:
         if other - misfit < MISFIT_MARGIN * each and (
-                start.direction != best.direction
-                or np.abs(wrapped(start.vector - best.vector)).max() > DISTINCT_ZEROS):
-            raise _undetermined(f'{degrees(best.vector[0]):.1f} and '
-                                f'{degrees(start.vector[0]):.1f} deg of {ALL_JOINT_NAMES[0]}')
+            start.direction != best.direction
+            or np.abs(wrapped(start.vector - best.vector)).max() > DISTINCT_ZEROS
+        ):
+            raise _undetermined(
+                f'{degrees(best.vector[0]):.1f} and '
+                f'{degrees(start.vector[0]):.1f} deg of {ALL_JOINT_NAMES[0]}'
+            )
     return best
 
 
@@ -151,15 +167,17 @@ def _undetermined(zeros: str) -> CalibrationError:
     return CalibrationError(
         f'the motion does not determine the zeros: {zeros} explain it equally well; check the '
         'order of the joints (encoders.id and encoders.node_id), tilt the handle farther in all '
-        'directions and turn it farther both ways')
+        'directions and turn it farther both ways'
+    )
 
 
 def _compared(readings: Array, model: MotionModel, guess: ZeroGuess) -> tuple[float, Start] | None:
     """Return the misfit that is left with all parameters free, and the start; or None."""
     start = _with_more(readings, model, guess)
     try:
-        found = fit(model, readings * np.array(start.direction), start.vector,
-                    range(model.layout.count))
+        found = fit(
+            model, readings * np.array(start.direction), start.vector, range(model.layout.count)
+        )
     except CalibrationError:
         return None
     if found.rms * float(model.sigma.mean()) > PARITY_LIMIT or found.normal.kept.mean() < 0.5:
@@ -177,14 +195,24 @@ def _with_more(readings: Array, model: MotionModel, guess: ZeroGuess) -> Start:
         four = MotionModel(replace(layout, sensors=4), model.sigma[:4])
         rotation = four.orientations(
             readings[:, :4] * np.array(guess.direction),
-            np.concatenate([guess.zeros, np.zeros(four.layout.count - 4)]))
+            np.concatenate([guess.zeros, np.zeros(four.layout.count - 4)]),
+        )
         known = np.isfinite(rotation).all(axis=(1, 2))
         angles = model.joint_angles(rotation[known], layout.nominal)
         for sensor in range(4, layout.sensors):
             # The zero is the mean direction of what is left, which is short for the wrong sign.
-            mean, sign = max(((np.nanmean(np.exp(
-                1j * (sign * readings[known, sensor] - angles[:, sensor]))), sign)
-                for sign in (1, -1)), key=lambda each: abs(each[0]))
+            mean, sign = max(
+                (
+                    (
+                        np.nanmean(
+                            np.exp(1j * (sign * readings[known, sensor] - angles[:, sensor]))
+                        ),
+                        sign,
+                    )
+                    for sign in (1, -1)
+                ),
+                key=lambda each: abs(each[0]),
+            )
             direction.append(sign)
             vector[sensor] = np.angle(mean)
     return Start(tuple(direction), vector)
@@ -206,23 +234,28 @@ def search_zeros(readings: Array, layout: Layout, count: int) -> list[ZeroGuess]
     for direction in product((1, -1), repeat=4):
         turned = readings * np.array(direction)
         zeros, cost, damping = _improve(
-            turned, turned[0] - angles, np.full(len(angles), DAMPING), nominal, FIRST_STEPS)
-        best = np.argsort(cost)[:max(1, int(BETTER * count))]
+            turned, turned[0] - angles, np.full(len(angles), DAMPING), nominal, FIRST_STEPS
+        )
+        best = np.argsort(cost)[: max(1, int(BETTER * count))]
         zeros, _, _ = _improve(turned, zeros[best], damping[best], nominal, STEPS)
         misfit = np.median(np.abs(_distance(turned, zeros, nominal)[0]), axis=1)
-        found += [ZeroGuess(direction, each, float(of))
-                  for each, of in zip(zeros, misfit, strict=True)]
+        found += [
+            ZeroGuess(direction, each, float(of)) for each, of in zip(zeros, misfit, strict=True)
+        ]
     different: list[ZeroGuess] = []
     for guess in sorted(found, key=lambda guess: guess.misfit):
-        if not any(guess.direction == other.direction
-                   and np.abs(wrapped(guess.zeros - other.zeros)).max() < SAME_ZEROS
-                   for other in different):
+        if not any(
+            guess.direction == other.direction
+            and np.abs(wrapped(guess.zeros - other.zeros)).max() < SAME_ZEROS
+            for other in different
+        ):
             different.append(guess)
     return different
 
 
-def _improve(turned: Array, zeros: Array, damping: Array, nominal: Geometry,
-             steps: int) -> tuple[Array, Array, Array]:
+def _improve(
+    turned: Array, zeros: Array, damping: Array, nominal: Geometry, steps: int
+) -> tuple[Array, Array, Array]:
     """Return zeros, shape (m, 4), after Levenberg-Marquardt steps, their costs and damping."""
     distance, slopes = _distance(turned, zeros, nominal)
     cost = _cost(distance)
@@ -256,9 +289,14 @@ def _distance(turned: Array, zeros: Array, nominal: Geometry) -> tuple[Array, Ar
     c_more, s_more = cos(DIFFERENCE), sin(DIFFERENCE)
     onward = [(c * c_more - s * s_more, s * c_more + c * s_more) for c, s in turns]
     here = _closure(turns, nominal)
-    slopes = np.stack([
-        (_closure([*turns[:index], onward[index], *turns[index + 1:]], nominal) - here)
-        / DIFFERENCE for index in range(4)], axis=2)
+    slopes = np.stack(
+        [
+            (_closure([*turns[:index], onward[index], *turns[index + 1 :]], nominal) - here)
+            / DIFFERENCE
+            for index in range(4)
+        ],
+        axis=2,
+    )
     scale = 1.0 / np.maximum(np.linalg.norm(slopes, axis=2), GRADIENT_FLOOR)
     return here * scale, -slopes * scale[:, :, None]
 
@@ -267,8 +305,12 @@ def _closure(turns: list[tuple[Array, Array]], nominal: Geometry) -> Array:
     """Return by how much the point of Case 2's linear system misses the unit circle (unit 1)."""
     (c1, s1), *others, (c3, s3) = turns
     leg_b, leg_c = (
-        (leg_kernels.second_in_second_joint(c1, s1, c, s, carried),
-         leg_kernels.turn_through_link(c3, s3, carried.before_distal), carried.cos_beta)
-        for (c, s), carried in zip(others, nominal.carried, strict=True))
+        (
+            leg_kernels.second_in_second_joint(c1, s1, c, s, carried),
+            leg_kernels.turn_through_link(c3, s3, carried.before_distal),
+            carried.cos_beta,
+        )
+        for (c, s), carried in zip(others, nominal.carried, strict=True)
+    )
     cosine, sine, determinant = leg_kernels.turn_of_second_joint(leg_b, leg_c)
     return np.asarray(cosine * cosine + sine * sine - determinant * determinant)

@@ -36,15 +36,21 @@ class CalibrationWatch:
     is empty while the calibration holds. Noise and bounds of the sensors' errors are in rad.
     """
 
-    def __init__(self, sigma: Sequence[float], bias: Sequence[float], geometry: Geometry,
-                 working_mode: WorkingMode) -> None:
+    def __init__(
+        self,
+        sigma: Sequence[float],
+        bias: Sequence[float],
+        geometry: Geometry,
+        working_mode: WorkingMode,
+    ) -> None:
         sensors = len(sigma)
         self._sigma, self._bias = np.array(sigma), np.array(bias)
         self._geometry, self._working_mode = geometry, working_mode
         # Row of each pose in the sums.
         self._rows: dict[tuple[int, ...], int] = {}
-        self._sums = slip_evidence.PoseSums(np.zeros(POSES), np.zeros((POSES, sensors, sensors)),
-                                            np.zeros((POSES, sensors)))
+        self._sums = slip_evidence.PoseSums(
+            np.zeros(POSES), np.zeros((POSES, sensors, sensors)), np.zeros((POSES, sensors))
+        )
         self._last: Quaternion[float] | None = None
         self.evaluation: slip_evidence.Evaluation | None = None
         self.caution = ''
@@ -54,7 +60,8 @@ class CalibrationWatch:
         if self._last is not None and rotation_distance(quaternion, self._last) < LEAST_TURN:
             return False
         found = slip_evidence.parity_of_sample(
-            angles, quaternion, self._sigma, self._geometry, self._working_mode)
+            angles, quaternion, self._sigma, self._geometry, self._working_mode
+        )
         if found is None:
             return False
         self._last = quaternion
@@ -90,8 +97,7 @@ def _words(found: slip_evidence.Evaluation) -> str:
     which = slip_evidence.suspects(found.misfit - found.explained, found.freedom, found.limit)
     names = [ALL_JOINT_NAMES[sensor] for sensor in which]
     if not names:
-        return (f'slow parity {degrees(found.slow):.2f} deg, expected '
-                f'{degrees(found.expected):.2f}')
+        return f'slow parity {degrees(found.slow):.2f} deg, expected {degrees(found.expected):.2f}'
     if len(names) > 1:
         return f'{" or ".join(names)} drifted since'
     return f'{names[0]} drifted by {degrees(abs(found.slip[which[0]])):.2f} deg since'

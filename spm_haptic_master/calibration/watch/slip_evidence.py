@@ -57,16 +57,19 @@ class Parities(NamedTuple):
     step: Array  # rotation vectors to the maximum-likelihood orientations, base frame, rad, (n, 3)
 
 
-def sensor_angles(rotation: Array, geometry: Geometry, working_mode: WorkingMode,
-                  sensors: int) -> Array:
+def sensor_angles(
+    rotation: Array, geometry: Geometry, working_mode: WorkingMode, sensors: int
+) -> Array:
     """Return the angles of the sensors' joints, rad, (n, N); NaN out of reach."""
     found = batch_angles(rotation, geometry, working_mode)
-    return np.column_stack(
-        [found.theta1, found.theta3a, found.theta3b, found.theta3c])[:, :sensors]
+    return np.column_stack([found.theta1, found.theta3a, found.theta3b, found.theta3c])[
+        :, :sensors
+    ]
 
 
-def reached(rotation: Array, geometry: Geometry, working_mode: WorkingMode,
-            sensors: int) -> tuple[NDArray[np.bool_], Array, Array, Array]:
+def reached(
+    rotation: Array, geometry: Geometry, working_mode: WorkingMode, sensors: int
+) -> tuple[NDArray[np.bool_], Array, Array, Array]:
     """Return which orientations are within reach, these without NaN, joint angles, Jacobians."""
     usable = np.all(np.isfinite(rotation), axis=(1, 2))
     matrices = np.where(usable[:, None, None], rotation, np.eye(3))
@@ -77,15 +80,21 @@ def reached(rotation: Array, geometry: Geometry, working_mode: WorkingMode,
     return usable, matrices, angles, rates
 
 
-def parities(angles: Array, rotation: Array, sigma: Array, geometry: Geometry,
-             working_mode: WorkingMode) -> Parities:
+def parities(
+    angles: Array, rotation: Array, sigma: Array, geometry: Geometry, working_mode: WorkingMode
+) -> Parities:
     """Return the parity of samples, rad, (n, N), by their noise, rad, (N,), near orientations."""
     usable, _, expected, rates = reached(rotation, geometry, working_mode, angles.shape[1])
     return projected(usable, wrapped(angles - expected), rates, sigma)
 
 
-def parity_of_sample(angles: Sequence[float], quaternion: Quaternion[float], sigma: Array,
-                     geometry: Geometry, working_mode: WorkingMode) -> Parities | None:
+def parity_of_sample(
+    angles: Sequence[float],
+    quaternion: Quaternion[float],
+    sigma: Array,
+    geometry: Geometry,
+    working_mode: WorkingMode,
+) -> Parities | None:
     """Return `parities` of a sample, in plain floats: a tenth of the time; None if unusable."""
     rotation = rotation_from_quaternion(*quaternion)
     try:
@@ -94,16 +103,16 @@ def parity_of_sample(angles: Sequence[float], quaternion: Quaternion[float], sig
         return None
     first_a, first_b, first_c, *_ = expected
     rows, diagonal = velocity_rows(rotation, (first_a, first_b, first_c), geometry, FLOATS)
-    residual = np.array([remainder(angle - each, 2.0 * pi)
-                         for angle, each in zip(angles, expected, strict=True)])
+    residual = np.array(
+        [remainder(angle - each, 2.0 * pi) for angle, each in zip(angles, expected, strict=True)]
+    )
     if not min(map(abs, diagonal[:3])) >= MODE_BOUNDARY or np.isnan(residual).any():
         return None
-    rates = np.array(rows[:len(angles)]) / np.array(diagonal[:len(angles)])[:, None]
+    rates = np.array(rows[: len(angles)]) / np.array(diagonal[: len(angles)])[:, None]
     return projected(np.ones(1, bool), residual[None], rates[None], sigma)
 
 
-def projected(usable: NDArray[np.bool_], residual: Array, rates: Array,
-              sigma: Array) -> Parities:
+def projected(usable: NDArray[np.bool_], residual: Array, rates: Array, sigma: Array) -> Parities:
     """Return the part of residuals, rad, that no rotation explains, and that which one does."""
     white = np.where(usable[:, None], residual / sigma, 0.0)
     orthogonal, upper = np.linalg.qr(rates / sigma[:, None], mode='complete')
@@ -132,8 +141,11 @@ def summed(angles: Array, found: Parities) -> PoseSums:
     usable = found.usable
     poses, row = np.unique(poses_of(angles[usable]), axis=0, return_inverse=True)
     sensors = angles.shape[1]
-    sums = PoseSums(np.zeros(len(poses)), np.zeros((len(poses), sensors, sensors)),
-                    np.zeros((len(poses), sensors)))
+    sums = PoseSums(
+        np.zeros(len(poses)),
+        np.zeros((len(poses), sensors, sensors)),
+        np.zeros((len(poses), sensors)),
+    )
     row, gain, parity = row.ravel(), found.gain[usable], found.parity[usable]
     np.add.at(sums.samples, row, 1.0)
     np.add.at(sums.information, row, gain.swapaxes(1, 2) @ gain)
@@ -232,5 +244,14 @@ def evaluate(sums: PoseSums, bias: Array) -> Evaluation:
         return float(np.sqrt(np.average(squares.mean(axis=1), weights=samples)))
 
     diagonal = np.einsum('mkk->mk', covariance)
-    return Evaluation(score / seen, seen ** -0.5, score ** 2 / seen, together, misfit, parity.size,
-                      rms((parity / root) ** 2), rms(diagonal / root ** 2), rms(root ** -2.0))
+    return Evaluation(
+        score / seen,
+        seen**-0.5,
+        score**2 / seen,
+        together,
+        misfit,
+        parity.size,
+        rms((parity / root) ** 2),
+        rms(diagonal / root**2),
+        rms(root**-2.0),
+    )

@@ -71,11 +71,15 @@ CONSISTENT = 10.0
 SAME_SOLUTION, SAME_DEVIATIONS = 1e-4, 6.0
 
 
-def estimate_sample(readings: tuple[float, ...], sensors: UsedSensors, geometry: Geometry,
-                    prior: Quaternion[float] | None = None,
-                    working_mode: WorkingMode | None = None,
-                    last_step: float = CONVERGED_STEP,
-                    consistent: float = CONSISTENT) -> SampleEstimate:
+def estimate_sample(
+    readings: tuple[float, ...],
+    sensors: UsedSensors,
+    geometry: Geometry,
+    prior: Quaternion[float] | None = None,
+    working_mode: WorkingMode | None = None,
+    last_step: float = CONVERGED_STEP,
+    consistent: float = CONSISTENT,
+) -> SampleEstimate:
     """
     Maximum-likelihood orientation of one sample in plain floats, for the 1 kHz path.
 
@@ -100,16 +104,25 @@ def estimate_sample(readings: tuple[float, ...], sensors: UsedSensors, geometry:
             th2a = atan2(sine * determinant, cosine * determinant)
             start = th1a, th2a, th3a, th1b, th1c
             # One step converges only where the last one may be large.
-            return last_step > CONVERGED_STEP and one_step(
-                start, view, readings, sensors, geometry, working_mode, last_step) or fit(
-                    start, view, readings, sensors, geometry, working_mode, last_step)
+            return (
+                last_step > CONVERGED_STEP
+                and one_step(start, view, readings, sensors, geometry, working_mode, last_step)
+                or fit(start, view, readings, sensors, geometry, working_mode, last_step)
+            )
     return _estimate_others(
-        readings, sensors, geometry, prior, working_mode, last_step, consistent)
+        readings, sensors, geometry, prior, working_mode, last_step, consistent
+    )
 
 
-def _estimate_others(readings: tuple[float, ...], sensors: UsedSensors, g: Geometry,
-                     prior: Quaternion[float] | None, working_mode: WorkingMode | None,
-                     last_step: float, consistent: float) -> SampleEstimate:
+def _estimate_others(
+    readings: tuple[float, ...],
+    sensors: UsedSensors,
+    g: Geometry,
+    prior: Quaternion[float] | None,
+    working_mode: WorkingMode | None,
+    last_step: float,
+    consistent: float,
+) -> SampleEstimate:
     """Estimate from sensors of which Case 2 gives no start."""
     known, readings = _used_readings(readings, sensors)
     if sensors.count == FEWEST_USED:
@@ -126,8 +139,12 @@ def _estimate_others(readings: tuple[float, ...], sensors: UsedSensors, g: Geome
     return _selected(solutions, readings, prior, consistent)
 
 
-def other_solutions(found: SampleEstimate, readings: tuple[float, ...], geometry: Geometry,
-                    working_mode: WorkingMode | None = None) -> list[SampleEstimate]:
+def other_solutions(
+    found: SampleEstimate,
+    readings: tuple[float, ...],
+    geometry: Geometry,
+    working_mode: WorkingMode | None = None,
+) -> list[SampleEstimate]:
     """
     Return the solutions of a sample but the one `found`, some of them twice.
 
@@ -137,19 +154,28 @@ def other_solutions(found: SampleEstimate, readings: tuple[float, ...], geometry
     known, readings = _used_readings(readings, found.sensors)
     covariance = found.covariance
     near = SAME_DEVIATIONS * sqrt(covariance[0] + covariance[4] + covariance[8])
-    return [each for each in _solutions(known, readings, found.sensors, geometry, working_mode)
-            if rotation_distance(each.quaternion, found.quaternion) > near]
+    return [
+        each
+        for each in _solutions(known, readings, found.sensors, geometry, working_mode)
+        if rotation_distance(each.quaternion, found.quaternion) > near
+    ]
 
 
-def _used_readings(readings: tuple[float, ...], sensors: UsedSensors) -> tuple[
-        tuple[float | None, ...], tuple[float, ...]]:
+def _used_readings(
+    readings: tuple[float, ...], sensors: UsedSensors
+) -> tuple[tuple[float | None, ...], tuple[float, ...]]:
     """Return six readings, None of a sensor that is not in use, and N, 0 of such a sensor."""
     known = tuple(readings[place] if place in sensors.used else None for place in range(6))
-    return known, tuple(each or 0.0 for each in known[:len(readings)])
+    return known, tuple(each or 0.0 for each in known[: len(readings)])
 
 
-def _solutions(known: tuple[float | None, ...], readings: tuple[float, ...], sensors: UsedSensors,
-               g: Geometry, working_mode: WorkingMode | None) -> list[SampleEstimate]:
+def _solutions(
+    known: tuple[float | None, ...],
+    readings: tuple[float, ...],
+    sensors: UsedSensors,
+    g: Geometry,
+    working_mode: WorkingMode | None,
+) -> list[SampleEstimate]:
     """Return every orientation near which readings fit, some of them twice."""
     solutions = []
     for start in possible_starts(known, g):
@@ -158,16 +184,32 @@ def _solutions(known: tuple[float | None, ...], readings: tuple[float, ...], sen
     return solutions
 
 
-def _fit_from(start: State[float], readings: tuple[float, ...], sensors: UsedSensors, g: Geometry,
-              working_mode: WorkingMode | None,
-              last_step: float = CONVERGED_STEP) -> SampleEstimate:
+def _fit_from(
+    start: State[float],
+    readings: tuple[float, ...],
+    sensors: UsedSensors,
+    g: Geometry,
+    working_mode: WorkingMode | None,
+    last_step: float = CONVERGED_STEP,
+) -> SampleEstimate:
     th1a, _, th3a, th1b, th1c = start
-    return fit(start, linkage(th1a, th1b, th1c, th3a, g, FLOATS), readings, sensors, g,
-               working_mode, last_step)
+    return fit(
+        start,
+        linkage(th1a, th1b, th1c, th3a, g, FLOATS),
+        readings,
+        sensors,
+        g,
+        working_mode,
+        last_step,
+    )
 
 
-def _selected(solutions: list[SampleEstimate], readings: tuple[float, ...],
-              prior: Quaternion[float] | None, consistent: float) -> SampleEstimate:
+def _selected(
+    solutions: list[SampleEstimate],
+    readings: tuple[float, ...],
+    prior: Quaternion[float] | None,
+    consistent: float,
+) -> SampleEstimate:
     """Return the solution that explains the readings best, or that the prior selects."""
     solutions.sort(key=_cost)
     best = solutions[0]
@@ -179,8 +221,8 @@ def _selected(solutions: list[SampleEstimate], readings: tuple[float, ...],
     rivals = [each for each in solutions if _cost(each) - _cost(best) < AMBIGUOUS_COST]
     if any(rotation_distance(each.quaternion, best.quaternion) > SAME_SOLUTION for each in rivals):
         raise AmbiguousError(
-            f'readings {readings} rad: two orientations explain them equally well; a prior '
-            'selects')
+            f'readings {readings} rad: two orientations explain them equally well; a prior selects'
+        )
     return best
 
 
@@ -190,6 +232,7 @@ def _cost(solution: SampleEstimate) -> float:
 
 
 # In batches --------------------------------------------------------------------------------------
+
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
@@ -228,9 +271,15 @@ class Estimate:
         return agree & self.determined
 
 
-def estimate(th1: ArrayLike, theta3a: ArrayLike, sigma: ArrayLike,
-             geometry: Geometry = PAPER_GEOMETRY, prior: ArrayLike | None = None,
-             theta3b: ArrayLike | None = None, theta3c: ArrayLike | None = None) -> Estimate:
+def estimate(
+    th1: ArrayLike,
+    theta3a: ArrayLike,
+    sigma: ArrayLike,
+    geometry: Geometry = PAPER_GEOMETRY,
+    prior: ArrayLike | None = None,
+    theta3b: ArrayLike | None = None,
+    theta3c: ArrayLike | None = None,
+) -> Estimate:
     """
     Maximum-likelihood orientations from four to six joint sensors.
 
@@ -256,9 +305,11 @@ def estimate(th1: ArrayLike, theta3a: ArrayLike, sigma: ArrayLike,
     if theta3b is None and theta3c is not None:
         raise InputError('theta3b = None: expected the fifth sensor, since theta3c is given')
     active = check_angles('th1', th1, (3,))
-    names = ['theta3a', 'theta3b', 'theta3c'][:1 + (theta3b is not None) + (theta3c is not None)]
-    passive = [check_angles(name, angle, ())
-               for name, angle in zip(names, (theta3a, theta3b, theta3c), strict=False)]
+    names = ['theta3a', 'theta3b', 'theta3c'][: 1 + (theta3b is not None) + (theta3c is not None)]
+    passive = [
+        check_angles(name, angle, ())
+        for name, angle in zip(names, (theta3a, theta3b, theta3c), strict=False)
+    ]
     number = 3 + len(passive)
     sensors = UsedSensors(_check_sigma(sigma, number))
     shapes = [active.shape[:-1], *[angle.shape for angle in passive]]
@@ -271,44 +322,70 @@ def estimate(th1: ArrayLike, theta3a: ArrayLike, sigma: ArrayLike,
     if not batch:
         readings = (*active.tolist(), *[angle.item() for angle in passive])
         return _estimate_one(readings, sensors, geometry, last)
-    rows = np.stack([np.broadcast_to(angle, batch) for angle in (
-        *np.moveaxis(active, -1, 0), *passive)], axis=-1).reshape(-1, number)
+    rows = np.stack(
+        [np.broadcast_to(angle, batch) for angle in (*np.moveaxis(active, -1, 0), *passive)],
+        axis=-1,
+    ).reshape(-1, number)
     priors = None if last is None else np.broadcast_to(last, batch + (4,)).reshape(-1, 4)
     result = _estimate_rows(rows, sensors, geometry, priors)
-    return Estimate(*(
-        getattr(result, name).reshape(batch + getattr(result, name).shape[1:])
-        for name in Estimate.__slots__))
+    return Estimate(
+        *(
+            getattr(result, name).reshape(batch + getattr(result, name).shape[1:])
+            for name in Estimate.__slots__
+        )
+    )
 
 
-def _estimate_rows(readings: Array, sensors: UsedSensors, g: Geometry,
-                   priors: Array | None) -> Estimate:
+def _estimate_rows(
+    readings: Array, sensors: UsedSensors, g: Geometry, priors: Array | None
+) -> Estimate:
     """Estimate rows together where Case 2 starts them, and the others one by one."""
-    rotation, covariance, vector = map(np.concatenate, zip(*(
-        fit_rows(readings[start:start + SLICE], sensors, g)
-        for start in range(0, max(len(readings), 1), SLICE)), strict=True))
-    parity = vector[:, 0].copy() if sensors.count == 4 else np.sqrt(np.sum(vector ** 2, axis=-1))
-    result = Estimate(rotation, covariance, parity, vector,
-                      np.trace(covariance, axis1=-2, axis2=-1) < DETERMINED_VARIANCE)
+    rotation, covariance, vector = map(
+        np.concatenate,
+        zip(
+            *(
+                fit_rows(readings[start : start + SLICE], sensors, g)
+                for start in range(0, max(len(readings), 1), SLICE)
+            ),
+            strict=True,
+        ),
+    )
+    parity = vector[:, 0].copy() if sensors.count == 4 else np.sqrt(np.sum(vector**2, axis=-1))
+    result = Estimate(
+        rotation,
+        covariance,
+        parity,
+        vector,
+        np.trace(covariance, axis1=-2, axis2=-1) < DETERMINED_VARIANCE,
+    )
     for row in np.flatnonzero(np.isnan(rotation[:, 0, 0])):
         with suppress(SpmError):
-            single = _estimate_one(tuple(readings[row].tolist()), sensors, g,
-                                   None if priors is None else priors[row])
+            single = _estimate_one(
+                tuple(readings[row].tolist()), sensors, g, None if priors is None else priors[row]
+            )
             for name in Estimate.__slots__:
                 getattr(result, name)[row] = getattr(single, name)
     return result
 
 
-def _estimate_one(readings: tuple[float, ...], sensors: UsedSensors, g: Geometry,
-                  prior: Array | None) -> Estimate:
+def _estimate_one(
+    readings: tuple[float, ...], sensors: UsedSensors, g: Geometry, prior: Array | None
+) -> Estimate:
     """Estimate one sample; its arrays are views of one."""
     sample = estimate_sample(
-        readings, sensors, g, None if prior is None else tuple(prior.tolist()))
-    numbers = np.array(rotation_from_quaternion(*sample.quaternion) + sample.covariance
-                       + sample.parity_vector)
+        readings, sensors, g, None if prior is None else tuple(prior.tolist())
+    )
+    numbers = np.array(
+        rotation_from_quaternion(*sample.quaternion) + sample.covariance + sample.parity_vector
+    )
     matrices = numbers[:18].reshape(2, 3, 3)
     return Estimate(
-        matrices[0], matrices[1], cast('Array', np.float64(sample.parity)), numbers[18:],
-        cast('NDArray[np.bool_]', np.bool_(sample.determined)))
+        matrices[0],
+        matrices[1],
+        cast('Array', np.float64(sample.parity)),
+        numbers[18:],
+        cast('NDArray[np.bool_]', np.bool_(sample.determined)),
+    )
 
 
 def _check_sigma(sigma: ArrayLike, sensors: int) -> tuple[float, ...]:
@@ -319,6 +396,8 @@ def _check_sigma(sigma: ArrayLike, sensors: int) -> tuple[float, ...]:
     deviations = check_array('sigma', sigma, ())
     each = deviations.tolist() if deviations.ndim else [deviations.item()] * sensors
     if deviations.ndim > 1 or len(each) != sensors:
-        raise InputError(f'sigma = {quoted(sigma)}: expected one standard deviation in rad, or '
-                         f'{NUMBER_WORDS[sensors]}')
+        raise InputError(
+            f'sigma = {quoted(sigma)}: expected one standard deviation in rad, or '
+            f'{NUMBER_WORDS[sensors]}'
+        )
     return tuple(each)

@@ -63,7 +63,7 @@ MODE_MARGIN = 0.02
 # Largest total standard deviation of a determined orientation (rad): beyond some 6 deg the
 # first-order covariance does not describe the error.
 DETERMINED_DEVIATION = 0.1
-DETERMINED_VARIANCE = DETERMINED_DEVIATION ** 2
+DETERMINED_VARIANCE = DETERMINED_DEVIATION**2
 
 
 class SampleEstimate(NamedTuple):
@@ -92,64 +92,110 @@ class SampleEstimate(NamedTuple):
         return tuple(zip(*changes, strict=True)) if changes else ((),) * len(self.rows)
 
 
-def fit(state: State[float], view: Linkage[float], readings: tuple[float, ...],
-        sensors: UsedSensors, g: Geometry, working_mode: WorkingMode | None,
-        last_step: float = CONVERGED_STEP) -> SampleEstimate:
+def fit(
+    state: State[float],
+    view: Linkage[float],
+    readings: tuple[float, ...],
+    sensors: UsedSensors,
+    g: Geometry,
+    working_mode: WorkingMode | None,
+    last_step: float = CONVERGED_STEP,
+) -> SampleEstimate:
     """Gauss-Newton from a state with its `linkage`; arguments, errors as of `estimate_sample`."""
     for _ in range(STEPS):
         legs, rows = linearise(state, view, readings, sensors, g, FLOATS)
         right, entries, determinant, product = normal_equations(rows)
         if not determinant > RANK_TOLERANCE * product:
             raise SingularityError(
-                f'readings {readings} rad: the sensors do not measure every direction')
+                f'readings {readings} rad: the sensors do not measure every direction'
+            )
         step, spread = gauss_newton_step(right, legs, entries, determinant)
         # By comparison: a call for each component costs as much as the step.
         d1, d2, d3, db, dc = step
-        converged = (-last_step < d1 < last_step and -last_step < d2 < last_step
-                     and -last_step < d3 < last_step and -last_step < db < last_step
-                     and -last_step < dc < last_step)
+        converged = (
+            -last_step < d1 < last_step
+            and -last_step < d2 < last_step
+            and -last_step < d3 < last_step
+            and -last_step < db < last_step
+            and -last_step < dc < last_step
+        )
         if not converged:
             scale = min(1.0, LONGEST_STEP / max(map(abs, step)))
             d1, d2, d3, db, dc = (scale * each for each in step)
         th1a, th2a, th3a, th1b, th1c = state
         th1a, th2a, th3a, th1b, th1c = state = (
-            th1a + d1, th2a + d2, th3a + d3, th1b + db, th1c + dc)
+            th1a + d1,
+            th2a + d2,
+            th3a + d3,
+            th1b + db,
+            th1c + dc,
+        )
         if converged:
             break
         view = linkage(th1a, th1b, th1c, th3a, g, FLOATS)
     else:
         raise UnreachableError(f'readings {readings} rad: no mechanism closes near them')
     if working_mode is not None and not _in_mode(
-            th2a, legs[0][4], legs[1][4], sensors, working_mode, g):
-        raise SingularityError('the angles fit together only in another working mode than '
-                               f'{list(working_mode)}')
+        th2a, legs[0][4], legs[1][4], sensors, working_mode, g
+    ):
+        raise SingularityError(
+            f'the angles fit together only in another working mode than {list(working_mode)}'
+        )
     covariance, motions = in_base_frame(th1a, th2a, spread, g, FLOATS)
     vector, changes = parities(rows, sensors, spread, FLOATS)
     parity_sizes = tuple(map(hypot, *changes)) if changes else (0.0,) * len(rows)
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = motions
-    gain_sizes = tuple([
-        weight * hypot(x * ax + y * bx + z * cx, x * ay + y * by + z * cy,
-                       x * az + y * bz + z * cz) for _, x, y, z, weight in rows])
+    gain_sizes = tuple(
+        [
+            weight
+            * hypot(x * ax + y * bx + z * cx, x * ay + y * by + z * cy, x * az + y * bz + z * cz)
+            for _, x, y, z, weight in rows
+        ]
+    )
     return SampleEstimate(
-        chain_quaternion(th1a, th2a, th3a, g, FLOATS), covariance,
-        vector[0] if len(vector) == 1 else hypot(*vector) if vector else None, vector,
-        covariance[0] + covariance[4] + covariance[8] < DETERMINED_VARIANCE, sensors,
-        parity_sizes, gain_sizes, rows, spread)
+        chain_quaternion(th1a, th2a, th3a, g, FLOATS),
+        covariance,
+        vector[0] if len(vector) == 1 else hypot(*vector) if vector else None,
+        vector,
+        covariance[0] + covariance[4] + covariance[8] < DETERMINED_VARIANCE,
+        sensors,
+        parity_sizes,
+        gain_sizes,
+        rows,
+        spread,
+    )
 
 
-def _in_mode(th2a: float, volume_b: float, volume_c: float, sensors: UsedSensors,
-             working_mode: WorkingMode, g: Geometry) -> bool:
+def _in_mode(
+    th2a: float,
+    volume_b: float,
+    volume_c: float,
+    sensors: UsedSensors,
+    working_mode: WorkingMode,
+    g: Geometry,
+) -> bool:
     """Return whether a solution is in a working mode; a leg without a sensor may have any."""
     leg, (sign_a, sign_b, sign_c) = g.legs[0], working_mode
     # B_AA, the volume of Z1A, Z2A, Z3A, is here sin alpha sin beta sin th2A.
-    return sign_b * volume_b > -MODE_MARGIN and sign_c * volume_c > -MODE_MARGIN and (
-        sign_a * leg.sin_alpha * leg.sin_beta * sin(th2a) > -MODE_MARGIN
-        or {0, 3}.isdisjoint(sensors.used))
+    return (
+        sign_b * volume_b > -MODE_MARGIN
+        and sign_c * volume_c > -MODE_MARGIN
+        and (
+            sign_a * leg.sin_alpha * leg.sin_beta * sin(th2a) > -MODE_MARGIN
+            or {0, 3}.isdisjoint(sensors.used)
+        )
+    )
 
 
-def one_step(state: State[float], view: Linkage[float], readings: tuple[float, ...],
-             sensors: UsedSensors, g: Geometry, working_mode: WorkingMode | None,
-             last_step: float) -> SampleEstimate | None:
+def one_step(
+    state: State[float],
+    view: Linkage[float],
+    readings: tuple[float, ...],
+    sensors: UsedSensors,
+    g: Geometry,
+    working_mode: WorkingMode | None,
+    last_step: float,
+) -> SampleEstimate | None:
     """
     Estimate a sample by one step from Case 2 of its readings; None if that is not enough.
 
@@ -161,16 +207,21 @@ def one_step(state: State[float], view: Linkage[float], readings: tuple[float, .
     turns = turn_1, (cos(th2a), sin(th2a)), turn_3
     weight_a, weight_b, weight_c, weight_3, weight_3b, weight_3c = sensors.weights
     (left_b, b1, b2, b3, volume_b), row_3b = closed_leg(
-        turns, leg_b, g, 1, readings[4] if weight_3b else None, weight_3b, FLOATS)
+        turns, leg_b, g, 1, readings[4] if weight_3b else None, weight_3b, FLOATS
+    )
     (left_c, d1, d2, d3, volume_c), row_3c = closed_leg(
-        turns, leg_c, g, 2, readings[5] if weight_3c else None, weight_3c, FLOATS)
+        turns, leg_c, g, 2, readings[5] if weight_3c else None, weight_3c, FLOATS
+    )
     wb1, wb2, wb3 = weight_b * b1, weight_b * b2, weight_b * b3
     wc1, wc2, wc3 = weight_c * d1, weight_c * d2, weight_c * d3
     n11, n12, n13 = weight_a + wb1 * b1 + wc1 * d1, wb2 * b1 + wc2 * d1, wb3 * b1 + wc3 * d1
     n22, n23, n33 = wb2 * b2 + wc2 * d2, wb3 * b2 + wc3 * d2, weight_3 + wb3 * b3 + wc3 * d3
-    y1, y2, y3 = (wb1 * left_b + wc1 * left_c, wb2 * left_b + wc2 * left_c,
-                  wb3 * left_b + wc3 * left_c)
-    further = (row_3b, row_3c)[:sensors.further]
+    y1, y2, y3 = (
+        wb1 * left_b + wc1 * left_c,
+        wb2 * left_b + wc2 * left_c,
+        wb3 * left_b + wc3 * left_c,
+    )
+    further = (row_3b, row_3c)[: sensors.further]
     for residual, x, y, z, weight in further:
         wx, wy, wz = weight * x, weight * y, weight * z
         n11, n12, n13 = n11 + wx * x, n12 + wy * x, n13 + wz * x
@@ -183,16 +234,23 @@ def one_step(state: State[float], view: Linkage[float], readings: tuple[float, .
         return None
     p11, p12, p13 = e11 / determinant, e12 / determinant, e13 / determinant
     p22, p23, p33 = e22 / determinant, e23 / determinant, e33 / determinant
-    x, y, z = (p11 * y1 + p12 * y2 + p13 * y3, p12 * y1 + p22 * y2 + p23 * y3,
-               p13 * y1 + p23 * y2 + p33 * y3)
-    if not (-last_step < x < last_step and -last_step < y < last_step
-            and -last_step < z < last_step
-            and -last_step < b1 * x + b2 * y + b3 * z - left_b < last_step
-            and -last_step < d1 * x + d2 * y + d3 * z - left_c < last_step):
+    x, y, z = (
+        p11 * y1 + p12 * y2 + p13 * y3,
+        p12 * y1 + p22 * y2 + p23 * y3,
+        p13 * y1 + p23 * y2 + p33 * y3,
+    )
+    if not (
+        -last_step < x < last_step
+        and -last_step < y < last_step
+        and -last_step < z < last_step
+        and -last_step < b1 * x + b2 * y + b3 * z - left_b < last_step
+        and -last_step < d1 * x + d2 * y + d3 * z - left_c < last_step
+    ):
         return None
     th1a, th2a, th3a = th1a + x, th2a + y, th3a + z
     if working_mode is not None and not _in_mode(
-            th2a, volume_b, volume_c, sensors, working_mode, g):
+        th2a, volume_b, volume_c, sensors, working_mode, g
+    ):
         return None
     covariance = p11, p12, p13, p22, p23, p33
     spread, motions = in_base_frame(th1a, th2a, covariance, g, FLOATS)
@@ -202,16 +260,24 @@ def one_step(state: State[float], view: Linkage[float], readings: tuple[float, .
     parity = scale * (nb * left_b + nc * left_c)
     vector: tuple[float, ...] = (parity,)
     rows: tuple[Row[float], ...] = (
-        (0.0, 1.0, 0.0, 0.0, weight_a), (left_b, b1, b2, b3, weight_b),
-        (left_c, d1, d2, d3, weight_c), (0.0, 0.0, 0.0, 1.0, weight_3))
+        (0.0, 1.0, 0.0, 0.0, weight_a),
+        (left_b, b1, b2, b3, weight_b),
+        (left_c, d1, d2, d3, weight_c),
+        (0.0, 0.0, 0.0, 1.0, weight_3),
+    )
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = motions
     gain_sizes: tuple[float, ...] = (
         weight_a * hypot(ax, ay, az),
-        weight_b * hypot(b1 * ax + b2 * bx + b3 * cx, b1 * ay + b2 * by + b3 * cy,
-                         b1 * az + b2 * bz + b3 * cz),
-        weight_c * hypot(d1 * ax + d2 * bx + d3 * cx, d1 * ay + d2 * by + d3 * cy,
-                         d1 * az + d2 * bz + d3 * cz),
-        weight_3 * hypot(cx, cy, cz))
+        weight_b
+        * hypot(
+            b1 * ax + b2 * bx + b3 * cx, b1 * ay + b2 * by + b3 * cy, b1 * az + b2 * bz + b3 * cz
+        ),
+        weight_c
+        * hypot(
+            d1 * ax + d2 * bx + d3 * cx, d1 * ay + d2 * by + d3 * cy, d1 * az + d2 * bz + d3 * cz
+        ),
+        weight_3 * hypot(cx, cy, cz),
+    )
     parity_sizes: tuple[float, ...]
     if sensors.count == FEWEST_MOUNTED:
         parity_sizes = abs(scale * na), abs(scale * nb), abs(scale * nc), abs(scale * n3)
@@ -219,14 +285,18 @@ def one_step(state: State[float], view: Linkage[float], readings: tuple[float, .
         # P = I - H K is a projector: a size is the root of weight and share, P's diagonal.
         t12, t13, t23 = 2.0 * p12, 2.0 * p13, 2.0 * p23
         share_a, share_3 = 1.0 - weight_a * p11, 1.0 - weight_3 * p33
-        share_b = 1.0 - (wb1 * (p11 * b1 + t12 * b2 + t13 * b3) + wb2 * (p22 * b2 + t23 * b3)
-                         + wb3 * b3 * p33)
-        share_c = 1.0 - (wc1 * (p11 * d1 + t12 * d2 + t13 * d3) + wc2 * (p22 * d2 + t23 * d3)
-                         + wc3 * d3 * p33)
-        parity_sizes = (sqrt(weight_a * share_a) if share_a > NO_SHARE else 0.0,
-                        sqrt(weight_b * share_b) if share_b > NO_SHARE else 0.0,
-                        sqrt(weight_c * share_c) if share_c > NO_SHARE else 0.0,
-                        sqrt(weight_3 * share_3) if share_3 > NO_SHARE else 0.0)
+        share_b = 1.0 - (
+            wb1 * (p11 * b1 + t12 * b2 + t13 * b3) + wb2 * (p22 * b2 + t23 * b3) + wb3 * b3 * p33
+        )
+        share_c = 1.0 - (
+            wc1 * (p11 * d1 + t12 * d2 + t13 * d3) + wc2 * (p22 * d2 + t23 * d3) + wc3 * d3 * p33
+        )
+        parity_sizes = (
+            sqrt(weight_a * share_a) if share_a > NO_SHARE else 0.0,
+            sqrt(weight_b * share_b) if share_b > NO_SHARE else 0.0,
+            sqrt(weight_c * share_c) if share_c > NO_SHARE else 0.0,
+            sqrt(weight_3 * share_3) if share_3 > NO_SHARE else 0.0,
+        )
     if further:
         rows += further
         sizes: tuple[float, ...] = ()
@@ -236,13 +306,20 @@ def one_step(state: State[float], view: Linkage[float], readings: tuple[float, .
         square = parity * parity
         # Backwards: each parity compares a sensor with those before it.
         for residual, u, v, w, weight in reversed(further):
-            g1, g2, g3 = (p11 * u + p12 * v + p13 * w, p12 * u + p22 * v + p23 * w,
-                          p13 * u + p23 * v + p33 * w)
+            g1, g2, g3 = (
+                p11 * u + p12 * v + p13 * w,
+                p12 * u + p22 * v + p23 * w,
+                p13 * u + p23 * v + p33 * w,
+            )
             share = 1.0 - weight * (u * g1 + v * g2 + w * g3)
             size = sqrt(weight * share) if share > NO_SHARE else 0.0
             sizes = (size,) + sizes
-            gains = (weight * hypot(u * ax + v * bx + w * cx, u * ay + v * by + w * cy,
-                                    u * az + v * bz + w * cz),) + gains
+            gains = (
+                weight
+                * hypot(
+                    u * ax + v * bx + w * cx, u * ay + v * by + w * cy, u * az + v * bz + w * cz
+                ),
+            ) + gains
             if not weight:
                 continue
             left = residual - u * x - v * y - w * z
@@ -260,10 +337,21 @@ def one_step(state: State[float], view: Linkage[float], readings: tuple[float, .
         if more:
             vector, parity = vector + more, sqrt(square)
     # As SampleEstimate(...) does, without its call.
-    return tuple.__new__(SampleEstimate, (
-        chain_quaternion(th1a, th2a, th3a, g, FLOATS), spread, parity, vector,
-        spread[0] + spread[4] + spread[8] < DETERMINED_VARIANCE, sensors, parity_sizes,
-        gain_sizes, rows, covariance))
+    return tuple.__new__(
+        SampleEstimate,
+        (
+            chain_quaternion(th1a, th2a, th3a, g, FLOATS),
+            spread,
+            parity,
+            vector,
+            spread[0] + spread[4] + spread[8] < DETERMINED_VARIANCE,
+            sensors,
+            parity_sizes,
+            gain_sizes,
+            rows,
+            covariance,
+        ),
+    )
 
 
 def fit_rows(readings: Array, sensors: UsedSensors, g: Geometry) -> tuple[Array, Array, Array]:
@@ -283,7 +371,12 @@ def fit_rows(readings: Array, sensors: UsedSensors, g: Geometry) -> tuple[Array,
             step, spread = gauss_newton_step(right, legs, entries, determinant)
             d1, d2, d3, db, dc = step
             th1a, th2a, th3a, th1b, th1c = state = (
-                th1a + d1, th2a + d2, th3a + d3, th1b + db, th1c + dc)
+                th1a + d1,
+                th2a + d2,
+                th3a + d3,
+                th1b + db,
+                th1c + dc,
+            )
             longest = np.max([np.abs(each) for each in step], axis=0)
             trusted &= (longest < LONGEST_STEP) & (determinant > RANK_TOLERANCE * product)
             settled = trusted & (longest < CONVERGED_STEP)

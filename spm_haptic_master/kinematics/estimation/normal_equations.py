@@ -57,8 +57,14 @@ ParityRow: TypeAlias = tuple[N, ...]
 NO_SHARE = 1e-12
 
 
-def linearise(state: State[N], view: Linkage[N], readings: tuple[N, ...], sensors: UsedSensors,
-              g: Geometry, m: Backend[N]) -> tuple[Legs[N], tuple[Row[N], ...]]:
+def linearise(
+    state: State[N],
+    view: Linkage[N],
+    readings: tuple[N, ...],
+    sensors: UsedSensors,
+    g: Geometry,
+    m: Backend[N],
+) -> tuple[Legs[N], tuple[Row[N], ...]]:
     """
     Linearise the legs B and C and the N mounted sensors at a state with its `linkage`.
 
@@ -70,24 +76,54 @@ def linearise(state: State[N], view: Linkage[N], readings: tuple[N, ...], sensor
     turn_1, turn_3, leg_b, leg_c = view
     weight_a, weight_b, weight_c, weight_3, weight_3b, weight_3c = sensors.weights
     turns = turn_1, (m.cos(th2a), m.sin(th2a)), turn_3
-    closure_b, row_b = closed_leg(
-        turns, leg_b, g, 1, readings[4] if weight_3b else None, weight_3b, m,
-    ) if weight_b or weight_3b else NO_LEG
-    closure_c, row_c = closed_leg(
-        turns, leg_c, g, 2, readings[5] if weight_3c else None, weight_3c, m,
-    ) if weight_c or weight_3c else NO_LEG
+    closure_b, row_b = (
+        closed_leg(
+            turns,
+            leg_b,
+            g,
+            1,
+            readings[4] if weight_3b else None,
+            weight_3b,
+            m,
+        )
+        if weight_b or weight_3b
+        else NO_LEG
+    )
+    closure_c, row_c = (
+        closed_leg(
+            turns,
+            leg_c,
+            g,
+            2,
+            readings[5] if weight_3c else None,
+            weight_3c,
+            m,
+        )
+        if weight_c or weight_3c
+        else NO_LEG
+    )
     left_b, b1, b2, b3, _ = closure_b
     left_c, d1, d2, d3, _ = closure_c
     rows = (
         (readings[0] - th1a, 1.0, 0.0, 0.0, weight_a),
         (readings[1] - th1b + left_b, b1, b2, b3, weight_b),
         (readings[2] - th1c + left_c, d1, d2, d3, weight_c),
-        (readings[3] - th3a, 0.0, 0.0, 1.0, weight_3), row_b, row_c)
-    return (closure_b, closure_c), rows[:4 + sensors.further]
+        (readings[3] - th3a, 0.0, 0.0, 1.0, weight_3),
+        row_b,
+        row_c,
+    )
+    return (closure_b, closure_c), rows[: 4 + sensors.further]
 
 
-def closed_leg(turns: Turns[N], view: View[N], g: Geometry, place: int, reading: N | None,
-               weight: float, m: Backend[N]) -> tuple[Closure[N], Row[N]]:
+def closed_leg(
+    turns: Turns[N],
+    view: View[N],
+    g: Geometry,
+    place: int,
+    reading: N | None,
+    weight: float,
+    m: Backend[N],
+) -> tuple[Closure[N], Row[N]]:
     """
     Linearise leg B (`place` 1) or C (2): its closure, and the row of a sensor on its third joint.
 
@@ -106,8 +142,13 @@ def closed_leg(turns: Turns[N], view: View[N], g: Geometry, place: int, reading:
     along = ux * x + uy * y + uz * z
     reciprocal = m.mode_reciprocal(along)
     left = -(dx * vx + dy * vy + dz * vz - cos_beta) * reciprocal
-    closure = (left, (ax * x + ay * y + az * z) * reciprocal, z * reciprocal,
-               (carrier.cos_beta * z - carrier.sin_beta * y) * reciprocal, -along)
+    closure = (
+        left,
+        (ax * x + ay * y + az * z) * reciprocal,
+        z * reciprocal,
+        (carrier.cos_beta * z - carrier.sin_beta * y) * reciprocal,
+        -along,
+    )
     if reading is None:
         return closure, NO_ROW
     # Z2k is (sin beta sin th3k, sin beta cos th3k, cos beta) in the frame Q_k of the platform.
@@ -118,16 +159,21 @@ def closed_leg(turns: Turns[N], view: View[N], g: Geometry, place: int, reading:
     angle = m.remainder(reading - m.atan2(sine, cosine), TURN)
     # A turn of Z2k about Z1k alone changes th3k at the rate (Z2k x Z3k).(Z1k x Z2k) / sin^2 beta.
     leg = g.legs[place]
-    rate = ((leg.cos_alpha * leg.cos_beta - vx * ux - vy * uy - vz * uz)
-            / (leg.sin_beta * leg.sin_beta))
+    rate = (leg.cos_alpha * leg.cos_beta - vx * ux - vy * uy - vz * uz) / (
+        leg.sin_beta * leg.sin_beta
+    )
     # A turn of the platform changes it at the rate axis . (Z1k x Z2k) / B_kk.
     x, y, z = dy * uz - dz * uy, dz * ux - dx * uz, dx * uy - dy * ux
-    return closure, (angle + rate * left, (ax * x + ay * y + az * z) * reciprocal, z * reciprocal,
-                     (carrier.cos_beta * z - carrier.sin_beta * y) * reciprocal, weight)
+    return closure, (
+        angle + rate * left,
+        (ax * x + ay * y + az * z) * reciprocal,
+        z * reciprocal,
+        (carrier.cos_beta * z - carrier.sin_beta * y) * reciprocal,
+        weight,
+    )
 
 
-def normal_equations(
-        rows: tuple[Row[N], ...]) -> tuple[Vector[N], Symmetric[N], N, N]:
+def normal_equations(rows: tuple[Row[N], ...]) -> tuple[Vector[N], Symmetric[N], N, N]:
     """
     Return right side (1 / rad), inverse times determinant (1 / rad^4), determinant, and a bound.
 
@@ -148,12 +194,17 @@ def normal_equations(
     y3 = y3 + weight_3 * left_3
     e11, e12, e13 = n22 * n33 - n23 * n23, n13 * n23 - n12 * n33, n12 * n23 - n13 * n22
     e22, e23, e33 = n11 * n33 - n13 * n13, n12 * n13 - n11 * n23, n11 * n22 - n12 * n12
-    return ((y1, y2, y3), (e11, e12, e13, e22, e23, e33), n11 * e11 + n12 * e12 + n13 * e13,
-            n11 * n22 * n33)
+    return (
+        (y1, y2, y3),
+        (e11, e12, e13, e22, e23, e33),
+        n11 * e11 + n12 * e12 + n13 * e13,
+        n11 * n22 * n33,
+    )
 
 
-def gauss_newton_step(right: Vector[N], legs: Legs[N], entries: Symmetric[N],
-                      determinant: N) -> tuple[State[N], Symmetric[N]]:
+def gauss_newton_step(
+    right: Vector[N], legs: Legs[N], entries: Symmetric[N], determinant: N
+) -> tuple[State[N], Symmetric[N]]:
     """
     Return the step of the state, rad, and the covariance of th1A, th2A, th3A, rad^2.
 
@@ -167,32 +218,59 @@ def gauss_newton_step(right: Vector[N], legs: Legs[N], entries: Symmetric[N],
     d1 = p11 * y1 + p12 * y2 + p13 * y3
     d2 = p12 * y1 + p22 * y2 + p23 * y3
     d3 = p13 * y1 + p23 * y2 + p33 * y3
-    return ((d1, d2, d3, b1 * d1 + b2 * d2 + b3 * d3 - fb, c1 * d1 + c2 * d2 + c3 * d3 - fc),
-            (p11, p12, p13, p22, p23, p33))
+    return (
+        (d1, d2, d3, b1 * d1 + b2 * d2 + b3 * d3 - fb, c1 * d1 + c2 * d2 + c3 * d3 - fc),
+        (p11, p12, p13, p22, p23, p33),
+    )
 
 
-def in_base_frame(th1a: N, th2a: N, covariance: Symmetric[N], g: Geometry, m: Backend[N],
-                  ) -> tuple[Rotation[N], Motions[N]]:
+def in_base_frame(
+    th1a: N,
+    th2a: N,
+    covariance: Symmetric[N],
+    g: Geometry,
+    m: Backend[N],
+) -> tuple[Rotation[N], Motions[N]]:
     """Covariance of the rotation error in the base frame, and with errors of th1A, th2A, th3A."""
     # The platform turns about Z1A, Z2A and Z3A.
     x1, y1, z1 = g.legs[0].first
     (x2, y2, z2), (x3, y3, z3) = passive_axes(
-        m.cos(th1a), m.sin(th1a), m.cos(th2a), m.sin(th2a), g)
+        m.cos(th1a), m.sin(th1a), m.cos(th2a), m.sin(th2a), g
+    )
     p11, p12, p13, p22, p23, p33 = covariance
-    ax, ay, az = (x1 * p11 + x2 * p12 + x3 * p13, y1 * p11 + y2 * p12 + y3 * p13,
-                  z1 * p11 + z2 * p12 + z3 * p13)
-    bx, by, bz = (x1 * p12 + x2 * p22 + x3 * p23, y1 * p12 + y2 * p22 + y3 * p23,
-                  z1 * p12 + z2 * p22 + z3 * p23)
-    cx, cy, cz = (x1 * p13 + x2 * p23 + x3 * p33, y1 * p13 + y2 * p23 + y3 * p33,
-                  z1 * p13 + z2 * p23 + z3 * p33)
+    ax, ay, az = (
+        x1 * p11 + x2 * p12 + x3 * p13,
+        y1 * p11 + y2 * p12 + y3 * p13,
+        z1 * p11 + z2 * p12 + z3 * p13,
+    )
+    bx, by, bz = (
+        x1 * p12 + x2 * p22 + x3 * p23,
+        y1 * p12 + y2 * p22 + y3 * p23,
+        z1 * p12 + z2 * p22 + z3 * p23,
+    )
+    cx, cy, cz = (
+        x1 * p13 + x2 * p23 + x3 * p33,
+        y1 * p13 + y2 * p23 + y3 * p33,
+        z1 * p13 + z2 * p23 + z3 * p33,
+    )
     xy, xz = y1 * ax + y2 * bx + y3 * cx, z1 * ax + z2 * bx + z3 * cx
     yz = z1 * ay + z2 * by + z3 * cy
-    return (x1 * ax + x2 * bx + x3 * cx, xy, xz, xy, y1 * ay + y2 * by + y3 * cy, yz,
-            xz, yz, z1 * az + z2 * bz + z3 * cz), ((ax, ay, az), (bx, by, bz), (cx, cy, cz))
+    return (
+        x1 * ax + x2 * bx + x3 * cx,
+        xy,
+        xz,
+        xy,
+        y1 * ay + y2 * by + y3 * cy,
+        yz,
+        xz,
+        yz,
+        z1 * az + z2 * bz + z3 * cz,
+    ), ((ax, ay, az), (bx, by, bz), (cx, cy, cz))
 
 
-def parities(rows: tuple[Row[N], ...], sensors: UsedSensors, covariance: Symmetric[N],
-             m: Backend[N]) -> tuple[tuple[N, ...], tuple[ParityRow[N], ...]]:
+def parities(
+    rows: tuple[Row[N], ...], sensors: UsedSensors, covariance: Symmetric[N], m: Backend[N]
+) -> tuple[tuple[N, ...], tuple[ParityRow[N], ...]]:
     """Parity vector, and its changes with the readings; 0 where only rounding makes them."""
     if sensors.count == FEWEST_USED:
         return (), ()
@@ -203,8 +281,11 @@ def parities(rows: tuple[Row[N], ...], sensors: UsedSensors, covariance: Symmetr
     for index in range(sensors.count - 1, 3, -1):
         place = places[index]
         _, x, y, z, weight = rows[place]
-        g1, g2, g3 = (p11 * x + p12 * y + p13 * z, p12 * x + p22 * y + p23 * z,
-                      p13 * x + p23 * y + p33 * z)
+        g1, g2, g3 = (
+            p11 * x + p12 * y + p13 * z,
+            p12 * x + p22 * y + p23 * z,
+            p13 * x + p23 * y + p33 * z,
+        )
         # The variance of the sensor's residual in the fit, which it has drawn, over its own.
         share = 1.0 - weight * (x * g1 + y * g2 + z * g3)
         size = m.reciprocal_root(share, NO_SHARE) / sensors.sigma[place]
@@ -246,8 +327,9 @@ def _volume(p: Vector[N], q: Vector[N], r: Vector[N]) -> N:
     return p1 * (q2 * r3 - q3 * r2) + p2 * (q3 * r1 - q1 * r3) + p3 * (q1 * r2 - q2 * r1)
 
 
-def theta3a_gains(th1a: float, th1b: float, th1c: float, th3a: float,
-                  geometry: Geometry) -> tuple[Vector[float], ...]:
+def theta3a_gains(
+    th1a: float, th1b: float, th1c: float, th3a: float, geometry: Geometry
+) -> tuple[Vector[float], ...]:
     """
     Gains of Case 2: rotation vectors in the base frame, rad per rad of th1A, th1B, th1C, th3A.
 
@@ -262,7 +344,8 @@ def theta3a_gains(th1a: float, th1b: float, th1c: float, th3a: float,
     c2, s2 = math.cos(th2a), math.sin(th2a)
     (_, b1, b2, b3, _), (_, d1, d2, d3, _) = (
         closed_leg((turn_1, (c2, s2), turn_3), view, geometry, place, None, 0.0, FLOATS)[0]
-        for place, view in ((1, leg_b), (2, leg_c)))
+        for place, view in ((1, leg_b), (2, leg_c))
+    )
     if b2 == 0.0 or d2 == 0.0 or determinant == 0.0:
         raise SingularityError('the closures of legs B and C do not determine th2A')
     # Share of leg B's closure in th2A, of the linear system's solution at consistent readings.
@@ -270,8 +353,12 @@ def theta3a_gains(th1a: float, th1b: float, th1c: float, th3a: float,
     share_b = n2 * (l1 * s2 - m1 * c2)
     share_c = n1 * (m2 * c2 - l2 * s2)
     share_b, share_c = share_b / (share_b + share_c), share_c / (share_b + share_c)
-    along = (-share_b * b1 / b2 - share_c * d1 / d2, share_b / b2, share_c / d2,
-             -share_b * b3 / b2 - share_c * d3 / d2)
+    along = (
+        -share_b * b1 / b2 - share_c * d1 / d2,
+        share_b / b2,
+        share_c / d2,
+        -share_b * b3 / b2 - share_c * d3 / d2,
+    )
     (x2, y2, z2), (x3, y3, z3) = passive_axes(*turn_1, c2, s2, geometry)
     x1, y1, z1 = geometry.legs[0].first
     gains = [(each * x2, each * y2, each * z2) for each in along]
