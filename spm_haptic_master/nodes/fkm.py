@@ -28,7 +28,7 @@ from spm_haptic_master.parameters.nodes import NODE_SETTINGS
 from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.parameters.setting import CALIBRATION_SETTING, Values
 from spm_haptic_master.ros import diagnostic_status, runner
-from spm_haptic_master.ros.cdr import JointsFormat, OrientationWriter, SECOND
+from spm_haptic_master.ros.cdr import JointsFormat, OrientationWriter
 from spm_haptic_master.ros.diagnostic_status import CHECK_PERIOD, REPEAT_PERIOD, STEADY
 from spm_haptic_master.ros.overload import Overload, TOO_BUSY
 from spm_haptic_master.ros.parameters import ParameterNode
@@ -41,6 +41,7 @@ from spm_haptic_master.supervision.orientation_state import (
 )
 from spm_haptic_master.supervision.supervisor import make_supervisor
 from spm_haptic_master.teleoperation.operating_state import ENABLED
+from spm_haptic_master.timing import SECOND
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 

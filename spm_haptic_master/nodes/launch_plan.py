@@ -20,6 +20,7 @@ from spm_haptic_master.nodes.factories import make_motors, make_teleoperation
 from spm_haptic_master.parameters import nodes as settings
 from spm_haptic_master.parameters import resolver
 from spm_haptic_master.parameters.files import PACKAGE
+from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.geometry import geometry_from, GEOMETRY_SETTINGS
 from spm_haptic_master.parameters.resolver import Parameters
 
@@ -133,7 +134,7 @@ def _prefixed_frames(values: Mapping[str, object], prefix: str) -> list[str]:
     """Return the arguments that name the frames of `fkm` as robot_state_publisher does."""
     return [
         word
-        for setting in settings.FKM_SETTINGS
+        for setting in FKM_SETTINGS
         if prefix and setting.name in ARM_FRAMES and setting.name not in values
         for word in ('-p', f'{setting.name}:={prefix}{setting.default}')
     ]

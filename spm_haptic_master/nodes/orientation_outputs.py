@@ -20,10 +20,9 @@ from spm_haptic_master.kinematics.rotations import AngularVelocity
 from spm_haptic_master.parameters.fkm import check_frames, VELOCITY_PERIODS
 from spm_haptic_master.parameters.geometry import mounting_from
 from spm_haptic_master.parameters.setting import Values
-from spm_haptic_master.ros.cdr import SECOND
 from spm_haptic_master.ros.qos import EVENTS, SAMPLES, STATE
 from spm_haptic_master.supervision.supervisor import Supervisor
-from spm_haptic_master.timing import StampGrid
+from spm_haptic_master.timing import SECOND, StampGrid
 from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout
 
 # Topics that are computed for each sample.

@@ -16,13 +16,12 @@ from spm_haptic_master.parameters.fkm import limits_from, sigma_from
 from spm_haptic_master.parameters.geometry import geometry_from
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.ros import diagnostic_status
-from spm_haptic_master.ros.cdr import SECOND
 from spm_haptic_master.ros.diagnostic_status import ERROR, OK, WARN
 from spm_haptic_master.ros.overload import more_than, TOO_BUSY
 from spm_haptic_master.supervision.orientation_state import Condition, OrientationState
 from spm_haptic_master.supervision.supervisor import Supervisor
 from spm_haptic_master.supervision.symptom import with_remedy
-from spm_haptic_master.timing import LatencyMeter, RateMeter
+from spm_haptic_master.timing import LatencyMeter, RateMeter, SECOND
 
 # Levels of the states.
 LEVELS = {

@@ -21,6 +21,7 @@ from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import try_shutdown
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.parameters.arguments import OneLineParser, positive
 from spm_haptic_master.parameters.files import argument_section
@@ -214,5 +215,5 @@ def main(args: list[str] | None = None) -> int:
     except (KeyboardInterrupt, BrokenPipeError):
         return 0
     finally:
-        rclpy.try_shutdown()
+        try_shutdown()
     return 0

@@ -20,7 +20,7 @@ from spm_haptic_master.nodes.teleop_outputs import SLAVE_TOPIC, SlaveTorque, Twi
 from spm_haptic_master.parameters.nodes import TELEOP_SETTINGS
 from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.ros import node_log, runner
-from spm_haptic_master.ros.cdr import OrientationReader, PoseWriter, SECOND
+from spm_haptic_master.ros.cdr import OrientationReader, PoseWriter
 from spm_haptic_master.ros.diagnostic_status import OK, StatusPublisher, STEADY, WARN
 from spm_haptic_master.ros.duplicate_publishers import Rivals
 from spm_haptic_master.ros.inputs import Inputs
@@ -28,7 +28,7 @@ from spm_haptic_master.ros.parameters import ParameterNode
 from spm_haptic_master.ros.qos import COMMANDS, EVENTS, SAMPLES, STATE, WRENCHES
 from spm_haptic_master.supervision.orientation_state import received_state
 from spm_haptic_master.teleoperation.engaging import Phase
-from spm_haptic_master.timing import LatencyMeter, RateMeter
+from spm_haptic_master.timing import LatencyMeter, RateMeter, SECOND
 from std_msgs.msg import Float64MultiArray, String, UInt64
 from std_srvs.srv import Trigger
 

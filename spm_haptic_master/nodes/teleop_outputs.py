@@ -13,9 +13,9 @@ from spm_haptic_master.kinematics.rotations import conjugate, rotation_from_quat
 from spm_haptic_master.nodes.factories import registration_from
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.ros import node_log
-from spm_haptic_master.ros.cdr import SECOND
 from spm_haptic_master.ros.qos import COMMANDS, WRENCHES
 from spm_haptic_master.teleoperation.command_limits import FadingTwist
+from spm_haptic_master.timing import SECOND
 
 # Twists of zero at the end: MoveIt Servo stops at the first one that arrives.
 ZEROS = 4

@@ -22,8 +22,8 @@ import threading
 import time
 from typing import Protocol
 
+from rclpy.impl.logging_severity import LoggingSeverity
 from rclpy.impl.rcutils_logger import RcutilsLogger
-from rclpy.logging import LoggingSeverity
 from rclpy.node import Node
 from spm_haptic_master.standard_streams import LineWriter, STANDARD_ERROR
 

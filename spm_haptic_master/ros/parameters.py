@@ -44,6 +44,10 @@ class ParameterNode(Node):
         # Its callbacks refer to the node weakly; the node keeps them.
         _ParameterServices(self)
 
+    def destroy_node(self) -> None:
+        """Destroy the node with its publishers, subscriptions, timers and services."""
+        super().destroy_node()  # type: ignore[no-untyped-call]
+
     def declare(
         self, settings: tuple[Setting, ...], defaults: Mapping[str, object] | None = None
     ) -> dict[str, Any]:
@@ -138,7 +142,8 @@ class _ParameterServices(ParameterService):
                         'as in rcl_interfaces/msg/ParameterType'
                     ),
                 )
-        return self._get_node().set_parameters_atomically(parameters)
+        node: Node = self._get_node()
+        return node.set_parameters_atomically(parameters)
 
 
 def _descriptor(setting: Setting) -> msg.ParameterDescriptor:

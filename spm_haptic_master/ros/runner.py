@@ -20,6 +20,7 @@ from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
+import rclpy.utilities
 from spm_haptic_master.exceptions import InputError, SourceEnded, SpmError
 from spm_haptic_master.executables import EXECUTABLES, FOLLOWER, PIPELINE
 from spm_haptic_master.parameters.arguments import node_command_line
@@ -148,7 +149,7 @@ def _clean_up(nodes: list[ParameterNode], executor: Executor | None) -> None:
     """Destroy the nodes, end the log and leave the DDS domain, whatever fails of it."""
     with ExitStack() as stack:
         # The last step registered is done first: the driver, made last, calls the other nodes.
-        stack.callback(rclpy.try_shutdown)
+        stack.callback(rclpy.utilities.try_shutdown)
         if executor is not None:
             stack.callback(executor.shutdown)
         # After the nodes, which log; before the shutdown, which gives rclpy its console again.

@@ -35,9 +35,7 @@ def source_text(name: str, values: Values) -> str:
         return f'replay: {Path(values["replay.path"]).name}'
     if name == 'can':
         interface = values['can.interface']
-        return (
-            'can: ' + ('' if interface == 'socketcan' else f'{interface} ') + values['can.channel']
-        )
+        return f'can: {"" if interface == "socketcan" else f"{interface} "}{values["can.channel"]}'
     return name
 
 

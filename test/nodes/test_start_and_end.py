@@ -96,10 +96,10 @@ def test_ctrl_c_while_it_starts_leaves_nothing_behind(start, used, times):
 STUCK = """
 import time
 
-import rclpy
+import rclpy.utilities
 from spm_haptic_master.nodes import master
 
-rclpy.try_shutdown = lambda: time.sleep(600.0)
+rclpy.utilities.try_shutdown = lambda: time.sleep(600.0)
 master.main(['master', '--ros-args', '-p', 'source:=sim'])
 """
 
