@@ -102,7 +102,7 @@ soak: .venv/run.stamp
 	.venv/bin/python -m benchmarks.soak $(ARGS)
 
 bench-pipeline: .venv/run.stamp
-	.venv/bin/python -m spm_haptic_master benchmark --output build/bench-pipeline $(ARGS)
+	.venv/bin/python -m benchmarks.pipeline $(ARGS)
 
 faults: .venv/test.stamp
 	.venv/bin/python -m benchmarks.integrity $(ARGS); first=$$?; \

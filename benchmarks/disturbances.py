@@ -14,15 +14,15 @@ import socket
 import tempfile
 import time
 
-from spm_haptic_master.benchmark.child_process import (
+from benchmarks.pipeline.child_process import (
     bus_channel,
     executable,
     private_environment,
     Program,
     wait_until,
 )
-from spm_haptic_master.benchmark.measured_process import READY
-from spm_haptic_master.benchmark.run import PipelineError, start_process
+from benchmarks.pipeline.measured_process import READY
+from benchmarks.pipeline.run import PipelineError, start_process
 
 # Time between two packets that are no CAN frame (s).
 GARBAGE_PERIOD = 0.3

@@ -23,14 +23,14 @@ import sys
 import time
 from typing import NamedTuple
 
-from paper.verdicts import ACCEPT, ACCEPT_HELP, COLUMN, guard
-from spm_haptic_master.benchmark.child_process import (
+from benchmarks.pipeline.child_process import (
     bus_channel,
     executable,
     parameter_arguments,
     private_environment,
     Program,
 )
+from paper.verdicts import ACCEPT, ACCEPT_HELP, COLUMN, guard
 
 # The observer, too, is on the private domain; it comes from the tests' harness.
 os.environ.update(private_environment())

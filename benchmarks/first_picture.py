@@ -24,17 +24,17 @@ import threading
 import time
 
 from benchmarks.browser_process import Browser
-from benchmarks.view_load import scheduling_of_make_run
-from geometry_msgs.msg import QuaternionStamped
-from PIL import Image
-import rclpy
-from rclpy.executors import SingleThreadedExecutor
-from spm_haptic_master.benchmark.child_process import (
+from benchmarks.pipeline.child_process import (
     executable,
     private_environment,
     Program,
     wait_until,
 )
+from benchmarks.view_load import scheduling_of_make_run
+from geometry_msgs.msg import QuaternionStamped
+from PIL import Image
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
 from spm_haptic_master.ros.qos import SAMPLES
 
 # Page without a device.

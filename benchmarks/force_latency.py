@@ -25,17 +25,17 @@ import sys
 import time
 from typing import Any
 
-import can
-from geometry_msgs.msg import WrenchStamped
-import numpy as np
-import rclpy
-from rclpy.executors import SingleThreadedExecutor
-from spm_haptic_master.benchmark.child_process import (
+from benchmarks.pipeline.child_process import (
     bus_channel,
     executable,
     private_environment,
     Program,
 )
+import can
+from geometry_msgs.msg import WrenchStamped
+import numpy as np
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
 from spm_haptic_master.ros.qos import STATE
 from std_msgs.msg import String
 from std_srvs.srv import Trigger

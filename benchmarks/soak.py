@@ -12,16 +12,16 @@ import sys
 import tempfile
 import time
 
+from benchmarks.command_line import measurement_parser, run
 from benchmarks.disturbances import FailingBus, Schedule, Visitors
+from benchmarks.pipeline.child_process import bus_channel, Program
+from benchmarks.pipeline.comparison import MASTER, THREE
+from benchmarks.pipeline.measured_process import SAMPLES_FILE
+from benchmarks.pipeline.run import Case, check_alive, measure
 from benchmarks.soak_report import Memory, MEMORY_PERIOD, report, resident_memory
 from benchmarks.stalls import Watch
-from spm_haptic_master.benchmark.child_process import bus_channel, Program
-from spm_haptic_master.benchmark.comparison import MASTER, THREE
-from spm_haptic_master.benchmark.measured_process import SAMPLES_FILE
-from spm_haptic_master.benchmark.run import Case, check_alive, measure
 from spm_haptic_master.parameters.arguments import positive
 from spm_haptic_master.parameters.files import simulated_rig
-from spm_haptic_master.tools.benchmark import measurement_parser, run
 
 # Times of a soak.
 SCHEDULE = Schedule()

@@ -10,10 +10,10 @@ import os
 from pathlib import Path
 
 from benchmarks.disturbances import FailingBus, Visitors
+from benchmarks.pipeline.comparison import disturbance, quantiles
+from benchmarks.pipeline.run import Run, Status
 from benchmarks.stalls import HANG, STALL, stalls, unexplained
 import numpy as np
-from spm_haptic_master.benchmark.comparison import disturbance, quantiles
-from spm_haptic_master.benchmark.run import Run, Status
 from spm_haptic_master.timing import SECOND
 
 # Time between two readings of the resident memory (s).

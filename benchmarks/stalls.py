@@ -9,9 +9,9 @@ from collections.abc import Mapping
 from pathlib import Path
 import time
 
+from benchmarks.pipeline.child_process import Program
+from benchmarks.pipeline.measured_process import SAMPLE, STACKS_SIGNAL
 import numpy as np
-from spm_haptic_master.benchmark.child_process import Program
-from spm_haptic_master.benchmark.measured_process import SAMPLE, STACKS_SIGNAL
 from spm_haptic_master.timing import SECOND
 
 # Time without an orientation on a living bus that counts as a stall (s).

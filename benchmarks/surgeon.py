@@ -13,12 +13,12 @@ import time
 from types import TracebackType
 from typing import Any
 
+from benchmarks.pipeline.child_process import POLL_PERIOD, wait_until
 from geometry_msgs.msg import PoseStamped, QuaternionStamped
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import Joy
-from spm_haptic_master.benchmark.child_process import POLL_PERIOD, wait_until
 from spm_haptic_master.nodes.simulation_control import FAULT_TOPIC
 from spm_haptic_master.ros.qos import EVENTS, SAMPLES, STATE
 from spm_haptic_master.timing import SECOND

@@ -18,9 +18,9 @@ import sys
 from tempfile import TemporaryDirectory
 import time
 
+from benchmarks.pipeline.child_process import executable, private_environment, Program
+from benchmarks.pipeline.run import PipelineError
 from benchmarks.surgeon import Arrived, Surgeon
-from spm_haptic_master.benchmark.child_process import executable, private_environment, Program
-from spm_haptic_master.benchmark.run import PipelineError
 from spm_haptic_master.kinematics.rotations import rotation_distance
 from spm_haptic_master.timing import SECOND
 from spm_haptic_master.tools import command_line

@@ -14,14 +14,14 @@ import signal
 import sys
 import time
 
+from benchmarks.command_line import measurement_parser, run
+from benchmarks.pipeline.child_process import executable, private_environment, Program
+from benchmarks.pipeline.run import PipelineError
 from benchmarks.surgeon import Surgeon
 import numpy as np
-from spm_haptic_master.benchmark.child_process import executable, private_environment, Program
-from spm_haptic_master.benchmark.run import PipelineError
 from spm_haptic_master.kinematics.rotations import rotation_distance
 from spm_haptic_master.parameters.nodes import NODE_SETTINGS
 from spm_haptic_master.parameters.resolver import Parameters, resolve
-from spm_haptic_master.tools.benchmark import measurement_parser, run
 
 # Processes of the chain, with the parameters of each; those that are stopped in turn.
 CHAIN: Mapping[str, Mapping[str, object]] = {

@@ -19,12 +19,12 @@ import tempfile
 import time
 
 from benchmarks import browser_process
+from benchmarks.command_line import measurement_parser, run
+from benchmarks.pipeline.child_process import executable, Program, wait_until
+from benchmarks.pipeline.comparison import disturbance, FIGURES, MASTER, ratio, summary
+from benchmarks.pipeline.run import all_processes, measure, PipelineError, Run, TICK
 from benchmarks.soak_report import resident_memory
-from spm_haptic_master.benchmark.child_process import executable, Program, wait_until
-from spm_haptic_master.benchmark.comparison import disturbance, FIGURES, MASTER, ratio, summary
-from spm_haptic_master.benchmark.run import all_processes, measure, PipelineError, Run, TICK
 from spm_haptic_master.parameters.arguments import positive
-from spm_haptic_master.tools.benchmark import measurement_parser, run
 
 # The same pipeline beside view, without a browser and with one on its page.
 WITHOUT_BROWSER = replace(MASTER, name='view without a browser')

@@ -19,14 +19,14 @@ from pathlib import Path
 import signal
 import time
 
-import numpy as np
-from spm_haptic_master.benchmark.child_process import (
+from benchmarks.pipeline.child_process import (
     bus_channel,
     executable,
     parameter_arguments,
     Program,
     wait_until,
 )
+import numpy as np
 from spm_haptic_master.exceptions import SpmError
 from spm_haptic_master.kinematics import matrix_from_zxz
 from spm_haptic_master.parameters.files import read_sections, simulated_rig

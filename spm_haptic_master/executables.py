@@ -21,10 +21,6 @@ EXECUTABLES = {
     'view': ('view.node', 'the device in a browser'),
     'ros': ('nodes.ros', 'topics, parameters and services, for hosts without the ros2 command'),
     'recorder': ('nodes.recorder', 'orientations and joint angles to CSV files'),
-    'benchmark': (
-        'tools.benchmark',
-        'latency, CPU and loss of the nodes beside those of a bare relay',
-    ),
     'can_scan': ('tools.can_scan', 'devices on the CAN bus, compared with the configuration'),
     'can_setup': ('tools.can_setup', 'encoders set up as the driver is configured, by SDO'),
     'calibrate': (

@@ -11,9 +11,9 @@ import sys
 import threading
 import uuid
 
+from benchmarks.pipeline import child_process
 import can
 import pytest
-from spm_haptic_master.benchmark import child_process
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / 'test'))

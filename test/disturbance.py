@@ -10,9 +10,9 @@ import os
 from pathlib import Path
 import time
 
+from benchmarks.pipeline.run import all_processes, Control, TICK
 import numpy as np
 import pytest
-from spm_haptic_master.benchmark.run import all_processes, Control, TICK
 from spm_haptic_master.exceptions import SpmError
 
 # Lateness of a thread that only wakes up, from which the machine was disturbed (s): ten periods

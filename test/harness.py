@@ -12,10 +12,10 @@ from pathlib import Path
 import re
 import time
 
+from benchmarks.pipeline.child_process import executable, Program
 import rclpy
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.qos import QoSProfile
-from spm_haptic_master.benchmark.child_process import executable, Program
 from spm_haptic_master.nodes.crtk_state import ABSENT
 from spm_haptic_master.ros.overload import TOO_BUSY
 

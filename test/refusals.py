@@ -10,7 +10,7 @@ Values outside the range of a parameter are refused as well; they are in docs/pa
 from pathlib import Path
 from typing import NamedTuple
 
-from spm_haptic_master.benchmark.child_process import parameter_arguments
+from benchmarks.pipeline.child_process import parameter_arguments
 from spm_haptic_master.parameters.files import simulated_rig
 
 
@@ -562,7 +562,6 @@ REFUSALS = (
             ('calibrate', '--tolerance', '0'),
             ('can_scan', '--seconds', '-3'),
             ('sim_bus', '--heartbeat', '0'),
-            ('benchmark', '--seconds', '0'),
         )
     ),
     *(
@@ -574,7 +573,6 @@ REFUSALS = (
             ('calibrate', '--jig-error', '1e999'),
             ('sim_bus', '--seconds', 'nan'),
             ('can_setup', '--heartbeat', 'nan'),
-            ('benchmark', '--rate', 'nan'),
             ('sim_bus', '--fault', 'noise:joint_1a@1=1e400'),
             ('sim_bus', '--fault', 'offset:joint_1a@1=nan'),
         )
@@ -646,14 +644,6 @@ REFUSALS = (
             ('supervise', 'supervise', ('r.csv',)),
         )
     ),
-    argument(
-        'benchmark',
-        '-p rte:=5.0',
-        '-p',
-        'a name that no node of the package has',
-        'every program of it would end',
-    ),
-    option('benchmark', '--rounds', '0', 'not above 0'),
     parameter(
         'fkm',
         {'force.enabled': True},

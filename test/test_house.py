@@ -41,7 +41,6 @@ ROOMS = {
         'parameters',
         'kinematics',
     },
-    'benchmark': {'ros', 'kinematics'},
     'view': {
         'nodes',
         'ros',
@@ -53,7 +52,6 @@ ROOMS = {
         'kinematics',
     },
     'tools': {
-        'benchmark',
         'nodes',
         'description',
         'validation',
@@ -66,7 +64,7 @@ ROOMS = {
         'parameters',
         'kinematics',
     },
-    'paper': {'validation', 'description', 'simulation', 'parameters', 'kinematics', 'benchmark'},
+    'paper': {'validation', 'description', 'simulation', 'parameters', 'kinematics'},
     'study': {
         'paper',
         'validation',
@@ -103,7 +101,6 @@ OUTSIDE = {
         'std_srvs',
         'tf2_msgs',
     },
-    'benchmark': {'numpy', 'rclpy', 'diagnostic_msgs', 'geometry_msgs', 'sensor_msgs'},
     'view': {
         'numpy',
         'rclpy',
@@ -117,7 +114,7 @@ OUTSIDE = {
         'std_msgs',
     },
     'tools': {'numpy', 'can'},
-    'paper': {'numpy', 'matplotlib', 'mujoco'},
+    'paper': {'numpy', 'matplotlib', 'mujoco', 'benchmarks'},
     'study': {'numpy', 'matplotlib', 'mujoco'},
 }
 # Rooms outside the installed package.

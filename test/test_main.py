@@ -6,11 +6,11 @@
 import signal
 import sys
 
+from benchmarks.pipeline.child_process import executable
 from geometry_msgs.msg import QuaternionStamped
 from harness import complaints, SIM, start_command
 import pytest
 from spm_haptic_master import __main__ as start_module
-from spm_haptic_master.benchmark.child_process import executable
 from spm_haptic_master.executables import EXECUTABLES, PIPELINE
 
 # Time that a busy machine may need for a program (s).

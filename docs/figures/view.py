@@ -22,15 +22,15 @@ import tempfile
 import time
 
 from benchmarks.browser_process import Browser
-from benchmarks.view_load import scheduling_of_make_run
-from PIL import Image
-import rclpy
-from spm_haptic_master.benchmark.child_process import (
+from benchmarks.pipeline.child_process import (
     executable,
     private_environment,
     Program,
     wait_until,
 )
+from benchmarks.view_load import scheduling_of_make_run
+from PIL import Image
+import rclpy
 from spm_haptic_master.nodes.simulation_control import FAULT_TOPIC, STEER_TOPIC
 from spm_haptic_master.supervision.orientation_state import HEALTHY
 from spm_haptic_master.view.simulated_device import NEAR, SINGULAR

@@ -4,5 +4,5 @@
 """
 The ROS nodes: driver, orientation, diagnostics, tele-operation, recorder, and their composition.
 
-Imports every room but description, validation, view, tools and benchmark.
+Imports every room but description, validation, view and tools.
 """

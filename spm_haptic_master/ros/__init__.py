@@ -4,6 +4,6 @@
 """
 What every node shares: its parameters, start and end of a process, log, diagnostics.
 
-Imports parameters and kinematics. rclpy is imported here, in `nodes`, and for the bare nodes of
-`benchmark` and `view`; nowhere else.
+Imports parameters and kinematics. rclpy is imported here, in `nodes` and in `view`;
+nowhere else.
 """

@@ -3,9 +3,9 @@
 
 """Measurements in a short form, on a machine that may be too busy for them."""
 
+from benchmarks.pipeline import run
 from disturbance import Disturbance
 import pytest
-from spm_haptic_master.benchmark import run
 
 # What a measurement prints where the machine is too busy for the pipeline.
 OVERLOADED = ('overloaded', 'no orientation within', 'did not end within')

@@ -14,6 +14,12 @@ import sys
 import time
 from types import SimpleNamespace
 
+from benchmarks.pipeline import __main__ as pipeline_command
+from benchmarks.pipeline import child_process, comparison, measured_process, run
+from benchmarks.pipeline.__main__ import main
+from benchmarks.pipeline.child_process import Program, wait_until
+from benchmarks.pipeline.comparison import disturbance, machine, published
+from benchmarks.pipeline.run import Case, count_samples, measure, PipelineError, Run
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import QuaternionStamped
 import numpy as np
@@ -22,12 +28,7 @@ import rclpy
 from rclpy.serialization import serialize_message
 from recorded_text import assert_recorded
 from sensor_msgs.msg import JointState
-from spm_haptic_master.benchmark import child_process, comparison, measured_process, run
-from spm_haptic_master.benchmark.child_process import Program, wait_until
-from spm_haptic_master.benchmark.comparison import disturbance, machine, published
-from spm_haptic_master.benchmark.run import Case, count_samples, measure, PipelineError, Run
 from spm_haptic_master.parameters.resolver import Parameters
-from spm_haptic_master.tools.benchmark import main
 
 MS = 1_000_000
 ONE = Case('one', ('fkm',))
@@ -204,7 +205,7 @@ def test_parameters_are_words_of_a_command():
 
 def test_two_runs_on_one_host_have_different_domains_and_buses(monkeypatch):
     code = (
-        'from spm_haptic_master.benchmark.child_process import *\n'
+        'from benchmarks.pipeline.child_process import *\n'
         'e = private_environment()\nprint(e["ROS_DOMAIN_ID"], e["CAN_CONFIG"], bus_channel())'
     )
     other = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True).stdout
@@ -423,3 +424,46 @@ def test_the_cpu_time_of_a_process_is_counted_in_ticks():
     assert parent == os.getppid()
     # The priority, 20, is the field after them.
     assert ticks == pytest.approx(sum(os.times()[:4]) / run.TICK, abs=15)
+
+
+@pytest.mark.parametrize(
+    ('args', 'words'),
+    [
+        (('-p', 'rate'), 'expected NAME:=VALUE'),
+        (('-p', 'rate:=500'), 'expected --rate'),
+        (('--ros-args', '-p', 'ratte:=1'), "parameter 'ratte'"),
+        (('--rounds', '0'), '--rounds 0; expected 1 or more'),
+        (('--rate', '0'), 'a number above 0'),
+    ],
+)
+def test_a_wrong_argument_of_the_benchmark_is_reported(capsys, args, words):
+    assert main(['bench-pipeline', *args]) == 1
+    assert words in capsys.readouterr().err
+
+
+def test_the_benchmark_measures_as_it_is_told(monkeypatch, capsys):
+    calls = []
+    monkeypatch.setattr(pipeline_command, 'compare', lambda *args: calls.append(args))
+    assert main(['bench-pipeline', '--ros-args']) == 0
+    assert (
+        main(
+            [
+                'bench-pipeline',
+                '--rounds',
+                '1',
+                '--seconds',
+                '2',
+                '--rate',
+                '50',
+                '-p',
+                'realtime.gc:=disable',
+                '--output',
+                'x',
+            ]
+        )
+        == 0
+    )
+    defaults, given = ([*map(str, args)] for args in calls)
+    assert defaults == ['20.0', '5', '1000.0', '{}', 'build/bench-pipeline']
+    assert given == ['2.0', '1', '50.0', "{'realtime.gc': 'disable'}", 'x']
+    assert capsys.readouterr().out.count('\n') == 2

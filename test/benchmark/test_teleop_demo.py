@@ -9,11 +9,11 @@ import re
 import signal
 import sys
 
+from benchmarks.pipeline.child_process import wait_until
 from benchmarks.surgeon import Arrived
 from benchmarks.teleop_demo import DEFAULTS, table
 from harness import start_command, start_program
 import pytest
-from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.kinematics.rotations import quaternion_from_vector
 
 # Time that a busy machine may need for a program (s).

@@ -5,9 +5,9 @@
 
 import time
 
+from benchmarks.pipeline.child_process import wait_until
 from drive_rig import drive_values
 import pytest
-from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.drives.drives import make_drives
 
 pytestmark = pytest.mark.process

@@ -16,11 +16,11 @@ import time
 from types import SimpleNamespace
 from unittest import mock
 
+from benchmarks.pipeline.child_process import private_environment
 import rclpy
 from rclpy.node import Node
 from rclpy.qos import qos_check_compatible, QoSCompatibility
 from rclpy.serialization import deserialize_message, serialize_message
-from spm_haptic_master.benchmark.child_process import private_environment
 from spm_haptic_master.parameters.resolver import Parameters
 
 # A start that no stamp of a real clock has (ns).
@@ -249,9 +249,7 @@ def hosted(
     modules = [
         module
         for name, module in sys.modules.items()
-        if name.startswith('spm_haptic_master')
-        and '.benchmark' not in name
-        and getattr(module, 'time', None) is time
+        if name.startswith('spm_haptic_master') and getattr(module, 'time', None) is time
     ]
     with (
         mock.patch.object(Node, 'create_publisher', host._create_publisher(Node.create_publisher)),

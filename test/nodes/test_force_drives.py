@@ -3,12 +3,12 @@
 
 """From a client's wrench to the drives: a master between simulated encoders and drives."""
 
+from benchmarks.pipeline.child_process import wait_until
 import force_client
 from force_client import PATIENCE
 from harness import Observer, SIMULATED
 import numpy as np
 import pytest
-from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.force import Condition
 
 pytestmark = pytest.mark.process

@@ -11,6 +11,7 @@ import signal
 import threading
 import time
 
+from benchmarks.pipeline.child_process import wait_until
 import can
 from disturbance import Disturbance, SKIPPED
 import force_client
@@ -18,7 +19,6 @@ from force_client import PATIENCE, TORQUE
 from harness import Observer, SIMULATED
 import numpy as np
 import pytest
-from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.encoders import canopen
 
 pytestmark = [pytest.mark.process, pytest.mark.alone]

@@ -6,6 +6,7 @@
 from contextlib import contextmanager
 import re
 
+from benchmarks.pipeline.child_process import wait_until
 from disturbance import Disturbance
 from force_client import Client, FORCE, PATIENCE, TORQUE
 from geometry_msgs.msg import WrenchStamped
@@ -13,7 +14,6 @@ from harness import Observer, SIM, stamp, start_program
 import numpy as np
 import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.kinematics import matrix_from_zxz
 
 pytestmark = pytest.mark.process

@@ -12,14 +12,14 @@ import signal
 import sys
 import time
 
+from benchmarks.pipeline.child_process import Program, wait_until
+from benchmarks.pipeline.run import all_processes, TICK
 from diagnostic_msgs.msg import DiagnosticArray
 from disturbance import BESIDE_OTHERS, descendants, Disturbance
 from geometry_msgs.msg import QuaternionStamped
 from harness import complaints, full_pipe, ROOT, SIM, start_command
 import pytest
 from rcl_interfaces.msg import Log
-from spm_haptic_master.benchmark.child_process import Program, wait_until
-from spm_haptic_master.benchmark.run import all_processes, TICK
 from spm_haptic_master.executables import PIPELINE
 from std_msgs.msg import String
 

@@ -17,12 +17,12 @@ import subprocess
 import sys
 import time
 
+from benchmarks.pipeline.child_process import Program, wait_until
+from benchmarks.pipeline.run import read_samples, READY
 from disturbance import Disturbance
 from harness import start_command
 import numpy as np
 import pytest
-from spm_haptic_master.benchmark.child_process import Program, wait_until
-from spm_haptic_master.benchmark.run import read_samples, READY
 
 pytestmark = [pytest.mark.process, pytest.mark.alone, pytest.mark.evidence]
 
@@ -114,9 +114,7 @@ def hosts(tmp_path):
 def run_with_a_cut(driver_host, host, directory):
     """Return arrivals and stamps (ns since the Unix epoch), when the link was cut and restored."""
     directory.mkdir()
-    observer = host.start(
-        'spm_haptic_master.benchmark.measured_process', 'observer', str(directory)
-    )
+    observer = host.start('benchmarks.pipeline.measured_process', 'observer', str(directory))
     programs = [
         driver_host.start('spm_haptic_master', 'encoder_driver', '-p', 'source:=sim'),
         host.start('spm_haptic_master', 'fkm'),

@@ -5,12 +5,12 @@
 
 from itertools import count
 
+from benchmarks.pipeline import child_process
 import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
-from spm_haptic_master.benchmark import child_process
 from spm_haptic_master.ros import duplicate_publishers, inputs
 from spm_haptic_master.ros.inputs import Inputs, SampledTopic
 from spm_haptic_master.ros.qos import EVENTS, STATE

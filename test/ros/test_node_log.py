@@ -13,10 +13,10 @@ import threading
 import time
 from types import SimpleNamespace
 
+from benchmarks.pipeline.child_process import wait_until
 from harness import full_pipe
 import pytest
 from rclpy.logging import get_logger, LoggingSeverity
-from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.ros import node_log
 from spm_haptic_master.ros.node_log import NodeLog, QUIET, REPEAT_PERIOD, RepeatedLines
 from spm_haptic_master.standard_streams import LINES_WAITING, LineWriter

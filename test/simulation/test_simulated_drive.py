@@ -3,10 +3,10 @@
 
 """Simulated drives: conversations as CiA 301 and 402 have them, their heat, and their faults."""
 
+from benchmarks.pipeline.child_process import wait_until
 import can
 import numpy as np
 import pytest
-from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.drives.plan import make_plan
 from spm_haptic_master.parameters.nodes import DRIVE_SETTINGS
 from spm_haptic_master.parameters.setting import complete, RATE_SETTING

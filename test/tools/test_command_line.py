@@ -19,7 +19,7 @@ from spm_haptic_master import kinematics
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics.joints import JOINT_NAMES
 from spm_haptic_master.parameters.files import source_defaults
-from spm_haptic_master.tools import benchmark, command_line, urdf, validate
+from spm_haptic_master.tools import command_line, urdf, validate
 
 
 def interrupted(number):
@@ -122,49 +122,6 @@ def test_what_fails_on_an_open_bus_is_named_with_the_bus():
         raise OSError('gone\nfar')
     with pytest.raises(InputError, match='^mine$'), command_line.bus_of(values):
         raise InputError('mine')
-
-
-@pytest.mark.parametrize(
-    ('args', 'words'),
-    [
-        (('-p', 'rate'), 'expected NAME:=VALUE'),
-        (('-p', 'rate:=500'), 'expected --rate'),
-        (('--ros-args', '-p', 'ratte:=1'), "parameter 'ratte'"),
-        (('--rounds', '0'), '--rounds 0; expected 1 or more'),
-        (('--rate', '0'), 'a number above 0'),
-    ],
-)
-def test_a_wrong_argument_of_the_benchmark_is_reported(capsys, args, words):
-    assert benchmark.main(['benchmark', *args]) == 1
-    assert words in capsys.readouterr().err
-
-
-def test_the_benchmark_measures_as_it_is_told(monkeypatch, capsys):
-    calls = []
-    monkeypatch.setattr(benchmark, 'compare', lambda *args: calls.append(args))
-    assert benchmark.main(['benchmark', '--ros-args']) == 0
-    assert (
-        benchmark.main(
-            [
-                'benchmark',
-                '--rounds',
-                '1',
-                '--seconds',
-                '2',
-                '--rate',
-                '50',
-                '-p',
-                'realtime.gc:=disable',
-                '--output',
-                'x',
-            ]
-        )
-        == 0
-    )
-    defaults, given = ([*map(str, args)] for args in calls)
-    assert defaults == ['20.0', '5', '1000.0', '{}', 'bench-pipeline']
-    assert given == ['2.0', '1', '50.0', "{'realtime.gc': 'disable'}", 'x']
-    assert capsys.readouterr().out.count('\n') == 2
 
 
 def test_the_urdf_of_given_parameters_is_written_where_it_is_wanted(tmp_path, monkeypatch, capsys):

@@ -6,10 +6,10 @@
 from collections import Counter
 import csv
 
+from benchmarks.pipeline.child_process import wait_until
 from harness import SIMULATED
 import numpy as np
 import pytest
-from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.calibration.motor_bring_up import identify_friction, motor_sign
 from spm_haptic_master.drives.drives import DriveReport
 from spm_haptic_master.encoders.source import JointSample

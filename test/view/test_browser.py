@@ -11,10 +11,10 @@ import signal
 import time
 
 from benchmarks import browser_process
+from benchmarks.pipeline.child_process import wait_until
 from disturbance import Disturbance
 from harness import SIM
 import pytest
-from spm_haptic_master.benchmark.child_process import wait_until
 
 pytestmark = [
     pytest.mark.process,

@@ -10,9 +10,9 @@ from urllib.error import URLError
 from urllib.request import urlopen
 
 from benchmarks import view_load
+from benchmarks.pipeline.child_process import wait_until
 from harness import ROOT, start_command
 import pytest
-from spm_haptic_master.benchmark.child_process import wait_until
 
 PATIENCE = 120.0
 FIRST_LINE = 'view: http://127.0.0.1:'

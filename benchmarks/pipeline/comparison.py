@@ -15,8 +15,8 @@ from pathlib import Path
 import platform
 from statistics import median
 
+from benchmarks.pipeline.run import Case, measure, Run
 import numpy as np
-from spm_haptic_master.benchmark.run import Case, measure, Run
 
 BARE = Case('bare relay', ('bare_relay', 'bare_driver'))
 NODES = Case('driver and fkm', ('fkm', 'encoder_driver'))

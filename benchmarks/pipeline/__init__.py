@@ -5,5 +5,5 @@
 Latency, CPU and loss of the nodes beside a bare rclpy relay of the same messages.
 
 `child_process` starts programs on a private DDS domain, also for the tests and the paper.
-Imports ros, encoders and the top-level modules.
+Imports ros, kinematics and the top-level modules.
 """

@@ -1,42 +1,20 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Measure the real nodes beside a bare relay, as separate processes and composed in one."""
+"""The command line of a measurement: its rate and parameters, and what machine it ran on."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from pathlib import Path
 
-from spm_haptic_master.benchmark.comparison import compare, machine
+from benchmarks.pipeline.comparison import machine
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.executables import FOLLOWER, PIPELINE
 from spm_haptic_master.parameters.arguments import OneLineParser, positive
 from spm_haptic_master.parameters.nodes import ALL_NAMES
 from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.tools import command_line
-
-
-def main(args: list[str] | None = None) -> int:
-    """Compare the pipelines; return the exit code."""
-    parser = measurement_parser('benchmark', __doc__)
-    parser.add_argument('--seconds', type=positive, default=20.0, help='of a run (20)')
-    parser.add_argument('--rounds', type=int, default=5, help='of all pipelines in turn (5)')
-    parser.add_argument(
-        '--output',
-        type=Path,
-        default=Path('bench-pipeline'),
-        metavar='DIR',
-        help='for runs.csv (bench-pipeline)',
-    )
-    return run(
-        parser,
-        lambda given, parameters: compare(
-            given.seconds, given.rounds, given.rate, parameters, given.output
-        ),
-        args,
-    )
 
 
 def measurement_parser(name: str, description: str | None) -> OneLineParser:

@@ -17,9 +17,9 @@ import tempfile
 import threading
 import time
 
+from benchmarks.pipeline.child_process import parameter_arguments, Program, wait_until
+from benchmarks.pipeline.measured_process import READY, SAMPLES_FILE, STATUSES_FILE
 import numpy as np
-from spm_haptic_master.benchmark.child_process import parameter_arguments, Program, wait_until
-from spm_haptic_master.benchmark.measured_process import READY, SAMPLES_FILE, STATUSES_FILE
 from spm_haptic_master.exceptions import SpmError
 from spm_haptic_master.timing import DeadlineGrid, SECOND
 
@@ -122,7 +122,7 @@ def start_process(name: str, directory: Path, parameters: Mapping[str, object]) 
         [
             sys.executable,
             '-m',
-            'spm_haptic_master.benchmark.measured_process',
+            'benchmarks.pipeline.measured_process',
             name,
             str(directory),
             *parameter_arguments(parameters),
