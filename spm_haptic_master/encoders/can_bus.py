@@ -5,17 +5,23 @@
 
 from __future__ import annotations
 
+import configparser
 from contextlib import suppress
 import errno
+import json
 import logging
+import os
+from pathlib import Path
 from typing import Any
 
 import can
-from spm_haptic_master.exceptions import SettingError
+from spm_haptic_master.exceptions import InputError, SettingError
 
 # Exceptions that python-can's interfaces raise if a bus cannot be opened or used.
 BUS_ERRORS = (can.CanError, OSError, ValueError, ImportError)
 
+# Environment variable with further settings of a bus, by python-can.
+CONFIG_VARIABLE = 'CAN_CONFIG'
 # Port of udp_multicast where none is configured, by python-can.
 UDP_PORT = 43113
 # Remedies, by the text of python-can's error, and for errors of SocketCAN by their number.
@@ -54,6 +60,8 @@ CONTROLLER_WORDS = {
 # Difference between receive time and this machine's clock (s) beyond which the device has an epoch
 # of its own, such as its start: no frame waits a day in a queue.
 OWN_EPOCH = 86400.0
+# Step back of a device's clock (s) that no delay explains: it wrapped, or the device restarted.
+STEP_BACK = 1.0
 # Span for which the least delay is collected (s). The offset is the least of this span and the one
 # before; at a crystal's drift of 50 ppm it is wrong by 0.1 ms at most.
 SPAN = 1.0
@@ -87,8 +95,43 @@ def error_words(message: can.Message) -> str:
     return ', '.join(words) or f'unknown error 0x{identifier:X}'
 
 
+def check_configuration() -> None:
+    """
+    Raise InputError where python-can's own configuration cannot be read.
+
+    python-can merges its files and the variable CAN_CONFIG into the settings of every bus.
+    """
+    for name in can.util.CONFIG_FILES:
+        path = Path(name).expanduser()
+        if not path.is_file():
+            continue
+        try:
+            can.util.load_file_config(path)
+        except (configparser.Error, OSError, ValueError) as error:
+            reason = ' '.join(str(error).split())
+            raise InputError(
+                f"{path}: not a configuration file of python-can ({reason}); expected '[default]' "
+                "and lines 'NAME = VALUE', each name once"
+            ) from error
+    text = os.environ.get(CONFIG_VARIABLE, '{}')
+    try:
+        value = json.loads(text)
+    except ValueError as error:
+        value = error
+    if not isinstance(value, dict):
+        raise InputError(
+            f'environment variable {CONFIG_VARIABLE} is {text!r}; expected a JSON object such as '
+            '\'{"port": 43114}\''
+        )
+
+
 def check_interface(interface: str, name: str = 'can.interface') -> None:
-    """Raise SettingError if python-can has no such interface; `name` is that of the setting."""
+    """
+    Raise SettingError if python-can has no such interface; `name` is that of the setting.
+
+    InputError as of `check_configuration`.
+    """
+    check_configuration()
     if interface not in can.VALID_INTERFACES:
         raise SettingError(name, interface, 'one of ' + ', '.join(sorted(can.VALID_INTERFACES)))
 
@@ -124,6 +167,8 @@ class ReceiveClock:
     def __init__(self) -> None:
         # Start of the span, s since the Unix epoch; set with the first offset.
         self._span_began: float
+        # Latest receive time by a device's own clock, s.
+        self._received = float('-inf')
         self._least = self._least_before = float('inf')
 
     def epoch(self, received: float, arrived: float) -> float:
@@ -133,7 +178,9 @@ class ReceiveClock:
         delay = arrived - received
         if abs(delay) < OWN_EPOCH:
             return received
-        if abs(delay - self._least) > OWN_EPOCH:  # the first, or the device restarted
+        stepped_back = received < self._received - STEP_BACK
+        self._received = received
+        if stepped_back or abs(delay - self._least) > OWN_EPOCH:  # the first, or another clock
             self._least = self._least_before = delay
             self._span_began = arrived
         elif not 0.0 <= arrived - self._span_began < SPAN:

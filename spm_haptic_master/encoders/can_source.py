@@ -193,7 +193,7 @@ class CanSource(EncoderSource):
         """Stop the nodes, if that is configured, and close the bus."""
         if self._bus is not None and self._stop_nodes and self._decoder.network:
             for node in self._decoder.network.nodes:
-                self._command(canopen.NMT_STOP, node.node_id)
+                self._request(canopen.nmt(canopen.NMT_STOP, node.node_id))
         self._close_bus()
 
     def _take(self, message: can.Message) -> None:
@@ -222,16 +222,30 @@ class CanSource(EncoderSource):
         silent = self._decoder.silent(time.time(), self._timeout)
         if network := self._decoder.network:
             for node in network.to_start(time.time(), silent):
-                self._command(canopen.NMT_START, node.node_id)
-        if self._sync and self._decoder.assembler.late.unproven and self._skips.is_due(now):
-            self._sync.skip()
+                self._request(canopen.nmt(canopen.NMT_START, node.node_id))
+            for node in network.to_ask(time.time(), silent):
+                self._request(canopen.sdo_upload(node.node_id, *canopen.ERROR_REGISTER))
+        self._leave_sync_out(now)
         if now - (self._last_frame or self._opened_at) > REOPEN_SILENT:
             self._close_bus()
 
-    def _command(self, command: int, node_id: int) -> None:
-        # Reported by `fault`, and repeated while the node is silent.
+    def _leave_sync_out(self, now: float) -> None:
+        """Leave a SYNC out where that shows which encoders are late, unless one minds it."""
+        network = self._decoder.network
+        if (
+            self._sync is None
+            or not self._decoder.assembler.late.unproven
+            or (network is not None and network.supervise_sync)
+            or not self._skips.is_due(now)
+        ):
+            return
+        if self._sync.skip() and network is not None:
+            network.left_out_sync(time.time())
+
+    def _request(self, message: can.Message) -> None:
+        """Send a frame to a node; an error is reported by `fault`, and the frame repeated."""
         with suppress(*can_bus.BUS_ERRORS):
-            self._send(canopen.nmt(command, node_id))
+            self._send(message)
 
     def _send(self, message: can.Message) -> None:
         with self._sending:

@@ -56,6 +56,7 @@ STATE_WORDS = {
 
 # Objects that identify a node: index and subindex; names of those beside the device type.
 DEVICE_TYPE = (0x1000, 0)
+ERROR_REGISTER = (0x1001, 0)
 VENDOR_ID = (0x1018, 1)
 PRODUCT_CODE = (0x1018, 2)
 REVISION = (0x1018, 3)
@@ -66,6 +67,12 @@ IDENTITY = {
     REVISION: 'revision',
     SERIAL_NUMBER: 'serial',
 }
+# Objects of SYNC: its identifier, the supervised period (us), the largest value of its counter.
+SYNC_IDENTIFIER = (0x1005, 0)
+SYNC_PERIOD = (0x1006, 0)
+SYNC_COUNTER = (0x1019, 0)
+# Bit of the identifier of SYNC: the node makes SYNC itself.
+SYNC_PRODUCED = 1 << 30
 # Objects of communication: storing, heartbeat time (ms), parameters and mapping of RPDO1, TPDO1.
 STORE = (0x1010, 1)
 HEARTBEAT_TIME = (0x1017, 0)
@@ -151,8 +158,20 @@ EMCY_CODES = {
     0x8240: 'unexpected SYNC length',
     0x8250: 'RPDO timeout',
 }
-# Emergency error code that reports the end of all errors.
+# Emergency error code that reports the end of an error.
 EMCY_ERROR_RESET = 0x0000
+# Class of errors of communication, which a missing SYNC is one of.
+EMCY_COMMUNICATION = 0x81
+# Bits of the error register (CiA 301, table 27).
+REGISTER_WORDS = {
+    0x01: 'generic',
+    0x02: 'current',
+    0x04: 'voltage',
+    0x08: 'temperature',
+    0x10: 'communication',
+    0x20: 'device profile',
+    0x80: 'manufacturer',
+}
 
 
 def frame_name(identifier: int) -> str | None:
@@ -192,11 +211,29 @@ def emcy_code(data: bytes | bytearray) -> int:
     return int.from_bytes(data[:2], 'little')
 
 
+def emcy_is_over(data: bytes | bytearray) -> bool:
+    """
+    Return whether an emergency message reports that no error is left.
+
+    A code 00xxh reports the end of one error; the error register has those that remain
+    (CiA 301, 7.2.7.1).
+    """
+    return emcy_code(data) >> 8 == EMCY_ERROR_RESET and not data[2]
+
+
+def register_words(register: int) -> str:
+    """Return an error register in words, with the classes of its errors."""
+    words = [word for bit, word in REGISTER_WORDS.items() if register & bit]
+    return f'error register 0x{register:02X} ({", ".join(words) or "reserved bits"})'
+
+
 def emcy_words(data: bytes | bytearray, codes: Mapping[int, str] = EMCY_CODES) -> str:
     """Return an emergency in words: code, class, error register, manufacturer-specific bytes."""
     code = emcy_code(data)
     words = codes.get(code) or EMCY_CLASSES.get(code >> 8, 'code not in CiA 301')
     text = f'EMCY 0x{code:04X} {words}, error register 0x{data[2]:02X}'
+    if code >> 8 == EMCY_ERROR_RESET and data[2]:
+        text += ': another error remains'
     specific = bytes(data[3:])
     return text + (f', specific {specific.hex(" ")}' if any(specific) else '')
 

@@ -13,6 +13,17 @@ from spm_haptic_master.encoders import canopen
 
 # Time between two NMT starts to a node (s): its boot-up message may have been lost.
 START_AGAIN = 0.5
+# Time between two requests for the error register of a node (s), and most of them without an
+# answer.
+ASK_AGAIN, MOST_REQUESTS = 1.0, 3
+# Time after a SYNC that was left out here in which a node that leaves OPERATIONAL, or reports an
+# error of communication, does so because of it (s): a heartbeat shows it within a second.
+LEFT_OUT_SPAN = 1.5
+# What is known of such a node.
+SUPERVISES_SYNC = (
+    'it left OPERATIONAL when this driver left a SYNC out, as it supervises SYNC; none is left '
+    'out any more: set its 0x1006 to 0 (can_setup)'
+)
 
 
 @dataclass(slots=True, eq=False)
@@ -27,8 +38,16 @@ class Node:
     # Time of the latest heartbeat, s; None before the first and after a boot-up, since CiA 301
     # supervises a heartbeat from the first one on.
     heard: float | None = None
-    # Latest emergency in words, None if there is none or it was reset.
+    # Latest emergency in words, None if there is none or every error is over.
     emergency: str | None = None
+    # Error register (0x1001) as it was read; None before that, and after a boot-up. EMCY reports
+    # only what happens while somebody listens.
+    register: int | None = None
+    # Time of the latest request for it, s, and their number since the boot-up.
+    asked_at: float = float('-inf')
+    requests: int = 0
+    # Whether it left OPERATIONAL because of a SYNC that was left out here.
+    supervises_sync: bool = False
     boot_ups: int = 0
     emergencies: int = 0
     # Time of the latest NMT start, s; -inf before the first and after a boot-up.
@@ -40,12 +59,24 @@ class Node:
         return None if state in (None, canopen.OPERATIONAL) else canopen.state_word(state)
 
     def caution(self, now: float) -> str | None:
-        """Return the emergency or the lost heartbeat of a node that may answer."""
-        return self.emergency or ('heartbeat lost' if self._lost(self.heard, now) else None)
+        """Return the emergency, error register or lost heartbeat of a node that may answer."""
+        if emergency := self.emergency:
+            return emergency
+        if register := self.register:
+            return canopen.register_words(register)
+        return 'heartbeat lost' if self._lost(self.heard, now) else None
+
+    def caution_with_sync(self, now: float) -> str | None:
+        """Return the caution, and that the node supervises SYNC."""
+        caution = self.caution(now)
+        if not self.supervises_sync:
+            return caution
+        return f'{caution}; {SUPERVISES_SYNC}' if caution else SUPERVISES_SYNC
 
     def trouble(self, now: float) -> str | None:
         """Return the reason why it does not answer, None if it is unknown."""
-        return self.caution(now) or self.down()
+        reason = self.caution(now) or self.down()
+        return f'{reason}; {SUPERVISES_SYNC}' if reason and self.supervises_sync else reason
 
     def unfit(self, now: float) -> str | None:
         """
@@ -71,51 +102,134 @@ class Node:
             f'{self.joint} node {self.node_id}': f'{words}, {heartbeat}',
             f'{self.joint} boot-ups': self.boot_ups,
             f'{self.joint} EMCY': f'{self.emergency or "none"} ({self.emergencies} messages)',
+            f'{self.joint} error register': (
+                'not read' if self.register is None else f'0x{self.register:02X}'
+            ),
         }
 
     def take(self, message: can.Message) -> str | None:
-        """Take its heartbeat, boot-up or EMCY message; return what has a wrong length."""
-        data = message.data
-        if message.arbitration_id < canopen.HEARTBEAT_BASE:
-            if len(data) != canopen.EMCY_LENGTH:
-                return f'{self.joint} EMCY'
-            self.emergencies += 1
-            reset = canopen.emcy_code(data) == canopen.EMCY_ERROR_RESET
-            self.emergency = None if reset else canopen.emcy_words(data)
-            return None
-        if len(data) != canopen.HEARTBEAT_LENGTH:
-            return f'{self.joint} heartbeat'
+        """Take its heartbeat, EMCY or answer to SDO; return what has a wrong length."""
+        base, data = message.arbitration_id - self.node_id, message.data
+        name, length = LENGTHS[base]
+        if len(data) != length:
+            return f'{self.joint} {name}'
+        if base == canopen.EMCY_BASE:
+            self._take_emergency(data)
+        elif base == canopen.SDO_ANSWER_BASE:
+            self._take_answer(data)
+        else:
+            self._take_heartbeat(data[0], message.timestamp)
+        return None
+
+    def is_to_ask(self, now: float) -> bool:
+        """Return whether its error register is to be read `now`, s, as it has been heard."""
+        if 0.0 <= now - self.asked_at < ASK_AGAIN:
+            return False
+        # One that has an error is asked until it has none: EMCY may get lost.
+        return bool(self.register) or (self.register is None and self.requests < MOST_REQUESTS)
+
+    def _take_emergency(self, data: bytes | bytearray) -> None:
+        self.emergencies += 1
+        if canopen.emcy_is_over(data):
+            self.emergency = None
+            self.register = 0
+        else:
+            self.emergency = canopen.emcy_words(data)
+
+    def _take_answer(self, data: bytes | bytearray) -> None:
+        """Take the answer to a request for the error register; other answers are not ours."""
+        if canopen.sdo_object(data) != canopen.ERROR_REGISTER:
+            return
+        value = canopen.sdo_value(data)
+        if value is not None:
+            self.register = value & 0xFF
+        elif data[0] == canopen.SDO_ABORT:
+            self.register = 0  # it has none
+
+    def _take_heartbeat(self, state: int, stamp: float) -> None:
         # Bit 7 is reserved; in the older node guarding it is the toggle bit.
-        self.state = data[0] & 0x7F
-        self.heard = message.timestamp
+        self.state = state & 0x7F
+        self.heard = stamp
         if self.state == canopen.BOOT_UP:
             self.boot_ups += 1
-            self.heard = self.emergency = None
-            self.started_at = float('-inf')
-        return None
+            self.heard = self.emergency = self.register = None
+            self.started_at = self.asked_at = float('-inf')
+            self.requests = 0
 
     def _lost(self, heard: float | None, now: float) -> bool:
         return heard is not None and now - heard > self.timeout
 
 
+# Names and lengths (bytes) of the frames that a node sends, by the base of their identifier.
+LENGTHS = {
+    canopen.EMCY_BASE: ('EMCY', canopen.EMCY_LENGTH),
+    canopen.SDO_ANSWER_BASE: ('SDO answer', canopen.SDO_LENGTH),
+    canopen.HEARTBEAT_BASE: ('heartbeat', canopen.HEARTBEAT_LENGTH),
+}
+
+
 class CanopenNodes:
-    """Supervises the nodes; a heartbeat is lost `heartbeat_timeout` s after the one before."""
+    """
+    Supervises the nodes; a heartbeat is lost `heartbeat_timeout` s after the one before.
+
+    `drives` are the node ids of the drives on the same bus.
+    """
 
     def __init__(
-        self, joints: tuple[str, ...], node_ids: tuple[int, ...], heartbeat_timeout: float
+        self,
+        joints: tuple[str, ...],
+        node_ids: tuple[int, ...],
+        heartbeat_timeout: float,
+        drives: tuple[int, ...] = (),
     ):
         self.nodes = tuple(
             Node(joint, node_id, heartbeat_timeout)
             for joint, node_id in zip(joints, node_ids, strict=True)
         )
-        # Node that sends the heartbeats and emergencies with each identifier.
-        self.senders = {
-            base + node.node_id: node
-            for node in self.nodes
-            for base in (canopen.HEARTBEAT_BASE, canopen.EMCY_BASE)
-        }
-        # Other nodes on the bus.
+        # Node that sends the frames with each identifier.
+        self.senders = {base + node.node_id: node for node in self.nodes for base in LENGTHS}
+        # Other nodes on the bus; and those of them that are known.
         self._others: set[int] = set()
+        self._known = {*node_ids, *drives}
+        # Time at which a SYNC was left out here, s since the Unix epoch.
+        self._sync_left_out_at = float('-inf')
+
+    @property
+    def supervise_sync(self) -> bool:
+        """Whether a node left OPERATIONAL because of a SYNC that was left out here."""
+        return any(node.supervises_sync for node in self.nodes)
+
+    def left_out_sync(self, now: float) -> None:
+        """Note that a SYNC is left out here `now`, s since the Unix epoch."""
+        self._sync_left_out_at = now
+
+    def take(self, message: can.Message) -> str | None:
+        """Take the frame of a node; return what has a wrong length."""
+        node = self.senders[message.arbitration_id]
+        before = node.state
+        if wrong := node.take(message):
+            return wrong
+        if 0.0 <= message.timestamp - self._sync_left_out_at < LEFT_OUT_SPAN:
+            emergency = message.arbitration_id == canopen.EMCY_BASE + node.node_id
+            node.supervises_sync |= (
+                canopen.emcy_code(message.data) >> 8 == canopen.EMCY_COMMUNICATION
+                if emergency
+                else before == canopen.OPERATIONAL
+                and node.state in (canopen.PRE_OPERATIONAL, canopen.STOPPED)
+            )
+        return None
+
+    def to_ask(self, now: float, silent: tuple[int, ...]) -> list[Node]:
+        """Return, and note, the nodes whose error register is to be read `now`, s."""
+        due = [
+            node
+            for index, node in enumerate(self.nodes)
+            if (node.state is not None or index not in silent) and node.is_to_ask(now)
+        ]
+        for node in due:
+            node.asked_at = now
+            node.requests += 1
+        return due
 
     def to_start(self, now: float, silent: tuple[int, ...]) -> list[Node]:
         """Return, and note, the nodes of silent joints to start `now`, s, by the frames' clock."""
@@ -140,7 +254,7 @@ class CanopenNodes:
 
     def others_text(self) -> str:
         """Return in words that other nodes are on the bus; empty if there are none."""
-        others = sorted(self._others.difference(node.node_id for node in self.nodes))
+        others = sorted(self._others - self._known)
         return (
             (
                 '; on the bus, and not in encoders.node_id: '

@@ -35,8 +35,12 @@ STANDARD_BITS, EXTENDED_BITS, UNSTUFFED_BITS = 47, 67, 13
 MAXIMUM_LOAD = 0.95
 
 
-def make_decoder(values: Values) -> FrameDecoder:
-    """Return the decoder of the encoders; SettingError if settings contradict each other."""
+def make_decoder(values: Values, drives: tuple[int, ...] = ()) -> FrameDecoder:
+    """
+    Return the decoder of the encoders; SettingError if settings contradict each other.
+
+    `drives` are the node ids of the drives on the same bus.
+    """
     layouts = make_layouts(values)
     joints = tuple(layout.joint for layout in layouts)
     sync_id = values['encoders.sync_id'] or None
@@ -53,7 +57,7 @@ def make_decoder(values: Values) -> FrameDecoder:
                 list(node_ids),
                 f'{NUMBER_WORDS[len(joints)]} different node ids',
             )
-        network = CanopenNodes(joints, node_ids, values['can.heartbeat_timeout'])
+        network = CanopenNodes(joints, node_ids, values['can.heartbeat_timeout'], drives)
     _check_identifiers(layouts, sync_id, network is not None)
     return FrameDecoder(layouts, sync_id, period, window, network, values['can.emcy_stops'])
 

@@ -23,7 +23,7 @@ from spm_haptic_master.encoders.encoder_layout import (
     STATUS_ERROR,
     UNCHANGED,
 )
-from spm_haptic_master.encoders.set_assembler import BEHIND, LEAST_READINGS, SetAssembler
+from spm_haptic_master.encoders.set_assembler import BEHIND, SetAssembler
 from spm_haptic_master.encoders.source import JointSample
 from spm_haptic_master.encoders.sync import percentiles_text, SyncRate
 from spm_haptic_master.kinematics.joints import NUMBER_WORDS
@@ -48,9 +48,8 @@ class FrameDecoder:
 
     `layouts` are of four, five or six encoders, in the order of ALL_JOINT_NAMES; `sync_id` and
     `network` are None where there is no SYNC, or no node; `period` and `window`, s, are those of
-    SetAssembler. With `emcy_stops`, four encoders give no
-    set while one reports an emergency. Of five or six, one with an emergency, a lost heartbeat or
-    a wrong NMT state has no reading.
+    SetAssembler. With `emcy_stops` an encoder that reports an error, whose heartbeat is lost or
+    whose NMT state is wrong has no reading: of four there is then no set.
     """
 
     def __init__(
@@ -113,7 +112,7 @@ class FrameDecoder:
                 return self.assembler.begin(message.timestamp)
             self.counters['rejected: SYNC of wrong length'] += 1
         elif key in self._nodes:
-            if wrong := self._nodes[key].take(message):
+            if wrong := self.network.take(message):  # type: ignore[union-attr]
                 self.counters[f'rejected: {wrong} of wrong length'] += 1
             else:
                 for index in self.network.by_joint(Node.down) if self.network else ():
@@ -162,8 +161,9 @@ class FrameDecoder:
 
     def caution(self, now: float) -> str | None:
         """Return the problems of encoders and SYNC although sets come, or None; `now` in s."""
-        caution = Node.unfit if len(self.layouts) > LEAST_READINGS else Node.caution
-        reasons = self.network.by_joint(lambda node: caution(node, now)) if self.network else {}
+        reasons = (
+            self.network.by_joint(lambda node: self._concern(node, now)) if self.network else {}
+        )
         # Copied in one step: another thread changes it.
         reasons |= dict.fromkeys(tuple(self.assembler.late.behind), BEHIND)
         for index, encoder in enumerate(self.encoders):
@@ -243,10 +243,11 @@ class FrameDecoder:
         """Return why an answer of a joint's node is not a reading, None if it is one."""
         if self.network is None:
             return None
-        node = self.network.nodes[index]
-        if len(self.layouts) > LEAST_READINGS:
-            return node.unfit(now)
-        return node.emergency if self._emcy_stops else None
+        return self.network.nodes[index].unfit(now) if self._emcy_stops else None
+
+    def _concern(self, node: Node, now: float) -> str | None:
+        """Return what is wrong with a node although sets come."""
+        return (self._emcy_stops and node.unfit(now)) or node.caution_with_sync(now)
 
 
 def _other_kind(message: can.Message) -> str | None:

@@ -90,9 +90,14 @@ class SyncProducer:
         """Whether no SYNC is sent because another master produces it at present."""
         return time.monotonic() - self._foreign_at < QUIET
 
-    def skip(self) -> None:
-        """Leave one SYNC out: an encoder that is late by whole cycles then answers twice."""
+    def skip(self) -> bool:
+        """
+        Leave one SYNC out, and return whether one is: none is while another master makes it.
+
+        An encoder that is late by whole cycles answers twice in the long cycle.
+        """
         self._skip = self.producing
+        return self._skip
 
     def heard(self, stamp: float) -> None:
         """Handle a SYNC received at `stamp`, s: the echo of one sent here, or another master's."""

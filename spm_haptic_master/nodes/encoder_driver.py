@@ -12,15 +12,26 @@ import time
 from rclpy.duration import Duration
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
+from spm_haptic_master.drives.plan import is_shared
 from spm_haptic_master.encoders.decoder_factory import unverified_joints
-from spm_haptic_master.exceptions import SourceEnded, SpmError
+from spm_haptic_master.exceptions import SettingError, SourceEnded, SpmError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.nodes.simulation_control import SimulationControl
 from spm_haptic_master.parameters.files import source_defaults
 from spm_haptic_master.parameters.geometry import mechanism_checksum
-from spm_haptic_master.parameters.nodes import SOURCE_SETTING, SOURCE_SETTINGS
-from spm_haptic_master.parameters.resolver import Parameters, source_of
-from spm_haptic_master.parameters.setting import CALIBRATION_SETTING, JOINTS_FRAME_SETTING
+from spm_haptic_master.parameters.nodes import (
+    DRIVE_NAMES,
+    DRIVE_SETTINGS,
+    SOURCE_SETTING,
+    SOURCE_SETTINGS,
+)
+from spm_haptic_master.parameters.resolver import Parameters, resolve, source_of
+from spm_haptic_master.parameters.setting import (
+    CALIBRATION_SETTING,
+    JOINTS_FRAME_SETTING,
+    RATE_SETTING,
+    Values,
+)
 from spm_haptic_master.ros import diagnostic_status as entry
 from spm_haptic_master.ros import runner
 from spm_haptic_master.ros.cdr import JointsFormat
@@ -78,7 +89,7 @@ class EncoderDriver(ParameterNode):
         self._write_joints = JointsFormat(
             values['sensors'], values[JOINTS_FRAME_SETTING.name]
         ).write
-        self._source = make_source(self.source_name, values)
+        self._source = make_source(self.source_name, values, _drives_beside(parameters, values))
         self._publisher = self.create_publisher(JointState, 'measured_js', SAMPLES)
         self._readings_out = self.create_publisher(JointState, 'readings', SAMPLES)
         self._simulation = (
@@ -214,6 +225,22 @@ class EncoderDriver(ParameterNode):
         if self._unverified:
             cautions.append(f'direction not verified: {", ".join(self._unverified)}')
         return (WARN, '; '.join(cautions)) if cautions else (OK, PUBLISHING)
+
+
+def _drives_beside(parameters: Parameters, values: Values) -> tuple[int, ...]:
+    """Return the node ids of the drives on the bus of the encoders; none for another source."""
+    if 'can.channel' not in values:
+        return ()
+    given = {name: value for name, value in parameters.of('fkm').items() if name in DRIVE_NAMES}
+    try:
+        _, drives = resolve(given, (*DRIVE_SETTINGS, RATE_SETTING))
+    except SettingError:
+        return ()  # fkm, which has these settings, refuses them
+    return (
+        (*drives['drives.node_id'], drives['drives.master_id'])
+        if is_shared(drives, values)
+        else ()
+    )
 
 
 def main(args: list[str] | None = None) -> int:

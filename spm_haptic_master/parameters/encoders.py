@@ -150,9 +150,9 @@ DECODER_SETTINGS = (
     Setting(
         'can.emcy_stops',
         bool,
-        'four sensors: withhold samples while an encoder reports '
-        'an emergency (otherwise it is reported only); of five or six, such an encoder has no '
-        'reading',
+        'an encoder that reports an error (EMCY, error register), whose heartbeat is lost or that '
+        'is not operational has no reading: no samples with four sensors, NaN with five or six; '
+        'false: that is reported only',
     ),
     CALIBRATION_SETTING,
     *LAYOUT_SETTINGS,

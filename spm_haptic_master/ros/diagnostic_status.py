@@ -111,7 +111,7 @@ class StatusPublisher:
         self._logged = level, message
         if level == ERROR:
             node_log.error(self._node, message)
-        elif level == WARN and previous != WARN:
+        elif level == WARN:
             node_log.warning(self._node, message)
         elif previous != OK:
             node_log.info(self._node, message)

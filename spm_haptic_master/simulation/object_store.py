@@ -60,7 +60,9 @@ def identity(device_type: int, serial: int) -> dict[Key, Entry]:
         canopen.REVISION: REVISION,
         canopen.SERIAL_NUMBER: serial,
     }
-    return {key: Entry(value, writable=False) for key, value in values.items()}
+    values[canopen.ERROR_REGISTER] = 0
+    sizes = {canopen.ERROR_REGISTER: 1}
+    return {key: Entry(value, sizes.get(key, 4), writable=False) for key, value in values.items()}
 
 
 class ObjectStore:

@@ -17,8 +17,12 @@ from spm_haptic_master.simulation.noisy_motion import make_motion
 from spm_haptic_master.simulation.sim_source import SimSource
 
 
-def make_source(name: str, values: Values) -> EncoderSource:
-    """Make the source `name` of checked settings; SettingError: two of them contradict."""
+def make_source(name: str, values: Values, drives: tuple[int, ...] = ()) -> EncoderSource:
+    """
+    Make the source `name` of checked settings; SettingError: two of them contradict.
+
+    `drives` are the node ids of the drives on the bus of the encoders.
+    """
     if name == 'sim':
         return SimSource(
             make_motion(values),
@@ -26,7 +30,7 @@ def make_source(name: str, values: Values) -> EncoderSource:
             values['encoders.counts_per_turn'],
             make_harmonics(values),
         )
-    return make_replay(values) if name == 'replay' else _make_can(values)
+    return make_replay(values) if name == 'replay' else _make_can(values, drives)
 
 
 def source_text(name: str, values: Values) -> str:
@@ -46,8 +50,8 @@ def make_replay(values: Values) -> ReplaySource:
     )
 
 
-def _make_can(values: Values) -> CanSource:
-    decoder = make_decoder(values)
+def _make_can(values: Values, drives: tuple[int, ...]) -> CanSource:
+    decoder = make_decoder(values, drives)
     rate = values['rate']
     if values['can.bitrate']:
         check_bus_load(decoder.layouts, decoder.sync_id is not None, rate, values['can.bitrate'])

@@ -130,8 +130,8 @@ def test_a_bus_is_opened_with_what_its_interface_takes(monkeypatch, own, bitrate
         ),
         # A span ends after exactly a second.
         ((10.0, 0.0, 0.0), (9.998, 0.0, -0.002), (10.994, 1.0, 0.994), (11.989, 2.0, 1.995)),
-        # An offset holds up to a day's difference.
-        ((1e6, 0.0, 0.0), (1e6 - OWN_EPOCH, 0.0, -OWN_EPOCH), (1e6 - OWN_EPOCH - 1.0, 0.0, 0.0)),
+        # An offset holds up to a day's difference forward; a step back is a new one.
+        ((1e6, 0.0, 0.0), (1e6 - 1.0, 0.0, -1.0), (1e6 - 2.5, 0.0, 0.0)),
         # A device that restarts gets a new offset at once.
         ((200_000.0, 0.0, 0.0), (1.0, 0.5, 0.5), (1.1, 0.65, 0.6)),
         # A clock that is set back begins a new span.

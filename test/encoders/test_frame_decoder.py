@@ -149,8 +149,8 @@ def test_silent_encoders_are_explained_by_what_is_known_of_each():
     )
     feed(taker, [at(1.0, canopen.frame(0x704, b'\x7f'))])
     assert taker.explain(NOW, 0.03).endswith('joint_3a silent (pre-operational)')
-    # Four may answer in a state that is no caution.
-    assert taker.caution(NOW) is None
+    # It is the same rule for four, five and six.
+    assert taker.caution(NOW) == 'joint_3a: pre-operational'
 
 
 def test_counters_are_read_in_one_step_since_another_thread_adds_new_ones():

@@ -52,7 +52,7 @@ def driving(settings, scripted=None):
     """Yield a hosted driver with settings by name; its source is a scripted one if given."""
     with pytest.MonkeyPatch.context() as patch:
         if scripted is not None:
-            patch.setattr(encoder_driver, 'make_source', lambda name, values: scripted)
+            patch.setattr(encoder_driver, 'make_source', lambda name, values, drives: scripted)
         with hosted(
             lambda given: encoder_driver.EncoderDriver(given, Future()),
             *(f'{name}:={value}' for name, value in settings.items()),

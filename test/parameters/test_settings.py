@@ -86,7 +86,7 @@ def test_help_has_each_setting_with_its_default_below_its_group():
     for name, setting in EVERY.items():
         assert re.search(rf' {name}( \[[^]]*\])? {re.escape(setting.description)}', text)
     for words in (
-        'can.emcy_stops four',
+        'can.emcy_stops an encoder',
         'calibration name',
         'frame_id [spm_base] ',
         'rate [1000] ',

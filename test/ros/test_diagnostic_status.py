@@ -78,7 +78,7 @@ def test_an_entry_is_due_when_it_changes_and_every_second(entry):
         ),
         (
             [(OK, 'healthy'), (WARN, 'slow'), (WARN, 'slower'), (OK, 'healthy')],
-            [('warning', 'slow'), ('info', 'slower'), ('info', 'healthy')],
+            [('warning', 'slow'), ('warning', 'slower'), ('info', 'healthy')],
         ),
         (
             [(ERROR, 'silent'), (WARN, 'starting'), (OK, 'healthy'), (OK, 'fine')],
