@@ -27,8 +27,9 @@ from spm_haptic_master.force.rendering import make_statics
 from spm_haptic_master.force.statics import ForceLimits, MotorRates, rotated
 from spm_haptic_master.kinematics.checks import check_array, check_rotations
 from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
-from spm_haptic_master.kinematics.inverse_model import cross, dot, RIG_WORKING_MODE
+from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
 from spm_haptic_master.kinematics.number_backends import Vector
+from spm_haptic_master.kinematics.vectors import cross, dot
 
 # Standard gravity, along -z of the base frame (m/s^2).
 STANDARD: Vector[float] = (0.0, 0.0, -9.80665)

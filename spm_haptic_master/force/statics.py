@@ -26,13 +26,13 @@ from typing import TypeAlias
 from spm_haptic_master.exceptions import InputError, quoted
 from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.geometry import Geometry
-from spm_haptic_master.kinematics.inverse_model import cross, dot
 from spm_haptic_master.kinematics.number_backends import (
     FLOATS,
     MODE_BOUNDARY,
     Rotation,
     Vector,
 )
+from spm_haptic_master.kinematics.vectors import cross, dot
 
 # Torques of the motors th1A, th1B, th1C, and th3A of a fourth one, N m.
 Torques: TypeAlias = tuple[float, ...]

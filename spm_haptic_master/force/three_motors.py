@@ -36,8 +36,8 @@ from spm_haptic_master.force.statics import (
 )
 from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.geometry import Geometry
-from spm_haptic_master.kinematics.inverse_model import cross, dot
 from spm_haptic_master.kinematics.number_backends import Vector
+from spm_haptic_master.kinematics.vectors import cross, dot
 
 # Longest vector of motor torques along the weak direction, far from the surface, over the limit of
 # one motor; and where it would be none, over `off` (unit 1): by the table of docs/force, so that

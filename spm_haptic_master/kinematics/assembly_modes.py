@@ -88,7 +88,19 @@ Mode: TypeAlias = tuple[Quaternion[float], float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class LockedChain(Generic[N]):
-    """Mechanism with its active joints locked: th1A, rad, and Z2B, Z2C before leg A's joint 2."""
+    """
+    Mechanism with its active joints locked.
+
+    Attributes
+    ----------
+    th1a : number
+        Active angle of leg A, rad.
+    seconds : tuple of two vectors
+        Z2B and Z2C in the frame of leg A's second joint (unit 1).
+    g : Geometry
+        Link angles and axes.
+
+    """
 
     th1a: N
     seconds: tuple[Vector[N], ...]
@@ -244,13 +256,27 @@ def forward_all(th1: ArrayLike, geometry: Geometry = PAPER_GEOMETRY) -> Array:
     """
     Every real assembly mode of one triple of active joint angles (eqs. 1 to 7).
 
-    `th1` (3,) are the active joints A, B, C, rad. Returned are R_base_platform of the n = 0 .. 8
-    modes, (n, 3, 3), in any order, closed to `CLOSURE_TOLERANCE`. Two modes that meet at a
-    parallel singularity are one where rounding makes them indistinguishable (some 1e-7 rad), else
-    two.
+    Parameters
+    ----------
+    th1 : array_like, shape (3,)
+        Active joints A, B, C, rad.
+    geometry : Geometry
+        Link angles and axes.
 
-    InputError if an argument has a wrong type, shape or value; SingularityError if the platform
-    moves freely with these joints locked, so that there are infinitely many modes.
+    Returns
+    -------
+    ndarray, shape (n, 3, 3)
+        R_base_platform of the n = 0 .. 8 modes, in no particular order. All loops close to
+        `CLOSURE_TOLERANCE`. Two modes that meet at a parallel singularity are returned as one
+        where rounding makes them indistinguishable (some 1e-7 rad), else as two.
+
+    Raises
+    ------
+    InputError
+        An argument has a wrong type, shape or value.
+    SingularityError
+        The platform moves freely with these joints locked: infinitely many modes.
+
     """
     modes = assembly_modes(checked_chain(th1, geometry))
     return np.array([rotation_from_quaternion(*mode[0]) for mode in modes]).reshape(-1, 3, 3)
@@ -260,7 +286,17 @@ def forward_all(th1: ArrayLike, geometry: Geometry = PAPER_GEOMETRY) -> Array:
 
 
 class TrackedMode(NamedTuple):
-    """Mode nearest to a last orientation, (3, 3); `ambiguous` if another mode is about as near."""
+    """
+    The assembly mode nearest to a last known orientation.
+
+    Attributes
+    ----------
+    rotation : ndarray, shape (3, 3)
+        R_base_platform of the nearest mode.
+    ambiguous : bool
+        True if another mode is about as near, so that either may be the platform's.
+
+    """
 
     rotation: Array
     ambiguous: bool
@@ -272,10 +308,25 @@ def continue_mode(
     """
     Classic forward model along a motion, by Newton's method from the last passive angles.
 
-    `th1` are the active joints A, B, C, and `th2a`, `th3a` the passive angles of leg A to start
-    from, rad; nothing is validated. Returned are the orientation, quaternion x, y, z, w, and the
-    new th2A and th3A. Next to a parallel singularity noise takes the active angles beyond the last
-    ones that can be assembled: then it is the pose with the least closure error.
+    Nothing is validated. Next to a parallel singularity noise takes the active angles beyond the
+    last ones that can be assembled: then it is the pose with the least closure error.
+
+    Parameters
+    ----------
+    th1 : sequence of three float
+        Active joints A, B, C, rad.
+    th2a, th3a : float
+        Passive angles of leg A to start from, rad.
+    geometry : Geometry
+        Link angles and axes.
+
+    Returns
+    -------
+    quaternion : tuple of four float
+        x, y, z, w of R_base_platform.
+    th2a, th3a : float
+        The new passive angles of leg A, rad.
+
     """
     chain = LockedChain.of(th1, geometry, FLOATS)
     th2a, th3a, *_ = polish(chain, th2a, th3a)
@@ -288,8 +339,28 @@ def track_mode(
     """
     Classic forward model with branch tracking: the mode nearest to the last orientation (Fig. 10).
 
-    `th1` (3,) are the active joints A, B, C, rad; `last` (3, 3) is the orientation to start from.
-    No mode raises UnreachableError; infinitely many, and wrong arguments, as `forward_all`.
+    Parameters
+    ----------
+    th1 : array_like, shape (3,)
+        Active joints A, B, C, rad.
+    last : array_like, shape (3, 3)
+        R_base_platform to start from.
+    geometry : Geometry
+        Link angles and axes.
+
+    Returns
+    -------
+    TrackedMode
+
+    Raises
+    ------
+    InputError
+        An argument has a wrong type, shape or value.
+    UnreachableError
+        No assembly mode closes.
+    SingularityError
+        The platform moves freely with these joints locked: infinitely many modes.
+
     """
     chain = checked_chain(th1, geometry)
     matrix = check_rotations('last', last)

@@ -37,17 +37,33 @@ LEAST_ANGLE = math.radians(0.1)
 
 
 def check_array(name: str, value: object, shape: Shape, largest: float = LARGEST_NUMBER) -> Array:
-    """Return finite numbers, at most `largest` in size, (..., *shape); InputError if not."""
-    try:
-        array = np.asarray(value)
-    except Exception:  # a ragged list; a foreign type may raise anything
-        array = np.asarray(None)
-    masked = (
-        type(value) is not np.ndarray
-        and isinstance(value, np.ma.MaskedArray)
-        and np.ma.is_masked(value)
-    )
-    if masked or array.dtype.kind not in 'fiu':
+    """
+    Return an argument as an array of finite numbers.
+
+    Parameters
+    ----------
+    name : str
+        The argument, for the error.
+    value : object
+        What was given for it.
+    shape : tuple of int
+        Shape of one entry; any dimensions may precede it.
+    largest : float
+        Largest size of a number.
+
+    Returns
+    -------
+    ndarray of float, shape (..., *shape)
+
+    Raises
+    ------
+    InputError
+        `value` is not an array of real numbers of that shape, or a number is not finite or too
+        large.
+
+    """
+    array = _real_numbers(value)
+    if array is None:
         raise InputError(
             f'{name} = {quoted(value)}: expected real numbers of shape {_open(shape)}'
         )
@@ -56,18 +72,31 @@ def check_array(name: str, value: object, shape: Shape, largest: float = LARGEST
     if array.dtype.char != 'd':
         with np.errstate(over='ignore'):
             array = array.astype(float)
-    # For one sample a numpy call costs more than Python's loop. NaN compares as too large.
-    if array.size <= SMALL:
-        good = not [x for x in array.ravel().tolist() if not -largest <= x <= largest]
-    else:
-        good = bool((np.abs(array) <= largest).all())
-    if not good:
+    if not _all_within(array, largest):
         where = tuple(int(i) for i in np.argwhere(~(np.abs(array) <= largest))[0])
-        expected = (
-            'a finite number' if largest == LARGEST_NUMBER else (f'{largest:g} or less in size')
-        )
+        finite = largest == LARGEST_NUMBER
+        expected = 'a finite number' if finite else f'{largest:g} or less in size'
         raise InputError(f'{name}: entry {where} is {array[where]}, expected {expected}')
     return array
+
+
+def _real_numbers(value: object) -> Array | None:
+    """Return a value as an array of real numbers; None if it is none, or has masked entries."""
+    if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
+        return None
+    try:
+        array = np.asarray(value)
+    except Exception:  # a ragged list; a foreign type may raise anything
+        return None
+    return array if array.dtype.kind in 'fiu' else None
+
+
+def _all_within(array: Array, largest: float) -> bool:
+    """Return whether no number is larger in size, and none is NaN."""
+    if array.size > SMALL:
+        return bool((np.abs(array) <= largest).all())
+    # For one sample a numpy call costs more than Python's loop.
+    return all(-largest <= number <= largest for number in array.ravel().tolist())
 
 
 def check_angles(name: str, value: object, shape: Shape) -> Array:

@@ -44,6 +44,7 @@ from spm_haptic_master.kinematics.number_backends import (
     Vector,
 )
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion, stack_matrix
+from spm_haptic_master.kinematics.vectors import about_x, about_z, times, transposed_times
 
 # Smallest |L1 M2 - L2 M1| of a closed form with an answer (unit 1): rounding of 1e-16 then rotates
 # the platform by about 1e-7 rad, far less than the sensors' noise of 7e-4 rad. The noise itself
@@ -62,10 +63,26 @@ def theta3a_quaternion(
     """
     Case 2 in plain floats, for the 1 kHz path: orientation from four angles (eqs. 15, 16).
 
-    Nothing is validated: the angles, rad, must be finite numbers. Returned is the unit quaternion
-    x, y, z, w of R_base_platform, of either sign. Angles that contradict each other give a
-    meaningless one: `estimate` detects that. SingularityError if the determinant of the closed
-    form vanishes (`DETERMINANT_TOLERANCE`).
+    Nothing is validated: the angles must be finite numbers.
+
+    Parameters
+    ----------
+    th1a, th1b, th1c, th3a : float
+        Active joints and leg A's second passive joint, rad.
+    geometry : Geometry
+        Link angles and axes.
+
+    Returns
+    -------
+    x, y, z, w : float
+        Unit quaternion of R_base_platform, for any four angles; its sign is arbitrary. Angles
+        that contradict each other give a meaningless orientation: `estimate` detects that.
+
+    Raises
+    ------
+    SingularityError
+        The determinant of the closed form vanishes (`DETERMINANT_TOLERANCE`).
+
     """
     _, _, leg_b, leg_c = linkage(th1a, th1b, th1c, th3a, geometry, FLOATS)
     cosine, sine, determinant = turn_of_second_joint(leg_b, leg_c)
@@ -85,12 +102,28 @@ def forward_theta3a(
     """
     Case 2: orientations from the active joints and th3A, in closed form (eqs. 15, 16).
 
-    `th1` (..., 3) are the active joints A, B, C, and `theta3a` (...) is leg A's second passive
-    joint, rad. Returned are R_base_platform, (..., 3, 3), always rotations. In a batch, rows for
-    which the determinant of the closed form vanishes (`DETERMINANT_TOLERANCE`) are NaN.
+    Parameters
+    ----------
+    th1 : array_like, shape (..., 3)
+        Active joints A, B, C, rad.
+    theta3a : array_like, shape (...)
+        Leg A's second passive joint, rad.
+    geometry : Geometry
+        Link angles and axes.
 
-    InputError if an argument has a wrong type, shape or value, or a batch has a NaN;
-    SingularityError if the determinant of a single sample vanishes.
+    Returns
+    -------
+    ndarray, shape (..., 3, 3)
+        R_base_platform, always rotations. In a batch, rows for which the determinant of the closed
+        form vanishes (`DETERMINANT_TOLERANCE`) are NaN.
+
+    Raises
+    ------
+    InputError
+        An argument has a wrong type, shape or value; a NaN in a batch raises, too.
+    SingularityError
+        The determinant of a single sample vanishes.
+
     """
     return _in_slices(_case_2, th1, 'theta3a', theta3a, geometry)
 
@@ -101,7 +134,28 @@ def forward_theta2a(
     """
     Case 1: orientations from the active joints and th2A, in closed form (eqs. 13, 14).
 
-    `theta2a` (...) is leg A's first passive joint, rad; all else as of `forward_theta3a`.
+    Parameters
+    ----------
+    th1 : array_like, shape (..., 3)
+        Active joints A, B, C, rad.
+    theta2a : array_like, shape (...)
+        Leg A's first passive joint, rad.
+    geometry : Geometry
+        Link angles and axes.
+
+    Returns
+    -------
+    ndarray, shape (..., 3, 3)
+        R_base_platform, always rotations. In a batch, rows for which the determinant of the closed
+        form vanishes (`DETERMINANT_TOLERANCE`) are NaN.
+
+    Raises
+    ------
+    InputError
+        An argument has a wrong type, shape or value; a NaN in a batch raises, too.
+    SingularityError
+        The determinant of a single sample vanishes.
+
     """
     return _in_slices(_case_1, th1, 'theta2a', theta2a, geometry)
 
@@ -192,82 +246,71 @@ def _carriers(
 ) -> Iterator[tuple[Leg, float, float, list[Vector[float]]]]:
     """Yield each leg with both its sensors, their readings, and the equations of its th2k."""
     for carrier, leg in enumerate(g.legs):
-        first, third = readings[carrier], readings[3 + carrier]
+        first = readings[carrier]
+        third = readings[3 + carrier]
         if first is None or third is None:
             continue
         equations = []
         for other in {0, 1, 2} - {carrier}:
-            each, th1, th3 = g.legs[other], readings[other], readings[3 + other]
+            th1 = readings[other]
+            th3 = readings[3 + other]
             if th1 is not None:
-                second = second_axis(math.cos(th1), math.sin(th1), each)
-                equations.append(
-                    turn_equation(
-                        _before_second(leg, first, second),
-                        _after_second(leg, third, each.third),
-                        each.cos_beta,
-                    )
-                )
+                equations.append(_equation_of_first(leg, first, third, g.legs[other], th1))
             if th3 is not None:
-                second = _times(
-                    each.platform_frame,
-                    (each.sin_beta * math.sin(th3), each.sin_beta * math.cos(th3), each.cos_beta),
-                )
-                equations.append(
-                    turn_equation(
-                        _before_second(leg, first, each.first),
-                        _after_second(leg, third, second),
-                        each.cos_alpha,
-                    )
-                )
+                equations.append(_equation_of_third(leg, first, third, g.legs[other], th3))
         yield leg, first, third, equations
+
+
+def _equation_of_first(
+    carrier: Leg, first: float, third: float, leg: Leg, th1: float
+) -> Vector[float]:
+    """Return the equation of the carrier's th2k by another leg's th1: Z2 . Z3 = cos beta."""
+    second = second_axis(math.cos(th1), math.sin(th1), leg)
+    return turn_equation(
+        _before_second(carrier, first, second),
+        _after_second(carrier, third, leg.third),
+        leg.cos_beta,
+    )
+
+
+def _equation_of_third(
+    carrier: Leg, first: float, third: float, leg: Leg, th3: float
+) -> Vector[float]:
+    """Return the equation of the carrier's th2k by another leg's th3: Z1 . Z2 = cos alpha."""
+    in_leg = leg.sin_beta * math.sin(th3), leg.sin_beta * math.cos(th3), leg.cos_beta
+    second = times(leg.platform_frame, in_leg)
+    return turn_equation(
+        _before_second(carrier, first, leg.first),
+        _after_second(carrier, third, second),
+        leg.cos_alpha,
+    )
 
 
 def _before_second(leg: Leg, th1: float, axis: Vector[float]) -> Vector[float]:
     """Components after a leg's proximal link of a vector in the base: Rx(-alpha) Rz(-th1) B^T."""
-    b00, b01, b02, b10, b11, b12, b20, b21, b22 = leg.base_frame
-    vector = _about_z(-th1, _times((b00, b10, b20, b01, b11, b21, b02, b12, b22), axis))
-    return _about_x(leg.cos_alpha, -leg.sin_alpha, vector)
+    in_leg = transposed_times(leg.base_frame, axis)
+    turned = about_z(math.cos(th1), -math.sin(th1), in_leg)
+    return about_x(leg.cos_alpha, -leg.sin_alpha, turned)
 
 
 def _after_second(leg: Leg, th3: float, axis: Vector[float]) -> Vector[float]:
     """Components before a leg's distal link of a vector in the platform: Rx(beta) Rz(th3) Q^T."""
-    q00, q01, q02, q10, q11, q12, q20, q21, q22 = leg.platform_frame
-    vector = _about_z(th3, _times((q00, q10, q20, q01, q11, q21, q02, q12, q22), axis))
-    return _about_x(leg.cos_beta, leg.sin_beta, vector)
+    in_leg = transposed_times(leg.platform_frame, axis)
+    turned = about_z(math.cos(th3), math.sin(th3), in_leg)
+    return about_x(leg.cos_beta, leg.sin_beta, turned)
 
 
 def _carried_by(leg: Leg, th1: float, th2: float, th3: float) -> Rotation[float]:
     """R_base_platform of a leg's chain, eq. 6."""
-    (r00, r10, r20), (r01, r11, r21), (r02, r12, r22) = (
-        _times(
-            leg.base_frame,
-            _about_z(
-                th1,
-                _about_x(
-                    leg.cos_alpha, leg.sin_alpha, _about_z(th2, _after_second(leg, th3, unit))
-                ),
-            ),
-        )
-        for unit in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-    )
+    columns = []
+    for unit in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)):
+        vector = _after_second(leg, th3, unit)
+        vector = about_z(math.cos(th2), math.sin(th2), vector)
+        vector = about_x(leg.cos_alpha, leg.sin_alpha, vector)
+        vector = about_z(math.cos(th1), math.sin(th1), vector)
+        columns.append(times(leg.base_frame, vector))
+    (r00, r10, r20), (r01, r11, r21), (r02, r12, r22) = columns
     return r00, r01, r02, r10, r11, r12, r20, r21, r22
-
-
-def _times(matrix: Rotation[float], vector: Vector[float]) -> Vector[float]:
-    r00, r01, r02, r10, r11, r12, r20, r21, r22 = matrix
-    x, y, z = vector
-    return (r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z, r20 * x + r21 * y + r22 * z)
-
-
-def _about_z(angle: float, vector: Vector[float]) -> Vector[float]:
-    c, s = math.cos(angle), math.sin(angle)
-    x, y, z = vector
-    return c * x - s * y, s * x + c * y, z
-
-
-def _about_x(c: float, s: float, vector: Vector[float]) -> Vector[float]:
-    x, y, z = vector
-    return x, c * y - s * z, s * y + c * z
 
 
 def start_at(
@@ -282,14 +325,8 @@ def start_at(
     """
     th1a, th3a = readings[0], readings[3]
     found_1a, th2a, found_3a = _fitting_angles(rotation, g.legs[0], th1a, th3a)
-    th1b, th1c = (
-        th1
-        if th1 is not None
-        else 0.0
-        if th3 is None
-        else _fitting_angles(rotation, leg, None, th3)[0]
-        for leg, th1, th3 in zip(g.legs[1:], readings[1:3], readings[4:], strict=True)
-    )
+    th1b = _active_angle(rotation, g.legs[1], readings[1], readings[4])
+    th1c = _active_angle(rotation, g.legs[2], readings[2], readings[5])
     return (
         found_1a if th1a is None else th1a,
         th2a,
@@ -297,6 +334,17 @@ def start_at(
         th1b,
         th1c,
     )
+
+
+def _active_angle(
+    rotation: Rotation[float], leg: Leg, th1: float | None, th3: float | None
+) -> float:
+    """Return th1k, rad: as read, or in the working mode that fits th3k; 0 without a reading."""
+    if th1 is not None:
+        return th1
+    if th3 is None:
+        return 0.0
+    return _fitting_angles(rotation, leg, None, th3)[0]
 
 
 def _fitting_angles(

@@ -56,30 +56,63 @@ LinkTurn = tuple[float, float, float, float, float, float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """Constants of one leg: links' angles (unit 1), axes and frames."""
+    """
+    Constants of one leg.
+
+    Attributes
+    ----------
+    cos_alpha, sin_alpha, cos_beta, sin_beta : float
+        Of the proximal and the distal link's angle (unit 1).
+    first : tuple of three float
+        Z1k in the base frame.
+    second : tuple of three 3-tuples of float
+        p, q, r of Z2k = p + q cos th1k + r sin th1k, in the base frame.
+    third : tuple of three float
+        Z3k in the platform frame.
+    base_frame : tuple of nine float
+        B_k, row by row; its third column is Z1k.
+    platform_frame : tuple of nine float
+        Q_k, row by row; its third column is Z3k.
+
+    """
 
     cos_alpha: float
     sin_alpha: float
     cos_beta: float
     sin_beta: float
-    first: Vector[float]  # Z1k in the base frame
-    second: ThreeAxes  # p, q, r of Z2k = p + q cos th1k + r sin th1k, in the base frame
-    third: Vector[float]  # Z3k in the platform frame
-    base_frame: Rotation[float]  # B_k, row by row; its third column is Z1k
-    platform_frame: Rotation[float]  # Q_k, row by row; its third column is Z3k
+    first: Vector[float]
+    second: ThreeAxes
+    third: Vector[float]
+    base_frame: Rotation[float]
+    platform_frame: Rotation[float]
 
 
 @dataclass(frozen=True, slots=True)
 class Carried:
-    """Constants of leg B or C seen from leg A, which carries the platform."""
+    """
+    Constants of leg B or C seen from leg A, which carries the platform.
 
-    cos_beta: float  # cosine of the distal link's angle (unit 1)
-    first: LinkTurn  # of Z1k from leg A's frame B_A through its proximal link: Rx(-alpha)
-    # p, q, r of `Leg.second`, in leg A's frame B_A; cosine and sine of leg A's alpha.
+    Attributes
+    ----------
+    cos_beta : float
+        Cosine of the distal link's angle (unit 1).
+    first : tuple of eight float
+        `LinkTurn` of Z1k from leg A's frame B_A through its proximal link: Rx(-alpha).
+    second : tuple of eleven float
+        p, q, r of `Leg.second`, in leg A's frame B_A; cosine and sine of leg A's alpha.
+    third : tuple of three float
+        Z3k in leg A's frame Q_A, i.e. after its third joint.
+    before_distal : tuple of eight float
+        `LinkTurn` of `third` through leg A's distal link: Rx(beta).
+    zero : tuple of eight float
+        The same of the direction from which th3k is measured: the first axis of Q_k.
+
+    """
+
+    cos_beta: float
+    first: LinkTurn
     second: tuple[float, float, float, float, float, float, float, float, float, float, float]
-    third: Vector[float]  # Z3k in leg A's frame Q_A, i.e. after its third joint
-    # Through leg A's distal link, Rx(beta), of `third`, and of the direction from which th3k is
-    # measured, the first axis of Q_k.
+    third: Vector[float]
     before_distal: LinkTurn
     zero: LinkTurn
 
@@ -213,15 +246,29 @@ class Geometry:
         """
         Return the mechanism as built: every axis and every link as measured.
 
-        `base_axes` and `platform_axes`, (3, 3), have the rows Z1A, Z1B, Z1C and Z3A, Z3B, Z3C,
-        unit vectors in the base and in the platform frame. `alpha` and `beta`, (3,), are the
-        angles of the proximal and distal links of the legs A, B, C, rad, in ]0, pi[. The joints'
-        zeros depend on the frames: see the module. `in_usual_frames` turns the axes to frames that
-        need no outside reference.
+        The frames are those in which the axes are given. The joints' zeros depend on them: see the
+        module. `in_usual_frames` turns the axes to frames that need no outside reference.
 
-        GeometryError if an argument has a wrong type or shape; an axis is no unit vector
-        (`LENGTH_TOLERANCE`), or opposite to its nominal direction (the platform's: to z); two axes
-        of the base or the platform are parallel (`LEAST_ANGLE`); a link angle is not in ]0, pi[.
+        Parameters
+        ----------
+        base_axes : array_like, shape (3, 3)
+            Rows Z1A, Z1B, Z1C, unit vectors in the base frame.
+        platform_axes : array_like, shape (3, 3)
+            Rows Z3A, Z3B, Z3C, unit vectors in the platform frame.
+        alpha, beta : array_like, shape (3,)
+            Angles of the proximal and distal links of the legs A, B, C, rad, in ]0, pi[.
+
+        Returns
+        -------
+        Geometry
+
+        Raises
+        ------
+        GeometryError
+            An argument has a wrong type or shape; an axis is no unit vector (`LENGTH_TOLERANCE`),
+            or opposite to its nominal direction (the platform's: to z); two axes of the base or
+            the platform are parallel (`LEAST_ANGLE`); a link angle is not in ]0, pi[.
+
         """
         base = check_axes('base_axes', base_axes, 'Z1', NOMINAL_BASE_AXES)
         platform = check_axes('platform_axes', platform_axes, 'Z3', ((0.0, 0.0, 1.0),) * 3)
@@ -325,8 +372,25 @@ def in_usual_frames(geometry: Geometry, nominal: Geometry = PAPER_GEOMETRY) -> G
     Base: z = Z1A, and Z1B in the half plane of positive x of x and z. Platform: its three axes
     nearest, in the sum of squares, to their nominal directions.
 
-    Its joints' zeros are those of its new frames. GeometryError if an axis is opposite to its
-    nominal direction there.
+    Parameters
+    ----------
+    geometry : Geometry
+        The mechanism, its axes in any frames.
+    nominal : Geometry
+        The mechanism with the nominal directions of the platform's axes.
+
+    Returns
+    -------
+    Geometry
+        The same mechanism; its joints' zeros are those of its new frames.
+
+    Raises
+    ------
+    InputError
+        An argument is no Geometry.
+    GeometryError
+        An axis is opposite to its nominal direction in the new frames.
+
     """
     check_geometry(geometry)
     check_geometry(nominal, 'nominal')

@@ -32,6 +32,7 @@ from spm_haptic_master.kinematics.number_backends import (
     Vector,
 )
 from spm_haptic_master.kinematics.rotations import unstack_matrix
+from spm_haptic_master.kinematics.vectors import cross, dot
 
 # Working mode of the rig as built: signs of B_AA, B_BB, B_CC.
 RIG_WORKING_MODE = (1, 1, 1)
@@ -42,9 +43,17 @@ VelocityRows: TypeAlias = tuple[list[Vector[N]], list[N]]
 @dataclass(frozen=True, slots=True)
 class JointAngles:
     """
-    Joint angles of orientations, rad: the active joints th1A, th1B, th1C, and passive ones.
+    Joint angles of orientations.
 
-    Shapes are (..., 3) of `theta1` and (...) of the others.
+    Attributes
+    ----------
+    theta1 : ndarray, shape (..., 3)
+        Active joints of the legs A, B, C, rad.
+    theta2a, theta3a : ndarray, shape (...)
+        Passive joints of leg A, rad.
+    theta3b, theta3c : ndarray, shape (...)
+        Second passive joints of the legs B and C, rad.
+
     """
 
     theta1: Array
@@ -60,8 +69,25 @@ def mechanism_angles(
     """
     Angles of all nine joints, in plain floats; nothing is validated.
 
-    They are th1A, th2A, th3A, th1B, th2B, th3B, th1C, th2C, th3C, rad, in [-pi, pi], of a rotation
-    R_base_platform, nine numbers row by row. UnreachableError if a leg does not reach it.
+    Parameters
+    ----------
+    rotation : tuple of nine float
+        R_base_platform, row by row.
+    geometry : Geometry
+        Link angles and axes.
+    working_mode : tuple of three int
+        Signs of B_kk, legs A, B, C.
+
+    Returns
+    -------
+    tuple of nine float
+        th1A, th2A, th3A, th1B, th2B, th3B, th1C, th2C, th3C, rad, in [-pi, pi].
+
+    Raises
+    ------
+    UnreachableError
+        A leg does not reach the pose.
+
     """
     return tuple(
         angle
@@ -74,9 +100,25 @@ def measured_angles(
     rotation: Rotation[float], geometry: Geometry, working_mode: WorkingMode, sensors: int
 ) -> tuple[float, ...]:
     """
-    Return the first 3 to 6 of th1A, th1B, th1C, th3A, th3B, th3C, rad, which sensors measure.
+    Angles that the first 3 to 6 sensors measure, in plain floats; nothing is validated.
 
-    Arguments and errors as of `mechanism_angles`.
+    Parameters
+    ----------
+    rotation, geometry, working_mode
+        As of `mechanism_angles`.
+    sensors : int
+        Number of sensors, 3 to 6.
+
+    Returns
+    -------
+    tuple of float
+        The first of th1A, th1B, th1C, th3A, th3B, th3C, rad, in [-pi, pi].
+
+    Raises
+    ------
+    UnreachableError
+        A leg does not reach the pose.
+
     """
     angles = mechanism_angles(rotation, geometry, working_mode)
     return (angles[::3] + angles[2::3])[:sensors]
@@ -88,13 +130,30 @@ def inverse(
     working_mode: Sequence[int] = RIG_WORKING_MODE,
 ) -> JointAngles:
     """
-    Joint angles of orientations R_base_platform, (..., 3, 3), in closed form.
+    Joint angles of orientations, in closed form.
 
-    `working_mode` are the signs of B_kk = Z1k . (Z2k x Z3k), legs A, B, C; the rig has (1, 1, 1).
-    The angles are in [-pi, pi]. In a batch all angles of unreachable poses are NaN.
+    Parameters
+    ----------
+    R : array_like, shape (..., 3, 3)
+        R_base_platform.
+    geometry : Geometry
+        Link angles and axes.
+    working_mode : sequence of three int
+        Signs of B_kk = Z1k . (Z2k x Z3k), legs A, B, C; the rig has (1, 1, 1).
 
-    InputError if an argument has a wrong type, shape or value, or a batch has a NaN;
-    UnreachableError if `R` is a single pose that a leg does not reach.
+    Returns
+    -------
+    JointAngles
+        `theta1` (..., 3), `theta2a`, `theta3a`, `theta3b`, `theta3c` (...), rad in [-pi, pi]. In
+        a batch all angles of unreachable poses are NaN.
+
+    Raises
+    ------
+    InputError
+        An argument has a wrong type, shape or value; a NaN in a batch raises, too.
+    UnreachableError
+        `R` is a single pose and a leg does not reach it.
+
     """
     matrices = check_rotations('R', R)
     working_mode = check_working_mode(working_mode)
@@ -123,27 +182,22 @@ def batch_angles(matrices: Array, geometry: Geometry, working_mode: WorkingMode)
 # Jacobians ---------------------------------------------------------------------------------------
 
 
-def dot(u: Vector[N], v: Vector[N]) -> N:
-    """Scalar product of two vectors of three numbers."""
-    return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
-
-
-def cross(u: Vector[N], v: Vector[N]) -> Vector[N]:
-    """Vector product of two vectors of three numbers."""
-    ux, uy, uz = u
-    vx, vy, vz = v
-    return uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-
-
 def velocity_rows(
     rotation: Rotation[N], th1: Vector[N], g: Geometry, m: Backend[N]
 ) -> VelocityRows[N]:
     """
     Kernel of eqs. 9, 10, 20, 21: rows of A_r and diagonal of B_r with B_r thetadot = A_r omega.
 
-    The rows are Z2k x Z3k and Z1k x Z2k for k = A, B, C, in the base frame (unit 1): those of
-    th1A, th1B, th1C, th3A, th3B, th3C. The diagonal is B_AA, B_BB, B_CC, twice.
+    The rows are Z2k x Z3k and Z1k x Z2k for k = A, B, C; the diagonal is B_AA, B_BB, B_CC, twice.
     (The paper prints Z3k x Z2k and Z3A . (Z2A x Z1A), which reverse the sign of the velocity.)
+
+    Returns
+    -------
+    rows : tuple of six tuples of three numbers
+        th1A, th1B, th1C, th3A, th3B, th3C: components in the base frame (unit 1).
+    diagonal : tuple of six numbers
+        Unit 1.
+
     """
     seconds = [
         second_axis(m.cos(angle), m.sin(angle), leg)
@@ -171,15 +225,37 @@ def jacobian(
     sensors: int = 3,
 ) -> Array:
     """
-    Jacobian G of the inverse model, thetadot = G omega, eqs. 8 to 11 and 17 to 21.
+    Jacobian G of the inverse model: thetadot = G omega.
 
-    G, (..., sensors, 3), unit 1, is for the platform's angular velocity omega in the base frame,
-    rad/s; it is the inverse of the paper's J, with the sign corrected. Its rows are th1A, th1B,
-    th1C; with 4, 5, 6 `sensors` also th3A, th3B, th3C. In a batch, all rows of a pose out of reach
-    or on the boundary of its working mode (`MODE_BOUNDARY`) are NaN.
+    Eqs. 8 to 11 and 17 to 21, with the sign corrected.
 
-    Other arguments and errors as of `inverse`; SingularityError if `R` is a single pose on the
-    boundary of the working mode.
+    Parameters
+    ----------
+    R : array_like, shape (..., 3, 3)
+        R_base_platform.
+    geometry : Geometry
+        Link angles and axes.
+    working_mode : sequence of three int
+        Signs of B_kk, legs A, B, C.
+    sensors : {3, 4, 5, 6}
+        3: rows th1A, th1B, th1C; 4: th3A as well; 5: th3B as well; 6: th3C as well.
+
+    Returns
+    -------
+    ndarray, shape (..., sensors, 3)
+        G, unit 1, for the platform's angular velocity omega in the base frame, rad/s. It is the
+        inverse of the paper's J. In a batch, all rows of a pose out of reach or on the boundary of
+        its working mode (`MODE_BOUNDARY`) are NaN.
+
+    Raises
+    ------
+    InputError
+        An argument has a wrong type, shape or value.
+    UnreachableError
+        `R` is a single pose out of reach.
+    SingularityError
+        `R` is a single pose on the boundary of the working mode.
+
     """
     matrices = check_rotations('R', R)
     sensors = check_count('sensors', sensors, 3, 6)
@@ -205,8 +281,28 @@ def parallel_determinant(
     """
     Return det A, zero at a parallel singularity (eq. 9, rows Z2k x Z3k; Fig. 7).
 
-    It has shape (...) and unit 1; the paper's rows Z3k x Z2k would give the negative. Arguments as
-    of `inverse`, and its errors; unreachable poses of a batch give NaN.
+    Parameters
+    ----------
+    R : array_like, shape (..., 3, 3)
+        R_base_platform.
+    geometry : Geometry
+        Link angles and axes.
+    working_mode : sequence of three int
+        Signs of B_kk, legs A, B, C.
+
+    Returns
+    -------
+    ndarray, shape (...)
+        det A, unit 1; the paper's rows Z3k x Z2k would give the negative. Unreachable poses of a
+        batch give NaN.
+
+    Raises
+    ------
+    InputError
+        An argument has a wrong type, shape or value.
+    UnreachableError
+        `R` is a single pose out of reach.
+
     """
     matrices = check_rotations('R', R)
     (row_a, row_b, row_c, *_), _ = _velocity_rows_of(matrices, geometry, working_mode)
@@ -220,11 +316,26 @@ def dexterity(
     sensors: int = 3,
 ) -> Array:
     """
-    Dexterity (...): the inverse of the Jacobian's condition number (eq. 12), in [0, 1].
+    Dexterity: the inverse of the Jacobian's condition number (eq. 12), in [0, 1].
 
-    It is smallest over largest singular value of G: 0 at a parallel singularity, and 1 where all
-    directions are equal. Arguments and errors as of `jacobian`; poses for which that gives NaN
-    are NaN.
+    It is smallest over largest singular value of G (2-norm): 0 at a parallel singularity, and 1
+    where all directions are equal.
+
+    Parameters
+    ----------
+    R, geometry, working_mode, sensors
+        As of `jacobian`.
+
+    Returns
+    -------
+    ndarray, shape (...)
+        Dexterity, unit 1; NaN for the poses for which `jacobian` gives NaN.
+
+    Raises
+    ------
+    InputError, UnreachableError, SingularityError
+        As of `jacobian`.
+
     """
     G = jacobian(R, geometry, working_mode, sensors)
     known = np.all(np.isfinite(G), axis=(-1, -2))

@@ -69,27 +69,9 @@ class UsedSensors:
 
     def __post_init__(self) -> None:
         """Check the arguments and derive the other attributes."""
-        sigma = tuple(self.sigma)
-        mounted, left_out = len(sigma), frozenset(self.left_out)
-        if not FEWEST_MOUNTED <= mounted <= len(ALL_JOINT_NAMES):
-            raise InputError(
-                f'sigma = {quoted(self.sigma)}: expected four, five or six standard deviations'
-            )
-        if not all(SMALLEST_SIGMA <= each <= LARGEST_SIGMA for each in sigma):
-            raise InputError(
-                f'sigma = {quoted(self.sigma)}: expected standard deviations in rad from '
-                f'{SMALLEST_SIGMA:g} to {LARGEST_SIGMA:.6g}'
-            )
-        if not left_out <= set(range(mounted)):
-            raise InputError(
-                f'left_out = {quoted(self.left_out)}: expected places from 0 to {mounted - 1}'
-            )
-        used = tuple(place for place in range(mounted) if place not in left_out)
-        if len(used) < FEWEST_USED:
-            raise InputError(
-                f'left_out = {quoted(self.left_out)} of {mounted} sensors: expected '
-                f'{FEWEST_USED} or more in use'
-            )
+        sigma = self._checked_sigma()
+        left_out = frozenset(self.left_out)
+        used = self._checked_places(len(sigma), left_out)
         weights = tuple(
             1.0 / (sigma[place] * sigma[place]) if place in used else 0.0
             for place in range(len(ALL_JOINT_NAMES))
@@ -102,7 +84,35 @@ class UsedSensors:
             'count': len(used),
             'largest': max(sigma[place] for place in used),
             'usual': used[:FEWEST_MOUNTED] == tuple(range(FEWEST_MOUNTED)),
-            'further': mounted - FEWEST_MOUNTED,
+            'further': len(sigma) - FEWEST_MOUNTED,
         }
         for name, value in values.items():
             object.__setattr__(self, name, value)
+
+    def _checked_sigma(self) -> tuple[float, ...]:
+        """Return the standard deviations, rad; InputError if a number or a size is wrong."""
+        sigma = tuple(self.sigma)
+        if not FEWEST_MOUNTED <= len(sigma) <= len(ALL_JOINT_NAMES):
+            raise InputError(
+                f'sigma = {quoted(self.sigma)}: expected four, five or six standard deviations'
+            )
+        if not all(SMALLEST_SIGMA <= deviation <= LARGEST_SIGMA for deviation in sigma):
+            raise InputError(
+                f'sigma = {quoted(self.sigma)}: expected standard deviations in rad from '
+                f'{SMALLEST_SIGMA:g} to {LARGEST_SIGMA:.6g}'
+            )
+        return sigma
+
+    def _checked_places(self, mounted: int, left_out: frozenset[int]) -> tuple[int, ...]:
+        """Return the places in use; InputError if one left out is not mounted, or too few are."""
+        if not left_out <= set(range(mounted)):
+            raise InputError(
+                f'left_out = {quoted(self.left_out)}: expected places from 0 to {mounted - 1}'
+            )
+        used = tuple(place for place in range(mounted) if place not in left_out)
+        if len(used) < FEWEST_USED:
+            raise InputError(
+                f'left_out = {quoted(self.left_out)} of {mounted} sensors: expected '
+                f'{FEWEST_USED} or more in use'
+            )
+        return used

@@ -16,6 +16,7 @@ from typing import TypeAlias
 
 from spm_haptic_master.kinematics.geometry import Carried, Geometry, Leg, LinkTurn
 from spm_haptic_master.kinematics.number_backends import Backend, N, Quaternion, Rotation, Vector
+from spm_haptic_master.kinematics.vectors import about_x, about_z, times, transposed_times
 
 # Axes of leg B or C in the frame of leg A's second joint: Z2k before th2A, Z3k after it; and the
 # cosine of the leg's beta (unit 1).
@@ -26,141 +27,202 @@ Turn: TypeAlias = tuple[N, N]
 Linkage: TypeAlias = tuple[Turn[N], Turn[N], View[N], View[N]]
 
 
-def second_axis(c: N, s: N, leg: Leg) -> Vector[N]:
-    """Z2k in the base frame from cosine and sine of th1k: B_k Rz(th1k) Rx(alpha_k) z."""
+def second_axis(cosine: N, sine: N, leg: Leg) -> Vector[N]:
+    """
+    Return Z2k in the base frame: B_k Rz(th1k) Rx(alpha_k) z.
+
+    Parameters
+    ----------
+    cosine, sine : number
+        Of th1k (unit 1).
+    leg : Leg
+        The leg k.
+
+    """
     (px, py, pz), (qx, qy, qz), (rx, ry, rz) = leg.second
-    return px + c * qx + s * rx, py + c * qy + s * ry, pz + c * qz + s * rz
+    return (
+        px + cosine * qx + sine * rx,
+        py + cosine * qy + sine * ry,
+        pz + cosine * qz + sine * rz,
+    )
 
 
 def third_axes(rotation: Rotation[N], g: Geometry) -> list[Vector[N]]:
-    """Z3A, Z3B, Z3C in the base frame, for a platform at `rotation`."""
-    r00, r01, r02, r10, r11, r12, r20, r21, r22 = rotation
-    return [
-        (r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z, r20 * x + r21 * y + r22 * z)
-        for x, y, z in g.platform_axes
-    ]
+    """Return Z3A, Z3B, Z3C in the base frame, for a platform at `rotation`."""
+    return [times(rotation, axis) for axis in g.platform_axes]
 
 
 def leg_angles(rotation: Rotation[N], leg: Leg, sign: int, m: Backend[N]) -> Vector[N]:
     """
-    Kernel of one leg: th1k, th2k, th3k, rad, of a rotation; `sign` is its working mode.
+    Return th1k, th2k, th3k of one leg, rad, in [-pi, pi]: the inverse model in closed form.
 
-    With Z3k = (x, y, z) in the leg's frame B_k, Z2k . Z3k = cos beta is
+    Parameters
+    ----------
+    rotation : nine numbers
+        R_base_platform, row by row.
+    leg : Leg
+        The leg k.
+    sign : int
+        Its working mode: +1 or -1, the sign of B_kk.
+    m : Backend
+        Elementary functions. Out of reach, floats raise UnreachableError and arrays give NaN.
+
+    Notes
+    -----
+    With Z3k = (x, y, z) in the leg's frame B_k, the closure Z2k . Z3k = cos beta is
     x sin th1 - y cos th1 = q. With x cos th1 + y sin th1 = p, B_kk = p sin alpha: the working
     mode is the sign of p, and p^2 + q^2 = x^2 + y^2.
+
     """
-    r00, r01, r02, r10, r11, r12, r20, r21, r22 = rotation
-    px, py, pz = leg.third
-    x, y, z = (
-        r00 * px + r01 * py + r02 * pz,
-        r10 * px + r11 * py + r12 * pz,
-        r20 * px + r21 * py + r22 * pz,
-    )
-    b00, b01, b02, b10, b11, b12, b20, b21, b22 = leg.base_frame
-    x, y, z = (
-        b00 * x + b10 * y + b20 * z,
-        b01 * x + b11 * y + b21 * z,
-        b02 * x + b12 * y + b22 * z,
-    )
+    x, y, z = transposed_times(leg.base_frame, times(rotation, leg.third))
     q = (leg.cos_beta - leg.cos_alpha * z) / leg.sin_alpha
     p = sign * m.reach_root(x * x + y * y - q * q)
     th1 = m.atan2(q * x + p * y, p * x - q * y)
     th2 = m.atan2(p, leg.cos_alpha * q - leg.sin_alpha * z)
     # Z2k in the frame Q_k of the platform is (sin beta sin th3, sin beta cos th3, cos beta).
-    x2, y2, z2 = second_axis(m.cos(th1), m.sin(th1), leg)
-    x, y, z = (
-        x2 * r00 + y2 * r10 + z2 * r20,
-        x2 * r01 + y2 * r11 + z2 * r21,
-        x2 * r02 + y2 * r12 + z2 * r22,
-    )
-    q00, q01, _, q10, q11, _, q20, q21, _ = leg.platform_frame
-    return th1, th2, m.atan2(q00 * x + q10 * y + q20 * z, q01 * x + q11 * y + q21 * z)
+    second = transposed_times(rotation, second_axis(m.cos(th1), m.sin(th1), leg))
+    sine, cosine, _ = transposed_times(leg.platform_frame, second)
+    return th1, th2, m.atan2(sine, cosine)
 
 
 def turn_equation(d: Vector[N], v: Vector[N], cos_beta: float) -> Vector[N]:
     """
-    Coefficients L, M, N of  L cos t + M sin t + N = 0,  that is  d . Rz(t) v = cos beta.
+    Return L, M, N of  L cos t + M sin t + N = 0,  that is of  d . Rz(t) v = cos beta.
 
     With t = th2A or th3A this is the input-output equation of a spherical four-bar linkage, the
     paper's eqs. 1, 2 and 15.
     """
     dx, dy, dz = d
     vx, vy, vz = v
-    return dx * vx + dy * vy, dy * vx - dx * vy, dz * vz - cos_beta
+    return (
+        dx * vx + dy * vy,
+        dy * vx - dx * vy,
+        dz * vz - cos_beta,
+    )
 
 
 def common_turn(first: Vector[N], second: Vector[N]) -> Vector[N]:
     """
-    Solve two turn equations linearly, eq. 3: cosine and sine of t, each times the determinant.
+    Solve two turn equations linearly (eq. 3).
 
-    They are M1 N2 - M2 N1 and -(L1 N2 - L2 N1), the determinant L1 M2 - L2 M1.
+    Returns
+    -------
+    cosine, sine, determinant : number
+        Cosine and sine of t, each times the determinant L1 M2 - L2 M1, and the determinant: they
+        are M1 N2 - M2 N1 and -(L1 N2 - L2 N1). The equations need not have a common solution:
+        cosine^2 + sine^2 = determinant^2 only if they do.
+
     """
     l1, m1, n1 = first
     l2, m2, n2 = second
-    return m1 * n2 - m2 * n1, l2 * n1 - l1 * n2, l1 * m2 - l2 * m1
+    return (
+        m1 * n2 - m2 * n1,
+        l2 * n1 - l1 * n2,
+        l1 * m2 - l2 * m1,
+    )
 
 
 def both_turns(equation: Vector[float]) -> tuple[float, float]:
-    """Both solutions t, rad, of one turn equation; without any, twice the t of least error."""
+    """Return both solutions t, rad, of a turn equation; without any, twice that of least error."""
     cosine, sine, constant = equation
     size = math.hypot(cosine, sine)
     middle = math.atan2(sine, cosine)
-    half = math.acos(max(-1.0, min(1.0, -constant / size))) if size > 0.0 else 0.5 * math.pi
+    if size > 0.0:
+        half = math.acos(max(-1.0, min(1.0, -constant / size)))
+    else:
+        half = 0.5 * math.pi
     return middle - half, middle + half
 
 
-def turn_through_link(c: N, s: N, axis: LinkTurn) -> Vector[N]:
-    """Rx(link) Rz(t) axis, from cosine and sine of t."""
+def turn_through_link(cosine: N, sine: N, axis: LinkTurn) -> Vector[N]:
+    """Return Rx(link) Rz(t) axis, from cosine and sine of t."""
     x, y, cx, cy, sz, sx, sy, cz = axis
-    return c * x - s * y, s * cx + c * cy - sz, s * sx + c * sy + cz
+    return (
+        cosine * x - sine * y,
+        sine * cx + cosine * cy - sz,
+        sine * sx + cosine * sy + cz,
+    )
 
 
-def second_in_second_joint(c1: N, s1: N, c: N, s: N, carried: Carried) -> Vector[N]:
-    """Z2k after leg A's proximal link, from cosines and sines of th1A and th1k."""
+def second_in_second_joint(
+    cosine_1a: N, sine_1a: N, cosine: N, sine: N, carried: Carried
+) -> Vector[N]:
+    """
+    Return Z2k of leg B or C in the frame of leg A's second joint, before its turn by th2A.
+
+    Parameters
+    ----------
+    cosine_1a, sine_1a : number
+        Of th1A (unit 1).
+    cosine, sine : number
+        Of th1k (unit 1).
+    carried : Carried
+        Leg B or C as seen from leg A.
+
+    """
     px, py, pz, qx, qy, qz, rx, ry, rz, cos_alpha, sin_alpha = carried.second
-    x, y, z = px + c * qx + s * rx, py + c * qy + s * ry, pz + c * qz + s * rz
-    y1 = c1 * y - s1 * x
-    return c1 * x + s1 * y, cos_alpha * y1 + sin_alpha * z, cos_alpha * z - sin_alpha * y1
+    second = (
+        px + cosine * qx + sine * rx,
+        py + cosine * qy + sine * ry,
+        pz + cosine * qz + sine * rz,
+    )
+    return about_x(cos_alpha, -sin_alpha, about_z(cosine_1a, -sine_1a, second))
 
 
-def into_third_joint(c: N, s: N, axis: Vector[N], g: Geometry) -> Vector[N]:
-    """Components, after leg A's distal link, of a vector before it: Rx(-beta) Rz(-th2A) axis."""
+def into_second_link(cosine: N, sine: N, axis: Vector[N]) -> Vector[N]:
+    """Return a vector's components after leg A's second joint: Rz(-th2A) axis."""
+    return about_z(cosine, -sine, axis)
+
+
+def into_third_joint(cosine: N, sine: N, axis: Vector[N], g: Geometry) -> Vector[N]:
+    """Return a vector's components after leg A's distal link: Rx(-beta) Rz(-th2A) axis."""
     leg = g.legs[0]
-    x, y, z = into_second_link(c, s, axis)
-    return x, leg.cos_beta * y + leg.sin_beta * z, leg.cos_beta * z - leg.sin_beta * y
-
-
-def into_second_link(c: N, s: N, axis: Vector[N]) -> Vector[N]:
-    """Components, after leg A's second joint, of a vector before it: Rz(-th2A) axis."""
-    x, y, z = axis
-    return c * x + s * y, c * y - s * x, z
+    return about_x(leg.cos_beta, -leg.sin_beta, into_second_link(cosine, sine, axis))
 
 
 def chain_quaternion(th1a: N, th2a: N, th3a: N, g: Geometry, m: Backend[N]) -> Quaternion[N]:
-    """Quaternion of leg A's chain, eq. 6, from its three joint angles in rad."""
+    """Return the quaternion of leg A's chain (eq. 6) from its three joint angles, rad."""
     return half_chain_quaternion(th1a, m.cos(0.5 * th2a), m.sin(0.5 * th2a), th3a, g, m)
 
 
 def half_chain_quaternion(
-    th1a: N, c: N, s: N, th3a: N, g: Geometry, m: Backend[N]
+    th1a: N, half_cosine: N, half_sine: N, th3a: N, g: Geometry, m: Backend[N]
 ) -> Quaternion[N]:
     """
-    Quaternion of leg A's chain, eq. 6, from th1A, cosine and sine of half of th2A, and th3A.
+    Return the quaternion of leg A's chain (eq. 6), th2A given by its half angle.
 
+    Parameters
+    ----------
+    th1a, th3a : number
+        Leg A's first and third joint, rad.
+    half_cosine, half_sine : number
+        Cosine and sine of half of th2A (unit 1).
+    g : Geometry
+        The mechanism.
+    m : Backend
+        Elementary functions.
+
+    Notes
+    -----
     The quaternion of Rx(alpha) Rz(th2A) Rx(beta) comes first. A turn about z on either side then
     rotates the pairs (w, z) and (x, y) like complex numbers. The outer frames B_A and Q_A come
     last, as one matrix.
+
     """
     cos_sum, sin_sum, cos_difference, sin_difference = g.half_angles
-    x, y, z, w = c * sin_sum, s * sin_difference, s * cos_difference, c * cos_sum
+    x = half_cosine * sin_sum
+    y = half_sine * sin_difference
+    z = half_sine * cos_difference
+    w = half_cosine * cos_sum
     # Halves first: the sum of two readings of any size may overflow.
-    first, third = 0.5 * th1a, 0.5 * th3a
-    angle = first + third
-    c, s = m.cos(angle), m.sin(angle)
-    w, z = c * w - s * z, s * w + c * z
-    angle = first - third
-    c, s = m.cos(angle), m.sin(angle)
-    x, y = c * x - s * y, s * x + c * y
+    first = 0.5 * th1a
+    third = 0.5 * th3a
+    cosine = m.cos(first + third)
+    sine = m.sin(first + third)
+    w, z = cosine * w - sine * z, sine * w + cosine * z
+    cosine = m.cos(first - third)
+    sine = m.sin(first - third)
+    x, y = cosine * x - sine * y, sine * x + cosine * y
     xx, xy, xz, xw, yx, yy, yz, yw, zx, zy, zz, zw, wx, wy, wz, ww = g.chain
     return (
         xx * x + xy * y + xz * z + xw * w,
@@ -171,43 +233,80 @@ def half_chain_quaternion(
 
 
 def linkage(th1a: N, th1b: N, th1c: N, th3a: N, g: Geometry, m: Backend[N]) -> Linkage[N]:
-    """Legs B and C in the frame of leg A's second joint, without its turn by th2A."""
-    c1, s1 = m.cos(th1a), m.sin(th1a)
-    c3, s3 = m.cos(th3a), m.sin(th3a)
-    b, c = g.carried
-    return (
-        (c1, s1),
-        (c3, s3),
-        (
-            second_in_second_joint(c1, s1, m.cos(th1b), m.sin(th1b), b),
-            turn_through_link(c3, s3, b.before_distal),
-            b.cos_beta,
-        ),
-        (
-            second_in_second_joint(c1, s1, m.cos(th1c), m.sin(th1c), c),
-            turn_through_link(c3, s3, c.before_distal),
-            c.cos_beta,
-        ),
+    """
+    Return the legs B and C in the frame of leg A's second joint, without its turn by th2A.
+
+    Parameters
+    ----------
+    th1a, th1b, th1c, th3a : number
+        Measured joint angles, rad.
+    g : Geometry
+        The mechanism.
+    m : Backend
+        Elementary functions.
+
+    Returns
+    -------
+    turn_1a, turn_3a : Turn
+        Cosine and sine of th1A, and of th3A (unit 1).
+    leg_b, leg_c : View
+        The legs, for `turn_of_second_joint`.
+
+    """
+    cosine_1a = m.cos(th1a)
+    sine_1a = m.sin(th1a)
+    cosine_3a = m.cos(th3a)
+    sine_3a = m.sin(th3a)
+    carried_b, carried_c = g.carried
+    leg_b = (
+        second_in_second_joint(cosine_1a, sine_1a, m.cos(th1b), m.sin(th1b), carried_b),
+        turn_through_link(cosine_3a, sine_3a, carried_b.before_distal),
+        carried_b.cos_beta,
     )
+    leg_c = (
+        second_in_second_joint(cosine_1a, sine_1a, m.cos(th1c), m.sin(th1c), carried_c),
+        turn_through_link(cosine_3a, sine_3a, carried_c.before_distal),
+        carried_c.cos_beta,
+    )
+    return (cosine_1a, sine_1a), (cosine_3a, sine_3a), leg_b, leg_c
 
 
 def turn_of_second_joint(leg_b: View[N], leg_c: View[N]) -> Vector[N]:
-    """Case 2: cosine, sine of th2A = xi + xi', each times the determinant, and it; eqs. 15, 16."""
+    """
+    Solve Case 2 for th2A = xi + xi' (eqs. 15, 16).
+
+    Parameters
+    ----------
+    leg_b, leg_c : View
+        The legs B and C of a `linkage`.
+
+    Returns
+    -------
+    cosine, sine, determinant : number
+        As of `common_turn`.
+
+    """
     return common_turn(turn_equation(*leg_b), turn_equation(*leg_c))
 
 
-def passive_axes(c1: N, s1: N, c2: N, s2: N, g: Geometry) -> tuple[Vector[N], Vector[N]]:
-    """Z2A and Z3A in the base frame, from cosines and sines of th1A and th2A."""
+def passive_axes(
+    cosine_1a: N, sine_1a: N, cosine_2a: N, sine_2a: N, g: Geometry
+) -> tuple[Vector[N], Vector[N]]:
+    """
+    Return Z2A and Z3A in the base frame.
+
+    Parameters
+    ----------
+    cosine_1a, sine_1a : number
+        Of th1A (unit 1).
+    cosine_2a, sine_2a : number
+        Of th2A (unit 1).
+    g : Geometry
+        The mechanism.
+
+    """
     leg = g.legs[0]
-    x, y = leg.sin_beta * s2, -leg.sin_beta * c2
-    y, z = (
-        leg.cos_alpha * y - leg.sin_alpha * leg.cos_beta,
-        leg.sin_alpha * y + leg.cos_alpha * leg.cos_beta,
-    )
-    x, y = c1 * x - s1 * y, s1 * x + c1 * y
-    b00, b01, b02, b10, b11, b12, b20, b21, b22 = leg.base_frame
-    return second_axis(c1, s1, leg), (
-        b00 * x + b01 * y + b02 * z,
-        b10 * x + b11 * y + b12 * z,
-        b20 * x + b21 * y + b22 * z,
-    )
+    # Rz(th2A) Rx(beta) z, then through the proximal link and the first joint.
+    distal = leg.sin_beta * sine_2a, -leg.sin_beta * cosine_2a, leg.cos_beta
+    third = about_z(cosine_1a, sine_1a, about_x(leg.cos_alpha, leg.sin_alpha, distal))
+    return second_axis(cosine_1a, sine_1a, leg), times(leg.base_frame, third)

@@ -25,7 +25,17 @@ IDENTITY = (0.0, 0.0, 0.0, 1.0)
 
 @dataclass(frozen=True, slots=True)
 class Mounting:
-    """Unit quaternions x, y, z, w of R_table_base and R_platform_handle, in plain floats."""
+    """
+    Constant rotations on both sides of R_base_platform, in plain floats.
+
+    Attributes
+    ----------
+    base : tuple of four float
+        Unit quaternion x, y, z, w of R_table_base.
+    handle : tuple of four float
+        Unit quaternion x, y, z, w of R_platform_handle.
+
+    """
 
     base: Quaternion[float] = IDENTITY
     handle: Quaternion[float] = IDENTITY

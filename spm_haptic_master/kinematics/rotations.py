@@ -116,16 +116,35 @@ def _zxz_angles(x: N, y: N, z: N, w: N, m: Backend[N]) -> Vector[N]:
 
 
 def zxz_rotation(psi: float, theta: float, phi: float) -> Rotation[float]:
-    """Rotation matrix, row by row, of the ZXZ Euler angles, rad, in plain floats (eq. 7)."""
+    """
+    Rotation matrix of the ZXZ Euler angles, in plain floats (eq. 7).
+
+    Parameters
+    ----------
+    psi, theta, phi : float
+        Euler angles, rad; phi is the self-rotation.
+
+    Returns
+    -------
+    tuple of nine float
+        R_base_platform = Rz(psi) Rx(theta) Rz(phi), row by row.
+
+    """
     return _zxz_rotation(psi, theta, phi, FLOATS)
 
 
 def zxz_quaternion(psi: float, theta: float, phi: float) -> Quaternion[float]:
     """
-    Quaternion x, y, z, w of the ZXZ Euler angles, rad, in plain floats (eq. 7).
+    Quaternion x, y, z, w of the ZXZ Euler angles, in plain floats (eq. 7).
 
     It is continuous in the angles: a turn of psi or phi by 2 pi gives the opposite quaternion of
     the same rotation.
+
+    Parameters
+    ----------
+    psi, theta, phi : float
+        Euler angles, rad; phi is the self-rotation.
+
     """
     difference, total = 0.5 * (psi - phi), 0.5 * (psi + phi)
     s, c = math.sin(0.5 * theta), math.cos(0.5 * theta)
@@ -139,10 +158,19 @@ def zxz_quaternion(psi: float, theta: float, phi: float) -> Quaternion[float]:
 
 def zxz_angles(x: float, y: float, z: float, w: float) -> Vector[float]:
     """
-    Angles psi, theta, phi (ZXZ, eq. 7), rad, of a unit quaternion, in plain floats.
+    Angles psi, theta, phi (ZXZ, eq. 7) of a unit quaternion, in plain floats.
 
-    psi and phi are in [-pi, pi], theta in [0, pi]. At theta = 0 or pi only the sum or the
-    difference of psi and phi is defined; they are then equal or opposite.
+    Parameters
+    ----------
+    x, y, z, w : float
+        Unit quaternion of R_base_platform.
+
+    Returns
+    -------
+    psi, theta, phi : float
+        rad; psi and phi in [-pi, pi], theta in [0, pi]. At theta = 0 or pi only the sum or the
+        difference of psi and phi is defined; they are then equal or opposite.
+
     """
     return _zxz_angles(x, y, z, w, FLOATS)
 
@@ -183,7 +211,13 @@ class AngularVelocity:
 
     The difference of two samples would amplify the sensors' noise by the sample rate. The slope of
     a straight line through the n samples of the window amplifies it by about
-    sqrt(12 / n) / window, and lags by half the window (ns, 1 or more).
+    sqrt(12 / n) / window, and lags by half the window.
+
+    Parameters
+    ----------
+    window : int
+        Length of the window, ns, 1 or more.
+
     """
 
     def __init__(self, window: int):
@@ -241,10 +275,24 @@ def unstack_matrix(matrices: Array) -> Rotation[Batch]:
 
 def matrix_from_quaternion(q: ArrayLike) -> Array:
     """
-    Rotation matrices (..., 3, 3) of unit quaternions x, y, z, w, shape (..., 4).
+    Rotation matrices of quaternions.
 
-    InputError if `q` is not an array of finite numbers of that shape, or a norm differs from 1 by
-    more than `QUATERNION_NORM_TOLERANCE`.
+    Parameters
+    ----------
+    q : array_like, shape (..., 4)
+        Unit quaternions x, y, z, w.
+
+    Returns
+    -------
+    ndarray, shape (..., 3, 3)
+        R_base_platform.
+
+    Raises
+    ------
+    InputError
+        `q` is not an array of finite numbers of that shape, or a norm differs from 1 by more than
+        `QUATERNION_NORM_TOLERANCE`.
+
     """
     q = check_array('q', q, (4,))
     with np.errstate(over='ignore'):
@@ -261,9 +309,23 @@ def matrix_from_quaternion(q: ArrayLike) -> Array:
 
 def quaternion_from_matrix(R: ArrayLike) -> Array:
     """
-    Compute unit quaternions x, y, z, w, shape (..., 4), w >= 0, of rotation matrices (..., 3, 3).
+    Quaternions of rotation matrices.
 
-    InputError if `R` is not an array of rotations of that shape.
+    Parameters
+    ----------
+    R : array_like, shape (..., 3, 3)
+        R_base_platform.
+
+    Returns
+    -------
+    ndarray, shape (..., 4)
+        Unit quaternions x, y, z, w, with w >= 0.
+
+    Raises
+    ------
+    InputError
+        `R` is not an array of rotations of that shape.
+
     """
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = unstack_matrix(check_rotations('R', R))
     # Each row of 4 q q^T is a multiple of q; the one with the largest diagonal entry is not small.
@@ -297,10 +359,23 @@ def quaternion_from_matrix(R: ArrayLike) -> Array:
 
 def matrix_from_zxz(psi: ArrayLike, theta: ArrayLike, phi: ArrayLike) -> Array:
     """
-    Rotation matrices Rz(psi) Rx(theta) Rz(phi) of ZXZ Euler angles (eq. 7), shape (..., 3, 3).
+    Rotation matrices of ZXZ Euler angles (eq. 7).
 
-    The angles psi, theta, phi (...), rad, are broadcast together; phi is the self-rotation.
-    InputError if one is not finite, or the shapes do not broadcast.
+    Parameters
+    ----------
+    psi, theta, phi : array_like, shape (...)
+        Euler angles, rad, broadcast together; phi is the self-rotation.
+
+    Returns
+    -------
+    ndarray, shape (..., 3, 3)
+        R_base_platform = Rz(psi) Rx(theta) Rz(phi).
+
+    Raises
+    ------
+    InputError
+        An angle is not finite, or the shapes do not broadcast.
+
     """
     psi, theta, phi = (
         check_angles(name, angle, ())
@@ -312,10 +387,23 @@ def matrix_from_zxz(psi: ArrayLike, theta: ArrayLike, phi: ArrayLike) -> Array:
 
 def zxz_from_matrix(R: ArrayLike) -> tuple[Array, Array, Array]:
     """
-    Angles psi, theta, phi (ZXZ, eq. 7), rad, shape (...), of rotation matrices (..., 3, 3).
+    Angles psi, theta, phi (ZXZ, eq. 7) of rotation matrices.
 
-    Their ranges, and the convention at theta = 0 and pi, are those of `zxz_angles`. InputError if
-    `R` is not an array of rotations.
+    Parameters
+    ----------
+    R : array_like, shape (..., 3, 3)
+        R_base_platform.
+
+    Returns
+    -------
+    psi, theta, phi : ndarray, shape (...)
+        rad, with the ranges and the convention at theta = 0 and pi of `zxz_angles`.
+
+    Raises
+    ------
+    InputError
+        `R` is not an array of rotations of that shape.
+
     """
     x, y, z, w = np.moveaxis(quaternion_from_matrix(R), -1, 0)
     angles: tuple[Any, Any, Any] = _zxz_angles(x, y, z, w, ARRAYS)

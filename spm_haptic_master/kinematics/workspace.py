@@ -19,8 +19,6 @@ from spm_haptic_master.exceptions import InputError, quoted, SpmError
 from spm_haptic_master.kinematics.checks import check_angles, check_broadcast, WorkingMode
 from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.inverse_model import (
-    cross,
-    dot,
     measured_angles,
     parallel_determinant,
     RIG_WORKING_MODE,
@@ -40,6 +38,7 @@ from spm_haptic_master.kinematics.rotations import (
     quaternion_from_vector,
     rotation_from_quaternion,
 )
+from spm_haptic_master.kinematics.vectors import cross, dot
 
 # Largest number of Newton steps to the singular surface; four are usual.
 APPROACH_STEPS = 8
@@ -62,11 +61,27 @@ BISECTIONS = 50
 
 def workspace_pose(tilt: ArrayLike, azimuth: ArrayLike, phi: ArrayLike) -> Array:
     """
-    Poses R_base_platform of the workspace cone, shape (..., 3, 3).
+    Poses of the workspace cone.
 
-    `tilt` is the angle of the platform axis from (1, 1, 1), `azimuth` the tilt's direction about
-    (1, 1, 1) from (1, -1, 0), and `phi` the self-rotation, the third ZXZ angle, all rad and
-    broadcast together. InputError if one is not finite, or the shapes do not broadcast.
+    Parameters
+    ----------
+    tilt : array_like, shape (...)
+        Angle of the platform axis from (1, 1, 1), rad.
+    azimuth : array_like, shape (...)
+        Direction of the tilt, rad, about (1, 1, 1) from (1, -1, 0).
+    phi : array_like, shape (...)
+        Self-rotation, the third ZXZ angle, rad.
+
+    Returns
+    -------
+    ndarray, shape (..., 3, 3)
+        R_base_platform; the three arguments are broadcast together.
+
+    Raises
+    ------
+    InputError
+        An angle is not finite, or the shapes do not broadcast.
+
     """
     tilts, azimuths = check_angles('tilt', tilt, ()), check_angles('azimuth', azimuth, ())
     check_broadcast('tilt, azimuth', tilts.shape, azimuths.shape)
@@ -88,10 +103,30 @@ def singularity_locus(
     """
     Parallel singularities of the workspace cone at one self-rotation (the lines of Figs. 6, 7).
 
-    `phi` is the self-rotation and `half_angle` that of the cone, at most pi, rad. det A is
-    followed along rays from the centre and along circles about it; each change of sign is
-    bisected. Returned are tilt and azimuth of the singularities, rad, shape (n,), as in
-    `workspace_pose`, by azimuth; n may be 0. Errors as of `inverse`.
+    det A is followed along rays from the centre and along circles about it; each change of sign
+    is bisected.
+
+    Parameters
+    ----------
+    phi : float
+        Self-rotation, rad.
+    half_angle : float
+        Half angle of the cone, rad, in ]0, pi].
+    geometry : Geometry
+        Link angles and axes.
+    working_mode : sequence of three int
+        Signs of B_kk, legs A, B, C.
+
+    Returns
+    -------
+    tilt, azimuth : ndarray, shape (n,)
+        Of the singularities, rad, as in `workspace_pose`, by azimuth; n may be 0.
+
+    Raises
+    ------
+    InputError
+        An argument has a wrong type, shape or value.
+
     """
     angle, half = check_angles('phi', phi, ()), check_angles('half_angle', half_angle, ())
     if angle.ndim or half.ndim or not 0.0 < half <= math.pi:
@@ -146,7 +181,15 @@ def changes_of_sign(
 
 
 class Nearness(NamedTuple):
-    """Dexterity (eq. 12, 2-norm), in [0, 1], of the active joints, of every sensor, in use."""
+    """
+    Dexterities of a pose: smallest over largest singular value of the Jacobian (eq. 12, 2-norm).
+
+    Attributes
+    ----------
+    three, every, in_use : float
+        With the active joints alone, with every mounted sensor, and with those in use; in [0, 1].
+
+    """
 
     three: float
     every: float
@@ -154,7 +197,17 @@ class Nearness(NamedTuple):
 
 
 class Approach(NamedTuple):
-    """Shortest turn to the singular surface: angle, rad, and unit axis in the base frame."""
+    """
+    Shortest turn of a pose to the singular surface.
+
+    Attributes
+    ----------
+    distance : float
+        Angle of the turn, rad.
+    axis : tuple of three float
+        Axis of the turn, a unit vector in the base frame.
+
+    """
 
     distance: float
     axis: Vector[float]
@@ -163,7 +216,22 @@ class Approach(NamedTuple):
 def determinant_gradient(
     rotation: Rotation[float], g: Geometry, working_mode: WorkingMode
 ) -> tuple[float, Vector[float]]:
-    """Return det A of a pose (unit 1) and its gradient along turns in the base frame (1 / rad)."""
+    """
+    Compute det A of a pose and its gradient along turns in the base frame, in plain floats.
+
+    Returns
+    -------
+    determinant : float
+        det A, unit 1.
+    gradient : tuple of three float
+        1 / rad.
+
+    Raises
+    ------
+    UnreachableError
+        A leg does not reach the pose.
+
+    """
     th1 = th1a, th1b, th1c = measured_angles(rotation, g, working_mode, 3)
     rows, diagonal = velocity_rows(rotation, (th1a, th1b, th1c), g, FLOATS)
     thirds = third_axes(rotation, g)
@@ -191,10 +259,28 @@ def nearness(
     left_out: Collection[int] = (),
 ) -> Nearness:
     """
-    Dexterities of one pose, quaternion x, y, z, w; nothing is validated.
+    Dexterities of one pose, in plain floats; nothing is validated.
 
-    `sensors`, 4, 5 or 6, are mounted, and those at the places `left_out` not in use, three at
-    least. UnreachableError, or SingularityError on the boundary of the working mode.
+    Parameters
+    ----------
+    quaternion : tuple of four float
+        x, y, z, w of R_base_platform.
+    geometry : Geometry
+        Link angles and axes.
+    working_mode : tuple of three int
+        Signs of B_kk, legs A, B, C.
+    sensors : {4, 5, 6}
+        Number of mounted sensors.
+    left_out : collection of int
+        Places of mounted sensors that are not in use; three at least are.
+
+    Raises
+    ------
+    UnreachableError
+        A leg does not reach the pose.
+    SingularityError
+        The pose is on the boundary of the working mode.
+
     """
     rotation = rotation_from_quaternion(*quaternion)
     th1a, th1b, th1c = measured_angles(rotation, geometry, working_mode, 3)
@@ -226,8 +312,18 @@ def approach(
     Find the shortest turn to the next parallel singularity along the determinant's gradient.
 
     Newton's method starts from the pose itself. Near the singular surface it converges to the foot
-    of the perpendicular; a singularity beyond an extremum of the determinant is not found. None
-    where the search leaves the reach of the legs or does not converge. Arguments as of `nearness`.
+    of the perpendicular; a singularity beyond an extremum of the determinant is not found.
+
+    Parameters
+    ----------
+    quaternion, geometry, working_mode
+        As for `nearness`.
+
+    Returns
+    -------
+    Approach or None
+        None where the search leaves the reach of the legs or does not converge.
+
     """
     x = y = z = 0.0
     try:
