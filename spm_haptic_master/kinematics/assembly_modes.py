@@ -77,7 +77,8 @@ SELF_MOTION = 1e-12
 POLISHING_STEPS = 60
 # Smallest fraction of a Newton step before polishing ends (unit 1), and largest angle between two
 # solutions that may be one mode (rad).
-LEAST_SCALE, MERGING_ANGLE = 1e-3, 1e-3
+LEAST_SCALE = 1e-3
+MERGING_ANGLE = 1e-3
 # Smallest difference between the distances of two distinguishable modes from the last orientation
 # (rad): the platform turns about this far between samples at 1 kHz (10 rad/s).
 AMBIGUITY_MARGIN = 0.01
@@ -109,7 +110,8 @@ class LockedChain(Generic[N]):
     @classmethod
     def of(cls, th1: Sequence[N], g: Geometry, m: Backend[N]) -> LockedChain[N]:
         """Return the chain of th1A, th1B, th1C (rad) of a Geometry; nothing is validated."""
-        c1, s1 = m.cos(th1[0]), m.sin(th1[0])
+        c1 = m.cos(th1[0])
+        s1 = m.sin(th1[0])
         return cls(
             th1[0],
             tuple(
@@ -129,13 +131,18 @@ class LockedChain(Generic[N]):
 
     def closures(self: LockedChain[float], th2a: float, th3a: float) -> list[float]:
         """Return closure error, rates along th2A and th3A, of leg B, then of leg C (unit 1)."""
-        c2, s2, c3, s3 = math.cos(th2a), math.sin(th2a), math.cos(th3a), math.sin(th3a)
-        carrier, found = self.g.legs[0], []
+        c2 = math.cos(th2a)
+        s2 = math.sin(th2a)
+        c3 = math.cos(th3a)
+        s3 = math.sin(th3a)
+        carrier = self.g.legs[0]
+        found = []
         for second, carried in zip(self.seconds, self.g.carried, strict=True):
             dx, dy, dz = into_second_link(c2, s2, second)
             vx, vy, vz = turn_through_link(c3, s3, carried.before_distal)
             # A turn of the platform about a unit axis changes it at the rate axis . (Z3k x Z2k).
-            y, z = vz * dx - vx * dz, vx * dy - vy * dx
+            y = vz * dx - vx * dz
+            z = vx * dy - vy * dx
             found += [
                 dx * vx + dy * vy + dz * vz - carried.cos_beta,
                 z,
@@ -191,7 +198,8 @@ def _third_joint_candidates(chain: LockedChain[float], th2a: float) -> Sequence[
     """Return the candidates for th3A, rad, at a root of eq. 4."""
     first, second = chain.turn_equations(math.cos(th2a), math.sin(th2a))
     cosine, sine, determinant = common_turn(first, second)
-    size1, size2 = math.hypot(*first[:2]), math.hypot(*second[:2])
+    size1 = math.hypot(*first[:2])
+    size2 = math.hypot(*second[:2])
     if abs(determinant) > PARALLEL_EQUATIONS * size1 * size2:
         return [math.atan2(sine * determinant, cosine * determinant)]
     return both_turns(first if size1 > size2 else second)
@@ -207,17 +215,22 @@ def polish(
     for _ in range(POLISHING_STEPS):
         # It does not slow the convergence, and keeps the step defined where two modes meet.
         damping = error * error
-        a22, a23, a33 = b2 * b2 + c2 * c2 + damping, b2 * b3 + c2 * c3, b3 * b3 + c3 * c3 + damping
+        a22 = b2 * b2 + c2 * c2 + damping
+        a23 = b2 * b3 + c2 * c3
+        a33 = b3 * b3 + c3 * c3 + damping
         determinant = a22 * a33 - a23 * a23
         if error == 0.0 or determinant <= 0.0 or scale < LEAST_SCALE:
             break
-        r2, r3 = b2 * fb + c2 * fc, b3 * fb + c3 * fc
+        r2 = b2 * fb + c2 * fc
+        r3 = b3 * fb + c3 * fc
         new2 = th2a - scale * (a33 * r2 - a23 * r3) / determinant
         new3 = th3a - scale * (a22 * r3 - a23 * r2) / determinant
         closures = chain.closures(new2, new3)
         new_error = math.hypot(closures[0], closures[3])
         if new_error < error:
-            th2a, th3a, error = new2, new3, new_error
+            th2a = new2
+            th3a = new3
+            error = new_error
             fb, b2, b3, fc, c2, c3 = closures
             scale = 1.0
         elif error < ROUNDING:

@@ -165,16 +165,15 @@ def _in_slices(
 ) -> Array:
     """Check th1 and the passive angle; return the matrices, a slice of rows at a time."""
     check_geometry(geometry)
-    active, angle = check_angles('th1', th1, (3,)), check_angles(name, passive, ())
+    active = check_angles('th1', th1, (3,))
+    angle = check_angles(name, passive, ())
     shape = check_broadcast(f'th1, {name}', active.shape[:-1], angle.shape)
     columns = *np.moveaxis(active, -1, 0), angle
     rows = math.prod(shape)
     if rows <= SLICE:
         return case(*columns, geometry)
-    result, columns = (
-        np.empty((rows, 3, 3)),
-        tuple(np.broadcast_to(each, shape).ravel() for each in columns),
-    )
+    result = np.empty((rows, 3, 3))
+    columns = tuple(np.broadcast_to(each, shape).ravel() for each in columns)
     for start in range(0, rows, SLICE):
         part = slice(start, start + SLICE)
         result[part] = case(*(each[part] for each in columns), geometry)
@@ -323,7 +322,8 @@ def start_at(
     angle of leg B or C without any reading is 0. UnreachableError if a leg that lacks a reading
     does not reach the orientation.
     """
-    th1a, th3a = readings[0], readings[3]
+    th1a = readings[0]
+    th3a = readings[3]
     found_1a, th2a, found_3a = _fitting_angles(rotation, g.legs[0], th1a, th3a)
     th1b = _active_angle(rotation, g.legs[1], readings[1], readings[4])
     th1c = _active_angle(rotation, g.legs[2], readings[2], readings[5])

@@ -131,19 +131,26 @@ def leg_constants(
     alpha: float, beta: float, base: Quaternion[float], platform: Quaternion[float]
 ) -> Leg:
     """Return the constants of a leg from its link angles and its frames B_k and Q_k."""
-    in_base, in_platform = rotation_from_quaternion(*base), rotation_from_quaternion(*platform)
-    ca, sa = math.cos(alpha), math.sin(alpha)
-    (xx, yx, zx), (xy, yy, zy), (xz, yz, zz) = in_base[:3], in_base[3:6], in_base[6:]
+    in_base = rotation_from_quaternion(*base)
+    in_platform = rotation_from_quaternion(*platform)
+    cos_alpha = math.cos(alpha)
+    sin_alpha = math.sin(alpha)
+    # The columns of B_k: its axes in the base frame.
+    xx, yx, zx, xy, yy, zy, xz, yz, zz = in_base
     return Leg(
-        ca,
-        sa,
-        math.cos(beta),
-        math.sin(beta),
-        (zx, zy, zz),
-        ((ca * zx, ca * zy, ca * zz), (-sa * yx, -sa * yy, -sa * yz), (sa * xx, sa * xy, sa * xz)),
-        (in_platform[2], in_platform[5], in_platform[8]),
-        in_base,
-        in_platform,
+        cos_alpha=cos_alpha,
+        sin_alpha=sin_alpha,
+        cos_beta=math.cos(beta),
+        sin_beta=math.sin(beta),
+        first=(zx, zy, zz),
+        second=(
+            (cos_alpha * zx, cos_alpha * zy, cos_alpha * zz),
+            (-sin_alpha * yx, -sin_alpha * yy, -sin_alpha * yz),
+            (sin_alpha * xx, sin_alpha * xy, sin_alpha * xz),
+        ),
+        third=(in_platform[2], in_platform[5], in_platform[8]),
+        base_frame=in_base,
+        platform_frame=in_platform,
     )
 
 
@@ -155,15 +162,16 @@ def carried_constants(leg: Leg, carrier: Leg) -> Carried:
         return x, y, z
 
     p, q, r = (into(carrier.base_frame, axis) for axis in leg.second)
+    first = into(carrier.base_frame, leg.first)
     third = into(carrier.platform_frame, leg.third)
     zero = into(carrier.platform_frame, leg.platform_frame[::3])
     return Carried(
-        leg.cos_beta,
-        _link_turn(into(carrier.base_frame, leg.first), carrier.cos_alpha, -carrier.sin_alpha),
-        (*p, *q, *r, carrier.cos_alpha, carrier.sin_alpha),
-        third,
-        _link_turn(third, carrier.cos_beta, carrier.sin_beta),
-        _link_turn(zero, carrier.cos_beta, carrier.sin_beta),
+        cos_beta=leg.cos_beta,
+        first=_link_turn(first, carrier.cos_alpha, -carrier.sin_alpha),
+        second=(*p, *q, *r, carrier.cos_alpha, carrier.sin_alpha),
+        third=third,
+        before_distal=_link_turn(third, carrier.cos_beta, carrier.sin_beta),
+        zero=_link_turn(zero, carrier.cos_beta, carrier.sin_beta),
     )
 
 
@@ -221,7 +229,8 @@ class Geometry:
         beta: float = math.radians(34.1),
         gamma: float = math.radians(18.2),
     ):
-        alpha, beta = check_angle('alpha', alpha), check_angle('beta', beta)
+        alpha = check_angle('alpha', alpha)
+        beta = check_angle('beta', beta)
         gamma = check_angle('gamma', gamma)
         first, second, third = (
             (
@@ -290,7 +299,8 @@ class Geometry:
             for turns, axes in ((BASE_TURNS, base_axes), (PLATFORM_TURNS, platform_axes))
         )
         leg_a, leg_b, leg_c = map(leg_constants, alphas, betas, in_base, in_platform)
-        difference, total = betas[0] - alphas[0], alphas[0] + betas[0]
+        difference = betas[0] - alphas[0]
+        total = alphas[0] + betas[0]
         columns = [
             multiply_quaternions(multiply_quaternions(in_base[0], unit), conjugate(in_platform[0]))
             for unit in (

@@ -33,9 +33,11 @@ NUMBER_WORDS = {4: 'four', 5: 'five', 6: 'six'}
 
 # Smallest and largest standard deviation of a sensor (rad): a resolution of 32 bits a turn, and
 # more than a reading has that says nothing.
-SMALLEST_SIGMA, LARGEST_SIGMA = 1e-9, math.pi
+SMALLEST_SIGMA = 1e-9
+LARGEST_SIGMA = math.pi
 # Fewest sensors that are mounted, and that determine an orientation.
-FEWEST_MOUNTED, FEWEST_USED = 4, 3
+FEWEST_MOUNTED = 4
+FEWEST_USED = 3
 
 
 def named_joints(text: str) -> tuple[str, ...]:

@@ -132,7 +132,8 @@ class _Arrays:
         # root, the smaller a quotient, so that neither cancels. The point 0 has the angle 0.
         radius = np.sqrt(x * x + y * y)
         if np.any(radius == 0.0):
-            x, radius = np.where(radius == 0.0, 1.0, x), np.where(radius == 0.0, 1.0, radius)
+            x = np.where(radius == 0.0, 1.0, x)
+            radius = np.where(radius == 0.0, 1.0, radius)
         larger = np.sqrt(0.5 + 0.5 * np.abs(x) / radius)
         smaller = 0.5 * np.abs(y) / (radius * larger)
         ahead = x >= 0.0

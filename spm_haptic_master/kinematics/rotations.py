@@ -62,10 +62,18 @@ def multiply_quaternions(p: Quaternion[N], q: Quaternion[N]) -> Quaternion[N]:
 
 def rotation_from_quaternion(x: N, y: N, z: N, w: N) -> Rotation[N]:
     """Rotation matrix, nine numbers row by row, of a unit quaternion."""
-    x2, y2, z2 = x + x, y + y, z + z
-    xx, yy, zz = x2 * x, y2 * y, z2 * z
-    xy, xz, yz = x2 * y, x2 * z, y2 * z
-    wx, wy, wz = x2 * w, y2 * w, z2 * w
+    x2 = x + x
+    y2 = y + y
+    z2 = z + z
+    xx = x2 * x
+    yy = y2 * y
+    zz = z2 * z
+    xy = x2 * y
+    xz = x2 * z
+    yz = y2 * z
+    wx = x2 * w
+    wy = y2 * w
+    wz = z2 * w
     return (
         1.0 - yy - zz,
         xy - wz,
@@ -81,9 +89,12 @@ def rotation_from_quaternion(x: N, y: N, z: N, w: N) -> Rotation[N]:
 
 def _zxz_rotation(psi: N, theta: N, phi: N, m: Backend[N]) -> Rotation[N]:
     """Rotation matrix Rz(psi) Rx(theta) Rz(phi), eq. 7; angles in rad."""
-    c1, s1 = m.cos(psi), m.sin(psi)
-    c, s = m.cos(theta), m.sin(theta)
-    c2, s2 = m.cos(phi), m.sin(phi)
+    c1 = m.cos(psi)
+    s1 = m.sin(psi)
+    c = m.cos(theta)
+    s = m.sin(theta)
+    c2 = m.cos(phi)
+    s2 = m.sin(phi)
     return (
         c1 * c2 - s1 * c * s2,
         -c1 * s2 - s1 * c * c2,
@@ -104,7 +115,8 @@ def _zxz_angles(x: N, y: N, z: N, w: N, m: Backend[N]) -> Vector[N]:
     q = (s cos d, s sin d, c sin e, c cos e) with s, c of theta / 2, d = (psi - phi) / 2 and
     e = (psi + phi) / 2; no branch is needed: atan2(0, 0) = 0 covers theta = 0 and pi.
     """
-    difference, total = m.atan2(y, x), m.atan2(z, w)
+    difference = m.atan2(y, x)
+    total = m.atan2(z, w)
     theta = 2.0 * m.atan2(m.sqrt(x * x + y * y), m.sqrt(z * z + w * w))
     psi, phi = (
         m.atan2(m.sin(angle), m.cos(angle)) for angle in (total + difference, total - difference)
@@ -146,8 +158,10 @@ def zxz_quaternion(psi: float, theta: float, phi: float) -> Quaternion[float]:
         Euler angles, rad; phi is the self-rotation.
 
     """
-    difference, total = 0.5 * (psi - phi), 0.5 * (psi + phi)
-    s, c = math.sin(0.5 * theta), math.cos(0.5 * theta)
+    difference = 0.5 * (psi - phi)
+    total = 0.5 * (psi + phi)
+    s = math.sin(0.5 * theta)
+    c = math.cos(0.5 * theta)
     return (
         s * math.cos(difference),
         s * math.sin(difference),

@@ -54,7 +54,8 @@ TILT_DIRECTIONS = np.array(
     ]
 )
 # Rays and circles of the cone along which `singularity_locus` follows det A.
-RAYS, CIRCLES = 360, 60
+RAYS = 360
+CIRCLES = 60
 # Number of halvings of a grid step, of 1 rad at most, down to rounding.
 BISECTIONS = 50
 
@@ -83,7 +84,8 @@ def workspace_pose(tilt: ArrayLike, azimuth: ArrayLike, phi: ArrayLike) -> Array
         An angle is not finite, or the shapes do not broadcast.
 
     """
-    tilts, azimuths = check_angles('tilt', tilt, ()), check_angles('azimuth', azimuth, ())
+    tilts = check_angles('tilt', tilt, ())
+    azimuths = check_angles('azimuth', azimuth, ())
     check_broadcast('tilt, azimuth', tilts.shape, azimuths.shape)
     direction = (
         np.cos(azimuths)[..., None] * TILT_DIRECTIONS[0]
@@ -128,7 +130,8 @@ def singularity_locus(
         An argument has a wrong type, shape or value.
 
     """
-    angle, half = check_angles('phi', phi, ()), check_angles('half_angle', half_angle, ())
+    angle = check_angles('phi', phi, ())
+    half = check_angles('half_angle', half_angle, ())
     if angle.ndim or half.ndim or not 0.0 < half <= math.pi:
         raise InputError(
             f'phi = {quoted(phi)}, half_angle = {quoted(half_angle)}: expected one '
@@ -144,7 +147,8 @@ def singularity_locus(
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
         before = determinant(middle) * side > 0.0
-        low, high = np.where(before, middle, low), np.where(before, high, middle)
+        low = np.where(before, middle, low)
+        high = np.where(before, high, middle)
     tilt, azimuth = 0.5 * (low + high)
     order = np.argsort(azimuth, kind='stable')
     return tilt[order], azimuth[order]
@@ -173,7 +177,8 @@ def changes_of_sign(
         )
     )
     changed = one[2] * other[2] < 0.0
-    one, other = one[:, changed], other[:, changed]
+    one = one[:, changed]
+    other = other[:, changed]
     return one[:2], other[:2], one[2], other[2]
 
 
@@ -335,7 +340,9 @@ def approach(
             gx, gy, gz = gradient
             along = (gx * x + gy * y + gz * z - value) / (gx * gx + gy * gy + gz * gz)
             last = x, y, z
-            x, y, z = along * gx, along * gy, along * gz
+            x = along * gx
+            y = along * gy
+            z = along * gz
             if max(abs(x - last[0]), abs(y - last[1]), abs(z - last[2])) < APPROACH_TOLERANCE:
                 break
         else:
