@@ -111,7 +111,7 @@ setup(
         'lint': LINT,
         'reference': REFERENCE,
         # setuptools: from 80 on, `colcon build --symlink-install` fails.
-        # pyte: a terminal for the live status. websockets: the devtools of a browser.
+        # websockets: the devtools of a browser.
         'test': [
             *PAPER,
             *SETUP,
@@ -119,7 +119,6 @@ setup(
             *AMENT_LINT,
             'colcon-common-extensions',
             'hypothesis',
-            'pyte',
             'pytest',
             'pytest-xdist',
             'setuptools<80',

@@ -17,6 +17,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / 'test'))
+pytest.register_assert_rewrite('recorded_text')
 os.environ.update(child_process.private_environment())
 
 # As from a terminal; what a shell runs in the background, and all it starts, would ignore Ctrl-C.

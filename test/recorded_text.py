@@ -3,12 +3,18 @@
 
 """Texts of results against recorded ones: the same words, and numbers but for their rounding."""
 
+from difflib import SequenceMatcher
+from itertools import zip_longest
+from math import isclose
 import re
 
 from harness import DATA
-import numpy as np
 
 NUMBER = re.compile(r'[-+]?\d+\.?\d*(?:e[-+]\d+)?')
+# Differences of two numbers that are rounding: of their size, and absolute.
+RELATIVE, ABSOLUTE = 1e-4, 2e-4
+# Lines that differ which a failure shows.
+SHOWN = 20
 
 
 def assert_recorded(name, text):
@@ -17,8 +23,35 @@ def assert_recorded(name, text):
     if not path.exists():
         path.write_text(text, encoding='utf-8')
         raise AssertionError(f'{path}: recorded anew')
-    recorded = path.read_text(encoding='utf-8')
-    words, expected = (NUMBER.sub('#', ' '.join(each.split())) for each in (text, recorded))
-    assert words == expected
-    numbers, known = (np.array(NUMBER.findall(each), dtype=float) for each in (text, recorded))
-    np.testing.assert_allclose(numbers, known, rtol=1e-4, atol=2e-4)
+    found = differences(text, path.read_text(encoding='utf-8'))
+    assert not found, '\n'.join([f'{name}: {len(found)} lines differ', *found[:SHOWN]])
+
+
+def differences(text, recorded):
+    """Return a line for each that differs: its number, what was found, what was expected."""
+    found, expected = text.splitlines(), recorded.splitlines()
+    blocks = SequenceMatcher(
+        None, [*map(words, found)], [*map(words, expected)], autojunk=False
+    ).get_opcodes()
+    reported = []
+    for _, begin, end, first, last in blocks:
+        for got, wanted, number in zip_longest(
+            found[begin:end], expected[first:last], range(first + 1, last + 1)
+        ):
+            if got is None or wanted is None or not is_same(got, wanted):
+                reported.append(f'line {number or last}: found {got!r}, expected {wanted!r}')
+    return reported
+
+
+def words(line):
+    """Return a line with its numbers and spaces made equal."""
+    return NUMBER.sub('#', ' '.join(line.split()))
+
+
+def is_same(line, expected):
+    """Return whether two lines have the same words, and numbers within rounding."""
+    numbers, known = NUMBER.findall(line), NUMBER.findall(expected)
+    return words(line) == words(expected) and all(
+        isclose(float(number), float(other), rel_tol=RELATIVE, abs_tol=ABSOLUTE)
+        for number, other in zip(numbers, known, strict=True)
+    )

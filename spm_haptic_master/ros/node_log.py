@@ -20,7 +20,6 @@ import os
 from queue import Empty, Full, Queue
 import threading
 import time
-from typing import Protocol
 
 from rclpy.impl.logging_severity import LoggingSeverity
 from rclpy.impl.rcutils_logger import RcutilsLogger
@@ -35,19 +34,10 @@ COLOURS = {LoggingSeverity.WARN: '\x1b[33m', LoggingSeverity.ERROR: '\x1b[31m'}
 COLOUR_END = '\x1b[0m'
 # Time in which a line that comes again is counted and not repeated (s).
 REPEAT_PERIOD = 10.0
-# Time without a further line after which counts are printed if the present is among them (s):
-# faster changes are summed up.
+# Quiet time after which the counts of a still-current line are printed (s).
 QUIET = 1.0
 
 Line = tuple[int, str]  # severity, text
-
-
-class Sink(Protocol):
-    """Where the console's lines go: takes a line without waiting, and writes all of them."""
-
-    def put(self, line: str, /) -> None: ...  # noqa: D102
-
-    def close(self, timeout: float, /) -> None: ...  # noqa: D102
 
 
 class RepeatedLines:
@@ -109,11 +99,10 @@ class RepeatedLines:
 
 
 class NodeLog:
-    """Logs lines from a queue, in a thread of its own; without a sink there is no console."""
+    """Logs lines from a queue, in a thread of its own; without a `console` it prints nothing."""
 
-    def __init__(self, sink: Sink | None) -> None:
-        self._sink = sink
-        self._displays = [] if sink is None else [sink]
+    def __init__(self, console: LineWriter | None) -> None:
+        self._console = console
         self._coloured = is_coloured(STANDARD_ERROR)
         self._queue: Queue[tuple[RcutilsLogger, Line] | None] = Queue(QUEUE_LENGTH)
         self._nodes: defaultdict[RcutilsLogger, RepeatedLines] = defaultdict(RepeatedLines)
@@ -125,12 +114,6 @@ class NodeLog:
         with suppress(Full):
             self._queue.put_nowait((logger, (severity, text)))
 
-    def attach(self, display: Sink, takes_lines: bool) -> None:
-        """Close a display at the end; print the console's lines by it, if it takes them."""
-        self._displays.append(display)
-        if takes_lines and self._sink is not None:
-            self._sink = display
-
     def close(self, timeout: float) -> None:
         """Log the queued lines and end, within about `timeout` s."""
         end = time.monotonic() + timeout
@@ -139,8 +122,8 @@ class NodeLog:
         except Full:
             return
         self._thread.join(end - time.monotonic())
-        for display in self._displays:
-            display.close(max(0.0, end - time.monotonic()))
+        if self._console is not None:
+            self._console.close(max(0.0, end - time.monotonic()))
 
     def _run(self) -> None:
         while True:
@@ -166,11 +149,11 @@ class NodeLog:
             if not logger.is_enabled_for(severity):
                 continue
             write(logger, severity, text)
-            if self._sink is not None:
+            if self._console is not None:
                 line = f'[{severity.name}] [{time.time():.9f}] [{logger.name}]: {text}'
                 if self._coloured and severity in COLOURS:
                     line = COLOURS[severity] + line + COLOUR_END
-                self._sink.put(line)
+                self._console.put(line)
 
 
 def write(logger: RcutilsLogger, severity: LoggingSeverity, text: str) -> None:
@@ -193,12 +176,6 @@ def begin(args: Sequence[str]) -> None:
     chosen = [argument for argument in args if argument in (CONSOLE, NO_CONSOLE)]
     has_console = not chosen or chosen[-1] == CONSOLE
     _log = NodeLog(LineWriter(STANDARD_ERROR) if has_console else None)
-
-
-def attach(display: Sink, takes_lines: bool) -> None:
-    """Close a display at the end; print the console's lines by it, if it takes them."""
-    if _log is not None:
-        _log.attach(display, takes_lines)
 
 
 def end(timeout: float) -> None:

@@ -22,7 +22,6 @@ from spm_haptic_master.description.colours import LEGS
 from spm_haptic_master.description.workspace_map import colour_bar
 from spm_haptic_master.kinematics import joints, zxz_angles
 from spm_haptic_master.kinematics.number_backends import Quaternion
-from spm_haptic_master.nodes.master import FULL_DEXTERITY
 from spm_haptic_master.ros.diagnostic_status import CAUTION_KEY
 from spm_haptic_master.view import status
 from spm_haptic_master.view.scene import ARM_DISTANCE, GHOST
@@ -52,6 +51,8 @@ NO_DEVICE = status.Banner(status.Light.GREY, 'no device found: is master running
 DASH = '\u2013'
 # Colours of all encoders, and of limits.
 ALL, LIMIT = '#2b6cb0', '#b42318'
+# Dexterity of three sensors at which the bar is full (unit 1).
+FULL_DEXTERITY = 0.2
 # Error of three encoders clear of the singularity that noise does not explain (deg).
 WRONG_SIDE = 3.0
 # Share above which further motion improves a calibration little.

@@ -3,6 +3,7 @@
 
 """The benchmark of the pipeline: what a run counts, what it prints and writes; no timings."""
 
+import csv
 from dataclasses import replace
 import json
 import os
@@ -26,7 +27,6 @@ import numpy as np
 import pytest
 import rclpy
 from rclpy.serialization import serialize_message
-from recorded_text import assert_recorded
 from sensor_msgs.msg import JointState
 from spm_haptic_master.parameters.resolver import Parameters
 
@@ -380,8 +380,25 @@ def test_all_rounds_are_compared_and_written(monkeypatch, tmp_path, capsys):
     comparison.compare(2.0, 2, 500.0, {'a': '1'}, tmp_path / 'new' / 'directory')
     assert measured == 2 * [(case.name, 2.0, 500.0, {'a': '1'}) for case in comparison.CASES]
     out = capsys.readouterr().out.replace(str(tmp_path), 'DIR')
+    # Latencies of 100 .. 200 us and 800 .. 900 us: the median of the rounds of each percentile.
+    assert (
+        '| bare relay | 33.7 | 500 | 540 | 549 | 550 | 550 | 2 of 400 | 10 '
+        '| bare_relay 12.5, bare_driver 12.5 |'
+    ) in out
+    # 250 over 150, and 950 over 850.
+    assert re.search(r'p50, driver and fkm over bare relay +1.39 \(1.12 .. 1.67\)', out)
+    assert (
+        'round 1 of 2, driver and fkm: p50 250 p90 290 p99 299 p99.9 300 max 300 us, lost 1\n'
+        in out
+    )
+    assert '1 of 14 runs disturbed' in out
     with open(tmp_path / 'new' / 'directory' / 'runs.csv') as file:
-        assert_recorded('sessions/benchmark.txt', out + file.read())
+        rows = [*csv.DictReader(file)]
+    assert [row['pipeline'] for row in rows] == 2 * [case.name for case in comparison.CASES]
+    assert [row['disturbed'] for row in rows if row['disturbed']] == [
+        'other programs 30 % of a core'
+    ]
+    assert (rows[0]['latency p99 (us)'], rows[0]['made'], rows[0]['lost']) == ('199', '200', '1')
     comparison.compare(2.0, 1, 500.0, {}, tmp_path)
 
 

@@ -76,7 +76,8 @@ class Hosted:
     """
     Nodes, all that they publish, and the time, which stands still between calls.
 
-    `sent` has the messages by topic, as it is in the code; the nodes receive them from each other.
+    `sent` has the messages by topic, as it is in the code, and `times` when they were published
+    (s of `monotonic`); the nodes receive them from each other.
     Each topic has one publisher, but for those of `publishers`: names of nodes by full topic.
     `subscribed` decides for a topic whether it has subscribers.
     """
@@ -84,6 +85,7 @@ class Hosted:
     def __init__(self) -> None:
         self.nodes: list[Node] = []
         self.sent: dict[str, Messages] = defaultdict(Messages)
+        self.times: dict[str, list[float]] = defaultdict(list)
         self.publishers: dict[str, tuple[str, ...]] = {}
         self.subscribed: Callable[[str], bool] = lambda topic: True
         # What DDS calls where the publishers of a full topic change.
@@ -195,6 +197,7 @@ class Hosted:
             out = create(node, kind, topic, *args, **options) if is_real else SimpleNamespace()
 
             def publish(message):
+                self.times[topic].append(self.monotonic())
                 # A copy: nodes use their messages again.
                 self.sent[topic].append(
                     (deepcopy(message), None)

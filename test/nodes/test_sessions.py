@@ -23,46 +23,35 @@ from recorded_text import assert_recorded
 from sensor_msgs.msg import Joy
 from spm_haptic_master.kinematics.rotations import rotation_distance
 from spm_haptic_master.nodes import master
+from spm_haptic_master.nodes.console import Console
 from spm_haptic_master.nodes.presence import Presence
 from spm_haptic_master.nodes.sim_slave import SimSlave
 from spm_haptic_master.ros import node_log
 from std_msgs.msg import Float64MultiArray, String
 
-# Messages of a topic that are shown (at most), but for texts and diagnostics: those are all shown.
-SHOWN = 8
-
-
-class Console(master.Console):
-    """A console without its thread."""
-
-    def __init__(self, *nodes):
-        self._coloured = True
+# Topics of which each message is an event: a text, and its time.
+EVENTS = ('state', 'teleop_state', 'operating_state_text', 'error', 'warning', 'source')
 
 
 class Device:
-    """A master, its slave and its pedals in one process, and what they log and show."""
+    """A master, its slave and its pedals in one process, and what they publish and log."""
 
     def __init__(self, host, done, logged):
-        self.host, self.done, self.logged, self.shown = host, done, logged, []
-        self._console, by_name = Console(), {each.get_name(): each for each in host.nodes}
-        self.driver = self._console._driver = by_name['encoder_driver']
-        self._console._fkm, self._console._diagnostics = host.node, by_name['diagnostics']
+        self.host, self.done, self.begin = host, done, host.monotonic()
+        self._logged = logged
+        self.driver = next(node for node in host.nodes if node.get_name() == 'encoder_driver')
 
     def run(self, seconds, script):
-        """Let the driver work; do what the script has for a time, s, and show a line a second."""
-        begin, script = self.host.monotonic(), sorted(script.items())
-        read, next_line = self.driver._source.read, begin
+        """Let the driver work, and do what the script has for a time, s."""
+        script = sorted(script.items())
+        read = self.driver._source.read
 
         def read_in_time(timeout):
-            nonlocal next_line
             self.host.run(0.0)
-            now = self.host.monotonic()
-            while script and now - begin >= script[0][0]:
+            now = self.host.monotonic() - self.begin
+            while script and now >= script[0][0]:
                 script.pop(0)[1]()
-            if now >= next_line:
-                next_line += 1.0
-                self.shown.append(self._console._line())
-            if now - begin > seconds:
+            if now > seconds:
                 self.driver._stop.set()
             return read(timeout)
 
@@ -70,37 +59,74 @@ class Device:
         self.driver._run()
         assert not self.done.done()
 
-    def text(self):
-        """Return all that was published, by topic, logged and shown."""
-        lines = []
-        for topic, messages in sorted(self.host.sent.items()):
-            if topic == '/parameter_events':
-                continue
-            messages = list(messages)
-            lines.append(f'{topic}: {len(messages)}')
-            is_text = (
-                topic == '/diagnostics'
-                or hasattr(messages[0], 'data')
-                and isinstance(messages[0].data, str)
+    def times(self, topic):
+        """Return when the messages of a topic were published, s since the begin."""
+        return np.array(self.host.times[topic]) - self.begin
+
+    def events(self):
+        """Return the changes of all states and all lines of the log in their order, one a line."""
+        found = [(time - self.begin, 'log', text) for time, text in self._logged]
+        for topic in EVENTS:
+            before = None
+            for time, message in zip(self.times(topic), self.host.sent[topic], strict=True):
+                if message.data != before:
+                    found.append((time, topic, message.data))
+                before = message.data
+        found.sort(key=lambda event: event[0])
+        return [f'{time:.1f} {topic}: {text}' for time, topic, text in found]
+
+    def values(self, topic, at):
+        """Return the last message of a topic before a time, one value a line, without stamps."""
+        times = self.times(topic)
+        count = np.searchsorted(times, at)
+        message = self.host.sent[topic][int(count) - 1]
+        return [
+            f'{at:.1f} {topic}{name}: {value}'
+            for name, value in fields(message)
+            if name != '.stamp'
+        ]
+
+    def entries(self, at):
+        """Return the entries on /diagnostics before a time, one value a line."""
+        latest = {}
+        for time, array in zip(
+            self.times('/diagnostics'), self.host.sent['/diagnostics'], strict=True
+        ):
+            for status in array.status:
+                if time < at:
+                    latest[status.name] = status
+        return [
+            f'{at:.1f} {name}, {key}: {value}'
+            for name, status in sorted(latest.items())
+            for key, value in (
+                ('level', int.from_bytes(status.level, 'little')),
+                ('message', status.message),
+                *((entry.key, entry.value) for entry in status.values),
             )
-            step = 1 if is_text else -(-len(messages) // SHOWN)
-            lines += ['  ' + ' '.join(words(message)) for message in messages[::step]]
-        return '\n'.join([*lines, 'log:', *self.logged, 'shown:', *self.shown])
+        ]
 
 
-def words(value):
-    """Yield the fields of a message without stamps, which are of the machine's clock."""
+def fields(value, name=''):
+    """Yield name and value of each field of a message that is no message itself."""
     if hasattr(value, 'get_fields_and_field_types'):
-        for name in value.get_fields_and_field_types():
-            if name != 'stamp':
-                yield from words(getattr(value, name))
+        for field in value.get_fields_and_field_types():
+            if field != 'stamp':
+                yield from fields(getattr(value, field), f'{name}.{field}')
     elif isinstance(value, (str, bool, int)):
-        yield str(value)
+        if value != '':
+            yield name, value
     elif isinstance(value, float):
-        yield f'{value:.6g}'
+        yield name, f'{value:.5g}'
     else:
-        for each in value:
-            yield from words(each)
+        numbers = list(value)
+        is_flat = all(isinstance(each, (str, float)) for each in numbers)
+        if is_flat and numbers:
+            yield (
+                name,
+                ' '.join(each if isinstance(each, str) else f'{each:.5g}' for each in numbers),
+            )
+        for number, each in enumerate([] if is_flat else numbers):
+            yield from fields(each, f'{name}[{number}]')
 
 
 def example(name):
@@ -121,9 +147,11 @@ def device(monkeypatch, *settings, beside=(SimSlave, Presence), remaps=()):
         monkeypatch.setattr(
             node_log,
             level,
-            lambda node, text, level=level: logged.append(f'{node.get_name()} {level}: {text}'),
+            lambda node, text, level=level: logged.append(
+                (node_log.time.monotonic(), f'{node.get_name()} {level}: {text}')
+            ),
         )
-    monkeypatch.setattr(master, 'Console', Console)
+    monkeypatch.setattr(Console, 'start', lambda _: None)
     # As recorded: without the messages of packages that may be installed.
     for name in ('crtk_msgs', 'tf2_msgs', 'tf2_msgs.msg'):
         monkeypatch.setitem(sys.modules, name, None)
@@ -176,6 +204,46 @@ SETTINGS = {
 }
 
 
+# Topics of which one message is recorded, in the middle of the session: the slave follows.
+SOME = {
+    'four': (
+        'orientation',
+        'measured_cp',
+        'measured_cv',
+        'pose_with_covariance',
+        'protection_level',
+        'dexterity',
+        'joint_states',
+        'measured_js',
+        'readings',
+        'crtk/measured_js',
+        'setpoint_cp',
+        'servo_cp',
+        'slave/measured_cp',
+        'delta_twist_cmds',
+        'gripper/measured_js',
+        'ground_truth/orientation',
+        'presence',
+        'clutch',
+        'enabled_at',
+    ),
+    'six': ('measured_js', 'protection_level', 'dexterity', 'joint_states', 'measured_cp'),
+}
+MIDDLE = 2.8
+# Rates of topics while the device is healthy and the slave follows (Hz).
+HEALTHY = (2.6, 3.0)
+RATES = {
+    'orientation': 100.0,
+    'protection_level': 100.0,
+    'pose_with_covariance': 100.0,
+    'measured_js': 100.0,
+    'measured_cp': 20.0,
+    'measured_cv': 20.0,
+    'crtk/measured_js': 20.0,
+    'slave/measured_cp': 50.0,
+}
+
+
 @pytest.mark.parametrize('name', SETTINGS)
 def test_a_session_is_as_recorded(monkeypatch, name):
     with device(monkeypatch, *RECORDED, *SETTINGS[name]) as rig:
@@ -216,7 +284,13 @@ def test_a_session_is_as_recorded(monkeypatch, name):
                 9.4: give('simulation/steer', Float64MultiArray),
             },
         )
-        assert_recorded(f'sessions/{name}.txt', rig.text())
+        values = [line for topic in SOME[name] for line in rig.values(topic, MIDDLE)]
+        lines = [*rig.events(), *values, *rig.entries(MIDDLE)]
+        assert_recorded(f'sessions/{name}.txt', '\n'.join([*lines, '']))
+        for topic, rate in RATES.items():
+            times = rig.times(topic)
+            count = np.count_nonzero((times >= HEALTHY[0]) & (times < HEALTHY[1]))
+            assert count == pytest.approx(rate * (HEALTHY[1] - HEALTHY[0]), abs=1), topic
         # A client ignores what is not newer.
         for topic in ('slave/measured_cp', 'presence', 'orientation', 'ground_truth/orientation'):
             stamps = list(map(stamp, host.sent[topic]))

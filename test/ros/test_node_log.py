@@ -77,21 +77,11 @@ def test_lines_are_counted_for_each_node_and_counts_come_although_nothing_else_d
     ]
 
 
-@pytest.mark.parametrize(
-    ('has_console', 'takes_lines', 'shown'),
-    [(False, True, []), (True, True, ['silent']), (True, False, [])],
-)
-def test_a_display_takes_the_lines_of_the_console(sink, has_console, takes_lines, shown):
-    display = Lines()
-    log = NodeLog(sink if has_console else None)
-    log.attach(display, takes_lines)
+def test_a_log_without_a_console_prints_nothing_and_ends():
+    log = NodeLog(None)
     put(log, 'silent')
     log.close(PATIENCE)
-    assert display.texts() == [*shown, 'closed']
-    assert sink.texts() == [
-        *(['silent'] if has_console and not takes_lines else []),
-        *(['closed'] if has_console else []),
-    ]
+    assert not log._thread.is_alive()
 
 
 def test_a_log_that_nobody_ends_keeps_no_process_alive(sink):
