@@ -86,6 +86,14 @@ class Device:
             if name != '.stamp'
         ]
 
+    def counts(self):
+        """Return each topic with the number of its messages, one a line."""
+        return [
+            f'{topic}: {len(messages)}'
+            for topic, messages in sorted(self.host.sent.items())
+            if topic != '/parameter_events'
+        ]
+
     def entries(self, at):
         """Return the entries on /diagnostics before a time, one value a line."""
         latest = {}
@@ -285,7 +293,7 @@ def test_a_session_is_as_recorded(monkeypatch, name):
             },
         )
         values = [line for topic in SOME[name] for line in rig.values(topic, MIDDLE)]
-        lines = [*rig.events(), *values, *rig.entries(MIDDLE)]
+        lines = [*rig.events(), *values, *rig.entries(MIDDLE), *rig.counts()]
         assert_recorded(f'sessions/{name}.txt', '\n'.join([*lines, '']))
         for topic, rate in RATES.items():
             times = rig.times(topic)
