@@ -70,8 +70,8 @@ def objects_of(node_id, **changes):
 
 # Every object that an encoder need not have.
 OPTIONAL = (
-    *('o1005', 'o1006', 'o1010_01', 'o1017', 'o1019', 'o1800_03', 'o1800_05', 'o1A00_00'),
-    *('o1A00_01', 'o6000', 'o6001', 'o6002', 'o6200', 'o6501'),
+    *('o1005', 'o1006', 'o1010_01', 'o1017', 'o1018_04', 'o1019', 'o1800_03', 'o1800_05'),
+    *('o6000', 'o6001', 'o6002', 'o6200', 'o6501'),
 )
 BARE = dict.fromkeys(OPTIONAL)
 

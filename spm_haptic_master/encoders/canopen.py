@@ -84,6 +84,8 @@ TPDO_MAPPING = 0x1A00
 TPDO_IDENTIFIER, TPDO_TYPE, TPDO_INHIBIT_TIME, TPDO_EVENT_TIMER = 1, 2, 3, 5
 # Value that stores all parameters: "save" in ASCII, lowest byte first.
 SAVE = int.from_bytes(b'save', 'little')
+# Bits of the object that stores: on command, and by itself.
+STORES = 0b11
 # Bits of a TPDO's identifier: the TPDO is off; no remote request; 29 bits; the identifier itself.
 TPDO_OFF, TPDO_NO_REQUEST, TPDO_EXTENDED, TPDO_ID_MASK = 1 << 31, 1 << 30, 1 << 29, (1 << 29) - 1
 # Transmission types: after every SYNC, and on events of the device.
@@ -236,6 +238,15 @@ def emcy_words(data: bytes | bytearray, codes: Mapping[int, str] = EMCY_CODES) -
         text += ': another error remains'
     specific = bytes(data[3:])
     return text + (f', specific {specific.hex(" ")}' if any(specific) else '')
+
+
+def shared_node_id(node_id: int, devices: int) -> str:
+    """Return in words that several devices have one node id, and what to do."""
+    words = {2: 'two', 3: 'three', 4: 'four', 5: 'five', 6: 'six'}
+    return (
+        f'{words.get(devices, devices)} devices have node id {node_id}: give each its own, one at '
+        'a time on the bus (switches, LSS or a tool of the maker)'
+    )
 
 
 def state_word(state: int) -> str:

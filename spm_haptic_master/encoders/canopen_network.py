@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 import logging
 import threading
+import time
 from typing import Any
 
 import can
@@ -17,7 +18,9 @@ from spm_haptic_master.encoders.can_bus import BUS_ERRORS
 from spm_haptic_master.exceptions import InputError, SetupError
 
 # Longest wait for the answer to a request (s), and for that to storing into flash memory.
-ANSWER_TIMEOUT, STORE_TIMEOUT = 0.5, 5.0
+ANSWER_TIMEOUT, STORE_TIMEOUT = 0.5, 15.0
+# Time in which every device with a node id answers a request (s).
+ALL_ANSWER = 0.05
 # Number of requests by SDO until an encoder does not answer: a frame may get lost.
 REQUESTS = 2
 # Longest wait for the boot-up message of a node that was reset (s).
@@ -69,8 +72,12 @@ def awaited(network: Any, identifier: int, data: bytes | None = None) -> Iterato
         network.unsubscribe(identifier, take)
 
 
+class RefusedError(SetupError):
+    """A node answers a request with an abort."""
+
+
 class Node:
-    """A node, as the master sees it; SetupError if it does not answer, or refuses."""
+    """A node as the master sees it; SetupError if it does not answer, RefusedError: it aborts."""
 
     def __init__(self, network: Any, node_id: int):
         self._canopen = import_canopen()
@@ -82,21 +89,53 @@ class Node:
         self._sdo.RESPONSE_TIMEOUT, self._sdo.MAX_RETRIES = ANSWER_TIMEOUT, REQUESTS
 
     def read(self, index: int, subindex: int) -> tuple[int | None, int]:
-        """Return the value of an object and its size, bytes; None and 0 if the node has none."""
+        """
+        Return the value of an object, and its size in bytes; None and 0 if the node has none.
+
+        The size is 0 where the answer does not have it.
+        """
         with self._request(f'to read 0x{index:04X}:{subindex:02X}', 'SDO'):
             try:
-                data = self._sdo.upload(index, subindex)
+                with self._sdo.open(index, subindex, buffering=0) as answer:
+                    size = answer.size
+                    data = answer.read()
             except self._canopen.SdoAbortedError as abort:
                 if abort.code not in (protocol.SDO_NO_SUCH_OBJECT, protocol.SDO_NO_SUCH_SUBINDEX):
                     raise
                 return None, 0
-        return int.from_bytes(data, 'little'), len(data)
+        return int.from_bytes(data, 'little'), size or 0
 
     def write(self, index: int, subindex: int, value: int, size: int) -> None:
         """Write an object of a size in bytes."""
         name = f'0x{index:04X}:{subindex:02X}'
         with self._request(f'0x{value:X} for {name}', f'while {name} is written'):
             self._sdo.download(index, subindex, value.to_bytes(size, 'little'))
+
+    def can_store(self) -> bool:
+        """Return whether it stores its parameters, on command or by itself."""
+        try:
+            support, _ = self.read(*protocol.STORE)
+        except RefusedError:
+            return False
+        return support is not None and bool(support & protocol.STORES)
+
+    def check_alone(self) -> None:
+        """Raise SetupError if several devices answer for this node id."""
+        answers: list[bytes] = []
+        identifier = protocol.SDO_ANSWER_BASE + self.node_id
+
+        def take(_: int, data: bytes, __: float) -> None:
+            answers.append(bytes(data))
+
+        self._network.subscribe(identifier, take)
+        try:
+            request = protocol.sdo_upload(self.node_id, *protocol.SERIAL_NUMBER)
+            self._network.send_message(request.arbitration_id, bytes(request.data))
+            time.sleep(ALL_ANSWER)
+        finally:
+            self._network.unsubscribe(identifier, take)
+        if len(answers) > 1:
+            raise SetupError(protocol.shared_node_id(self.node_id, len(answers)))
 
     def store(self) -> None:
         """Store all parameters."""
@@ -125,7 +164,7 @@ class Node:
         try:
             yield
         except self._canopen.SdoAbortedError as abort:
-            raise SetupError(f'node {self.node_id} refuses {refused}: {abort}') from abort
+            raise RefusedError(f'node {self.node_id} refuses {refused}: {abort}') from abort
         except self._canopen.SdoCommunicationError as error:
             failure = self._network.notifier.exception  # met by the receiving thread
             if isinstance(failure, BUS_ERRORS):

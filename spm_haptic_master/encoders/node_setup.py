@@ -5,16 +5,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Protocol
 
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.canopen_network import Node
-from spm_haptic_master.encoders.encoder_layout import EncoderLayout
-from spm_haptic_master.exceptions import InputError, SetupError
+from spm_haptic_master.encoders.canopen_network import Node, RefusedError
+from spm_haptic_master.exceptions import SetupError
 
-# Largest value of an UNSIGNED16 (ms).
-TIME_MAXIMUM = 0xFFFF
+# Index and subindex of an object, and a function of them that returns its value, None without.
+Key = tuple[int, int]
+Present = Callable[[int, int], int | None]
+# Subindices of a mapping: the number of its entries, and these (CiA 301 allows 64).
+ENTRIES = range(9)
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,10 +33,18 @@ class WantedObject:
     optional: bool = False  # a node without this object is also as wanted
     hexadecimal: bool = False  # its value is usually written so
     of_device: bool = False  # the value belongs to the device: compared and never written
+    also: tuple[int, ...] = ()  # further values that are as good
+
+    @property
+    def key(self) -> Key:
+        """Return index and subindex."""
+        return self.index, self.subindex
 
     def holds(self, present: int | None) -> bool:
         """Return whether a value is as wanted; None stands for no such object."""
-        return self.optional if present is None else not (present ^ self.value) & self.mask
+        if present is None:
+            return self.optional
+        return present in self.also or not (present ^ self.value) & self.mask
 
     def changed(self, present: int) -> int:
         """Return the value to write in place of a present one."""
@@ -41,12 +52,15 @@ class WantedObject:
 
     def difference(self, present: int | None) -> str:
         """Return the object, a value that is not as configured, and the wanted one, in words."""
-        form = '0x{:X}' if self.hexadecimal else '{}'
-        shown = 'missing' if present is None else form.format(present & self.mask)
+        shown = 'missing' if present is None else self.shown(present & self.mask)
         return (
             f'0x{self.index:04X}:{self.subindex:02X} {self.name}: {shown}, '
-            f'wanted {form.format(self.value)}'
+            f'wanted {self.shown(self.value)}'
         )
+
+    def shown(self, value: int) -> str:
+        """Return a value as it is usually written."""
+        return f'0x{value:X}' if self.hexadecimal else f'{value}'
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,107 +78,34 @@ class WantedPdo:
         return (self.identifier, *self.parameters, *self.mapping)
 
 
+class Rules(Protocol):
+    """What the objects of a node say together; `value` returns one of them."""
+
+    def excused(self, value: Present) -> set[Key]:
+        """Return the keys of objects whose values do not matter, as others are right."""
+
+    def adapted(self, wanted: WantedObjects, value: Present) -> WantedObjects:
+        """Return the wanted objects of a device that has these values."""
+
+    def remarks(self, value: Present) -> list[str]:
+        """Return in lines what no object of this node says or does."""
+
+    def hint(self, key: Key, value: Present) -> str:
+        """Return what to do about an object that cannot be written; empty if nothing is known."""
+
+
 @dataclass(frozen=True, slots=True)
 class WantedObjects:
     """The objects of one node."""
 
     pdos: tuple[WantedPdo, ...]
     others: tuple[WantedObject, ...]
+    rules: Rules | None = None
 
     @property
     def every(self) -> tuple[WantedObject, ...]:
         """Return all objects in the order of their report."""
         return (*(each for pdo in self.pdos for each in pdo.every), *self.others)
-
-
-def wanted_objects(
-    layout: EncoderLayout, node_id: int, synchronised: bool, period: float, heartbeat: float
-) -> WantedObjects:
-    """
-    Return the wanted objects of an encoder.
-
-    Unless `synchronised` by SYNC it sends by itself with a `period`, s; its heartbeats are
-    `heartbeat` s apart. InputError for a time that no object can hold.
-    """
-    base = layout.can_id - node_id
-    known = not layout.extended and base in canopen.TPDO_BASES
-    number = canopen.TPDO_BASES.index(base) if known else 0
-    name, parameters = f'TPDO{number + 1}', canopen.TPDO_PARAMETERS + number
-    timer = 0 if synchronised else milliseconds('1 / rate', period)
-    # A frame with nothing but the 32 bits of the position has a known mapping.
-    plain = (layout.data_length, layout.byte_offset, layout.bit_length, layout.byte_order) == (
-        4,
-        0,
-        32,
-        'little',
-    )
-    index, subindex = canopen.POSITION
-    return WantedObjects(
-        pdos=(
-            wanted_pdo(
-                parameters,
-                name,
-                layout.can_id | (canopen.TPDO_EXTENDED if layout.extended else 0),
-                canopen.EVERY_SYNC if synchronised else canopen.EVENT_DRIVEN,
-                (
-                    WantedObject(
-                        parameters,
-                        canopen.TPDO_INHIBIT_TIME,
-                        2,
-                        f'{name} inhibit time',
-                        0,
-                        optional=True,
-                    ),
-                    WantedObject(
-                        parameters,
-                        canopen.TPDO_EVENT_TIMER,
-                        2,
-                        f'{name} event timer',
-                        0,
-                        optional=True,
-                    ),
-                ),
-                [index << 16 | subindex << 8 | 32] if plain else [],
-            ),
-        ),
-        others=(
-            *other_tpdos_off(number),
-            WantedObject(
-                *canopen.HEARTBEAT_TIME,
-                2,
-                'heartbeat time, ms',
-                milliseconds('--heartbeat', heartbeat),
-            ),
-            WantedObject(
-                *canopen.OPERATING_PARAMETERS,
-                2,
-                'scaling on (bit 2)',
-                canopen.SCALING_ON,
-                canopen.SCALING_ON,
-            ),
-            WantedObject(*canopen.UNITS_PER_TURN, 4, 'units per turn', layout.counts_per_turn),
-            # Where a mask selects the turn, the position may also count turns.
-            *(
-                []
-                if layout.mask
-                else [WantedObject(*canopen.TOTAL_RANGE, 4, 'total range', layout.counts_per_turn)]
-            ),
-            WantedObject(
-                *canopen.CYCLIC_TIMER, 2, 'cyclic timer, ms', timer, optional=synchronised
-            ),
-        ),
-    )
-
-
-def milliseconds(name: str, seconds: float) -> int:
-    """Return a time in ms; InputError if it is not whole, or no object can hold it."""
-    value = 1e3 * seconds
-    if not (1.0 <= value <= TIME_MAXIMUM and abs(value - round(value)) < 1e-6 * value):
-        raise InputError(
-            f'{name} {seconds:g} s; expected whole milliseconds, 0.001 to '
-            f'{1e-3 * TIME_MAXIMUM:g} s'
-        )
-    return round(value)
 
 
 def wanted_pdo(
@@ -236,63 +177,164 @@ def identity(node: Node, profile: int) -> str:
     )
 
 
-def differences(node: Node, wanted: WantedObjects) -> dict[WantedObject, int | None]:
-    """Return the values of the objects that are not as configured; None for no such object."""
-    values = {each: node.read(each.index, each.subindex)[0] for each in wanted.every}
-    return {each: value for each, value in values.items() if not each.holds(value)}
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """The wanted objects of a node beside those that it has."""
+
+    wanted: WantedObjects
+    values: dict[Key, int | None]  # None for an object that it does not have
+
+    def value(self, index: int, subindex: int) -> int | None:
+        """Return the value of an object, None if the node has none."""
+        return self.values.get((index, subindex))
+
+    @property
+    def different(self) -> dict[WantedObject, int | None]:
+        """Return the objects that are not as wanted, and their values."""
+        rules = self.wanted.rules
+        excused = rules.excused(self.value) if rules else set()
+        return {
+            each: self.values[each.key]
+            for each in self.wanted.every
+            if each.key not in excused and not each.holds(self.values[each.key])
+        }
+
+    @property
+    def lines(self) -> list[str]:
+        """Return a line for each object that is not as wanted."""
+        return [each.difference(value) for each, value in self.different.items()]
+
+    @property
+    def remarks(self) -> list[str]:
+        """Return in lines what the node does not have and need not have."""
+        absent = [each for each in self.wanted.every if self.values[each.key] is None]
+        need_not = [f'0x{each.index:04X}:{each.subindex:02X}' for each in absent if each.optional]
+        found = [f'it has no {", ".join(need_not)}, and need not have'] if need_not else []
+        rules = self.wanted.rules
+        return found + (rules.remarks(self.value) if rules else [])
+
+    def hint(self, key: Key) -> str:
+        """Return what to do about an object that cannot be written, behind a colon; or nothing."""
+        rules = self.wanted.rules
+        hint = rules.hint(key, self.value) if rules else ''
+        return f'; {hint}' if hint else ''
 
 
-def words(found: dict[WantedObject, int | None]) -> list[str]:
-    """Return a line for each object that is not as configured."""
-    return [each.difference(value) for each, value in found.items()]
+def compare(node: Node, wanted: WantedObjects) -> Comparison:
+    """Return the wanted objects beside those that a node has; SetupError if it does not answer."""
+    values = {each.key: _read(node, each) for each in wanted.every}
+    if wanted.rules:
+        wanted = wanted.rules.adapted(wanted, lambda index, subindex: values[index, subindex])
+    return Comparison(wanted, values)
 
 
-def write(node: Node, wanted: WantedObjects, found: dict[WantedObject, int | None]) -> None:
-    """Write, store, reset and read back what differs, or SetupError; ends pre-operational."""
-    missing = words(
-        {each: value for each, value in found.items() if value is None or each.of_device}
-    )
-    if missing:
-        raise SetupError(f'node {node.node_id}: {"; ".join(missing)}')
+def _read(node: Node, wanted: WantedObject) -> int | None:
+    return _read_optional(node, wanted.key) if wanted.optional else node.read(*wanted.key)[0]
+
+
+def _read_optional(node: Node, key: Key) -> int | None:
+    """Return the value of an object, None where the node has none or refuses to show it."""
+    try:
+        return node.read(*key)[0]
+    except RefusedError:
+        return None
+
+
+def write(node: Node, found: Comparison) -> None:
+    """
+    Write what differs, store everything, reset the node and read it back.
+
+    It ends pre-operational. SetupError where the node does not do all of it: what was written is
+    then undone by a reset, or the error says that it is not.
+    """
+    wanted = found.wanted
+    if impossible := [
+        each.difference(value) + found.hint(each.key)
+        for each, value in found.different.items()
+        if value is None or each.of_device
+    ]:
+        raise SetupError(f'node {node.node_id}: {"; ".join(impossible)}; nothing was written')
+    if not node.can_store():
+        raise SetupError(
+            f'node {node.node_id} cannot store (0x1010:01): what is written would be lost without '
+            'power; nothing was written'
+        )
     node.command(canopen.NMT_PRE_OPERATIONAL)
-    for pdo in wanted.pdos:
-        if found.keys() & set(pdo.every):
-            _write_pdo(node, pdo)
-    for each in wanted.others:
-        _write(node, each)
-    _verify(node, wanted, 'after they were written')
-    node.store()
+    try:
+        for pdo in wanted.pdos:
+            if found.different.keys() & set(pdo.every):
+                _write_pdo(node, pdo, found)
+        for each in wanted.others:
+            # Objects may be two names of one value: what was written may have put this right.
+            if not each.holds(_read(node, each)) and each in compare(node, wanted).different:
+                _write(node, each, found)
+        _verify(node, wanted, 'after they were written')
+        node.store()
+    except SetupError as error:
+        raise SetupError(f'{error}; {_put_back(node, found)}') from error
     node.reset()
     _verify(node, wanted, 'after storing and a reset')
 
 
-def _write_pdo(node: Node, wanted: WantedPdo) -> None:
+def _put_back(node: Node, before: Comparison) -> str:
+    """Reset a node that was not set up; return in words whether it is as before."""
+    try:
+        node.reset()
+        undone = compare(node, before.wanted).values == before.values
+    except SetupError:
+        undone = False
+    return (
+        'not stored: a reset has undone what was written'
+        if undone
+        else 'half written, and not stored: power-cycle it'
+    )
+
+
+def _write_pdo(node: Node, wanted: WantedPdo, found: Comparison) -> None:
     """Write a PDO in the order of CiA 301: off, parameters, mapping, on again."""
     identifier = wanted.identifier
     present, size = node.read(identifier.index, identifier.subindex)
     if present is None:
         raise SetupError(f'node {node.node_id}: no {identifier.name}')
+    size = size or identifier.size
     node.write(identifier.index, identifier.subindex, present | canopen.TPDO_OFF, size)
     for each in wanted.parameters:
-        _write(node, each)
-    if any(not each.holds(node.read(each.index, each.subindex)[0]) for each in wanted.mapping):
-        count, *entries = wanted.mapping
-        node.write(count.index, count.subindex, 0, count.size)
-        for each in (*entries, count):
-            node.write(each.index, each.subindex, each.value, each.size)
+        _write(node, each, found)
+    if any(not each.holds(_read(node, each)) for each in wanted.mapping):
+        _write_mapping(node, wanted, found)
     # The identifier must not change while the PDO is on: first the identifier, then the bit.
     changed = identifier.changed(present)
     node.write(identifier.index, identifier.subindex, changed | canopen.TPDO_OFF, size)
     node.write(identifier.index, identifier.subindex, changed, size)
 
 
-def _write(node: Node, wanted: WantedObject) -> None:
+def _write_mapping(node: Node, wanted: WantedPdo, found: Comparison) -> None:
+    count, *entries = wanted.mapping
+    try:
+        node.write(count.index, count.subindex, 0, count.size)
+        for each in (*entries, count):
+            node.write(each.index, each.subindex, each.value, each.size)
+    except RefusedError as error:
+        present = compare(node, found.wanted)
+        whole = {
+            (count.index, place): _read_optional(node, (count.index, place)) for place in ENTRIES
+        }
+        hint = Comparison(found.wanted, present.values | whole).hint(count.key)
+        raise RefusedError(f'{error}{hint}') from error
+
+
+def _write(node: Node, wanted: WantedObject, found: Comparison) -> None:
     """Write an object that the node has and that is not as configured."""
-    present, size = node.read(wanted.index, wanted.subindex)
-    if present is not None and not wanted.holds(present):
-        node.write(wanted.index, wanted.subindex, wanted.changed(present), size)
+    present, size = (None, 0) if _read(node, wanted) is None else node.read(*wanted.key)
+    if present is None or wanted.holds(present):
+        return
+    try:
+        # An answer need not have its size.
+        node.write(*wanted.key, wanted.changed(present), size or wanted.size)
+    except RefusedError as error:
+        raise RefusedError(f'{error}{found.hint(wanted.key)}') from error
 
 
 def _verify(node: Node, wanted: WantedObjects, when: str) -> None:
-    if found := words(differences(node, wanted)):
-        raise SetupError(f'node {node.node_id}: not as configured {when}: ' + '; '.join(found))
+    if lines := compare(node, wanted).lines:
+        raise SetupError(f'node {node.node_id}: not as configured {when}: ' + '; '.join(lines))

@@ -10,7 +10,13 @@ from typing import Any
 
 from spm_haptic_master.drives.drive_objects import drive_objects
 from spm_haptic_master.drives.plan import check_shared_bus, make_plan
-from spm_haptic_master.encoders import canopen, canopen_network, node_setup
+from spm_haptic_master.encoders import (
+    canopen,
+    canopen_network,
+    eds_file,
+    encoder_objects,
+    node_setup,
+)
 from spm_haptic_master.encoders.decoder_factory import make_decoder
 from spm_haptic_master.exceptions import InputError, SettingError, SetupError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
@@ -30,6 +36,21 @@ Exit code 0 if the encoders are as configured, 1 if not."""
 # Time to listen for SYNC before something is written (s): two periods of 10 Hz.
 LISTEN = 0.2
 
+# Outcomes of one node.
+FAILED, DIFFERENT, AS_WANTED, STORED, NOT_STORED = (
+    'failed',
+    'differs',
+    'good',
+    'stored',
+    'not stored',
+)
+# What is said where the encoders send without SYNC.
+PHASES = (
+    'encoders.sync_id is 0: encoders that send without SYNC do so at phases of their own, which '
+    'change with each power-up; where they are more than half a period apart there is no set. '
+    'SYNC is needed: encoders.sync_id: 0x80'
+)
+
 # Joint, node id and wanted objects of each node.
 Nodes = list[tuple[str, int, node_setup.WantedObjects]]
 # The settings of the bus, the nodes, and the kind and identifier of a master's frames, if known.
@@ -44,6 +65,8 @@ def main(args: list[str]) -> int:
     of, plan = ('drives', _drives) if options.drives else ('can', _encoders)
     values, nodes, master = plan(given, options)
     canopen_network.import_canopen()
+    if options.eds is not None:
+        nodes = _described(nodes, options.eds)
     with command_line.bus_of(values, of) as bus, canopen_network.network_on(bus) as network:
         if options.write and master is not None:
             kind, identifier = master
@@ -55,6 +78,27 @@ def main(args: list[str]) -> int:
                     'it before anything is written'
                 )
         return _set_up(network, command_line.bus_name(values, of), nodes, options)
+
+
+def _described(nodes: Nodes, path: str) -> Nodes:
+    """
+    Print what an EDS file says of the wanted objects; return them with the device's sizes.
+
+    SetupError where the device cannot be set so: nothing has been sent then.
+    """
+    described, impossible = [], []
+    for joint, node_id, wanted in nodes:
+        device = eds_file.DeviceDescription(path, node_id)
+        print(f'{joint}, node {node_id}: {device.name}, by {path}:')
+        print('\n'.join(f'  {line}' for line in device.lines(wanted)), flush=True)
+        impossible += [f'{joint}: {line}' for line in device.impossible(wanted)]
+        described.append((joint, node_id, device.typed(wanted)))
+    if impossible:
+        print('\n'.join(impossible))
+        raise SetupError(
+            f'{path}: {len(impossible)} objects cannot have the wanted value; nothing was sent'
+        )
+    return described
 
 
 def _encoders(given: Values, options: argparse.Namespace) -> Plan:
@@ -69,16 +113,18 @@ def _encoders(given: Values, options: argparse.Namespace) -> Plan:
         (
             layout.joint,
             node_id,
-            node_setup.wanted_objects(
+            encoder_objects.wanted_objects(
                 layout,
                 node_id,
-                decoder.sync_id is not None,
+                decoder.sync_id,
                 1.0 / values['rate'],
                 options.heartbeat,
             ),
         )
         for layout, node_id in zip(decoder.layouts, values['encoders.node_id'], strict=True)
     ]
+    if decoder.sync_id is None:
+        print(PHASES)
     joints = [joint for joint, _, _ in nodes]
     for joint in options.joint or ():
         if joint not in joints:
@@ -119,27 +165,32 @@ def _set_up(network: Any, bus: str, nodes: Nodes, options: argparse.Namespace) -
         if options.drives
         else ('encoders', canopen.ENCODER_PROFILE)
     )
-    different = failed = 0
+    outcomes = []
     for joint, node_id, objects in nodes:
         try:
             node = canopen_network.Node(network, node_id)
-            different += _set_up_one(joint, node, objects, options.write, profile)
+            outcomes.append(_set_up_one(joint, node, objects, options.write, profile))
         except SetupError as error:
-            failed += 1
+            outcomes.append(FAILED)
             print(f'{joint}: {error}', flush=True)
-    if failed:
-        print(f'{bus}: {failed} of {len(nodes)} {kind} not set up')
+    total = len(nodes)
+    if failed := outcomes.count(FAILED):
+        print(f'{bus}: {failed} of {total} {kind} not set up')
         return 1
-    if different and not options.write:
+    if different := outcomes.count(DIFFERENT):
         print(
-            f'{bus}: {different} of {len(nodes)} {kind} not as configured; nothing was '
+            f'{bus}: {different} of {total} {kind} not as configured; nothing was '
             'written (--write)'
         )
         return 1
-    print(
-        f'{bus}: {len(nodes)} of {len(nodes)} {kind} as configured'
-        + (', stored and read back after a reset' if different else '')
-    )
+    stored = outcomes.count(STORED)
+    if stored == total:
+        ending = ', stored and read back after a reset'
+    elif options.write:
+        ending = f', {stored} of them stored and read back after a reset'
+    else:
+        ending = ''
+    print(f'{bus}: {total} of {total} {kind} as configured{ending}')
     return 0
 
 
@@ -149,22 +200,29 @@ def _set_up_one(
     wanted: node_setup.WantedObjects,
     writes: bool,
     profile: int,
-) -> bool:
-    """Print and, on request, write what differs; return whether something did."""
+) -> str:
+    """Print and, on request, write what differs; return a word for the outcome."""
+    node.check_alone()
     print(f'{joint}, node {node.node_id}: {node_setup.identity(node, profile)}', flush=True)
     if not all(pdo.mapping for pdo in wanted.pdos):
         print('  the mapping cannot be derived from this layout: left as it is')
-    found = node_setup.differences(node, wanted)
-    for line in node_setup.words(found):
+    found = node_setup.compare(node, wanted)
+    for line in (*found.lines, *found.remarks):
         print(f'  {line}')
-    if found and writes:
-        node_setup.write(node, wanted, found)
-    print(
-        f'  {len(wanted.every) - len(found)} of {len(wanted.every)} objects as configured'
-        + (f'; {len(found)} written' if found and writes else ''),
-        flush=True,
-    )
-    return bool(found)
+    outcome = AS_WANTED
+    if writes and not found.different and not node.can_store():
+        print('  not stored by this run: it cannot store (0x1010:01)')
+        outcome = NOT_STORED
+    elif writes:
+        node_setup.write(node, found)
+        outcome = STORED
+    elif found.different:
+        outcome = DIFFERENT
+    has = [each for each in found.wanted.every if found.values[each.key] is not None]
+    good = [each for each in has if each not in found.different]
+    written = f'; {len(found.different)} written' if writes and found.different else ''
+    print(f'  {len(good)} of {len(has)} objects as configured{written}', flush=True)
+    return outcome
 
 
 def _parser() -> Parser:
@@ -176,6 +234,12 @@ def _parser() -> Parser:
     )
     parser.add_argument(
         '--drives', action='store_true', help='the drives of drives.* in place of the encoders'
+    )
+    parser.add_argument(
+        '--eds',
+        metavar='FILE',
+        help="the maker's EDS of these devices: says before anything is sent what they can be set "
+        'to, and gives types and access of their objects',
     )
     parser.add_argument(
         '--joint',

@@ -13,7 +13,7 @@ import pytest
 from recorded_text import assert_recorded
 from spm_haptic_master.encoders import canopen, canopen_network
 from spm_haptic_master.encoders.canopen_network import import_canopen, network_on, Node
-from spm_haptic_master.encoders.node_setup import wanted_objects
+from spm_haptic_master.encoders.encoder_objects import wanted_objects
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.simulation.object_store import Entry
 from spm_haptic_master.tools import can_setup, command_line
@@ -111,9 +111,26 @@ def test_differences_are_listed_and_on_request_written_stored_and_verified(facto
     assert held(node, expected) == expected
     outcomes.append(run('--write'))
     assert [(code, err) for code, _, err in outcomes] == [(1, ''), (0, ''), (0, '')]
-    assert_recorded(
-        'encoders/setup.txt', '\n'.join(out for _, out, _ in outcomes).replace(channel, 'can7')
-    )
+    compared, written, again = (out for _, out, _ in outcomes)
+    second = compared.partition('joint_1b, node 2: ')[2].partition('joint_1c')[0]
+    assert second.splitlines() == [
+        'encoder 0x00010196, vendor 0x0, product 0x53504D, revision 0x10001, serial 0x2',
+        '  0x1800:02 TPDO1 transmission type: 254, wanted 1',
+        '  0x1800:05 TPDO1 event timer, ms: 10, wanted 0',
+        '  0x1A00:00 TPDO1 mapped objects: 2, wanted 1',
+        '  0x1801:01 TPDO2 off: 0x0, wanted 0x80000000',
+        '  0x1017:00 heartbeat time, ms: 0, wanted 100',
+        '  0x6000:00 scaling on (bit 2): 0, wanted 4',
+        '  0x6001:00 units per turn: 65536, wanted 16384',
+        '  0x6002:00 total range: 65536, wanted 16384',
+        '  0x6200:00 cyclic timer, ms: 10, wanted 0',
+        '  it has no 0x1802:01, 0x1803:01, 0x1005:00, 0x1006:00, 0x1019:00, and need not have',
+        '  4 of 13 objects as configured',
+    ]
+    ending = 'encoders as configured, stored and read back after a reset\n'
+    assert compared.endswith('4 of 4 encoders not as configured; nothing was written (--write)\n')
+    assert written.endswith(f'4 of 4 {ending}') and '; 9 written\n' in written
+    assert again.endswith(f'4 of 4 {ending}') and 'wanted' not in again
 
 
 @pytest.mark.parametrize(
@@ -141,7 +158,7 @@ def test_differences_are_listed_and_on_request_written_stored_and_verified(facto
         (
             2,
             ('encoders.sync_id:=0', 'encoders.mask:=[0, 0x3FFF, 0, 0]'),
-            {(0x1800, 2): 254, (0x6200, 0): 1, (0x6002, 0): 65536},
+            {(0x1800, 2): 254, (0x1800, 5): 1, (0x6200, 0): 0, (0x6002, 0): 65536},
         ),
     ],
 )
@@ -179,13 +196,17 @@ def test_other_settings_are_other_objects(factory, run, node_id, given, expected
             'node 2 refuses 0x4000 for 0x6001:00: Code 0x06010002, Attempt to write a read '
             'only object',
         ),
-        ({(0x6001, 0): None}, '0x6001:00 units per turn: missing, wanted 16384'),
+        (
+            {(0x6001, 0): None},
+            '0x6501:00 units per turn of the disc: 65536, wanted 16384; set '
+            'encoders.counts_per_turn: 65536; nothing was written',
+        ),
         (
             {(0x1000, 0): Entry(0x00020192)},
             'node 2 has device type 0x00020192; expected profile 406 (encoder)',
         ),
         ({(0x1000, 0): None}, 'node 2 has device type none; expected'),
-        ({(0x1010, 1): None}, 'node 2 refuses 0x65766173 for 0x1010:01'),
+        ({(0x1010, 1): None}, 'node 2 cannot store (0x1010:01): what is written would be lost'),
         (None, 'node 2: not as configured after storing and a reset: 0x1800:02 TPDO1'),
         ({}, 'node 2 has not booted within 0.05 s of its reset'),
     ],
@@ -217,7 +238,7 @@ def test_an_encoder_that_is_missing_does_not_stop_the_others(factory, run):
 
 def test_a_frame_of_29_bits_has_its_identifier_and_no_tpdo_of_the_node_id():
     layout = replace(LAYOUTS[0], extended=True, can_id=0x18FF1234)
-    identifier = wanted_objects(layout, 1, True, 1e-3, 0.1).pdos[0].identifier
+    identifier = wanted_objects(layout, 1, 0x80, 1e-3, 0.1).pdos[0].identifier
     assert (identifier.index, identifier.value) == (0x1800, 0x38FF1234)
     assert identifier.holds(0x78FF1234) and not identifier.holds(0x18FF1234)
     assert identifier.changed(0xC0000181) == 0x78FF1234
@@ -225,7 +246,7 @@ def test_a_frame_of_29_bits_has_its_identifier_and_no_tpdo_of_the_node_id():
 
 def test_objects_have_the_sizes_that_the_encoders_have(factory):
     sizes = {key: entry.size for key, entry in factory({})._entries.items()}
-    for each in wanted_objects(LAYOUTS[1], 2, True, 1e-3, 0.1).every:
+    for each in wanted_objects(LAYOUTS[1], 2, 0x80, 1e-3, 0.1).every:
         assert sizes.get((each.index, each.subindex), each.size) == each.size, each.name
 
 
