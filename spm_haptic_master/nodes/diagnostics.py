@@ -44,6 +44,8 @@ COVERED_TEXTS = {
 }
 # All of them: an orientation comes.
 MESSAGES = frozenset((*TEXTS.values(), *COVERED_TEXTS.values()))
+# Settings that may change while the node runs.
+LIVE = ('dexterity_warn', 'dexterity_error', 'dexterity_hysteresis')
 # Largest deviation of a unit quaternion's squared norm from 1 (unit 1): rounding, no error.
 UNIT_TOLERANCE = 1e-6
 
@@ -104,7 +106,7 @@ class Diagnostics(ParameterNode):
         self._left_out: tuple[int, ...] = ()
         self._unknown_state = ''  # words on `state` that are not a state; else empty
         self.levels = Levels(self._values)
-        self.on_change(DIAGNOSTICS_SETTINGS, self._apply)
+        self.on_change(LIVE, self._apply)
         self._read = OrientationReader().read
         # Stamp (ns) and quaternion of the latest orientation; None once it is evaluated, or shown
         # on `joint_states`.

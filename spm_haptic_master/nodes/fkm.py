@@ -22,7 +22,6 @@ from spm_haptic_master.nodes.force import Force
 from spm_haptic_master.nodes.orientation_outputs import OrientationOutputs, publish_mounting
 from spm_haptic_master.nodes.orientation_status import LatencyStatus, OrientationStatus
 from spm_haptic_master.nodes.sample_origin import SampleOrigin
-from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.geometry import mechanism_checksum, mounting_from
 from spm_haptic_master.parameters.nodes import NODE_SETTINGS
 from spm_haptic_master.parameters.resolver import Parameters
@@ -118,7 +117,7 @@ class Fkm(ParameterNode):
             )
             self._outputs.effort = self._force.effort
         self.create_service(Trigger, '~/acknowledge', self._acknowledge)
-        self.on_change(FKM_SETTINGS, self._apply)
+        self.on_change(('alert_limit_deg',), self._apply)
         self.create_timer(CHECK_PERIOD, self._poll, clock=STEADY)
         self.create_timer(REPEAT_PERIOD, self._publish_latency, clock=STEADY)
 

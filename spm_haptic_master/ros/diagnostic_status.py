@@ -41,7 +41,21 @@ STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 
 
 class StatusPublisher:
-    """Publishes the status 'NODE: ASPECT'; logs where errors and warnings begin and end."""
+    """
+    Publishes the status 'NODE: ASPECT'; logs where errors and warnings begin and end.
+
+    Parameters
+    ----------
+    node : Node
+        The node whose entry it is.
+    aspect : str
+        What the entry is about: the second half of its name.
+    hardware_id : str
+        The device, such as 'can0' or the mechanism.
+    logs : bool
+        Whether changes of level and message are logged.
+
+    """
 
     def __init__(self, node: Node, aspect: str, hardware_id: str, logs: bool = True) -> None:
         self._node = node
@@ -54,15 +68,16 @@ class StatusPublisher:
         # Level and subject published last, and when (s, monotonic).
         self._subject: tuple[bytes, str] | None = None
         self._published_at = 0.0
-        # Level and message that the log is up to date with; whether the start is over.
-        self._logged, self._started = (OK, ''), False
+        # Level and message that the log is up to date with.
+        self._logged = OK, ''
+        # Whether the node has been in another level than WARN: its start is over.
+        self._is_started = False
 
     def is_due(self, level: bytes, subject: str) -> bool:
         """Return whether level or subject changed, or `REPEAT_PERIOD` has passed."""
-        return (
-            level,
-            subject,
-        ) != self._subject or time.monotonic() - self._published_at >= REPEAT_PERIOD
+        if (level, subject) != self._subject:
+            return True
+        return time.monotonic() - self._published_at >= REPEAT_PERIOD
 
     def publish(
         self,
@@ -73,39 +88,38 @@ class StatusPublisher:
         logged: tuple[bytes, str] | None = None,
     ) -> None:
         """
-        Publish the status now, with `values` as its key/value pairs; log a change.
+        Publish the status now, and log a change.
 
-        `subject` identifies a change where the message has running figures;
-        `logged` replaces it in the log where a caution comes and goes in normal work.
+        Parameters
+        ----------
+        level : bytes
+            OK, WARN or ERROR.
+        message : str
+            The state in words.
+        values : mapping
+            Key/value pairs of the entry; a float is printed with six digits.
+        subject : str, optional
+            Identifies a change where the message has running figures.
+        logged : tuple of bytes and str, optional
+            Level and message of the log, where a caution comes and goes in normal work.
+
         """
         if self._logs:
             self._log(*(logged or (level, message)))
         self._subject = level, message if subject is None else subject
         self.message, self._published_at = message, time.monotonic()
-        array = DiagnosticArray(
-            status=[
-                DiagnosticStatus(
-                    level=level,
-                    name=self._name,
-                    message=message,
-                    hardware_id=self._hardware_id,
-                    values=[
-                        KeyValue(
-                            key=key,
-                            value=f'{value:.6g}' if isinstance(value, float) else str(value),
-                        )
-                        for key, value in values.items()
-                    ],
-                )
-            ]
+        status = DiagnosticStatus(
+            level=level, name=self._name, message=message, hardware_id=self._hardware_id
         )
+        status.values = [KeyValue(key=key, value=_text(value)) for key, value in values.items()]
+        array = DiagnosticArray(status=[status])
         array.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(array)
 
     def _log(self, level: bytes, message: str) -> None:
         """Log an error or a warning, and its end; the warning of a node that starts is neither."""
-        self._started = self._started or level != WARN
-        if not self._started or (level, message) == self._logged:
+        self._is_started = self._is_started or level != WARN
+        if not self._is_started or (level, message) == self._logged:
             return
         previous, _ = self._logged
         self._logged = level, message
@@ -115,3 +129,8 @@ class StatusPublisher:
             node_log.warning(self._node, message)
         elif previous != OK:
             node_log.info(self._node, message)
+
+
+def _text(value: object) -> str:
+    """Return a value in an entry: a float with six digits."""
+    return f'{value:.6g}' if isinstance(value, float) else str(value)

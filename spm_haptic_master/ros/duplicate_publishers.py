@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 import os
 import time
 
@@ -35,7 +35,17 @@ UNKNOWN, NO_NAME = '_NODE_NAME_UNKNOWN_', 'a node without a name'
 
 
 class Rivals:
-    """The publishers on some topics of a node's namespace, counted every `RIVALS_PERIOD`."""
+    """
+    The publishers on some topics of a node's namespace, counted every `RIVALS_PERIOD`.
+
+    Parameters
+    ----------
+    node : Node
+        The node that needs to have one publisher on each.
+    *topics : str
+        Relative names of the topics.
+
+    """
 
     def __init__(self, node: Node, *topics: str) -> None:
         self._node = node
@@ -50,61 +60,82 @@ class Rivals:
         return self._found
 
     def _several(self, topic: str) -> str | None:
+        """Return the names of the nodes that publish on a topic, and the cure; None of one."""
         # The names are looked up only where there are several.
         if self._node.count_publishers(topic) < 2:
             return None
         names = publishers(self._node, topic)
-        return (
-            f'{len(names)} publishers on {topic}: {", ".join(names)}; {CURE}'
-            if len(names) > 1
-            else None
-        )
+        if len(names) < 2:
+            return None
+        return f'{len(names)} publishers on {topic}: {", ".join(names)}; {CURE}'
 
 
 def wait_until_alone(topics: Mapping[str, str], is_ended: Callable[[], object]) -> None:
     """
     Return once no other process publishes on topics that this one is going to publish on.
 
-    `topics` has the relative name of each by the name of the node that will publish on it. The
-    nodes of this search publish nothing: a second publisher would silence the first. RivalError
-    after `LONGEST_WAIT`; ExternalShutdownException where the process is to end.
+    The nodes of this search publish nothing: a second publisher would silence the first.
+
+    Parameters
+    ----------
+    topics : mapping
+        The relative name of each topic, by the name of the node that will publish on it.
+    is_ended : callable
+        Returns whether the process is to end.
+
+    Raises
+    ------
+    RivalError
+        Another process still publishes after `LONGEST_WAIT`.
+    ExternalShutdownException
+        The process is to end.
+
     """
     nodes = [Node(name, enable_rosout=False, start_parameter_services=False) for name in topics]
     try:
-        looked = [
-            (node, node.resolve_topic_name(topic))
-            for node, topic in zip(nodes, topics.values(), strict=True)
-        ]
-        began = time.monotonic()
-        passed, looked_for, taken, logged = 0.0, 0.0, '', ''
-        while taken or looked_for < LOOK:
-            if is_ended():
-                raise ExternalShutdownException
-            taken = next(filter(None, (_taken(*each) for each in looked)), '')
-            last, passed = passed, time.monotonic() - began
-            looked_for += min(passed - last, LONGEST_ROUND)
-            if taken and passed > LONGEST_WAIT:
-                raise RivalError(taken)
-            # A node's name is known a moment after its publisher, on a busy machine a second.
-            if taken not in ('', logged) and (NO_NAME not in taken or passed > LOOK):
-                logged = taken
-                node_log.warning(
-                    nodes[0], f'nothing published: {taken}; waiting {LONGEST_WAIT:g} s for its end'
-                )
-            time.sleep(LOOK_PERIOD)
+        _wait(nodes, list(topics.values()), is_ended)
     finally:
         for node in nodes:
             node.destroy_node()
 
 
-def _taken(node: Node, topic: str) -> str:
-    """Return which nodes publish on a topic, and the cure; empty if none does."""
-    names, domain = ', '.join(publishers(node, topic)), os.environ.get('ROS_DOMAIN_ID') or '0'
-    return (
-        names
-        and f'{topic} is published by {names} already: end that one, or start this '
-        f'one with another ROS_DOMAIN_ID (now {domain}) or in another namespace'
-    )
+def _wait(nodes: Sequence[Node], topics: Sequence[str], is_ended: Callable[[], object]) -> None:
+    """Return after `LOOK` without another publisher; errors as `wait_until_alone`."""
+    began = time.monotonic()
+    passed = 0.0
+    searched = 0.0
+    taken = ''
+    logged = ''
+    while taken or searched < LOOK:
+        if is_ended():
+            raise ExternalShutdownException
+        taken = _first_taken(nodes, topics)
+        before, passed = passed, time.monotonic() - began
+        searched += min(passed - before, LONGEST_ROUND)
+        if taken and passed > LONGEST_WAIT:
+            raise RivalError(taken)
+        # A node's name is known a moment after its publisher, on a busy machine a second.
+        is_named = NO_NAME not in taken or passed > LOOK
+        if taken and taken != logged and is_named:
+            logged = taken
+            node_log.warning(
+                nodes[0], f'nothing published: {taken}; waiting {LONGEST_WAIT:g} s for its end'
+            )
+        time.sleep(LOOK_PERIOD)
+
+
+def _first_taken(nodes: Sequence[Node], topics: Sequence[str]) -> str:
+    """Return which nodes publish on the first topic that is taken, and the cure; empty if none."""
+    for node, topic in zip(nodes, topics, strict=True):
+        full = node.resolve_topic_name(topic)
+        names = publishers(node, full)
+        if names:
+            domain = os.environ.get('ROS_DOMAIN_ID') or '0'
+            return (
+                f'{full} is published by {", ".join(names)} already: end that one, or start this '
+                f'one with another ROS_DOMAIN_ID (now {domain}) or in another namespace'
+            )
+    return ''
 
 
 def publishers(node: Node, topic: str) -> tuple[str, ...]:
@@ -114,8 +145,6 @@ def publishers(node: Node, topic: str) -> tuple[str, ...]:
 
 def full_name(publisher: TopicEndpointInfo) -> str:
     """Return the full name of a publisher's node, or words where it is not known."""
-    return (
-        NO_NAME
-        if publisher.node_name == UNKNOWN
-        else f'{publisher.node_namespace.rstrip("/")}/{publisher.node_name}'
-    )
+    if publisher.node_name == UNKNOWN:
+        return NO_NAME
+    return f'{publisher.node_namespace.rstrip("/")}/{publisher.node_name}'

@@ -25,7 +25,12 @@ MessageType = TypeVar('MessageType')
 
 
 class Inputs:
-    """Subscriptions of a node that are reliable until a publisher is not, but for latched ones."""
+    """
+    Subscriptions of a node that hear every publisher they can.
+
+    Reliable subscriptions fall back to best effort once a publisher offers only that; latched ones
+    do not. Which publisher cannot be heard is in `unheard`.
+    """
 
     def __init__(self, node: Node) -> None:
         self._node = node
@@ -43,7 +48,25 @@ class Inputs:
         raw: bool = False,
         gone: Callable[[], None] = lambda: None,
     ) -> None:
-        """Subscribe; `gone` is called when a publisher has gone, even if it is back."""
+        """
+        Subscribe to a topic.
+
+        Parameters
+        ----------
+        kind : type
+            Type of the messages.
+        topic : str
+            Relative name.
+        callback : callable
+            Gets each message, serialized if `raw`.
+        qos : QoSProfile
+            Quality of service as long as all publishers offer it.
+        raw : bool
+            Whether the callback takes serialized messages.
+        gone : callable
+            Called when a publisher has gone, even if it is back.
+
+        """
         self._inputs.append(_Input(self._node, kind, topic, callback, qos, raw, gone))
 
     def unheard(self) -> str:
@@ -54,7 +77,7 @@ class Inputs:
 
 
 class _Input:
-    """One subscription."""
+    """One subscription: made again with best effort where a publisher offers only that."""
 
     def __init__(
         self,
@@ -66,12 +89,18 @@ class _Input:
         raw: bool,
         gone: Callable[[], None],
     ) -> None:
-        self._node, self._kind, self._topic = node, kind, node.resolve_topic_name(topic)
-        self._callback, self._qos, self._raw, self._gone = callback, qos, raw, gone
+        self._node = node
+        self._kind = kind
+        self._topic = node.resolve_topic_name(topic)
+        self._callback = callback
+        self._qos = qos
+        self._raw = raw
+        self._gone = gone
         self._is_latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
         self._subscribe()
 
     def _subscribe(self) -> None:
+        """Make the subscription with the present quality of service."""
         # Publishers that it hears.
         self._heard = 0
         self._subscription = self._node.create_subscription(
@@ -86,6 +115,7 @@ class _Input:
         )
 
     def _match(self, change: Any) -> None:
+        """Count the publishers that are heard; DDS calls this where they change."""
         self._heard = change.current_count
         if change.total_count_change > change.current_count_change:
             self._gone()
@@ -100,31 +130,49 @@ class _Input:
     def _mismatch(self, publisher: TopicEndpointInfo) -> str:
         """Return why a publisher is not heard, or become best-effort for it."""
         expected = f'{self._kind.__module__.partition(".")[0]}/msg/{self._kind.__name__}'
+        offered = publisher.qos_profile
+        is_best_effort = offered.reliability == ReliabilityPolicy.BEST_EFFORT
         reason = ''
         if publisher.topic_type != expected:
             reason = f'{publisher.topic_type}, expected {expected}'
-        elif (
-            publisher.qos_profile.reliability
-            == ReliabilityPolicy.BEST_EFFORT
-            != self._qos.reliability
-        ):
+        elif is_best_effort and self._qos.reliability != ReliabilityPolicy.BEST_EFFORT:
             if self._is_latched:
                 reason = 'BEST_EFFORT, expected RELIABLE'
             else:
-                self._qos = copy(self._qos)
-                self._qos.reliability = ReliabilityPolicy.BEST_EFFORT
-                self._node.destroy_subscription(self._subscription)
-                self._subscribe()
-        elif self._is_latched and publisher.qos_profile.durability == DurabilityPolicy.VOLATILE:
+                self._fall_back_to_best_effort()
+        elif self._is_latched and offered.durability == DurabilityPolicy.VOLATILE:
             reason = 'VOLATILE, expected TRANSIENT_LOCAL'
-        return reason and f'publisher {full_name(publisher)} on {self._topic} is {reason}'
+        if not reason:
+            return ''
+        return f'publisher {full_name(publisher)} on {self._topic} is {reason}'
+
+    def _fall_back_to_best_effort(self) -> None:
+        """Subscribe again, without asking for lost messages."""
+        self._qos = copy(self._qos)
+        self._qos.reliability = ReliabilityPolicy.BEST_EFFORT
+        self._node.destroy_subscription(self._subscription)
+        self._subscribe()
 
 
 class SampledTopic(Generic[MessageType]):
-    """The newest message of a topic, taken on demand: its node is in no executor."""
+    """
+    The newest message of a topic, taken on demand: its node is in no executor.
+
+    Parameters
+    ----------
+    taker : Node
+        A node that no executor spins.
+    kind : type
+        Type of the messages.
+    topic : str
+        Name of the topic.
+
+    """
 
     def __init__(self, taker: Node, kind: type[MessageType], topic: str) -> None:
-        self._taker, self._kind, self._topic = taker, kind, topic
+        self._taker = taker
+        self._kind = kind
+        self._topic = topic
         self._subscription: Subscription | None = None
 
     def subscribe(self) -> None:

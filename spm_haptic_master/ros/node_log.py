@@ -41,13 +41,19 @@ Line = tuple[int, str]  # severity, text
 
 
 class RepeatedLines:
-    """Which lines of a node are printed now; times are s on a clock that is never set."""
+    """
+    Which lines of a node are printed now, and which are counted.
+
+    A line that comes again within `REPEAT_PERIOD` is counted; counts are printed before a newer
+    line, so that the last line is the present. Times are s on a clock that is never set.
+    """
 
     def __init__(self) -> None:
         # When each line was printed, and how often it came since; in the order of the last ones.
         self._lines: dict[Line, tuple[float, int]] = {}
-        # When the latest line came, and which was printed last.
+        # When the latest line came (s).
         self._last = -inf
+        # The line that was printed last.
         self._printed: Line | None = None
 
     def take(self, line: Line, now: float) -> list[Line]:
@@ -57,8 +63,10 @@ class RepeatedLines:
             since, count = self._lines.pop(line)
             self._lines[line] = since, count + 1
         else:
-            printed += [*self.counts(now), line]
-            self._lines[line], self._printed = (now, 0), line
+            printed += self.counts(now)
+            printed.append(line)
+            self._lines[line] = now, 0
+            self._printed = line
         self._last = now
         return printed
 
@@ -84,22 +92,27 @@ class RepeatedLines:
 
     def counts(self, now: float) -> list[Line]:
         """Return the counted lines with their counts, and begin to count them again."""
-        printed = []
+        printed: list[Line] = []
         for line, (since, count) in self._lines.items():
             if count:
                 severity, text = line
-                printed.append(
-                    (
-                        severity,
-                        f'{text} ({count} more time{"s" * (count > 1)} in {now - since:.0f} s)',
-                    )
-                )
-                self._lines[line], self._printed = (now, 0), line
+                times = 'time' if count == 1 else 'times'
+                printed.append((severity, f'{text} ({count} more {times} in {now - since:.0f} s)'))
+                self._lines[line] = now, 0
+                self._printed = line
         return printed
 
 
 class NodeLog:
-    """Logs lines from a queue, in a thread of its own; without a `console` it prints nothing."""
+    """
+    Logs lines from a queue, in a thread of its own.
+
+    Parameters
+    ----------
+    console : LineWriter or None
+        Prints the lines; None where the user wants no console.
+
+    """
 
     def __init__(self, console: LineWriter | None) -> None:
         self._console = console
@@ -126,24 +139,26 @@ class NodeLog:
             self._console.close(max(0.0, end - time.monotonic()))
 
     def _run(self) -> None:
+        """Log lines as they come and counts when they are due, until the end is queued."""
         while True:
             now = time.monotonic()
-            for logger, lines in self._nodes.items():
-                self._log(logger, lines.due(now))
-            due = min((lines.due_at() for lines in self._nodes.values()), default=inf)
+            for logger, repeated in self._nodes.items():
+                self._log(logger, repeated.due(now))
+            due = min((repeated.due_at() for repeated in self._nodes.values()), default=inf)
             try:
                 entry = self._queue.get(timeout=None if due == inf else due - now)
             except Empty:
                 continue
             now = time.monotonic()
             if entry is None:
-                for logger, lines in self._nodes.items():
-                    self._log(logger, lines.counts(now))
-                return
+                break
             logger, line = entry
             self._log(logger, self._nodes[logger].take(line, now))
+        for logger, repeated in self._nodes.items():
+            self._log(logger, repeated.counts(now))
 
     def _log(self, logger: RcutilsLogger, lines: list[Line]) -> None:
+        """Log lines by rclpy, and print them as rcutils would, if their level is enabled."""
         for number, text in lines:
             severity = LoggingSeverity(number)
             if not logger.is_enabled_for(severity):
@@ -174,6 +189,7 @@ def begin(args: Sequence[str]) -> None:
     """Begin the log of this process, whose ROS arguments are `args`."""
     global _log
     chosen = [argument for argument in args if argument in (CONSOLE, NO_CONSOLE)]
+    # The last of them counts, as in rcl.
     has_console = not chosen or chosen[-1] == CONSOLE
     _log = NodeLog(LineWriter(STANDARD_ERROR) if has_console else None)
 
@@ -195,8 +211,12 @@ def is_coloured(descriptor: int) -> bool:
 
 
 def _put(severity: LoggingSeverity, node: Node, text: str) -> None:
-    # Without a log: nodes in another program's process, with its own rclpy.init.
-    (write if _log is None else _log.put)(node.get_logger(), severity, text)
+    """Log a line of a node; by rclpy itself in another program's process, which has no log."""
+    logger = node.get_logger()
+    if _log is None:
+        write(logger, severity, text)
+    else:
+        _log.put(logger, severity, text)
 
 
 # Log a line of a node: error(node, text).

@@ -25,13 +25,31 @@ __all__ = ('ParameterNode', 'Parameters', 'VIEW_SETTINGS')
 
 
 class ParameterNode(Node):
-    """A node with the values that the package has resolved; InputError as of `Parameters`."""
+    """
+    A node with the values that the package has resolved, in place of those of rclpy.
+
+    Parameters
+    ----------
+    name : str
+        Name of the node before remapping.
+    parameters : Parameters
+        Files and arguments of the process.
+
+    Raises
+    ------
+    InputError
+        As of `Parameters`: a file or an argument is refused.
+
+    """
 
     def __init__(self, name: str, parameters: Parameters) -> None:
         # Values from files and command line for this node (before remapping), by name.
         self.given = parameters.of(name)
         # Checked values of the parameters declared so far, by name.
         self.values: dict[str, Any] = {}
+        # Declared settings by name, and those of them that change while the node runs.
+        self._settings: dict[str, Setting] = {}
+        self._applied: set[str] = set()
         super().__init__(
             name,
             start_parameter_services=False,
@@ -51,9 +69,29 @@ class ParameterNode(Node):
     def declare(
         self, settings: tuple[Setting, ...], defaults: Mapping[str, object] | None = None
     ) -> dict[str, Any]:
-        """Declare each setting as a parameter and return the checked values; see `resolve`."""
-        settings, values = resolve(self.given, settings, defaults)
-        for setting in settings:
+        """
+        Declare settings as parameters of the node.
+
+        Parameters
+        ----------
+        settings : tuple of Setting
+            The settings, such as a table of `parameters/nodes.py`.
+        defaults : mapping, optional
+            Values that replace the defaults of the settings, by name.
+
+        Returns
+        -------
+        dict
+            The checked value of each setting, by name; `values` has them too.
+
+        Raises
+        ------
+        SettingError
+            A value is missing or not among those that its setting allows.
+
+        """
+        declared, values = resolve(self.given, settings, defaults)
+        for setting in declared:
             value = values[setting.name]
             self.declare_parameter(
                 setting.name,
@@ -61,34 +99,53 @@ class ParameterNode(Node):
                 _descriptor(setting),
                 ignore_override=True,
             )
+            self._settings[setting.name] = setting
         self.values |= values
         return values
 
-    def on_change(
-        self, settings: tuple[Setting, ...], apply: Callable[[dict[str, Any]], None]
-    ) -> None:
-        """Let `apply` take new values of live settings; it refuses them by a SettingError."""
-        by_name = {setting.name: setting for setting in settings}
+    def on_change(self, names: Sequence[str], apply: Callable[[dict[str, Any]], None]) -> None:
+        """
+        Let `apply` take new values of live settings while the node runs.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Declared settings that `apply` can change; their `Setting` has `live`.
+        apply : callable
+            Gets the new values by name, checked; it refuses them by a SettingError.
+
+        """
+        self._applied.update(names)
 
         def check(parameters: list[Parameter]) -> SetParametersResult:
             try:
-                apply(
-                    {
-                        parameter.name: by_name[parameter.name].check(parameter.value)
-                        for parameter in parameters
-                        if parameter.name in by_name
-                    }
-                )
+                changed = {
+                    parameter.name: self._settings[parameter.name].check(parameter.value)
+                    for parameter in parameters
+                    if parameter.name in names
+                }
+                apply(changed)
             except SettingError as error:
                 return SetParametersResult(successful=False, reason=str(error))
             return SetParametersResult(successful=True)
 
         self.add_on_set_parameters_callback(check)
 
+    def check_live_settings(self) -> None:
+        """Raise RuntimeError unless the node applies each setting that is live, and no other."""
+        live = {name for name, setting in self._settings.items() if setting.live}
+        if live != self._applied:
+            raise RuntimeError(
+                f'{self.get_name()}: live settings that no code applies, or applied settings that '
+                f'are not live: {", ".join(sorted(live ^ self._applied))}'
+            )
+
     def clock_reader(self) -> Callable[[], int]:
         """Return a reader of the time, ns; ask again now and then: use_sim_time may change."""
         clock: Any = self.get_clock()
-        return (lambda: int(clock.now().nanoseconds)) if clock.ros_time_is_active else time.time_ns
+        if clock.ros_time_is_active:
+            return lambda: int(clock.now().nanoseconds)
+        return time.time_ns
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
         """Set parameters: an unknown name is reported with those like it, 5 is taken as 5.0."""
@@ -96,20 +153,17 @@ class ParameterNode(Node):
         for parameter in parameter_list:
             name, value = parameter.name, parameter.value
             if not self.has_parameter(name):
-                known = self.get_parameters_by_prefix('')
-                return SetParametersResult(
-                    successful=False,
-                    reason=str(
-                        SettingError(
-                            name,
-                            value,
-                            f'a parameter of this node, such as {", ".join(similar(name, known))}',
-                        )
-                    ),
-                )
-            as_float = type(value) is int and isinstance(self.get_parameter(name).value, float)
-            wanted.append(Parameter(name, value=float(value)) if as_float else parameter)
+                return SetParametersResult(successful=False, reason=self._unknown(name, value))
+            is_float = isinstance(self.get_parameter(name).value, float)
+            if is_float and type(value) is int:
+                parameter = Parameter(name, value=float(value))
+            wanted.append(parameter)
         return super().set_parameters_atomically(wanted)
+
+    def _unknown(self, name: str, value: object) -> str:
+        """Return why a parameter is refused that the node does not have."""
+        near = ', '.join(similar(name, self.get_parameters_by_prefix('')))
+        return str(SettingError(name, value, f'a parameter of this node, such as {near}'))
 
 
 class _ParameterServices(ParameterService):
@@ -128,6 +182,7 @@ class _ParameterServices(ParameterService):
         return response
 
     def _set(self, messages: Sequence[msg.Parameter]) -> SetParametersResult:
+        """Set parameters, or return which of them has a type that ROS does not have."""
         parameters = []
         for message in messages:
             try:
@@ -147,6 +202,7 @@ class _ParameterServices(ParameterService):
 
 
 def _descriptor(setting: Setting) -> msg.ParameterDescriptor:
+    """Return description and range of a setting, as `ros2 param describe` prints them."""
     descriptor = msg.ParameterDescriptor(
         description=setting.description, read_only=not setting.live
     )

@@ -1,7 +1,12 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Quality of service of the data topics."""
+"""
+Quality of service of the topics, by what is on them.
+
+Data are reliable and volatile; a state is latched for late subscribers; what is only displayed is
+best-effort. Two nodes that use one topic take its profile from here, so that DDS connects them.
+"""
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 

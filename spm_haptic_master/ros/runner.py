@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 import faulthandler
 import os
@@ -26,7 +26,7 @@ from spm_haptic_master.executables import EXECUTABLES, FOLLOWER, PIPELINE
 from spm_haptic_master.parameters.arguments import node_command_line
 from spm_haptic_master.parameters.files import config_directory
 from spm_haptic_master.parameters.nodes import REALTIME_SETTINGS
-from spm_haptic_master.parameters.resolver import NO_EFFECT
+from spm_haptic_master.parameters.resolver import NO_EFFECT, Parameters
 from spm_haptic_master.ros import node_log, realtime
 from spm_haptic_master.ros.duplicate_publishers import wait_until_alone
 from spm_haptic_master.ros.parameters import ParameterNode
@@ -37,8 +37,7 @@ from spm_haptic_master.standard_streams import print_within, STANDARD_ERROR, STA
 SPIN_TIMEOUT = 0.2
 # Longest wait at the end for the log (s), and as long again for the last line.
 LOG_TIMEOUT = 0.5
-# Longest end of a process after the signal (s): a longer one hangs in a library, as the stacks of
-# its threads show.
+# After this time from the signal the process is stuck in a library: print its stacks (s).
 END_TIMEOUT = 5.0
 # Time for printing them (s). Then the kernel ends the process, whether stderr is read or not.
 PRINT_TIMEOUT = 1.0
@@ -66,99 +65,163 @@ def run(
     owned: Mapping[str, str] | None = None,
 ) -> int:
     """
-    Run nodes until a signal arrives or they are done; return the exit code, 1 after an error.
+    Run nodes until a signal arrives or they are done.
 
-    `compose` makes the nodes by its second argument. Its first is the future that ends the
-    process: SourceEnded as its result is a normal end, another SpmError a failure. Nodes with a
-    method `start` are started once the process is set up; `owned` as of `wait_until_alone`.
+    Parameters
+    ----------
+    name : str
+        Name of the executable, in its errors.
+    compose : callable
+        Makes the nodes by its second argument. Its first is the future that ends the process:
+        SourceEnded as its result is a normal end, another SpmError a failure. Nodes with a method
+        `start` are started once the process is set up.
+    args : list of str, optional
+        The command line with the name, by default that of this process.
+    owned : mapping, optional
+        Topics that no other process may publish on, as of `wait_until_alone`.
+
+    Returns
+    -------
+    int
+        Exit code: 0 after a signal or a normal end, 1 after an error, which is printed.
+
     """
-    nodes: list[ParameterNode] = []
-    executor = None
-    failure: SpmError | None = None
-    done = Future()
-    signals: list[int] = []
-
-    # rclpy's own handlers would invalidate the context while a sample is being published. These
-    # must not complete the future: its lock may be held where the signal interrupts.
-    def handle(number: int, _: FrameType | None) -> None:
-        if not signals:
-            _limit_end()
-        signals.append(number)
-
-    try:
-        for number in SIGNALS:
-            signal.signal(number, signal.default_int_handler)
-        _, description = EXECUTABLES.get(name, ('', ''))
-        command_line, parameters = node_command_line(
-            name,
-            description,
-            (*PIPELINE, FOLLOWER) if name == 'master' else (name,),
-            sys.argv if args is None else args,
-        )
-        for number in SIGNALS:
-            signal.signal(number, handle)
-        _init(command_line)
-        if owned:
-            wait_until_alone(owned, lambda: signals)
-        executor = EventsExecutor()
-
-        def add(kind: Callable[..., ParameterNode], *args: object) -> ParameterNode:
-            node = kind(parameters, *args)
-            nodes.append(node)
-            node.declare(REALTIME_SETTINGS)
-            executor.add_node(node)
-            return node
-
-        compose(done, add)
-        for argument in parameters.unused(
-            {node.get_fully_qualified_name(): node.get_parameters_by_prefix('') for node in nodes}
-        ):
-            node_log.warning(nodes[0], f'{argument}: {NO_EFFECT}')
-        realtime.apply(nodes[0], realtime.agreed([node.values for node in nodes]))
-        for node in nodes:
-            if hasattr(node, 'start'):
-                node.start()
-        while not (done.done() or signals):
-            executor.spin_until_future_complete(done, timeout_sec=SPIN_TIMEOUT)
-        failure = done.result()
-    except (ExternalShutdownException, KeyboardInterrupt):
-        pass
-    except SpmError as error:
-        failure = error
-    finally:
-        if not signals:
-            _limit_end()
-        # A second signal must not interrupt the clean-up.
-        for number in SIGNALS:
-            signal.signal(number, signal.SIG_IGN)
-        try:
-            _clean_up(nodes, executor)
-        except SpmError as error:
-            failure = failure or error
+    failure = _Process(name).run(compose, sys.argv if args is None else args, owned or {})
     # After an error of the program the limit stays: its traceback may wait for a reader.
     faulthandler.cancel_dump_traceback_later()
     signal.setitimer(signal.ITIMER_REAL, 0.0)
     if failure is None:
         return 0
-    is_end = isinstance(failure, SourceEnded)
-    print_within(STANDARD_OUTPUT if is_end else STANDARD_ERROR, f'{name}: {failure}', LOG_TIMEOUT)
-    return 0 if is_end else 1
+    is_normal = isinstance(failure, SourceEnded)
+    stream = STANDARD_OUTPUT if is_normal else STANDARD_ERROR
+    print_within(stream, f'{name}: {failure}', LOG_TIMEOUT)
+    return 0 if is_normal else 1
 
 
-def _clean_up(nodes: list[ParameterNode], executor: Executor | None) -> None:
-    """Destroy the nodes, end the log and leave the DDS domain, whatever fails of it."""
-    with ExitStack() as stack:
-        # The last step registered is done first: the driver, made last, calls the other nodes.
-        stack.callback(rclpy.utilities.try_shutdown)
-        if executor is not None:
-            stack.callback(executor.shutdown)
-        # After the nodes, which log; before the shutdown, which gives rclpy its console again.
-        stack.callback(node_log.end, LOG_TIMEOUT)
-        for node in nodes:
-            stack.callback(node.destroy_node)
+class _Process:
+    """One process: its nodes, the signals that end it, and why it ended."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._nodes: list[ParameterNode] = []
+        self._executor: Executor | None = None
+        self._done = Future()
+        self._signals: list[int] = []
+
+    def run(
+        self,
+        compose: Callable[[Future, AddNode], object],
+        args: Sequence[str],
+        owned: Mapping[str, str],
+    ) -> SpmError | None:
+        """Start, spin and end the nodes; return why they ended, None after a signal."""
+        failure: SpmError | None = None
+        try:
+            self._start(compose, args, owned)
+            failure = self._spin()
+        except (ExternalShutdownException, KeyboardInterrupt):
+            pass
+        except SpmError as error:
+            failure = error
+        finally:
+            failure = self._end() or failure
+        return failure
+
+    def _start(
+        self,
+        compose: Callable[[Future, AddNode], object],
+        args: Sequence[str],
+        owned: Mapping[str, str],
+    ) -> None:
+        """Make and start the nodes; SpmError for arguments and settings that are refused."""
+        command_line, parameters = self._read_arguments(args)
+        _init(command_line)
+        if owned:
+            wait_until_alone(owned, lambda: self._signals)
+        self._executor = executor = EventsExecutor()
+
+        def add(kind: Callable[..., ParameterNode], *args: object) -> ParameterNode:
+            node = kind(parameters, *args)
+            self._nodes.append(node)
+            node.declare(REALTIME_SETTINGS)
+            executor.add_node(node)
+            return node
+
+        compose(self._done, add)
+        self._check_parameters(parameters)
+        values = [node.values for node in self._nodes]
+        realtime.apply(self._nodes[0], realtime.agreed(values))
+        for node in self._nodes:
+            if hasattr(node, 'start'):
+                node.start()
+
+    def _read_arguments(self, args: Sequence[str]) -> tuple[list[str], Parameters]:
+        """Return what ROS gets of a command line, and the parameters; signals are handled then."""
+        # While the libraries read arguments, Ctrl-C is a KeyboardInterrupt.
+        for number in SIGNALS:
+            signal.signal(number, signal.default_int_handler)
+        _, description = EXECUTABLES.get(self._name, ('', ''))
+        nodes = (*PIPELINE, FOLLOWER) if self._name == 'master' else (self._name,)
+        found = node_command_line(self._name, description, nodes, list(args))
+        for number in SIGNALS:
+            signal.signal(number, self._take_signal)
+        return found
+
+    def _take_signal(self, number: int, _: FrameType | None) -> None:
+        """Note a signal, which `_spin` polls, and limit the end of the process."""
+        # rclpy's own handlers would invalidate the context while a sample is being published.
+        # This one must not complete the future: its lock may be held where the signal interrupts.
+        if not self._signals:
+            _limit_end()
+        self._signals.append(number)
+
+    def _check_parameters(self, parameters: Parameters) -> None:
+        """Warn of parameters that no node has, and check that each live one is applied."""
+        declared = {
+            node.get_fully_qualified_name(): node.get_parameters_by_prefix('')
+            for node in self._nodes
+        }
+        for argument in parameters.unused(declared):
+            node_log.warning(self._nodes[0], f'{argument}: {NO_EFFECT}')
+        for node in self._nodes:
+            node.check_live_settings()
+
+    def _spin(self) -> SpmError | None:
+        """Run the nodes until a signal arrives or they are done; return the future's result."""
+        assert self._executor is not None
+        while not (self._done.done() or self._signals):
+            self._executor.spin_until_future_complete(self._done, timeout_sec=SPIN_TIMEOUT)
+        result: SpmError | None = self._done.result()
+        return result
+
+    def _end(self) -> SpmError | None:
+        """Destroy the nodes and leave the DDS domain; return an error of a node's end."""
+        if not self._signals:
+            _limit_end()
+        # A second signal must not interrupt the clean-up.
+        for number in SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
+        try:
+            self._clean_up()
+        except SpmError as error:
+            return error
+        return None
+
+    def _clean_up(self) -> None:
+        """Destroy the nodes, end the log and leave the DDS domain, whatever fails of it."""
+        with ExitStack() as stack:
+            # The last step registered is done first: the driver, made last, calls the others.
+            stack.callback(rclpy.utilities.try_shutdown)
+            if self._executor is not None:
+                stack.callback(self._executor.shutdown)
+            # After the nodes, which log; before the shutdown, which gives rclpy its console again.
+            stack.callback(node_log.end, LOG_TIMEOUT)
+            for node in self._nodes:
+                stack.callback(node.destroy_node)
 
 
 def _init(command_line: list[str]) -> None:
+    """Start rclpy and the log; InputError for arguments that rcl rejects."""
     # Fast DDS reads it when the first node is made.
     os.environ.update(discovery_profile(os.environ))
     try:
@@ -172,10 +235,23 @@ def _init(command_line: list[str]) -> None:
 
 
 def discovery_profile(environment: Mapping[str, str]) -> dict[str, str]:
-    """Return the variables that select the package's profile; none if the user has one."""
-    # Without it a process whose first announcement is lost waits 3 s for the next one.
-    if any(environment.get(name) for name in PROFILE_VARIABLES) or any(
-        Path(name).exists() for name in PROFILES
-    ):
+    """
+    Return the variables that select the package's profile of Fast DDS.
+
+    Without it a process whose first announcement is lost waits 3 s for the next one.
+
+    Parameters
+    ----------
+    environment : mapping
+        The environment of the process, which may name a profile of the user.
+
+    Returns
+    -------
+    dict
+        Variables and the path of the profile; empty if the user has a profile.
+
+    """
+    is_chosen = any(environment.get(name) for name in PROFILE_VARIABLES)
+    if is_chosen or any(Path(name).exists() for name in PROFILES):
         return {}
     return dict.fromkeys(PROFILE_VARIABLES, str(config_directory() / 'fastdds.xml'))

@@ -37,7 +37,7 @@ def node():
         node.applied.append(values)
 
     node.declared = node.declare(SETTINGS, {'number': 4})
-    node.on_change(SETTINGS, apply)
+    node.on_change(('speed', 'number', 'word'), apply)
     yield node
     node.destroy_node()
     rclpy.try_shutdown()
@@ -109,3 +109,14 @@ def test_the_services_change_a_live_setting_and_refuse_all_else(node, name, valu
     expected = [] if reason else [{name: float(value) if name == 'speed' else value}] * 2
     assert node.applied == expected
     assert reason or node.get_parameter(name).value == value
+
+
+def test_a_node_ends_at_its_start_where_a_live_setting_is_applied_by_no_code(node):
+    """Else `ros2 param set` would accept a value that has no effect."""
+    node.check_live_settings()
+    node.declare((Setting('level', float, 'A level', 1.0, live=True),))
+    with pytest.raises(RuntimeError, match='live settings that no code applies.*: level'):
+        node.check_live_settings()
+    node.on_change(('level', 'fixed'), lambda values: None)
+    with pytest.raises(RuntimeError, match='applied settings that are not live: fixed'):
+        node.check_live_settings()

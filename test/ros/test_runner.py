@@ -13,6 +13,7 @@ import pytest
 import rclpy
 from rclpy.executors import ExternalShutdownException
 from spm_haptic_master.exceptions import InputError, SettingError, SourceEnded
+from spm_haptic_master.parameters.setting import Setting
 from spm_haptic_master.ros import duplicate_publishers, node_log, realtime, runner
 from spm_haptic_master.ros.parameters import ParameterNode
 
@@ -157,6 +158,15 @@ def test_a_failure_is_one_line_and_leaves_no_node(applied, monkeypatch, capfd):
     # Ctrl-C while the arguments are read.
     monkeypatch.setattr(runner, 'node_command_line', lambda *_: signal.raise_signal(signal.SIGINT))
     assert run(refused) == 0
+
+
+def test_a_live_setting_that_no_code_applies_ends_the_process_at_its_start(ends, applied):
+    def compose(done, add):
+        add(Worker, []).declare((Setting('level', float, 'A level', 1.0, live=True),))
+        done.set_result(None)
+
+    with pytest.raises(RuntimeError, match='no code applies.*level'):
+        run(compose)
 
 
 def test_a_bug_at_the_end_keeps_its_limit(ends, applied):
