@@ -298,12 +298,12 @@ def entries() -> list[Entry]:
             (name, supervision(sensors), 'sin', 1, 1265 if sensors == 4 else None)
             for sensors, name in SUPERVISED.items()
         ),
-        ('force feedback, three motors, one sample', force(3), 'sin', 1, 150),
-        ('force feedback, four motors, one sample', force(4), 'sin', 1, 200),
+        ('force feedback, three motors, one sample', force(3), 'sin', 1, 400),
+        ('force feedback, four motors, one sample', force(4), 'sin', 1, 400),
         ('the same of three, with the weight', force(3, WEIGHT), 'sin', 1, None),
-        ('force of three motors', statics(3, 20.0), 'sin', 1, 150),
+        ('force of three motors', statics(3, 20.0), 'sin', 1, 200),
         ('force of three motors, faded', statics(3, 45.0), 'sin', 1, None),
-        ('force of four motors', statics(4, 20.0), 'sin', 1, 200),
+        ('force of four motors', statics(4, 20.0), 'sin', 1, 250),
         ('force of four motors, at the limit', statics(4, 20.0, 0.1), 'sin', 1, None),
         ('Newton-Raphson with numpy', timed(lambda: newton.solve(th1, last)), 'sin', 1, None),
         ('multi-body model (MuJoCo)', timed(assemble), 'sin', 1, None),

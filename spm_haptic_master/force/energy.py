@@ -23,11 +23,7 @@ alone would take most of a stiff wall away.
 
 from __future__ import annotations
 
-from collections import deque
-from math import isfinite, remainder, tau
-from operator import mul
-
-from spm_haptic_master.force.statics import FOUR, smoothstep, Torques
+from spm_haptic_master.force.statics import smoothstep
 from spm_haptic_master.kinematics.number_backends import Vector
 
 # Energy that is given in advance (J): the encoders' noise at rest takes up to a quarter of it.
@@ -46,11 +42,6 @@ FADED = 20e-3
 HANDLE_DAMPING, JOINT_DAMPING = 0.06, 0.03
 # Share of the wrench (unit 1) below which it has no use, and for how long (s).
 LEAST_SHARE, LEAST_TIME = 0.1, 1.0
-# Time over which a joint velocity is averaged (ns), and samples that are kept for it.
-WINDOW, KEPT = 10_000_000, 200
-# Fastest joint (rad/s): beyond, an encoder has jumped. The fastest handle is 10 rad/s, its joints
-# are twice as fast, and noise of five times its figure differs by 5 rad/s from sample to sample.
-FASTEST = 30.0
 
 
 class EnergyBudget:
@@ -67,7 +58,7 @@ class EnergyBudget:
         self.energy, self.share = ADVANCE, 1.0  # E, J, and g (unit 1)
         self._useless = 0.0  # how long the wrench has been without use, s
 
-    def take(self, given: float, asked: Vector[float], dt: float) -> bool:
+    def count(self, given: float, asked: Vector[float], dt: float) -> bool:
         """
         Count a period of `dt`, s; return whether the wrench has been useless for too long.
 
@@ -92,76 +83,3 @@ class EnergyBudget:
         self.share = share = smoothstep(1.0 + energy / FADED)
         self._useless = self._useless + dt if share < LEAST_SHARE else 0.0
         return self._useless >= LEAST_TIME
-
-
-class JointMotion:
-    """Differences and velocities of the raw angles of some motors: the first of a sample."""
-
-    __slots__ = ('_has_four', '_kept', '_last', '_motors', 'is_missing')
-
-    def __init__(self, motors: int) -> None:
-        self._motors, self._has_four = motors, motors == FOUR
-        # Stamps and raw angles, and the latest of these.
-        self._kept: deque[tuple[int, tuple[float, ...]]] = deque(maxlen=KEPT)
-        self._last: tuple[float, ...] | None = None
-        self.is_missing = False  # whether an angle is missing in the latest sample
-
-    def restart(self) -> None:
-        """Forget the motion."""
-        self._kept.clear()
-        self._last = None
-
-    def take(self, stamp: int, angles: Torques, torques: Torques, dt: float) -> float | None:
-        """
-        Take a sample: stamp, ns, all raw angles, rad, and `dt`, s, since the sample before.
-
-        Returned is the work of motor torques, N m, meanwhile, J; None where an angle is missing at
-        one of its ends, or has jumped.
-        """
-        most, last, work = FASTEST * dt, self._last, None
-        if last is not None:
-            x, y, z = angles[0] - last[0], angles[1] - last[1], angles[2] - last[2]
-            square = x * x + y * y + z * z
-            usual = torques[0] * x + torques[1] * y + torques[2] * z
-            if self._has_four:
-                w = angles[3] - last[3]
-                square += w * w
-                usual += torques[3] * w
-            if square <= most * most:
-                # The usual case.
-                self._kept.append((stamp, angles))
-                self._last = angles
-                return usual
-        own = angles[: self._motors]
-        self.is_missing = not isfinite(sum(own))
-        if last is not None and not self.is_missing:
-            # A raw angle differs by a turn where the joint does not.
-            turned = [remainder(new - old, tau) for new, old in zip(own, last, strict=False)]
-            if max(map(abs, turned)) <= most:
-                work = sum(map(mul, torques, turned))
-        if work is None:
-            self.restart()
-        if not self.is_missing:
-            self._kept.append((stamp, angles))
-            self._last = angles
-        return work
-
-    @property
-    def velocity(self) -> Torques | None:
-        """Velocity of the joints, rad/s, over `WINDOW`; None before half of it."""
-        kept = self._kept
-        if not kept:
-            return None
-        stamp, angles = kept[-1]
-        while kept[0][0] < stamp - WINDOW:
-            kept.popleft()
-        first, begin = kept[0]
-        if stamp - first < WINDOW // 2:
-            return None
-        rate = 1e9 / (stamp - first)
-        return tuple(
-            [
-                rate * remainder(angle - last, tau)
-                for angle, last in zip(angles, begin[: self._motors], strict=False)
-            ]
-        )

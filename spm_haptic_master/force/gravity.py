@@ -24,12 +24,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.force.rendering import make_statics
-from spm_haptic_master.force.statics import ForceLimits, MotorRates, rotated
+from spm_haptic_master.force.statics import ForceLimits, LegConstants, MotorRates
+from spm_haptic_master.force.vectors import added, scaled, subtracted
 from spm_haptic_master.kinematics.checks import check_array, check_rotations
 from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
 from spm_haptic_master.kinematics.number_backends import Vector
-from spm_haptic_master.kinematics.vectors import cross, dot
+from spm_haptic_master.kinematics.vectors import cross, dot, times
 
 # Standard gravity, along -z of the base frame (m/s^2).
 STANDARD: Vector[float] = (0.0, 0.0, -9.80665)
@@ -51,52 +52,69 @@ class Gravity:
     down: Vector[float] = STANDARD
 
 
+class LinkWeight:
+    """The torque that holds a proximal link, by what of it does not depend on the pose."""
+
+    __slots__ = ('_across', '_along', '_constant', '_number', '_torque')
+
+    def __init__(
+        self, number: int, leg: LegConstants, offset: tuple[float, float], down: Vector[float]
+    ) -> None:
+        along, across = offset
+        self._number = number  # of the leg
+        # The torque is w . Z2k + c, here with the sign of B_kk: w, w . Z1k, w x Z1k and c (N m).
+        turned = cross(down, leg.first)
+        self._torque = scaled(leg.sign, subtracted(scaled(across, down), scaled(along, turned)))
+        self._along = dot(self._torque, leg.first)
+        self._across = cross(self._torque, leg.first)
+        self._constant = -across * leg.sign * leg.cos_alpha * dot(down, leg.first)
+
+    def torque(self, rates: MotorRates) -> Vector[float]:
+        """Return the torque on the handle, N m in the base frame, in the pose of `rates`."""
+        leg = rates.legs[self._number]
+        third, u, divisor, reach, _, row = rates.leg_poses[self._number]
+        # Z2k by its products with Z1k, Z3k and Z1k x Z3k; its torque turns by the row of th1k.
+        second = (
+            (leg.cos_alpha - leg.cos_beta * u) * self._along
+            + (leg.cos_beta - leg.cos_alpha * u) * dot(self._torque, third)
+            - sqrt(reach) * dot(self._across, third)
+        ) / divisor
+        motor_torque = (self._constant + second) / divisor
+        return scaled(motor_torque, row)
+
+
 class Weight:
-    """The torque that holds handle and links, in the pose that rates have."""
+    """
+    The torque that holds handle and links, in the pose that rates have.
+
+    Parameters
+    ----------
+    gravity : Gravity
+        Masses times offsets.
+    rates : MotorRates
+        Rows of G and the pose.
+
+    """
 
     __slots__ = ('_down', '_handle', '_links', '_rates')
 
     def __init__(self, gravity: Gravity, rates: MotorRates) -> None:
-        self._handle, self._down, self._rates = gravity.handle, gravity.down, rates
-        # Of each proximal link that weighs, with the torque w . Z2k + c and the sign of B_kk: its
-        # leg, c, and with that sign w, w . Z1k and w x Z1k (N m).
-        self._links = []
-        for k, (leg, sign) in enumerate(zip(rates.legs, rates.signs, strict=True)):
-            along, across = gravity.proximal[2 * k : 2 * k + 2]
-            if along == across == 0.0:
-                continue
-            first, ca = leg[3:6], leg[6]
-            (dx, dy, dz), (tx, ty, tz) = gravity.down, cross(gravity.down, first)
-            w = (
-                sign * (across * dx - along * tx),
-                sign * (across * dy - along * ty),
-                sign * (across * dz - along * tz),
-            )
-            constant = -across * sign * ca * dot(gravity.down, first)
-            self._links.append(
-                (5 * k, leg[:3], first, ca, leg[7], constant, w, dot(w, first), cross(w, first))
-            )
+        self._handle = gravity.handle
+        self._down = gravity.down
+        self._rates = rates
+        offsets = zip(gravity.proximal[::2], gravity.proximal[1::2], strict=True)
+        self._links = [
+            LinkWeight(number, leg, offset, gravity.down)
+            for number, (leg, offset) in enumerate(zip(rates.legs, offsets, strict=True))
+            if any(offset)
+        ]
 
     def torque(self) -> Vector[float]:
         """Return the torque on the handle that holds it, N m in the base frame."""
-        rotation, scaled = self._rates.rotation, self._rates.scaled
-        x, y, z = cross(self._down, rotated(rotation, self._handle))
-        for k, third, first, ca, cb, constant, w, along, across in self._links:
-            square, sine, gx, gy, gz = scaled[k : k + 5]
-            third = rotated(rotation, third)
-            u = dot(first, third)
-            # Z2k by its products with Z1k, Z3k and Z1k x Z3k; its torque turns by the row of th1k.
-            tau = (
-                constant
-                + (
-                    (ca - cb * u) * along
-                    + (cb - ca * u) * dot(w, third)
-                    - sqrt(sine) * dot(across, third)
-                )
-                / square
-            ) / square
-            x, y, z = x + tau * gx, y + tau * gy, z + tau * gz
-        return x, y, z
+        torque = cross(self._down, times(self._rates.rotation, self._handle))
+        for link in self._links:
+            torque = added(torque, link.torque(self._rates))
+        return torque
 
 
 def identify_gravity(

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Inputs and outputs of the force feedback for a joint sample, and the obstacles to force.
+Inputs and outputs of the force feedback for a joint sample.
 
 The words of its state on the topic `force_state` are made and read here alone. They are a
 contract: `off`, `ready`, `engaged`, `holding`, `fading: WHY`, `fault: WHY`.
@@ -11,13 +11,11 @@ contract: `off`, `ready`, `engaged`, `holding`, `fading: WHY`, `fault: WHY`.
 from __future__ import annotations
 
 from enum import Enum
-from math import hypot, inf
 from typing import NamedTuple
 
-from spm_haptic_master.force.statics import ForceLimits
+from spm_haptic_master.force.statics import Torques
+from spm_haptic_master.force.vectors import NOTHING
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
-
-NOTHING: Vector[float] = (0.0, 0.0, 0.0)
 
 
 class Condition(Enum):
@@ -155,73 +153,13 @@ class ForceOutput(NamedTuple):
     share: float  # of the arriving wrench that the energy leaves, 0 to 1
 
 
+class Command(NamedTuple):
+    """What is commanded with a sample."""
+
+    motor_torque: Torques  # N m
+    weight: Vector[float]  # torque on the handle that the weight asked for, N m
+
+
 # A stamp before every sample (ns), and the stand-in for a missing wrench.
 LONG_AGO = -1 << 100
 NO_WRENCH = Wrench(LONG_AGO, NOTHING)
-
-
-class Obstacles:
-    """Conditions of force, evaluated at each sample."""
-
-    __slots__ = ('_count', '_latest', '_limits', 'latest')
-
-    def __init__(self, limits: ForceLimits) -> None:
-        self._limits = limits
-        # Oldest wrench, and the one furthest ahead of its sample, ns.
-        self.latest = round(limits.wrench_age * 1e9)
-        # Time of the latest wrench that was counted, ns, and small wrenches in a row.
-        self._latest, self._count = LONG_AGO, 0
-
-    def restart(self) -> None:
-        """Restart the count of small wrenches."""
-        self._count = 0
-
-    def take(
-        self, sample: ForceSample, angle_missing: bool, energy_generated: bool
-    ) -> Reason | None:
-        """
-        Return the first obstacle: those that latch precede the others.
-
-        `energy_generated` is whether the energy has left the wrench without use for too long.
-        """
-        limits, velocity = self._limits, sample.velocity
-        wrench = NO_WRENCH if sample.wrench is None else sample.wrench
-        return next(
-            (
-                reason
-                for reason, is_found in (
-                    (Reason.DRIVE, sample.drives is Drives.FAULT),
-                    (Reason.ANGLE, angle_missing),
-                    (Reason.NO_ORIENTATION, sample.quaternion is None),
-                    (Reason.UNPROTECTED, not sample.protection_level <= limits.protection_level),
-                    (Reason.NOISY, not sample.noise <= limits.noise),
-                    (Reason.SPEED, velocity is not None and not hypot(*velocity) <= limits.speed),
-                    (Reason.NOT_FINITE, not hypot(*wrench.torque, *sample.lock) < inf),
-                    (Reason.SOURCES, sample.sources > 1),
-                    (Reason.ENERGY, energy_generated),
-                    (Reason.DISABLED, not sample.enabled),
-                    (Reason.DRIVES_OFF, sample.drives is Drives.OFF),
-                    (Reason.DISENGAGED, not sample.engaged),
-                    (Reason.ABSENT, not sample.present),
-                    # With the clutch pressed no wrench is rendered: it may be old.
-                    (Reason.STALE, not sample.clutched and self._is_old(wrench, sample.stamp)),
-                )
-                if is_found
-            ),
-            None,
-        )
-
-    def may_begin(self, wrench: Wrench | None, stamp: int) -> bool:
-        """Take the latest wrench; return whether enough in a row have been small."""
-        if wrench is None or self._is_old(wrench, stamp):
-            self._count = 0
-            return False
-        if wrench.received != self._latest:
-            self._latest = wrench.received
-            # The length of a torque that is not finite is not below the limit either.
-            small = hypot(*wrench.torque) < self._limits.small_torque
-            self._count = self._count + 1 if small else 0
-        return self._count >= SMALL_MESSAGES
-
-    def _is_old(self, wrench: Wrench, stamp: int) -> bool:
-        return abs(stamp - wrench.received) > self.latest

@@ -21,18 +21,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from itertools import combinations
 from math import inf, isfinite, radians, sqrt
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 from spm_haptic_master.exceptions import InputError, quoted
 from spm_haptic_master.kinematics.checks import WorkingMode
-from spm_haptic_master.kinematics.geometry import Geometry
+from spm_haptic_master.kinematics.geometry import Geometry, Leg
 from spm_haptic_master.kinematics.number_backends import (
     FLOATS,
     MODE_BOUNDARY,
     Rotation,
     Vector,
 )
-from spm_haptic_master.kinematics.vectors import cross, dot
+from spm_haptic_master.kinematics.vectors import cross, dot, times
 
 # Torques of the motors th1A, th1B, th1C, and th3A of a fourth one, N m.
 Torques: TypeAlias = tuple[float, ...]
@@ -98,49 +98,130 @@ def clipped(value: float, limit: float) -> float:
     return -limit if value < -limit else limit if value > limit else value
 
 
-def rotated(matrix: Rotation[float], vector: Vector[float]) -> Vector[float]:
-    """Return a vector, turned by a rotation that is given row by row."""
-    a, b, c, d, e, f, g, h, i = matrix
-    x, y, z = vector
-    return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
+class ScaledRow(NamedTuple):
+    """A row of G in a pose, times 1 - u^2: what a division is left for."""
+
+    divisor: float  # 1 - u^2 (unit 1)
+    row: Vector[float]  # in the base frame (unit 1)
+
+    @property
+    def rate(self) -> Vector[float]:
+        """Row of G: rate of the motor's joint over the handle's angular velocity."""
+        x, y, z = self.row
+        return x / self.divisor, y / self.divisor, z / self.divisor
 
 
-def unrotated(matrix: Rotation[float], vector: Vector[float]) -> Vector[float]:
-    """Return a vector, turned by the inverse of a rotation that is given row by row."""
-    a, b, c, d, e, f, g, h, i = matrix
-    return rotated((a, d, g, b, e, h, c, f, i), vector)
+class LegPose(NamedTuple):
+    """A leg in a pose."""
+
+    third: Vector[float]  # Z3k in the base frame
+    u: float  # Z1k . Z3k
+    divisor: float  # 1 - u^2
+    reach: float  # B_kk^2: 0 at the end of the reach
+    normal: Vector[float]  # Z1k x Z3k
+    row: Vector[float]  # 1 - u^2 times the row of th1k of G
+
+
+class LegConstants:
+    """
+    What of a leg does not depend on the pose.
+
+    Attributes
+    ----------
+    third, first : tuple of three float
+        Z3k in the platform frame, Z1k in the base frame.
+    cos_alpha, cos_beta : float
+        Both with the sign of B_kk.
+    squares, twice : float
+        Sum of their squares, and twice their product.
+
+    """
+
+    __slots__ = ('cos_alpha', 'cos_beta', 'first', 'sign', 'squares', 'third', 'twice')
+
+    def __init__(self, leg: Leg, sign: int) -> None:
+        self.sign = sign
+        self.third = leg.third
+        self.first = leg.first
+        self.cos_alpha = sign * leg.cos_alpha
+        self.cos_beta = sign * leg.cos_beta
+        self.squares = leg.cos_alpha**2 + leg.cos_beta**2
+        self.twice = 2.0 * leg.cos_alpha * leg.cos_beta
+
+    def place(self, rotation: Rotation[float]) -> LegPose:
+        """
+        Return the leg in a pose, R_base_platform row by row.
+
+        UnreachableError and SingularityError: it does not reach the pose, or is on the boundary of
+        its working mode.
+        """
+        third = x, y, z = times(rotation, self.third)
+        fx, fy, fz = self.first
+        u = fx * x + fy * y + fz * z
+        divisor = 1.0 - u * u
+        reach = divisor - self.squares + self.twice * u
+        if not reach >= LEAST_SQUARE:
+            # Raises.
+            FLOATS.mode_reciprocal(self.sign * FLOATS.reach_root(reach))
+        factor = (self.cos_alpha - u * self.cos_beta) / sqrt(reach)
+        normal = nx, ny, nz = cross(self.first, third)
+        row = fx - u * x + factor * nx, fy - u * y + factor * ny, fz - u * z + factor * nz
+        return LegPose(third, u, divisor, reach, normal, row)
+
+    def third_row(self, pose: LegPose) -> Vector[float]:
+        """Return 1 - u^2 times the row of th3k of G, in a pose."""
+        x, y, z = pose.third
+        fx, fy, fz = self.first
+        nx, ny, nz = pose.normal
+        u = pose.u
+        factor = (self.cos_beta - u * self.cos_alpha) / sqrt(pose.reach)
+        return x - u * fx + factor * nx, y - u * fy + factor * ny, z - u * fz + factor * nz
 
 
 class MotorRates:
     """
     Rows of G in the pose that `place` took last, and the torque of motors on the handle.
 
-    `legs` has for A, B, C: Z3k in the platform frame, Z1k in the base frame, cos alpha and
-    cos beta, both with the sign of B_kk, the sum of their squares, and twice their product.
-    `scaled` has for each motor 1 - u^2, B_kk^2, and 1 - u^2 times its row of G (unit 1).
+    Parameters
+    ----------
+    geometry : Geometry
+        Link angles and axes.
+    working_mode : sequence of three int
+        Signs of B_kk, legs A, B, C.
+    motors : {3, 4}
+        Number of motors.
+    limits : ForceLimits
+        Limits of the motors.
+
+    Attributes
+    ----------
+    legs : tuple of three LegConstants
+        Of A, B, C.
+    rotation : tuple of nine float
+        R_base_platform of the pose, row by row.
+    leg_poses : tuple of three LegPose
+        Of A, B, C, in the pose.
+    scaled : tuple of ScaledRow
+        Of each motor, in the pose.
+
     """
 
-    __slots__ = ('legs', 'limits', 'motors', 'rotation', 'scaled', 'signs')
+    __slots__ = ('leg_poses', 'legs', 'limits', 'motors', 'rotation', 'scaled')
 
     def __init__(
         self, geometry: Geometry, working_mode: WorkingMode, motors: int, limits: ForceLimits
     ) -> None:
-        self.limits, self.motors, self.signs = limits, motors, working_mode
+        self.limits = limits
+        self.motors = motors
         self.legs = tuple(
             [
-                (
-                    *leg.third,
-                    *leg.first,
-                    sign * leg.cos_alpha,
-                    sign * leg.cos_beta,
-                    leg.cos_alpha**2 + leg.cos_beta**2,
-                    2.0 * leg.cos_alpha * leg.cos_beta,
-                )
-                for leg, sign in zip(geometry.legs, self.signs, strict=True)
+                LegConstants(leg, sign)
+                for leg, sign in zip(geometry.legs, working_mode, strict=True)
             ]
         )
         self.rotation: Rotation[float] = (0.0,) * 9
-        self.scaled: tuple[float, ...] = ()
+        self.leg_poses: tuple[LegPose, ...] = ()
+        self.scaled: tuple[ScaledRow, ...] = ()
 
     def place(self, rotation: Rotation[float]) -> None:
         """
@@ -149,91 +230,23 @@ class MotorRates:
         UnreachableError and SingularityError: a leg does not reach the pose, or is on the boundary
         of its working mode.
         """
-        # Leg by leg, without a loop: this takes a third of the time of a sample.
-        self.rotation = r00, r01, r02, r10, r11, r12, r20, r21, r22 = rotation
         leg_a, leg_b, leg_c = self.legs
-        px, py, pz, fx, fy, fz, ca, cb, squares, twice = leg_c
-        x = r00 * px + r01 * py + r02 * pz
-        y = r10 * px + r11 * py + r12 * pz
-        z = r20 * px + r21 * py + r22 * pz
-        u = fx * x + fy * y + fz * z
-        wc = 1.0 - u * u
-        sc = wc - squares + twice * u
-        if not sc >= LEAST_SQUARE:
-            self._refuse(2, sc)
-        factor = (ca - u * cb) / sqrt(sc)
-        cx = fx - u * x + factor * (fy * z - fz * y)
-        cy = fy - u * y + factor * (fz * x - fx * z)
-        cz = fz - u * z + factor * (fx * y - fy * x)
-        px, py, pz, fx, fy, fz, ca, cb, squares, twice = leg_b
-        x = r00 * px + r01 * py + r02 * pz
-        y = r10 * px + r11 * py + r12 * pz
-        z = r20 * px + r21 * py + r22 * pz
-        u = fx * x + fy * y + fz * z
-        wb = 1.0 - u * u
-        sb = wb - squares + twice * u
-        if not sb >= LEAST_SQUARE:
-            self._refuse(1, sb)
-        factor = (ca - u * cb) / sqrt(sb)
-        bx = fx - u * x + factor * (fy * z - fz * y)
-        by = fy - u * y + factor * (fz * x - fx * z)
-        bz = fz - u * z + factor * (fx * y - fy * x)
-        px, py, pz, fx, fy, fz, ca, cb, squares, twice = leg_a
-        x = r00 * px + r01 * py + r02 * pz
-        y = r10 * px + r11 * py + r12 * pz
-        z = r20 * px + r21 * py + r22 * pz
-        u = fx * x + fy * y + fz * z
-        wa = 1.0 - u * u
-        sa = wa - squares + twice * u
-        if not sa >= LEAST_SQUARE:
-            self._refuse(0, sa)
-        root = sqrt(sa)
-        nx, ny, nz = fy * z - fz * y, fz * x - fx * z, fx * y - fy * x
-        factor = (ca - u * cb) / root
-        ax, ay, az = fx - u * x + factor * nx, fy - u * y + factor * ny, fz - u * z + factor * nz
+        a = leg_a.place(rotation)
+        b = leg_b.place(rotation)
+        c = leg_c.place(rotation)
+        self.rotation = rotation
+        self.leg_poses = a, b, c
+        self.scaled = (
+            ScaledRow(a.divisor, a.row),
+            ScaledRow(b.divisor, b.row),
+            ScaledRow(c.divisor, c.row),
+        )
         if self.motors == FOUR:
-            factor = (cb - u * ca) / root
-            self.scaled = (
-                wa,
-                sa,
-                ax,
-                ay,
-                az,
-                wb,
-                sb,
-                bx,
-                by,
-                bz,
-                wc,
-                sc,
-                cx,
-                cy,
-                cz,
-                wa,
-                sa,
-                x - u * fx + factor * nx,
-                y - u * fy + factor * ny,
-                z - u * fz + factor * nz,
-            )
-        else:
-            self.scaled = wa, sa, ax, ay, az, wb, sb, bx, by, bz, wc, sc, cx, cy, cz
-
-    def _refuse(self, k: int, square: float) -> None:
-        """Raise the error of a leg with too small a square of B_kk."""
-        FLOATS.mode_reciprocal(self.signs[k] * FLOATS.reach_root(square))
+            self.scaled += (ScaledRow(a.divisor, leg_a.third_row(a)),)
 
     def rows(self) -> list[Vector[float]]:
         """Return the rows of G, one for each motor: thetadot = G omega, in the base frame."""
-        wa, _, ax, ay, az, wb, _, bx, by, bz, wc, _, cx, cy, cz = self.scaled[:15]
-        rows = [
-            (ax / wa, ay / wa, az / wa),
-            (bx / wb, by / wb, bz / wb),
-            (cx / wc, cy / wc, cz / wc),
-        ]
-        if self.motors == FOUR:
-            dx, dy, dz = self.scaled[17:]
-            rows.append((dx / wa, dy / wa, dz / wa))
-        return rows
+        return [row.rate for row in self.scaled]
 
     def rendered(self, tau: Sequence[float]) -> Vector[float]:
         """Return the torque on the handle, N m in the base frame: G^T tau."""
@@ -264,9 +277,7 @@ class FourMotors(MotorRates):
 
     def render(self, m: Vector[float]) -> tuple[Torques, Vector[float]]:
         """Return motor torques, N m, and what the handle gets of m; N m in the base frame."""
-        u, _, ax, ay, az, v, _, bx, by, bz, w, _, cx, cy, cz, _, _, dx, dy, dz = self.scaled
-        ax, ay, az, bx, by, bz = ax / u, ay / u, az / u, bx / v, by / v, bz / v
-        cx, cy, cz, dx, dy, dz = cx / w, cy / w, cz / w, dx / u, dy / u, dz / u
+        (ax, ay, az), (bx, by, bz), (cx, cy, cz), (dx, dy, dz) = self.rows()
         # G^T G = L D L^T, which is regular in the whole workspace; its solution for m.
         xx, yx = ax * ax + bx * bx + cx * cx + dx * dx, ax * ay + bx * by + cx * cy + dx * dy
         zx, zy = ax * az + bx * bz + cx * cz + dx * dz, ay * az + by * bz + cy * cz + dy * dz

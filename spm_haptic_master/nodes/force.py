@@ -22,9 +22,9 @@ from spm_haptic_master.force import (
     ForceSample,
     ForceState,
 )
-from spm_haptic_master.force.energy import WINDOW
-from spm_haptic_master.force.samples import NOTHING, Reason
-from spm_haptic_master.force.statics import unrotated
+from spm_haptic_master.force.joint_motion import WINDOW
+from spm_haptic_master.force.samples import Reason
+from spm_haptic_master.force.vectors import NOTHING
 from spm_haptic_master.kinematics.number_backends import Quaternion, Rotation, Vector
 from spm_haptic_master.kinematics.rotations import (
     AngularVelocity,
@@ -33,6 +33,7 @@ from spm_haptic_master.kinematics.rotations import (
     rotation_from_quaternion,
     vector_from_quaternion,
 )
+from spm_haptic_master.kinematics.vectors import transposed_times
 from spm_haptic_master.nodes.force_inputs import ForceInputs, WrenchFrames
 from spm_haptic_master.parameters.fkm import BY_TELEOP, sigma_from
 from spm_haptic_master.parameters.setting import Values
@@ -211,8 +212,9 @@ class Force:
             torque, header = message.wrench.torque, message.header
             header.stamp.sec, header.stamp.nanosec = divmod(stamp, SECOND)
             header.frame_id = frame.name
-            torque.x, torque.y, torque.z = unrotated(
-                frame.rotation, unrotated(rotation, rendered) if frame.in_handle else rendered
+            torque.x, torque.y, torque.z = transposed_times(
+                frame.rotation,
+                transposed_times(rotation, rendered) if frame.in_handle else rendered,
             )
             out.publish(message)
 

@@ -16,10 +16,10 @@ from geometry_msgs.msg import Quaternion as QuaternionMessage
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 from spm_haptic_master.force import Wrench
-from spm_haptic_master.force.statics import rotated
 from spm_haptic_master.kinematics.mounting import IDENTITY, Mounting
 from spm_haptic_master.kinematics.number_backends import Quaternion, Rotation
 from spm_haptic_master.kinematics.rotations import conjugate, rotation_from_quaternion
+from spm_haptic_master.kinematics.vectors import times
 from spm_haptic_master.parameters.fkm import BY_TELEOP
 from spm_haptic_master.parameters.geometry import mounting_from
 from spm_haptic_master.parameters.setting import Values
@@ -218,7 +218,7 @@ class ForceInputs:
         self._unknown = ''
         force, torque = message.wrench.force, message.wrench.torque
         scale = self._scale
-        found = rotated(frame.rotation, (scale * torque.x, scale * torque.y, scale * torque.z))
+        found = times(frame.rotation, (scale * torque.x, scale * torque.y, scale * torque.z))
         beside = force.x, force.y, force.z
         is_finite = isfinite(sum(found) + sum(beside))
         if any(beside) and not self._warned:

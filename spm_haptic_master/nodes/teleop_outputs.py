@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from geometry_msgs.msg import TwistStamped, WrenchStamped
 from rclpy.node import Node
-from spm_haptic_master.force.statics import rotated
 from spm_haptic_master.kinematics.number_backends import Vector
 from spm_haptic_master.kinematics.rotations import conjugate, rotation_from_quaternion
+from spm_haptic_master.kinematics.vectors import times
 from spm_haptic_master.nodes.factories import registration_from
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.ros import node_log
@@ -83,7 +83,7 @@ class SlaveTorque:
             self.refused += 1
             return
         torque, found = message.wrench.torque, self._message.wrench.torque
-        x, y, z = rotated(self._rotation, (torque.x, torque.y, torque.z))
+        x, y, z = times(self._rotation, (torque.x, torque.y, torque.z))
         found.x, found.y, found.z = self._scale * x, self._scale * y, self._scale * z
         self._message.header.stamp = message.header.stamp
         self._out.publish(self._message)

@@ -17,7 +17,7 @@ from spm_haptic_master.drives.drives import Drives
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.force import ForceLimits
-from spm_haptic_master.force.energy import JointMotion
+from spm_haptic_master.force.joint_motion import JointMotion
 from spm_haptic_master.force.rendering import make_statics
 from spm_haptic_master.force.statics import clipped
 from spm_haptic_master.kinematics import estimate_sample, Geometry, UsedSensors
@@ -95,7 +95,7 @@ class BringUp:
         # Times in the part, and since a joint has turned, s.
         self.since = self.still = self._near_since = 0.0
         self._near = self.angles
-        self._motion.take(self._start, self.angles, self.nothing, 0.0)
+        self._motion.work(self._start, self.angles, self.nothing, 0.0)
 
     def step(self, torques: Torques, recorded: bool = False) -> None:
         """Command the torques for the latest sample, N m, and take the next one."""
@@ -108,7 +108,7 @@ class BringUp:
             raise InputError(f'{self.part}: not at rest within {PATIENCE:g} s')
         stamp, self.angles = self._read()
         before, self.since = self.since, 1e-9 * (stamp - self._start)
-        self._motion.take(stamp, self.angles, self.nothing, self.since - before)
+        self._motion.work(stamp, self.angles, self.nothing, self.since - before)
         if self.turn(self._near) > STILL:
             self._near, self._near_since = self.angles, self.since
         self.still = self.since - self._near_since

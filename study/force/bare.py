@@ -31,8 +31,8 @@ class _NoBudget(EnergyBudget):
 
     __slots__ = ()
 
-    def take(self, given: float, asked: Vector[float], dt: float) -> bool:
-        super().take(given, asked, dt)
+    def count(self, given: float, asked: Vector[float], dt: float) -> bool:
+        super().count(given, asked, dt)
         self.damping, self.share = 0.0, 1.0
         return False
 

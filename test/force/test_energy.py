@@ -10,7 +10,8 @@ from bench import ANGLES, Bench, MS
 import numpy as np
 import pytest
 from spm_haptic_master.force import Condition, ForceController, ForceLimits, Gravity
-from spm_haptic_master.force.energy import ADVANCE, EnergyBudget, JointMotion
+from spm_haptic_master.force.energy import ADVANCE, EnergyBudget
+from spm_haptic_master.force.joint_motion import JointMotion
 from spm_haptic_master.kinematics import inverse, quaternion_from_matrix, workspace_pose
 
 pytest.importorskip('mujoco', reason='needs mujoco')
@@ -26,7 +27,7 @@ DT = 1e-3
 
 def spend(budget, energy, steps, asked=(0.0, 0.0, 0.0)):
     """Let the motors give an energy, J, in some steps."""
-    return [budget.take(energy / steps, asked, DT) for _ in range(steps)]
+    return [budget.count(energy / steps, asked, DT) for _ in range(steps)]
 
 
 def test_what_the_motors_give_is_taken_from_the_budget():
@@ -55,7 +56,7 @@ def test_the_damping_comes_within_4_ms_and_goes_within_20(given):
     spend(budget, 2e-3, 1)
     found = [budget.damping]
     for number in range(200):
-        budget.take(given if number % 2 else -given, (0.0, 0.0, 0.0), DT)
+        budget.count(given if number % 2 else -given, (0.0, 0.0, 0.0), DT)
         found.append(budget.damping)
     assert max(found) == 1.0
     assert np.diff(found).min() >= -0.05 - 1e-9 and np.diff(found).max() <= 0.25 + 1e-9
@@ -74,13 +75,13 @@ def test_the_work_of_motors_whose_joints_cross_half_a_turn():
     for step in range(12):
         angle = np.pi - 0.005 + 1e-3 * step
         wrapped = float(np.remainder(angle + np.pi, 2.0 * np.pi) - np.pi)
-        work = motion.take(step * 1_000_000, (wrapped, 0.5 - 2e-3 * step, -0.5, 9.0), WEIGHTS, DT)
+        work = motion.work(step * 1_000_000, (wrapped, 0.5 - 2e-3 * step, -0.5, 9.0), WEIGHTS, DT)
         if step:
             assert work == pytest.approx(1e-3 - 20e-3)
     assert motion.velocity == pytest.approx((1.0, -2.0, 0.0))
-    assert motion.take(12_000_000, (0.0, float('nan'), 0.0, 9.0), WEIGHTS, DT) is None
+    assert motion.work(12_000_000, (0.0, float('nan'), 0.0, 9.0), WEIGHTS, DT) is None
     assert motion.is_missing and motion.velocity is None
-    assert motion.take(13_000_000, (0.0, 0.0, 0.0, 9.0), WEIGHTS, DT) is None
+    assert motion.work(13_000_000, (0.0, 0.0, 0.0, 9.0), WEIGHTS, DT) is None
     assert not motion.is_missing
 
 
@@ -88,8 +89,8 @@ def test_the_work_of_motors_whose_joints_cross_half_a_turn():
 def test_the_work_is_that_of_the_motors_alone(motors, work):
     motion = JointMotion(motors)
     torques = (*WEIGHTS, 1000.0)[:motors]
-    motion.take(0, (0.1, 0.2, 0.3, 0.4, 0.5), torques, DT)
-    assert motion.take(1_000_000, (0.101, 0.202, 0.303, 0.404, 9.0), torques, DT) == pytest.approx(
+    motion.work(0, (0.1, 0.2, 0.3, 0.4, 0.5), torques, DT)
+    assert motion.work(1_000_000, (0.101, 0.202, 0.303, 0.404, 9.0), torques, DT) == pytest.approx(
         work
     )
 
@@ -98,10 +99,10 @@ def test_an_encoder_that_jumps_is_no_motion():
     """5 deg in a millisecond: no work is counted, and no velocity damps it."""
     motion = JointMotion(3)
     for step in range(12):
-        motion.take(step * 1_000_000, (1e-3 * step, 0.0, 0.0), WEIGHTS, DT)
-    assert motion.take(12_000_000, (0.012, 0.087, 0.0), WEIGHTS, DT) is None
+        motion.work(step * 1_000_000, (1e-3 * step, 0.0, 0.0), WEIGHTS, DT)
+    assert motion.work(12_000_000, (0.012, 0.087, 0.0), WEIGHTS, DT) is None
     assert motion.velocity is None and not motion.is_missing
-    assert motion.take(13_000_000, (0.013, 0.087, 0.0), WEIGHTS, DT) == pytest.approx(1e-3)
+    assert motion.work(13_000_000, (0.013, 0.087, 0.0), WEIGHTS, DT) == pytest.approx(1e-3)
 
 
 def test_a_wrench_without_use_for_a_second_is_a_fault():

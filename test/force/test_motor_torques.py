@@ -14,6 +14,7 @@ from spm_haptic_master.exceptions import InputError, SpmError, UnreachableError
 from spm_haptic_master.force import ForceController, ForceLimits, Gravity, render
 from spm_haptic_master.force.gravity import Weight
 from spm_haptic_master.force.rendering import make_statics
+from spm_haptic_master.force.statics import LegPose, ScaledRow
 from spm_haptic_master.kinematics import (
     Geometry,
     inverse,
@@ -168,7 +169,8 @@ def test_rows_without_any_rate_give_no_torque_along_it():
     motors = make_statics(PAPER, MODE, 3, ForceLimits())
     motors.rotation = tuple(np.eye(3).ravel().tolist())
     rows = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (1.0, 1.0, 0.0)
-    motors.scaled = tuple(number for row in rows for number in (1.0, 1.0, *row))
+    motors.scaled = tuple(ScaledRow(1.0, row) for row in rows)
+    motors.leg_poses = (LegPose((0.0, 0.0, 1.0), 0.0, 1.0, 1.0, (0.0, 0.0, 0.0), rows[0]),) * 3
     tau, felt = motors.render((0.1, 0.0, 0.3))
     np.testing.assert_allclose(felt, (0.1, 0.0, 0.0), atol=1e-12)
     assert motors.rendered(tau) == felt
@@ -178,7 +180,7 @@ def test_four_motors_of_which_two_alone_turn_against_each_other():
     """Two legs of one rate: the torque that turns nothing is on these two."""
     motors = make_statics(PAPER, MODE, 4, ForceLimits(motor_torque=0.2))
     rows = (1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
-    motors.scaled = tuple(number for row in rows for number in (1.0, 1.0, *row))
+    motors.scaled = tuple(ScaledRow(1.0, row) for row in rows)
     tau, felt = motors.render((0.8, 0.0, 0.0))
     np.testing.assert_allclose(tau, (0.2, 0.2, 0.0, 0.0), atol=1e-12)
     np.testing.assert_allclose(felt, (0.4, 0.0, 0.0), atol=1e-12)

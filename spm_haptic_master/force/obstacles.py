@@ -1,0 +1,120 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""What prevents or ends force: the conditions of each sample, and the wrench that may begin."""
+
+from __future__ import annotations
+
+from math import hypot, inf
+
+from spm_haptic_master.force.samples import (
+    Drives,
+    ForceSample,
+    LONG_AGO,
+    NO_WRENCH,
+    Reason,
+    SMALL_MESSAGES,
+    Wrench,
+)
+from spm_haptic_master.force.statics import ForceLimits
+
+
+class Obstacles:
+    """Conditions of force, evaluated at each sample."""
+
+    __slots__ = ('_count', '_latest', '_limits', '_longest')
+
+    def __init__(self, limits: ForceLimits) -> None:
+        self._limits = limits
+        # Oldest wrench, and the one furthest ahead of its sample, ns.
+        self._longest = round(limits.wrench_age * 1e9)
+        # Time of the latest wrench that was counted, ns, and small wrenches in a row.
+        self._latest = LONG_AGO
+        self._count = 0
+
+    def restart(self) -> None:
+        """Restart the count of small wrenches."""
+        self._count = 0
+
+    def first(
+        self, sample: ForceSample, angle_missing: bool, energy_generated: bool
+    ) -> Reason | None:
+        """
+        Return the first obstacle: those that latch precede the others.
+
+        Parameters
+        ----------
+        sample : ForceSample
+            The sample and its circumstances.
+        angle_missing : bool
+            Whether the angle of a motor is missing.
+        energy_generated : bool
+            Whether the energy has left the wrench without use for too long.
+
+        """
+        return (
+            self._of_motors(sample, angle_missing)
+            or self._of_orientation(sample)
+            or self._of_wrench(sample)
+            or (Reason.ENERGY if energy_generated else None)
+            or self._of_operator(sample)
+            or self._of_age(sample)
+        )
+
+    def _of_motors(self, sample: ForceSample, angle_missing: bool) -> Reason | None:
+        """Return what is wrong with drives or encoders of the motors."""
+        if sample.drives is Drives.FAULT:
+            return Reason.DRIVE
+        return Reason.ANGLE if angle_missing else None
+
+    def _of_orientation(self, sample: ForceSample) -> Reason | None:
+        """Return why the orientation is not one to rely on; a comparison with NaN is false."""
+        limits = self._limits
+        if sample.quaternion is None:
+            return Reason.NO_ORIENTATION
+        if not sample.protection_level <= limits.protection_level:
+            return Reason.UNPROTECTED
+        if not sample.noise <= limits.noise:
+            return Reason.NOISY
+        if sample.velocity is not None and not hypot(*sample.velocity) <= limits.speed:
+            return Reason.SPEED
+        return None
+
+    def _of_wrench(self, sample: ForceSample) -> Reason | None:
+        """Return what is wrong with what is commanded."""
+        torque = (NO_WRENCH if sample.wrench is None else sample.wrench).torque
+        if not hypot(*torque, *sample.lock) < inf:
+            return Reason.NOT_FINITE
+        return Reason.SOURCES if sample.sources > 1 else None
+
+    def _of_operator(self, sample: ForceSample) -> Reason | None:
+        """Return why no force is wanted."""
+        if not sample.enabled:
+            return Reason.DISABLED
+        if sample.drives is Drives.OFF:
+            return Reason.DRIVES_OFF
+        if not sample.engaged:
+            return Reason.DISENGAGED
+        return None if sample.present else Reason.ABSENT
+
+    def _of_age(self, sample: ForceSample) -> Reason | None:
+        """Return whether the wrench is missing; with the clutch pressed none is rendered."""
+        if sample.clutched or not self._is_old(sample.wrench, sample.stamp):
+            return None
+        return Reason.STALE
+
+    def may_begin(self, wrench: Wrench | None, stamp: int) -> bool:
+        """Count the latest wrench; return whether enough in a row have been small."""
+        if wrench is None or self._is_old(wrench, stamp):
+            self._count = 0
+            return False
+        if wrench.received != self._latest:
+            self._latest = wrench.received
+            # The length of a torque that is not finite is not below the limit either.
+            is_small = hypot(*wrench.torque) < self._limits.small_torque
+            self._count = self._count + 1 if is_small else 0
+        return self._count >= SMALL_MESSAGES
+
+    def _is_old(self, wrench: Wrench | None, stamp: int) -> bool:
+        """Return whether a wrench is older than the time-out, or later by as much."""
+        return wrench is None or abs(stamp - wrench.received) > self._longest
