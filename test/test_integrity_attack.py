@@ -1,0 +1,98 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The directed search of `make faults`: its device, its cases, and what is a violation."""
+
+from benchmarks import integrity_attack
+from benchmarks.attack_device import Device, wrapped
+from benchmarks.attack_kinds import KINDS
+from benchmarks.attack_scene import Choices, Impossible
+from benchmarks.integrity_attack import BOUND, held, score, search, Task
+from mechanism import random_rotations
+import numpy as np
+import pytest
+from spm_haptic_master.kinematics import Geometry, inverse, workspace_pose
+
+PAPER = tuple(np.radians([39.3, 34.1, 18.2]).tolist())
+
+
+def first_case(kind, seed=1):
+    """Return the first possible case of a kind."""
+    rng = np.random.default_rng(seed)
+    for _ in range(200):
+        try:
+            return KINDS[kind](Choices(rng))
+        except Impossible:
+            continue
+    raise AssertionError(f'{kind} has no case')
+
+
+@pytest.mark.parametrize('mode', [(1, 1, 1), (1, -1, 1), (-1, -1, -1)])
+def test_the_attacked_device_has_the_same_angles_by_formulas_of_its_own(mode):
+    rotations = random_rotations(np.random.default_rng(1), 4000)
+    found = Device(PAPER, mode).readings(rotations)
+    joints = inverse(rotations, Geometry(*PAPER), mode)
+    expected = np.column_stack([joints.theta1, joints.theta3a, joints.theta3b, joints.theta3c])
+    reached = np.isfinite(expected).all(axis=1)
+    assert reached.sum() > 100 and (np.isfinite(found).all(axis=1) == reached).all()
+    assert np.abs(wrapped(found - expected))[reached].max() < 1e-12
+
+
+def test_rivals_read_the_same_by_all_sensors_but_one():
+    device = Device(PAPER)
+    place = workspace_pose(*np.radians([5.0, 30.0, 44.4]))
+    rivals = device.rivals(place, (0, 1, 2), np.random.default_rng(1))
+    difference = wrapped(device.readings(rivals) - device.readings(place))
+    assert len(rivals) and np.abs(difference[:, :3]).max() < 1e-7
+    assert np.abs(difference[:, 3]).min() > np.radians(5.0)
+
+
+@pytest.mark.parametrize('kind', list(KINDS))
+def test_each_kind_has_cases_that_its_choices_settle(kind):
+    one = first_case(kind)
+    again = first_case(kind)
+    assert np.array_equal(one.readings, again.readings) and one.words == again.words
+    assert len(one.stamps) == len(one.readings) == len(one.rotations)
+    assert len(one.readings) > one.window
+
+
+def test_only_what_lasts_for_longer_than_the_time_to_alert_counts():
+    ratios = np.array([0.5, 3.0, 3.0, 2.0, 0.1])
+    assert held(ratios, 2) == 2.0
+    assert held(ratios, 3) == 0.5
+
+
+def test_an_orientation_beyond_its_level_is_a_violation():
+    case = first_case('healthy near the rim', seed=3)
+    assert 0.0 < score(case).level < 1.0
+    # The same readings of another truth: 9 deg about the platform's axis.
+    turn = (
+        workspace_pose(0.0, 0.0, np.radians(29.0)) @ workspace_pose(0.0, 0.0, np.radians(20.0)).T
+    )
+    case.rotations[:] = turn @ case.rotations
+    found = score(case)
+    assert found.level > 1.0 and found.error_deg == pytest.approx(9.0, abs=1.0)
+
+
+def test_a_declared_sensor_is_held_to_its_bound(monkeypatch):
+    case = first_case('step anywhere')
+    real = integrity_attack.supervise
+
+    def unchecked(*args, **parameters):
+        result = real(*args, **parameters)
+        result.unchecked[:] = 1.0
+        result.bounds[:] = 1e-3
+        return result
+
+    monkeypatch.setattr(integrity_attack, 'supervise', unchecked)
+    found = score(case)
+    assert found.level == 0.0 and found.bound > 1.0
+
+
+def test_a_search_is_the_same_each_time_and_no_worse_than_its_random_half(monkeypatch):
+    task = Task('drift of th3A through the singularity', BOUND, seed=1, runs=6)
+    found = search(task)
+    assert found == search(task)
+    monkeypatch.setattr(integrity_attack, 'RANDOM_SHARE', 1.0)
+    drawn = search(task._replace(runs=3))
+    assert found.score.of(BOUND) >= drawn.score.of(BOUND) > 0.0
