@@ -19,6 +19,7 @@ EXECUTABLES = {
     'presence': ('nodes.presence', "a joystick's buttons as presence and clutch, repeated"),
     'sim_slave': ('nodes.sim_slave', 'a simulated slave, to try teleop with'),
     'view': ('view.node', 'the device in a browser'),
+    'status': ('nodes.status', 'one screen of what is wrong with the running device'),
     'ros': ('nodes.ros', 'topics, parameters and services, for hosts without the ros2 command'),
     'recorder': ('nodes.recorder', 'orientations and joint angles to CSV files'),
     'can_scan': ('tools.can_scan', 'devices on the CAN bus, compared with the configuration'),

@@ -101,9 +101,8 @@ class OrientationStatus:
         # The figures in a caution grow: its sensors, not its words, decide whether it changed.
         subject = text + ', '.join(cautions)
         if self._publisher.is_due(severity, subject):
-            self._publisher.publish(
-                severity, message, self._figures(level), subject, (level_of_state, text)
-            )
+            logged = level_of_state, with_remedy(state.why, text)
+            self._publisher.publish(severity, message, self._figures(level), subject, logged)
 
     def _figures(self, level: float | None) -> dict[str, object]:
         figures: dict[str, object] = {

@@ -6,83 +6,71 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections import deque
+from collections.abc import Iterator
 from functools import reduce
 from importlib import import_module
 from math import inf
-import signal
 import sys
-import time
 from typing import Any
 
 from rcl_interfaces.srv import GetParameters, SetParameters
-import rclpy
-from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import QoSProfile
-from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import try_shutdown
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.parameters.arguments import OneLineParser, positive
 from spm_haptic_master.parameters.files import argument_section
+from spm_haptic_master.ros.client import Client, run
 
-# Longest wait for a topic, node or service, and for its answer (s).
-PATIENCE = 5.0
 # Messages that wait to be printed.
 DEPTH = 100
 
 
-class Commands:
+class Commands(Client):
     """The commands: `do_VERB` of each; they raise InputError."""
-
-    def __init__(self) -> None:
-        self._node = rclpy.create_node('ros_command', enable_rosout=False)
-        self._executor = EventsExecutor()
-        self._executor.add_node(self._node)
 
     def do_list(self, given: argparse.Namespace) -> None:
         """Print all topics and their types."""
-        self._wait(lambda: False, 1.0)
-        for name, kinds in self._node.get_topic_names_and_types():
+        self.wait(lambda: False, 1.0)
+        for name, kinds in self.node.get_topic_names_and_types():
             print(f'{name}: {", ".join(kinds)}')
 
     def do_echo(self, given: argparse.Namespace) -> None:
         """Print the messages of a topic."""
         topic = _absolute(given.topic)
-        if not self._wait(lambda: self._node.get_publishers_info_by_topic(topic), PATIENCE):
+        if not self.wait(lambda: self.node.get_publishers_info_by_topic(topic), self.PATIENCE):
             raise InputError(f'{topic}: nobody publishes it (`ros topic list` shows the topics)')
-        (first, *_) = self._node.get_publishers_info_by_topic(topic)
-        shown: list[Any] = []
-
-        def show(message: Any) -> None:
-            if not (given.once and shown):
-                print('\n'.join([*_lines(message), '---']), flush=True)
-            shown[:] = [message]
-
+        (first, *_) = self.node.get_publishers_info_by_topic(topic)
         offered = first.qos_profile
-        self._node.create_subscription(
+        received: deque[Any] = deque(maxlen=DEPTH)
+        self.node.create_subscription(
             _type(first.topic_type),
             topic,
-            show,
+            lambda message: received.append(message),
             QoSProfile(
                 depth=DEPTH, durability=offered.durability, reliability=offered.reliability
             ),
         )
-        self._wait(lambda: given.once and shown, inf)
+        while True:
+            # Not printed in the callback: rclpy logs what a closed pipe raises there.
+            self.wait(lambda: received, inf)
+            print('\n'.join([*_lines(received.popleft()), '---']), flush=True)
+            if given.once:
+                return
 
     def do_pub(self, given: argparse.Namespace) -> None:
         """Publish a message again and again."""
         kind, message = _type(given.type), _type(given.type)()
         for name, value in argument_section(f'message:={given.values}').values.items():
             _set_field(message, name.split('.')[1:], value)
-        out = self._node.create_publisher(kind, _absolute(given.topic), DEPTH)
+        out = self.node.create_publisher(kind, _absolute(given.topic), DEPTH)
         while True:
             out.publish(message)
-            self._wait(lambda: False, 1.0 / given.rate)
+            self.wait(lambda: False, 1.0 / given.rate)
 
     def do_get(self, given: argparse.Namespace) -> None:
         """Print the value of a parameter."""
-        values = self._ask(
+        values = self.ask(
             f'{_absolute(given.node)}/get_parameters', GetParameters, names=[given.name]
         ).values
         if not values:
@@ -95,7 +83,7 @@ class Commands:
         if len(values) != 1:
             raise InputError(f'{given.name} is {given.value}; expected a single value or a list')
         ((name, value),) = values.items()
-        (result,) = self._ask(
+        (result,) = self.ask(
             f'{_absolute(given.node)}/set_parameters',
             SetParameters,
             parameters=[Parameter(name, value=value).to_parameter_msg()],
@@ -107,28 +95,12 @@ class Commands:
     def do_call(self, given: argparse.Namespace) -> None:
         """Call a service that takes no arguments, and print its answer."""
         service = _absolute(given.service)
-        found = self._wait(
-            lambda: dict(self._node.get_service_names_and_types()).get(service), PATIENCE
+        found = self.wait(
+            lambda: dict(self.node.get_service_names_and_types()).get(service), self.PATIENCE
         )
         if not found:
             raise InputError(f'{service}: no such service')
-        print('\n'.join(_lines(self._ask(service, _type(found[0])))))
-
-    def _ask(self, service: str, kind: Any, **fields: object) -> Any:
-        client = self._node.create_client(kind, service)
-        if not self._wait(client.service_is_ready, PATIENCE):
-            raise InputError(f'{service}: no such node or service within {PATIENCE:g} s')
-        answer = client.call_async(kind.Request(**fields))
-        if not self._wait(answer.done, PATIENCE):
-            raise InputError(f'{service}: no answer within {PATIENCE:g} s')
-        return answer.result()
-
-    def _wait(self, condition: Callable[[], Any], seconds: float) -> Any:
-        """Receive until a condition holds or a time is over; return the value of the condition."""
-        end = time.monotonic() + seconds
-        while not (found := condition()) and time.monotonic() < end:
-            self._executor.spin_once(timeout_sec=max(0.0, min(0.05, end - time.monotonic())))
-        return found
+        print('\n'.join(_lines(self.ask(service, _type(found[0])))))
 
 
 def _absolute(name: str) -> str:
@@ -203,17 +175,10 @@ def _parser() -> argparse.ArgumentParser:
 
 def main(args: list[str] | None = None) -> int:
     """Run a command; an error is one line on stderr and exit code 1."""
-    try:
+
+    def command() -> int:
         given = _parser().parse_args((sys.argv if args is None else args)[1:])
-        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, signal.default_int_handler)
-        getattr(Commands(), f'do_{given.verb}')(given)
-    except InputError as error:
-        print(f'ros: {error}', file=sys.stderr)
-        return 1
-    except (KeyboardInterrupt, BrokenPipeError):
+        getattr(Commands('ros_command'), f'do_{given.verb}')(given)
         return 0
-    finally:
-        try_shutdown()
-    return 0
+
+    return run('ros', command)

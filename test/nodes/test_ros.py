@@ -3,8 +3,10 @@
 
 """Topics, parameters and services by `ros`, where no `ros2` command line is installed."""
 
+import subprocess
 import threading
 
+from benchmarks.pipeline.child_process import executable
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import QuaternionStamped
 from harness import Observer
@@ -128,12 +130,12 @@ quaternion:
 )
 def test_a_command_prints_what_ros_says(device, run, monkeypatch, command, expected):
     if command == 'topic list':
-        wait = ros.Commands._wait
+        wait = ros.Commands.wait
         monkeypatch.setattr(
             ros.Commands,
-            '_wait',
+            'wait',
             lambda commands, *_: wait(
-                commands, lambda: commands._node.count_publishers('/orientation'), 20.0
+                commands, lambda: commands.node.count_publishers('/orientation'), 20.0
             ),
         )
     code, out, err = run(command)
@@ -142,7 +144,7 @@ def test_a_command_prints_what_ros_says(device, run, monkeypatch, command, expec
 
 
 def test_a_message_is_published_until_ctrl_c(device, run, monkeypatch):
-    arrived, wait = device.collect(Joy, 'presence'), ros.Commands._wait
+    arrived, wait = device.collect(Joy, 'presence'), ros.Commands.wait
 
     def wait_or_end(commands, condition, seconds):
         if len(arrived) >= 3:
@@ -150,7 +152,7 @@ def test_a_message_is_published_until_ctrl_c(device, run, monkeypatch):
         assert (condition(), seconds) == (False, 1.0 / 20.0)
         return wait(commands, condition, seconds)
 
-    monkeypatch.setattr(ros.Commands, '_wait', wait_or_end)
+    monkeypatch.setattr(ros.Commands, 'wait', wait_or_end)
     assert run(
         'topic pub /presence sensor_msgs/msg/Joy --rate 20 '
         '{"header":{"frame_id":"pedal"},"buttons":[1]}'
@@ -179,7 +181,18 @@ def test_a_message_is_published_until_ctrl_c(device, run, monkeypatch):
 )
 def test_what_is_not_there_is_named_in_one_line(device, run, monkeypatch, command, reason):
     if ' no' in command:
-        monkeypatch.setattr(ros, 'PATIENCE', 0.05)
+        monkeypatch.setattr(ros.Commands, 'PATIENCE', 0.05)
     code, _, err = run(command)
     assert code == 1
     assert reason in err and err.count('\n') == 1
+
+
+@pytest.mark.process
+def test_a_reader_that_ends_early_leaves_no_traceback(device):
+    """As `ros topic echo orientation | head -1`."""
+    command = executable('ros', 'topic', 'echo', 'orientation')
+    echo = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert echo.stdout.readline() == 'header:\n'
+    echo.stdout.close()
+    assert (echo.wait(60.0), echo.stderr.read()) == (0, '')
+    echo.stderr.close()

@@ -1,0 +1,139 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+One screen of the running device: what is wrong, and its remedy.
+
+Exit code 0 where all is well; 1 where something warns, fails, or does not answer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+import os
+import sys
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.srv import GetParameters
+from rclpy.parameter import parameter_value_to_python
+from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.nodes.status_screen import Device, Entry, screen
+from spm_haptic_master.parameters.arguments import OneLineParser, positive
+from spm_haptic_master.ros.client import Client, run
+from spm_haptic_master.ros.qos import STATE
+from std_msgs.msg import String
+
+# Time for which entries are collected (s): each node publishes its own every second.
+SECONDS = 2.5
+# State topics, latched, whose text an entry does not have.
+STATES = ('source', 'operating_state_text')
+# Limits that are shown, by node.
+LIMITS = {
+    'fkm': ('alert_limit_deg', 'unchecked_limit', 'max_age', 'rate'),
+    'teleop': ('teleop.speed_limit', 'teleop.protection_limit_deg', 'teleop.jump_limit_deg'),
+}
+# Entries whose nodes have limits, by node.
+OF_NODE = {'fkm': 'fkm: orientation', 'teleop': 'teleop: teleop'}
+
+
+class Collector(Client):
+    """Collects what the devices of this DDS domain, or of one namespace, report."""
+
+    # The nodes answer at once, or are gone.
+    PATIENCE = 1.0
+
+    def __init__(self) -> None:
+        super().__init__('status')
+        # Only this namespace is shown, if one is given (-r __ns:=/left).
+        self._namespace = self.node.get_namespace().strip('/')
+        self._devices: dict[str, Device] = {}
+        self.node.create_subscription(DiagnosticArray, '/diagnostics', self._take, 100)
+
+    def devices(self, seconds: float) -> list[Device]:
+        """Return the devices that have reported within a time, s; InputError if none has."""
+        self.wait(lambda: False, seconds)
+        if not self._devices:
+            where = f'/{self._namespace}' if self._namespace else 'this ROS_DOMAIN_ID'
+            domain = os.environ.get('ROS_DOMAIN_ID') or '0'
+            raise InputError(
+                f'nothing reports in {where} (ROS_DOMAIN_ID {domain}): is master running, on this '
+                'host or with ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET?'
+            )
+        found = [self._devices[name] for name in sorted(self._devices)]
+        for device in found:
+            self._ask_limits(device)
+        return found
+
+    def _take(self, message: DiagnosticArray) -> None:
+        """Store the entries of nodes of this package, by their namespace."""
+        for status in message.status:
+            node, _, aspect = status.name.partition(': ')
+            namespace, _, name = node.rpartition('/')
+            if not aspect or (self._namespace and namespace != self._namespace):
+                continue
+            if namespace not in self._devices:
+                self._devices[namespace] = Device(namespace)
+                self._watch_states(self._devices[namespace])
+            values = {entry.key: entry.value for entry in status.values}
+            self._devices[namespace].entries[f'{name}: {aspect}'] = Entry(
+                status.level, status.message, values
+            )
+
+    def _watch_states(self, device: Device) -> None:
+        """Subscribe to the latched texts of a device."""
+        prefix = f'/{device.namespace}'.rstrip('/')
+        for topic in STATES:
+            self.node.create_subscription(
+                String, f'{prefix}/{topic}', partial(self._take_state, device, topic), STATE
+            )
+
+    def _take_state(self, device: Device, topic: str, message: String) -> None:
+        """Store the text of a state topic."""
+        device.states[topic] = message.data
+
+    def _ask_limits(self, device: Device) -> None:
+        """Ask the nodes of a device for the limits that are shown."""
+        prefix = f'/{device.namespace}'.rstrip('/')
+        for node, names in LIMITS.items():
+            if OF_NODE[node] in device.entries:
+                device.limits[node] = self._values(f'{prefix}/{node}', names)
+
+    def _values(self, node: str, names: Sequence[str]) -> str | None:
+        """Return parameters of a node as words; None where it does not answer."""
+        try:
+            answer = self.ask(f'{node}/get_parameters', GetParameters, names=list(names))
+        except InputError:
+            return None
+        values = map(parameter_value_to_python, answer.values)
+        return ', '.join(
+            f'{name} {value:g}'
+            for name, value in zip(names, values, strict=False)
+            if isinstance(value, (int, float))
+        )
+
+
+def main(args: list[str] | None = None) -> int:
+    """Print the screen; return 0 where all is well."""
+    words = (sys.argv if args is None else args)[1:]
+    begin = words.index('--ros-args') if '--ros-args' in words else len(words)
+    own, ros_arguments = words[:begin], words[begin:]
+
+    def program() -> int:
+        parser = OneLineParser('status', description=__doc__)
+        parser.add_argument(
+            '--seconds',
+            type=positive,
+            default=SECONDS,
+            help=f'time for which reports are collected ({SECONDS:g})',
+        )
+        devices = Collector().devices(parser.parse_args(own).seconds)
+        for device in devices:
+            if len(devices) > 1:
+                print(f'/{device.namespace}')
+            print('\n'.join(screen(device)))
+        cores = os.cpu_count() or 1
+        print(f'      {"load":<15} {os.getloadavg()[0]:.1f} of {cores} cores of this host')
+        return 0 if all(device.is_well() for device in devices) else 1
+
+    return run('status', program, ros_arguments)
