@@ -256,7 +256,8 @@ class SetAssembler:
             '; '.join(
                 [
                     *([f'no answer from {", ".join(names)}'] if names else []),
-                    *dict.fromkeys(cycle.refused.values()),
+                    # In the order of the joints: answers come in any.
+                    *dict.fromkeys(cycle.refused[index] for index in sorted(cycle.refused)),
                     *([f'{", ".join(behind)}: {BEHIND}'] if behind else []),
                 ]
             )

@@ -197,6 +197,23 @@ def test_an_answer_counts_within_the_window(window, at, good):
         assert taker.counters[f'rejected: {reason}'] == taker.counters[f'dropped: {reason}'] == 1
 
 
+def test_two_refused_answers_are_counted_as_one_reason_in_any_order():
+    """Else /diagnostics has a key for each order in which they came."""
+    taker = assembler(window=0.5)
+    for number, (first, second) in enumerate(((1, 3), (3, 1))):
+        begin = 64.0 + 100.0 * number
+        taker.begin(begin)
+        for index in (0, 2):
+            taker.answer(index, 0.1, begin)
+        for index in (first, second):
+            taker.answer(index, 0.1, begin + 0.9)
+    dropped = {key: count for key, count in taker.counters.items() if key.startswith('dropped: ')}
+    assert dropped == {
+        'dropped: answer from joint_1b outside the window; '
+        'answer from joint_3a outside the window': 2
+    }
+
+
 @pytest.mark.parametrize(('window', 'doubt'), [(0.5, 1.5), (3.5, 3.5)])
 @pytest.mark.parametrize('beyond', [False, True])
 def test_doubt_lasts_for_the_window_and_at_least_one_and_a_half_periods(window, doubt, beyond):
