@@ -23,7 +23,11 @@ OWN = {
     'slave': 'namespace of its slave, such as /PSM2; empty: a simulated slave is started',
     'slave_pose': 'topic of the pose of its slave, such as /PSM2/setpoint_cp; empty: measured_cp '
     'in the namespace of its slave',
+    'slave_torque': 'topic of the torque of its slave, such as /PSM2/body/measured_cf; empty: '
+    'measured_cf in the namespace of its slave',
     'presence': 'topic of the pedal that shows presence (sensor_msgs/Joy); empty: ARM/presence',
+    'presence_timeout': 'largest age of the presence, s; 0.0: any, for a pedal that publishes '
+    'changes only; empty: teleop.presence_timeout of the files',
     'clutch': 'topic of the clutch (sensor_msgs/Joy); empty: ARM/clutch',
 }
 
@@ -51,7 +55,14 @@ def nodes(context: LaunchContext) -> list[Node]:
     found = []
     for arm in arms:
         own = {name: given(f'{arm}_{name}') for name in OWN}
-        follower = Follower(own['slave'], own['presence'], own['clutch'], own['slave_pose'])
+        follower = Follower(
+            slave=own['slave'],
+            presence=own['presence'],
+            clutch=own['clutch'],
+            pose=own['slave_pose'],
+            torque=own['slave_torque'],
+            presence_timeout=own['presence_timeout'],
+        )
         found += [
             Node(
                 package=PACKAGE,

@@ -17,6 +17,7 @@ from typing import Any
 
 from rclpy.duration import Duration
 from rclpy.node import Node
+from spm_haptic_master.nodes.state_commands import StateCommands
 from spm_haptic_master.ros import node_log
 from spm_haptic_master.ros.diagnostic_status import STEADY
 from spm_haptic_master.ros.qos import EVENTS, STATE
@@ -55,13 +56,16 @@ class CrtkState:
         # Message of crtk_msgs; None where that is not installed.
         self._message: Any = None
         self._absence_logged = False
+        self._commands: StateCommands | None = None
         with suppress(ImportError):
             from crtk_msgs import msg
 
             self._message = msg.OperatingState(is_busy=False)
             self._message.header.frame_id = frame_id
             self._out = node.create_publisher(msg.OperatingState, 'operating_state', EVENTS)
-            node.create_subscription(msg.StringStamped, 'state_command', self._on_command, EVENTS)
+            self._commands = StateCommands(
+                node, msg.StringStamped, lambda message: str(message.string), self.command
+            )
             node.create_timer(REPEAT_PERIOD, self._publish_message, clock=STEADY)
         for text in ('enable', 'disable'):
             node.create_service(Trigger, text, partial(self._serve, text))
@@ -82,9 +86,6 @@ class CrtkState:
         self._publish(events)
         return accepted, self.name if accepted else events[-1][1]
 
-    def _on_command(self, message: Any) -> None:
-        self.command(message.string)
-
     def warn(self, text: str) -> None:
         """Publish a warning."""
         self._lines['warning'].publish(String(data=text))
@@ -97,6 +98,8 @@ class CrtkState:
             publishers.append(self._out)
         for publisher in publishers:
             publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGE_TIMEOUT))
+        if self._commands is not None:
+            self._commands.close()
 
     def _serve(self, text: str, _: Trigger.Request, answer: Trigger.Response) -> Trigger.Response:
         answer.success, answer.message = self.command(text)

@@ -16,7 +16,8 @@ from spm_haptic_master.encoders.decoder_factory import unverified_joints
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.executables import FOLLOWER, PIPELINE
 from spm_haptic_master.kinematics import Geometry
-from spm_haptic_master.nodes.factories import make_motors, make_teleoperation
+from spm_haptic_master.nodes.factories import make_motors
+from spm_haptic_master.nodes.teleop_factory import make_teleoperation
 from spm_haptic_master.parameters import nodes as settings
 from spm_haptic_master.parameters import resolver
 from spm_haptic_master.parameters.files import PACKAGE
@@ -39,6 +40,17 @@ class Process(NamedTuple):
     arguments: tuple[str, ...]  # ROS arguments, without namespace
 
 
+# Topics of `teleop` that are those of the slave, without `slave/`: each has the same name there.
+SLAVE_TOPICS = (
+    'measured_cp',
+    'measured_cf',
+    'operating_state',
+    'trocar',
+    'jaw/measured_js',
+    'jaw/servo_jp',
+)
+
+
 class Follower(NamedTuple):
     """What `teleop` of one arm is connected to."""
 
@@ -46,17 +58,33 @@ class Follower(NamedTuple):
     presence: str = ''  # topic of the pedal; empty: `presence` in the namespace of the arm
     clutch: str = ''  # the same of the clutch
     pose: str = ''  # topic of the slave's pose; empty: `measured_cp` in the slave's namespace
+    torque: str = ''  # topic of its torque; empty: `measured_cf` in the slave's namespace
+    presence_timeout: str = ''  # largest age of the presence, s; empty: that of the files
+
+    def check(self, argument_prefix: str) -> None:
+        """Refuse a topic of a slave that is simulated; its argument begins with the prefix."""
+        for name, given in (('slave_pose', self.pose), ('slave_torque', self.torque)):
+            if given and not self.slave:
+                raise InputError(
+                    f'{argument_prefix}{name}:={given}; expected '
+                    f'{argument_prefix}slave, too: without one the slave is simulated'
+                )
+
+    def parameters(self) -> list[str]:
+        """Return the parameters NAME:=VALUE of `teleop`."""
+        given = self.presence_timeout
+        return [f'{settings.PRESENCE_TIMEOUT}:={given}'] if given else []
 
     def remaps(self) -> list[tuple[str, str]]:
         """Return the topics of `teleop` that have another name, and that name."""
         slave = self.slave.rstrip('/')
-        pairs = [
-            ('servo_cp', slave and f'{slave}/servo_cp'),
-            ('slave/measured_cp', self.pose or slave and f'{slave}/measured_cp'),
-            ('presence', self.presence),
-            ('clutch', self.clutch),
-        ]
-        return [(topic, name) for topic, name in pairs if name]
+        names = {'presence': self.presence, 'clutch': self.clutch}
+        if slave:
+            names['servo_cp'] = f'{slave}/servo_cp'
+            names.update({f'slave/{topic}': f'{slave}/{topic}' for topic in SLAVE_TOPICS})
+        names['slave/measured_cp'] = self.pose or names.get('slave/measured_cp', '')
+        names['slave/measured_cf'] = self.torque or names.get('slave/measured_cf', '')
+        return [(topic, name) for topic, name in names.items() if name]
 
 
 def plan(
@@ -79,32 +107,24 @@ def plan(
     nodes.
     """
     paths, own = _files(config, calibration, argument_prefix), _namespace(namespace)
-    if follower is not None and follower.pose and not follower.slave:
-        raise InputError(
-            f'{argument_prefix}slave_pose:={follower.pose}; expected '
-            f'{argument_prefix}slave, too: without one the slave is simulated'
-        )
+    names: tuple[str, ...] = PIPELINE
     source_words = [f'{settings.SOURCE_SETTING.name}:={source}'] if source else []
+    given_words = list(source_words)
+    if follower is not None:
+        follower.check(argument_prefix)
+        names = (*PIPELINE, FOLLOWER)
+        given_words += follower.parameters()
     # A file may have parameters of teleop, which is not started without a follower.
     Parameters(paths, (), own).check((*PIPELINE, FOLLOWER), settings.ALL_NAMES)
-    given = Parameters(paths, source_words, own)
-    names = PIPELINE if follower is None else (*PIPELINE, FOLLOWER)
-    checked = {name: _checked(name, given.of(name)) for name in names}
-    resolver.check_agreement(checked)
-    if checked['fkm']['force.enabled'] and 'can.channel' in checked['encoder_driver']:
-        check_shared_bus(checked['fkm'], checked['encoder_driver'])
+    given = Parameters(paths, given_words, own)
+    _check_values({name: _checked(name, given.of(name)) for name in names})
     frames = _prefixed_frames(given.of('fkm'), frame_prefix)
     processes = {'master': names} if composed else {name: (name,) for name in names}
     found = [
         Process(
             executable,
             (
-                *(
-                    word
-                    for path in paths
-                    if any(Parameters([path], (), own).of(name) for name in of_process)
-                    for word in ('--params-file', path)
-                ),
+                *_file_words(paths, own, of_process),
                 *_words(source_words, follower, of_process),
                 *(frames if 'fkm' in of_process else ()),
             ),
@@ -113,6 +133,23 @@ def plan(
     ]
     if follower is not None and not follower.slave:
         found.append(Process('sim_slave', ()))
+    return found
+
+
+def _check_values(checked: Mapping[str, Mapping[str, object]]) -> None:
+    """Refuse values that differ between two nodes, or a bus that drives and encoders overload."""
+    resolver.check_agreement(checked)
+    if checked['fkm']['force.enabled'] and 'can.channel' in checked['encoder_driver']:
+        check_shared_bus(checked['fkm'], checked['encoder_driver'])
+
+
+def _file_words(paths: Sequence[str], own: Sequence[str], names: Sequence[str]) -> list[str]:
+    """Return the arguments for the files that have something for the nodes of a process."""
+    found = []
+    for path in paths:
+        file = Parameters([path], (), own)
+        if any(file.of(name) for name in names):
+            found += ['--params-file', path]
     return found
 
 
@@ -148,11 +185,14 @@ def rviz_config(template: str, namespace: str) -> str:
 def _words(source: Sequence[str], follower: Follower | None, names: Sequence[str]) -> list[str]:
     """Return the arguments of a process beside its files: parameters, and topics of `teleop`."""
     words = ['-p', *source] if source and PIPELINE[0] in names else []
-    if follower is not None and FOLLOWER in names:
-        if len(names) > 1:
-            words += ['-p', f'{settings.MASTER_SETTINGS[0].name}:=true']
-        for topic, name in follower.remaps():
-            words += ['-r', f'{FOLLOWER}:{topic}:={name}']
+    if follower is None or FOLLOWER not in names:
+        return words
+    if len(names) > 1:
+        words += ['-p', f'{settings.MASTER_SETTINGS[0].name}:=true']
+    for parameter in follower.parameters():
+        words += ['-p', parameter]
+    for topic, name in follower.remaps():
+        words += ['-r', f'{FOLLOWER}:{topic}:={name}']
     return words
 
 

@@ -61,22 +61,22 @@ class Presence(ParameterNode):
         self._publish()
 
     def _repeat(self) -> None:
-        unheard = self._inputs.unheard()
         if self._timeout and time.monotonic() - self._heard_at > self._timeout:
             self._buttons = None
         self._publish()
-        if unheard or self._buttons is None:
-            level, text = WARN, unheard or 'no joy'
-        elif any(button >= len(self._buttons) for _, button in self._outs):
-            level, text = (
-                WARN,
-                f'joy has {len(self._buttons)} buttons, expected more than '
-                f'{max(button for _, button in self._outs)}',
-            )
-        else:
-            level, text = OK, 'pressed' if self._is_pressed(self._outs[0][1]) else 'released'
+        level, text = self._condition()
         if self._status.is_due(level, text):
             self._status.publish(level, text, {'buttons': str(self._buttons or 'none')})
+
+    def _condition(self) -> tuple[bytes, str]:
+        """Return level and text of the entry on /diagnostics."""
+        unheard = self._inputs.unheard()
+        if unheard or self._buttons is None:
+            return WARN, unheard or 'no joy'
+        last = max(button for _, button in self._outs)
+        if last >= len(self._buttons):
+            return WARN, f'joy has {len(self._buttons)} buttons, expected more than {last}'
+        return OK, 'pressed' if self._is_pressed(self._outs[0][1]) else 'released'
 
     def _publish(self) -> None:
         message = Joy()

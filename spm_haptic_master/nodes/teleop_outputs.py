@@ -1,90 +1,124 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What `teleop` publishes beside its commands: their angular velocity, the slave's torque."""
+"""What `teleop` commands the slave: its pose, the velocity of that pose, and its jaw."""
 
 from __future__ import annotations
 
-from geometry_msgs.msg import TwistStamped, WrenchStamped
+from geometry_msgs.msg import PoseStamped, TwistStamped
 from rclpy.node import Node
-from spm_haptic_master.kinematics.number_backends import Vector
-from spm_haptic_master.kinematics.rotations import conjugate, rotation_from_quaternion
-from spm_haptic_master.kinematics.vectors import times
-from spm_haptic_master.nodes.factories import registration_from
+from sensor_msgs.msg import JointState
+from spm_haptic_master.nodes.latest_angle import LatestAngle
+from spm_haptic_master.nodes.teleop_factory import command_period
 from spm_haptic_master.parameters.setting import Values
-from spm_haptic_master.ros import node_log
-from spm_haptic_master.ros.qos import COMMANDS, WRENCHES
-from spm_haptic_master.teleoperation.command_limits import FadingTwist
+from spm_haptic_master.ros.cdr import PoseWriter
+from spm_haptic_master.ros.inputs import Inputs
+from spm_haptic_master.ros.qos import COMMANDS, EVENTS, SAMPLES
+from spm_haptic_master.teleoperation.command import Command, Motion
+from spm_haptic_master.teleoperation.fading_twist import FadingTwist
+from spm_haptic_master.teleoperation.jaw import FollowingJaw
 from spm_haptic_master.timing import SECOND
 
 # Twists of zero at the end: MoveIt Servo stops at the first one that arrives.
 ZEROS = 4
-# Topics: of the slave, and of the master.
-SLAVE_TOPIC, MASTER_TOPIC = 'slave/measured_cf', 'spatial/servo_cf'
+# Time without a command after which the twist fades (command periods).
+FADE_PERIODS = 2.5
+# Largest age of the gripper's angle (s): clients publish at 50 Hz or more.
+GRIPPER_TIMEOUT = 0.1
 
 
-class TwistOutput:
+class CommandOutput:
     """
-    Publishes `delta_twist_cmds` while it has a subscriber.
+    Publishes `servo_cp`, and `delta_twist_cmds` while it has a subscriber.
 
-    `acceleration` is that of the fading, rad/s^2, `period` that of the commands, s; all times are
-    monotonic, s.
+    All times are monotonic, s.
     """
 
-    def __init__(self, node: Node, acceleration: float, period: float, now: float) -> None:
-        self._out = node.create_publisher(TwistStamped, 'delta_twist_cmds', COMMANDS)
-        self._message = TwistStamped()
-        self._fading = FadingTwist(acceleration, ZEROS)
-        self._period, self._passed = period, now
+    def __init__(self, node: Node, values: Values, now: float) -> None:
+        self._pose_out = node.create_publisher(PoseStamped, 'servo_cp', COMMANDS)
+        self._twist_out = node.create_publisher(TwistStamped, 'delta_twist_cmds', COMMANDS)
+        self._twist = TwistStamped()
+        self._fading = FadingTwist(
+            values['teleop.acceleration_limit'],
+            values['teleop.insertion_acceleration_limit'],
+            ZEROS,
+        )
+        self._period = command_period(values)
+        self._commanded_at = self._twisted_at = now
+        self.set_frame(values['teleop.frame_id'])
 
     def set_frame(self, frame: str) -> None:
-        """Have the frame_id of the messages."""
-        self._message.header.frame_id = frame
+        """Have the frame_id of the commands."""
+        self._write = PoseWriter(frame).write
+        self._twist.header.frame_id = frame
 
-    def follow(self, stamp: int, velocity: Vector[float], now: float) -> None:
-        """Publish the velocity of a command (rad/s) with its stamp (ns)."""
-        self._publish(stamp, self._fading.follow(velocity, max(now - self._passed, self._period)))
-        self._passed = now
+    def publish(self, stamp: int, command: Command, now: float) -> None:
+        """Publish a command with the stamp of its orientation, ns."""
+        pose = command.pose
+        self._pose_out.publish(self._write(stamp, pose.position, pose.rotation))
+        passed = max(now - self._twisted_at, self._period)
+        self._publish_twist(stamp, self._fading.follow(command.motion, passed))
+        self._commanded_at = self._twisted_at = now
 
-    def fade(self, stamp: int, now: float) -> None:
-        """Publish the velocity that is left, as long as it is not zero."""
-        self._publish(stamp, self._fading.fade(now - self._passed))
-        self._passed = now
-
-    def _publish(self, stamp: int, velocity: Vector[float] | None) -> None:
-        if velocity is None or not self._out.get_subscription_count():
+    def fade(self, stamp: int, now: float, is_engaged: bool) -> None:
+        """Publish the velocity that is left, unless a command has just come."""
+        if is_engaged and now - self._commanded_at <= FADE_PERIODS * self._period:
             return
-        header, angular = self._message.header, self._message.twist.angular
+        motion = self._fading.fade(now - self._twisted_at)
+        self._twisted_at = now
+        if motion is not None:
+            self._publish_twist(stamp, motion)
+
+    def _publish_twist(self, stamp: int, motion: Motion) -> None:
+        if not self._twist_out.get_subscription_count():
+            return
+        header, twist = self._twist.header, self._twist.twist
         header.stamp.sec, header.stamp.nanosec = divmod(stamp, SECOND)
-        angular.x, angular.y, angular.z = velocity
-        self._out.publish(self._message)
+        twist.angular.x, twist.angular.y, twist.angular.z = motion.angular
+        twist.linear.x, twist.linear.y, twist.linear.z = motion.linear
+        self._twist_out.publish(self._twist)
 
 
-class SlaveTorque:
-    """Publishes a share of the slave's torque: m_master = scale R_slave_master^T m_slave."""
+class JawOutput:
+    """
+    Publishes `slave/jaw/servo_jp` with each command, while the gripper's angle arrives.
 
-    def __init__(self, node: Node, values: Values) -> None:
-        self._node, self._scale = node, values['teleop.force_scale']
-        self._rotation = rotation_from_quaternion(*conjugate(registration_from(values)))
-        self._out = node.create_publisher(WrenchStamped, MASTER_TOPIC, WRENCHES)
-        self._message = WrenchStamped()
-        self.count = self.refused = 0
+    The jaw begins where `slave/jaw/measured_js` says that it is. Without that, or without
+    `gripper/measured_js`, nothing is published.
+    """
 
-    def forward(self, message: WrenchStamped, frame: str | None) -> None:
-        """Forward a torque of the slave, whose pose is in a frame, with its stamp."""
-        given = message.header.frame_id
-        if given and given != frame:
-            if not self.refused:
-                node_log.error(
-                    self._node,
-                    f'{SLAVE_TOPIC} is in frame {given!r}; expected '
-                    f'{frame!r} as slave/measured_cp, or none',
-                )
-            self.refused += 1
+    def __init__(self, node: Node, values: Values, inputs: Inputs) -> None:
+        self._align_speed: float = values['gripper.align_speed']
+        self._accepts_unstamped: bool = values['teleop.slave_without_stamps']
+        self._gripper = LatestAngle(GRIPPER_TIMEOUT)
+        self._jaw = LatestAngle(values['teleop.slave_timeout'])
+        # The course of the jaw, and the number of the start of the slave that it belongs to.
+        self._following: FollowingJaw | None = None
+        self._start = 0
+        self._message = JointState(name=['jaw'])
+        self._out = node.create_publisher(JointState, 'slave/jaw/servo_jp', COMMANDS)
+        inputs.subscribe(JointState, 'gripper/measured_js', self._gripper.take, SAMPLES)
+        inputs.subscribe(JointState, 'slave/jaw/measured_js', self._on_jaw, EVENTS)
+
+    def follow(self, stamp: int, start: int, now: float) -> None:
+        """Command the jaw at the stamp of a command, ns, of the slave's start of a number."""
+        gripper = self._gripper.at(now)
+        if gripper is None:
+            self._following = None
             return
-        torque, found = message.wrench.torque, self._message.wrench.torque
-        x, y, z = times(self._rotation, (torque.x, torque.y, torque.z))
-        found.x, found.y, found.z = self._scale * x, self._scale * y, self._scale * z
-        self._message.header.stamp = message.header.stamp
+        if self._following is None or start != self._start:
+            jaw = self._jaw.at(now)
+            if jaw is None:
+                return
+            self._start = start
+            self._following = FollowingJaw(self._align_speed, gripper, jaw, stamp)
+        angle = self._following.advance(gripper, stamp)
+        header = self._message.header
+        header.stamp.sec, header.stamp.nanosec = divmod(stamp, SECOND)
+        self._message.position = [angle]
         self._out.publish(self._message)
-        self.count += 1
+
+    def _on_jaw(self, message: JointState) -> None:
+        stamp = message.header.stamp
+        if stamp.sec or stamp.nanosec or self._accepts_unstamped:
+            self._jaw.take(message)

@@ -208,6 +208,8 @@ RECORDER_SETTINGS = (
 )
 
 ANY_OFFSET = 180.0  # deg
+NO_TROCAR = (0.0,)
+PRESENCE_TIMEOUT = 'teleop.presence_timeout'
 
 TELEOP_SETTINGS = (
     Setting(
@@ -246,15 +248,6 @@ TELEOP_SETTINGS = (
         maximum=ANY_OFFSET,
     ),
     Setting(
-        'teleop.roll_deg',
-        float,
-        'roll of the handle about its own z axis, to and fro, that '
-        'engaging takes as a sign of a hand, deg; 0: none',
-        default=0.0,
-        minimum=0.0,
-        maximum=90.0,
-    ),
-    Setting(
         'teleop.enable_timeout',
         float,
         'time after which an enable lapses that has not led to engaging, s',
@@ -279,7 +272,7 @@ TELEOP_SETTINGS = (
         maximum=10.0,
     ),
     Setting(
-        'teleop.presence_timeout',
+        PRESENCE_TIMEOUT,
         float,
         'largest age of the message that the surgeon is '
         'present, s; 0: any, for a pedal that publishes changes only: one that hangs or is '
@@ -353,13 +346,115 @@ TELEOP_SETTINGS = (
         blank=True,
     ),
     Setting(
-        'teleop.force_scale',
+        'teleop.slave_without_stamps',
+        bool,
+        'accept poses and torques of the slave whose stamp is 0; false: they '
+        'are invalid, as those of dVRK with that stamp are',
+        default=False,
+    ),
+    Setting(
+        'teleop.trocar',
         float,
-        'share of the torque on slave/measured_cf that goes on '
-        'to spatial/servo_cf while engaged; 0: none, and neither topic',
+        "trocar about which the slave pivots, x, y, z in the slave's base frame, m; 0.0: that of "
+        'the topic slave/trocar, and without one the tip keeps its position',
+        default=NO_TROCAR,
+        minimum=-10.0,
+        maximum=10.0,
+        count=ANY_COUNT,
+    ),
+    Setting(
+        'teleop.requires_trocar',
+        bool,
+        'the slave pivots: it does not follow while its trocar is not known',
+        default=False,
+    ),
+    Setting(
+        'teleop.shaft_axis',
+        float,
+        "direction of the slave's shaft in its tool's frame from the trocar to the tip, unit "
+        'vector: engaging is refused where that line passes the trocar by 5 mm; 0 each: unknown, '
+        'the line from the trocar to the tip at engaging',
+        default=(0.0, 0.0, 0.0),
+        minimum=-1.0,
+        maximum=1.0,
+        count=3,
+    ),
+    Setting(
+        'teleop.insertion_scale',
+        float,
+        "depth of the slave's tip over insertion of the master, 0.05 or more; 0: the depth stays "
+        'as at engaging, and no insertion is needed',
+        default=1.0,
+        minimum=0.0,
+        maximum=2.0,
+    ),
+    Setting(
+        'teleop.depth_range',
+        float,
+        'smallest and largest depth of the tip below the trocar, m',
+        default=(0.01, 0.3),
+        minimum=0.005,
+        maximum=2.0,
+        count=2,
+    ),
+    Setting(
+        'teleop.insertion_speed_limit',
+        float,
+        'largest speed of the commanded depth, m/s',
+        default=0.2,
+        minimum=0.001,
+        maximum=10.0,
+    ),
+    Setting(
+        'teleop.insertion_acceleration_limit',
+        float,
+        'largest acceleration of the commanded depth, m/s^2',
+        default=10.0,
+        minimum=0.01,
+        maximum=1e4,
+    ),
+    Setting(
+        'teleop.tilt_limit_deg',
+        float,
+        'largest tilt of the shaft about its direction at engaging, deg; 0: any',
         default=0.0,
         minimum=0.0,
+        maximum=89.0,
+    ),
+    Setting(
+        'gripper.align_speed',
+        float,
+        'speed at which the offset between jaw and gripper at engaging shrinks to none, rad/s',
+        default=0.5,
+        minimum=0.001,
+        maximum=100.0,
+    ),
+    Setting(
+        'teleop.force_scale',
+        float,
+        'torque on the hand over that on slave/measured_cf, while engaged: above 0 where that is '
+        'the torque on the instrument, below 0 where it is what the instrument exerts (dVRK); 0: '
+        'none, and neither topic',
+        default=0.0,
+        minimum=-1.0,
         maximum=1.0,
+    ),
+    Setting(
+        'teleop.force_frame',
+        str,
+        "'base': slave/measured_cf is about the tip, in the frame of the slave's pose; 'tool': "
+        "about the tip, in the tool's frame (body/measured_cf); 'spatial': about the origin of "
+        'the base, in its frame (spatial/measured_cf)',
+        default='base',
+        allowed=('base', 'tool', 'spatial'),
+    ),
+    Setting(
+        'teleop.force_loss',
+        str,
+        "what the slave does when force_state becomes 'off' or a fault while it follows: 'hold' "
+        "until the next enable, or 'follow'",
+        default='hold',
+        allowed=('hold', 'follow'),
     ),
     RATE_SETTING,
 )
@@ -395,6 +490,24 @@ SLAVE_SETTINGS = (
         count=3,
     ),
     Setting('slave.frame_id', str, 'its base frame', default='slave_base'),
+    Setting(
+        'slave.trocar',
+        float,
+        'trocar of a simulated laparoscopic slave, x, y, z in its base frame, m; 0.0: the slave '
+        'is a wrist whose tip stays',
+        default=NO_TROCAR,
+        minimum=-10.0,
+        maximum=10.0,
+        count=ANY_COUNT,
+    ),
+    Setting(
+        'slave.depth',
+        float,
+        'depth of its tip below the trocar at the start, m',
+        default=0.1,
+        minimum=0.005,
+        maximum=1.0,
+    ),
 )
 
 PRESENCE_SETTINGS = (

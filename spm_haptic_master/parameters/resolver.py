@@ -89,6 +89,13 @@ class Parameters:
     def check(self, nodes: Sequence[str], names: Collection[str]) -> None:
         """Refuse entries without effect on `nodes` (before remapping), which have `names`."""
         by_name = {self.full_name(node): node for node in nodes}
+        if len(by_name) < len(nodes):
+            names = [self.full_name(node) for node in nodes]
+            twice = next(name for name in names if names.count(name) > 1)
+            raise InputError(
+                f'remapping __node: several nodes would be {twice}; expected one node of '
+                f'{", ".join(nodes)}, such as {nodes[0]}:__node:=NAME'
+            )
         reaching = self._reaching(nodes)
         for origin in dict.fromkeys(section.origin for section in self._sections):
             if not any(section.origin == origin for section in reaching):

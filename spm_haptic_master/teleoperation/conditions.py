@@ -6,27 +6,29 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import atan2, inf, nan, pi, radians, tau
+from math import inf, nan, radians
 
-from spm_haptic_master.kinematics.number_backends import Quaternion
-from spm_haptic_master.kinematics.rotations import (
-    conjugate,
-    multiply_quaternions,
-    rotation_distance,
-)
+from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
+from spm_haptic_master.kinematics.rotations import multiply_quaternions, rotation_distance
 from spm_haptic_master.supervision.orientation_state import OrientationState
+from spm_haptic_master.teleoperation.command import Pose
 from spm_haptic_master.teleoperation.command_limits import unit_quaternion
+from spm_haptic_master.teleoperation.remote_centre import RemoteCentreSettings
+from spm_haptic_master.teleoperation.vectors import difference, norm
 
 # Why it is not engaged, or no longer.
 NO_ORIENTATION = 'no orientation'
 NO_PRESENCE = 'no presence'
 NO_ENABLE = 'waiting for enable'
 NOT_ALIGNED = 'not aligned'
+NO_INSERTION = 'insertion missing'
 # Rounding of times (s).
 ROUNDING = 1e-9
-# A slave is at rest after this time (s) within this angle (rad). It begins to follow from its
-# measured pose: a moving slave would be elsewhere when the command arrives.
-REST_ANGLE, REST_TIME = radians(0.5), 0.05
+# A slave is at rest after this time (s) within this angle (rad) and distance (m). It begins to
+# follow from its measured pose: a moving slave would be elsewhere when the command arrives.
+REST_TIME, REST_ANGLE, REST_DISTANCE = 0.05, radians(0.5), 0.001
+# An insertion is missing after this many periods (unit 1), and this time on its way (s).
+INSERTION_PERIODS, INSERTION_DELAY = 3.0, 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +40,6 @@ class Conditions:
     # Angular speed at which the offset taken at engaging shrinks to none, rad/s; 0: it stays.
     align_speed: float
     tolerance: float  # largest offset at which it engages, rad; inf: any
-    roll: float  # roll of the wrist that is asked for, rad; 0: none
     enable_timeout: float  # time after which an unused enable lapses, s
     # Largest ages of the orientation, of the slave's pose and of the presence (s).
     orientation_timeout: float
@@ -48,6 +49,8 @@ class Conditions:
     tracking_limit: float  # largest angle from the command to the slave, rad; inf: any
     command_rate: float  # Hz; 0: a command with each orientation
     sample_rate: float  # rate of the orientations, Hz
+    requires_trocar: bool  # the slave pivots: it does not follow while its trocar is unknown
+    centre: RemoteCentreSettings
 
 
 class Inputs:
@@ -58,17 +61,34 @@ class Inputs:
         self.now = 0.0  # time that has passed, s
         # Times at which rotations and presence came, and the slave came to rest, s.
         self._master_at = self._slave_at = self._rest_at = self.present_at = -inf
-        # Rotations of master and slave in the slave's base frame.
+        # Rotation of the master and pose of the slave in the slave's base frame.
         self.master: Quaternion[float] | None = None
-        self.slave: Quaternion[float] | None = None
+        self.slave: Pose | None = None
         # Pose near which the slave has stayed; None until its next pose.
-        self._rest: Quaternion[float] | None = None
+        self._rest: Pose | None = None
         self.level, self.level_at = nan, -inf  # protection level, rad
         self.present = self.clutch = False
         self.state: OrientationState | None = None
         # Time of the enable in effect at the master, ns (0: none); None while the master does not
         # publish it.
         self.enabling: int | None = None
+        # Operating state of the slave in words, while that forbids it to follow; else empty.
+        self.slave_obstacle = ''
+        # Fault of the force feedback in words; empty without one.
+        self.force_fault = ''
+        self.trocar: Vector[float] | None = None  # in the slave's base frame, m
+        self.insertion = nan  # of the master, m
+        # Time without an insertion, s, in which this process ran.
+        self._insertion_age = inf
+        period = 1.0 / conditions.sample_rate
+        self._insertion_timeout = INSERTION_PERIODS * period + INSERTION_DELAY
+        self._longest_pause = period + INSERTION_DELAY
+
+    def pass_time(self, dt: float) -> None:
+        """Let time pass, s."""
+        self.now += dt
+        # What came while this process did not run is still to be read.
+        self._insertion_age += min(dt, self._longest_pause)
 
     def take_master(self, quaternion: Quaternion[float]) -> None:
         """Take the master's rotation in its own base frame."""
@@ -78,14 +98,21 @@ class Inputs:
             None if master is None else multiply_quaternions(self._conditions.registration, master)
         )
 
-    def take_slave(self, quaternion: Quaternion[float]) -> None:
-        """Take the slave's measured rotation."""
-        self.slave = slave = unit_quaternion(quaternion)
+    def take_slave(self, pose: Pose | None) -> None:
+        """Take the slave's measured pose; None, or a rotation that is none: no pose."""
+        rotation = None if pose is None else unit_quaternion(pose.rotation)
         self._slave_at = self.now
-        if slave is not None and (
-            self._rest is None or rotation_distance(self._rest, slave) > REST_ANGLE
-        ):
-            self._rest, self._rest_at = slave, self.now
+        if pose is None or rotation is None:
+            self.slave = None
+            return
+        self.slave = Pose(rotation, pose.position)
+        if self._rest is None or not _is_near(self._rest, self.slave):
+            self._rest, self._rest_at = self.slave, self.now
+
+    def take_insertion(self, insertion: float) -> None:
+        """Take the insertion of the master, m."""
+        self.insertion = insertion
+        self._insertion_age = 0.0
 
     def await_rest(self) -> None:
         """Wait for rest again before the slave follows: the last command may still move it."""
@@ -93,23 +120,42 @@ class Inputs:
 
     def blocking(self) -> str:
         """Return what forbids that the slave follows; empty if nothing does."""
-        conditions, now = self._conditions, self.now
+        return (
+            self._obstacle_of_orientation()
+            or self._obstacle_of_slave()
+            or self._obstacle_of_level()
+            or self._obstacle_of_insertion()
+            or self.force_fault
+        )
+
+    def _obstacle_of_orientation(self) -> str:
         if self.state is None:
             return 'no state of the orientation'
         if not self.state.publishes:
             return self.state.text
-        if self.master is None or now - self._master_at > conditions.orientation_timeout:
+        age = self.now - self._master_at
+        if self.master is None or age > self._conditions.orientation_timeout:
             return NO_ORIENTATION
-        if self.enabling == 0:
-            return 'master not enabled'
-        if self.slave is None or now - self._slave_at > conditions.slave_timeout:
+        return 'master not enabled' if self.enabling == 0 else ''
+
+    def _obstacle_of_slave(self) -> str:
+        if self.slave is None or self.now - self._slave_at > self._conditions.slave_timeout:
             return 'no pose of the slave'
-        if conditions.protection_limit < inf:
-            if now - self.level_at > conditions.orientation_timeout:
-                return 'no protection level'
-            if not self.level <= conditions.protection_limit:
-                return 'protection level above the limit'
-        return ''
+        return self.slave_obstacle
+
+    def _obstacle_of_level(self) -> str:
+        limit = self._conditions.protection_limit
+        if limit == inf:
+            return ''
+        if self.now - self.level_at > self._conditions.orientation_timeout:
+            return 'no protection level'
+        return '' if self.level <= limit else 'protection level above the limit'
+
+    def _obstacle_of_insertion(self) -> str:
+        if self.trocar is None:
+            return 'no trocar' if self._conditions.requires_trocar else ''
+        is_missing = self._insertion_age > self._insertion_timeout + ROUNDING
+        return NO_INSERTION if is_missing and self._conditions.centre.scale else ''
 
     @property
     def is_present(self) -> bool:
@@ -132,29 +178,10 @@ class Inputs:
         """Angle between master and slave, rad; None while one of them is missing."""
         if self.master is None or self.slave is None:
             return None
-        return rotation_distance(self.master, self.slave)
+        return rotation_distance(self.master, self.slave.rotation)
 
 
-class Roll:
-    """How far the handle has rolled about its own z axis, to and fro, since the first rotation."""
-
-    def __init__(self) -> None:
-        self._first: Quaternion[float] | None = None
-        self._angle = self._least = self._largest = 0.0
-
-    @property
-    def extent(self) -> float:
-        """Return the difference of the largest and the smallest roll, rad."""
-        return self._largest - self._least
-
-    def add(self, rotation: Quaternion[float]) -> None:
-        """Add a rotation of the handle, as a unit quaternion x, y, z, w."""
-        if self._first is None:
-            self._first = rotation
-            return
-        _, _, z, w = multiply_quaternions(conjugate(self._first), rotation)
-        # The twist about z of the rotation since the first, on the branch of the last one.
-        turn = (2.0 * atan2(z, w) - self._angle) % tau
-        self._angle += turn - tau if turn > pi else turn
-        self._least = min(self._least, self._angle)
-        self._largest = max(self._largest, self._angle)
+def _is_near(one: Pose, other: Pose) -> bool:
+    """Return whether two poses are those of a slave at rest."""
+    moved = norm(difference(one.position, other.position))
+    return moved <= REST_DISTANCE and rotation_distance(one.rotation, other.rotation) <= REST_ANGLE

@@ -18,7 +18,9 @@ from enum import Enum
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.kinematics.rotations import rotation_distance
 from spm_haptic_master.supervision.orientation_state import OrientationState
-from spm_haptic_master.teleoperation.command_limits import CommandLimits, Following, ZERO
+from spm_haptic_master.teleoperation import remote_centre
+from spm_haptic_master.teleoperation.command import Command, Pose
+from spm_haptic_master.teleoperation.command_limits import CommandLimits
 from spm_haptic_master.teleoperation.conditions import (
     Conditions,
     Inputs,
@@ -26,8 +28,10 @@ from spm_haptic_master.teleoperation.conditions import (
     NO_ORIENTATION,
     NO_PRESENCE,
     NOT_ALIGNED,
-    Roll,
 )
+from spm_haptic_master.teleoperation.following import Following
+from spm_haptic_master.teleoperation.remote_centre import Pivot, RemoteCentre
+from spm_haptic_master.teleoperation.vectors import difference, norm
 from spm_haptic_master.timing import SECOND, StampGrid
 
 # Largest backlog (s) of commands that may go out at once beyond the longest step: a computer
@@ -64,7 +68,6 @@ class Teleoperation:
         self._inputs = Inputs(conditions)
         # When an enable came that has not been used up.
         self._enabled_at: float | None = None
-        self._roll = Roll()
         # Stamp of the last orientation (ns), and which of them are followed by a command.
         self._stamp: int | None = None
         self._grid = StampGrid(conditions.command_rate, conditions.sample_rate)
@@ -73,6 +76,8 @@ class Teleoperation:
         self._budget = limits.longest + BURST
         # The course of the slave; None while it is not engaged.
         self._following: Following | None = None
+        # Where the slave pivots; kept while the clutch is pressed, None without a trocar.
+        self._pivot: Pivot | None = None
 
     @property
     def state(self) -> str:
@@ -90,18 +95,19 @@ class Teleoperation:
         return bool(self._blocking())
 
     @property
-    def velocity(self) -> Vector[float]:
-        """Return the angular velocity of the command in the slave's base frame, rad/s."""
-        return ZERO if self._following is None else self._following.velocity
-
-    @property
     def offset(self) -> float | None:
         """Return the angle between master and slave, rad; None while one of them is missing."""
         return self._inputs.offset
 
+    @property
+    def depth(self) -> float | None:
+        """Return the measured depth of the tip, m; None without trocar or pose of the slave."""
+        trocar, slave = self._inputs.trocar, self._inputs.slave
+        return None if trocar is None or slave is None else remote_centre.depth_of(trocar, slave)
+
     def pass_time(self, dt: float) -> None:
         """Let time pass, s: disengage if an input has become too old."""
-        self._inputs.now += dt
+        self._inputs.pass_time(dt)
         self._budget = min(self._budget + GROWTH * dt, self._limits.longest + BURST)
         if self.phase is not Phase.DISENGAGED:
             self._release(self._blocking() or ('' if self._inputs.is_present else NO_PRESENCE))
@@ -118,15 +124,14 @@ class Teleoperation:
         self.phase = Phase.DISENGAGED
         self._enabled_at = None
         self._following = None
+        self._pivot = None
         self._inputs.await_rest()
-        self._roll = Roll()
 
     def enable(self) -> str:
         """Take an enable; return why it has no effect, empty if it has one."""
         obstacle = self._blocking()
         if not obstacle and self.phase is Phase.DISENGAGED:
             self._enabled_at = self._inputs.now
-            self._roll = Roll()
         return obstacle
 
     def take_state(self, state: OrientationState) -> None:
@@ -155,7 +160,6 @@ class Teleoperation:
         """Take the presence of the surgeon."""
         self._inputs.present, self._inputs.present_at = pressed, self._inputs.now
         if not pressed:
-            self._roll = Roll()
             self._release(NO_PRESENCE)
 
     def take_clutch(self, pressed: bool | None) -> None:
@@ -172,68 +176,118 @@ class Teleoperation:
             self._following = None
             self._inputs.await_rest()
 
-    def take_slave(self, quaternion: Quaternion[float]) -> None:
-        """Take the slave's measured rotation; any other quaternion than a unit one: no pose."""
-        self._inputs.take_slave(quaternion)
+    def take_slave(self, pose: Pose | None) -> None:
+        """Take the slave's measured pose; None, or a rotation that is none: it has no pose."""
+        self._inputs.take_slave(pose)
         self._release(self._blocking())
-        slave = self._inputs.slave
-        if (
-            slave is not None
-            and self._following is not None
-            and rotation_distance(self._following.rotation, slave)
-            > self._conditions.tracking_limit
-        ):
+        slave, following = self._inputs.slave, self._following
+        if slave is None or following is None:
+            return
+        behind = rotation_distance(following.rotation, slave.rotation)
+        if behind > self._conditions.tracking_limit:
             self.disengage('the slave does not follow')
+
+    def take_slave_obstacle(self, obstacle: str) -> None:
+        """Take why the slave's own operating state forbids it to follow; empty if it does not."""
+        self._inputs.slave_obstacle = obstacle
+        self._release(self._blocking())
+
+    def take_force_fault(self, fault: str) -> None:
+        """Take the fault of the force feedback that forbids to follow; empty without one."""
+        self._inputs.force_fault = fault
+        self._release(self._blocking())
+
+    def take_trocar(self, trocar: Vector[float]) -> None:
+        """
+        Take the trocar about which the slave pivots, in its base frame, m.
+
+        One that moves while the slave follows it, or that comes only then, disengages.
+        """
+        self._inputs.trocar = trocar
+        if self.phase is Phase.DISENGAGED:
+            return
+        if self._pivot is None:
+            self.disengage('a trocar was given')
+            return
+        moved = norm(difference(trocar, self._pivot.trocar))
+        if moved > remote_centre.TROCAR_TOLERANCE:
+            self.disengage(f'trocar moved by {remote_centre.MILLIMETRES * moved:.0f} mm')
+
+    def take_insertion(self, insertion: float) -> None:
+        """Take the insertion of the master, m."""
+        self._inputs.take_insertion(insertion)
 
     def take_level(self, level: float) -> None:
         """Take the protection level of the orientation, rad."""
         self._inputs.level, self._inputs.level_at = level, self._inputs.now
         self._release(self._blocking())
 
-    def take_master(self, stamp: int, quaternion: Quaternion[float]) -> Quaternion[float] | None:
+    def take_master(self, stamp: int, quaternion: Quaternion[float]) -> Command | None:
         """
         Take an orientation of the master, sampled at a stamp, ns.
 
-        Return the slave's commanded rotation; None while it is not engaged, and between commands.
+        Parameters
+        ----------
+        stamp
+            Sampling time of the orientation, ns.
+        quaternion
+            R_base_platform, or as mounted, as x, y, z, w; any other than a unit quaternion is no
+            orientation.
+
+        Returns
+        -------
+        Command or None
+            The command of the slave; None while it is not engaged, and between commands.
+
         """
-        before, self._stamp = self._stamp, stamp
-        if self.phase is not Phase.DISENGAGED and before is not None:
-            if stamp <= before:
-                self._stamp = before
-                return None
-            # Silence, even if all clocks have stood still meanwhile.
-            if stamp - before > self._conditions.orientation_timeout * SECOND:
-                self.disengage(NO_ORIENTATION)
+        if not self._is_next(stamp):
+            return None
         self._inputs.take_master(quaternion)
         master = self._inputs.master
         if master is None:
             self._release(self._blocking())
             return None
-        if self._enabled_at is not None and self._inputs.present:
-            self._roll.add(master)
         if not self._grid.is_due(stamp):
             return None
         if self._following is None:
             self._try_to_engage(stamp, master)
-            return None if self._following is None else self._following.rotation
-        used = min((stamp - self._following.stamp) / SECOND, self._limits.longest)
-        if used > self._budget:
+        elif not self._is_advanced(self._following, stamp, master):
             return None
+        return None if self._following is None else self._following.command
+
+    def _is_next(self, stamp: int) -> bool:
+        """Return whether a stamp, ns, is to be used: not where it is older than the last."""
+        before, self._stamp = self._stamp, stamp
+        if self.phase is Phase.DISENGAGED or before is None:
+            return True
+        if stamp <= before:
+            self._stamp = before
+            return False
+        # Silence, even if all clocks have stood still meanwhile.
+        if stamp - before > self._conditions.orientation_timeout * SECOND:
+            self.disengage(NO_ORIENTATION)
+        return True
+
+    def _is_advanced(self, following: Following, stamp: int, master: Quaternion[float]) -> bool:
+        """Return whether the command has moved; a limit that it would break disengages."""
+        used = min((stamp - following.stamp) / SECOND, self._limits.longest)
+        if used > self._budget:
+            return False
         self._budget -= used
-        broken = self._following.advance(master, stamp)
+        broken = following.advance(master, self._inputs.insertion, stamp)
         if broken:
             self.disengage(f'{broken} above the limit')
-            return None
-        return self._following.rotation
+        return not broken
 
     def _try_to_engage(self, stamp: int, master: Quaternion[float]) -> None:
         """Begin to follow from where master and slave are now, if every condition is met."""
-        conditions, inputs = self._conditions, self._inputs
+        inputs = self._inputs
         if self.phase is Phase.CLUTCHED:
             if inputs.clutch or not inputs.is_slave_at_rest:
                 return
-            if not inputs.is_aligned:
-                self.disengage(NOT_ALIGNED)
+            obstacle = self._obstacle_from_here()
+            if obstacle:
+                self.disengage(obstacle)
                 return
         elif self._blocking() or self._pending():
             return
@@ -242,8 +296,19 @@ class Teleoperation:
         self.phase = Phase.ENGAGED
         self.starts += 1
         self._enabled_at = None
+        centre = self._centre(inputs.slave)
+        self._pivot = None if centre is None else centre.pivot
         self._following = Following(
-            self._limits, conditions.align_speed, master, inputs.slave, stamp
+            self._limits, self._conditions.align_speed, master, inputs.slave, stamp, centre
+        )
+
+    def _centre(self, slave: Pose) -> RemoteCentre | None:
+        """Return the remote centre of a course that begins at a pose; None without a trocar."""
+        inputs = self._inputs
+        if inputs.trocar is None:
+            return None
+        return RemoteCentre(
+            self._conditions.centre, inputs.trocar, slave, inputs.insertion, self._pivot
         )
 
     def _release(self, reason: str) -> None:
@@ -264,8 +329,17 @@ class Teleoperation:
             return 'clutch pressed'
         if self._enabled_at is None:
             return NO_ENABLE
-        if self._roll.extent < self._conditions.roll:
-            return 'waiting for a roll of the wrist'
         if not inputs.is_slave_at_rest:
             return 'waiting for the slave to be at rest'
-        return '' if inputs.is_aligned else NOT_ALIGNED
+        return self._obstacle_from_here()
+
+    def _obstacle_from_here(self) -> str:
+        """Return why the slave cannot begin to follow from where it is; empty if it can."""
+        inputs = self._inputs
+        if not inputs.is_aligned:
+            return NOT_ALIGNED
+        if inputs.trocar is None or inputs.slave is None:
+            return ''
+        return remote_centre.obstacle(
+            self._conditions.centre, inputs.trocar, inputs.slave, self._pivot
+        )

@@ -72,6 +72,22 @@ def _read(entry: tuple[object, type | None]) -> object:
     return data if kind is None else deserialize_message(data, kind)
 
 
+class Queue(list):
+    """Messages that wait at a subscription, each with the time of its publication, ns."""
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+    def take_message(self, kind, raw):
+        if not self:
+            return None
+        message, published = self.pop(0)
+        return message, {'source_timestamp': published}
+
+
 class Hosted:
     """
     Nodes, all that they publish, and the time, which stands still between calls.
@@ -90,8 +106,9 @@ class Hosted:
         self.subscribed: Callable[[str], bool] = lambda topic: True
         # What DDS calls where the publishers of a full topic change.
         self.matched: dict[str, Callable] = {}
-        # Callbacks of subscriptions to messages without type support, by topic.
+        # Subscriptions to messages without type support, by topic: callbacks, and what waits.
         self.callbacks: dict[str, Callable] = {}
+        self.queues: dict[str, list[Queue]] = defaultdict(list)
         self._passed = 0
         self._due: dict[object, int] = {}
 
@@ -220,7 +237,8 @@ class Hosted:
         def created(node, kind, topic, callback, *args, event_callbacks=None, **options):
             if not hasattr(kind, 'get_fields_and_field_types'):
                 self.callbacks[topic] = callback
-                return None
+                self.queues[topic].append(Queue())
+                return SimpleNamespace(handle=self.queues[topic][-1], msg_type=kind)
             if event_callbacks is not None:
                 self.matched[topic] = event_callbacks.matched
                 event_callbacks.matched(

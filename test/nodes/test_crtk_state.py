@@ -5,16 +5,19 @@
 
 from dataclasses import dataclass, field
 import sys
+import time
 import types
 
 from fkm_rig import CLEAR, fkm_rig
 from harness import stamp
-from in_process import hosted
+from in_process import hosted, ros
 import pytest
 from rclpy.node import Node
 from spm_haptic_master.nodes.crtk_state import CrtkState
+from spm_haptic_master.nodes.state_commands import StateCommands
+from spm_haptic_master.ros.qos import EVENTS, STATE
 from spm_haptic_master.supervision.orientation_state import received_state
-from std_msgs.msg import Header
+from std_msgs.msg import Header, String
 
 
 @dataclass(slots=True)
@@ -57,6 +60,14 @@ def without_messages(monkeypatch):
         monkeypatch.setitem(sys.modules, name, None)
 
 
+def command(device, text, age=0.0, subscriptions=slice(None)):
+    """Publish a command: a latched one reaches the latched subscription (1) and the other (0)."""
+    published = device.time_ns() - round(1e9 * age)
+    for queue in device.queues['/state_command'][subscriptions]:
+        queue.append((StringStamped(string=text), published))
+    device.run(0.02)
+
+
 def texts(device, topic):
     return [message.data for message in device.sent[topic]]
 
@@ -66,15 +77,14 @@ def states(device):
 
 
 def test_states_and_commands_by_crtk_msgs(device):
-    command, state = device.callbacks['state_command'], device.node.state
+    state = device.node.state
     assert states(device) == [('DISABLED', False)]
     assert texts(device, 'operating_state_text') == ['DISABLED']
     assert texts(device, 'enabled_at') == [0]
     for words in 'healthy', 'silent: no joint samples', 'healthy':
         state.take(received_state(words))
         device.run(0.01)
-        command(StringStamped(string='enable'))
-        device.run(0.01)
+        command(device, 'enable')
     assert states(device) == [
         ('DISABLED', False),
         ('ENABLED', True),
@@ -150,3 +160,41 @@ def test_silence_is_a_fault_until_enable_without_crtk_msgs(without_messages):
         assert called('enable') == (True, 'ENABLED') and state()[1] > first
         assert called('disable') == (True, 'DISABLED')
     assert state() == ('FAULT', 0) and rig.host.last('error').data == 'silent: fkm has ended'
+
+
+def test_k10_one_latched_enable_counts_once_and_an_old_one_not(device):
+    """A CRTK client latches it at its start, before its subscriber was found, or for hours."""
+    device.node.state.take(received_state('healthy'))
+    command(device, 'enable', age=3600.0, subscriptions=slice(1, 2))
+    assert states(device)[-1] == ('DISABLED', False)
+    command(device, 'enable', age=0.5, subscriptions=slice(1, 2))
+    assert states(device)[-1] == ('ENABLED', True)
+    command(device, 'pause')
+    command(device, 'resume')
+    # Twice would be a warning: the state is ENABLED already.
+    assert states(device)[-1] == ('ENABLED', True) and texts(device, 'warning') == []
+    # From clients that do not latch.
+    command(device, 'disable', subscriptions=slice(0, 1))
+    assert states(device)[-1] == ('DISABLED', False)
+
+
+@pytest.mark.parametrize('latches', [True, False])
+def test_k10_a_client_that_was_there_first_is_heard(latches):
+    """By real publishers: one that latches its only command, and one that repeats it."""
+    heard = []
+    with ros():
+        client = Node('client')
+        out = client.create_publisher(String, 'state_command', STATE if latches else EVENTS)
+        out.publish(String(data='enable'))
+        device = Node('device')
+        commands = StateCommands(device, String, lambda message: message.data, heard.append)
+        deadline = time.monotonic() + 10.0
+        while not heard and time.monotonic() < deadline:
+            if not latches:
+                out.publish(String(data='enable'))
+            time.sleep(0.05)
+            commands.poll()
+        commands.close()
+        device.destroy_node()
+        client.destroy_node()
+    assert heard == ['enable']

@@ -192,16 +192,26 @@ def test_two_arms_with_slave_and_pedals(ros2_launch):
         'right_slave_pose:=/PSM1/setpoint_cp',
         'right_presence:=/coag',
         'right_clutch:=/clutch',
+        # A pedal that publishes changes only, and the torque of dVRK.
+        'right_presence_timeout:=0.0',
+        'right_slave_torque:=/PSM1/body/measured_cf',
     )
     assert executables(context) == [('left', 'master'), ('left', 'sim_slave'), ('right', 'master')]
     left, _, right = (node.ros_arguments for node in context.started)
     assert CALIBRATION in left and CALIBRATION not in right
-    assert [word.split(':', 1)[1] for word in right if word.startswith('teleop:')] == [
+    assert {word.split(':', 1)[1] for word in right if word.startswith('teleop:')} == {
         'servo_cp:=/PSM1/servo_cp',
         'slave/measured_cp:=/PSM1/setpoint_cp',
+        'slave/measured_cf:=/PSM1/body/measured_cf',
+        'slave/operating_state:=/PSM1/operating_state',
+        'slave/trocar:=/PSM1/trocar',
+        'slave/jaw/measured_js:=/PSM1/jaw/measured_js',
+        'slave/jaw/servo_jp:=/PSM1/jaw/servo_jp',
         'presence:=/coag',
         'clutch:=/clutch',
-    ]
+    }
+    assert 'teleop.presence_timeout:=0.0' in right
+    assert not any('presence_timeout' in word for word in left)
     assert 'frame_id:=right/spm_base' in right
 
 
@@ -210,6 +220,7 @@ def test_two_arms_with_slave_and_pedals(ros2_launch):
     [
         ('right_calibration:=/no/such.yaml', 'an existing file'),
         ('left_slave_pose:=/PSM2/setpoint_cp', 'left_slave, too'),
+        ('left_slave_torque:=/PSM2/measured_cf', 'left_slave, too'),
         ('arms:=middle', 'left, right or left,right'),
     ],
 )

@@ -328,6 +328,8 @@ def test_the_hand_feels_the_slave_while_it_leads_it(monkeypatch):
         def send(torque):
             message = WrenchStamped()
             message.wrench.torque.x, message.wrench.torque.y = torque
+            given = message.header.stamp
+            given.sec, given.nanosec = divmod(host.time_ns(), 10**9)
             host.give('slave/measured_cf', message)
 
         def press(*buttons):

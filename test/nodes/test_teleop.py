@@ -3,114 +3,14 @@
 
 """The node `teleop` with a test in the place of the master, the slave and the surgeon."""
 
-from contextlib import contextmanager
-
-from geometry_msgs.msg import PoseStamped, QuaternionStamped, WrenchStamped
 from harness import stamp
-from in_process import hosted
-from mechanism import turn, zxz
+from mechanism import zxz
 import numpy as np
 import pytest
 from sensor_msgs.msg import Joy
-from spm_haptic_master.kinematics import matrix_from_quaternion, quaternion_from_matrix
-from spm_haptic_master.nodes.teleop import Teleop
 from spm_haptic_master.ros.duplicate_publishers import CURE
-from std_msgs.msg import Float64MultiArray, String, UInt64
-
-# No limit changes a command, and there is one for each orientation.
-UNLIMITED = {
-    'rate': 100.0,
-    'teleop.command_rate': 0.0,
-    'teleop.acceleration_limit': 1e6,
-    'teleop.presence_timeout': 0.0,
-}
-POSITION = (0.01, -0.02, 0.11)
-PERIOD = 0.01
-
-
-class Rig:
-    """Gives a hosted node what a master, a slave and a surgeon publish."""
-
-    def __init__(self, host):
-        self.host, self.commands, self.twists = (
-            host,
-            host.sent['servo_cp'],
-            host.sent['delta_twist_cmds'],
-        )
-        self.master, self.slave = zxz(0.3, 0.5, -0.2), zxz(-1.0, 0.8, 0.4)
-        self.sent = {}
-        # Frame of the slave's pose, and whether its stamp goes on.
-        self.frame, self.slave_stamp, self.slave_goes_on = 'psm_base', 1, True
-        # Level that comes with each orientation (deg); None: none.
-        self.level, self.now = None, host.time_ns
-        self.tell('healthy')
-        self.press('presence', False)
-        self.press('clutch', False)
-
-    def press(self, pedal, pressed):
-        self.host.give(pedal, Joy(buttons=[int(pressed)]))
-
-    def tell(self, state):
-        self.host.give('state', String(data=state))
-
-    def orientation(self, when):
-        message = QuaternionStamped()
-        message.header.stamp.sec, message.header.stamp.nanosec = divmod(when, 10**9)
-        q = message.quaternion
-        q.x, q.y, q.z, q.w = quaternion_from_matrix(self.master).tolist()
-        self.host.give('orientation', message)
-
-    def run(self, count=10, turning=(0.0, 0.0, 0.0)):
-        """Give poses of the slave and orientations, each turned since the last."""
-        for _ in range(count):
-            self.master = turn(turning) @ self.master
-            pose = PoseStamped()
-            pose.header.frame_id = self.frame
-            pose.header.stamp.sec = self.slave_stamp
-            self.slave_stamp += self.slave_goes_on
-            pose.pose.position.x, pose.pose.position.y, pose.pose.position.z = POSITION
-            o = pose.pose.orientation
-            o.x, o.y, o.z, o.w = quaternion_from_matrix(self.slave).tolist()
-            self.host.give('slave/measured_cp', pose)
-            if self.level is not None:
-                self.host.give('protection_level', Float64MultiArray(data=[self.level]))
-            self.sent[self.now()] = self.master
-            self.orientation(self.now())
-            self.host.run(PERIOD)
-
-    def engage(self):
-        self.press('presence', True)
-        self.run(20)
-        answer = self.host.call('~/enable')
-        self.run(20)
-        assert self.state == 'engaged', answer
-
-    def sends_nothing(self, **more):
-        count = len(self.commands)
-        self.run(20, **more)
-        return len(self.commands) == count
-
-    @property
-    def state(self):
-        return self.host.last('teleop_state').data
-
-    @property
-    def matrices(self):
-        return [
-            matrix_from_quaternion([q.x, q.y, q.z, q.w])
-            for q in (message.pose.orientation for message in self.commands)
-        ]
-
-
-@contextmanager
-def running(**settings):
-    """Yield the rig of a node with settings; in names, __ stands for a dot."""
-    given = UNLIMITED | {name.replace('__', '.'): value for name, value in settings.items()}
-    with hosted(
-        Teleop, *(f'{name}:={value}' for name, value in given.items()), subscribes=True
-    ) as host:
-        host.run(0.02)
-        yield Rig(host)
+from std_msgs.msg import UInt64
+from teleop_rig import POSITION, running
 
 
 @pytest.fixture
@@ -257,8 +157,6 @@ def test_an_old_enable_that_arrives_now_engages_nothing(rig, monkeypatch):
     """In simulated time, of an hour after 1970; a person enables in the present."""
     rig.now = lambda: round(3600e9) + rig.host.time_ns() % 10**12
     monkeypatch.setattr(rig.host.node, 'clock_reader', lambda: rig.now)
-    # A pose of the slave without a stamp is a new one.
-    rig.slave_stamp, rig.slave_goes_on = 0, False
     rig.press('presence', True)
     for age in (0, 3600):
         rig.host.give('enabled_at', UInt64(data=rig.host.time_ns() - age * 10**9))
@@ -306,31 +204,3 @@ def test_a_stale_orientation_is_none(rig):
     assert rig.state == 'disengaged: no orientation'
     rig.host.run(1.0)
     assert rig.host.figures('teleop')['stale orientations'] == '2'
-
-
-def test_the_slaves_torque_goes_to_the_hand_while_engaged_and_else_nothing():
-    with running(teleop__force_scale=0.5, teleop__registration_zxz_deg=[90.0, 0.0, 0.0]) as rig:
-        felt = rig.host.sent['spatial/servo_cf']
-
-        def is_felt(frame='psm_base'):
-            felt.clear()
-            message = WrenchStamped()
-            message.header.frame_id, message.header.stamp.sec = frame, 7
-            message.wrench.torque.x, message.wrench.force.x = 0.2, 9.0
-            rig.run(1)
-            rig.host.give('slave/measured_cf', message)
-            return len(felt) == 1
-
-        assert not is_felt()
-        rig.engage()
-        assert is_felt()
-        # R_slave_master^T turns x into -y; half of it, the slave's stamp, and no force.
-        (found,) = felt
-        t, f = found.wrench.torque, found.wrench.force
-        np.testing.assert_allclose((t.x, t.y, t.z), (0.0, -0.1, 0.0), atol=1e-12)
-        assert (f.x, found.header.stamp.sec) == (0.0, 7)
-        assert not is_felt('psm_tool') and is_felt('')
-        rig.press('clutch', True)
-        assert not is_felt() and rig.state == 'clutched'
-        rig.press('presence', False)
-        assert not is_felt() and rig.state.startswith('disengaged')

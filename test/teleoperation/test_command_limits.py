@@ -141,29 +141,3 @@ def test_a_broken_limit_is_named_and_the_command_stays(vector, dt, broken):
     assert command.advance(rotations.quaternion_from_vector(*vector), dt) == broken
     assert command.rotation == IDENTITY and command.velocity == (0.0, 0.0, 0.0)
     assert command.advance(rotations.quaternion_from_vector(0.0, 0.01, 0.0), DT) == ''
-
-
-def test_a_twist_ends_at_zero_and_stops():
-    twist = command_limits.FadingTwist(acceleration=100.0, zeros=3)
-    assert twist.fade(DT) is None
-    assert twist.follow((0.0, 0.2, 0.0), DT) == (0.0, 0.2, 0.0)
-    for _ in range(2):
-        # What is too far from the last one is met in steps.
-        given = twist.follow((0.0, 1.2, 0.0), DT)
-    assert given == pytest.approx((0.0, 1.2, 0.0))
-    values = []
-    while (value := twist.fade(DT)) is not None:
-        values.append(value)
-    speeds = np.linalg.norm(values, axis=1)
-    np.testing.assert_allclose(speeds, [0.7, 0.2, 0.0, 0.0, 0.0], atol=1e-12)
-    assert twist.fade(DT) is None
-
-
-def test_a_twist_ends_soon_however_small_the_acceleration():
-    twist = command_limits.FadingTwist(acceleration=2.0, zeros=1)
-    while twist.follow((0.0, 0.0, 3.0), 0.1)[2] < 3.0:
-        pass
-    turned, steps = 0.0, 0
-    while (value := twist.fade(DT)) is not None:
-        turned, steps = turned + value[2] * DT, steps + 1
-    assert steps * DT <= 0.1 + 1.01 * DT and turned < 0.16

@@ -1,0 +1,137 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The tele-operation that checked settings describe."""
+
+from __future__ import annotations
+
+from math import inf, radians
+
+from spm_haptic_master.exceptions import SettingError
+from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
+from spm_haptic_master.kinematics.rotations import zxz_quaternion
+from spm_haptic_master.parameters.nodes import ANY_OFFSET, NO_TROCAR
+from spm_haptic_master.parameters.setting import Values
+from spm_haptic_master.teleoperation.command_limits import CommandLimits
+from spm_haptic_master.teleoperation.conditions import Conditions
+from spm_haptic_master.teleoperation.engaging import Teleoperation
+from spm_haptic_master.teleoperation.limited_depth import DepthLimits
+from spm_haptic_master.teleoperation.remote_centre import RemoteCentreSettings
+from spm_haptic_master.teleoperation.vectors import norm, scaled
+
+# Periods of the command that it makes up for in one step, after a pause.
+LONGEST_STEP = 2.0
+# Least scale of the insertion (unit 1): below it a slide of 0.2 m moves the tip by 10 mm.
+LEAST_SCALE = 0.05
+# Largest deviation of an axis's length from 1 (unit 1): three decimals of each component.
+AXIS_TOLERANCE = 0.01
+
+
+def registration_from(values: Values) -> Quaternion[float]:
+    """Return the unit quaternion x, y, z, w of R_slave_master from checked settings."""
+    return zxz_quaternion(*map(radians, values['teleop.registration_zxz_deg']))
+
+
+def trocar_from(values: Values, name: str = 'teleop.trocar') -> Vector[float] | None:
+    """Return a trocar, m; None without one. SettingError for another number of values."""
+    given = values[name]
+    if given == NO_TROCAR:
+        return None
+    if len(given) != 3:
+        raise SettingError(name, list(given), 'three numbers x, y, z (m), or 0.0 for none')
+    x, y, z = given
+    return x, y, z
+
+
+def command_period(values: Values) -> float:
+    """Return the time from one command to the next, s."""
+    rate, sample_rate = values['teleop.command_rate'], values['rate']
+    return float(1.0 / (min(rate, sample_rate) or sample_rate))
+
+
+def make_teleoperation(values: Values) -> Teleoperation:
+    """Return the machine that checked settings describe; SettingError if two contradict."""
+    trocar = trocar_from(values)
+    machine = Teleoperation(_conditions(values), _limits(values))
+    if trocar is not None:
+        machine.take_trocar(trocar)
+    return machine
+
+
+def _limits(values: Values) -> CommandLimits:
+    speed = values['teleop.speed_limit']
+    if values['teleop.align_speed'] > speed:
+        raise SettingError(
+            'teleop.align_speed',
+            values['teleop.align_speed'],
+            f'at most teleop.speed_limit ({speed:g})',
+        )
+    return CommandLimits(
+        speed=speed,
+        acceleration=values['teleop.acceleration_limit'],
+        jump=radians(values['teleop.jump_limit_deg']),
+        slews=values['teleop.limit_action'] == 'slew',
+        longest=LONGEST_STEP * command_period(values),
+    )
+
+
+def _conditions(values: Values) -> Conditions:
+    tolerance = values['teleop.alignment_tolerance_deg']
+    level, tracking = values['teleop.protection_limit_deg'], values['teleop.tracking_limit_deg']
+    is_absolute = values['teleop.alignment'] == 'absolute'
+    return Conditions(
+        registration=registration_from(values),
+        align_speed=values['teleop.align_speed'] if is_absolute else 0.0,
+        tolerance=inf if tolerance == ANY_OFFSET else radians(tolerance),
+        enable_timeout=values['teleop.enable_timeout'],
+        orientation_timeout=values['teleop.orientation_timeout'],
+        slave_timeout=values['teleop.slave_timeout'],
+        presence_timeout=values['teleop.presence_timeout'] or inf,
+        protection_limit=radians(level) if level else inf,
+        tracking_limit=radians(tracking) if tracking else inf,
+        command_rate=values['teleop.command_rate'],
+        sample_rate=values['rate'],
+        requires_trocar=values['teleop.requires_trocar'],
+        centre=_centre(values),
+    )
+
+
+def _centre(values: Values) -> RemoteCentreSettings:
+    scale, tilt = values['teleop.insertion_scale'], values['teleop.tilt_limit_deg']
+    if 0.0 < scale < LEAST_SCALE:
+        raise SettingError(
+            'teleop.insertion_scale',
+            scale,
+            f'at least {LEAST_SCALE:g}, or 0 for a depth that stays',
+        )
+    shortest, deepest = values['teleop.depth_range']
+    if shortest >= deepest:
+        raise SettingError(
+            'teleop.depth_range', [shortest, deepest], 'the smaller depth before the larger one'
+        )
+    return RemoteCentreSettings(
+        scale=scale,
+        depth=DepthLimits(
+            shortest=shortest,
+            deepest=deepest,
+            speed=values['teleop.insertion_speed_limit'],
+            acceleration=values['teleop.insertion_acceleration_limit'],
+            slews=values['teleop.limit_action'] == 'slew',
+            longest=LONGEST_STEP * command_period(values),
+        ),
+        largest_tilt=radians(tilt) if tilt else inf,
+        shaft=_shaft(values),
+    )
+
+
+def _shaft(values: Values) -> Vector[float] | None:
+    """Return the shaft in the tool's frame, unit vector; None where it is not known."""
+    x, y, z = values['teleop.shaft_axis']
+    length = norm((x, y, z))
+    if length == 0.0:
+        return None
+    if abs(length - 1.0) > AXIS_TOLERANCE:
+        raise SettingError(
+            'teleop.shaft_axis', [x, y, z], 'a vector of length 1, or zeros where it is not known'
+        )
+    return scaled((x, y, z), 1.0 / length)

@@ -1,0 +1,44 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""What a slave is commanded: a pose of its tip, and the motion that leads there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
+from spm_haptic_master.kinematics.vectors import cross
+from spm_haptic_master.teleoperation.vectors import total, ZERO
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """Pose of the tip of the slave in its base frame."""
+
+    rotation: Quaternion[float]  # unit quaternion x, y, z, w
+    position: Vector[float] = ZERO  # m
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """Velocity of a commanded pose in the slave's base frame."""
+
+    angular: Vector[float] = ZERO  # rad/s
+    # From the trocar to the tip, m, and velocity of the tip along the shaft, m/s; zero without a
+    # trocar: the tip keeps its position.
+    lever: Vector[float] = ZERO
+    sliding: Vector[float] = ZERO
+
+    @property
+    def linear(self) -> Vector[float]:
+        """Velocity of the tip, m/s: v = omega x (p - p_t) + L' R u."""
+        return total(cross(self.angular, self.lever), self.sliding)
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """What goes out with one orientation of the master."""
+
+    pose: Pose
+    motion: Motion

@@ -1,0 +1,83 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The velocity for a slave that is driven by rates: it fades to zero, and stops."""
+
+from __future__ import annotations
+
+from spm_haptic_master.teleoperation.command import Motion
+from spm_haptic_master.teleoperation.vectors import moved_toward, norm, scaled, ZERO
+
+# Share by which a velocity may exceed a limit and still be followed exactly (unit 1): rounding.
+ROUNDING = 1e-9
+# Longest time in which a twist ends, whatever the acceleration (s): nobody leads it by then.
+FADE_LONGEST = 0.1
+
+
+class FadingTwist:
+    """
+    The motion of the commands while there are commands, then one that fades to zero.
+
+    It fades along the same screw: turning and sliding shrink by the same share, so that the shaft
+    keeps passing through its trocar.
+
+    Parameters
+    ----------
+    acceleration
+        Largest angular acceleration, rad/s^2; at the end more, where `FADE_LONGEST` needs it.
+    sliding_acceleration
+        The same of the sliding along the shaft, m/s^2.
+    zeros
+        Number of zero velocities before the end: one may get lost.
+
+    """
+
+    def __init__(self, acceleration: float, sliding_acceleration: float, zeros: int) -> None:
+        self._acceleration = acceleration
+        self._sliding_acceleration = sliding_acceleration
+        self._zeros = zeros
+        self._zeros_left = 0
+        self._motion = Motion()
+        # Motion at the beginning of the end, the time in which it ends, and that has passed, s;
+        # None while there is a command.
+        self._fading: tuple[Motion, float, float] | None = None
+
+    def follow(self, motion: Motion, dt: float) -> Motion:
+        """Return the motion of a command, or the nearest one within reach in `dt`, s."""
+        gain = (1.0 + ROUNDING) * dt
+        last = self._motion
+        self._motion = Motion(
+            angular=moved_toward(last.angular, motion.angular, gain * self._acceleration),
+            lever=motion.lever,
+            sliding=moved_toward(last.sliding, motion.sliding, gain * self._sliding_acceleration),
+        )
+        self._zeros_left = self._zeros
+        self._fading = None
+        return self._motion
+
+    def fade(self, dt: float) -> Motion | None:
+        """Return the motion after a further time `dt` without a command, s; None at the end."""
+        if not self._zeros_left:
+            return None
+        first, duration, passed = self._fading or (self._motion, self._duration(), 0.0)
+        passed += dt
+        self._fading = first, duration, passed
+        if passed < duration:
+            left = 1.0 - passed / duration
+            self._motion = Motion(
+                scaled(first.angular, left), first.lever, scaled(first.sliding, left)
+            )
+        else:
+            self._motion = Motion(ZERO, first.lever, ZERO)
+            self._zeros_left -= 1
+        return self._motion
+
+    def _duration(self) -> float:
+        """Return the time in which the motion fades, s."""
+        return min(
+            FADE_LONGEST,
+            max(
+                norm(self._motion.angular) / self._acceleration,
+                norm(self._motion.sliding) / self._sliding_acceleration,
+            ),
+        )
