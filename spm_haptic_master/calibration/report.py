@@ -13,9 +13,15 @@ from pathlib import Path
 
 import numpy as np
 from spm_haptic_master.calibration.calibration_file import write_bytes, write_text
-from spm_haptic_master.calibration.motion import calibration
+from spm_haptic_master.calibration.motion.calibration import MotionCalibration, rms
 from spm_haptic_master.calibration.motion.coverage import around_middle, variances
 from spm_haptic_master.calibration.motion.model import Array, GROUPS
+from spm_haptic_master.calibration.motion.motion_file import (
+    Checked,
+    Origin,
+    Verdict,
+    zero_counts,
+)
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, LEG_NAMES
@@ -35,7 +41,7 @@ def report_paths(output: Path) -> tuple[Path, Path]:
     return found
 
 
-def write_report(output: Path, verdict: calibration.Verdict) -> str:
+def write_report(output: Path, verdict: Verdict) -> str:
     """
     Write the report beside the parameter file; return a text that names it.
 
@@ -61,10 +67,10 @@ def checksum(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def _text(verdict: calibration.Verdict, file: Path, picture: str) -> str:
+def _text(verdict: Verdict, file: Path, picture: str) -> str:
     """Return one page of Markdown, with the verdict in its first line; the picture is Markdown."""
-    c, origin = verdict.calibration, verdict.origin
-    cautions = ''.join(f'**CAUTION**: {caution}.\n\n' for caution in c.cautions)
+    c, origin, checked = verdict.calibration, verdict.origin, verdict.checked
+    cautions = ''.join(f'**CAUTION**: {caution}.\n\n' for caution in verdict.cautions)
     return f"""\
 # {verdict.text}
 
@@ -75,10 +81,12 @@ calibration.
 
 {_made_from(c, origin, file)}
 
-{_encoders(c, origin)}
+{_encoders(verdict)}
 
 Angles are in deg, ± is one standard deviation of the error that is left. Bias is the bound of the
-sensor's error for {c.region.text}. All parameters are in `calibration_record` of the file.
+sensor's error for {c.region.text}; together these
+errors move the parity by {degrees(c.parity_bias):.3f} deg at most. {_checked_text(checked)}
+All parameters are in `calibration_record` of the file.
 
 {_mechanism(c)}
 
@@ -88,7 +96,16 @@ Left as drawn: {_left(c)}. What would determine more: {c.advice}.
 """
 
 
-def _made_from(c: calibration.MotionCalibration, origin: calibration.Origin, file: Path) -> str:
+def _checked_text(checked: Checked) -> str:
+    return (
+        'Checked is the share of that\nregion in which the other encoders check this one with '
+        f'`alert_limit_deg` {checked.alert_limit_deg:g}; from\n'
+        f'{checked.least_limit_deg:.2f} on all '
+        'are checked somewhere.'
+    )
+
+
+def _made_from(c: MotionCalibration, origin: Origin, file: Path) -> str:
     return _table(
         ('', ''),
         (
@@ -108,16 +125,17 @@ def _made_from(c: calibration.MotionCalibration, origin: calibration.Origin, fil
             ),
             (
                 'parity',
-                f'{degrees(calibration.rms(c.parity)):.4f} deg rms, as drawn '
-                f'{degrees(calibration.rms(c.parity_before)):.4f}, white noise '
-                f'{degrees(calibration.rms(c.readings.sigma)):.4f}',
+                f'{degrees(rms(c.parity)):.4f} deg rms, as drawn '
+                f'{degrees(rms(c.parity_before)):.4f}, white noise '
+                f'{degrees(rms(c.readings.sigma)):.4f}',
             ),
         ),
     )
 
 
-def _encoders(c: calibration.MotionCalibration, origin: calibration.Origin) -> str:
-    zeros, _ = calibration.zero_counts(c, origin.counts_per_turn)
+def _encoders(verdict: Verdict) -> str:
+    c, origin, checked = verdict.calibration, verdict.origin, verdict.checked
+    zeros, _ = zero_counts(c, origin.counts_per_turn)
     deviation = c.deviations[c.layout.slices['zeros']]
     angles = c.model.corrected(c.turned, c.vector)
     moved = np.degrees([around_middle(angle) for angle in angles.T])
@@ -129,8 +147,9 @@ def _encoders(c: calibration.MotionCalibration, origin: calibration.Origin) -> s
             f'{zeros[at]}',
             f'{deviation[at] * origin.counts_per_turn[at] / tau:.2f}',
             f'{degrees(deviation[at]):.4f}',
-            f'{degrees(c.readings.noise[at]):.4f}',
+            f'{degrees(c.noise[at]):.4f}',
             f'{degrees(c.bias[at]):.4f}',
+            f'{100.0 * checked.share[at]:.0f} %',
             f'{np.nanmin(moved[at]):.1f} to {np.nanmax(moved[at]):.1f}',
         )
         for at, joint in enumerate(ALL_JOINT_NAMES[: c.layout.sensors])
@@ -145,13 +164,14 @@ def _encoders(c: calibration.MotionCalibration, origin: calibration.Origin) -> s
             '± deg',
             'noise, deg',
             'bias, deg',
+            'checked',
             'moved through, deg',
         ),
         rows,
     )
 
 
-def _mechanism(c: calibration.MotionCalibration) -> str:
+def _mechanism(c: MotionCalibration) -> str:
     layout = c.layout
     links, base, platform = map(layout.columns, ('links', 'base axes', 'platform axes'))
     names = [
@@ -187,13 +207,13 @@ def _angles(geometry: Geometry) -> Array:
     return np.concatenate([geometry.alphas, geometry.betas, between.ravel()])
 
 
-def _note(c: calibration.MotionCalibration, columns: Iterable[int]) -> str:
+def _note(c: MotionCalibration, columns: Iterable[int]) -> str:
     """Return a note on parameters that are not all estimated."""
     left = set(columns).difference(c.estimated)
     return '' if not left else 'partly as drawn' if left < set(columns) else 'as drawn'
 
 
-def _left(c: calibration.MotionCalibration) -> str:
+def _left(c: MotionCalibration) -> str:
     reasons = [f'{group} ({reason})' for group, reason in c.left.items()]
     for group in GROUPS:
         alone = [

@@ -333,6 +333,15 @@ SUPERVISION_SETTINGS = (
         count=ANY_COUNT,
     ),
     Setting(
+        'parity_bias_deg',
+        float,
+        'bound of what the systematic errors of all sensors together do to the parity, deg, '
+        'where a calibration knows it to be less than what bias_deg allows',
+        default=30.0,
+        minimum=0.0,
+        maximum=30.0,
+    ),
+    Setting(
         'alert_limit_deg',
         float,
         'largest protection level of an orientation that is '
@@ -494,6 +503,8 @@ class Limits:
     start_samples: int  # consistent samples before the first orientation
     recovery: float  # s of consistency that clear a fault
     fewest_sensors: int  # that go on without one that is known to be faulty
+    # rad; bound of the length of that part of all systematic errors that no motion explains.
+    parity_bias: float = pi
 
     def threshold(self, entries: int = 1) -> float:
         """Return the limit of the norm of 1 to 3 entries of unit variance, at its false alarms."""
@@ -529,6 +540,7 @@ def limits_from(values: Values) -> Limits:
     return Limits(
         **same,
         bias=_each(values, 'bias_deg'),
+        parity_bias=radians(values['parity_bias_deg']),
         alert_limit=radians(values['alert_limit_deg']),
         joint_min=tuple(low for low, _ in ends),
         joint_max=tuple(high for _, high in ends),

@@ -132,7 +132,8 @@ def checkability(
             estimate = estimate_sample(readings, sensors, geometry, prior, working_mode)
         except SpmError:
             continue
-        parts.append(integrity(estimate, limits.bias, noise).levels(reach))
+        worth = integrity(estimate, limits.bias, noise, limits.parity_bias)
+        parts.append(worth.levels(reach))
     if not parts:
         return Checkability((0.0,) * len(sigma), (inf,) * len(sigma))
     table = np.array(parts)

@@ -6,7 +6,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from math import degrees, inf
+from math import degrees, hypot, inf
+from operator import add
 
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.parameters.fkm import FOUR, Limits
@@ -29,7 +30,8 @@ class JointMonitors:
     One monitor a joint; `sigma` are the configured standard deviations of the N sensors, rad.
 
     `factors` are the measured noise of each sensor over the configured one where it is well above,
-    else 1; `bias` its nominal bias, rad, with what it moved while its reading was late; `samples`
+    else 1; `bias` its nominal bias, rad, with what it moved while its reading was late, and
+    `parity_bias` that part of all of these that no motion of the device explains; `samples`
     the number of samples so far.
     """
 
@@ -44,6 +46,7 @@ class JointMonitors:
         )
         self.factors: tuple[float, ...] = (1.0,) * len(sigma)
         self.bias = limits.bias
+        self.parity_bias = limits.parity_bias
         # The sample in which each joint was last not quiet, and whether the device vibrates.
         self.samples, self._disturbed = 0, [0] * len(sigma)
         self._vibrates = False
@@ -93,14 +96,12 @@ class JointMonitors:
                     )
                 )
         # A slower encoder than the bus repeats a reading, which may be that old.
-        self.bias = (
-            self._limits.bias
-            if not late
-            else tuple(
-                bias + abs(joint.velocity) * (skew + joint.since)
-                for bias, joint in zip(self._limits.bias, self._joints, strict=True)
-            )
-        )
+        self.bias = self._limits.bias
+        self.parity_bias = self._limits.parity_bias
+        if late:
+            moved = [abs(joint.velocity) * (skew + joint.since) for joint in self._joints]
+            self.bias = tuple(map(add, self.bias, moved))
+            self.parity_bias += hypot(*moved)
         return away, symptoms
 
     def left(self, used: Collection[int]) -> list[int]:

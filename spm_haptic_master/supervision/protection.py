@@ -15,7 +15,7 @@ fault. A smaller fault turns the orientation by the slope times that, at most.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import inf, sqrt
+from math import hypot, inf, pi, sqrt
 from typing import NamedTuple
 
 from spm_haptic_master.kinematics.estimation.gauss_newton import SampleEstimate
@@ -58,13 +58,18 @@ class Integrity(NamedTuple):
 
 
 def integrity(
-    estimate: SampleEstimate, bias: tuple[float, ...], factors: tuple[float, ...]
+    estimate: SampleEstimate,
+    bias: tuple[float, ...],
+    factors: tuple[float, ...],
+    parity_bias: float = pi,
 ) -> Integrity:
     """
     Return the integrity of an estimate from three to six sensors in use of N mounted ones.
 
     `bias` is the nominal bias of each sensor, rad; `factors` the measured noise of each over the
-    configured one, at least 1.
+    configured one, at least 1. `parity_bias` bounds the length of that part of the nominal biases
+    that no motion explains, rad: a unit vector n over the sensors moves the parity by at most
+    that, and the whitened parity by that times the length of its derivative by the readings.
     """
     covariance, turns, moves = estimate.covariance, estimate.gain_sizes, estimate.parity_sizes
     variance, square = covariance[0] + covariance[4] + covariance[8], 1.0
@@ -94,6 +99,7 @@ def integrity(
         # No projection is longer than what it is of, nor than the sum of its parts.
         if moved * moved > total:
             moved = sqrt(total)
+    moved = min(moved, parity_bias * hypot(*moves))
     if max(factors) > 1.0:
         for turn, move, factor, sigma in zip(
             turns, moves, factors, estimate.sensors.sigma, strict=True

@@ -165,6 +165,7 @@ class Sample(NamedTuple):
     followed: int | None  # ns, stamp of that orientation
     bias: tuple[float, ...]  # rad, nominal bias of each of the N sensors
     factors: tuple[float, ...]  # measured noise of each over the configured one, at least 1
+    parity_bias: float = pi  # rad, bound of the biases' part that no motion explains
 
 
 class SensorSet:
@@ -212,7 +213,7 @@ class SensorSet:
                 return withheld(Reason.UNDETERMINED, str(error))
             return Symptom(Reason.NO_FIT, str(error))
         self.estimate = estimate
-        worth = integrity(estimate, sample.bias, sample.factors)
+        worth = integrity(estimate, sample.bias, sample.factors, sample.parity_bias)
         self.deviation = worth.deviation
         if apart:
             # Beside what a fault does to the orientation of all sensors.
@@ -273,7 +274,8 @@ class SensorSet:
         estimate, sigma, factors = self.estimate, self.sensors.sigma, sample.factors
         if estimate is None or max(factors) <= 1.0:
             return None
-        parts = self.levels(integrity(estimate, sample.bias, (1.0,) * len(sigma)))
+        nominal = integrity(estimate, sample.bias, (1.0,) * len(sigma), sample.parity_bias)
+        parts = self.levels(nominal)
         excess, worst = max(
             (
                 MISSED_DETECTION
@@ -320,7 +322,7 @@ class SensorSet:
             estimate, _ = self._solver.solve(sample.angles, self.sensors, sample.prior)
         except SpmError:
             return False
-        worth = integrity(estimate, sample.bias, sample.factors)
+        worth = integrity(estimate, sample.bias, sample.factors, sample.parity_bias)
         age = 0.0 if sample.followed is None else (sample.stamp - sample.followed) * 1e-9
         turn = min(max(CONTINUING_TURN, self._speed * age), SAME_SOLUTION)
         if sample.prior is not None and not within(

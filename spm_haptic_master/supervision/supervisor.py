@@ -159,6 +159,7 @@ class Supervisor:
                 self._anchor.stamp,
                 joints.bias,
                 joints.factors,
+                joints.parity_bias,
             ),
         )
         if joints.samples % NOISE_PERIOD == 0:

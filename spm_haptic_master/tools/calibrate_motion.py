@@ -18,9 +18,10 @@ import numpy as np
 from spm_haptic_master import kinematics
 from spm_haptic_master.calibration.calibration_file import check_output, write_text
 from spm_haptic_master.calibration.jig import read_still
-from spm_haptic_master.calibration.motion import calibration
+from spm_haptic_master.calibration.motion.calibration import MotionCalibration
 from spm_haptic_master.calibration.motion.free_motion import calibrate_motion, Guide
 from spm_haptic_master.calibration.motion.model import Array, Layout
+from spm_haptic_master.calibration.motion.motion_file import motion_text, Origin, Verdict
 from spm_haptic_master.calibration.motion.outside_reference import Mounted, mounted
 from spm_haptic_master.calibration.recording import raw_counts, Recording
 from spm_haptic_master.calibration.report import checksum, report_paths, write_report
@@ -35,7 +36,12 @@ from spm_haptic_master.parameters.nodes import DRIVER_NAMES, SOURCE_SETTINGS
 from spm_haptic_master.parameters.setting import CALIBRATION_SETTING, SENSORS_SETTING
 from spm_haptic_master.simulation.source_factory import source_text
 from spm_haptic_master.tools import command_line, motion_source
-from spm_haptic_master.tools.calibration_verdict import FkmValues, published_share, supported
+from spm_haptic_master.tools.calibration_verdict import (
+    checked_region,
+    FkmValues,
+    published_share,
+    supported,
+)
 from spm_haptic_master.tools.command_line import ProgressBar
 from spm_haptic_master.validation.alignment import align, interpolate
 from spm_haptic_master.validation.recordings import read_capture
@@ -115,7 +121,7 @@ def run(options: argparse.Namespace) -> int:
     if options.pose or options.capture is not None:
         mounting = _mounted_by(options, source, values, found)
         found = mounting.calibration
-    origin = calibration.Origin(
+    origin = Origin(
         datetime.now().astimezone().isoformat(timespec='seconds'),
         source_text(source, values).removeprefix('replay: '),
         checksum(Path(values['replay.path'])) if source == 'replay' else '',
@@ -127,9 +133,10 @@ def run(options: argparse.Namespace) -> int:
     fkm = FkmValues(both, origin)
     with ProgressBar('calibrate') as bar:
         found, limit = supported(found, fkm)
+        checked = checked_region(found, fkm, stamps)
         share = published_share(found, (stamps, angles), fkm, bar.stage)
-    verdict = calibration.Verdict(found, origin, limit, share, options.target)
-    write_text(output, calibration.motion_text(verdict))
+    verdict = Verdict(found, origin, limit, share, options.target, checked)
+    write_text(output, motion_text(verdict))
     _print(output, write_report(output, verdict), verdict)
     if mounting is not None:
         _print_mounting(mounting)
@@ -153,7 +160,7 @@ def _mounted_by(
     options: argparse.Namespace,
     source: str,
     values: dict[str, Any],
-    found: calibration.MotionCalibration,
+    found: MotionCalibration,
 ) -> Mounted:
     """Return a calibration with the mounting by a jig's poses or a motion capture."""
     if options.capture is not None:
@@ -183,9 +190,7 @@ def _mounted_by(
     )
 
 
-def _captured(
-    options: argparse.Namespace, found: calibration.MotionCalibration
-) -> tuple[Array, Array]:
+def _captured(options: argparse.Namespace, found: MotionCalibration) -> tuple[Array, Array]:
     """Return readings by their directions, and captured orientations, at the same times."""
     capture = read_capture(options.capture, options.capture_topic)
     if capture.values.shape[1] != len('xyzw'):
@@ -279,7 +284,7 @@ def kept_settings(
     return kept
 
 
-def _print(path: Path, report: str, verdict: calibration.Verdict) -> None:
+def _print(path: Path, report: str, verdict: Verdict) -> None:
     """Print what was written; what it is good for comes last."""
     found, readings = verdict.calibration, verdict.calibration.readings
     print(f'{path}: written; {report}')
@@ -288,7 +293,7 @@ def _print(path: Path, report: str, verdict: calibration.Verdict) -> None:
         f'spikes, {100.0 * found.cut:.1f} % of the samples cut'
     )
     for joint, direction, noise, bias in zip(
-        ALL_JOINT_NAMES, found.direction, readings.noise, found.bias, strict=False
+        ALL_JOINT_NAMES, found.direction, found.noise, found.bias, strict=False
     ):
         print(
             f'  {joint}: direction {direction:+d}, sigma {degrees(noise):.4f} deg, bias '
@@ -296,7 +301,14 @@ def _print(path: Path, report: str, verdict: calibration.Verdict) -> None:
         )
     for group, reason in found.left.items():
         print(f'  {group} left as drawn: {reason}')
-    for caution in found.cautions:
+    print(f'  parity_bias {degrees(found.parity_bias):.2f} deg')
+    for line in verdict.checked.lines:
+        print(f'  {line}')
+    print(
+        f'  with alert_limit_deg {verdict.checked.alert_limit_deg:g}; from '
+        f'{verdict.checked.least_limit_deg:.2f} on every sensor is checked somewhere'
+    )
+    for caution in verdict.cautions:
         print(f'  CAUTION, {caution}')
     print(f'  a further motion that would determine more: {found.advice}')
     print(f'  {100.0 * verdict.published:.2f} % of the motion published by fkm with this file')

@@ -15,14 +15,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from spm_haptic_master.calibration.motion.calibration import (
-    motion_parameters,
-    MotionCalibration,
-    Origin,
-)
+from spm_haptic_master.calibration.motion.calibration import MotionCalibration
 from spm_haptic_master.calibration.motion.calibration_check import CalibrationChecker, Check
 from spm_haptic_master.calibration.motion.coverage import region_of, WORKSPACE
 from spm_haptic_master.calibration.motion.model import Array
+from spm_haptic_master.calibration.motion.motion_file import Checked, motion_parameters, Origin
 from spm_haptic_master.calibration.motion.readings import motion_readings, MotionReadings
 from spm_haptic_master.calibration.recording import Recording
 from spm_haptic_master.encoders.decoder_factory import make_harmonics
@@ -34,6 +31,7 @@ from spm_haptic_master.parameters.fkm import FKM_SETTINGS, limits_from, sigma_fr
 from spm_haptic_master.parameters.geometry import geometry_from
 from spm_haptic_master.parameters.nodes import SOURCE_SETTINGS
 from spm_haptic_master.parameters.resolver import read_parameters
+from spm_haptic_master.supervision.checkability import checkability
 from spm_haptic_master.supervision.recording import run, Supervised
 from spm_haptic_master.supervision.symptom import Reason, with_remedy
 from spm_haptic_master.tools import command_line
@@ -126,7 +124,7 @@ def supported(
     raise CalibrationError(
         f'the motion does not support alert_limit_deg {limit:g}: {cure}{more} (bias_deg over the '
         f'workspace is {" ".join(f"{each:.2f}" for each in np.degrees(calibration.bias))}, noise '
-        f'up to {degrees(calibration.readings.noise.max()):.2f} deg; the region moved, '
+        f'up to {degrees(calibration.noise.max()):.2f} deg; the region moved, '
         f'{moved.text}, {"is no better" if moved.is_large else "is too small"})'
     )
 
@@ -147,6 +145,30 @@ def least_alert_limit(calibration: MotionCalibration, values: FkmValues) -> floa
         return bool(result.published.mean() >= PUBLISHED)
 
     return [*tried, inf][bisect_left(tried, True, key=suffices)]
+
+
+def checked_region(
+    calibration: MotionCalibration, values: FkmValues, stamps: NDArray[np.int64]
+) -> Checked:
+    """
+    Return where in its region each sensor is checked by the others with a calibration.
+
+    At the rate of recorded stamps, ns, and with the parameter `alert_limit_deg`. CalibrationError
+    where `start_checked` is true, and a sensor is checked nowhere: nothing would be published.
+    """
+    fkm = values.of(calibration)
+    found = checkability(
+        calibration.layout.geometry(calibration.vector),
+        sigma_from(fkm),
+        limits_from(fkm),
+        calibration.region.poses(calibration.model, calibration.vector),
+        1e9 / float(np.median(np.diff(stamps))),
+        calibration.layout.working_mode,
+    )
+    checked = Checked(float(fkm['alert_limit_deg']), found.share, degrees(max(found.least_limit)))
+    if checked.caution and fkm['start_checked']:
+        raise CalibrationError(f'start_checked is true, but {checked.caution}')
+    return checked
 
 
 def published_share(

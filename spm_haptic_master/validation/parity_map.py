@@ -26,8 +26,6 @@ PHI_STEP = 15.0
 # Least number of samples of a region whose mean parity counts (samples): the noise of 0.04 deg in
 # the mean is then below 0.003 deg.
 REGION_SAMPLES = 200
-# Gain of the variance by the third difference 1, -3, 3, -1 of a reading.
-THIRD_DIFFERENCE = 20.0
 # Largest third difference over the median one that is noise and not an event.
 OUTLIER = 8.0
 # Largest distance of consecutive samples over the median one: a longer one is a gap.
@@ -119,30 +117,62 @@ def regions(found: ParityMap, published: NDArray[np.bool_], level_deg: Array) ->
 
 def white_noise(stamps: NDArray[np.int64], angles: Array) -> Array:
     """
-    Return the white noise of each sensor, rad, (N,), by stamps, ns, and angles, rad, (n, N).
+    Return the white noise of each sensor, as a standard deviation.
 
-    From third differences, which a motion of the device hardly changes; at least the deviation of
-    a rounding to the smallest step. NaN without readings at equal distances.
+    From third divided differences of four readings at their own times, which a motion of the
+    device hardly changes (Newton): times need not be equally spaced.
+
+    Parameters
+    ----------
+    stamps : ndarray of int, shape (n,)
+        Increasing times, ns.
+    angles : ndarray, shape (n, N)
+        Readings without jumps by a turn, rad.
+
+    Returns
+    -------
+    ndarray, shape (N,)
+        Noise of a reading, rad; at least the deviation of a rounding to the smallest step. NaN
+        where no four readings follow each other without a gap.
+
     """
     noise = np.full(angles.shape[1], np.nan)
-    steps = np.diff(stamps)
-    if len(steps) < 3:
+    if len(stamps) < 4:
         return noise
-    regular = steps <= GAP * np.median(steps)
-    third = np.diff(angles, n=3, axis=0)[regular[:-2] & regular[1:-1] & regular[2:]]
-    for sensor, (column, each) in enumerate(zip(third.T, angles.T, strict=True)):
+    differences = _third_differences(stamps, angles)
+    for sensor, (column, readings) in enumerate(zip(differences.T, angles.T, strict=True)):
         size = np.abs(column[np.isfinite(column)])
         if not len(size):
             continue
         typical = np.median(size[size > 0.0]) if size.any() else 0.0
-        size = size[size <= OUTLIER * typical]
-        changes = np.abs(np.diff(each))
-        rounding = changes[changes > 0.0].min(initial=np.inf) / np.sqrt(12.0)
-        noise[sensor] = max(
-            np.sqrt(np.mean(size**2) / THIRD_DIFFERENCE),
-            rounding if np.isfinite(rounding) else 0.0,
-        )
+        spread = np.sqrt(np.mean(size[size <= OUTLIER * typical] ** 2))
+        noise[sensor] = max(spread, _rounding(readings))
     return noise
+
+
+def _third_differences(stamps: NDArray[np.int64], angles: Array) -> Array:
+    """
+    Return third divided differences, (m, N), of four readings that follow each other, rad.
+
+    Each is scaled so that its standard deviation is the noise of one reading.
+    """
+    steps = np.diff(stamps)
+    without_gap = (steps > 0) & (steps <= GAP * np.median(steps))
+    first = np.flatnonzero(without_gap[:-2] & without_gap[1:-1] & without_gap[2:])
+    rows = first[:, None] + np.arange(4)
+    # Periods from the first of the four; a reading's weight is 1 / product of its distances.
+    times = (stamps[rows] - stamps[first][:, None]) / np.median(steps)
+    distances = times[:, :, None] - times[:, None, :] + np.eye(4)
+    weights = 1.0 / distances.prod(axis=2)
+    weights /= np.linalg.norm(weights, axis=1, keepdims=True)
+    return np.asarray(np.einsum('mk,mki->mi', weights, angles[rows]))
+
+
+def _rounding(readings: Array) -> float:
+    """Return the standard deviation of a rounding to the smallest step of readings, rad."""
+    changes = np.abs(np.diff(readings))
+    smallest = changes[changes > 0.0].min(initial=np.inf)
+    return float(smallest / np.sqrt(12.0)) if np.isfinite(smallest) else 0.0
 
 
 def nominal_bias(table: list[Region]) -> float | None:

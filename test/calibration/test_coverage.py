@@ -65,6 +65,26 @@ def test_the_bound_covers_what_the_covariance_draws_and_the_mechanism_turns():
     assert (many > 5.0 * few).all()
 
 
+def test_what_a_motion_showed_bounds_the_parity_far_below_the_sensors_bounds():
+    """Rigs drawn by the covariance of a calibration: their parity over the region of its file."""
+    found = free_motions.short_calibration()
+    poses = coverage.WORKSPACE.poses(found.model, found.vector)
+    unweighted = replace(found.model, sigma=np.ones(4))
+    values, vectors = np.linalg.eigh(found.covariance)
+    half = vectors * np.sqrt(np.maximum(values, 0.0))
+    random = np.random.default_rng(4)
+    largest = []
+    for _ in range(40):
+        rig = found.vector + half @ random.normal(size=len(values))
+        read = unweighted.readings(poses, rig)
+        turned = read[np.isfinite(read).all(axis=1)]
+        there = unweighted.orientations(turned, found.vector)
+        largest.append(np.abs(unweighted.linearised(turned, there, found.vector).parity).max())
+    assert np.mean(np.array(largest) > found.parity_bias) < 0.1
+    assert max(largest) < 1.3 * found.parity_bias
+    assert found.parity_bias < 0.3 * found.bias.max()
+
+
 def test_the_region_of_a_motion_is_within_it():
     seconds = np.linspace(0.0, 60.0, 6000)
     rotation = workspace_pose(

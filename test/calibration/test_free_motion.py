@@ -16,8 +16,8 @@ from rclpy.parameter import parameter_dict_from_yaml_file
 from recorded_text import assert_recorded
 from simulated_hand import deviations_of, hand_motion, joint_angles, readings
 from spm_haptic_master.calibration.calibration_file import file_text, write_text
-from spm_haptic_master.calibration.motion import calibration as results
 from spm_haptic_master.calibration.motion import free_motion, zero_search
+from spm_haptic_master.calibration.motion import motion_file as results
 from spm_haptic_master.calibration.motion.coverage import Region
 from spm_haptic_master.calibration.motion.free_motion import calibrate_motion
 from spm_haptic_master.calibration.motion.model import Layout
@@ -43,6 +43,7 @@ ORIGIN = results.Origin(
     PER_TURN,
     {'can.channel': 'can1', 'source': 'can', 'encoders.id': (1, 2, 3, 4)},
 )
+CHECKED = results.Checked(1.0, (0.93, 0.91, 0.9, 0.0), 1.42)
 
 
 @pytest.fixture
@@ -140,8 +141,11 @@ def test_readings_of_another_mechanism_or_hardly_a_motion_are_refused(change, wo
 def test_the_file_is_what_was_found(calibration, tmp_path):
     path = tmp_path / 'calibration.yaml'
     part = replace(calibration, region=Region(14.0, 5.0, 75.0))
-    write_text(path, results.motion_text(results.Verdict(part, ORIGIN, 0.5, 0.9987, 0.04)))
+    write_text(
+        path, results.motion_text(results.Verdict(part, ORIGIN, 0.5, 0.9987, 0.04, CHECKED))
+    )
     assert_recorded('calibration/short.yaml', path.read_text())
+    assert 'CAUTION: with alert_limit_deg 1 nothing checks joint_3a anywhere' in path.read_text()
     values = read_parameters(path)
     geometry = geometry_from(
         command_line.checked(

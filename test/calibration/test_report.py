@@ -13,8 +13,8 @@ import pytest
 from recorded_text import assert_recorded
 from spm_haptic_master.calibration import report_picture
 from spm_haptic_master.calibration.calibration_file import check_output
-from spm_haptic_master.calibration.motion.calibration import Origin, Verdict
 from spm_haptic_master.calibration.motion.coverage import Region
+from spm_haptic_master.calibration.motion.motion_file import Checked, Origin, Verdict
 from spm_haptic_master.calibration.report import report_paths, write_report
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.validation import plot_style
@@ -29,6 +29,7 @@ ORIGIN = Origin(
     (16384, 16384, 4096, 65536),
     {'encoders.can_id': (1, 2, 3, 4)},
 )
+CHECKED = Checked(1.0, (0.93, 0.91, 0.9, 0.62), 0.42)
 
 
 @pytest.fixture
@@ -52,7 +53,7 @@ def drawn(monkeypatch):
 
 def write(output, calibration, target=0.04):
     """Write a report; return what is said of it."""
-    return write_report(output, Verdict(calibration, ORIGIN, 0.5, 0.9987, target))
+    return write_report(output, Verdict(calibration, ORIGIN, 0.5, 0.9987, target, CHECKED))
 
 
 def written(output, *args):

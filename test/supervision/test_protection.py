@@ -4,7 +4,7 @@
 """The protection level, beside the pseudo-inverse."""
 
 from itertools import product
-from math import sqrt
+from math import radians, sqrt
 
 from device import joint_angles, random_pose
 import numpy as np
@@ -52,6 +52,38 @@ def test_it_is_the_pseudo_inverse_of_the_whitened_jacobian(sensors, missing, pos
     np.testing.assert_allclose(
         worth.levels(REACH), slopes * (REACH * worth.noise + 2.0 * worth.bias) + worth.healthy
     )
+
+
+@pytest.mark.parametrize('sensors', [4, 5, 6])
+@pytest.mark.parametrize('missing', [None, 1])
+def test_a_bound_of_the_parity_replaces_what_large_biases_would_allow(sensors, missing):
+    """Errors of any direction whose part that no motion explains is as long as the bound."""
+    if sensors == 4 and missing is not None:
+        pytest.skip('three sensors have no parity')
+    rotation = kinematics.workspace_pose(0.2, 1.0, 0.4)
+    sigma = np.radians([0.02, 0.04, 0.06, 0.03, 0.05, 0.035])[:sensors]
+    left_out = () if missing is None else (missing,)
+    sample = kinematics.estimate_sample(
+        tuple(joint_angles(rotation[None], sensors)[0].tolist()),
+        kinematics.UsedSensors(tuple(sigma.tolist()), left_out),
+        kinematics.Geometry(),
+        tuple(kinematics.quaternion_from_matrix(rotation).tolist()),
+    )
+    bias, noise = (radians(5.0),) * sensors, (1.0,) * sensors
+    bound = integrity(sample, bias, noise, radians(0.03)).bias
+    assert bound < integrity(sample, bias, noise).bias
+    whole = kinematics.jacobian(rotation, sensors=sensors)
+    unexplained = np.eye(sensors) - whole @ np.linalg.pinv(whole)
+    used = [sensor for sensor in range(sensors) if sensor not in left_out]
+    whitened = (whole / sigma[:, None])[used]
+    parity = np.eye(len(used)) - whitened @ np.linalg.pinv(whitened)
+    errors = np.random.default_rng(1).normal(size=(2000, sensors))
+    errors *= radians(0.03) / np.linalg.norm(errors @ unexplained, axis=1, keepdims=True)
+    moved = np.linalg.norm((errors / sigma)[:, used] @ parity, axis=1)
+    assert 0.5 * bound < moved.max() <= bound * (1.0 + 1e-6)
+    # With small biases nothing changes.
+    small = (radians(0.001),) * sensors
+    assert integrity(sample, small, noise, radians(0.03)) == integrity(sample, small, noise)
 
 
 def largest_error_over_level(sensors, bias, sigma, alert, pose):

@@ -116,6 +116,18 @@ def test_noise_ignores_steps_gaps_and_missing_readings():
     np.testing.assert_allclose(np.degrees(found), 0.04, rtol=0.05)
 
 
+def test_sets_at_irregular_times_with_their_stamps_are_not_noisy():
+    """At 0.7 to 1.3 of a period of 10 ms, in a fast motion: equal steps would show 0.1 deg."""
+    random = np.random.default_rng(9)
+    seconds = 0.01 * (np.arange(5000) + random.uniform(-0.15, 0.15, 5000))
+    moved = np.sin(2.0 * np.pi * seconds[:, None] * [0.5, 0.9, 0.7, 0.3])
+    angles = moved + SIGMA[0] * random.normal(size=(5000, 4))
+    times = np.round(seconds * 1e9).astype(np.int64) + 5_000_000
+    np.testing.assert_allclose(np.degrees(parity_map.white_noise(times, angles)), 0.04, rtol=0.05)
+    regular = parity_map.white_noise(10_000_000 * np.arange(5000), angles)
+    assert np.degrees(regular.max()) > 0.1
+
+
 def test_noise_is_at_least_that_of_the_rounding():
     count = 2.0 * np.pi / 4096
     angles = np.zeros((1000, 4))

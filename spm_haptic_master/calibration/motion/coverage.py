@@ -9,7 +9,8 @@ harmonics. Their covariance gives its standard deviation at each pose. Its bound
 times the largest one over the poses, not the mean over the motion: a motion determines only some
 combinations of the parameters, and elsewhere the others show. What no parameter explains is added.
 Errors of links and axes belong to no sensor; where they turn the orientation by more than the
-sensors' bounds together do, all bounds are raised by one factor.
+sensors' bounds together do, all bounds are raised by one factor. The bound of the parity is far
+smaller than what the sensors' bounds allow: the parity is what the motion measured.
 """
 
 from __future__ import annotations
@@ -114,6 +115,39 @@ def sensor_bounds(
     turned = np.sqrt(variances(aligned_changes(model, poses, vector), covariance).sum(axis=1))
     factor = BOUND_SIGMAS * float((turned / (np.linalg.norm(spread, axis=1) @ bound)).max())
     return np.ceil(max(1.0, factor) * bound / UNIT) * UNIT
+
+
+def parity_bound(
+    model: MotionModel, vector: Array, covariance: Array, poses: Array, unexplained: float
+) -> float:
+    """
+    Return a bound of what the systematic errors of all sensors do to the parity, rad.
+
+    Errors of the parameters have to agree with each other in what the motion showed, which was
+    the parity: together they change it much less than the bounds of single sensors allow.
+
+    Parameters
+    ----------
+    model, vector, covariance
+        the calibration; the covariance in rad^2, (P, P)
+    poses : ndarray, shape (n, 3, 3)
+        orientations within reach at which the bound holds
+    unexplained : float
+        slow part of the parity that no parameter explains, rad
+
+    Returns
+    -------
+    float
+        bound of the length of the part of the errors that no rotation explains, rad
+
+    """
+    # With a noise of 1 rad the parity is that part.
+    unweighted = MotionModel(model.layout, np.ones(model.layout.sensors))
+    changes = unweighted.linearised(
+        unweighted.readings(poses, vector), poses, vector, tuple(range(model.layout.count))
+    ).derivative
+    deviation = np.sqrt(variances(changes, covariance).sum(axis=1).max())
+    return float(np.ceil((BOUND_SIGMAS * deviation + unexplained) / UNIT) * UNIT)
 
 
 def aligned_changes(model: MotionModel, rotation: Array, vector: Array) -> Array:

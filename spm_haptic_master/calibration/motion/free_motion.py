@@ -20,7 +20,9 @@ from numpy.typing import NDArray
 from spm_haptic_master.calibration.motion import coverage, fit, misfit
 from spm_haptic_master.calibration.motion.calibration import MotionCalibration
 from spm_haptic_master.calibration.motion.model import Array, Layout, MotionModel
+from spm_haptic_master.calibration.motion.noise import allowed_noise
 from spm_haptic_master.calibration.motion.readings import motion_readings, MotionReadings
+from spm_haptic_master.calibration.motion.tolerances import estimated_tolerances
 from spm_haptic_master.calibration.motion.zero_search import find_start, Progress, Start
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
@@ -68,25 +70,34 @@ def fitted(
     start: Start,
     progress: Progress = lambda text, share: None,
 ) -> MotionCalibration:
-    """Return the calibration by a motion whose zeros and directions are known about."""
-    white = model = MotionModel(layout, means.sigma)
+    """
+    Return the calibration by a motion whose zeros and directions are known approximately.
+
+    Parameters
+    ----------
+    layout : Layout
+        the rig as drawn, with the largest tolerances that it may have
+    means : MotionReadings
+        the motion
+    start : Start
+        directions, and zeros near the true ones
+    progress : callable
+        takes the name of each stage and the share that is done, 0 to 1
+
+    Raises
+    ------
+    CalibrationError
+        the motion does not determine the zeros, or an encoder slipped or drifted in it
+
+    """
+    model = MotionModel(layout, means.sigma)
     turned = means.readings * np.array(start.direction)
     chosen = np.arange(0, len(turned), max(1, len(turned) // CHOICE_SAMPLES))
     factor = len(turned) / len(chosen)
     progress('zeros', 0.5)
     first = fit.fit(model, turned[chosen], start.vector, range(layout.sensors))
     advice = next(iter(_outlook(model, means, start)[1]))
-    changes = coverage.aligned_changes(
-        model, coverage.WORKSPACE.poses(model, first.vector), first.vector
-    )
-    error = coverage.orientation_error(
-        changes[:, :, : layout.sensors], coverage.inverse(first.normal.matrix * factor)
-    )
-    if error > ZEROS_LIMIT:
-        raise CalibrationError(
-            'the motion does not determine the zeros: they leave a predicted error of '
-            f'{degrees(error):.2f} deg, limit {degrees(ZEROS_LIMIT):g} deg; {advice}'
-        )
+    _check_zeros(model, first, factor, advice)
     vector, columns, left = fit.choose(
         model,
         turned[chosen],
@@ -99,30 +110,58 @@ def fitted(
     found = fit.fit(model, turned, vector, columns, model.orientations(turned, vector))
     misfit.check_slip(model, turned, means.seconds, found)
     split = misfit.contradiction(model, turned, found)
-    slow = misfit.slow_factor(means.seconds, found.normal)
-    if slow > 1.0:
-        progress('all parameters, with the slow part of the parity', 0.9)
-        model = MotionModel(layout, model.sigma * np.sqrt(slow))
-        found = fit.fit(model, turned, found.vector, columns, found.normal.rotation)
+    white = MotionModel(layout, allowed_noise(model, turned, found.vector, found.normal))
+    progress('all parameters, with noise and tolerances as found', 0.9)
+    estimated = _as_found(white, turned, means, found)
+    found = fit.fit(estimated, turned, found.vector, columns, found.normal.rotation)
     progress('errors', 0.95)
     every = fit.normal_equations(
-        model, turned, found.normal.rotation, found.vector, tuple(range(layout.count))
+        estimated, turned, found.normal.rotation, found.vector, tuple(range(layout.count))
     )
+    slow = misfit.slow_parity(means.seconds, found.normal)
     return MotionCalibration(
-        white,
-        found.vector,
-        fit.considered_covariance(every.matrix, layout.deviations, columns),
-        columns,
-        left,
-        start.direction,
-        means,
-        found.normal.rotation,
-        found.normal.kept,
-        first.vector,
-        misfit.unexplained_errors(model, turned, means.seconds, found.vector, found.normal),
-        advice,
-        split,
+        model=white,
+        vector=found.vector,
+        covariance=fit.considered_covariance(every.matrix, estimated.layout.deviations, columns),
+        estimated=columns,
+        left=left,
+        direction=start.direction,
+        readings=means,
+        rotation=found.normal.rotation,
+        kept=found.normal.kept,
+        drawn=first.vector,
+        unexplained=misfit.unexplained_errors(estimated, turned, found.vector, found.normal, slow),
+        unexplained_parity=slow * float(estimated.sigma.max()),
+        advice=advice,
+        contradiction=split,
     )
+
+
+def _check_zeros(model: MotionModel, first: fit.Fit, factor: float, advice: str) -> None:
+    """Raise CalibrationError where `factor` times the samples of a fit leave the zeros open."""
+    poses = coverage.WORKSPACE.poses(model, first.vector)
+    changes = coverage.aligned_changes(model, poses, first.vector)
+    error = coverage.orientation_error(
+        changes[:, :, : model.layout.sensors], coverage.inverse(first.normal.matrix * factor)
+    )
+    if error > ZEROS_LIMIT:
+        raise CalibrationError(
+            'the motion does not determine the zeros: they leave a predicted error of '
+            f'{degrees(error):.2f} deg, limit {degrees(ZEROS_LIMIT):g} deg; {advice}'
+        )
+
+
+def _as_found(
+    white: MotionModel, turned: Array, means: MotionReadings, found: fit.Fit
+) -> MotionModel:
+    """Return a model with the slow part of the parity as noise, and the rig's own tolerances."""
+    normal = fit.normal_equations(
+        white, turned, found.normal.rotation, found.vector, found.columns
+    )
+    slow = misfit.slow_factor(means.seconds, normal)
+    sigma = white.sigma * np.sqrt(slow)
+    layout = estimated_tolerances(white.layout, found.vector, found.columns, normal.matrix / slow)
+    return MotionModel(layout, sigma)
 
 
 @dataclass(frozen=True, slots=True)

@@ -46,15 +46,19 @@ def slow_factor(seconds: Array, normal: Normal) -> float:
     return max(1.0, float(np.mean(counts[:, None] * means**2)))
 
 
-def unexplained_errors(
-    model: MotionModel, turned: Array, seconds: Array, vector: Array, normal: Normal
-) -> Array:
-    """Return the error of each sensor, rad, (N,), that alone causes the slow parity of 99 %."""
+def slow_parity(seconds: Array, normal: Normal) -> float:
+    """Return the parity of 99 % of the pieces without their white noise (standard deviations)."""
     means, counts = _piece_means(seconds, normal)
     enough = counts > 0.5 * np.median(counts)
     size = np.linalg.norm(means[enough], axis=1)
     white = NORMAL_DEVIATIONS**2 / float(np.median(counts))
-    slow = np.sqrt(max(0.0, float(np.percentile(size, PERCENT)) ** 2 - white))
+    return float(np.sqrt(max(0.0, float(np.percentile(size, PERCENT)) ** 2 - white)))
+
+
+def unexplained_errors(
+    model: MotionModel, turned: Array, vector: Array, normal: Normal, slow: float
+) -> Array:
+    """Return the error of each sensor, rad, (N,), that alone causes a slow parity (unit 1)."""
     rows = np.flatnonzero(normal.kept)
     rows = rows[:: max(1, len(rows) // SAMPLES)]
     zeros = tuple(range(model.layout.sensors))
