@@ -5,8 +5,12 @@
 Bring-up of force: signs of the motors, friction of the device, and the stiffness that it allows.
 
 A motor that turns its joint the other way makes every spring an explosion, and a spring that is
-stiffer than the friction of the device allows swings by itself. A torque on a motor alone turns
-its joint in its own sense, whatever the pose: the inverse of an inertia has a positive diagonal.
+stiffer than the friction of the device allows swings by itself. The turns of all joints by a small
+step of each motor are columns of the inverse of an inertia. So a motor turns its joint in its own
+sense, whatever the pose (positive diagonal); of the joints th1A, th1B, th1C it turns its own most,
+but for one pose and motor in a hundred; and it turns another motor's joint as much as that motor
+turns its joint (symmetry), which shows swapped motors and wrong rated torques.
+
 With the torque m about one direction of the handle, from rest,
 
     I theta'' + b theta' + c sign(theta') = m
@@ -24,6 +28,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import TypeAlias
 
 import numpy as np
@@ -32,27 +37,141 @@ from spm_haptic_master.kinematics.number_backends import Array
 
 # Of one release, shape (n,): time (s), turn about one direction (rad), torque about it (N m).
 Release: TypeAlias = tuple[Array, Array, Array]
-# Least turn of a joint that shows a sign (rad): some ten times the noise of an encoder.
+# Joints of the motors, in their order.
+MOTOR_JOINTS = 'th1A', 'th1B', 'th1C', 'th3A'
+# Joints of which a motor on one of them turns its own most.
+COMPARED = 3
+# Least turn of a joint that is seen (rad): some ten times the noise of an encoder.
 VISIBLE_TURN = 0.005
+# Turn of a second joint by a motor over that of its own joint by the second motor, from which on
+# they are not the same: dry friction changes it by less.
+ASYMMETRY = 4.0
 # Share of the law that is allowed (unit 1).
 STIFFNESS_SHARE = 0.5
 # Fewest samples of a step and of a release, and least turn of the handle in this (rad).
 FEWEST_OF_STEP, FEWEST, LEAST_TURN = 10, 20, 0.02
 
 
-def motor_sign(torque: Array, angle: Array) -> int:
+@dataclass(frozen=True, slots=True)
+class StepResponse:
     """
-    Return the sign of a motor from a small step at rest: 1, -1, or 0 if its joint does not turn.
+    What a small step of one motor from rest does.
 
-    By its torque, N m, (n,), of 5 samples or more at rest, and the angle of its joint, rad, (n,),
-    while the other motors' torques are constant. InputError: too few samples.
+    Attributes
+    ----------
+    motor : int
+        Index of the motor, in the order of `MOTOR_JOINTS`.
+    turns : tuple of float
+        Turns of th1A, th1B, th1C, th3A at the end, rad; positive in the sense of the torque.
+
     """
-    _check_length('a step', angle, FEWEST_OF_STEP)
+
+    motor: int
+    turns: tuple[float, ...]
+
+    @property
+    def joint(self) -> str:
+        """Joint of the motor."""
+        return MOTOR_JOINTS[self.motor]
+
+    @property
+    def most_turned(self) -> int:
+        """Index of the joint that turns most, of those that can be compared."""
+        if self.motor >= COMPARED:
+            return self.motor
+        return int(np.argmax(np.abs(self.turns[:COMPARED])))
+
+    @property
+    def is_seen(self) -> bool:
+        """Whether a joint turns visibly."""
+        return abs(self.turns[self.most_turned]) >= VISIBLE_TURN
+
+    @property
+    def is_right(self) -> bool:
+        """Whether the motor turns its own joint most, in its own sense."""
+        return self.most_turned == self.motor and self.turns[self.motor] >= VISIBLE_TURN
+
+    @property
+    def words(self) -> str:
+        """What is to be known of it, in words."""
+        own = f'motor on {self.joint}'
+        if not self.is_seen:
+            return f'{own}: not seen: no joint turned; is it connected, its rated torque right?'
+        if self.most_turned != self.motor:
+            other = MOTOR_JOINTS[self.most_turned]
+            return f'{own} turns {other} most: are node ids or cables swapped?'
+        return f'{own}: sign {"right" if self.is_right else "wrong: it turns the other way"}'
+
+
+def step_response(motor: int, torque: Array, angles: Array) -> StepResponse:
+    """
+    Return what a small step of one motor does.
+
+    Parameters
+    ----------
+    motor : int
+        Index of the motor.
+    torque : ndarray, shape (n,)
+        Its torque, N m; 5 samples or more at rest come first. Those of the others are constant.
+    angles : ndarray, shape (n, 4)
+        th1A, th1B, th1C, th3A meanwhile, rad.
+
+    Raises
+    ------
+    InputError
+        Too few samples.
+
+    """
+    _check_length('a step', angles, FEWEST_OF_STEP)
     # A raw angle may differ by a turn.
-    theta = np.unwrap(angle)
-    turned = float(np.mean(theta[-5:]) - np.mean(theta[:5]))
+    unwrapped = np.unwrap(angles, axis=0)
+    turned = np.mean(unwrapped[-5:], axis=0) - np.mean(unwrapped[:5], axis=0)
     push = float(np.sum(torque - np.mean(torque[:5])))
-    return 0 if abs(turned) < VISIBLE_TURN else int(np.sign(turned * push))
+    return StepResponse(motor, tuple((np.sign(push) * turned).tolist()))
+
+
+def wiring_faults(responses: Sequence[StepResponse]) -> list[str]:
+    """
+    Return what the steps of all motors show of wrong signs, swapped motors and rated torques.
+
+    Parameters
+    ----------
+    responses : sequence of StepResponse
+        One step of each motor.
+
+    Returns
+    -------
+    list of str
+        A line for each fault; empty where all is right. A direction is to be reversed only where
+        nothing else is wrong: the advice is not there before.
+
+    """
+    wrong = [each for each in responses if not each.is_right]
+    unequal = [
+        text
+        for one, other in combinations(responses, 2)
+        if (text := _asymmetry(one, other)) is not None
+    ]
+    faults = [each.words for each in wrong] + unequal
+    signs_alone = not unequal and all(each.most_turned == each.motor for each in wrong)
+    if signs_alone and all(each.is_seen for each in wrong):
+        return [f'{text}: reverse its direction' for text in faults]
+    return faults
+
+
+def _asymmetry(one: StepResponse, other: StepResponse) -> str | None:
+    """Return in words that two motors turn the joints of each other unequally; None if equally."""
+    there = abs(one.turns[other.motor])
+    back = abs(other.turns[one.motor])
+    if there < back:
+        one, other, there, back = other, one, back, there
+    if there < VISIBLE_TURN or there < ASYMMETRY * back:
+        return None
+    return (
+        f'motor on {one.joint} turns {other.joint} by {there:.3f} rad, but the motor on '
+        f'{other.joint} turns {one.joint} by {back:.3f}: is a rated torque wrong, or are motors '
+        'swapped?'
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,10 +218,15 @@ def identify_friction(releases: Sequence[Release]) -> Friction:
     scale = np.linalg.norm(matrix, axis=0)
     values, _, rank, _ = np.linalg.lstsq(matrix / scale, np.concatenate(sides), rcond=1e-3)
     inertia, viscous, dry = (values / scale).tolist()
-    if rank < 3 or inertia <= 0.0:
+    if rank < 3:
         raise CalibrationError(
-            f'releases determine {rank} of inertia, viscous and dry friction '
-            f'(inertia {inertia:.2g} kg m^2): expected 3, by two speeds'
+            f'releases determine {rank} of inertia, viscous and dry friction: expected 3, by two '
+            'speeds'
+        )
+    if inertia <= 0.0:
+        raise CalibrationError(
+            f'the handle turns against the torque of the releases (inertia {1e3 * inertia:.2g} '
+            'g m^2): does a motor have the wrong sign, are two swapped, is a rated torque wrong?'
         )
     return Friction(inertia, viscous, dry)
 

@@ -14,7 +14,13 @@ import sys
 from typing import Any
 
 import numpy as np
-from spm_haptic_master.calibration.motor_bring_up import identify_friction, motor_sign, Release
+from spm_haptic_master.calibration.motor_bring_up import (
+    identify_friction,
+    Release,
+    step_response,
+    StepResponse,
+    wiring_faults,
+)
 from spm_haptic_master.drives.drives import make_drives
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.force import ForceLimits, Gravity, identify_gravity
@@ -51,7 +57,6 @@ LARGEST_RESIDUAL = 2e-3
 PART = re.compile(r'(?:step (1[abc]|3a)|pose|release [xyz])(?!\S)')
 # Columns of the orientation about which a release turns the handle.
 DIRECTIONS = 'xyz'
-WORDS = {1: 'right', -1: 'wrong: reverse its direction', 0: 'not seen: its joint did not turn'}
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +79,7 @@ def main(args: list[str]) -> int:
         _record(options.recording, given, values, options.poses)
     parts = read(options.recording)
     failed: list[str] = []
-    check_signs(parts, failed)
+    check_wiring(parts, failed)
     gravity = check_weight(parts, values, failed)
     releases: dict[str, list[Release]] = {}
     for part in _of(parts, 'release'):
@@ -133,14 +138,15 @@ def _record(path: Path, given: Values, values: dict[str, Any], poses: int) -> No
         source.close()
 
 
-def check_signs(parts: list[Part], failed: list[str]) -> None:
-    """Print the sign of each motor; add those that are not right."""
+def check_wiring(parts: list[Part], failed: list[str]) -> None:
+    """Print what each motor turns; add what is wrong with signs, node ids and rated torques."""
+    responses: list[StepResponse] = []
     for part in _of(parts, 'step'):
         motor = ANGLES.index('th' + part.name[1])
-        sign = motor_sign(part.torque[:, motor], part.angles[:, motor])
-        print(text := f'motor on th{part.name[1].upper()}: sign {WORDS[sign]}')
-        if sign != 1:
-            failed.append(text)
+        response = step_response(motor, part.torque[:, motor], part.angles)
+        print(response.words)
+        responses.append(response)
+    failed += wiring_faults(responses)
 
 
 def check_weight(parts: list[Part], values: Values, failed: list[str]) -> Gravity:

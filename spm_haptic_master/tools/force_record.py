@@ -5,14 +5,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 import csv
+from dataclasses import dataclass
 from math import isfinite, pi, remainder
 from pathlib import Path
 import time
 
 import numpy as np
-from spm_haptic_master.calibration.motor_bring_up import motor_sign
+from spm_haptic_master.calibration.motor_bring_up import (
+    MOTOR_JOINTS,
+    step_response,
+    StepResponse,
+    wiring_faults,
+)
 from spm_haptic_master.drives.drives import Drives
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import InputError
@@ -37,6 +43,8 @@ SHOWN, REST, PUSH, BACK, END = 0.55, 0.6, 0.65, 0.7, 0.8
 STEP, RELEASES = 0.01, (0.005, -0.01, 0.01, -0.005)
 # Turn of a joint in a step or release that ends the recording (rad): nothing of it turns so far.
 FARTHEST = 0.6
+# The same of a step of one motor: 0.06 rad on the paper's mechanism.
+FARTHEST_STEP = 0.15
 # Of a pose: largest turn of a joint at rest, least turn of one from every other pose, and the turn
 # of one by which a hand takes the handle back (rad).
 STILL, APART, TAKEN = 0.01, 0.15, 0.1
@@ -157,14 +165,14 @@ def record(path: Path, bring_up: BringUp, poses: int = 0) -> None:
     """
     Move the device through a bring-up, and write the recording.
 
-    Only where each motor turned its joint in its own sense, the motors release the handle, and
+    Only where the steps show nothing wrong, the motors release the handle, and
     hold it in `poses` poses to which a hand brings it. InputError: no angles come, the drives are
     not ready, a joint turns too far, or the file cannot be written.
     """
     bring_up.wait()
     motors = range(len(bring_up.nothing))
-    signs = [_step(bring_up, motor) for motor in motors]
-    if all(sign == 1 for sign in signs):
+    responses = [_step(bring_up, motor) for motor in motors]
+    if not wiring_faults(responses):
         for number, torque in enumerate(RELEASES, start=1):
             _release(bring_up, f'release z {number}', torque)
         held: list[Torques] = []
@@ -187,54 +195,74 @@ def record(path: Path, bring_up: BringUp, poses: int = 0) -> None:
         raise InputError(f'{path}: cannot be written: {error}') from error
 
 
-def _step(bring_up: BringUp, motor: int) -> int:
-    """Turn one motor alone; return its sign."""
-    name, before = f'step {ANGLES[motor][2:]}', len(bring_up.rows)
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """Part of a motion: its end, s, the torques of a sample, and whether samples are recorded."""
+
+    end: float
+    torques: Callable[[], Torques]
+    recorded: bool = False
+
+
+def _step(bring_up: BringUp, motor: int) -> StepResponse:
+    """Turn one motor alone; return what it did."""
+    name = f'step {ANGLES[motor][2:]}'
+    before = len(bring_up.rows)
     nothing = bring_up.nothing
-    push, back = ((*nothing[:motor], torque, *nothing[motor + 1 :]) for torque in (STEP, -STEP))
+
+    def alone(torque: float) -> Torques:
+        return (*nothing[:motor], torque, *nothing[motor + 1 :])
+
     # The opposite step takes the speed away again, whatever the sign.
+    stages = (
+        Stage(SHOWN, lambda: nothing),
+        Stage(REST, lambda: nothing, recorded=True),
+        Stage(PUSH, lambda: alone(STEP), recorded=True),
+        Stage(BACK, lambda: alone(-STEP)),
+        Stage(END, lambda: nothing),
+    )
     _move(
         bring_up,
         name,
-        (SHOWN, lambda: nothing, False),
-        (REST, lambda: nothing, True),
-        (PUSH, lambda: push, True),
-        (BACK, lambda: back, False),
-        (END, lambda: nothing, False),
+        stages,
+        FARTHEST_STEP,
+        f'by {STEP:g} N m of the motor on {MOTOR_JOINTS[motor]} alone; is its rated torque right, '
+        'is the device balanced, and does nobody hold it?',
     )
     own = bring_up.rows[before:]
-    return motor_sign(
+    return step_response(
+        motor,
         np.array([torques[motor] for *_, torques in own]),
-        np.array([angles[motor] for _, _, angles, _ in own]),
+        np.array([angles for _, _, angles, _ in own]),
     )
 
 
 def _release(bring_up: BringUp, name: str, torque: float) -> None:
     """Turn the handle from rest for a moment, and let it go."""
-    _move(
-        bring_up,
-        name,
-        (SHOWN, lambda: bring_up.spring(0.0, bring_up.angles, STEP), False),
-        (REST, lambda: bring_up.nothing, True),
-        (PUSH, lambda: bring_up.about_z(torque), True),
-        (END, lambda: bring_up.nothing, True),
+    stages = (
+        Stage(SHOWN, lambda: bring_up.spring(0.0, bring_up.angles, STEP)),
+        Stage(REST, lambda: bring_up.nothing, recorded=True),
+        Stage(PUSH, lambda: bring_up.about_z(torque), recorded=True),
+        Stage(END, lambda: bring_up.nothing, recorded=True),
     )
+    _move(bring_up, name, stages, FARTHEST, 'is the device balanced, and does nobody hold it?')
 
 
 def _move(
-    bring_up: BringUp, part: str, *stages: tuple[float, Callable[[], Torques], bool]
+    bring_up: BringUp, part: str, stages: Iterable[Stage], farthest: float, remedy: str
 ) -> None:
-    """Do a part by stages: time of the end, s, torques of a sample, whether they are recorded."""
+    """Do a part by stages; InputError with a remedy where a joint turns too far, rad."""
     bring_up.show(part)
     bring_up.begin(part)
     first = bring_up.angles
-    for end, torques, recorded in stages:
-        while bring_up.since < end:
-            bring_up.step(torques(), recorded)
-            if (turn := bring_up.turn(first)) > FARTHEST:
+    for stage in stages:
+        while bring_up.since < stage.end:
+            bring_up.step(stage.torques(), stage.recorded)
+            turn = bring_up.turn(first)
+            if turn > farthest:
                 raise InputError(
-                    f'{part}: a joint turned by {turn:.2f} rad: expected some '
-                    'degrees; is the device balanced, and nobody holds it?'
+                    f'{part}: a joint turned by {turn:.2f} rad, expected less than '
+                    f'{farthest:g}: {remedy}'
                 )
 
 

@@ -5,7 +5,14 @@
 
 import numpy as np
 import pytest
-from spm_haptic_master.calibration.motor_bring_up import Friction, identify_friction, motor_sign
+from spm_haptic_master.calibration.motor_bring_up import (
+    Friction,
+    identify_friction,
+    MOTOR_JOINTS,
+    step_response,
+    StepResponse,
+    wiring_faults,
+)
 from spm_haptic_master.exceptions import CalibrationError, InputError
 
 TRUE = Friction(2e-3, 5e-3, 4e-3)
@@ -47,14 +54,85 @@ def test_what_determines_no_friction_is_refused_by_its_number():
     identify_friction([tuple(each[::20] for each in release(each)) for each in (0.05, 0.1)])
 
 
+def stepped(motor, torque, turns):
+    """Return what a step of a torque, N m, does that turns joints, rad, across a half turn."""
+    step = np.arange(30) >= 10
+    angles = np.pi - 0.01 + np.outer(step, turns)
+    raw = (angles + np.pi) % (2.0 * np.pi) - np.pi
+    return step_response(motor, 0.3 + torque * step, raw)
+
+
 @pytest.mark.parametrize('torque', [0.1, -0.1])
 @pytest.mark.parametrize('turn', [0.02, -0.02, 0.0051, -0.0051, 0.0049])
-def test_the_sign_of_a_motor_is_that_of_torque_and_turn(torque, turn):
-    """From rest at a torque of its own, across the end of a turn."""
-    step = np.arange(30) >= 10
-    angle = (np.pi - 0.01 + turn * step + np.pi) % (2.0 * np.pi) - np.pi
-    expected = 0 if abs(turn) < 0.005 else int(np.sign(torque * turn))
-    assert motor_sign(0.3 + torque * step, angle) == expected
-    assert motor_sign(np.full(30, 0.3), angle) == 0
+def test_a_motor_is_right_where_its_own_joint_turns_in_its_own_sense(torque, turn):
+    found = stepped(1, torque, [0.001, turn, -0.001, 0.03])
+    assert found.is_right is (torque * turn > 0.0 and abs(turn) > 0.005)
+    assert found.is_seen is (abs(turn) > 0.005)
+    assert found.turns[1] == pytest.approx(np.sign(torque) * turn)
+    assert not stepped(1, 0.0, [0.0, turn, 0.0, 0.0]).is_seen
     with pytest.raises(InputError, match='a step has 9 samples: expected 10 or more'):
-        motor_sign(torque * step[:9], angle[:9])
+        step_response(1, np.ones(9), np.ones((9, 4)))
+
+
+# Turns of th1A, th1B, th1C, th3A, rad, by motors on th1A, th1B, th1C: the paper's mechanism.
+RIGHT = (
+    (0.0186, -0.0075, -0.0080, 0.0055),
+    (-0.0075, 0.0184, -0.0091, -0.0142),
+    (-0.0078, -0.0091, 0.0206, 0.0315),
+)
+
+
+def faults_of(*turns):
+    """Return what is wrong with motors that turn joints so, rad."""
+    return wiring_faults([StepResponse(motor, each) for motor, each in enumerate(turns)])
+
+
+def scaled(turns, factor):
+    """Return turns by a motor whose torque is another one."""
+    return tuple(factor * turn for turn in turns)
+
+
+def test_motors_that_are_wired_right_have_no_fault():
+    assert faults_of(*RIGHT) == []
+
+
+def test_a_direction_is_to_be_reversed_only_where_nothing_else_is_wrong():
+    assert faults_of(RIGHT[0], scaled(RIGHT[1], -1.0), RIGHT[2]) == [
+        'motor on th1B: sign wrong: it turns the other way: reverse its direction'
+    ]
+
+
+@pytest.mark.parametrize('advice', [1.0, -1.0])
+def test_swapped_motors_are_named_also_after_a_wrong_advice(advice):
+    """Both reversed was the advice that was once given: then the device ran away."""
+    found = faults_of(scaled(RIGHT[1], advice), scaled(RIGHT[0], advice), RIGHT[2])
+    assert found[:2] == [
+        'motor on th1A turns th1B most: are node ids or cables swapped?',
+        'motor on th1B turns th1A most: are node ids or cables swapped?',
+    ]
+    assert not any('reverse' in text for text in found)
+
+
+def test_a_fourth_motor_that_is_swapped_is_seen_by_the_joints_between():
+    """A motor on th1A turns th3A more than th1A: that alone says nothing."""
+    first = (0.0316, -0.0009, -0.0040, -0.0369)
+    last = (-0.0369, -0.0313, 0.0043, 0.0600)
+    second, third = (-0.0009, 0.0268, -0.0050, -0.0313), (-0.0041, -0.0051, 0.0202, 0.0043)
+    assert faults_of(first, second, third, last) == []
+    # Swapped and both reversed: each own joint turns in its own sense.
+    found = faults_of(scaled(last, -1.0), second, third, scaled(first, -1.0))
+    assert any('are motors swapped?' in text for text in found)
+
+
+@pytest.mark.parametrize('motor', [0, 1, 2])
+def test_a_rated_torque_that_is_ten_times_wrong_is_named(motor):
+    turns = [scaled(each, 10.0 if number == motor else 1.0) for number, each in enumerate(RIGHT)]
+    found = faults_of(*turns)
+    assert found and all('is a rated torque wrong' in text for text in found)
+    assert all(f'motor on {MOTOR_JOINTS[motor]} turns' in text for text in found)
+
+
+def test_a_handle_that_turns_against_its_torque_is_said_in_words():
+    against = [(time, -angle, torque) for time, angle, torque in map(release, (0.02, 0.05))]
+    with pytest.raises(CalibrationError, match='the handle turns against the torque'):
+        identify_friction(against)

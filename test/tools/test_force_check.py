@@ -10,7 +10,7 @@ from benchmarks.pipeline.child_process import wait_until
 from harness import SIMULATED
 import numpy as np
 import pytest
-from spm_haptic_master.calibration.motor_bring_up import identify_friction, motor_sign
+from spm_haptic_master.calibration.motor_bring_up import identify_friction
 from spm_haptic_master.drives.drives import DriveReport
 from spm_haptic_master.encoders.source import JointSample
 from spm_haptic_master.exceptions import CalibrationError, InputError
@@ -137,12 +137,13 @@ class Rig:
 
     fault, motors = None, 3
 
-    def __init__(self, turned_over=(), ready_after=5):
+    def __init__(self, wires=((0, 1.0), (1, 1.0), (2, 1.0)), ready_after=5):
         pytest.importorskip('mujoco', reason='needs mujoco')
         from study.force.plant import Plant
 
         self.plant = Plant(workspace_pose(0.05, 0.3, np.radians(10.0)))
-        self.signs = [-1.0 if motor in turned_over else 1.0 for motor in range(3)]
+        # Of each motor as commanded: the one that moves, and its torque over the command.
+        self.wires = wires
         self.rng, self.stamp, self.steps, self.ready_after = (
             np.random.default_rng(2),
             0,
@@ -159,7 +160,10 @@ class Rig:
     def step(self, torques, now):
         self.steps += 1
         self.torques.append(torques)
-        self.plant.run([sign * tau for sign, tau in zip(self.signs, torques, strict=True)])
+        made = [0.0, 0.0, 0.0]
+        for torque, (motor, factor) in zip(torques, self.wires, strict=True):
+            made[motor] += factor * torque
+        self.plant.run(made)
         return DriveReport(self.steps > self.ready_after, None, torques, 0.0)
 
 
@@ -280,11 +284,55 @@ def test_one_session_records_signs_releases_and_weight(tmp_path, check, monkeypa
     assert 'the weight does not explain' not in text
 
 
+def wired(**changed):
+    """Return the wires of three motors; those that are changed by joint: motor, factor."""
+    right = {'a': (0, 1.0), 'b': (1, 1.0), 'c': (2, 1.0)}
+    return tuple((right | changed).values())
+
+
 def test_a_handle_is_not_released_by_a_motor_that_is_turned_over(tmp_path, check):
-    code, text, _ = check(recording_of(Rig(turned_over=(2,)), tmp_path / 'a.csv'))
+    code, text, _ = check(recording_of(Rig(wired(c=(2, -1.0))), tmp_path / 'a.csv'))
     assert code == 1
     assert 'motor on th1C: sign wrong' in text and 'friction' not in text
     assert text.count('sign right') == 2
+
+
+MOTORS = {'a': 0, 'b': 1, 'c': 2}
+SWAPS = ('a', 'b'), ('a', 'c'), ('b', 'c')
+WRONG = [
+    *(
+        (wired(**{name: (motor, -1.0)}), f'motor on th1{name.upper()}: sign wrong')
+        for name, motor in MOTORS.items()
+    ),
+    *(
+        (
+            wired(**{one: (MOTORS[other], advice), other: (MOTORS[one], advice)}),
+            f'motor on th1{one.upper()} turns th1{other.upper()} most: are node ids or cables',
+        )
+        for one, other in SWAPS
+        for advice in (1.0, -1.0)
+    ),
+    *(
+        (wired(**{name: (motor, 10.0)}), 'is its rated torque right')
+        for name, motor in MOTORS.items()
+    ),
+]
+
+
+@pytest.mark.parametrize(('wires', 'words'), WRONG)
+def test_a3_each_of_twelve_wrong_wirings_is_found_in_words(tmp_path, check, wires, words):
+    """Signs, swaps with and without the advice to reverse both, rated torques ten times off."""
+    path = tmp_path / 'a.csv'
+    rig = Rig(wires)
+    try:
+        recording_of(rig, path)
+    except InputError as error:
+        found, code = str(error), 1
+    else:
+        code, found, _ = check(str(path))
+    assert code == 1 and words in found
+    assert 'friction' not in found
+    assert ('reverse its direction' in found) is ('sign wrong' in words)
 
 
 def test_drives_and_encoders_that_are_not_there(tmp_path, monkeypatch, check):
@@ -334,7 +382,6 @@ def test_what_determines_nothing():
     still = np.linspace(0.0, 0.1, 50), np.zeros(50), np.ones(50)
     with pytest.raises(CalibrationError, match='is the handle free'):
         identify_friction([still])
-    assert motor_sign(np.ones(50), np.zeros(50)) == 0
 
 
 @pytest.mark.process
