@@ -19,7 +19,7 @@ from spm_haptic_master.exceptions import InputError, SetupError
 
 # Longest wait for the answer to a request (s), and for that to storing into flash memory.
 ANSWER_TIMEOUT, STORE_TIMEOUT = 0.5, 15.0
-# Time in which every device with a node id answers a request (s).
+# Time after the first answer to a request in which further devices with that node id answer (s).
 ALL_ANSWER = 0.05
 # Number of requests by SDO until an encoder does not answer: a frame may get lost.
 REQUESTS = 2
@@ -122,16 +122,19 @@ class Node:
     def check_alone(self) -> None:
         """Raise SetupError if several devices answer for this node id."""
         answers: list[bytes] = []
+        answered = threading.Event()
         identifier = protocol.SDO_ANSWER_BASE + self.node_id
 
         def take(_: int, data: bytes, __: float) -> None:
             answers.append(bytes(data))
+            answered.set()
 
         self._network.subscribe(identifier, take)
         try:
             request = protocol.sdo_upload(self.node_id, *protocol.SERIAL_NUMBER)
             self._network.send_message(request.arbitration_id, bytes(request.data))
-            time.sleep(ALL_ANSWER)
+            if answered.wait(ANSWER_TIMEOUT):
+                time.sleep(ALL_ANSWER)
         finally:
             self._network.unsubscribe(identifier, take)
         if len(answers) > 1:
