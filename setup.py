@@ -25,6 +25,8 @@ MULTICAST = ['msgpack']
 VALIDATE = ['matplotlib', 'rosbags>=0.10.10']
 # What `can_setup` speaks CANopen with.
 SETUP = ['canopen>=2']
+# What `can_scan --dbc` reads a DBC file with.
+DBC = ['cantools']
 # The page of `view`, and what viser serves it with.
 VIEW = ['viser>=1.1.1,<2', 'websockets>=13.1', 'msgspec']
 # The linters of colcon test on a rig, with the flake8 plugins that apt installs with them there.
@@ -105,6 +107,7 @@ setup(
         'ros': ROS,
         'multicast': MULTICAST,
         'setup': SETUP,
+        'dbc': DBC,
         'validate': VALIDATE,
         'paper': PAPER,
         'view': VIEW,
@@ -115,6 +118,7 @@ setup(
         'test': [
             *PAPER,
             *SETUP,
+            *DBC,
             *VIEW,
             *AMENT_LINT,
             'colcon-common-extensions',

@@ -82,7 +82,7 @@ OUTSIDE = {
     'parameters': {'yaml'},
     'supervision': {'numpy'},
     'force': {'numpy'},
-    'encoders': {'can', 'canopen', 'numpy'},
+    'encoders': {'can', 'canopen', 'cantools', 'numpy'},
     'drives': {'can'},
     'simulation': {'can'},
     'calibration': {'numpy', 'matplotlib', 'yaml'},

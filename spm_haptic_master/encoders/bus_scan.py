@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from statistics import median
 import time
@@ -15,7 +15,9 @@ import can
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.can_bus import BUS_ERRORS, error_words, first_line
 from spm_haptic_master.encoders.canopen_nodes import START_AGAIN
-from spm_haptic_master.timing import DeadlineGrid
+from spm_haptic_master.encoders.counts_watch import CountsWatch
+from spm_haptic_master.encoders.encoder_layout import EncoderLayout
+from spm_haptic_master.timing import DeadlineGrid, Periodic
 
 # Time between two SDO requests (s): they take a tenth of a 1 Mbit/s bus at most.
 REQUEST_PERIOD = 0.002
@@ -27,6 +29,19 @@ SYNC_LISTEN = 1.1
 # Most frames that are read before it is time to send again: more wait only on a machine that is
 # too busy, and the rate of SYNC shows that.
 FRAMES_AT_ONCE = 32
+# Time after the last SYNC sent here in which its answers come (s).
+LAST_ANSWERS = 0.05
+# Time between two requests for the error register of a node that is watched (s).
+REGISTER_PERIOD = 1.0
+# Objects of an encoder that are read beside its identity: what is wrong, and its resolution.
+ENCODER_OBJECTS = (
+    canopen.ERROR_REGISTER,
+    canopen.OPERATING_PARAMETERS,
+    canopen.UNITS_PER_TURN,
+    canopen.DISC_UNITS_PER_TURN,
+)
+# Objects whose answers show how many devices have a node id: nobody else asks for them.
+COUNTED = (canopen.DEVICE_TYPE, *canopen.IDENTITY)
 # Interface of python-can that returns the frames sent, without a mark.
 ECHOING = 'udp_multicast'
 
@@ -39,9 +54,8 @@ class HeardFrame:
     last: float  # receive time of the latest, s
     count: int = 0
     lengths: set[int] = field(default_factory=set)  # of their data, bytes
-    # Numbers of SYNCs before the first and before the latest.
+    # Number of SYNCs before the first.
     first_cycle: int = 0
-    last_cycle: int = 0
 
     @property
     def rate(self) -> float:
@@ -55,10 +69,30 @@ class HeardNode:
 
     state: int | None = None  # NMT state by its latest heartbeat
     boot_ups: int = 0
+    # Receive times of its latest heartbeat and the one before, s; None before them.
+    heartbeat: float | None = None
+    heartbeat_before: float | None = None
     # Number of EMCY messages by their words.
     emergencies: Counter[str] = field(default_factory=Counter)
     # Values read by SDO, by index and subindex.
     objects: dict[tuple[int, int], int] = field(default_factory=dict)
+    # Number of requests for, and answers with each object of COUNTED; serial numbers.
+    requests: Counter[tuple[int, int]] = field(default_factory=Counter)
+    answers: Counter[tuple[int, int]] = field(default_factory=Counter)
+    serials: set[int] = field(default_factory=set)
+
+    @property
+    def devices(self) -> int:
+        """Return how many devices have this node id: one answers a request once."""
+        answers = (self.answers[key] // max(1, self.requests[key]) for key in self.answers)
+        return max(1, len(self.serials), *answers) if self.answers else 1
+
+    @property
+    def heartbeat_period(self) -> float | None:
+        """Return the time between the latest two heartbeats, s; None before two."""
+        if self.heartbeat is None or self.heartbeat_before is None:
+            return None
+        return self.heartbeat - self.heartbeat_before
 
     @property
     def profile(self) -> int | None:
@@ -68,10 +102,21 @@ class HeardNode:
 
 
 class BusScan:
-    """Record of the frames received on a bus, but for those of the scanning program itself."""
+    """
+    Record of the frames received on a bus, but for those of the scanning program itself.
 
-    def __init__(self, sync_id: int | None = canopen.SYNC_ID) -> None:
+    The counts of encoders with these `layouts` are followed.
+    """
+
+    def __init__(
+        self, sync_id: int | None = canopen.SYNC_ID, layouts: Iterable[EncoderLayout] = ()
+    ) -> None:
         self.sync_id = sync_id
+        self.watches = {
+            (layout.extended, layout.can_id): CountsWatch(layout) for layout in layouts
+        }
+        # Receive time of the latest frame of any kind, s.
+        self.latest = float('-inf')
         # By (extended, identifier), and by node id.
         self.frames: dict[tuple[bool, int], HeardFrame] = {}
         self.nodes: dict[int, HeardNode] = {}
@@ -84,7 +129,7 @@ class BusScan:
         self.started: set[int] = set()
         self.unsent: Counter[str] = Counter()
         # Number of SYNCs, of a master and own, and times between a master's, s.
-        self._cycles = 0
+        self.cycles = 0
         self._sync_intervals: list[float] = []
 
     @property
@@ -114,7 +159,12 @@ class BusScan:
         self.own_sync = self.own_sync or HeardFrame(now, now)
         self.own_sync.last = now
         self.own_sync.count += 1
-        self._cycles += 1
+        self.cycles += 1
+
+    def asked(self, node_id: int, key: tuple[int, int]) -> None:
+        """Record a request for an object of a node that is known."""
+        if key in COUNTED and node_id in self.nodes:
+            self.nodes[node_id].requests[key] += 1
 
     def feed(self, message: can.Message) -> None:
         """Record a frame."""
@@ -125,23 +175,27 @@ class BusScan:
             self.remote += 1
             return
         identifier, now = message.arbitration_id, message.timestamp
+        self.latest = max(self.latest, now)
         if not message.is_extended_id:
             base = identifier & ~0x7F
-            self._node_frame(base, identifier & 0x7F, message.data)
+            self._node_frame(base, identifier & 0x7F, message)
             if base in (canopen.SDO_ANSWER_BASE, canopen.SDO_REQUEST_BASE):
                 return  # mostly caused by this scan; the answers are listed with the nodes
             if identifier == self.sync_id:
-                self._cycles += 1
+                self.cycles += 1
                 if (before := self.master_sync) is not None:
                     self._sync_intervals.append(now - before.last)
         heard = self.frames.setdefault(
-            (message.is_extended_id, identifier), HeardFrame(now, now, first_cycle=self._cycles)
+            (message.is_extended_id, identifier), HeardFrame(now, now, first_cycle=self.cycles)
         )
-        heard.last, heard.last_cycle = now, self._cycles
+        heard.last = now
         heard.count += 1
         heard.lengths.add(len(message.data))
+        if watch := self.watches.get((message.is_extended_id, identifier)):
+            watch.take(message.data, now)
 
-    def _node_frame(self, base: int, node_id: int, data: bytes | bytearray) -> None:
+    def _node_frame(self, base: int, node_id: int, message: can.Message) -> None:
+        data = message.data
         length = {
             canopen.HEARTBEAT_BASE: canopen.HEARTBEAT_LENGTH,
             canopen.EMCY_BASE: canopen.EMCY_LENGTH,
@@ -153,10 +207,23 @@ class BusScan:
         if base == canopen.HEARTBEAT_BASE:
             node.state = data[0] & 0x7F
             node.boot_ups += node.state == canopen.BOOT_UP
+            node.heartbeat_before, node.heartbeat = node.heartbeat, message.timestamp
         elif base == canopen.EMCY_BASE:
             node.emergencies[canopen.emcy_words(data)] += 1
-        elif (value := canopen.sdo_value(data)) is not None:
-            node.objects[canopen.sdo_object(data)] = value
+        else:
+            _take_answer(node, data)
+
+
+def _take_answer(node: HeardNode, data: bytes | bytearray) -> None:
+    """Record the answer of a node to a request by SDO."""
+    key, value = canopen.sdo_object(data), canopen.sdo_value(data)
+    if key in COUNTED and (value is not None or data[0] == canopen.SDO_ABORT):
+        node.answers[key] += 1
+    if value is None:
+        return
+    node.objects[key] = value
+    if key == canopen.SERIAL_NUMBER:
+        node.serials.add(value)
 
 
 class BusScanner:
@@ -180,6 +247,7 @@ class BusScanner:
         # Number of frames sent whose echo is expected.
         self._expected: Counter[tuple[bool, int, bytes]] = Counter()
         self._sync_grid: DeadlineGrid | None = None
+        self._progress = Periodic(PROGRESS_PERIOD)
         # Time of the latest NMT start to each node, s.
         self._started_at: dict[int, float] = {}
 
@@ -192,35 +260,77 @@ class BusScanner:
         appears.
         """
         requests = self._identity_requests() if ask else iter(())
+        self._progress.is_due(time.monotonic())
+        for now, left in self._run(seconds, requests, start):
+            if self._progress.is_due(now):
+                self._report(f'{left:.0f} s left, {len(self._scan.frames)} identifiers')
+        # The answers to the last SYNC.
+        end = time.monotonic() + LAST_ANSWERS
+        while self._scan.own_sync is not None and time.monotonic() < end:
+            self._receive()
+
+    def watch(
+        self,
+        seconds: float,
+        show: Callable[[], None],
+        period: float,
+        ask: tuple[int, ...],
+        start: tuple[int, ...] | None = None,
+    ) -> None:
+        """
+        Listen for some seconds, and call `show` each `period`, s.
+
+        The nodes `ask` are asked for their error registers; `start` as with `listen`.
+        """
+        shown = Periodic(period)
+        for now, _ in self._run(seconds, self._register_requests(ask), start):
+            if shown.is_due(now):
+                show()
+
+    def _run(
+        self,
+        seconds: float,
+        requests: Iterator[can.Message | None],
+        start: tuple[int, ...] | None,
+    ) -> Iterator[tuple[float, float]]:
+        """Send and receive for some seconds; yield the time and the seconds left, each step."""
         grid = DeadlineGrid(REQUEST_PERIOD)
-        shown = now = time.monotonic()
+        now = time.monotonic()
         end = now + seconds
         # When it is decided whether SYNC is sent from here.
         decision = None if start is None else now + SYNC_LISTEN
         while decision or now < end:
             if decision and now >= decision:
                 decision = None
-                if self._scan.sync_id is not None and self._scan.master_sync is None:
+                if self._begin_sync():
                     end = now + seconds
-                    self._sync_grid = DeadlineGrid(1.0 / self._rate)
-                    self._report(
-                        f'no SYNC on the bus: SYNC 0x{self._scan.sync_id:X} is sent '
-                        f'from here, at {self._rate:g} Hz'
-                    )
             if grid.wait(0.0):
                 if request := next(requests, None):
-                    self._send(request)
+                    self._send_request(request)
                 if start is not None:
                     self._start_nodes(start, now)
             if self._sync_grid:
                 self._send_sync(self._sync_grid)
             self._receive()
-            if now - shown >= PROGRESS_PERIOD:
-                shown = now
-                self._report(
-                    f'{max(0.0, end - now):.0f} s left, {len(self._scan.frames)} identifiers'
-                )
+            yield now, max(0.0, end - now)
             now = time.monotonic()
+
+    def _begin_sync(self) -> bool:
+        """Begin to send SYNC where the bus has one and no master makes it; return whether."""
+        if self._scan.sync_id is None or self._scan.master_sync is not None:
+            return False
+        self._sync_grid = DeadlineGrid(1.0 / self._rate)
+        self._report(
+            f'no SYNC on the bus: SYNC 0x{self._scan.sync_id:X} is sent from here, at '
+            f'{self._rate:g} Hz'
+        )
+        return True
+
+    def _send_request(self, request: can.Message) -> None:
+        """Send a request by SDO, and record it."""
+        if self._send(request):
+            node_id = request.arbitration_id - canopen.SDO_REQUEST_BASE
+            self._scan.asked(node_id, canopen.sdo_object(request.data))
 
     def _receive(self) -> None:
         """Feed the frames that are waiting, or the first one within half a cycle."""
@@ -268,10 +378,21 @@ class BusScanner:
 
     def _identity_requests(self) -> Iterator[can.Message]:
         """Yield requests for the type to every node id, then for the rest to those heard."""
-        for entry in (canopen.DEVICE_TYPE, *canopen.IDENTITY):
-            for node_id in range(1, canopen.NODE_ID_MAXIMUM + 1):
-                if entry == canopen.DEVICE_TYPE or node_id in self._scan.nodes:
-                    yield canopen.sdo_upload(node_id, *entry)
+        for node_id in range(1, canopen.NODE_ID_MAXIMUM + 1):
+            yield canopen.sdo_upload(node_id, *canopen.DEVICE_TYPE)
+        for key in (*canopen.IDENTITY, *ENCODER_OBJECTS):
+            for node_id in sorted(self._scan.nodes):
+                yield canopen.sdo_upload(node_id, *key)
+
+    def _register_requests(self, node_ids: tuple[int, ...]) -> Iterator[can.Message | None]:
+        """Yield requests for the error register of each node, each second; None in between."""
+        due = Periodic(REGISTER_PERIOD)
+        while True:
+            if not due.is_due(time.monotonic()):
+                yield None
+                continue
+            for node_id in node_ids:
+                yield canopen.sdo_upload(node_id, *canopen.ERROR_REGISTER)
 
 
 def _key(message: can.Message) -> tuple[bool, int, bytes]:

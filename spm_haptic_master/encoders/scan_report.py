@@ -1,21 +1,29 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Report of a scan, in lines: what was heard, what is wrong, and the lines for rig.yaml."""
+"""Report of a scan, in lines: what was heard, and what is wrong."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-import json
+from itertools import pairwise
 
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.bus_scan import BusScan, HeardFrame, HeardNode
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout
-from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
+from spm_haptic_master.encoders.encoder_objects import EncoderRules
 
 # Largest relative deviation of a rate from the expected one (unit 1).
 RATE_TOLERANCE = 0.05
+# Largest share of the answers to SYNC that a bus as configured may lose (unit 1).
+LOST_SHARE = 0.005
+# Number of answers that may be under way when a scan ends.
+UNDER_WAY = 1
+# Time without a heartbeat, in its own periods, after which a node has ended.
+HEARTBEATS_MISSED = 3.0
+# Rates that this machine is asked to try where it is too busy for another one (Hz).
+LOWER_RATES = (500, 250, 200, 100, 50, 20, 10)
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +34,8 @@ class Expected:
     # CANopen node ids, None if the encoders are not CANopen nodes.
     node_ids: tuple[int, ...] | None
     rate: float  # of the sets, Hz
+    # Time without a heartbeat after which the driver believes an encoder no more, s.
+    heartbeat_timeout: float | None = None
     # Names of further nodes that are configured, by node id: the drives.
     others: Mapping[int, str] = field(default_factory=dict)
     # Names of their frames, and of those sent to them, by identifier.
@@ -88,32 +98,21 @@ def _node_words(node: HeardNode) -> str:
 
 def problems(scan: BusScan, expected: Expected) -> list[str]:
     """Return what is missing, wrong or unexpected, in lines."""
-    found = (
-        []
-        if scan.frames
-        else ['no frames at all: check bit rate, termination, power, and that the interface is up']
-    )
-    if scan.sync_id is not None and scan.own_sync is None:
-        if scan.master_sync is None:
-            found.append(
-                f'no SYNC 0x{scan.sync_id:X}: let the driver make it (can.sync: '
-                'produce), or start its master'
-            )
-        elif not _agrees(scan.master_rate, expected.rate):
-            found.append(
-                f'SYNC 0x{scan.sync_id:X} comes at {scan.master_rate:.1f} Hz, rate is '
-                f"{expected.rate:g} Hz: give the bus's rate to all nodes"
-            )
+    shared = {node_id: node for node_id, node in scan.nodes.items() if node.devices > 1}
+    found = [
+        canopen.shared_node_id(node_id, node.devices) for node_id, node in sorted(shared.items())
+    ]
+    found += _silence(scan)
+    found += _sync_problems(scan, expected)
     for index, layout in enumerate(expected.layouts):
+        node_id = expected.node_ids[index] if expected.node_ids else None
+        if node_id in shared:
+            continue
         found += [
             f'{layout.joint}: {words}'
-            for words in _encoder_problems(
-                scan,
-                layout,
-                expected.node_ids[index] if expected.node_ids else None,
-                expected.rate,
-            )
+            for words in _encoder_problems(scan, layout, node_id, expected)
         ]
+    found += _phase_problem(scan, expected)
     for node_id, name in expected.others.items():
         node = scan.nodes.get(node_id)
         found += [
@@ -127,14 +126,45 @@ def problems(scan: BusScan, expected: Expected) -> list[str]:
     ]
 
 
+def _silence(scan: BusScan) -> list[str]:
+    """Return what to do where no frame but answers to SDO was heard."""
+    if scan.frames:
+        return []
+    if answered := sorted(scan.nodes):
+        return [
+            f'no frames, but node {", ".join(map(str, answered))} answers SDO: it does not send '
+            'yet. Start it (can_scan --start), and set it up (can_setup --write)'
+        ]
+    return ['no frames at all: check bit rate, termination, power, and that the interface is up']
+
+
+def _sync_problems(scan: BusScan, expected: Expected) -> list[str]:
+    """Return that SYNC is missing, or comes at another rate."""
+    if scan.sync_id is None or scan.own_sync is not None:
+        return []
+    if scan.master_sync is None:
+        return [
+            f'no SYNC 0x{scan.sync_id:X}: let the driver make it (can.sync: '
+            'produce), or start its master'
+        ]
+    if _agrees(scan.master_rate, expected.rate):
+        return []
+    return [
+        f'SYNC 0x{scan.sync_id:X} comes at {scan.master_rate:.1f} Hz, rate is '
+        f"{expected.rate:g} Hz: give the bus's rate to all nodes"
+    ]
+
+
 def busy(scan: BusScan, rate: float) -> str | None:
     """Return that this machine sent SYNC below its rate, Hz, in one line; None if it did not."""
     own = scan.own_sync
     if own is None or not own.rate or own.rate >= rate * (1.0 - RATE_TOLERANCE):
         return None
+    lower = next((each for each in LOWER_RATES if each < own.rate), None)
+    remedy = '' if lower is None else f'. Give a lower rate: -p rate:={lower}.0'
     return (
         f'this machine is too busy: SYNC was sent at {own.rate:.1f} Hz instead of {rate:g} '
-        "Hz; the encoders' rates are not compared. Give a lower rate: -p rate:=100.0"
+        f"Hz; the encoders' rates are not compared{remedy}"
     )
 
 
@@ -143,42 +173,148 @@ def _agrees(rate: float, expected: float) -> bool:
 
 
 def _encoder_problems(
-    scan: BusScan, layout: EncoderLayout, node_id: int | None, rate: float
+    scan: BusScan, layout: EncoderLayout, node_id: int | None, expected: Expected
 ) -> list[str]:
+    """Return what is wrong with one encoder: its frames, their counts, its node."""
     identifier = f'0x{layout.can_id:X}'
-    heard = scan.frames.get((layout.extended, layout.can_id))
-    if heard is None:
-        return [f'{identifier} missing{_missing_because(scan, layout, node_id)}']
+    key = layout.extended, layout.can_id
+    heard = scan.frames.get(key)
+    node = None if node_id is None else scan.nodes.get(node_id)
     found = []
-    if heard.lengths != {layout.data_length}:
-        found.append(
-            f'{identifier} has {", ".join(map(str, sorted(heard.lengths)))} bytes, '
-            f'configured {layout.data_length}'
-        )
-    if wrong := _rate_problem(scan, heard, rate):
-        found.append(f'{identifier} {wrong}')
-    if node_id is not None and (node := scan.nodes.get(node_id)) is not None:
-        found += node.emergencies
+    if heard is None:
+        found.append(f'{identifier} missing{_missing_because(scan, layout, node_id)}')
+    else:
+        if heard.lengths != {layout.data_length}:
+            found.append(
+                f'{identifier} has {", ".join(map(str, sorted(heard.lengths)))} bytes, '
+                f'configured {layout.data_length}'
+            )
+        if wrong := _rate_problem(scan, heard, expected.rate):
+            found.append(f'{identifier} {wrong}')
+        if key in scan.watches and (wrong := scan.watches[key].problem()):
+            found.append(f'{identifier}: {wrong}')
+    if node is not None:
+        found += _node_problems(scan, node, layout, expected, heard is None)
     return found
 
 
+def _node_problems(
+    scan: BusScan, node: HeardNode, layout: EncoderLayout, expected: Expected, missing: bool
+) -> list[str]:
+    """Return what a node reports, but for emergencies where it is missing, and its objects."""
+    found = [] if missing else list(node.emergencies)
+    if register := node.objects.get(canopen.ERROR_REGISTER):
+        found.append(canopen.register_words(register))
+    counts = resolution(node, layout)
+    if counts not in (None, layout.counts_per_turn):
+        found.append(
+            f'it has {counts} counts per turn, encoders.counts_per_turn is '
+            f'{layout.counts_per_turn}'
+        )
+    return found + _heartbeat_problems(scan, node, expected.heartbeat_timeout)
+
+
+def _heartbeat_problems(scan: BusScan, node: HeardNode, timeout: float | None) -> list[str]:
+    """Return that the heartbeat of a node ended, or comes too seldom for the driver."""
+    period = node.heartbeat_period
+    if not period or node.heartbeat is None:
+        return []
+    age = scan.latest - node.heartbeat
+    if age > HEARTBEATS_MISSED * period:
+        return [
+            f'its last heartbeat came {age:.2f} s before the end, after one each {period:.2f} s'
+        ]
+    if timeout is not None and period > timeout:
+        return [
+            f'its heartbeats come {period:.2f} s apart, can.heartbeat_timeout is {timeout:g} s: '
+            'set 0x1017 (can_setup)'
+        ]
+    return []
+
+
+def resolution(node: HeardNode, layout: EncoderLayout) -> int | None:
+    """Return the counts per turn of an encoder by its objects, None where they do not say."""
+    rules = EncoderRules(layout.counts_per_turn, 0, None)
+    return rules.resolution(lambda index, subindex: node.objects.get((index, subindex)))
+
+
 def _rate_problem(scan: BusScan, heard: HeardFrame, rate: float) -> str | None:
-    """Return how the rate of an encoder's frames differs from SYNC's, or from the configured."""
+    """Return how an encoder's frames differ from one to each SYNC, or from the configured rate."""
     if busy(scan, rate) is not None:
         return None
-    cycles = heard.last_cycle - heard.first_cycle
     if scan.own_sync is None and scan.master_sync is None:
-        return (
-            None
-            if _agrees(heard.rate, rate)
-            else f'comes at {heard.rate:.1f} Hz, configured {rate:g} Hz'
-        )
-    if heard.count > 1 and cycles and _agrees((heard.count - 1) / cycles, 1.0):
+        if _agrees(heard.rate, rate):
+            return None
+        return f'comes at {heard.rate:.1f} Hz, configured {rate:g} Hz'
+    # To the end of the scan: an encoder may have ended meanwhile.
+    cycles = scan.cycles - heard.first_cycle + (heard.first_cycle > 0)
+    lost = cycles - heard.count
+    if -max(UNDER_WAY, LOST_SHARE * cycles) <= lost <= max(UNDER_WAY, LOST_SHARE * cycles):
         return None
-    return f'comes {heard.count} times in {cycles + 1} cycles of SYNC; expected one answer to each'
+    times = 'once' if heard.count == 1 else f'{heard.count} times'
+    if lost < 0:
+        return f'comes {times} in {cycles} cycles of SYNC; expected one answer to each'
+    return f'answers {heard.count} of {cycles} SYNC{_ended(scan, heard)}'
+
+
+def _ended(scan: BusScan, heard: HeardFrame) -> str:
+    """Return when the last frame came, if that was long before the end of the scan."""
+    age = scan.latest - heard.last
+    if heard.count < 2 or age < 0.1 * (scan.latest - heard.first):
+        return ''
+    return f', the last one {age:.2f} s before the end'
+
+
+def phases(scan: BusScan, expected: Expected) -> dict[str, int]:
+    """Return when each encoder's frames come in a period, from the first one on, us by joint."""
+    period = round(1e6 / expected.rate)
+    heard = {
+        layout.joint: round(1e6 * frame.last) % period
+        for layout in expected.layouts
+        if (frame := scan.frames.get((layout.extended, layout.can_id))) is not None
+    }
+    if not heard:
+        return {}
+    # The first one is the one behind the longest pause.
+    ordered = sorted(heard.values())
+    pauses = [(at - before) % period for before, at in pairwise([ordered[-1], *ordered])]
+    first = ordered[pauses.index(max(pauses))]
+    return {joint: (at - first) % period for joint, at in heard.items()}
+
+
+def _phase_problem(scan: BusScan, expected: Expected) -> list[str]:
+    """Return that encoders without SYNC send at phases of which no set can be made."""
+    if scan.sync_id is not None:
+        return []
+    found = phases(scan, expected)
+    if not found or max(found.values()) <= 0.5e6 / expected.rate:
+        return []
+    return [
+        f'{_phases_text(found, expected)}: no set is complete within half a period. {SYNC_NEEDED}'
+    ]
+
+
+SYNC_NEEDED = (
+    'Encoders without SYNC have phases that change with each power-up: SYNC is needed '
+    '(encoders.sync_id: 0x80, and can_setup)'
+)
+
+
+def remark_on_phases(scan: BusScan, expected: Expected) -> str | None:
+    """Return the phases of encoders without SYNC that make sets at present; None with SYNC."""
+    found = {} if scan.sync_id is not None else phases(scan, expected)
+    if not found or _phase_problem(scan, expected):
+        return None
+    return f'{_phases_text(found, expected)} at present. {SYNC_NEEDED}'
+
+
+def _phases_text(found: dict[str, int], expected: Expected) -> str:
+    shown = ', '.join(f'{joint} {1e-3 * phase:.1f}' for joint, phase in found.items())
+    return f'without SYNC the frames come at phases of {shown} ms in {1e3 / expected.rate:g} ms'
 
 
 def _missing_because(scan: BusScan, layout: EncoderLayout, node_id: int | None) -> str:
+    """Return why the frame of an encoder is missing, behind a semicolon."""
     if (not layout.extended, layout.can_id) in scan.frames:
         return f'; it comes with {11 if layout.extended else 29} bits instead'
     if node_id is None:
@@ -186,6 +322,8 @@ def _missing_because(scan: BusScan, layout: EncoderLayout, node_id: int | None) 
     node = scan.nodes.get(node_id)
     if node is None:
         return f'; its node {node_id} was not heard either'
+    if node.emergencies:
+        return f'; its node {node_id} reports {", ".join(node.emergencies)}'
     others = sorted(
         identifier
         for extended, identifier in scan.frames
@@ -195,7 +333,7 @@ def _missing_because(scan: BusScan, layout: EncoderLayout, node_id: int | None) 
         return '; its node sends on ' + ', '.join(f'0x{each:X}' for each in others)
     if node.state not in (None, canopen.OPERATIONAL):
         return f'; its node {node_id} is {canopen.state_word(node.state)}'
-    return f'; its node {node_id} is present: does 0x1800:02 answer SYNC?'
+    return f'; its node {node_id} is present: does it answer SYNC (0x1800:02, 0x1005)? can_setup'
 
 
 def _unexpected(scan: BusScan, expected: Expected) -> list[str]:
@@ -223,105 +361,4 @@ def _unexpected(scan: BusScan, expected: Expected) -> list[str]:
                 scan.nodes.keys() - set(expected.node_ids) - expected.others.keys()
             )
         ]
-    return found
-
-
-def rig_lines(
-    scan: BusScan,
-    expected: Expected,
-    known: bool,
-    interface: str,
-    channel: str,
-    bitrate: int | None,
-) -> list[str]:
-    """
-    Return the lines of a parameter file for all nodes, or a remark on why there are none.
-
-    Joints of encoders that are as configured keep their place where the configuration is `known`,
-    and not the defaults. `bitrate`, bit/s, is written unless it is None.
-    """
-    identifiers = _identifiers(scan, expected)
-    # As configured; joints that are not get the other nodes, by ascending node id.
-    configured = expected.node_ids or () if known else ()
-    rest = iter(sorted(identifiers.keys() - set(configured)))
-    node_ids = [each if each in identifiers else next(rest, 0) for each in configured]
-    node_ids = [*filter(None, node_ids), *rest]
-    count = len(node_ids)
-    if not len(JOINT_NAMES) <= count <= len(ALL_JOINT_NAMES):
-        return [
-            f'# none: {count} encoders heard, expected {len(JOINT_NAMES)} to '
-            f'{len(ALL_JOINT_NAMES)}'
-            + (
-                ''
-                if scan.started
-                else '; can_scan --start starts the nodes, and SYNC where no master makes it'
-            )
-        ]
-    # One SYNC has no rate.
-    rate = round_rate(scan.master_rate) if scan.master_rate else expected.rate
-    can = [
-        f'interface: {json.dumps(interface)}',
-        f'channel: {json.dumps(channel)}',
-        *([] if bitrate is None else [f'bitrate: {bitrate}']),
-        f'sync: {"produce" if scan.master_sync is None else "consume"}',
-    ]
-    heard = [scan.frames.get((False, identifiers[node_id])) for node_id in node_ids]
-    # None of an encoder whose frames do not have one length.
-    lengths = [min(each.lengths) if each and len(each.lengths) == 1 else None for each in heard]
-    return [
-        '/**:',
-        '  ros__parameters:',
-        '    source: can',
-        *([] if count == len(JOINT_NAMES) else [f'    sensors: {count}']),
-        f'    rate: {rate!r}',
-        f'    can: {{{", ".join(can)}}}',
-        '    encoders:',
-        f'      # {", ".join(ALL_JOINT_NAMES[:count])}',
-        f'      node_id: {node_ids}',
-        f'      id: [{", ".join(f"0x{identifiers[node_id]:X}" for node_id in node_ids)}]',
-        *(
-            []
-            if None in lengths or lengths == [each.data_length for each in expected.layouts]
-            else [f'      data_length: {lengths}']
-        ),
-    ]
-
-
-def round_rate(rate: float) -> float:
-    """Return a measured rate, Hz, as that of a period of two digits if one is within 1 %."""
-    period = float(f'{1.0 / rate:.1e}')
-    near = abs(period * rate - 1.0) <= 0.01
-    return float(f'{1.0 / period if near else rate:.4g}')
-
-
-def _identifiers(scan: BusScan, expected: Expected) -> dict[int, int]:
-    """Return the identifier of each encoder's frame by node id."""
-    found = {
-        node_id: layout.can_id
-        for layout, node_id in zip(expected.layouts, expected.node_ids or (), strict=True)
-        if not layout.extended and (False, layout.can_id) in scan.frames
-    }
-    # Nodes that may be encoders: those of another profile, and the drives, are not.
-    foreign = {
-        *expected.others,
-        *(
-            node_id
-            for node_id, node in scan.nodes.items()
-            if node.profile not in (None, canopen.ENCODER_PROFILE)
-        ),
-    }
-    for extended, identifier in sorted(scan.frames):
-        node_id = identifier & 0x7F
-        if (
-            not extended
-            and node_id
-            and identifier - node_id in canopen.TPDO_BASES
-            and node_id not in foreign
-            and identifier not in found.values()
-        ):
-            found.setdefault(node_id, identifier)
-    for node_id, node in scan.nodes.items():
-        if node.profile == canopen.ENCODER_PROFILE:
-            # Not heard: that of the predefined connection set.
-            found.setdefault(node_id, canopen.TPDO_BASES[0] + node_id)
     return found

@@ -5,11 +5,18 @@
 
 from __future__ import annotations
 
+import argparse
 from functools import partial
 import sys
 
 from spm_haptic_master.drives.plan import is_shared, make_plan
-from spm_haptic_master.encoders import canopen, scan_report
+from spm_haptic_master.encoders import (
+    canopen,
+    dbc_file,
+    rig_lines,
+    scan_report,
+    watch_table,
+)
 from spm_haptic_master.encoders.bus_scan import BusScan, BusScanner, ECHOING
 from spm_haptic_master.encoders.decoder_factory import make_decoder
 from spm_haptic_master.exceptions import InputError
@@ -22,69 +29,121 @@ from spm_haptic_master.tools import command_line
 DESCRIPTION = """\
 Listens to the bus of the driver's parameters, asks every node for its device type and identity by
 SDO, compares the answers and frames with the configuration, and prints the lines for rig.yaml.
+With --watch it shows the encoders while somebody turns an arm: which node is which joint.
 Exit code 0 if the bus is as configured, 1 if something is missing or unexpected."""
+# Time to listen where none is given (s).
+SECONDS = 3.0
 # Parameters that choose the encoders: without them the joints are in the order of the node ids.
 CHOSEN = ('encoders.node_id', 'encoders.id')
 IN_ORDER = (
-    ', in the order of the node ids: put both lists into that of the joints, as the '
-    'device is wired'
+    ', in the order of the node ids: put the lists into that of the joints, as the '
+    'device is wired (can_scan --watch shows which one moves)'
 )
+
+
+# Time between two updates of the lines of --watch, on a terminal and elsewhere (s).
+TERMINAL_PERIOD, LINE_PERIOD = 0.25, 1.0
 
 
 @command_line.program('can_scan')
 def main(args: list[str]) -> int:
     """Scan the bus, and print what is on it."""
     options = _parser().parse(args)
+    if options.dbc is not None:
+        print('\n'.join(dbc_file.rig_lines(dbc_file.read_dbc(options.dbc), options.dbc)))
+        return 0
     if options.start and options.passive:
         raise InputError('--start with --passive, which sends nothing; expected one of the two')
     given = command_line.given(options, (DRIVER, 'fkm'), DRIVER_NAMES | DRIVE_NAMES)
     values = command_line.bus_values(given)
     decoder = make_decoder(values)
+    others, frames = _drives(given, values)
     expected = scan_report.Expected(
         decoder.layouts,
         values['encoders.node_id'] if decoder.network else None,
         values['rate'],
-        *_drives(given, values),
+        values['can.heartbeat_timeout'],
+        others,
+        frames,
     )
-    scan = BusScan(decoder.sync_id)
-    interface, channel = values['can.interface'], values['can.channel']
+    scan = BusScan(decoder.sync_id, decoder.layouts)
     with command_line.bus_of(values) as bus:
         scanner = BusScanner(
             bus,
             scan,
             expected.rate,
-            interface == ECHOING,
+            values['can.interface'] == ECHOING,
             partial(print, 'can_scan:', file=sys.stderr),
         )
-        scanner.listen(
-            options.seconds,
-            not options.passive,
-            (expected.node_ids or ()) if options.start else None,
-        )
-    print(f'{command_line.bus_name(values)}, {options.seconds:g} s:')
+        start = (expected.node_ids or ()) if options.start else None
+        if options.watch:
+            return _watch(scanner, scan, expected, options, start)
+        scanner.listen(options.seconds or SECONDS, not options.passive, start)
+    return _print_report(scan, expected, decoder.words, given, values, options)
+
+
+def _watch(
+    scanner: BusScanner,
+    scan: BusScan,
+    expected: scan_report.Expected,
+    options: argparse.Namespace,
+    start: tuple[int, ...] | None,
+) -> int:
+    """Print a line for each encoder, again and again; return the exit code."""
+    terminal = sys.stdout.isatty()
+    printed = 0
+
+    def show() -> None:
+        nonlocal printed
+        if terminal and printed:
+            print(f'\x1b[{printed}A', end='')
+        lines = watch_table.watch_lines(scan, expected)
+        end = '\x1b[K' if terminal else ''
+        print('\n'.join(f'{line}{end}' for line in lines), flush=True)
+        printed = len(lines)
+
+    scanner.watch(
+        options.seconds or float('inf'),
+        show,
+        TERMINAL_PERIOD if terminal else LINE_PERIOD,
+        () if options.passive else expected.node_ids or (),
+        start,
+    )
+    return 0
+
+
+def _print_report(
+    scan: BusScan,
+    expected: scan_report.Expected,
+    words: str,
+    given: Values,
+    values: Values,
+    options: argparse.Namespace,
+) -> int:
+    """Print what was heard, what is wrong, and the lines for rig.yaml; return the exit code."""
+    print(f'{command_line.bus_name(values)}, {options.seconds or SECONDS:g} s:')
     print('\n'.join(scan_report.listing(scan, expected)) or '  nothing')
     found = scan_report.problems(scan, expected)
     if found:
         print('not as configured:\n  ' + '\n  '.join(found))
     else:
-        print(f'all {decoder.words} are there, as configured')
-    if (text := scan_report.busy(scan, expected.rate)) is not None:
-        print(text)
+        print(f'all {words} are there, as configured')
+    for text in (
+        scan_report.busy(scan, expected.rate),
+        scan_report.remark_on_phases(scan, expected),
+    ):
+        if text is not None:
+            print(text)
     if expected.node_ids is not None:
         known = any(name in given for name in CHOSEN)
         print('lines for rig.yaml' + ('' if known else IN_ORDER) + ':')
-        print(
-            '\n'.join(
-                scan_report.rig_lines(
-                    scan,
-                    expected,
-                    known,
-                    interface,
-                    channel,
-                    values['can.bitrate'] if 'can.bitrate' in given else None,
-                )
-            )
+        bus = rig_lines.GivenBus(
+            values['can.interface'],
+            values['can.channel'],
+            values['can.bitrate'] if 'can.bitrate' in given else None,
+            known,
         )
+        print('\n'.join(rig_lines.rig_lines(scan, expected, bus)))
     return 1 if found else 0
 
 
@@ -108,7 +167,21 @@ def _drives(given: Values, values: Values) -> tuple[dict[int, str], dict[int, st
 def _parser() -> Parser:
     parser = Parser('can_scan', DESCRIPTION)
     parser.add_argument(
-        '--seconds', type=positive, default=3.0, metavar='S', help='time to listen, s (default 3)'
+        '--seconds',
+        type=positive,
+        metavar='S',
+        help=f'time to listen, s (default {SECONDS:g}; with --watch until Ctrl-C)',
+    )
+    parser.add_argument(
+        '--watch',
+        action='store_true',
+        help='one line an encoder: counts, angle, span since the start, age, status bits, error '
+        'register, and which one moves now',
+    )
+    parser.add_argument(
+        '--dbc',
+        metavar='FILE',
+        help='print the lines for rig.yaml of the frames that a DBC file describes, and end',
     )
     parser.add_argument(
         '--passive', action='store_true', help='send nothing, not even SDO requests'

@@ -9,7 +9,7 @@ import can
 from encoder_frames import answer, cycle, LAYOUTS, T0
 import pytest
 from recorded_text import assert_recorded
-from spm_haptic_master.encoders import canopen, scan_report
+from spm_haptic_master.encoders import canopen, rig_lines, scan_report
 from spm_haptic_master.encoders.bus_scan import BusScan
 from spm_haptic_master.encoders.scan_report import Expected, problems
 from spm_haptic_master.parameters.resolver import read_parameters
@@ -166,8 +166,8 @@ EXPECTED = {
         LAYOUTS,
         NODES,
         1000.0,
-        {9: 'drive of joint_1a', 10: 'drive of joint_1b'},
-        {0x189: 'status of the drive'},
+        others={9: 'drive of joint_1a', 10: 'drive of joint_1b'},
+        frames={0x189: 'status of the drive'},
     ),
     'without_canopen': replace(DEFAULT, node_ids=None),
     'any_identifier': ANY_IDENTIFIER,
@@ -197,7 +197,9 @@ def test_the_report_of_a_scan_is_as_recorded(tmp_path, name):
         if expected.node_ids
         else ()
     ):
-        found = scan_report.rig_lines(scan, expected, *given)
+        chosen, interface, channel, bitrate = given
+        bus = rig_lines.GivenBus(interface, channel, bitrate, chosen)
+        found = rig_lines.rig_lines(scan, expected, bus)
         lines += found
         path = tmp_path / 'rig.yaml'
         path.write_text('\n'.join(found))

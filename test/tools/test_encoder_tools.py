@@ -61,7 +61,7 @@ def test_encoders_of_the_maker_are_found_set_up_and_found_as_configured(
     assert code == 0, out
     assert f'virtual {channel}, 0.3 s:\n' in out
     assert 'all four encoders are there, as configured\n' in out
-    assert 'lines for rig.yaml, in the order of the node ids: put both lists' in out
+    assert 'lines for rig.yaml, in the order of the node ids: put the lists' in out
     assert channel in out.partition('rig.yaml')[2]
 
 

@@ -1,0 +1,126 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The counts of one encoder as they come: how they move, and whether its layout fits them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from spm_haptic_master.encoders.encoder_layout import EncoderLayout, TURN
+
+# Changes of the counts after which their travel is compared, and how much longer it is in the
+# wrong byte order: a step of one count is one of 256 there.
+FEWEST_CHANGES, TIMES_LONGER = 10, 8
+# Share of the frames with counts beyond a turn from which on a layout does not fit (unit 1): an
+# encoder may have an error value now and then.
+BEYOND_SHARE = 0.2
+# Smallest movement that is one (rad): more than the noise of an encoder at rest.
+LEAST_MOVEMENT = 0.004
+
+
+@dataclass(slots=True)
+class CountsTrack:
+    """Counts by one layout: unwrapped, with their span and travel; in counts."""
+
+    layout: EncoderLayout
+    latest: int | None = None  # None before the first, and for a value of a turn or more
+    frames: int = 0
+    beyond: int = 0  # frames with a value of a turn or more
+    changes: int = 0
+    travel: int = 0  # sum of all steps
+    position: int = 0  # without the wraps, from the first counts on
+    least: int = 0
+    greatest: int = 0
+
+    def take(self, data: bytes | bytearray) -> None:
+        """Take the data of a frame."""
+        self.frames += 1
+        before, counts = self.latest, self.layout.counts(data)
+        if counts is None:
+            self.beyond += 1
+            return
+        self.latest = counts
+        if before is None or before == counts:
+            return
+        turn = self.layout.counts_per_turn
+        step = (counts - before + turn // 2) % turn - turn // 2
+        self.changes += 1
+        self.travel += abs(step)
+        self.position += step
+        self.least = min(self.least, self.position)
+        self.greatest = max(self.greatest, self.position)
+
+    @property
+    def fits(self) -> bool:
+        """Return whether nearly all frames have counts below a turn."""
+        return self.beyond <= BEYOND_SHARE * self.frames
+
+
+class CountsWatch:
+    """Counts of one encoder by its layout, and by the other byte order."""
+
+    def __init__(self, layout: EncoderLayout):
+        self.layout = layout
+        self.track = CountsTrack(layout)
+        self._other_order = 'big' if layout.byte_order == 'little' else 'little'
+        self._other = CountsTrack(
+            replace(layout, byte_order='big' if layout.byte_order == 'little' else 'little')
+        )
+        # Time of the latest frame, s, and whether its status bits were good.
+        self.heard: float | None = None
+        self.healthy = True
+        # Position at the latest `moved`, counts.
+        self._shown = 0
+
+    def take(self, data: bytes | bytearray, stamp: float) -> None:
+        """Take a frame's data; one of another length is no frame of this layout."""
+        if len(data) != self.layout.data_length:
+            return
+        self.heard = stamp
+        self.healthy = self.layout.healthy(data)
+        self.track.take(data)
+        if self.layout.byte_length > 1:
+            self._other.take(data)
+
+    @property
+    def angle(self) -> float | None:
+        """Return the latest counts as an angle from count 0, rad in [0, 2 pi); None without."""
+        latest = self.track.latest
+        if latest is None:
+            return None
+        turn = self.layout.counts_per_turn
+        return latest % turn * TURN / turn
+
+    @property
+    def span(self) -> float:
+        """Return the angle over which it has moved, rad."""
+        return (self.track.greatest - self.track.least) * TURN / self.layout.counts_per_turn
+
+    def moved(self) -> float:
+        """Return by how much it has moved since the last call, rad; 0 for noise."""
+        moved = abs(self.track.position - self._shown) * TURN / self.layout.counts_per_turn
+        self._shown = self.track.position
+        return moved if moved > LEAST_MOVEMENT else 0.0
+
+    def problem(self) -> str | None:
+        """Return why the layout does not fit the counts, None where it does."""
+        track, other = self.track, self._other
+        if not track.frames:
+            return None
+        reads = f'encoders.byte_order is {self.layout.byte_order}'
+        if not track.fits:
+            share = f'{track.beyond} of {track.frames} frames have counts of a turn or more'
+            if other.frames and other.fits:
+                return f'{share}: {reads}, and {self._other_order} fits'
+            return (
+                f'{share}: encoders.counts_per_turn ({self.layout.counts_per_turn}), .mask, '
+                '.byte_offset or .byte_order is another one'
+            )
+        jumps = other.changes >= FEWEST_CHANGES and track.travel > TIMES_LONGER * other.travel
+        if jumps and other.fits:
+            return (
+                f'its counts jump as it turns: {reads}, and in the order {self._other_order} '
+                'they do not jump'
+            )
+        return None

@@ -1,0 +1,142 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The lines for rig.yaml of a scan: the bus, and the encoders that were heard on it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import json
+
+from spm_haptic_master.encoders import canopen
+from spm_haptic_master.encoders.bus_scan import BusScan
+from spm_haptic_master.encoders.scan_report import Expected, resolution
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
+
+
+@dataclass(frozen=True, slots=True)
+class GivenBus:
+    """What the command line has of the bus."""
+
+    interface: str
+    channel: str
+    bitrate: int | None  # bit/s; None where it is not given
+    chosen: bool  # whether the encoders are given, and their order with them
+
+
+def rig_lines(scan: BusScan, expected: Expected, given: GivenBus) -> list[str]:
+    """
+    Return the lines of a parameter file for all nodes, or a remark on why there are none.
+
+    Joints of encoders that are as configured keep their place where these were chosen.
+    """
+    identifiers = _identifiers(scan, expected)
+    node_ids = _in_order(identifiers, (expected.node_ids or ()) if given.chosen else ())
+    count = len(node_ids)
+    if not len(JOINT_NAMES) <= count <= len(ALL_JOINT_NAMES):
+        return [f'# none: {_too_few_or_many(scan, count)}']
+    # One SYNC has no rate.
+    rate = round_rate(scan.master_rate) if scan.master_rate else expected.rate
+    can = [
+        f'interface: {json.dumps(given.interface)}',
+        f'channel: {json.dumps(given.channel)}',
+        *([] if given.bitrate is None else [f'bitrate: {given.bitrate}']),
+        f'sync: {"produce" if scan.master_sync is None else "consume"}',
+    ]
+    return [
+        '/**:',
+        '  ros__parameters:',
+        '    source: can',
+        *([] if count == len(JOINT_NAMES) else [f'    sensors: {count}']),
+        f'    rate: {rate!r}',
+        f'    can: {{{", ".join(can)}}}',
+        '    encoders:',
+        f'      # {", ".join(ALL_JOINT_NAMES[:count])}',
+        f'      node_id: {node_ids}',
+        f'      id: [{", ".join(f"0x{identifiers[node_id]:X}" for node_id in node_ids)}]',
+        *_lengths(scan, expected, [identifiers[node_id] for node_id in node_ids]),
+        *_counts_per_turn(scan, expected, node_ids),
+    ]
+
+
+def _in_order(identifiers: dict[int, int], configured: tuple[int, ...]) -> list[int]:
+    """Return the node ids as configured; joints that are not there get the others, ascending."""
+    rest = iter(sorted(identifiers.keys() - set(configured)))
+    node_ids = [each if each in identifiers else next(rest, 0) for each in configured]
+    return [*filter(None, node_ids), *rest]
+
+
+def _too_few_or_many(scan: BusScan, count: int) -> str:
+    """Return why there are no lines for so many encoders."""
+    for node_id, node in sorted(scan.nodes.items()):
+        if node.devices > 1:
+            return canopen.shared_node_id(node_id, node.devices)
+    heard = 'one encoder was heard' if count == 1 else f'{count} encoders were heard'
+    text = f'{heard}, expected {len(JOINT_NAMES)} to {len(ALL_JOINT_NAMES)}'
+    if scan.started:
+        return text
+    return f'{text}; can_scan --start starts the nodes, and SYNC where no master makes it'
+
+
+def _lengths(scan: BusScan, expected: Expected, identifiers: list[int]) -> list[str]:
+    """Return the line of the frames' lengths where they are known and not as configured."""
+    lengths = []
+    for identifier in identifiers:
+        heard = scan.frames.get((False, identifier))
+        if heard is None or len(heard.lengths) != 1:
+            return []
+        lengths.append(min(heard.lengths))
+    if lengths == [each.data_length for each in expected.layouts]:
+        return []
+    return [f'      data_length: {lengths}']
+
+
+def _counts_per_turn(scan: BusScan, expected: Expected, node_ids: list[int]) -> list[str]:
+    """Return the line of the counts per turn, as the nodes have them; none where they do not."""
+    layout = expected.layouts[0]
+    counts = [
+        resolution(scan.nodes[node_id], layout) if node_id in scan.nodes else None
+        for node_id in node_ids
+    ]
+    if None in counts:
+        return []
+    return [f'      counts_per_turn: {counts}']
+
+
+def round_rate(rate: float) -> float:
+    """Return a measured rate, Hz, as that of a period of two digits if one is within 1 %."""
+    period = float(f'{1.0 / rate:.1e}')
+    near = abs(period * rate - 1.0) <= 0.01
+    return float(f'{1.0 / period if near else rate:.4g}')
+
+
+def _identifiers(scan: BusScan, expected: Expected) -> dict[int, int]:
+    """Return the identifier of each encoder's frame by node id."""
+    found = {
+        node_id: layout.can_id
+        for layout, node_id in zip(expected.layouts, expected.node_ids or (), strict=True)
+        if not layout.extended and (False, layout.can_id) in scan.frames
+    }
+    foreign = _foreign(scan, expected)
+    for extended, identifier in sorted(scan.frames):
+        node_id = identifier & canopen.NODE_ID_MAXIMUM
+        sends_position = not extended and identifier - node_id in canopen.TPDO_BASES
+        if sends_position and node_id not in (0, *foreign) and identifier not in found.values():
+            found.setdefault(node_id, identifier)
+    for node_id, node in scan.nodes.items():
+        if node.profile == canopen.ENCODER_PROFILE:
+            # Not heard: that of the predefined connection set.
+            found.setdefault(node_id, canopen.TPDO_BASES[0] + node_id)
+    return found
+
+
+def _foreign(scan: BusScan, expected: Expected) -> set[int]:
+    """Return the nodes that are no encoders: the drives, and those of another profile."""
+    return {
+        *expected.others,
+        *(
+            node_id
+            for node_id, node in scan.nodes.items()
+            if node.profile not in (None, canopen.ENCODER_PROFILE)
+        ),
+    }

@@ -1,0 +1,58 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The lines of `can_scan --watch`: one an encoder, as an arm of the device is turned."""
+
+from __future__ import annotations
+
+from math import degrees
+
+from spm_haptic_master.encoders import canopen
+from spm_haptic_master.encoders.bus_scan import BusScan
+from spm_haptic_master.encoders.counts_watch import CountsWatch
+from spm_haptic_master.encoders.scan_report import Expected
+
+
+def watch_lines(scan: BusScan, expected: Expected) -> list[str]:
+    """Return a line for each encoder: node, counts, angle, span, age, status; who moves now."""
+    watches = [scan.watches[layout.extended, layout.can_id] for layout in expected.layouts]
+    moved = [watch.moved() for watch in watches]
+    most = max(moved)
+    lines = []
+    for index, watch in enumerate(watches):
+        node_id = expected.node_ids[index] if expected.node_ids else None
+        parts = [f'{watch.layout.joint:9}', f'0x{watch.layout.can_id:03X}', *_reading(scan, watch)]
+        if node_id is not None:
+            parts.insert(1, f'node {node_id:3}')
+            parts.append(_register(scan, node_id))
+        if moved[index]:
+            parts.append('<- moves now' if moved[index] == most else '   moves, too')
+        if problem := watch.problem():
+            parts.append(f'({problem})')
+        lines.append('  '.join(parts).rstrip())
+    return lines
+
+
+def _reading(scan: BusScan, watch: CountsWatch) -> list[str]:
+    """Return counts, angle, span, age and status bits of an encoder."""
+    angle, heard = watch.angle, watch.heard
+    if heard is None:
+        return ['no frames']
+    age = max(0.0, scan.latest - heard)
+    shown = 'beyond a turn' if angle is None else f'{degrees(angle):7.2f} deg'
+    return [
+        f'counts {"-" if watch.track.latest is None else watch.track.latest:>7}',
+        shown,
+        f'span {degrees(watch.span):7.2f} deg',
+        f'age {1e3 * age:5.0f} ms',
+        *([f'status {"good" if watch.healthy else "ERROR"}'] if watch.layout.status_mask else []),
+    ]
+
+
+def _register(scan: BusScan, node_id: int) -> str:
+    """Return the error register of a node, as it was read."""
+    node = scan.nodes.get(node_id)
+    value = None if node is None else node.objects.get(canopen.ERROR_REGISTER)
+    if value is None:
+        return 'error register not read'
+    return canopen.register_words(value) if value else 'error register 0x00'
