@@ -17,11 +17,15 @@ NEEDED = {
         'skip_ROS_bridge': True,
         'align_MTM': False,
         'MTM_is_haptic': False,
+        # K3: without a gripper the jaw would follow a constant, and let a needle go.
+        'ignore_jaw': True,
         '$id': 'dvrk-system.schema.json',
         '$version': '1',
     },
-    '2.3.1': {'skip-ros-bridge': True, 'align-mtm': False},
+    '2.3.1': {'skip-ros-bridge': True, 'align-mtm': False, 'ignore-jaw': True},
 }
+# K5: only a haptic MTM gets wrenches, locks and the compensation of its weight.
+NEEDED['2.4.0_force'] = NEEDED['2.4.0'] | {'MTM_is_haptic': True}
 SLAVE_PAGE = (ROOT / 'docs' / 'slave.md').read_text(encoding='utf-8')
 
 

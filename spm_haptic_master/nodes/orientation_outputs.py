@@ -17,7 +17,7 @@ from spm_haptic_master.kinematics.estimation.gauss_newton import SampleEstimate
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics.mounting import IDENTITY
 from spm_haptic_master.kinematics.rotations import AngularVelocity
-from spm_haptic_master.parameters.fkm import check_frames, VELOCITY_PERIODS
+from spm_haptic_master.parameters.fkm import check_frames, NO_GRIPPER, VELOCITY_PERIODS
 from spm_haptic_master.parameters.geometry import mounting_from
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.ros.qos import EVENTS, SAMPLES, STATE
@@ -132,10 +132,11 @@ class OrientationOutputs:
         self._velocity = AngularVelocity(round(window * SECOND))
         self._axis: int = values['gripper.axis']
         self._closed, self._open = map(radians, values['gripper.range_deg'])
-        # With an axis nothing is published before its first value.
-        if self._axis == NO_AXIS:
-            self._gripper.position = [radians(values['gripper.position_deg'])]
-        else:
+        # Nothing is published without a constant angle, or before the first value of the axis.
+        constant = values['gripper.position_deg']
+        if self._axis == NO_AXIS and constant != NO_GRIPPER:
+            self._gripper.position = [radians(constant)]
+        elif self._axis != NO_AXIS:
             node.create_subscription(Joy, 'gripper/joy', self._take_gripper, EVENTS)
         self.effort: Callable[[], list[float]] | None = None
         self.wanted: frozenset[str] = frozenset()

@@ -197,6 +197,9 @@ FORCE_SETTINGS = (
 # Shortest window of the angular velocity (sample periods): three samples, and their jitter.
 VELOCITY_PERIODS = 2.5
 
+# Angle of the gripper that is none (deg).
+NO_GRIPPER = 360.0
+
 INTERFACE_SETTINGS = (
     Setting(
         'frame_id',
@@ -273,7 +276,7 @@ INTERFACE_SETTINGS = (
         'gripper.axis',
         int,
         'axis of the messages on gripper/joy that is the gripper; -1: '
-        'none, gripper.position_deg holds',
+        'none, and gripper.position_deg counts',
         default=-1,
         minimum=-1,
         maximum=63,
@@ -281,10 +284,12 @@ INTERFACE_SETTINGS = (
     Setting(
         'gripper.position_deg',
         float,
-        'angle of the gripper without an axis, deg',
-        default=0.0,
+        'constant angle on gripper/measured_js without an axis, deg, for a client that '
+        'needs the topic: a slave whose jaw follows it closes or opens; 360: none, and nothing is '
+        'published',
+        default=NO_GRIPPER,
         minimum=-180.0,
-        maximum=180.0,
+        maximum=NO_GRIPPER,
     ),
     Setting(
         'gripper.range_deg',

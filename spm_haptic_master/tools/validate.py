@@ -39,7 +39,9 @@ def main(args: list[str]) -> int:
 
     recorded = recordings.read_orientation(options.recording, options.topic)
     joints = (
-        recordings.read_joints(options.joints or options.recording, options.joints_topic)
+        recordings.read_joints(
+            options.joints or options.recording, options.joints_topic, '--joints-topic'
+        )
         if options.joints or bags.is_bag(options.recording)
         else None
     )

@@ -36,13 +36,14 @@ def is_bag(path: Path) -> bool:
 
 
 def read_topic(
-    path: Path, topic: str, optional: bool = False
+    path: Path, topic: str, optional: bool = False, option: str = '--topic'
 ) -> tuple[str, str, list[bytes]] | None:
     """
     Return name, type and serialized messages of the topic whose name is, or ends in, `topic`.
 
     An optional one without messages is None. InputError for a recording that was not ended,
-    cannot be read or is incomplete, and where no or several such topics have messages.
+    cannot be read or is incomplete, and where no or several such topics have messages: `option`
+    is that of the program which names one.
     """
     compressed, counts = _metadata(path)
     types, messages = _read(path, compressed, topic)
@@ -54,7 +55,9 @@ def read_topic(
                 f'{METADATA}; `ros2 bag reindex {path}` counts them again'
             )
     if len(read) > 1:
-        raise InputError(f'{path}: {topic} is ambiguous: {", ".join(sorted(read))}; name one')
+        raise InputError(
+            f'{path}: {topic} is ambiguous: {", ".join(sorted(read))}; name one by {option}'
+        )
     for name in read:
         # The files of a recording may overlap in time, and be listed in any order.
         messages.sort(key=lambda message: message[0])

@@ -79,13 +79,13 @@ def read_orientation(path: Path, topic: str) -> Track:
     )
 
 
-def read_joints(path: Path, topic: str) -> Track | None:
+def read_joints(path: Path, topic: str, option: str = '--topic') -> Track | None:
     """Return joint angles; None if a recording has none; InputError for a table without any."""
     path = _table_in(path, JOINTS_NAME)
     if _table_in(path, ORIENTATION_NAME) != path:
         return None  # of `recorder`, without joint angles
     if bags.is_bag(path):
-        rows = _topic_rows(path, topic, JOINT_ANGLES, optional=True)
+        rows = _topic_rows(path, topic, JOINT_ANGLES, optional=True, option=option)
         numbers = sorted({len(row) - 1 for row in rows})
         if len(numbers) > 1:
             raise InputError(
@@ -106,7 +106,8 @@ def read_capture(path: Path, topic: str | None) -> Track:
     if bags.is_bag(path):
         if topic is None:
             raise InputError(f'{path}: give the topic of the pose with --capture-topic')
-        return _quaternions(path, _topic_rows(path, topic, ORIENTATIONS))
+        rows = _topic_rows(path, topic, ORIENTATIONS, option='--capture-topic')
+        return _quaternions(path, rows)
     table = _csv_table(path)
     if set(MARKERS) <= set(table[0]):
         return _track(path, _csv_rows(path, table, MARKERS))
@@ -260,10 +261,14 @@ JOINT_ANGLES: dict[str, Decoder] = {'sensor_msgs/msg/JointState': _joint_angles}
 
 
 def _topic_rows(
-    path: Path, topic: str, decoders: Mapping[str, Decoder], optional: bool = False
+    path: Path,
+    topic: str,
+    decoders: Mapping[str, Decoder],
+    optional: bool = False,
+    option: str = '--topic',
 ) -> list[list[float]]:
     """Return the rows (header stamp in s, values) of a topic; [] if it is optional and missing."""
-    found = bags.read_topic(path, topic, optional)
+    found = bags.read_topic(path, topic, optional, option)
     if found is None:
         return []
     name, kind, messages = found

@@ -42,6 +42,16 @@ def angular(message):
     return np.array([velocity.x, velocity.y, velocity.z])
 
 
+def test_k3_no_gripper_is_published_where_none_is_configured():
+    """A slave whose jaw follows a constant closes or opens by itself at engaging."""
+    for settings, expected in (((), []), (('gripper.position_deg:=20.0',), [np.radians(20.0)])):
+        with fkm_rig('crtk_rate:=20.0', *settings) as rig:
+            rig.qualify()
+            rig.send_many(20, angles())
+            found = [message.position[0] for message in rig.sent['gripper/measured_js']]
+            assert found[-1:] == pytest.approx(expected)
+
+
 def test_poses_have_a_rate_of_their_own_and_equal_stamps():
     with fkm_rig('crtk_rate:=20.0', 'gripper.axis:=1', 'gripper.range_deg:=[0.0, 60.0]') as rig:
         samples = turning(500)

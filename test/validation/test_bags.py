@@ -178,7 +178,10 @@ def test_two_arms_in_one_recording(tmp_path, library):
             for row in ROWS
         ],
     )
-    refused(path, 'orientation is ambiguous: /left/orientation, /right/orientation; name one')
+    named = 'orientation is ambiguous: /left/orientation, /right/orientation; name one by'
+    refused(path, f'{named} --topic')
+    with pytest.raises(InputError, match=f'{named} --capture-topic'):
+        recordings.read_capture(path, 'orientation')
     check(path, (recordings.read_orientation, 'right/orientation'))
 
 
