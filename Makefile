@@ -6,7 +6,8 @@
 # make quick           run the tests without processes, builds and long computations
 # make noble           run them with the library versions of Ubuntu 24.04
 # make test            run the tests of what users rely on (TESTS=test/encoders: of one folder)
-# make evidence        run the long tests, of benchmark, page, paper and two hosts, and print results
+# make evidence        run the long tests and print their results (ARGS=--write: measure everything
+#                      that docs/evidence.md states, in two hours, and write the page)
 # make mutants         change the code at random, count what quick tests detect (ARGS='ROOM ...')
 # make bench           measure each function of the kinematics
 # make bench-pipeline  measure latency, CPU and loss of the nodes, into build/bench-pipeline
@@ -18,7 +19,8 @@
 #                      ARGS=--accept writes the page with the new verdicts)
 # make force           compute and draw force feedback in simulated time, into docs/force
 # make feel            play a session with force feedback in simulated time, print and draw it
-# make docs            generate what in docs and CONTRIBUTING.md follows from the code
+# make docs            generate what in docs, README and CONTRIBUTING.md follows from the code, and
+#                      print which files changed
 # make reference       render the reference of the public Python, into build/reference
 # make release         check a checkout before it is tagged; ARGS=1.0.0 writes that version first
 # make clean           remove .venv, caches and everything built
@@ -76,7 +78,7 @@ test: .venv/test.stamp
 
 # One after the other: they measure.
 evidence: .venv/test.stamp
-	.venv/bin/python -m pytest -rfEsP -m evidence $(TESTS) || [ $$? -eq 5 ]
+	@.venv/bin/python -m benchmarks.evidence $(ARGS)
 
 quick: .venv/test.stamp
 	$(ONE_THREAD) .venv/bin/python -m pytest -q -n $(WORKERS) -m '$(QUICK)' $(TESTS)
@@ -121,13 +123,7 @@ feel: .venv/paper.stamp
 	@.venv/bin/python -m study.force.feel $(ARGS)
 
 docs: .venv/paper.stamp
-	@.venv/bin/python -m docs.generate_parameters
-	@.venv/bin/python -m docs.generate_executables
-	@.venv/bin/python -m docs.generate_refusals
-	@.venv/bin/python -m docs.figures.mechanism
-	@.venv/bin/python -m docs.figures.as_built
-	@.venv/bin/python -m docs.generate_rooms
-	@.venv/bin/python -m spm_haptic_master urdf --output urdf --prefix package://spm_haptic_master/urdf
+	@.venv/bin/python -m docs
 
 reference: .venv/reference.stamp
 	.venv/bin/python -m pdoc --docformat numpy --math --output-directory build/reference $(PUBLIC)

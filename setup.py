@@ -11,11 +11,12 @@ from setuptools import find_packages, setup
 
 PACKAGE = 'spm_haptic_master'
 PEOPLE = 'The spm_haptic_master maintainers'
-EMAIL = 'maintainers@users.noreply.github.com'
-REPOSITORY = 'https://github.com/spm-haptic-master/spm_haptic_master'
 EXECUTABLES = run_path(f'{PACKAGE}/executables.py')['EXECUTABLES']
-# The version is written in package.xml alone.
-VERSION = ElementTree.parse('package.xml').getroot().findtext('version')
+# Version and addresses are written in package.xml alone.
+MANIFEST = ElementTree.parse('package.xml').getroot()
+VERSION = MANIFEST.findtext('version')
+EMAIL = MANIFEST.find('maintainer').get('email')
+REPOSITORY = MANIFEST.findtext("url[@type='repository']")
 
 # The ROS 2 client library as wheels, where no ROS is installed; on a rig package.xml brings it.
 ROS = ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces']

@@ -23,6 +23,8 @@ from catkin_pkg.package import InvalidPackage, parse_package
 PACKAGE = 'spm_haptic_master'
 # Heading of the changes that no version has yet, in the changelogs of catkin's tools.
 FORTHCOMING = 'Forthcoming'
+# Domain that stands for an address until there is one (RFC 2606: it never exists).
+PLACEHOLDER = 'example.invalid'
 VERSION = re.compile(r'\d+\.\d+\.\d+')
 # Program that a fresh environment runs on the installed package: no ROS is needed.
 TRIAL = (
@@ -58,6 +60,15 @@ def manifest_faults(root: Path) -> list[str]:
     except InvalidPackage as error:
         return [f'package.xml: {" ".join(str(error).split())}']
     return [f'package.xml: {warning}' for warning in warnings]
+
+
+def address_faults(root: Path) -> list[str]:
+    """Check that repository and maintainer have an address that exists."""
+    text = (root / 'package.xml').read_text(encoding='utf-8')
+    lines = [line.strip() for line in text.splitlines() if PLACEHOLDER in line]
+    if not lines:
+        return []
+    return [f'package.xml: {PLACEHOLDER} stands for an address in {", ".join(lines)}']
 
 
 def version_faults(root: Path) -> list[str]:
@@ -142,6 +153,7 @@ def build_faults(root: Path) -> list[str]:
 CHECKS = {
     'tree': tree_faults,
     'package.xml': manifest_faults,
+    'address': address_faults,
     'version': version_faults,
     'changelog': changelog_faults,
     'sdist and wheel': build_faults,

@@ -24,6 +24,21 @@ os.environ.update(child_process.private_environment())
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+def pytest_configure(config):
+    """Have Ctrl-C end a run of several workers at once, where no test starts a process."""
+    is_controller = getattr(config.option, 'numprocesses', None)
+    if is_controller and 'not process' in config.option.markexpr:
+        signal.signal(signal.SIGINT, end_at_once)
+
+
+def end_at_once(number, frame):
+    """End this process and its workers, which may be in the middle of a long computation."""
+    children = Path(f'/proc/self/task/{os.getpid()}/children').read_text().split()
+    for child in children:
+        os.kill(int(child), signal.SIGKILL)
+    os._exit(128 + number)
+
+
 @pytest.fixture(autouse=True)
 def handlers():
     """Leave the handling of signals as it was."""

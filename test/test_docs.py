@@ -6,6 +6,7 @@
 from pathlib import Path
 import re
 
+from docs.__main__ import changed, contents
 from harness import ROOT
 import pytest
 from spm_haptic_master.parameters.encoders import CAN_SETTINGS
@@ -204,3 +205,10 @@ def test_each_hazard_is_held_by_tests_that_exist():
         if not any(each.endswith(f'/{test}') for each in known)
     ]
     assert not faults, '\n'.join(faults)
+
+
+def test_make_docs_names_the_files_that_it_changes():
+    before = {'README.md': 'a', 'docs/refused.md': 'b', 'docs/gone.md': 'c'}
+    after = {'README.md': 'a', 'docs/refused.md': 'x', 'docs/new.md': 'd'}
+    assert changed(before, after) == ['docs/gone.md', 'docs/new.md', 'docs/refused.md']
+    assert 'docs/parameters.md' in contents()

@@ -61,6 +61,14 @@ def test_a_manifest_that_ros_does_not_take_is_found(ready):
     assert checks.manifest_faults(ready)
 
 
+def test_a_placeholder_of_an_address_is_found(ready):
+    (fault,) = checks.address_faults(ready)
+    assert fault.count('example.invalid') == 5
+    text = (ready / 'package.xml').read_text()
+    (ready / 'package.xml').write_text(text.replace('example.invalid', 'spherical.example.org'))
+    assert checks.address_faults(ready) == []
+
+
 @pytest.mark.process
 def test_a_version_of_setup_and_a_changed_tree_and_an_existing_tag_are_found(ready):
     assert checks.version_faults(ready) == []

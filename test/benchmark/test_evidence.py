@@ -1,0 +1,53 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The page of evidence: what its commands print, with day and machine."""
+
+import re
+
+from benchmarks import evidence
+from benchmarks.evidence import measure, Section, SECTIONS
+from harness import ROOT
+import pytest
+
+SECTION = Section('Loss', 'Samples that are lost.', ('make bench-pipeline', 'make bench'))
+PRINTED = {
+    'make bench-pipeline': (
+        'round 1 of 5, bare: p50\n| pipeline | p50 |\n|---|---|\n| bare | 404 |\n'
+    ),
+    'make bench': 'sample  712 math.sin\n\nwritten: build/x\n',
+}
+
+
+def test_a_section_has_its_commands_results_day_and_machine(monkeypatch):
+    monkeypatch.setattr(evidence, 'machine', lambda: '2026-11-26, 2 x Xeon, Linux 6.18')
+    page = measure([SECTION], PRINTED.__getitem__)
+    assert page.startswith('# Evidence\n\nWhat was measured')
+    day = re.search(r'`make bench`, (\d{4}-\d\d-\d\d), 2 x Xeon, Linux 6.18:', page)[1]
+    assert page.endswith(
+        '## Loss\n\nSamples that are lost.\n\n'
+        f'`make bench-pipeline`, {day}, 2 x Xeon, Linux 6.18:\n\n'
+        '| pipeline | p50 |\n|---|---|\n| bare | 404 |\n\n'
+        f'`make bench`, {day}, 2 x Xeon, Linux 6.18:\n\n'
+        '```\nsample  712 math.sin\n```\n'
+    )
+
+
+def test_a_command_that_fails_leaves_the_page_as_it_was(monkeypatch, tmp_path):
+    monkeypatch.setattr(evidence, 'PAGE', tmp_path / 'evidence.md')
+    monkeypatch.setattr(evidence, 'SECTIONS', [Section('A', 'b', ('exit 3',))])
+    with pytest.raises(SystemExit, match='exit code 3; nothing was written'):
+        evidence.main(['--write'])
+    assert not (tmp_path / 'evidence.md').exists()
+
+
+def test_every_command_of_the_page_exists():
+    makefile = (ROOT / 'Makefile').read_text()
+    for command in (command for section in SECTIONS for command in section.commands):
+        program, name, *_ = command.split()
+        if program == 'make':
+            assert f'\n{name}:' in makefile
+        else:
+            module = command.split()[2]
+            path = next((word for word in command.split() if word.startswith('test')), None)
+            assert (ROOT / (path or module.replace('.', '/') + '.py')).exists(), command
