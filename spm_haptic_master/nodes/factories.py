@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from math import radians
+from typing import NoReturn
 
 from spm_haptic_master.drives.drives import Drives, make_drives
 from spm_haptic_master.exceptions import SettingError
@@ -20,66 +21,84 @@ SAMPLES_IN_GAP = 2.5
 
 def make_motors(values: Values) -> tuple[ForceController, Drives | None]:
     """
-    Return the controller and its drives; None: another motor controller takes the torques.
+    Make the controller of the force feedback and its drives.
 
-    SettingError: two settings contradict each other.
+    Parameters
+    ----------
+    values : mapping
+        Checked settings of `fkm`.
+
+    Returns
+    -------
+    tuple of ForceController and Drives or None
+        The drives are None where another motor controller takes the torques.
+
+    Raises
+    ------
+    SettingError
+        Two settings contradict each other.
+
     """
-    off, most, motors, motor_most = (
-        values[f'force.{name}']
-        for name in ('sigma_off', 'torque_limit', 'motors', 'motor_torque_limit')
-    )
-    least, has_drives = SAMPLES_IN_GAP / GAP, bool(values['drives.channel'])
-    for name, is_refused, expected in (
-        (
-            'force.sigma_full',
-            values['force.sigma_full'] <= off,
-            f'above force.sigma_off ({off:g})',
-        ),
-        (
-            'force.small_torque',
-            values['force.small_torque'] > most,
-            f'at most force.torque_limit ({most:g})',
-        ),
-        (
-            'rate',
-            values['rate'] < least,
-            f'at least {least:g} Hz with force.enabled: torque '
-            f'begins from zero after {GAP:g} s without a sample',
-        ),
-        (
-            'force.without_drives',
-            has_drives is values['force.without_drives'],
-            'with force.enabled the bus of the drives in drives.channel, or true for another '
-            'motor controller, not both',
-        ),
-        (
-            'drives.node_id',
-            has_drives and len(values['drives.node_id']) != motors,
-            f'{motors} drives (force.motors)',
-        ),
-        # What the drives cut would be a torque off its command.
-        (
-            'drives.torque_limit',
-            has_drives and values['drives.torque_limit'] < motor_most,
-            f'at least force.motor_torque_limit ({motor_most:g})',
-        ),
-    ):
-        if is_refused:
-            given = values[name]
-            raise SettingError(name, list(given) if isinstance(given, tuple) else given, expected)
+    _check_torques(values)
+    _check_drives(values)
     handle, proximal = values['force.gravity_handle'], values['force.gravity_proximal']
-    gravity = (
-        Gravity(handle, proximal, values['force.gravity_down'])
-        if any((*handle, *proximal))
-        else None
-    )
-    return ForceController(
+    gravity = None
+    if any((*handle, *proximal)):
+        gravity = Gravity(handle, proximal, values['force.gravity_down'])
+    controller = ForceController(
         geometry_from(values),
         values[WORKING_MODE_SETTING.name],
-        motors,
+        values['force.motors'],
         limits_from(values),
         gravity,
-    ), make_drives(values)
+    )
+    return controller, make_drives(values)
+
+
+def _check_torques(values: Values) -> None:
+    """Raise SettingError for limits of the torque that contradict each other."""
+    off = values['force.sigma_off']
+    most = values['force.torque_limit']
+    least_rate = SAMPLES_IN_GAP / GAP
+    if values['force.sigma_full'] <= off:
+        _refuse(values, 'force.sigma_full', f'above force.sigma_off ({off:g})')
+    if values['force.small_torque'] > most:
+        _refuse(values, 'force.small_torque', f'at most force.torque_limit ({most:g})')
+    if values['rate'] < least_rate:
+        _refuse(
+            values,
+            'rate',
+            f'at least {least_rate:g} Hz with force.enabled: torque begins from zero after '
+            f'{GAP:g} s without a sample',
+        )
+
+
+def _check_drives(values: Values) -> None:
+    """Raise SettingError unless there are drives, one for each motor, or a controller of them."""
+    has_drives = bool(values['drives.channel'])
+    motors = values['force.motors']
+    motor_most = values['force.motor_torque_limit']
+    if has_drives is values['force.without_drives']:
+        _refuse(
+            values,
+            'force.without_drives',
+            'with force.enabled the bus of the drives in drives.channel, or true for another '
+            'motor controller, not both',
+        )
+    if not has_drives:
+        return
+    if len(values['drives.node_id']) != motors:
+        _refuse(values, 'drives.node_id', f'{motors} drives (force.motors)')
+    # What the drives cut would be a torque off its command.
+    if values['drives.torque_limit'] < motor_most:
+        expected = f'at least force.motor_torque_limit ({motor_most:g})'
+        _refuse(values, 'drives.torque_limit', expected)
+
+
+def _refuse(values: Values, name: str, expected: str) -> NoReturn:
+    """Raise SettingError for a value that another setting forbids."""
+    value = values[name]
+    raise SettingError(name, list(value) if isinstance(value, tuple) else value, expected)
 
 
 def limits_from(values: Values) -> ForceLimits:

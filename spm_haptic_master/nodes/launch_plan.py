@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from difflib import get_close_matches
+from itertools import pairwise
 import os
 from pathlib import Path
 from typing import NamedTuple
@@ -98,59 +99,83 @@ def plan(
     argument_prefix: str = '',
 ) -> list[Process]:
     """
-    Return the processes of one arm.
+    Return the processes of one arm, after all that would end one of them has been checked.
 
-    An empty `source` is that of the files `config` and `calibration`; the calibration overrides.
-    Without a `follower`, `teleop` is not started. `frame_prefix` begins the names of the arm's
-    frames where the files do not name them, and `argument_prefix` those of its launch arguments
-    in errors. InputError where a file or a value is missing, has no effect or differs between two
-    nodes.
+    Parameters
+    ----------
+    source : str
+        Source of the driver; empty: that of the files.
+    config, calibration : str
+        Parameter files; the calibration overrides. Empty: none.
+    namespace : str
+        Of the arm; empty: none.
+    composed : bool
+        Whether all nodes run in one process.
+    follower : Follower, optional
+        What `teleop` is connected to; without it `teleop` is not started.
+    frame_prefix : str
+        Begins the names of the arm's frames where the files do not name them.
+    argument_prefix : str
+        Begins the names of the arm's launch arguments in errors.
+
+    Returns
+    -------
+    list of Process
+        The processes with their arguments.
+
+    Raises
+    ------
+    InputError
+        A file or a value is missing, has no effect, or differs between two nodes.
+
     """
-    paths, own = _files(config, calibration, argument_prefix), _namespace(namespace)
-    names: tuple[str, ...] = PIPELINE
+    paths = _files(config, calibration, argument_prefix)
+    own = _namespace(namespace)
+    _check_follower(follower, argument_prefix)
     source_words = [f'{settings.SOURCE_SETTING.name}:={source}'] if source else []
-    given_words = list(source_words)
-    if follower is not None:
-        follower.check(argument_prefix)
-        names = (*PIPELINE, FOLLOWER)
-        given_words += follower.parameters()
     # A file may have parameters of teleop, which is not started without a follower.
     Parameters(paths, (), own).check((*PIPELINE, FOLLOWER), settings.ALL_NAMES)
-    given = Parameters(paths, given_words, own)
-    _check_values({name: _checked(name, given.of(name)) for name in names})
+    given = Parameters(paths, source_words, own)
+    nodes = PIPELINE if follower is None else (*PIPELINE, FOLLOWER)
+    _check_values(given, nodes)
     frames = _prefixed_frames(given.of('fkm'), frame_prefix)
-    processes = {'master': names} if composed else {name: (name,) for name in names}
-    found = [
-        Process(
-            executable,
-            (
-                *_file_words(paths, own, of_process),
-                *_words(source_words, follower, of_process),
-                *(frames if 'fkm' in of_process else ()),
-            ),
-        )
-        for executable, of_process in processes.items()
-    ]
+    by_process = {'master': nodes} if composed else {node: (node,) for node in nodes}
+    processes = []
+    for executable, of_process in by_process.items():
+        arguments = _file_words(paths, own, of_process)
+        arguments += _words(source_words, follower, of_process)
+        arguments += frames if 'fkm' in of_process else []
+        processes.append(Process(executable, tuple(arguments)))
     if follower is not None and not follower.slave:
-        found.append(Process('sim_slave', ()))
-    return found
+        processes.append(Process('sim_slave', ()))
+    return processes
 
 
-def _check_values(checked: Mapping[str, Mapping[str, object]]) -> None:
-    """Refuse values that differ between two nodes, or a bus that drives and encoders overload."""
+def _check_follower(follower: Follower | None, prefix: str) -> None:
+    """Raise InputError for a topic of a slave that is simulated."""
+    if follower is not None and follower.pose and not follower.slave:
+        raise InputError(
+            f'{prefix}slave_pose:={follower.pose}; expected {prefix}slave, too: without one the '
+            'slave is simulated'
+        )
+
+
+def _check_values(given: Parameters, nodes: Sequence[str]) -> None:
+    """Raise InputError for values with which a node would end at its start, alone or beside."""
+    checked = {node: _checked(node, given.of(node)) for node in nodes}
     resolver.check_agreement(checked)
     if checked['fkm']['force.enabled'] and 'can.channel' in checked['encoder_driver']:
         check_shared_bus(checked['fkm'], checked['encoder_driver'])
 
 
-def _file_words(paths: Sequence[str], own: Sequence[str], names: Sequence[str]) -> list[str]:
-    """Return the arguments for the files that have something for the nodes of a process."""
-    found = []
+def _file_words(paths: Sequence[str], namespace: Sequence[str], nodes: Sequence[str]) -> list[str]:
+    """Return the arguments that give a process the files with parameters of its nodes."""
+    words = []
     for path in paths:
-        file = Parameters([path], (), own)
-        if any(file.of(name) for name in names):
-            found += ['--params-file', path]
-    return found
+        parameters = Parameters([path], (), namespace)
+        if any(parameters.of(node) for node in nodes):
+            words += ['--params-file', path]
+    return words
 
 
 def _checked(node: str, given: Mapping[str, object]) -> dict[str, object]:
@@ -169,12 +194,11 @@ def _checked(node: str, given: Mapping[str, object]) -> dict[str, object]:
 
 def _prefixed_frames(values: Mapping[str, object], prefix: str) -> list[str]:
     """Return the arguments that name the frames of `fkm` as robot_state_publisher does."""
-    return [
-        word
-        for setting in FKM_SETTINGS
-        if prefix and setting.name in ARM_FRAMES and setting.name not in values
-        for word in ('-p', f'{setting.name}:={prefix}{setting.default}')
-    ]
+    words = []
+    for setting in FKM_SETTINGS:
+        if prefix and setting.name in ARM_FRAMES and setting.name not in values:
+            words += ['-p', f'{setting.name}:={prefix}{setting.default}']
+    return words
 
 
 def rviz_config(template: str, namespace: str) -> str:
@@ -211,30 +235,55 @@ def check_arguments(command_line: Sequence[str], file: str, names: Collection[st
     """
     Refuse launch arguments that a launch file does not have: `ros2 launch` ignores them.
 
-    `command_line` is that of `ros2 launch`, `names` are the arguments of `file`. Where another
-    file includes this one, the arguments are that file's, and nothing is refused.
+    Parameters
+    ----------
+    command_line : sequence of str
+        That of `ros2 launch`. Where another file includes this one, the arguments are that file's,
+        and nothing is refused.
+    file : str
+        The launch file.
+    names : collection of str
+        Its arguments.
+
+    Raises
+    ------
+    InputError
+        An argument is none of them.
+
     """
     path = Path(file)
-    started = [
-        number
-        for number, (before, word) in enumerate(
-            zip(command_line, command_line[1:], strict=False), 1
-        )
-        if Path(word).name == path.name
-        and (before == PACKAGE or Path(word).resolve() == path.resolve())
-    ]
-    for word in command_line[started[0] :] if started else ():
+    for word in _behind_file(command_line, path):
         name, given, _ = word.partition(':=')
         if given and name not in (*names, *OPTIONS):
             near = ', '.join(get_close_matches(name, names, n=1) or sorted(names))
             raise InputError(f'{word}; expected an argument of {path.name}, such as {near}')
 
 
+def _behind_file(command_line: Sequence[str], path: Path) -> Sequence[str]:
+    """Return the words behind a launch file on a command line; none where it is not there."""
+    for number, (before, word) in enumerate(pairwise(command_line), 1):
+        is_same = before == PACKAGE or Path(word).resolve() == path.resolve()
+        if Path(word).name == path.name and is_same:
+            return command_line[number:]
+    return ()
+
+
 def check_installed(package: str, cure: str) -> None:
     """
-    Refuse to start a package that is not installed, with the cure.
+    Refuse to start a package that is not installed.
 
-    The package has an executable of its own name.
+    Parameters
+    ----------
+    package : str
+        The package, which has an executable of its own name.
+    cure : str
+        What to do, in the error.
+
+    Raises
+    ------
+    InputError
+        No installation of it is found.
+
     """
     prefixes = filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep))
     if not any(os.access(Path(prefix, 'lib', package, package), os.X_OK) for prefix in prefixes):
@@ -242,6 +291,7 @@ def check_installed(package: str, cure: str) -> None:
 
 
 def _namespace(namespace: str) -> list[str]:
+    """Return the remapping to a namespace; nothing for none."""
     return [f'__ns:=/{namespace.strip("/")}'] if namespace.strip('/') else []
 
 

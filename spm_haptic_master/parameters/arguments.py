@@ -111,9 +111,50 @@ def finite(text: str) -> float:
 def node_command_line(
     name: str, description: str, nodes: Sequence[str], args: Sequence[str]
 ) -> tuple[list[str], Parameters]:
-    """Return the command line (program first) for rclpy, and the parameters of it."""
+    """
+    Read the command line of an executable that runs nodes.
+
+    Parameters
+    ----------
+    name, description : str
+        The executable, for --help.
+    nodes : sequence of str
+        Names of its nodes before remapping.
+    args : sequence of str
+        The command line, the program first.
+
+    Returns
+    -------
+    tuple of list of str and Parameters
+        The command line for rclpy, without the parameters, and these.
+
+    Raises
+    ------
+    InputError
+        An argument is unknown, or has no effect.
+
+    """
     settings = process_settings(name)
-    parser = Parser(name, f'{description}\n\n{help_text(settings)}')
+    parser = _node_parser(name, f'{description}\n\n{help_text(settings)}')
+    found = parser.parse(args[1:])
+    parameters = parameters_of(found)
+    parameters.check(nodes, {setting.name for setting in settings})
+    for level in found.log_level:
+        if not LOG_LEVEL.fullmatch(level):
+            raise InputError(
+                f"--log-level '{level}'; expected debug, info, warn, error, fatal or "
+                'unset, or LOGGER:= and one of them'
+            )
+    passed = []
+    for option in ('remap', 'log_level', 'log_config_file', 'enclave'):
+        for value in getattr(found, option):
+            passed += [f'--{option.replace("_", "-")}', value]
+    return [*args[:1], MARKERS[0], *passed, *found.flags], parameters
+
+
+def _node_parser(name: str, description: str) -> Parser:
+    """Return a parser of what every ROS node takes."""
+    parser = Parser(name, description)
     parser.add_argument(
         '-e', '--enclave', metavar='PATH', action='append', default=[], help=OF_ROS
     )
@@ -123,22 +164,7 @@ def node_command_line(
         parser.add_argument(
             flag, action='append_const', dest='flags', const=flag, default=[], help=OF_ROS
         )
-    found = parser.parse(args[1:])
-    given = parameters_of(found)
-    given.check(nodes, {setting.name for setting in settings})
-    for level in found.log_level:
-        if not LOG_LEVEL.fullmatch(level):
-            raise InputError(
-                f"--log-level '{level}'; expected debug, info, warn, error, fatal or "
-                'unset, or LOGGER:= and one of them'
-            )
-    passed = [
-        word
-        for option in ('remap', 'log_level', 'log_config_file', 'enclave')
-        for value in getattr(found, option)
-        for word in (f'--{option.replace("_", "-")}', value)
-    ]
-    return [*args[:1], MARKERS[0], *passed, *found.flags], given
+    return parser
 
 
 def parameters_of(found: argparse.Namespace) -> Parameters:
@@ -151,30 +177,24 @@ def help_text(settings: Iterable[Setting]) -> str:
     groups: dict[str, list[str]] = {}
     for setting in settings:
         first, dot, _ = setting.name.partition('.')
-        shown = '' if setting.default in (None, '') else f' [{_shown(setting.default)}]'
-        groups.setdefault(f'{first}.*' if dot else '', []).extend(
-            [
-                f'  {setting.name}{shown}',
-                *wrap(
-                    setting.description,
-                    HELP_WIDTH,
-                    initial_indent=' ' * 6,
-                    subsequent_indent=' ' * 6,
-                ),
-            ]
-        )
-    return '\n'.join(
-        line
-        for group, lines in sorted(groups.items())
-        for line in (
-            f'parameters {group} (-p NAME:=VALUE) [default]:'.replace('  ', ' '),
-            *lines,
-            '',
-        )
-    )
+        groups.setdefault(f'{first}.*' if dot else '', []).extend(_help_lines(setting))
+    lines = []
+    for group, of_group in sorted(groups.items()):
+        title = f'parameters {group} (-p NAME:=VALUE) [default]:'
+        lines += [title.replace('  ', ' '), *of_group, '']
+    return '\n'.join(lines)
+
+
+def _help_lines(setting: Setting) -> list[str]:
+    """Return the lines of a setting in --help."""
+    shown = '' if setting.default in (None, '') else f' [{_shown(setting.default)}]'
+    indent = ' ' * 6
+    text = wrap(setting.description, HELP_WIDTH, initial_indent=indent, subsequent_indent=indent)
+    return [f'  {setting.name}{shown}', *text]
 
 
 def _shown(default: object) -> str:
+    """Return a default as a user would write it."""
     if isinstance(default, tuple):
         return ', '.join(map(_shown, default))
     if isinstance(default, bool):

@@ -58,15 +58,27 @@ class Section:
     def reaches(self, node: str) -> bool:
         """Return whether a node, by its fully qualified name, takes the section."""
         # /** after /** adds no name, but a search each.
-        tokens = re.findall(r'/[^/]*', re.sub(r'(/\*\*)+(?=/|$)', '/**', self.nodes))
-        return (
-            re.fullmatch(''.join(WILDCARDS.get(token, re.escape(token)) for token in tokens), node)
-            is not None
-        )
+        nodes = re.sub(r'(/\*\*)+(?=/|$)', '/**', self.nodes)
+        tokens = re.findall(r'/[^/]*', nodes)
+        pattern = ''.join(WILDCARDS.get(token, re.escape(token)) for token in tokens)
+        return re.fullmatch(pattern, node) is not None
 
 
 def config_directory() -> Path:
-    """Return the directory of the package's config files: of a checkout or an installation."""
+    """
+    Return the directory of the package's config files.
+
+    Returns
+    -------
+    Path
+        `config/` of a checkout, or `share/spm_haptic_master/config` of an installation.
+
+    Raises
+    ------
+    FileNotFoundError
+        The package is not whole: neither has the files.
+
+    """
     prefixes = *filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(':')), sys.prefix
     candidates = [
         Path(__file__).resolve().parents[2] / 'config',
@@ -97,7 +109,26 @@ def _config(name: str) -> dict[str, object]:
 
 
 def read_sections(path: str | Path) -> list[Section]:
-    """Return the sections of a ROS parameter file, in order; InputError where it is unclear."""
+    """
+    Read a ROS parameter file.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file, in YAML.
+
+    Returns
+    -------
+    list of Section
+        Its sections in their order.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, is too large, is not valid YAML, has a name twice, or a value that
+        YAML and ROS read differently. The line is named.
+
+    """
     try:
         with open(path, 'rb') as file:
             content = file.read(LARGEST_FILE + 1)
@@ -117,7 +148,25 @@ def read_sections(path: str | Path) -> list[Section]:
 
 
 def argument_section(text: str) -> Section:
-    """Return the section of NAME:=VALUE or NODE:NAME:=VALUE; InputError as `read_sections`."""
+    """
+    Return the section of an argument behind `-p`.
+
+    Parameters
+    ----------
+    text : str
+        NAME:=VALUE for all nodes, or NODE:NAME:=VALUE for one.
+
+    Returns
+    -------
+    Section
+        The section; its nodes are `/**` without NODE.
+
+    Raises
+    ------
+    InputError
+        As of `read_sections`.
+
+    """
     name, separator, value = text.partition(':=')
     node, _, name = name.rpartition(':')
     if not separator or not name:
@@ -134,19 +183,7 @@ def _compose(origin: str, text: str) -> yaml.Node | None:
     event: Any
     try:
         for event in yaml.parse(text, yaml.SafeLoader):
-            if (
-                getattr(event, 'anchor', None) is not None
-                or getattr(event, 'tag', None) is not None
-            ):
-                raise yaml.MarkedYAMLError(
-                    problem='an anchor (&), an alias (*) or a tag (!); expected a plain value',
-                    problem_mark=event.start_mark,
-                )
-            if NO_TEXT.search(getattr(event, 'value', '')):
-                raise yaml.MarkedYAMLError(
-                    problem=f'{ascii(event.value)} has a NUL or half a character',
-                    problem_mark=event.start_mark,
-                )
+            _check_event(event)
         return yaml.compose(text, yaml.SafeLoader)
     except yaml.MarkedYAMLError as error:
         # A parser marks each of its errors.
@@ -156,6 +193,21 @@ def _compose(origin: str, text: str) -> yaml.Node | None:
         kind = 'nested too deeply' if isinstance(error, RecursionError) else 'no such character'
         reason = getattr(error, 'reason', kind)
         raise InputError(f'{origin}: not valid YAML: {reason}') from error
+
+
+def _check_event(event: Any) -> None:
+    """Raise MarkedYAMLError for what a parameter file needs not have, or ROS cannot take."""
+    anchor, tag = getattr(event, 'anchor', None), getattr(event, 'tag', None)
+    if anchor is not None or tag is not None:
+        raise yaml.MarkedYAMLError(
+            problem='an anchor (&), an alias (*) or a tag (!); expected a plain value',
+            problem_mark=event.start_mark,
+        )
+    if NO_TEXT.search(getattr(event, 'value', '')):
+        raise yaml.MarkedYAMLError(
+            problem=f'{ascii(event.value)} has a NUL or half a character',
+            problem_mark=event.start_mark,
+        )
 
 
 def _syntax(origin: str, text: str, line: int, problem: str) -> str:
@@ -258,16 +310,28 @@ def _scalar(what: str, node: yaml.ScalarNode) -> object:
         return text
     if node.style is not None:
         raise InputError(f'{what} is a block of text; expected a text in quotes')
-    kind = node.tag.rpartition(':')[2]
     if not text:
         raise InputError(f"{what} has no value; expected one, or '' for an empty text")
     if INTEGER.fullmatch(text):
-        value = int(text, 0) if len(text) <= LONGEST_INTEGER else 1 << 63
-        if not -1 << 63 <= value < 1 << 63:
-            raise InputError(f'{what} is too large; expected a whole number of at most 64 bits')
-        return value
+        return _integer(what, text)
     if FLOAT.fullmatch(text):
+        # Python has no point in inf and nan.
         return float(text.replace('.', '', 1) if text[-1] in 'fFnN' else text)
+    return _word(what, node)
+
+
+def _integer(what: str, text: str) -> int:
+    """Return a whole number; InputError for one that ROS cannot take."""
+    value = int(text, 0) if len(text) <= LONGEST_INTEGER else 1 << 63
+    if not -1 << 63 <= value < 1 << 63:
+        raise InputError(f'{what} is too large; expected a whole number of at most 64 bits')
+    return value
+
+
+def _word(what: str, node: yaml.ScalarNode) -> bool | str:
+    """Return a truth value or a text without quotes; InputError where ROS reads another one."""
+    text: str = node.value
+    kind = node.tag.rpartition(':')[2]
     if kind == 'bool':
         return text.lower() in ('true', 'yes', 'on')
     if kind in ('str', 'timestamp') and not RCL_ONLY.fullmatch(text):

@@ -10,7 +10,7 @@ import difflib
 from itertools import pairwise
 from pathlib import Path
 import re
-from typing import Any
+from typing import Any, NoReturn
 
 from spm_haptic_master.exceptions import InputError, SettingError
 from spm_haptic_master.parameters.encoders import extended, for_sensors, sensors_of
@@ -35,7 +35,7 @@ DRIVER = 'encoder_driver'  # node whose parameters most tools take
 # Prefix of the names that ROS has for a node's QoS; no publisher or subscription here takes them.
 QOS_PREFIX = 'qos_overrides.'
 # Fault of an argument for another program or source.
-NO_EFFECT = 'no parameter of this program as it is started: it has no effect (--help lists them)'
+NO_EFFECT = 'ignored: this program has no such parameter as started (see --help)'
 # Part of a name; a node, a namespace, a topic, the left side of a remapping, as in ROS.
 PART = r'(?!\w*__)[A-Za-z_]\w*'
 NODE_NAME = re.compile(PART, re.ASCII)
@@ -49,7 +49,24 @@ LONGEST_NAME = 100
 
 
 class Parameters:
-    """Values from files, arguments NAME:=VALUE, remappings FROM:=TO; InputError for a bad one."""
+    """
+    Values of the nodes of one process, from files and arguments.
+
+    Parameters
+    ----------
+    files : iterable of str or Path
+        Parameter files; a later one overrides an earlier one.
+    arguments : iterable of str
+        What stands behind `-p`: NAME:=VALUE or NODE:NAME:=VALUE; they override the files.
+    remaps : sequence of str
+        What stands behind `-r`: FROM:=TO, such as __ns:=/left.
+
+    Raises
+    ------
+    InputError
+        A file or an argument cannot be read, as of `read_sections`; a remapping is not valid.
+
+    """
 
     def __init__(
         self,
@@ -80,30 +97,55 @@ class Parameters:
         )
 
     def of(self, node: str) -> dict[str, object]:
-        """Return the given values of a node (before remapping); InputError if files disagree."""
+        """
+        Return what was given to a node.
+
+        Parameters
+        ----------
+        node : str
+            Name of the node before remapping.
+
+        Returns
+        -------
+        dict
+            The values by name, not yet checked by a setting.
+
+        Raises
+        ------
+        InputError
+            Two files differ in the bus or the layout of the encoders.
+
+        """
         reaching = self._reaching([node])
         for name in sorted(BUS_AND_LAYOUT):
             _check_files(name, [section for section in reaching if name in section.values])
         return {name: value for section in reaching for name, value in section.values.items()}
 
     def check(self, nodes: Sequence[str], names: Collection[str]) -> None:
-        """Refuse entries without effect on `nodes` (before remapping), which have `names`."""
-        by_name = {self.full_name(node): node for node in nodes}
-        if len(by_name) < len(nodes):
-            names = [self.full_name(node) for node in nodes]
-            twice = next(name for name in names if names.count(name) > 1)
-            raise InputError(
-                f'remapping __node: several nodes would be {twice}; expected one node of '
-                f'{", ".join(nodes)}, such as {nodes[0]}:__node:=NAME'
-            )
+        """
+        Refuse what was given and has no effect.
+
+        Parameters
+        ----------
+        nodes : sequence of str
+            Names of the nodes of the process before remapping.
+        names : collection of str
+            Names of the parameters that they have.
+
+        Raises
+        ------
+        InputError
+            A file or an argument reaches none of the nodes, or two nodes have one name.
+        SettingError
+            A name is no parameter of the node that it is given to.
+
+        """
+        by_name = self._by_full_name(nodes)
         reaching = self._reaching(nodes)
-        for origin in dict.fromkeys(section.origin for section in self._sections):
-            if not any(section.origin == origin for section in reaching):
-                found = ', '.join(each.nodes for each in self._sections if each.origin == origin)
-                raise InputError(
-                    f'{origin}: none of its entries reaches a node of this process; '
-                    f'it has {found}, expected /** or {" or ".join(by_name)}'
-                )
+        reached = {section.origin for section in reaching}
+        for section in self._sections:
+            if section.origin not in reached:
+                self._refuse_origin(section.origin, list(by_name))
         for section in self._sections:
             if section not in reaching:
                 _check_other(section)
@@ -111,9 +153,28 @@ class Parameters:
                 _check_names(section, 'this program', {*names, *ALL_NAMES}, names)
             else:
                 node = next(by_name[name] for name in by_name if section.reaches(name))
-                # `master` asks fkm for its own parameters.
-                own = (*process_settings(node), *(MASTER_SETTINGS if node == 'fkm' else ()))
-                _check_names(section, node, {setting.name for setting in own})
+                _check_names(section, node, _own_names(node))
+
+    def _by_full_name(self, nodes: Sequence[str]) -> dict[str, str]:
+        """Return the nodes by their full names; InputError where two have one name."""
+        by_name: dict[str, str] = {}
+        for node in nodes:
+            name = self.full_name(node)
+            if name in by_name:
+                raise InputError(
+                    f'remapping __node: several nodes would be {name}; expected one node of '
+                    f'{", ".join(nodes)}, such as {nodes[0]}:__node:=NAME'
+                )
+            by_name[name] = node
+        return by_name
+
+    def _refuse_origin(self, origin: str, names: Sequence[str]) -> NoReturn:
+        """Raise InputError for a file or an argument that reaches none of the nodes."""
+        found = ', '.join(each.nodes for each in self._sections if each.origin == origin)
+        raise InputError(
+            f'{origin}: none of its entries reaches a node of this process; '
+            f'it has {found}, expected /** or {" or ".join(names)}'
+        )
 
     def unused(self, nodes: Mapping[str, Collection[str]]) -> list[str]:
         """Return the arguments that reach no node (fully qualified) with such a parameter."""
@@ -129,29 +190,38 @@ class Parameters:
         ]
 
     def _reaching(self, nodes: Sequence[str]) -> list[Section]:
+        """Return the sections that at least one of the nodes takes, in their order."""
         full_names = [self.full_name(node) for node in nodes]
         return [section for section in self._sections if any(map(section.reaches, full_names))]
 
 
+def _own_names(node: str) -> set[str]:
+    """Return the names of the parameters of a node, those of its process included."""
+    # `master` asks fkm for its own parameters.
+    own = (*process_settings(node), *(MASTER_SETTINGS if node == 'fkm' else ()))
+    return {setting.name for setting in own}
+
+
 def _check_files(name: str, sections: Sequence[Section]) -> None:
     """Raise InputError where two files differ in the value of a name that no argument gives."""
-    by_origin = {section.origin: section.values[name] for section in sections}
     if any(section.is_argument for section in sections):
         return
+    by_origin = {section.origin: section.values[name] for section in sections}
     for (first, one), (second, other) in pairwise(by_origin.items()):
         if one != other:
-            one, other = (
-                # Identifiers as the files have them.
-                re.sub(r'\d+', lambda found: f'{int(found[0]):#x}', str(value))
-                if name.endswith('id')
-                else value
-                for value in (one, other)
-            )
             raise InputError(
-                f'{name} is {one} in {first} and {other} in {second}; expected the same: a '
+                f'{name} is {_as_written(name, one)} in {first} and {_as_written(name, other)} '
+                f'in {second}; expected the same: a '
                 'calibration holds for the bus and the encoders that it was measured with (undo '
                 'the change, or calibrate again)'
             )
+
+
+def _as_written(name: str, value: object) -> str:
+    """Return a value as files have it: identifiers in hexadecimal digits."""
+    if not name.endswith('id'):
+        return str(value)
+    return re.sub(r'\d+', lambda found: f'{int(found[0]):#x}', str(value))
 
 
 def _check_other(section: Section) -> None:
@@ -159,15 +229,13 @@ def _check_other(section: Section) -> None:
     last = section.nodes.rpartition('/')[2]
     if any(f'_{node}_' in f'_{last}_' for node in NODE_SETTINGS):
         return  # such as fkm of another process or arm, or fkm_left
-    near = (
-        ['**']
-        if last == 'master'
-        else [
-            node
-            for node in difflib.get_close_matches(last, NODE_SETTINGS, cutoff=0.65)
-            if abs(len(node) - len(last)) <= 2
-        ]
-    )
+    near = [
+        node
+        for node in difflib.get_close_matches(last, NODE_SETTINGS, cutoff=0.65)
+        if abs(len(node) - len(last)) <= 2
+    ]
+    if last == 'master':
+        near = ['**']
     if near:
         expected = f'{section.nodes.removesuffix(last)}{near[0]}'.replace('/**/**', '/**')
         raise InputError(
@@ -208,7 +276,29 @@ def resolve(
     settings: tuple[Setting, ...],
     defaults: Mapping[str, object] | None = None,
 ) -> tuple[tuple[Setting, ...], dict[str, Any]]:
-    """Return settings for the given `sensors`, and a checked value of each: given or default."""
+    """
+    Return a checked value of each setting, for the number of sensors that was given.
+
+    Parameters
+    ----------
+    given : mapping
+        Given values by name; `sensors` is the number of sensors.
+    settings : tuple of Setting
+        The settings, with lists for four sensors.
+    defaults : mapping, optional
+        Values that replace the defaults of the settings.
+
+    Returns
+    -------
+    tuple of tuple and dict
+        The settings with lists for `sensors`, and the values by name.
+
+    Raises
+    ------
+    SettingError
+        A value is missing or invalid.
+
+    """
     settings = for_sensors(settings, sensors_of(given))
     defaults = extended(defaults or {}, settings)
     return settings, {
@@ -231,7 +321,20 @@ def resolve_source(
 
 
 def check_agreement(values: Mapping[str, Mapping[str, object]]) -> None:
-    """Raise SettingError where checked values by name, of each node of a device, differ."""
+    """
+    Check that the nodes of a device have the same values of the parameters that they share.
+
+    Parameters
+    ----------
+    values : mapping
+        The checked values by name, of each node by its name.
+
+    Raises
+    ------
+    SettingError
+        Two nodes differ in a parameter; those of the process (`realtime.*`) may.
+
+    """
     first: dict[str, tuple[str, object]] = {}
     for node, of_node in values.items():
         for name, value in of_node.items():

@@ -16,13 +16,26 @@ from spm_haptic_master.exceptions import SettingError
 ANY_COUNT = 0
 
 Scalar = bool | int | float | str
+# The types of values, in an error message.
+WORDS: Mapping[type, str] = {
+    bool: 'true or false',
+    int: 'an integer',
+    float: 'a number',
+    str: 'a text',
+}
 # Values of settings by name, checked: each has its setting's type.
 Values = Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """A named setting, independent of the source of its value."""
+    """
+    A named setting, independent of the source of its value.
+
+    The tables of settings are in `parameters/nodes.py`, `fkm.py`, `encoders.py` and `geometry.py`;
+    a node declares them, a program checks its command line by them, and the pages of the
+    parameters are generated from them.
+    """
 
     name: str  # dotted, as of the ROS parameter
     kind: type[Any]  # of the value, or of each element: bool, int, float or str
@@ -40,35 +53,56 @@ class Setting:
     @property
     def expected(self) -> str:
         """Return a description of the valid values, for an error message."""
-        word = {bool: 'true or false', int: 'an integer', float: 'a number', str: 'a text'}
-        text = word[self.kind]
-        if self.allowed:
-            text = 'one of ' + ', '.join(str(value) for value in self.allowed)
-        elif self.kind is str and not self.blank:
-            text += ' that is not empty'
-        elif self.minimum is not None and self.maximum is not None:
-            text += f' from {self.minimum:g} to {self.maximum:g}'
-        elif self.minimum is not None:
-            text += f' of at least {self.minimum:g}'
-        elif self.maximum is not None:
-            text += f' of at most {self.maximum:g}'
+        element = self._expected_element()
         if self.count is None:
-            return text
-        text = f'a list of {self.count or "one or more"}, each {text}'
+            return element
+        text = f'a list of {self.count or "one or more"}, each {element}'
         return f'{text} (sensors: {self.count})' if self.per_sensor else text
 
+    def _expected_element(self) -> str:
+        """Return a description of a valid value, or of each element of a list."""
+        if self.allowed:
+            return 'one of ' + ', '.join(str(value) for value in self.allowed)
+        if self.kind is str and not self.blank:
+            return f'{WORDS[str]} that is not empty'
+        return WORDS[self.kind] + self._expected_range()
+
+    def _expected_range(self) -> str:
+        """Return the bounds in words; empty without one."""
+        if self.minimum is not None and self.maximum is not None:
+            return f' from {self.minimum:g} to {self.maximum:g}'
+        if self.minimum is not None:
+            return f' of at least {self.minimum:g}'
+        if self.maximum is not None:
+            return f' of at most {self.maximum:g}'
+        return ''
+
     def check(self, value: Any) -> Scalar | tuple[Scalar, ...]:
-        """Return `value` in the setting's type (5 as 5.0 for a float); SettingError if invalid."""
+        """
+        Check a given value.
+
+        Parameters
+        ----------
+        value
+            The value, of any type; None where nothing was given and there is no default.
+
+        Returns
+        -------
+        bool, int, float, str or tuple of these
+            The value in the setting's type: 5 as 5.0 for a float.
+
+        Raises
+        ------
+        SettingError
+            The value is missing, of another type, out of range or not allowed.
+
+        """
         if value is None:
             raise SettingError(self.name, None, self.remedy or self.expected)
         if self.count is None:
             return self._check_one(value, value)
-        if (
-            isinstance(value, str | bytes | Set | Mapping)
-            or not hasattr(value, '__len__')
-            or not len(value)
-            or (self.count and len(value) != self.count)
-        ):
+        is_list = hasattr(value, '__len__') and not isinstance(value, str | bytes | Set | Mapping)
+        if not is_list or not len(value) or len(value) != (self.count or len(value)):
             raise SettingError(self.name, value, self.expected)
         return tuple(self._check_one(element, value) for element in value)
 
@@ -88,17 +122,45 @@ class Setting:
 
     def _is_valid(self, element: Any) -> bool:
         """Return whether an element has the setting's type and is among the valid values."""
-        return type(element) is self.kind and not (
-            (self.allowed and element not in self.allowed)
-            or (self.kind is str and not self.blank and not element.strip())
-            or (self.kind is float and not math.isfinite(element))
-            or (self.minimum is not None and element < self.minimum)
-            or (self.maximum is not None and element > self.maximum)
-        )
+        if type(element) is not self.kind:
+            return False
+        if self.allowed and element not in self.allowed:
+            return False
+        if self.kind is str:
+            return self.blank or bool(element.strip())
+        if self.kind is float and not math.isfinite(element):
+            return False
+        return self._is_in_range(element)
+
+    def _is_in_range(self, element: Any) -> bool:
+        """Return whether a number is within the bounds."""
+        if self.minimum is not None and element < self.minimum:
+            return False
+        return self.maximum is None or bool(element <= self.maximum)
 
 
 def complete(settings: tuple[Setting, ...], values: Values) -> dict[str, Any]:
-    """Return the checked values, or defaults, by name; SettingError also for an unknown name."""
+    """
+    Return a checked value of each setting: the given one, or its default.
+
+    Parameters
+    ----------
+    settings : tuple of Setting
+        The known settings.
+    values : mapping
+        Given values by name.
+
+    Returns
+    -------
+    dict
+        The values by name, each in its setting's type.
+
+    Raises
+    ------
+    SettingError
+        A name is unknown, or a value is invalid.
+
+    """
     known = {setting.name for setting in settings}
     for name, value in values.items():
         if name not in known:
