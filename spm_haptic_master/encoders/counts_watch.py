@@ -5,8 +5,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+from numpy.typing import NDArray
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout, TURN
 
 # Changes of the counts after which their travel is compared, and how much longer it is in the
@@ -55,6 +58,29 @@ class CountsTrack:
     def fits(self) -> bool:
         """Return whether nearly all frames have counts below a turn."""
         return self.beyond <= BEYOND_SHARE * self.frames
+
+
+def resolution_hint(angles: NDArray[np.float64], counts_per_turn: Sequence[int]) -> str:
+    """
+    Return that all encoders may have a smaller resolution than configured; empty if not.
+
+    Parameters
+    ----------
+    angles
+        Raw angles of a whole motion, rad, shape (n, N): counts times 2 pi / counts_per_turn.
+    counts_per_turn
+        Configured counts per turn of each encoder.
+    """
+    if not len(angles):
+        return ''
+    largest = int(np.max(np.round(angles % TURN * np.array(counts_per_turn) / TURN)))
+    smaller = 1 << max(1, largest).bit_length()
+    if 2 * smaller > min(counts_per_turn):
+        return ''
+    return (
+        f'; no count of the whole motion reaches {smaller}, and encoders.counts_per_turn is '
+        f'{min(counts_per_turn)}: is it {smaller}? (can_scan reads it)'
+    )
 
 
 class CountsWatch:

@@ -31,6 +31,8 @@ SILENT_CYCLES = 3
 LEAST_READINGS = len(JOINT_NAMES)
 # Reason for leaving out a reading while late answers are expected.
 STALE_ANSWER = 'may contain an answer to an earlier SYNC'
+# Reason, in the counters, for dropping a set of encoders that send without SYNC.
+PHASES = 'frames further apart than the window'
 # The same of a joint that is known to be late.
 BEHIND = 'answers late by whole cycles'
 
@@ -91,6 +93,8 @@ class SetAssembler:
         self._period = period
         # Numbers of 'sets' and 'cycles', and of what was rejected or dropped, by reason.
         self.counters: Counter[str] = Counter()
+        # Time of the latest answer of each joint, s.
+        self._answered_at = [nan] * len(joints)
         # Cycles without an answer, by joint.
         self.missed = [0] * len(joints)
         # Time from the first to the last answer of a set, and deviation of the time between two
@@ -176,6 +180,7 @@ class SetAssembler:
         if cycle.leader is None:
             cycle.leader, cycle.first = index, stamp
         angles[index] = angle
+        self._answered_at[index] = stamp
         cycle.answered += 1
         if (
             cycle.answered + len(self.absent) < len(self._joints)
@@ -250,6 +255,11 @@ class SetAssembler:
 
     def _drop(self, cycle: Cycle, missing: set[int]) -> None:
         """Count a dropped set; a stale answer is a consequence, not a cause."""
+        if phases := self._phases(cycle, missing):
+            self.counters['dropped sets'] += 1
+            self.counters[f'dropped: {PHASES}'] += 1
+            self.cause = phases
+            return
         names = [self._joints[index] for index in sorted(missing)]
         behind = [self._joints[index] for index in sorted(self.late.behind)]
         reason = (
@@ -267,6 +277,24 @@ class SetAssembler:
         self.counters[f'dropped: {reason}'] += 1
         if reason != STALE_ANSWER:
             self.cause = reason
+
+    def _phases(self, cycle: Cycle, missing: set[int]) -> str | None:
+        """Return that the joints missing in a cycle without SYNC send, at another phase."""
+        if self._synchronised or cycle.leader is None:
+            return None
+        since = {index: cycle.start - self._answered_at[index] for index in missing}
+        # A joint that never answered has no time, and NaN compares as false.
+        if not all(0.0 < age <= OVERDUE * self._period for age in since.values()):
+            return None
+        shown = ', '.join(
+            f'{self._joints[index]} {1e3 * (-since[index] % self._period):.1f} ms'
+            for index in sorted(missing)
+        )
+        return (
+            f'without SYNC {shown} after {self._joints[cycle.leader]} (phases of a period of '
+            f'{1e3 * self._period:g} ms), and a set needs all frames within '
+            f'{1e3 * self._window:g} ms: SYNC is needed (encoders.sync_id; docs/encoder_setup.md)'
+        )
 
     def _close(self, cycle: Cycle, end: float, length: float) -> JointSample | None:
         """End a cycle at a time, s; return its set if that has not gone out."""

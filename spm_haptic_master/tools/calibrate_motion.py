@@ -25,6 +25,7 @@ from spm_haptic_master.calibration.motion.motion_file import motion_text, Origin
 from spm_haptic_master.calibration.motion.outside_reference import Mounted, mounted
 from spm_haptic_master.calibration.recording import raw_counts, Recording
 from spm_haptic_master.calibration.report import checksum, report_paths, write_report
+from spm_haptic_master.encoders.counts_watch import resolution_hint
 from spm_haptic_master.encoders.encoder_layout import TURN
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import CalibrationError, InputError
@@ -111,13 +112,17 @@ def run(options: argparse.Namespace) -> int:
     directions = given.get('encoders.direction')
     mounting = None
     with ProgressBar('calibrate') as bar:
-        found = calibrate_motion(
-            layout,
-            stamps,
-            angles,
-            directions if isinstance(directions, (list, tuple)) else None,
-            bar.stage,
-        )
+        try:
+            found = calibrate_motion(
+                layout,
+                stamps,
+                angles,
+                directions if isinstance(directions, (list, tuple)) else None,
+                bar.stage,
+            )
+        except CalibrationError as error:
+            hint = resolution_hint(angles, values['encoders.counts_per_turn'])
+            raise CalibrationError(f'{error}{hint}') from error
     if options.pose or options.capture is not None:
         mounting = _mounted_by(options, source, values, found)
         found = mounting.calibration

@@ -102,8 +102,8 @@ def bus_of(values: Values, of: str = 'can') -> Iterator[can.BusABC]:
             values[f'{of}.interface'], values[f'{of}.channel'], values[f'{of}.bitrate']
         ) as bus:
             yield bus
-    except SpmError:
-        raise
+    except (SpmError, BrokenPipeError):
+        raise  # the latter is of the reader of the output, not of the bus
     except can_bus.BUS_ERRORS as error:
         raise InputError(f'{bus_name(values, of)}: {can_bus.first_line(error)}') from error
 

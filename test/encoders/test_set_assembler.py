@@ -268,3 +268,23 @@ def test_without_sync_a_frame_beyond_the_window_or_a_second_one_opens_a_cycle(in
     if not same:
         sample = answer_all(taker, 64.0 + at, without=(index,))
         assert (sample.stamp, sample.angles[index]) == (round((64.0 + at) * 1e9), 0.2)
+
+
+@pytest.mark.parametrize('phases', [(0.0, 0.3, 0.6, 0.8), (0.2, 0.9, 0.0, 0.5)])
+def test_E6_encoders_without_sync_at_other_phases_are_named_by_their_phase(phases):
+    """Free-running timers: no half of a period has all four."""
+    taker = assembler(synchronised=False, window=0.5)
+    for number in range(20):
+        for index in sorted(range(4), key=phases.__getitem__):
+            taker.answer(index, 0.1, 64.0 + number + phases[index])
+    reason = 'dropped: frames further apart than the window'
+    assert taker.counters['sets'] == 0 and taker.counters[reason] >= 19
+    assert taker.cause.startswith('without SYNC joint_')
+    assert 'a set needs all frames within 500 ms: SYNC is needed' in taker.cause
+
+
+def test_E6_the_skew_of_encoders_without_sync_is_that_of_their_frames():
+    taker = assembler(synchronised=False, window=0.5)
+    for number in range(20):
+        assert answer_all(taker, 64.0 + number) is not None or number == 0
+    assert taker.skew.percentiles(0.5)[0] == pytest.approx(3e5, rel=1e-3)

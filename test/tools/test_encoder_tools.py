@@ -5,10 +5,12 @@
 
 import os
 import re
+import subprocess
+import sys
 
 import can
 import pytest
-from spm_haptic_master.tools import can_scan, can_setup, urdf
+from spm_haptic_master.tools import calibrate, can_scan, can_setup, urdf
 
 
 @pytest.fixture
@@ -159,3 +161,31 @@ def test_a_scan_that_sends_nothing_of_a_bus_without_frames(run, channel):
 def test_what_is_wrong_is_named_in_one_line(run, program, args, words):
     code, out, err = run(program, *args)
     assert (code, out) == (1, '') and re.search(words, err) and err.count('\n') == 1, err
+
+
+def test_a_reader_of_the_output_that_ends_is_no_error_of_the_bus(encoders, channel, capfd):
+    """Item 7: `can_scan | head`."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    command = [sys.executable, '-m', 'spm_haptic_master', 'can_scan', '--seconds', '0.1']
+    found = subprocess.run(
+        [*command, '-p', 'can.interface:=virtual', '-p', f'can.channel:={channel}'],
+        stdout=writer,
+        stderr=subprocess.PIPE,
+        text=True,
+        check=False,
+    )
+    os.close(writer)
+    assert (found.returncode, found.stderr) == (1, '')
+
+
+def test_E13_calibrate_names_a_smaller_resolution(motion, tmp_path, capsys):
+    """The log has 14 bits; configured are 16."""
+    given = ('-p', 'encoders.counts_per_turn:=[65536, 65536, 65536, 65536]')
+    path = str(tmp_path / 'c.yaml')
+    assert calibrate.main(['calibrate', '--motion', *motion, *given, '-o', path]) == 1
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert (
+        'no count of the whole motion reaches 16384, and encoders.counts_per_turn is 65536: is it '
+        '16384? (can_scan reads it)' in error
+    )
