@@ -96,25 +96,31 @@ def encoders(channel):
     """Return what runs simulated encoders in a thread, still or with SYNC each some s."""
     from encoder_frames import make_layouts, values
     from spm_haptic_master.simulation.bus_runner import BusRunner
+    from spm_haptic_master.simulation.device_quirks import parse_quirk
     from spm_haptic_master.simulation.noisy_motion import make_motion
     from spm_haptic_master.simulation.simulated_bus import SimulatedBus
+    from spm_haptic_master.simulation.simulated_nodes import NodeOptions
     from spm_haptic_master.timing import DeadlineGrid
 
     @contextmanager
-    def run(factory=False, sync=None, pose=None, **layout):
+    def run(factory=False, sync=None, pose=None, quirks=(), seed=1, **layout):
         motion = {'sim__trajectory': 'fixed', 'sim__pose_deg': pose} if pose else {}
         settings, end = values(**layout), threading.Event()
+        sync_id = settings['encoders.sync_id'] or None
+        period = 1.0 / settings['rate']
         made = SimulatedBus(
             make_layouts(settings),
             settings['encoders.node_id'],
             make_motion(values('sim', **motion)),
             (),
-            0.1,
-            1,
-            factory=factory,
+            seed,
+            NodeOptions(synchronised=sync_id is not None, factory=factory, period=period),
+            tuple(map(parse_quirk, quirks)),
         )
+        if sync_id is None:
+            sync = period
         with can.Bus(interface='virtual', channel=channel) as bus:
-            runner = BusRunner(bus, made, 0x80, DeadlineGrid(sync) if sync else None)
+            runner = BusRunner(bus, made, sync_id, DeadlineGrid(sync) if sync else None)
 
             def loop():
                 runner.boot()

@@ -266,7 +266,7 @@ def write(node: Node, found: Comparison) -> None:
                 _write_pdo(node, pdo, found)
         for each in wanted.others:
             # Objects may be two names of one value: what was written may have put this right.
-            if not each.holds(_read(node, each)) and each in compare(node, wanted).different:
+            if each in found.different and each.key not in _excused(node, wanted):
                 _write(node, each, found)
         _verify(node, wanted, 'after they were written')
         node.store()
@@ -274,6 +274,13 @@ def write(node: Node, found: Comparison) -> None:
         raise SetupError(f'{error}; {_put_back(node, found)}') from error
     node.reset()
     _verify(node, wanted, 'after storing and a reset')
+
+
+def _excused(node: Node, wanted: WantedObjects) -> set[Key]:
+    """Return the objects of a node, as it is now, whose values do not matter."""
+    if wanted.rules is None:
+        return set()
+    return wanted.rules.excused(lambda index, subindex: _read_optional(node, (index, subindex)))
 
 
 def _put_back(node: Node, before: Comparison) -> str:

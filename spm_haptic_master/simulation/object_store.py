@@ -118,14 +118,23 @@ class ObjectStore:
         if len(data) != entry.size:
             raise SdoAbortError(canopen.SDO_WRONG_LENGTH)
         value = int.from_bytes(data, 'little')
+        self._check_state(key, value)
         if key == canopen.STORE:
             if value != canopen.SAVE:
                 raise SdoAbortError(canopen.SDO_NOT_STORED)
             self._stored = dict(self._entries)
             return
-        self._check_state(key, value)
-        self._entries[key] = replace(entry, value=value)
-        self._derive()
+        self.put(key, value)
+        self._written(key, value)
+
+    def put(self, key: Key, value: int) -> None:
+        """Change the value of an object from inside the device, if it has that."""
+        if key in self._entries:
+            self._entries[key] = replace(self._entries[key], value=value)
+            self._derive()
+
+    def _written(self, key: Key, value: int) -> None:
+        """Do what follows from a value that was written."""
 
     def _check_state(self, key: Key, value: int) -> None:
         """Raise SdoAbortError for a value that the node does not take now."""

@@ -13,18 +13,21 @@ import can
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.can_bus import BUS_OFF, RESTARTED
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout
+from spm_haptic_master.simulation.device_quirks import Quirk, quirks_of
 from spm_haptic_master.simulation.fault_injection import Fault, Faults
 from spm_haptic_master.simulation.noisy_motion import NoisyMotion
 from spm_haptic_master.simulation.object_store import GENERIC_ERROR, heartbeat
-from spm_haptic_master.simulation.simulated_nodes import SimulatedNode
+from spm_haptic_master.simulation.simulated_nodes import NodeOptions, SimulatedNode
+
+# Encoders that answer SYNC, set up.
+DEFAULT_OPTIONS = NodeOptions()
 
 
 class SimulatedBus:
     """
     Encoders on a moving master, and their faults, timed from the first answer.
 
-    Without `node_ids` they only answer SYNC; not `synchronised`, they send by themselves. From the
-    `factory` they have their maker's defaults. `heartbeat` is the time between heartbeats, s.
+    Without `node_ids` they only answer SYNC. `quirks` are what other makers' devices do.
     """
 
     def __init__(
@@ -33,20 +36,23 @@ class SimulatedBus:
         node_ids: tuple[int, ...] | None,
         motion: NoisyMotion,
         faults: tuple[Fault, ...],
-        heartbeat: float,
         seed: int,
-        synchronised: bool = True,
-        factory: bool = False,
+        options: NodeOptions = DEFAULT_OPTIONS,
+        quirks: tuple[Quirk, ...] = (),
     ):
+        ids = node_ids or (None,) * len(layouts)
         self.nodes = tuple(
-            SimulatedNode(layout, node_id, synchronised, heartbeat, factory)
-            for layout, node_id in zip(layouts, node_ids or (None,) * len(layouts), strict=True)
+            SimulatedNode(layout, node_id, options, quirks_of(quirks, index))
+            for index, (layout, node_id) in enumerate(zip(layouts, ids, strict=True))
         )
         self.faults = Faults(faults)
         self._motion = motion
         # Time of each node's next heartbeat, s.
         self._heartbeat_at = [0.0] * len(layouts)
         self._random = random.Random(seed)
+        # Times after the begin of a cycle at which the encoders sample and send, s.
+        free = any(quirk.kind == 'phases' for quirk in quirks) and not options.synchronised
+        self._phases = [options.period * self._random.random() if free else 0.0 for _ in layouts]
         # Answers that each late encoder has not sent yet, with the times when they are due, s.
         self._queues: list[deque[tuple[float, can.Message]]] = [deque() for _ in layouts]
         self._began: float | None = None
@@ -94,19 +100,24 @@ class SimulatedBus:
             self._began = now
             # A fault at 0 s affects the first answers too.
             answers += self._update_faults(now)
-        angles = self._motion.angles(now - self._began)
         if self._mute():
             return answers
-        for index, (node, angle) in enumerate(zip(self.nodes, angles, strict=True)):
+        angles = self._motion.angles(now - self._began)
+        for index, node in enumerate(self.nodes):
             if self._fault(index, 'reboot', 'unplug', 'dropout') is not None:
                 continue
+            phase = self._phases[index]
+            angle = (
+                self._motion.angles(now + phase - self._began)[index] if phase else angles[index]
+            )
+            answers += node.sync(now)
             sent = node.sample(
                 self._faulty(index, angle), self._fault(index, 'counter') is not None
             )
             loss, late = self._fault(index, 'loss'), self._fault(index, 'late')
             if loss is not None and 100.0 * self._random.random() < loss.value:
                 continue
-            due = now + (0.0 if late is None else late.value)
+            due = now + phase + (0.0 if late is None else late.value)
             self._queues[index].extend((due, each) for each in sent)
             answers += self._due(index, now)
         return answers
@@ -127,6 +138,7 @@ class SimulatedBus:
         sent = self._update_faults(now)
         for index, node in enumerate(self.nodes):
             sent += self._due(index, now)
+            sent += node.supervise(now)
             period, at = node.heartbeat_period, self._heartbeat_at[index]
             if not period or node.node_id is None or now < at:
                 continue
@@ -161,9 +173,11 @@ class SimulatedBus:
         if fault.kind == 'late' and not begins:
             return self._due(fault.joint, float('inf'))
         if fault.kind == 'emcy' and node.node_id is not None:
-            code, register = (
-                (int(fault.value), GENERIC_ERROR) if begins else (canopen.EMCY_ERROR_RESET, 0)
-            )
+            code = int(fault.value) if begins else canopen.EMCY_ERROR_RESET
+            # The register has what is left (CiA 301, 7.2.7.1).
+            left = self._fault(fault.joint, 'emcy') is not None
+            register = GENERIC_ERROR if left else 0
+            node.put(canopen.ERROR_REGISTER, register)
             return [canopen.emcy(node.node_id, code, register)]
         return node.boot() if fault.kind == 'reboot' and not begins else []
 

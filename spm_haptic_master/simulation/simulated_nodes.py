@@ -5,11 +5,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import can
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout
+from spm_haptic_master.simulation.device_quirks import NO_QUIRKS, Quirks
 from spm_haptic_master.simulation.object_store import (
     Entry,
     heartbeat,
@@ -32,14 +33,28 @@ MAPPED_POSITION = 0x6004_00_20
 MAPPED_SPEED = 0x6030_01_10
 # Entries of the mapping object.
 MAPPING_ENTRIES = 4
+# The two timers that some devices have as one value.
+TIMERS = ((canopen.TPDO_PARAMETERS, canopen.TPDO_EVENT_TIMER), canopen.CYCLIC_TIMER)
+# Time after a SYNC, in supervised periods, after which a node leaves OPERATIONAL; its emergency.
+SYNC_PATIENCE = 1.5
+NO_SYNC_CODE, NO_SYNC_REGISTER = 0x8100, 0x11
+
+
+@dataclass(frozen=True, slots=True)
+class NodeOptions:
+    """How simulated encoders behave."""
+
+    synchronised: bool = True  # otherwise they send by themselves
+    factory: bool = False  # with their maker's defaults
+    heartbeat: float = 0.1  # time between heartbeats, s
+    period: float = 1e-3  # of the bus, s
 
 
 class SimulatedNode(ObjectStore):
     """
     One encoder with NMT states, objects by SDO, heartbeat and a TPDO on SYNC.
 
-    Without a node id it only answers SYNC; not `synchronised`, it sends by itself. From the
-    `factory` it has its maker's defaults. `period` is the time between heartbeats, s.
+    Without a node id it only answers SYNC.
     """
 
     layout: EncoderLayout  # of the frames sent at present
@@ -52,56 +67,74 @@ class SimulatedNode(ObjectStore):
         self,
         layout: EncoderLayout,
         node_id: int | None,
-        synchronised: bool,
-        period: float,
-        factory: bool,
+        options: NodeOptions,
+        quirks: Quirks = NO_QUIRKS,
     ):
+        serial = node_id or 0
+        if node_id is not None and quirks.has('node_id'):
+            other = quirks.value('node_id', node_id)
+            layout = replace(layout, can_id=layout.can_id - node_id + other)
+            node_id = other
         self.node_id = node_id
         self.state = canopen.OPERATIONAL if node_id is None else canopen.PRE_OPERATIONAL
+        self._quirks = quirks
         self._sent = 0
-        serial = node_id or 0
+        # Time of the latest SYNC, s; None before the first, and after it left because of one.
+        self._synced: float | None = None
         # The layout once it is set up.
         self._layout = layout
-        self._type = canopen.EVERY_SYNC if synchronised else canopen.EVENT_DRIVEN
-        base = layout.can_id - serial
+        self._type = canopen.EVERY_SYNC if options.synchronised else canopen.EVENT_DRIVEN
+        base = layout.can_id - (node_id or 0)
         number = canopen.TPDO_BASES.index(base) if base in canopen.TPDO_BASES else 0
         self._parameters = parameters = canopen.TPDO_PARAMETERS + number
         self._mapping = mapping = canopen.TPDO_MAPPING + number
         disc = DISC_UNITS * layout.counts_per_turn
-        if factory:
-            identifier, kind = canopen.TPDO_BASES[0] + serial, canopen.EVENT_DRIVEN
-            mapped, period = [MAPPED_POSITION, MAPPED_SPEED], 0.0
+        beat = options.heartbeat
+        if options.factory:
+            identifier, kind = canopen.TPDO_BASES[0] + (node_id or 0), canopen.EVENT_DRIVEN
+            mapped, beat = [MAPPED_POSITION, MAPPED_SPEED], 0.0
             scaling, units = 0, disc
         else:
             identifier = layout.can_id | (canopen.TPDO_EXTENDED if layout.extended else 0)
             kind, mapped = self._type, [MAPPED_POSITION]
             scaling, units = canopen.SCALING_ON, layout.counts_per_turn
         entries = mapped + [0] * (MAPPING_ENTRIES - len(mapped))
+        supervised = options.period if quirks.has('supervises_sync') else 0.0
+        objects = identity(DEVICE_TYPE, serial) | {
+            canopen.SYNC_IDENTIFIER: Entry(canopen.SYNC_ID),
+            canopen.SYNC_PERIOD: Entry(round(1e6 * supervised)),
+            canopen.SYNC_COUNTER: Entry(0, 1),
+            canopen.STORE: Entry(STORES_ON_COMMAND),
+            canopen.HEARTBEAT_TIME: Entry(round(beat * 1e3), 2),
+            (parameters, canopen.TPDO_IDENTIFIER): Entry(identifier | canopen.TPDO_NO_REQUEST),
+            (parameters, canopen.TPDO_TYPE): Entry(kind, 1),
+            (parameters, canopen.TPDO_INHIBIT_TIME): Entry(0, 2),
+            (parameters, canopen.TPDO_EVENT_TIMER): Entry(0, 2),
+            (mapping, 0): Entry(len(mapped), 1),
+            **{(mapping, place): Entry(entry) for place, entry in enumerate(entries, start=1)},
+            canopen.OPERATING_PARAMETERS: Entry(scaling, 2),
+            canopen.UNITS_PER_TURN: Entry(units),
+            canopen.TOTAL_RANGE: Entry(units),
+            canopen.POSITION: Entry(0, writable=False),
+            canopen.CYCLIC_TIMER: Entry(0, 2),
+            canopen.DISC_UNITS_PER_TURN: Entry(disc, writable=False),
+        }
         super().__init__(
-            identity(DEVICE_TYPE, serial)
-            | {
-                canopen.STORE: Entry(STORES_ON_COMMAND),
-                canopen.HEARTBEAT_TIME: Entry(round(period * 1e3), 2),
-                (parameters, canopen.TPDO_IDENTIFIER): Entry(identifier | canopen.TPDO_NO_REQUEST),
-                (parameters, canopen.TPDO_TYPE): Entry(kind, 1),
-                (parameters, canopen.TPDO_INHIBIT_TIME): Entry(0, 2),
-                (parameters, canopen.TPDO_EVENT_TIMER): Entry(0, 2),
-                (mapping, 0): Entry(len(mapped), 1),
-                **{(mapping, place): Entry(entry) for place, entry in enumerate(entries, start=1)},
-                canopen.OPERATING_PARAMETERS: Entry(scaling, 2),
-                canopen.UNITS_PER_TURN: Entry(units),
-                canopen.TOTAL_RANGE: Entry(units),
-                canopen.POSITION: Entry(0, writable=False),
-                canopen.CYCLIC_TIMER: Entry(0, 2),
-                canopen.DISC_UNITS_PER_TURN: Entry(disc, writable=False),
+            {
+                key: replace(entry, writable=False) if quirks.concern('read_only', key) else entry
+                for key, entry in objects.items()
+                if not quirks.concern('missing', key)
             }
         )
+        self.put(canopen.ERROR_REGISTER, quirks.value('error', 0))
 
     def boot(self) -> list[can.Message]:
         """Restart with the stored objects; return the boot-up message."""
         if self.node_id is None:
             return []
         self.restart()
+        self.put(canopen.ERROR_REGISTER, self._quirks.value('error', 0))
+        self._synced = None
         self.state = canopen.PRE_OPERATIONAL
         return [heartbeat(self.node_id, canopen.BOOT_UP)]
 
@@ -134,6 +167,28 @@ class SimulatedNode(ObjectStore):
             )
         ]
 
+    def sync(self, now: float) -> list[can.Message]:
+        """Note a SYNC at a time, s; return the emergency that ends with it."""
+        returned = self._synced is None and self.value(*canopen.ERROR_REGISTER) == NO_SYNC_REGISTER
+        self._synced = now
+        if not returned or self.node_id is None:
+            return []
+        self.put(canopen.ERROR_REGISTER, 0)
+        return [canopen.emcy(self.node_id, canopen.EMCY_ERROR_RESET, 0)]
+
+    def supervise(self, now: float) -> list[can.Message]:
+        """Leave OPERATIONAL where SYNC is supervised and missing; return the emergency."""
+        patience = 1e-6 * SYNC_PATIENCE * self.value(*canopen.SYNC_PERIOD)
+        synced = self._synced
+        if not patience or synced is None or now - synced <= patience or self.node_id is None:
+            return []
+        if self.state != canopen.OPERATIONAL:
+            return []
+        self.state = canopen.PRE_OPERATIONAL
+        self._synced = None
+        self.put(canopen.ERROR_REGISTER, NO_SYNC_REGISTER)
+        return [canopen.emcy(self.node_id, NO_SYNC_CODE, NO_SYNC_REGISTER)]
+
     def _command(self, command: int) -> list[can.Message]:
         if command in RESETS:
             return self.boot()
@@ -142,6 +197,8 @@ class SimulatedNode(ObjectStore):
 
     def _check_state(self, key: Key, value: int) -> None:
         """Refuse a wrong value, and what CiA 301 does not allow while the TPDO is in use."""
+        if key == canopen.STORE and self._quirks.has('store_refused'):
+            raise SdoAbortError(canopen.SDO_NOT_STORED)
         index, subindex = key
         off = bool(self.value(self._parameters, canopen.TPDO_IDENTIFIER) & canopen.TPDO_OFF)
         if index == self._mapping:
@@ -157,6 +214,11 @@ class SimulatedNode(ObjectStore):
             raise SdoAbortError(canopen.SDO_WRONG_STATE)
         elif key == canopen.UNITS_PER_TURN and not value:
             raise SdoAbortError(canopen.SDO_WRONG_VALUE)
+
+    def _written(self, key: Key, value: int) -> None:
+        if self._quirks.has('one_timer') and key in TIMERS:
+            for timer in TIMERS:
+                self.put(timer, value)
 
     def _derive(self) -> None:
         identifier = self.value(self._parameters, canopen.TPDO_IDENTIFIER)

@@ -22,12 +22,13 @@ from spm_haptic_master.parameters.encoders import sensors_of
 from spm_haptic_master.parameters.files import simulated_rig
 from spm_haptic_master.parameters.resolver import DRIVER
 from spm_haptic_master.parameters.setting import Values
-from spm_haptic_master.simulation import fault_injection
+from spm_haptic_master.simulation import device_quirks, fault_injection
 from spm_haptic_master.simulation.bus_runner import BusRunner, DriveLoop
 from spm_haptic_master.simulation.noisy_motion import make_motion
 from spm_haptic_master.simulation.rig import rig_text
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus
 from spm_haptic_master.simulation.simulated_drive import SimulatedDrives
+from spm_haptic_master.simulation.simulated_nodes import NodeOptions
 from spm_haptic_master.timing import DeadlineGrid
 from spm_haptic_master.tools import command_line
 
@@ -82,10 +83,14 @@ def main(args: list[str]) -> int:
         node_ids,
         motion,
         of_encoders,
-        options.heartbeat,
         values['sim.seed'],
-        decoder.sync_id is not None,
-        options.factory,
+        NodeOptions(
+            synchronised=decoder.sync_id is not None,
+            factory=options.factory,
+            heartbeat=options.heartbeat,
+            period=1.0 / values['rate'],
+        ),
+        _quirks(options, sensors, decoder.sync_id),
     )
     drives = _drives(values, options, of_drives)
     grid = DeadlineGrid(1.0 / values['rate']) if options.sync or decoder.sync_id is None else None
@@ -138,6 +143,18 @@ def main(args: list[str]) -> int:
                 + (f', {grid.missed} deadlines missed' if grid else '')
             )
     return 0
+
+
+def _quirks(
+    options: argparse.Namespace, sensors: int, sync_id: int | None
+) -> tuple[device_quirks.Quirk, ...]:
+    """Return the quirks of the encoders; InputError for phases on a bus with SYNC."""
+    quirks = tuple(device_quirks.parse_quirk(text, sensors) for text in options.quirk)
+    if sync_id is not None and any(quirk.kind == 'phases' for quirk in quirks):
+        raise InputError(
+            f"quirk 'phases' with encoders.sync_id 0x{sync_id:X}; expected -p encoders.sync_id:=0"
+        )
+    return quirks
 
 
 def _drives(
@@ -204,10 +221,24 @@ def _parser() -> Parser:
         metavar='FAULT',
         help=f'{fault_injection.SYNTAX}; may be repeated',
     )
+    parser.add_argument(
+        '--quirk',
+        action='append',
+        default=[],
+        metavar='QUIRK',
+        help=f"what other makers' encoders do, {device_quirks.SYNTAX}; may be repeated",
+    )
     every = fault_injection.KINDS | fault_injection.DRIVE_KINDS
     kinds = '\n'.join(
         f'  {kind:13}{what}' + (f' (=VALUE, {unit})' if unit else '')
         for kind, (what, unit) in every.items()
     )
-    parser.epilog = f'faults:\n{kinds}\nexample: --fault offset:joint_3a@5+2=1.5'
+    quirks = '\n'.join(
+        f'  {kind:16}{what}' + (f' (=VALUE, {unit})' if unit else '')
+        for kind, (what, unit) in device_quirks.KINDS.items()
+    )
+    parser.epilog = (
+        f'faults:\n{kinds}\nexample: --fault offset:joint_3a@5+2=1.5\n\n'
+        f'quirks:\n{quirks}\nexample: --quirk read_only:joint_1a=0x6001'
+    )
     return parser

@@ -16,6 +16,7 @@ from spm_haptic_master.simulation.bus_runner import BusRunner
 from spm_haptic_master.simulation.fault_injection import parse_fault
 from spm_haptic_master.simulation.noisy_motion import make_motion
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus
+from spm_haptic_master.simulation.simulated_nodes import NodeOptions
 from spm_haptic_master.timing import DeadlineGrid
 
 START = canopen.nmt(canopen.NMT_START, 0)
@@ -28,9 +29,8 @@ HEARTBEAT = 0.05
 def bus_of(*faults, node_ids=(1, 2, 3, 4), layouts=LAYOUTS, factory=False):
     """Return encoders that are switched on, at rest, without noise."""
     motion = make_motion(values('sim', sim__noise_deg=0.0, sim__trajectory='fixed'))
-    bus = SimulatedBus(
-        layouts, node_ids, motion, tuple(map(parse_fault, faults)), HEARTBEAT, 1, factory=factory
-    )
+    options = NodeOptions(factory=factory, heartbeat=HEARTBEAT)
+    bus = SimulatedBus(layouts, node_ids, motion, tuple(map(parse_fault, faults)), 1, options)
     bus.boot()
     return bus
 
@@ -216,9 +216,8 @@ def rig():
                 node_ids,
                 make_motion(values('sim')),
                 tuple(map(parse_fault, faults)),
-                60.0,
                 1,
-                synchronised=sync_id is not None,
+                NodeOptions(synchronised=sync_id is not None, heartbeat=60.0),
             )
             return BusRunner(bus, encoders, sync_id, grid, record), master
 

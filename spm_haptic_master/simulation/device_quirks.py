@@ -1,0 +1,97 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""What simulated encoders do that other makers' devices do: KIND[:JOINT][=VALUE]."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+import re
+
+from spm_haptic_master.encoders.canopen import NODE_ID_MAXIMUM
+from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
+from spm_haptic_master.simulation.object_store import Key
+
+# Kinds: the behaviour, and the meaning of VALUE, or None for a kind without one.
+KINDS = {
+    'phases': ('without SYNC each sends at a phase of its own (encoders.sync_id 0)', None),
+    'one_timer': ('6200h and 1800h:05 are one value', None),
+    'read_only': ('an object cannot be written', 'index or index:subindex, such as 0x6001'),
+    'missing': ('an object does not exist', 'index or index:subindex, such as 0x1017'),
+    'store_refused': ('storing (1010h) is refused', None),
+    'error': ('an error stands from before the start', 'error register, such as 0x10'),
+    'supervises_sync': ('it leaves OPERATIONAL 1.5 periods after a SYNC (1006h)', None),
+    'node_id': ('it has another node id, such as that of others', f'1 .. {NODE_ID_MAXIMUM}'),
+}
+# Syntax of a quirk, for help texts and errors.
+SYNTAX = 'KIND[:JOINT][=VALUE], of all encoders without JOINT'
+_PATTERN = re.compile(r'(?P<kind>\w+)(:(?P<joint>joint_\w+))?(=(?P<value>\S+))?')
+
+
+@dataclass(frozen=True, slots=True)
+class Quirk:
+    """One behaviour of one encoder, or of all."""
+
+    kind: str  # one of KINDS
+    joint: int | None  # index in ALL_JOINT_NAMES; None for all
+    value: int  # number or index of an object; 0 for a kind without a value
+    subindex: int | None = None  # of that object; None for each of its subindices
+
+    def names(self, key: Key) -> bool:
+        """Return whether an object is meant."""
+        return key[0] == self.value and self.subindex in (None, key[1])
+
+
+@dataclass(frozen=True, slots=True)
+class Quirks:
+    """The quirks of one encoder."""
+
+    every: tuple[Quirk, ...] = ()
+
+    def has(self, kind: str) -> bool:
+        """Return whether it has a quirk of a kind."""
+        return any(quirk.kind == kind for quirk in self.every)
+
+    def value(self, kind: str, default: int) -> int:
+        """Return the value of its quirk of a kind."""
+        return next((quirk.value for quirk in self.every if quirk.kind == kind), default)
+
+    def concern(self, kind: str, key: Key) -> bool:
+        """Return whether a quirk of a kind is about an object."""
+        return any(quirk.kind == kind and quirk.names(key) for quirk in self.every)
+
+
+NO_QUIRKS = Quirks()
+
+
+def quirks_of(quirks: Iterable[Quirk], joint: int) -> Quirks:
+    """Return the quirks of the encoder of a joint, by its index."""
+    return Quirks(tuple(quirk for quirk in quirks if quirk.joint in (None, joint)))
+
+
+def parse_quirk(text: str, sensors: int = len(JOINT_NAMES)) -> Quirk:
+    """Return the quirk of a text such as 'read_only:joint_1a=0x6001'; InputError otherwise."""
+    found = _PATTERN.fullmatch(text)
+    if not found:
+        raise InputError(f"quirk '{text}'; expected {SYNTAX}")
+    kind, joint, value = found['kind'], found['joint'], found['value']
+    if kind not in KINDS:
+        raise InputError(f"quirk '{text}': kind '{kind}'; expected one of {', '.join(KINDS)}")
+    joints = ALL_JOINT_NAMES[:sensors]
+    if joint is not None and joint not in joints:
+        raise InputError(f"quirk '{text}': joint '{joint}'; expected one of {', '.join(joints)}")
+    unit = KINDS[kind][1]
+    if (unit is None) != (value is None):
+        expected = f'=VALUE ({unit})' if unit else f'no value with {kind}'
+        raise InputError(f"quirk '{text}'; expected {expected}")
+    index, _, subindex = (value or '0').partition(':')
+    try:
+        number = int(index, 0)
+        place = int(subindex, 0) if subindex else None
+    except ValueError as error:
+        raise InputError(f"quirk '{text}': not a number ({error}); expected {unit}") from error
+    if kind == 'node_id' and not 1 <= number <= NODE_ID_MAXIMUM:
+        raise InputError(f"quirk '{text}': VALUE is {number}; expected {unit}")
+    return Quirk(kind, None if joint is None else joints.index(joint), number, place)
