@@ -14,15 +14,16 @@ from types import TracebackType
 from typing import Any
 
 from benchmarks.pipeline.child_process import POLL_PERIOD, wait_until
+from benchmarks.sliding_hand import SlidingHand
 from geometry_msgs.msg import PoseStamped, QuaternionStamped
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import Joy
-from spm_haptic_master.nodes.simulation_control import FAULT_TOPIC
+from spm_haptic_master.nodes.simulation_control import FAULT_TOPIC, STEER_TOPIC
 from spm_haptic_master.ros.qos import EVENTS, SAMPLES, STATE
 from spm_haptic_master.timing import SECOND
-from std_msgs.msg import String
+from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import Trigger
 
 # Longest wait of the executor (s).
@@ -37,11 +38,12 @@ DISCOVERY_TIMEOUT = 30.0
 
 @dataclass(frozen=True, slots=True)
 class Arrived:
-    """A rotation that has arrived; a busy observer does not change its time of publication."""
+    """A pose that has arrived; a busy observer does not change its time of publication."""
 
     at: int  # time of its publication, ns since the Unix epoch
     stamp: int  # stamp of the message, ns
     quaternion: tuple[float, float, float, float]  # unit quaternion x, y, z, w
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m; of an orientation zero
 
 
 class Surgeon:
@@ -84,6 +86,8 @@ class Surgeon:
             name: self._node.create_client(Trigger, name) for name in ('enable', 'disable')
         }
         self._fault = self._node.create_publisher(String, FAULT_TOPIC, EVENTS)
+        self._steer = self._node.create_publisher(Float64MultiArray, STEER_TOPIC, EVENTS)
+        self.hand = SlidingHand(self._node, lambda: not self.state.startswith('disengaged'))
         # Pedals as they are, repeated: one that falls silent is released. The lock keeps a
         # repetition from following a change.
         self._held: dict[str, bool] = {}
@@ -118,6 +122,10 @@ class Surgeon:
     def inject(self, faults: str) -> None:
         """Set the faults of the simulated encoders; an empty text ends them."""
         self._fault.publish(String(data=faults))
+
+    def steer(self, tilt: float, azimuth: float, phi: float) -> None:
+        """Have the simulated handle go to a pose: angles of its axis, rad."""
+        self._steer.publish(Float64MultiArray(data=[tilt, azimuth, phi]))
 
     def enable(self) -> str:
         """Enable the master, and return what it answers; empty without an answer."""
@@ -179,6 +187,7 @@ class Surgeon:
 
     def close(self) -> None:
         """Leave the DDS domain."""
+        self.hand.close()
         self._end.set()
         self._thread.join()
         self._node.destroy_node()
@@ -204,12 +213,18 @@ class Surgeon:
     def _record(self, kind: Any, topic: str, into: list[Arrived]) -> None:
         def take(message: Any, info: Mapping[str, int]) -> None:
             stamp = message.header.stamp
-            q = message.quaternion if kind is QuaternionStamped else message.pose.orientation
+            position = 0.0, 0.0, 0.0
+            if kind is QuaternionStamped:
+                q = message.quaternion
+            else:
+                q, p = message.pose.orientation, message.pose.position
+                position = p.x, p.y, p.z
             into.append(
                 Arrived(
                     info['source_timestamp'],
                     stamp.sec * SECOND + stamp.nanosec,
                     (q.x, q.y, q.z, q.w),
+                    position,
                 )
             )
 

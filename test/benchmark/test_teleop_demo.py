@@ -11,7 +11,8 @@ import sys
 
 from benchmarks.pipeline.child_process import wait_until
 from benchmarks.surgeon import Arrived
-from benchmarks.teleop_demo import DEFAULTS, table
+from benchmarks.teleop_demo import DEFAULTS
+from benchmarks.teleop_figures import Loss, table
 from harness import start_command, start_program
 import pytest
 from spm_haptic_master.kinematics.rotations import quaternion_from_vector
@@ -63,32 +64,42 @@ def test_a_default_overrides_nothing_that_is_given_and_a_killed_child_is_named(t
     assert demo.stderr.count('\n') == 1
 
 
-def arrived(ms, angle):
-    return Arrived(ms * MS, ms * MS, quaternion_from_vector(0.0, 0.0, angle))
+def arrived(ms, angle, depth=0.1):
+    """Return a pose turned about the shaft, z, with its tip at a depth below the origin."""
+    return Arrived(ms * MS, ms * MS, quaternion_from_vector(0.0, 0.0, angle), (0.0, 0.0, depth))
 
 
 def test_the_table_of_a_demonstration():
-    # Two stretches: 0.01 rad in 5 ms, then a fresh start from the slave's pose, 0.002 rad off.
+    # Two stretches: 0.01 rad in 5 ms, then a fresh start from the slave's pose, 0.002 rad and 1 mm
+    # off; the insertion was lost after the first.
     commands = [
         arrived(1000, 0.0),
         arrived(1005, 0.01),
-        arrived(1010, 0.012),
-        arrived(2000, 0.112),
-        arrived(2005, 0.113),
+        arrived(1010, 0.012, 0.102),
+        arrived(2000, 0.112, 0.12),
+        arrived(2005, 0.113, 0.12),
     ]
-    poses = [arrived(999, 0.0), arrived(1007, 0.0), arrived(1500, 0.11), arrived(2006, 0.112)]
+    poses = [
+        arrived(999, 0.0),
+        arrived(1007, 0.0),
+        arrived(1500, 0.11, 0.119),
+        arrived(2006, 0.112, 0.12),
+    ]
+    loss = Loss('insertion', last=1008 * MS, enabled=1900 * MS)
     found = dict(
         line.strip('| ').split(' | ')
-        for line in table(commands, poses, lost=1008 * MS, enabled=1900 * MS).splitlines()[2:]
+        for line in table(commands, poses, (0.0, 0.0, 0.0), [loss]).splitlines()[2:]
     )
-    assert list(found.values()) == [
-        '5',
-        '2',
-        '0.115 deg',
-        '0.573 deg',
-        '2.00 rad/s',
-        '0.288 deg',
-        '0.573 deg',
-        '2.0 ms',
-        '0',
-    ]
+    assert found == {
+        'commands on `servo_cp`': '5',
+        'times that the slave began to follow': '2',
+        'first command beside the slave, largest': '0.115 deg, 1.000 mm',
+        'step from one command to the next, largest': '0.573 deg, 2.000 mm',
+        'angular speed of the command, largest': '2.00 rad/s',
+        'distance of the shaft from the trocar, largest': '0.0e+00 m',
+        'depth of the tip, smallest and largest': '100.0 mm, 120.0 mm',
+        'tracking error of the slave, rms': '0.288 deg',
+        'tracking error of the slave, largest': '0.573 deg',
+        'insertion lost: from its last value to the last command': '2.0 ms',
+        'insertion lost: commands from then to the next enable': '0',
+    }
