@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from math import inf, radians
 import threading
 import time
@@ -170,7 +170,17 @@ class Fkm(ParameterNode):
         self.take(stamp, angles)
 
     def take(self, stamp: int, angles: tuple[float, ...]) -> None:
-        """Publish the orientation of the sensors' angles (rad), sampled at `stamp` (ns)."""
+        """
+        Publish the orientation of a sample, if it passes the supervision.
+
+        Parameters
+        ----------
+        stamp : int
+            Time of the sample, ns.
+        angles : tuple of float
+            The sensors' angles, rad; NaN is a joint without a reading.
+
+        """
         with self._lock:
             self.status.received.count += 1
             if self._obstacle is not None:
@@ -228,34 +238,52 @@ class Fkm(ParameterNode):
 
     def _evaluate(self) -> None:
         """Derive the state from the samples since the last poll, and publish what changed."""
-        now, count, changes = time.monotonic(), self.status.received.count, self._changes
+        count = self.status.received.count
         received = count - self._polled
-        self._polled, self._changes = count, []
+        self._polled = count
+        changes, self._changes = self._changes, []
+        found = self._state_now(received, changes)
+        if found is None:
+            return  # a pause shorter than the time-out changes nothing
+        state, text = self._explained(found)
+        self.status.publish(state, text, self.protection_level)
+        # Each state between two polls is announced, but where overload explains the last one.
+        announced = changes if changes and state is changes[-1] else [state]
+        for each in announced:
+            self._announce(each)
+
+    def _state_now(
+        self, received: int, changes: Sequence[OrientationState]
+    ) -> OrientationState | None:
+        """Return the state by the samples since the last poll; None where it stays as it is."""
+        now = time.monotonic()
         if received:
             self._last_received = now
         if self._obstacle is not None:
-            found = silent(self._obstacle[0])
-        elif self._last_received is None:
-            found = STARTING
-        elif now - self._last_received > self._sample_timeout:
-            found = NO_SAMPLES
-        elif not received:
-            return  # a pause shorter than the time-out changes nothing
-        elif changes:
-            found = changes[-1]
-        else:
-            rejection = self.status.rejection
-            found = silent('' if rejection is None else rejection.reason)
-        state, text = self._explained(found)
-        self.status.publish(state, text, self.protection_level)
-        for each in changes if changes and state is changes[-1] else (state,):
-            if each != self.state or not self._is_announced:
-                self.state, self._is_announced = each, True
-                self._state_out.publish(String(data=each.text))
-                self._crtk.take(each)
+            reason, _ = self._obstacle
+            return silent(reason)
+        if self._last_received is None:
+            return STARTING
+        if now - self._last_received > self._sample_timeout:
+            return NO_SAMPLES
+        if not received:
+            return None
+        if changes:
+            return changes[-1]
+        rejection = self.status.rejection
+        return silent('' if rejection is None else rejection.reason)
+
+    def _announce(self, state: OrientationState) -> None:
+        """Publish the state on `state` and on CRTK's topics, if it is another one."""
+        if state == self.state and self._is_announced:
+            return
+        self.state = state
+        self._is_announced = True
+        self._state_out.publish(String(data=state.text))
+        self._crtk.take(state)
 
     def _explained(self, state: OrientationState) -> tuple[OrientationState, str]:
-        """Return state and message: those of a busy machine where it explains the silence."""
+        """Return state and message; overload, if it explains the silence."""
         is_symptom = state.condition is Condition.SILENT and self._obstacle is None
         if self._overload.explains(state.text if is_symptom else ''):
             return BUSY, silent(self._overload.words).text

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from math import degrees, isfinite, radians
 
 from geometry_msgs import msg as geometry
@@ -74,6 +74,16 @@ def publish_mounting(node: Node, values: Values) -> tuple[str, str]:
     return reference, text
 
 
+def _labelled(names: Sequence[str]) -> Float64MultiArray:
+    """Return the message of the protection level, labelled for the joints."""
+    labels = [f'{LEVEL}_deg']
+    labels += [f'unchecked_{name}_s' for name in names]
+    labels += [f'bound_{name}_deg' for name in names]
+    size = len(labels)
+    dimension = MultiArrayDimension(label=', '.join(labels), size=size, stride=size)
+    return Float64MultiArray(layout=MultiArrayLayout(dim=[dimension]))
+
+
 class OrientationOutputs:
     """
     Publishes protection level, covariance and the CRTK topics of an orientation.
@@ -88,20 +98,7 @@ class OrientationOutputs:
         # The messages of a sample share one header and one quaternion.
         header = self._header = Header(frame_id=frame_id)
         self._orientation = geometry.Quaternion()
-        labels = (
-            f'{LEVEL}_deg',
-            *(f'unchecked_{name}_s' for name in names),
-            *(f'bound_{name}_deg' for name in names),
-        )
-        self._level = Float64MultiArray(
-            layout=MultiArrayLayout(
-                dim=[
-                    MultiArrayDimension(
-                        label=', '.join(labels), size=len(labels), stride=len(labels)
-                    )
-                ]
-            )
-        )
+        self._level = _labelled(names)
         self._covariance = geometry.PoseWithCovarianceStamped(header=header)
         self._covariance.pose.pose.orientation = self._orientation
         pose = geometry.PoseStamped(header=header)
@@ -156,47 +153,76 @@ class OrientationOutputs:
         """
         Publish what has a subscriber and is due.
 
-        `stamp` is in ns, `angles` in rad, NaN without a reading; `estimate` is the orientation as
-        published, `level` its protection level, rad.
+        Parameters
+        ----------
+        stamp : int
+            Time of the sample, ns.
+        angles : sequence of float
+            The sensors' angles, rad; NaN without a reading.
+        estimate : SampleEstimate
+            The orientation as published, with its covariance, rad^2.
+        level : float
+            Its protection level, rad.
+
         """
         wanted = self.wanted  # another thread may change it meanwhile
         if LEVEL in wanted:
-            self._level.data = array(
-                'd',
-                (
-                    degrees(level),
-                    *self._supervisor.unchecked(),
-                    *map(degrees, self._supervisor.parts),
-                ),
-            )
-            self._outs[LEVEL].publish(self._level)
+            self._publish_level(level)
         if TWIST in wanted:
             self._velocity.add(stamp, estimate.quaternion)
         is_crtk_due = not wanted.isdisjoint(self._crtk) and self._grid.is_due(stamp)
         if not (COVARIANCE in wanted or is_crtk_due):
             return
-        time_of_sample, orientation = self._header.stamp, self._orientation
-        time_of_sample.sec, time_of_sample.nanosec = divmod(stamp, SECOND)
-        orientation.x, orientation.y, orientation.z, orientation.w = estimate.quaternion
+        self._fill_header(stamp, estimate)
         if COVARIANCE in wanted:
-            # The lower right block of the 6 x 6 matrix (x, y, z, rotations about fixed x, y, z).
-            field, block = self._covariance.pose.covariance, estimate.covariance
-            field[21:24], field[27:30], field[33:36] = block[0:3], block[3:6], block[6:9]
-            self._outs[COVARIANCE].publish(self._covariance)
-        for topic, message in self._crtk.items() if is_crtk_due else ():
+            self._publish_covariance(estimate)
+        if is_crtk_due:
+            self._publish_crtk(wanted, angles)
+
+    def _publish_level(self, level: float) -> None:
+        """Publish the protection level, the times unchecked and the bound of each sensor."""
+        bounds = map(degrees, self._supervisor.parts)
+        self._level.data = array('d', (degrees(level), *self._supervisor.unchecked(), *bounds))
+        self._outs[LEVEL].publish(self._level)
+
+    def _fill_header(self, stamp: int, estimate: SampleEstimate) -> None:
+        """Set stamp (ns) and orientation, which the messages of a sample share."""
+        time_of_sample = self._header.stamp
+        time_of_sample.sec, time_of_sample.nanosec = divmod(stamp, SECOND)
+        q = self._orientation
+        q.x, q.y, q.z, q.w = estimate.quaternion
+
+    def _publish_covariance(self, estimate: SampleEstimate) -> None:
+        """Publish the pose with its covariance, rad^2 about the fixed axes."""
+        # The lower right block of the 6 x 6 matrix (x, y, z, rotations about fixed x, y, z).
+        field = self._covariance.pose.covariance
+        block = estimate.covariance
+        field[21:24] = block[0:3]
+        field[27:30] = block[3:6]
+        field[33:36] = block[6:9]
+        self._outs[COVARIANCE].publish(self._covariance)
+
+    def _publish_crtk(self, wanted: Collection[str], angles: Sequence[float]) -> None:
+        """Publish the topics of CRTK that have a subscriber."""
+        for topic, message in self._crtk.items():
             if topic not in wanted:
                 continue
-            if topic == TWIST:
-                velocity = self._velocity.value()
-                if velocity is None:
-                    continue
-                angular = self._twist.twist.angular
-                angular.x, angular.y, angular.z = velocity
-            elif topic == JOINTS:
+            if topic == TWIST and not self._fill_twist():
+                continue
+            if topic == JOINTS:
                 self._joints.position = angles
                 if self.effort is not None:
                     self._joints.effort = self.effort()
             self._outs[topic].publish(message)
+
+    def _fill_twist(self) -> bool:
+        """Set the angular velocity in the base frame; return whether it is known."""
+        velocity = self._velocity.value()
+        if velocity is None:
+            return False
+        angular = self._twist.twist.angular
+        angular.x, angular.y, angular.z = velocity
+        return True
 
     def _take_gripper(self, joy: Joy) -> None:
         """Take the value of the axis; a message without a usable one changes nothing."""
