@@ -33,7 +33,7 @@ from PIL import Image
 import rclpy
 from spm_haptic_master.nodes.simulation_control import FAULT_TOPIC, STEER_TOPIC
 from spm_haptic_master.supervision.orientation_state import HEALTHY
-from spm_haptic_master.view.simulated_device import NEAR, SINGULAR
+from spm_haptic_master.view.stories import NEAR, SINGULAR
 from std_msgs.msg import Float64MultiArray, String
 
 HERE = Path(__file__).resolve().parent

@@ -1,9 +1,15 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The colours of the mechanism's parts: in the URDF, on the page of `view` and in pictures."""
+"""
+The colours of the mechanism's parts and of quantities: URDF, page of `view`, and pictures.
+
+A colour has one meaning everywhere: three encoders alone are violet, all encoders petrol.
+"""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 # Colours, red, green, blue in 0 .. 1: of the base, the legs A, B, C, the platform, the encoders.
 COLOURS = {
@@ -16,6 +22,14 @@ COLOURS = {
 }
 
 
+@dataclass(frozen=True, slots=True)
+class Ink:
+    """Colour of a quantity as CSS has it: on a white page, and on a dark one."""
+
+    light: str
+    dark: str
+
+
 def css(name: str) -> str:
     """Return the colour of a part as CSS and matplotlib have it."""
     return f'#{bytes(round(255 * part) for part in COLOURS[name]).hex()}'
@@ -23,3 +37,35 @@ def css(name: str) -> str:
 
 # Colours of the legs A, B, C.
 LEGS = tuple(css(f'leg_{leg}') for leg in 'abc')
+# Colours of quantities. Each has a contrast of 4.5 and more to its page, as text needs by WCAG AA.
+THREE_ENCODERS = Ink('#a3308f', '#e58fd6')
+ALL_ENCODERS = Ink('#00687a', '#5cc8dc')
+WARNING_LIMIT = Ink('#8f5200', '#f0b45c')
+ERROR_LIMIT = Ink('#b42318', '#ff8f80')
+COMMANDED = Ink('#5a5a5a', '#b8b8b8')
+RENDERED = Ink('#6a4a9c', '#b79cf0')
+# Colours of the legs as lines of plots, whose contrast is at least 3.
+LEG_INKS = (Ink(LEGS[0], '#5aa9e6'), Ink(LEGS[1], '#f08a4b'), Ink(LEGS[2], '#5cc27c'))
+# The pages on which they are.
+WHITE_PAGE, DARK_PAGE = '#ffffff', '#242424'
+
+
+def contrast(one: str, other: str) -> float:
+    """
+    Return the contrast of two colours in CSS, from 1 to 21.
+
+    WCAG 2.2, "contrast ratio" and "relative luminance".
+    """
+    lighter, darker = sorted((_luminance(one), _luminance(other)), reverse=True)
+    return (lighter + 0.05) / (darker + 0.05)
+
+
+def _luminance(colour: str) -> float:
+    """Return the relative luminance of a colour in CSS, 0 .. 1."""
+    red, green, blue = (_linear(part / 255.0) for part in bytes.fromhex(colour[1:]))
+    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+
+
+def _linear(part: float) -> float:
+    """Return a part of a colour, 0 .. 1, without the gamma of sRGB."""
+    return part / 12.92 if part <= 0.04045 else float(((part + 0.055) / 1.055) ** 2.4)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from math import acos, isfinite, pi, remainder
 
@@ -25,6 +26,65 @@ RESULT_TIMEOUT = 500_000_000
 CLEAR = 0.1
 
 
+@dataclass(frozen=True, slots=True)
+class LegA:
+    """Angles of leg A, which determine the platform's orientation, rad."""
+
+    theta1: float
+    theta2: float
+    theta3: float
+
+    def orientation(self, geometry: Geometry) -> Quaternion[float]:
+        """Return the platform's orientation in the base frame, x, y, z, w."""
+        return chain_quaternion(self.theta1, self.theta2, self.theta3, geometry, FLOATS)
+
+
+@dataclass(frozen=True, slots=True)
+class StampedPose:
+    """A published pose: its stamp, ns, and the angles of all nine joints, rad."""
+
+    stamp: int
+    angles: Sequence[float]
+
+
+@dataclass(frozen=True, slots=True)
+class StampedReadings:
+    """th1A, th1B, th1C as read, rad, and their stamp, ns."""
+
+    stamp: int
+    angles: Sequence[float]
+
+
+class PoseHistory:
+    """The latest published poses, and the one at a time between two of them."""
+
+    def __init__(self) -> None:
+        self._poses: deque[StampedPose] = deque(maxlen=POSES)
+
+    @property
+    def begin(self) -> int | None:
+        """Stamp of the oldest pose, ns; None without a pose."""
+        return self._poses[0].stamp if self._poses else None
+
+    def add(self, stamp: int, angles: Sequence[float]) -> None:
+        """Add the angles of all nine joints, rad, at a stamp, ns; an earlier stamp restarts."""
+        if self._poses and stamp <= self._poses[-1].stamp:
+            self._poses.clear()
+        self._poses.append(StampedPose(stamp, angles))
+
+    def at(self, stamp: int) -> LegA | None:
+        """Return the angles of leg A at a stamp, ns; None if there is no pose before or after."""
+        for before, after in pairwise(self._poses):
+            if before.stamp <= stamp <= after.stamp:
+                share = (stamp - before.stamp) / (after.stamp - before.stamp)
+                theta1, theta2, theta3 = (
+                    one + share * remainder(other - one, 2.0 * pi)
+                    for one, other in zip(before.angles[:3], after.angles[:3], strict=True)
+                )
+                return LegA(theta1, theta2, theta3)
+        return None
+
+
 class ThreeEncoders:
     """
     The orientation of three encoders, th1A, th1B, th1C, along a motion.
@@ -39,34 +99,29 @@ class ThreeEncoders:
 
     def __init__(self, geometry: Geometry) -> None:
         self._geometry = geometry
-        # Stamps, ns, and the angles of all nine joints, rad.
-        self._poses: deque[tuple[int, Sequence[float]]] = deque(maxlen=POSES)
-        self._waiting: tuple[int, Sequence[float]] | None = None
+        self._poses = PoseHistory()
+        self._waiting: StampedReadings | None = None
         self._solved_at = 0
         self.turn: Quaternion[float] | None = None
 
     @property
     def error(self) -> float | None:
         """Angle between its orientation and the published one, rad; None without readings."""
-        return None if self.turn is None else 2.0 * acos(min(1.0, abs(self.turn[3])))
+        return None if self.turn is None else angle_of(self.turn)
 
     def add_pose(self, stamp: int, angles: Sequence[float]) -> None:
-        """Take the angles of all nine joints at the published orientation; ns, rad."""
-        if self._poses and stamp <= self._poses[-1][0]:
-            self._poses.clear()
-        self._poses.append((stamp, angles))
+        """Add the angles of all nine joints at the published orientation; ns, rad."""
+        self._poses.add(stamp, angles)
         if not 0 <= stamp - self._solved_at < RESULT_TIMEOUT:
             self.turn = None
 
     def add_readings(self, stamp: int, readings: Sequence[float]) -> None:
-        """Take th1A, th1B, th1C as read, rad, at a stamp, ns."""
-        if (
-            self._waiting is None
-            or stamp < self._waiting[0]
-            or not self._poses
-            or self._poses[0][0] > self._waiting[0]
-        ):
-            self._waiting = stamp, readings
+        """Add th1A, th1B, th1C as read, rad, at a stamp, ns, unless others wait for their pose."""
+        begin, waiting = self._poses.begin, self._waiting
+        if waiting is not None and begin is not None:
+            if begin <= waiting.stamp <= stamp:
+                return
+        self._waiting = StampedReadings(stamp, readings)
 
     def solve(self, dexterity: float | None) -> None:
         """
@@ -74,26 +129,23 @@ class ThreeEncoders:
 
         `dexterity` is the three encoders', 0 to 1; None if unknown.
         """
-        if self._waiting is None:
-            return
-        stamp, readings = self._waiting
-        for (before, low), (after, high) in pairwise(self._poses):
-            if before <= stamp <= after:
-                share = (stamp - before) / (after - before)
-                th1a, th2a, th3a = (
-                    one + share * remainder(other - one, 2.0 * pi)
-                    for one, other in zip(low[:3], high[:3], strict=True)
-                )
-                break
-        else:
+        waiting = self._waiting
+        pose = None if waiting is None else self._poses.at(waiting.stamp)
+        if waiting is None or pose is None:
             return
         self._waiting = None
-        if not all(map(isfinite, readings)):
+        if not all(map(isfinite, waiting.angles)):
             return
-        begin = th2a, th3a
+        begin = pose.theta2, pose.theta3
         if self.turn is not None and dexterity is not None and dexterity <= CLEAR:
             begin = self._passive
-        published = chain_quaternion(th1a, th2a, th3a, self._geometry, FLOATS)
-        quaternion, th2a, th3a = continue_mode(readings, *begin, self._geometry)
-        self._passive, self._solved_at = (th2a, th3a), stamp
+        quaternion, theta2, theta3 = continue_mode(waiting.angles, *begin, self._geometry)
+        self._passive = theta2, theta3
+        self._solved_at = waiting.stamp
+        published = pose.orientation(self._geometry)
         self.turn = multiply_quaternions(conjugate(published), quaternion)
+
+
+def angle_of(turn: Quaternion[float]) -> float:
+    """Return the angle of a rotation, quaternion x, y, z, w, rad in 0 .. pi."""
+    return 2.0 * acos(min(1.0, abs(turn[3])))

@@ -22,15 +22,15 @@ from spm_haptic_master.ros.parameters import ParameterNode, Parameters, VIEW_SET
 from spm_haptic_master.standard_streams import print_within, STANDARD_OUTPUT
 from spm_haptic_master.timing import Periodic
 from spm_haptic_master.view.arm import Arm
-from spm_haptic_master.view.page import Page
+from spm_haptic_master.view.page import Page, place_of
 from spm_haptic_master.view.server import in_url, serve
 
 # Periods of drawing and of looking for devices (s).
 TICK_PERIOD, FIND_PERIOD = 0.05, 0.5
 # Period of the garbage collection (s): Python's own comes after twenty minutes and more.
 COLLECT_PERIOD = 30.0
-# Period of the signs of life, and shortest time between two refusals in the log (s).
-NEWS_PERIOD, REFUSAL_PERIOD = 1.0, 1.0
+# Period of the news, and shortest time between two refusals in the log (s).
+NEWS_PERIOD, REFUSAL_PERIOD = 0.25, 1.0
 # Niceness of the process above that of its parent: the device has priority.
 NICENESS = 10
 # Name and type of the topic by which a device is found.
@@ -93,13 +93,30 @@ class View(ParameterNode):
         """Poll for devices, and for the process that ends this one."""
         if self._process and not Path(f'/proc/{self._process}').exists():
             self._done.set_result(None)
+        before = set(self._arms)
+        self._drop()
         own = self.get_namespace()
         for namespace in [own] if own != '/' else self._namespaces():
             if namespace not in self._arms and len(self._arms) < LARGEST_NUMBER:
-                self._arms[namespace] = Arm(
-                    self, self._taker, self._page, namespace, len(self._arms)
-                )
-                self._page.aim(len(self._arms))
+                self._arms[namespace] = Arm(self, self._taker, self._page, namespace)
+        if set(self._arms) != before:
+            self._arrange()
+
+    def _drop(self) -> None:
+        """Drop devices whose programs ended a minute ago, if the program of another one runs."""
+        now = time.monotonic()
+        there = {namespace for namespace, arm in self._arms.items() if arm.is_there(now)}
+        if not there:
+            return
+        for namespace in set(self._arms) - there:
+            self._arms.pop(namespace).close()
+
+    def _arrange(self) -> None:
+        """Let the devices stand by their names: the left one on the left, else by the alphabet."""
+        for rank, namespace in enumerate(sorted(self._arms, key=place_of)):
+            self._arms[namespace].stand(rank)
+        self._page.aim(len(self._arms))
+        self._page.refresh()
 
     def _namespaces(self) -> list[str]:
         """Return the namespaces with a device that runs or that is being calibrated."""
@@ -108,7 +125,9 @@ class View(ParameterNode):
         for topic, kinds in topics.items():
             before, _, name = topic.rpartition('/')
             if name == TOPIC and TOPIC_TYPE in kinds and f'{before}/{STATE_TOPIC}' in topics:
-                found.add(before or '/')
+                # This node alone may still subscribe to them.
+                if self.count_publishers(f'{before}/{STATE_TOPIC}'):
+                    found.add(before or '/')
             if topic.endswith(f'/{COVERAGE_TOPIC}') and self.count_publishers(topic):
                 found.add(topic.removesuffix(f'/{COVERAGE_TOPIC}') or '/')
         return sorted(found)

@@ -2,82 +2,51 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The page beside the picture: banners, figures, plots and events of each device, and the views.
+The page beside the picture: banners, the content of each device, and the views.
 
 Banners and cover belong to the page, not to its panel, which leaves the page when a user collapses
-it. viser has no elements outside the panel: a script, `page/page.js`, draws them and sends
-nothing.
+it. viser has no elements outside the panel: scripts in `page/` draw them, and send nothing.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from contextlib import nullcontext
+from dataclasses import asdict
 import json
-from math import degrees, nan
 from pathlib import Path
+import time
 from typing import Any
 
-from spm_haptic_master.description.colours import LEGS
 from spm_haptic_master.description.workspace_map import colour_bar
-from spm_haptic_master.kinematics import joints, zxz_angles
-from spm_haptic_master.kinematics.number_backends import Quaternion
-from spm_haptic_master.ros.diagnostic_status import CAUTION_KEY
 from spm_haptic_master.view import status
-from spm_haptic_master.view.scene import ARM_DISTANCE, GHOST
-from viser import ViserServer
+from spm_haptic_master.view.content import content
+from spm_haptic_master.view.legend import INTRODUCTION, legend
+from spm_haptic_master.view.scene import ARM_DISTANCE
+from spm_haptic_master.view.seen import Seen
+from spm_haptic_master.view.status_entries import StatusEntries
+from viser import GuiApi, GuiFolderHandle, ViserServer
 from viser._messages import RunJavascriptMessage as ViserScript
 
-# Time without news from this program after which the page covers itself (ms).
-NEWS_TIMEOUT = 2500
-# The page's script and style.
+# The page's scripts, in the order in which they are read, and its style.
 FOLDER = Path(__file__).with_name('page')
-# Meaning of colours and figures.
-LEGEND = (
-    'Encoder: green healthy, amber not checked by the others, red faulty, black no reading.',
-    'Parity: how far the encoders disagree, in standard deviations; of noise mostly below 3.',
-    "Protection level: bound of the orientation's error, even if an encoder is wrong.",
-    'Cone about the handle: the protection level, ten times as wide, at most 20 deg.',
-)
+SCRIPTS = 'elements.js', 'lateness.js', 'camera.js', 'past.js', 'plots.js', 'panel.js', 'page.js'
 # Begin of a script with news.
 NEWS = 'window.spm.show('
+# How late the picture may be, and longest time without news, before the page covers itself (s):
+# a pose that is 0.5 s late is covered within a second.
+LATEST, NEWS_TIMEOUT = 0.5, 1.25
 # Camera's position relative to its target in each view of one device, and the target (units of the
 # scene); share of that distance by which it backs off for each further device (unit 1).
-CAMERAS = {'front': (1.15, -3.1, 1.85), 'side': (3.9, -0.01, 0.4), 'top': (0.0, -0.01, 4.1)}
-LOOK_AT, BACK_OFF = (0.0, 0.0, 0.88), 0.75
+CAMERAS = {'front': (1.15, -3.15, 1.75), 'side': (3.9, -0.01, 0.4), 'top': (0.0, -0.01, 4.1)}
+LOOK_AT, BACK_OFF = (0.0, 0.0, 0.98), 0.75
+# The view of a story, relative to the device: the flags above the dome.
+GHOST_CAMERA, GHOST_LOOK_AT = (0.5, -2.3, 2.4), (0.0, 0.0, 1.3)
 # What the page shows before the first device.
-NO_DEVICE = status.Banner(status.Light.GREY, 'no device found: is master running?', False)
-# Text of a figure without a value.
-DASH = '\u2013'
-# Colours of all encoders, and of limits.
-ALL, LIMIT = '#2b6cb0', '#b42318'
-# Dexterity of three sensors at which the bar is full (unit 1).
-FULL_DEXTERITY = 0.2
-# Error of three encoders clear of the singularity that noise does not explain (deg).
-WRONG_SIDE = 3.0
-# Share above which further motion improves a calibration little.
-ENOUGH = 0.9
-
-
-@dataclass(slots=True)
-class Seen:
-    """State of a device; a past one if the banner is not alive."""
-
-    banner: status.Banner
-    sensors: int = 4  # number of them
-    states: list[status.SensorState] = field(default_factory=list)
-    source: str = ''  # where the joint angles come from; empty: not known
-    force: str = ''  # state of the force feedback; empty: not known
-    alert_limit: float = nan  # largest protection level of a published orientation, deg
-    angles: Sequence[float] | None = None  # of all nine joints, rad
-    orientation: Quaternion[float] | None = None  # of the platform in the base frame
-    dexterities: Sequence[float] | None = None  # of three encoders, and of all
-    ghost: float | None = None  # error of three encoders alone, rad
-    pace: float = 0.0  # poses drawn per second
-    story: str = ''  # explanation of what the simulation plays; empty: nothing
-    happened: Sequence[str] = ()  # events since the last time
-    # What to do next in a calibration, and shares 0 .. 1 of what is needed.
-    calibration: tuple[str, dict[str, float]] | None = None
+NO_DEVICE = status.Banner(
+    status.Light.GREY, 'no device found. Start it: make run', False, 'no device found'
+)
+# Places in the panel: the page's introduction, then the devices.
+INTRODUCTION_ORDER, DEVICES_ORDER = 0.0, 10.0
 
 
 class RunJavascriptMessage(ViserScript):
@@ -88,24 +57,57 @@ class RunJavascriptMessage(ViserScript):
         return f'spm-{self.source.startswith(NEWS)}'
 
 
+class Panel:
+    """The part of the panel for a device, in a folder if it has a name; scripts fill it."""
+
+    def __init__(self, gui: GuiApi, title: str) -> None:
+        self._folder: GuiFolderHandle | None = gui.add_folder(title) if title else None
+        self.folder = self._folder or nullcontext()
+        # In a folder of its own, or beside nothing else.
+        first = 1.0
+        self.knobs_order = first + 1.0
+        with self.folder:
+            self._parts = [
+                gui.add_html(f'<div id="spm-{title}{part}" class="spm-device"></div>', order=order)
+                for part, order in (('', first), ('-lower', first + 2.0))
+            ]
+
+    def stand(self, rank: int) -> None:
+        """Let the folder stand at a place, from 0."""
+        if self._folder is not None:
+            self._folder.order = DEVICES_ORDER + rank
+
+    def remove(self) -> None:
+        """Take the part off the panel."""
+        if self._folder is not None:
+            self._folder.remove()
+            return
+        for part in self._parts:
+            part.remove()
+
+
 class Page:
-    """The banners, one below the other, the figures of each device, and the views of all."""
+    """The banners, one below the other, the content of each device, and the views of all."""
 
     def __init__(self, server: ViserServer) -> None:
         self.server = server
+        # By which a page notices that another process serves it.
+        self._session = time.monotonic()
         # Banners and contents by the names of the devices; the only one need not have a name.
         self.shown: dict[str, status.Banner] = {}
         self.content: dict[str, dict[str, Any]] = {}
+        server.gui.add_html('<div id="spm-introduction"></div>', order=INTRODUCTION_ORDER)
         self.aim(1)
         setup = {
             'css': (FOLDER / 'page.css').read_text(),
+            'latest': LATEST,
             'timeout': NEWS_TIMEOUT,
-            'lost': 'no news from view: the picture is old',
+            'introduction': INTRODUCTION,
             'dome': colour_bar(),
             'views': self.views,
-            'legend': LEGEND,
+            'legend': [asdict(entry) for entry in legend()],
         }
-        self._run((FOLDER / 'page.js').read_text().replace('SETUP', json.dumps(setup)))
+        self._run(script(setup))
         self.refresh()
 
     def aim(self, arms: int) -> None:
@@ -120,32 +122,65 @@ class Page:
             self.shown[name] = banner
             self.refresh()
 
-    def show_content(self, name: str, seen: Seen, entries: status.StatusEntries) -> None:
-        """Show the figures of a device whose banner is shown."""
-        self.content[name] = content(seen, entries)
+    def show_content(self, name: str, seen: Seen, entries: StatusEntries, rank: int) -> None:
+        """Show the figures of a device at a place of the row with the next news."""
+        self.content[name] = {**content(seen, entries), 'ghostView': ghost_view(rank)}
+
+    def drop(self, name: str) -> None:
+        """Show a device no longer."""
+        self.shown.pop(name, None)
+        self.content.pop(name, None)
         self.refresh()
 
     def refresh(self) -> None:
-        """Send all of it, as a sign of life; call it every second."""
-        shown = self.shown or {'': NO_DEVICE}
-        devices = [
-            {
-                'name': name,
-                'content': self.content.get(name),
-                'banner': (
-                    f'{name}: {banner.text}' if name else banner.text,
-                    banner.light.value,
-                    banner.alive,
-                ),
-            }
-            for name, banner in shown.items()
-        ]
+        """
+        Send all of it, with this program's clock (s), by which the page knows how late it is.
+
+        Call it every quarter of a second.
+        """
         # JSON of Python, with NaN and Infinity, is valid in a script.
-        self._run(f'{NEWS}{json.dumps({"devices": devices, "views": self.views})});')
+        self._run(f'{NEWS}{json.dumps(self.news())});')
+
+    def news(self) -> dict[str, Any]:
+        """Return all that the page shows now."""
+        shown = self.shown or {'': NO_DEVICE}
+        return {
+            'clock': time.monotonic(),
+            'session': self._session,
+            'hasDevice': bool(self.shown),
+            'devices': [self._device(name, shown[name]) for name in sorted(shown, key=place_of)],
+            'views': self.views,
+        }
+
+    def _device(self, name: str, banner: status.Banner) -> dict[str, Any]:
+        """Return the news of one device."""
+        return {
+            'name': name,
+            'content': self.content.get(name),
+            'banner': {
+                'text': f'{name}: {banner.text}' if name else banner.text,
+                'light': banner.light.name,
+                'colour': banner.light.colour,
+                'sign': banner.light.sign,
+                'alive': banner.alive,
+            },
+        }
 
     def _run(self, script: str) -> None:
         # viser sends its own script, plotly, in this way.
         self.server._websock_server.queue_message(RunJavascriptMessage(script))
+
+
+def place_of(name: str) -> tuple[bool, bool, str]:
+    """Return the key by which devices stand in a row: left first, right last, else by name."""
+    last = name.rpartition('/')[2]
+    return last == 'right', last != 'left', name
+
+
+def script(setup: dict[str, Any]) -> str:
+    """Return the page's script: all of its files in one function, called with the setup once."""
+    files = '\n'.join((FOLDER / name).read_text() for name in SCRIPTS)
+    return f'window.spm ??= ((setup) => {{\n{files}\n}})({json.dumps(setup)});'
 
 
 def views(arms: int) -> dict[str, tuple[tuple[float, ...], tuple[float, ...]]]:
@@ -159,183 +194,8 @@ def views(arms: int) -> dict[str, tuple[tuple[float, ...], tuple[float, ...]]]:
     }
 
 
-def content(seen: Seen, entries: status.StatusEntries) -> dict[str, Any]:
-    """Return what the page shows of a device with its present entries on /diagnostics."""
-    if not seen.banner.alive:
-        seen = replace(seen, angles=None, orientation=None, dexterities=None, ghost=None)
-    limits, figures, timing = map(
-        entries.numbers, (status.SINGULARITY, status.ORIENTATION, status.TIMING)
-    )
-    warn, error = limits.get('warn below', nan), limits.get('error below', nan)
-    three, every = dexterities = seen.dexterities or (nan, nan)
-    if seen.orientation is None:
-        figures = {}
-    level, parity = (figures.get(key, nan) for key in ('protection level (deg)', 'parity (sigma)'))
-    ghost = nan if seen.ghost is None else degrees(seen.ghost)
-    rate, p50, p99 = (
-        timing.get(key, nan)
-        for key in ('orientation rate (Hz)', 'latency p50 (us)', 'latency p99 (us)')
-    )
-    note, warns = (seen.story, False) if seen.story else _note(seen, warn)
-    driver, singularity = entries.entry(status.ENCODERS), entries.entry(status.SINGULARITY)
-    missing = entries.missing_joints()
-    # A joint without a reading has a gap in its plot.
-    angles = [
-        nan
-        if seen.angles is None or name in missing
-        else degrees(seen.angles[joints.MECHANISM_JOINT_NAMES.index(name)])
-        for name in joints.ALL_JOINT_NAMES[: seen.sensors]
-    ]
-    zxz = map(degrees, () if seen.orientation is None else zxz_angles(*seen.orientation))
-    # Always these rows: name, text, and share and colour of a bar, if any.
-    rows = [
-        ('source', seen.source or 'unknown'),
-        ('encoders', DASH if driver is None else driver.message),
-        (
-            'orientation',
-            ', '.join(
-                f'{name} {angle:.2f}\u00b0'
-                for name, angle in zip('\u03c8\u03b8\u03c6', zxz, strict=False)
-            )
-            or DASH,
-        ),
-        ('three encoders', _known(f'{ghost:.2f}\u00b0 off', ghost)),
-        ('protection level', _known(f'{level:.2f}\u00b0', level)),
-        ('parity', _known(f'{parity:.1f} sigma', parity)),
-        (
-            'singularity',
-            DASH if singularity is None or seen.orientation is None else singularity.message,
-        ),
-        *(
-            (
-                f'dexterity of {count}',
-                _known(f'{value:.3f}', value),
-                0.0 if value != value else value / FULL_DEXTERITY,
-                _light(value, warn, error).value,
-            )
-            for count, value in zip((3, seen.sensors), dexterities, strict=True)
-        ),
-        ('rate', _known(f'{rate:.0f} Hz', rate)),
-        ('latency', _known(f'p50 {p50:.0f} us, p99 {p99:.0f} us', p50 + p99)),
-        ('force', seen.force or DASH),
-        ('caution', entries.texts(status.ORIENTATION).get(CAUTION_KEY) or DASH),
-        ('picture', f'{seen.pace:.0f} poses a second'),
-    ]
-    text, shares = seen.calibration or ('', {})
-    return {
-        'note': note,
-        'warns': warns,
-        'rows': rows,
-        'chips': [
-            (short, f'{name}: {state.words}', state.colour)
-            for short, name, state in zip(
-                joints.SHORT_NAMES, joints.ALL_JOINT_NAMES, seen.states, strict=False
-            )
-        ],
-        'calibration': seen.calibration
-        and {
-            'text': text,
-            'covered': [
-                (
-                    name,
-                    share,
-                    (status.Light.GREEN if share >= ENOUGH else status.Light.AMBER).value,
-                )
-                for name, share in shares.items()
-            ],
-        },
-        'plots': [
-            _plot(
-                'dexterity',
-                'dexterity',
-                [('3 encoders', GHOST), (f'{seen.sensors} encoders', ALL)],
-                [(warn, status.Light.AMBER.value), (error, LIMIT)],
-            ),
-            _plot('ghost', 'three encoders alone: error, deg', [('error', GHOST)]),
-            _plot('level', 'protection level, deg', [('level', ALL)], [(seen.alert_limit, LIMIT)]),
-            _plot(
-                'angles',
-                'joint angles, deg',
-                [
-                    (name, LEGS['ABC'.index(name[1])], name[0] == '3')
-                    for name in joints.SHORT_NAMES[: seen.sensors]
-                ],
-                zero=False,
-            ),
-            _plot('parity', 'parity, sigma', [('parity', ALL)], zero=False),
-            _plot('latency', 'latency, us', [('p50', ALL), ('p99', GHOST)]),
-        ],
-        'sample': {
-            't': entries.now,
-            'state': seen.banner.text,
-            'colour': seen.banner.light.value,
-            'happened': seen.happened,
-            'values': {
-                'dexterity': [three, every],
-                'ghost': [ghost],
-                'level': [level],
-                'parity': [parity],
-                'angles': angles,
-                'latency': [p50, p99],
-            },
-        },
-    }
-
-
-def _known(text: str, value: float) -> str:
-    """Return the text of a value, a dash of nan."""
-    return DASH if value != value else text
-
-
-def _plot(
-    key: str,
-    title: str,
-    series: Sequence[Sequence[Any]],
-    limits: Sequence[tuple[float, str]] = (),
-    zero: bool = True,
-) -> dict[str, Any]:
-    """Return a plot: name, colour and whether dashed of each quantity; limits with colours."""
-    return {
-        'key': key,
-        'title': title,
-        'series': series,
-        'zero': zero,
-        'limits': [each for each in limits if each[0] == each[0]],
-    }
-
-
-def _note(seen: Seen, warn: float) -> tuple[str, bool]:
-    """Return which encoders determine the pose, in a sentence, and whether that is a warning."""
-    if seen.orientation is None:
-        return 'No orientation: the picture is not the present pose.', True
-    if seen.dexterities is None or warn != warn:
-        return DASH, False
-    three, every = seen.dexterities
-    lost = sum(
-        state in (status.SensorState.MISSING, status.SensorState.EXCLUDED) for state in seen.states
-    )
-    number = joints.NUMBER_WORDS.get(seen.sensors - lost, 'the')
-    if every < warn:
-        return f'Not even {number} encoders determine this pose.', True
-    if not three >= warn:
-        return (
-            f'Singularity: three encoders do not determine this pose; {number} do. The violet '
-            'ghost is what three alone would report.',
-            True,
-        )
-    if seen.ghost is not None and degrees(seen.ghost) > WRONG_SIDE:
-        return (
-            'Three encoders alone came out of the singularity on its wrong side. With '
-            f'{number} the device did not.',
-            True,
-        )
-    return f'Three encoders determine this pose. With {number} they check one another.', False
-
-
-def _light(dexterity: float, warn: float, error: float) -> status.Light:
-    """Return the colour of a dexterity, grey without a limit."""
-    if dexterity != dexterity or warn != warn:
-        return status.Light.GREY
-    if dexterity < error:
-        return status.Light.RED
-    return status.Light.AMBER if dexterity < warn else status.Light.GREEN
+def ghost_view(rank: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Return the camera's position and target for the ghost of the device at a place."""
+    (dx, dy, dz), (x, y, z) = GHOST_CAMERA, GHOST_LOOK_AT
+    x += ARM_DISTANCE * rank
+    return (x + dx, y + dy, z + dz), (x, y, z)

@@ -1,141 +1,60 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The device in 3D, as nodes of viser's scene, what is drawn over it, and its workspace."""
+"""The device in 3D, as nodes of viser's scene, and what is drawn over it."""
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Sequence
 from functools import partial
-from math import isfinite, pi, tan
+from math import hypot, isfinite, tan
 
 import numpy as np
 from numpy.typing import NDArray
 from spm_haptic_master.description import solids
-from spm_haptic_master.description.colours import css
-from spm_haptic_master.description.workspace_map import HALF_ANGLE, WorkspaceMap
+from spm_haptic_master.description.colours import ALL_ENCODERS, COMMANDED, css, RENDERED
 from spm_haptic_master.kinematics import Geometry, mechanism_angles, workspace_pose
 from spm_haptic_master.kinematics.checks import WorkingMode
-from spm_haptic_master.kinematics.joints import SHORT_NAMES
 from spm_haptic_master.kinematics.mounting import IDENTITY
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.view import surfaces
-from spm_haptic_master.view.surfaces import rgb, wxyz
-from viser import BatchedMeshHandle, LineSegmentsHandle, SceneApi
+from spm_haptic_master.view.dome import Dome
+from spm_haptic_master.view.ghost import flag, Ghost
+from spm_haptic_master.view.names import SENSOR_NAMES
+from spm_haptic_master.view.status import SensorState
+from spm_haptic_master.view.surfaces import GREY, rgb, wxyz
+from viser import BatchedMeshHandle, LabelHandle, SceneApi
 
 # Units of the scene for a metre: the proximal links are 1 unit from O.
 SCALE = 1.0 / solids.SIZE
 # Distance of two arms from each other (units of the scene): their bases are 2 wide.
 ARM_DISTANCE = 2.6
-# Colour of a device that is not shown as it is now, and of encoders without a state.
-GREY = '#969696'
-# Pointer from the handle along the platform's x, the hand of its self-rotation: radius, length,
-# height on the handle (unit SIZE).
-POINTER, POINTER_AT = (0.018, 0.0, 0.8), 0.97
 # Axes of the platform's frame, as `cylinder` has them, and the colours of x, y, z.
 AXIS = 0.012, 0.0, 0.42
 AXIS_COLOURS = ['#cc0000', '#00cc00', '#0000cc']
-# Cone of the protection level: colour, corners, opacity; magnification, widest half angle (rad).
-LEVEL, LEVEL_CORNERS, LEVEL_OPACITY = '#d6601e', 36, 0.22
+# Cone of the protection level: corners, opacity; magnification, widest half angle (rad).
+LEVEL_CORNERS, LEVEL_OPACITY = 36, 0.2
 MAGNIFICATION, WIDEST = 10.0, 0.35
-# Ghost of three encoders alone: colour, opacity; size that keeps it in front of the platform.
-GHOST, GHOST_OPACITY, GHOST_SCALE = '#b0379b', 0.55, 1.012
+LEVEL_HEIGHT = 1.78
 # Colours of the torques commanded and rendered; length of an arrow for 1 N m (units of the scene),
 # and least torque with an arrow (N m).
-TORQUES = {'commanded': '#5a5a5a', 'rendered': '#1478dc'}
+TORQUES = {'commanded': COMMANDED.light, 'rendered': RENDERED.light}
 TORQUE_LENGTH, LEAST_TORQUE = 3.0, 0.005
 # Floor: colour, height, and radius (units of the scene), corners.
-FLOOR, FLOOR_HEIGHT, FLOOR_RADIUS, FLOOR_CORNERS = '#eef0f3', -0.06, 1.05, 48
+FLOOR, FLOOR_HEIGHT, FLOOR_RADIUS, FLOOR_CORNERS = '#9aa3ad', -0.06, 1.05, 48
+FLOOR_OPACITY = 0.25
+# Where the name of the device is on the floor (units of the scene).
+NAME_AT = 0.0, -1.3, 0.0
 # Distances of the names from O: encoders on motors and on third joints, legs, handle (units of the
 # scene).
 MOTOR_AT, THIRD_AT, LEG_AT, HANDLE_AT = 1.49, 1.02, 1.66, 1.7
-# Radius of the dome about O, outside the handle; radius of its tiles and of the ball at the end of
-# the trace (units of the scene); opacity.
-RADIUS, TILE_RADIUS, PIN_RADIUS, TILE_OPACITY = 1.78, 0.042, 0.03, 0.75
-# Singularities: colour, size (units of the scene), and how much higher than the tiles (unit 1).
-SINGULAR, SINGULAR_SIZE, SINGULAR_RATIO = '#460014', 0.022, 1.004
-# Lines: colours of trace and rim, width (pixels).
-TRACE_COLOUR, LINE_WIDTH = '#141414', 2.0
-# Points of the trace, and least distance of two of them (unit of the scene).
-TRACE_POINTS, TRACE_STEP = 300, 0.004
-
-
-class Dome:
-    """The dome of a device, below a frame of the scene, `root`."""
-
-    def __init__(
-        self, scene: SceneApi, root: str, geometry: Geometry, working_mode: WorkingMode
-    ) -> None:
-        def line(name: str, segments: NDArray[np.float64], colour: str) -> LineSegmentsHandle:
-            # As wide as in the scene, a line is drawn twice, by two programs.
-            return scene.add_line_segments(
-                f'{root}/{name}',
-                segments,
-                rgb([colour])[0],
-                thickness=LINE_WIDTH,
-                thickness_units='screen',
-            )
-
-        self._map = WorkspaceMap(geometry, working_mode)
-        self._points: deque[NDArray[np.float64]] = deque(maxlen=TRACE_POINTS)
-        axes = self._map.axes
-        self.tiles = surfaces.add(
-            scene,
-            f'{root}/map',
-            surfaces.two_sided(surfaces.fan(TILE_RADIUS, 0.0, 6)),
-            self._map.colours(0.0),
-            axes,
-            RADIUS * axes,
-            opacity=TILE_OPACITY,
-        )
-        self.singular = scene.add_point_cloud(
-            f'{root}/singular',
-            np.zeros((1, 3)),
-            rgb([SINGULAR])[0],
-            point_size=SINGULAR_SIZE,
-            point_shape='circle',
-            point_shading='flat',
-            precision='float32',
-            visible=False,
-        )
-        rim = RADIUS * workspace_pose(HALF_ANGLE, np.linspace(0.0, 2.0 * pi, 97), 0.0)[..., 2]
-        line('rim', np.stack([rim[:-1], rim[1:]], axis=1), GREY)
-        self.trace = line('trace', np.zeros((1, 2, 3)), TRACE_COLOUR)
-        self.pin = surfaces.add(
-            scene, f'{root}/pin', surfaces.ball(PIN_RADIUS), rgb([TRACE_COLOUR]), visible=False
-        )
-
-    def move(self, axis: Sequence[float]) -> None:
-        """Continue the trace of the handle's axis, a unit vector in the base frame."""
-        point = RADIUS * np.asarray(axis)
-        self.pin.position, self.pin.visible = point, True
-        if self._points and np.abs(point - self._points[-1]).max() < TRACE_STEP:
-            return
-        self._points.append(point)
-        points = np.array(self._points)
-        segments = np.stack([points[:-1], points[1:]], axis=1)
-        segments = segments[np.isfinite(segments).all(axis=(1, 2))]
-        if len(segments):
-            self.trace.points = segments.astype(np.float32)
-
-    def break_trace(self) -> None:
-        """Interrupt the trace: the motion meanwhile is not known."""
-        if self._points and np.isfinite(self._points[-1]).all():
-            self._points.append(np.full(3, np.nan))
-
-    def paint(self, phi: float) -> None:
-        """Paint the map for a self-rotation, rad."""
-        self.tiles.batched_colors = self._map.colours(phi)
-        points = SINGULAR_RATIO * RADIUS * self._map.singular_axes(phi)
-        self.singular.visible = are_there = bool(len(points))
-        if are_there:
-            self.singular.points = points.astype(np.float32)
+# States of an encoder whose sign is not at its name.
+UNMARKED = SensorState.HEALTHY, SensorState.UNKNOWN
 
 
 class Scene:
     """
-    One device, with its number among the devices: the second one is beside the first.
+    One device in the scene, with its name if it has one.
 
     `table` is the quaternion x, y, z, w of R_table_base, `sensors` the number of encoders.
     """
@@ -143,158 +62,194 @@ class Scene:
     def __init__(
         self,
         scene: SceneApi,
-        number: int,
+        name: str,
         geometry: Geometry,
         working_mode: WorkingMode,
         table: Quaternion[float],
         sensors: int,
     ) -> None:
-        centre = workspace_pose(0.0, 0.0, 0.0)
-        # A mechanism that cannot be assembled there is refused.
-        angles = mechanism_angles(tuple(centre.ravel().tolist()), geometry, working_mode)
-        # Without a mounting the device is upright: the axis of its workspace is vertical.
-        x, y, z, w = table
-        place = np.array([ARM_DISTANCE * number, 0.0, 0.0])
-        self._root = scene.add_frame(
-            f'/arm{number}',
-            show_axes=False,
-            position=place,
-            wxyz=wxyz(centre.T) if table == IDENTITY else np.array([w, x, y, z]),
-        )
-        self._frame = scene.add_frame(f'{self._root.name}/platform', show_axes=False)
-        # Frames of what is beside the device: `show_rest` shows it.
-        self._rest = [
-            scene.add_frame(f'{frame.name}/rest', show_axes=False, visible=False)
-            for frame in (self._root, self._frame)
+        self._scene, self._geometry = scene, geometry
+        self._thirds = geometry.platform_axes[: sensors - len(solids.LEGS)]
+        self._shapes = solids.solids(geometry)
+        self._add_frames(f'arm_{name.replace("/", "_")}' if name else 'arm', table)
+        # Parts that turn grey, with their own colours.
+        self._coloured: list[tuple[BatchedMeshHandle, NDArray[np.uint8]]] = []
+        self._add_links()
+        self._add_platform()
+        self._add_encoders()
+        self.dome = Dome(scene, self._fixed_rest.name, geometry, working_mode)
+        self.ghost = Ghost(scene, self._turned_rest.name, self._platform)
+        self._add_level()
+        self.torques = [
+            surfaces.add(
+                scene,
+                f'{self._turned.name}/torque_{kind}',
+                surfaces.ARROW,
+                rgb([colour]),
+                visible=False,
+            )
+            for kind, colour in TORQUES.items()
         ]
-        fixed, turned, fixed_rest, turned_rest = (
-            frame.name for frame in (self._root, self._frame, *self._rest)
+        self._add_floor(name)
+        self._sensor_labels = self._add_labels()
+        # A mechanism that cannot be assembled at the workspace's centre is refused.
+        centre = workspace_pose(0.0, 0.0, 0.0)
+        self.place(mechanism_angles(tuple(centre.ravel().tolist()), geometry, working_mode))
+        self.set_alive(False)
+
+    def _add_frames(self, root: str, table: Quaternion[float]) -> None:
+        """Add the frames of the base and of the platform, and of what is beside the device."""
+        scene = self._scene
+        x, y, z, w = table
+        # Without a mounting the device is upright: the axis of its workspace is vertical.
+        upright = wxyz(workspace_pose(0.0, 0.0, 0.0).T)
+        self._fixed = scene.add_frame(
+            f'/{root}',
+            show_axes=False,
+            wxyz=upright if table == IDENTITY else np.array([w, x, y, z]),
         )
-        add = partial(surfaces.add, scene, scale=SCALE)
-        self._geometry, shapes = geometry, solids.solids(geometry)
-        base = add(f'{fixed}/base', shapes['base'], rgb([css('base')]))
-        # Encoders have the colours of their states: first those on motors, then those on the third
-        # joints th3A, th3B, th3C.
-        self._motors = add(
-            f'{fixed}/motors',
-            solids.cylinder(solids.MOTOR_ENCODER),
-            rgb([GREY] * len(solids.LEGS)),
-            geometry.base_axes,
+        self._turned = scene.add_frame(f'/{root}/platform', show_axes=False)
+        self._floor = scene.add_frame(f'/floor_{root}', show_axes=False)
+        self._fixed_rest, self._turned_rest = (
+            scene.add_frame(f'{frame.name}/rest', show_axes=False, visible=False)
+            for frame in (self._fixed, self._turned)
         )
-        thirds = geometry.platform_axes[: sensors - len(solids.LEGS)]
-        self._others = add(
-            f'{turned}/encoder',
-            solids.cylinder(solids.THIRD_ENCODER),
-            rgb([GREY] * len(thirds)),
-            thirds,
-        )
-        # Links of one shape, turned by one message: their rows in `link_turns`.
+
+    def _add_coloured(
+        self,
+        path: str,
+        solid: solids.Solid,
+        colours: Sequence[str],
+        axes: Sequence[object] | NDArray[np.float64] | None = None,
+    ) -> BatchedMeshHandle:
+        """Add a part that turns grey with the device."""
+        handle = surfaces.add(self._scene, path, solid, rgb(colours), axes, scale=SCALE)
+        self._coloured.append((handle, handle.batched_colors.copy()))
+        return handle
+
+    def _add_links(self) -> None:
+        """Add base and links; links of one shape are turned by one message."""
+        fixed = self._fixed.name
+        self._add_coloured(f'{fixed}/base', self._shapes['base'], [css('base')])
+        # Rows of the links in `link_turns`, and their handle.
         self._batches: list[tuple[list[int], BatchedMeshHandle]] = []
+        geometry = self._geometry
         for first, kind, spans in (
             (0, 'proximal', geometry.alphas),
             (len(solids.LEGS), 'distal', geometry.betas),
         ):
             for span in dict.fromkeys(spans):
-                legs = [k for k, each in enumerate(spans) if each == span]
+                legs = [leg for leg, other in enumerate(spans) if other == span]
                 link = f'{kind}_{solids.LEGS[legs[0]]}'
-                self._batches.append(
-                    (
-                        [first + k for k in legs],
-                        add(
-                            f'{fixed}/{link}',
-                            shapes[link],
-                            rgb([css(f'leg_{solids.LEGS[k]}') for k in legs]),
-                        ),
-                    )
-                )
-        pointer = solids.cylinder(POINTER).turned(solids.onto((1.0, 0.0, 0.0)))
-        platform = solids.together(
-            shapes['platform'],
-            solids.Solid(
-                pointer.vertices + (0.0, 0.0, solids.SIZE * POINTER_AT), pointer.triangles
-            ),
+                colours = [css(f'leg_{solids.LEGS[leg]}') for leg in legs]
+                handle = self._add_coloured(f'{fixed}/{link}', self._shapes[link], colours)
+                self._batches.append(([first + leg for leg in legs], handle))
+
+    def _add_platform(self) -> None:
+        """Add the platform with its handle and flag, and its axes."""
+        turned = self._turned.name
+        self._platform = solids.together(self._shapes['platform'], flag())
+        self._add_coloured(f'{turned}/solid', self._platform, [css('platform')])
+        self._add_coloured(f'{turned}/axes', solids.cylinder(AXIS), AXIS_COLOURS, np.eye(3))
+
+    def _add_encoders(self) -> None:
+        """Add the encoders, in the colours of their states."""
+        add = partial(surfaces.add, self._scene, scale=SCALE)
+        self._motors = add(
+            f'{self._fixed.name}/motors',
+            solids.cylinder(solids.MOTOR_ENCODER),
+            rgb([GREY] * len(solids.LEGS)),
+            self._geometry.base_axes,
         )
-        # Parts that turn grey, with their own colours.
-        self._coloured = [
-            (handle, handle.batched_colors.copy())
-            for handle in (
-                base,
-                *(links for _, links in self._batches),
-                add(f'{turned}/solid', platform, rgb([css('platform')])),
-                add(f'{turned}/axes', solids.cylinder(AXIS), rgb(AXIS_COLOURS), np.eye(3)),
-            )
-        ]
-        # To be scaled to the protection level.
+        self._others = add(
+            f'{self._turned.name}/encoder',
+            solids.cylinder(solids.THIRD_ENCODER),
+            rgb([GREY] * len(self._thirds)),
+            self._thirds,
+        )
+
+    def _add_level(self) -> None:
+        """Add the cone that is scaled to the protection level."""
         self.level = surfaces.add(
-            scene,
-            f'{turned_rest}/level',
-            surfaces.two_sided(surfaces.fan(RADIUS, RADIUS, LEVEL_CORNERS)),
-            rgb([LEVEL]),
+            self._scene,
+            f'{self._turned_rest.name}/level',
+            surfaces.two_sided(surfaces.fan(LEVEL_HEIGHT, LEVEL_HEIGHT, LEVEL_CORNERS)),
+            rgb([ALL_ENCODERS.light]),
             opacity=LEVEL_OPACITY,
             visible=False,
         )
-        self.dome = Dome(scene, fixed_rest, geometry, working_mode)
-        self.ghost = surfaces.add(
-            scene,
-            f'{turned_rest}/ghost',
-            platform,
-            rgb([GHOST]),
-            scale=GHOST_SCALE / solids.SIZE,
-            opacity=GHOST_OPACITY,
-            visible=False,
-        )
-        self.torques = [
-            surfaces.add(
-                scene, f'{turned}/torque_{kind}', surfaces.ARROW, rgb([colour]), visible=False
-            )
-            for kind, colour in TORQUES.items()
-        ]
-        # It is in the scene's frame, whatever the mounting is.
-        self._floor = surfaces.add(
-            scene,
-            f'/floor{fixed}',
+
+    def _add_floor(self, name: str) -> None:
+        """Add the floor, which is in the scene's frame whatever the mounting is, and the name."""
+        surfaces.add(
+            self._scene,
+            f'{self._floor.name}/disc',
             surfaces.fan(FLOOR_RADIUS, 0.0, FLOOR_CORNERS),
             rgb([FLOOR]),
-            places=place[None] + (0.0, 0.0, FLOOR_HEIGHT),
+            places=np.array([[0.0, 0.0, FLOOR_HEIGHT]]),
+            opacity=FLOOR_OPACITY,
         )
-        axes = np.array(geometry.base_axes)
-        for parent, text, at in (
-            *((fixed_rest, f'th{SHORT_NAMES[k]}', MOTOR_AT * z) for k, z in enumerate(axes)),
-            *((fixed_rest, solids.LEGS[k].upper(), LEG_AT * z) for k, z in enumerate(axes)),
-            *(
-                (turned_rest, f'th{SHORT_NAMES[len(solids.LEGS) + k]}', THIRD_AT * np.array(z))
-                for k, z in enumerate(thirds)
-            ),
-            (turned_rest, 'handle', np.array([0.0, 0.0, HANDLE_AT])),
-            (fixed_rest, 'O', np.zeros(3)),
-        ):
-            scene.add_label(
-                f'{parent}/label_{text}',
-                text,
-                position=at,
+        if name:
+            self._scene.add_label(
+                f'{self._floor.name}/name',
+                name,
+                position=np.array(NAME_AT),
                 anchor='center-center',
-                font_screen_scale=1.0,
+                font_screen_scale=1.6,
             )
-        self.place(angles)
-        self.set_alive(False)
+
+    def _add_labels(self) -> list[LabelHandle]:
+        """Add the names of encoders, legs, handle and O; return those of the encoders."""
+        axes = np.array(self._geometry.base_axes)
+        fixed, turned = self._fixed_rest.name, self._turned_rest.name
+        for leg, axis in zip(solids.LEGS, axes, strict=True):
+            self._add_label(fixed, leg.upper(), LEG_AT * axis)
+        self._add_label(fixed, 'O', np.zeros(3))
+        self._add_label(turned, 'handle', np.array([0.0, 0.0, HANDLE_AT]))
+        motors = [
+            self._add_label(fixed, name, MOTOR_AT * axis)
+            for name, axis in zip(SENSOR_NAMES, axes, strict=False)
+        ]
+        others = [
+            self._add_label(turned, name, THIRD_AT * np.array(axis))
+            for name, axis in zip(SENSOR_NAMES[len(motors) :], self._thirds, strict=False)
+        ]
+        return motors + others
+
+    def _add_label(self, parent: str, text: str, position: NDArray[np.float64]) -> LabelHandle:
+        return self._scene.add_label(
+            f'{parent}/label_{text}',
+            text,
+            position=position,
+            anchor='center-center',
+            font_screen_scale=1.0,
+        )
+
+    def stand(self, rank: int) -> None:
+        """Let the device stand at a place of the row, from 0."""
+        place = np.array([ARM_DISTANCE * rank, 0.0, 0.0])
+        self._fixed.position = place
+        self._floor.position = place
 
     def place(self, angles: Sequence[float]) -> None:
         """Turn the links to the angles of `joint_states`, rad."""
         rows = np.array(solids.link_turns(self._geometry, angles))[:, [3, 0, 1, 2]]
         for links, batch in self._batches:
             batch.batched_wxyzs = rows[links]
-        self._frame.wxyz = rows[-1]
+        self._turned.wxyz = rows[-1]
 
-    def show_sensors(self, colours: Sequence[str]) -> None:
-        """Give each encoder the colour of its state, as CSS has it: #rrggbb."""
-        sensors = rgb(colours)
-        self._motors.batched_colors = sensors[: len(solids.LEGS)]
-        self._others.batched_colors = sensors[len(solids.LEGS) :]
+    def show_sensors(self, states: Sequence[SensorState]) -> None:
+        """Give each encoder the colour of its state, and its name the sign."""
+        colours = rgb([state.colour for state in states])
+        self._motors.batched_colors = colours[: len(solids.LEGS)]
+        self._others.batched_colors = colours[len(solids.LEGS) :]
+        for label, name, state in zip(self._sensor_labels, SENSOR_NAMES, states, strict=False):
+            label.text = name if state in UNMARKED else f'{name} {state.sign}'
 
     def show_rest(self) -> None:
         """Show what is beside the device: dome, names, cone, and what three encoders report."""
-        for frame in self._rest:
-            frame.visible = True
+        self._fixed_rest.visible = True
+        self._turned_rest.visible = True
 
     def show_level(self, level: float) -> None:
         """Show the cone of the protection level, rad, magnified; nan: none."""
@@ -303,19 +258,13 @@ class Scene:
             width = tan(min(MAGNIFICATION * level, WIDEST))
             self.level.scale = (width, width, 1.0)
 
-    def show_ghost(self, turn: Quaternion[float] | None) -> None:
-        """Show what three encoders alone report, turned from the platform; None: nothing."""
-        self.ghost.visible = turn is not None
-        if turn is not None:
-            x, y, z, w = turn
-            self.ghost.wxyz = w, x, y, z
-
     def show_torques(self, torques: Sequence[Sequence[float]]) -> None:
         """Show the torques commanded and rendered, N m, in the platform's frame."""
         for arrow, torque in zip(self.torques, torques, strict=True):
-            size = float(np.linalg.norm(torque))
-            arrow.visible = shown = size >= LEAST_TORQUE
-            if shown:
+            size = hypot(*torque)
+            is_shown = isfinite(size) and size >= LEAST_TORQUE
+            arrow.visible = is_shown
+            if is_shown:
                 arrow.wxyz = wxyz(solids.onto(np.asarray(torque) / size))
                 arrow.scale = (1.0, 1.0, TORQUE_LENGTH * size)
 
@@ -325,8 +274,9 @@ class Scene:
             handle.batched_colors = colours if alive else rgb([GREY] * len(colours))
         if not alive:
             self.level.visible = False
+            self.ghost.show(None)
 
     def remove(self) -> None:
         """Take the device out of the scene."""
-        self._root.remove()
+        self._fixed.remove()
         self._floor.remove()

@@ -11,15 +11,19 @@ rebinding) is not a name of the page.
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 from contextlib import redirect_stdout
 import errno
+import fcntl
+from functools import partial
 from http import HTTPStatus
 from io import StringIO
 import ipaddress
 import logging
 import re
 import socket
+import sys
 from typing import Any
 
 import msgspec
@@ -42,6 +46,15 @@ LONGEST_MESSAGE = 65536
 AMBIENT = 0.8
 # Field of view, from top to bottom (rad).
 VIEW_ANGLE = 0.75
+# Last port of TCP.
+LAST_PORT = 65535
+# Request of Linux (linux/sockios.h) for the bytes of a socket that have not been sent, and the
+# period of asking for it (s).
+SIOCOUTQNSD, POLL_PERIOD = 0x894B, 0.005
+# A server's answer to a request, as websockets asks for it.
+Answer = Callable[[ServerConnection, Request], 'Response | None']
+# The server of websockets as it is without a guard.
+UNGUARDED_SERVE = websocket_server.serve
 
 
 def own_names(host: str, further: str) -> frozenset[str]:
@@ -85,15 +98,20 @@ def is_wanted(message: str | bytes) -> bool:
         return False
     try:
         found = msgspec.msgpack.decode(message)
-        return found['type'] == 'ViewerCameraMessage' or (
-            found['type'] == 'GuiUpdateMessage' and list(found['updates']) == ['value']
-        )
+        if found['type'] == 'GuiUpdateMessage':
+            return list(found['updates']) == ['value']
+        return bool(found['type'] == 'ViewerCameraMessage')
     except (msgspec.MsgspecError, ValueError, TypeError, KeyError):
         return False
 
 
 class GuardedConnection(ServerConnection):
-    """A connection that drops the messages that are not passed on."""
+    """
+    A connection that drops messages that are not passed on, and sends no faster than it can.
+
+    What a client has not received yet waits with viser, which replaces an old pose by a new one,
+    and not in a queue of this host, which would send each of them, later and later.
+    """
 
     async def recv(self, decode: bool | None = None) -> Any:
         """Return the next message that is passed on."""
@@ -101,59 +119,114 @@ class GuardedConnection(ServerConnection):
             pass
         return message
 
+    async def send(self, message: Any, text: bool | None = None) -> None:
+        """Send a message, and return when nothing of it waits on this host any more."""
+        await super().send(message, text)
+        while unsent_bytes(self.transport):
+            await asyncio.sleep(POLL_PERIOD)
+
+
+def unsent_bytes(transport: asyncio.Transport) -> int:
+    """Return the number of bytes that wait on this host; 0 of a closed connection."""
+    connection = transport.get_extra_info('socket')
+    if transport.is_closing() or connection is None:
+        return 0
+    answer = bytearray(4)
+    try:
+        fcntl.ioctl(connection.fileno(), SIOCOUTQNSD, answer)
+    except OSError:
+        return 0
+    return transport.get_write_buffer_size() + int.from_bytes(answer, sys.byteorder)
+
+
+class Guard:
+    """Answers the requests to a page by its names, and passes on those that it does not refuse."""
+
+    def __init__(self, names: frozenset[str], report: Callable[[str], None]) -> None:
+        self._names, self._report = names, report
+        # Whether a server of viser has got the guard.
+        self.is_used = False
+
+    def serve(self, *args: Any, process_request: Answer, **options: Any) -> Any:
+        """Create the server of websockets in viser's place, with its arguments."""
+        self.is_used = True
+        guarded = {
+            'process_request': partial(self._answer, process_request),
+            'max_size': LONGEST_MESSAGE,
+            'create_connection': GuardedConnection,
+        }
+        return UNGUARDED_SERVE(*args, **options | guarded)
+
+    def _answer(
+        self, answer: Answer, connection: ServerConnection, request: Request
+    ) -> Response | None:
+        """Return the answer to a request; None lets it become a websocket."""
+        own_address = in_url(connection.local_address[0])
+        reason = refusal(request.headers, self._names | {own_address})
+        if reason:
+            self._report(reason)
+            return connection.respond(HTTPStatus.FORBIDDEN, f'{reason}\n')
+        response = answer(connection, request)
+        if response is not None:
+            response.headers['Content-Security-Policy'] = _policy(request.headers['Host'])
+        return response
+
+
+def _policy(host: str) -> str:
+    """
+    Return what a browser may do with the page of a host.
+
+    No other page has this one in a frame, below its own buttons, to steal clicks; and this page
+    connects to no other server that a link names (?websocket=).
+    """
+    return (
+        f"frame-ancestors 'none'; connect-src http://{host} https://{host} "
+        f'ws://{host} wss://{host} data: blob:'
+    )
+
 
 def serve(host: str, port: int, names: str, report: Callable[[str], None]) -> ViserServer:
     """
-    Return the server of the page at a host and a port, or the next free one.
+    Return the server of the page.
 
-    `names` are further names of the page, separated by commas; `report` is called, in the server's
-    thread, with the reason of a refused request. InputError: the address cannot be used. SpmError:
-    the server would not refuse anything.
+    Parameters
+    ----------
+    host, port : str, int
+        its address; if the port is not free, the next one that is
+    names : str
+        further names of the page, separated by commas
+    report : callable
+        is called, in the server's thread, with the reason of a refused request
+
+    Raises
+    ------
+    InputError
+        the address cannot be used
+    SpmError
+        the server would not refuse anything
+
     """
     # It logs each connection on standard error.
     logging.getLogger('websockets').setLevel(logging.CRITICAL)
     # viser would try ports without end, or beyond the last one.
     port = free_port(host, port)
+    guard = Guard(own_names(host, names), report)
     # viser passes no options to the server of websockets that it creates.
-    unguarded, known, guards = websocket_server.serve, own_names(host, names), []
-
-    def serve_guarded(*args: Any, process_request: Any, **options: Any) -> Any:
-        def answer(connection: ServerConnection, request: Request) -> Response | None:
-            reason = refusal(request.headers, known | {in_url(connection.local_address[0])})
-            if reason:
-                report(reason)
-                return connection.respond(HTTPStatus.FORBIDDEN, f'{reason}\n')
-            response: Response | None = process_request(connection, request)
-            if response is not None:
-                # No other page has this one in a frame, below its own buttons, to steal clicks;
-                # and this page connects to no other server that a link names (?websocket=).
-                host = request.headers['Host']
-                response.headers['Content-Security-Policy'] = (
-                    f"frame-ancestors 'none'; connect-src http://{host} https://{host} "
-                    f'ws://{host} wss://{host} data: blob:'
-                )
-            return response
-
-        guards.append(answer)
-        return unguarded(
-            *args,
-            **options
-            | {
-                'process_request': answer,
-                'max_size': LONGEST_MESSAGE,
-                'create_connection': GuardedConnection,
-            },
-        )
-
-    websocket_server.serve = serve_guarded
+    websocket_server.serve = guard.serve
     try:
         # viser prints its address in a frame; `view` prints a line of its own.
         with redirect_stdout(StringIO()):
             server = ViserServer(host=host, port=port, label='haptic master', verbose=False)
     finally:
-        websocket_server.serve = unguarded
-    if not guards:
+        websocket_server.serve = UNGUARDED_SERVE
+    if not guard.is_used:
         raise SpmError('this version of viser makes a server that cannot be guarded')
+    _light(server)
+    return server
+
+
+def _light(server: ViserServer) -> None:
+    """Set up panel, light and camera of a server."""
     server.gui.configure_theme(control_width='large', show_logo=False, show_share_button=False)
     server.gui.main_panel.dock_right()
     server.scene.set_up_direction('+z')
@@ -163,20 +236,14 @@ def serve(host: str, port: int, names: str, report: Callable[[str], None]) -> Vi
     server.scene.configure_environment_map(hdri=None)
     server.scene.add_light_ambient('/ambient', intensity=AMBIENT)
     server.initial_camera.fov = VIEW_ANGLE
-    return server
 
 
 def free_port(host: str, first: int) -> int:
     """Return the first free port of an address; InputError: there is none."""
     try:
-        for port in range(first, 65536):
-            try:
-                for family, *_, address in socket.getaddrinfo(host, port, type=socket.SOCK_STREAM):
-                    socket.create_server(address, family=family).close()
+        for port in range(first, LAST_PORT + 1):
+            if _is_free(host, port):
                 return port
-            except OSError as error:
-                if error.errno != errno.EADDRINUSE:
-                    raise
     except OSError as error:
         raise InputError(
             f"parameter 'view.host' is {host!r}; expected an address of this host "
@@ -186,6 +253,18 @@ def free_port(host: str, first: int) -> int:
         f"parameter 'view.port' is {first}; expected a port that is free, or has a "
         'free one after it'
     )
+
+
+def _is_free(host: str, port: int) -> bool:
+    """Return whether a port of all addresses of a host is free; OSError: they cannot be used."""
+    try:
+        for family, *_, address in socket.getaddrinfo(host, port, type=socket.SOCK_STREAM):
+            socket.create_server(address, family=family).close()
+    except OSError as error:
+        if error.errno != errno.EADDRINUSE:
+            raise
+        return False
+    return True
 
 
 def in_url(host: str) -> str:

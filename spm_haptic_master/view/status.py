@@ -1,43 +1,46 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a device reports: its entries on /diagnostics, its banner, the states of its encoders."""
+"""What a device reports in words: its banner and the states of its encoders."""
 
 from __future__ import annotations
 
-from contextlib import suppress
+from collections.abc import Collection
 from dataclasses import dataclass
 from enum import Enum
 from math import inf
+import re
 
-from diagnostic_msgs.msg import DiagnosticStatus
-from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, named_joints
-from spm_haptic_master.ros.diagnostic_status import MISSING_KEY
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.supervision import orientation_state
 from spm_haptic_master.supervision.orientation_state import OrientationState
+from spm_haptic_master.view.names import with_sensor_names
+from spm_haptic_master.view.status_entries import ORIENTATION, StatusEntries
 
 # Time without new joint angles after which the picture is stale (s): a silence has to be visible
 # within half a second.
 STALE_AFTER = 0.25
 # Longest time between two ticks that is no pause of this process (s): two periods.
 LONGEST_TICK = 0.1
-# Names of entries, without a namespace.
-ENCODERS, ORIENTATION, TIMING = 'encoder_driver: encoders', 'fkm: orientation', 'fkm: timing'
-SINGULARITY = 'diagnostics: singularity'
-# Longest age of an entry (s): they come every second.
-ENTRY_TIMEOUT = 2.5
 # Time without a check by the others after which an encoder is unchecked (s): less is a moment on
 # the way through a singularity, and the figures come once a second.
 UNCHECKED_AFTER = 1.0
+# A joint in the reason of a state, with the words about it up to the next comma.
+CLAUSE = re.compile(r'\b(joint_[13][abc])\b([^,;]*)')
+# Words of a clause about a joint that has no reading: it may be in order.
+NO_READING = re.compile(r'missing|no answer|no reading')
 
 
 class Light(Enum):
-    """Colour of the banner, as CSS has it."""
+    """State as a colour in CSS, under white text, and as a sign for whoever sees no colour."""
 
-    GREEN = '#1a7f37'
-    AMBER = '#b35900'
-    RED = '#b42318'
-    GREY = '#57606a'
+    GREEN = '#1a7f37', '\u2713'
+    AMBER = '#9a5000', '!'
+    RED = '#b42318', '\u2715'
+    GREY = '#57606a', '\u2026'
+
+    def __init__(self, colour: str, sign: str) -> None:
+        self.colour, self.sign = colour, sign
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +51,8 @@ class Banner:
     text: str  # state in words, with the reason
     # Whether the picture is the device's present pose; if not, it is grey and does not move.
     alive: bool
+    # The same words without how long it has been so: it changes when the state does.
+    event: str
 
 
 class SampleAge:
@@ -76,105 +81,117 @@ def banner(
     state: OrientationState | None, age: float | None, diagnostics: str = '', heard: bool = True
 ) -> Banner:
     """
-    Return the banner for the latest state and the time since joint angles came, s, if any did.
+    Return the banner for the latest state and the time since joint angles came.
 
-    `diagnostics` is the reason of the node diagnostics why there are no joint angles. `heard` is
-    whether `fkm` is on /diagnostics: if not, its latched `state` may be an old one.
+    Parameters
+    ----------
+    state : OrientationState or None
+        latest state, None before the first
+    age : float or None
+        time since joint angles came, s; None before the first
+    diagnostics : str
+        reason of the node diagnostics why there are no joint angles; empty: none
+    heard : bool
+        whether `fkm` is on /diagnostics: if not, its latched `state` may be an old one
+
     """
-    text, publishes = ('', False) if state is None else (state.text, state.publishes)
     if state is not None and state.condition is orientation_state.Condition.SILENT:
-        return Banner(Light.RED, text, False)
-    of_diagnostics = f'(diagnostics{diagnostics and f": {diagnostics}"})'
+        return _banner(Light.RED, state.text)
+    source = f'(diagnostics: {diagnostics})' if diagnostics else '(diagnostics)'
     if age is None:
-        if publishes:
-            return Banner(Light.AMBER, f'{text}, but no joint_states {of_diagnostics}', False)
-        return Banner(Light.GREY, text or 'waiting for fkm', False)
+        return _before_angles(state, source)
     if age <= STALE_AFTER:
-        light = Light.GREEN if state == orientation_state.HEALTHY else Light.AMBER
-        return Banner(light, text or 'state unknown: fkm publishes it', publishes)
-    since = f'for {age:.0f} s' if age >= 1.0 else f'for {STALE_AFTER:g} s'
+        return _with_angles(state)
+    return _without_angles(state, age, source, heard)
+
+
+def _banner(light: Light, text: str, event: str = '', alive: bool = False) -> Banner:
+    """Return the banner of words, and of the event if these differ, with the page's names."""
+    text = with_sensor_names(text)
+    return Banner(light, text, alive, with_sensor_names(event) or text)
+
+
+def _before_angles(state: OrientationState | None, source: str) -> Banner:
+    """Return the banner of a device whose joint angles have not come yet."""
+    if state is not None and state.publishes:
+        return _banner(Light.AMBER, f'{state.text}, but no joint_states {source}')
+    return _banner(Light.GREY, 'waiting for fkm' if state is None else state.text)
+
+
+def _with_angles(state: OrientationState | None) -> Banner:
+    """Return the banner of a device whose joint angles are of now."""
+    if state is None:
+        return _banner(Light.AMBER, 'state unknown: fkm publishes it')
+    light = Light.GREEN if state == orientation_state.HEALTHY else Light.AMBER
+    return _banner(light, state.text, alive=state.publishes)
+
+
+def _without_angles(
+    state: OrientationState | None, age: float, source: str, heard: bool
+) -> Banner:
+    """Return the banner of a device whose joint angles have not come for an age, s."""
+    since = f' for {age:.0f} s' if age >= 1.0 else f' for {STALE_AFTER:g} s'
     if not heard:
-        missing = orientation_state.silent(f'nothing from fkm, no joint_states {since}').text
-    elif publishes:
+        event = orientation_state.silent('nothing from fkm, no joint_states').text
+        return _banner(Light.RED, f'{event}{since}', event)
+    if state is not None and state.publishes:
         # fkm publishes orientations: joint_states alone are missing.
-        missing = f'no joint_states {since} {of_diagnostics}'
-    else:
-        missing = orientation_state.silent(f'no orientation {since}').text
-    return Banner(Light.RED, missing, False)
+        return _banner(Light.RED, f'no joint_states{since} {source}', f'no joint_states {source}')
+    event = orientation_state.silent('no orientation').text
+    return _banner(Light.RED, f'{event}{since}', event)
 
 
 class SensorState(Enum):
-    """State of an encoder: its words, and its colour in CSS."""
+    """State of an encoder: its words, its colour in CSS, and its sign."""
 
-    HEALTHY = 'healthy', Light.GREEN.value
-    UNCHECKED = 'not checked by the others', Light.AMBER.value
-    EXCLUDED = 'faulty, excluded', Light.RED.value
-    MISSING = 'no reading', '#24292f'
-    UNKNOWN = 'unknown', Light.GREY.value
+    HEALTHY = 'healthy', Light.GREEN.colour, '\u2713'
+    UNCHECKED = 'not checked by the others', Light.AMBER.colour, '?'
+    EXCLUDED = 'faulty, excluded', Light.RED.colour, '\u2715'
+    MISSING = 'no reading', '#24292f', '\u2205'
+    UNKNOWN = 'unknown', Light.GREY.colour, '\u2026'
 
-    def __init__(self, words: str, colour: str) -> None:
-        self.words, self.colour = words, colour
+    def __init__(self, words: str, colour: str, sign: str) -> None:
+        self.words, self.colour, self.sign = words, colour, sign
 
 
-class StatusEntries:
-    """The latest entry of each name, of a device with a namespace: '' or '/NAME'."""
+def sensor_states(
+    entries: StatusEntries,
+    sensors: int,
+    state: OrientationState | None,
+    unread: Collection[str] = (),
+) -> list[SensorState]:
+    """
+    Return the state of each sensor, in the order of a sample.
 
-    def __init__(self, namespace: str) -> None:
-        self._prefix = f'{namespace}/'.lstrip('/')
-        # Entries by their name without namespace, and when they came (s, monotonic).
-        self._entries: dict[str, tuple[DiagnosticStatus, float]] = {}
-        # The present, s: the caller sets it.
-        self.now = 0.0
+    Parameters
+    ----------
+    entries : StatusEntries
+        of the device on /diagnostics
+    sensors : int
+        number of them, 4 to 6
+    state : OrientationState or None
+        state of the orientation, None if it is not known
+    unread : collection of str
+        joints that had no number in the latest readings
 
-    def take(self, entry: DiagnosticStatus, now: float) -> None:
-        """Keep an entry if it is this device's."""
-        name = entry.name.removeprefix(self._prefix)
-        if '/' not in name and entry.name.startswith(self._prefix):
-            self._entries[name] = entry, now
+    """
+    why = '' if state is None else state.why
+    clauses = {match[1]: match[2] for match in CLAUSE.finditer(why)}
+    without = {name for name, words in clauses.items() if NO_READING.search(words)}
+    missing = without.union(entries.missing_joints(), unread)
+    figures = entries.numbers(ORIENTATION)
+    return [
+        _sensor_state(name in missing, name in clauses, figures.get(f'{name} unchecked (s)'))
+        for name in ALL_JOINT_NAMES[:sensors]
+    ]
 
-    def has_ended(self, name: str) -> bool:
-        """Return whether an entry came once, but not lately."""
-        return name in self._entries and self.entry(name) is None
 
-    def entry(self, name: str) -> DiagnosticStatus | None:
-        """Return an entry, None if there is none or only an old one."""
-        entry, came = self._entries.get(name, (None, 0.0))
-        return entry if self.now - came <= ENTRY_TIMEOUT else None
-
-    def texts(self, name: str) -> dict[str, str]:
-        """Return the values of an entry by key; none without one."""
-        entry = self.entry(name)
-        return {} if entry is None else {value.key: value.value for value in entry.values}
-
-    def numbers(self, name: str) -> dict[str, float]:
-        """Return the values of an entry that are numbers, by key."""
-        found = {}
-        for key, text in self.texts(name).items():
-            with suppress(ValueError):
-                found[key] = float(text)
-        return found
-
-    def missing_joints(self) -> tuple[str, ...]:
-        """Return the joints of which the driver has no reading."""
-        entry = self.entry(ENCODERS)
-        # Without a set the message names the encoders that do not answer.
-        if entry is not None and entry.level == DiagnosticStatus.ERROR:
-            return named_joints(entry.message)
-        return named_joints(self.texts(ENCODERS).get(MISSING_KEY, ''))
-
-    def sensor_states(self, sensors: int, state: OrientationState | None) -> list[SensorState]:
-        """Return the state of each sensor, with the state of the orientation, if that is known."""
-        missing, figures = self.missing_joints(), self.numbers(ORIENTATION)
-        named = () if state is None else named_joints(state.why)
-
-        def of(name: str) -> SensorState:
-            if name in missing:
-                return SensorState.MISSING
-            if name in named:
-                return SensorState.EXCLUDED
-            unchecked = figures.get(f'{name} unchecked (s)')
-            if unchecked is None:
-                return SensorState.UNKNOWN
-            return SensorState.UNCHECKED if unchecked > UNCHECKED_AFTER else SensorState.HEALTHY
-
-        return [of(name) for name in ALL_JOINT_NAMES[:sensors]]
+def _sensor_state(missing: bool, faulty: bool, unchecked: float | None) -> SensorState:
+    """Return the state of a sensor: without a reading, named as faulty, unchecked for s."""
+    if missing:
+        return SensorState.MISSING
+    if faulty:
+        return SensorState.EXCLUDED
+    if unchecked is None:
+        return SensorState.UNKNOWN
+    return SensorState.UNCHECKED if unchecked > UNCHECKED_AFTER else SensorState.HEALTHY

@@ -20,6 +20,8 @@ from spm_haptic_master.description.solids import onto, Solid, turned_profile
 from spm_haptic_master.kinematics import quaternion_from_matrix
 from viser import BatchedMeshHandle, SceneApi
 
+# Colour of a device that is not shown as it is now, and of encoders without a state.
+GREY = '#969696'
 # An arrow of length 1 along z, of a profile of radius and height.
 ARROW = turned_profile([(0.018, 0.0), (0.018, 0.75), (0.05, 0.75), (0.001, 1.0)])
 

@@ -42,14 +42,14 @@ def serve():
 def shown(serve, monkeypatch):
     """Give a device on a page that has not begun."""
     from shown_device import sampled, Shown
-    from spm_haptic_master.view import arm
+    from spm_haptic_master.view import arm, topics
 
     server = serve()
     server.gui.reset()
     server.scene.reset()
     made = Shown(server)
     monkeypatch.setattr(arm, 'time', SimpleNamespace(monotonic=lambda: made.now))
-    monkeypatch.setattr(arm, 'SampledTopic', sampled)
+    monkeypatch.setattr(topics, 'SampledTopic', sampled)
     monkeypatch.setattr(server, 'get_clients', lambda: {0: None} if made.watched else {})
     return made
 

@@ -105,6 +105,19 @@ window.probes = (() => {
             const gaps = columns.slice(1).map((x, index) => x - columns[index]);
             return gaps.length ? Math.max(...gaps) / width : 1;
         },
+        // What a screen reader has of the page.
+        names: () => ({
+            sliders: all(".mantine-Slider-thumb").map(e => e.getAttribute("aria-label")),
+            chips: all(".spm-chip").filter(e => e.tabIndex == 0)
+                .map(e => e.getAttribute("aria-label")),
+            joints: ["th1A (joint_1a)", "th1B (joint_1b)", "th1C (joint_1c)", "th3A (joint_3a)"],
+            plots: all("canvas.spm-plot").slice(0, 2).map(e => e.getAttribute("aria-label")),
+            banner: first(".spm-banner").getAttribute("role"),
+            note: first(".spm-note").getAttribute("role"),
+            title: document.title,
+        }),
+        // From the camera to what it looks at (units of the scene).
+        distance: () => window.__viserMutable.cameraControl.distance,
         camera: () => window.__viserMutable.camera.position.toArray(),
         background: () => {
             let e = window.__viserMutable.canvas;

@@ -14,9 +14,10 @@ from spm_haptic_master import kinematics
 from spm_haptic_master.kinematics.joints import JOINT_NAMES, MECHANISM_JOINT_NAMES
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
 from spm_haptic_master.parameters.setting import complete
-from spm_haptic_master.view.arm import Arm, SETTINGS
+from spm_haptic_master.view.arm import Arm
 from spm_haptic_master.view.page import Page
-from spm_haptic_master.view.status import StatusEntries
+from spm_haptic_master.view.settings_client import SETTINGS
+from spm_haptic_master.view.status_entries import StatusEntries
 from std_msgs.msg import String
 
 GEOMETRY = kinematics.Geometry()
@@ -38,7 +39,7 @@ def entries_of(entries, now=1.0):
     """Return entries that came at 1 s, by name: level, message and values."""
     made = StatusEntries('')
     for name, (level, message, values) in entries.items():
-        made.take(entry_of(name, message, level, values), 1.0)
+        made.add(entry_of(name, message, level, values), 1.0)
     made.now = now
     return made
 
@@ -65,10 +66,22 @@ class Shown:
         self.takers, self.newest, self.sampled, self.published = {}, {}, set(), []
         # Parameters of fkm, when it was asked for them; whether a calibration runs.
         self.parameters, self.asked, self.calibrates = {}, [], True
+        # Nodes that publish, by topic; whether the device's own programs run.
+        self.publishers, self.runs = {}, True
         self._samples = 0
 
     def create_subscription(self, kind, topic, take, qos):
         self.takers[topic] = take
+        return topic
+
+    def destroy_subscription(self, topic):
+        del self.takers[topic]
+
+    def destroy_client(self, client):
+        self.parameters = None
+
+    def destroy_publisher(self, publisher):
+        pass
 
     def create_publisher(self, kind, topic, qos):
         return SimpleNamespace(
@@ -78,34 +91,38 @@ class Shown:
         )
 
     def create_client(self, kind, name):
-        def ask(request):
-            self.asked.append(self.now)
-            values = complete(SETTINGS, self.parameters)
-            answer = SimpleNamespace(
-                values=[
-                    Parameter(
-                        name,
-                        value=list(values[name])
-                        if isinstance(values[name], tuple)
-                        else values[name],
-                    ).get_parameter_value()
-                    for name in request.names
-                ]
-            )
-            future = SimpleNamespace(result=lambda: answer)
-            return SimpleNamespace(add_done_callback=lambda take: take(future))
-
         return SimpleNamespace(
-            service_is_ready=lambda: self.parameters is not None, call_async=ask
+            service_is_ready=lambda: self.parameters is not None, call_async=self._ask
         )
 
+    def _ask(self, request):
+        """Answer a request for parameters as fkm does."""
+        self.asked.append(self.now)
+        values = complete(SETTINGS, self.parameters)
+        answers = []
+        for name in request.names:
+            value = values[name]
+            value = list(value) if isinstance(value, tuple) else value
+            answers.append(Parameter(name, value=value).get_parameter_value())
+        future = SimpleNamespace(result=lambda: SimpleNamespace(values=answers))
+        return SimpleNamespace(add_done_callback=lambda take: take(future))
+
+    def answer(self, values):
+        """Have the service of parameters answer with these values."""
+        answered = SimpleNamespace(values=values)
+        self.arm._client._on_answer(SimpleNamespace(result=lambda: answered))
+
     def count_publishers(self, topic):
-        return int(self.calibrates and topic == f'/{COVERAGE_TOPIC}')
+        return int(self.calibrates if topic == f'/{COVERAGE_TOPIC}' else self.runs)
+
+    def get_publishers_info_by_topic(self, topic):
+        return [SimpleNamespace(node_name=name) for name in self.publishers.get(topic, ())]
 
     def begin(self, state='healthy', source='', **parameters):
         """Show the device with parameters of its fkm, in a state."""
         self.parameters = parameters
-        self.arm = Arm(self, self, Page(self.server), '/', 0)
+        self.arm = Arm(self, self, Page(self.server), '/')
+        self.arm.stand(0)
         self.arm.tick(self.now)
         self.say('state', state)
         if source:
@@ -192,4 +209,13 @@ class Shown:
     @property
     def rows(self):
         """Return the figures by the names of their rows."""
-        return {name: text for name, text, *_ in self.content.get('rows', ())}
+        return {row['name']: row['text'] for row in self.content.get('rows', ())}
+
+    @property
+    def note(self):
+        """Return the sentence of the device."""
+        return self.content['note']['text']
+
+    @property
+    def chips(self):
+        return [chip['text'] for chip in self.content['chips']]

@@ -15,6 +15,7 @@ from benchmarks.pipeline.child_process import wait_until
 from disturbance import Disturbance
 from harness import SIM
 import pytest
+from spm_haptic_master.view.page import CAMERAS
 
 pytestmark = [
     pytest.mark.process,
@@ -159,16 +160,21 @@ def test_a_plot_joins_nothing_over_a_gap(device):
 @pytest.mark.evidence
 def test_one_of_six_is_unplugged_and_nothing_on_the_page_moves(device):
     shown, _, _ = device(sensors=6)
-    until(lambda: list(shown.ask('chips()')) == ['1A', '1B', '1C', '3A', '3B', '3C'], shown)
-    until(lambda: shown.ask('chips()')['1B'] == 'joint_1b: healthy', shown)
+    until(
+        lambda: (
+            list(shown.ask('chips()'))
+            == [f'th{name} \u2713' for name in ('1A', '1B', '1C', '3A', '3B', '3C')]
+        ),
+        shown,
+    )
     before = shown.ask('places()')
     assert len(before) > 30
     shown.press('unplug one of six')
-    until(lambda: shown.banner() == 'degraded: joint_1b missing', shown)
-    until(lambda: shown.ask('chips()')['1B'] == 'joint_1b: no reading', shown)
+    until(lambda: shown.banner() == 'degraded: th1B missing', shown)
+    until(lambda: shown.ask('chips()').get('th1B \u2205') == 'th1B (joint_1b): no reading', shown)
     assert shown.ask('places()') == before
     until(lambda: shown.banner() == 'healthy', shown)
-    assert 'degraded: joint_1b missing' in shown.ask('log()')
+    assert 'degraded: th1B missing' in shown.ask('log()')
     assert shown.ask('places()') == before
 
 
@@ -208,3 +214,66 @@ def test_pause_scrub_views_picture_and_dark_are_of_this_page_alone(device):
         assert shown.ask('background()') == colour
         assert shown.evaluate('location.search') == {'dark': '?darkMode=', 'light': ''}[expected]
         assert shown.evaluate('Boolean(window.saved)')
+
+
+@pytest.mark.evidence
+def test_paused_the_picture_is_that_of_then_and_says_so(device):
+    """It stands still while the device moves on, and another time has another picture."""
+    shown, _, _ = device(**{'sim.trajectory': 'tour'})
+    until(lambda: shown.ask('plots()') > 5, shown)
+    # Long enough for two different poses.
+    time.sleep(8.0)
+    shown.press('pause')
+    shown.ask('scrub(-5)')
+    time.sleep(1.0)
+    then = picture(shown)
+    assert 'paused: the picture of' in shown.text()
+    time.sleep(2.0)
+    assert picture(shown) == then
+    shown.ask('scrub(-1)')
+    until(lambda: picture(shown) != then, shown)
+    shown.press('go on')
+    until(lambda: 'paused: the picture of' not in shown.text(), shown)
+    now = picture(shown)
+    until(lambda: picture(shown) != now, shown)
+
+
+@pytest.mark.evidence
+def test_whoever_hears_or_types_has_what_others_see(device):
+    """Names of controls, states as status or alert, and chips that the keyboard reaches."""
+    shown, running, _ = device()
+    until(lambda: shown.ask('plots()') > 5, shown)
+    until(
+        lambda: (
+            shown.ask('names()')['sliders'] == ['tilt, deg', 'azimuth, deg', 'self-rotation, deg']
+        ),
+        shown,
+    )
+    names = shown.ask('names()')
+    assert names['chips'] == [f'{name}: healthy' for name in names['joints']]
+    assert all(name.startswith('plot: ') for name in names['plots'])
+    assert names['banner'] == 'status' and names['note'] == 'status'
+    assert names['title'] == 'haptic master'
+    os.kill(running.pid, signal.SIGSTOP)
+    try:
+        until(lambda: shown.ask('names()')['banner'] == 'alert', shown)
+    finally:
+        os.kill(running.pid, signal.SIGCONT)
+    shown.press('legend')
+    assert 'Protection level: bound' in shown.text()
+    shown.press('close')
+    assert 'Protection level: bound' not in shown.text()
+
+
+@pytest.mark.parametrize('size', [PHONE, (820, 1180), DESKTOP])
+def test_a_page_opens_with_the_device_in_the_picture(device, size):
+    """Upright as well: its camera is that of the view `front`, without a click."""
+    shown, _, _ = device(size)
+    # As far away as the shape of the picture needs.
+    _, _, width, height = shown.box('document.querySelector("canvas")')
+    back = max(1.0, 0.8 * height / width)
+    x, y, z = CAMERAS['front']
+    expected = (x * x + y * y + z * z) ** 0.5 * back
+    until(lambda: abs(shown.ask('distance()') - expected) < 0.05 * expected, shown)
+    time.sleep(7.0)
+    assert abs(shown.ask('distance()') - expected) < 0.05 * expected

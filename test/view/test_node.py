@@ -12,10 +12,10 @@ from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
 from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.ros.qos import STATE
-from spm_haptic_master.view.arm import SETTINGS
-from spm_haptic_master.view.page import NEWS, RunJavascriptMessage, views
+from spm_haptic_master.view.page import NEWS, place_of, RunJavascriptMessage, views
 from spm_haptic_master.view.scene import ARM_DISTANCE
 from spm_haptic_master.view.server import free_port, VIEW_ANGLE
+from spm_haptic_master.view.settings_client import SETTINGS
 from std_msgs.msg import String
 
 
@@ -106,10 +106,53 @@ def test_a_page_says_that_there_is_no_device_until_there_are_some(view, observer
     np.testing.assert_allclose((camera.position, camera.look_at), views(2)['front'])
     for arm in view._arms.values():
         arm.build(complete(SETTINGS, {}))
-    here, there = (arm._scene._root.position for arm in view._arms.values())
+    here, there = (view._arms[f'/{name}']._scene._fixed.position for name in 'ab')
     np.testing.assert_allclose(there - here, [ARM_DISTANCE, 0.0, 0.0])
     assert len(kept) == 4
     # It ends with the process that it goes with.
     assert not view.has_ended()
     view._process = 2**22 + 1
     assert view.spin(view.has_ended)
+
+
+def test_two_arms_stand_by_their_names_whichever_comes_first(view, observer, monkeypatch):
+    """The left one on the left, in the banners and the panel as in the picture."""
+
+    def start(name):
+        return [
+            observer.node.create_publisher(kind, f'/{name}/{topic}', 1)
+            for kind, topic in ((JointState, 'joint_states'), (String, 'state'))
+        ]
+
+    def place(name):
+        return view._arms[f'/{name}']._scene._fixed.position[0]
+
+    right = start('right')
+    assert view.spin(lambda: list(view._page.shown) == ['right'])
+    view._arms['/right'].build(complete(SETTINGS, {}))
+    assert place('right') == 0.0
+    left = start('left')
+    assert view.spin(lambda: len(view._page.shown) == 2)
+    view._arms['/left'].build(complete(SETTINGS, {}))
+    assert (place('left'), place('right')) == (0.0, pytest.approx(ARM_DISTANCE))
+    news = view._page.news()
+    assert [device['name'] for device in news['devices']] == ['left', 'right']
+    # The second one is in every view.
+    assert news['views'] == views(2)
+    folders = [view._arms[f'/{name}']._panel._folder.order for name in ('left', 'right')]
+    assert folders == sorted(folders)
+    # One without a publisher for a while goes, while the other one runs; the last one stays.
+    monkeypatch.setattr('spm_haptic_master.view.arm.GONE_AFTER', 0.5)
+    for publisher in left:
+        observer.node.destroy_publisher(publisher)
+    assert view.spin(lambda: list(view._page.shown) == ['right'])
+    assert place('right') == 0.0 and view._page.news()['views'] == views(1)
+    for publisher in right:
+        observer.node.destroy_publisher(publisher)
+    view.spin(lambda: False, 1.5)
+    assert list(view._page.shown) == ['right']
+
+
+def test_arms_without_these_names_stand_by_the_alphabet():
+    names = ['b', 'right', '/x/left', 'a', '']
+    assert sorted(names, key=place_of) == ['/x/left', '', 'a', 'b', 'right']

@@ -7,18 +7,19 @@ import json
 from math import nan, radians
 
 from diagnostic_msgs.msg import DiagnosticStatus
-import numpy as np
 import pytest
-from recorded_text import assert_recorded
 from shown_device import entries_of
-from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
+from spm_haptic_master.description.colours import contrast, DARK_PAGE, WHITE_PAGE
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
-from spm_haptic_master.view.page import content, DASH, Seen
+from spm_haptic_master.view.content import content
+from spm_haptic_master.view.legend import legend
+from spm_haptic_master.view.page import NEWS, Page, RunJavascriptMessage, script
+from spm_haptic_master.view.seen import Seen, Settings
+from spm_haptic_master.view.sentence import DASH
 from spm_haptic_master.view.status import Banner, Light, SensorState
+from spm_haptic_master.view.stories import stories, StoryNews
 from std_msgs.msg import Float64MultiArray
 
-# Fields of a message that differ from run to run.
-UNLIKE = 'order', 'uuid', 'container_uuid', 'run_id'
 # Entries by name: level, message and values.
 CLEAR = {
     'diagnostics: singularity': (
@@ -27,65 +28,79 @@ CLEAR = {
         {'warn below': '0.059', 'error below': '0.033'},
     )
 }
+HEALTHY, UNCHECKED = SensorState.HEALTHY, SensorState.UNCHECKED
+MISSING, EXCLUDED = SensorState.MISSING, SensorState.EXCLUDED
 
 
-def figures(entries=None, now=1.0, **known):
+def figures(entries=None, now=1.0, sensors=4, **known):
     """Return what the page has of a device that is alive at the centre."""
-    return content(
-        Seen(
-            **{
-                'banner': Banner(Light.GREEN, 'healthy', True),
-                'sensors': 4,
-                'angles': [0.1] * 9,
-                'states': [SensorState.HEALTHY] * known.get('sensors', 4),
-                'orientation': (0.0, 0.0, 0.0, 1.0),
-                'dexterities': (0.15, 0.4),
-            }
-            | known
-        ),
-        entries_of(entries or {}, now),
-    )
+    seen = {
+        'banner': Banner(Light.GREEN, 'healthy', True, 'healthy'),
+        'settings': Settings(sensors, 2.0, 'calibrated 2026-11-26'),
+        'angles': [0.1] * 9,
+        'states': [HEALTHY] * sensors,
+        'orientation': (0.0, 0.0, 0.0, 1.0),
+        'dexterities': (0.15, 0.4),
+    }
+    return content(Seen(**seen | known), entries_of(entries or {}, now))
+
+
+def rows_of(found):
+    """Return the texts of the figures by their names."""
+    return {row['name']: row['text'] for row in found['rows']}
 
 
 # A device whose picture is of the past.
-SILENT = {'banner': Banner(Light.RED, 'silent: x', False)}
+SILENT = {'banner': Banner(Light.RED, 'silent: x', False, 'silent: x')}
+STORY = StoryNews('a story', 'front', 'Watch.', 1, 3, 7)
 
 
 @pytest.mark.parametrize(
     ('known', 'words', 'warns'),
     [
         ({}, 'Three encoders determine this pose. With four they check', False),
-        (
-            {'dexterities': (0.01, 0.059)},
-            'three encoders do not determine this pose; four do',
-            True,
-        ),
+        ({'dexterities': (0.01, 0.059)}, 'do not determine this pose; four encoders do.', True),
         ({'dexterities': (0.001, 0.002)}, 'Not even four encoders', True),
         ({'dexterities': (0.059, 0.4)}, 'Three encoders determine this pose', False),
         ({'dexterities': None}, DASH, False),
-        (
-            {
-                'sensors': 6,
-                'states': [SensorState.MISSING, SensorState.EXCLUDED, *[SensorState.HEALTHY] * 4],
-            },
-            'With four they check',
-            False,
-        ),
-        ({'ghost': radians(3.1)}, 'wrong side', True),
+        ({'ghost': radians(3.1)}, 'Three encoders alone are 3\u00b0 wrong', True),
         ({'ghost': radians(2.9)}, 'Three encoders determine', False),
         (SILENT, 'not the present pose', True),
         # Limits are those of the node diagnostics, while it runs.
         ({'now': 10.0}, DASH, False),
-        ({'story': 'Watch.'} | SILENT, 'Watch.', False),
+        ({'story': STORY} | SILENT, 'Watch.', False),
     ],
 )
 def test_a_sentence_says_which_encoders_determine_the_pose(known, words, warns):
-    found = figures(CLEAR, **known)
-    assert words in found['note'] and found['warns'] == warns
+    note = figures(CLEAR, **known)['note']
+    assert words in note['text'] and note['warns'] == warns
 
 
 @pytest.mark.parametrize(
-    ('dexterities', 'colours'),
+    ('states', 'words'),
+    [
+        ([HEALTHY] * 4, 'With four they check one another.'),
+        ([*[HEALTHY] * 3, UNCHECKED], 'th3A is not checked by the others here.'),
+        (
+            [UNCHECKED, UNCHECKED, HEALTHY, HEALTHY],
+            'th1A, th1B are not checked by the others here.',
+        ),
+        ([MISSING, EXCLUDED, *[HEALTHY] * 4], 'With four they check one another.'),
+        ([MISSING, HEALTHY, HEALTHY, HEALTHY], 'Three encoders determine this pose.'),
+        ([SensorState.UNKNOWN] * 4, 'Three encoders determine this pose.'),
+    ],
+)
+def test_what_the_sentence_says_of_checks_is_what_the_chips_show(states, words):
+    """Never that they check one another beside a chip that says they do not."""
+    text = figures(CLEAR, sensors=len(states), states=states)['note']['text']
+    assert text.endswith(words)
+    assert ('check one another' in text) == (
+        UNCHECKED not in states and words.startswith('With four')
+    )
+
+
+@pytest.mark.parametrize(
+    ('dexterities', 'lights'),
     [
         ((0.01, 0.05), (Light.RED, Light.AMBER)),
         ((0.033, 0.059), (Light.AMBER, Light.GREEN)),
@@ -93,92 +108,199 @@ def test_a_sentence_says_which_encoders_determine_the_pose(known, words, warns):
         (None, (Light.GREY, Light.GREY)),
     ],
 )
-def test_the_bars_of_the_dexterity(dexterities, colours):
-    """Full at 0.2; grey where the value or its limits are not known."""
-    for entries, expected in ((CLEAR, colours), ({}, (Light.GREY, Light.GREY))):
-        found = [row for row in figures(entries, dexterities=dexterities)['rows'] if len(row) > 2]
-        assert [colour for *_, colour in found] == [light.value for light in expected]
-        for value, (_, text, share, _) in zip(dexterities or (nan, nan), found, strict=True):
-            assert (text, share) == (
-                (DASH, 0.0) if value != value else (f'{value:.3f}', pytest.approx(value / 0.2))
-            )
+def test_the_bars_of_the_dexterity(dexterities, lights):
+    """Full at 0.2; grey where the value or its limits are not known; with a sign."""
+    for entries, expected in ((CLEAR, lights), ({}, (Light.GREY, Light.GREY))):
+        rows = figures(entries, dexterities=dexterities)['rows']
+        bars = [row for row in rows if row['share'] is not None]
+        assert [bar['colour'] for bar in bars] == [light.colour for light in expected]
+        for value, bar, light in zip(dexterities or (nan, nan), bars, expected, strict=True):
+            if value != value:
+                assert (bar['text'], bar['share']) == (DASH, 0.0)
+            else:
+                assert bar['text'] == f'{value:.3f} {light.sign}'
+                assert bar['share'] == pytest.approx(value / 0.2)
 
 
-def in_words(value):
-    """Return a value of a message as text, of an array its shape and four figures."""
-    if isinstance(value, np.ndarray):
-        flat = value.astype(float).ravel()
-        rise = flat @ np.arange(len(flat)) / len(flat)
-        return f'{value.shape} {flat.mean():.5g} {flat.std():.5g} {flat[-1]:.5g} {rise:.5g}'
-    if isinstance(value, dict):
-        return ' '.join(f'{name}: {in_words(each)}' for name, each in value.items())
-    if hasattr(value, '__dataclass_fields__'):
-        return in_words(
+def test_chips_have_a_sign_each_and_one_name():
+    """Two states differ by their signs, not only by their colours."""
+    states = [HEALTHY, UNCHECKED, EXCLUDED, MISSING, SensorState.UNKNOWN, HEALTHY]
+    further = {'insertion': 0.0421, 'gripper': None}
+    chips = figures(sensors=6, states=states, further=further)['chips']
+    assert [chip['text'] for chip in chips] == [
+        'th1A \u2713',
+        'th1B ?',
+        'th1C \u2715',
+        'th3A \u2205',
+        'th3B \u2026',
+        'th3C \u2713',
+        'insertion 42.1 mm',
+        'gripper \u2205',
+    ]
+    assert chips[1]['title'] == 'th1B (joint_1b): not checked by the others'
+    assert len({state.sign for state in SensorState}) == len(SensorState)
+    assert len({light.sign for light in Light}) == len(Light)
+
+
+def test_the_figures_of_encoders_clients_and_calibration():
+    entries = CLEAR | {
+        'fkm: orientation': (
+            DiagnosticStatus.OK,
+            'healthy',
             {
-                name: each
-                for name, each in vars(value).items()
-                if name not in UNLIKE and not name.startswith('_')
-            }
+                'mechanism': 'e30770fb',
+                'caution': 'joint_1c unchecked for 3 s',
+                'protection level (deg)': '0.5',
+                'parity (sigma)': '1.2',
+            },
+        ),
+        'encoder_driver: encoders': (DiagnosticStatus.WARN, 'joint_1b: no answer', {}),
+    }
+    rows = rows_of(
+        figures(
+            entries,
+            teleop='engaged',
+            crtk='ENABLED',
+            force='engaged',
+            torques=(0.2, 0.1),
+            readings=(radians(12.5), nan, 0.0, 0.0),
+            ages=(0.04, nan, 0.1, 0.2),
         )
-    return str(value)
+    )
+    assert rows['slave'] == 'engaged' and rows['CRTK state'] == 'ENABLED'
+    assert rows['torque'] == '0.20 N m, rendered 0.10 N m'
+    assert rows['th1A read'] == '12.500\u00b0, 0.0 s ago' and rows['th1B read'] == DASH
+    assert rows['calibration'] == 'calibrated 2026-11-26' and rows['mechanism'] == 'e30770fb'
+    assert rows['alert limit'] == '2\u00b0'
+    assert rows['protection level'] == '0.50\u00b0 of 2\u00b0 allowed'
+    # One name for one sensor, wherever its joint is named.
+    assert rows['caution'] == 'th1C unchecked for 3 s'
+    assert rows['encoders'] == 'th1B: no answer'
+    # Without a device's news there are the same rows, with dashes.
+    nothing = rows_of(figures(**SILENT))
+    assert nothing.keys() == rows.keys()
+    for name in ('orientation', 'parity', 'slave', 'torque', 'th1A read', 'rate', 'latency'):
+        assert nothing[name] == DASH
 
 
-def sent(server):
-    """Return all that a page to come is sent, one line a message."""
-    lines = []
-    for message in server._websock_server.get_message_buffer().message_from_id.values():
-        _, call, setup = getattr(message, 'source', '').rpartition('})(')
-        if call:
-            # Of the page's own script, what it is called with; not its style.
-            message = json.loads(setup.rpartition(')')[0])
-            del message['css']
-        lines.append(f'{type(message).__name__} {in_words(message)}')
-    return lines
+def test_the_plots_have_named_limits_and_the_sample_what_they_show():
+    found = figures(CLEAR, torques=(0.2, 0.1), ghost=radians(5.0))
+    plots = {plot['key']: plot for plot in found['plots']}
+    assert plots.keys() == found['sample']['values'].keys()
+    for key, plot in plots.items():
+        assert len(plot['series']) == len(found['sample']['values'][key])
+    named = [(limit['name'], limit['value']) for limit in plots['dexterity']['limits']]
+    assert named == [('warning below', 0.059), ('error below', 0.033)]
+    assert [limit['name'] for limit in plots['level']['limits']] == ['alert limit']
+    assert found['sample']['values']['torque'] == [0.2, 0.1]
+    assert found['sample']['values']['ghost'] == pytest.approx([5.0])
+    # What a story is about is at the top of the panel.
+    assert [key for key, plot in plots.items() if plot['on_top']] == ['ghost', 'dexterity']
 
 
-def test_a_page_is_sent_what_is_recorded(serve, shown, monkeypatch):
-    """Device, dome, panel and figures of a simulated device that is healthy, then silent."""
-    server = shown.server = serve(names='recorded')
-    monkeypatch.setattr(server, 'get_clients', lambda: {0: None})
-    shown.begin(source='sim', sensors=5, alert_limit_deg=2.0)
+def test_a_silence_is_one_event_however_long_it_lasts(shown):
+    """Its log line stays one, and the cause is not pushed out."""
+    shown.begin()
+    shown.run(1.0, shown.fkm)
+    states = []
+    for _ in range(6):
+        shown.run(1.0)
+        states.append(shown.content['sample']['state'])
+    assert len(set(states[3:])) == 1 and states[-1].startswith('silent: nothing from fkm')
+    assert shown.text == 'silent: nothing from fkm, no joint_states for 6 s'
+
+
+def test_a_page_that_opens_gets_the_script_and_the_newest_news(serve, shown):
+    """It has all that is shown of a device that is healthy, then silent."""
+    shown.begin(source='sim', sensors=5, alert_limit_deg=2.0, calibration='made today')
     shown.say('force_state', 'engaged')
+    shown.say('teleop_state', 'clutched')
+    shown.say('operating_state_text', 'ENABLED')
     shown.say(COVERAGE_TOPIC, '{"text": "turn it", "covered": {"tilt": 0.4, "turn": 1.0}}')
 
     def healthy():
-        pose = 0.2, 1.0 + 0.1 * (shown.now - 1000.0), 0.8
-        shown.readings(pose, (0.01, 0.0, 0.0, 0.0))
+        shown.readings((0.2, 1.0, 0.8), (0.01, 0.0, 0.0, 0.0))
         shown.torques(servo=0.2, measured=0.1)
-        shown.pose(*pose)
-        shown.entry(
-            'fkm: orientation',
-            'healthy',
-            **{
-                'protection level (deg)': '0.5',
-                'parity (sigma)': '1.2',
-                'caution': 'slow',
-                **{
-                    f'{name} unchecked (s)': str(0.3 * k) for k, name in enumerate(ALL_JOINT_NAMES)
-                },
-            },
-        )
-        shown.entry(
-            'fkm: timing',
-            'in time',
-            **{
-                'orientation rate (Hz)': '999',
-                'latency p50 (us)': '130',
-                'latency p99 (us)': '300',
-            },
-        )
-        shown.entry(
-            'diagnostics: singularity', 'clear', **{'warn below': '0.059', 'error below': '0.033'}
-        )
-        shown.entry('encoder_driver: encoders', 'publishing', **{'joints missing': 'joint_3b'})
+        shown.pose(0.2, 1.0, 0.8)
+        shown.fkm(**{'parity (sigma)': '1.2'})
         shown.newest['/dexterity'] = Float64MultiArray(data=(0.05, 0.4))
 
-    shown.run(5.0, healthy)
-    first = sent(server)
+    shown.run(0.5, healthy)
+    shown.arm._page.refresh()
+    news = news_of(shown.server)
+    (device,) = news['devices']
+    assert device['banner']['text'] == 'healthy' and device['banner']['sign'] == '\u2713'
+    assert device['banner']['alive'] and news['hasDevice']
+    assert device['content']['calibration']['text'] == 'turn it'
+    rows = rows_of(device['content'])
+    assert rows['slave'] == 'clutched' and rows['CRTK state'] == 'ENABLED'
+    assert rows['force'] == 'engaged' and rows['calibration'] == 'made today'
+    assert rows['alert limit'] == '2\u00b0'
     shown.say('state', 'silent: joint_1b stuck')
     shown.run(0.25)
-    changed = [line for line in sent(server) if line not in first]
-    assert_recorded('page.txt', '\n'.join([*first, 'silent', *changed]))
+    later = news_of(shown.server)
+    assert later['clock'] >= news['clock'] and later['session'] == news['session']
+    (device,) = later['devices']
+    assert device['banner'] == {
+        'text': 'silent: th1B stuck',
+        'light': 'RED',
+        'colour': Light.RED.colour,
+        'sign': '\u2715',
+        'alive': False,
+    }
+    # A heartbeat that ends is no lead.
+    shown.run(1.0, shown.pose)
+    assert shown.rows['slave'] == 'no news from teleop: not led'
+
+
+def news_of(server):
+    """Return the news that a page to come is sent; there is one."""
+    messages = server._websock_server.get_message_buffer().message_from_id.values()
+    (source,) = [
+        message.source
+        for message in messages
+        if isinstance(message, RunJavascriptMessage) and message.source.startswith(NEWS)
+    ]
+    return json.loads(source.removeprefix(NEWS).removesuffix(');'))
+
+
+def test_the_legend_explains_every_sign_of_the_chips_and_the_parts_of_the_picture():
+    words = ' '.join(f'{entry.sign} {entry.text}' for entry in legend())
+    for sign in (state.sign for state in SensorState if state is not SensorState.UNKNOWN):
+        assert sign in words
+    for part in ('Dome', 'red line', 'Violet', 'Cone', 'A B C', 'O, the centre', 'self-rotation'):
+        assert part in words
+    for part in ('Dexterity', 'Parity', 'Protection level', 'torque commanded', 'slave stops'):
+        assert part in words
+
+
+def test_the_page_without_a_device_says_how_to_start_one(serve):
+    server = serve(names='empty')
+    page = Page(server)
+    news = news_of(server)
+    assert news['devices'][0]['banner']['text'] == 'no device found. Start it: make run'
+    assert not news['hasDevice'] and not page.shown
+
+
+def test_the_script_is_one_call_with_the_setup():
+    assert script({'latest': 0.5}).startswith('window.spm ??= ((setup) => {')
+    assert script({'latest': 0.5}).endswith('})({"latest": 0.5});')
+
+
+def test_every_story_has_a_sentence_a_step_and_ends_with_a_verdict():
+    for sensors in (4, 6):
+        for story in stories(sensors):
+            assert all(step.words.endswith('.') for step in story.steps)
+            assert story.end > story.steps[-1].at
+
+
+@pytest.mark.parametrize('state', [*Light, *SensorState])
+def test_white_words_are_legible_on_banners_and_chips(state):
+    """As WCAG AA wants it of text."""
+    assert contrast('#ffffff', state.colour) >= 4.5
+
+
+@pytest.mark.parametrize('entry', legend(), ids=lambda entry: entry.text)
+def test_the_signs_of_the_legend_are_legible_on_both_pages(entry):
+    assert contrast(entry.ink.light, WHITE_PAGE) >= 4.5
+    assert contrast(entry.ink.dark, DARK_PAGE) >= 4.5

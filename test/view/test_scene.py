@@ -3,11 +3,16 @@
 
 """The device on the page: each link where the angles of its joints put it, in its colour."""
 
+from math import cos, radians, sin
+
 import numpy as np
+import pytest
 from spm_haptic_master.description import solids
 from spm_haptic_master.description.colours import css
 from spm_haptic_master.kinematics import Geometry, mechanism_angles, workspace_pose
-from spm_haptic_master.view.scene import GREY, SCALE, Scene
+from spm_haptic_master.view.scene import ARM_DISTANCE, SCALE, Scene
+from spm_haptic_master.view.status import SensorState
+from spm_haptic_master.view.surfaces import GREY
 
 NOMINAL = Geometry()
 ALPHA = NOMINAL.alphas[0]
@@ -19,7 +24,7 @@ MECHANISM = Geometry.from_axes(
 
 def drawn(shown):
     """Draw the mechanism, upright, with four encoders."""
-    return Scene(shown.server.scene, 0, MECHANISM, (1, 1, 1), (0.0, 0.0, 0.0, 1.0), 4)
+    return Scene(shown.server.scene, '', MECHANISM, (1, 1, 1), (0.0, 0.0, 0.0, 1.0), 4)
 
 
 def test_each_link_has_its_own_turn_shape_and_colour(shown):
@@ -28,7 +33,7 @@ def test_each_link_has_its_own_turn_shape_and_colour(shown):
     scene.place(angles)
     *turns, platform = solids.link_turns(MECHANISM, angles)
     # The page has turns in single precision.
-    np.testing.assert_allclose(np.roll(scene._frame.wxyz, -1), platform, atol=1e-6)
+    np.testing.assert_allclose(np.roll(scene._turned.wxyz, -1), platform, atol=1e-6)
     for batch, handle in scene._batches:
         links += batch
         np.testing.assert_allclose(
@@ -53,7 +58,45 @@ def test_every_surface_is_seen_from_outside(shown):
         scene.dome.pin,
         scene._motors,
         scene._others,
-        scene.ghost,
+        scene.ghost.platform,
         *scene.torques,
     ):
         assert np.linalg.det(handle.vertices.astype(float)[handle.faces]).sum() > 0.0
+
+
+@pytest.mark.parametrize('angle', [-14.0, 1.1, 90.0, 179.0])
+def test_three_encoders_that_are_wrong_have_a_sector_between_the_two_flags(shown, angle):
+    """From the device's flag to theirs, with the error in words; below 1 deg there is nothing."""
+    ghost = drawn(shown).ghost
+    half = radians(0.5 * angle)
+    ghost.show((0.0, 0.0, sin(half), cos(half)))
+    assert ghost.platform.visible and ghost.sector.visible and ghost.words.visible
+    assert ghost.words.text == f'three encoders: {abs(angle):.0f}\u00b0 off'
+    rim = ghost.sector.vertices[1:].astype(float) - ghost.sector.vertices[0]
+    directions = np.degrees(np.arctan2(rim[:, 1], rim[:, 0]))
+    assert directions[[0, -1]] == pytest.approx([0.0, angle], abs=1e-3)
+    assert np.abs(np.diff(directions)).max() < 10.0
+    for turn in ((0.0, 0.0, sin(radians(0.45)), cos(radians(0.45))), None):
+        ghost.show(turn)
+        assert not (ghost.platform.visible or ghost.sector.visible or ghost.words.visible)
+
+
+def test_each_encoder_has_its_sign_at_its_name_where_something_is_wrong(shown):
+    scene = drawn(shown)
+    state = SensorState
+    scene.show_sensors([state.HEALTHY, state.MISSING, state.UNCHECKED, state.EXCLUDED])
+    assert [label.text for label in scene._sensor_labels] == [
+        'th1A',
+        'th1B \u2205',
+        'th1C ?',
+        'th3A \u2715',
+    ]
+
+
+def test_a_device_with_a_name_has_it_at_its_floor_and_stands_at_its_place(shown):
+    scene = Scene(shown.server.scene, 'left', NOMINAL, (1, 1, 1), (0.0, 0.0, 0.0, 1.0), 4)
+    scene.stand(2)
+    for frame in (scene._fixed, scene._floor):
+        np.testing.assert_allclose(frame.position, [2.0 * ARM_DISTANCE, 0.0, 0.0])
+    name = shown.server.scene._handle_from_node_name[f'{scene._floor.name}/name']
+    assert name.text == 'left'

@@ -181,16 +181,16 @@ def test_a_page_operates_a_simulated_device_and_no_other(observer, view):
 
         # What is not passed on, first: it changes nothing, and ends nothing.
         websocket.send(b'\xc1')
-        joint = simulation.joint
+        sensor = simulation.sensor
         send(
             type='GuiUpdateMessage',
-            uuid=joint._impl.uuid,
-            updates={'value': 'joint_1a', 'disabled': True},
+            uuid=sensor._impl.uuid,
+            updates={'value': 'th1A', 'disabled': True},
         )
         send(**CAMERA)
         operate(known)
         assert view.spin(lambda: steered and failed)
-        assert joint.value == 'joint_1b' and not joint.disabled
+        assert sensor.value == 'th1B' and not sensor.disabled
 
         source.publish(String(data='can: can0'))
         assert view.spin(lambda: simulation.knobs is None)

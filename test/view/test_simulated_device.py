@@ -3,17 +3,18 @@
 
 """All that a user of the page can operate: faults, sliders and stories of a simulated device."""
 
-from math import degrees, radians
+from math import cos, degrees, nan, pi, radians, sin
 
+from geometry_msgs.msg import QuaternionStamped
 from mechanism import SINGULAR_PHI
 import numpy as np
 import pytest
-from spm_haptic_master.kinematics import dexterity, workspace_pose
-from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics import dexterity, quaternion_from_matrix, workspace_pose
 from spm_haptic_master.nodes.simulation_control import FAULT_TOPIC, FAULTS_TOPIC, STEER_TOPIC
 from spm_haptic_master.simulation.fault_injection import parse_switched
 from spm_haptic_master.simulation.steering import PHI_LIMITS
-from spm_haptic_master.view.simulated_device import stories
+from spm_haptic_master.view.names import SENSOR_NAMES, with_sensor_names
+from spm_haptic_master.view.stories import Observations, stories, verdict
 
 
 def test_the_knobs_are_those_of_a_simulated_device_alone(shown):
@@ -22,6 +23,7 @@ def test_the_knobs_are_those_of_a_simulated_device_alone(shown):
     assert not shown.server.gui._gui_input_handle_from_uuid
     shown.say('source', 'sim')
     shown.operate('cross the singularity')
+    shown.run(0.3, shown.pose)
     for kind, joint, offset, expected in (
         ('offset', 'joint_1b', 5.0, 'offset:joint_1b=5'),
         ('stuck', 'joint_1b', 5.0, 'offset:joint_1b=5, stuck:joint_1b'),
@@ -29,23 +31,25 @@ def test_the_knobs_are_those_of_a_simulated_device_alone(shown):
         ('offset', 'joint_1b', 1.0, 'stuck:joint_1b, offset:joint_3a=5, offset:joint_1b=1'),
         ('stuck', 'joint_1b', 1.0, 'offset:joint_3a=5, offset:joint_1b=1, stuck:joint_1b'),
     ):
-        shown.control('encoder')._impl.value = joint
+        shown.control('encoder')._impl.value = with_sensor_names(joint)
         shown.control('offset, deg')._impl.value = offset
         assert shown.operate('fault', kind) == [(FAULT_TOPIC, expected)]
         shown.say(FAULTS_TOPIC, expected)
-        assert f'faults: {expected}<' in shown.arm.simulation._faults_html.content
+        assert (
+            f'faults: {with_sensor_names(expected)}<' in shown.arm.simulation._faults_html.content
+        )
     shown.run(0.3, shown.pose)
-    assert shown.content['note'] != stories(4)[0].words
+    assert shown.note not in [step.words for step in stories(4)[0].steps]
     assert shown.content['sample']['happened'][:2] == [
-        'faults: offset:joint_1b=5',
-        'faults: offset:joint_1b=5, stuck:joint_1b',
+        'faults: offset:th1B=5',
+        'faults: offset:th1B=5, stuck:th1B',
     ]
     assert shown.operate('no fault') == [(FAULT_TOPIC, '')]
     # As many encoders as there are; none without a simulation.
     shown.parameters = {'sensors': 6}
     shown.run(6.0)
-    assert list(shown.control('encoder').options) == list(ALL_JOINT_NAMES)
-    assert f'faults: {expected}<' in shown.arm.simulation._faults_html.content
+    assert list(shown.control('encoder').options) == list(SENSOR_NAMES)
+    assert f'faults: {with_sensor_names(expected)}<' in shown.arm.simulation._faults_html.content
     stop = shown.control('move by itself')._impl.update_cb
     shown.say('source', 'can: can0')
     assert not shown.server.gui._gui_input_handle_from_uuid
@@ -68,7 +72,7 @@ def test_the_sliders_follow_the_device_until_a_user_moves_one(shown):
     ((topic, pose),) = shown.operate(labels[0], 9.0)
     assert topic == STEER_TOPIC and pose == pytest.approx(np.radians([9.0, 40.0, 30.5]))
     shown.run(0.5, shown.pose)
-    assert shown.content['note'] != stories(4)[0].words
+    assert shown.note not in [step.words for step in stories(4)[0].steps]
     assert sliders(5.0, -40.0, 20.0) == [9.0, 40.0, 30.5]
     assert shown.operate('move by itself') == [(STEER_TOPIC, [])]
     assert sliders(25.0, -40.0, 20.0) == [20.0, -40.0, 20.0]
@@ -79,46 +83,116 @@ def test_the_sliders_follow_the_device_until_a_user_moves_one(shown):
     assert sliders(6.0, 40.0, 30.0) == [6.0, 40.0, 30.0]
 
 
-@pytest.mark.parametrize(('sensors', 'number'), [(4, 0), (4, 1), (4, 2), (6, 2)])
-def test_a_story_does_its_steps_is_explained_and_ends_without_a_fault(shown, sensors, number):
-    """In place of another one that is played."""
+@pytest.mark.parametrize(('sensors', 'number'), [(4, 0), (4, 1), (4, 2), (6, 1), (6, 2)])
+def test_a_story_does_its_steps_each_with_its_sentence_and_ends_with_a_verdict(
+    shown, sensors, number
+):
+    """In place of another one that is played, and without a fault."""
     shown.begin(source='sim', sensors=sensors)
     story, period = stories(sensors)[number], 0.25
     shown.operate(stories(sensors)[number - 1].name)
     shown.run(period, shown.pose, period)
     shown.operate(story.name)
-    times = [step.at for step in story.steps]
-    for step, pause in zip(story.steps, np.diff(times, append=times[-1] + 1.0), strict=True):
+    ends = [step.at for step in story.steps[1:]] + [story.end]
+    for index, (step, end) in enumerate(zip(story.steps, ends, strict=True), start=1):
         shown.run(period, shown.pose, period)
-        ends = step is story.steps[-1]
-        sent = [(STEER_TOPIC, [])] if ends else []
+        sent = []
+        if step.faults is not None:
+            sent.append((FAULT_TOPIC, step.faults))
+            assert not step.faults or parse_switched(step.faults, sensors)
         if step.phi is not None:
             sent.append((STEER_TOPIC, [0.0, 0.0, radians(step.phi)]))
-        if step.faults is not None:
-            sent.insert(0, (FAULT_TOPIC, step.faults))
-            assert not step.faults or parse_switched(step.faults, sensors)
         assert shown.published == sent
         shown.published.clear()
-        shown.run(pause - period, shown.pose, period)
-        assert not shown.published and (shown.content['note'] == story.words) != ends
+        shown.run(end - step.at - period, shown.pose, period)
+        progress = shown.content['note']['story']
+        assert not shown.published and shown.note == step.words
+        assert (progress['step'], progress['steps']) == (index, len(story.steps) + 1)
+    shown.run(period, shown.pose, period)
+    assert shown.published == [(STEER_TOPIC, [])]
+    last = shown.content['note']
+    assert last['story']['step'] == last['story']['steps']
+    assert last['text'] in shown.content['sample']['happened']
+    shown.run(13.0, shown.pose, period)
+    assert shown.content['note']['story'] is None
     assert [step.faults for step in story.steps if step.faults is not None][-1] == ''
 
 
+def test_the_verdict_has_the_largest_errors_that_were_seen():
+    cross, frozen, _ = stories(4)
+    seen = Observations()
+    for alive, three, device in (
+        (True, nan, nan),
+        (True, radians(14.1), radians(0.04)),
+        (True, radians(2.0), nan),
+    ):
+        seen.add(0.05, alive, three, device)
+    assert verdict(cross, 4, seen) == (
+        'Three encoders: up to 14.1\u00b0 wrong. The four of the device: 0.0\u00b0.'
+    )
+    assert (
+        verdict(frozen, 4, seen)
+        == 'The device never fell silent, and was at most 0.0\u00b0 wrong.'
+    )
+    seen.add(3.0, False, nan, nan)
+    assert 'silent for 3 s: a slave stops' in verdict(frozen, 4, seen)
+    # An error that nobody measured is not said to be small.
+    assert 'an unknown angle' in verdict(cross, 4, Observations())
+
+
+def test_the_error_of_the_device_is_that_to_the_simulations_truth(shown):
+    """Turned by 2 deg from what is published, while a story is played."""
+    shown.begin(source='sim')
+    shown.operate('cross the singularity')
+    turn = np.array(
+        [
+            [cos(radians(2.0)), -sin(radians(2.0)), 0.0],
+            [sin(radians(2.0)), cos(radians(2.0)), 0.0],
+            [0.0, 0.0, 1.0],
+        ]
+    )
+
+    def truth_and_pose():
+        R = shown.pose(0.1, 0.3, 0.5)
+        message = QuaternionStamped()
+        x, y, z, w = quaternion_from_matrix(R @ turn)
+        message.quaternion.x, message.quaternion.y = x, y
+        message.quaternion.z, message.quaternion.w = z, w
+        message.header.stamp.sec = shown._samples
+        shown.newest['/ground_truth/orientation'] = message
+
+    shown.run(1.0, truth_and_pose)
+    assert '/ground_truth/orientation' in shown.sampled
+    assert degrees(shown.arm.simulation.player.observed.device) == pytest.approx(2.0, abs=1e-6)
+    shown.operate('move by itself')
+    shown.run(0.1, shown.pose)
+    assert '/ground_truth/orientation' not in shown.sampled
+
+
+def test_the_azimuth_stands_still_where_there_is_no_tilt(shown):
+    shown.begin(source='sim')
+    shown.run(0.5, lambda: shown.pose(radians(10.0), radians(40.0), 0.5))
+    rng = np.random.default_rng(3)
+    shown.run(3.0, lambda: shown.pose(radians(0.5), rng.uniform(-pi, pi), 0.5))
+    assert shown.control('azimuth, deg').value == 40.0
+    assert shown.control('tilt, deg').value == 0.5
+
+
 def test_the_stories_lead_to_the_singularity_and_across_it():
-    ((cross, broken, unplugged),) = {stories(4)}
-    phis = [step.phi for step in cross.steps[:-1]]
+    cross, broken, unplugged = stories(4)
+    phis = [step.phi for step in cross.steps]
     assert degrees(SINGULAR_PHI) == pytest.approx(phis[1], abs=0.05)
     etas = [float(dexterity(workspace_pose(0.0, 0.0, radians(phi)))) for phi in phis]
     # It begins and ends clear of it, and is near it on its other side in between.
     assert etas[1] < 0.001 and min(etas[0], *etas[3:]) > 0.1 > etas[2] > 0.05
     assert phis[0] == phis[-1] < phis[1] < phis[2] < phis[3]
-    assert [step.phi for step in broken.steps] == [phis[1], None, phis[0], None, None]
+    assert [step.phi for step in broken.steps] == [phis[1], None, phis[0], None]
     assert PHI_LIMITS[0] < radians(min(phis)) and radians(max(phis)) < PHI_LIMITS[1]
     # With four encoders a device is silent without one of them.
-    assert [['silent' in each.words for each in stories(sensors)[1:]] for sensors in (4, 6)] == [
-        [True, True],
-        [False, False],
-    ]
+    for sensors, expected in ((4, True), (6, False)):
+        for story in stories(sensors)[1:]:
+            words = ' '.join(step.words for step in story.steps)
+            assert ('silent' in words) is expected
     for story in (cross, broken, unplugged):
-        times = [step.at for step in story.steps]
-        assert times[0] == 0.0 and all(1.9 < each < 8.0 for each in np.diff(times))
+        times = [step.at for step in story.steps] + [story.end]
+        assert times[0] == 0.0 and all(1.9 < pause < 8.0 for pause in np.diff(times))

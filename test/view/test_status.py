@@ -9,7 +9,8 @@ from shown_device import entries_of
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.supervision.orientation_state import received_state
 from spm_haptic_master.view import status
-from spm_haptic_master.view.status import Light, SensorState
+from spm_haptic_master.view.status import Light, sensor_states, SensorState
+from spm_haptic_master.view.status_entries import StatusEntries
 
 DRIVER = {'encoder_driver: encoders': (DiagnosticStatus.OK, 'publishing', {})}
 
@@ -27,7 +28,7 @@ DRIVER = {'encoder_driver: encoders': (DiagnosticStatus.OK, 'publishing', {})}
         ('healthy', 0.3, Light.RED, 'no joint_states for 0.25 s (diagnostics)', False),
         ('healthy', None, Light.AMBER, 'healthy, but no joint_states (diagnostics)', False),
         ('starting', 1.0, Light.RED, 'silent: no orientation for 1 s', False),
-        ('degraded: joint_1b', 0.1, Light.AMBER, 'degraded: joint_1b', True),
+        ('degraded: joint_1b missing', 0.1, Light.AMBER, 'degraded: th1B missing', True),
         # The reason of a silence is on the page at once, whatever was drawn last.
         ('silent: no joint samples', 0.0, Light.RED, 'silent: no joint samples', False),
         # Words of another program vouch for nothing.
@@ -77,6 +78,14 @@ def test_a_silence_is_as_long_as_it_is_but_for_a_pause_of_this_process():
             },
             {'joint_3c': SensorState.MISSING},
         ),
+        # Before the driver has said so, the state alone names it: it is not faulty.
+        ('degraded: joint_3c missing', DRIVER, {'joint_3c': SensorState.MISSING}),
+        (
+            'degraded: joint_3b missing, joint_1a excluded',
+            DRIVER,
+            {'joint_3b': SensorState.MISSING, 'joint_1a': SensorState.EXCLUDED},
+        ),
+        ('silent: joint_1b: no answer', DRIVER, {'joint_1b': SensorState.MISSING}),
         # With four there is no set without one of them: the driver's words name it.
         (
             'silent: no joint samples',
@@ -90,14 +99,14 @@ def test_the_state_of_each_sensor(state, driver, expected):
     figures['joint_3a unchecked (s)'] = 'inf'
     entries = entries_of(driver | {'fkm: orientation': (DiagnosticStatus.OK, 'healthy', figures)})
     assert (
-        dict(zip(ALL_JOINT_NAMES, entries.sensor_states(6, received_state(state)), strict=True))
+        dict(zip(ALL_JOINT_NAMES, sensor_states(entries, 6, received_state(state)), strict=True))
         == dict.fromkeys(ALL_JOINT_NAMES, SensorState.HEALTHY)
         | {'joint_3a': SensorState.UNCHECKED}
         | expected
     )
     # What no longer comes is not known.
     entries.now = 10.0
-    assert entries.sensor_states(4, None) == [SensorState.UNKNOWN] * 4
+    assert sensor_states(entries, 4, None) == [SensorState.UNKNOWN] * 4
 
 
 @pytest.mark.parametrize(
@@ -111,8 +120,30 @@ def test_the_state_of_each_sensor(state, driver, expected):
     ],
 )
 def test_an_entry_is_of_its_own_device_and_of_now(name, now, seen):
-    entries = status.StatusEntries('/left')
-    entries.take(DiagnosticStatus(name=name), 1.0)
+    entries = StatusEntries('/left')
+    entries.add(DiagnosticStatus(name=name), 1.0)
     entries.now = now
     assert (entries.entry('fkm: orientation') is not None) is seen
     assert entries.has_ended('fkm: orientation') is (now > 3.5)
+
+
+def test_an_encoder_without_a_number_in_the_readings_has_no_reading():
+    """Though its driver has not said so yet, and the state names it."""
+    entries = entries_of(DRIVER)
+    state = received_state('silent: joint_1b stuck')
+    assert sensor_states(entries, 4, state, ['joint_1b'])[1] is SensorState.MISSING
+
+
+@pytest.mark.parametrize(
+    ('age', 'heard', 'event'),
+    [
+        (1.0, False, 'silent: nothing from fkm, no joint_states'),
+        (1.0, True, 'no joint_states (diagnostics)'),
+    ],
+)
+def test_the_event_of_a_silence_does_not_change_with_its_length(age, heard, event):
+    banners = [
+        status.banner(received_state('healthy'), age * k, heard=heard) for k in (1, 2, 3600)
+    ]
+    assert len({banner.text for banner in banners}) == 3
+    assert {banner.event for banner in banners} == {event}

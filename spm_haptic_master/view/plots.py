@@ -1,0 +1,103 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The plots of a device: their quantities, colours and named limits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from spm_haptic_master.description import colours
+from spm_haptic_master.description.colours import Ink
+from spm_haptic_master.view.names import SENSOR_NAMES
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """A quantity of a plot."""
+
+    name: str
+    ink: Ink
+    is_dashed: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """A limit with its name at its line."""
+
+    value: float
+    name: str
+    ink: Ink
+
+
+@dataclass(frozen=True, slots=True)
+class Plot:
+    """A plot, at the top of the panel or below the knobs."""
+
+    key: str
+    title: str
+    series: Sequence[Series]
+    limits: Sequence[Limit] = ()
+    has_zero: bool = True
+    on_top: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Limits of the dexterity and of the protection level (deg); nan: not known."""
+
+    warn_below: float
+    error_below: float
+    alert: float
+
+    def of_dexterity(self) -> list[Limit]:
+        """Return the known limits of the dexterity."""
+        return _known(
+            Limit(self.warn_below, 'warning below', colours.WARNING_LIMIT),
+            Limit(self.error_below, 'error below', colours.ERROR_LIMIT),
+        )
+
+    def of_level(self) -> list[Limit]:
+        """Return the limit of the protection level, if it is known."""
+        return _known(Limit(self.alert, 'alert limit', colours.ERROR_LIMIT))
+
+
+def plots(sensors: int, limits: Limits) -> list[Plot]:
+    """Return the plots of a device with a number of sensors."""
+    three, every = colours.THREE_ENCODERS, colours.ALL_ENCODERS
+    return [
+        Plot('ghost', 'error of three encoders alone, deg', [Series('', three)], on_top=True),
+        Plot(
+            'dexterity',
+            'dexterity',
+            [Series('three', three), Series(f'all {sensors}', every)],
+            limits.of_dexterity(),
+            on_top=True,
+        ),
+        Plot('level', 'protection level, deg', [Series('', every)], limits.of_level()),
+        Plot('angles', 'joint angles, deg', _angles(sensors), has_zero=False),
+        Plot('parity', 'parity, sigma', [Series('', every)], has_zero=False),
+        Plot(
+            'torque',
+            'torque on the handle, N m',
+            [Series('commanded', colours.COMMANDED), Series('rendered', colours.RENDERED)],
+        ),
+        Plot(
+            'latency',
+            'latency, us',
+            [Series('p50', every), Series('p99', every, is_dashed=True)],
+        ),
+    ]
+
+
+def _angles(sensors: int) -> list[Series]:
+    """Return a quantity for each sensor in its leg's colour, dashed for th3A, th3B, th3C."""
+    return [
+        Series(name, colours.LEG_INKS['ABC'.index(name[-1])], is_dashed=name[2] == '3')
+        for name in SENSOR_NAMES[:sensors]
+    ]
+
+
+def _known(*limits: Limit) -> list[Limit]:
+    return [limit for limit in limits if limit.value == limit.value]

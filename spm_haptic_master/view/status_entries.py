@@ -1,0 +1,65 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The latest entries of a device on /diagnostics."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from spm_haptic_master.kinematics.joints import named_joints
+from spm_haptic_master.ros.diagnostic_status import MISSING_KEY
+
+# Names of entries, without a namespace.
+ENCODERS, ORIENTATION, TIMING = 'encoder_driver: encoders', 'fkm: orientation', 'fkm: timing'
+SINGULARITY = 'diagnostics: singularity'
+# Longest age of an entry (s): they come every second.
+ENTRY_TIMEOUT = 2.5
+
+
+class StatusEntries:
+    """The latest entry of each name, of a device with a namespace: '' or '/NAME'."""
+
+    def __init__(self, namespace: str) -> None:
+        self._prefix = f'{namespace}/'.lstrip('/')
+        # Entries by their name without namespace, and when they came (s, monotonic).
+        self._entries: dict[str, tuple[DiagnosticStatus, float]] = {}
+        # The present, s: the caller sets it.
+        self.now = 0.0
+
+    def add(self, entry: DiagnosticStatus, now: float) -> None:
+        """Keep an entry that came at a time, s, if it is this device's."""
+        name = entry.name.removeprefix(self._prefix)
+        if '/' not in name and entry.name.startswith(self._prefix):
+            self._entries[name] = entry, now
+
+    def has_ended(self, name: str) -> bool:
+        """Return whether an entry came once, but not lately."""
+        return name in self._entries and self.entry(name) is None
+
+    def entry(self, name: str) -> DiagnosticStatus | None:
+        """Return an entry, None if there is none or only an old one."""
+        entry, came = self._entries.get(name, (None, 0.0))
+        return entry if self.now - came <= ENTRY_TIMEOUT else None
+
+    def texts(self, name: str) -> dict[str, str]:
+        """Return the values of an entry by key; none without one."""
+        entry = self.entry(name)
+        return {} if entry is None else {value.key: value.value for value in entry.values}
+
+    def numbers(self, name: str) -> dict[str, float]:
+        """Return the values of an entry that are numbers, by key."""
+        found = {}
+        for key, text in self.texts(name).items():
+            with suppress(ValueError):
+                found[key] = float(text)
+        return found
+
+    def missing_joints(self) -> tuple[str, ...]:
+        """Return the joints of which the driver has no reading."""
+        entry = self.entry(ENCODERS)
+        # Without a set the message names the encoders that do not answer.
+        if entry is not None and entry.level == DiagnosticStatus.ERROR:
+            return named_joints(entry.message)
+        return named_joints(self.texts(ENCODERS).get(MISSING_KEY, ''))

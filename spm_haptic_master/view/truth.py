@@ -1,0 +1,45 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The error of the published orientation of a simulated device, while a story is played."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import nan
+
+from spm_haptic_master.description.three_encoders import angle_of, PoseHistory
+from spm_haptic_master.kinematics import Geometry
+from spm_haptic_master.kinematics.number_backends import Quaternion
+from spm_haptic_master.kinematics.rotations import conjugate, multiply_quaternions
+
+
+class DeviceError:
+    """Angle between the published orientation and the simulation's, at equal stamps."""
+
+    def __init__(self, geometry: Geometry) -> None:
+        self._geometry = geometry
+        self._poses = PoseHistory()
+        # Stamp, ns, and true orientation that wait for the pose after them.
+        self._waiting: tuple[int, Quaternion[float]] | None = None
+
+    def add_pose(self, stamp: int, angles: Sequence[float]) -> None:
+        """Add the angles of all nine joints, rad, at a stamp, ns."""
+        self._poses.add(stamp, angles)
+
+    def error(self, truth: tuple[int, Quaternion[float]] | None) -> float:
+        """
+        Return the error at the stamp of an earlier truth, rad; nan if it is not known.
+
+        `truth` is the newest one, stamp and quaternion; None if there is no new one.
+        """
+        waiting = self._waiting
+        pose = None if waiting is None else self._poses.at(waiting[0])
+        begin = self._poses.begin
+        is_late = waiting is not None and begin is not None and waiting[0] < begin
+        if waiting is None or pose is not None or is_late:
+            self._waiting = truth
+        if waiting is None or pose is None:
+            return nan
+        published = pose.orientation(self._geometry)
+        return angle_of(multiply_quaternions(conjugate(published), waiting[1]))
