@@ -39,9 +39,9 @@ NO_TORQUE = 0.0, 0.0, 0.0
 # there is no reading (s).
 FURTHER_TOPICS = {'insertion': 'insertion/measured_js', 'gripper': 'gripper/measured_js'}
 READING_TIMEOUT = 0.5
-# Period of looking for them (s), and the node whose gripper is an encoder: fkm publishes that of a
-# joystick, or a constant, only for those who subscribe.
-FURTHER_PERIOD, DRIVER = 1.0, 'encoder_driver'
+# Period of looking for them (s), and the node whose gripper is no encoder: it publishes a joystick
+# or a constant, and only for those who subscribe.
+FURTHER_PERIOD, NO_ENCODER = 1.0, 'fkm'
 
 
 class DeviceTopics:
@@ -176,7 +176,7 @@ class DeviceTopics:
         for sensor, topic in self._further.items():
             name = self._name(FURTHER_TOPICS[sensor])
             publishers = self._node.get_publishers_info_by_topic(name)
-            if watched and any(publisher.node_name == DRIVER for publisher in publishers):
+            if watched and any(publisher.node_name != NO_ENCODER for publisher in publishers):
                 topic.subscribe()
             else:
                 topic.unsubscribe()
