@@ -32,7 +32,7 @@ CAN = {
     'can.channel': '239.74.0.0',
     **simulated_rig(),
 }
-FORCE = {'force.enabled': True, 'force.without_drives': True}
+FORCE = {'force.enabled': True, 'force.without_drives': True, 'crtk_rate': 0.0}
 ONE_BUS = {
     **CAN,
     'force.enabled': True,
@@ -685,6 +685,13 @@ REFUSALS = (
         'force.without_drives',
         'false without drives',
         'no motor would get a torque',
+    ),
+    parameter(
+        'fkm',
+        {**FORCE, 'crtk_rate': 200.0},
+        'crtk_rate',
+        'above 0 with `force.without_drives`',
+        'the other motor controller would miss torques',
     ),
     parameter(
         'fkm',

@@ -5,12 +5,13 @@
 
 from __future__ import annotations
 
-from math import dist, hypot
+from math import hypot
 
 import numpy as np
 from spm_haptic_master.exceptions import SpmError
 from spm_haptic_master.force.energy import EnergyBudget, HANDLE_DAMPING, JOINT_DAMPING
-from spm_haptic_master.force.gravity import Gravity, Weight
+from spm_haptic_master.force.gravity import Gravity
+from spm_haptic_master.force.handle_torque import HandleTorque
 from spm_haptic_master.force.joint_motion import JointMotion
 from spm_haptic_master.force.obstacles import Obstacles
 from spm_haptic_master.force.rendering import make_statics
@@ -19,6 +20,7 @@ from spm_haptic_master.force.samples import (
     Condition,
     DRIVE_FADE,
     Drives,
+    ENDS_ALL,
     ENGAGED,
     FADE,
     ForceOutput,
@@ -32,6 +34,7 @@ from spm_haptic_master.force.samples import (
     Reason,
 )
 from spm_haptic_master.force.statics import clipped, ForceLimits, Torques
+from spm_haptic_master.force.support import Support
 from spm_haptic_master.force.vectors import added, NOTHING, scaled, shortened, subtracted
 from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
@@ -44,13 +47,20 @@ from spm_haptic_master.kinematics.rotations import (
     rotation_from_quaternion,
     vector_from_quaternion,
 )
-from spm_haptic_master.kinematics.vectors import dot, times
+from spm_haptic_master.kinematics.vectors import dot
 
 # Longest gap between two samples that the torque survives (s).
 GAP = 0.01
 GAP_NS = round(1e9 * GAP)
+# A stamp that is older by up to this is a sample that comes again or too late; beyond, the clock
+# was set back (ns).
+LATE_NS = 1_000_000_000
 # Time without torque between off and ready (s).
 IDLE = 0.1
+# From a sample to its torque at the motors (s).
+LATENCY = 1e-3
+# Slowest handle that moves (rad/s): the noise of the encoders makes 0.05.
+REST_SPEED = 0.2
 
 
 class ForceController:
@@ -69,6 +79,11 @@ class ForceController:
         Limits of torque, speed and encoders.
     gravity : Gravity, optional
         Weight of handle and links; without it none is compensated.
+
+    Attributes
+    ----------
+    output : ForceOutput
+        Of the latest sample.
 
     Raises
     ------
@@ -89,33 +104,45 @@ class ForceController:
         self._geometry = geometry
         self._mode = working_mode
         self._statics = make_statics(geometry, working_mode, motors, limits)
-        self._weight = None if gravity is None else Weight(gravity, self._statics)
+        self._support = Support(geometry, gravity, limits, self._statics)
+        self._handle = HandleTorque(limits)
         self._obstacles = Obstacles(limits)
         self._energy = EnergyBudget()
         self._motion = JointMotion(motors)
         self._zero = (0.0,) * motors
         # The last two commands, and the orientation of the last sample.
-        self._last = Command(self._zero, NOTHING)
+        self._last = Command(self._zero, NOTHING, NOTHING)
         self._before = self._last
         self._pose: Quaternion[float] | None = None
-        self._asked = NOTHING  # of the handle, N m
-        self._fade_start: Torques = self._zero  # motor torques from which a fade began, N m
-        self._stamp = LONG_AGO
-        # Shares (unit 1) that the ramps of torque and of the wrench have reached, that the fade
-        # has left, and of the weight that is compensated.
-        self._ramp = 0.0
-        self._wrench_ramp = 0.0
+        # Share that a fade has left (unit 1), and the motor torques from which it began, N m.
         self._fade_left = 0.0
-        self._weight_share = 0.0
+        self._fade_start: Torques = self._zero
+        self._stamp = LONG_AGO
         self._idle = 0.0  # time without torque, s
         self._state = OFF
+        self.output = ForceOutput(
+            state=OFF,
+            motor_torque=self._zero,
+            asked=NOTHING,
+            rendered=NOTHING,
+            obstacle=None,
+            energy=self._energy.energy,
+            share=self._energy.share,
+        )
 
     def acknowledge(self) -> bool:
-        """End a latched fault; return whether there was one."""
+        """End a latched fault; return whether there was one. What bears the handle stays."""
         if self._state.condition is not Condition.FAULT:
             return False
-        self._enter(OFF)
+        if self._state.why is Reason.ENERGY:
+            self._energy.restart()
+        self._enter(READY if self._support.has_torque else OFF)
+        self.output = self.output._replace(state=self._state)
         return True
+
+    def has_seen(self, stamp: int) -> bool:
+        """Return whether a stamp, ns, is not newer than the last sample: it changes nothing."""
+        return -LATE_NS <= stamp - self._stamp <= 0
 
     def weakness(self, quaternion: Quaternion[float]) -> float | None:
         """
@@ -136,27 +163,40 @@ class ForceController:
         return 1.0 / smallest if smallest else None
 
     def take(self, sample: ForceSample) -> ForceOutput:
-        """Return the motor torques for a sample: once for each, in the order of their stamps."""
+        """
+        Return the motor torques for a sample: once for each, in the order of their stamps.
+
+        A sample with the stamp of the last one, or an older one, changes nothing.
+        """
+        if self.has_seen(sample.stamp):
+            return self.output
         dt = self._advance(sample.stamp)
-        generated = self._count_energy(sample, dt)
-        obstacle = self._obstacles.first(sample, self._motion.is_missing, generated)
+        is_placed = self._place(sample.quaternion)
+        self._count_energy(sample, dt)
+        obstacle = self._obstacles.first(
+            sample,
+            is_placed=is_placed,
+            angle_missing=self._motion.is_missing,
+            energy_generated=self._energy.is_spent,
+        )
         self._change_state(sample, obstacle, dt)
-        self._place(sample.quaternion)
-        command, rendered = self._command(sample, dt)
+        is_sound = is_placed and obstacle not in ENDS_ALL
+        command, rendered = self._command(sample, is_sound, dt)
         self._before = self._last
         self._last = command
         self._pose = sample.quaternion
-        return ForceOutput(
+        self.output = ForceOutput(
             state=self._state,
             motor_torque=command.motor_torque,
-            asked=self._asked,
+            asked=self._handle.asked,
             rendered=rendered,
             obstacle=obstacle,
             energy=self._energy.energy,
             share=self._energy.share,
         )
+        return self.output
 
-    # Time and energy ----------------------------------------------------------------------------
+    # Time, pose and energy ----------------------------------------------------------------------
 
     def _advance(self, stamp: int) -> float:
         """Return the time since the sample before, s; 0 after a gap, which ends all torque."""
@@ -166,188 +206,200 @@ class ForceController:
             return 1e-9 * elapsed
         # The drives may have dropped the torque meanwhile: it begins from zero.
         self._motion.restart()
-        self._asked = NOTHING
-        self._weight_share = 0.0
+        self._handle.drop()
+        self._support.end()
         return 0.0
 
-    def _count_energy(self, sample: ForceSample, dt: float) -> bool:
-        """Count the work of the motors since the last sample; return whether it is a fault."""
+    def _place(self, quaternion: Quaternion[float] | None) -> bool:
+        """Take the pose; return whether there is one, and all legs reach it."""
+        if quaternion is None:
+            return False
+        try:
+            self._statics.place(rotation_from_quaternion(*quaternion))
+        except SpmError:
+            return False
+        return True
+
+    def _count_energy(self, sample: ForceSample, dt: float) -> None:
+        """Count the work of the motors since the last sample."""
         work = self._motion.work(sample.stamp, sample.angles, self._before.motor_torque, dt)
         if work is None:
-            return False
-        if self._weight is not None and sample.quaternion is not None and self._pose is not None:
-            # The ideal weight torque is conservative: only the motors' deviation is work.
+            return
+        if sample.quaternion is not None and self._pose is not None:
             turn = multiply_quaternions(sample.quaternion, conjugate(self._pose))
-            work -= dot(self._before.weight, vector_from_quaternion(*turn))
-        if self._state not in (ENGAGED, HOLDING):
-            return False
-        return self._energy.count(work, self._asked, dt)
+            work += self._work_beside(vector_from_quaternion(*turn), dt)
+        self._energy.count(work, added(self._handle.asked, self._support.end_stop), dt)
+        if sample.velocity is not None and hypot(*sample.velocity) < REST_SPEED:
+            self._energy.rest(dt)
+        if self._state is ENGAGED or self._state is HOLDING:
+            self._energy.use(dt)
+
+    def _work_beside(self, turn: Vector[float], dt: float) -> float:
+        """Return what counts beside the motor torques of two samples before, J."""
+        # The ideal weight torque is conservative: only the motors' deviation from it is work.
+        work = -dot(self._before.weight, turn)
+        if dt > LATENCY and self._before.wrench is not None and self._last.wrench is not None:
+            # For the rest of the period the torque of the last sample was in force. That of a lock
+            # or of damping has the noise of the last angles, which would count as work.
+            change = subtracted(self._last.wrench, self._before.wrench)
+            work += (1.0 - LATENCY / dt) * dot(change, turn)
+        return work
 
     # State --------------------------------------------------------------------------------------
 
     def _change_state(self, sample: ForceSample, obstacle: Reason | None, dt: float) -> None:
         """Change the state where a sample asks for it."""
         may_begin = self._obstacles.may_begin(sample.wrench, sample.stamp) and not sample.clutched
-        is_wanted = sample.enabled and sample.drives is Drives.OPERATING
         condition = self._state.condition
         if condition is Condition.OFF:
-            self._wait(is_wanted, dt)
+            self._leave_off(sample, dt)
         elif condition is Condition.READY:
-            self._leave_ready(is_wanted, may_begin and obstacle is None)
-        elif condition is Condition.FADING:
+            self._leave_ready(sample, obstacle, may_begin)
+        elif condition is Condition.FADING or condition is Condition.FAULT:
             self._worsen(obstacle)
-        elif condition is not Condition.FAULT:
-            self._leave_torque(obstacle, sample.clutched, may_begin)
-
-    def _wait(self, is_wanted: bool, dt: float) -> None:
-        """Become ready after some time in which force is wanted."""
-        self._idle = self._idle + dt if is_wanted else 0.0
-        if self._idle >= IDLE:
-            self._enter(READY)
-
-    def _leave_ready(self, is_wanted: bool, may_begin: bool) -> None:
-        """Begin with force, or switch off."""
-        if not is_wanted:
-            self._enter(OFF)
+        elif obstacle is not None:
+            self._enter(ForceState(Condition.FADING, obstacle))
+        elif self._state is ENGAGED:
+            self._leave_engaged(sample)
         elif may_begin:
             self._enter(ENGAGED)
 
+    def _leave_off(self, sample: ForceSample, dt: float) -> None:
+        """Become ready after some time in which force is wanted."""
+        self._idle = self._idle + dt if _is_wanted(sample) else 0.0
+        if self._idle >= IDLE:
+            self._enter(READY)
+
+    def _leave_ready(self, sample: ForceSample, obstacle: Reason | None, may_begin: bool) -> None:
+        """Begin with force, fade what the motors bear, or switch off."""
+        if obstacle in ENDS_ALL and self._support.has_torque:
+            self._enter(ForceState(Condition.FADING, obstacle))
+        elif not sample.enabled and self._support.has_torque:
+            self._enter(ForceState(Condition.FADING, Reason.DISABLED))
+        elif not _is_wanted(sample):
+            self._enter(OFF)
+        elif obstacle is None and may_begin:
+            self._enter(ENGAGED)
+        elif obstacle is None and sample.lock is not None:
+            self._enter(HOLDING)
+
     def _worsen(self, obstacle: Reason | None) -> None:
-        """Let a reason that latches replace one that does not."""
-        if obstacle in LATCHED and self._state.why not in LATCHED:
+        """Let a worse reason replace that of a fade, or of a fault that bears the weight."""
+        is_fault = self._state.condition is Condition.FAULT
+        if is_fault and not self._support.has_torque:
+            return
+        if obstacle is not None and _severity(obstacle) > _severity(self._state.why):
             self._enter(ForceState(Condition.FADING, obstacle))
 
-    def _leave_torque(self, obstacle: Reason | None, clutched: bool, may_begin: bool) -> None:
-        """Fade out, or follow the clutch."""
-        if obstacle is not None:
-            self._enter(ForceState(Condition.FADING, obstacle))
-        elif self._state is ENGAGED and clutched:
+    def _leave_engaged(self, sample: ForceSample) -> None:
+        """Hold while the clutch is pressed, or a lock holds without wrenches."""
+        if sample.clutched or self._obstacles.is_old(sample.wrench, sample.stamp):
             self._enter(HOLDING)
-        elif self._state is HOLDING and may_begin:
-            self._enter(ENGAGED)
 
     def _enter(self, state: ForceState) -> None:
         """Assign the state: the only place."""
-        before = self._state.condition
+        before = self._state
         self._obstacles.restart()
-        self._energy.restart()
+        self._handle.restart_wrench()
         self._idle = 0.0
-        self._wrench_ramp = 0.0
-        if before is not Condition.FADING:
-            self._fade_left = 1.0
-            self._fade_start = self._last.motor_torque
-        if before not in (Condition.ENGAGED, Condition.HOLDING) or (
-            state.condition is Condition.FADING
-        ):
-            # Between engaged and holding the torque follows the slew rate.
-            self._asked = NOTHING
-            self._ramp = 0.0
-            self._weight_share = 0.0
+        if state.condition is Condition.FADING:
+            is_worse = state.why in ENDS_ALL and before.why not in ENDS_ALL
+            if before.condition is not Condition.FADING or is_worse:
+                self._fade_left = 1.0
+                self._fade_start = self._last.motor_torque
+                self._handle.begin_fade()
+        elif state not in (ENGAGED, HOLDING):
+            self._handle.end()
         self._state = state
-
-    def _place(self, quaternion: Quaternion[float] | None) -> None:
-        """Take the pose; fade out where a leg is at the edge of its reach."""
-        if quaternion is None or self._state not in (ENGAGED, HOLDING):
-            return
-        try:
-            self._statics.place(rotation_from_quaternion(*quaternion))
-        except SpmError:
-            self._enter(ForceState(Condition.FADING, Reason.NO_ORIENTATION))
 
     # Torque -------------------------------------------------------------------------------------
 
-    def _command(self, sample: ForceSample, dt: float) -> tuple[Command, Vector[float] | None]:
-        """Return the command of a sample, and what the handle gets of it; None if not known."""
-        if self._state is ENGAGED or self._state is HOLDING:
-            return self._command_of_handle(sample, dt)
+    def _command(
+        self, sample: ForceSample, is_sound: bool, dt: float
+    ) -> tuple[Command, Vector[float] | None]:
+        """
+        Return the command of a sample, and what the handle gets of it; None if not known.
+
+        `is_sound` is whether orientation and motors may be relied on.
+        """
         if self._state.condition is Condition.FADING:
-            return Command(self._faded(dt), NOTHING), None
-        return Command(self._zero, NOTHING), NOTHING
-
-    def _command_of_handle(self, sample: ForceSample, dt: float) -> tuple[Command, Vector[float]]:
-        """Return the command that makes the torque on the handle, and what the handle gets."""
-        self._grow(dt)
-        wanted = self._wrench(sample)
-        if sample.lock is not NOTHING and sample.velocity is not None:
-            wanted = self._with_lock(wanted, sample.lock)
-        self._asked = _moved(self._asked, wanted, self._limits.slew * dt)
-        torque = self._damped(self._asked, sample.velocity)
-        weight = NOTHING
-        if self._weight is not None:
-            weight = scaled(self._moved_weight_share(sample.weightless, dt), self._weight.torque())
-            torque = added(torque, weight)
-        motor_torque, rendered = self._statics.render(torque)
-        if self._energy.damping > 0.0:
-            motor_torque = self._within(motor_torque, self._energy.damping)
-            rendered = self._statics.rendered(motor_torque)
-        return Command(motor_torque, weight), rendered
-
-    def _grow(self, dt: float) -> None:
-        """Let the ramps go up."""
-        if self._wrench_ramp < 1.0:
-            step = dt / self._limits.ramp
-            self._ramp = min(1.0, self._ramp + step)
-            self._wrench_ramp = min(1.0, self._wrench_ramp + step)
-
-    def _wrench(self, sample: ForceSample) -> Vector[float]:
-        """Return the part of the wrench that is rendered, N m in the base frame."""
-        wrench = sample.wrench
-        if wrench is None or sample.velocity is None or self._state is HOLDING:
-            # Without a velocity nothing could damp it.
-            return NOTHING
-        share, limit, length = self._energy.share, self._limits.torque, hypot(*wrench.torque)
-        if share * length > limit:
-            share = limit / length
-        torque = scaled(share * self._wrench_ramp, wrench.torque)
-        return times(self._statics.rotation, torque) if wrench.in_handle else torque
-
-    def _with_lock(self, wanted: Vector[float], lock: Vector[float]) -> Vector[float]:
-        """Return torque and lock together, within the limit."""
-        together = added(wanted, scaled(self._ramp * self._energy.share, lock))
-        return shortened(together, self._limits.torque)
-
-    def _damped(self, torque: Vector[float], velocity: Vector[float] | None) -> Vector[float]:
-        """Return a torque on the handle with the damping of the velocity."""
-        if velocity is None:
-            return torque
-        damping = self._limits.damping * self._ramp
-        if self._energy.damping > 0.0:
-            damping += self._energy.damping * HANDLE_DAMPING
-        return subtracted(torque, scaled(damping, velocity))
-
-    def _moved_weight_share(self, weightless: bool, dt: float) -> float:
-        """Move the share of the weight that is compensated by a step of its ramp; return it."""
-        step = dt / self._limits.ramp
-        share = self._weight_share + (step if weightless else -step)
-        self._weight_share = min(1.0, max(0.0, share))
-        return self._weight_share
-
-    def _faded(self, dt: float) -> Torques:
-        """Return the torques of the fade; end it when nothing is left."""
-        why = self._state.why
-        # After a gap, or if time stands still, no torque is left to fade.
-        self._fade_left -= dt / (DRIVE_FADE if why is Reason.DRIVE else FADE) if dt else 1.0
-        if why is None or self._fade_left <= 0.0:
-            self._enter(ForceState(Condition.FAULT, why) if why in LATCHED else READY)
-            return self._zero
-        return tuple([self._fade_left * each for each in self._within(self._fade_start, 1.0)])
-
-    def _within(self, torques: Torques, damping: float) -> Torques:
-        """Add a share of the joint damping, and keep each motor within its limit."""
-        limit, velocity = self._limits.motor_torque, self._motion.velocity
-        if velocity is not None:
-            torques = tuple(
-                [
-                    torque - damping * JOINT_DAMPING * rate
-                    for torque, rate in zip(torques, velocity, strict=True)
-                ]
+            self._fade(dt)
+        if self._state.condition is Condition.FADING and self._state.why in ENDS_ALL:
+            self._support.end()
+            return Command(self._faded(), NOTHING, NOTHING), None
+        if self._state is OFF or not is_sound:
+            self._support.end()
+            return Command(self._zero, NOTHING, NOTHING), NOTHING
+        if self._state is ENGAGED or self._state is HOLDING:
+            self._handle.follow(
+                sample,
+                has_wrench=self._state is ENGAGED,
+                share=self._energy.share,
+                rotation=self._statics.rotation,
+                dt=dt,
             )
-        return tuple([clipped(torque, limit) for torque in torques])
+        is_wanted = self._state.has_support and sample.enabled
+        self._support.move(is_wanted, sample.weightless, sample.velocity, dt)
+        return self._rendered(sample)
+
+    def _rendered(self, sample: ForceSample) -> tuple[Command, Vector[float]]:
+        """Return the command for wrench, lock, damping and support, and what the handle gets."""
+        support, handle = self._support, self._handle
+        if not (any(handle.asked) or handle.ramp or support.has_torque):
+            return Command(self._zero, NOTHING, NOTHING), NOTHING
+        pushed = added(handle.asked, scaled(self._energy.share, support.end_stop))
+        torque = shortened(pushed, self._limits.torque)
+        ramp = handle.ramp * self._left
+        energy_damping = self._energy.damping * max(ramp, support.share)
+        if sample.velocity is not None:
+            damping = self._limits.damping * ramp + HANDLE_DAMPING * energy_damping
+            torque = subtracted(torque, scaled(damping, sample.velocity))
+        motor_torque, rendered = self._statics.render(added(torque, support.weight))
+        if energy_damping > 0.0:
+            motor_torque = self._damped(motor_torque, energy_damping)
+            rendered = self._statics.rendered(motor_torque)
+        wrench = handle.asked if sample.lock is None else None
+        return Command(motor_torque, support.weight, wrench), rendered
+
+    @property
+    def _left(self) -> float:
+        """Share (unit 1) that a fade has left of the torque; 1 where there is none."""
+        return self._fade_left if self._state.condition is Condition.FADING else 1.0
+
+    def _fade(self, dt: float) -> None:
+        """Take a step of the fade; end it when nothing is left."""
+        why = self._state.why
+        # After a gap no torque is left to fade.
+        step = dt / (DRIVE_FADE if why is Reason.DRIVE else FADE) if dt else 1.0
+        self._fade_left = max(0.0, self._fade_left - step)
+        self._handle.fade(self._fade_left)
+        if self._fade_left > 0.0:
+            return
+        is_gone = why in ENDS_ALL or self._state.has_support or not self._support.has_torque
+        if is_gone:
+            self._enter(ForceState(Condition.FAULT, why) if why in LATCHED else READY)
+
+    def _faded(self) -> Torques:
+        """Return the torques of a fade of all torque: without damping, as angles may be wrong."""
+        return tuple([self._fade_left * torque for torque in self._fade_start])
+
+    def _damped(self, torques: Torques, share: float) -> Torques:
+        """Add a share of the joint damping, and keep each motor within its limit."""
+        limit = self._limits.motor_torque
+        velocity = self._motion.velocity or self._zero
+        return tuple(
+            [
+                clipped(torque - share * JOINT_DAMPING * rate, limit)
+                for torque, rate in zip(torques, velocity, strict=True)
+            ]
+        )
 
 
-def _moved(start: Vector[float], goal: Vector[float], step: float) -> Vector[float]:
-    """Return the vector on the way from start to goal that is a step away, or the goal."""
-    way = dist(goal, start)
-    if way <= step:
-        return goal
-    return added(start, scaled(step / way, subtracted(goal, start)))
+def _is_wanted(sample: ForceSample) -> bool:
+    """Return whether force is wanted, and the drives are in operation."""
+    return sample.enabled and sample.drives is Drives.OPERATING
+
+
+def _severity(why: Reason | None) -> int:
+    """Return how much a reason ends: all torque more than the wrench alone, a fault more."""
+    return 2 * (why in ENDS_ALL) + (why in LATCHED)

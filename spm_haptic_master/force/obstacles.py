@@ -11,7 +11,6 @@ from spm_haptic_master.force.samples import (
     Drives,
     ForceSample,
     LONG_AGO,
-    NO_WRENCH,
     Reason,
     SMALL_MESSAGES,
     Wrench,
@@ -37,15 +36,17 @@ class Obstacles:
         self._count = 0
 
     def first(
-        self, sample: ForceSample, angle_missing: bool, energy_generated: bool
+        self, sample: ForceSample, *, is_placed: bool, angle_missing: bool, energy_generated: bool
     ) -> Reason | None:
         """
-        Return the first obstacle: those that latch precede the others.
+        Return the first obstacle: those that end all torque precede the others.
 
         Parameters
         ----------
         sample : ForceSample
             The sample and its circumstances.
+        is_placed : bool
+            Whether there is an orientation, and all legs reach it.
         angle_missing : bool
             Whether the angle of a motor is missing.
         energy_generated : bool
@@ -54,7 +55,8 @@ class Obstacles:
         """
         return (
             self._of_motors(sample, angle_missing)
-            or self._of_orientation(sample)
+            or self._of_orientation(sample, is_placed)
+            or (Reason.DRIVES_OFF if sample.drives is Drives.OFF else None)
             or self._of_wrench(sample)
             or (Reason.ENERGY if energy_generated else None)
             or self._of_operator(sample)
@@ -67,10 +69,10 @@ class Obstacles:
             return Reason.DRIVE
         return Reason.ANGLE if angle_missing else None
 
-    def _of_orientation(self, sample: ForceSample) -> Reason | None:
+    def _of_orientation(self, sample: ForceSample, is_placed: bool) -> Reason | None:
         """Return why the orientation is not one to rely on; a comparison with NaN is false."""
         limits = self._limits
-        if sample.quaternion is None:
+        if not is_placed:
             return Reason.NO_ORIENTATION
         if not sample.protection_level <= limits.protection_level:
             return Reason.UNPROTECTED
@@ -82,8 +84,9 @@ class Obstacles:
 
     def _of_wrench(self, sample: ForceSample) -> Reason | None:
         """Return what is wrong with what is commanded."""
-        torque = (NO_WRENCH if sample.wrench is None else sample.wrench).torque
-        if not hypot(*torque, *sample.lock) < inf:
+        if sample.wrench is not None and not hypot(*sample.wrench.torque) < inf:
+            return Reason.NOT_FINITE
+        if sample.lock is not None and not hypot(*sample.lock) < inf:
             return Reason.NOT_FINITE
         return Reason.SOURCES if sample.sources > 1 else None
 
@@ -91,21 +94,19 @@ class Obstacles:
         """Return why no force is wanted."""
         if not sample.enabled:
             return Reason.DISABLED
-        if sample.drives is Drives.OFF:
-            return Reason.DRIVES_OFF
         if not sample.engaged:
             return Reason.DISENGAGED
         return None if sample.present else Reason.ABSENT
 
     def _of_age(self, sample: ForceSample) -> Reason | None:
-        """Return whether the wrench is missing; with the clutch pressed none is rendered."""
-        if sample.clutched or not self._is_old(sample.wrench, sample.stamp):
+        """Return whether the wrench is missing; with clutch or lock none is needed."""
+        if sample.clutched or sample.lock is not None:
             return None
-        return Reason.STALE
+        return Reason.STALE if self.is_old(sample.wrench, sample.stamp) else None
 
     def may_begin(self, wrench: Wrench | None, stamp: int) -> bool:
         """Count the latest wrench; return whether enough in a row have been small."""
-        if wrench is None or self._is_old(wrench, stamp):
+        if wrench is None or self.is_old(wrench, stamp):
             self._count = 0
             return False
         if wrench.received != self._latest:
@@ -115,6 +116,6 @@ class Obstacles:
             self._count = self._count + 1 if is_small else 0
         return self._count >= SMALL_MESSAGES
 
-    def _is_old(self, wrench: Wrench | None, stamp: int) -> bool:
+    def is_old(self, wrench: Wrench | None, stamp: int) -> bool:
         """Return whether a wrench is older than the time-out, or later by as much."""
         return wrench is None or abs(stamp - wrench.received) > self._longest

@@ -62,6 +62,21 @@ LATCHED = frozenset(
         Reason.ENERGY,
     )
 )
+# Reasons that leave neither orientation nor motors to rely on: all torque fades with them.
+ENDS_ALL = frozenset(
+    (
+        Reason.DRIVE,
+        Reason.DRIVES_OFF,
+        Reason.ANGLE,
+        Reason.NO_ORIENTATION,
+        Reason.UNPROTECTED,
+        Reason.NOISY,
+        Reason.SPEED,
+    )
+)
+# Reasons for which weight and end stop go, too, by the slope of their ramp. With the others they
+# stay: these say nothing about orientation and motors.
+ENDS_SUPPORT = frozenset((Reason.DISABLED, Reason.ENERGY))
 # Consecutive messages with a small torque after which force may begin.
 SMALL_MESSAGES = 3
 # Time in which torque fades out (s); after a drive's fault the other motors alone pull askew. A
@@ -80,6 +95,13 @@ class ForceState(NamedTuple):
         """Words of the state, as on the topic `force_state`."""
         word = self.condition.value
         return word if self.why is None else f'{word}: {self.why.value}'
+
+    @property
+    def has_support(self) -> bool:
+        """Whether weight and end stop are borne."""
+        if self.why is None:
+            return self.condition is not Condition.OFF
+        return self.why not in ENDS_ALL and self.why not in ENDS_SUPPORT
 
 
 OFF, READY = ForceState(Condition.OFF), ForceState(Condition.READY)
@@ -135,7 +157,7 @@ class ForceSample(NamedTuple):
     engaged: bool = True  # teleoperation is engaged
     present: bool = True  # a hand is on the handle
     clutched: bool = False  # the clutch is pressed
-    lock: Vector[float] = NOTHING  # towards a locked orientation, N m in the base frame
+    lock: Quaternion[float] | None = None  # locked orientation, R_base_platform
     weightless: bool = True  # whether the weight of handle and links is compensated
 
 
@@ -145,7 +167,7 @@ class ForceOutput(NamedTuple):
     state: ForceState
     motor_torque: tuple[float, ...]  # command to the drives, N m; zeros where none is allowed
     # Torque asked of the handle after energy share, limit, ramp and slew rate, N m in the base
-    # frame: without gravity and damping.
+    # frame: without gravity, end stop and damping.
     asked: Vector[float]
     rendered: Vector[float] | None  # what the handle gets of all, N m; None without an orientation
     obstacle: Reason | None  # what prevents or ends force
@@ -158,6 +180,8 @@ class Command(NamedTuple):
 
     motor_torque: Torques  # N m
     weight: Vector[float]  # torque on the handle that the weight asked for, N m
+    # Torque that the wrench asked of the handle, N m; None where a lock is in it.
+    wrench: Vector[float] | None
 
 
 # A stamp before every sample (ns), and the stand-in for a missing wrench.

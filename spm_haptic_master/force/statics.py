@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from itertools import combinations
-from math import inf, isfinite, radians, sqrt
+from math import inf, radians, sqrt
 from typing import NamedTuple, TypeAlias
 
 from spm_haptic_master.exceptions import InputError, quoted
@@ -42,13 +42,18 @@ LEAST_SQUARE = MODE_BOUNDARY**2
 THREE, FOUR = 3, 4
 
 
+# Limits that may be 0; the others are at least this much above it.
+MAY_BE_ZERO = frozenset(('damping', 'lock_stiffness', 'end_stop'))
+SMALLEST = 1e-300
+
+
 @dataclass(frozen=True, slots=True)
 class ForceLimits:
     """
     Limits of the force feedback.
 
-    InputError: a value is not a finite number above 0 (`damping`: 0 or more), or `sigma_full` is
-    not above `sigma_off`.
+    InputError: a value is not a finite number above 0 (those of `MAY_BE_ZERO`: 0 or more), or
+    `sigma_full` is not above `sigma_off`.
     """
 
     torque: float = 0.3  # largest asked of the handle, N m
@@ -67,18 +72,16 @@ class ForceLimits:
     wrench_age: float = 0.03  # oldest wrench that is rendered, s
     small_torque: float = 0.05  # largest torque of a wrench with which force may begin, N m
     noise: float = 5.0  # largest noise of an encoder over its figure (unit 1)
+    lock_stiffness: float = 1.0  # of a locked orientation, N m/rad; 0: none
+    end_stop: float = radians(5.0)  # angle before the end of a leg's reach, rad; 0: no end stop
 
     def __post_init__(self) -> None:
-        for each in fields(self):
-            value = getattr(self, each.name)
-            if (
-                isinstance(value, bool)
-                or not isinstance(value, (int, float))
-                or not (isfinite(value))
-                or value < 0.0
-                or (value == 0.0 and each.name != 'damping')
-            ):
-                raise InputError(f'{each.name} = {quoted(value)}: expected a number above 0')
+        for field in fields(self):
+            value = getattr(self, field.name)
+            least = 0.0 if field.name in MAY_BE_ZERO else SMALLEST
+            is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+            if not is_number or not least <= value < inf:
+                raise InputError(f'{field.name} = {quoted(value)}: expected a number above 0')
         if self.sigma_full <= self.sigma_off:
             raise InputError(
                 f'sigma_full = {self.sigma_full:g}: expected a number above '
@@ -243,6 +246,10 @@ class MotorRates:
         )
         if self.motors == FOUR:
             self.scaled += (ScaledRow(a.divisor, leg_a.third_row(a)),)
+
+    def strength(self, direction: Vector[float]) -> float:
+        """Return the share (unit 1) of a torque along a unit vector that the motors may make."""
+        return 1.0
 
     def rows(self) -> list[Vector[float]]:
         """Return the rows of G, one for each motor: thetadot = G omega, in the base frame."""

@@ -24,7 +24,7 @@ Motor torques are continuous over the workspace. What the handle gets is G^T tau
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import copysign, inf, sqrt
+from math import copysign, hypot, inf, sqrt
 
 from spm_haptic_master.force.statics import (
     clipped,
@@ -64,6 +64,23 @@ class ThreeMotors(MotorRates):
         # A row of G is as long as sin beta / |B_kk|.
         self._near = 0.5 * near * max(1.0 - leg.cos_beta**2 for leg in geometry.legs)
         self._limit, self._square = limits.motor_torque, limits.motor_torque**2
+
+    def strength(self, direction: Vector[float]) -> float:
+        """
+        Return the share (unit 1) of a torque along a unit vector that the motors may make.
+
+        It is the smoothstep of the fade, here of the torque that a unit of the motors makes.
+        """
+        row_a, row_b, row_c = self.rows()
+        torque = (
+            dot(cross(row_b, row_c), direction),
+            dot(cross(row_c, row_a), direction),
+            dot(cross(row_a, row_b), direction),
+        )
+        needed = hypot(*torque)
+        made = abs(dot(row_a, cross(row_b, row_c))) / needed if needed else 0.0
+        limits = self.limits
+        return smoothstep((made - limits.sigma_off) / (limits.sigma_full - limits.sigma_off))
 
     def render(self, m: Vector[float]) -> tuple[Torques, Vector[float]]:
         """Return motor torques, N m, and what the handle gets of m; N m in the base frame."""

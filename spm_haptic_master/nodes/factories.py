@@ -86,6 +86,13 @@ def _check_drives(values: Values) -> None:
             'motor controller, not both',
         )
     if not has_drives:
+        if values['crtk_rate'] > 0.0:
+            _refuse(
+                values,
+                'crtk_rate',
+                '0 with force.without_drives: the other motor controller needs the torque of each '
+                'sample',
+            )
         return
     if len(values['drives.node_id']) != motors:
         _refuse(values, 'drives.node_id', f'{motors} drives (force.motors)')
@@ -116,4 +123,6 @@ def limits_from(values: Values) -> ForceLimits:
         wrench_age=values['force.wrench_timeout'],
         small_torque=values['force.small_torque'],
         noise=values['force.noise_limit'],
+        lock_stiffness=values['force.lock_stiffness'],
+        end_stop=radians(values['force.end_stop_deg']),
     )

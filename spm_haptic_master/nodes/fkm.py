@@ -18,7 +18,7 @@ from spm_haptic_master.kinematics.estimation.gauss_newton import SampleEstimate
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.nodes.crtk_state import CrtkState
 from spm_haptic_master.nodes.factories import make_motors
-from spm_haptic_master.nodes.force import Force
+from spm_haptic_master.nodes.force import Force, Surroundings
 from spm_haptic_master.nodes.orientation_outputs import OrientationOutputs, publish_mounting
 from spm_haptic_master.nodes.orientation_status import LatencyStatus, OrientationStatus
 from spm_haptic_master.nodes.sample_origin import SampleOrigin
@@ -104,17 +104,14 @@ class Fkm(ParameterNode):
         self._crtk = CrtkState(self, frame)
         self._force: Force | None = None
         if motors is not None:
-            self._force = Force(
-                self,
-                values,
-                frame,
-                motors,
-                self._supervisor,
-                lambda: self._now(),
-                lambda: self._crtk.name == ENABLED,
-                self._crtk.warn,
-                self._lock,
+            surroundings = Surroundings(
+                frame_id=frame,
+                now=lambda: self._now(),
+                is_enabled=lambda: self._crtk.name == ENABLED,
+                warn=self._crtk.warn,
+                lock=self._lock,
             )
+            self._force = Force(self, values, *motors, self._supervisor, surroundings)
             self._outputs.effort = self._force.effort
         self.create_service(Trigger, '~/acknowledge', self._acknowledge)
         self.on_change(('alert_limit_deg',), self._apply)
@@ -145,17 +142,16 @@ class Fkm(ParameterNode):
                 self._supervisor.alert_limit = radians(changed['alert_limit_deg'])
 
     def _acknowledge(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Clear a fault that waits for a person: two sensors that jumped, or of the force."""
+        """Clear one fault that waits for a person, and name it: of the sensors, then of force."""
         with self._lock:
-            of_force = self._force is not None and self._force.acknowledge()
-            of_sensors = self._supervisor.latch.acknowledge()
-        response.success = of_force or of_sensors
+            named = ''
+            if self._supervisor.latch.acknowledge():
+                named = 'sensors: consistent samples clear the fault'
+            elif self._force is not None:
+                named = self._force.acknowledge()
+        response.success = bool(named)
         response.message = (
-            'acknowledged: consistent samples clear the fault'
-            if of_sensors
-            else 'acknowledged'
-            if of_force
-            else 'no fault waits for an acknowledgement'
+            f'acknowledged: {named}' if named else 'no fault waits for an acknowledgement'
         )
         return response
 

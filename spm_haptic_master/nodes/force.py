@@ -6,9 +6,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import hypot, inf
+from math import inf
 import threading
 import time
+from typing import NamedTuple
 
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
@@ -23,21 +24,16 @@ from spm_haptic_master.force import (
     ForceState,
 )
 from spm_haptic_master.force.joint_motion import WINDOW
-from spm_haptic_master.force.samples import Reason
-from spm_haptic_master.force.vectors import NOTHING
-from spm_haptic_master.kinematics.number_backends import Quaternion, Rotation, Vector
-from spm_haptic_master.kinematics.rotations import (
-    AngularVelocity,
-    conjugate,
-    multiply_quaternions,
-    rotation_from_quaternion,
-    vector_from_quaternion,
-)
+from spm_haptic_master.force.samples import ENGAGED, HOLDING, Reason
+from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
+from spm_haptic_master.kinematics.rotations import AngularVelocity, rotation_from_quaternion
 from spm_haptic_master.kinematics.vectors import transposed_times
-from spm_haptic_master.nodes.force_inputs import ForceInputs, WrenchFrames
+from spm_haptic_master.nodes.force_inputs import ForceInputs
+from spm_haptic_master.nodes.force_status import drive_fault, ForceStatus
+from spm_haptic_master.nodes.wrench_frames import WrenchFrame, WrenchFrames
 from spm_haptic_master.parameters.fkm import BY_TELEOP, sigma_from
 from spm_haptic_master.parameters.setting import Values
-from spm_haptic_master.ros.diagnostic_status import ERROR, OK, StatusPublisher, STEADY, WARN
+from spm_haptic_master.ros.diagnostic_status import STEADY
 from spm_haptic_master.ros.qos import SAMPLES, STATE
 from spm_haptic_master.supervision.supervisor import Supervisor
 from spm_haptic_master.teleoperation.engaging import Phase
@@ -45,72 +41,86 @@ from spm_haptic_master.timing import SECOND, StampGrid
 from std_msgs.msg import String
 
 # Period at which missing samples and changes are noticed (s), and after how many of them without
-# a sample force fades out. A process that stood still as a whole misses only one.
+# a sample force fades out. If the whole process was suspended, only one period counts as missed.
 WATCH_PERIOD = 0.005
 SILENT_PERIODS = 4
-# Levels of the states; the others are OK.
-LEVELS = {Condition.FADING: WARN, Condition.FAULT: ERROR}
+
+
+class Surroundings(NamedTuple):
+    """What the force feedback needs of `fkm`."""
+
+    frame_id: str  # of the orientation
+    now: Callable[[], int]  # time on the clock of the samples, ns
+    is_enabled: Callable[[], bool]  # whether the operating state is ENABLED
+    warn: Callable[[str], None]  # publishes CRTK's `warning`
+    lock: threading.Lock  # held by callers of `take` and `acknowledge`
 
 
 class Force:
     """
     The force feedback of `fkm`: controller, drives, inputs and outputs.
 
-    `frame_id` is that of the orientation, `now` returns the time on the clock of the samples, ns,
-    `is_enabled` whether the operating state is ENABLED. Callers of `take` and `acknowledge` hold
-    `lock`.
+    Parameters
+    ----------
+    node : Node
+        Of all topics.
+    values : Values
+        Settings of `fkm`.
+    controller : ForceController
+        Makes the torques.
+    drives : Drives or None
+        Take the torques; None: another motor controller does.
+    supervisor : Supervisor
+        Knows the noise of the encoders.
+    surroundings : Surroundings
+        What it needs of `fkm`.
+
     """
 
     def __init__(
         self,
         node: Node,
         values: Values,
-        frame_id: str,
-        motors: tuple[ForceController, MotorDrives | None],
+        controller: ForceController,
+        drives: MotorDrives | None,
         supervisor: Supervisor,
-        now: Callable[[], int],
-        is_enabled: Callable[[], bool],
-        warn: Callable[[str], None],
-        lock: threading.Lock,
+        surroundings: Surroundings,
     ) -> None:
-        self._controller, self._drives = motors
-        self._supervisor, self._sigma = supervisor, sigma_from(values)
-        self._is_enabled, self._warn, self._lock = is_enabled, warn, lock
+        self._controller = controller
+        self._drives = drives
+        self._supervisor = supervisor
+        self._sigma = sigma_from(values)
+        self._is_enabled = surroundings.is_enabled
+        self._warn = surroundings.warn
+        self._lock = surroundings.lock
         self._report: DriveReport | None = None
         self._by_teleop = values['force.engaged_by'] == BY_TELEOP
-        self._stiffness = values['force.lock_stiffness']
         self._sensors = values['sensors']
         self._velocity = AngularVelocity(WINDOW)
-        frames = WrenchFrames(values, frame_id)
-        self._inputs = ForceInputs(node, values, frames, now, lambda: self._quaternion, lock)
-        # Of the latest sample; None before the first. Samples have been missing for some periods.
+        frames = WrenchFrames(values, surroundings.frame_id)
+        self._inputs = ForceInputs(
+            node, values, frames, surroundings.now, lambda: self._quaternion, self._lock
+        )
+        # Of the latest sample; None before the first.
         self._stamp: int | None = None
         self._angles: tuple[float, ...] = ()
         self._quaternion: Quaternion[float] | None = None
-        self._missing, self._noise = 0, 1.0
-        self._output = ForceOutput(
-            ForceState(Condition.OFF),
-            (0.0,) * values['force.motors'],
-            NOTHING,
-            NOTHING,
-            None,
-            0.0,
-            1.0,
-        )
+        # Periods without a sample, and the largest noise of an encoder over its figure (unit 1).
+        self._missing = 0
+        self._noise = 1.0
+        self._output = controller.output
         # States entered since the last look.
         self._changes: list[ForceState] = [self._output.state]
         # Publishers of the rendered torque, whether it has a subscriber, and its grid, which is
         # that of the other CRTK topics.
-        self._is_wanted, self._grid = False, StampGrid(values['crtk_rate'], values['rate'])
+        self._is_wanted = False
+        self._grid = StampGrid(values['crtk_rate'], values['rate'])
         self._outs = [
-            (frame, WrenchStamped(), node.create_publisher(WrenchStamped, topic, SAMPLES))
-            for topic, frame in (
-                ('spatial/measured_cf', frames.spatial),
-                ('body/measured_cf', frames.body),
-            )
+            MeasuredTorque(node, 'spatial/measured_cf', frames.spatial),
+            MeasuredTorque(node, 'body/measured_cf', frames.body),
         ]
         self._state_out = node.create_publisher(String, 'force_state', STATE)
-        self._status = StatusPublisher(node, 'force', 'motors')
+        self._status = ForceStatus(node, controller, self._inputs)
         node.create_timer(WATCH_PERIOD, self._watch, clock=STEADY)
 
     def take(
@@ -121,66 +131,92 @@ class Force:
         level: float,
     ) -> None:
         """
-        Command the motor torques of a sample: `angles` in rad, `level` of protection in rad.
+        Command the motor torques of a sample; one that is not newer than the last is ignored.
 
-        `quaternion` is R_base_platform, x, y, z, w; None where the sample is withheld.
+        Parameters
+        ----------
+        stamp : int
+            Time of the sample, ns.
+        angles : tuple of float
+            Raw angles of the encoders, rad.
+        quaternion : tuple of four float or None
+            R_base_platform, x, y, z, w; None where the sample is withheld.
+        level : float
+            Protection level of the orientation, rad.
+
         """
+        if self._controller.has_seen(stamp):
+            return
         self._missing = 0
-        inputs, report, before = self._inputs, self._report, self._output.state
-        velocity, pull = None, NOTHING
+        before = self._output.state
+        output = self._controller.take(self._sample(stamp, angles, quaternion, level))
+        self._output = output
+        self._stamp = stamp
+        self._angles = angles
+        self._quaternion = quaternion
+        self._command(output)
+        if output.state != before:
+            self._follow(before, output.state)
+        if quaternion is not None and output.rendered is not None:
+            self._publish(stamp, output.rendered, quaternion)
+
+    def _sample(
+        self,
+        stamp: int,
+        angles: tuple[float, ...],
+        quaternion: Quaternion[float] | None,
+        level: float,
+    ) -> ForceSample:
+        """Return a joint sample with its circumstances."""
+        velocity = None
         if quaternion is not None:
             self._velocity.add(stamp, quaternion)
             velocity = self._velocity.value()
-            if inputs.target is not None:
-                x, y, z = vector_from_quaternion(
-                    *multiply_quaternions(inputs.target, conjugate(quaternion))
-                )
-                pull = self._stiffness * x, self._stiffness * y, self._stiffness * z
-        if report is None:
-            drives = Drives.OPERATING if self._drives is None else Drives.OFF
-        else:
-            drives = (
-                Drives.FAULT
-                if report.fault is not None
-                else (Drives.OPERATING if report.ready else Drives.OFF)
-            )
-        phase, is_absent = inputs.phase, inputs.is_absent
-        is_enabled = self._by_teleop or self._is_enabled()
-        engaged = not self._by_teleop or is_absent or phase is not Phase.DISENGAGED
-        output = self._output = self._controller.take(
-            ForceSample(
-                stamp,
-                angles,
-                quaternion,
-                velocity,
-                level,
-                self._noise,
-                inputs.take(),
-                inputs.sources,
-                drives,
-                is_enabled,
-                engaged,
-                not is_absent,
-                phase is Phase.CLUTCHED,
-                pull,
-                inputs.weightless,
-            )
+        inputs, teleop = self._inputs, self._inputs.teleop
+        is_engaged = teleop.is_absent or teleop.phase is not Phase.DISENGAGED
+        return ForceSample(
+            stamp=stamp,
+            angles=angles,
+            quaternion=quaternion,
+            velocity=velocity,
+            protection_level=level,
+            noise=self._noise,
+            wrench=inputs.latest_wrench(),
+            sources=inputs.sources.count,
+            drives=self._drive_state(),
+            enabled=self._by_teleop or self._is_enabled(),
+            engaged=is_engaged or not self._by_teleop,
+            present=not teleop.is_absent,
+            clutched=teleop.phase is Phase.CLUTCHED,
+            lock=inputs.modes.lock.value,
+            weightless=inputs.modes.is_weight_compensated.value,
         )
-        if self._drives is not None:
-            is_faulty = output.state.condition is Condition.FAULT
-            self._report = self._drives.step(
-                None if is_faulty else output.motor_torque, time.monotonic()
-            )
-        self._stamp, self._angles, self._quaternion = stamp, angles, quaternion
-        if output.state != before:
-            self._changes.append(output.state)
-        if (
-            self._is_wanted
-            and quaternion is not None
-            and output.rendered is not None
-            and (self._grid.is_due(stamp))
-        ):
-            self._publish(stamp, output.rendered, rotation_from_quaternion(*quaternion))
+
+    def _drive_state(self) -> Drives:
+        """Return the state of all drives, by their latest report."""
+        report = self._report
+        if report is None:
+            return Drives.OPERATING if self._drives is None else Drives.OFF
+        if report.fault is not None:
+            return Drives.FAULT
+        return Drives.OPERATING if report.ready else Drives.OFF
+
+    def _command(self, output: ForceOutput) -> None:
+        """Pass the torques to the drives: none after a fault that ends all."""
+        if self._drives is None:
+            return
+        is_dead = output.state.condition is Condition.FAULT and not output.state.has_support
+        torques = None if is_dead else output.motor_torque
+        self._report = self._drives.step(torques, time.monotonic())
+
+    def _follow(self, before: ForceState, state: ForceState) -> None:
+        """Note a change of the state, and end the modes that it ends."""
+        self._changes.append(state)
+        modes = self._inputs.modes
+        if state.condition is Condition.OFF:
+            modes.end()
+        elif state.why is not None or (before is HOLDING and state is ENGAGED):
+            modes.lock.end()
 
     @property
     def state(self) -> ForceState:
@@ -193,97 +229,85 @@ class Force:
         torques = self._output.motor_torque if report is None else report.torques
         return [*torques, *[0.0] * (self._sensors - len(torques))]
 
-    def acknowledge(self) -> bool:
-        """End a latched fault, that of the drives too; return whether there was one."""
-        report = self._report
-        is_faulty = report is not None and report.fault is not None
-        if self._drives is not None and is_faulty:
+    def acknowledge(self) -> str:
+        """End a latched fault, that of the drives too; return what it was, empty if none."""
+        fault = drive_fault(self._report)
+        state = self._output.state
+        if self._drives is not None and fault:
             self._drives.acknowledge()
-        return self._controller.acknowledge() or is_faulty
+        if self._controller.acknowledge():
+            self._output = self._controller.output
+            self._follow(state, self._output.state)
+            named = 'force feedback: ' + state.text.removeprefix('fault: ')
+            return f'{named}; {fault}' if fault else named
+        return fault
 
     def close(self) -> None:
         """End all torque."""
         if self._drives is not None:
             self._drives.close()
 
-    def _publish(self, stamp: int, rendered: Vector[float], rotation: Rotation[float]) -> None:
-        """Publish the rendered torque, N m in the base frame, by R_base_platform."""
-        for frame, message, out in self._outs:
-            torque, header = message.wrench.torque, message.header
-            header.stamp.sec, header.stamp.nanosec = divmod(stamp, SECOND)
-            header.frame_id = frame.name
-            torque.x, torque.y, torque.z = transposed_times(
-                frame.rotation,
-                transposed_times(rotation, rendered) if frame.in_handle else rendered,
-            )
-            out.publish(message)
+    def _publish(self, stamp: int, rendered: Vector[float], quaternion: Quaternion[float]) -> None:
+        """Publish the rendered torque, N m in the base frame, where it is due and wanted."""
+        if self._is_wanted and self._grid.is_due(stamp):
+            in_handle = transposed_times(rotation_from_quaternion(*quaternion), rendered)
+            for out in self._outs:
+                out.publish(stamp, rendered, in_handle)
 
     # Watch --------------------------------------------------------------------------------------
 
     def _watch(self) -> None:
         """Notice samples that do not come, and publish what has changed."""
         self._inputs.poll()
-        self._is_wanted = any(out.get_subscription_count() for _, _, out in self._outs)
+        self._is_wanted = any(out.has_subscriber for out in self._outs)
         with self._lock:
-            missing = self._missing + 1
-            if missing >= SILENT_PERIODS and self._stamp is not None:
-                self.take(self._stamp + round(1e9 * WATCH_PERIOD), self._angles, None, inf)
-            self._missing = missing
+            self._notice_silence()
             self._noise = max(
                 noise / sigma
                 for noise, sigma in zip(self._supervisor.joints.noise(), self._sigma, strict=True)
             )
             changes, self._changes = self._changes, []
             output, quaternion, report = self._output, self._quaternion, self._report
-        fault = '' if report is None or report.fault is None else f'; {report.fault}'
         for state in changes:
-            self._state_out.publish(String(data=state.text))
-            if state.condition is Condition.FAULT:
-                self._warn(
-                    f'force feedback: {state.text}' + (fault if state.why is Reason.DRIVE else '')
-                )
-        condition = output.state.condition
-        own_level, text = LEVELS.get(condition, OK), output.state.text
-        level, summary = own_level, text
-        if condition in (Condition.OFF, Condition.READY):
-            if output.obstacle is not None:
-                summary = f'{text}; {output.obstacle.value}'
-            elif condition is Condition.READY:
-                summary = f'{text}; waits for wrenches below force.small_torque'
-        elif output.state.why is Reason.DRIVE:
-            text += fault
-        caution = fault.removeprefix('; ') or self._inputs.caution
-        if caution:
-            level, summary = max(level, WARN), f'{summary}; {caution}'
-        if self._status.is_due(level, summary):
-            self._status.publish(
-                level, summary, self._figures(output, quaternion, report), logged=(own_level, text)
-            )
+            self._announce(state, report)
+        self._status.publish(output, quaternion, report)
 
-    def _figures(
-        self, output: ForceOutput, quaternion: Quaternion[float] | None, report: DriveReport | None
-    ) -> dict[str, object]:
-        asked, rendered, inputs = hypot(*output.asked), output.rendered, self._inputs
-        weakness = None if quaternion is None else self._controller.weakness(quaternion)
-        age = inputs.age()
-        found: dict[str, object] = {
-            'torque asked of the handle (N m)': asked,
-            'rendered fraction': 'none'
-            if rendered is None or not asked
-            else (hypot(*rendered) / asked),
-            'motor torque (N m)': ' '.join(f'{torque:.3f}' for torque in output.motor_torque),
-            '1 / s_3': 'none' if weakness is None else weakness,
-            'energy (mJ)': 1e3 * output.energy,
-            'share of the wrench left by the energy': output.share,
-            'age of the wrench (s)': 'none' if age is None else age,
-            'wrenches too old': inputs.stale,
-            'wrenches in an unknown frame': inputs.refused,
-            'sources of wrenches': inputs.sources,
-            'orientation locked': 'no' if inputs.target is None else 'yes',
-        }
-        if report is not None:
-            found['drives'] = report.fault or (
-                'in operation' if report.ready else 'not in operation'
-            )
-            found['age of their status (s)'] = report.seconds_since_status
-        return found
+    def _notice_silence(self) -> None:
+        """Let force fade out where samples are missing."""
+        missing = self._missing + 1
+        if missing >= SILENT_PERIODS and self._stamp is not None:
+            self.take(self._stamp + round(SECOND * WATCH_PERIOD), self._angles, None, inf)
+        self._missing = missing
+
+    def _announce(self, state: ForceState, report: DriveReport | None) -> None:
+        """Publish a state, and CRTK's `warning` of a fault."""
+        self._state_out.publish(String(data=state.text))
+        if state.condition is not Condition.FAULT:
+            return
+        fault = drive_fault(report)
+        detail = f'; {fault}' if state.why is Reason.DRIVE and fault else ''
+        self._warn(f'force feedback: {state.text}{detail}')
+
+
+class MeasuredTorque:
+    """The topic of the rendered torque in a frame."""
+
+    def __init__(self, node: Node, topic: str, frame: WrenchFrame) -> None:
+        self._frame = frame
+        self._message = WrenchStamped()
+        self._out = node.create_publisher(WrenchStamped, topic, SAMPLES)
+
+    @property
+    def has_subscriber(self) -> bool:
+        """Whether anybody wants it."""
+        return bool(self._out.get_subscription_count())
+
+    def publish(self, stamp: int, in_base: Vector[float], in_handle: Vector[float]) -> None:
+        """Publish the torque of a sample, N m in the base and in the platform frame."""
+        header, torque = self._message.header, self._message.wrench.torque
+        header.stamp.sec, header.stamp.nanosec = divmod(stamp, SECOND)
+        header.frame_id = self._frame.name
+        torque.x, torque.y, torque.z = transposed_times(
+            self._frame.rotation, in_handle if self._frame.in_handle else in_base
+        )
+        self._out.publish(self._message)

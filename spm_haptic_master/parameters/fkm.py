@@ -157,6 +157,14 @@ FORCE_SETTINGS = (
         maximum=1.0,
     ),
     Setting(
+        'force.end_stop_deg',
+        float,
+        'angle before the end of a leg at which a soft wall begins, deg; 0: no end stop',
+        default=5.0,
+        minimum=0.0,
+        maximum=15.0,
+    ),
+    Setting(
         'force.lock_stiffness',
         float,
         'stiffness of a locked orientation, N m/rad',

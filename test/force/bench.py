@@ -7,6 +7,7 @@ import math
 
 from spm_haptic_master.force import ForceController, ForceLimits, ForceSample, Wrench
 from spm_haptic_master.kinematics import inverse, quaternion_from_matrix, workspace_pose
+from spm_haptic_master.kinematics.rotations import multiply_quaternions, quaternion_from_vector
 
 MS = 1_000_000
 POSE = workspace_pose(0.1, 0.4, math.radians(15.0))
@@ -15,6 +16,12 @@ JOINTS = inverse(POSE)
 ANGLES = (*JOINTS.theta1.tolist(), float(JOINTS.theta3a))
 STILL = (0.0, 0.0, 0.0)
 TORQUE = (0.05, -0.1, 0.2)
+
+
+def turned(angle, axis=(0.0, 1.0, 0.0)):
+    """Return the orientation of the bench, turned by an angle (rad) in the base frame."""
+    x, y, z = (angle * part for part in axis)
+    return multiply_quaternions(quaternion_from_vector(x, y, z), QUATERNION)
 
 
 class Bench:

@@ -6,13 +6,14 @@
 from itertools import islice
 import math
 
-from bench import ANGLES, Bench, MS
+from bench import ANGLES, Bench, MS, POSE, STILL, turned
 import numpy as np
 import pytest
 from spm_haptic_master.force import Condition, ForceController, ForceLimits, Gravity
 from spm_haptic_master.force.energy import ADVANCE, EnergyBudget
 from spm_haptic_master.force.joint_motion import JointMotion
 from spm_haptic_master.kinematics import inverse, quaternion_from_matrix, workspace_pose
+from spm_haptic_master.kinematics.rotations import matrix_from_quaternion, quaternion_from_vector
 
 pytest.importorskip('mujoco', reason='needs mujoco')
 
@@ -26,8 +27,13 @@ DT = 1e-3
 
 
 def spend(budget, energy, steps, asked=(0.0, 0.0, 0.0)):
-    """Let the motors give an energy, J, in some steps."""
-    return [budget.count(energy / steps, asked, DT) for _ in range(steps)]
+    """Let the motors give an energy, J, in some steps; return whether each left it spent."""
+    found = []
+    for _ in range(steps):
+        budget.count(energy / steps, asked, DT)
+        budget.use(DT)
+        found.append(budget.is_spent)
+    return found
 
 
 def test_what_the_motors_give_is_taken_from_the_budget():
@@ -137,27 +143,89 @@ def test_energy_that_is_generated_ends_in_a_latched_fault():
     assert bench.now > 1000 * MS
 
 
-def test_the_clutch_gives_a_new_budget_and_lets_the_damping_go_slowly():
+@pytest.mark.parametrize('pause', [{'clutched': True}, {'present': False}])
+def test_one_budget_for_as_long_as_force_is_on(pause):
+    """A8: neither the clutch nor a reason that does not latch renews it."""
+    bench = Bench()
+    bench.engage()
+    energy, angles = next(
+        (output.energy, angles) for output, angles in yielding(bench) if output.energy <= -5e-3
+    )
+    bench.torque = STILL
+    assert bench.run(30, angles=angles, **pause).state.text in ('holding', 'ready')
+    output = bench.run(30, angles=angles)
+    assert output.state.text == 'engaged'
+    assert output.energy == pytest.approx(energy, abs=1e-4)
+
+
+def test_the_budget_comes_back_by_time_at_rest():
+    """A8: 3 mJ in a minute, and no more than the advance."""
+    budget = EnergyBudget()
+    spend(budget, 5e-3, 1)
+    for _ in range(60_000):
+        budget.rest(DT)
+    assert budget.energy == pytest.approx(ADVANCE - 2e-3)
+    for _ in range(60_000):
+        budget.rest(DT)
+    assert budget.energy == ADVANCE
+
+
+def test_a_handle_that_moves_gets_nothing_back():
+    bench = Bench()
+    bench.engage()
+    angles = next(angles for output, angles in yielding(bench) if output.energy <= -5e-3)
+    bench.torque = STILL
+    moving = bench.run(1000, angles=angles, velocity=(0.3, 0.0, 0.0)).energy
+    assert bench.run(1000, angles=angles, velocity=(0.3, 0.0, 0.0)).energy <= moving + 1e-9
+    assert bench.run(1000, angles=angles).energy == pytest.approx(moving + 5e-5, abs=1e-6)
+
+
+def test_the_damping_goes_slowly_where_the_hand_gives_energy_back():
+    """0.06 N m s/rad at 1 rad/s, in 20 ms or more."""
     bench = Bench()
     bench.engage()
     angles = next(angles for output, angles in yielding(bench) if output.energy <= -5e-3)
     spins = (0.0, 0.0, 1.0)
-    bench.torque = (0.0, 0.0, 0.0)
-    torques = [bench.run(60, angles=angles, velocity=spins).motor_torque]
-    for _ in range(30):
-        output = bench.step(angles=angles, velocity=spins, clutched=True)
-        torques.append(output.motor_torque)
-    assert output.state.text == 'holding' and output.energy == pytest.approx(ADVANCE, abs=1e-4)
-    # 0.06 N m s/rad at 1 rad/s, in 20 ms.
-    assert np.abs(torques[0]).max() > 0.02 > 5.0 * np.abs(np.diff(torques, axis=0)).max()
+    bench.torque = STILL
+    damped = np.array(bench.run(60, angles=angles, velocity=spins).motor_torque)
+    bench.controller._energy.restart()
+    torques = [bench.step(angles=angles, velocity=spins).motor_torque for _ in range(30)]
+    assert np.abs(damped).max() > 0.02 > 5.0 * np.abs(np.diff(torques, axis=0)).max()
 
 
 def test_a_lock_that_generates_energy_falls_with_its_share():
     bench = Bench()
-    bench.engage((0.0, 0.0, 0.0))
-    for output, _ in islice(yielding(bench, lock=(0.0, 0.2, 0.0)), 400):
+    bench.engage(STILL)
+    bench.run(600, lock=turned(0.2))
+    for output, _ in islice(yielding(bench, lock=turned(0.2)), 400):
         assert math.hypot(*output.asked) <= 0.2 * output.share + 0.02
     assert output.state.text == 'engaged' and output.share < 0.9
+
+
+@pytest.mark.parametrize('rate', [250, 500, 1000])
+def test_the_work_is_that_of_the_torque_in_force(rate):
+    """A11: at 250 Hz the command of a sample is in force 1 ms later, not a period later."""
+    bench = Bench(limits=ForceLimits(slew=1000.0))
+    bench.engage(STILL)
+    period, direction = 1000.0 / rate, np.array([0.0, 0.0, 1.0])
+    given, latest, before = 0.0, STILL, bench.controller.output.energy
+    for number in range(1, 160 * rate // 1000):
+        turned_by = 0.004 * math.sin(0.1 * number * period) * direction
+        R = matrix_from_quaternion(quaternion_from_vector(*turned_by)) @ POSE
+        joints = inverse(R)
+        torque = (0.0, 0.0, 0.015 * math.cos(0.1 * number * period))
+        bench.torque = torque
+        output = bench.step(
+            period,
+            angles=(*joints.theta1.tolist(), float(joints.theta3a)),
+            quaternion=tuple(quaternion_from_matrix(R).tolist()),
+        )
+        if number > 2:
+            share = 1.0 / period
+            in_force = share * np.array(latest[0]) + (1.0 - share) * np.array(latest[1])
+            given += in_force @ (turned_by - latest[2])
+        latest = (latest[1] if number > 1 else STILL, output.asked, turned_by)
+    assert before - output.energy == pytest.approx(given, rel=0.05)
 
 
 @pytest.mark.parametrize('sense', [1, -1])

@@ -6,7 +6,7 @@
 import math
 import random
 
-from bench import ANGLES, Bench, MS, POSE, STILL, TORQUE
+from bench import ANGLES, Bench, MS, POSE, STILL, TORQUE, turned
 from benchmarks.kinematics import force
 import numpy as np
 import pytest
@@ -21,10 +21,13 @@ from spm_haptic_master.force import (
     Gravity,
     Wrench,
 )
-from spm_haptic_master.force.samples import LATCHED, Reason
+from spm_haptic_master.force.samples import ENDS_ALL, LATCHED, Reason
+from spm_haptic_master.kinematics import inverse, quaternion_from_matrix, workspace_pose
 
 NAN = math.nan
-ZERO, LOCK = (0.0, 0.0, 0.0), (0.0, 0.1, 0.0)
+ZERO = (0.0, 0.0, 0.0)
+# A locked orientation 0.1 rad away, and the torque towards it.
+LOCK, PULL = turned(0.1), (0.0, 0.1, 0.0)
 POWERED = (Condition.ENGAGED, Condition.HOLDING, Condition.FADING)
 # What ends force, and for what reason.
 ENDS = [
@@ -46,8 +49,8 @@ ENDS = [
     ({'wrench': Wrench(10**12, TORQUE)}, Reason.STALE),
     ({'wrench': None}, Reason.STALE),
     ({'wrench': Wrench(0, (NAN, 0.0, 0.0))}, Reason.NOT_FINITE),
-    ({'lock': (NAN, 0.0, 0.0)}, Reason.NOT_FINITE),
-    ({'lock': (0.0, -math.inf, 0.0)}, Reason.NOT_FINITE),
+    ({'lock': (NAN, 0.0, 0.0, 1.0)}, Reason.NOT_FINITE),
+    ({'lock': (0.0, -math.inf, 0.0, 1.0)}, Reason.NOT_FINITE),
 ]
 
 
@@ -214,8 +217,7 @@ def test_an_encoder_that_jumps_turns_no_motor_up():
 
 
 def test_torque_of_before_a_fade_does_not_come_back():
-    """Neither that of the wrench nor, at once, the weight."""
-    bench = Bench(gravity=Gravity(handle=(0.0, 0.0, 0.004)))
+    bench = Bench()
     bench.engage()
     bench.run(40, present=False)
     bench.torque = STILL
@@ -223,6 +225,169 @@ def test_torque_of_before_a_fade_does_not_come_back():
         assert bench.outputs[-1].asked == ZERO
     assert bench.outputs[-1].asked == ZERO
     assert np.linalg.norm(bench.outputs[-1].rendered) < 1e-3
+
+
+WEIGHT = Gravity(handle=(0.0, 0.0, 0.004))
+OF_THE_WRENCH = [
+    end
+    for end in ENDS
+    if end[1]
+    in (Reason.DISENGAGED, Reason.ABSENT, Reason.STALE, Reason.NOT_FINITE, Reason.SOURCES)
+]
+
+
+@pytest.mark.parametrize(('changed', 'reason'), OF_THE_WRENCH)
+def test_what_says_nothing_about_orientation_or_motors_ends_the_wrench_alone(changed, reason):
+    """A1: the weight is borne on, without a step; the hand does not notice."""
+    bench = Bench(gravity=WEIGHT)
+    weight = bench.engage(STILL).rendered
+    assert np.linalg.norm(weight) > 0.01
+    if reason is Reason.STALE:
+        bench.torque = None
+    output = bench.run(700, **changed)
+    expected = f'fault: {reason.value}' if reason in LATCHED else 'ready'
+    assert output.state.text == expected
+    felt = np.array([each.rendered for each in bench.outputs[-700:]])
+    np.testing.assert_allclose(felt, np.tile(weight, (700, 1)), atol=1e-12)
+    # It stays after an acknowledgement, too.
+    if bench.controller.acknowledge():
+        assert bench.step(**changed).rendered == pytest.approx(weight)
+
+
+def test_the_weight_is_borne_in_ready_and_comes_up_by_the_ramp():
+    """A1."""
+    bench = Bench(gravity=WEIGHT)
+    bench.torque = None
+    output = bench.run(700)
+    assert output.state.text == 'ready'
+    expected = np.cross(POSE @ WEIGHT.handle, (0.0, 0.0, 9.80665))
+    np.testing.assert_allclose(output.rendered, expected, atol=1e-12)
+    assert steps(bench, 590).max() <= 1.01e-3 / 0.5 * np.linalg.norm(expected)
+
+
+@pytest.mark.parametrize('changed', [{'enabled': False}, {'weightless': False}])
+def test_a_weight_that_is_no_more_wanted_goes_by_the_ramp(changed):
+    """A1."""
+    bench = Bench(gravity=WEIGHT)
+    weight = np.linalg.norm(bench.engage(STILL).rendered)
+    assert np.linalg.norm(bench.run(250, **changed).rendered) == pytest.approx(
+        0.5 * weight, rel=0.1
+    )
+    assert bench.run(300, **changed).motor_torque == ZERO
+    assert steps(bench, 540).max() <= 1.01e-3 / 0.5 * weight
+    assert bench.outputs[-1].state.text == ('engaged' if 'weightless' in changed else 'off')
+
+
+@pytest.mark.parametrize(('changed', 'reason'), [end for end in ENDS if end[1] in ENDS_ALL])
+def test_what_the_motors_bear_in_ready_ends_with_orientation_or_motors(changed, reason):
+    """A1: as in `engaged`, within 15 ms; a reason that latches does so as there is torque."""
+    bench = Bench(gravity=WEIGHT)
+    bench.torque = None
+    assert any(bench.run(700).motor_torque)
+    output = bench.run(16, **changed)
+    assert output.motor_torque == ZERO
+    expected = f'fault: {reason.value}' if reason in LATCHED else 'off'
+    assert bench.run(5, **changed).state.text == expected
+
+
+def test_a_weight_that_was_never_up_latches_nothing():
+    """At the start the protection level is high, and now and then there is no orientation."""
+    bench = Bench(gravity=WEIGHT)
+    for changed in ({'protection_level': 1.0}, {'quaternion': None, 'velocity': None}):
+        output = bench.run(300, **changed)
+        assert output.state.text == 'ready' and output.motor_torque == ZERO
+
+
+def test_a_fault_of_the_wrench_becomes_one_of_the_orientation():
+    """A1: the weight that is borne in it ends then."""
+    bench = Bench(gravity=WEIGHT)
+    bench.engage(STILL)
+    assert bench.run(100, sources=2).state.why is Reason.SOURCES
+    output = bench.run(20, sources=2, quaternion=None, velocity=None)
+    assert output.state.text == f'fault: {Reason.NO_ORIENTATION.value}'
+    assert output.motor_torque == ZERO
+
+
+def test_energy_that_is_generated_lets_the_weight_go_by_the_ramp():
+    """It may be the weight that generates it."""
+    bench = Bench(gravity=WEIGHT)
+    weight = np.linalg.norm(bench.engage(STILL).rendered)
+    bench.controller._energy.energy = -25e-3
+    bench.run(1000)
+    while bench.step().state.condition is Condition.ENGAGED:
+        pass
+    texts_before = bench.outputs[-1].state.text
+    assert texts_before == f'fading: {Reason.ENERGY.value}'
+    assert np.linalg.norm(bench.run(250).rendered) == pytest.approx(0.5 * weight, rel=0.1)
+    assert bench.run(300).state.text == f'fault: {Reason.ENERGY.value}'
+    assert bench.outputs[-1].motor_torque == ZERO
+
+
+@pytest.mark.parametrize('speed', [1.0, 2.0, 3.0, 5.0, 8.0])
+def test_a_wrench_that_is_lost_gives_no_blow(speed):
+    """A4: the fade has no damping that was not there before; 10 N m/s at most."""
+    bench = Bench(4)
+    bench.engage(STILL)
+    for number in range(100):
+        if number == 40:
+            bench.torque = None
+        R = workspace_pose(0.1, 0.4, math.radians(15.0) + 1e-3 * speed * max(0, number - 10))
+        joints = inverse(R)
+        bench.step(
+            angles=(*joints.theta1.tolist(), float(joints.theta3a)),
+            quaternion=tuple(quaternion_from_matrix(R).tolist()),
+            velocity=tuple((min(1.0, 0.1 * number) * speed * R[:, 2]).tolist()),
+        )
+    assert bench.outputs[-70].state.text == 'engaged' and bench.outputs[-1].state.text == 'ready'
+    assert np.linalg.norm(bench.outputs[-65].rendered) == pytest.approx(0.005 * speed)
+    assert steps(bench, 100).max() <= 0.01
+
+
+@pytest.mark.parametrize('drift', [1.0, 5.0, 10.0, 20.0, 28.0])
+def test_an_angle_that_lies_moves_no_motor_in_a_fade(drift):
+    """A5: an encoder that runs away, out of zero torque."""
+    bench = Bench()
+    bench.engage(STILL)
+    bench.run(50)
+    for number in range(40):
+        a, b, c, third = ANGLES
+        lying = {'angles': (a, b + 1e-3 * drift * number, c, third)}
+        if number >= 5:
+            lying |= {'quaternion': None, 'velocity': None}
+        output = bench.step(**lying)
+        assert np.abs(output.motor_torque).max() <= 1e-9
+    assert output.state.why is Reason.NO_ORIENTATION
+
+
+@pytest.mark.parametrize('torque', [(0.0, 0.0, 0.3), (0.0, 0.1, 0.0)])
+def test_a_wrench_fades_by_its_age_and_then_from_what_is_left(torque):
+    """10 N m/s at most, and zero after 50 ms."""
+    bench = Bench()
+    bench.engage(torque)
+    bench.torque = None
+    bench.run(45)
+    assert steps(bench, 46).max() <= 0.01 + 1e-9
+    assert bench.run(5).motor_torque == ZERO
+
+
+@pytest.mark.parametrize('elapsed', [0, -1, -20, -500])
+def test_a_repeated_or_older_stamp_changes_nothing(elapsed):
+    """A10."""
+    bench = Bench()
+    before = bench.engage()
+    bench.now += elapsed * MS
+    assert bench.step(0, quaternion=None, velocity=None, drives=Drives.FAULT) == before
+    bench.now -= elapsed * MS
+    after = bench.step()
+    assert after.state.text == 'engaged'
+    np.testing.assert_allclose(after.motor_torque, before.motor_torque, atol=1e-9)
+
+
+def test_a_clock_that_is_set_back_begins_at_zero():
+    bench = Bench()
+    bench.engage()
+    assert bench.step(-3000).motor_torque == ZERO
+    assert bench.run(60).state.text == 'engaged'
 
 
 def test_a_wrench_that_stops_is_let_go_within_50_ms():
@@ -277,7 +442,7 @@ def test_a_gap_of_the_samples_begins_at_zero():
     assert np.linalg.norm(bench.step().rendered) <= 0.01 + 1e-9
 
 
-@pytest.mark.parametrize('lock', [STILL, LOCK])
+@pytest.mark.parametrize('lock', [None, LOCK])
 def test_without_a_velocity_neither_wrench_nor_lock_is_rendered(lock):
     """Nothing could damp it; the torque goes down by the slew rate and comes up again."""
     bench = Bench()
@@ -287,13 +452,6 @@ def test_without_a_velocity_neither_wrench_nor_lock_is_rendered(lock):
     assert bench.run(40).asked == pytest.approx((0.18, 0.0, 0.24))
     steps = np.diff([each.asked for each in bench.outputs[-81:]], axis=0)
     assert np.linalg.norm(steps, axis=1).max() <= 0.01 + 1e-9
-
-
-def test_samples_whose_time_stands_still_do_not_hold_a_fade():
-    bench = Bench()
-    bench.engage()
-    bench.step(present=False)
-    assert bench.step(milliseconds=0, present=False).motor_torque == ZERO
 
 
 def test_a_gap_of_the_samples_leaves_nothing_to_fade():
@@ -339,8 +497,16 @@ def test_ten_thousand_random_faults_and_transitions():
             latest = output.state
             seen.add(output.state.text)
             assert all(abs(torque) <= 0.5 for torque in output.motor_torque)
-            if condition not in POWERED:
+            if (
+                condition is Condition.OFF
+                or output.state.why in ENDS_ALL
+                and (condition is Condition.FAULT)
+            ):
                 assert output.motor_torque == ZERO
+            elif condition not in POWERED:
+                # The weight at most.
+                assert output.asked == ZERO
+                assert np.linalg.norm(output.rendered) <= 0.05
         bench.outputs.clear()
     assert {'off', 'ready', 'engaged', 'holding'} < seen and len(seen) > 20
 
@@ -380,39 +546,69 @@ def test_every_word_of_the_state_is_read_as_it_was_made():
 def test_a_lock_is_rendered_beside_the_wrench_and_without_a_step():
     bench = Bench()
     bench.engage((0.1, 0.0, 0.0))
-    output = bench.run(60, lock=LOCK)
-    np.testing.assert_allclose(output.rendered, (0.1, 0.1, 0.0), atol=1e-12)
-    assert steps(bench, 61).max() <= 0.01 + 1e-9
+    output = bench.run(260, lock=LOCK)
+    np.testing.assert_allclose(output.rendered, (0.1, 0.1, 0.0), atol=1e-9)
+    assert steps(bench, 261).max() <= 0.01 + 1e-9
+
+
+def test_a_lock_far_away_pulls_by_a_slow_slope():
+    """A12: 30 deg away; its centre moves at 0.5 rad/s, with 1 N m/rad."""
+    bench = Bench()
+    bench.engage(STILL)
+    far = turned(math.radians(30.0))
+    assert np.linalg.norm(bench.run(30, lock=far).rendered) <= 0.5 * 0.03 + 1e-9
+    assert steps(bench, 30).max() <= 0.5e-3 + 1e-9
+    assert np.linalg.norm(bench.run(1200, lock=far).rendered) == pytest.approx(0.3)
+
+
+def test_a_lock_holds_without_wrenches_and_ends_when_it_is_let_go():
+    """K2: also where no wrench has ever come, as while dVRK's clutch is pressed."""
+    bench = Bench()
+    bench.torque = None
+    assert bench.run(150).state.text == 'ready'
+    output = bench.run(700, lock=LOCK)
+    assert output.state.text == 'holding'
+    np.testing.assert_allclose(output.rendered, PULL, atol=1e-9)
+    # A small wrench that comes has both rendered.
+    bench.torque = STILL
+    assert bench.run(10, lock=LOCK).state.text == 'engaged'
+    bench.torque = None
+    assert bench.run(100, lock=LOCK).state.text == 'holding'
+    np.testing.assert_allclose(bench.outputs[-1].rendered, PULL, atol=1e-9)
+    assert bench.run(40).state.text == 'ready' and bench.outputs[-1].motor_torque == ZERO
+    assert steps(bench, 100).max() <= 0.02
+
+
+@pytest.mark.parametrize('changed', [{'enabled': False}, {'engaged': False}, {'present': False}])
+def test_a_lock_holds_only_where_force_is_wanted(changed):
+    """K2."""
+    bench = Bench()
+    bench.torque = None
+    bench.run(400, lock=LOCK, **changed)
+    assert bench.outputs[-1].state.text in ('off', 'ready')
+    assert not any(any(output.motor_torque) for output in bench.outputs)
 
 
 def test_a_lock_holds_while_the_clutch_is_pressed_and_after_it():
     bench = Bench()
     bench.engage((0.1, 0.0, 0.0))
-    bench.run(60, lock=LOCK)
+    bench.run(260, lock=LOCK)
     output = bench.run(60, lock=LOCK, clutched=True)
     assert output.state.text == 'holding'
-    np.testing.assert_allclose(output.rendered, LOCK, atol=1e-12)
+    np.testing.assert_allclose(output.rendered, PULL, atol=1e-9)
     bench.torque = STILL
     bench.run(30, lock=LOCK)
     assert bench.outputs[-1].state.text == 'engaged'
     felt = np.array([output.rendered for output in bench.outputs[-40:]])
-    np.testing.assert_allclose(felt, np.tile(LOCK, (40, 1)), atol=1e-12)
+    np.testing.assert_allclose(felt, np.tile(PULL, (40, 1)), atol=1e-9)
 
 
 def test_lock_and_wrench_together_are_limited():
     bench = Bench()
     bench.engage((0.3, 0.0, 0.0))
-    output = bench.run(100, lock=(0.0, 4.0, 0.0))
+    output = bench.run(1500, lock=turned(0.5))
     assert np.linalg.norm(output.asked) == pytest.approx(0.3)
     assert output.asked[1] > output.asked[0] > 0.0
-
-
-def test_a_lock_alone_engages_nothing():
-    bench = Bench()
-    bench.torque = None
-    bench.run(400, lock=LOCK)
-    assert bench.outputs[-1].state.text == 'ready'
-    assert not any(any(output.motor_torque) for output in bench.outputs)
 
 
 def test_the_compensation_of_weight_goes_and_comes_over_the_ramp():
@@ -431,13 +627,13 @@ def test_make_bench_measures_a_sample():
 
 
 def test_a_clutch_that_is_released_holds_nothing_without_wrenches():
-    bench, lock = Bench(), (0.0, 0.0, 0.2)
+    bench = Bench()
     bench.engage()
-    bench.run(50, clutched=True, lock=lock)
+    bench.run(50, clutched=True)
     bench.torque = None
-    assert bench.run(200, clutched=True, lock=lock).state.text == 'holding'
-    assert bench.step(lock=lock).state.why is Reason.STALE
-    assert bench.run(40, lock=lock).motor_torque == ZERO
+    assert bench.run(200, clutched=True).state.text == 'holding'
+    assert bench.step().state.why is Reason.STALE
+    assert bench.run(40).motor_torque == ZERO
 
 
 def test_after_a_gap_the_weight_comes_up_from_zero():

@@ -252,7 +252,9 @@ class Hosted:
 
     def _infos(self, topic: str) -> list[SimpleNamespace]:
         return [
-            SimpleNamespace(node_name=name, node_namespace='/')
+            SimpleNamespace(
+                node_name=name, node_namespace='/', endpoint_gid=f'{name:12.12}{topic}'.encode()
+            )
             for name in self.publishers.get(topic, ('other',))
         ]
 

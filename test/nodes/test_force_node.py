@@ -9,7 +9,7 @@ from math import inf, nan, radians
 from types import SimpleNamespace
 
 from fkm_rig import angles, POSE
-from geometry_msgs.msg import Quaternion, WrenchStamped
+from geometry_msgs.msg import PoseStamped, Quaternion, WrenchStamped
 from in_process import hosted
 from mechanism import turn
 import numpy as np
@@ -119,6 +119,11 @@ class Rig:
     @property
     def effort(self):
         return list(self.host.last('crtk/measured_js').effort)
+
+    def figures(self, torque=ZERO):
+        """Return the figures on /diagnostics after a second with samples."""
+        self.run(510, torque)
+        return str(self.host.figures('force'))
 
     @property
     def entry(self):
@@ -237,22 +242,44 @@ def test_a_wrench_that_is_not_finite_is_a_fault_even_between_two_samples(rig, br
     rig.engage()
 
 
-def test_a_second_node_that_publishes_wrenches_is_a_fault(rig):
-    rig.host.publishers |= dict.fromkeys(WRENCHES, ('one',))
-    assert rig.run(150, TORQUE) == 'engaged'
-    rig.host.publishers['/body/servo_cf'] = 'one', 'other'
+def publish_wrenches(rig, *publishers):
+    """Have wrenches published by (process, node, topic) alone."""
+    rig.host.publishers |= {
+        topic: tuple(node for _, node, its_topic in publishers if its_topic == topic)
+        for topic in WRENCHES
+    }
     rig.host.node.get_publishers_info_by_topic = lambda topic: [
         SimpleNamespace(
-            node_name=name,
+            node_name=node,
             node_namespace='/',
+            endpoint_gid=f'{process:12}{topic}'.encode(),
             qos_profile=SAMPLES,
             topic_type='geometry_msgs/msg/WrenchStamped',
         )
-        for name in rig.host.publishers[topic]
+        for process, node, its_topic in publishers
+        if its_topic == topic
     ]
+
+
+def test_one_node_may_publish_wrenches_on_each_topic(rig):
+    publish_wrenches(rig, *(('process', 'one', topic) for topic in WRENCHES))
+    assert rig.run(150, TORQUE) == 'engaged'
+
+
+@pytest.mark.parametrize(
+    ('second', 'names'),
+    [
+        (('process', 'other', '/body/servo_cf'), '/one, /other'),
+        (('process', 'one', '/servo_cf'), '/one'),
+        # A name is not unique: two processes are two sources, also on two topics.
+        (('another', 'one', '/body/servo_cf'), '/one, /one'),
+    ],
+)
+def test_a_second_source_of_wrenches_is_a_fault(rig, second, names):
+    publish_wrenches(rig, ('process', 'one', '/servo_cf'), second)
     rig.run(150, TORQUE)
     assert rig.state == 'fault: two sources of the wrench'
-    assert 'wrenches from /one, /other; expected one node' in rig.entry
+    assert f'wrenches from {names}; expected one node' in rig.entry
 
 
 @pytest.mark.parametrize(
@@ -331,27 +358,178 @@ def test_drives_are_commanded_and_their_faults_are_ours(drives):
     assert drives.closed == 1
 
 
+def tilted(rig, phi_deg):
+    """Turn the handle about its own axis."""
+    rig.angles = angles(matrix_from_zxz(*np.radians((130.0, 50.0, phi_deg))))
+
+
+def lock_at(phi_deg):
+    """Return the message of a locked orientation."""
+    found = quaternion_from_matrix(matrix_from_zxz(*np.radians((130.0, 50.0, phi_deg))))
+    x, y, z, w = map(float, found)
+    return Quaternion(x=x, y=y, z=z, w=w)
+
+
 def test_a_locked_orientation_pulls_and_is_let_go():
     with running(force__lock_stiffness=0.5) as rig:
-        turned = matrix_from_zxz(*np.radians((130.0, 50.0, 36.0)))
-        x, y, z, w = map(float, quaternion_from_matrix(turned))
         rig.engage()
-        for quaternion in (Quaternion(x=-x, y=-y, z=-z, w=-w), Quaternion(w=0.0)):
+        target = lock_at(36.0)
+        opposite = Quaternion(x=-target.x, y=-target.y, z=-target.z, w=-target.w)
+        for quaternion in (target, opposite, Quaternion(w=0.0)):
             # One that is no rotation changes nothing.
             rig.host.give('lock_orientation', quaternion)
-            np.testing.assert_allclose(
-                rig.rendered(ZERO), 0.5 * radians(6.0) * POSE[:, 2], atol=2e-3
-            )
+            pull = 0.5 * radians(6.0) * POSE[:, 2]
+            np.testing.assert_allclose(rig.rendered(ZERO, 150), pull, atol=2e-3)
         for topic, away in (('unlock_orientation', 0.0), ('hold', 2.0)):
             rig.host.give(topic, Empty())
             for phi in np.linspace(30.0, 30.0 + away, 40):
-                rig.angles = angles(matrix_from_zxz(*np.radians((130.0, 50.0, phi))))
+                tilted(rig, phi)
                 rig.run(1, ZERO)
-            np.testing.assert_allclose(
-                rig.rendered(ZERO), -0.5 * radians(away) * POSE[:, 2], atol=2e-3
-            )
+            pull = -0.5 * radians(away) * POSE[:, 2]
+            np.testing.assert_allclose(rig.rendered(ZERO), pull, atol=2e-3)
         rig.host.give('free', Empty())
         assert rig.run(20) == 'ready' and "'orientation locked': 'no'" in rig.entry
+
+
+def test_a_lock_holds_without_wrenches_while_the_clutch_is_pressed():
+    """K2: dVRK sends none then; from `ready` on. Its release ends the lock."""
+    with running() as rig:
+        rig.teleop = 'clutched'
+        assert rig.run(150) == 'ready'
+        rig.host.give('hold', Empty())
+        rig.run(20)
+        for phi in np.linspace(30.0, 33.0, 40):
+            tilted(rig, phi)
+            rig.run(1)
+        assert rig.run(50) == 'holding'
+        pull = -radians(3.0) * POSE[:, 2]
+        felt = rig.host.last('spatial/measured_cf').wrench.torque
+        np.testing.assert_allclose((felt.x, felt.y, felt.z), pull, atol=3e-3)
+        assert "'orientation locked': 'yes'" in rig.figures(None)
+        rig.teleop = 'engaged'
+        assert rig.run(60) == 'ready' and not any(rig.effort)
+        assert "'orientation locked': 'no'" in rig.figures(None)
+
+
+def end_by_teleop(rig):
+    rig.teleop = 'disengaged: waiting for enable'
+    rig.run(20, ZERO)
+
+
+def end_by_fault(rig):
+    rig.send((nan, 0.0, 0.0))
+    rig.run(20, ZERO)
+
+
+def end_by_wrenches(rig):
+    """Let wrenches come again, without which the lock held."""
+    assert rig.run(40) == 'holding'
+    assert rig.run(20, ZERO) == 'engaged'
+
+
+@pytest.mark.parametrize(
+    'end',
+    [
+        end_by_teleop,
+        end_by_fault,
+        end_by_wrenches,
+        lambda rig: rig.host.give('move_cp', PoseStamped()),
+        lambda rig: rig.host.give('unlock_orientation', Empty()),
+        lambda rig: rig.host.give('free', Empty()),
+    ],
+)
+def test_what_ends_a_lock(rig, end):
+    """K2."""
+    rig.host.give('lock_orientation', lock_at(32.0))
+    assert "'orientation locked': 'yes'" in rig.figures()
+    assert rig.state == 'engaged'
+    end(rig)
+    assert "'orientation locked': 'no'" in rig.figures()
+
+
+MODES = [
+    ('force_scale', Float64(data=0.5), "'force scale': '0.5'", "'force scale': '1'"),
+    (
+        'use_gravity_compensation',
+        Bool(data=False),
+        "'weight compensated': 'no'",
+        "'weight compensated': 'yes'",
+    ),
+    (
+        'body/set_cf_orientation_absolute',
+        Bool(data=True),
+        "'body/servo_cf in the frame of orientation': 'yes'",
+        "'body/servo_cf in the frame of orientation': 'no'",
+    ),
+    (
+        'lock_orientation',
+        lock_at(30.0),
+        "'orientation locked': 'yes'",
+        "'orientation locked': 'no'",
+    ),
+]
+
+
+@pytest.mark.parametrize(('topic', 'message', 'given', 'usual'), MODES)
+def test_a_mode_ends_with_its_publisher(rig, topic, message, given, usual):
+    """A6."""
+    publishers = rig.host.publishers
+    publishers['/' + topic] = ('client',)
+    rig.host.give(topic, message)
+    assert given in rig.figures()
+    # One that comes later has not set it.
+    publishers['/' + topic] = ('later',)
+    assert usual in rig.figures()
+
+
+@pytest.mark.parametrize(('topic', 'message', 'given', 'usual'), MODES)
+def test_a_mode_ends_with_off(topic, message, given, usual):
+    """A6."""
+    with running(force__engaged_by='operating_state') as rig:
+        rig.teleop = ''
+        rig.run(20)
+        rig.host.call('enable')
+        rig.engage()
+        rig.host.give(topic, message)
+        assert given in rig.figures()
+        rig.host.call('disable')
+        assert rig.run(300, ZERO) == 'off'
+        assert usual in rig.figures()
+
+
+def test_hold_without_an_orientation_is_refused_aloud(capfd):
+    """K2."""
+    with running() as rig:
+        rig.host.give('hold', Empty())
+        assert "'orientation locked': 'no'" in rig.entry
+    assert 'hold is refused: there is no orientation to hold' in capfd.readouterr().err
+
+
+def test_one_acknowledgement_ends_only_what_it_names(rig):
+    """A7: a fault of the sensors and one of the force wait for one each."""
+    rig.send((nan, 0.0, 0.0))
+    rig.run(20, ZERO)
+    latch = rig.host.node._supervisor.latch
+    waiting = iter([True, False, False])
+    latch.acknowledge = lambda: next(waiting)
+    answers = [rig.host.call('~/acknowledge') for _ in range(3)]
+    assert [answer.message for answer in answers] == [
+        'acknowledged: sensors: consistent samples clear the fault',
+        'acknowledged: force feedback: wrench not finite',
+        'no fault waits for an acknowledgement',
+    ]
+    assert [answer.success for answer in answers] == [True, True, False]
+
+
+@pytest.mark.parametrize('late', [0.0, 0.002, 0.02])
+def test_a_repeated_or_older_stamp_reaches_no_force(drives, late):
+    """A10: no torque changes, and no frame goes out."""
+    with running() as rig:
+        rig.engage().run(50, TORQUE)
+        before = list(drives.commands)
+        rig.host.node.take(rig.host.time_ns() - round(1e9 * late), tuple(rig.angles))
+        assert drives.commands == before
+        assert rig.run(20, TORQUE) == 'engaged'
 
 
 def test_the_scale_of_the_force(rig):
@@ -372,7 +550,7 @@ def test_the_weight_is_held_until_that_is_switched_off(weight):
 
 
 def values(**given):
-    return complete(NODE_SETTINGS['fkm'], given)
+    return complete(NODE_SETTINGS['fkm'], {'crtk_rate': 0.0, **given})
 
 
 def test_the_defaults_are_those_of_the_limits():
@@ -390,6 +568,7 @@ def test_the_defaults_are_those_of_the_limits():
         ({'rate': 200.0}, r"'rate' is 200.*at least 250 Hz with force.enabled"),
         ({'force.without_drives': False}, 'force.without_drives.*the bus of the drives in'),
         ({**DRIVES, 'force.without_drives': True}, 'force.without_drives.*True.*not both'),
+        ({'crtk_rate': 200.0}, "'crtk_rate' is 200.*expected 0 with force.without_drives"),
         ({**DRIVES, 'drives.node_id': [11, 12]}, r'drives.node_id.*\[11, 12\].*3 drives \(force'),
         (
             {**DRIVES, 'drives.torque_limit': 0.4},

@@ -1,0 +1,108 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+A soft wall before the end of the workspace.
+
+The angle gamma between the axes Z1k and Z3k of a leg is at most alpha + beta, where its links are
+stretched, and at least |alpha - beta|, where they are folded. The handle reaches such an end of a
+leg by tilting or by turning about its own axis. Turning with the angular velocity w changes the
+angle by
+
+    d gamma / dt = n . w,        n = Z1k x Z3k / |Z1k x Z3k|
+
+so that a torque along -n or n pushes back. Within `end_stop` of an end, at a depth d,
+
+    torque = min(K, limit / end_stop) max(0, d + LEAD d'),        K = 2 N m/rad
+
+which is a spring with damping K LEAD that never pulls. It is conservative but for the damping.
+"""
+
+from __future__ import annotations
+
+from math import acos, cos, sqrt
+
+from spm_haptic_master.force.statics import ForceLimits, LegPose, MotorRates
+from spm_haptic_master.force.vectors import added, NOTHING, scaled
+from spm_haptic_master.kinematics.geometry import Geometry, Leg
+from spm_haptic_master.kinematics.number_backends import Vector
+from spm_haptic_master.kinematics.vectors import dot
+
+# Stiffness of the wall (N m/rad): a stiffer one would swing at the latency of a sample.
+STIFFNESS = 2.0
+# Its damping over its stiffness (s): more than the latency of 1.5 ms, which gives energy.
+LEAD = 5e-3
+
+
+class EndStop:
+    """
+    The wall of all legs.
+
+    Parameters
+    ----------
+    geometry : Geometry
+        Link angles.
+    limits : ForceLimits
+        With `end_stop`, the angle before an end at which the wall begins; 0: there is none.
+    rates : MotorRates
+        The legs in the pose of a sample, and which directions the motors are strong in.
+
+    """
+
+    __slots__ = ('_begin', '_ends', '_lowest', '_rates', '_stiffness')
+
+    def __init__(self, geometry: Geometry, limits: ForceLimits, rates: MotorRates) -> None:
+        self._rates = rates
+        self._begin = limits.end_stop
+        self._stiffness = min(STIFFNESS, limits.torque / limits.end_stop) if self._begin else 0.0
+        self._ends = [LegEnds(leg, 2.0 * self._begin) for leg in geometry.legs]
+
+    def torque(self, velocity: Vector[float] | None) -> Vector[float]:
+        """
+        Return the torque of the wall, N m in the base frame, in the pose of the rates.
+
+        None without the angular velocity of the handle, rad/s: nothing could damp it.
+        """
+        if velocity is None or not self._begin:
+            return NOTHING
+        torque = NOTHING
+        for pose, ends in zip(self._rates.leg_poses, self._ends, strict=True):
+            if not ends.least < pose.u < ends.most:
+                torque = added(torque, self._torque_of_leg(pose, ends, velocity))
+        return torque
+
+    def _torque_of_leg(
+        self, pose: LegPose, ends: LegEnds, velocity: Vector[float]
+    ) -> Vector[float]:
+        """Return the torque of the two ends of a leg, N m."""
+        angle = acos(pose.u)
+        normal = scaled(1.0 / sqrt(pose.divisor), pose.normal)
+        lead = LEAD * dot(normal, velocity)
+        stretched = max(0.0, self._begin - (ends.stretched - angle) + lead)
+        folded = max(0.0, self._begin - (angle - ends.folded) - lead)
+        push = self._stiffness * (folded - stretched)
+        return scaled(push * self._rates.strength(normal), normal) if push else NOTHING
+
+
+class LegEnds:
+    """
+    The two ends of a leg's reach.
+
+    Attributes
+    ----------
+    folded, stretched : float
+        Angles between Z1k and Z3k there, rad.
+    least, most : float
+        Cosines of the angles up to which the leg is far from both ends.
+
+    """
+
+    __slots__ = ('folded', 'least', 'most', 'stretched')
+
+    def __init__(self, leg: Leg, far: float) -> None:
+        alpha = acos(leg.cos_alpha)
+        beta = acos(leg.cos_beta)
+        self.folded = abs(alpha - beta)
+        self.stretched = alpha + beta
+        self.least = cos(self.stretched - far)
+        self.most = cos(self.folded + far)
