@@ -16,7 +16,7 @@ gives th3A, and both angles are polished on the closures.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 import math
 from typing import Generic, NamedTuple, TypeAlias
@@ -85,6 +85,8 @@ AMBIGUITY_MARGIN = 0.01
 # Orientation, th2A (rad), th3A (rad), determinant of the closures' rates (unit 1), which is zero
 # where two modes meet.
 Mode: TypeAlias = tuple[Quaternion[float], float, float, float]
+# Two turn equations in one angle, from cosine and sine of another.
+TurnEquations: TypeAlias = Callable[[float, float], tuple[Vector[float], Vector[float]]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,22 +171,23 @@ def eliminant(first: Vector[float], second: Vector[float]) -> float:
     return cosine * cosine + sine * sine - determinant * determinant
 
 
-def _second_joint_roots(chain: LockedChain[float]) -> list[float]:
-    """Return the candidates for th2A, rad: the real and nearly real roots of eq. 4."""
+def eliminant_roots(equations: TurnEquations) -> list[float] | None:
+    """
+    Return the angles, rad, at which two turn equations may have a common solution.
+
+    `equations` returns the equations, in a further angle, from cosine and sine of the angle that
+    is sought. Returned are the real and nearly real roots of eq. 4, at most 8; None where every
+    angle is one.
+    """
     samples = []
     size = 0.0
     for angle in SAMPLE_ANGLES:
-        (l1, m1, n1), (l2, m2, n2) = equations = chain.turn_equations(
-            math.cos(angle), math.sin(angle)
-        )
-        samples.append(eliminant(*equations))
-        size = max(size, (l1 * l1 + m1 * m1 + n1 * n1) * (l2 * l2 + m2 * m2 + n2 * n2))
+        first, second = equations(math.cos(angle), math.sin(angle))
+        samples.append(eliminant(first, second))
+        size = max(size, math.hypot(*first) ** 2 * math.hypot(*second) ** 2)
     largest = max(range(SAMPLES), key=lambda j: abs(samples[j]))
     if abs(samples[largest]) <= SELF_MOTION * size:
-        raise SingularityError(
-            f'th1A = {chain.th1a} rad and {chain.g}: the platform moves freely with the active '
-            'joints locked; there are infinitely many assembly modes'
-        )
+        return None
     coefficients = HALF_ANGLE_MATRIX @ np.array(samples[largest:] + samples[:largest])
     infinity = SAMPLE_ANGLES[largest]
     return [
@@ -194,9 +197,8 @@ def _second_joint_roots(chain: LockedChain[float]) -> list[float]:
     ]
 
 
-def _third_joint_candidates(chain: LockedChain[float], th2a: float) -> Sequence[float]:
-    """Return the candidates for th3A, rad, at a root of eq. 4."""
-    first, second = chain.turn_equations(math.cos(th2a), math.sin(th2a))
+def common_turns(first: Vector[float], second: Vector[float]) -> Sequence[float]:
+    """Return the candidates, rad, for the common solution of two turn equations."""
     cosine, sine, determinant = common_turn(first, second)
     size1 = math.hypot(*first[:2])
     size2 = math.hypot(*second[:2])
@@ -242,9 +244,16 @@ def polish(
 
 def assembly_modes(chain: LockedChain[float]) -> list[Mode]:
     """All assembly modes; SingularityError where they are infinitely many."""
+    roots = eliminant_roots(chain.turn_equations)
+    if roots is None:
+        raise SingularityError(
+            f'th1A = {chain.th1a} rad and {chain.g}: the platform moves freely with the active '
+            'joints locked; there are infinitely many assembly modes'
+        )
     modes: list[Mode] = []
-    for root in _second_joint_roots(chain):
-        for candidate in _third_joint_candidates(chain, root):
+    for root in roots:
+        equations = chain.turn_equations(math.cos(root), math.sin(root))
+        for candidate in common_turns(*equations):
             th2a, th3a, error, determinant = polish(chain, root, candidate)
             if error > CLOSURE_TOLERANCE:
                 continue

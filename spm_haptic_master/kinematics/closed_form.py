@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from itertools import combinations
 import math
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,6 +30,7 @@ from spm_haptic_master.kinematics.leg_kernels import (
     half_chain_quaternion,
     leg_angles,
     linkage,
+    residual,
     second_axis,
     turn_equation,
     turn_of_second_joint,
@@ -55,6 +57,8 @@ DETERMINANT_TOLERANCE = 1e-9
 # determinant, here a tenth of a radian: Gauss-Newton converges. Below, it may converge to the
 # wrong one of two solutions.
 CLOSED_FORM_TRUST = 10.0
+# What one reading says of R: base . R platform = cosine, with unit vectors in these frames.
+Closure: TypeAlias = tuple[Vector[float], Vector[float], float]
 
 
 def theta3a_quaternion(
@@ -227,17 +231,25 @@ def trusted_start(
             th2 = math.atan2(sine * determinant, cosine * determinant)
             # The noise may carry another leg beyond its reach.
             with suppress(UnreachableError):
-                return start_at(_carried_by(leg, first, th2, third), readings, g)
+                return start_at(carried_by(leg, first, th2, third), readings, g)
     return None
 
 
-def possible_starts(readings: tuple[float | None, ...], g: Geometry) -> Iterator[State[float]]:
-    """Yield starts by both solutions of each turn equation; each estimate is near one of them."""
+def possible_starts(
+    readings: tuple[float | None, ...], g: Geometry, largest: float = math.inf
+) -> Iterator[State[float]]:
+    """
+    Yield starts by both solutions of each turn equation; each estimate is near one of them.
+
+    Those that leave a `residual` of more than `largest` in an equation of their leg are left out.
+    """
     for leg, first, third, equations in _carriers(readings, g):
         for equation in equations:
             for th2 in both_turns(equation):
+                if any(abs(residual(each, th2)) > largest for each in equations):
+                    continue
                 with suppress(UnreachableError):
-                    yield start_at(_carried_by(leg, first, th2, third), readings, g)
+                    yield start_at(carried_by(leg, first, th2, third), readings, g)
 
 
 def _carriers(
@@ -251,59 +263,49 @@ def _carriers(
             continue
         equations = []
         for other in {0, 1, 2} - {carrier}:
-            th1 = readings[other]
-            th3 = readings[3 + other]
-            if th1 is not None:
-                equations.append(_equation_of_first(leg, first, third, g.legs[other], th1))
-            if th3 is not None:
-                equations.append(_equation_of_third(leg, first, third, g.legs[other], th3))
+            for base, platform, cosine in closures(readings, other, g):
+                before = before_second(leg, first, base)
+                after = after_second(leg, third, platform)
+                equations.append(turn_equation(before, after, cosine))
         yield leg, first, third, equations
 
 
-def _equation_of_first(
-    carrier: Leg, first: float, third: float, leg: Leg, th1: float
-) -> Vector[float]:
-    """Return the equation of the carrier's th2k by another leg's th1: Z2 . Z3 = cos beta."""
-    second = second_axis(math.cos(th1), math.sin(th1), leg)
-    return turn_equation(
-        _before_second(carrier, first, second),
-        _after_second(carrier, third, leg.third),
-        leg.cos_beta,
-    )
+def closures(readings: tuple[float | None, ...], place: int, g: Geometry) -> Iterator[Closure]:
+    """
+    Yield what each reading of a leg says of the orientation: base . R platform = cosine.
+
+    th1k fixes Z2k in the base, whose angle to Z3k is beta; th3k fixes Z2k in the platform, whose
+    angle to Z1k is alpha. `base` and `platform` are unit vectors in these frames.
+    """
+    leg = g.legs[place]
+    th1 = readings[place]
+    th3 = readings[3 + place]
+    if th1 is not None:
+        yield second_axis(math.cos(th1), math.sin(th1), leg), leg.third, leg.cos_beta
+    if th3 is not None:
+        in_leg = leg.sin_beta * math.sin(th3), leg.sin_beta * math.cos(th3), leg.cos_beta
+        yield leg.first, times(leg.platform_frame, in_leg), leg.cos_alpha
 
 
-def _equation_of_third(
-    carrier: Leg, first: float, third: float, leg: Leg, th3: float
-) -> Vector[float]:
-    """Return the equation of the carrier's th2k by another leg's th3: Z1 . Z2 = cos alpha."""
-    in_leg = leg.sin_beta * math.sin(th3), leg.sin_beta * math.cos(th3), leg.cos_beta
-    second = times(leg.platform_frame, in_leg)
-    return turn_equation(
-        _before_second(carrier, first, leg.first),
-        _after_second(carrier, third, second),
-        leg.cos_alpha,
-    )
-
-
-def _before_second(leg: Leg, th1: float, axis: Vector[float]) -> Vector[float]:
+def before_second(leg: Leg, th1: float, axis: Vector[float]) -> Vector[float]:
     """Components after a leg's proximal link of a vector in the base: Rx(-alpha) Rz(-th1) B^T."""
     in_leg = transposed_times(leg.base_frame, axis)
     turned = about_z(math.cos(th1), -math.sin(th1), in_leg)
     return about_x(leg.cos_alpha, -leg.sin_alpha, turned)
 
 
-def _after_second(leg: Leg, th3: float, axis: Vector[float]) -> Vector[float]:
+def after_second(leg: Leg, th3: float, axis: Vector[float]) -> Vector[float]:
     """Components before a leg's distal link of a vector in the platform: Rx(beta) Rz(th3) Q^T."""
     in_leg = transposed_times(leg.platform_frame, axis)
     turned = about_z(math.cos(th3), math.sin(th3), in_leg)
     return about_x(leg.cos_beta, leg.sin_beta, turned)
 
 
-def _carried_by(leg: Leg, th1: float, th2: float, th3: float) -> Rotation[float]:
+def carried_by(leg: Leg, th1: float, th2: float, th3: float) -> Rotation[float]:
     """R_base_platform of a leg's chain, eq. 6."""
     columns = []
     for unit in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)):
-        vector = _after_second(leg, th3, unit)
+        vector = after_second(leg, th3, unit)
         vector = about_z(math.cos(th2), math.sin(th2), vector)
         vector = about_x(leg.cos_alpha, leg.sin_alpha, vector)
         vector = about_z(math.cos(th1), math.sin(th1), vector)

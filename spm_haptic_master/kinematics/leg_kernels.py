@@ -85,6 +85,13 @@ def leg_angles(rotation: Rotation[N], leg: Leg, sign: int, m: Backend[N]) -> Vec
     return th1, th2, m.atan2(sine, cosine)
 
 
+def squared_sine(rotation: Rotation[N], leg: Leg) -> N:
+    """Return p^2 of `leg_angles`, negative where the leg does not reach the rotation."""
+    x, y, z = transposed_times(leg.base_frame, times(rotation, leg.third))
+    q = (leg.cos_beta - leg.cos_alpha * z) / leg.sin_alpha
+    return x * x + y * y - q * q
+
+
 def turn_equation(d: Vector[N], v: Vector[N], cos_beta: float) -> Vector[N]:
     """
     Return L, M, N of  L cos t + M sin t + N = 0,  that is of  d . Rz(t) v = cos beta.
@@ -120,6 +127,12 @@ def common_turn(first: Vector[N], second: Vector[N]) -> Vector[N]:
         l2 * n1 - l1 * n2,
         l1 * m2 - l2 * m1,
     )
+
+
+def residual(equation: Vector[float], angle: float) -> float:
+    """Left side of a turn equation at an angle, rad (unit 1)."""
+    cosine, sine, constant = equation
+    return cosine * math.cos(angle) + sine * math.sin(angle) + constant
 
 
 def both_turns(equation: Vector[float]) -> tuple[float, float]:

@@ -144,15 +144,15 @@ class Fkm(ParameterNode):
     def _acknowledge(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Clear one fault that waits for a person, and name it: of the sensors, then of force."""
         with self._lock:
-            named = ''
-            if self._supervisor.latch.acknowledge():
-                named = 'sensors: consistent samples clear the fault'
-            elif self._force is not None:
+            of_sensors = self._supervisor.acknowledge()
+            named = f'sensors: {of_sensors.ended}' if of_sensors.ended else ''
+            if not named and self._force is not None:
                 named = self._force.acknowledge()
         response.success = bool(named)
-        response.message = (
-            f'acknowledged: {named}' if named else 'no fault waits for an acknowledgement'
-        )
+        words = [f'acknowledged: {named}' if named else 'no fault waits for an acknowledgement']
+        if of_sensors.waits:
+            words.append(f'the sensors wait for {of_sensors.waits}')
+        response.message = '; '.join(words)
         return response
 
     def _on_joints(self, joints: bytes) -> None:

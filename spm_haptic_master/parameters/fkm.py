@@ -311,20 +311,10 @@ INTERFACE_SETTINGS = (
     CALIBRATION_SETTING,
 )
 
-# Forward models: maximum likelihood, Case 2 (eqs. 15, 16), assembly mode of three (eqs. 1 to 7).
-METHODS = ('estimate', 'theta3a', 'classic')
 # Values of a list for the fifth and the sixth sensor.
-FURTHER = 'th3B and th3C have the values behind them, else that of th3A'
+FURTHER = "two further values are for th3B and th3C; without them th3A's is used"
 
 SUPERVISION_SETTINGS = (
-    Setting(
-        'solver',
-        str,
-        "forward model: 'estimate' from all four sensors, 'theta3a' the "
-        "paper's Case 2, 'classic' the three active joints alone",
-        default='estimate',
-        allowed=METHODS,
-    ),
     SENSORS_SETTING,
     Setting(
         'sigma_deg',

@@ -29,7 +29,7 @@ from spm_haptic_master.parameters.nodes import (
     SOURCE_SETTING,
     SOURCE_SETTINGS,
 )
-from spm_haptic_master.parameters.setting import Setting
+from spm_haptic_master.parameters.setting import REMOVED, Setting
 
 DRIVER = 'encoder_driver'  # node whose parameters most tools take
 # Prefix of the names that ROS has for a node's QoS; no publisher or subscription here takes them.
@@ -251,6 +251,8 @@ def _check_names(
     for name, value in section.values.items():
         if name.startswith(QOS_PREFIX):
             raise SettingError(name, value, 'no override: the QoS of this package is fixed')
+        if name in REMOVED:
+            raise SettingError(name, value, f'{REMOVED[name]} ({section.origin}, {section.nodes})')
         if name not in known:
             raise SettingError(
                 name,

@@ -139,6 +139,13 @@ class Setting:
         return self.maximum is None or bool(element <= self.maximum)
 
 
+# Names of settings that this package had, and what is expected instead of them.
+REMOVED = {
+    'solver': 'no such parameter: fkm estimates from all sensors; the other models of the paper '
+    'are functions of spm_haptic_master.kinematics (forward_theta3a, track_mode)'
+}
+
+
 def complete(settings: tuple[Setting, ...], values: Values) -> dict[str, Any]:
     """
     Return a checked value of each setting: the given one, or its default.
@@ -163,6 +170,8 @@ def complete(settings: tuple[Setting, ...], values: Values) -> dict[str, Any]:
     """
     known = {setting.name for setting in settings}
     for name, value in values.items():
+        if name in REMOVED:
+            raise SettingError(name, value, REMOVED[name])
         if name not in known:
             raise SettingError(name, value, 'a known name: ' + ', '.join(sorted(known)))
     return {s.name: s.check(values.get(s.name, s.default)) for s in settings}

@@ -1,17 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""
-The last orientation: which solution continues it, and whether it is known to be the right one.
-
-With four sensors, offsets of th3A by tens of degrees exist with which all four angles fit another
-orientation of the same working mode. A consistent sample alone does not exclude that; a motion
-does, because the other orientation contradicts the angles once the device has moved.
-"""
+"""The last orientation, which the next one has to continue, and which selects among solutions."""
 
 from __future__ import annotations
 
-from math import pi, radians, sin, sqrt
+from math import pi, sin, sqrt
 
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.kinematics.rotations import rotation_distance
@@ -23,12 +17,6 @@ TURN_DEVIATIONS = 6.0  # that an orientation may be from the last one, beside hu
 # the angle between them (1 / rad): 0.4 to 1.9 in random poses to a tilt of 45 deg. Noise of sigma
 # then turns each by sigma / (FOLD * the angle between them).
 FOLD = 2.0
-# Largest turn from the last followed orientation to one that is the same solution (rad): another
-# solution of an offset that the parity can see is further away.
-SAME_SOLUTION = radians(10.0)
-# Consistent motion that shows that a solution is the right one (rad): 0.6 deg revealed each wrong
-# one that was tried.
-CONFIRMING_TURN = radians(5.0)
 
 
 class Anchor:
@@ -37,22 +25,19 @@ class Anchor:
 
     `speed` is the human motion limit of the rotation, rad/s; `sigma` and `bias` are the largest
     standard deviation and nominal bias of a sensor, rad. `stamp` is the orientation's time, ns;
-    None if there is none that the next one could continue. It is `confirmed` to be of the right
-    solution once it has moved consistently, or continues one that had.
+    None if there is none that the next one could continue.
     """
 
     def __init__(self, speed: float, sigma: float, bias: float) -> None:
-        self._speed, self.confirmed = speed, False
+        self._speed = speed
         # Largest total deviation of an orientation that another may continue, rad: neither noise
         # nor bias of a sensor takes it to where two solutions meet.
         self._largest = 0.5 * sigma / sqrt(FOLD * (TURN_DEVIATIONS * sigma + bias))
         self.stamp: int | None = None
         self._quaternion: Quaternion[float] | None = None
-        # Where the motion began that has to confirm the solution.
-        self._origin: Quaternion[float] | None = None
 
     def restart(self) -> None:
-        """Select the next orientation as the first one; it may be the same solution."""
+        """Select the next orientation as the first one."""
         self.stamp = None
 
     def prior(self, stamp: int) -> Quaternion[float] | None:
@@ -89,10 +74,6 @@ class Anchor:
         x, y, z, w = quaternion
         if x * last[0] + y * last[1] + z * last[2] + w * last[3] < 0.0:
             quaternion = -x, -y, -z, -w
-        if self._origin is None or not within(quaternion, last, SAME_SOLUTION):
-            self.confirmed, self._origin = False, quaternion
-        elif not self.confirmed and TURN_DEVIATIONS * deviation < CONFIRMING_TURN:
-            self.confirmed = not within(quaternion, self._origin, CONFIRMING_TURN)
         self.stamp = stamp if deviation <= self._largest else None
         self._quaternion = quaternion
         return quaternion

@@ -13,8 +13,6 @@ from spm_haptic_master.parameters.fkm import Limits
 from spm_haptic_master.supervision.symptom import Reason, Symptom, withheld
 
 CAUTION = 1.0  # s unchecked that are a caution: less is a moment on the way through a singularity
-# What is to do before any of four sensors counts as checked.
-UNCONFIRMED = 'no sensor is checked before the handle has turned by 5 deg'
 
 
 class Exposure:
@@ -22,23 +20,23 @@ class Exposure:
     Time since each sensor was last checked.
 
     A sensor is checked where its own part of the protection level has been within the alert limit
-    for a window (s) of consistent samples of a confirmed solution. `hidden` are those that the
-    latest consistent sample could not check.
+    for a window (s) of consistent samples. `hidden` are those that the latest consistent sample
+    could not check.
     """
 
     def __init__(self, sensors: int, window: float) -> None:
         self._window = round(window * 1e9)
         self.hidden: tuple[int, ...] = tuple(range(sensors))
         self._sensors = sensors
+        # Stamps (ns): the first consistent sample of all, and when each was last checked.
+        self._first: int | None = None
+        self._checked: list[int | None] = [None] * sensors
         self.restart()
 
     def restart(self) -> None:
-        """Forget every check: the sensors were not seen for a while."""
-        # Stamps (ns): the first consistent sample, and when each sensor was last checked.
+        """Begin again after a pause of the samples; what was checked stays that long ago."""
+        # Stamp (ns) of the first consistent sample since.
         self._began: int | None = None
-        self._checked: list[int | None] = [None] * self._sensors
-        # Stamps of the latest samples in which the others had seen each for a window.
-        self._seen: list[int | None] = [None] * self._sensors
         self.interrupt()
 
     def interrupt(self) -> None:
@@ -46,17 +44,17 @@ class Exposure:
         # Stamps (ns) since when the others see each sensor.
         self._visible: list[int | None] = [None] * self._sensors
 
-    def take(
-        self, stamp: int, parts: list[float], limit: float, confirmed: bool, level: float
-    ) -> float:
+    def take(self, stamp: int, parts: list[float], limit: float, level: float) -> float:
         """
         Note which sensors a consistent sample checks; return the protection level, rad.
 
         That is the largest part of a sensor within the alert limit, and at least the `level` of
-        healthy sensors. No sensor is checked before the solution is confirmed.
+        healthy sensors.
         """
         if self._began is None:
             self._began = stamp
+            if self._first is None:
+                self._first = stamp
         visible, checked = self._visible, self._checked
         hidden: tuple[int, ...] = ()
         for sensor, part in enumerate(parts):
@@ -70,15 +68,14 @@ class Exposure:
             if since is None:
                 visible[sensor] = stamp
             elif stamp - since >= self._window:
-                self._seen[sensor] = stamp
-                if confirmed:
-                    checked[sensor] = stamp
+                checked[sensor] = stamp
         self.hidden = hidden
         return level
 
-    def seen(self, sensor: int, stamp: int) -> bool:
-        """Whether the others have seen a sensor for a window, even of an unconfirmed solution."""
-        return self._seen[sensor] == stamp
+    def checked_since(self, sensor: int, stamp: int) -> bool:
+        """Whether the others have checked a sensor after a stamp, ns."""
+        last = self._checked[sensor]
+        return last is not None and last > stamp
 
     def times(self, stamp: int) -> tuple[float, ...]:
         """Return the seconds since each sensor was last checked; inf before the first time."""
@@ -87,13 +84,16 @@ class Exposure:
     def overdue(self, stamp: int, limits: Limits, left_out: Collection[int]) -> Symptom | None:
         """Return the sensor that has to be checked before an orientation may be published."""
         longest = limits.unchecked_limit or inf
-        running = 0.0 if self._began is None else (stamp - self._began) * 1e-9
+        first, began = self._first, self._began
+        if first is None or began is None:
+            return None
+        running = (stamp - first) * 1e-9
         if not limits.start_checked and running <= longest:
             return None
         for sensor, time in enumerate(self.times(stamp)):
             if sensor in left_out:
                 continue
-            if time == inf and limits.start_checked:
+            if limits.start_checked and not self.checked_since(sensor, began):
                 return withheld(Reason.NOT_CHECKED, 'start_checked', sensor)
             if min(time, running) > longest:
                 return withheld(
@@ -101,13 +101,12 @@ class Exposure:
                 )
         return None
 
-    def cautions(self, stamp: int, confirmed: bool) -> dict[str, str]:
+    def cautions(self, stamp: int) -> dict[str, str]:
         """Return which sensors have not been checked for a while, by kind, in words."""
-        if not confirmed and set(self._checked) == {None}:
-            return {'unconfirmed': UNCONFIRMED}
+        first = stamp if self._first is None else self._first
         return {
             f'unchecked {name}': f'{name} unchecked '
             + ('since the start' if time == inf else f'for {time:.0f} s')
             for name, time in zip(ALL_JOINT_NAMES, self.times(stamp), strict=False)
-            if time > CAUTION
+            if min(time, (stamp - first) * 1e-9) > CAUTION
         }

@@ -2,129 +2,183 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Bad samples that are a fault: what latches it, which sensor it is, and what clears it.
+Bad samples that are a fault: what latches it, which sensor it is, and what ends it.
 
-A fault of sensor i moves the parity vector along column i of P = I - H K. What of a parity vector
-is perpendicular to that column, no fault of sensor i explains. With one parity every fault of
-every sensor explains it; then the sensor that left its motion alone is the faulty one.
+A fault ends once all sensors in use have agreed for the recovery, and the others have checked each
+suspect once since the last bad sample: the isolated sensor, or every one.
 """
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Collection
+from collections.abc import Collection
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
+from spm_haptic_master.supervision.exposure import Exposure
 from spm_haptic_master.supervision.joint_monitors import JointMonitors
-from spm_haptic_master.supervision.parity import Parity
 from spm_haptic_master.supervision.sensor_set import Sample
 from spm_haptic_master.supervision.sensors_in_use import SensorsInUse
-from spm_haptic_master.supervision.symptom import Reason, Severity, Symptom, worst
+from spm_haptic_master.supervision.symptom import (
+    how_to_check,
+    Reason,
+    Severity,
+    Symptom,
+    worst,
+)
 
 # Consecutive bad samples that latch a fault; a shorter run only withholds them.
 FAULT_SAMPLES = 3
 # Runs of bad samples that are a series, and consistent samples that end it.
 SERIES_RUNS, SERIES_END = 3, 100
-EVIDENCE_SAMPLES = 3  # latest bad samples whose parity vectors are evidence
-# Entries of the parity vector with which the best of several explanations is taken: the others
-# check each other everywhere.
-ENOUGH_ENTRIES = 3
 # Reasons that blame no sensor.
 UNBLAMED = frozenset((Reason.NO_FIT, Reason.UNPROTECTED, Reason.UNDETERMINED))
 
 
+class Acknowledgement(NamedTuple):
+    """What an acknowledgement ended, and what still waits, in words; empty where nothing."""
+
+    ended: str
+    waits: str
+
+
+@dataclass(slots=True)
+class Fault:
+    """A latched fault."""
+
+    symptom: Symptom
+    last_bad: int  # ns, stamp of its latest bad sample
+    # Whether two sensors may cancel in the parity: it has one entry.
+    is_single_parity: bool
+    # Sensors that left their motion, with the number of the departure.
+    jumped: dict[int, int] = field(default_factory=dict)
+    # Whether it began so: a glitch in another fault does not explain that.
+    began_by_jump: bool = False
+    agreed: float = 0.0  # s, for which all have agreed since
+    is_acknowledged: bool = False  # its suspects need not be checked
+    waiting: tuple[int, ...] = ()  # suspects that are all that it still waits for
+
+    @property
+    def needs_person(self) -> bool:
+        """Whether only a person may clear it: two sensors jumped, stay, and may cancel."""
+        return self.is_single_parity and len(self.jumped) > 1
+
+    @property
+    def words(self) -> str:
+        """The fault in the words of `state`."""
+        if self.needs_person:
+            return f'{_names(self.jumped)} jumped, to be acknowledged'
+        symptom = self.symptom
+        known = symptom.sensor is not None or symptom.reason in UNBLAMED
+        words = symptom.words + ('' if known else ', sensor undetermined')
+        if not self.waiting:
+            return words
+        return (
+            f'{words}; waits until checked: {_names(self.waiting)}; {how_to_check(self.waiting)}'
+        )
+
+
+def _names(sensors: Collection[int]) -> str:
+    return ' and '.join(ALL_JOINT_NAMES[sensor] for sensor in sorted(sensors))
+
+
 class FaultLatch:
     """
-    Counts bad samples, isolates the faulty sensor, and latches a fault until it is cleared.
+    Counts bad samples, isolates the faulty sensor, and latches a fault until it is over.
 
-    `symptom` is that of the latched fault; `clean` the number of consecutive consistent samples;
-    `recovery` the time of consistency that clears a fault, s.
+    `fault` is the latched one; `clean` the number of consecutive consistent samples; `recovery`
+    the time of consistency that clears a fault, s.
     """
 
     def __init__(self, sensors: SensorsInUse, joints: JointMonitors, recovery: float) -> None:
         self._sensors, self._joints, self._recovery = sensors, joints, recovery
-        self._evidence: deque[tuple[Parity, float]] = deque(maxlen=EVIDENCE_SAMPLES)
-        self.symptom: Symptom | None = None
-        self._jumped: set[int] = set()
+        self.fault: Fault | None = None
         self.restart()
 
     def restart(self) -> None:
         """Forget the samples; a fault stays latched."""
         self.clean = 0
-        self._forget()
-
-    def _forget(self) -> None:
-        # Consecutive bad samples, runs of them, and the sensors off their motion in the first.
-        self._bad = self._runs = 0
+        # Consecutive bad samples, stamp of the first (ns), and runs of them.
+        self._bad = self.onset = self._runs = 0
+        # Sensors that left their motion alone at the onset.
         self._alone: list[int] = []
-        self._evidence.clear()
-
-    def latch(self, symptom: Symptom, jumped: Collection[int] = ()) -> None:
-        """Latch a fault; `jumped` are the sensors that left their motion."""
-        self.symptom, self._jumped = symptom, set(jumped)
-        # Whether it began so: a glitch in another fault does not explain that.
-        self._began_by_jump, self._consistent = bool(jumped), 0.0
-        # Two sensors may cancel in one parity.
-        self._cancels = self._sensors.used.entries < 2
-
-    @property
-    def waits(self) -> bool:
-        """Whether only a person may clear it: two sensors jumped, stay, and may cancel."""
-        return self.symptom is not None and self._cancels and len(self._jumped) > 1
+        if self.fault is not None:
+            self.fault.agreed = 0.0
 
     @property
     def words(self) -> str:
-        """Return the fault in the words of `state`; empty without one."""
-        symptom = self.symptom
-        if symptom is None:
-            return ''
-        if self.waits:
-            names = ' and '.join(ALL_JOINT_NAMES[sensor] for sensor in sorted(self._jumped))
-            return f'{names} jumped, to be acknowledged'
-        known = symptom.sensor is not None or symptom.reason in UNBLAMED
-        return symptom.words + ('' if known else ', sensor undetermined')
+        """The fault in the words of `state`; empty without one."""
+        return '' if self.fault is None else self.fault.words
 
-    def acknowledge(self) -> bool:
-        """Let consistency clear a fault that waits for a person; return whether it did."""
-        if not self.waits:
-            return False
-        self._jumped.clear()
-        self._began_by_jump = False
-        return True
+    def latch(self, stamp: int, symptom: Symptom, jumped: Collection[int] = ()) -> None:
+        """Latch a fault at a stamp, ns; `jumped` are the sensors that left their motion."""
+        self.fault = Fault(
+            symptom,
+            stamp,
+            is_single_parity=self._sensors.used.entries < 2,
+            jumped={sensor: self._joints.departure(sensor) for sensor in jumped},
+            began_by_jump=bool(jumped),
+        )
 
-    def widen(
-        self,
-        fault: Symptom,
-        jumped: Collection[int],
-        named: Collection[int | None],
-        sensor: int | None = None,
-    ) -> None:
-        """Add a bad sample; if it names another sensor, all are suspects until one is isolated."""
-        self._consistent = 0.0
-        self._jumped.update(jumped)
-        if fault.sensor is not None and all(each in (None, fault.sensor) for each in named):
-            sensor = fault.sensor
-        self.symptom = fault._replace(sensor=sensor)
-
-    def clears(self, seen: Callable[[int], bool], dt: float) -> bool:
+    def acknowledge(self) -> Acknowledgement:
         """
-        Count a consistent sample, `dt` after the last one (s); return whether the fault is over.
+        Let a person end what only he can: first two jumps, then the wait for checks.
 
-        It counts while the others see what was wrong, or if all sensors that jumped are back.
+        A fault of an isolated sensor ends only where the others check it. Consistent samples are
+        needed in any case.
         """
-        self._jumped = {each for each in self._jumped if not self._joints.returned(each)}
-        if self.waits or self.symptom is None:
+        fault = self.fault
+        if fault is None:
+            return Acknowledgement('', '')
+        if fault.needs_person:
+            ended = f'{_names(fault.jumped)} jumped'
+            fault.jumped.clear()
+            fault.began_by_jump = False
+            return Acknowledgement(ended, self._waits(fault))
+        if fault.symptom.sensor is None and not fault.is_acknowledged:
+            fault.is_acknowledged = True
+            fault.waiting = ()
+            return Acknowledgement(fault.words, self._waits(fault))
+        return Acknowledgement('', self._waits(fault))
+
+    def _waits(self, fault: Fault) -> str:
+        """Return what a fault still waits for, in words."""
+        waits = f'{self._recovery:g} s of samples that agree'
+        if fault.is_acknowledged:
+            return waits
+        suspects = self._suspects(fault)
+        return f'{waits}, and a check of {_names(suspects)}: {how_to_check(suspects)}'
+
+    def _suspects(self, fault: Fault) -> tuple[int, ...]:
+        sensor = fault.symptom.sensor
+        return self._sensors.used.sensors.used if sensor is None else (sensor,)
+
+    def clears(self, exposure: Exposure, dt: float) -> bool:
+        """Count a consistent sample, `dt` after the last one (s); return whether it is over."""
+        fault = self.fault
+        if fault is None:
+            return True
+        for sensor, departure in list(fault.jumped.items()):
+            if self._joints.has_returned(sensor, departure):
+                del fault.jumped[sensor]
+        if fault.needs_person:
             return False
-        sensor = self.symptom.sensor
-        suspects = self._sensors.used.sensors.used if sensor is None else (sensor,)
-        if (self._began_by_jump and not self._jumped) or all(map(seen, suspects)):
-            self._consistent += dt
-        return self._consistent >= self._recovery
+        fault.agreed += dt
+        if fault.agreed < self._recovery:
+            return False
+        if fault.is_acknowledged or (fault.began_by_jump and not fault.jumped):
+            return True
+        fault.waiting = tuple(
+            sensor
+            for sensor in self._suspects(fault)
+            if not exposure.checked_since(sensor, fault.last_bad)
+        )
+        return not fault.waiting
 
     def end(self) -> None:
         """Clear the fault."""
-        self.symptom = None
-        self._forget()
+        self.fault = None
+        self._bad = self._runs = 0
 
     def note_consistent(self) -> None:
         """Count a consistent sample."""
@@ -135,74 +189,72 @@ class FaultLatch:
 
     @property
     def is_series(self) -> bool:
-        """Whether bad samples come again and again."""
+        """Whether SERIES_RUNS runs of bad samples came without a long good one between."""
         return self._runs >= SERIES_RUNS
 
     def note_bad(self, sample: Sample, symptoms: list[Symptom]) -> int | None:
         """Count a bad sample, and latch a fault if it lasts; return the faulty sensor if known."""
-        used, cause = self._sensors.used, worst(symptoms)
+        cause = worst(symptoms)
         if cause.severity is Severity.WITHHOLD:
             return None
-        if not self._bad and any(symptom.sensor is None for symptom in symptoms):
-            if not self._runs:
-                self._forget()
-            self._runs += 1
+        used = self._sensors.used.sensors.used
+        if not self._bad:
+            if self.fault is None:
+                self.onset = sample.stamp
+            self._alone = self._joints.alone(used)
+            if any(symptom.sensor is None for symptom in symptoms):
+                self._runs += 1
         self._bad += 1
         self.clean = 0
-        alone = self._joints.alone(used.sensors.used)
-        if not self._evidence:
-            self._alone = alone
-        for symptom in symptoms:
-            evidence = used.evidence(symptom) if symptom.sensor is None else None
-            if evidence is not None:
-                self._evidence.append(evidence)
-        fault, lasts = self.symptom, self._bad >= FAULT_SAMPLES or cause.severity is Severity.LATCH
-        if not lasts and fault is None and (used.entries < 2 or not self.is_series):
+        if self.fault is not None:
+            return self._widen(sample, symptoms)
+        if self._bad < FAULT_SAMPLES and cause.severity is not Severity.LATCH:
             return None
-        # One parity shows a second fault, and not which.
-        sensor = (
-            None if fault is not None and used.entries < 2 else self._isolated(sample, symptoms)
+        sensor = self._isolated(sample, symptoms)
+        reason = cause.reason
+        if cause.sensor is None and sensor in self._alone:
+            reason = Reason.JUMPED
+        self.latch(
+            sample.stamp, cause._replace(reason=reason, sensor=sensor), self._joints.left(used)
         )
-        left = self._joints.left(used.sensors.used)
-        if fault is not None:
-            self.widen(fault, left, {symptom.sensor for symptom in symptoms}, sensor)
-        elif lasts:
-            reason = Reason.JUMPED if cause.sensor is None and sensor in alone else cause.reason
-            self.latch(cause._replace(reason=reason, sensor=sensor), left)
         return sensor
+
+    def _widen(self, sample: Sample, symptoms: list[Symptom]) -> int | None:
+        """Add a bad sample to a fault; with another sensor named all are suspects."""
+        fault = self.fault
+        if fault is None:
+            return None
+        fault.last_bad, fault.agreed, fault.waiting = sample.stamp, 0.0, ()
+        for left in self._joints.left(self._sensors.used.sensors.used):
+            fault.jumped.setdefault(left, self._joints.departure(left))
+        named = {symptom.sensor for symptom in symptoms} - {None}
+        # One parity shows a second fault, and not which.
+        isolated = None if fault.is_single_parity else self._isolated(sample, symptoms)
+        sensor = fault.symptom.sensor
+        if sensor is None or not named <= {sensor}:
+            sensor = isolated
+        fault.symptom = fault.symptom._replace(sensor=sensor)
+        return isolated
 
     def _isolated(self, sample: Sample, symptoms: list[Symptom]) -> int | None:
         """Return the faulty sensor; None if the evidence does not isolate one."""
+        passing = self._sensors.passing(sample.stamp, self.onset)
         named = {
             symptom.sensor
             for symptom in symptoms
             if symptom.sensor is not None and symptom.severity > Severity.WITHHOLD
         }
-        if named:
-            return named.pop() if len(named) == 1 else None
-        sensors, used = self._sensors, self._sensors.used
-        if used.entries < 2:
-            return self._alone[0] if len(self._alone) == 1 else None
-        fitting = [
-            sensor
-            for sensor in used.sensors.used
-            if sensors.without(sensor, *sensors.left_out).fits(sample)
-        ]
-        if len(fitting) < 2 or not self._evidence:
-            return fitting[0] if len(fitting) == 1 else None
-        costs = {
-            sensor: [used.unexplained(sensor, vector) / limit for vector, limit in self._evidence]
-            for sensor in fitting
-        }
-        explaining = [sensor for sensor in fitting if max(costs[sensor]) <= 1.0]
-        if len(explaining) == 1 or (explaining and used.entries >= ENOUGH_ENTRIES):
-            return min(explaining, key=lambda sensor: sum(costs[sensor]))
-        return None
+        suspects = named or set(passing)
+        if not named and len(suspects) > 1 and self._sensors.used.entries < 2:
+            # A joint that left its motion by itself, while the others stayed on theirs.
+            suspects &= set(self._alone)
+        return suspects.pop() if len(suspects) == 1 else None
 
-    def latch_suspected(self, jumps: list[Symptom]) -> None:
+    def latch_suspected(self, stamp: int, jumps: list[Symptom]) -> None:
         """Latch jumps that a pause has hidden; in a series of bad samples they are no evidence."""
-        if jumps and self.symptom is None and not self.is_series:
+        if jumps and self.fault is None and not self.is_series:
             self.latch(
+                stamp,
                 jumps[0] if len(jumps) == 1 else jumps[0]._replace(sensor=None),
                 self._joints.left(self._sensors.used.sensors.used),
             )

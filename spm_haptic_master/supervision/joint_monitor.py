@@ -57,6 +57,12 @@ def lag(periods: float) -> float:
     return (1.0 - ALPHA) / BETA + periods * (ALPHA / BETA - 0.5 + 0.5 * periods)
 
 
+def outside(moved: float, predicted: float) -> float:
+    """Return how far a joint is from everywhere between its last angle and the predicted one."""
+    low, high = min(predicted, 0.0), max(predicted, 0.0)
+    return max(low - moved, moved - high, 0.0)
+
+
 class Step(IntEnum):
     """Whether a joint left its motion by a step."""
 
@@ -77,7 +83,8 @@ class JointMonitor:
     `run` the number of equal readings before the latest one; `innovation` the latest reading minus
     its prediction, in standard deviations of a healthy reading, which is `expected`. `away` counts
     the readings since the joint left its motion, for `RETURN_TIME` at most; `step` is whether it
-    left it by a step, and `returned` whether it came back to it.
+    left it by a step. `departures` is the number of motions that it left, `returned` that of the
+    one that it came back to last.
     """
 
     def __init__(self, sigma: float, threshold: float, acceleration: float, speed: float) -> None:
@@ -89,6 +96,7 @@ class JointMonitor:
         # Changes of the reading up and down, and the latest change (rad).
         self._reversals, self._change = 0, 0.0
         self._last, self.run = nan, 0
+        self.departures = self.returned = 0
         self.allow(sigma)
         self.reset_motion()
 
@@ -100,7 +108,7 @@ class JointMonitor:
         # Angle, velocity, time of the motion that it left; first reading off it, time then, step.
         self._left: tuple[float, float, float] | None = None
         self._step = 0.0, 0.0, 0.0
-        self.returned, self.step = False, Step.NONE
+        self.step = Step.NONE
 
     def allow(self, sigma: float) -> None:
         """Let the limits allow for a standard deviation, rad."""
@@ -195,9 +203,9 @@ class JointMonitor:
         else:
             self._last_innovation = nan
             limit = self.limit(elapsed, period) + abs(velocity) * timing
-            if size > limit and since:
-                # A joint that stopped meanwhile is still where it was.
-                size = min(size, abs(remainder(reading - self._angle, TURN)))
+            if size > limit and (since or elapsed > 1.5 * period):
+                # It may have stopped meanwhile, or the reading be as old as the last sample.
+                size = outside(remainder(reading - self._angle, TURN), moved)
             self.innovation = (
                 size * deviation(1.0) / (self._scale * deviation(max(elapsed / period, 1.0)))
             )
@@ -236,7 +244,8 @@ class JointMonitor:
         """Remember the motion that the joint leaves, and the step by which it does so."""
         self._left = self._angle, self.velocity, elapsed
         self._step = reading, elapsed, change
-        self.away, self.returned = 1, False
+        self.away = 1
+        self.departures += 1
         self.step = (
             Step.CERTAIN
             if abs(change) > self._speed * elapsed + self._noise_limit
@@ -264,7 +273,8 @@ class JointMonitor:
             and change > RETURN_FRACTION * self.limit(period, period) + abs(velocity) * dt
         ):
             self._angle, self.velocity, self._known = reading, velocity, 2
-            self._left, self.away, self.returned, self.step = None, 0, True, Step.NONE
+            self._left, self.away, self.step = None, 0, Step.NONE
+            self.returned = self.departures
             return True
         self.away += 1
         if self.away <= AWAY_SAMPLES:

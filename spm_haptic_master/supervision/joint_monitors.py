@@ -142,9 +142,16 @@ class JointMonitors:
             for sensor in alone
         ]
 
-    def returned(self, sensor: int | None) -> bool:
-        """Whether a sensor that left its motion jumped back to it."""
-        return sensor is not None and self._joints[sensor].returned
+    def departure(self, sensor: int) -> int:
+        """Return the number of the latest motion that a sensor left."""
+        return self._joints[sensor].departures
+
+    def has_returned(self, sensor: int | None, departure: int | None = None) -> bool:
+        """Whether a sensor jumped back to the motion that it left, the latest by default."""
+        if sensor is None:
+            return False
+        joint = self._joints[sensor]
+        return joint.returned == (joint.departures if departure is None else departure) > 0
 
     def follow_noise(self, bounds: Callable[[], list[float]]) -> None:
         """

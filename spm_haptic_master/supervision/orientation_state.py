@@ -82,30 +82,41 @@ class StateMachine:
         self.since: int | None = None
         self.published: int | None = None
 
-    def enter(self, stamp: int, fault: str, cause: Symptom | None, reservations: str) -> None:
-        """Assign the state: withheld for a fault (its words) or a cause, or published."""
-        published = self.published
+    def enter(self, now: int, fault: str, cause: Symptom | None, reservations: str) -> None:
+        """
+        Assign the state: withheld for a fault (its words) or a cause, or published.
+
+        `now` is the time of the sample, ns, which never goes back.
+        """
         if self.since is None:
-            self.since = stamp
+            self.since = now
         if fault:
             announced = silent(fault)
         elif cause is None:
-            announced = (
-                OrientationState(Condition.DEGRADED, reservations) if reservations else HEALTHY
-            )
-        elif published is None and (
-            cause.reason is Reason.STARTING
-            or cause.severity > Severity.WITHHOLD
-            or stamp - self.since < BRIEF
-        ):
-            # Only further samples are awaited for the first orientation.
+            announced = HEALTHY
+            if reservations:
+                announced = OrientationState(Condition.DEGRADED, reservations)
+        elif self._awaits_first(now, cause):
             announced = STARTING
-        elif published is None or stamp - published >= BRIEF or not self.announced.publishes:
-            announced = silent(cause.words)
-        else:
+        elif self._is_brief(now):
             return
+        else:
+            announced = silent(cause.words)
         if announced != self.announced:
             self.announced = announced
+
+    def _awaits_first(self, now: int, cause: Symptom) -> bool:
+        """Whether only further samples are awaited for the first orientation."""
+        if self.published is not None or self.since is None:
+            return False
+        is_starting = cause.reason is Reason.STARTING or cause.severity > Severity.WITHHOLD
+        return is_starting or now - self.since < BRIEF
+
+    def _is_brief(self, now: int) -> bool:
+        """Whether a silence is too short to change the state."""
+        if self.published is None or not self.announced.publishes:
+            return False
+        return now - self.published < BRIEF
 
 
 def read_state(text: str) -> OrientationState | None:

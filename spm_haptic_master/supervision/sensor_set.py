@@ -1,92 +1,83 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Any three to six sensors in use: their orientation by the chosen model, and its worth."""
+"""Any three to six sensors in use: their orientation, whether they agree, and what it is worth."""
 
 from __future__ import annotations
 
 from collections.abc import Collection
 from math import degrees, hypot, inf, pi, sqrt
-from operator import mul
 from typing import NamedTuple, TypeAlias
 
-from spm_haptic_master.exceptions import AmbiguousError, SingularityError, SpmError
-from spm_haptic_master.kinematics import rotations
-from spm_haptic_master.kinematics.assembly_modes import track_mode
-from spm_haptic_master.kinematics.closed_form import theta3a_quaternion
+from spm_haptic_master.exceptions import AmbiguousError, SpmError
 from spm_haptic_master.kinematics.estimation.estimates import (
     CONSISTENT,
     estimate_sample,
     other_solutions,
 )
-from spm_haptic_master.kinematics.estimation.gauss_newton import (
-    DETERMINED_DEVIATION,
-    SampleEstimate,
+from spm_haptic_master.kinematics.estimation.gauss_newton import SampleEstimate
+from spm_haptic_master.kinematics.estimation.solutions import (
+    all_solutions,
+    fit_near,
+    implied_fault,
+    ImpliedFault,
+    parity_curvature,
 )
-from spm_haptic_master.kinematics.estimation.normal_equations import theta3a_gains
 from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
 from spm_haptic_master.kinematics.joints import UsedSensors
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.parameters.fkm import Limits
-from spm_haptic_master.supervision.anchor import FOLD, SAME_SOLUTION, TURN_DEVIATIONS, within
-from spm_haptic_master.supervision.parity import padded, Parity, ParityWindow
+from spm_haptic_master.supervision.anchor import FOLD, TURN_DEVIATIONS, within
+from spm_haptic_master.supervision.parity import ParityWindow
 from spm_haptic_master.supervision.protection import Integrity, integrity, MISSED_DETECTION
 from spm_haptic_master.supervision.symptom import Reason, Severity, Symptom, withheld
 
 # Readings of four, five or six sensors, rad: th1A, th1B, th1C, th3A, th3B, th3C.
 Angles: TypeAlias = tuple[float, ...]
 
-# Standard deviations from another method to the estimate up to which the assembly mode is one.
-AGREEMENT_DEVIATIONS = 6.0
-# Square of the last Gauss-Newton step over the smallest standard deviation (1 / rad): to a tilt of
-# 30 deg, 0.12 % of the orientation's standard deviation is left (rms), 2.4 % at most.
+# Iterate again while step^2 / sigma exceeds this (1 / rad): to a tilt of 30 deg, 0.12 % of the
+# orientation's standard deviation is left (rms), 2.4 % at most.
 REMAINDER = 0.01
-TH3A = 3  # its place among the sensors
 # Smallest share of a sensor's variance in the parity that counts.
 VISIBLE_SHARE = 1e-6
-# Largest turn from the last orientation to that of the sensors without a faulty one, beside noise
-# (rad): what a human turns in three samples, and no more than where another solution may be.
-CONTINUING_TURN = 0.06
 
 
 class Solver:
     """
-    Orientation, covariance and parity of one sample, in plain floats.
+    Orientations of one sample, in plain floats.
 
     `sigma` are the standard deviations of the N sensors th1A, th1B, th1C, th3A, th3B, th3C, rad;
-    `method` is one of `METHODS`; `working_mode` has the signs of B_kk of the legs A, B, C (eq.
-    10); a solution in another working mode is rejected. `bias` are the nominal biases of the
-    sensors, rad: the last orientation selects among solutions that they and the noise allow.
+    `working_mode` has the signs of B_kk of the legs A, B, C (eq. 10); a solution in another
+    working mode is rejected. `bias` are the nominal biases of the sensors, rad: the last
+    orientation selects among solutions that they and the noise allow.
     """
 
     def __init__(
         self,
         geometry: Geometry,
         sigma: tuple[float, ...],
-        method: str = 'estimate',
         working_mode: tuple[int, int, int] = RIG_WORKING_MODE,
         bias: tuple[float, ...] = (),
     ):
-        self._geometry, self._working_mode = geometry, working_mode
-        self._sigma, self._method = sigma, method
-        self._active = UsedSensors(sigma[:4], (TH3A,))
+        self._geometry = geometry
+        self._working_mode = working_mode
         self._last_step = sqrt(REMAINDER * min(sigma))
         self._consistent = CONSISTENT + hypot(
-            *(each / deviation for each, deviation in zip(bias, sigma, strict=False))
+            *(offset / deviation for offset, deviation in zip(bias, sigma, strict=False))
         )
 
     def solve(
         self, angles: Angles, sensors: UsedSensors, prior: Quaternion[float] | None
-    ) -> tuple[SampleEstimate, float]:
+    ) -> SampleEstimate:
         """
-        Return the orientation of a sample by the chosen method, and its angle to the estimate.
+        Return the maximum-likelihood orientation of a sample.
 
-        Parity and gains are those of all sensors in use. `angles` are N readings, rad; those not
-        in use are ignored. `prior` is the last orientation, if that is recent. SpmError where the
-        angles determine no orientation, or only in another working mode, or methods disagree.
+        `angles` are N readings, rad; those not in use are ignored. `prior` is the last
+        orientation, if that is recent. SpmError where the angles determine no orientation, or
+        only in another working mode.
         """
-        estimate = estimate_sample(
+        return estimate_sample(
             angles,
             sensors,
             self._geometry,
@@ -95,59 +86,39 @@ class Solver:
             self._last_step,
             self._consistent,
         )
-        if self._method == 'estimate' or not sensors.usual:
-            return estimate, 0.0
-        other = (
-            self._case_2(angles, estimate)
-            if self._method == 'theta3a'
-            else self._classic(angles, prior or estimate.quaternion)
-        )
-        apart = rotations.rotation_distance(other.quaternion, estimate.quaternion)
-        limit = AGREEMENT_DEVIATIONS * (total_deviation(estimate) + total_deviation(other))
-        if apart > limit:
-            raise SingularityError(
-                f'{self._method} is {apart:.4f} rad from the estimate of all '
-                f'four sensors, limit {limit:.4f}'
-            )
-        return estimate._replace(
-            quaternion=other.quaternion, covariance=other.covariance, determined=other.determined
-        ), apart
 
     def others(self, found: SampleEstimate, angles: Angles) -> list[SampleEstimate]:
         """Return the solutions of a sample but the one `found`."""
         return other_solutions(found, angles, self._geometry, self._working_mode)
 
-    def _case_2(self, angles: Angles, estimate: SampleEstimate) -> SampleEstimate:
-        """Return the orientation of Case 2 with the covariance of its own gains."""
-        a, b, c, third = angles[:4]
-        gains = theta3a_gains(a, b, c, third, self._geometry)
-        variances = [sigma * sigma for sigma in self._sigma]
-        xx, xy, xz, yx, yy, yz, zx, zy, zz = (
-            sum(
-                gain[row] * gain[column] * variance
-                for gain, variance in zip(gains, variances, strict=False)
-            )
-            for row in range(3)
-            for column in range(3)
-        )
-        result = estimate._replace(
-            quaternion=theta3a_quaternion(a, b, c, third, self._geometry),
-            covariance=(xx, xy, xz, yx, yy, yz, zx, zy, zz),
-        )
-        return result._replace(
-            determined=estimate.determined and total_deviation(result) < DETERMINED_DEVIATION
+    def near(
+        self, quaternion: Quaternion[float], angles: Angles, sensors: UsedSensors
+    ) -> SampleEstimate:
+        """Return the solution of a sample next to an orientation; SpmError as of `fit_near`."""
+        return fit_near(quaternion, angles, sensors, self._geometry, self._working_mode)
+
+    def every(self, angles: Angles, sensors: UsedSensors) -> list[SampleEstimate]:
+        """Return all solutions of a sample; it takes as long as tens of estimates."""
+        return all_solutions(angles, sensors, self._geometry, self._working_mode)
+
+    def fault(self, others: SampleEstimate, sensor: int, sample: Sample) -> ImpliedFault:
+        """Return what an orientation by the others says of a sensor; errors as of the kernel."""
+        return implied_fault(
+            others,
+            sensor,
+            sample.angles[sensor],
+            sample.bias,
+            sample.parity_bias,
+            self._geometry,
+            self._working_mode,
         )
 
-    def _classic(self, angles: Angles, prior: Quaternion[float]) -> SampleEstimate:
-        """Return the tracked mode's orientation with the covariance of three sensors there."""
-        tracked = track_mode(angles[:3], rotations.matrix_from_quaternion(prior), self._geometry)
-        if tracked.ambiguous:
-            raise SingularityError(
-                'two assembly modes of the active joints are too close to distinguish'
-            )
-        x, y, z, w = rotations.quaternion_from_matrix(tracked.rotation).tolist()
-        three = estimate_sample(angles[:4], self._active, self._geometry, (x, y, z, w))
-        return three._replace(quaternion=(x, y, z, w))
+    def curvature(self, estimate: SampleEstimate, sensor: int) -> float:
+        """Return the size of `parity_curvature`; inf where the device cannot turn that way."""
+        try:
+            return abs(parity_curvature(estimate, sensor, self._geometry, self._working_mode))
+        except (SpmError, ZeroDivisionError):
+            return inf
 
 
 def total_deviation(estimate: SampleEstimate) -> float:
@@ -159,7 +130,7 @@ def total_deviation(estimate: SampleEstimate) -> float:
 class Sample(NamedTuple):
     """One sample of N mounted sensors, and what to allow for."""
 
-    stamp: int  # ns
+    stamp: int  # ns, of the supervision's clock
     angles: Angles  # rad; NaN of a sensor without a reading
     prior: Quaternion[float] | None  # the last orientation if that is recent: x, y, z, w
     followed: int | None  # ns, stamp of that orientation
@@ -175,7 +146,8 @@ class SensorSet:
     `sigma` are the standard deviations of the N mounted sensors, rad, `left_out` the places of
     those not in use. `entries` is the length of the parity vector. `estimate` is the orientation
     of the latest sample, `worth` what it is worth; None where the sensors determine none.
-    `deviation` is the total standard deviation by all sensors in use, whatever the method, rad.
+    `solver` gives further orientations, `moved` is how far the latest worth lets an undetected
+    fault move the mean parity (unit 1).
     """
 
     def __init__(
@@ -189,11 +161,10 @@ class SensorSet:
         self.entries = self.sensors.count - 3
         self.estimate: SampleEstimate | None = None
         self.worth: Integrity | None = None
-        self.deviation = inf
-        self._solver, self._speed = solver, limits.joint_speed
-        self._threshold = limits.threshold(max(self.entries, 1))
-        self._reach = self._threshold + MISSED_DETECTION
-        self._window = ParityWindow(self._threshold, max(self.entries, 1), limits.window)
+        self.solver, self._speed = solver, limits.joint_speed
+        self.threshold = limits.threshold(max(self.entries, 1))
+        self._reach = self.threshold + MISSED_DETECTION
+        self._window = ParityWindow(self.threshold, max(self.entries, 1), limits.window)
 
     def restart(self) -> None:
         """Forget the samples."""
@@ -201,43 +172,41 @@ class SensorSet:
 
     def take(self, sample: Sample) -> Symptom | None:
         """Solve a sample; return what contradicts it. Sensors that are not in use are ignored."""
+        self.estimate = self.worth = None
         if not self.entries and sample.prior is None:
-            self.estimate = self.worth = None
             return withheld(Reason.UNDETERMINED, 'three sensors need the last orientation')
         try:
-            estimate, apart = self._solver.solve(sample.angles, self.sensors, sample.prior)
+            estimate = self.solver.solve(sample.angles, self.sensors, sample.prior)
+        except AmbiguousError as error:
+            # Two solutions meet, which happens to healthy sensors.
+            return withheld(Reason.UNDETERMINED, str(error))
         except SpmError as error:
-            self.estimate = self.worth = None
-            if isinstance(error, AmbiguousError):
-                # Two solutions meet, which happens to healthy sensors.
-                return withheld(Reason.UNDETERMINED, str(error))
             return Symptom(Reason.NO_FIT, str(error))
-        self.estimate = estimate
         worth = integrity(estimate, sample.bias, sample.factors, sample.parity_bias)
-        self.deviation = worth.deviation
-        if apart:
-            # Beside what a fault does to the orientation of all sensors.
-            worth = worth._replace(healthy=worth.healthy + apart)
-            self.deviation = hypot(*map(mul, estimate.gain_sizes, self.sensors.sigma))
-        self.worth = worth
-        if not self.entries:
-            return None
-        return self._window.check(
-            sample.stamp, estimate.parity_vector, worth.noise, worth.bias
-        ) or self._rival(sample, estimate, worth)
+        self.estimate, self.worth = estimate, worth
+        symptom = None
+        if self.entries:
+            symptom = self._window.check(
+                sample.stamp, estimate.parity_vector, worth.noise, worth.bias
+            )
+        return symptom or self._rival(sample, estimate, worth)
 
     def _rival(self, sample: Sample, estimate: SampleEstimate, worth: Integrity) -> Symptom | None:
         """Return a symptom if another solution fits that may continue the last orientation too."""
-        prior, limit = sample.prior, self._window.limit(worth.noise, worth.bias)
-        turn = pi
+        prior, turn = sample.prior, pi
         if prior is not None and sample.followed is not None:
             turn = self._speed * (sample.stamp - sample.followed) * 1e-9
-            if (
-                FOLD * self.deviation * (turn + TURN_DEVIATIONS * self.deviation)
-                < self.sensors.largest
-            ):
+            deviation = worth.deviation
+            apart = FOLD * deviation * (turn + TURN_DEVIATIONS * deviation)
+            if apart < self.sensors.largest:
                 return None
-        for other in self._solver.others(estimate, sample.angles):
+        others = (
+            self.solver.others(estimate, sample.angles)
+            if self.entries
+            else self._others_of_three(estimate, sample.angles)
+        )
+        limit = self._window.limit(worth.noise, worth.bias)
+        for other in others:
             parity = hypot(*other.parity_vector)
             if parity <= limit and (
                 prior is None
@@ -249,9 +218,46 @@ class SensorSet:
                 )
         return None
 
+    def _others_of_three(self, found: SampleEstimate, angles: Angles) -> list[SampleEstimate]:
+        """Return the solutions of three sensors that are not the one found."""
+        near = TURN_DEVIATIONS * total_deviation(found)
+        return [
+            solution
+            for solution in self.solver.every(angles, self.sensors)
+            if not within(solution.quaternion, found.quaternion, near)
+        ]
+
+    def agrees(self, sample: Sample, estimate: SampleEstimate) -> bool:
+        """Whether the parity of a solution is within its limit, by this sample alone."""
+        if not self.entries:
+            return True
+        worth = integrity(estimate, sample.bias, sample.factors, sample.parity_bias)
+        return hypot(*estimate.parity_vector) <= self._window.limit(worth.noise, worth.bias)
+
+    def near(self, sample: Sample, quaternion: Quaternion[float]) -> SampleEstimate | None:
+        """Return the solution next to an orientation if the sensors in use agree there."""
+        try:
+            estimate = self.solver.near(quaternion, sample.angles, self.sensors)
+        except SpmError:
+            return None
+        return estimate if self.agrees(sample, estimate) else None
+
+    def every(self, sample: Sample) -> list[SampleEstimate]:
+        """Return every orientation with which the sensors in use agree."""
+        return [
+            estimate
+            for estimate in self.solver.every(sample.angles, self.sensors)
+            if self.agrees(sample, estimate)
+        ]
+
+    @property
+    def reach(self) -> float:
+        """Largest mean parity of an undetected fault, in standard deviations, without bias."""
+        return self._reach / self._window.root
+
     def levels(self, worth: Integrity) -> list[float]:
         """Return each mounted sensor's part of the protection level, rad; inf if unchecked."""
-        return worth.levels(self._reach / self._window.root)
+        return worth.levels(self.reach)
 
     def noise_bounds(self) -> list[float]:
         """
@@ -276,58 +282,14 @@ class SensorSet:
             return None
         nominal = integrity(estimate, sample.bias, (1.0,) * len(sigma), sample.parity_bias)
         parts = self.levels(nominal)
-        excess, worst = max(
-            (
-                MISSED_DETECTION
-                * factors[sensor]
-                * sigma[sensor]
-                * estimate.gain_sizes[sensor]
-                / parts[sensor],
-                sensor,
-            )
-            for sensor in self.sensors.used
-        )
-        return (
-            Symptom(
-                Reason.NOISY,
-                f'{degrees(factors[worst] * sigma[worst]):.2f} deg',
-                worst,
-                Severity.LATCH,
-            )
-            if excess > 1.0
-            else None
-        )
 
-    def evidence(self, symptom: Symptom) -> tuple[Parity, float] | None:
-        """Return the parity vector that made a symptom, and its limit."""
-        estimate, worth = self.estimate, self.worth
-        if estimate is None or worth is None or not self.entries:
+        def excess(sensor: int) -> float:
+            """Return what the noise of a sensor does, over its part of the level."""
+            noise = factors[sensor] * sigma[sensor]
+            return MISSED_DETECTION * noise * estimate.gain_sizes[sensor] / parts[sensor]
+
+        noisiest = max(self.sensors.used, key=excess)
+        if excess(noisiest) <= 1.0:
             return None
-        if symptom.reason is Reason.DRIFTED:
-            count = self._window.root * self._window.root
-            return self._window.mean, self._window.limit(worth.noise, worth.bias, count)
-        return padded(estimate.parity_vector), self._window.limit(worth.noise, worth.bias)
-
-    def unexplained(self, sensor: int, parity: Parity) -> float:
-        """Return the length of the part of a parity vector that no fault of a sensor makes."""
-        square = sum(part * part for part in parity)
-        gains = () if self.estimate is None else self.estimate.parity_gains[sensor]
-        size = sum(gain * gain for gain in gains)
-        along = sum(part * gain for part, gain in zip(parity, gains, strict=False))
-        return sqrt(max(square - along * along / size, 0.0)) if size else sqrt(square)
-
-    def fits(self, sample: Sample) -> bool:
-        """Whether one sample is consistent, and its orientation continues the last one."""
-        try:
-            estimate, _ = self._solver.solve(sample.angles, self.sensors, sample.prior)
-        except SpmError:
-            return False
-        worth = integrity(estimate, sample.bias, sample.factors, sample.parity_bias)
-        age = 0.0 if sample.followed is None else (sample.stamp - sample.followed) * 1e-9
-        turn = min(max(CONTINUING_TURN, self._speed * age), SAME_SOLUTION)
-        if sample.prior is not None and not within(
-            estimate.quaternion, sample.prior, turn + TURN_DEVIATIONS * worth.deviation
-        ):
-            return False
-        size = sqrt(sum(part * part for part in estimate.parity_vector))
-        return size <= self._window.limit(worth.noise, worth.bias)
+        noise = degrees(factors[noisiest] * sigma[noisiest])
+        return Symptom(Reason.NOISY, f'{noise:.2f} deg', noisiest, Severity.LATCH)

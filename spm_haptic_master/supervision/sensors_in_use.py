@@ -1,30 +1,39 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Which of the mounted sensors are in use: not one without a reading, or that is not trusted."""
+"""
+Which of the mounted sensors are in use: not one without a reading, or that is not trusted.
+
+A set of sensors takes over by a trial: it has to agree in every sample for its time. So a faulty
+sensor is left out, one that was faulty is used again, and one replaces the other.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
-from math import inf
 
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.parameters.fkm import FOUR, Limits, THREE
 from spm_haptic_master.supervision.sensor_set import Angles, Sample, SensorSet, Solver
 from spm_haptic_master.supervision.symptom import Reason, Symptom, withheld
+from spm_haptic_master.supervision.trial import Place, Trial
 
 # Consecutive samples without a reading that are a missing sensor; fewer are lost frames.
 MISSING_SAMPLES = 3
+# Largest size of a reading (rad): beyond it an angle has no meaning, and its square may overflow.
+LARGEST_ANGLE = 1e6
+LeftOut = tuple[int, ...]
 
 
 @dataclass(slots=True)
 class Distrust:
-    """Why a sensor with a reading is not in use: a word of `state`, and its time to agree."""
+    """Why a sensor with a reading is not in use, and its trial with those in use."""
 
-    word: str
+    word: str  # of `state`
     time: float  # s, of agreement with the others after which it is used again
-    agreed: float = 0.0  # s, for which it has agreed
+    trial: Trial | None = None
 
 
 class SensorsInUse:
@@ -38,11 +47,13 @@ class SensorsInUse:
 
     def __init__(self, solver: Solver, sigma: tuple[float, ...], limits: Limits) -> None:
         self._make, self._limits = partial(SensorSet, solver, sigma, limits), limits
-        self._sets: dict[tuple[int, ...], SensorSet] = {}
+        self._sets: dict[LeftOut, SensorSet] = {}
         # Consecutive samples without a reading, by place.
         self._gone = [0] * len(sigma)
-        self.missing: tuple[int, ...] = ()
+        self.missing: LeftOut = ()
         self.distrusted: dict[int, Distrust] = {}
+        # Sets that may replace those in use, by what they leave out, since the samples are bad.
+        self._trials: dict[LeftOut, Trial] = {}
         self.used = self._sets[()] = self._make()
         self._update()
 
@@ -50,6 +61,9 @@ class SensorsInUse:
         """Forget the samples of every set."""
         for each in self._sets.values():
             each.restart()
+        self.end_trials()
+        for distrust in self.distrusted.values():
+            distrust.trial = None
 
     def without(self, *left_out: int) -> SensorSet:
         """Return the set without some sensors: three are left at least."""
@@ -57,6 +71,13 @@ class SensorsInUse:
         if key not in self._sets:
             self._sets[key] = self._make(key)
         return self._sets[key]
+
+    def one_less(self, sensor: int) -> SensorSet | None:
+        """Return the sensors in use but one; None if fewer than three are left."""
+        left_out = {sensor, *self.left_out}
+        if len(self._gone) - len(left_out) < THREE:
+            return None
+        return self.without(*left_out)
 
     def _update(self) -> None:
         self.left_out = tuple(sorted({*self.missing, *self.distrusted}))
@@ -69,47 +90,129 @@ class SensorsInUse:
 
     def note(self, angles: Angles) -> Symptom | None:
         """Note which sensors have a reading; return why they do not suffice."""
-        if any(angle in (inf, -inf) for angle in angles):
+        if any(abs(angle) > LARGEST_ANGLE for angle in angles):
             return withheld(Reason.NOT_FINITE, f'{list(angles)} rad')
-        missing = self.missing = tuple(
-            place for place, angle in enumerate(angles) if angle != angle
-        )
+        missing = tuple(place for place, angle in enumerate(angles) if angle != angle)
+        self.missing = missing
         for place in range(len(angles)):
             self._gone[place] = self._gone[place] + 1 if place in missing else 0
-            if self._gone[place] != MISSING_SAMPLES:
-                continue
-            if place in self.distrusted:
-                self.distrusted[place].agreed = 0.0
-            elif len(angles) - len({*missing, *self.distrusted}) >= FOUR:
-                self.distrusted[place] = Distrust(Reason.MISSING.value, self._limits.window)
+            if self._gone[place] == MISSING_SAMPLES:
+                self._distrust_missing(place)
         self._update()
-        if len(angles) - len(missing) < FOUR or len(angles) - len(self.left_out) < min(
-            FOUR, self._limits.fewest_sensors
-        ):
+        fewest = min(FOUR, self._limits.fewest_sensors)
+        if len(angles) - len(missing) < FOUR or len(angles) - len(self.left_out) < fewest:
             return withheld(Reason.MISSING, f'{list(angles)} rad', *missing[:1])
         return None
+
+    def _distrust_missing(self, place: int) -> None:
+        if place in self.distrusted:
+            self.distrusted[place].trial = None
+        elif len(self._gone) - len({*self.missing, *self.distrusted}) >= FOUR:
+            self.distrusted[place] = Distrust(Reason.MISSING.value, self._limits.window)
+
+    # Trials --------------------------------------------------------------------------------------
+
+    def try_others(self, sample: Sample, last: Place | None, since: int | None) -> None:
+        """
+        Take a sample with which those in use do not agree, or with which a fault is not over.
+
+        `last` is the latest orientation with which they agreed, and `since` its stamp (ns) if the
+        sample follows shortly.
+        """
+        for key in self._alternatives():
+            if not set(self.missing) <= set(key):
+                continue
+            trial = self._trials.get(key)
+            if trial is None:
+                is_less = set(self.distrusted) <= set(key)
+                trial = Trial(self.without(*key), last, since if is_less else None)
+                self._trials[key] = trial
+            trial.follow(sample, self._limits.joint_speed)
+
+    def end_trials(self) -> None:
+        """End the trials of those that may replace the sensors in use: these agree."""
+        self._trials.clear()
+
+    def _alternatives(self) -> Iterator[LeftOut]:
+        """Yield what else may be left out: one more, or one in place of another."""
+        base = set(self.distrusted)
+        others = [place for place in range(len(self._gone)) if place not in base]
+        for sensor in others:
+            if len(others) > THREE:
+                yield tuple(sorted({*base, sensor}))
+            for trusted in base:
+                yield tuple(sorted({*base, sensor} - {trusted}))
+
+    def followed_without(self, sensor: int) -> Place | None:
+        """Return where the platform is if a sensor is wrong, as followed through bad samples."""
+        trial = self._trials.get(tuple(sorted({*self.distrusted, sensor})))
+        return None if trial is None else trial.place
+
+    def passing(self, stamp: int, onset: int) -> list[int]:
+        """
+        Return the sensors without which the others may go on.
+
+        They agree in every sample since before the fault began (`onset`, ns), or for a window.
+        """
+        base = set(self.distrusted)
+        return [
+            sensor
+            for sensor in self.used.sensors.used
+            if (trial := self._trials.get(tuple(sorted({*base, sensor})))) is not None
+            and trial.passes(stamp, onset, self._limits.window)
+        ]
 
     def exclude(self, sensor: int) -> None:
         """Leave a faulty sensor out."""
         self.distrusted[sensor] = Distrust('excluded', self._limits.recovery)
+        self.end_trials()
         self._update()
 
-    def readmit(self, sample: Sample, dt: float, alert_limit: float, bad: bool) -> None:
+    def exchange(self, stamp: int) -> bool:
         """
-        Use a sensor again once it has agreed with the others for its time; `dt` is s.
+        Leave a faulty sensor out, and use another one again; return whether one set passed.
 
-        Its part of the level has to be within the alert limit, rad; `bad` others agree with none.
+        It is the only one that has agreed for as long as the other sensor's return takes.
+        """
+        base = set(self.distrusted)
+        passed = []
+        for key, trial in self._trials.items():
+            back = [sensor for sensor in base if sensor not in key]
+            if back and trial.passes(stamp, -1, self.distrusted[back[0]].time):
+                passed.append((back[0], set(key) - base))
+        if len(passed) != 1:
+            return False
+        back_again, left_out = passed[0]
+        del self.distrusted[back_again]
+        self.exclude(*left_out)
+        return True
+
+    def readmit(self, sample: Sample, here: Place, alert_limit: float) -> None:
+        """
+        Use a sensor again once it has agreed with those in use for its time.
+
+        `here` is their orientation; the sensor's part of the level has to be within the alert
+        limit, rad.
         """
         for sensor in [each for each in self.distrusted if each not in self.missing]:
-            trial, distrust = self.without(*{*self.left_out} - {sensor}), self.distrusted[sensor]
-            agrees = (
-                not bad
-                and trial.take(sample) is None
-                and trial.worth is not None
-                and trial.levels(trial.worth)[sensor] <= alert_limit
-                and ((noisy := trial.too_noisy(sample)) is None or noisy.sensor != sensor)
-            )
-            distrust.agreed = distrust.agreed + dt if agrees else 0.0
-            if distrust.agreed >= distrust.time:
+            distrust = self.distrusted[sensor]
+            trial = distrust.trial
+            if trial is None:
+                left_out = {*self.left_out} - {sensor}
+                trial = distrust.trial = Trial(self.without(*left_out), here, None)
+            trial.place = here
+            agrees = trial.follow(sample, self._limits.joint_speed)
+            if not agrees or not self._is_checked(trial.set, sensor, sample, alert_limit):
+                distrust.trial = None
+            elif trial.passes(sample.stamp, -1, distrust.time):
                 del self.distrusted[sensor]
         self._update()
+
+    def _is_checked(
+        self, trial: SensorSet, sensor: int, sample: Sample, alert_limit: float
+    ) -> bool:
+        """Whether the others of a set can check a sensor, whose noise is no more than its part."""
+        if trial.worth is None or trial.levels(trial.worth)[sensor] > alert_limit:
+            return False
+        noisy = trial.too_noisy(sample)
+        return noisy is None or noisy.sensor != sensor

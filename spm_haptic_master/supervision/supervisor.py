@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from math import degrees, inf, isfinite
+from math import degrees, inf
 from typing import NamedTuple
 
 from spm_haptic_master.kinematics.estimation.gauss_newton import (
@@ -14,23 +14,22 @@ from spm_haptic_master.kinematics.estimation.gauss_newton import (
     SampleEstimate,
 )
 from spm_haptic_master.kinematics.number_backends import Quaternion
-from spm_haptic_master.parameters.fkm import FOUR, Limits, limits_from, sigma_from
+from spm_haptic_master.parameters.fkm import Limits, limits_from, sigma_from
 from spm_haptic_master.parameters.geometry import geometry_from
 from spm_haptic_master.parameters.setting import Values
-from spm_haptic_master.supervision.anchor import Anchor, PRIOR_AGE, SAME_SOLUTION, within
+from spm_haptic_master.supervision.anchor import Anchor, PRIOR_AGE
 from spm_haptic_master.supervision.exposure import Exposure
-from spm_haptic_master.supervision.fault import FaultLatch
+from spm_haptic_master.supervision.fault import Acknowledgement, FaultLatch
 from spm_haptic_master.supervision.joint_monitors import JointMonitors
 from spm_haptic_master.supervision.orientation_state import HEALTHY, OrientationState, StateMachine
+from spm_haptic_master.supervision.rivals import FRESH_PERIODS, Rivals
+from spm_haptic_master.supervision.sample_clock import SampleClock, Tick
 from spm_haptic_master.supervision.sensor_set import Angles, Sample, SensorSet, Solver
 from spm_haptic_master.supervision.sensors_in_use import SensorsInUse
 from spm_haptic_master.supervision.symptom import Reason, Symptom, withheld, worst
+from spm_haptic_master.supervision.trial import Place
 
-GAP_PERIODS = 5.0  # without a sample, which may hide whether a jump was a step
-RESTART_GAP = 0.5  # s; the motion before such a gap is of no use
-OLDER_SAMPLES = 100  # consecutive samples with older stamps: the clock was set back
-PERIOD_SAMPLES = 50.0  # over which period and jitter are averaged
-LONGEST_GAP = 20.0  # periods that a longer gap counts for in the average
+GAP_PERIODS = 5.0  # periods without a sample after which fast motion and a step look alike
 NOISE_PERIOD = 16  # samples between two evaluations of the noise
 # What `state` says of a series of bad samples while the others go out.
 SERIES = 'inconsistent angles again and again'
@@ -45,52 +44,6 @@ class Verdict(NamedTuple):
     # may cause; infinite where the sample is withheld.
     protection_level: float
     cause: Symptom | None = None  # why the sample is withheld
-
-
-class SampleClock:
-    """
-    Times between samples.
-
-    `stamp` is the latest stamp, ns, None before the first; `period` the usual time between
-    samples, s, 0 before the second; `jitter` the mean deviation from it, s.
-    """
-
-    def __init__(self) -> None:
-        self.stamp: int | None = None
-        # Stamps in a row that went back.
-        self._older = 0
-        self.restart()
-
-    def restart(self) -> None:
-        """Forget the period."""
-        self.period = self.jitter = 0.0
-
-    def step(self, stamp: int) -> float:
-        """
-        Return the time since the last sample, s, and take the stamp in.
-
-        0 at the first sample, infinite after a gap that ends the motion, negative where the stamp
-        does not grow (it is not taken in then), negative infinite once that shows that the clock
-        was set back: the next sample is then the first one.
-        """
-        if self.stamp is None:
-            self.stamp = stamp
-            return 0.0
-        dt = (stamp - self.stamp) * 1e-9
-        if dt <= 0.0:
-            self._older += 1
-            if self._older < OLDER_SAMPLES:
-                return dt or -1e-9
-            self.stamp, self._older = None, 0
-            return -inf
-        self.stamp, self._older = stamp, 0
-        if dt > RESTART_GAP:
-            return inf
-        period = self.period or dt
-        self.period = period + (min(dt, LONGEST_GAP * period) - period) / PERIOD_SAMPLES
-        if dt < 1.5 * period:
-            self.jitter += (abs(dt - period) - self.jitter) / PERIOD_SAMPLES
-        return dt
 
 
 class Supervisor:
@@ -109,6 +62,7 @@ class Supervisor:
         self.joints = JointMonitors(sigma, limits)
         self._sensors = SensorsInUse(solver, sigma, limits)
         self._anchor = Anchor(limits.joint_speed, max(sigma), max(limits.bias))
+        self._rivals = Rivals(self._sensors, len(sigma), limits.joint_speed)
         self._exposure = Exposure(len(sigma), limits.window)
         self.latch = FaultLatch(self._sensors, self.joints, limits.recovery)
         self._state = StateMachine()
@@ -118,8 +72,10 @@ class Supervisor:
         self._undetermined: int | None = None
         # Orientation published last, and its readings (rad).
         self._last: tuple[Quaternion[float], Angles] | None = None
-        # Sensors that the parity could not check when all joints were last on their motion.
+        # Sensors that the parity could not check when all joints were last on their motion, and
+        # the stamp (ns) of that sample.
         self._hidden: Collection[int] = ()
+        self._undisturbed = 0
 
     def take(self, stamp: int, angles: Angles) -> Verdict:
         """
@@ -129,75 +85,79 @@ class Supervisor:
         and th3C of such sensors, rad; NaN of a sensor without a reading.
         """
         clock = self._clock
-        dt = clock.step(stamp)
-        if dt < 0.0:
-            if dt == -inf:
+        tick = clock.step(stamp)
+        if tick.is_old:
+            if tick.restarts:
                 self._restart()
-            return self._withhold(stamp, withheld(Reason.OLD, f'{-dt:.6f} s older'))
-        sensors, joints = self._sensors, self.joints
-        is_gap = dt > GAP_PERIODS * clock.period > 0.0
-        suspected = self._jumps(True) if is_gap else []
-        if dt == inf:
-            self.latch.latch_suspected(suspected)
+            return self._withhold(withheld(Reason.OLD, f'{-tick.elapsed:.6f} s older'))
+        is_gap = tick.restarts or tick.elapsed > GAP_PERIODS * clock.period > 0.0
+        suspected = self._jumps(is_gap=True) if is_gap else []
+        if tick.restarts:
+            self.latch.latch_suspected(clock.now, suspected)
             self._restart()
-            dt, suspected = 0.0, []
-        if sensors.missing or not isfinite(sum(angles)):
-            cause = sensors.note(angles)
-            if cause is not None:
-                return self._withhold(stamp, cause)
-        away, symptoms = joints.check(
-            angles, dt, clock.period or dt, clock.jitter, sensors.left_out
+            suspected = []
+        cause = self._sensors.note(angles)
+        if cause is not None and cause.reason is Reason.NOT_FINITE:
+            return self._withhold(cause)
+        away, symptoms = self.joints.check(
+            angles,
+            tick.elapsed,
+            clock.period or tick.elapsed,
+            clock.jitter,
+            self._sensors.left_out,
         )
-        used = sensors.used
-        # As Sample(...) and Verdict(...) do, without their calls.
-        sample = tuple.__new__(
-            Sample,
-            (
-                stamp,
-                angles,
-                self._anchor.prior(stamp),
-                self._anchor.stamp,
-                joints.bias,
-                joints.factors,
-                joints.parity_bias,
-            ),
-        )
-        if joints.samples % NOISE_PERIOD == 0:
-            joints.follow_noise(used.noise_bounds)
-            noisy = used.too_noisy(sample)
-            if noisy is not None and used.entries > 1 and self._may_exclude(sample):
-                symptoms.append(noisy)
-        self._solve(sample, used, symptoms)
-        symptoms += [jump for jump in suspected if not joints.returned(jump.sensor)]
+        sample = self._sample(angles)
+        if cause is not None:
+            return self._bad(sample, tick, [cause])
+        self._check_noise(sample, symptoms)
+        self._solve(sample, symptoms)
+        symptoms += [jump for jump in suspected if not self.joints.has_returned(jump.sensor)]
         if away:
             symptoms += self._jumps(is_gap)
         else:
-            self._hidden = self._exposure.hidden
+            self._hidden, self._undisturbed = self._exposure.hidden, sample.stamp
         if symptoms:
-            sensor = self.latch.note_bad(sample, symptoms)
-            if sensor is not None and self._may_exclude(sample):
-                sensors.exclude(sensor)
-                self.latch.end()
-                used, symptoms = sensors.used, []
-                self._solve(sample, used, symptoms)
-        if sensors.distrusted:
-            sensors.readmit(sample, dt, self.alert_limit, bool(symptoms) and used.entries > 0)
-        if symptoms:
-            self._exposure.interrupt()
-            return self._withhold(stamp, worst(symptoms))
-        return self._consistent(sample, used, dt)
+            return self._bad(sample, tick, symptoms)
+        return self._consistent(sample, tick)
 
-    def _solve(self, sample: Sample, used: SensorSet, symptoms: list[Symptom]) -> None:
+    def _sample(self, angles: Angles) -> Sample:
+        now = self._clock.now
+        return Sample(
+            now,
+            angles,
+            self._anchor.prior(now),
+            self._anchor.stamp,
+            self.joints.bias,
+            self.joints.factors,
+            self.joints.parity_bias,
+        )
+
+    @property
+    def _fresh(self) -> int:
+        """Longest time between two samples that follow shortly, ns."""
+        return round(FRESH_PERIODS * self._clock.period * 1e9)
+
+    def _check_noise(self, sample: Sample, symptoms: list[Symptom]) -> None:
+        """Evaluate the joints' noise from time to time; add the sensor that is too noisy."""
+        if self.joints.samples % NOISE_PERIOD:
+            return
+        used = self._sensors.used
+        self.joints.follow_noise(used.noise_bounds)
+        noisy = used.too_noisy(sample)
+        if noisy is not None and used.entries > 1 and self._may_exclude():
+            symptoms.append(noisy)
+
+    def _solve(self, sample: Sample, symptoms: list[Symptom]) -> None:
         """Solve a sample by the sensors in use; add what contradicts it."""
+        used = self._sensors.used
         symptom = used.take(sample)
-        estimate, worth, last = used.estimate, used.worth, self._undetermined
-        if estimate is not None and worth is not None:
-            if estimate.parity is not None:
-                self.parity = estimate.parity
-            if symptom is None:
-                symptom = self._anchor.check(sample.stamp, estimate.quaternion, worth.deviation)
+        if symptom is None:
+            symptom = self._continued(sample, used)
+        elif used.estimate is not None:
+            self.parity = used.estimate.parity or self.parity
         if symptom is None:
             return
+        last = self._undetermined
         if symptom.reason is Reason.UNDETERMINED:
             self._undetermined = sample.stamp
         elif (
@@ -210,60 +170,109 @@ class Supervisor:
             self._anchor.restart()
         symptoms.append(symptom)
 
+    def _continued(self, sample: Sample, used: SensorSet) -> Symptom | None:
+        """Compare a consistent orientation with the last one, and with its rivals."""
+        estimate, worth = used.estimate, used.worth
+        if estimate is None or worth is None:
+            return None
+        if estimate.parity is not None:
+            self.parity = estimate.parity
+        symptom = self._anchor.check(sample.stamp, estimate.quaternion, worth.deviation)
+        if symptom is None and estimate.determined:
+            if self.latch.fault is not None:
+                self._sensors.try_others(sample, self._rivals.last, self._since(sample))
+            self.parts = self._rivals.look(sample, used, estimate, self.alert_limit, self._fresh)
+        return symptom
+
+    def _since(self, sample: Sample) -> int | None:
+        """Return the stamp (ns) of the last consistent sample if this one follows shortly."""
+        last = self._rivals.last
+        if last is None or sample.stamp - last.stamp > self._fresh:
+            return None
+        return last.stamp
+
     def _jumps(self, is_gap: bool) -> list[Symptom]:
         """Return the sensors that jumped alone, where the parity cannot see it."""
         if self._state.published is None:
             return []
-        return self.joints.jumps(self._sensors.used.sensors.used, self._hidden, is_gap)
+        hidden = {*self._hidden, *self._rivals.born_since(self._undisturbed)}
+        return self.joints.jumps(self._sensors.used.sensors.used, hidden, is_gap)
 
-    def _may_exclude(self, sample: Sample) -> bool:
-        """Whether the others can continue without a sensor; three need the last orientation."""
-        count = self._sensors.used.sensors.count
-        return count > self._limits.fewest_sensors and (count > FOUR or sample.prior is not None)
+    def _may_exclude(self) -> bool:
+        """Whether the others can go on without one of the sensors in use."""
+        return self._sensors.used.sensors.count > self._limits.fewest_sensors
 
-    def _consistent(self, sample: Sample, used: SensorSet, dt: float) -> Verdict:
+    def _bad(self, sample: Sample, tick: Tick, symptoms: list[Symptom]) -> Verdict:
+        """Withhold a sample that is not consistent, unless others take over."""
+        sensors = self._sensors
+        self._rivals.withheld(sample)
+        sensors.try_others(sample, self._rivals.last, self._since(sample))
+        sensor = self.latch.note_bad(sample, symptoms)
+        if sensor is not None and self._may_exclude() and self._passes(sample, sensor):
+            sensors.exclude(sensor)
+            return self._taken_over(sample, tick)
+        if self.latch.fault is not None and sensors.exchange(sample.stamp):
+            return self._taken_over(sample, tick)
+        self._exposure.interrupt()
+        return self._withhold(worst(symptoms))
+
+    def _passes(self, sample: Sample, sensor: int) -> bool:
+        return sensor in self._sensors.passing(sample.stamp, self.latch.onset)
+
+    def _taken_over(self, sample: Sample, tick: Tick) -> Verdict:
+        """Go on with other sensors, which have passed their trial with this sample."""
+        self.latch.end()
+        self._exposure.interrupt()
+        used = self._sensors.used
+        estimate = used.estimate
+        if estimate is None or used.worth is None:
+            return self._withhold(withheld(Reason.UNDETERMINED, 'no orientation'))
+        self._rivals.accept(sample, estimate)
+        self.parts = self._rivals.look(sample, used, estimate, self.alert_limit, self._fresh)
+        return self._consistent(sample, tick)
+
+    def _consistent(self, sample: Sample, tick: Tick) -> Verdict:
         """Publish the orientation of a consistent sample, or withhold it for its worth."""
+        used, latch, sensors = self._sensors.used, self.latch, self._sensors
         stamp, estimate, worth = sample.stamp, used.estimate, used.worth
-        latch, state = self.latch, self._state
         latch.note_consistent()
         if estimate is None or worth is None or not estimate.determined:
-            self._undetermined = stamp
-            self._anchor.restart()
-            self._exposure.interrupt()
-            return self._withhold(
-                stamp,
-                withheld(
-                    Reason.UNDETERMINED, f'standard deviation above {DETERMINED_DEVIATION:g} rad'
-                ),
-            )
-        quaternion = self._anchor.follow(stamp, estimate.quaternion, used.deviation)
+            return self._undetermine(sample)
+        quaternion = self._anchor.follow(stamp, estimate.quaternion, worth.deviation)
         if self._anchor.stamp is None or worth.deviation > self._limits.deviation:
             self._undetermined = stamp
-        # A fault of one sensor with which all fit another orientation needs a single parity.
-        right = self._anchor.confirmed or used.entries > 1
-        parts = self.parts = used.levels(worth)
-        level = self._exposure.take(stamp, parts, self.alert_limit, right, worth.healthy)
-        if latch.symptom is not None:
-            # Not onto another orientation with which all angles fit.
-            same = right or (
-                self._last is not None and within(quaternion, self._last[0], SAME_SOLUTION)
-            )
-            if not latch.clears(lambda sensor: same and self._exposure.seen(sensor, stamp), dt):
-                return self._withhold(stamp, latch.symptom)
+        self._rivals.accept(sample, estimate)
+        level = self._exposure.take(stamp, self.parts, self.alert_limit, worth.healthy)
+        if sensors.distrusted:
+            sensors.readmit(sample, Place(stamp, quaternion), self.alert_limit)
+        if not latch.clears(self._exposure, tick.elapsed):
+            return self._withhold(latch.fault.symptom if latch.fault else None)
+        if latch.fault is not None:
             latch.end()
+        sensors.end_trials()
         cause = self._unworthy(stamp, worth.deviation, level)
         if cause is not None:
             if not used.entries:
                 # Two solutions of three sensors may meet: only all sensors can continue after it.
-                latch.latch(cause)
-            return self._withhold(stamp, cause)
+                latch.latch(stamp, cause)
+            return self._withhold(cause)
         if quaternion is not estimate.quaternion:
             estimate = estimate._replace(quaternion=quaternion)
-        reservations = self._sensors.words or (SERIES if latch.is_series else '')
-        self._last, state.published = (quaternion, sample.angles), stamp
-        if state.announced is not HEALTHY or reservations:
-            state.enter(stamp, '', None, reservations)
-        return tuple.__new__(Verdict, (state.announced, estimate, level, None))
+        reservations = sensors.words or (SERIES if latch.is_series else '')
+        self._last, self._state.published = (quaternion, sample.angles), stamp
+        if self._state.announced is not HEALTHY or reservations:
+            self._state.enter(stamp, '', None, reservations)
+        return Verdict(self._state.announced, estimate, level)
+
+    def _undetermine(self, sample: Sample) -> Verdict:
+        """Withhold an orientation that the sensors do not determine."""
+        self._undetermined = sample.stamp
+        self._anchor.restart()
+        self._exposure.interrupt()
+        self._rivals.withheld(sample)
+        self._sensors.try_others(sample, self._rivals.last, self._since(sample))
+        detail = f'standard deviation above {DETERMINED_DEVIATION:g} rad'
+        return self._withhold(withheld(Reason.UNDETERMINED, detail))
 
     def _unworthy(self, stamp: int, deviation: float, level: float) -> Symptom | None:
         """Return why a consistent orientation is not published."""
@@ -289,44 +298,46 @@ class Supervisor:
             )
         return self._exposure.overdue(stamp, limits, self._sensors.left_out)
 
-    def _withhold(self, stamp: int, cause: Symptom) -> Verdict:
-        self._state.enter(stamp, self.latch.words, cause, '')
+    def _withhold(self, cause: Symptom | None) -> Verdict:
+        self._state.enter(self._clock.now, self.latch.words, cause, '')
         return Verdict(self._state.announced, None, inf, cause)
 
     def _restart(self) -> None:
         """Reset what does not survive a pause of the samples; a fault stays latched."""
+        self._undetermined = None
         for part in (
             self._state,
             self.latch,
             self._sensors,
             self._exposure,
             self._anchor,
+            self._rivals,
             self._clock,
             self.joints,
         ):
             part.restart()
 
+    def acknowledge(self) -> Acknowledgement:
+        """Let a person end a fault that the samples cannot end."""
+        return self.latch.acknowledge()
+
     def accepted(self) -> tuple[Quaternion[float], Angles] | None:
         """Return orientation and readings (rad) of the latest sample if it is healthy, of all."""
         state = self._state
         is_all = state.announced is HEALTHY and not self._sensors.left_out
-        return self._last if is_all and state.published == self._clock.stamp else None
+        return self._last if is_all and state.published == self._clock.now else None
 
     def unchecked(self) -> tuple[float, ...]:
         """Return the seconds since each sensor was last checked by the others; inf before."""
-        return self._exposure.times(self._clock.stamp or 0)
+        return self._exposure.times(self._clock.now)
 
     def cautions(self) -> dict[str, str]:
         """Return what an engineer should check although orientations go out, by kind, in words."""
-        return self.joints.cautions() | self._exposure.cautions(
-            self._clock.stamp or 0, self._anchor.confirmed
-        )
+        return self.joints.cautions() | self._exposure.cautions(self._clock.now)
 
 
 def make_supervisor(values: Values) -> Supervisor:
     """Return the supervisor that checked settings describe; SettingError as `limits_from`."""
     limits, sigma = limits_from(values), sigma_from(values)
-    solver = Solver(
-        geometry_from(values), sigma, values['solver'], values['working_mode'], limits.bias
-    )
+    solver = Solver(geometry_from(values), sigma, values['working_mode'], limits.bias)
     return Supervisor(solver, sigma, limits)

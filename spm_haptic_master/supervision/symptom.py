@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from enum import Enum, IntEnum
 from typing import NamedTuple
 
@@ -66,18 +67,28 @@ def worst(symptoms: list[Symptom]) -> Symptom:
     return max(symptoms, key=lambda symptom: (symptom.severity, symptom.sensor is not None))
 
 
-# What to do about a reason of silence, by its words, for people: no program reads this. A motor
-# sensor and one of a passive joint are checked by the others in different places.
+def how_to_check(sensors: Collection[int]) -> str:
+    """
+    Return how to move the handle so that the others check sensors.
+
+    A motor sensor and one of a passive joint are checked by the others in different places.
+    """
+    passive = [sensor for sensor in sensors if ALL_JOINT_NAMES[sensor].startswith('joint_3')]
+    moves = []
+    if len(passive) < len(sensors):
+        moves.append('tilt the handle towards the centre of the workspace')
+    if passive:
+        moves.append('turn the handle about its axis, away from the singularity')
+    return ' and '.join(moves)
+
+
+# What to do about a reason of silence, by its words, for people: no program reads this.
 REMEDIES = {
     Reason.NO_FIT.value: "the calibration may be another rig's, or no longer hold: "
     'calibrate --motion --check calibration.yaml'
 } | {
-    Symptom(
-        Reason.NOT_CHECKED, sensor=sensor
-    ).words: 'turn the handle about its axis, away from the singularity'
-    if name.startswith('joint_3')
-    else 'tilt the handle towards the centre of the workspace'
-    for sensor, name in enumerate(ALL_JOINT_NAMES)
+    Symptom(Reason.NOT_CHECKED, sensor=sensor).words: how_to_check([sensor])
+    for sensor in range(len(ALL_JOINT_NAMES))
 }
 
 

@@ -101,7 +101,7 @@ def test_another_orientation_that_fits_is_never_one_that_counts_as_checked(seeds
         for size in np.degrees(list(other_offsets(pose))):
             still = np.repeat(pose[None], 1500, 0)
             rest = run(still, seed=seed, change=offset(0, 3, size))
-            assert not (rest.result.unchecked == 0.0).any()
+            assert not (rest.result.unchecked[:, 3] == 0.0).any()
             jumped = run(still, seed=seed, change=offset(200, 3, size))
             assert not jumped.published[210:].any()
             later = run(moved, seed=seed, change=offset(1200, 3, size))

@@ -20,7 +20,6 @@ sys.path.insert(0, str(Path(__file__).parent))
 from device import disturbance, every, noisy, offset, paused, ramp, run, stuck  # noqa: E402, I100
 
 TABLE = Path(__file__).with_name('decisions.json')
-MOTIONS = ('rest', 'singular', 'turning', 'rim', 'sweep', 'fast')
 
 
 def lost(sensor):
@@ -91,11 +90,6 @@ CASES = {
             'end stop': {'kind': disturbance('end stop', 1)},
             'vibration': {'kind': disturbance('vibration', 2)[:900]},
         }.items()
-    },
-    **{
-        f'{method}, {motion}': {'kind': motion, 'solver': method, 'alert_limit_deg': 5.0}
-        for method in ('theta3a', 'classic')
-        for motion in MOTIONS
     },
     'two that cancel': {'kind': 'rest', 'change': offset(300, [0, 1], [2.0, -1.87])},
     'a second sensor jumps': {

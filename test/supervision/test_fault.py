@@ -69,19 +69,21 @@ def test_a_second_sensor_that_jumps_during_a_fault_waits_for_a_person():
 
 def test_two_that_jumped_and_stay_wait_for_a_person_and_then_for_the_recovery():
     rig = Rig(recovery=RECOVERY, alert_limit_deg=2.0)
-    assert not rig.supervisor.latch.acknowledge()
+    assert rig.supervisor.acknowledge() == ('', '')
     rig.samples(100, **PAIR)
     assert rig.state == 'silent: joint_1a and joint_1b jumped, to be acknowledged'
     assert until_healthy(rig) is None
-    assert rig.supervisor.latch.acknowledge() and not rig.supervisor.latch.acknowledge()
+    answer = rig.supervisor.acknowledge()
+    assert answer.ended == 'joint_1a and joint_1b jumped' and 'joint_3a' in answer.waits
     assert 100 <= until_healthy(rig) <= 125
 
 
 def test_after_an_acknowledgement_it_lasts_until_the_others_see_every_sensor():
     rig = Rig(pose=(0.0, 0.0, SINGULAR), recovery=RECOVERY, alert_limit_deg=2.0)
     rig.samples(100, th1a=2.0, th1b=-2.0)
-    assert rig.supervisor.latch.acknowledge()
+    assert rig.supervisor.acknowledge().ended
     assert until_healthy(rig, th1a=2.0, th1b=-2.0) is None
+    assert 'waits until checked: joint_3a' in rig.state
 
 
 def test_two_that_jumped_back_need_no_person():

@@ -8,7 +8,7 @@ from math import degrees, inf, nan
 import pytest
 from rig import MS, NAMES, Rig
 from spm_haptic_master.kinematics.joints import JOINT_NAMES
-from spm_haptic_master.supervision.supervisor import SampleClock
+from spm_haptic_master.supervision.sample_clock import SampleClock
 from spm_haptic_master.supervision.symptom import Reason
 
 

@@ -34,7 +34,7 @@ def drawn():
 
 def state(rig):
     name = rig.verdict.announced.condition.name
-    return name if name != 'SILENT' else 'FAULT' if rig.supervisor.latch.symptom else 'SETTLING'
+    return name if name != 'SILENT' else 'FAULT' if rig.supervisor.latch.fault else 'SETTLING'
 
 
 def made(seed):

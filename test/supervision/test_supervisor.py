@@ -7,10 +7,9 @@ from device import encoders, motion, noisy, offset, Outcome, ramp, run, stuck
 import numpy as np
 import pytest
 from rig import few
-from spm_haptic_master.kinematics import inverse, workspace_pose
+from spm_haptic_master.kinematics import inverse
 from spm_haptic_master.kinematics.joints import JOINT_NAMES
 from spm_haptic_master.simulation.rig import random_rig, Tolerances
-from spm_haptic_master.supervision.sensor_set import Solver
 
 SENSORS = (0, 3, 1, 2)
 PLACES = ['rest', 'rim', 'crossing', 'turning', 'sweep']
@@ -140,23 +139,6 @@ def test_a_fault_that_the_parity_cannot_show_is_not_cleared():
     outcome = run('singular', seconds=1.5, change=offset(500, 3, 2.0), recovery=0.5)
     assert not outcome.published[500:].any()
     assert 'joint_3a jumped' in outcome.states[-1]
-
-
-@pytest.mark.parametrize('speed', [pytest.param(30.0, marks=pytest.mark.evidence), 150.0])
-def test_classic_never_follows_the_wrong_mode(monkeypatch, speed):
-    phi = np.radians(30.0 + speed * np.arange(int(40.0 / speed * 1000.0)) * 1e-3)
-    rotations = workspace_pose(0.0 * phi, 0.0 * phi, phi)
-    outcome = run(rotations, solver='classic', alert_limit_deg=5.0)
-    assert outcome.published[5:100].all() and not outcome.published.all()
-    assert outcome.within_level
-    # By default its level ends it at phi 33 deg.
-    usual = run(rotations, solver='classic')
-    assert usual.published[5:30].all() and usual.published.sum() < outcome.published.sum()
-    # Other solutions are sought at the start, and not where only the method is uncertain.
-    sought = []
-    monkeypatch.setattr(Solver, 'others', lambda *_: sought.append(1) or [])
-    assert run('rim', 6, 0.1, solver='classic', alert_limit_deg=5.0).published.any()
-    assert len(sought) == 1
 
 
 # Another mechanism ----------------------------------------------------------------------------

@@ -1,0 +1,77 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Parts of the protection level of four sensors to the second order, and how near a fold is.
+
+A turn e of the orientation, along the direction in which a fault of sensor i takes it, moves the
+parity by e / slope_i - c_i e^2. The first order alone bounds an undetected fault where c_i is
+small. Near a fold, where two solutions of the other sensors meet, the parity bends back: beyond
+its largest value 1 / (4 slope_i^2 c_i) no fault of sensor i is detected, and the other solution
+is 1 / (slope_i c_i) away.
+"""
+
+from __future__ import annotations
+
+from math import inf, sqrt
+
+from spm_haptic_master.kinematics.estimation.gauss_newton import SampleEstimate
+from spm_haptic_master.kinematics.number_backends import Quaternion
+from spm_haptic_master.supervision.anchor import within
+from spm_haptic_master.supervision.protection import Integrity
+from spm_haptic_master.supervision.sensor_set import SensorSet
+
+# Turns of the platform (rad) after which a curvature is computed anew: where the second order
+# matters, and anywhere; and the share of the largest parity from which it matters.
+NEAR_TURN, ANY_TURN, SHARE = 0.03, 0.2, 0.05
+
+
+class Folds:
+    """Curvature of the parity along the turn that a fault of each of N sensors makes."""
+
+    def __init__(self, sensors: int) -> None:
+        self._sensors = sensors
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget the curvatures: other sensors are in use."""
+        self._curvatures = [inf] * self._sensors
+        self._at: list[Quaternion[float] | None] = [None] * self._sensors
+        self._distances = [inf] * self._sensors
+
+    def distance(self, sensor: int) -> float:
+        """Return the angle to the other solution of the others behind a fold, rad; inf: none."""
+        return self._distances[sensor]
+
+    def parts(self, used: SensorSet, estimate: SampleEstimate, worth: Integrity) -> list[float]:
+        """
+        Return each sensor's part of the level of a sample, rad; inf where no fault is detected.
+
+        Only with four sensors in use the others can have a fold beside the orientation.
+        """
+        parts = used.levels(worth)
+        if used.entries > 1:
+            return parts
+        for sensor in used.sensors.used:
+            slope, linear = worth.slopes[sensor], parts[sensor] - worth.healthy
+            if linear == inf:
+                self._distances[sensor] = 0.0
+                continue
+            share = 4.0 * slope * self._curvatures[sensor] * linear
+            if self._is_old(sensor, estimate.quaternion, share):
+                self._curvatures[sensor] = used.solver.curvature(estimate, sensor)
+                self._at[sensor] = estimate.quaternion
+                share = 4.0 * slope * self._curvatures[sensor] * linear
+            bent = slope * self._curvatures[sensor]
+            self._distances[sensor] = 1.0 / bent if bent else inf
+            if share >= 1.0:
+                parts[sensor] = inf
+            else:
+                parts[sensor] = worth.healthy + 2.0 * linear / (1.0 + sqrt(1.0 - share))
+        return parts
+
+    def _is_old(self, sensor: int, here: Quaternion[float], share: float) -> bool:
+        at = self._at[sensor]
+        if at is None:
+            return True
+        return not within(at, here, NEAR_TURN if share > SHARE else ANY_TURN)

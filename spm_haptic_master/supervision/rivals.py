@@ -1,0 +1,361 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Other orientations that may be the true one: what a fault of one sensor can hide from the parity.
+
+Hypothesis of sensor i: it alone is wrong, by anything. The truth is then one of the orientations
+that fit all other sensors in use (solution separation of RAIM, with all solutions of each
+subset). While every sample follows shortly after the last one, the truth of each hypothesis stays
+beside the published orientation. Where it may have left it - a start, a gap, a fast turn, a time
+in which sensor i could not be checked, bad samples - every orientation in reach is a rival until
+the motion contradicts it: no constant offset and no stuck value of sensor i explains all samples.
+
+A sensor with a rival is off by the distance to it at most, and no sensor is checked whose rivals
+are not known yet.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from math import inf, pi, remainder
+from typing import NamedTuple
+
+from spm_haptic_master.exceptions import SpmError
+from spm_haptic_master.kinematics.estimation.gauss_newton import SampleEstimate
+from spm_haptic_master.kinematics.number_backends import Quaternion
+from spm_haptic_master.kinematics.rotations import rotation_distance
+from spm_haptic_master.supervision.anchor import TURN_DEVIATIONS, within
+from spm_haptic_master.supervision.folds import Folds
+from spm_haptic_master.supervision.protection import integrity
+from spm_haptic_master.supervision.sensor_set import Sample, SensorSet, total_deviation
+from spm_haptic_master.supervision.sensors_in_use import SensorsInUse
+from spm_haptic_master.supervision.trial import Place
+
+# Periods after which a sample does not follow shortly: one lost sample is no gap.
+FRESH_PERIODS = 2.5
+# Largest turn between two samples that keeps the truth of every hypothesis beside the orientation
+# (rad): other solutions of the others are further away, but near a fold.
+SAME_TURN = 0.1
+# Turn of the platform (rad) after which rivals are computed anew.
+TRACKED_TURN = 0.02
+# Times in a row that a rival may not be found: noise alone can hide it where two solutions meet.
+MISSES = 3
+# Places from which the truth of one hypothesis may have left; with more it may be anywhere.
+WAITING = 4
+# Largest turn between two results of one rival (rad).
+SAME_RIVAL = 1e-3
+
+
+class Interval(NamedTuple):
+    """Values, rad, that a constant may have."""
+
+    low: float = -inf
+    high: float = inf
+
+    def narrowed(self, value: float, margin: float) -> Interval:
+        """Return what is left if the constant is a value, an angle, to a margin."""
+        if self.high - self.low < 2.0 * pi:
+            middle = 0.5 * (self.low + self.high)
+            value = middle + remainder(value - middle, 2.0 * pi)
+        return Interval(max(self.low, value - margin), min(self.high, value + margin))
+
+    def joined(self, other: Interval) -> Interval:
+        """Return the smallest interval that has both."""
+        return Interval(min(self.low, other.low), max(self.high, other.high))
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether no value is left."""
+        return self.low > self.high
+
+
+ANY = Interval()
+
+
+@dataclass(slots=True)
+class Rival:
+    """
+    An orientation that may be the true one, if one sensor alone is wrong.
+
+    While it is not `found`, `place` is where the platform was when it was last known; None:
+    anywhere. `offset` and `stuck` are the constant faults and the constant readings of the sensor
+    that explain all samples since.
+    """
+
+    sensor: int
+    place: Place | None
+    found: bool = False
+    born: int = 0  # ns, when it was first found
+    offset: Interval = ANY
+    stuck: Interval = ANY
+    misses: int = 0
+    at: Quaternion[float] | None = None  # orientation for which it was computed last
+    healthy: float = 0.0  # rad, what noise and bias do to it
+
+
+class Rivals:
+    """
+    The rivals of every sensor in use; see the module.
+
+    `speed` is the human motion limit of the rotation, rad/s. `last` is the latest consistent
+    orientation, None before the first.
+    """
+
+    def __init__(self, sensors: SensorsInUse, count: int, speed: float) -> None:
+        self._sensors, self._count, self._speed = sensors, count, speed
+        self._folds, self._limit = Folds(count), 0.0
+        self.restart()
+
+    def restart(self) -> None:
+        """Know nothing: the truth may be anywhere."""
+        self.last: Place | None = None
+        # Stamp (ns) of the latest sample that the rivals followed.
+        self._followed = 0
+        # Where the platform was when each sensor became hidden.
+        self._hidden: dict[int, Place] = {}
+        self._rivals = [Rival(sensor, None) for sensor in range(self._count)]
+        self._used: tuple[int, ...] = ()
+        self._folds.restart()
+
+    def look(
+        self, sample: Sample, used: SensorSet, estimate: SampleEstimate, limit: float, fresh: int
+    ) -> list[float]:
+        """
+        Follow the rivals with a sample with which all sensors in use agree.
+
+        `limit` is the alert limit, rad; samples up to `fresh` (ns) apart follow shortly. Returned
+        is what an undetected fault of each sensor is bounded by, rad.
+        """
+        if used.worth is None or not used.entries:
+            self._used = ()
+            return [inf] * self._count
+        if used.sensors.used != self._used:
+            self._change_sensors(used.sensors.used)
+        here = Place(sample.stamp, estimate.quaternion)
+        parts = self._folds.parts(used, estimate, used.worth)
+        self._limit = limit
+        self._note_lost(here, parts, fresh)
+        if self._rivals:
+            visible = [sensor for sensor in self._used if parts[sensor] <= limit]
+            self._note_gap(sample.stamp, fresh)
+            self._resolve(sample, here, parts, visible, fresh)
+            self._track(sample, here, parts)
+            self._widen(here, parts)
+        self._followed = sample.stamp
+        return parts
+
+    def accept(self, sample: Sample, estimate: SampleEstimate) -> None:
+        """Let a consistent orientation be the one that the next sample follows."""
+        self.last = Place(sample.stamp, estimate.quaternion)
+
+    def withheld(self, sample: Sample) -> None:
+        """Follow the rivals through a sample that is not consistent."""
+        for rival in self._rivals:
+            if rival.found and rival.place is not None:
+                solution = self._near(sample, rival.sensor, rival.place)
+                if solution is None:
+                    rival.found = False
+                else:
+                    rival.place = Place(sample.stamp, solution.quaternion)
+        self._followed = sample.stamp
+
+    def born_since(self, stamp: int) -> set[int]:
+        """Return the sensors with a rival that was first found after a time, ns."""
+        return {rival.sensor for rival in self._rivals if rival.found and rival.born > stamp}
+
+    def _change_sensors(self, used: tuple[int, ...]) -> None:
+        """Begin with other sensors: those with rivals may have others, for fewer to fit."""
+        unsure = {rival.sensor for rival in self._rivals}
+        self._rivals = [Rival(sensor, None) for sensor in used if sensor in unsure]
+        self._hidden = {sensor: at for sensor, at in self._hidden.items() if sensor in used}
+        self._used = used
+        self._folds.restart()
+
+    # Where the truth may have left the orientation ----------------------------------------------
+
+    def _note_lost(self, here: Place, parts: list[float], fresh: int) -> None:
+        """Note the hypotheses whose truth may have left the orientation since the last one."""
+        last = self.last
+        if last is None:
+            return
+        is_gap = here.stamp - last.stamp > fresh
+        turn = rotation_distance(here.quaternion, last.quaternion)
+        for sensor in self._used:
+            followed = self._sensors.followed_without(sensor)
+            if followed is not None:
+                reach = min(parts[sensor], self._limit)
+                is_same = within(followed.quaternion, here.quaternion, reach)
+                if not is_same or followed.stamp < here.stamp:
+                    self._lose(sensor, followed)
+            elif is_gap:
+                self._lose(sensor, last)
+            if parts[sensor] > self._limit:
+                self._hidden.setdefault(sensor, last)
+                continue
+            apart = self._folds.distance(sensor)
+            began = self._hidden.pop(sensor, None)
+            if began is not None and not within(
+                here.quaternion, began.quaternion, min(TRACKED_TURN, 0.25 * apart)
+            ):
+                self._lose(sensor, began)
+            elif turn > min(SAME_TURN, 0.5 * apart):
+                self._lose(sensor, last)
+
+    def _lose(self, sensor: int, place: Place) -> None:
+        """Look for the truth of a sensor's hypothesis, from where it was."""
+        waiting = [
+            rival.place for rival in self._rivals if rival.sensor == sensor and not rival.found
+        ]
+        if None in waiting or place in waiting:
+            return
+        if len(waiting) < WAITING:
+            self._rivals.append(Rival(sensor, place))
+            return
+        self._rivals = [rival for rival in self._rivals if rival.sensor != sensor or rival.found]
+        self._rivals.append(Rival(sensor, None))
+
+    def _note_gap(self, stamp: int, fresh: int) -> None:
+        """After a gap a rival may be any solution in reach of where it was."""
+        if stamp - self._followed <= fresh:
+            return
+        for rival in self._rivals:
+            if rival.found and rival.place is not None:
+                rival.place = Place(self._followed, rival.place.quaternion)
+                rival.found, rival.at = False, None
+
+    # Finding them -------------------------------------------------------------------------------
+
+    def _resolve(
+        self,
+        sample: Sample,
+        here: Place,
+        parts: list[float],
+        visible: Collection[int],
+        fresh: int,
+    ) -> None:
+        """Find what is lost: what was seen shortly before at once, else one sensor a sample."""
+        for rival in self._waiting(visible, here):
+            place = rival.place
+            if place is not None and here.stamp - place.stamp <= fresh:
+                solution = self._near(sample, rival.sensor, place)
+                if solution is not None:
+                    self._rivals.remove(rival)
+                    self._add(replace(rival), sample, here, solution, parts)
+        waiting = self._waiting(visible, here)
+        if not waiting:
+            return
+        sensor = waiting[0].sensor
+        others = self._sensors.one_less(sensor)
+        solutions = [] if others is None else others.every(sample)
+        for rival in waiting:
+            if rival.sensor != sensor:
+                continue
+            found = [each for each in solutions if self._in_reach(sample, rival.place, each)]
+            rival.at, rival.misses = here.quaternion, rival.misses + 1
+            if found or rival.misses >= MISSES or not rival.born:
+                self._rivals.remove(rival)
+            for solution in found:
+                self._add(replace(rival), sample, here, solution, parts)
+
+    def _waiting(self, visible: Collection[int], here: Place) -> list[Rival]:
+        """Return the rivals to be found now: not again before the platform has moved."""
+        return [
+            rival
+            for rival in self._rivals
+            if not rival.found
+            and rival.sensor in visible
+            and (rival.at is None or not within(rival.at, here.quaternion, TRACKED_TURN))
+        ]
+
+    def _near(self, sample: Sample, sensor: int, place: Place) -> SampleEstimate | None:
+        """Return the solution without a sensor that continues a place."""
+        others = self._sensors.one_less(sensor)
+        if others is None:
+            return None
+        solution = others.near(sample, place.quaternion)
+        if solution is None or not self._in_reach(sample, place, solution):
+            return None
+        return solution
+
+    def _in_reach(self, sample: Sample, place: Place | None, solution: SampleEstimate) -> bool:
+        """Whether a human can have turned the platform from a place to a solution."""
+        if place is None:
+            return True
+        turn = self._speed * (sample.stamp - place.stamp) * 1e-9
+        turn += TURN_DEVIATIONS * total_deviation(solution)
+        return within(solution.quaternion, place.quaternion, turn)
+
+    def _add(
+        self,
+        rival: Rival,
+        sample: Sample,
+        here: Place,
+        solution: SampleEstimate,
+        parts: list[float],
+    ) -> None:
+        """Add a solution as a rival unless it is the orientation itself, or is contradicted."""
+        self._place(rival, sample, here, solution)
+        if self._is_over(rival, here, parts):
+            return
+        rival.found, rival.misses = True, 0
+        rival.born = rival.born or here.stamp
+        for other in self._rivals:
+            if other.sensor == rival.sensor and other.found and other.place is not None:
+                if within(other.place.quaternion, solution.quaternion, SAME_RIVAL):
+                    other.offset = other.offset.joined(rival.offset)
+                    other.stuck = other.stuck.joined(rival.stuck)
+                    return
+        self._rivals.append(rival)
+
+    def _place(self, rival: Rival, sample: Sample, here: Place, solution: SampleEstimate) -> None:
+        """Move a rival to a solution, and note the fault of its sensor that would explain it."""
+        sensor, solver = rival.sensor, self._sensors.used.solver
+        rival.place, rival.at = Place(sample.stamp, solution.quaternion), here.quaternion
+        rival.healthy = integrity(solution, sample.bias, sample.factors).healthy
+        reading, noise = sample.angles[sensor], max(sample.factors)
+        try:
+            fault = solver.fault(solution, sensor, sample)
+        except SpmError:
+            # At the edge of a leg's reach any fault explains it.
+            return
+        threshold = self._sensors.used.threshold
+        rival.offset = rival.offset.narrowed(
+            fault.fault, threshold * noise * fault.deviation + fault.bias
+        )
+        sigma = solution.sensors.sigma[sensor]
+        rival.stuck = rival.stuck.narrowed(reading, threshold * noise * sigma)
+
+    def _is_over(self, rival: Rival, here: Place, parts: list[float]) -> bool:
+        """Whether no constant fault explains a rival, or it is the orientation itself."""
+        if rival.offset.is_empty and rival.stuck.is_empty:
+            return True
+        return rival.place is not None and within(
+            rival.place.quaternion, here.quaternion, min(parts[rival.sensor], self._limit)
+        )
+
+    def _track(self, sample: Sample, here: Place, parts: list[float]) -> None:
+        """Let the rivals follow the motion; those that it contradicts are over."""
+        for rival in list(self._rivals):
+            if not rival.found or rival.place is None or rival.at is None:
+                continue
+            if within(rival.at, here.quaternion, TRACKED_TURN):
+                continue
+            solution = self._near(sample, rival.sensor, rival.place)
+            if solution is None:
+                rival.found = False
+                continue
+            self._place(rival, sample, here, solution)
+            if self._is_over(rival, here, parts):
+                self._rivals.remove(rival)
+
+    def _widen(self, here: Place, parts: list[float]) -> None:
+        """Widen the part of each sensor to its rivals."""
+        for rival in self._rivals:
+            if not rival.found or rival.place is None or rival.at is None:
+                parts[rival.sensor] = inf
+                continue
+            apart = rotation_distance(rival.place.quaternion, here.quaternion)
+            moved = rotation_distance(rival.at, here.quaternion)
+            parts[rival.sensor] = max(parts[rival.sensor], apart + moved + rival.healthy)

@@ -1,0 +1,103 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The time of the samples: one that never goes back, from which every age is derived."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+RESTART_GAP = 0.5  # s; the motion before such a gap is of no use
+# Time of samples with older stamps, s, and their least number: the clock was set back.
+OLDER_TIME, OLDER_SAMPLES = 0.1, 3
+PERIOD_SAMPLES = 50.0  # over which period and jitter are averaged
+LONGEST_GAP = 20.0  # periods that a longer gap counts for in the average
+# Shares of the period that a shorter distance of two stamps is no jitter, and is one of a burst:
+# stamps of samples that waited for each other.
+JITTER_SHARE, BURST_SHARE = 1.5, 0.5
+
+
+class Tick(NamedTuple):
+    """What a stamp says."""
+
+    elapsed: float  # s since the last sample; 0 at the first one and after a restart
+    is_old: bool = False  # the stamp does not grow
+    restarts: bool = False  # the motion before is of no use: a pause, or a clock set back
+
+
+class SampleClock:
+    """
+    Times between samples.
+
+    `now` is the time of the latest sample, ns: its stamp, until the clock is set back; then it
+    goes on by a period a sample. `period` is the usual time between samples, s, 0 before the
+    second; `jitter` the mean deviation from it, s.
+    """
+
+    def __init__(self) -> None:
+        self._stamp: int | None = None
+        # What `now` is ahead of the stamps, ns, and the stamps in a row that went back.
+        self._offset = self._older = 0
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget the period."""
+        self.period = self.jitter = 0.0
+        # Time by which samples are late, s: what a burst of them makes good.
+        self._late = 0.0
+
+    @property
+    def now(self) -> int:
+        """Time of the latest sample, ns; 0 before the first."""
+        stamp = self._stamp
+        if stamp is None:
+            return self._offset
+        return stamp + self._offset + self._older * round(self.period * 1e9)
+
+    def step(self, stamp: int) -> Tick:
+        """
+        Take a stamp, ns, in; return what it says.
+
+        The first one after a clock that was set back continues `now`.
+        """
+        if self._stamp is None:
+            if self._offset:
+                self._offset -= stamp
+            self._stamp = stamp
+            return Tick(0.0)
+        elapsed = (stamp - self._stamp) * 1e-9
+        if elapsed <= 0.0:
+            return self._step_back(min(elapsed, -1e-9))
+        self._stamp, self._older = stamp, 0
+        if elapsed > RESTART_GAP:
+            return Tick(0.0, restarts=True)
+        self._follow_period(elapsed)
+        return Tick(self._sampled(elapsed))
+
+    def _step_back(self, elapsed: float) -> Tick:
+        self._older += 1
+        if self._older < OLDER_SAMPLES or self._older * self.period < OLDER_TIME:
+            return Tick(elapsed, is_old=True)
+        self._offset, self._stamp, self._older = self.now, None, 0
+        return Tick(elapsed, is_old=True, restarts=True)
+
+    def _follow_period(self, elapsed: float) -> None:
+        period = self.period or elapsed
+        self.period = period + (min(elapsed, LONGEST_GAP * period) - period) / PERIOD_SAMPLES
+        if elapsed < JITTER_SHARE * period:
+            self.jitter += (abs(elapsed - period) - self.jitter) / PERIOD_SAMPLES
+
+    def _sampled(self, elapsed: float) -> float:
+        """
+        Return the time between the samplings of two samples, s.
+
+        Samples that waited for each other have stamps one shortly after the other, behind a gap:
+        they were sampled a period apart.
+        """
+        period = self.period
+        if elapsed > JITTER_SHARE * period:
+            self._late = elapsed - period
+        elif elapsed < BURST_SHARE * period and self._late >= period - elapsed:
+            self._late -= period - elapsed
+            return period
+        return elapsed

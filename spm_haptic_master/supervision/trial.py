@@ -1,0 +1,80 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Sets of sensors on trial: since when each has agreed, and where the orientation is by it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from spm_haptic_master.kinematics.number_backends import Quaternion
+from spm_haptic_master.supervision.anchor import PRIOR_AGE, within
+from spm_haptic_master.supervision.parity import WINDOW_SAMPLES
+from spm_haptic_master.supervision.sensor_set import Sample, SensorSet
+
+
+class Place(NamedTuple):
+    """An orientation at a time."""
+
+    stamp: int  # ns
+    quaternion: Quaternion[float]
+
+
+class Trial:
+    """
+    A set of sensors that may take over: it has to agree, sample by sample, and to continue.
+
+    If what is left out of it is wrong, `place` is where the platform was when the set last
+    agreed; None before. Three sensors always agree: once they do not continue, their trial is
+    over.
+    """
+
+    def __init__(self, sensor_set: SensorSet, place: Place | None, since: int | None) -> None:
+        self.set, self.place = sensor_set, place
+        # Stamp (ns) since when it has agreed in every sample, and their number.
+        self._since, self._samples = since, 0
+        sensor_set.restart()
+
+    def follow(self, sample: Sample, speed: float) -> bool:
+        """Take a sample; return whether the set agrees, and turned no faster than a human."""
+        place = self.place
+        recent = place is not None and sample.stamp - place.stamp <= PRIOR_AGE
+        own = sample._replace(
+            prior=place.quaternion if place is not None and recent else None,
+            followed=None if place is None else place.stamp,
+        )
+        agrees = self.set.take(own) is None and self._continues(own, speed)
+        if not agrees:
+            self._since, self._samples = None, 0
+            return False
+        if self._since is None:
+            self._since = sample.stamp
+        self._samples += 1
+        if self.set.estimate is not None:
+            self.place = Place(sample.stamp, self.set.estimate.quaternion)
+        return True
+
+    def _continues(self, sample: Sample, speed: float) -> bool:
+        estimate, worth, place = self.set.estimate, self.set.worth, self.place
+        if estimate is None or worth is None or not estimate.determined:
+            return False
+        if not self.set.entries and self._since is None:
+            return False
+        if place is None:
+            return True
+        # The place may be by other sensors, with other noise and bias.
+        turn = speed * (sample.stamp - place.stamp) * 1e-9 + 2.0 * worth.healthy
+        return within(estimate.quaternion, place.quaternion, turn)
+
+    def passes(self, stamp: int, onset: int, time: float) -> bool:
+        """
+        Whether it has agreed ever since the fault began (`onset`, ns), or for a time (s).
+
+        What agreed before the fault, and goes on through it, needs no window of its own.
+        """
+        since = self._since
+        if since is None:
+            return False
+        if since < onset:
+            return True
+        return self._samples >= WINDOW_SAMPLES and stamp - since >= round(time * 1e9)
