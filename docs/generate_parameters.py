@@ -58,7 +58,7 @@ HEAD = """\
 Every parameter is read-only after the start, except those marked *live*, which `ros2 param set`
 changes on the running node. Set them with `-p NAME:=VALUE`, or in a file with
 `--params-file FILE`; `--ros-args` before them is understood, and not needed. `ros2 param describe
-/fkm solver` prints the same text on a running node. An invalid value, or a name that no node of
+/fkm window` prints the same text on a running node. An invalid value, or a name that no node of
 the package has, ends the node with one line that quotes the value and what is allowed; so does
 [much else](refused.md).
 

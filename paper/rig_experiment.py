@@ -181,7 +181,7 @@ def run(directory: Path, seconds: float) -> Experiment:
     bus = _bus()
     with _running(
         executable('recorder', parameters={'directory': recording}),
-        executable('fkm', parameters={'solver': 'theta3a', 'rate': RATE}),
+        executable('fkm', parameters={'rate': RATE}),
         executable('sim_bus', *parameter_arguments({**bus, 'sim.trajectory': 'perturbed'})),
         executable('encoder_driver', parameters={'source': 'can', **simulated_rig(), **bus}),
     ) as programs:

@@ -329,8 +329,7 @@ def _compared(experiment: Experiment) -> list[Entry]:
             'close no mechanism.',
             verdict(largest_jump > 2.0 * steady),
             'The classic model follows the mode nearest to its last one, without the true '
-            'orientation. As a node, `fkm` with `solver:=classic` publishes nothing where two '
-            'modes are too close to distinguish.',
+            'orientation.',
             'fig33.png',
         ),
         Entry(
