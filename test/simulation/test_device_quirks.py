@@ -42,8 +42,13 @@ def driver(channel):
     """Make a driver on the bus at 50 Hz."""
 
     def make(**overrides):
-        bus = {'can__interface': 'virtual', 'can__channel': channel, 'rate': 50.0}
-        settings = {'can__timeout': 0.5, 'can__heartbeat_timeout': 2.0, 'can__sync': 'produce'}
+        bus = {'can__interface': 'virtual', 'can__channel': channel}
+        settings = {
+            'rate': 50.0,
+            'can__timeout': 0.5,
+            'can__heartbeat_timeout': 2.0,
+            'can__sync': 'produce',
+        }
         return closing(make_source('can', values(**bus, **settings | overrides)))
 
     return make
