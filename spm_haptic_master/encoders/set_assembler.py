@@ -169,6 +169,7 @@ class SetAssembler:
         if cycle is None:
             self.counters['rejected: before the first SYNC'] += 1
             return None
+        self._answered_at[index] = stamp
         angles = cycle.angles
         if angles[index] is not None:
             self._again(cycle, index, angle, stamp)
@@ -180,7 +181,6 @@ class SetAssembler:
         if cycle.leader is None:
             cycle.leader, cycle.first = index, stamp
         angles[index] = angle
-        self._answered_at[index] = stamp
         cycle.answered += 1
         if (
             cycle.answered + len(self.absent) < len(self._joints)
@@ -284,7 +284,7 @@ class SetAssembler:
             return None
         since = {index: cycle.start - self._answered_at[index] for index in missing}
         # A joint that never answered has no time, and NaN compares as false.
-        if not all(0.0 < age <= OVERDUE * self._period for age in since.values()):
+        if not all(abs(age) <= OVERDUE * self._period for age in since.values()):
             return None
         shown = ', '.join(
             f'{self._joints[index]} {1e3 * (-since[index] % self._period):.1f} ms'
