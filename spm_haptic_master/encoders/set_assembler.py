@@ -280,18 +280,19 @@ class SetAssembler:
 
     def _phases(self, cycle: Cycle, missing: set[int]) -> str | None:
         """Return that the joints missing in a cycle without SYNC send, at another phase."""
-        if self._synchronised or cycle.leader is None:
+        if self._synchronised:
             return None
-        since = {index: cycle.start - self._answered_at[index] for index in missing}
+        since = [cycle.start - stamp for stamp in self._answered_at]
         # A joint that never answered has no time, and NaN compares as false.
-        if not all(abs(age) <= OVERDUE * self._period for age in since.values()):
+        if not all(abs(since[index]) <= OVERDUE * self._period for index in missing):
             return None
+        opener = min(range(len(since)), key=lambda index: abs(since[index]))
         shown = ', '.join(
             f'{self._joints[index]} {1e3 * (-since[index] % self._period):.1f} ms'
-            for index in sorted(missing)
+            for index in sorted(missing - {opener})
         )
         return (
-            f'without SYNC {shown} after {self._joints[cycle.leader]} (phases of a period of '
+            f'without SYNC {shown} after {self._joints[opener]} (phases of a period of '
             f'{1e3 * self._period:g} ms), and a set needs all frames within '
             f'{1e3 * self._window:g} ms: SYNC is needed (encoders.sync_id; docs/encoder_setup.md)'
         )
