@@ -5,19 +5,24 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Generator, Iterator
 import time
 
 import can
 from spm_haptic_master.encoders.frame_decoder import FrameDecoder, WITHOUT_SYNC
-from spm_haptic_master.encoders.recording_files import LogFile
+from spm_haptic_master.encoders.log_file import LogFile
 from spm_haptic_master.encoders.source import EncoderSource, JointSample
 from spm_haptic_master.exceptions import ReplayError, SourceEnded
 
 # Time between the last frame of a round and the first of the next one (s): a cycle at 1 kHz.
 LOOP_GAP = 1e-3
-# Shortest wait for the next set that is reported as a gap (s).
-GAP = 0.05
+# Shortest wait for the next set that is reported as a gap, and the longest (s): a clock that was
+# set forward while the log was recorded makes no replay wait for an hour.
+GAP, LONGEST_GAP = 0.05, 5.0
+# Least number of sets, and share of them with which the time stands still, that show that a log's
+# times are too coarse for its sets (unit 1). A clock that was set back stands still once.
+SETS_COMPARED, COARSE = 100, 0.02
 # Frames without a set after which a read returns (some 10 ms of work), so that the reading thread
 # notices the end of the process.
 FRAMES_PER_READ = 1000
@@ -33,13 +38,18 @@ class ReplaySource(EncoderSource):
     Source that plays a log file at `rate` against the recorded pace, and again with `loop`.
 
     Stamps are the recorded ones, shifted to the present by one constant, their spacing divided by
-    the rate. Raises SettingError and ReplayError as LogFile does.
+    the rate; a longer gap than `LONGEST_GAP` is played as one of that length. Where several
+    channels of the log have frames of the encoders, `channel` selects. Raises SettingError and
+    ReplayError as LogFile does.
     """
 
     waits_for_listener = True
 
-    def __init__(self, path: str, rate: float, loop: bool, decoder: FrameDecoder):
+    def __init__(self, path: str, rate: float, loop: bool, decoder: FrameDecoder, channel: str):
         self._log = LogFile(path)
+        self._channel = self._log.select_channel(
+            {(layout.can_id, layout.extended) for layout in decoder.layouts}, channel
+        )
         self._rate = rate
         self._loop = loop
         self._decoder = decoder
@@ -53,6 +63,12 @@ class ReplaySource(EncoderSource):
         # Number of frames since the latest set, and of sets at the beginning of the round.
         self._frames_without_set = 0
         self._sets_before = 0
+        # Length of the latest gap and its place in the round, s.
+        self._gap = 0.0, 0.0
+        # Number of sets of the round, how often the time began to stand still, the latest stamp,
+        # and whether it stands still.
+        self._compared = self._stops = self._latest = 0
+        self._stands = False
         self._played = False
         self._rounds = 0
         self._messages = self._play()
@@ -75,19 +91,37 @@ class ReplaySource(EncoderSource):
 
     def recorded(self) -> Iterator[JointSample]:
         """Yield all sets with recorded stamps, in place of `read`; ReplayError where it fails."""
-        for message in self._log.frames():
+        for message in self._frames():
             self._last = message.timestamp
             sample = self._decoder.feed(message)
             if sample is not None:
+                self._check_times(sample)
                 yield sample
         self._require_sets()
+
+    @property
+    def cycles(self) -> int:
+        """Number of cycles of the bus so far, with and without a set."""
+        return self._decoder.assembler.counters['cycles']
+
+    @property
+    def dropped(self) -> Counter[str]:
+        """Number of cycles and frames from which no set came, by reason."""
+        return Counter(
+            {
+                reason: count
+                for reason, count in self._decoder.tally().items()
+                if reason.startswith('dropped: ') or ' rejected: ' in reason
+            }
+        )
 
     @property
     def fault(self) -> str | None:
         """Reason why there is no set at this point of the recording, or None."""
         held = self._held
         if self._played and held is not None and held[0] - time.time_ns() > GAP * 1e9:
-            return 'a gap in the recording'
+            length, place = self._gap
+            return f'a gap of {length:.1f} s in the recording, {place:.1f} s after its beginning'
         if self._frames_without_set >= FRAMES_PER_READ:
             return f'no set of {self._decoder.words} in {FRAMES_PER_READ} frames of the recording'
         return self._decoder.assembler.cause
@@ -116,6 +150,7 @@ class ReplaySource(EncoderSource):
             self._frames_without_set += 1
             if sample is not None:
                 self._frames_without_set = 0
+                self._check_times(sample)
                 if (
                     message.timestamp == self._origin
                     and self._sets - self._sets_before >= SETS_AT_ONCE
@@ -138,7 +173,7 @@ class ReplaySource(EncoderSource):
         """Yield the recorded frames, round after round if looped."""
         while True:
             self._sets_before = self._sets
-            for number, message in enumerate(self._log.frames()):
+            for number, message in enumerate(self._frames()):
                 if number == 0:
                     now = time.time_ns()
                     if self._rounds:
@@ -147,13 +182,42 @@ class ReplaySource(EncoderSource):
                             self._on_our_clock(self._last) + round(LOOP_GAP / self._rate * 1e9),
                         )
                     self._shift, self._origin = now, message.timestamp
+                    self._compared = self._stops = self._latest = 0
                     self._decoder.assembler.reset()
+                elif message.timestamp - self._last > GAP:
+                    self._note_gap(message.timestamp - self._last)
                 self._last = message.timestamp
                 yield message
             self._require_sets()
             self._rounds += 1
             if not self._loop:
                 return
+
+    def _frames(self) -> Iterator[can.Message]:
+        """Yield the frames of the selected channel, and those without one."""
+        for message in self._log.frames():
+            if not self._channel or self._log.channel_of(message) in ('', self._channel):
+                yield message
+
+    def _note_gap(self, length: float) -> None:
+        """Note a gap of a length, s, and shorten one that nobody would wait for."""
+        self._gap = length, self._last - self._origin
+        if length > LONGEST_GAP:
+            self._shift -= round((length - LONGEST_GAP) / self._rate * 1e9)
+
+    def _check_times(self, sample: JointSample) -> None:
+        """Raise ReplayError where too many sets are not later than the one before."""
+        stands = sample.stamp <= self._latest
+        if stands and not self._stands:
+            self._stops += 1
+        self._stands = stands
+        self._latest = max(self._latest, sample.stamp)
+        self._compared += 1
+        if self._compared >= SETS_COMPARED and self._stops > COARSE * self._compared:
+            raise ReplayError(
+                f'{self._log.path}: its times are too coarse: of {self._compared} sets many have '
+                'the time of the one before; record it with times of 0.1 ms or finer'
+            )
 
     def _require_sets(self) -> None:
         if self._sets == self._sets_before:

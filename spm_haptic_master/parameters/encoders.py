@@ -178,9 +178,15 @@ DECODER_SETTINGS = (
     ),
 )
 
+CHANNEL_SETTING = Setting(
+    'can.channel',
+    str,
+    "channel of that interface, such as 'can0'; in a replay the one whose frames are used, if "
+    'several of the log have encoders',
+)
 BUS_SETTINGS = (
     Setting('can.interface', str, "python-can interface, 'socketcan' on a rig"),
-    Setting('can.channel', str, "channel of that interface, such as 'can0'"),
+    CHANNEL_SETTING,
     Setting(
         'can.bitrate',
         int,
@@ -226,6 +232,7 @@ REPLAY_SETTINGS = (
     Setting('replay.path', str, f'log file ({LOG_FORMATS})', blank=True),
     Setting('replay.rate', float, 'pace against the recorded one', minimum=0.01, maximum=100.0),
     Setting('replay.loop', bool, 'restart at the end'),
+    CHANNEL_SETTING,
     *DECODER_SETTINGS,
 )
 

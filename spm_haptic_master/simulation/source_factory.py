@@ -46,7 +46,11 @@ def source_text(name: str, values: Values) -> str:
 def make_replay(values: Values) -> ReplaySource:
     """Make the replay of a recording from its checked settings; errors as `make_source`."""
     return ReplaySource(
-        values['replay.path'], values['replay.rate'], values['replay.loop'], make_decoder(values)
+        values['replay.path'],
+        values['replay.rate'],
+        values['replay.loop'],
+        make_decoder(values),
+        values['can.channel'],
     )
 
 

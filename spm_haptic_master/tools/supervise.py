@@ -6,10 +6,12 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
+from dataclasses import dataclass
 from math import ceil, degrees
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +43,22 @@ BIAS_UNIT = 0.01
 REASONS = 8
 
 
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """Joint angles of a recording, and what of it has none."""
+
+    stamps: NDArray[np.int64]  # ns, (n,)
+    angles: NDArray[np.float64]  # rad, (n, N); NaN without a reading
+    cycles: int  # of the bus, with and without a set; of a table its rows
+    noun: str  # what they are
+    dropped: Mapping[str, int]  # cycles and frames without a set, by reason
+
+    @property
+    def seconds(self) -> NDArray[np.float64]:
+        """Return the times since the first sample, s, (n,)."""
+        return np.asarray((self.stamps - self.stamps[0]) * 1e-9)
+
+
 @command_line.program('supervise')
 def main(args: list[str]) -> int:
     """Supervise a recording; 1 if it is not as expected."""
@@ -51,22 +69,18 @@ def main(args: list[str]) -> int:
     given = command_line.given(
         options, (DRIVER, 'fkm'), DRIVER_NAMES | {setting.name for setting in FKM_SETTINGS}
     )
-    stamps, angles, left_out = _read(options, given)
-    sensors = angles.shape[1]
-    values = command_line.checked({SENSORS_SETTING.name: sensors} | given, FKM_SETTINGS)
-    if values[SENSORS_SETTING.name] != sensors:
-        raise SettingError(
-            SENSORS_SETTING.name,
-            values[SENSORS_SETTING.name],
-            f'{sensors}, as {options.recording} has',
-        )
-    n = len(stamps)
+    recorded = _read(options, given)
+    values = _values(recorded, given, options.recording)
+    n = len(recorded.stamps)
     with ProgressBar('supervise') as bar:
         result = recording.run(
-            stamps, angles, values, lambda done: bar.show(f'{done} of {n} samples', done / n)
+            recorded.stamps,
+            recorded.angles,
+            values,
+            lambda done: bar.show(f'{done} of {n} samples', done / n),
         )
     found = parity_map.parity_map(
-        angles, sigma_from(values), geometry_from(values), values['working_mode']
+        recorded.angles, sigma_from(values), geometry_from(values), values['working_mode']
     )
     table = parity_map.regions(found, result.published, result.protection_level)
     try:
@@ -74,15 +88,31 @@ def main(args: list[str]) -> int:
         parity_map.write_regions(options.output / 'regions.csv', table)
     except OSError as error:
         raise InputError(f'{options.output}: cannot be written: {error}') from error
-    seconds = (stamps - stamps[0]) * 1e-9
     supervision_figure.draw(
-        options.output / 'supervise.png', seconds, found, result, values['alert_limit_deg']
+        options.output / 'supervise.png',
+        recorded.seconds,
+        found,
+        result,
+        values['alert_limit_deg'],
     )
-    _report_gaps(angles, left_out)
-    _report(seconds, result, table)
-    _propose(stamps, angles, table, values)
+    print(verdict(recorded, result))
+    _report_gaps(recorded)
+    _report(recorded, result)
+    _report_regions(table)
+    _propose(recorded.stamps, recorded.angles, table, values)
     print(f'{options.output}: supervise.png, regions.csv')
     return 0
+
+
+def _values(recorded: Recorded, given: dict[str, object], path: Path) -> dict[str, Any]:
+    """Return the parameters of fkm; SettingError for another number of sensors than recorded."""
+    sensors = recorded.angles.shape[1]
+    values = command_line.checked({SENSORS_SETTING.name: sensors} | given, FKM_SETTINGS)
+    if values[SENSORS_SETTING.name] != sensors:
+        raise SettingError(
+            SENSORS_SETTING.name, values[SENSORS_SETTING.name], f'{sensors}, as {path} has'
+        )
+    return values
 
 
 def _parser() -> Parser:
@@ -109,10 +139,8 @@ def _parser() -> Parser:
     return parser
 
 
-def _read(
-    options: argparse.Namespace, given: dict[str, object]
-) -> tuple[NDArray[np.int64], NDArray[np.float64], int]:
-    """Return the stamps, ns, the joint angles, rad, and how many rows have too few of them."""
+def _read(options: argparse.Namespace, given: dict[str, object]) -> Recorded:
+    """Return the joint angles of a table, a rosbag2 or a log of the bus."""
     path = options.recording
     if (
         path.is_dir()
@@ -123,7 +151,14 @@ def _read(
         track = recordings.read_joints(path, options.topic)
         if track is None:
             raise InputError(f'{path}: nothing on topic {options.topic}')
-        return np.round(track.time * 1e9).astype(np.int64), track.values, track.left_out
+        few = f'rows with fewer than {len(JOINT_NAMES)} readings'
+        return Recorded(
+            np.round(track.time * 1e9).astype(np.int64),
+            track.values,
+            len(track.time) + track.left_out,
+            'samples',
+            {few: track.left_out} if track.left_out else {},
+        )
     values = command_line.checked(
         given | {'replay.path': str(path)}, SOURCE_SETTINGS['replay'], 'replay'
     )
@@ -132,10 +167,15 @@ def _read(
         for sample in source.recorded():
             samples.append(sample)
             bar.show(f'{len(samples)} sets read')
-    return (
+        # The last cycle of a log has no SYNC that ends it.
+        cycles = max(source.cycles, len(samples))
+        dropped = source.dropped
+    return Recorded(
         np.array([sample.stamp for sample in samples]),
         np.array([sample.angles for sample in samples]),
-        0,
+        cycles,
+        'cycles of the bus',
+        dropped,
     )
 
 
@@ -148,11 +188,48 @@ def _is_can_log(path: Path) -> bool:
         raise InputError(f'{path}: cannot be read: {error}') from error
 
 
-def _report_gaps(angles: NDArray[np.float64], left_out: int) -> None:
-    """Print the joints without readings, and the number of samples without parity."""
-    if left_out:
-        print(f'{left_out} rows with fewer than {len(JOINT_NAMES)} readings left out')
-    missing = np.isnan(angles)
+def verdict(recorded: Recorded, result: Supervised) -> str:
+    """Return in one line what share of the cycles is published, and which sensor was checked."""
+    published = int(result.published.sum())
+    longest = longest_unchecked(recorded.seconds, result.unchecked)
+    never = [name for name, seconds in longest.items() if seconds is None]
+    known = {name: seconds for name, seconds in longest.items() if seconds is not None}
+    if never:
+        checked = f'{", ".join(never)} NEVER checked'
+    else:
+        name = max(known, key=lambda each: known[each])
+        checked = f'every sensor checked, {name} the least ({known[name]:.1f} s without)'
+    share = 100.0 * published / recorded.cycles
+    return (
+        f'{share:.2f} % of {recorded.cycles} {recorded.noun} published '
+        f'({published} orientations in {recorded.seconds[-1]:.1f} s); {checked}'
+    )
+
+
+def longest_unchecked(
+    seconds: NDArray[np.float64], unchecked: NDArray[np.float64]
+) -> dict[str, float | None]:
+    """
+    Return for how long each sensor was unchecked at most, s; None if it was never checked.
+
+    Before its first check, and after a pause of the recording, the time counts from the first
+    sample there: what happened in a pause was not published.
+    """
+    found: dict[str, float | None] = {}
+    for name, times in zip(ALL_JOINT_NAMES, unchecked.T, strict=False):
+        never = np.isinf(times)
+        begins = never & ~np.concatenate([[False], never[:-1]])
+        since = np.maximum.accumulate(np.where(begins, seconds, 0.0))
+        longest = float(np.where(never, seconds - since, times).max())
+        found[name] = None if never.all() else longest
+    return found
+
+
+def _report_gaps(recorded: Recorded) -> None:
+    """Print the cycles without a set, joints without readings, and samples without parity."""
+    for reason, count in recorded.dropped.items():
+        print(f'  {count:8d} {reason}')
+    missing = np.isnan(recorded.angles)
     for name, count in zip(ALL_JOINT_NAMES, missing.sum(axis=0).tolist(), strict=False):
         if count:
             print(f'  {name} has no reading in {count} samples')
@@ -161,30 +238,22 @@ def _report_gaps(angles: NDArray[np.float64], left_out: int) -> None:
         print(f'  {without} samples without parity, which needs {", ".join(JOINT_NAMES)}')
 
 
-def _report(
-    seconds: NDArray[np.float64], result: Supervised, table: list[parity_map.Region]
-) -> None:
-    """Print the share published, the reasons of the rest, and the regions."""
-    n = len(seconds)
-    published = int(result.published.sum())
-    print(
-        f'{n} samples in {seconds[-1]:.1f} s; {published} orientations published '
-        f'({100.0 * published / n:.2f} %)'
-    )
+def _report(recorded: Recorded, result: Supervised) -> None:
+    """Print why orientations are withheld, the states, and the longest time without a check."""
     for reason, count in result.reasons.most_common(REASONS):
         print(f'  {count:8d} withheld: {with_remedy(reason, reason)}')
+    seconds = recorded.seconds
     for index, text in result.state[:REASONS]:
         print(f'  {seconds[index]:8.3f} s: {text}')
     if len(result.state) > REASONS:
         print(f'  and {len(result.state) - REASONS} more changes of the state')
-    for name, times in zip(ALL_JOINT_NAMES, result.unchecked.T, strict=False):
-        # Before the first check it counts from the beginning.
-        never = np.isinf(times)
-        longest = np.where(never, seconds, times).max()
-        print(
-            f'  {name}: '
-            + ('never checked' if never.all() else f'unchecked for {longest:.1f} s at most')
-        )
+    for name, longest in longest_unchecked(seconds, result.unchecked).items():
+        text = 'never checked' if longest is None else f'unchecked for {longest:.1f} s at most'
+        print(f'  {name}: {text}')
+
+
+def _report_regions(table: list[parity_map.Region]) -> None:
+    """Print the parity by region of the workspace."""
     print(
         f'{"tilt, deg":>11}{"phi, deg":>13}{"samples":>9}{"published":>11}'
         f'{"parity, deg: mean":>19}{"rms":>8}{"level, deg":>12}'

@@ -61,7 +61,7 @@ def test_a_set_not_yet_due_is_kept_for_the_next_read_and_a_gap_is_reported(repla
     assert source.read(1.0) is not None
     assert source.read(0.04) is None
     assert clock.slept[-1] == 0.04
-    assert source.fault == 'a gap in the recording'
+    assert source.fault == 'a gap of 0.1 s in the recording, 0.0 s after its beginning'
     assert source.read(0.02) is None
     # 40 ms ahead: no gap any more.
     assert source.fault is None

@@ -9,7 +9,7 @@ from math import radians
 import re
 
 from encoder_frames import cycle, make_layouts, record, values
-from harness import DATA
+from harness import DATA, ROOT
 import numpy as np
 import pytest
 from recorded_text import assert_recorded
@@ -26,6 +26,7 @@ from spm_haptic_master.simulation.source_factory import make_replay
 from spm_haptic_master.supervision import supervise
 from spm_haptic_master.tools import calibrate_motion, command_line, motion_source
 from spm_haptic_master.tools.calibrate import main
+import yaml
 
 # Layouts whose angles are counts.
 RAW = make_layouts(values(encoders__zero_count=[0] * 4, encoders__direction=[1] * 4))
@@ -40,25 +41,36 @@ def run(*args):
     return main(['calibrate', '--motion', *map(str, args)])
 
 
-@pytest.mark.slow
-def test_another_log_of_the_rig_becomes_right_orientations(tmp_path):
-    """At least 99.9 % of them, 0.06 deg rms, 0.3 at most, through the supervision of fkm."""
-    path = tmp_path / 'calibration.yaml'
+@pytest.fixture(scope='module')
+def by_the_book(tmp_path_factory):
+    """Return the file of the whole motion of the rig."""
+    path = tmp_path_factory.mktemp('book') / 'calibration.yaml'
     assert run(*MOTION, '-o', path) == 0
+    return path
+
+
+def supervised(path, log, **changes):
+    """Return stamps, and what fkm makes of a log with a calibration and other parameters."""
     given = read_parameters(path)
     settings = command_line.checked(
-        given | {'replay.path': CHECK[-1].removeprefix('replay.path:=')},
+        given | {'replay.path': log[-1].removeprefix('replay.path:=')},
         SOURCE_SETTINGS['replay'],
         'replay',
     )
     samples = list(make_replay(settings).recorded())
     names = {setting.name for setting in FKM_SETTINGS}
+    of_fkm = {name: value for name, value in given.items() if name in names} | changes
     stamps = np.array([sample.stamp for sample in samples])
-    found = supervise(
-        stamps,
-        np.array([sample.angles for sample in samples]),
-        **{name.replace('.', '__'): value for name, value in given.items() if name in names},
+    angles = np.array([sample.angles for sample in samples])
+    return stamps, supervise(
+        stamps, angles, **{name.replace('.', '__'): value for name, value in of_fkm.items()}
     )
+
+
+@pytest.mark.slow
+def test_another_log_of_the_rig_becomes_right_orientations(by_the_book):
+    """At least 99.9 % of them, 0.06 deg rms, 0.3 at most, through the supervision of fkm."""
+    stamps, found = supervised(by_the_book, CHECK)
     assert found.published.mean() >= 0.999
     assert [text for _, text in found.state] == ['starting', 'healthy']
     times, true = truth()
@@ -71,8 +83,46 @@ def test_another_log_of_the_rig_becomes_right_orientations(tmp_path):
     print(f'{known.sum()} orientations, rms {rms:.4f} deg, largest {errors.max():.3f} deg')
     assert rms <= 0.06 and errors.max() <= 0.3
     assert (errors < found.protection_level[rows[known]]).all()
-    assert path.with_suffix('.md').read_text().startswith('# Good for an alert limit of ')
-    assert run('--check', path, *CHECK) == 0
+    assert by_the_book.with_suffix('.md').read_text().startswith('# Good for an alert limit of ')
+    assert run('--check', by_the_book, *CHECK) == 0
+
+
+def columns_of_bringup():
+    """Return the parameters of fkm in each column of the table of limits, by its name."""
+    rows = [
+        [cell.strip().strip('`') for cell in line.strip('|').split('|')]
+        for line in (ROOT / 'docs/bringup.md').read_text().splitlines()
+        if line.startswith('| ')
+    ]
+    (header,) = (row for row in rows if row[0] == 'parameter')
+    names = {setting.name for setting in FKM_SETTINGS}
+    return {
+        column: {row[0]: yaml.safe_load(row[place]) for row in rows if row[0] in names}
+        for place, column in enumerate(header)
+        if column not in ('parameter', 'why')
+    }
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('column', ['demonstration', 'phantom', 'patient'])
+def test_a_rig_calibrated_by_the_book_can_run_each_column_of_bringup(by_the_book, column):
+    """The motion itself, from a cold start: nearly all of it, and each sensor checked in it."""
+    limits = columns_of_bringup()[column]
+    assert {'alert_limit_deg', 'unchecked_limit', 'start_checked'} <= limits.keys()
+    _, found = supervised(by_the_book, MOTION, **limits)
+    longest = np.where(np.isinf(found.unchecked), 0.0, found.unchecked).max(axis=0)
+    print(f'{100.0 * found.published.mean():.2f} % published, unchecked for {longest} s at most')
+    assert found.published.mean() >= 0.95
+    assert np.isfinite(found.unchecked[-1]).all() and (longest < 10.0).all()
+
+
+@pytest.mark.slow
+def test_every_sensor_is_checked_at_an_alert_limit_of_one_degree(by_the_book, capsys):
+    """The bound of the parity is a tenth of what those of the sensors add up to."""
+    _, found = supervised(by_the_book, MOTION, alert_limit_deg=0.8)
+    assert np.isfinite(found.unchecked[-1]).all()
+    given = read_parameters(by_the_book)
+    assert given['parity_bias_deg'] < 0.25 * max(given['bias_deg'])
 
 
 def test_the_motion_is_summed_up_and_its_file_has_what_it_determined(calibrated, motion, capsys):

@@ -17,7 +17,7 @@ from recorded_text import assert_recorded
 from recording import LOG, recorded_angles, truth
 from spm_haptic_master.kinematics import inverse, matrix_from_quaternion
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
-from spm_haptic_master.tools.supervise import main, proposed_bias
+from spm_haptic_master.tools.supervise import longest_unchecked, main, proposed_bias
 from spm_haptic_master.validation import plot_style
 
 # Rows of the session that rest: the first of them, and the one after the last.
@@ -140,6 +140,34 @@ def test_a_directory_of_recorder_with_parameters(supervise, tmp_path, table, fig
     assert all(len(line.get_xdata()) == 800 for line in (*parity.lines, *exposure.lines))
     assert level.lines[1].get_ydata()[0] == 1.0 and level.get_ylim()[0] == 0.0
     np.testing.assert_allclose(exposure.lines[0].get_ydata(), np.arange(800) * 1e-3, atol=1e-4)
+
+
+def test_L3_cycles_without_a_set_count_and_are_named(supervise, tmp_path):
+    """A fifth of the answers of joint_3a are lost: no more than 80 % can be published."""
+    log = tmp_path / 'lossy.log'
+    with gzip.open(LOG, 'rt') as file:
+        lines = [*islice(file, 5 * 500)]
+    kept = [line for number, line in enumerate(lines) if ' 184#' not in line or number // 5 % 5]
+    log.write_text(''.join(kept))
+    out = supervise(log, *SIMULATED)
+    share, cycles = re.match(r'([\d.]+) % of (\d+) cycles of the bus published', out).groups()
+    assert 78.0 < float(share) <= 80.5 and 490 <= int(cycles) <= 500
+    dropped = int(re.search(r'\n +(\d+) dropped: no answer from joint_3a\n', out)[1])
+    assert 95 <= dropped <= 101
+
+
+def test_a_pause_does_not_count_as_time_without_a_check():
+    """40.7: the first sample after a pause of 300 s begins anew."""
+    seconds = np.concatenate([np.arange(0.0, 10.0, 0.1), np.arange(310.0, 320.0, 0.1)])
+    unchecked = np.zeros((200, 4))
+    unchecked[:20, 0] = np.inf
+    unchecked[100:130, 1] = np.inf
+    unchecked[:, 2] = np.inf
+    unchecked[50, 3] = 7.0
+    longest = longest_unchecked(seconds, unchecked)
+    assert longest['joint_1a'] == pytest.approx(1.9)
+    assert longest['joint_1b'] == pytest.approx(2.9)
+    assert longest['joint_1c'] is None and longest['joint_3a'] == 7.0
 
 
 def test_no_bias_below_the_calibrations_is_proposed():

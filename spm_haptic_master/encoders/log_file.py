@@ -1,0 +1,234 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Logs of frames as other tools write them, read by python-can: what is whole, or a reason."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+import gzip
+from io import TextIOWrapper
+from itertools import islice
+from pathlib import Path
+import re
+import struct
+from typing import Any
+import zlib
+
+import can
+from spm_haptic_master.exceptions import ReplayError, SettingError
+from spm_haptic_master.parameters.encoders import LOG_FORMATS
+
+# Largest step back between two frames (s): recorders may swap frames within a cycle.
+BACKWARDS_TOLERANCE = 1e-3
+# Largest stamp of a frame (s): later than the 32 bits of a ROS message hold.
+STAMP_LIMIT = 2.0**32
+# Description of a line, or of the whole file, by the suffix without .gz. Other formats are
+# refused: python-can's writer of .db (4.6), for one, drops what it has not yet written when it is
+# stopped, and nothing in the file shows that.
+EXPECTED = {
+    '.log': '(SECONDS) CHANNEL ID#DATA, as `candump -l` writes it',
+    '.asc': 'a line of a Vector ASC file',
+    '.csv': 'timestamp,arbitration_id,extended,remote,error,dlc,data, as python-can writes them',
+    '.trc': 'a line of a PEAK TRC file',
+    '.blf': 'a whole Vector BLF file',
+}
+COMPRESSED = '.gz'
+# Formats that number their channels from 1, where python-can numbers them from 0.
+NUMBERED_FROM_ONE = ('.asc', '.blf')
+# A line of `candump -l`: whole bytes, or a remote frame. python-can pairs an odd number of digits
+# with what is not there.
+CANDUMP_LINE = re.compile(
+    r'\s*\([^)]*\)\s+\S+\s+[0-9A-Fa-f]+#(R[0-9A-Fa-f]?|#[0-9A-Fa-f])?([0-9A-Fa-f]{2})*'
+    r'(\s+[RT])?\s*|\s*'
+)
+# Number at the beginning of a line of an ASC file (s).
+LEADING_SECONDS = re.compile(r'\s*(\d+\.\d+)\s')
+# Number of frames that show which channels have encoders: a second of four at 1 kHz.
+FIRST_FRAMES = 5000
+# Longest part of a line that is quoted (characters).
+QUOTED = 60
+# Bytes of a file that are read at once.
+BLOCK = 1 << 20
+
+
+class LogFile:
+    """
+    Frames of a log file.
+
+    Raises SettingError if the file does not exist or has another format, and ReplayError if it
+    cannot be opened.
+    """
+
+    def __init__(self, path: str):
+        self.path = Path(path).expanduser()
+        # The latest line of a text file and its number, 1 for the first; 0 before it.
+        self._number, self._line = 0, ''
+        # Sum of the times at the beginning of the lines of an ASC file, s.
+        self._elapsed = 0.0
+        if not self.path.is_file():
+            raise SettingError('replay.path', path, 'an existing file')
+        suffix = Path(self.path.name.lower().removesuffix(COMPRESSED)).suffix
+        if suffix not in EXPECTED:
+            raise SettingError(
+                'replay.path',
+                str(self.path),
+                f'a log in a format that keeps all frames ({LOG_FORMATS})',
+            )
+        self._suffix = suffix
+        self._open().stop()
+
+    def channel_of(self, message: can.Message) -> str:
+        """Return the name of a frame's channel as the file has it; empty where it has none."""
+        if message.channel is None:
+            return ''
+        if isinstance(message.channel, int) and self._suffix in NUMBERED_FROM_ONE:
+            return str(message.channel + 1)
+        return str(message.channel)
+
+    def select_channel(self, identifiers: set[tuple[int, bool]], wanted: str) -> str:
+        """
+        Return the channel with the encoders' frames; empty where the file names none.
+
+        Parameters
+        ----------
+        identifiers : set of (int, bool)
+            identifiers of the encoders' frames, and whether each has 29 bits
+        wanted : str
+            parameter `can.channel`; it decides where several channels have such frames
+
+        Raises
+        ------
+        SettingError
+            several channels have frames of the encoders, and `wanted` is none of them
+
+        """
+        found: dict[str, int] = {}
+        try:
+            for message in islice(self.frames(), FIRST_FRAMES):
+                if (message.arbitration_id, message.is_extended_id) in identifiers:
+                    channel = self.channel_of(message)
+                    found[channel] = found.get(channel, 0) + 1
+        except ReplayError:
+            # Reported where the replay arrives at it.
+            pass
+        if len(found) <= 1:
+            return next(iter(found), '')
+        if wanted in found:
+            return wanted
+        raise SettingError(
+            'can.channel',
+            wanted,
+            f'one of {", ".join(sorted(found))}: {self.path} has frames of the encoders on each',
+        )
+
+    def frames(self) -> Iterator[can.Message]:
+        """Yield the frames from the first on; raise ReplayError where the file is broken."""
+        reader = self._open()
+        file = reader.file
+        if isinstance(file, TextIOWrapper):
+            reader.file = self._checked_lines(file.buffer)
+        number, last = 0, 0.0
+        try:
+            for message in reader:
+                number += 1
+                if getattr(reader, 'timestamps_format', None) == 'relative':
+                    message.timestamp = self._elapsed
+                self._check_time(message.timestamp, last, number)
+                last = message.timestamp
+                yield message
+            self._check_ended(reader, number)
+        except ReplayError:
+            raise
+        except Exception as error:
+            # On a truncated file, or one with the wrong suffix, the exception depends on
+            # python-can's reader (ValueError, IndexError, struct.error, EOFError, ...).
+            raise ReplayError(
+                f'{self.path}: not readable after {number} frames: {self._trouble(error)}'
+            ) from error
+        finally:
+            self._number, self._elapsed = 0, 0.0
+            reader.stop()
+            file.close()
+
+    def _open(self) -> Any:
+        try:
+            return can.LogReader(str(self.path))
+        except Exception as error:
+            # As above: the exception depends on the reader.
+            raise ReplayError(f'{self.path}: cannot be read: {self._trouble(error)}') from error
+
+    def _check_time(self, stamp: float, last: float, number: int) -> None:
+        """Raise ReplayError for a stamp, s, that is none, or well before the last one."""
+        if not 0.0 <= stamp < STAMP_LIMIT:
+            raise ReplayError(
+                f'{self.path}: the stamp of frame {number} is {stamp:g} s; expected 0 to '
+                f'{STAMP_LIMIT:.0f} s'
+            )
+        if stamp < last - BACKWARDS_TOLERANCE:
+            raise ReplayError(
+                f'{self.path}: time runs backwards at frame {number}, from {last:.6f} s to '
+                f'{stamp:.6f} s'
+            )
+
+    def _check_ended(self, reader: Any, number: int) -> None:
+        """Raise ReplayError for a .blf without its end: its header has the size at that time."""
+        recorded = getattr(reader, 'file_size', None)
+        if recorded is None:
+            return
+        size = self._size()
+        if recorded > size:
+            raise ReplayError(
+                f'{self.path}: not readable after {number} frames: truncated, {recorded} bytes '
+                'were recorded'
+            )
+        if recorded < size:
+            raise ReplayError(
+                f'{self.path}: its recording was not ended (its header says {recorded} bytes, it '
+                f'has {size}): `can_logconvert {self.path.name} whole.blf` keeps the '
+                f'{number} frames that are in it'
+            )
+
+    def _size(self) -> int:
+        """Return the size of the file, without its compression."""
+        if self.path.suffix.lower() != COMPRESSED:
+            return self.path.stat().st_size
+        with gzip.open(self.path) as file:
+            return sum(len(block) for block in iter(lambda: file.read(BLOCK), b''))
+
+    def _checked_lines(self, lines: Iterable[bytes]) -> Iterator[str]:
+        """Yield and count the lines of a text file; bytes that are not UTF-8 are escaped."""
+        candump = self._suffix == '.log'
+        for self._number, line in enumerate(lines, 1):
+            self._line = line.decode('utf-8', 'backslashreplace')
+            if candump and not CANDUMP_LINE.fullmatch(self._line):
+                raise ValueError(self._line)
+            if not candump and (seconds := LEADING_SECONDS.match(self._line)):
+                self._elapsed += float(seconds[1])
+            yield self._line
+
+    def _trouble(self, error: Exception) -> str:
+        """Return where the log cannot be read, and what was expected there."""
+        at = f'after line {self._number}, ' if self._number else ''
+        expected = EXPECTED[self._suffix]
+        compressed = self.path.suffix.lower() == COMPRESSED
+        damaged = (
+            isinstance(error, (EOFError, zlib.error)) or 'gzip' in type(error).__name__.lower()
+        )
+        if damaged and compressed:
+            return f'{at}the compressed data end or are broken; expected a whole {COMPRESSED} file'
+        if isinstance(error, OSError) and not damaged:
+            return f'{at}{error.strerror or error}'
+        if self._number:
+            quoted = self._line.rstrip('\r\n')
+            dots = ' ...' if len(quoted) > QUOTED else ''
+            cure = (
+                ''
+                if self._line.endswith('\n')
+                else f'; it is the last line: `sed -i "$ d" {self.path.name}` removes it'
+            )
+            return f'line {self._number} is {quoted[:QUOTED]!r}{dots}; expected {expected}{cure}'
+        if damaged:
+            return f'its data are damaged; expected {expected}'
+        reason = 'it is cut' if isinstance(error, struct.error) else str(error).partition('\n')[0]
+        return f'{reason}; expected {expected}'
