@@ -23,6 +23,8 @@ ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT / 'test' / 'data'
 # Parameters of a simulation: the source has no default.
 SIM = {'source': 'sim'}
+# The passed force_check of simulated drives.
+SIMULATED_CHECK = ROOT / 'config' / 'simulated_check.json'
 # Arguments of a driver on simulated encoders: their zero counts and directions.
 SIMULATED = ('--params-file', str(ROOT / 'config' / 'simulated_rig.yaml'))
 # A line of fkm's log that a pause in the samples explains.

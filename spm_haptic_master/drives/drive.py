@@ -11,6 +11,7 @@ import can
 from spm_haptic_master.drives import cia402
 from spm_haptic_master.drives.cia402 import mode_words, State, state_of
 from spm_haptic_master.drives.drive_objects import drive_objects
+from spm_haptic_master.drives.passed_check import Identity
 from spm_haptic_master.drives.plan import DrivePlan, Plan, STATUS
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.exceptions import SetupError
@@ -44,6 +45,7 @@ class Drive:
         self.torque = 0  # reported, per mille
         self.status_at = float('-inf')  # time of the latest status frame, s
         self.mode: int | None = None  # that it was set to
+        self.identity: Identity | None = None  # None before it was read
         self.absent: str | None = None  # why it is waited for in the start-up
         self._answer: bytes | None = None  # latest one by SDO, until it is removed
         self.emergency: str | None = None  # latest one in words, until `restart`
@@ -177,6 +179,7 @@ class Drive:
                 f'{self.own.name}: device type {shown}; expected a drive (profile '
                 f'{canopen.DRIVE_PROFILE})'
             )
+        self.identity = yield from self._read_identity()
         found = []
         for wanted in drive_objects(self._plan, self.own).every:
             value = yield from self.read((wanted.index, wanted.subindex))
@@ -184,6 +187,12 @@ class Drive:
                 found.append(wanted.difference(value))
         if found:
             raise SetupError(f'{self.own.name}: {"; ".join(found)} (can_setup --write)')
+
+    def _read_identity(self) -> Generator[None, None, Identity]:
+        vendor = yield from self.read(canopen.VENDOR_ID)
+        product = yield from self.read(canopen.PRODUCT_CODE)
+        serial = yield from self.read(canopen.SERIAL_NUMBER)
+        return Identity(vendor=vendor, product=product, serial=serial)
 
     def set_mode(self) -> Steps:
         """Set the mode of operation: the configured one, or the first that the drive has."""

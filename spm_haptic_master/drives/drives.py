@@ -9,15 +9,17 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from math import inf, isfinite
+from pathlib import Path
 from typing import NamedTuple
 
 import can
 from spm_haptic_master.drives import cia402
 from spm_haptic_master.drives.cia402 import State
 from spm_haptic_master.drives.drive import Drive, ENABLE_TIMEOUT, Handler, Steps
+from spm_haptic_master.drives.passed_check import Identity, passed_check, PassedCheck, read_check
 from spm_haptic_master.drives.plan import check_load, make_plan, Plan, torque_frames
 from spm_haptic_master.encoders import can_bus, canopen
-from spm_haptic_master.exceptions import SetupError
+from spm_haptic_master.exceptions import SettingError, SetupError
 from spm_haptic_master.parameters.setting import Values
 
 # Time between two attempts to open the bus (s).
@@ -52,11 +54,20 @@ class Drives:
 
     Each step of the first samples takes the start-up further: read back, mode, proof. Every fault
     of one drive is zero torque of all in the same step. `open_bus` returns an open bus, or raises
-    one of `BUS_ERRORS`; `name` is that of the bus in texts.
+    one of `BUS_ERRORS`; `name` is that of the bus in texts. `plan` is what
+    is configured.
     """
 
-    def __init__(self, plan: Plan, open_bus: Callable[[], can.BusABC], name: str):
-        self._plan, self._open_bus, self._name = plan, open_bus, name
+    def __init__(
+        self,
+        plan: Plan,
+        open_bus: Callable[[], can.BusABC],
+        name: str,
+    ):
+        self.plan = plan
+        self._open_bus = open_bus
+        self._name = name
+        self._check: PassedCheck | None = None
         self._drives = tuple(Drive(own, plan, self._send) for own in plan.drives)
         self._handlers: dict[int, tuple[int, Handler]] = {
             identifier: handler
@@ -147,14 +158,33 @@ class Drives:
         """Read the drives back, set their modes, and prove that they fall out."""
         for drive in self._drives:
             yield from drive.read_back()
+        self._compare_identities()
         for drive in self._drives:
             yield from drive.set_mode()
         yield from self._prove()
         yield from self._reach(State.DISABLED)
 
+    def require(self, check: PassedCheck) -> None:
+        """Give torque to the drives of a passed check alone; before the first step."""
+        self._check = check
+
+    def _compare_identities(self) -> None:
+        """Compare the drives with those of the passed check; SetupError: another one."""
+        for index, drive in enumerate(self._drives):
+            identity = drive.identity
+            if self._check is not None and identity is not None:
+                stranger = self._check.stranger(index, identity)
+                if stranger is not None:
+                    raise SetupError(f'{drive.own.name}: {stranger}')
+
+    def passed_check(self, date: str) -> PassedCheck:
+        """Return the check of these drives, which passed at a date; they have been ready."""
+        identities = [drive.identity or Identity(None, None, None) for drive in self._drives]
+        return passed_check(date, self.plan.drives, identities)
+
     def _prove(self) -> Steps:
         """Pause all frames at zero torque: each drive has to leave Operation enabled in time."""
-        plan = self._plan
+        plan = self.plan
         limit = FALL_OUT_FACTOR * (
             (plan.event_timer or plan.heartbeat_timeout) + plan.status_period
         )
@@ -270,12 +300,12 @@ class Drives:
             drive.command(value)
             words.append(word)
             values.append(value)
-        due = self._now - self._heartbeat_at >= self._plan.heartbeat
+        due = self._now - self._heartbeat_at >= self.plan.heartbeat
         if due:
             self._heartbeat_at = self._now
             self._send(self._heartbeat)
         for identifier, data in torque_frames(
-            self._plan, words, values, due or words != self._controlwords
+            self.plan, words, values, due or words != self._controlwords
         ):
             self._send(canopen.frame(identifier, data))
         self._controlwords = words
@@ -311,15 +341,46 @@ class Drives:
 
 
 def make_drives(values: Values) -> Drives | None:
-    """Return the drives by checked settings, None without a channel; a step opens the bus."""
-    interface, channel = values['drives.interface'], values['drives.channel']
+    """
+    Return the drives by checked settings, None without a channel; a step opens the bus.
+
+    SettingError: settings contradict each other, or the drives have not passed a force_check.
+    """
+    drives = make_unchecked_drives(values)
+    if drives is not None:
+        drives.require(_check_of(values, drives.plan))
+    return drives
+
+
+def make_unchecked_drives(values: Values) -> Drives | None:
+    """Return the drives as `make_drives` does, for the force_check that is still due."""
+    interface = values['drives.interface']
+    channel = values['drives.channel']
+    bitrate = values['drives.bitrate']
     if not channel:
         return None
     can_bus.check_interface(interface, 'drives.interface')
-    plan, bitrate = make_plan(values), values['drives.bitrate']
+    plan = make_plan(values)
     check_load(plan, bitrate)
     return Drives(
         plan,
         partial(can_bus.open_bus, interface, channel, bitrate),
         can_bus.bus_name(interface, channel),
     )
+
+
+def _check_of(values: Values, plan: Plan) -> PassedCheck:
+    """Return the passed check of the configured drives; SettingError without one."""
+    path = values['drives.check_file']
+    if not path:
+        raise SettingError(
+            'drives.check_file',
+            path,
+            'the file that force_check --record --output has written for these drives: no torque '
+            'without a passed check',
+        )
+    check = read_check(Path(path))
+    difference = check.difference(plan.drives)
+    if difference is not None:
+        raise SettingError('drives.check_file', path, f'a check of these drives ({difference})')
+    return check

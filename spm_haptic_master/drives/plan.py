@@ -30,14 +30,25 @@ MAXIMUM_LOAD = 0.7
 class DrivePlan:
     """One drive and its motor."""
 
-    name: str  # in texts, with joint and node id
+    joint: str
     node_id: int  # of CANopen
+    direction: int  # sign of the motor's torque against that of the joint
+    gear: float  # turns of the motor for one of the joint
     rated_torque: float  # of the motor, N m
-    scale: float  # per mille of it for 1 N m at the joint, with sign
     cap: int  # largest torque, per mille
     speed_limit: int  # of the motor, 1/min; 0: the drive's own
     status_id: int  # identifier of its status frame: TPDO1
     control_id: int  # identifier of its controlword, with its torque: RPDO1
+
+    @property
+    def name(self) -> str:
+        """Name in texts, with joint and node id."""
+        return f'drive of {self.joint} (node {self.node_id})'
+
+    @property
+    def scale(self) -> float:
+        """Per mille of the rated torque for 1 N m at the joint, with sign."""
+        return cia402.PER_MILLE * self.direction / (self.gear * self.rated_torque)
 
     def per_mille(self, torque: float) -> int:
         """Return a joint's torque, N m, in per mille of the rated torque, within the cap."""
@@ -112,8 +123,7 @@ def make_plan(values: Values) -> Plan:
     for joint, node_id, torque, gear, direction in zip(
         JOINT_NAMES, node_ids, rated, gears, directions, strict=False
     ):
-        scale = cia402.PER_MILLE * direction / (gear * torque)
-        cap = int(abs(scale) * values['drives.torque_limit'])
+        cap = int(cia402.PER_MILLE / (gear * torque) * values['drives.torque_limit'])
         if not 1 <= cap <= cia402.LARGEST:
             raise SettingError(
                 'drives.torque_limit',
@@ -123,29 +133,30 @@ def make_plan(values: Values) -> Plan:
             )
         drives.append(
             DrivePlan(
-                f'drive of {joint} (node {node_id})',
-                node_id,
-                torque,
-                scale,
-                cap,
-                round(values['drives.speed_limit'] * gear * 60.0 / (2.0 * pi)),
-                canopen.TPDO_BASES[0] + node_id,
-                canopen.RPDO_BASES[0] + node_id,
+                joint=joint,
+                node_id=node_id,
+                direction=direction,
+                gear=gear,
+                rated_torque=torque,
+                cap=cap,
+                speed_limit=round(values['drives.speed_limit'] * gear * 60.0 / (2.0 * pi)),
+                status_id=canopen.TPDO_BASES[0] + node_id,
+                control_id=canopen.RPDO_BASES[0] + node_id,
             )
         )
     return Plan(
-        tuple(drives),
-        values['drives.combined'],
-        canopen.RPDO_BASES[1] + node_ids[0],
-        values['drives.mode'],
-        master_id,
-        values['drives.torque_unit'],
-        1.0 / values['rate'],
-        values['drives.status_period'],
-        values['drives.status_timeout'],
-        values['drives.heartbeat'],
-        values['drives.heartbeat_timeout'],
-        values['drives.event_timer'],
+        drives=tuple(drives),
+        combined=values['drives.combined'],
+        combined_id=canopen.RPDO_BASES[1] + node_ids[0],
+        mode=values['drives.mode'],
+        master_id=master_id,
+        torque_unit=values['drives.torque_unit'],
+        period=1.0 / values['rate'],
+        status_period=values['drives.status_period'],
+        status_timeout=values['drives.status_timeout'],
+        heartbeat=values['drives.heartbeat'],
+        heartbeat_timeout=values['drives.heartbeat_timeout'],
+        event_timer=values['drives.event_timer'],
     )
 
 

@@ -726,6 +726,14 @@ DRIVE_SETTINGS = (
         minimum=0.0,
         maximum=1.0,
     ),
+    Setting(
+        'drives.check_file',
+        str,
+        'file of the passed force_check of these drives, which force_check --record --output '
+        'writes: without it, or with other drives, no torque; has to be given with drives.channel',
+        default='',
+        blank=True,
+    ),
 )
 
 # Parameters that rclpy declares on every node.

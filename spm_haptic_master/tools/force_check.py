@@ -11,6 +11,7 @@ from itertools import groupby
 from pathlib import Path
 import re
 import sys
+import time
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,8 @@ from spm_haptic_master.calibration.motor_bring_up import (
     StepResponse,
     wiring_faults,
 )
-from spm_haptic_master.drives.drives import make_drives
+from spm_haptic_master.drives.drives import make_unchecked_drives
+from spm_haptic_master.drives.passed_check import PassedCheck
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.force import ForceLimits, Gravity, identify_gravity
 from spm_haptic_master.force.gravity import Weight
@@ -43,10 +45,13 @@ Checks a recorded bring-up of force: the sign of each motor by a small step, the
 that motors hold, friction from releases, and with it the stiffest spring that is passive.
 RECORDING is a CSV file with the columns part, time (s), th1a, th1b, th1c, th3a (rad), tau1a,
 tau1b, tau1c and tau3a of a fourth motor (N m); parts are named 'step 1a', 'pose 1', 'release z 1'.
-Exit code 0 if all of it holds, 1 if not."""
+With --record --output FILE.json it writes, where all of it holds, the file without which no torque
+goes to these drives (drives.check_file). Exit code 0 if all of it holds, 1 if not."""
 # Nodes whose parameters it takes, and the names of these.
 NODES = ('encoder_driver', 'fkm')
 NAMES = nodes.DRIVER_NAMES | nodes.DRIVE_NAMES | {setting.name for setting in FKM_SETTINGS}
+# Form of the date in the file of a passed check.
+DATE = '%Y-%m-%dT%H:%M:%SZ'
 # Samples at rest with which a release begins.
 AT_REST = 5
 # Poses of a recording.
@@ -75,8 +80,14 @@ def main(args: list[str]) -> int:
     options = _parser().parse(args)
     given = command_line.given(options, NODES, NAMES)
     values = command_line.checked(given, FKM_SETTINGS)
+    check = None
     if options.record:
-        _record(options.recording, given, values, options.poses)
+        check = _record(options.recording, given, values, options.poses)
+    elif options.output is not None:
+        raise InputError(
+            f'--output {options.output} without --record: expected both, as the file has the '
+            'serial numbers of the drives'
+        )
     parts = read(options.recording)
     failed: list[str] = []
     check_wiring(parts, failed)
@@ -101,15 +112,22 @@ def main(args: list[str]) -> int:
         print(f'not as expected: {text}')
     if not failed:
         print(f'all of it holds; springs of {options.stiffness:g} N m/rad are passive')
-    return 1 if failed else 0
+    if failed:
+        return 1
+    if check is not None and options.output is not None:
+        check.write(options.output)
+        print(f'{options.output}: torque for these drives, by drives.check_file')
+    return 0
 
 
-def _record(path: Path, given: Values, values: dict[str, Any], poses: int) -> None:
-    """Move the device, and write the recording."""
+def _record(path: Path, given: Values, values: dict[str, Any], poses: int) -> PassedCheck:
+    """Move the device, and write the recording; return the check of its drives."""
     kind = str(given.get('source', 'can'))
     if kind != 'can':
         raise InputError(f"source = '{kind}' with --record: expected can, a device's encoders")
-    drives = make_drives(command_line.checked(given, (*nodes.DRIVE_SETTINGS, RATE_SETTING)))
+    drives = make_unchecked_drives(
+        command_line.checked(given, (*nodes.DRIVE_SETTINGS, RATE_SETTING))
+    )
     if drives is None:
         raise InputError("drives.channel = '' with --record: expected the bus of the drives")
     settings = command_line.checked(given, nodes.SOURCE_SETTINGS[kind], kind)
@@ -133,6 +151,7 @@ def _record(path: Path, given: Values, values: dict[str, Any], poses: int) -> No
             ),
             poses,
         )
+        return drives.passed_check(time.strftime(DATE, time.gmtime()))
     finally:
         drives.close()
         source.close()
@@ -262,6 +281,12 @@ def _parser() -> Parser:
         choices=(0, *range(6, 41)),
         metavar='N',
         help=f'poses of --record, 6 to 40; 0: none, the handle is balanced (default {POSES})',
+    )
+    parser.add_argument(
+        '--output',
+        type=Path,
+        metavar='FILE.json',
+        help='with --record: write the passed check of these drives, for drives.check_file',
     )
     for name, default, words in (
         ('stiffness', 1.0, 'stiffest spring that is commanded, N m/rad'),

@@ -6,6 +6,7 @@
 import uuid
 
 import can
+from harness import SIMULATED_CHECK
 from spm_haptic_master.drives.drives import Drives
 from spm_haptic_master.drives.plan import make_plan
 from spm_haptic_master.parameters.nodes import DRIVE_SETTINGS
@@ -17,7 +18,12 @@ MS = 1e-3
 
 def drive_values(**overrides):
     """Return the checked settings of three drives; in names, __ stands for a dot."""
-    given = {'drives.channel': 'test', 'drives.interface': 'virtual', 'drives.rated_torque': [0.5]}
+    given = {
+        'drives.channel': 'test',
+        'drives.interface': 'virtual',
+        'drives.rated_torque': [0.5],
+        'drives.check_file': str(SIMULATED_CHECK),
+    }
     given |= {name.replace('__', '.'): value for name, value in overrides.items()}
     return complete((*DRIVE_SETTINGS, RATE_SETTING), given)
 

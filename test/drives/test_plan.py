@@ -6,7 +6,7 @@
 from drive_rig import drive_values, make_test_plan
 from encoder_frames import values
 import pytest
-from spm_haptic_master.drives.drives import make_drives
+from spm_haptic_master.drives.drives import make_unchecked_drives
 from spm_haptic_master.drives.plan import check_shared_bus, torque_frames
 from spm_haptic_master.exceptions import SettingError
 
@@ -14,11 +14,11 @@ MBIT = 1_000_000
 
 
 def test_without_a_channel_there_are_no_drives():
-    assert make_drives(drive_values(drives__channel='')) is None
+    assert make_unchecked_drives(drive_values(drives__channel='')) is None
 
 
 def test_nothing_is_opened_before_the_first_step():
-    drives = make_drives(drive_values())
+    drives = make_unchecked_drives(drive_values())
     assert drives.motors == 3
     drives.close()
 
@@ -47,13 +47,13 @@ def test_nothing_is_opened_before_the_first_step():
 )
 def test_settings_that_contradict_each_other_are_refused(given, name, words):
     with pytest.raises(SettingError) as caught:
-        make_drives(drive_values(**given))
+        make_unchecked_drives(drive_values(**given))
     assert caught.value.name == name
     assert words in str(caught.value)
 
 
 def test_times_and_limits_may_be_as_short_as_they_say():
-    make_drives(
+    make_unchecked_drives(
         drive_values(
             drives__event_timer=0.003,
             drives__status_timeout=0.008,
@@ -61,7 +61,7 @@ def test_times_and_limits_may_be_as_short_as_they_say():
             drives__torque_limit=16.3835,
         )
     )
-    make_drives(drive_values(drives__torque_limit=0.001, drives__rated_torque=[1.0]))
+    make_unchecked_drives(drive_values(drives__torque_limit=0.001, drives__rated_torque=[1.0]))
 
 
 def test_torques_are_per_mille_of_the_rated_torque_within_the_cap():

@@ -6,7 +6,7 @@
 from benchmarks.pipeline.child_process import wait_until
 import force_client
 from force_client import PATIENCE
-from harness import Observer, SIMULATED
+from harness import Observer, SIMULATED, SIMULATED_CHECK
 import numpy as np
 import pytest
 from spm_haptic_master.force import Condition
@@ -48,6 +48,7 @@ def test_drives_make_what_the_client_commands_and_their_loss_is_a_fault(start, b
             **BUS,
             **force_client.FORCE,
             'force.without_drives': False,
+            'drives.check_file': str(SIMULATED_CHECK),
             'drives.interface': 'udp_multicast',
             'drives.channel': bus_channel,
         },

@@ -16,7 +16,7 @@ import can
 from disturbance import Disturbance, SKIPPED
 import force_client
 from force_client import PATIENCE, TORQUE
-from harness import Observer, SIMULATED
+from harness import Observer, SIMULATED, SIMULATED_CHECK
 import numpy as np
 import pytest
 from spm_haptic_master.encoders import canopen
@@ -155,6 +155,7 @@ class Rig:
                 **bus,
                 **force,
                 **drives,
+                'drives.check_file': str(SIMULATED_CHECK),
                 'drives.interface': 'udp_multicast',
                 'drives.channel': channel,
             },

@@ -1,0 +1,204 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The file of a passed force_check: of which drives, with which directions and gears.
+
+A motor with the wrong sign, two motors that are swapped, or a wrong rated torque make the device
+run away from a touch, and no sample shows it before. So torque goes to those drives alone that a
+check has found right, as it found them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, fields
+import json
+from pathlib import Path
+from typing import Any
+
+from spm_haptic_master.drives.plan import DrivePlan
+from spm_haptic_master.exceptions import InputError
+
+# What the file is, in it and in errors.
+KIND = 'passed force_check'
+# Largest difference of two values that are the same (share of them).
+SAME = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """
+    Identity of a drive (1018h); None for an object that it does not have.
+
+    Attributes
+    ----------
+    vendor, product, serial : int or None
+        Vendor id, product code, serial number.
+
+    """
+
+    vendor: int | None
+    product: int | None
+    serial: int | None
+
+    @property
+    def words(self) -> str:
+        """Return the identity in words."""
+        numbers = [
+            f'{field.name} {"none" if number is None else f"0x{number:X}"}'
+            for field in fields(self)
+            for number in (getattr(self, field.name),)
+        ]
+        return ', '.join(numbers)
+
+
+@dataclass(frozen=True, slots=True)
+class CheckedDrive:
+    """
+    One drive as it was checked.
+
+    Attributes
+    ----------
+    joint : str
+        Joint of its motor.
+    node_id : int
+        CANopen node id.
+    identity : Identity
+        What the drive says of itself.
+    direction : int
+        Sign of the motor's torque against that of the joint.
+    gear : float
+        Turns of the motor for one of the joint.
+    rated_torque : float
+        Rated torque of the motor, N m.
+
+    """
+
+    joint: str
+    node_id: int
+    identity: Identity
+    direction: int
+    gear: float
+    rated_torque: float
+
+
+@dataclass(frozen=True, slots=True)
+class PassedCheck:
+    """
+    A check that has passed.
+
+    Attributes
+    ----------
+    date : str
+        When, as ISO 8601.
+    drives : tuple of CheckedDrive
+        In the order of the motors.
+
+    """
+
+    date: str
+    drives: tuple[CheckedDrive, ...]
+
+    def difference(self, plans: Sequence[DrivePlan]) -> str | None:
+        """
+        Return what is configured in another way than it was checked, in words; None if nothing.
+
+        Parameters
+        ----------
+        plans : sequence of DrivePlan
+            The configured drives.
+
+        """
+        if len(plans) != len(self.drives):
+            return f'{len(self.drives)} drives were checked, {len(plans)} are configured'
+        for checked, plan in zip(self.drives, plans, strict=True):
+            for name in ('joint', 'node_id', 'direction', 'gear', 'rated_torque'):
+                was = getattr(checked, name)
+                now = getattr(plan, name)
+                if not _is_same(was, now):
+                    words = name.replace('_', ' ')
+                    return f'{plan.joint}: {words} {was} was checked, {now} is configured'
+        return None
+
+    def stranger(self, index: int, found: Identity) -> str | None:
+        """
+        Return in words that a drive is not the one that was checked; None if it is.
+
+        Parameters
+        ----------
+        index : int
+            Index of its motor.
+        found : Identity
+            What the drive says of itself.
+
+        """
+        checked = self.drives[index].identity
+        if found == checked:
+            return None
+        return (
+            f'{found.words}; the force_check of {self.date} passed with {checked.words}: run '
+            'force_check again'
+        )
+
+    def write(self, path: Path) -> None:
+        """Write the file; InputError where it cannot be written."""
+        text = json.dumps({'kind': KIND, **asdict(self)}, indent=2)
+        try:
+            path.write_text(text + '\n', encoding='utf-8')
+        except OSError as error:
+            raise InputError(f'{path}: cannot be written: {error}') from error
+
+
+def passed_check(
+    date: str, plans: Iterable[DrivePlan], identities: Iterable[Identity]
+) -> PassedCheck:
+    """
+    Return the check of drives that has passed.
+
+    Parameters
+    ----------
+    date : str
+        Date and time, as ISO 8601.
+    plans : iterable of DrivePlan
+        The drives as configured.
+    identities : iterable of Identity
+        What each says of itself.
+
+    """
+    drives = [
+        CheckedDrive(
+            joint=plan.joint,
+            node_id=plan.node_id,
+            identity=identity,
+            direction=plan.direction,
+            gear=plan.gear,
+            rated_torque=plan.rated_torque,
+        )
+        for plan, identity in zip(plans, identities, strict=True)
+    ]
+    return PassedCheck(date, tuple(drives))
+
+
+def read_check(path: Path) -> PassedCheck:
+    """Return the check that a file has; InputError where it has none."""
+    try:
+        content = json.loads(path.read_text(encoding='utf-8'))
+        if content['kind'] != KIND:
+            raise ValueError(f'kind {content["kind"]!r}')
+        return PassedCheck(str(content['date']), tuple(map(_drive_from, content['drives'])))
+    except (OSError, UnicodeDecodeError, ValueError, TypeError, KeyError) as error:
+        raise InputError(
+            f'{path}: expected the file of a {KIND} (force_check --record --output): {error!r}'
+        ) from error
+
+
+def _drive_from(content: dict[str, Any]) -> CheckedDrive:
+    identity = content['identity']
+    return CheckedDrive(**{**content, 'identity': Identity(**identity)})
+
+
+def _is_same(one: float | str, other: float | str) -> bool:
+    if isinstance(one, str) or isinstance(other, str):
+        return one == other
+    return abs(one - other) <= SAME * max(abs(one), abs(other))

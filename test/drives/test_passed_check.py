@@ -1,0 +1,97 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""A3: torque only for drives that a force_check has passed, as it has found them."""
+
+import json
+
+from drive_rig import drive_values, Rig
+from harness import SIMULATED_CHECK
+import pytest
+from spm_haptic_master.drives.drives import make_drives
+from spm_haptic_master.drives.passed_check import read_check
+from spm_haptic_master.exceptions import InputError, SettingError
+
+TORQUES = (0.1, -0.2, 0.05)
+
+
+@pytest.fixture
+def file(tmp_path):
+    """Return what writes the check of the simulated drives with changes of the second one."""
+
+    def write(**changed):
+        content = json.loads(SIMULATED_CHECK.read_text())
+        identity = changed.pop('identity', {})
+        content['drives'][1]['identity'] |= identity
+        content['drives'][1] |= changed
+        path = tmp_path / 'check.json'
+        path.write_text(json.dumps(content))
+        return path
+
+    return write
+
+
+def test_without_a_passed_check_there_are_no_drives():
+    with pytest.raises(SettingError) as caught:
+        make_drives(drive_values(drives__check_file=''))
+    assert caught.value.name == 'drives.check_file'
+    assert 'no torque without a passed check' in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ('changed', 'words'),
+    [
+        ({'direction': -1}, 'joint_1b: direction -1 was checked, 1 is configured'),
+        ({'gear': 2.0}, 'joint_1b: gear 2.0 was checked, 1.0 is configured'),
+        ({'rated_torque': 5.0}, 'joint_1b: rated torque 5.0 was checked, 0.5 is configured'),
+        ({'node_id': 22}, 'joint_1b: node id 22 was checked, 12 is configured'),
+        ({'joint': 'joint_1c'}, 'joint joint_1c was checked'),
+    ],
+)
+def test_what_is_configured_in_another_way_than_checked_is_refused(file, changed, words):
+    with pytest.raises(SettingError) as caught:
+        make_drives(drive_values(drives__check_file=str(file(**changed))))
+    assert caught.value.name == 'drives.check_file'
+    assert words in str(caught.value)
+
+
+def test_another_number_of_drives_than_checked_is_refused():
+    with pytest.raises(SettingError, match='3 drives were checked, 4 are configured'):
+        make_drives(drive_values(drives__node_id=[11, 12, 13, 14]))
+
+
+@pytest.mark.parametrize('text', ['', '[]', '{"kind": "calibration"}', '{"drives": 1}'])
+def test_a_file_that_is_no_check_is_named(tmp_path, text):
+    path = tmp_path / 'other.json'
+    path.write_text(text)
+    with pytest.raises(InputError, match='other.json: expected the file of a passed force_check'):
+        make_drives(drive_values(drives__check_file=str(path)))
+    with pytest.raises(InputError, match='none.json: expected the file'):
+        make_drives(drive_values(drives__check_file=str(tmp_path / 'none.json')))
+
+
+@pytest.mark.parametrize('name', ['vendor', 'product', 'serial'])
+def test_another_drive_than_the_checked_one_gets_no_torque(file, name):
+    """Two drives that were exchanged, or a new one, may turn another way."""
+    check = read_check(file(identity={name: 99}))
+    with Rig() as rig:
+        rig.drives.require(check)
+        report = rig.run(TORQUES, 2.0)
+        assert not report.ready
+        assert report.fault.startswith('drive of joint_1b (node 12): vendor 0x0, product 0x')
+        assert report.fault.endswith('run force_check again')
+        assert {torque for _, torque in rig.commands()} <= {0}
+
+
+def test_the_check_of_drives_is_the_one_that_they_need(tmp_path):
+    path = tmp_path / 'check.json'
+    with Rig() as rig:
+        rig.ready()
+        rig.drives.passed_check('2026-11-26T12:00:00Z').write(path)
+    found = read_check(path)
+    assert found.drives == read_check(SIMULATED_CHECK).drives
+    with Rig() as rig:
+        rig.drives.require(found)
+        rig.ready(TORQUES)
+    with pytest.raises(InputError, match='cannot be written'):
+        found.write(tmp_path / 'none' / 'check.json')
