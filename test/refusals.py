@@ -33,6 +33,7 @@ CAN = {
     **simulated_rig(),
 }
 FORCE = {'force.enabled': True, 'force.without_drives': True, 'crtk_rate': 0.0}
+CHECK = Path(__file__).resolve().parents[1] / 'config' / 'simulated_check.json'
 ONE_BUS = {
     **CAN,
     'force.enabled': True,
@@ -40,7 +41,15 @@ ONE_BUS = {
     'drives.channel': '239.74.0.0',
     'drives.rated_torque': [0.5],
     'drives.bitrate': 1000000,
+    'drives.check_file': CHECK,
     'encoders.accept_unverified_directions': True,
+}
+DRIVEN = {
+    **SIM,
+    'force.enabled': True,
+    'drives.interface': 'virtual',
+    'drives.channel': 'x',
+    'drives.rated_torque': [0.5],
 }
 LOG = Path(__file__).with_name('data') / 'fig9_canopen.log.gz'
 REPLAY = {'source': 'replay', 'replay.path': LOG, **simulated_rig()}
@@ -706,6 +715,13 @@ REFUSALS = (
         'force.sigma_full',
         'not above `force.sigma_off`',
         'the torque would jump',
+    ),
+    Refusal(
+        'master',
+        ('-r', '__ns:=/two', *parameter_arguments(DRIVEN)),
+        'drives.check_file',
+        'empty with the drives of force feedback',
+        'a motor that is wired wrong lets the device run away',
     ),
     # Its nodes exist when it is refused: in a namespace, beside the other cases.
     Refusal(

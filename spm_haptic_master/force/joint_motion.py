@@ -13,7 +13,7 @@ from spm_haptic_master.force.statics import FOUR, Torques
 
 # Time over which a joint velocity is averaged (ns), and samples that are kept for it.
 WINDOW, KEPT = 10_000_000, 200
-# Fastest joint (rad/s): beyond, an encoder has jumped. The fastest handle is 10 rad/s, its joints
+# Fastest joint (rad/s): beyond, an encoder has jumped. Of a handle at 10 rad/s the joints
 # are twice as fast, and noise of five times its figure differs by 5 rad/s from sample to sample.
 FASTEST = 30.0
 

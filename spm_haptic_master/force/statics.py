@@ -65,7 +65,7 @@ class ForceLimits:
     # motors rises from 0 to 1.
     sigma_off: float = 0.05
     sigma_full: float = 0.15
-    speed: float = 10.0  # fastest handle, rad/s: beyond, torque fades out
+    speed: float = 6.0  # fastest handle, rad/s: beyond, torque fades out
     # Largest protection level of an orientation that force relies on, rad. An orientation wrong by
     # 0.5 deg makes a torque wrong by up to 11 % where sigma is above 0.15.
     protection_level: float = radians(1.0)

@@ -135,7 +135,7 @@ FORCE_SETTINGS = (
         'force.speed_limit',
         float,
         'fastest handle, rad/s: beyond it torque fades out',
-        default=10.0,
+        default=6.0,
         minimum=0.1,
         maximum=100.0,
     ),

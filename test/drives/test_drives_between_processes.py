@@ -8,7 +8,7 @@ import time
 from benchmarks.pipeline.child_process import wait_until
 from drive_rig import drive_values
 import pytest
-from spm_haptic_master.drives.drives import make_drives
+from spm_haptic_master.drives.drives import make_unchecked_drives
 
 pytestmark = pytest.mark.process
 
@@ -48,7 +48,7 @@ def sim_bus(start, bus_channel):
 @pytest.fixture
 def drives(bus_channel):
     """Give drives on that bus."""
-    made = make_drives(
+    made = make_unchecked_drives(
         drive_values(drives__interface='udp_multicast', drives__channel=bus_channel, **SETTINGS)
     )
     yield made

@@ -5,6 +5,7 @@
 
 import json
 
+from harness import SIMULATED_CHECK
 import pytest
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.nodes.launch_plan import Follower, plan
@@ -133,7 +134,22 @@ def test_parameters_of_teleop_are_checked_before_the_start(file):
     assert plan('sim', rig, '', '', True)
 
 
-DRIVEN = {'force.enabled': True, 'drives.channel': 'can1', 'drives.rated_torque': [0.5]}
+def checked(node_ids, directory):
+    """Write the passed check of simulated drives with other node ids; return its path."""
+    content = json.loads(SIMULATED_CHECK.read_text())
+    for drive, node_id in zip(content['drives'], node_ids, strict=True):
+        drive['node_id'] = node_id
+    path = directory / 'check.json'
+    path.write_text(json.dumps(content))
+    return str(path)
+
+
+DRIVEN = {
+    'force.enabled': True,
+    'drives.channel': 'can1',
+    'drives.rated_torque': [0.5],
+    'drives.check_file': str(SIMULATED_CHECK),
+}
 
 
 @pytest.mark.parametrize(
@@ -153,7 +169,9 @@ DRIVEN = {'force.enabled': True, 'drives.channel': 'can1', 'drives.rated_torque'
     ],
 )
 @pytest.mark.parametrize('composed', [True, False])
-def test_force_feedback_that_cannot_work_is_refused(file, given, reason, composed):
+def test_force_feedback_that_cannot_work_is_refused(file, given, reason, composed, tmp_path):
+    if 'drives.node_id' in given:
+        given = given | {'drives.check_file': checked(given['drives.node_id'], tmp_path)}
     rig = file(json.dumps({'/**': {'ros__parameters': {'can.protocol': 'canopen'} | given}}))
     with pytest.raises(InputError, match=reason):
         launch('' if 'source' in given else 'sim', rig, CALIBRATION, composed=composed)
