@@ -141,10 +141,14 @@ class Node:
             raise SetupError(protocol.shared_node_id(self.node_id, len(answers)))
 
     def store(self) -> None:
-        """Store all parameters."""
-        self._sdo.RESPONSE_TIMEOUT, self._sdo.MAX_RETRIES = STORE_TIMEOUT, 1
-        self.write(*protocol.STORE, protocol.SAVE, 4)
-        self._sdo.RESPONSE_TIMEOUT, self._sdo.MAX_RETRIES = ANSWER_TIMEOUT, REQUESTS
+        """Store all parameters, which takes a device some seconds; errors as `write`."""
+        self._sdo.RESPONSE_TIMEOUT = STORE_TIMEOUT
+        self._sdo.MAX_RETRIES = 1
+        try:
+            self.write(*protocol.STORE, protocol.SAVE, 4)
+        finally:
+            self._sdo.RESPONSE_TIMEOUT = ANSWER_TIMEOUT
+            self._sdo.MAX_RETRIES = REQUESTS
 
     def command(self, command: int) -> None:
         """Send an NMT command."""

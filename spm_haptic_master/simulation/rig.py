@@ -145,6 +145,16 @@ def random_rig(
     )
 
 
+def _without_doubles(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    """Return an object of a JSON file; ValueError for a key that is given twice."""
+    content = dict(pairs)
+    names = [name for name, _ in pairs]
+    for name in content:
+        if names.count(name) > 1:
+            raise ValueError(f"key '{name}' is given twice")
+    return content
+
+
 def read_rig(
     path: str | Path, drawn: Geometry, noise: float, sensors: int = len(JOINT_NAMES)
 ) -> Rig:
@@ -155,7 +165,8 @@ def read_rig(
     given. InputError: it cannot be read, or has a key or a value that a rig cannot have.
     """
     try:
-        content = json.loads(Path(path).read_text(encoding='utf-8'))
+        text = Path(path).read_text(encoding='utf-8')
+        content = json.loads(text, object_pairs_hook=_without_doubles)
     except (OSError, ValueError) as error:
         raise InputError(f'{path}: cannot be read: {" ".join(str(error).split())}') from error
     if not isinstance(content, dict):

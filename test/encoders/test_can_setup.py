@@ -291,3 +291,18 @@ def test_without_the_library_it_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, 'canopen', None)
     with pytest.raises(InputError, match='needs canopen .sudo apt install .*; .* pip install'):
         import_canopen()
+
+
+def test_a_refused_store_leaves_no_long_time_out(monkeypatch):
+    """Else each later question to a silent device would take 15 s."""
+    node = Node(library.Network(), 1)
+    usual = node._sdo.RESPONSE_TIMEOUT, node._sdo.MAX_RETRIES
+
+    def refuse(*_):
+        assert node._sdo.RESPONSE_TIMEOUT == canopen_network.STORE_TIMEOUT
+        raise canopen_network.RefusedError('node 1 refuses to store')
+
+    monkeypatch.setattr(node, 'write', refuse)
+    with pytest.raises(canopen_network.RefusedError):
+        node.store()
+    assert (node._sdo.RESPONSE_TIMEOUT, node._sdo.MAX_RETRIES) == usual

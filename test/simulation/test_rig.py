@@ -153,3 +153,13 @@ def test_what_is_wrong_is_named_in_one_line(content, words, tmp_path):
 def test_settings_that_contradict_each_other():
     with pytest.raises(SettingError, match=r"'sim.rig_seed' is 2; expected 0 with a sim.rig_file"):
         rig.make_rig(values('sim', sim__rig_file=str(DATA / 'rig' / 'rig.json'), sim__rig_seed=2))
+
+
+def test_a_key_that_is_given_twice_is_refused(tmp_path):
+    """JSON's reader would take the last one."""
+    path = tmp_path / 'rig.json'
+    path.write_text('{"noise_deg": [0.0, 0.0, 0.0, 0.0], "noise_deg": [1.0, 1.0, 1.0, 1.0]}')
+    with pytest.raises(
+        InputError, match="rig.json: cannot be read: key 'noise_deg' is given twice"
+    ):
+        rig.read_rig(path, Geometry(), 0.0)

@@ -8,7 +8,10 @@ from math import pi, radians
 import numpy as np
 import pytest
 from rig import product_limits
+from spm_haptic_master.parameters.fkm import SUPERVISION_SETTINGS
+from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.supervision.joint_monitor import deviation, JointMonitor, lag, Step
+from spm_haptic_master.supervision.supervisor import make_supervisor
 
 DT = 1e-3
 SIGMA = radians(0.04)
@@ -203,3 +206,16 @@ def test_equal_readings_mean_something_of_a_noisy_sensor_only():
         monitor = joint()
         follow(monitor, quiet)
         assert not monitor.repeats_are_rare
+
+
+@pytest.mark.parametrize(('jitter', 'away'), [(0.0, True), (0.001, False)])
+def test_a_fast_joint_may_be_off_by_what_the_jitter_of_the_stamps_explains(jitter, away):
+    """At 3 rad/s a stamp that is off by 1 ms is 0.17 deg, four times the noise."""
+    supervisor = make_supervisor(complete(SUPERVISION_SETTINGS, {}))
+    place, velocity, period = np.array([0.5, 0.4, 0.3, 0.2]), 3.0, 0.001
+    for number in range(100):
+        angles = place + velocity * period * number
+        supervisor.joints.check(tuple(angles.tolist()), period, period, 0.0, ())
+    ahead = place + velocity * (period * 100 + 0.003)
+    found, _ = supervisor.joints.check(tuple(ahead.tolist()), period, period, jitter, ())
+    assert found == away
