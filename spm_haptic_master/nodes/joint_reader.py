@@ -6,22 +6,26 @@
 from __future__ import annotations
 
 from math import isfinite
+from struct import error as StructError
 from struct import Struct
 
-from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from spm_haptic_master.timing import SECOND
 
-# Bytes of the encapsulation and of the stamp, before everything that a publisher repeats.
-HEAD = 12
+# Encapsulation identifier of little-endian CDR, and the counts of no velocities and no efforts.
+LITTLE_ENDIAN, NOTHING_ELSE = b'\x00\x01', bytes(8)
+# A sequence of one element begins with its count.
+ONE = (1).to_bytes(4, 'little')
 
 
 class JointReader:
     """
     Reads serialized JointState messages of one joint, of one publisher after the other.
 
-    rclpy builds a dozen Python objects for each. Messages of a publisher differ in stamp and
-    position only: where all other bytes are those of the last message, these two are unpacked.
+    rclpy builds a dozen Python objects for each. Those of the layout of the last message are
+    unpacked instead: stamp, frame_id, one name, one position, nothing else. Padding is not
+    initialized, and ignored.
 
     Parameters
     ----------
@@ -32,11 +36,7 @@ class JointReader:
 
     def __init__(self, name: str) -> None:
         self._name = name
-        self._stamp = Struct('<4xiI')
-        self._known_size = 0
-        self._known_middle = self._known_tail = b''
-        self._position = Struct('<d')
-        self._offset = 0
+        self._arrange('')
 
     def read(self, data: bytes) -> tuple[int, float] | None:
         """
@@ -54,52 +54,36 @@ class JointReader:
             number of positions, or one that is not finite.
 
         """
-        if not self._is_like_last(data):
+        try:
+            order, seconds, nanoseconds, *repeated, position, rest = self._unpack(data)
+        except StructError:  # too short
             return self._read_any(data)
-        (position,) = self._position.unpack_from(data, self._offset)
-        seconds, nanoseconds = self._stamp.unpack_from(data)
-        if not isfinite(position):
-            return None
-        return seconds * SECOND + nanoseconds, position
-
-    def _is_like_last(self, data: bytes) -> bool:
-        """Return whether a message differs from the last one in stamp and position only."""
-        end = self._offset + self._position.size
-        return (
-            len(data) == self._known_size
-            and data[HEAD : self._offset] == self._known_middle
-            and data[end:] == self._known_tail
-        )
+        if order != LITTLE_ENDIAN or repeated != self._repeated or rest != NOTHING_ELSE:
+            return self._read_any(data)
+        return (seconds * SECOND + nanoseconds, position) if isfinite(position) else None
 
     def _read_any(self, data: bytes) -> tuple[int, float] | None:
         message = deserialize_message(data, JointState)
+        # The next one of this publisher is read by the layout, if it is only another frame_id.
+        self._arrange(message.header.frame_id)
         if list(message.name) != [self._name] or len(message.position) != 1:
             return None
-        self._learn(data, message)
         position = float(message.position[0])
-        if not isfinite(position):
-            return None
         stamp = message.header.stamp
-        return stamp.sec * SECOND + stamp.nanosec, position
+        return (stamp.sec * SECOND + stamp.nanosec, position) if isfinite(position) else None
 
-    def _learn(self, data: bytes, message: JointState) -> None:
-        """Find where the position is: at the last place where two positions differ."""
-        size = len(data)
-        first, second = (
-            serialize_message(
-                JointState(header=message.header, name=message.name, position=[position])
-            )
-            for position in (0.0, -1.0)
-        )
-        differing = [
-            index for index, (a, b) in enumerate(zip(first, second, strict=True)) if a != b
-        ]
-        # A double of -1.0 differs from 0.0 in its two highest bytes.
-        offset = differing[-1] - self._position.size + 1
-        is_plain = len(first) == size and not (message.velocity or message.effort)
-        if not is_plain or first[:4] != data[:4]:
-            return
-        self._known_size = size
-        self._offset = offset
-        self._known_middle = data[HEAD:offset]
-        self._known_tail = data[offset + self._position.size :]
+    def _arrange(self, frame_id: str) -> None:
+        """Have the layout of messages with a frame_id."""
+        self._repeated = [_text(frame_id), ONE, _text(self._name), ONE]
+        layout, size = '<2s2xiI', 8
+        for field in self._repeated:
+            padding = -size % 4
+            layout += f'{padding}x{len(field)}s'
+            size += padding + len(field)
+        self._unpack = Struct(f'{layout}{-size % 8}xd8s').unpack_from
+
+
+def _text(text: str) -> bytes:
+    """Return a string in CDR: its length, its characters, a zero byte."""
+    characters = text.encode() + b'\x00'
+    return len(characters).to_bytes(4, 'little') + characters

@@ -56,8 +56,9 @@ class CommandOutput:
         """Publish a command with the stamp of its orientation, ns."""
         pose = command.pose
         self._pose_out.publish(self._write(stamp, pose.position, pose.rotation))
-        passed = max(now - self._twisted_at, self._period)
-        self._publish_twist(stamp, self._fading.follow(command.motion, passed))
+        if self._twist_out.get_subscription_count():
+            passed = max(now - self._twisted_at, self._period)
+            self._publish_twist(stamp, self._fading.follow(command.motion, passed))
         self._commanded_at = self._twisted_at = now
 
     def fade(self, stamp: int, now: float, is_engaged: bool) -> None:
@@ -66,12 +67,10 @@ class CommandOutput:
             return
         motion = self._fading.fade(now - self._twisted_at)
         self._twisted_at = now
-        if motion is not None:
+        if motion is not None and self._twist_out.get_subscription_count():
             self._publish_twist(stamp, motion)
 
     def _publish_twist(self, stamp: int, motion: Motion) -> None:
-        if not self._twist_out.get_subscription_count():
-            return
         header, twist = self._twist.header, self._twist.twist
         header.stamp.sec, header.stamp.nanosec = divmod(stamp, SECOND)
         twist.angular.x, twist.angular.y, twist.angular.z = motion.angular

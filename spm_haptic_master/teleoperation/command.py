@@ -5,23 +5,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.kinematics.vectors import cross
 from spm_haptic_master.teleoperation.vectors import total, ZERO
 
 
-@dataclass(frozen=True, slots=True)
-class Pose:
+class Pose(NamedTuple):
     """Pose of the tip of the slave in its base frame."""
 
     rotation: Quaternion[float]  # unit quaternion x, y, z, w
     position: Vector[float] = ZERO  # m
 
 
-@dataclass(frozen=True, slots=True)
-class Motion:
+class Motion(NamedTuple):
     """Velocity of a commanded pose in the slave's base frame."""
 
     angular: Vector[float] = ZERO  # rad/s
@@ -36,8 +34,7 @@ class Motion:
         return total(cross(self.angular, self.lever), self.sliding)
 
 
-@dataclass(frozen=True, slots=True)
-class Command:
+class Command(NamedTuple):
     """What goes out with one orientation of the master."""
 
     pose: Pose

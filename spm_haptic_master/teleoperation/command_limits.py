@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import sqrt
+from typing import NamedTuple
 
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.kinematics.rotations import multiply_quaternions, quaternion_from_vector
@@ -43,8 +44,7 @@ class CommandLimits:
     longest: float
 
 
-@dataclass(frozen=True, slots=True)
-class Step:
+class Step(NamedTuple):
     """What one step of the command may do."""
 
     dt: float  # s since the last command
@@ -68,6 +68,8 @@ class LimitedRotation:
         self._target: Quaternion[float] | None = None
         self.rotation = rotation  # its sign is continuous
         self.velocity = ZERO  # rad/s, base frame
+        # Tilt of the shaft, rad; not used without a cone.
+        self._tilt = 0.0 if cone is None else cone.tilt(rotation)
 
     def advance(self, target: Quaternion[float], dt: float) -> str:
         """
@@ -95,7 +97,9 @@ class LimitedRotation:
         covered = min(limits.speed * min(dt, limits.longest), limits.jump)
         step = Step(dt, speed=covered / dt, gain=limits.acceleration * dt)
         wanted = scaled(error, 1.0 / dt)
-        moving = self._target_velocity(target, error, dt)
+        moving = wanted
+        if self._target is not None:
+            moving = scaled(rotation_between(self._target, target), 1.0 / dt)
         broken = self._broken_by(wanted, moving, step)
         if broken and not limits.slews:
             return broken
@@ -109,21 +113,15 @@ class LimitedRotation:
         """Take the next target as one to move to from here: what the command is behind is lost."""
         self._target = None
 
-    def _target_velocity(
-        self, target: Quaternion[float], error: Vector[float], dt: float
-    ) -> Vector[float]:
-        """Return the target's own velocity, rad/s: that of the command, where it was there."""
-        if self._target is not None:
-            error = rotation_between(self._target, target)
-        return scaled(error, 1.0 / dt)
-
     def _broken_by(self, wanted: Vector[float], moving: Vector[float], step: Step) -> str:
         """Return which limit a step at the wanted velocity would break; empty if none."""
         if norm(wanted) > (1.0 + ROUNDING) * step.speed:
             return 'speed'
-        # Also where it has caught up, but would then be faster than the target by too much.
-        changes = difference(wanted, self.velocity), difference(wanted, moving)
-        if max(map(norm, changes)) > (1.0 + ROUNDING) * step.gain:
+        gain = (1.0 + ROUNDING) * step.gain
+        if norm(difference(wanted, self.velocity)) > gain:
+            return 'acceleration'
+        # Where it has caught up, it must not be faster than the target by too much.
+        if moving is not wanted and norm(difference(wanted, moving)) > gain:
             return 'acceleration'
         return ''
 
@@ -179,9 +177,15 @@ class LimitedRotation:
         self, cone: TiltCone, rotation: Quaternion[float], dt: float
     ) -> Quaternion[float]:
         """Return the rotation, or the nearest one whose tilt can still stop at the cone."""
-        tilt = cone.tilt(self.rotation)
-        outward = braking_speed(cone.largest - tilt, dt, self._limits.acceleration)
-        return cone.within(rotation, tilt + outward * dt)
+        before, self._tilt = self._tilt, cone.tilt(rotation)
+        if self._tilt <= before:
+            return rotation
+        outward = braking_speed(cone.largest - before, dt, self._limits.acceleration)
+        allowed = before + outward * dt
+        if self._tilt <= allowed:
+            return rotation
+        self._tilt = allowed
+        return cone.within(rotation, allowed)
 
 
 def unit_quaternion(quaternion: Quaternion[float]) -> Quaternion[float] | None:

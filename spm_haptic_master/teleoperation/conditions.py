@@ -81,7 +81,7 @@ class Inputs:
         # Time without an insertion, s, in which this process ran.
         self._insertion_age = inf
         period = 1.0 / conditions.sample_rate
-        self._insertion_timeout = INSERTION_PERIODS * period + INSERTION_DELAY
+        self._insertion_timeout = INSERTION_PERIODS * period + INSERTION_DELAY + ROUNDING
         self._longest_pause = period + INSERTION_DELAY
 
     def pass_time(self, dt: float) -> None:
@@ -120,42 +120,42 @@ class Inputs:
 
     def blocking(self) -> str:
         """Return what forbids that the slave follows; empty if nothing does."""
-        return (
-            self._obstacle_of_orientation()
-            or self._obstacle_of_slave()
-            or self._obstacle_of_level()
-            or self._obstacle_of_insertion()
-            or self.force_fault
-        )
+        found = self._obstacle_of_master() or self._obstacle_of_slave()
+        if found or self._conditions.protection_limit == inf:
+            return found
+        return self._obstacle_of_level()
 
-    def _obstacle_of_orientation(self) -> str:
+    def _obstacle_of_master(self) -> str:
         if self.state is None:
             return 'no state of the orientation'
         if not self.state.publishes:
             return self.state.text
-        age = self.now - self._master_at
-        if self.master is None or age > self._conditions.orientation_timeout:
+        if (
+            self.master is None
+            or self.now - self._master_at > self._conditions.orientation_timeout
+        ):
             return NO_ORIENTATION
-        return 'master not enabled' if self.enabling == 0 else ''
-
-    def _obstacle_of_slave(self) -> str:
-        if self.slave is None or self.now - self._slave_at > self._conditions.slave_timeout:
-            return 'no pose of the slave'
-        return self.slave_obstacle
+        if self.enabling == 0:
+            return 'master not enabled'
+        return self.force_fault
 
     def _obstacle_of_level(self) -> str:
-        limit = self._conditions.protection_limit
-        if limit == inf:
-            return ''
         if self.now - self.level_at > self._conditions.orientation_timeout:
             return 'no protection level'
-        return '' if self.level <= limit else 'protection level above the limit'
+        is_low = self.level <= self._conditions.protection_limit
+        return '' if is_low else 'protection level above the limit'
 
-    def _obstacle_of_insertion(self) -> str:
+    def _obstacle_of_slave(self) -> str:
+        conditions = self._conditions
+        if self.slave is None or self.now - self._slave_at > conditions.slave_timeout:
+            return 'no pose of the slave'
+        if self.slave_obstacle:
+            return self.slave_obstacle
         if self.trocar is None:
-            return 'no trocar' if self._conditions.requires_trocar else ''
-        is_missing = self._insertion_age > self._insertion_timeout + ROUNDING
-        return NO_INSERTION if is_missing and self._conditions.centre.scale else ''
+            return 'no trocar' if conditions.requires_trocar else ''
+        if self._insertion_age > self._insertion_timeout and conditions.centre.scale:
+            return NO_INSERTION
+        return ''
 
     @property
     def is_present(self) -> bool:

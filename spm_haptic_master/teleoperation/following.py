@@ -109,8 +109,9 @@ class Following:
 
         """
         dt = (stamp - self.stamp) / SECOND
-        left = norm(vector_from_quaternion(*self._offset))
+        left = 0.0
         if self._closing is not None:
+            left = norm(vector_from_quaternion(*self._offset))
             self._shrink_offset(self._closing, left, dt)
         broken = self._turn(multiply_quaternions(master, self._offset), dt)
         if not broken and self._centre is not None:

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import atan2
+from math import atan2, cos
 
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.kinematics.rotations import multiply_quaternions, quaternion_from_vector
@@ -30,9 +30,12 @@ class TiltCone:
     def within(self, rotation: Quaternion[float], angle: float) -> Quaternion[float]:
         """Return the rotation, turned back towards the axis as far as its tilt exceeds `angle`."""
         direction = rotate(rotation, self.shaft)
+        cosine = dot(self.axis, direction)
+        if cosine >= cos(angle):
+            return rotation
         normal = cross(self.axis, direction)
         sine = norm(normal)
-        excess = atan2(sine, dot(self.axis, direction)) - angle
+        excess = atan2(sine, cosine) - angle
         if excess <= 0.0 or sine == 0.0:
             return rotation
         back = quaternion_from_vector(*scaled(normal, -excess / sine))
