@@ -213,6 +213,7 @@ def _demonstrate(args: list[str]) -> int:
     parser.add_argument('--picture', type=Path, metavar='FILE', help='draw it (PNG, SVG)')
     given, words = parser.parse_known_args(args)
     os.environ.update(private_environment())
+    print('a session of about 45 s', flush=True)
     with ExitStack() as stack:
         # A file before those that are given: they override it, as `-p` does.
         defaults = Path(stack.enter_context(TemporaryDirectory(prefix=NAME)), 'defaults.yaml')

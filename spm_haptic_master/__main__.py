@@ -29,7 +29,10 @@ REMEDIES = {
     ),
     'can': 'sudo apt install python3-can',
     'numpy': 'sudo apt install python3-numpy',
-    'viser': "in a virtual environment, pip install '.[view]'",
+    'viser': (
+        "python3 -m venv --system-site-packages ~/view && ~/view/bin/pip install 'viser<2' "
+        'websockets msgspec; then ~/view/bin/python -m spm_haptic_master view'
+    ),
     'yaml': 'sudo apt install python3-yaml',
 }
 

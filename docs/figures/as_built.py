@@ -81,12 +81,12 @@ def base(picture: Picture, g: Geometry) -> None:
         (np.eye(3)[2], 'z', (-0.04, 0.06)),
     ):
         axis(picture, vector, name, shift, 1.18, color=FAINT, linestyle=(0, (4, 3)))
-    turned(picture, np.eye(3)[2], z, (-0.3, 0.11))
+    turned(picture, np.eye(3)[2], z, (0.5, -0.16))
     axis(picture, z, '$Z_{1A}$', (0.03, 0.08), 1.35)
     axis(picture, x, '$x_A$', (0.02, -0.07), 1.0)
     axis(picture, y, '$y_A$', (0.05, 0.06), 1.0)
     second = leg.second[0] + np.array(leg.second[1])
-    axis(picture, second, '$Z_{2A}$ at th1A = 0', (-0.1, 0.09))
+    axis(picture, second, '$Z_{2A}$ at th1A = 0', (-0.05, 0.1))
     link(picture, z, second, 7.0, '$α_A$', (0.05, -0.12))
     picture.arrow(turn_about(z, 1.2, 0.12, 20.0, 285.0), color='#7a5800', linewidth=1.3, zorder=7)
     picture.text(1.2 * z, 'th1A', (0.27, 0.0), fontsize=11)
@@ -104,7 +104,7 @@ def platform(picture: Picture, g: Geometry) -> None:
         (np.eye(3)[1], 'y', (0.06, 0.0)),
     ):
         axis(picture, vector, name, shift, 1.1, color=FAINT, linestyle=(0, (4, 3)))
-    turned(picture, np.eye(3)[2], z, (0.05, -0.08))
+    turned(picture, np.eye(3)[2], z, (0.1, 0.17))
     axis(picture, np.eye(3)[2], '$Z_E$', (-0.07, 0.05), 1.25)
     axis(picture, z, '$Z_{3A}$', (0.1, 0.05))
     axis(picture, x, '$x_A$', (-0.03, -0.06), 1.0)

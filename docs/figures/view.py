@@ -44,65 +44,94 @@ PANEL = 390
 ANIMATED_WIDTH = 440
 # Frames of the animated picture, the time between two when they are taken and when they are shown
 # (s), and its colours.
-FRAMES, TAKEN_EVERY, SHOWN_FOR, GIF_COLOURS = 16, 0.35, 0.2, 48
+FRAMES, TAKEN_EVERY, SHOWN_FOR, GIF_COLOURS = 16, 0.35, 0.2, 128
 # Colours of a picture: few enough for a small file.
 COLOURS = 256
-# Time for a page of another size, and for the trace, to be drawn; for a program to start, and for
-# a word to appear (s).
-RESIZE, SETTLE, PATIENCE = 2.0, 12.0, 120.0
+# Time for a page that opens to be drawn, with dome and some seconds of its plots; for a program
+# to start, and for a word to appear (s).
+SETTLE, PATIENCE = 14.0, 120.0
 # What viser says of a browser without a GPU is no part of the picture.
 WITHOUT_NOTICE = 'document.querySelectorAll(".mantine-Notification-root").forEach(e => e.remove())'
-FRONT = '[...document.querySelectorAll("button")].find(e => e.innerText.trim() == "front")'
 # Error of three encoders alone (deg), 0 where the page has none.
 ERROR = """(() => { const row = [...document.querySelectorAll(".spm-table tr")].find(
     e => e.cells[0].innerText == "three encoders"); return parseFloat(row?.cells[1].innerText) || 0
     })()"""
-
-
-# Whether the page has th3A as not checked.
+# Whether the page has th3A as not checked, and whether it is covered.
 UNCHECKED = '[...document.querySelectorAll(".spm-chip")][3]?.title.includes("not checked")'
+COVERED = 'getComputedStyle(document.querySelector(".spm-lost")).visibility == "visible"'
 # Error of three encoders alone that is seen in a picture (deg).
 LOST = 6.0
 
 
-def picture(page: Browser) -> Image.Image:
-    """Return what the page shows."""
-    page.evaluate(WITHOUT_NOTICE)
-    return Image.open(io.BytesIO(page.screenshot())).convert('RGB')
+class Pictures:
+    """The page in a browser, and the pictures of its states, each at all sizes."""
 
+    def __init__(self, page: Browser, url: str) -> None:
+        self.page, self._url = page, url
 
-def save(image: Image.Image, path: Path) -> None:
-    """Write a picture."""
-    image.quantize(COLOURS, kmeans=2).save(path, optimize=True)
-    print(path, path.stat().st_size)
-
-
-def save_state(page: Browser, name: str, condition: Callable[[], object] = lambda: True) -> None:
-    """Write the pictures of a state, in both sizes, each when a condition holds."""
-    for width, height in SIZES:
-        page.call(
+    def open(self, width: int, height: int, query: str = '') -> None:
+        """Open the page at a size (pixels), as a user does: nobody clicks before its picture."""
+        self.page.call(
             'Emulation.setDeviceMetricsOverride',
             width=width,
             height=height,
             deviceScaleFactor=1,
             mobile=False,
         )
-        # As on a page that is opened at that size.
-        time.sleep(RESIZE)
-        page.evaluate(f'{FRONT}?.click()')
-        time.sleep(RESIZE)
-        wait(condition, name)
-        save(picture(page), STATES / f'{name}_{width}.png')
-    width, height = SIZES[0]
-    page.call(
-        'Emulation.setDeviceMetricsOverride',
-        width=width,
-        height=height,
-        deviceScaleFactor=1,
-        mobile=False,
-    )
-    time.sleep(RESIZE)
-    page.evaluate(f'{FRONT}?.click()')
+        self.page.visit(f'{self._url}/{query}')
+        wait(self.page.banner, 'the page does not open')
+
+    def take(self) -> Image.Image:
+        """Return what the page shows."""
+        self.page.evaluate(WITHOUT_NOTICE)
+        return Image.open(io.BytesIO(self.page.screenshot())).convert('RGB')
+
+    def is_covered(self) -> bool:
+        """Return whether the page says that its picture is late."""
+        return bool(self.page.evaluate(COVERED))
+
+    def save(
+        self,
+        name: str,
+        condition: Callable[[], object] = lambda: True,
+        query: str = '',
+        prepare: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Write the pictures of a state, in all sizes, prepared, while a condition holds."""
+        for width, height in SIZES:
+            self.open(width, height, query)
+            time.sleep(SETTLE)
+            prepare()
+            self._save_one(STATES / f'{name}_{width}.png', condition)
+
+    def save_covered(self, name: str, view: Program) -> None:
+        """Write the pictures of a page whose program stands still."""
+        for width, height in SIZES:
+            self.open(width, height)
+            time.sleep(SETTLE)
+            os.kill(view.pid, signal.SIGSTOP)
+            try:
+                time.sleep(3.0)
+                wait(self.is_covered, 'the page is not covered')
+                save(self.take(), STATES / f'{name}_{width}.png')
+            finally:
+                os.kill(view.pid, signal.SIGCONT)
+
+    def _save_one(self, path: Path, condition: Callable[[], object]) -> None:
+        """Write one picture; the condition holds before and after it is taken."""
+        for _ in range(20):
+            wait(lambda: condition() and not self.is_covered(), path.name)
+            image = self.take()
+            if condition() and not self.is_covered():
+                save(image, path)
+                return
+        raise TimeoutError(path.name)
+
+
+def save(image: Image.Image, path: Path) -> None:
+    """Write a picture."""
+    image.quantize(COLOURS, kmeans=2).save(path, optimize=True)
+    print(path, path.stat().st_size, flush=True)
 
 
 def wait(condition: Callable[[], object], what: str) -> None:
@@ -144,9 +173,17 @@ class Device:
         """Have its encoders fail."""
         self._fail.publish(String(data=faults))
 
+    def has_words(self, words: str) -> bool:
+        """Return whether the banner begins with some words."""
+        return self._page.banner().startswith(words)
+
+    def is_healthy(self) -> bool:
+        """Return whether the page says that all is well."""
+        return self._page.banner() == HEALTHY.text
+
     def shows(self, words: str) -> None:
         """Wait until the banner begins with some words."""
-        wait(lambda: self._page.banner().startswith(words), f'the page is not {words}')
+        wait(lambda: self.has_words(words), f'the page is not {words}')
 
     def close(self) -> None:
         """End it."""
@@ -154,26 +191,70 @@ class Device:
         self._node.destroy_node()
 
 
-def animate(page: Browser) -> None:
-    """Write the animated picture of what the device does."""
+def animate(pictures: Pictures) -> None:
+    """Write the animated picture of what the device does, all of its frames in one palette."""
     frames = []
     for _ in range(FRAMES):
         width, height = SIZES[0]
-        frame = picture(page).crop((0, 0, width - PANEL, height))
+        frame = pictures.take().crop((0, 0, width - PANEL, height))
         height = round(frame.height * ANIMATED_WIDTH / frame.width)
-        frames.append(
-            frame.resize((ANIMATED_WIDTH, height), Image.Resampling.LANCZOS).quantize(GIF_COLOURS)
-        )
+        frames.append(frame.resize((ANIMATED_WIDTH, height), Image.Resampling.LANCZOS))
         time.sleep(TAKEN_EVERY)
-    frames[0].save(
+    all_frames = Image.new('RGB', (ANIMATED_WIDTH, len(frames) * frames[0].height))
+    for index, frame in enumerate(frames):
+        all_frames.paste(frame, (0, index * frame.height))
+    palette = all_frames.quantize(GIF_COLOURS, kmeans=2)
+    indexed = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+    indexed[0].save(
         HERE / 'view.gif',
         save_all=True,
-        append_images=frames[1:],
+        append_images=indexed[1:],
         duration=round(1000 * SHOWN_FOR),
         loop=0,
         optimize=True,
     )
-    print(HERE / 'view.gif')
+    print(HERE / 'view.gif', flush=True)
+
+
+def lose(device: Device, pictures: Pictures) -> None:
+    """Lead the device across the singularity until three encoders alone come out wrong."""
+    while not pictures.page.evaluate(ERROR) > LOST:
+        for phi in (SINGULAR - NEAR, SINGULAR + NEAR):
+            device.steer(0.0, 0.0, phi)
+            time.sleep(6.0)
+
+
+def with_four(pictures: Pictures) -> None:
+    """Take the pictures of a device with four encoders."""
+    with closing(Device(pictures.page)) as device:
+        pictures.save('healthy', device.is_healthy)
+        pictures.open(*SIZES[0])
+        time.sleep(SETTLE)
+        wait(device.is_healthy, 'the device is not healthy')
+        animate(pictures)
+        pictures.save('singularity', device.is_healthy, prepare=lambda: lose(device, pictures))
+        shutil.copy(STATES / f'singularity_{SIZES[0][0]}.png', HERE / 'view.png')
+        device.steer(0.0, 0.0, SINGULAR)
+        time.sleep(6.0)
+        pictures.save('unchecked', lambda: pictures.page.evaluate(UNCHECKED))
+        device.fail('stuck:joint_3a')
+        device.shows('silent: th3A')
+        pictures.save('frozen', lambda: device.has_words('silent: th3A'))
+
+
+def with_six(pictures: Pictures, view: Program) -> None:
+    """Take the pictures of a device with six encoders."""
+    with closing(Device(pictures.page, sensors=6)) as device:
+        device.fail('dropout:joint_1b')
+        device.shows('degraded: th1B')
+        pictures.save('unplugged', lambda: device.has_words('degraded: th1B'))
+        device.fail('')
+        device.shows(HEALTHY.text)
+        device.fail('stuck:joint_3a')
+        device.shows('degraded: th3A')
+        pictures.save('excluded', lambda: device.has_words('degraded: th3A'))
+        pictures.save('dark', lambda: device.has_words('degraded: th3A'), '?darkMode')
+        pictures.save_covered('stopped', view)
 
 
 def main() -> None:
@@ -190,48 +271,10 @@ def main() -> None:
         folder = stack.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True))
         page = Browser(Path(folder), *SIZES[0])
         stack.callback(page.close)
-        url = view.stdout.splitlines()[0].removeprefix('view: ')
-        page.visit(url)
-        wait(lambda: page.banner().startswith('no device'), 'the page does not open')
-        save_state(page, 'no_device')
-
-        with closing(Device(page)) as device:
-            time.sleep(SETTLE)
-            save_state(page, 'healthy')
-            animate(page)
-            lost = False
-            while not lost:
-                for phi in (SINGULAR - NEAR, SINGULAR + NEAR):
-                    device.steer(0.0, 0.0, phi)
-                    time.sleep(3.0 * RESIZE)
-                lost = page.evaluate(ERROR) > LOST
-            save_state(page, 'singularity')
-            shutil.copy(STATES / f'singularity_{SIZES[0][0]}.png', HERE / 'view.png')
-            device.steer(0.0, 0.0, SINGULAR)
-            save_state(page, 'unchecked', lambda: page.evaluate(UNCHECKED))
-            device.fail('stuck:joint_3a')
-            device.shows('silent: joint_3a')
-            save_state(page, 'frozen')
-        with closing(Device(page, sensors=6)) as device:
-            device.fail('dropout:joint_1b')
-            device.shows('degraded: joint_1b')
-            time.sleep(SETTLE)
-            save_state(page, 'unplugged')
-            device.fail('')
-            device.shows(HEALTHY.text)
-            device.fail('stuck:joint_3a')
-            device.shows('degraded: joint_3a')
-            save_state(page, 'excluded')
-            page.visit(f'{url}/?darkMode')
-            device.shows('degraded: joint_3a')
-            time.sleep(SETTLE)
-            save_state(page, 'dark')
-            os.kill(view.pid, signal.SIGSTOP)
-            try:
-                time.sleep(SETTLE)
-                save_state(page, 'stopped')
-            finally:
-                os.kill(view.pid, signal.SIGCONT)
+        pictures = Pictures(page, view.stdout.splitlines()[0].removeprefix('view: '))
+        pictures.save('no_device', lambda: page.banner().startswith('no device'))
+        with_four(pictures)
+        with_six(pictures, view)
 
 
 if __name__ == '__main__':

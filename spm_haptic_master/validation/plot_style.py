@@ -29,12 +29,13 @@ except ImportError as error:
 RESOLUTION = 110
 # Default size of a picture (inch).
 WIDTH, HEIGHT = 8.0, 3.4
-# Colours of the models, the same everywhere; distinguishable without red and green.
+# Colours of the models, the same everywhere: three encoders alone and all of them as on the page
+# of `view` (description/colours.py); distinguishable without red and green.
 REFERENCE = '#000000'
-CLASSIC = '#d95f02'
-MULTI_BODY = '#1b9e77'
-IMPROVED = '#2b6cb0'
-ESTIMATE = '#b0379b'
+CLASSIC = '#a3308f'
+MULTI_BODY = '#c08a00'
+IMPROVED = '#00687a'
+ESTIMATE = '#4c9be8'
 CAPTURE = '#9a9a9a'
 # Colour and width of the grid lines (points).
 GRID_COLOUR, GRID_WIDTH = '#dddddd', 0.6

@@ -32,9 +32,9 @@ FOLDER = Path(__file__).with_name('page')
 SCRIPTS = 'elements.js', 'lateness.js', 'camera.js', 'past.js', 'plots.js', 'panel.js', 'page.js'
 # Begin of a script with news.
 NEWS = 'window.spm.show('
-# How late the picture may be, and longest time without news, before the page covers itself (s):
-# a pose that is 0.5 s late is covered within a second.
-LATEST, NEWS_TIMEOUT = 0.5, 1.25
+# How late news may be, and how old the latest ones, before the page covers itself (s): a pose that
+# is 0.5 s late is covered within a second.
+LATEST, OLDEST = 0.5, 1.0
 # Camera's position relative to its target in each view of one device, and the target (units of the
 # scene); share of that distance by which it backs off for each further device (unit 1).
 CAMERAS = {'front': (1.15, -3.15, 1.75), 'side': (3.9, -0.01, 0.4), 'top': (0.0, -0.01, 4.1)}
@@ -101,7 +101,7 @@ class Page:
         setup = {
             'css': (FOLDER / 'page.css').read_text(),
             'latest': LATEST,
-            'timeout': NEWS_TIMEOUT,
+            'oldest': OLDEST,
             'introduction': INTRODUCTION,
             'dome': colour_bar(),
             'views': self.views,

@@ -9,9 +9,11 @@ from pathlib import Path
 
 import numpy as np
 from paper.figure_entry import table
+from spm_haptic_master.description.colours import ALL_ENCODERS, ERROR_LIMIT, THREE_ENCODERS
 from spm_haptic_master.force import render
 from spm_haptic_master.kinematics import jacobian, workspace_pose
 from spm_haptic_master.validation import plot_style
+from study.force.feel_picture import singular_deg
 
 # Self-rotations of the curves (deg), at the centre of the workspace.
 PHI = np.arange(0.0, 95.01, 0.25)
@@ -99,11 +101,19 @@ def fade(path: Path) -> str:
     roll = ASKED * R[:, :, 2]
     figure = plot_style.new_figure(height=6.0)
     upper, lower = figure.subplots(2, 1, sharex=True)
-    for motors in (3, 4):
+    for motors, number, ink in ((3, 'three', THREE_ENCODERS), (4, 'four', ALL_ENCODERS)):
         found = render(R, roll, motors=motors)
         felt = np.einsum('ni,ni->n', found.rendered, R[:, :, 2])
-        upper.plot(NEAR, felt, label=f'{("three", "four")[motors - 3]} motors')
-        lower.plot(NEAR, found.motor_torque[:, 0], label=f'th1A of {motors} motors')
+        upper.plot(NEAR, felt, color=ink.light, label=f'{number} motors')
+        lower.plot(
+            NEAR, found.motor_torque[:, 0], color=ink.light, label=f'th1A of {number} motors'
+        )
+    singular = singular_deg()
+    for axes in (upper, lower):
+        axes.axvline(singular, color=ERROR_LIMIT.light, linestyle=':', linewidth=1.2)
+    upper.annotate(
+        'singular surface', (singular, 0.15), xytext=(4, 0), textcoords='offset points', fontsize=8
+    )
     upper.legend()
     lower.legend()
     plot_style.label_axes(upper, '', 'rendered, N m', f'roll torque of {ASKED:g} N m, centre')

@@ -44,8 +44,9 @@ def test_without_viser_one_line_says_how_to_get_it(start_python):
     )
     assert program.wait(PATIENCE) == 1
     assert program.stderr == (
-        'view: the Python module viser is missing: in a virtual '
-        "environment, pip install '.[view]'\n"
+        'view: the Python module viser is missing: python3 -m venv --system-site-packages ~/view '
+        "&& ~/view/bin/pip install 'viser<2' websockets msgspec; then ~/view/bin/python -m "
+        'spm_haptic_master view\n'
     )
 
 

@@ -17,10 +17,11 @@ const lateness = (() => {
             lag = way - smallest;
             heardAt = now;
         },
-        // Time by which the picture is too late (s); 0 if it is in time.
+        // Time by which the picture is too late (s); 0 if it is in time. Between two news it may be
+        // as late as the time since the older one.
         late: () => {
-            const silent = seconds() - heardAt;
-            return lag > setup.latest || silent > setup.timeout ? lag + silent : 0;
+            const oldest = lag + seconds() - heardAt;
+            return lag > setup.latest || oldest > setup.oldest ? oldest : 0;
         },
     };
 })();
