@@ -57,8 +57,10 @@ GAP_NS = round(1e9 * GAP)
 LATE_NS = 1_000_000_000
 # Time without torque between off and ready (s).
 IDLE = 0.1
-# From a sample to its torque at the motors (s).
+# From a sample to its torque at the motors (s), and periods that are so much longer (s) that the
+# torque of two samples counts.
 LATENCY = 1e-3
+LONG_PERIOD = 1.1e-3
 # Slowest handle that moves (rad/s): the noise of the encoders makes 0.05.
 REST_SPEED = 0.2
 
@@ -225,20 +227,22 @@ class ForceController:
         work = self._motion.work(sample.stamp, sample.angles, self._before.motor_torque, dt)
         if work is None:
             return
-        if sample.quaternion is not None and self._pose is not None:
-            turn = multiply_quaternions(sample.quaternion, conjugate(self._pose))
-            work += self._work_beside(vector_from_quaternion(*turn), dt)
+        if self._before.weight is not NOTHING or dt > LONG_PERIOD:
+            work += self._work_beside(sample.quaternion, dt)
         self._energy.count(work, added(self._handle.asked, self._support.end_stop), dt)
-        if sample.velocity is not None and hypot(*sample.velocity) < REST_SPEED:
-            self._energy.rest(dt)
         if self._state is ENGAGED or self._state is HOLDING:
             self._energy.use(dt)
+        if sample.velocity is not None and hypot(*sample.velocity) < REST_SPEED:
+            self._energy.rest(dt)
 
-    def _work_beside(self, turn: Vector[float], dt: float) -> float:
+    def _work_beside(self, quaternion: Quaternion[float] | None, dt: float) -> float:
         """Return what counts beside the motor torques of two samples before, J."""
+        if quaternion is None or self._pose is None:
+            return 0.0
+        turn = vector_from_quaternion(*multiply_quaternions(quaternion, conjugate(self._pose)))
         # The ideal weight torque is conservative: only the motors' deviation from it is work.
         work = -dot(self._before.weight, turn)
-        if dt > LATENCY and self._before.wrench is not None and self._last.wrench is not None:
+        if dt > LONG_PERIOD and self._before.wrench is not None and self._last.wrench is not None:
             # For the rest of the period the torque of the last sample was in force. That of a lock
             # or of damping has the noise of the last angles, which would count as work.
             change = subtracted(self._last.wrench, self._before.wrench)
@@ -249,20 +253,24 @@ class ForceController:
 
     def _change_state(self, sample: ForceSample, obstacle: Reason | None, dt: float) -> None:
         """Change the state where a sample asks for it."""
-        may_begin = self._obstacles.may_begin(sample.wrench, sample.stamp) and not sample.clutched
         condition = self._state.condition
         if condition is Condition.OFF:
             self._leave_off(sample, dt)
         elif condition is Condition.READY:
-            self._leave_ready(sample, obstacle, may_begin)
+            self._leave_ready(sample, obstacle)
         elif condition is Condition.FADING or condition is Condition.FAULT:
             self._worsen(obstacle)
         elif obstacle is not None:
             self._enter(ForceState(Condition.FADING, obstacle))
         elif self._state is ENGAGED:
             self._leave_engaged(sample)
-        elif may_begin:
+        elif self._may_begin(sample):
             self._enter(ENGAGED)
+
+    def _may_begin(self, sample: ForceSample) -> bool:
+        """Count the wrench of a sample; return whether it may be rendered."""
+        is_small = self._obstacles.may_begin(sample.wrench, sample.stamp)
+        return is_small and not sample.clutched
 
     def _leave_off(self, sample: ForceSample, dt: float) -> None:
         """Become ready after some time in which force is wanted."""
@@ -270,8 +278,9 @@ class ForceController:
         if self._idle >= IDLE:
             self._enter(READY)
 
-    def _leave_ready(self, sample: ForceSample, obstacle: Reason | None, may_begin: bool) -> None:
+    def _leave_ready(self, sample: ForceSample, obstacle: Reason | None) -> None:
         """Begin with force, fade what the motors bear, or switch off."""
+        may_begin = self._may_begin(sample)
         if obstacle in ENDS_ALL and self._support.has_torque:
             self._enter(ForceState(Condition.FADING, obstacle))
         elif not sample.enabled and self._support.has_torque:
@@ -347,8 +356,10 @@ class ForceController:
         support, handle = self._support, self._handle
         if not (any(handle.asked) or handle.ramp or support.has_torque):
             return Command(self._zero, NOTHING, NOTHING), NOTHING
-        pushed = added(handle.asked, scaled(self._energy.share, support.end_stop))
-        torque = shortened(pushed, self._limits.torque)
+        torque = handle.asked
+        if any(support.end_stop):
+            stop = scaled(self._energy.share, support.end_stop)
+            torque = shortened(added(torque, stop), self._limits.torque)
         ramp = handle.ramp * self._left
         energy_damping = self._energy.damping * max(ramp, support.share)
         if sample.velocity is not None:

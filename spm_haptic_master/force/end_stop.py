@@ -67,7 +67,7 @@ class EndStop:
             return NOTHING
         torque = NOTHING
         for pose, ends in zip(self._rates.leg_poses, self._ends, strict=True):
-            if not ends.least < pose.u < ends.most:
+            if pose.u < ends.least or pose.u > ends.most:
                 torque = added(torque, self._torque_of_leg(pose, ends, velocity))
         return torque
 

@@ -84,6 +84,9 @@ class EnergyBudget:
         if energy > ADVANCE:
             energy = min(energy, ADVANCE + dot(asked, asked) / (2.0 * SOFTEST))
         self.energy = energy
+        if energy >= DAMPED and self.damping == 0.0:
+            self.share = 1.0
+            return
         # A fast handle gives and takes the whole range in a period, in turn.
         wanted = smoothstep((DAMPED - energy) / DAMPING_RANGE)
         self.damping = min(

@@ -24,6 +24,7 @@ from math import inf, radians, sqrt
 from typing import NamedTuple, TypeAlias
 
 from spm_haptic_master.exceptions import InputError, quoted
+from spm_haptic_master.force.vectors import NOTHING
 from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.geometry import Geometry, Leg
 from spm_haptic_master.kinematics.number_backends import (
@@ -99,19 +100,6 @@ def smoothstep(x: float) -> float:
 def clipped(value: float, limit: float) -> float:
     """Return a value within -limit and limit; of a product with a ratio, only rounding is cut."""
     return -limit if value < -limit else limit if value > limit else value
-
-
-class ScaledRow(NamedTuple):
-    """A row of G in a pose, times 1 - u^2: what a division is left for."""
-
-    divisor: float  # 1 - u^2 (unit 1)
-    row: Vector[float]  # in the base frame (unit 1)
-
-    @property
-    def rate(self) -> Vector[float]:
-        """Row of G: rate of the motor's joint over the handle's angular velocity."""
-        x, y, z = self.row
-        return x / self.divisor, y / self.divisor, z / self.divisor
 
 
 class LegPose(NamedTuple):
@@ -204,12 +192,12 @@ class MotorRates:
         R_base_platform of the pose, row by row.
     leg_poses : tuple of three LegPose
         Of A, B, C, in the pose.
-    scaled : tuple of ScaledRow
-        Of each motor, in the pose.
+    fourth_row : tuple of three float
+        Of a fourth motor, in the pose: 1 - u^2 of leg A times its row of G.
 
     """
 
-    __slots__ = ('leg_poses', 'legs', 'limits', 'motors', 'rotation', 'scaled')
+    __slots__ = ('fourth_row', 'leg_poses', 'legs', 'limits', 'motors', 'rotation')
 
     def __init__(
         self, geometry: Geometry, working_mode: WorkingMode, motors: int, limits: ForceLimits
@@ -224,7 +212,7 @@ class MotorRates:
         )
         self.rotation: Rotation[float] = (0.0,) * 9
         self.leg_poses: tuple[LegPose, ...] = ()
-        self.scaled: tuple[ScaledRow, ...] = ()
+        self.fourth_row: Vector[float] = NOTHING
 
     def place(self, rotation: Rotation[float]) -> None:
         """
@@ -234,18 +222,11 @@ class MotorRates:
         of its working mode.
         """
         leg_a, leg_b, leg_c = self.legs
-        a = leg_a.place(rotation)
-        b = leg_b.place(rotation)
-        c = leg_c.place(rotation)
+        pose_a = leg_a.place(rotation)
+        self.leg_poses = pose_a, leg_b.place(rotation), leg_c.place(rotation)
         self.rotation = rotation
-        self.leg_poses = a, b, c
-        self.scaled = (
-            ScaledRow(a.divisor, a.row),
-            ScaledRow(b.divisor, b.row),
-            ScaledRow(c.divisor, c.row),
-        )
         if self.motors == FOUR:
-            self.scaled += (ScaledRow(a.divisor, leg_a.third_row(a)),)
+            self.fourth_row = leg_a.third_row(pose_a)
 
     def strength(self, direction: Vector[float]) -> float:
         """Return the share (unit 1) of a torque along a unit vector that the motors may make."""
@@ -253,7 +234,10 @@ class MotorRates:
 
     def rows(self) -> list[Vector[float]]:
         """Return the rows of G, one for each motor: thetadot = G omega, in the base frame."""
-        return [row.rate for row in self.scaled]
+        rows = [_divided(pose.row, pose.divisor) for pose in self.leg_poses]
+        if self.motors == FOUR:
+            rows.append(_divided(self.fourth_row, self.leg_poses[0].divisor))
+        return rows
 
     def rendered(self, tau: Sequence[float]) -> Vector[float]:
         """Return the torque on the handle, N m in the base frame: G^T tau."""
@@ -261,6 +245,11 @@ class MotorRates:
         for torque, (gx, gy, gz) in zip(tau, self.rows(), strict=True):
             x, y, z = x + torque * gx, y + torque * gy, z + torque * gz
         return x, y, z
+
+
+def _divided(vector: Vector[float], divisor: float) -> Vector[float]:
+    x, y, z = vector
+    return x / divisor, y / divisor, z / divisor
 
 
 class FourMotors(MotorRates):

@@ -95,7 +95,8 @@ class Support:
         step = dt / self._ramp
         self._stop_share = _stepped(self._stop_share, is_wanted, step)
         self._weight_share = _stepped(self._weight_share, is_wanted and is_weight_wanted, step)
-        self.end_stop = scaled(self._stop_share, self._end_stop.torque(velocity))
+        stop = self._end_stop.torque(velocity)
+        self.end_stop = scaled(self._stop_share, stop) if stop is not NOTHING else NOTHING
         if self._weight is not None:
             self.weight = scaled(self._weight_share, self._weight.torque())
 

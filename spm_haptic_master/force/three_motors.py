@@ -85,12 +85,15 @@ class ThreeMotors(MotorRates):
     def render(self, m: Vector[float]) -> tuple[Torques, Vector[float]]:
         """Return motor torques, N m, and what the handle gets of m; N m in the base frame."""
         x, y, z = m
-        (wa, (ax, ay, az)), (wb, (bx, by, bz)), (wc, (cx, cy, cz)) = self.scaled
+        leg_a, leg_b, leg_c = self.leg_poses
+        ax, ay, az = leg_a.row
+        bx, by, bz = leg_b.row
+        cx, cy, cz = leg_c.row
+        wa, wb, wc = leg_a.divisor, leg_b.divisor, leg_c.divisor
         # Cramer's rule, with the rows of G times 1 - u^2.
         px, py, pz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
         determinant = ax * px + ay * py + az * pz
         # s_3 is 2 |det G| over the sum of the squares of G, or more.
-        leg_a, leg_b, leg_c = self.leg_poses
         inverse_reach = 1.0 / leg_a.reach + 1.0 / leg_b.reach + 1.0 / leg_c.reach
         least = self._near * wa * wb * wc * inverse_reach
         if determinant * determinant > least * least:

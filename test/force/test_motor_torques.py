@@ -14,7 +14,7 @@ from spm_haptic_master.exceptions import InputError, SpmError, UnreachableError
 from spm_haptic_master.force import ForceController, ForceLimits, Gravity, render
 from spm_haptic_master.force.gravity import Weight
 from spm_haptic_master.force.rendering import make_statics
-from spm_haptic_master.force.statics import LegPose, ScaledRow
+from spm_haptic_master.force.statics import LegPose
 from spm_haptic_master.kinematics import (
     Geometry,
     inverse,
@@ -164,13 +164,18 @@ def test_at_the_surface_itself_the_torques_are_finite():
         assert np.abs(found.motor_torque).max() <= 0.5
 
 
+def leg_pose(row):
+    """Return a leg with a row of G."""
+    zero = (0.0, 0.0, 0.0)
+    return LegPose(third=zero, u=0.0, divisor=1.0, reach=1.0, normal=zero, row=row)
+
+
 def test_rows_without_any_rate_give_no_torque_along_it():
     """A mechanism that has lost a direction altogether: no division by zero."""
     motors = make_statics(PAPER, MODE, 3, ForceLimits())
     motors.rotation = tuple(np.eye(3).ravel().tolist())
     rows = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (1.0, 1.0, 0.0)
-    motors.scaled = tuple(ScaledRow(1.0, row) for row in rows)
-    motors.leg_poses = (LegPose((0.0, 0.0, 1.0), 0.0, 1.0, 1.0, (0.0, 0.0, 0.0), rows[0]),) * 3
+    motors.leg_poses = tuple(map(leg_pose, rows))
     tau, felt = motors.render((0.1, 0.0, 0.3))
     np.testing.assert_allclose(felt, (0.1, 0.0, 0.0), atol=1e-12)
     assert motors.rendered(tau) == felt
@@ -180,7 +185,8 @@ def test_four_motors_of_which_two_alone_turn_against_each_other():
     """Two legs of one rate: the torque that turns nothing is on these two."""
     motors = make_statics(PAPER, MODE, 4, ForceLimits(motor_torque=0.2))
     rows = (1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
-    motors.scaled = tuple(ScaledRow(1.0, row) for row in rows)
+    *first, motors.fourth_row = rows
+    motors.leg_poses = tuple(map(leg_pose, first))
     tau, felt = motors.render((0.8, 0.0, 0.0))
     np.testing.assert_allclose(tau, (0.2, 0.2, 0.0, 0.0), atol=1e-12)
     np.testing.assert_allclose(felt, (0.4, 0.0, 0.0), atol=1e-12)
