@@ -115,11 +115,11 @@ class HandleTorque:
         """
         Return the largest torque of a wrench by its age, s.
 
-        It falls from half the longest age on, so that little is left to fade at the whole of it.
+        From a third of the longest age on it falls, so that less is left to fade at its end.
         """
         limits = self._limits
         end = limits.wrench_age + FADE
-        return limits.torque * min(1.0, (end - age) / (end - 0.5 * limits.wrench_age))
+        return limits.torque * min(1.0, (end - age) / (end - limits.wrench_age / 3.0))
 
     def _with_lock(
         self, torque: Vector[float], sample: ForceSample, share: float, dt: float

@@ -44,6 +44,8 @@ PRINT_TIMEOUT = 1.0
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 # Environment variables that name a file of profiles: of Fast DDS 2, which Jazzy has, and of 3.
 PROFILE_VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
+# Environment variable that chooses which thread sends a message.
+PUBLICATION_MODE = 'RMW_FASTRTPS_PUBLICATION_MODE'
 # Files of profiles that Fast DDS reads in the working directory.
 PROFILES = ('DEFAULT_FASTRTPS_PROFILES.xml', 'DEFAULT_FASTDDS_PROFILES.xml')
 
@@ -135,6 +137,7 @@ class _Process:
     ) -> None:
         """Make and start the nodes; SpmError for arguments and settings that are refused."""
         command_line, parameters = self._read_arguments(args)
+        os.environ.update(publication_mode(os.environ, parameters))
         _init(command_line)
         if owned:
             wait_until_alone(owned, lambda: self._signals)
@@ -232,6 +235,32 @@ def _init(command_line: list[str]) -> None:
     except (RuntimeError, UnicodeError) as error:  # from rcl: such as a wrong enclave
         raise InputError(f'ROS arguments rejected: {str(error).splitlines()[0]}') from error
     node_log.begin(command_line)
+
+
+def publication_mode(environment: Mapping[str, str], parameters: Parameters) -> dict[str, str]:
+    """
+    Return the variable with which a thread of Fast DDS sends what is published, with force.
+
+    Otherwise the thread that publishes sends it. Through shared memory it needs a mutex of each
+    reader for that: one that is stopped while it holds it would stop samples and torques.
+
+    Parameters
+    ----------
+    environment : mapping
+        The environment of the process, which may choose a mode.
+    parameters : Parameters
+        Of the process.
+
+    Returns
+    -------
+    dict
+        Name and value of the variable; empty without force, or if the user has chosen.
+
+    """
+    has_force = parameters.of('fkm').get('force.enabled') is True
+    if not has_force or environment.get(PUBLICATION_MODE):
+        return {}
+    return {PUBLICATION_MODE: 'ASYNCHRONOUS'}
 
 
 def discovery_profile(environment: Mapping[str, str]) -> dict[str, str]:

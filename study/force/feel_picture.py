@@ -11,13 +11,18 @@ from pathlib import Path
 from matplotlib.axes import Axes
 import numpy as np
 from spm_haptic_master.description.colours import LEGS
+from spm_haptic_master.force import ForceLimits
+from spm_haptic_master.force.end_stop import LegEnds
 from spm_haptic_master.kinematics import jacobian, workspace_pose
+from spm_haptic_master.kinematics.geometry import PAPER_GEOMETRY
 from spm_haptic_master.validation import plot_style
+from study.force.motions import AZIMUTH, TILT
 from study.force.session import (
     CLUTCH,
     DRIVE,
     ENCODER,
     END,
+    END_STOP,
     LOSSES,
     MASTER,
     NO_WRENCH,
@@ -33,10 +38,11 @@ ACTS = (
     (8.3, 10.2, 'slave falls\nsilent'),
     (10.2, 13.4, 'an encoder reads\n5 deg too much'),
     (13.4, 15.8, 'a drive\nfails'),
-    (15.8, END, 'the computer\ndies'),
+    (15.8, 19.3, 'meets the\nend stop'),
+    (19.3, END, 'the computer\ndies'),
 )
 # Times of faults, with a colour of their own in every panel (s).
-FAULTS = (NO_WRENCH, ENCODER, DRIVE, (MASTER, END))
+FAULTS = (NO_WRENCH, ENCODER, DRIVE, END_STOP, (MASTER, END))
 FAULT_COLOUR, ACT_COLOURS = '#d9534f', ('#ffffff', '#f3f3f3')
 # Colour of each state of `force_state`.
 STATES = {
@@ -55,6 +61,21 @@ def singular_deg() -> float:
     phi = np.arange(40.0, 60.0, 0.01)
     G = jacobian(workspace_pose(0.0, 0.0, np.radians(phi)))
     return float(phi[np.argmin(np.abs(np.linalg.det(G)))])
+
+
+def end_stop_deg() -> float:
+    """Return the self-rotation at which the end stop of the session begins, deg."""
+    phi = np.arange(90.0, 160.0, 0.1)
+    ends = [LegEnds(leg, 0.0).stretched for leg in PAPER_GEOMETRY.legs]
+    for angle in phi:
+        R = workspace_pose(TILT, AZIMUTH, np.radians(angle))
+        left = [
+            end - np.arccos(np.dot(leg.first, R @ leg.third))
+            for leg, end in zip(PAPER_GEOMETRY.legs, ends, strict=True)
+        ]
+        if min(left) < ForceLimits().end_stop:
+            return float(angle)
+    return float(phi[-1])
 
 
 def figures(found: Session) -> tuple[str, bool]:
@@ -149,7 +170,7 @@ def _angle(axes: Axes, found: Session) -> None:
     axes.fill_between(
         found.time,
         found.wall,
-        78.0,
+        120.0,
         color='#c9b79c',
         alpha=0.5,
         linewidth=0.0,
@@ -167,15 +188,19 @@ def _angle(axes: Axes, found: Session) -> None:
         color='#7b3294',
     )
     axes.plot(found.time, found.angle, color='black', linewidth=1.4, label='handle')
-    axes.set_ylim(-4.0, 92.0)
+    stop = end_stop_deg()
+    axes.fill_between(
+        found.time, stop, 160.0, color='#8c6d9e', alpha=0.35, linewidth=0.0, label='the end stop'
+    )
+    axes.set_ylim(-4.0, 170.0)
     for start, end, name in ACTS:
-        axes.text(0.5 * (start + end), 90.0, name, ha='center', va='top', fontsize=8)
-    axes.legend(loc='upper left', bbox_to_anchor=(0.0, 0.86), fontsize=7)
+        axes.text(0.5 * (start + end), 166.0, name, ha='center', va='top', fontsize=8)
+    axes.legend(loc='upper left', bbox_to_anchor=(0.0, 0.84), fontsize=7)
     plot_style.label_axes(
         axes,
         '',
         'self-rotation φ, deg',
-        'A session: a hand turns the handle, a slave meets a wall, and four things fail',
+        'A session: a hand turns the handle, a slave meets a wall, four things fail, an end stop',
     )
 
 
@@ -193,6 +218,14 @@ def _torque(axes: Axes, found: Session) -> None:
         color='black',
         linewidth=1.1,
         label='the motors render: what the hand feels',
+    )
+    stopped = (found.time >= END_STOP[0]) & (found.time < END_STOP[1])
+    axes.plot(
+        found.time[stopped],
+        -found.felt[stopped],
+        color='#7b3294',
+        linewidth=1.4,
+        label='the end stop, about all axes',
     )
     for loss in LOSSES:
         row = round(loss.time * 1000)

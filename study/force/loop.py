@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import pi, radians
+from typing import Any
 
 import numpy as np
 from spm_haptic_master.force import ForceController, ForceLimits, ForceOutput, ForceSample, Wrench
@@ -97,82 +98,169 @@ class Trace:
         return float(max(0.0, (self.given - self.given[self.start]).max()))
 
 
+class ClosedLoop:
+    """
+    Encoders, orientation, force feedback, plant and hand, period after period.
+
+    Parameters
+    ----------
+    R : ndarray, shape (3, 3)
+        R_base_platform at the start.
+    hand : tuple of two float, optional
+        Stiffness and damping of the grip, N m/rad and N m s/rad; None: a `StiffHand`.
+    motors : {3, 4}
+        Number of motors.
+    controller : ForceController, optional
+        By default one with a ramp of 50 ms, so that a run begins soon.
+    friction, noise : float
+        Factors of the joints' friction and of the encoders' noise.
+    seed : int
+        Of the noise.
+
+    Attributes
+    ----------
+    plant : Plant or StiffHand
+        The device.
+    orientation : tuple of four float
+        Measured R_base_platform.
+    output : ForceOutput
+        Of the latest period.
+    torques : tuple of float
+        Motor torques that are commanded, N m: they are in force one period later.
+
+    """
+
+    def __init__(
+        self,
+        R: np.ndarray,
+        *,
+        hand: tuple[float, float] | None = (1.0, 0.01),
+        motors: int = 3,
+        controller: ForceController | None = None,
+        friction: float = 1.0,
+        noise: float = 1.0,
+        seed: int = 1,
+    ) -> None:
+        self.plant: Plant | StiffHand = (
+            StiffHand(R, motors, GEOMETRY)
+            if hand is None
+            else Plant(R, motors, GEOMETRY, friction)
+        )
+        self.hand = hand or (0.0, 0.0)
+        self.torques: tuple[float, ...] = (0.0,) * motors
+        self.stamp = 0
+        self.orientation = self._first = self.plant.hand
+        limits = ForceLimits(ramp=0.05)
+        self._controller = controller or ForceController(GEOMETRY, motors=motors, limits=limits)
+        self._rng = np.random.default_rng(seed)
+        self._sigma = noise * SIGMA
+        self._velocity = AngularVelocity(WINDOW)
+        self._here: Vector[float] = (0.0, 0.0, 0.0)
+        self._rows: list[tuple[ForceOutput, Vector[float], Vector[float], float]] = []
+
+    def measure(self) -> Quaternion[float]:
+        """Read the encoders; return the orientation."""
+        noise = self._sigma * self._rng.normal(size=4)
+        self._angles = quantised(np.array(self.plant.angles) + noise)
+        estimate = estimate_sample(self._angles, FOUR_SENSORS, GEOMETRY, self.orientation)
+        self.orientation = _continued(estimate.quaternion, self.orientation)
+        self._velocity.add(self.stamp, self.orientation)
+        return self.orientation
+
+    def command(self, wrench: Wrench | None, **changed: Any) -> ForceOutput:
+        """Pass the sample with a wrench, and with changed fields, to the force feedback."""
+        sample = ForceSample(
+            self.stamp,
+            self._angles,
+            self.orientation,
+            self._velocity.value(),
+            wrench=wrench,
+        )
+        self.output = self._controller.take(sample._replace(**changed))
+        return self.output
+
+    def move(self, here: Vector[float], in_force: tuple[float, ...] | None = None) -> None:
+        """
+        Run the plant for a period.
+
+        Parameters
+        ----------
+        here : tuple of three float
+            Displacement of the hand from the first orientation, rad.
+        in_force : tuple of float, optional
+            Torques of the motors, N m; by default those commanded in the period before.
+
+        """
+        self.plant.hand = multiply_quaternions(quaternion_from_vector(*here), self._first)
+        rate = tuple((new - old) / DT for new, old in zip(here, self._here, strict=True))
+        self._here = here
+        self.plant.run(self.torques if in_force is None else in_force, rate, *self.hand)
+        self.torques = self.output.motor_torque
+        self.stamp += PERIOD
+        turn = multiply_quaternions(self.plant.quaternion, conjugate(self._first))
+        self._rows.append(
+            (
+                self.output,
+                vector_from_quaternion(*turn),
+                self.plant.velocity,
+                self.plant.given,
+            )
+        )
+
+    def trace(self, start: int) -> Trace:
+        """Return what has happened, with the row at which the motion began."""
+        outputs, turned, velocities, given = zip(*self._rows, strict=True)
+        return Trace(
+            torque=np.array([each.motor_torque for each in outputs]),
+            asked=np.array([each.asked for each in outputs]),
+            rendered=np.array([each.rendered or (np.nan,) * 3 for each in outputs]),
+            turned=np.array(turned),
+            velocity=np.array(velocities),
+            given=np.array(given),
+            energy=np.array([each.energy for each in outputs]),
+            share=np.array([each.share for each in outputs]),
+            states=[each.state.text for each in outputs],
+            start=start,
+        )
+
+
 def run(
     R: np.ndarray,
     slave: Slave,
     seconds: float,
     *,
     motion: Motion | None = None,
-    hand: tuple[float, float] | None = (1.0, 0.01),
-    motors: int = 3,
-    controller: ForceController | None = None,
-    friction: float = 1.0,
-    noise: float = 1.0,
-    seed: int = 1,
+    **setup: Any,
 ) -> Trace:
     """
-    Run the closed loop for some seconds from R_base_platform `R`, (3, 3).
+    Run the closed loop for some seconds from an orientation.
 
-    `motion` is the displacement of the hand, a rotation vector in the base frame; it holds still
-    by default. `hand` is stiffness and damping of the grip, N m/rad and N m s/rad; None is a
-    `StiffHand`. The usual controller has a ramp of 50 ms, so that a run begins soon. `motors` and
-    `friction` are those of `Plant`, `noise` is a factor of the encoders' noise.
+    Parameters
+    ----------
+    R : ndarray, shape (3, 3)
+        R_base_platform at the start.
+    slave : Slave
+        Where the wrench comes from: none is felt until the motion begins.
+    seconds : float
+        Time from the begin of the motion, s.
+    motion : callable, optional
+        Displacement of the hand, a rotation vector in the base frame; it holds still by default.
+    **setup
+        As of `ClosedLoop`.
+
     """
-    rng = np.random.default_rng(seed)
-    plant = (
-        StiffHand(R, motors, GEOMETRY) if hand is None else Plant(R, motors, GEOMETRY, friction)
-    )
-    if controller is None:
-        controller = ForceController(GEOMETRY, motors=motors, limits=ForceLimits(ramp=0.05))
-    first, start = plant.hand, round((START + 0.06) / DT)
-    count = start + round(seconds / DT)
-    readings = noise * SIGMA * rng.normal(size=(count, 4))
-    filtered, prior, before = AngularVelocity(WINDOW), first, (0.0, 0.0, 0.0)
-    torques: tuple[float, ...] = (0.0,) * motors
-    rows: list[tuple[ForceOutput, Vector[float], Vector[float], float]] = []
-    for step in range(count):
-        stamp = step * PERIOD
-        angles = quantised(np.array(plant.angles) + readings[step])
-        estimate = estimate_sample(angles, FOUR_SENSORS, GEOMETRY, prior)
-        prior = _continued(estimate.quaternion, prior)
-        filtered.add(stamp, prior)
-        wrench = slave.take(step, prior)
+    loop = ClosedLoop(R, **setup)
+    start = round((START + 0.06) / DT)
+    here: Vector[float] = (0.0, 0.0, 0.0)
+    for step in range(start + round(seconds / DT)):
+        wrench = slave.take(step, loop.measure())
         if step < start:
-            # Nothing to feel until the motion begins.
-            wrench = Wrench(stamp, (0.0, 0.0, 0.0))
-        output = controller.take(
-            ForceSample(stamp, angles, prior, filtered.value(), wrench=wrench)
-        )
-        here = (0.0, 0.0, 0.0)
-        if motion is not None and step >= start:
+            wrench = Wrench(loop.stamp, (0.0, 0.0, 0.0))
+        elif motion is not None:
             here = motion((step - start) * DT)
-        plant.hand = multiply_quaternions(quaternion_from_vector(*here), first)
-        rate = [(new - old) / DT for new, old in zip(here, before, strict=True)]
-        before = here
-        # The command is in force one period after its sample.
-        plant.run(torques, (rate[0], rate[1], rate[2]), *(hand or ()))
-        torques = output.motor_torque
-        rows.append(
-            (
-                output,
-                vector_from_quaternion(*multiply_quaternions(plant.quaternion, conjugate(first))),
-                plant.velocity,
-                plant.given,
-            )
-        )
-    outputs, turned, velocities, given = zip(*rows, strict=True)
-    return Trace(
-        np.array([each.motor_torque for each in outputs]),
-        np.array([each.asked for each in outputs]),
-        np.array([each.rendered or (np.nan,) * 3 for each in outputs]),
-        np.array(turned),
-        np.array(velocities),
-        np.array(given),
-        np.array([each.energy for each in outputs]),
-        np.array([each.share for each in outputs]),
-        [each.state.text for each in outputs],
-        start,
-    )
+        loop.command(wrench)
+        loop.move(here)
+    return loop.trace(start)
 
 
 def quantised(angles: np.ndarray) -> tuple[float, ...]:

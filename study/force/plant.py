@@ -11,6 +11,8 @@ from math import remainder, tau
 import mujoco
 import numpy as np
 from paper.mujoco_model import MultiBody
+from spm_haptic_master.force.gravity import STANDARD
+from spm_haptic_master.force.vectors import added, scaled, subtracted
 from spm_haptic_master.kinematics import (
     Geometry,
     inverse,
@@ -24,6 +26,7 @@ from spm_haptic_master.kinematics.rotations import (
     rotation_from_quaternion,
     vector_from_quaternion,
 )
+from spm_haptic_master.kinematics.vectors import cross, times
 
 # Step of the plant (s), and steps of a control period.
 STEP, STEPS = 1e-4, 10
@@ -74,6 +77,8 @@ class Plant:
         self.hand: Quaternion[float] = (x, y, z, w)
         # Energy that the motors have given to the device (J).
         self.given = 0.0
+        # Mass times offset of the handle from the centre, in the platform frame (kg m).
+        self.weight: Vector[float] = (0.0, 0.0, 0.0)
 
     @property
     def quaternion(self) -> Quaternion[float]:
@@ -115,25 +120,29 @@ class Plant:
         data, model, platform = self._data, self._model, self._body.platform
         data.qfrc_applied[self._motors] = torques
         before = data.qpos[self._motors].copy()
-        hx, hy, hz = hand_velocity
-        data.xfrc_applied[platform, 3:] = 0.0
         for _ in range(STEPS):
-            if stiffness or damping:
-                x, y, z = vector_from_quaternion(
-                    *multiply_quaternions(self.hand, conjugate(self.quaternion))
-                )
-                wx, wy, wz = self.velocity
-                data.xfrc_applied[platform, 3:] = (
-                    stiffness * x + damping * (hx - wx),
-                    stiffness * y + damping * (hy - wy),
-                    stiffness * z + damping * (hz - wz),
-                )
+            data.xfrc_applied[platform, 3:] = added(
+                self._grip(hand_velocity, stiffness, damping), self._torque_of_weight()
+            )
             mujoco.mj_step(model, data)
         self.given += float(np.dot(torques, data.qpos[self._motors] - before))
         # `mj_step` leaves the poses of bodies one step behind the joints.
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_comVel(model, data)
+
+    def _grip(
+        self, hand_velocity: Vector[float], stiffness: float, damping: float
+    ) -> Vector[float]:
+        """Return the torque of the hand on the handle, N m."""
+        turn = multiply_quaternions(self.hand, conjugate(self.quaternion))
+        spring = scaled(stiffness, vector_from_quaternion(*turn))
+        return added(spring, scaled(damping, subtracted(hand_velocity, self.velocity)))
+
+    def _torque_of_weight(self) -> Vector[float]:
+        """Return the torque of the weight on the handle, N m."""
+        offset = times(rotation_from_quaternion(*self.quaternion), self.weight)
+        return cross(offset, STANDARD)
 
     def drift(self) -> float:
         """Return the largest residual of the constraints, m for links of 1 m."""

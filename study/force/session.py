@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-A session to feel, in simulated time: a slave's wall, the singular surface, a clutch, four losses.
+A session to feel, in simulated time: a wall, the singular surface, a clutch, losses, an end stop.
 
 The device is MuJoCo's; the verdict about each sample is the supervision's, with the defaults of
 `fkm`; the torque is `ForceController`'s. The handle turns about its own axis.
@@ -78,15 +78,21 @@ HAND_WAY = (
     (14.7, 14.0),
     (15.0, -4.0),
     (16.0, -4.0),
-    (16.4, 14.0),
-    (17.6, 14.0),
+    (17.3, 139.0),
+    (17.8, 139.0),
+    (19.1, -4.0),
+    (19.6, -4.0),
+    (20.0, 14.0),
+    (21.2, 14.0),
 )
 # What happens: from, to (s).
 CLUTCH, NO_WRENCH, ENCODER, DRIVE = (7.1, 7.7), (9.2, 9.9), (11.2, 11.9), (14.4, 15.1)
-MASTER = 17.0
+# No wrenches either while the hand leads the handle over the end stop.
+END_STOP = (15.9, 19.0)
+MASTER = 20.5
 # When somebody acknowledges a fault (s).
 ACKNOWLEDGED = (12.2, 15.3)
-END = 17.6
+END = 21.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,6 +135,8 @@ class Session:
         Self-rotation of the handle, and where the slave meets its wall, deg.
     commanded, rendered : ndarray, shape (n,)
         Torque about the handle's axis: that of the latest wrench, and that of the motors, N m.
+    felt : ndarray, shape (n,)
+        Torque of the motors on the handle about all axes, N m.
     motor_torque : ndarray, shape (n, 3)
         Torques of the motors, N m.
     given, energy : ndarray, shape (n,)
@@ -147,6 +155,7 @@ class Session:
     wall: np.ndarray
     commanded: np.ndarray
     rendered: np.ndarray
+    felt: np.ndarray
     motor_torque: np.ndarray
     given: np.ndarray
     energy: np.ndarray
@@ -175,7 +184,7 @@ def hand_turn(time: float) -> float:
     return radians(HAND_WAY[-1][1])
 
 
-class _Master:
+class Computer:
     """The computer: supervision, angular velocity and force feedback, sample by sample."""
 
     def __init__(self) -> None:
@@ -205,7 +214,9 @@ class _Master:
                 quaternion=self.quaternion, velocity=self._velocity.value()
             )
 
-    def act(self, wrench: Wrench | None, drives: Drives, clutched: bool) -> ForceOutput:
+    def act(
+        self, wrench: Wrench | None, *, drives: Drives = Drives.OPERATING, clutched: bool
+    ) -> ForceOutput:
         """Return the force output of that sample."""
         return self.force.take(
             self._sample._replace(wrench=wrench, drives=drives, clutched=clutched)
@@ -220,7 +231,7 @@ def within(time: float, span: tuple[float, float]) -> bool:
 def play(progress: Callable[[float], None] | None = None, seed: int = 1) -> Session:
     """Play the session; `progress` gets the share that is done, 0 to 1, each simulated 0.1 s."""
     R = pose(START_DEG)
-    roll, plant, master = axis(R, 'roll'), Plant(R), _Master()
+    roll, plant, master = axis(R, 'roll'), Plant(R), Computer()
     rx, ry, rz = roll.tolist()
     first = plant.hand
 
@@ -256,14 +267,14 @@ def play(progress: Callable[[float], None] | None = None, seed: int = 1) -> Sess
                     offset = here - command
                 command = here - offset
             arrived = slave.take(step, turned(command))
-            if not within(time, NO_WRENCH):
+            if not (within(time, NO_WRENCH) or within(time, END_STOP)):
                 wrench = arrived and arrived._replace(received=arrived.received + PERIOD)
             if any(abs(time - each) < 0.5 * DT for each in ACKNOWLEDGED):
                 master.force.acknowledge()
             output = master.act(
                 wrench,
-                Drives.FAULT if within(time, DRIVE) else Drives.OPERATING,
-                within(time, CLUTCH),
+                drives=Drives.FAULT if within(time, DRIVE) else Drives.OPERATING,
+                clutched=within(time, CLUTCH),
             )
         elif time >= MASTER + EVENT_TIMER:
             torques = (0.0, 0.0, 0.0)
@@ -305,12 +316,14 @@ def play(progress: Callable[[float], None] | None = None, seed: int = 1) -> Sess
     ) = zip(*rows, strict=True)
     motor_torque = np.array(motor_rows)
     G = jacobian(matrix_from_quaternion(np.array(quaternions)))
+    felt = np.einsum('nij,ni->nj', G, motor_torque)
     return Session(
         np.array(times),
         np.array(angle_rows),
         np.array(walls),
         np.array(commanded),
-        np.einsum('nij,ni->nj', G, motor_torque) @ roll,
+        felt @ roll,
+        np.linalg.norm(felt, axis=1),
         motor_torque,
         np.array(given),
         np.array(energies),

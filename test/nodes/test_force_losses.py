@@ -8,10 +8,12 @@ from collections import defaultdict
 from contextlib import closing
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 
-from benchmarks.pipeline.child_process import wait_until
+from benchmarks.pipeline.child_process import private_environment, wait_until
 import can
 from disturbance import Disturbance, SKIPPED
 import force_client
@@ -268,6 +270,51 @@ def test_one_drive_that_restarts(rig):
     assert running.observer.spin_until(
         lambda: '(node 12): booted' in running.client.entry()[1].get('drives', ''), PATIENCE
     )
+
+
+# A reader of `orientation`, as any other program.
+READER = """
+import sys, rclpy
+from geometry_msgs.msg import QuaternionStamped
+rclpy.init()
+node = rclpy.create_node('reader')
+node.create_subscription(QuaternionStamped, sys.argv[1], lambda message: None, 10)
+rclpy.spin(node)
+"""
+# Stops of the reader, the time of one and between two (s), and the time after which a frame has
+# to come (s).
+STOPS, STOPPED, BETWEEN, SOON = 100, 0.3, 0.1, 0.1
+
+
+def test_a_reader_that_stands_still_stops_no_torque_frames(start, bus_channel, stack):
+    """A9: it may hold a mutex in shared memory that sending `orientation` needs."""
+    running = stack.enter_context(closing(Rig(start, bus_channel, PATIENT)))
+    observer, ear = running.observer, running.ear
+    reader = subprocess.Popen(
+        [sys.executable, '-c', READER, '/lost/orientation'], env=private_environment()
+    )
+    try:
+        assert observer.spin_until(
+            lambda: (
+                observer.node.count_subscribers('/lost/orientation')
+                and ear.of(COMMANDS[:1], time.time() - 0.2)
+            ),
+            PATIENCE,
+        )
+        pauses = []
+        with Disturbance() as machine:
+            for number in range(STOPS):
+                os.kill(reader.pid, signal.SIGSTOP)
+                began = time.time()
+                time.sleep(STOPPED)
+                if not ear.of(COMMANDS[:1], began + SOON):
+                    pauses.append(number)
+                os.kill(reader.pid, signal.SIGCONT)
+                time.sleep(BETWEEN)
+    finally:
+        reader.kill()
+        reader.wait()
+    machine.expect(not pauses, f'no frames in the stops {pauses}')
 
 
 @pytest.mark.evidence

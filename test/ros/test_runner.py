@@ -13,6 +13,7 @@ import pytest
 import rclpy
 from rclpy.executors import ExternalShutdownException
 from spm_haptic_master.exceptions import InputError, SettingError, SourceEnded
+from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.parameters.setting import Setting
 from spm_haptic_master.ros import duplicate_publishers, node_log, realtime, runner
 from spm_haptic_master.ros.parameters import ParameterNode
@@ -185,6 +186,21 @@ def test_owned_topics_are_looked_for_before_the_nodes_are_made(applied, monkeypa
     monkeypatch.setattr(runner, 'wait_until_alone', alone)
     assert run(lambda done, add: looked.append('made'), owned={'fkm': 'orientation'}) == 0
     assert looked == [({'fkm': 'orientation'}, [])]
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'environment', 'mode'),
+    [
+        (['force.enabled:=true'], {}, 'ASYNCHRONOUS'),
+        (['force.enabled:=false'], {}, None),
+        ([], {}, None),
+        (['force.enabled:=true'], {runner.PUBLICATION_MODE: 'SYNCHRONOUS'}, None),
+    ],
+)
+def test_with_force_another_thread_sends_what_is_published(arguments, environment, mode):
+    """A9: one that is stopped by a reader stops no torque."""
+    found = runner.publication_mode(environment, Parameters(arguments=arguments))
+    assert found == ({} if mode is None else {runner.PUBLICATION_MODE: mode})
 
 
 def test_the_packages_profile_is_selected_where_the_user_has_none(tmp_path, monkeypatch):

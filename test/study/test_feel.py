@@ -12,7 +12,8 @@ pytest.importorskip('mujoco')
 from spm_haptic_master.force import ForceLimits  # noqa: E402, I100
 from study.force import feel  # noqa: E402
 from study.force.crossing import exact_share, thrown  # noqa: E402
-from study.force.session import CLUTCH, ENCODER, LOSSES, play  # noqa: E402
+from study.force.feel_picture import end_stop_deg  # noqa: E402
+from study.force.session import CLUTCH, ENCODER, END_STOP, LOSSES, play  # noqa: E402
 
 
 @pytest.fixture(scope='module')
@@ -53,6 +54,9 @@ def test_what_a_session_goes_through(session):
         'off',
         'ready',
         'engaged',
+        'fading: wrench missing or too old',
+        'ready',
+        'engaged',
     ]
     assert np.abs(session.motor_torque).max() <= 0.5
     wall = (session.time > 2.0) & (session.time < 2.3)
@@ -63,6 +67,16 @@ def test_what_a_session_goes_through(session):
     first = round(ENCODER[0] * 1000)
     torque = np.abs(session.motor_torque[first - 1 : first + 100])
     assert (torque[1:].max(axis=0) <= torque[0] + 0.01).all()
+
+
+@pytest.mark.slow
+def test_the_end_stop_pushes_back_without_a_wrench(session):
+    """In `ready`: beyond its begin, and nothing before it."""
+    during = (session.time > END_STOP[0] + 0.2) & (session.time < END_STOP[1] - 0.2)
+    assert {text for text, is_in in zip(session.states, during, strict=True) if is_in} == {'ready'}
+    felt, angle = session.felt[during], session.angle[during]
+    assert felt.max() > 0.05 and angle.max() > end_stop_deg() + 10.0
+    assert felt[angle < end_stop_deg() - 2.0].max() < 1e-3
 
 
 @pytest.mark.slow

@@ -1,0 +1,199 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""What the hand gets when something is lost, lies, is wired wrongly, or the workspace ends."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from math import pi, radians, sin
+
+import numpy as np
+from spm_haptic_master.exceptions import SpmError
+from spm_haptic_master.force import Condition, ForceController, ForceLimits, Gravity, Wrench
+from spm_haptic_master.kinematics import workspace_pose
+from spm_haptic_master.kinematics.number_backends import Vector
+from study.force.loop import ClosedLoop, DT, GEOMETRY, PERIOD, SIGMA, Trace
+from study.force.motions import axis, pose, push
+from study.force.session import Computer
+
+STILL: Vector[float] = (0.0, 0.0, 0.0)
+# Periods until force is engaged, and its ramp of 50 ms is over.
+ENGAGED = 210
+# Speeds of the handle when the wrench is lost (rad/s), and its way until then (rad).
+SPEEDS, RUN_UP = (0.0, 3.0, 8.0), 0.25
+# Weight of a handle (N m), and what of it is known (unit 1).
+WEIGHT, KNOWN = 0.13, 0.8
+GRAVITY = 9.80665
+# Speeds of an encoder that runs away (rad/s).
+DRIFTS = (1.0, 5.0, 10.0, 20.0, 28.0)
+# A slave that is unstable: torque (N m) and frequency (Hz); a hand (N m/rad, N m s/rad).
+UNSTABLE, FREQUENCY, HAND = 0.3, 3.0, (1.0, 0.01)
+# Fastest handle where the wiring is wrong (rad/s): the default of `force.speed_limit`.
+SPEED_LIMIT = 6.0
+# Hands that meet an end stop at a speed (rad/s).
+STOPPED, AT = (0.3, 1.0, 10.0), 3.0
+
+
+def largest_step(found: Trace, first: int, end: int | None = None) -> float:
+    """Return the largest step of the torque that the handle gets within a period, N m."""
+    felt = found.rendered[first:end]
+    felt = felt[np.isfinite(felt).all(axis=1)]
+    return float(np.linalg.norm(np.diff(felt, axis=0), axis=1).max())
+
+
+def wrench_lost(speed: float, torque: float = 0.0) -> Trace:
+    """Lose a wrench against the turn of a handle, N m, that turns at a speed, rad/s."""
+    R = pose(-15.0)
+    roll = axis(R, 'roll')
+    x, y, z = (-torque * roll).tolist()
+    loop = ClosedLoop(R, hand=(10.0, 0.1), motors=4)
+    moved = round(RUN_UP / max(speed, 1.0) / DT)
+    wrench = Wrench(0, STILL)
+    for step in range(ENGAGED + moved + 80):
+        loop.measure()
+        if step < ENGAGED + moved:
+            asked = (x, y, z) if step > 130 else STILL
+            wrench = Wrench(loop.stamp, asked)
+        way = speed * DT * max(0, step - ENGAGED)
+        here = (way * roll).tolist()
+        loop.command(wrench)
+        loop.move((here[0], here[1], here[2]))
+    return loop.trace(ENGAGED + moved)
+
+
+def sag(stiffness: float = 0.3) -> tuple[float, float]:
+    """Return how far a handle falls when the wrench is lost, rad, and its largest speed, rad/s."""
+    R = workspace_pose(0.2, 0.3, radians(15.0))
+    offset = WEIGHT / GRAVITY
+    gravity = Gravity(handle=(KNOWN * offset, 0.0, 0.0))
+    controller = ForceController(GEOMETRY, limits=ForceLimits(ramp=0.05), gravity=gravity)
+    loop = ClosedLoop(R, hand=(stiffness, 0.01), controller=controller)
+    loop.plant.weight = (offset, 0.0, 0.0)
+    lost = 1500
+    # The hand holds the handle by itself until it is compensated.
+    loop.hand = (30.0, 0.3)
+    for step in range(lost + 1500):
+        loop.measure()
+        if step == 500:
+            loop.hand = (stiffness, 0.01)
+        if step < lost:
+            wrench = Wrench(loop.stamp, STILL)
+        loop.command(wrench)
+        loop.move(STILL)
+    found = loop.trace(lost)
+    fallen = np.linalg.norm(found.turned[lost:] - found.turned[lost - 1], axis=1).max()
+    return float(fallen), float(np.linalg.norm(found.velocity[lost:], axis=1).max())
+
+
+def drifting(speed: float, motor: int) -> float:
+    """Return the largest torque of a motor whose encoder runs away at a speed, rad/s, N m."""
+    computer, rng = Computer(), np.random.default_rng(3)
+    loop = ClosedLoop(pose(15.0), hand=None)
+    largest, lie = 0.0, 0.0
+    for step in range(2200):
+        noise = SIGMA * rng.normal(size=4)
+        angles = np.array(loop.plant.angles) + noise
+        if step >= 2100:
+            lie += speed * DT
+            angles[motor] += lie
+        stamp = (step + 1) * PERIOD
+        computer.look(stamp, tuple(angles.tolist()))
+        output = computer.act(Wrench(stamp, STILL), clutched=False)
+        if step >= 2100:
+            largest = max(largest, abs(output.motor_torque[motor]))
+    return largest
+
+
+def stuttering(pause: str, seconds: float = 60.0) -> tuple[float, str]:
+    """
+    Return the energy, J, that an unstable slave gets out of the motors, and the last state.
+
+    It pauses for 45 ms each 0.9 s, or the clutch is tapped for 20 ms as often.
+    """
+    loop = ClosedLoop(pose(20.0), hand=HAND)
+    roll = axis(pose(20.0), 'roll')
+    wrench = Wrench(0, STILL)
+    for step in range(ENGAGED + round(seconds / DT)):
+        loop.measure()
+        phase = (step - ENGAGED) % 900
+        is_paused = step >= ENGAGED and phase < (45 if pause == 'wrench' else 20)
+        # After it three small wrenches, so that force may begin again.
+        is_small = step < ENGAGED or phase < 70
+        sign = 1.0 if sin(2.0 * pi * FREQUENCY * step * DT) > 0.0 else -1.0
+        x, y, z = (0.0 if is_small else sign * UNSTABLE) * roll
+        if not (is_paused and pause == 'wrench'):
+            wrench = Wrench(loop.stamp, (float(x), float(y), float(z)))
+        loop.command(wrench, clutched=is_paused and pause == 'clutch')
+        loop.move(STILL)
+        if loop.output.state.condition is Condition.FAULT:
+            break
+    found = loop.trace(ENGAGED)
+    return found.generated, found.states[-1]
+
+
+def end_stop_met(stiffness: float, tilt_deg: float = 20.0) -> tuple[Trace, float]:
+    """Lead the handle over its end stop at 3 rad/s and back; return the trace and the margin."""
+    R = workspace_pose(radians(tilt_deg), 2.0, radians(60.0))
+    roll = axis(R, 'roll')
+    loop = ClosedLoop(R, hand=(stiffness, 0.01))
+    way = push(roll, 0.45, rise=1.5 * 0.45 / AT, hold=0.3)
+    try:
+        for step in range(ENGAGED + 1200):
+            loop.measure()
+            loop.command(Wrench(loop.stamp, STILL))
+            loop.move(way((step - ENGAGED) * DT) if step >= ENGAGED else STILL)
+    except SpmError:
+        # It has left the workspace.
+        return loop.trace(ENGAGED), 0.0
+    return loop.trace(ENGAGED), 1.0
+
+
+WIRINGS: dict[str, Callable[[Sequence[float]], tuple[float, ...]]] = {
+    'right': lambda t: (t[0], t[1], t[2]),
+    '1A reversed': lambda t: (-t[0], t[1], t[2]),
+    '1B reversed': lambda t: (t[0], -t[1], t[2]),
+    '1C reversed': lambda t: (t[0], t[1], -t[2]),
+    '1A and 1B swapped': lambda t: (t[1], t[0], t[2]),
+    '1B and 1C swapped': lambda t: (t[0], t[2], t[1]),
+    '1A and 1C swapped': lambda t: (t[2], t[1], t[0]),
+    'rated torque x 10': lambda t: (10.0 * t[0], 10.0 * t[1], 10.0 * t[2]),
+}
+
+
+def wired(name: str, phi_deg: float = 20.0) -> tuple[float, float, str]:
+    """
+    Touch a free handle whose motors are wired in a way.
+
+    Returns
+    -------
+    tuple of float, float and str
+        Time from 1 rad/s to zero torque, s, NaN where it never is as fast; largest speed, rad/s;
+        last state.
+
+    """
+    limits = ForceLimits(ramp=0.05, speed=SPEED_LIMIT)
+    controller = ForceController(GEOMETRY, limits=limits)
+    loop = ClosedLoop(pose(phi_deg), hand=(1.0, 0.01), controller=controller)
+    roll = axis(pose(phi_deg), 'roll')
+    wiring = WIRINGS[name]
+    try:
+        for step in range(ENGAGED + 4000):
+            loop.measure()
+            loop.command(Wrench(loop.stamp, STILL))
+            if step == ENGAGED + 50:
+                loop.hand = (0.0, 0.0)
+            way = 0.05 * min(1.0, max(0.0, (step - ENGAGED) / 50))
+            here = (way * roll).tolist()
+            loop.move((here[0], here[1], here[2]), wiring(loop.torques))
+    except SpmError:
+        pass  # it has left the workspace
+    found = loop.trace(ENGAGED)
+    speed = np.linalg.norm(found.velocity[found.start + 50 :], axis=1)
+    fast = np.flatnonzero(speed > 1.0)
+    if not len(fast):
+        return float('nan'), float(speed.max()), found.states[-1]
+    after = np.abs(found.torque[found.start + 50 + fast[0] :]).max(axis=1)
+    ended = np.flatnonzero(after == 0.0)
+    time = DT * ended[0] if len(ended) else float('inf')
+    return float(time), float(speed.max()), found.states[-1]
