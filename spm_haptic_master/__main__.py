@@ -78,6 +78,7 @@ def _remedy(error: ImportError) -> str | None:
 
 
 def __getattr__(name: str) -> Callable[[], int]:
+    """Return what starts an executable: the entry points are functions of this module."""
     if name in EXECUTABLES:
         return partial(start, name)
     raise AttributeError(f'module {__name__!r} has no attribute {name!r}')

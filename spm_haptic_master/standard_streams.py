@@ -49,7 +49,15 @@ def write_all(descriptor: int, text: str) -> None:
 
 
 class LineWriter:
-    """Writes lines in a thread of its own: only it waits for a reader that has stopped."""
+    """
+    Writes lines in a thread of its own: only it waits for a reader that has stopped.
+
+    Parameters
+    ----------
+    descriptor : int
+        The stream, such as `STANDARD_ERROR`.
+
+    """
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
@@ -74,6 +82,7 @@ class LineWriter:
             self._changed.wait_for(lambda: not (self._lines or self._writing), timeout)
 
     def _run(self) -> None:
+        """Write lines as they come; what cannot be written is lost."""
         while True:
             with self._changed:
                 self._writing = False

@@ -16,7 +16,11 @@ RATE_INTERVAL = 0.2
 
 
 class RateMeter:
-    """Rate of events between one reading and the next; the caller increments `count`."""
+    """
+    Rate of events between one reading and the next.
+
+    The caller increments `count` at each event; `rate` may be read at any time.
+    """
 
     def __init__(self) -> None:
         self.count = 0
@@ -35,7 +39,7 @@ class RateMeter:
 
 
 class LatencyMeter:
-    """The latest latencies, and their percentiles."""
+    """The latest `WINDOW` latencies, and their percentiles."""
 
     def __init__(self) -> None:
         self._values = [0] * WINDOW
@@ -47,7 +51,20 @@ class LatencyMeter:
         self.count += 1
 
     def percentiles(self, *parts: float) -> tuple[float, ...] | None:
-        """Return the quantiles `parts` (0 .. 1) of the latest latencies, us; None before any."""
+        """
+        Return quantiles of the latest latencies.
+
+        Parameters
+        ----------
+        *parts : float
+            The quantiles, 0 .. 1: 0.99 is the 99th percentile.
+
+        Returns
+        -------
+        tuple of float or None
+            The latencies, us; None before the first one.
+
+        """
         kept = sorted(self._values[: min(self.count, WINDOW)])
         if not kept:
             return None
@@ -55,7 +72,17 @@ class LatencyMeter:
 
 
 class StampGrid:
-    """Selects samples at a lower `rate`, Hz (0: all), despite the jitter of their stamps."""
+    """
+    Selects samples at a lower rate, despite the jitter of their stamps.
+
+    Parameters
+    ----------
+    rate : float
+        Rate of the selected samples, Hz; 0: all.
+    sample_rate : float
+        Rate of the samples, Hz.
+
+    """
 
     def __init__(self, rate: float, sample_rate: float) -> None:
         self._period = round(SECOND / rate) if 0.0 < rate < sample_rate else 0
@@ -77,7 +104,15 @@ class StampGrid:
 
 
 class Periodic:
-    """When something is due: every `period`, s; the first time at once."""
+    """
+    When something is due: the first time at once, then once a period.
+
+    Parameters
+    ----------
+    period : float
+        Time between two of them, s.
+
+    """
 
     def __init__(self, period: float) -> None:
         self._period = period
@@ -92,7 +127,15 @@ class Periodic:
 
 
 class DeadlineGrid:
-    """Deadlines one `period`, s, apart, on an absolute grid that starts at the first wait."""
+    """
+    Deadlines on an absolute grid, which starts at the first wait.
+
+    Parameters
+    ----------
+    period : float
+        Time between two deadlines, s.
+
+    """
 
     def __init__(self, period: float):
         self._period = period
@@ -107,7 +150,20 @@ class DeadlineGrid:
         self._next = None
 
     def wait(self, timeout: float) -> bool:
-        """Sleep until the next deadline; return False if it is over `timeout` seconds ahead."""
+        """
+        Sleep until the next deadline.
+
+        Parameters
+        ----------
+        timeout : float
+            Longest sleep, s.
+
+        Returns
+        -------
+        bool
+            Whether the deadline has come; False if it is further ahead.
+
+        """
         now = time.monotonic()
         if self._next is None:
             self._next = now

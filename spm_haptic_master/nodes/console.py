@@ -41,6 +41,7 @@ class Console:
         threading.Thread(target=self._run, name='console', daemon=True).start()
 
     def _run(self) -> None:
+        """Write the title, then a line each period, until nobody reads."""
         with suppress(OSError):  # the reader has closed the pipe
             write_all(STANDARD_OUTPUT, f'{self.title()}\n')
             while True:

@@ -52,7 +52,7 @@ UNIT_TOLERANCE = 1e-6
 
 class Levels:
     """
-    Level and message along the dexterities of a moving device.
+    Level and message along the dexterities of a moving device, with hysteresis.
 
     A level is entered below its threshold, and left above it by a margin. The level is that of the
     sensors in use; the message of level OK is that of the three active joints.
@@ -63,22 +63,51 @@ class Levels:
         self.use(values)
 
     def use(self, values: Values) -> None:
-        """Use other thresholds; SettingError, and no change, if they contradict each other."""
-        warn, error = values['dexterity_warn'], values['dexterity_error']
+        """
+        Use other thresholds.
+
+        Parameters
+        ----------
+        values : mapping
+            Checked values of dexterity_warn, dexterity_error and dexterity_hysteresis.
+
+        Raises
+        ------
+        SettingError
+            They contradict each other; those before stay in use.
+
+        """
+        warn = values['dexterity_warn']
+        error = values['dexterity_error']
         if error > warn:
             raise SettingError(
                 'dexterity_error', error, f'a number of at most dexterity_warn ({warn:g})'
             )
-        self._warn, self._error = warn, error
+        self._warn = warn
+        self._error = error
         self._leave = 1.0 + values['dexterity_hysteresis']
 
     def take(self, three: float, in_use: float) -> str:
-        """Return the message at the dexterity of three sensors and of those in use."""
+        """
+        Follow the device, and return the message of its place.
+
+        Parameters
+        ----------
+        three, in_use : float
+            Dexterity of the three active joints alone, and of the sensors in use (unit 1).
+
+        Returns
+        -------
+        str
+            The message; the level is in `level`.
+
+        """
         self.level = self._next(in_use, self.level)
         self._of_three = self._next(three, self._of_three)
         return COVERED_TEXTS[self._of_three] if self.level == OK else TEXTS[self.level]
 
     def _next(self, eta: float, before: bytes) -> bytes:
+        """Return the level at a dexterity, by the level before: it is left above its threshold."""
         if eta < self._error * (self._leave if before == ERROR else 1.0):
             return ERROR
         if eta < self._warn * (1.0 if before == OK else self._leave):
@@ -157,6 +186,7 @@ class Diagnostics(ParameterNode):
         self._values = values
 
     def _on_orientation(self, data: bytes) -> None:
+        """Take a serialized orientation from the topic."""
         self.take(*self._read(data))
 
     def _on_state(self, message: String) -> None:
@@ -240,6 +270,7 @@ class Diagnostics(ParameterNode):
         return quaternion if self._mounting is None else self._mounting.unmounted(quaternion)
 
     def _figures(self, quaternion: Quaternion[float], dexterities: Nearness) -> dict[str, object]:
+        """Return the values of the entry: dexterities, thresholds, and the nearest singularity."""
         figures: dict[str, object] = {
             'dexterity of 3 sensors': dexterities.three,
             f'dexterity of {self.sensors} sensors': dexterities.every,

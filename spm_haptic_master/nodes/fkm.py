@@ -137,6 +137,7 @@ class Fkm(ParameterNode):
         self.create_subscription(JointState, 'measured_js', self._on_joints, SAMPLES, raw=True)
 
     def _apply(self, changed: Values) -> None:
+        """Use changed settings from the next sample on."""
         if 'alert_limit_deg' in changed:
             with self._lock:
                 self._supervisor.alert_limit = radians(changed['alert_limit_deg'])
@@ -156,6 +157,7 @@ class Fkm(ParameterNode):
         return response
 
     def _on_joints(self, joints: bytes) -> None:
+        """Take a serialized sample from the topic; one that is none is counted as rejected."""
         try:
             stamp, angles = self._read_joints(joints)
         except RejectedError as rejection:
@@ -200,6 +202,7 @@ class Fkm(ParameterNode):
     def _publish(
         self, stamp: int, angles: tuple[float, ...], estimate: SampleEstimate, level: float
     ) -> None:
+        """Publish the orientation of a sample, then everything that follows it."""
         measured = estimate.quaternion
         if self._mounting is not None:
             estimate = self._mounting.applied(estimate)
@@ -228,6 +231,7 @@ class Fkm(ParameterNode):
             self._evaluate()
 
     def _publish_latency(self) -> None:
+        """Publish the entry `timing`, and show the calibration watch the latest sample."""
         with self._lock:
             self.latency_status.publish()
             self.status.watch_calibration()

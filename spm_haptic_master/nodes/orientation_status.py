@@ -38,21 +38,32 @@ MISSING_TOLERATED = 0.02
 # Share by which the samples of one period may exceed `rate` (unit 1): SYNC comes from another
 # clock, and a driver on a busy machine has jitter; a rate set wrong is off by more.
 EXCESS_TOLERATED = 0.1
-# Distance of two stamps from which samples between them are missing (sample periods).
+# Stamps further apart than this have samples missing between them (sample periods).
 GAP = 1.5
 
 
 class OrientationStatus:
     """
-    Publishes the entry, and counts what it reports of the samples.
+    Publishes the entry `fkm: orientation`, and counts what it reports of the samples.
 
-    The caller guards the supervisor. `constants` are the values of the entry that do not change.
+    Parameters
+    ----------
+    node : Node
+        The node of the entry.
+    values : mapping
+        Checked settings of `fkm`.
+    supervisor : Supervisor
+        Decides about the samples; the caller guards it against other threads.
+    constants : dict
+        Values of the entry that do not change.
+
     """
 
     def __init__(
         self, node: Node, values: Values, supervisor: Supervisor, constants: dict[str, str]
     ) -> None:
-        self._supervisor, self._constants = supervisor, constants
+        self._supervisor = supervisor
+        self._constants = constants
         self._watch = CalibrationWatch(
             sigma_from(values),
             limits_from(values).bias,
@@ -89,7 +100,19 @@ class OrientationStatus:
                 self._watch.evaluate()
 
     def publish(self, state: OrientationState, text: str, level: float | None) -> None:
-        """Publish the entry if it is due: the state, as logged, and the latest level, rad."""
+        """
+        Publish the entry if it is due.
+
+        Parameters
+        ----------
+        state : OrientationState
+            The state, as on the topic `state`.
+        text : str
+            The state in words; on a machine that is too busy with what that lost.
+        level : float or None
+            Protection level of the latest orientation, rad; None before the first.
+
+        """
         level_of_state = severity = LEVELS[state.condition]
         message = with_remedy(state.why, text)
         cautions = self._supervisor.cautions() if state.publishes else {}
@@ -105,6 +128,7 @@ class OrientationStatus:
             self._publisher.publish(severity, message, self._figures(level), subject, logged)
 
     def _figures(self, level: float | None) -> dict[str, object]:
+        """Return the values of the entry: counts, parity, calibration, level, each sensor."""
         figures: dict[str, object] = {
             **self._constants,
             'sample rate (Hz)': self.received.rate(),
@@ -143,10 +167,17 @@ class OrientationStatus:
 
 class LatencyStatus:
     """
-    The entry 'timing' of `fkm` on /diagnostics, and the measurements behind it.
+    The entry `fkm: timing` on /diagnostics, and the measurements behind it.
 
-    `rate` is that of the samples, Hz; `latency_limit` the largest 99th percentile of the latency
-    without a warning, s.
+    Parameters
+    ----------
+    node : Node
+        The node of the entry.
+    rate : float
+        Rate of the samples, Hz.
+    latency_limit : float
+        Largest 99th percentile of the latency without a warning, s.
+
     """
 
     def __init__(self, node: Node, rate: float, latency_limit: float) -> None:
@@ -168,6 +199,7 @@ class LatencyStatus:
         )
 
     def _begin_period(self) -> None:
+        """Set the sums of a period to zero."""
         # Why samples were missing; empty if it is not known.
         self.busy = ''
         # Stamp of the latest orientation before the period, ns; its orientations and gaps.
@@ -176,7 +208,19 @@ class LatencyStatus:
         self._parity_sum = self._parity_squares = 0.0
 
     def add(self, stamp: int, now: int, parity: float) -> None:
-        """Count an orientation: sample stamp (ns), time of publication (ns), parity (sigma)."""
+        """
+        Count an orientation.
+
+        Parameters
+        ----------
+        stamp : int
+            Time of the sample, ns.
+        now : int
+            Time of the publication, ns.
+        parity : float
+            Normalised residual of the sample, in standard deviations.
+
+        """
         self.latency.add(now - stamp)
         self.published.count += 1
         self._count += 1

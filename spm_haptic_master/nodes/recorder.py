@@ -106,16 +106,19 @@ class Recorder(ParameterNode):
     def _take_orientation(
         self, message: QuaternionStamped, name: str = files.ORIENTATION_NAME
     ) -> None:
+        """Write an orientation into the table of a name."""
         q = message.quaternion
         self._write(name, message, (q.x, q.y, q.z, q.w))
 
     def _take_truth(self, message: QuaternionStamped) -> None:
+        """Write a true orientation of a simulated source."""
         name = files.GROUND_TRUTH_NAME
         if name not in self._tables:
             self._tables[name] = Table(self._directory / name, QUATERNION_COLUMNS)
         self._take_orientation(message, name)
 
     def _take_joints(self, message: JointState) -> None:
+        """Write the angles of a sample; the first one decides which joints the table has."""
         angles = dict(zip(message.name, message.position, strict=False))
         names = self._names or JOINT_NAMES
         if not angles.keys() >= set(names):
@@ -139,6 +142,7 @@ class Recorder(ParameterNode):
     def _write(
         self, name: str, message: QuaternionStamped | JointState, values: Sequence[float]
     ) -> None:
+        """Write a row: the stamp of the message, and values."""
         stamp = message.header.stamp
         self._tables[name].write(stamp.sec * SECOND + stamp.nanosec, values)
 

@@ -104,6 +104,7 @@ class Commands(Client):
 
 
 def _absolute(name: str) -> str:
+    """Return a name with the slash that users leave out."""
     return f'/{name.lstrip("/")}'
 
 
@@ -150,6 +151,7 @@ def _lines(message: Any, indent: str = '') -> Iterator[str]:
 
 
 def _parser() -> argparse.ArgumentParser:
+    """Return the parser of all commands, as `ros2` has them."""
     parser = OneLineParser('ros', description=__doc__)
     groups = parser.add_subparsers(required=True, metavar='topic | param | service')
     for group, commands in (

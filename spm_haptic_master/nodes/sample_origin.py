@@ -39,6 +39,16 @@ class SampleOrigin:
 
     After `watch` the driver of the topic is compared by its entry on /diagnostics; a publisher
     without one, such as a bag, is not compared.
+
+    Parameters
+    ----------
+    node : Node
+        The node that takes the samples.
+    mechanism : str
+        Checksum of its mechanism.
+    calibration : str
+        Name of its calibration; empty: not named.
+
     """
 
     def __init__(self, node: Node, mechanism: str, calibration: str) -> None:
@@ -72,7 +82,22 @@ class SampleOrigin:
         return self._obstacle
 
     def rejection(self, age: int, max_age: int) -> RejectedError:
-        """Return why a sample is rejected for its age (ns)."""
+        """
+        Return why a sample is rejected for its age.
+
+        Parameters
+        ----------
+        age : int
+            Age of the sample, ns; negative: from the future.
+        max_age : int
+            Largest age, ns.
+
+        Returns
+        -------
+        RejectedError
+            With the reason in words, and what to look for.
+
+        """
         limit = f'limit {max_age / SECOND:g} s'
         if age > 0 and not self._is_watching:
             return RejectedError(TOO_BUSY, f'a sample is {more_than(age / SECOND)} old, {limit}')
@@ -96,6 +121,7 @@ class SampleOrigin:
         return None
 
     def _take(self, diagnostics: bytes) -> None:
+        """Store what a driver reports of its mechanism and calibration."""
         if MARK not in diagnostics:
             return
         for status in deserialize_message(diagnostics, DiagnosticArray).status:

@@ -58,6 +58,7 @@ class SimulationControl:
             self._orientation.publish(self._writer.write(stamp, self._source.orientation()))
 
     def _steer(self, message: Float64MultiArray) -> None:
+        """Move the device to a pose, or let its trajectory continue; log a wrong request."""
         pose = list(message.data)
         try:
             if not pose:
@@ -70,6 +71,7 @@ class SimulationControl:
             node_log.warning(self._node, f'{STEER_TOPIC}: {error}')
 
     def _set_faults(self, message: String) -> None:
+        """Replace the faults of the encoders; log a wrong request."""
         texts = [text for part in message.data.split(',') if (text := part.strip())]
         try:
             faults = tuple(parse_switched(text, len(self._source.rig.sensors)) for text in texts)

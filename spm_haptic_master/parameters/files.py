@@ -104,6 +104,7 @@ def simulated_rig(sensors: int = 4) -> dict[str, object]:
 
 
 def _config(name: str) -> dict[str, object]:
+    """Return the values of one of the package's config files."""
     (section,) = read_sections(config_directory() / f'{name}.yaml')
     return dict(section.values)
 

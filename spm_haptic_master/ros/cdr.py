@@ -39,8 +39,15 @@ class JointsFormat:
     Layout of a JointState of the first N joints.
 
     Encapsulation, two bytes of options, stamp, frame_id; count and names; count and positions;
-    counts of velocities and efforts. Padding is not initialized and ignored. Samples are written
-    with the frame `frame_id`; what is read may have any.
+    counts of velocities and efforts. Padding is not initialized and ignored.
+
+    Parameters
+    ----------
+    sensors : int
+        Number of joints: 4, 5 or 6.
+    frame_id : str
+        Frame of the samples that are written; those that are read may have any.
+
     """
 
     def __init__(self, sensors: int, frame_id: str = '') -> None:
@@ -64,16 +71,45 @@ class JointsFormat:
         self._last = self._first + len(names)
 
     def write(self, stamp: int, angles: tuple[float, ...]) -> bytes:
-        """Return a JointState of the joints, stamped in ns, angles in rad."""
+        """
+        Serialize a sample.
+
+        Parameters
+        ----------
+        stamp : int
+            Time of the sample, ns.
+        angles : tuple of float
+            Angles of the joints, rad; NaN is a joint without a reading.
+
+        Returns
+        -------
+        bytes
+            The JointState.
+
+        """
         seconds, nanoseconds = divmod(stamp, SECOND)
         return self._pack(LITTLE_ENDIAN, seconds, nanoseconds, *self._before, *angles, self._after)
 
     def read(self, data: bytes) -> tuple[int, tuple[float, ...]]:
         """
-        Return stamp (ns) and angles (rad) of a serialized JointState.
+        Read a serialized JointState.
 
-        RejectedError if the names are not those of the joints, positions are missing or too many,
-        one is infinite, or fewer than four are numbers.
+        Parameters
+        ----------
+        data : bytes
+            The message.
+
+        Returns
+        -------
+        tuple of int and tuple of float
+            Stamp (ns) and angles (rad).
+
+        Raises
+        ------
+        RejectedError
+            The names are not those of the joints, positions are missing or too many, one is
+            infinite, or fewer than four are numbers.
+
         """
         stamp, angles = self._read(data)
         if not isfinite(sum(angles)):
@@ -81,6 +117,7 @@ class JointsFormat:
         return stamp, angles
 
     def _read(self, data: bytes) -> tuple[int, tuple[float, ...]]:
+        """Read a sample of the usual layout; any other is read by rclpy."""
         try:
             fields = self._unpack(data)
         except StructError:  # too short
@@ -95,6 +132,7 @@ class JointsFormat:
         return fields[1] * SECOND + fields[2], fields[first:last]
 
     def _read_any(self, data: bytes) -> tuple[int, tuple[float, ...]]:
+        """Read a sample by rclpy, and take its frame_id for the layout of the next ones."""
         joints, names = deserialize_message(data, JointState), list(self._names)
         if joints.name != names:
             given = len(joints.name)

@@ -31,7 +31,15 @@ STEPS = (5, 2)
 
 
 class Overload:
-    """The time that a process lost because a task did not run every `period`, s."""
+    """
+    The time that a process lost because a task did not run in time.
+
+    Parameters
+    ----------
+    period : float
+        Time after which the task is due again, s.
+
+    """
 
     def __init__(self, period: float) -> None:
         self._period = period
@@ -53,10 +61,17 @@ class Overload:
 
     def tick(self, now: float, elsewhere: float = 0.0, reported: str = '') -> None:
         """
-        Take a run of the task at a time, s, on a clock that is never set.
+        Take a run of the task, and derive whether the machine is too busy.
 
-        `elsewhere` is the time that other tasks of this process have lost since the last run, s;
-        `reported` the words of another process of this machine that lost time.
+        Parameters
+        ----------
+        now : float
+            Time of the run, s, on a clock that is never set.
+        elsewhere : float
+            Time that other tasks of this process have lost since the last run, s.
+        reported : str
+            Words of another process of this machine that lost time.
+
         """
         if self._last is None:
             self._last, self._from = now, now + START
@@ -64,9 +79,9 @@ class Overload:
         self._ran += min(now - self._last, 2.0 * self._period)
         self._last = now
         # Tasks of one process lose the same time.
-        lost = max(elsewhere, late if late > self._period else 0.0)
-        if now - lost >= self._from:
-            self._lost.append((now, lost))
+        lost_now = max(elsewhere, late if late > self._period else 0.0)
+        if now - lost_now >= self._from:
+            self._lost.append((now, lost_now))
         while self._lost and now - self._lost[0][0] > SPAN:
             self._lost.popleft()
         lost = sum(each for _, each in self._lost)

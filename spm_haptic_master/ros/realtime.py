@@ -39,7 +39,25 @@ ATTRIBUTES = struct.Struct('=IIQiIQQQ')
 
 
 def agreed(values: Sequence[Values]) -> dict[str, Any]:
-    """Return the settings of a process from its nodes; SettingError where two of them differ."""
+    """
+    Return the settings of a process, which each of its nodes may give.
+
+    Parameters
+    ----------
+    values : sequence of mapping
+        The checked values of each node.
+
+    Returns
+    -------
+    dict
+        A value of each setting of the process, by name.
+
+    Raises
+    ------
+    SettingError
+        Two nodes have different values, other than the default.
+
+    """
     result: dict[str, Any] = {}
     for setting in REALTIME_SETTINGS:
         chosen = {each[setting.name] for each in values} - {setting.default}
@@ -52,7 +70,25 @@ def agreed(values: Sequence[Values]) -> dict[str, Any]:
 
 
 def check_cpus(text: str) -> set[int]:
-    """Return the cores of a list such as '0,2-3'; SettingError for one that is not allowed."""
+    """
+    Return the cores of a list.
+
+    Parameters
+    ----------
+    text : str
+        Numbers and ranges, such as '0,2-3'.
+
+    Returns
+    -------
+    set of int
+        The cores.
+
+    Raises
+    ------
+    SettingError
+        The text is no such list, or this process may not run on one of them.
+
+    """
     allowed = os.sched_getaffinity(0)
     with suppress(ValueError):
         parts = (part.partition('-') for part in text.split(','))
@@ -67,7 +103,22 @@ def check_cpus(text: str) -> set[int]:
 
 
 def apply(node: Node, values: Values) -> None:
-    """Set up this process and its threads; `node` warns where a privilege is missing."""
+    """
+    Set up this process and its threads.
+
+    Parameters
+    ----------
+    node : Node
+        Warns where a privilege is missing.
+    values : mapping
+        Checked values of the settings of a process, as of `agreed`.
+
+    Raises
+    ------
+    SettingError
+        A core is not allowed, or the time slice is too short.
+
+    """
     warn = partial(node_log.warning, node)
     if values['realtime.cpus']:
         cores = check_cpus(values['realtime.cpus'])
@@ -123,6 +174,7 @@ def _set_slice(seconds: float, warn: Callable[[str], object]) -> None:
 
 
 def _for_each_thread(action: Callable[[int], None]) -> None:
+    """Call an action with the id of each thread of this process."""
     for thread in os.listdir('/proc/self/task'):
         with suppress(ProcessLookupError):  # the thread has ended
             action(int(thread))
@@ -137,6 +189,7 @@ def _set_thread_slice(thread: int, length: int) -> None:
 
 
 def _call(which: int, *values: object) -> None:
+    """Make a system call that libc does not have; OSError where it fails."""
     machine = platform.machine()
     if machine not in CALLS:
         raise OSError(f'unknown on {machine}')
