@@ -45,12 +45,16 @@ def draw(path: Path, surgeon: Surgeon, trocar: Point, acts: Sequence[tuple[int, 
     """
     began = surgeon.commands[0].at
     figure = Figure(figsize=(11.0, 6.5), layout='constrained')
-    grid = figure.add_gridspec(2, 2, width_ratios=(1.0, 1.9))
-    _draw_side(figure.add_subplot(grid[:, 0]), surgeon.commands, trocar)
-    depth, tilt = figure.add_subplot(grid[0, 1]), figure.add_subplot(grid[1, 1])
+    grid = figure.add_gridspec(6, 2, width_ratios=(1.0, 1.9))
+    _draw_side(figure.add_subplot(grid[:4, 0]), surgeon.commands, trocar)
+    depth, tilt = figure.add_subplot(grid[:3, 1]), figure.add_subplot(grid[3:, 1])
     _draw_depth(depth, surgeon, trocar, began)
     _draw_tilt(tilt, surgeon.commands, began)
-    _mark_acts(depth, tilt, [((at - began) / SECOND, text) for at, text in acts if at > began])
+    ended = [((at - began) / SECOND, text) for at, text in acts if at > began]
+    for axes in (depth, tilt):
+        axes.set_xlim(0.0, ended[-1][0] + 1.0)
+    _mark_acts(depth, tilt, ended)
+    _list_acts(figure.add_subplot(grid[4:, 0]), ended)
     figure.savefig(path, dpi=110)
 
 
@@ -107,7 +111,7 @@ def _draw_depth(axes: Axes, surgeon: Surgeon, trocar: Point, began: int) -> None
         markersize=1.0,
         label='insertion of the hand',
     )
-    axes.set(ylabel='depth, insertion, mm', xlim=(0.0, None))
+    axes.set(ylabel='depth, insertion, mm')
     axes.legend(loc='center right', markerscale=8.0)
 
 
@@ -125,11 +129,11 @@ def _draw_tilt(axes: Axes, commands: Sequence[Arrived], began: int) -> None:
             [degrees(acos(cosine)) for cosine in cosines],
             color=COMMAND,
         )
-    axes.set(xlabel='time, s', ylabel='tilt of the shaft, deg', xlim=(0.0, None))
+    axes.set(xlabel='time, s', ylabel='tilt of the shaft, deg')
 
 
 def _mark_acts(depth: Axes, tilt: Axes, acts: Sequence[tuple[float, str]]) -> None:
-    """Mark the ends of the surgeon's acts by numbers, and list these."""
+    """Mark the ends of the surgeon's acts by numbers."""
     for number, (at, _) in enumerate(acts, 1):
         for axes in (depth, tilt):
             axes.axvline(at, color='0.7', linewidth=0.8, linestyle=':')
@@ -138,14 +142,10 @@ def _mark_acts(depth: Axes, tilt: Axes, acts: Sequence[tuple[float, str]]) -> No
         depth.annotate(
             str(number), (at, height), xycoords=('data', 'axes fraction'), ha='center', fontsize=8
         )
+
+
+def _list_acts(axes: Axes, acts: Sequence[tuple[float, str]]) -> None:
+    """List what the numbers mean."""
     listed = '\n'.join(f'{number}  {text}' for number, (_, text) in enumerate(acts, 1))
-    tilt.text(
-        0.99,
-        0.97,
-        listed,
-        transform=tilt.transAxes,
-        ha='right',
-        va='top',
-        fontsize=7.5,
-        bbox={'facecolor': 'white', 'edgecolor': '0.8'},
-    )
+    axes.text(0.0, 1.0, listed, transform=axes.transAxes, va='top', fontsize=7.5)
+    axes.set_axis_off()

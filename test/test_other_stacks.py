@@ -5,9 +5,11 @@
 
 import json
 import re
+from textwrap import dedent
 
 from harness import ROOT
 import pytest
+from spm_haptic_master.nodes.launch_plan import Follower, plan, SLAVE_TOPICS
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 import yaml
 
@@ -64,3 +66,30 @@ def test_moveit_servo_moves_and_turns_about_the_tool():
     # Jazzy's servo_node takes a twist whose age is below it: some that are lost are bridged.
     (rate,) = [each.default for each in FKM_SETTINGS if each.name == 'crtk_rate']
     assert 5.0 / rate <= parameters['incoming_command_timeout'] <= 0.1
+
+
+def blocks(heading, language):
+    """Return the code blocks of a language below a heading of the page of slaves."""
+    section = SLAVE_PAGE.partition(f'## {heading}\n')[2].partition('\n## ')[0]
+    found = re.findall(rf'^ *```{language}\n(.+?)```', section, re.DOTALL | re.MULTILINE)
+    return [dedent(block) for block in found]
+
+
+@pytest.mark.parametrize('heading', ['A laparoscopic slave', 'dVRK'])
+def test_the_files_of_the_page_are_what_the_nodes_take(heading, tmp_path):
+    for block in blocks(heading, 'yaml'):
+        path = tmp_path / 'rig.yaml'
+        path.write_text(block)
+        assert plan('sim', str(path), '', '', True, Follower())
+
+
+@pytest.mark.parametrize('heading', ['A laparoscopic slave', 'dVRK', 'cartesian_controllers'])
+def test_the_topics_of_the_page_are_those_of_the_launch_file_and_the_node(heading):
+    """An argument of `teleop.launch.py` exists, and a remapping is of a topic of `teleop`."""
+    section = SLAVE_PAGE.partition(f'## {heading}\n')[2].partition('\n## ')[0]
+    launch = (ROOT / 'launch' / 'teleop.launch.py').read_text(encoding='utf-8')
+    arguments = re.findall(r'\bright_(\w+):=', section)
+    assert [each for each in arguments if f"'{each}'" not in launch] == []
+    remapped = re.findall(r'-r teleop:([\w/]+):=', section)
+    assert set(remapped) <= {'servo_cp', *(f'slave/{topic}' for topic in SLAVE_TOPICS)}
+    assert arguments or remapped
