@@ -15,6 +15,7 @@ import time
 import can
 from spm_haptic_master.encoders import can_bus, canopen
 from spm_haptic_master.encoders.frame_decoder import FrameDecoder, recent, WITHOUT_SYNC
+from spm_haptic_master.encoders.single_axis import AxisReading
 from spm_haptic_master.encoders.source import EncoderSource, JointSample
 from spm_haptic_master.encoders.sync import SyncProducer
 from spm_haptic_master.timing import Periodic
@@ -62,6 +63,7 @@ class CanSource(EncoderSource):
         )
         self._name = can_bus.bus_name(interface, channel)
         self._decoder = decoder
+        self.axes = decoder.axes
         self._timeout = timeout
         self._stop_nodes = stop_nodes
         self._bus: can.BusABC | None = None
@@ -97,7 +99,8 @@ class CanSource(EncoderSource):
     def read(self, timeout: float) -> JointSample | None:
         """Return the next set completed within `timeout` seconds, None if there is none."""
         deadline = time.monotonic() + timeout
-        while not self._ready and (now := time.monotonic()) <= deadline:
+        readings = self._decoder.readings
+        while not (self._ready or readings) and (now := time.monotonic()) <= deadline:
             bus = self._open(now) if self._bus is None else self._bus
             if bus is None:
                 time.sleep(max(0.0, min(self._retry_at, deadline) - now))
@@ -115,6 +118,12 @@ class CanSource(EncoderSource):
             if message is not None:
                 self._take(message)
         return self._ready.popleft() if self._ready else None
+
+    def take_readings(self) -> list[AxisReading]:
+        """Return the readings of the axes since the last call."""
+        readings = list(self._decoder.readings)
+        self._decoder.readings.clear()
+        return readings
 
     @property
     def fault(self) -> str | None:
@@ -192,7 +201,7 @@ class CanSource(EncoderSource):
     def close(self) -> None:
         """Stop the nodes, if that is configured, and close the bus."""
         if self._bus is not None and self._stop_nodes and self._decoder.network:
-            for node in self._decoder.network.nodes:
+            for node in self._decoder.network.every:
                 self._request(canopen.nmt(canopen.NMT_STOP, node.node_id))
         self._close_bus()
 
@@ -219,7 +228,7 @@ class CanSource(EncoderSource):
 
     def _poll(self, now: float) -> None:
         """Start silent nodes, and close a bus that is silent for too long."""
-        silent = self._decoder.silent(time.time(), self._timeout)
+        silent = self._decoder.silent_nodes(time.time(), self._timeout)
         if network := self._decoder.network:
             for node in network.to_start(time.time(), silent):
                 self._request(canopen.nmt(canopen.NMT_START, node.node_id))

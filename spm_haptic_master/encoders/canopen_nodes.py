@@ -172,7 +172,8 @@ class CanopenNodes:
     """
     Supervises the nodes; a heartbeat is lost `heartbeat_timeout` s after the one before.
 
-    `drives` are the node ids of the drives on the same bus.
+    `drives` are the node ids of the drives on the same bus; `further` are nodes of encoders that
+    are no joints, and are started and asked as the others.
     """
 
     def __init__(
@@ -181,23 +182,25 @@ class CanopenNodes:
         node_ids: tuple[int, ...],
         heartbeat_timeout: float,
         drives: tuple[int, ...] = (),
+        further: tuple[Node, ...] = (),
     ):
         self.nodes = tuple(
             Node(joint, node_id, heartbeat_timeout)
             for joint, node_id in zip(joints, node_ids, strict=True)
         )
         # Node that sends the frames with each identifier.
-        self.senders = {base + node.node_id: node for node in self.nodes for base in LENGTHS}
+        self.every = (*self.nodes, *further)
+        self.senders = {base + node.node_id: node for node in self.every for base in LENGTHS}
         # Other nodes on the bus; and those of them that are known.
         self._others: set[int] = set()
-        self._known = {*node_ids, *drives}
+        self._known = {*drives, *(node.node_id for node in self.every)}
         # Time at which a SYNC was left out here, s since the Unix epoch.
         self._sync_left_out_at = float('-inf')
 
     @property
     def supervise_sync(self) -> bool:
         """Whether a node left OPERATIONAL because of a SYNC that was left out here."""
-        return any(node.supervises_sync for node in self.nodes)
+        return any(node.supervises_sync for node in self.every)
 
     def left_out_sync(self, now: float) -> None:
         """Note that a SYNC is left out here `now`, s since the Unix epoch."""
@@ -223,7 +226,7 @@ class CanopenNodes:
         """Return, and note, the nodes whose error register is to be read `now`, s."""
         due = [
             node
-            for index, node in enumerate(self.nodes)
+            for index, node in enumerate(self.every)
             if (node.state is not None or index not in silent) and node.is_to_ask(now)
         ]
         for node in due:
@@ -232,11 +235,11 @@ class CanopenNodes:
         return due
 
     def to_start(self, now: float, silent: tuple[int, ...]) -> list[Node]:
-        """Return, and note, the nodes of silent joints to start `now`, s, by the frames' clock."""
+        """Return, and note, the silent nodes (places in `every`) to start `now`, s."""
         due = [
             node
             for index in silent
-            if not 0.0 <= now - (node := self.nodes[index]).started_at < START_AGAIN
+            if not 0.0 <= now - (node := self.every[index]).started_at < START_AGAIN
         ]
         for node in due:
             node.started_at = now

@@ -12,6 +12,7 @@ from spm_haptic_master.encoders.canopen_nodes import CanopenNodes
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout, lowest_bit
 from spm_haptic_master.encoders.frame_decoder import FrameDecoder
 from spm_haptic_master.encoders.harmonics import Harmonics
+from spm_haptic_master.encoders.single_axis import make_axes, SingleAxis
 from spm_haptic_master.exceptions import InputError, SettingError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, NUMBER_WORDS
 from spm_haptic_master.parameters import encoders
@@ -49,6 +50,8 @@ def make_decoder(values: Values, drives: tuple[int, ...] = ()) -> FrameDecoder:
         # Frames further apart may be from two cycles, which nothing distinguishes.
         window = min(window, 0.5 * period)
     network = None
+    axes = make_axes(values, values['can.heartbeat_timeout'])
+    further = tuple(axis.node for axis in axes if axis.node is not None)
     if values['can.protocol'] == 'canopen':
         node_ids = values['encoders.node_id']
         if len(set(node_ids)) < len(node_ids):
@@ -57,9 +60,40 @@ def make_decoder(values: Values, drives: tuple[int, ...] = ()) -> FrameDecoder:
                 list(node_ids),
                 f'{NUMBER_WORDS[len(joints)]} different node ids',
             )
-        network = CanopenNodes(joints, node_ids, values['can.heartbeat_timeout'], drives)
+        network = CanopenNodes(joints, node_ids, values['can.heartbeat_timeout'], drives, further)
+    _check_axes(axes, layouts, sync_id, values)
     _check_identifiers(layouts, sync_id, network is not None)
-    return FrameDecoder(layouts, sync_id, period, window, network, values['can.emcy_stops'])
+    return FrameDecoder(layouts, sync_id, period, window, network, values['can.emcy_stops'], axes)
+
+
+def _check_axes(
+    axes: tuple[SingleAxis, ...],
+    layouts: tuple[EncoderLayout, ...],
+    sync_id: int | None,
+    values: Values,
+) -> None:
+    """Raise SettingError where an axis has the identifier or node id of another encoder."""
+    taken = {layout.can_id: layout.joint for layout in layouts} | {sync_id: 'SYNC'}
+    nodes = dict(zip(values['encoders.node_id'], (each.joint for each in layouts), strict=True))
+    if values['can.protocol'] != 'canopen':
+        nodes = {}
+    for axis in axes:
+        layout, node = axis.layout, axis.node
+        for name, fits, expected in _requirements(layout):
+            setting = name.replace('encoders.', f'{axis.name}.')
+            if not fits and setting in values:
+                raise SettingError(setting, values[setting], expected)
+        if (other := taken.get(layout.can_id)) is not None:
+            raise SettingError(
+                f'{axis.name}.id', layout.can_id, f'an identifier that {other} does not have'
+            )
+        taken[layout.can_id] = axis.name
+        if node is not None and (other := nodes.get(node.node_id)) is not None:
+            raise SettingError(
+                f'{axis.name}.node_id', node.node_id, f'a node id that {other} does not have'
+            )
+        if node is not None:
+            nodes[node.node_id] = axis.name
 
 
 def _window(values: Values) -> float:

@@ -10,7 +10,7 @@ error bits and may equal an encoder's, and so may a 29-bit one.
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from math import nan
 
 import can
@@ -24,6 +24,7 @@ from spm_haptic_master.encoders.encoder_layout import (
     UNCHANGED,
 )
 from spm_haptic_master.encoders.set_assembler import BEHIND, SetAssembler
+from spm_haptic_master.encoders.single_axis import AxisReading, SingleAxis
 from spm_haptic_master.encoders.source import JointSample
 from spm_haptic_master.encoders.sync import percentiles_text, SyncRate
 from spm_haptic_master.kinematics.joints import NUMBER_WORDS
@@ -33,6 +34,8 @@ WITHOUT_SYNC = 'the encoders send without SYNC: give -p encoders.sync_id:=0'
 # Time for which a surplus answer or a rejected frame is reported (s): a period of /diagnostics at
 # least.
 CAUTION_HOLD = 2.0
+# Readings of axes that are kept for a reader that is late.
+READINGS_KEPT = 1000
 # Bit that marks the key of a 29-bit identifier, above all of the identifier's bits.
 EXTENDED = 1 << 29
 
@@ -48,8 +51,9 @@ class FrameDecoder:
 
     `layouts` are of four, five or six encoders, in the order of ALL_JOINT_NAMES; `sync_id` and
     `network` are None where there is no SYNC, or no node; `period` and `window`, s, are those of
-    SetAssembler. With `emcy_stops` an encoder that reports an error, whose heartbeat is lost or
-    whose NMT state is wrong has no reading: of four there is then no set.
+    SetAssembler; `axes` are encoders beside the set. With `emcy_stops` an encoder that reports an
+    error, whose heartbeat is lost or whose NMT state is wrong has no reading: of four there is
+    then no set.
     """
 
     def __init__(
@@ -60,6 +64,7 @@ class FrameDecoder:
         window: float,
         network: CanopenNodes | None,
         emcy_stops: bool,
+        axes: tuple[SingleAxis, ...] = (),
     ):
         self.layouts = layouts
         self.encoders = tuple(map(Encoder, layouts))
@@ -81,6 +86,13 @@ class FrameDecoder:
             encoder.layout.can_id | EXTENDED * encoder.layout.extended: (index, encoder)
             for index, encoder in enumerate(self.encoders)
         }
+        # Encoders beside the set, and their readings that nobody has taken yet.
+        self.axes = axes
+        self.readings: deque[AxisReading] = deque(maxlen=READINGS_KEPT)
+        self._axes_by_key = {
+            axis.layout.can_id | EXTENDED * axis.layout.extended: axis for axis in axes
+        }
+        self._period = period
         self._emcy_stops = emcy_stops
         self._nodes = network.senders if network else {}
 
@@ -106,17 +118,11 @@ class FrameDecoder:
         if key in self._by_key:
             return self._answer(*self._by_key[key], message)
         if key == self.sync_id:
-            if self.is_sync(message):
-                self.sync_heard = message.timestamp
-                self._sync_rate.heard(message.timestamp)
-                return self.assembler.begin(message.timestamp)
-            self.counters['rejected: SYNC of wrong length'] += 1
+            return self._begin(message)
+        if key in self._axes_by_key:
+            self._take_axis(self._axes_by_key[key], message)
         elif key in self._nodes:
-            if wrong := self.network.take(message):  # type: ignore[union-attr]
-                self.counters[f'rejected: {wrong} of wrong length'] += 1
-            else:
-                for index in self.network.by_joint(Node.down) if self.network else ():
-                    self.encoders[index].restart()
+            self._take_node(message)
         elif key ^ EXTENDED in self._by_key:
             self._by_key[key ^ EXTENDED][1].reject(message, 'identifier width')
         else:
@@ -124,6 +130,42 @@ class FrameDecoder:
             if self.network:
                 self.network.note_other(key)
         return None
+
+    def _begin(self, message: can.Message) -> JointSample | None:
+        """Take a SYNC; return the set of the cycle that it ends."""
+        if not self.is_sync(message):
+            self.counters['rejected: SYNC of wrong length'] += 1
+            return None
+        self.sync_heard = message.timestamp
+        self._sync_rate.heard(message.timestamp)
+        return self.assembler.begin(message.timestamp)
+
+    def _take_node(self, message: can.Message) -> None:
+        """Take the frame of a node; the counters of nodes that are down begin anew."""
+        if self.network is None:
+            return
+        if wrong := self.network.take(message):
+            self.counters[f'rejected: {wrong} of wrong length'] += 1
+            return
+        for index in self.network.by_joint(Node.down):
+            self.encoders[index].restart()
+
+    def _take_axis(self, axis: SingleAxis, message: can.Message) -> None:
+        """Take the frame of an axis, which is sampled at the SYNC before it."""
+        stamp = message.timestamp
+        if self.sync_heard is not None and 0.0 <= stamp - self.sync_heard < self._period:
+            stamp = self.sync_heard
+        if (reading := axis.take(message, stamp)) is not None:
+            self.readings.append(reading)
+
+    def silent_nodes(self, now: float, timeout: float) -> tuple[int, ...]:
+        """Return the places of the silent nodes, joints and axes, in CanopenNodes.every."""
+        nodes = [axis for axis in self.axes if axis.node is not None]
+        return self.silent(now, timeout) + tuple(
+            len(self.encoders) + place
+            for place, axis in enumerate(nodes)
+            if not recent(axis.encoder.heard, now, timeout)
+        )
 
     def is_sync(self, message: can.Message) -> bool:
         """Return whether a frame is a valid SYNC."""
@@ -210,7 +252,7 @@ class FrameDecoder:
             )
             found[f'{joint} missed cycles'] = missed
         if self.network:
-            for node in self.network.nodes:
+            for node in self.network.every:
                 found |= node.statistics(now)
         return found
 

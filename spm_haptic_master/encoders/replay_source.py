@@ -12,6 +12,7 @@ import time
 import can
 from spm_haptic_master.encoders.frame_decoder import FrameDecoder, WITHOUT_SYNC
 from spm_haptic_master.encoders.log_file import LogFile
+from spm_haptic_master.encoders.single_axis import AxisReading
 from spm_haptic_master.encoders.source import EncoderSource, JointSample
 from spm_haptic_master.exceptions import ReplayError, SourceEnded
 
@@ -53,6 +54,7 @@ class ReplaySource(EncoderSource):
         self._rate = rate
         self._loop = loop
         self._decoder = decoder
+        self.axes = decoder.axes
         # Time at which the round's first frame is played, ns since the Unix epoch.
         self._shift: int
         # Recorded times of the round's first and latest frame, s.
@@ -114,6 +116,20 @@ class ReplaySource(EncoderSource):
                 if reason.startswith('dropped: ') or ' rejected: ' in reason
             }
         )
+
+    @property
+    def axis_time(self) -> float:
+        """Time on the clock of the axes' readings, s: that of the recording."""
+        return self._last
+
+    def take_readings(self) -> list[AxisReading]:
+        """Return the readings of the axes that are due since the last call."""
+        now = time.time_ns()
+        due: list[AxisReading] = []
+        readings = self._decoder.readings
+        while readings and (stamp := self._on_our_clock(readings[0].stamp * 1e-9)) <= now:
+            due.append(readings.popleft()._replace(stamp=stamp))
+        return due
 
     @property
     def fault(self) -> str | None:

@@ -6,7 +6,11 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import NamedTuple
+import time
+from typing import NamedTuple, TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from spm_haptic_master.encoders.single_axis import AxisReading, SingleAxis
 
 
 class JointSample(NamedTuple):
@@ -30,10 +34,22 @@ class EncoderSource(ABC):
     # Whether reading should start only with the first listener: a recording would lose its start.
     waits_for_listener = False
 
+    # Encoders beside the set, insertion and gripper, that this source has.
+    axes: tuple[SingleAxis, ...] = ()
+
+    @property
+    def axis_time(self) -> float:
+        """Time on the clock of the axes' readings, s since the Unix epoch."""
+        return time.time()
+
+    def take_readings(self) -> list[AxisReading]:
+        """Return the readings of the axes since the last call."""
+        return []
+
     @abstractmethod
     def read(self, timeout: float) -> JointSample | None:
         """
-        Return the next sample, or None if none came within `timeout` seconds.
+        Return the next sample, or None if none came within `timeout` s, or an axis was read.
 
         Raise SourceEnded if there are no more samples, ReplayError if the recording is broken.
         """

@@ -14,9 +14,12 @@ from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from spm_haptic_master.drives.plan import is_shared
 from spm_haptic_master.encoders.decoder_factory import unverified_joints
+from spm_haptic_master.encoders.single_axis import SingleAxis
 from spm_haptic_master.exceptions import SettingError, SourceEnded, SpmError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
+from spm_haptic_master.nodes.axis_outputs import AxisOutputs
 from spm_haptic_master.nodes.simulation_control import SimulationControl
+from spm_haptic_master.parameters.axes import GRIPPER
 from spm_haptic_master.parameters.files import source_defaults
 from spm_haptic_master.parameters.geometry import mechanism_checksum
 from spm_haptic_master.parameters.nodes import (
@@ -57,6 +60,8 @@ LISTENER_SETTLE = 0.3
 READINGS_PERIOD = SECOND // 20
 # Longest wait at the end for subscribers to acknowledge the last sample (s).
 ACKNOWLEDGE_TIMEOUT = 2.0
+# Rate of the gripper's messages where none is given, as of fkm's (Hz).
+CRTK_RATE = 200.0
 # Message without fault and caution.
 PUBLISHING = 'publishing'
 
@@ -90,6 +95,10 @@ class EncoderDriver(ParameterNode):
             values['sensors'], values[JOINTS_FRAME_SETTING.name]
         ).write
         self._source = make_source(self.source_name, values, _drives_beside(parameters, values))
+        # Insertion and gripper, where they have an encoder.
+        self._axis_outputs = AxisOutputs(
+            self, self._source.axes, self.source_text, _gripper_rate(parameters, self._source.axes)
+        )
         self._publisher = self.create_publisher(JointState, 'measured_js', SAMPLES)
         self._readings_out = self.create_publisher(JointState, 'readings', SAMPLES)
         self._simulation = (
@@ -159,6 +168,7 @@ class EncoderDriver(ParameterNode):
         read_at = 0  # stamp of the latest set on `readings`, ns
         while not self._stop.is_set():
             sample = self._source.read(READ_TIMEOUT)
+            self._axis_outputs.publish(self._source.take_readings())
             if sample is None:
                 continue
             if self.listener is not None:
@@ -176,6 +186,7 @@ class EncoderDriver(ParameterNode):
 
     def _report(self) -> None:
         """Publish on /diagnostics whether samples come, and if not, why."""
+        self._axis_outputs.report(self._source.axis_time)
         now = time.monotonic()
         before, self._lost = self._lost, self._source.lost
         self.overload.tick(now, self._lost - before)
@@ -241,6 +252,20 @@ def _drives_beside(parameters: Parameters, values: Values) -> tuple[int, ...]:
         if is_shared(drives, values)
         else ()
     )
+
+
+def _gripper_rate(parameters: Parameters, axes: tuple[SingleAxis, ...]) -> float:
+    """
+    Return the rate of the gripper's messages, Hz, which is that of fkm's.
+
+    SettingError where fkm is told to publish a gripper of its own.
+    """
+    given = parameters.of('fkm')
+    if any(axis.name == GRIPPER for axis in axes):
+        for name in ('gripper.axis', 'gripper.position_deg'):
+            if name in given:
+                raise SettingError(name, given[name], 'nothing where the gripper has an encoder')
+    return float(given.get('crtk_rate', CRTK_RATE))  # type: ignore[arg-type]
 
 
 def main(args: list[str] | None = None) -> int:

@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import Any
 
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
+from spm_haptic_master.parameters.axes import AXIS_SETTINGS, MEASURED_AXIS_SETTINGS
 from spm_haptic_master.parameters.setting import (
     ANY_COUNT,
     CALIBRATION_SETTING,
@@ -159,6 +160,7 @@ DECODER_SETTINGS = (
     *HARMONIC_SETTINGS,
     VERIFIED_SETTING,
     ACCEPT_SETTING,
+    *AXIS_SETTINGS,
     _each('encoders.node_id', int, 'CANopen node id', minimum=1, maximum=127),
     Setting(
         'encoders.sync_id',
@@ -224,6 +226,7 @@ MEASURED_SETTINGS = (
         for setting in LAYOUT_SETTINGS
         if setting.name in ('encoders.direction', 'encoders.zero_count')
     ),
+    *MEASURED_AXIS_SETTINGS,
 )
 
 # Formats of a log that python-can reads.

@@ -10,6 +10,7 @@ from math import erfc, exp, inf, pi, radians, sqrt
 from statistics import NormalDist
 
 from spm_haptic_master.exceptions import SettingError
+from spm_haptic_master.parameters.axes import GRIPPER_RANGE_SETTING
 from spm_haptic_master.parameters.geometry import MECHANISM_SETTINGS, MOUNTING_SETTINGS
 from spm_haptic_master.parameters.setting import (
     ANY_COUNT,
@@ -299,15 +300,7 @@ INTERFACE_SETTINGS = (
         minimum=-180.0,
         maximum=NO_GRIPPER,
     ),
-    Setting(
-        'gripper.range_deg',
-        float,
-        'angles of the gripper at the ends -1 and 1 of the axis, deg',
-        default=(0.0, 60.0),
-        minimum=-180.0,
-        maximum=180.0,
-        count=2,
-    ),
+    GRIPPER_RANGE_SETTING,
     CALIBRATION_SETTING,
 )
 

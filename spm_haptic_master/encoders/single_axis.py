@@ -1,0 +1,194 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+An encoder that no other one checks: the insertion or the gripper.
+
+Its readings are no part of a set, and no set waits for them. Range, speed, age and the node's own
+words are all that can be known of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import pi, radians
+from typing import NamedTuple
+
+import can
+from spm_haptic_master.encoders.canopen_nodes import Node
+from spm_haptic_master.encoders.encoder_layout import Encoder, EncoderLayout, TURN
+from spm_haptic_master.exceptions import SettingError
+from spm_haptic_master.parameters.axes import AXES, GRIPPER, INSERTION
+from spm_haptic_master.parameters.setting import Values
+
+# Periods without a reading after which it is missing, and of good readings after a fast one until
+# the next is taken.
+MISSING_PERIODS, SETTLE_PERIODS = 3.0, 3.0
+# Share of the range beyond its ends that is still a reading (unit 1).
+BEYOND_RANGE = 0.02
+
+
+class AxisReading(NamedTuple):
+    """Position of one axis."""
+
+    name: str
+    stamp: int  # time of sampling, ns since the Unix epoch
+    position: float  # m or rad
+
+
+@dataclass(frozen=True, slots=True)
+class AxisLimits:
+    """What a reading may be."""
+
+    least: float  # m or rad
+    greatest: float
+    speed: float  # m/s or rad/s; infinite without a limit
+
+    def reason_against(self, position: float) -> str | None:
+        """Return that a position is out of range, None if it is within."""
+        margin = BEYOND_RANGE * (self.greatest - self.least)
+        if self.least - margin <= position <= self.greatest + margin:
+            return None
+        return f'out of range ({position:.4g}; {self.least:g} to {self.greatest:g})'
+
+
+class SingleAxis:
+    """
+    Readings of one axis from its frames.
+
+    Parameters
+    ----------
+    layout
+        Its frame; the name of its joint is that of the axis.
+    scale
+        Position over the layout's angle: 1 for a gripper, m/rad for a slide.
+    limits
+        Range and speed of good readings.
+    period
+        Time between two readings, s.
+    node
+        Its CANopen node, None if it is none.
+
+    """
+
+    def __init__(
+        self,
+        layout: EncoderLayout,
+        scale: float,
+        limits: AxisLimits,
+        period: float,
+        node: Node | None,
+    ):
+        self.layout, self.scale, self.node = layout, scale, node
+        self.encoder = Encoder(layout)
+        self._limits, self._period = limits, period
+        # Time, s, and position of the latest frame within the range; of the latest good reading.
+        self._previous: tuple[float, float] | None = None
+        self.latest: tuple[float, float] | None = None
+        # Time until which it is not believed after it was too fast, s; and why it is silent.
+        self._settles_at = float('-inf')
+        self._reason: str | None = None
+
+    @property
+    def name(self) -> str:
+        """Return the name of the axis."""
+        return self.layout.joint
+
+    def take(self, message: can.Message, stamp: float) -> AxisReading | None:
+        """Take a frame that was sampled at `stamp`, s; return its reading, None without one."""
+        angle, reason = self.encoder.check(message)
+        position = angle * self.scale
+        reason = (
+            reason
+            or (self.node and self.node.unfit(message.timestamp))
+            or self._limits.reason_against(position)
+            or self._too_fast(position, stamp)
+        )
+        self._reason = reason or None
+        if reason:
+            return None
+        self.latest = stamp, position
+        return AxisReading(self.name, round(stamp * 1e9), position)
+
+    def fault(self, now: float) -> str | None:
+        """Return why there is no reading `now`, s since the Unix epoch; None if there is one."""
+        heard = None if self.latest is None else self.latest[0]
+        if heard is not None and abs(now - heard) <= MISSING_PERIODS * self._period:
+            return None
+        refused = self.encoder.refused
+        recent = refused is not None and abs(now - refused[0]) <= MISSING_PERIODS * self._period
+        if self._reason and (recent or self._is_heard(now)):
+            return f'{self.name}: {self._reason}'
+        trouble = self.node.trouble(now) if self.node else None
+        return f'{self.name} missing ({trouble or "no frames"})'
+
+    def _is_heard(self, now: float) -> bool:
+        heard = self.encoder.heard
+        return heard is not None and abs(now - heard) <= MISSING_PERIODS * self._period
+
+    def _too_fast(self, position: float, stamp: float) -> str | None:
+        """Return that it moves faster than its limit, or has not settled since; None if not."""
+        before, self._previous = self._previous, (stamp, position)
+        if before is None:
+            return None
+        elapsed = stamp - before[0]
+        if elapsed <= 0.0 or abs(position - before[1]) > self._limits.speed * max(
+            elapsed, self._period
+        ):
+            self._settles_at = stamp + SETTLE_PERIODS * self._period
+        if stamp < self._settles_at:
+            return f'faster than {self._limits.speed:g} per second'
+        return None
+
+
+def make_axes(values: Values, timeout: float) -> tuple[SingleAxis, ...]:
+    """
+    Return the axes that have an encoder; SettingError if their settings contradict each other.
+
+    `timeout` is that of a heartbeat, s.
+    """
+    return tuple(_axis(name, values, timeout) for name in AXES if values[f'{name}.id'])
+
+
+def _axis(name: str, values: Values, timeout: float) -> SingleAxis:
+    def value(setting: str) -> int:
+        return int(values[f'{name}.{setting}'])
+
+    bits = value('mask').bit_count() or value('bit_length')
+    turn = values['gripper.counts_per_turn'] if name == GRIPPER else 1 << bits
+    layout = EncoderLayout(
+        joint=name,
+        can_id=value('id'),
+        extended=values[f'{name}.extended'],
+        data_length=value('data_length'),
+        byte_offset=value('byte_offset'),
+        bit_length=value('bit_length'),
+        byte_order=values[f'{name}.byte_order'],
+        mask=value('mask'),
+        signed=values[f'{name}.signed'],
+        counts_per_turn=turn,
+        direction=value('direction'),
+        zero_count=value('zero_count'),
+        counter_byte=0,
+        counter_mask=0,
+        status_byte=value('status_byte'),
+        status_mask=value('status_mask'),
+        status_good=value('status_good'),
+    )
+    least, greatest = (
+        values['insertion.range'] if name == INSERTION else values['gripper.range_deg']
+    )
+    setting = 'insertion.range' if name == INSERTION else 'gripper.range_deg'
+    if not least < greatest:
+        raise SettingError(setting, [least, greatest], 'the lesser value first')
+    node = Node(name, value('node_id'), timeout) if value('node_id') else None
+    period = 1.0 / values['rate']
+    if name == INSERTION:
+        scale = turn / TURN / values['insertion.counts_per_metre']
+        limits = AxisLimits(least, greatest, values['insertion.speed_limit'])
+    else:
+        scale = 1.0
+        limits = AxisLimits(radians(least), radians(greatest), float('inf'))
+    if max(abs(limits.least), abs(limits.greatest)) > pi * scale:
+        raise SettingError(setting, [least, greatest], f'what {bits} bits of counts can hold')
+    return SingleAxis(layout, scale, limits, period, node)

@@ -1,0 +1,79 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The topics and the entries on /diagnostics of insertion and gripper, for encoder_driver."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import time
+
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from spm_haptic_master.encoders.single_axis import AxisReading, SingleAxis
+from spm_haptic_master.parameters.axes import GRIPPER
+from spm_haptic_master.ros.diagnostic_status import ERROR, OK, StatusPublisher
+from spm_haptic_master.ros.qos import SAMPLES
+from spm_haptic_master.timing import SECOND
+
+# Message of a reading that comes.
+PUBLISHING = 'publishing'
+# Time after the start in which a reading that is missing is not an error yet (s).
+START_GRACE = 0.5
+
+
+class AxisOutputs:
+    """
+    Publishes the readings of the axes: each one, and those of the gripper at `crtk_rate`.
+
+    Without a reading nothing is published; `report` says why on /diagnostics.
+    """
+
+    def __init__(
+        self, node: Node, axes: Sequence[SingleAxis], source_text: str, crtk_rate: float
+    ) -> None:
+        self._axes = axes
+        self._outs = {
+            axis.name: node.create_publisher(JointState, f'{axis.name}/measured_js', SAMPLES)
+            for axis in axes
+        }
+        self._messages = {axis.name: JointState(name=[axis.name]) for axis in axes}
+        self._statuses = {
+            axis.name: StatusPublisher(node, axis.name, source_text) for axis in axes
+        }
+        # Time between two messages of the gripper, and stamp of its latest, ns.
+        self._gripper_period = round(SECOND / crtk_rate) if crtk_rate else 0
+        self._gripper_at = 0
+        self._began = time.monotonic()
+
+    def publish(self, readings: Sequence[AxisReading]) -> None:
+        """Publish readings, in their order."""
+        for reading in readings:
+            if reading.name == GRIPPER:
+                # The clock may have been set back.
+                if 0 <= reading.stamp - self._gripper_at < self._gripper_period:
+                    continue
+                self._gripper_at = reading.stamp
+            message = self._messages[reading.name]
+            stamp = message.header.stamp
+            stamp.sec, stamp.nanosec = divmod(reading.stamp, SECOND)
+            message.position = [reading.position]
+            self._outs[reading.name].publish(message)
+
+    def report(self, now: float) -> None:
+        """Publish on /diagnostics whether each axis has a reading `now`, s, and if not, why."""
+        starting = time.monotonic() - self._began < START_GRACE
+        for axis in self._axes:
+            fault = None if starting and axis.latest is None else axis.fault(now)
+            level, text = (OK, PUBLISHING) if fault is None else (ERROR, fault)
+            status = self._statuses[axis.name]
+            if not status.is_due(level, text):
+                continue
+            latest = axis.latest
+            values: dict[str, object] = {
+                'position': 'none yet' if latest is None else latest[1],
+                'age (ms)': 'never read' if latest is None else 1e3 * (now - latest[0]),
+                'frame rate (Hz)': axis.encoder.frames.rate(),
+                **{f'rejected: {reason}': count for reason, count in axis.encoder.rejects.items()},
+            }
+            status.publish(level, text, values)
