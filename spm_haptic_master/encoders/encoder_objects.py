@@ -126,7 +126,12 @@ def _mapping_hint(index: int, value: Present) -> str:
 
 
 def wanted_objects(
-    layout: EncoderLayout, node_id: int, sync_id: int | None, period: float, heartbeat: float
+    layout: EncoderLayout,
+    node_id: int,
+    sync_id: int | None,
+    period: float,
+    heartbeat: float,
+    is_linear: bool = False,
 ) -> WantedObjects:
     """
     Return the wanted objects of an encoder.
@@ -143,6 +148,8 @@ def wanted_objects(
         Time between two frames without SYNC, s.
     heartbeat
         Time between two heartbeats, s.
+    is_linear
+        Whether it is a slide, which has no counts per turn: its scaling is left as it is.
 
     Raises
     ------
@@ -166,7 +173,7 @@ def wanted_objects(
                 milliseconds('--heartbeat', heartbeat),
                 optional=True,
             ),
-            *_scaling_objects(layout),
+            *([] if is_linear else _scaling_objects(layout)),
             # The cyclic timer is that of TPDO1.
             *(
                 [WantedObject(*canopen.CYCLIC_TIMER, 2, 'cyclic timer, ms', 0, optional=True)]

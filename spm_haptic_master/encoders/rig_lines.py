@@ -56,6 +56,10 @@ def rig_lines(scan: BusScan, expected: Expected, given: GivenBus) -> list[str]:
         f'      id: [{", ".join(f"0x{identifiers[node_id]:X}" for node_id in node_ids)}]',
         *_lengths(scan, expected, [identifiers[node_id] for node_id in node_ids]),
         *_counts_per_turn(scan, expected, node_ids),
+        *(
+            f'    {layout.joint}: {{id: 0x{layout.can_id:X}, node_id: {node_id or 0}}}'
+            for layout, node_id in expected.axes
+        ),
     ]
 
 
@@ -124,7 +128,7 @@ def _identifiers(scan: BusScan, expected: Expected) -> dict[int, int]:
         if sends_position and node_id not in (0, *foreign) and identifier not in found.values():
             found.setdefault(node_id, identifier)
     for node_id, node in scan.nodes.items():
-        if node.profile == canopen.ENCODER_PROFILE:
+        if node.profile == canopen.ENCODER_PROFILE and node_id not in foreign:
             # Not heard: that of the predefined connection set.
             found.setdefault(node_id, canopen.TPDO_BASES[0] + node_id)
     return found
@@ -134,6 +138,7 @@ def _foreign(scan: BusScan, expected: Expected) -> set[int]:
     """Return the nodes that are no encoders: the drives, and those of another profile."""
     return {
         *expected.others,
+        *(node_id for _, node_id in expected.axes if node_id is not None),
         *(
             node_id
             for node_id, node in scan.nodes.items()

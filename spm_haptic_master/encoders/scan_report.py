@@ -34,6 +34,8 @@ class Expected:
     # CANopen node ids, None if the encoders are not CANopen nodes.
     node_ids: tuple[int, ...] | None
     rate: float  # of the sets, Hz
+    # Encoders beside the set, insertion and gripper: frame and node id.
+    axes: tuple[tuple[EncoderLayout, int | None], ...] = ()
     # Time without a heartbeat after which the driver believes an encoder no more, s.
     heartbeat_timeout: float | None = None
     # Names of further nodes that are configured, by node id: the drives.
@@ -41,11 +43,17 @@ class Expected:
     # Names of their frames, and of those sent to them, by identifier.
     frames: Mapping[int, str] = field(default_factory=dict)
 
+    @property
+    def encoders(self) -> list[tuple[EncoderLayout, int | None]]:
+        """Return frame and node id of each encoder, those of the axes behind the joints'."""
+        node_ids = self.node_ids or (None,) * len(self.layouts)
+        return [*zip(self.layouts, node_ids, strict=True), *self.axes]
+
 
 def listing(scan: BusScan, expected: Expected) -> list[str]:
     """Return one line for each identifier and node, and for what was sent."""
     names = (
-        {(layout.extended, layout.can_id): layout.joint for layout in expected.layouts}
+        {(layout.extended, layout.can_id): layout.joint for layout, _ in expected.encoders}
         | {(False, identifier): name for identifier, name in expected.frames.items()}
         | {(False, scan.sync_id): 'SYNC'}
     )
@@ -104,8 +112,7 @@ def problems(scan: BusScan, expected: Expected) -> list[str]:
     ]
     found += _silence(scan)
     found += _sync_problems(scan, expected)
-    for index, layout in enumerate(expected.layouts):
-        node_id = expected.node_ids[index] if expected.node_ids else None
+    for layout, node_id in expected.encoders:
         if node_id in shared:
             continue
         found += [
@@ -205,7 +212,8 @@ def _node_problems(
     found = [] if missing else list(node.emergencies)
     if register := node.objects.get(canopen.ERROR_REGISTER):
         found.append(canopen.register_words(register))
-    counts = resolution(node, layout)
+    # An axis may be a linear encoder, whose counts are none per turn.
+    counts = resolution(node, layout) if layout in expected.layouts else None
     if counts not in (None, layout.counts_per_turn):
         found.append(
             f'it has {counts} counts per turn, encoders.counts_per_turn is '
@@ -337,7 +345,7 @@ def _missing_because(scan: BusScan, layout: EncoderLayout, node_id: int | None) 
 
 
 def _unexpected(scan: BusScan, expected: Expected) -> list[str]:
-    ours = {(layout.extended, layout.can_id) for layout in expected.layouts}
+    ours = {(layout.extended, layout.can_id) for layout, _ in expected.encoders}
     ours |= {
         (False, each)
         for each in (canopen.NMT_ID, scan.sync_id, *expected.frames)
@@ -358,7 +366,9 @@ def _unexpected(scan: BusScan, expected: Expected) -> list[str]:
         found += [
             f'unexpected: node {node_id} ({_node_words(scan.nodes[node_id])})'
             for node_id in sorted(
-                scan.nodes.keys() - set(expected.node_ids) - expected.others.keys()
+                scan.nodes.keys()
+                - {each for _, each in expected.encoders}
+                - expected.others.keys()
             )
         ]
     return found

@@ -44,12 +44,11 @@ class AxisLimits:
     greatest: float
     speed: float  # m/s or rad/s; infinite without a limit
 
-    def reason_against(self, position: float) -> str | None:
-        """Return that a position is out of range, None if it is within."""
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Return the least and the greatest position of a reading."""
         margin = BEYOND_RANGE * (self.greatest - self.least)
-        if self.least - margin <= position <= self.greatest + margin:
-            return None
-        return f'out of range ({position:.4g}; {self.least:g} to {self.greatest:g})'
+        return self.least - margin, self.greatest + margin
 
 
 class SingleAxis:
@@ -81,7 +80,8 @@ class SingleAxis:
     ):
         self.layout, self.scale, self.node = layout, scale, node
         self.encoder = Encoder(layout)
-        self._limits, self._period = limits, period
+        self.limits, self._period = limits, period
+        self._lowest, self._highest = limits.bounds
         # Time, s, and position of the latest frame within the range; of the latest good reading.
         self._previous: tuple[float, float] | None = None
         self.latest: tuple[float, float] | None = None
@@ -98,17 +98,18 @@ class SingleAxis:
         """Take a frame that was sampled at `stamp`, s; return its reading, None without one."""
         angle, reason = self.encoder.check(message)
         position = angle * self.scale
-        reason = (
-            reason
-            or (self.node and self.node.unfit(message.timestamp))
-            or self._limits.reason_against(position)
-            or self._too_fast(position, stamp)
-        )
-        self._reason = reason or None
-        if reason:
+        if reason is None and self.node is not None:
+            reason = self.node.unfit(message.timestamp)
+        if reason is None and not self._lowest <= position <= self._highest:
+            limits = self.limits
+            reason = f'out of range ({position:.4g}; {limits.least:g} to {limits.greatest:g})'
+        if reason is None and self._is_too_fast(position, stamp):
+            reason = f'faster than {self.limits.speed:g} per second'
+        self._reason = reason
+        if reason is not None:
             return None
         self.latest = stamp, position
-        return AxisReading(self.name, round(stamp * 1e9), position)
+        return AxisReading(self.layout.joint, round(stamp * 1e9), position)
 
     def fault(self, now: float) -> str | None:
         """Return why there is no reading `now`, s since the Unix epoch; None if there is one."""
@@ -126,19 +127,17 @@ class SingleAxis:
         heard = self.encoder.heard
         return heard is not None and abs(now - heard) <= MISSING_PERIODS * self._period
 
-    def _too_fast(self, position: float, stamp: float) -> str | None:
-        """Return that it moves faster than its limit, or has not settled since; None if not."""
-        before, self._previous = self._previous, (stamp, position)
+    def _is_too_fast(self, position: float, stamp: float) -> bool:
+        """Return whether it moves faster than its limit, or has not settled since."""
+        before = self._previous
+        self._previous = stamp, position
         if before is None:
-            return None
+            return False
         elapsed = stamp - before[0]
-        if elapsed <= 0.0 or abs(position - before[1]) > self._limits.speed * max(
-            elapsed, self._period
-        ):
+        longest_way = self.limits.speed * max(elapsed, self._period)
+        if elapsed <= 0.0 or abs(position - before[1]) > longest_way:
             self._settles_at = stamp + SETTLE_PERIODS * self._period
-        if stamp < self._settles_at:
-            return f'faster than {self._limits.speed:g} per second'
-        return None
+        return stamp < self._settles_at
 
 
 def make_axes(values: Values, timeout: float) -> tuple[SingleAxis, ...]:

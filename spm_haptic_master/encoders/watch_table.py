@@ -15,12 +15,11 @@ from spm_haptic_master.encoders.scan_report import Expected
 
 def watch_lines(scan: BusScan, expected: Expected) -> list[str]:
     """Return a line for each encoder: node, counts, angle, span, age, status; who moves now."""
-    watches = [scan.watches[layout.extended, layout.can_id] for layout in expected.layouts]
+    watches = [scan.watches[layout.extended, layout.can_id] for layout, _ in expected.encoders]
     moved = [watch.moved() for watch in watches]
     most = max(moved)
     lines = []
-    for index, watch in enumerate(watches):
-        node_id = expected.node_ids[index] if expected.node_ids else None
+    for index, (watch, (_, node_id)) in enumerate(zip(watches, expected.encoders, strict=True)):
         parts = [f'{watch.layout.joint:9}', f'0x{watch.layout.can_id:03X}', *_reading(scan, watch)]
         if node_id is not None:
             parts.insert(1, f'node {node_id:3}')

@@ -17,6 +17,8 @@ from spm_haptic_master.kinematics.estimation.gauss_newton import SampleEstimate
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics.mounting import IDENTITY
 from spm_haptic_master.kinematics.rotations import AngularVelocity
+from spm_haptic_master.nodes.joint_reader import JointReader
+from spm_haptic_master.parameters.axes import INSERTION
 from spm_haptic_master.parameters.fkm import check_frames, NO_GRIPPER, VELOCITY_PERIODS
 from spm_haptic_master.parameters.geometry import mounting_from
 from spm_haptic_master.parameters.setting import Values
@@ -29,6 +31,10 @@ from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension, MultiAr
 LEVEL, COVARIANCE = 'protection_level', 'pose_with_covariance'
 # Topics of CRTK, which share the samples that are due at `crtk_rate`.
 TWIST, JOINTS, GRIPPER = 'measured_cv', 'crtk/measured_js', 'gripper/measured_js'
+# Topics with the pose of the handle.
+POSES = ('measured_cp', 'setpoint_cp')
+# Age of an insertion that belongs to an orientation: in periods, and for its way (s).
+INSERTION_PERIODS, INSERTION_WAY = 3.0, 0.01
 # Value of the setting of the gripper's axis without one.
 NO_AXIS = -1
 # Topic of static transforms, of all nodes: latched.
@@ -124,6 +130,14 @@ class OrientationOutputs:
                 *self._crtk.items(),
             )
         }
+        self._position = pose.pose.position
+        # Stamp, ns, and length, m, of the latest insertion; None before the first.
+        self._insertion: tuple[int, float] | None = None
+        self._insertion_age = round(SECOND * (INSERTION_PERIODS / values['rate'] + INSERTION_WAY))
+        self._read_insertion = JointReader(INSERTION).read
+        node.create_subscription(
+            JointState, f'{INSERTION}/measured_js', self._take_insertion, SAMPLES, raw=True
+        )
         self._grid = StampGrid(values['crtk_rate'], values['rate'])
         window = max(values['velocity_window'], VELOCITY_PERIODS / values['rate'])
         self._velocity = AngularVelocity(round(window * SECOND))
@@ -177,7 +191,7 @@ class OrientationOutputs:
         if COVARIANCE in wanted:
             self._publish_covariance(estimate)
         if is_crtk_due:
-            self._publish_crtk(wanted, angles)
+            self._publish_crtk(stamp, wanted, angles)
 
     def _publish_level(self, level: float) -> None:
         """Publish the protection level, the times unchecked and the bound of each sensor."""
@@ -202,12 +216,14 @@ class OrientationOutputs:
         field[33:36] = block[6:9]
         self._outs[COVARIANCE].publish(self._covariance)
 
-    def _publish_crtk(self, wanted: Collection[str], angles: Sequence[float]) -> None:
+    def _publish_crtk(self, stamp: int, wanted: Collection[str], angles: Sequence[float]) -> None:
         """Publish the topics of CRTK that have a subscriber."""
         for topic, message in self._crtk.items():
             if topic not in wanted:
                 continue
             if topic == TWIST and not self._fill_twist():
+                continue
+            if topic in POSES and not self._fill_position(stamp):
                 continue
             if topic == JOINTS:
                 self._joints.position = angles
@@ -222,6 +238,26 @@ class OrientationOutputs:
             return False
         angular = self._twist.twist.angular
         angular.x, angular.y, angular.z = velocity
+        return True
+
+    def _take_insertion(self, data: bytes) -> None:
+        self._insertion = self._read_insertion(data) or self._insertion
+
+    def _fill_position(self, stamp: int) -> bool:
+        """
+        Set the position: insertion times the handle's axis z in the base frame; 0 without one.
+
+        Return whether it is known: an insertion that was lost is no position.
+        """
+        if self._insertion is None:
+            return True
+        read_at, insertion = self._insertion
+        if abs(stamp - read_at) > self._insertion_age:
+            return False
+        q, position = self._orientation, self._position
+        position.x = insertion * 2.0 * (q.x * q.z + q.w * q.y)
+        position.y = insertion * 2.0 * (q.y * q.z - q.w * q.x)
+        position.z = insertion * (1.0 - 2.0 * (q.x * q.x + q.y * q.y))
         return True
 
     def _take_gripper(self, joy: Joy) -> None:

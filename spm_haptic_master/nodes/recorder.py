@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from spm_haptic_master.encoders.recording_files import QUATERNION_COLUMNS, Table
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.nodes.simulation_control import ORIENTATION_TOPIC, RIG_TOPIC
+from spm_haptic_master.parameters.axes import AXES
 from spm_haptic_master.parameters.nodes import RECORDER_SETTINGS
 from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.ros import node_log, runner
@@ -50,12 +52,17 @@ class Recorder(ParameterNode):
         self._names: tuple[str, ...] = ()
         self._incomplete = 0
         self._rig: str | None = None
-        for kind, topic, take, qos in (
+        subscriptions: tuple[tuple[Any, str, Callable[[Any], None], Any], ...] = (
             (QuaternionStamped, 'orientation', self._take_orientation, SAMPLES),
             (JointState, 'measured_js', self._take_joints, SAMPLES),
+            *(
+                (JointState, f'{axis}/measured_js', partial(self._take_axis, axis), SAMPLES)
+                for axis in AXES
+            ),
             (QuaternionStamped, ORIENTATION_TOPIC, self._take_truth, SAMPLES),
             (String, RIG_TOPIC, self._take_rig, STATE),
-        ):
+        )
+        for kind, topic, take, qos in subscriptions:
             self.create_subscription(kind, topic, self._guarded(take), qos)
 
     def _guarded(self, take: Callable[[Any], None]) -> Callable[[Any], None]:
@@ -128,6 +135,15 @@ class Recorder(ParameterNode):
             self._names = names = tuple(name for name in ALL_JOINT_NAMES if name in angles)
             self._tables[files.JOINTS_NAME] = Table(self._directory / files.JOINTS_NAME, names)
         self._write(files.JOINTS_NAME, message, [angles[name] for name in names])
+
+    def _take_axis(self, axis: str, message: JointState) -> None:
+        """Write the insertion, m, or the gripper, rad, into a file of its own."""
+        if list(message.name) != [axis] or len(message.position) != 1:
+            return
+        name = f'{axis}.csv'
+        if name not in self._tables:
+            self._tables[name] = Table(self._directory / name, (axis,))
+        self._write(name, message, message.position)
 
     def _take_rig(self, message: String) -> None:
         """Write the simulated rig; InputError for another one in the same recording."""

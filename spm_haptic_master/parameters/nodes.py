@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from spm_haptic_master.executables import FOLLOWER, PIPELINE
 from spm_haptic_master.parameters import encoders
+from spm_haptic_master.parameters.axes import AXIS_SETTINGS
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.geometry import MECHANISM_SETTINGS, MOUNTING_SETTINGS
 from spm_haptic_master.parameters.setting import (
@@ -83,6 +84,7 @@ SIM_SETTINGS = (
     encoders.COUNTS_PER_TURN_SETTING,
     *encoders.FIRST_HARMONIC_SETTINGS,
     *encoders.TABLE_SETTINGS,
+    *AXIS_SETTINGS,
 )
 # Settings of each source, by its name; encoders need no mechanism, but their driver reports it.
 SOURCE_SETTINGS = {

@@ -95,8 +95,12 @@ class Faults:
         return news
 
 
-def parse_fault(text: str, sensors: int = len(JOINT_NAMES)) -> Fault:
-    """Return the fault of a text such as 'offset:joint_3a@5+2=1.5'; InputError: not of SYNTAX."""
+def parse_fault(text: str, sensors: int = len(JOINT_NAMES), axes: tuple[str, ...] = ()) -> Fault:
+    """
+    Return the fault of a text such as 'offset:joint_3a@5+2=1.5'; InputError: not of SYNTAX.
+
+    `axes` are the further encoders, behind the joints.
+    """
 
     def wrong(what: str) -> InputError:
         return InputError(f"fault '{text}'{what}")
@@ -104,7 +108,7 @@ def parse_fault(text: str, sensors: int = len(JOINT_NAMES)) -> Fault:
     found = _PATTERN.fullmatch(text)
     if not found:
         raise wrong(f'; expected {SYNTAX}')
-    joints = ALL_JOINT_NAMES[:sensors]
+    joints = (*ALL_JOINT_NAMES[:sensors], *axes)
     kind, joint, value = found['kind'], found['joint'], found['value']
     kinds = KINDS | DRIVE_KINDS
     if kind not in kinds:

@@ -5,18 +5,23 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable
 from contextlib import suppress
 from math import isfinite, nan, radians, remainder
 import time
 
+import can
 from spm_haptic_master.encoders.encoder_layout import angle_from_counts, counts_from_angle, TURN
+from spm_haptic_master.encoders.frame_decoder import READINGS_KEPT
 from spm_haptic_master.encoders.harmonics import Harmonics
+from spm_haptic_master.encoders.single_axis import AxisReading, SingleAxis
 from spm_haptic_master.encoders.source import EncoderSource, JointSample
 from spm_haptic_master.exceptions import UnreachableError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.simulation.fault_injection import Fault
 from spm_haptic_master.simulation.noisy_motion import NoisyMotion
+from spm_haptic_master.simulation.simulated_axes import simulated_axis
 from spm_haptic_master.timing import DeadlineGrid
 
 # Largest lateness of a sample (s) at which the angles prepared for its deadline are used: a joint
@@ -39,10 +44,15 @@ class SimSource(EncoderSource):
         rate: float,
         counts_per_turn: tuple[int, ...],
         harmonics: tuple[Harmonics | None, ...],
+        axes: tuple[SingleAxis, ...] = (),
     ):
         self.rig, self.steering = motion.rig, motion.steering
         self._motion = motion
         self._counts_per_turn, self._harmonics = counts_per_turn, harmonics
+        # Insertion and gripper, their motion, and their readings that nobody has taken.
+        self.axes = axes
+        self._axis_motions = tuple(map(simulated_axis, axes))
+        self._readings: deque[AxisReading] = deque(maxlen=READINGS_KEPT)
         self._period = 1.0 / rate
         self._grid = DeadlineGrid(self._period)
         self._began = self._sets = 0
@@ -73,12 +83,28 @@ class SimSource(EncoderSource):
             self._last, angles = t, self.angles(t)
         self._due = t - lateness % self._period + self._period
         self._prepared = None
+        self._read_axes(stamp)
         faults = self.faults
         if faults or self._stuck:
             angles = self._with_faults(angles, faults)
             if sum(isfinite(angle) for angle in angles) < len(JOINT_NAMES):
                 return None
         return JointSample(stamp, angles)
+
+    def _read_axes(self, stamp: int) -> None:
+        """Read insertion and gripper by their frames, at a stamp, ns."""
+        t, seconds = (stamp - self._began) * 1e-9, stamp * 1e-9
+        for axis, motion in zip(self.axes, self._axis_motions, strict=True):
+            data = axis.layout.data(motion.angle(t))
+            message = can.Message(timestamp=seconds, arbitration_id=axis.layout.can_id, data=data)
+            if (reading := axis.take(message, seconds)) is not None:
+                self._readings.append(reading._replace(stamp=stamp))
+
+    def take_readings(self) -> list[AxisReading]:
+        """Return the readings of insertion and gripper since the last call."""
+        readings = list(self._readings)
+        self._readings.clear()
+        return readings
 
     def angles(self, t: float) -> tuple[float, ...]:
         """Return the angles of healthy sensors, rad, at t, s; out of reach, the last within it."""

@@ -17,6 +17,7 @@ from spm_haptic_master.simulation.device_quirks import Quirk, quirks_of
 from spm_haptic_master.simulation.fault_injection import Fault, Faults
 from spm_haptic_master.simulation.noisy_motion import NoisyMotion
 from spm_haptic_master.simulation.object_store import GENERIC_ERROR, heartbeat
+from spm_haptic_master.simulation.simulated_axes import SimulatedAxis
 from spm_haptic_master.simulation.simulated_nodes import NodeOptions, SimulatedNode
 
 # Encoders that answer SYNC, set up.
@@ -27,7 +28,8 @@ class SimulatedBus:
     """
     Encoders on a moving master, and their faults, timed from the first answer.
 
-    Without `node_ids` they only answer SYNC. `quirks` are what other makers' devices do.
+    Without `node_ids` they only answer SYNC. `quirks` are what other makers' devices do; `axes`
+    are encoders of insertion and gripper, behind those of the joints.
     """
 
     def __init__(
@@ -39,8 +41,11 @@ class SimulatedBus:
         seed: int,
         options: NodeOptions = DEFAULT_OPTIONS,
         quirks: tuple[Quirk, ...] = (),
+        axes: tuple[SimulatedAxis, ...] = (),
     ):
-        ids = node_ids or (None,) * len(layouts)
+        self._axes = axes
+        ids = (*(node_ids or (None,) * len(layouts)), *(axis.node_id for axis in axes))
+        layouts = (*layouts, *(axis.layout for axis in axes))
         self.nodes = tuple(
             SimulatedNode(layout, node_id, options, quirks_of(quirks, index))
             for index, (layout, node_id) in enumerate(zip(layouts, ids, strict=True))
@@ -102,14 +107,12 @@ class SimulatedBus:
             answers += self._update_faults(now)
         if self._mute():
             return answers
-        angles = self._motion.angles(now - self._began)
+        angles = self._angles(now)
         for index, node in enumerate(self.nodes):
             if self._fault(index, 'reboot', 'unplug', 'dropout') is not None:
                 continue
             phase = self._phases[index]
-            angle = (
-                self._motion.angles(now + phase - self._began)[index] if phase else angles[index]
-            )
+            angle = self._angles(now + phase)[index] if phase else angles[index]
             answers += node.sync(now)
             sent = node.sample(
                 self._faulty(index, angle), self._fault(index, 'counter') is not None
@@ -121,6 +124,11 @@ class SimulatedBus:
             self._queues[index].extend((due, each) for each in sent)
             answers += self._due(index, now)
         return answers
+
+    def _angles(self, now: float) -> tuple[float, ...]:
+        """Return the angles of joints and axes at a time, s; rad."""
+        t = now - (now if self._began is None else self._began)
+        return (*self._motion.angles(t), *(axis.angle(t) for axis in self._axes))
 
     def _due(self, index: int, now: float) -> list[can.Message]:
         """Return the answers of an encoder that are due by a time, s."""

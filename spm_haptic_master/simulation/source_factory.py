@@ -10,11 +10,15 @@ from pathlib import Path
 from spm_haptic_master.encoders.can_source import CanSource
 from spm_haptic_master.encoders.decoder_factory import check_bus_load, make_decoder, make_harmonics
 from spm_haptic_master.encoders.replay_source import ReplaySource
+from spm_haptic_master.encoders.single_axis import make_axes
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.simulation.noisy_motion import make_motion
 from spm_haptic_master.simulation.sim_source import SimSource
+
+# Time without a heartbeat of simulated axes, which have none (s).
+HEARTBEAT_TIMEOUT = 1.0
 
 
 def make_source(name: str, values: Values, drives: tuple[int, ...] = ()) -> EncoderSource:
@@ -29,6 +33,7 @@ def make_source(name: str, values: Values, drives: tuple[int, ...] = ()) -> Enco
             values['rate'],
             values['encoders.counts_per_turn'],
             make_harmonics(values),
+            make_axes(values, HEARTBEAT_TIMEOUT),
         )
     return make_replay(values) if name == 'replay' else _make_can(values, drives)
 

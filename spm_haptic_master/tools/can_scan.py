@@ -62,11 +62,15 @@ def main(args: list[str]) -> int:
         decoder.layouts,
         values['encoders.node_id'] if decoder.network else None,
         values['rate'],
+        tuple(
+            (axis.layout, None if axis.node is None else axis.node.node_id)
+            for axis in decoder.axes
+        ),
         values['can.heartbeat_timeout'],
         others,
         frames,
     )
-    scan = BusScan(decoder.sync_id, decoder.layouts)
+    scan = BusScan(decoder.sync_id, [layout for layout, _ in expected.encoders])
     with command_line.bus_of(values) as bus:
         scanner = BusScanner(
             bus,
@@ -75,9 +79,10 @@ def main(args: list[str]) -> int:
             values['can.interface'] == ECHOING,
             partial(print, 'can_scan:', file=sys.stderr),
         )
-        start = (expected.node_ids or ()) if options.start else None
+        nodes = tuple(node_id for _, node_id in expected.encoders if node_id is not None)
+        start = nodes if options.start else None
         if options.watch:
-            return _watch(scanner, scan, expected, options, start)
+            return _watch(scanner, scan, expected, options, nodes)
         scanner.listen(options.seconds or SECONDS, not options.passive, start)
     return _print_report(scan, expected, decoder.words, given, values, options)
 
@@ -87,7 +92,7 @@ def _watch(
     scan: BusScan,
     expected: scan_report.Expected,
     options: argparse.Namespace,
-    start: tuple[int, ...] | None,
+    nodes: tuple[int, ...],
 ) -> int:
     """Print a line for each encoder, again and again; return the exit code."""
     terminal = sys.stdout.isatty()
@@ -106,8 +111,8 @@ def _watch(
         options.seconds or float('inf'),
         show,
         TERMINAL_PERIOD if terminal else LINE_PERIOD,
-        () if options.passive else expected.node_ids or (),
-        start,
+        () if options.passive else nodes,
+        nodes if options.start else None,
     )
     return 0
 

@@ -21,6 +21,7 @@ from spm_haptic_master.encoders.decoder_factory import make_decoder
 from spm_haptic_master.exceptions import InputError, SettingError, SetupError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.parameters.arguments import Parser, positive
+from spm_haptic_master.parameters.axes import AXES, INSERTION
 from spm_haptic_master.parameters.nodes import DRIVE_NAMES, DRIVE_SETTINGS, DRIVER_NAMES
 from spm_haptic_master.parameters.resolver import DRIVER
 from spm_haptic_master.parameters.setting import RATE_SETTING, Values
@@ -122,6 +123,22 @@ def _encoders(given: Values, options: argparse.Namespace) -> Plan:
             ),
         )
         for layout, node_id in zip(decoder.layouts, values['encoders.node_id'], strict=True)
+    ]
+    nodes += [
+        (
+            axis.name,
+            axis.node.node_id,
+            encoder_objects.wanted_objects(
+                axis.layout,
+                axis.node.node_id,
+                decoder.sync_id,
+                1.0 / values['rate'],
+                options.heartbeat,
+                axis.name == INSERTION,
+            ),
+        )
+        for axis in decoder.axes
+        if axis.node is not None
     ]
     if decoder.sync_id is None:
         print(PHASES)
@@ -244,7 +261,7 @@ def _parser() -> Parser:
     parser.add_argument(
         '--joint',
         action='append',
-        choices=ALL_JOINT_NAMES,
+        choices=(*ALL_JOINT_NAMES, *AXES),
         metavar='JOINT',
         help='set up the node of this joint; may be repeated (default: all)',
     )

@@ -26,6 +26,7 @@ from spm_haptic_master.simulation import device_quirks, fault_injection
 from spm_haptic_master.simulation.bus_runner import BusRunner, DriveLoop
 from spm_haptic_master.simulation.noisy_motion import make_motion
 from spm_haptic_master.simulation.rig import rig_text
+from spm_haptic_master.simulation.simulated_axes import simulated_axis
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus
 from spm_haptic_master.simulation.simulated_drive import SimulatedDrives
 from spm_haptic_master.simulation.simulated_nodes import NodeOptions
@@ -62,10 +63,11 @@ def main(args: list[str]) -> int:
     options = _parser().parse(args)
     given = command_line.given(options, (DRIVER, 'fkm'), nodes.DRIVER_NAMES | nodes.DRIVE_NAMES)
     sensors = sensors_of(given)
-    faults = tuple(fault_injection.parse_fault(text, sensors) for text in options.fault)
     settings = (*nodes.SOURCE_SETTINGS['can'], *nodes.MOTION_SETTINGS, *nodes.DRIVE_SETTINGS)
     values = command_line.checked(simulated_rig(sensors) | given, settings, 'sim', 'can')
     decoder = make_decoder(values)
+    axes = tuple(axis.name for axis in decoder.axes)
+    faults = tuple(fault_injection.parse_fault(text, sensors, axes) for text in options.fault)
     node_ids = values['encoders.node_id'] if decoder.network else None
     if options.factory and node_ids is None:
         raise InputError("--factory with can.protocol 'raw'; expected 'canopen'")
@@ -91,6 +93,7 @@ def main(args: list[str]) -> int:
             period=1.0 / values['rate'],
         ),
         _quirks(options, sensors, decoder.sync_id),
+        tuple(map(simulated_axis, decoder.axes)),
     )
     drives = _drives(values, options, of_drives)
     grid = DeadlineGrid(1.0 / values['rate']) if options.sync or decoder.sync_id is None else None

@@ -7,6 +7,7 @@ from dataclasses import replace
 import random
 
 import can
+from disturbance import SKIPPED
 from encoder_frames import LAYOUTS, T0
 from foreign_nodes import BARE, COUNTS, foreign_bus, Held, objects_of
 import pytest
@@ -64,6 +65,8 @@ def test_E10_an_encoder_that_ends_during_the_scan_is_not_as_configured(channel, 
 
         ending.on_sync = end
         code, text = run('--start', seconds=1.5)
+    if 'this machine is too busy' in text:
+        pytest.skip(f'{SKIPPED}SYNC was not sent at its rate')
     assert code == 1
     assert 'joint_1b: 0x182 answers 10 of ' in text and ', the last one 1.' in text
     assert 'joint_1b: its last heartbeat came 1.' in text and 'joint_1a: 0x181' not in text

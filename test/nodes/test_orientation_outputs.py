@@ -14,7 +14,7 @@ from in_process import ros
 import numpy as np
 import pytest
 from rclpy.experimental.events_executor import EventsExecutor
-from sensor_msgs.msg import Joy
+from sensor_msgs.msg import JointState, Joy
 from spm_haptic_master.kinematics import matrix_from_zxz, workspace_pose
 from spm_haptic_master.nodes.fkm import Fkm
 from spm_haptic_master.parameters.resolver import Parameters
@@ -218,3 +218,34 @@ def test_the_frames_are_on_diagnostics_and_on_tf_where_it_is_installed(
                 np.testing.assert_allclose(
                     matrix(transforms[child].transform.rotation), expected, atol=1e-14
                 )
+
+
+def test_the_position_is_the_insertion_along_the_handles_axis_at_its_time():
+    """0 without an insertion sensor, as a pose about the centre; no pose where it was lost."""
+    with fkm_rig('crtk_rate:=0.0') as rig:
+        rig.qualify()
+        still = rig.host.last('measured_cp').pose.position
+        assert (still.x, still.y, still.z) == (0.0, 0.0, 0.0)
+
+        def slide(metres):
+            message = JointState(name=['insertion'], position=[metres])
+            message.header.stamp.sec, message.header.stamp.nanosec = divmod(
+                rig.host.time_ns(), 10**9
+            )
+            rig.host.give('insertion/measured_js', message)
+
+        for metres in (0.05, 0.12):
+            slide(metres)
+            rig.send(angles())
+            pose = rig.host.last('measured_cp').pose
+            found = np.array([pose.position.x, pose.position.y, pose.position.z])
+            np.testing.assert_allclose(found, metres * matrix(pose.orientation)[:, 2], atol=1e-9)
+        for topic in ('measured_cp', 'setpoint_cp', 'orientation'):
+            rig.sent[topic].clear()
+        rig.send_many(20, angles())
+        assert len(rig.sent['orientation']) == 20
+        # Three periods and 10 ms after its last reading.
+        assert 4 <= len(rig.sent['measured_cp']) == len(rig.sent['setpoint_cp']) <= 6
+        slide(0.1)
+        rig.send(angles())
+        assert rig.host.last('measured_cp').pose.position != pose.position

@@ -1,0 +1,212 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Insertion and gripper: what is a reading, when there is none, and that no set waits for them."""
+
+from contextlib import closing
+import math
+import time
+
+from encoder_frames import cycle, decoder, PERIOD, record, T0, values
+from foreign_nodes import foreign_bus, objects_of
+import pytest
+from spm_haptic_master.encoders import bus_scan, canopen, canopen_network
+from spm_haptic_master.exceptions import SettingError
+from spm_haptic_master.simulation.source_factory import make_source
+from spm_haptic_master.tools import can_scan, can_setup, command_line
+
+# A slide of 1 m with 10,000 counts a metre, and a gripper of 4096 counts a turn.
+SLIDE = {
+    'insertion__id': 0x185,
+    'insertion__counts_per_metre': 1e4,
+    'insertion__zero_count': 500,
+    'insertion__direction': -1,
+    'insertion__range': (0.0, 0.2),
+    'insertion__speed_limit': 1.0,
+}
+GRIPPER = {'gripper__id': 0x186, 'gripper__counts_per_turn': 4096}
+
+
+def slide(number, metres, identifier=0x185):
+    """Return the frame of the slide in a cycle."""
+    counts = round(500 - 1e4 * metres) % (1 << 32)
+    return canopen.frame(identifier, counts.to_bytes(4, 'little'), T0 + PERIOD * number + 9e-4)
+
+
+def readings(taker, messages):
+    """Return what the axes read in some frames."""
+    for message in messages:
+        taker.feed(message)
+    found = list(taker.readings)
+    taker.readings.clear()
+    return found
+
+
+def test_a_reading_is_the_position_at_the_sync_of_its_cycle():
+    taker = decoder(**SLIDE, **GRIPPER)
+    grip = canopen.frame(0x186, (512).to_bytes(4, 'little'), T0 + 9.5e-4)
+    first, second = readings(taker, [*cycle(0), slide(0, 0.05), grip])
+    assert (first.name, second.name) == ('insertion', 'gripper')
+    assert first.stamp == second.stamp == pytest.approx(T0 * 1e9, abs=1000)
+    assert first.position == pytest.approx(0.05) and second.position == pytest.approx(math.pi / 4)
+
+
+def test_no_set_waits_for_an_axis_and_none_is_part_of_one():
+    """The same sets, frame by frame, with and without the axes, lost or late ones too."""
+    plain, both = decoder(), decoder(**SLIDE, **GRIPPER)
+    for number in range(40):
+        frames = cycle(number)
+        if number % 7 == 3:
+            del frames[2]
+        expected = [plain.feed(message) for message in frames]
+        if number % 3:
+            both.feed(slide(number - 1, 0.05))
+        assert [both.feed(message) for message in frames] == expected
+        if number % 5:
+            assert both.feed(slide(number, 0.05)) is None
+    assert both.assembler.counters == plain.assembler.counters
+    assert both.caution(T0 + 40 * PERIOD) == plain.caution(T0 + 40 * PERIOD)
+
+
+@pytest.mark.parametrize(
+    ('metres', 'good'), [(0.0, True), (-0.0039, True), (-0.0041, False), (0.2041, False)]
+)
+def test_a_reading_beyond_its_range_by_two_per_cent_is_none(metres, good):
+    taker = decoder(**SLIDE)
+    found = readings(taker, [*cycle(0), slide(0, metres)])
+    assert len(found) == good
+    fault = taker.axes[0].fault(T0 + PERIOD)
+    assert fault is None if good else fault.startswith('insertion: out of range (')
+
+
+def test_a_jump_is_silent_until_the_slide_has_settled():
+    """0.2 mm a period is slow, 5 mm is not: also where it stays there."""
+    taker = decoder(**SLIDE)
+    spoken = []
+    for number in range(30):
+        metres = 0.05 + 2e-4 * number + (0.005 if number >= 10 else 0.0)
+        spoken.append(bool(readings(taker, [*cycle(number), slide(number, metres)])))
+        if number == 11:
+            assert taker.axes[0].fault(T0 + PERIOD * 13.5) == 'insertion: faster than 1 per second'
+    assert spoken == [number not in (10, 11, 12) for number in range(30)]
+
+
+def test_three_periods_without_a_frame_are_missing():
+    taker = decoder(**SLIDE)
+    axis = taker.axes[0]
+    assert axis.fault(T0) == 'insertion missing (no frames)'
+    readings(taker, [*cycle(0), slide(0, 0.1)])
+    assert axis.fault(T0 + 2.9 * PERIOD) is None
+    assert axis.fault(T0 + 3.1 * PERIOD) == 'insertion missing (no frames)'
+
+
+def test_a_node_with_an_error_has_no_reading():
+    taker = decoder(**SLIDE, insertion__node_id=5)
+    taker.feed(canopen.emcy(5, 0x5000, 1))
+    assert readings(taker, [*cycle(0), slide(0, 0.1)]) == []
+    assert 'EMCY 0x5000 device hardware' in taker.axes[0].fault(T0 + PERIOD)
+    assert taker.caution(T0) is None
+
+
+@pytest.mark.parametrize(
+    ('given', 'words'),
+    [
+        ({'insertion__id': 0x181}, "'insertion.id'.*an identifier that joint_1a does not have"),
+        ({'insertion__node_id': 3}, "'insertion.node_id'.*a node id that joint_1c does not have"),
+        ({'insertion__range': (0.2, 0.0)}, 'the lesser value first'),
+        ({'insertion__byte_offset': 2}, 'ends within the 4 bytes of encoders.data_length'),
+        ({'insertion__bit_length': 8}, 'what 8 bits of counts can hold'),
+        ({'gripper__id': 0x185}, 'an identifier that insertion does not have'),
+    ],
+)
+def test_settings_that_contradict_each_other_are_refused(given, words):
+    with pytest.raises(SettingError, match=words):
+        decoder(**SLIDE | GRIPPER | given)
+
+
+def test_a_recording_has_the_same_readings(tmp_path):
+    path = tmp_path / 'a.log'
+    record(
+        path,
+        [
+            message
+            for number in range(100)
+            for message in (*cycle(number), slide(number, 0.05 + 1e-4 * number))
+        ],
+    )
+    source = make_source('replay', values('replay', replay__path=str(path), **SLIDE))
+    found = []
+    with closing(source):
+        end = time.monotonic() + 10.0
+        while len(found) < 99 and time.monotonic() < end:
+            try:
+                source.read(0.01)
+            except Exception:  # played to its end
+                time.sleep(0.01)
+            found += source.take_readings()
+    assert [each.position for each in found[:99]] == pytest.approx(
+        [0.05 + 1e-4 * number for number in range(99)], abs=1e-4
+    )
+    assert found[50].stamp - found[0].stamp == pytest.approx(5e7, abs=1e4)
+
+
+def test_the_simulated_source_has_them_where_they_are_configured():
+    with closing(make_source('sim', values('sim', **SLIDE, **GRIPPER))) as source:
+        end, found = time.monotonic() + 10.0, []
+        while len(found) < 20 and time.monotonic() < end:
+            source.read(0.05)
+            found += source.take_readings()
+    assert {each.name for each in found} == {'insertion', 'gripper'}
+    assert all(
+        0.0 <= each.position <= (0.2 if each.name == 'insertion' else 1.05) for each in found
+    )
+    with closing(make_source('sim', values('sim'))) as source:
+        assert source.axes == ()
+
+
+NODES = (1, 2, 3, 4, 5)
+GIVEN = ('-p', 'insertion.id:=0x185', '-p', 'insertion.node_id:=5', '-p', 'rate:=50.0')
+
+
+def test_a_lost_slide_is_silent_by_itself_and_the_orientation_goes_on(channel):
+    """On a bus of another stack: it is started, read, lost."""
+    settings = values(
+        can__interface='virtual',
+        can__channel=channel,
+        can__sync='produce',
+        rate=50.0,
+        can__timeout=0.5,
+        can__heartbeat_timeout=2.0,
+        **SLIDE | {'insertion__direction': 1, 'insertion__zero_count': 0},
+        insertion__node_id=5,
+    )
+    with (
+        foreign_bus(channel, *((n, objects_of(n)) for n in NODES)) as nodes,
+        closing(make_source('can', settings)) as source,
+    ):
+        found, end = [], time.monotonic() + 10.0
+        while len(found) < 5 and time.monotonic() < end:
+            source.read(0.05)
+            found += source.take_readings()
+        assert found[-1].position == pytest.approx(0.05)
+        nodes[4].on_sync = lambda: None
+        sets, end = 0, time.monotonic() + 1.0
+        while time.monotonic() < end:
+            sets += source.read(0.05) is not None
+        assert sets > 10 and source.fault is None and source.caution is None
+        assert source.axes[0].fault(time.time()).startswith('insertion missing')
+
+
+def test_scan_and_set_up_know_the_slide(channel, capsys, monkeypatch):
+    monkeypatch.setattr(bus_scan, 'SYNC_LISTEN', 0.3)
+    monkeypatch.setattr(can_setup, 'LISTEN', 0.0)
+    monkeypatch.setattr(canopen_network, 'ANSWER_TIMEOUT', 0.3)
+    monkeypatch.setattr(command_line, 'SIGNALS', ())
+    bus = ('-p', 'can.interface:=virtual', '-p', f'can.channel:={channel}', *GIVEN)
+    slide_objects = objects_of(5, o6000=None, o6001=None, o6002=None, o6501=None)
+    with foreign_bus(channel, *((n, objects_of(n)) for n in NODES[:4]), (5, slide_objects)):
+        assert can_scan.main(['can_scan', *bus, '--start', '--seconds', '1']) == 0
+        out = capsys.readouterr().out
+        assert '  insertion\n' in out and 'node_id: [1, 2, 3, 4]\n' in out
+        assert can_setup.main(['can_setup', *bus, '--joint', 'insertion']) == 0
+        assert 'insertion, node 5: encoder' in capsys.readouterr().out
