@@ -295,7 +295,7 @@ def entries() -> list[Entry]:
         *models(g, ''),
         *models(as_built(), BUILT),
         *(
-            (name, supervision(sensors), 'sin', 1, 1265 if sensors == 4 else None)
+            (name, supervision(sensors), 'sin', 1, 1800 if sensors == 4 else None)
             for sensors, name in SUPERVISED.items()
         ),
         ('force feedback, three motors, one sample', force(3), 'sin', 1, 400),

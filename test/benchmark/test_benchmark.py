@@ -391,6 +391,8 @@ def test_all_rounds_are_compared_and_written(monkeypatch, tmp_path, capsys):
         'round 1 of 2, driver and fkm: p50 250 p90 290 p99 299 p99.9 300 max 300 us, lost 1\n'
         in out
     )
+    assert '1.39 (1.12 .. 1.67), reach 1.15: not met\n' in out
+    assert '1.00 (1.00 .. 1.00), reach 1.45: met\n' in out
     assert '1 of 14 runs disturbed' in out
     with open(tmp_path / 'new' / 'directory' / 'runs.csv') as file:
         rows = [*csv.DictReader(file)]
