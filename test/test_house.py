@@ -86,7 +86,7 @@ OUTSIDE = {
     'drives': {'can'},
     'simulation': {'can'},
     'calibration': {'numpy', 'matplotlib', 'yaml'},
-    'validation': {'numpy', 'matplotlib', 'rosbag2_py', 'rosbags', 'yaml'},
+    'validation': {'numpy', 'matplotlib', 'rosbags', 'yaml'},
     'teleoperation': set(),
     'description': {'numpy'},
     'ros': {'rclpy', 'rcl_interfaces', 'diagnostic_msgs', 'geometry_msgs', 'sensor_msgs'},

@@ -44,7 +44,7 @@ from spm_haptic_master.tools.calibration_verdict import (
     supported,
 )
 from spm_haptic_master.tools.command_line import ProgressBar
-from spm_haptic_master.validation.alignment import align, interpolate
+from spm_haptic_master.validation.alignment import align, check_export, interpolate
 from spm_haptic_master.validation.recordings import read_capture
 
 # Takes an instruction and the shares of what it needs, 0 .. 1, by name.
@@ -208,8 +208,9 @@ def _captured(options: argparse.Namespace, found: MotionCalibration) -> tuple[Ar
     times, quaternions = seconds[known], kinematics.quaternion_from_matrix(found.rotation[known])
     begin = capture.time - capture.time[0]
     fitted = align(times, quaternions, begin, capture.values, False)
+    check_export(fitted, times, quaternions, begin, capture.values, False)
     rows = np.flatnonzero(known)[:: max(1, int(CAPTURE_PERIOD / np.median(np.diff(times))))]
-    at = interpolate(begin + fitted.offset, capture.values, seconds[rows])
+    at = interpolate(fitted.recorded_time(begin), capture.values, seconds[rows])
     inside = np.isfinite(at).all(axis=1)
     if inside.sum() < CAPTURED_MINIMUM:
         raise CalibrationError(

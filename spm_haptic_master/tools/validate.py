@@ -129,12 +129,15 @@ def _parser() -> Parser:
 
 
 def _report(result: comparison.Comparison, table: list[comparison.ErrorRow], output: Path) -> None:
+    print(_verdict(result, table))
     alignment = result.alignment
     print(
         f'{len(result.time)} captured orientations; their clock is '
-        f'{-alignment.offset:+.6f} s off, angular speeds correlate by '
-        f'{alignment.correlation:.3f}'
+        f'{-alignment.offset:+.6f} s off and runs {-1e6 * alignment.rate:+.0f} ppm fast, angular '
+        f'speeds correlate by {alignment.correlation:.3f}'
     )
+    for reason, count in result.left_out.items():
+        print(f'  {count} captured rows left out: {reason}')
     print(f'{"error, deg":<24}{"mean":>9}{"rms":>9}{"95 %":>9}{"max":>9}{"missing":>9}')
     for row in table:
         print(
@@ -143,3 +146,14 @@ def _report(result: comparison.Comparison, table: list[comparison.ErrorRow], out
             + f'{row.missing:9d}'
         )
     print(f'{output}: fig32.png, fig33.png, fig34.png, errors.csv, aligned.csv')
+
+
+def _verdict(result: comparison.Comparison, table: list[comparison.ErrorRow]) -> str:
+    """Return in one line by how much the recorded orientations are off."""
+    (row,) = (row for row in table if (row.model, row.quantity) == ('improved', 'rotation'))
+    _, rms, _, largest = row.figures_deg
+    left_out = sum(result.left_out.values())
+    return (
+        f'The recorded orientations are {rms:.3f} deg rms off the motion capture, {largest:.3f} '
+        f'deg at most, at {row.samples} moments; {left_out} captured rows are left out'
+    )

@@ -19,10 +19,14 @@ SPEED_STEP = 0.01
 # Window of an angular speed (steps): in 0.15 s, 0.2 deg of noise is less than a hand's slow
 # 5 deg/s; the window is short beside a hand's motion.
 SPEED_WINDOW = 15
-# Least part of the shorter recording that has to lie within the other.
-OVERLAP = 0.5
-# Correlation of the two angular speeds below which they are not of one motion.
-CORRELATION_LIMIT = 0.5
+# Least part of the shorter recording that has to lie within the other (unit 1).
+OVERLAP = 2.0 / 3.0
+# Correlation of the two angular speeds below which they are not of one motion (unit 1).
+CORRELATION_LIMIT = 0.9
+# Largest angular speed that counts (rad/s): no hand turns a handle faster.
+SPEED_LIMIT = 20.0
+# Ratio of a capture's length to the recording's from which its times are not in s (unit 1).
+MILLISECONDS = 300.0
 # Factor above the least misfit up to which misfits are alike: noise alone makes them differ so.
 TIE_RATIO = 1.2
 # Rounding of a correlation by FFT, over its largest value: ten units in the last place.
@@ -37,6 +41,10 @@ STEPS = 30
 ROWS_MINIMUM = 10
 # Half width of the difference that yields the angular velocity (s).
 VELOCITY_HALF_WIDTH = 0.02
+# Least length of a motion that shows the rate of a clock (s), and the largest one (unit 1).
+RATE_SECONDS, RATE_LIMIT = 5.0, 0.01
+# Standard deviations by which a rate differs from 0 that is one.
+RATE_DEVIATIONS = 5.0
 # Largest number of steps between frame and body.
 FRAME_STEPS = 200
 # Gain in cosine, per sample, below which no more steps are needed.
@@ -47,10 +55,17 @@ FRAME_TOLERANCE = 1e-9
 class Alignment:
     """Time offset and constant rotations between a capture and a recording."""
 
-    offset: float  # time to add to the capture's times, s
+    offset: float  # time to add to the capture's times at their beginning, s
+    rate: float  # by which the capture's clock is slow, s/s
+    begin: float  # first of the capture's times, s
     correlation: float  # of the two angular speeds at the coarse offset
     frame: np.ndarray  # orientation of the base frame in the capture's frame, (3, 3)
     body: np.ndarray  # orientation of the captured body in the platform's frame, (3, 3)
+    residual: float  # of the orientations that both have, rad rms
+
+    def recorded_time(self, time: np.ndarray) -> np.ndarray:
+        """Return the times of the recording's clock, s, at times of the capture's."""
+        return time + self.offset + self.rate * (time - self.begin)
 
 
 def between(time: np.ndarray, quaternions: np.ndarray, at: np.ndarray) -> np.ndarray:
@@ -91,7 +106,7 @@ def angular_speed(time: np.ndarray, quaternions: np.ndarray) -> tuple[float, np.
     )
     chord = np.linalg.norm(smooth[SPEED_WINDOW:] - smooth[:-SPEED_WINDOW], axis=1)
     speed = 4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)) / (SPEED_WINDOW * SPEED_STEP)
-    return grid[0], speed
+    return grid[0], np.minimum(speed, SPEED_LIMIT)
 
 
 def coarse_offset(
@@ -210,39 +225,176 @@ def align(
     # Measured from the first sample, times in floats resolve far less than a microsecond.
     begin, captured_begin = recorded_time[0], captured_time[0]
     recorded_time, captured_time = recorded_time - begin, captured_time - captured_begin
+    _check_unit(recorded_time, captured_time)
     offset, correlation = coarse_offset(
         angular_speed(recorded_time, recorded), angular_speed(captured_time, captured)
     )
-    rotations = matrix_from_quaternion(captured)
-    frame = body = np.eye(3)
-    for number in range(STEPS):
-        at = captured_time + offset
-        here, before, after = (
-            interpolate(recorded_time, recorded, at + shift)
+    pair = _Pair(recorded_time, recorded, captured_time, matrix_from_quaternion(captured))
+    found, _ = _refined(pair, _start(pair, offset, body_known), body_known, with_rate=False)
+    if captured_time[-1] > RATE_SECONDS:
+        other, deviation = _refined(pair, found, body_known, with_rate=True)
+        if abs(other.rate) > RATE_DEVIATIONS * deviation:
+            found = other
+    return Alignment(
+        offset=found.offset + float(begin - captured_begin),
+        rate=found.rate,
+        begin=float(captured_begin),
+        correlation=correlation,
+        frame=found.frame,
+        body=found.body,
+        residual=found.residual,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Pair:
+    """A recording and a capture, each by its own times from its first sample on."""
+
+    recorded_time: np.ndarray  # s, (n,)
+    recorded: np.ndarray  # unit quaternions, (n, 4)
+    captured_time: np.ndarray  # s, (m,)
+    captured: np.ndarray  # orientations, (m, 3, 3)
+
+
+@dataclass(frozen=True, slots=True)
+class _Fit:
+    """State of the fit of a pair."""
+
+    offset: float  # s
+    frame: np.ndarray  # (3, 3)
+    body: np.ndarray  # (3, 3)
+    rate: float = 0.0  # s/s
+    residual: float = math.inf  # rad rms
+
+
+def _start(pair: _Pair, offset: float, body_known: bool) -> _Fit:
+    """Return the frames at an offset of the times, s; InputError without common samples."""
+    quaternions = interpolate(pair.recorded_time, pair.recorded, pair.captured_time + offset)
+    known = np.isfinite(quaternions).all(axis=1)
+    if known.sum() < ROWS_MINIMUM:
+        raise InputError('recording and motion capture hardly overlap')
+    here = matrix_from_quaternion(quaternions[known])
+    frame, body = constant_frames(pair.captured[known], here, body_known)
+    return _Fit(offset, frame, body)
+
+
+def _refined(pair: _Pair, start: _Fit, body_known: bool, with_rate: bool) -> tuple[_Fit, float]:
+    """Return the fit by Gauss-Newton, and the standard deviation of its rate, s/s."""
+    now, deviation = start, math.inf
+    for _ in range(STEPS):
+        at = pair.captured_time * (1.0 + now.rate) + now.offset
+        quaternions = [
+            interpolate(pair.recorded_time, pair.recorded, at + shift)
             for shift in (0.0, -VELOCITY_HALF_WIDTH, VELOCITY_HALF_WIDTH)
-        )
-        known = np.isfinite(here + before + after).all(axis=-1)
+        ]
+        known = np.isfinite(sum(quaternions)).all(axis=-1)
         if known.sum() < ROWS_MINIMUM:
             raise InputError('recording and motion capture hardly overlap')
-        here, before, after = (
-            matrix_from_quaternion(each[known]) for each in (here, before, after)
-        )
-        if number == 0:
-            frame, body = constant_frames(rotations[known], here, body_known)
-        ahead = rotation_vectors(frame.T @ rotations[known] @ body.T @ here.swapaxes(-1, -2))
+        here, before, after = (matrix_from_quaternion(each[known]) for each in quaternions)
+        captured = pair.captured[known]
+        off = rotation_vectors(now.frame.T @ captured @ now.body.T @ here.swapaxes(-1, -2))
         velocity = rotation_vectors(after @ before.swapaxes(-1, -2)) / (2.0 * VELOCITY_HALF_WIDTH)
-        # Change of an orientation by a later time, a rotated frame and a rotated body.
-        columns = [velocity[..., None], np.broadcast_to(np.eye(3), here.shape)]
-        if not body_known:
-            columns.append(here)
-        rows = np.concatenate(columns, axis=-1)
+        rows = np.concatenate(
+            _changes(velocity, pair.captured_time[known], here, with_rate, not body_known)
+        )
         # A motion about one axis does not separate frame and body: the solution is the least
         # rotation of both.
-        step = np.linalg.lstsq(np.concatenate(rows), ahead.ravel(), rcond=None)[0]
-        offset += step[0]
-        frame = frame @ matrix_from_vector(step[None, 1:4])[0]
-        if not body_known:
-            body = matrix_from_vector(step[None, 4:])[0] @ body
+        step = np.linalg.lstsq(rows, off.ravel(), rcond=None)[0]
+        residual = float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
+        if with_rate:
+            # A third of the squared residual is the variance of one component.
+            inverse = np.linalg.pinv(rows.T @ rows)
+            deviation = math.sqrt(max(inverse[4, 4], 0.0) * residual**2 / 3.0)
+        now = _Fit(
+            offset=float(now.offset + step[0]),
+            rate=float(np.clip(now.rate + step[4], -RATE_LIMIT, RATE_LIMIT)) if with_rate else 0.0,
+            frame=now.frame @ matrix_from_vector(step[None, 1:4])[0],
+            body=(now.body if body_known else matrix_from_vector(step[None, -3:])[0] @ now.body),
+            residual=residual,
+        )
         if np.abs(step).max() < STEP_TOLERANCE:
             break
-    return Alignment(float(offset + (begin - captured_begin)), correlation, frame, body)
+    return now, deviation
+
+
+def _changes(
+    velocity: np.ndarray,
+    captured_time: np.ndarray,
+    recorded: np.ndarray,
+    with_rate: bool,
+    with_body: bool,
+) -> np.ndarray:
+    """Return the changes of n orientations by a later time, frame, rate, body, (n, 3, columns)."""
+    columns = [velocity[..., None], np.broadcast_to(np.eye(3), recorded.shape)]
+    if with_rate:
+        columns.append((velocity * captured_time[:, None])[..., None])
+    if with_body:
+        columns.append(recorded)
+    return np.concatenate(columns, axis=-1)
+
+
+def _check_unit(recorded_time: np.ndarray, captured_time: np.ndarray) -> None:
+    """Raise InputError where the times of one are a thousand times as long as the other's, s."""
+    ratio = captured_time[-1] / recorded_time[-1]
+    if not 1.0 / MILLISECONDS < ratio < MILLISECONDS:
+        raise InputError(
+            f'the motion capture lasts {captured_time[-1]:.6g} s and the recording '
+            f'{recorded_time[-1]:.6g} s; expected times in s, not in ms'
+        )
+
+
+# Residual from which mistakes of an export are tried (rad rms), and the part of it that is left
+# where one of them is what happened (unit 1).
+SUSPICIOUS, EXPLAINED = math.radians(1.0), 0.3
+# Directions of the platform's axes x and z for a body turned so (unit 1): nearly 1 or -1.
+ALONG = 0.9
+
+
+def check_export(
+    found: Alignment,
+    recorded_time: np.ndarray,
+    recorded: np.ndarray,
+    captured_time: np.ndarray,
+    captured: np.ndarray,
+    body_known: bool,
+) -> None:
+    """
+    Raise InputError where a mistake of the export explains what an alignment leaves.
+
+    Angular speeds are the same for the inverse, a mirror image and quaternions in another order:
+    only the orientations tell them apart. The order w, x, y, z of unit quaternions is, but for two
+    constant rotations, the inverse; a mirror image of a body is the body, but for these.
+    """
+    if found.residual < SUSPICIOUS:
+        return
+    inverse = captured * [-1.0, -1.0, -1.0, 1.0]
+    other = align(
+        recorded_time, recorded, captured_time, captured if body_known else inverse, False
+    )
+    if other.residual >= EXPLAINED * found.residual:
+        return
+    mistake = (
+        _marker_mistake(other.body)
+        if body_known
+        else 'the captured orientations are inverted (of the world in the body), or their '
+        'quaternions are in the order w, x, y, z'
+    )
+    raise InputError(
+        f'{mistake}: so they fit the recording to {math.degrees(other.residual):.2f} deg rms, as '
+        f'they are to {math.degrees(found.residual):.1f}'
+    )
+
+
+def _marker_mistake(body: np.ndarray) -> str:
+    """Return what turns the orientation of markers as (3, 3) `body`, in words."""
+    if body[2, 2] < -ALONG:
+        return (
+            'the markers A and B are exchanged'
+            if body[0, 0] > ALONG
+            else 'the markers are a mirror image: of left-handed axes'
+        )
+    turn = math.degrees(math.atan2(body[1, 0], body[0, 0]))
+    return (
+        f'the markers C and D are turned by {turn:.0f} deg about Z_E: exchanged, or expected at '
+        'other --marker-azimuths'
+    )

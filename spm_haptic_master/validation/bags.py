@@ -4,8 +4,8 @@
 """
 What `ros2 bag record` writes: directories and files of sqlite3 and MCAP, compressed or not.
 
-They are read by rosbag2_py where that can be imported, as with an installed ROS 2, and elsewhere
-by the library rosbags.
+They are read by the library rosbags, an extra: in a virtual environment, and with an installed
+ROS 2 as well.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path, PurePath
+from typing import Any
 
 from spm_haptic_master.exceptions import InputError
 import yaml
@@ -27,7 +28,7 @@ MCAP_MAGIC = b'\x89MCAP0\r\n'
 SQLITE_REMAINS = ('-wal', '-journal')
 
 # Topics with their types, and the messages of the wanted ones: log time (ns), topic, content.
-Content = tuple[dict[str, str], list[tuple[int, str, bytes]]]
+Content = tuple[dict[str, str], list[tuple[int, str, Any]]]
 
 
 def is_bag(path: Path) -> bool:
@@ -37,16 +38,16 @@ def is_bag(path: Path) -> bool:
 
 def read_topic(
     path: Path, topic: str, optional: bool = False, option: str = '--topic'
-) -> tuple[str, str, list[bytes]] | None:
+) -> tuple[str, str, list[Any]] | None:
     """
-    Return name, type and serialized messages of the topic whose name is, or ends in, `topic`.
+    Return name, type and messages of the topic whose name is, or ends in, `topic`.
 
     An optional one without messages is None. InputError for a recording that was not ended,
     cannot be read or is incomplete, and where no or several such topics have messages: `option`
     is that of the program which names one.
     """
-    compressed, counts = _metadata(path)
-    types, messages = _read(path, compressed, topic)
+    counts = _metadata(path)
+    types, messages = _read(path, topic)
     read = Counter(name for _, name, _ in messages)
     for name in _select(counts, topic):
         if read[name] != counts[name]:
@@ -69,20 +70,20 @@ def read_topic(
     )
 
 
-def _metadata(path: Path) -> tuple[bool, Counter[str]]:
-    """Return whether a recording is compressed, and its messages by topic, by metadata.yaml."""
+def _metadata(path: Path) -> Counter[str]:
+    """Return the number of messages by topic, by metadata.yaml; empty for a file alone."""
     if not path.is_dir():
         if path.name.endswith(COMPRESSED_SUFFIX):
             raise InputError(
                 f'{path}: compressed as a whole; expected its directory, with {METADATA}'
             )
         _check_ended(path)
-        return False, Counter()
+        return Counter()
     try:
         content = yaml.safe_load((path / METADATA).read_text(encoding='utf-8'))
         about = content['rosbag2_bagfile_information']
         listed = [PurePath(name).name for name in about['relative_file_paths']]
-        mode = str(about.get('compression_mode') or 'none').lower()
+        storage = about.get('storage_identifier')
         counts: Counter[str] = Counter()
         for each in about['topics_with_message_count']:
             counts[each['topic_metadata']['name']] += int(each['message_count'])
@@ -91,13 +92,23 @@ def _metadata(path: Path) -> tuple[bool, Counter[str]]:
             f'{path / METADATA}: cannot be read: {_first_line(error)}; '
             f'`ros2 bag reindex {path}` writes a new one'
         ) from error
+    if storage == '':
+        suffixes = ' or '.join(sorted(set(map(_storage_of, listed))))
+        raise InputError(
+            f'{path / METADATA}: storage_identifier is empty, as `ros2 bag reindex` of Humble '
+            f'leaves it; write {suffixes} there'
+        )
     there = {_stored_name(each.name) for each in path.iterdir() if is_bag(each)}
     alone = sorted(there ^ {_stored_name(name) for name in listed})
     if alone:
         raise _not_ended(path, f'{", ".join(alone)} in the directory or {METADATA} alone', path)
     for name in listed:
         _check_ended(path / name)
-    return mode != 'none', counts
+    return counts
+
+
+def _storage_of(name: str) -> str:
+    return 'mcap' if _stored_name(name).endswith('.mcap') else 'sqlite3'
 
 
 def _check_ended(path: Path) -> None:
@@ -106,7 +117,7 @@ def _check_ended(path: Path) -> None:
         with open(path, 'rb') as file:
             begin = file.read(len(MCAP_MAGIC))
             file.seek(max(0, path.stat().st_size - len(MCAP_MAGIC)))
-            # rosbag2_py would read what is there.
+            # A reader may take what is there.
             if begin == MCAP_MAGIC != file.read():
                 raise _not_ended(path, 'no end of an MCAP file', path.parent)
     for suffix in SQLITE_REMAINS:
@@ -127,71 +138,54 @@ def _stored_name(name: str) -> str:
     return name.removesuffix(COMPRESSED_SUFFIX)
 
 
-def _read(path: Path, compressed: bool, topic: str) -> Content:
+def _read(path: Path, topic: str) -> Content:
     """Return the topics of a recording, and the messages of those named `topic`."""
-    for read in (_by_rosbag2_py, _by_rosbags):
-        try:
-            return read(path, compressed, topic)
-        except ImportError as error:
-            missing = error
-        except Exception as error:
-            # The readers, their formats and their compressions have no common exception.
-            directory = path if path.is_dir() else path.parent
-            raise InputError(
-                f'{path}: cannot be read as rosbag2: {type(error).__name__}: '
-                f'{_first_line(error)}; if its recording was not ended, '
-                f'`ros2 bag reindex {directory}` makes it readable'
-            ) from error
-    raise InputError(
-        f'{path}: reading it needs rosbag2_py (apt install ros-jazzy-rosbag2-py, and source '
-        'setup.bash of ROS 2), or rosbags (in a virtual environment: pip install '
-        f"'.[validate]'): {missing}"
-    ) from missing
+    try:
+        from rosbags.rosbag2 import Reader
+        from rosbags.typesys import get_typestore, Stores
+    except ImportError as error:
+        raise InputError(
+            f'{path}: reading it needs rosbags (in a virtual environment: pip install '
+            f"'.[validate]'): {error}"
+        ) from error
+    store = get_typestore(Stores.ROS2_JAZZY)
+    messages = []
+    try:
+        with Reader(path) as reader:
+            types = {connection.topic: connection.msgtype for connection in reader.connections}
+            chosen = _select(types, topic)
+            connections = [each for each in reader.connections if each.topic in chosen]
+            # Without a connection the reader would return all messages.
+            for connection, time, content in (
+                reader.messages(connections=connections) if connections else ()
+            ):
+                messages.append((time, connection.topic, bytes(content)))
+    except Exception as error:
+        # The formats and their compressions have no common exception.
+        directory = path if path.is_dir() else path.parent
+        raise InputError(
+            f'{path}: cannot be read as rosbag2: {type(error).__name__}: {_first_line(error)}; if '
+            f'its recording was not ended, `ros2 bag reindex {directory}` makes it readable'
+        ) from error
+    return types, [
+        (time, name, _message(path, store, name, types[name], number, content))
+        for number, (time, name, content) in enumerate(messages, 1)
+    ]
+
+
+def _message(path: Path, store: Any, topic: str, kind: str, number: int, content: bytes) -> Any:
+    """Return a message by its content; InputError where it is not of its type."""
+    try:
+        return store.deserialize_cdr(content, kind)
+    except Exception as error:
+        raise InputError(
+            f'{path}: message {number} on {topic}: not as expected: {_first_line(error)}'
+        ) from error
 
 
 def _select(names: Iterable[str], topic: str) -> list[str]:
     """Return the names that are, or end in, `topic`."""
     return [name for name in names if f'/{name.strip("/")}'.endswith(f'/{topic.strip("/")}')]
-
-
-def _by_rosbag2_py(source: Path, compressed: bool, topic: str) -> Content:
-    import rosbag2_py
-
-    reader = (
-        rosbag2_py.SequentialCompressionReader() if compressed else rosbag2_py.SequentialReader()
-    )
-    # Without a format to convert to, messages come as they are stored.
-    reader.open(
-        rosbag2_py.StorageOptions(uri=str(source), storage_id=''),
-        rosbag2_py.ConverterOptions('', ''),
-    )
-    types = {topic.name: topic.type for topic in reader.get_all_topics_and_types()}
-    chosen = _select(types, topic)
-    messages = []
-    if chosen:
-        reader.set_filter(rosbag2_py.StorageFilter(topics=chosen))
-        while reader.has_next():
-            name, content, time = reader.read_next()
-            messages.append((time, name, content))
-    return types, messages
-
-
-def _by_rosbags(source: Path, _: bool, topic: str) -> Content:
-    from rosbags.rosbag2 import Reader
-
-    with Reader(source) as reader:
-        types = {connection.topic: connection.msgtype for connection in reader.connections}
-        chosen = _select(types, topic)
-        connections = [each for each in reader.connections if each.topic in chosen]
-        messages = (
-            [
-                (time, connection.topic, bytes(content))
-                for connection, time, content in reader.messages(connections=connections)
-            ]
-            if connections
-            else []
-        )
-    return types, messages
 
 
 def _first_line(error: Exception) -> str:

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 import csv
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,9 +15,10 @@ import numpy as np
 from spm_haptic_master import kinematics
 from spm_haptic_master.exceptions import InputError, SpmError
 from spm_haptic_master.kinematics.mounting import Mounting
-from spm_haptic_master.validation import alignment
+from spm_haptic_master.validation import alignment, capture_rows
 from spm_haptic_master.validation.alignment import Alignment
-from spm_haptic_master.validation.recordings import MARKERS, Track
+from spm_haptic_master.validation.capture_rows import Sifted
+from spm_haptic_master.validation.recordings import MARKERS, ROWS_MINIMUM, Track
 
 # Names of the ZXZ angles in both files.
 ANGLES = ('psi', 'theta', 'phi')
@@ -45,6 +47,7 @@ class Comparison:
     captured: np.ndarray  # by motion capture
     models: dict[str, np.ndarray]  # by each forward model; NaN where it has no answer
     alignment: Alignment
+    left_out: Mapping[str, int]  # rows of the capture, by reason
 
 
 def compare(
@@ -62,16 +65,23 @@ def compare(
     `mounting` is that of the recorded orientations. InputError: they are of another motion.
     """
     by_markers = capture.values.shape[-1] == len(MARKERS)
+    sifted = capture_rows.sifted_capture(capture)
+    values = sifted.track.values
     quaternions = (
-        capture.values
-        if not by_markers
-        else kinematics.quaternion_from_matrix(orientation_of_markers(capture.values, azimuths))
+        kinematics.quaternion_from_matrix(orientation_of_markers(values, azimuths))
+        if by_markers
+        else values
     )
+    sifted, quaternions = _continuous(sifted, quaternions)
+    captured_time = sifted.track.time
     aligned = alignment.align(
-        recorded.time, recorded.values, capture.time, quaternions, by_markers
+        recorded.time, recorded.values, captured_time, quaternions, by_markers
+    )
+    alignment.check_export(
+        aligned, recorded.time, recorded.values, captured_time, quaternions, by_markers
     )
     captured = aligned.frame.T @ kinematics.matrix_from_quaternion(quaternions) @ aligned.body.T
-    time = capture.time + aligned.offset
+    time = aligned.recorded_time(captured_time)
     found = alignment.interpolate(recorded.time, recorded.values, time)
     known = np.isfinite(found[:, 0])
     if joints is not None:
@@ -84,7 +94,18 @@ def compare(
         models['classic'] = _mounted_classic(
             joints, time, found[known][0], geometry, mounting or Mounting()
         )
-    return Comparison(time, capture.time[known], captured, models, aligned)
+    return Comparison(time, captured_time[known], captured, models, aligned, dict(sifted.left_out))
+
+
+def _continuous(sifted: Sifted, quaternions: np.ndarray) -> tuple[Sifted, np.ndarray]:
+    """Return a capture and its orientations without those that no hand can give."""
+    good = capture_rows.continuous(sifted.track.time, quaternions)
+    if good.sum() < ROWS_MINIMUM:
+        raise InputError(
+            f'{int(good.sum())} captured orientations follow each other as a hand turns a body; '
+            f'expected {ROWS_MINIMUM} or more'
+        )
+    return capture_rows.keep(sifted, good, 'that no hand can give'), quaternions[good]
 
 
 def marker_directions(coordinates: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -13,7 +13,9 @@ captured pose  time, qx, qy, qz, qw: of any body fixed to the platform, in any f
 markers        time, ax, ay, az, bx, by, bz, cx, cy, cz, dx, dy, dz: any unit of length
 =============  ==========================================================================
 
-Markers A and B are on the platform's axis Z_E, B farther out; C and D are beside it.
+Markers A and B are on the platform's axis Z_E, B farther out; C and D are beside it. The CSV files
+of Motive and Vicon, and the TSV or CSV files of QTM, are read by their headers: a rigid body, or
+markers of these names.
 
 A directory of `recorder` is taken for its table. The column of times may be called stamp, and a
 file may be compressed (.csv.gz).
@@ -32,7 +34,6 @@ from dataclasses import dataclass
 import gzip
 import math
 from pathlib import Path
-import struct
 from typing import Any
 import zlib
 
@@ -40,7 +41,7 @@ import numpy as np
 from spm_haptic_master.encoders.recording_files import JOINTS_NAME, ORIENTATION_NAME
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
-from spm_haptic_master.validation import bags
+from spm_haptic_master.validation import bags, capture_files
 
 # Columns of a CSV file, and another name for that of the times.
 TIME, STAMP = 'time', 'stamp'
@@ -48,10 +49,6 @@ QUATERNION = ('qx', 'qy', 'qz', 'qw')
 MARKERS = tuple(f'{marker}{axis}' for marker in 'abcd' for axis in 'xyz')
 # Largest |norm - 1| of a recorded quaternion: the rounding of a few printed digits.
 NORM_TOLERANCE = 1e-2
-# First two bytes of plain CDR, little-endian as on every machine that ROS supports.
-PLAIN_CDR = b'\x00\x01'
-# Length of the encapsulation (bytes); fields are aligned to what follows it.
-ENCAPSULATION = 4
 # Longest part of a header that is quoted (characters).
 QUOTED = 120
 # Least number of complete rows: fewer cannot be compared.
@@ -108,6 +105,10 @@ def read_capture(path: Path, topic: str | None) -> Track:
             raise InputError(f'{path}: give the topic of the pose with --capture-topic')
         rows = _topic_rows(path, topic, ORIENTATIONS, option='--capture-topic')
         return _quaternions(path, rows)
+    export = capture_files.export_rows(path, _fields(path), topic)
+    if export is not None:
+        of_poses, rows = export
+        return _quaternions(path, rows) if of_poses else _track(path, rows)
     table = _csv_table(path)
     if set(MARKERS) <= set(table[0]):
         return _track(path, _csv_rows(path, table, MARKERS))
@@ -178,14 +179,21 @@ def _track(path: Path, rows: list[list[float]], least: int | None = None) -> Tra
 
 def _csv_table(path: Path) -> list[list[str]]:
     """Return the lines of a CSV file, of which the first is the header in small letters."""
+    header, *lines = _fields(path) or [[]]
+    return [[name.strip().lower() for name in header], *lines]
+
+
+def _fields(path: Path) -> list[list[str]]:
+    """Return the lines of a CSV file by their fields, between commas or tabs."""
     try:
         with (gzip.open if path.suffix == '.gz' else open)(
             path, 'rt', newline='', encoding='utf-8-sig', errors='backslashreplace'
         ) as file:
-            header, *lines = [*csv.reader(file)] or [[]]
+            begin = file.readline()
+            file.seek(0)
+            return [*csv.reader(file, delimiter='\t' if '\t' in begin else ',')]
     except (OSError, EOFError, zlib.error, csv.Error) as error:
         raise InputError(f'{path}: cannot be read: {error}') from error
-    return [[name.strip().lower() for name in header], *lines]
 
 
 def _csv_rows(path: Path, table: list[list[str]], columns: tuple[str, ...]) -> list[list[float]]:
@@ -211,59 +219,30 @@ def _csv_rows(path: Path, table: list[list[str]], columns: tuple[str, ...]) -> l
     return rows
 
 
-class Cdr:
-    """Reads the fields of a message one after the other; ValueError where it is not plain CDR."""
-
-    def __init__(self, content: bytes) -> None:
-        if content[:2] != PLAIN_CDR:
-            raise ValueError(f'encapsulation {content[:2].hex() or "missing"}; expected plain CDR')
-        self._body = memoryview(content)[ENCAPSULATION:]
-        self._at = 0
-
-    def numbers(self, code: str, count: int) -> tuple[Any, ...]:
-        """Return `count` numbers of one of struct's types."""
-        size = struct.calcsize(f'<{code}')
-        begin = self._at + -self._at % size
-        self._at = begin + count * size
-        if self._at > len(self._body):
-            raise ValueError(f'{len(self._body)} bytes')
-        return struct.unpack_from(f'<{count}{code}', self._body, begin)
-
-    def sequence(self, code: str) -> tuple[Any, ...]:
-        """Return the numbers of a sequence, which begins with its length."""
-        return self.numbers(code, *self.numbers('I', 1))
-
-    def string(self) -> str:
-        """Return a text, which ends in a zero."""
-        return b''.join(self.sequence('s')).rstrip(b'\0').decode()
-
-    def stamp(self) -> float:
-        """Return the stamp of a header, s, and skip its frame."""
-        (seconds,), (nanoseconds,) = self.numbers('i', 1), self.numbers('I', 1)
-        self.string()
-        return seconds + 1e-9 * nanoseconds
-
-
-def _joint_angles(cdr: Cdr) -> Sequence[float]:
+def _joint_angles(message: Any) -> Sequence[float]:
     """Return the joint angles of the four, five or six sensors, in their order."""
-    names = [cdr.string() for _ in range(*cdr.numbers('I', 1))]
-    angles = dict(zip(names, cdr.sequence('d'), strict=True))
-    return [angles[name] for name in _joints_among(names)]
+    angles = dict(zip(message.name, message.position.tolist(), strict=True))
+    return [angles[name] for name in _joints_among(message.name)]
 
 
-# Decoders of what follows the header, by type; a pose has its position before its orientation.
-Decoder = Callable[[Cdr], Sequence[float]]
-ORIENTATIONS: dict[str, Decoder] = {
-    'geometry_msgs/msg/QuaternionStamped': lambda cdr: cdr.numbers('d', 4),
-    'geometry_msgs/msg/PoseStamped': lambda cdr: cdr.numbers('d', 7)[3:],
+def _components(quaternion: Any) -> Sequence[float]:
+    return [quaternion.x, quaternion.y, quaternion.z, quaternion.w]
+
+
+# Takes the values of a message, by its type.
+Taker = Callable[[Any], Sequence[float]]
+ORIENTATIONS: dict[str, Taker] = {
+    'geometry_msgs/msg/QuaternionStamped': lambda message: _components(message.quaternion),
+    'geometry_msgs/msg/PoseStamped': lambda message: _components(message.pose.orientation),
+    'geometry_msgs/msg/TransformStamped': lambda message: _components(message.transform.rotation),
 }
-JOINT_ANGLES: dict[str, Decoder] = {'sensor_msgs/msg/JointState': _joint_angles}
+JOINT_ANGLES: dict[str, Taker] = {'sensor_msgs/msg/JointState': _joint_angles}
 
 
 def _topic_rows(
     path: Path,
     topic: str,
-    decoders: Mapping[str, Decoder],
+    takers: Mapping[str, Taker],
     optional: bool = False,
     option: str = '--topic',
 ) -> list[list[float]]:
@@ -272,15 +251,17 @@ def _topic_rows(
     if found is None:
         return []
     name, kind, messages = found
-    if kind not in decoders:
-        raise InputError(f'{path}: {name} is of type {kind}; expected {" or ".join(decoders)}')
+    if kind not in takers:
+        raise InputError(f'{path}: {name} is of type {kind}; expected {" or ".join(takers)}')
     rows = []
     for number, message in enumerate(messages, start=1):
         try:
-            cdr = Cdr(message)
-            rows.append([cdr.stamp(), *decoders[kind](cdr)])
+            stamp = message.header.stamp
+            rows.append([stamp.sec + 1e-9 * stamp.nanosec, *takers[kind](message)])
         except ValueError as error:
             raise InputError(
                 f'{path}: message {number} on {name}: not as expected: {error}'
             ) from error
+    if rows and not any(row[0] for row in rows):
+        raise InputError(f'{path}: the header stamps on {name} are all 0; expected times')
     return rows

@@ -13,10 +13,12 @@ from rosbags.typesys import get_typestore, Stores  # noqa: E402
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 ORIENTATION, JOINTS, POSE = '/left/orientation', '/left/measured_js', '/vicon/platform/pose'
+TRANSFORM = '/vicon/handle'
 KINDS = {
     ORIENTATION: 'geometry_msgs/msg/QuaternionStamped',
     JOINTS: 'sensor_msgs/msg/JointState',
     POSE: 'geometry_msgs/msg/PoseStamped',
+    TRANSFORM: 'geometry_msgs/msg/TransformStamped',
 }
 
 
@@ -42,6 +44,13 @@ def serialized(topic, row, names=JOINT_NAMES):
         fields = (
             STORE.types['geometry_msgs/msg/Pose'](
                 STORE.types['geometry_msgs/msg/Point'](1.0, 2.0, 3.0), *fields
+            ),
+        )
+    if topic == TRANSFORM:
+        fields = (
+            'handle',
+            STORE.types['geometry_msgs/msg/Transform'](
+                STORE.types['geometry_msgs/msg/Vector3'](1.0, 2.0, 3.0), *fields
             ),
         )
     return STORE.serialize_cdr(STORE.types[kind](header, *fields), kind)

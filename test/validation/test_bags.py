@@ -4,19 +4,25 @@
 """What `ros2 bag record` writes: every storage and compression, split, and not ended."""
 
 from contextlib import closing
-from importlib.util import find_spec
+import re
 import sqlite3
-import struct
-import sys
 
-from bag_writer import JOINTS, KINDS, ORIENTATION, POSE, serialized, write_bag, write_messages
+from bag_writer import (
+    JOINTS,
+    KINDS,
+    ORIENTATION,
+    POSE,
+    serialized,
+    TRANSFORM,
+    write_bag,
+    write_messages,
+)
 import numpy as np
 import pytest
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.validation import recordings
-from spm_haptic_master.validation.recordings import Cdr
 import yaml
 
 # Stamps (s) and unit quaternions; exact in a stamp of seconds and nanoseconds.
@@ -32,13 +38,6 @@ ROWS = np.column_stack(
 )
 PARTS = ROWS.reshape(12, 5, 5)
 EVERY_TOPIC = dict.fromkeys(KINDS, ROWS)
-
-
-@pytest.fixture(params=[name for name in ('rosbag2_py', 'rosbags') if find_spec(name)])
-def library(request, monkeypatch):
-    """Read with each installed library: rosbag2_py comes with an installed ROS 2 only."""
-    if request.param == 'rosbags':
-        monkeypatch.setitem(sys.modules, 'rosbag2_py', None)
 
 
 def check(path, *reads):
@@ -63,7 +62,7 @@ def check(path, *reads):
         if (storage, compression) != (StoragePlugin.SQLITE3, CompressionMode.STORAGE)
     ],
 )
-def test_every_storage_and_compression(tmp_path, library, storage, compression):
+def test_every_storage_and_compression(tmp_path, storage, compression):
     path = write_bag(tmp_path / 'session', EVERY_TOPIC, storage, compression)
     check(path)
     (file,) = (each for each in path.iterdir() if each.name != 'metadata.yaml')
@@ -109,7 +108,7 @@ def split(tmp_path):
 
 @pytest.mark.parametrize('listed', [list, sorted])
 @pytest.mark.parametrize('storage', StoragePlugin)
-def test_a_split_recording(tmp_path, library, storage, listed):
+def test_a_split_recording(tmp_path, storage, listed):
     path = tmp_path / 'session'
     describe(path, listed(split_recording(path, storage)), dict.fromkeys(KINDS, 60))
     check(path)
@@ -124,7 +123,7 @@ def refused(path, *words):
         assert each in text
 
 
-def test_a_recording_that_was_not_ended(split, library):
+def test_a_recording_that_was_not_ended(split):
     """Its recorder was killed: without metadata.yaml, a last file without its end."""
     path, names = split
     (path / 'metadata.yaml').unlink()
@@ -133,7 +132,7 @@ def test_a_recording_that_was_not_ended(split, library):
     refused(path / names[-1], 'no end of an MCAP file', '`ros2 bag reindex ' + str(path))
 
 
-def test_a_database_with_messages_beside_it(tmp_path, library):
+def test_a_database_with_messages_beside_it(tmp_path):
     path = write_bag(tmp_path / 'session', EVERY_TOPIC, StoragePlugin.SQLITE3)
     with closing(sqlite3.connect(path / 'session.db3')) as connection:
         for statement in (
@@ -147,7 +146,7 @@ def test_a_database_with_messages_beside_it(tmp_path, library):
             refused(each, 'session.db3-wal holds messages', 'ros2 bag reindex')
 
 
-def test_a_directory_that_is_not_complete(split, library):
+def test_a_directory_that_is_not_complete(split):
     path, names = split
     describe(path, names[:-1], dict.fromkeys(KINDS, 55))
     refused(path, 'session_11.mcap in the directory or metadata.yaml alone', 'ros2 bag reindex')
@@ -163,13 +162,13 @@ def test_a_directory_that_is_not_complete(split, library):
     'name, content',
     [('a.db3', b'no database ' * 1000), ('a.db3', b''), ('a.mcap', b'none'), ('a.mcap', None)],
 )
-def test_a_file_that_is_no_recording(tmp_path, library, name, content):
+def test_a_file_that_is_no_recording(tmp_path, name, content):
     if content is not None:
         (tmp_path / name).write_bytes(content)
     refused(tmp_path / name, 'cannot be read as rosbag2')
 
 
-def test_two_arms_in_one_recording(tmp_path, library):
+def test_two_arms_in_one_recording(tmp_path):
     path = write_messages(
         tmp_path / 'session',
         [
@@ -185,7 +184,7 @@ def test_two_arms_in_one_recording(tmp_path, library):
     check(path, (recordings.read_orientation, 'right/orientation'))
 
 
-def test_messages_that_are_not_what_they_are_called(tmp_path, library):
+def test_messages_that_are_not_what_they_are_called(tmp_path):
     good = serialized(ORIENTATION, ROWS[0])
     path = write_messages(
         tmp_path / 'session', [(ORIENTATION, 0, good), (ORIENTATION, 1, good[:-1])]
@@ -244,11 +243,26 @@ def test_joints_of_other_sensors_are_refused(tmp_path, rows, names, words):
         recordings.read_joints(write_joints(tmp_path / 'bag', rows, names), 'measured_js')
 
 
-def test_plain_cdr_alone_is_read():
-    """Aligned behind the encapsulation; texts end in a zero."""
-    cdr = Cdr(b'\0\1\0\0' + struct.pack('<iII2s2xI', 7, 500_000_000, 2, b'b\0', 3))
-    assert (cdr.stamp(), cdr.numbers('I', 1)) == (7.5, (3,))
-    with pytest.raises(ValueError, match='20 bytes'):
-        cdr.numbers('I', 1)
-    with pytest.raises(ValueError, match='encapsulation 0007; expected plain CDR'):
-        Cdr(b'\0\7\0\0')
+def test_L6_a_bag_that_humble_reindexed_says_what_to_write(tmp_path):
+    path = write_bag(tmp_path / 'session', EVERY_TOPIC)
+    metadata = path / 'metadata.yaml'
+    metadata.write_text(
+        re.sub(r'storage_identifier: \w+', 'storage_identifier: ""', metadata.read_text())
+    )
+    refused(path, 'metadata.yaml: storage_identifier is empty', 'of Humble', 'write mcap there')
+
+
+def test_L6_header_stamps_of_0_are_named(tmp_path):
+    path = write_messages(
+        tmp_path / 'session',
+        [
+            (ORIENTATION, number, serialized(ORIENTATION, [0.0, *row[1:]]))
+            for number, row in enumerate(ROWS)
+        ],
+    )
+    refused(path, 'the header stamps on /left/orientation are all 0')
+
+
+def test_a_transform_of_a_capture_is_read(tmp_path):
+    path = write_bag(tmp_path / 'session', {TRANSFORM: ROWS})
+    check(path, (recordings.read_capture, 'vicon/handle'))

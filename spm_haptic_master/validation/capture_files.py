@@ -1,0 +1,271 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Exports of motion capture systems, known by their headers: Motive, Vicon and QTM.
+
+A rigid body gives its orientation in the capture's frame; without one, markers named A, B, C and D
+give their positions. Where a system writes zeros or nothing for what it did not see, the row has
+no value.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+import math
+from pathlib import Path
+
+import numpy as np
+from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.kinematics import quaternion_from_matrix
+from spm_haptic_master.kinematics.rotations import matrix_from_vector
+from spm_haptic_master.validation.alignment import nearest_rotation
+
+Table = list[list[str]]
+# A row of an export: time, s, and a quaternion x, y, z, w or twelve coordinates; NaN not seen.
+Rows = list[list[float]]
+
+# Names of the four markers, in the order of the columns of a table of markers.
+MARKER_NAMES = ('a', 'b', 'c', 'd')
+# Number of lines of a file in which its header stands.
+HEADER_LINES = 40
+# Longest list of names that is printed (characters).
+QUOTED = 120
+
+
+@dataclass(frozen=True, slots=True)
+class Export:
+    """What an export says of its columns."""
+
+    first: int  # index of the first line of numbers
+    seconds: Callable[[Sequence[float]], float]  # time, s, of the numbers of a line
+    bodies: dict[str, tuple[int, ...]]  # columns of the orientation of each rigid body, by name
+    markers: dict[str, tuple[int, ...]]  # columns of x, y, z of each marker, by its name
+    quaternion: Callable[[np.ndarray], np.ndarray]  # of the columns of a body: x, y, z, w
+
+
+def export_rows(path: Path, table: Table, body: str | None) -> tuple[bool, Rows] | None:
+    """
+    Return whether an export has poses rather than markers, and its rows; None if it is none.
+
+    Parameters
+    ----------
+    path : Path
+        the file, for error messages
+    table : list of list of str
+        its lines, by their fields
+    body : str or None
+        name of the rigid body, where there are several
+
+    Raises
+    ------
+    InputError
+        neither a body nor the four markers can be selected, or the export lacks what is needed
+
+    """
+    for read_header in (_motive, _vicon, _qualisys):
+        export = read_header(path, table)
+        if export is None:
+            continue
+        if export.bodies:
+            columns = export.bodies[_selected(path, export.bodies, body)]
+        else:
+            columns = _four_markers(path, export.markers)
+        return bool(export.bodies), _rows(path, table, export, columns)
+    return None
+
+
+def _selected(path: Path, bodies: dict[str, tuple[int, ...]], body: str | None) -> str:
+    """Return the name of the rigid body that is wanted, or the only one."""
+    if body is None and len(bodies) == 1:
+        return next(iter(bodies))
+    if body in bodies:
+        return body
+    raise InputError(
+        f'{path}: rigid bodies {", ".join(bodies)[:QUOTED]}; name one by --capture-topic'
+    )
+
+
+def _four_markers(path: Path, markers: dict[str, tuple[int, ...]]) -> tuple[int, ...]:
+    """Return the columns of the markers A, B, C, D, whatever stands before these names."""
+    short = {name.replace('_', ':').rpartition(':')[2].lower(): name for name in markers}
+    missing = [name.upper() for name in MARKER_NAMES if name not in short]
+    if missing:
+        raise InputError(
+            f'{path}: no rigid body, and no marker {", ".join(missing)} among '
+            f'{", ".join(markers)[:QUOTED] or "none"}; expected A, B on the axis, C, D beside it'
+        )
+    return tuple(column for name in MARKER_NAMES for column in markers[short[name]])
+
+
+def _rows(path: Path, table: Table, export: Export, columns: Sequence[int]) -> Rows:
+    """Return the rows of an export; NaN where it saw nothing."""
+    rows: Rows = []
+    for number, line in enumerate(table[export.first :], export.first + 1):
+        if len([field for field in line if field.strip()]) < 2:
+            if rows:
+                break  # a further section begins
+            continue
+        try:
+            numbers = [float(field.strip() or 'nan') for field in line]
+            values = np.array(
+                [numbers[column] if column < len(numbers) else math.nan for column in columns]
+            )
+        except ValueError as error:
+            raise InputError(f'{path}, line {number}: not numbers: {error}') from error
+        seen = export.quaternion(values) if len(values) != len('xyz') * 4 else _seen(values)
+        rows.append([export.seconds(numbers), *seen.tolist()])
+    return rows
+
+
+def _seen(values: np.ndarray) -> np.ndarray:
+    """Return coordinates of markers; NaN for one that is exactly at 0, 0, 0."""
+    points = values.reshape(-1, 3)
+    return np.where(points.any(axis=1, keepdims=True), points, math.nan).ravel()
+
+
+def _motive(path: Path, table: Table) -> Export | None:
+    """Return the export of OptiTrack's Motive: rows Type, Name, ..., Frame, Time (Seconds)."""
+    if not table or not table[0] or not table[0][0].strip().lower().startswith('format version'):
+        return None
+    about = dict(zip(table[0][::2], table[0][1::2], strict=False))
+    found = _row_with(table, 'Frame')
+    kinds, names = _row_named(table, 'Type'), _row_named(table, 'Name')
+    if found is None or kinds is None or names is None:
+        raise InputError(f'{path}: a CSV file of Motive without its rows Type, Name and Frame')
+    axes, groups = table[found], table[found - 1]
+    kind = about.get('Rotation Type', 'Quaternion')
+    bodies: dict[str, list[int]] = {}
+    markers: dict[str, list[int]] = {}
+    for column in range(2, len(axes)):
+        name, of = names[column].strip(), kinds[column].strip().lower()
+        group = groups[column].strip().lower() if column < len(groups) else ''
+        if of == 'rigid body' and group == 'rotation':
+            bodies.setdefault(name, []).append(column)
+        elif of in ('marker', 'rigid body marker') and group == 'position':
+            markers.setdefault(name, []).append(column)
+    if bodies and kind != 'Quaternion':
+        raise InputError(
+            f'{path}: Rotation Type is {kind}; expected Quaternion: export it again so'
+        )
+    return Export(
+        first=found + 1,
+        seconds=lambda numbers: numbers[1],
+        bodies={name: tuple(columns) for name, columns in bodies.items()},
+        markers={name: tuple(columns[:3]) for name, columns in markers.items()},
+        quaternion=lambda values: values,
+    )
+
+
+def _vicon(path: Path, table: Table) -> Export | None:
+    """Return the export of Vicon: a section, its rate, names, then Frame, Sub Frame and units."""
+    titles = ('objects', 'segments', 'trajectories', 'global angles')
+    start = next(
+        (at for at, line in enumerate(table) if line and line[0].strip().lower() in titles), None
+    )
+    if start is None or start + 4 >= len(table) or table[start + 3][:2] != ['Frame', 'Sub Frame']:
+        return None
+    try:
+        rate = float(table[start + 1][0])
+    except (ValueError, IndexError) as error:
+        raise InputError(f'{path}, line {start + 2}: expected the rate, Hz') from error
+    names, axes, units = table[start + 2], table[start + 3], table[start + 4]
+    begins = [column for column, name in enumerate(names) if name.strip()]
+    bodies: dict[str, tuple[int, ...]] = {}
+    markers: dict[str, tuple[int, ...]] = {}
+    in_degrees = False
+    for begin, end in zip(begins, [*begins[1:], len(axes)], strict=True):
+        place = {axes[column].strip(): column for column in range(begin, min(end, len(axes)))}
+        turns = [place[name] for name in ('RX', 'RY', 'RZ', 'RW') if name in place]
+        if len(turns) >= 3:
+            bodies[names[begin].strip()] = tuple(turns)
+            in_degrees = 'deg' in units[turns[0]].lower()
+        elif {'X', 'Y', 'Z'} <= place.keys():
+            markers[names[begin].strip()] = place['X'], place['Y'], place['Z']
+    factor = math.pi / 180.0 if in_degrees else 1.0
+
+    def quaternion(values: np.ndarray) -> np.ndarray:
+        # Three numbers are a rotation vector (helical angles), four a quaternion.
+        if len(values) == 4 or np.isnan(values).any():
+            return np.resize(values, 4)
+        return quaternion_from_matrix(matrix_from_vector(factor * values[None]))[0]
+
+    return Export(
+        first=start + 5,
+        seconds=lambda numbers: numbers[0] / rate,
+        bodies=bodies,
+        markers=markers,
+        quaternion=quaternion,
+    )
+
+
+def _qualisys(path: Path, table: Table) -> Export | None:
+    """Return the export of Qualisys' QTM: lines NO_OF_FRAMES, FREQUENCY, ..., then numbers."""
+    if not table or not table[0] or table[0][0].strip().upper() != 'NO_OF_FRAMES':
+        return None
+    about = {line[0].strip().upper(): line[1:] for line in table[:HEADER_LINES] if line}
+    first = next((at for at, line in enumerate(table) if line and _is_number(line[0])), len(table))
+    header = [field.strip() for field in table[first - 1]]
+    with_time = header[:2] == ['Frame', 'Time']
+    try:
+        rate = float(about['FREQUENCY'][0])
+    except (KeyError, ValueError, IndexError) as error:
+        raise InputError(f'{path}: a file of QTM without FREQUENCY') from error
+    if not with_time:
+        raise InputError(
+            f'{path}: a file of QTM without the columns Frame and Time; export it again with '
+            '"Include time data for every frame" and the column header'
+        )
+    bodies: dict[str, tuple[int, ...]] = {}
+    markers: dict[str, tuple[int, ...]] = {}
+    included = ''.join(about.get('DATA_INCLUDED', [])).strip().upper()
+    if included.startswith('6D'):
+        # Each body: x, y, z, three angles, residual, and the matrix, column after column.
+        turns = [column for column, name in enumerate(header) if name.endswith('Rot[0]')]
+        names = [name.strip() for name in about.get('BODY_NAMES', []) if name.strip()]
+        bodies = {
+            name: tuple(range(begin, begin + 9)) for name, begin in zip(names, turns, strict=False)
+        }
+    else:
+        names = [name.strip() for name in about.get('MARKER_NAMES', []) if name.strip()]
+        markers = {name: (2 + 3 * at, 3 + 3 * at, 4 + 3 * at) for at, name in enumerate(names)}
+
+    def quaternion(values: np.ndarray) -> np.ndarray:
+        matrix = values.reshape(3, 3).T
+        if not np.isfinite(matrix).all() or not matrix.any():
+            return np.full(4, math.nan)
+        # Printed with a few digits, it is a rotation nearly.
+        return quaternion_from_matrix(nearest_rotation(matrix))
+
+    return Export(
+        first=first,
+        seconds=lambda numbers: numbers[1] if with_time else numbers[0] / rate,
+        bodies=bodies,
+        markers=markers,
+        quaternion=quaternion,
+    )
+
+
+def _row_with(table: Table, first: str) -> int | None:
+    """Return the index of the line of the header whose first field is a text."""
+    for at, line in enumerate(table[:HEADER_LINES]):
+        if line and line[0].strip() == first:
+            return at
+    return None
+
+
+def _row_named(table: Table, name: str) -> list[str] | None:
+    """Return the line of the header whose second field is a name."""
+    for line in table[:HEADER_LINES]:
+        if len(line) > 1 and line[1].strip() == name:
+            return line
+    return None
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

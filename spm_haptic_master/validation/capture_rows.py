@@ -1,0 +1,124 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Rows of a motion capture that no rigid body and no hand can give: found before anything is fitted.
+
+A system that loses or exchanges markers still writes rows. One of them turns the whole comparison,
+as the times are found from angular speeds.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from spm_haptic_master.validation.recordings import MARKERS, Track
+
+Array = NDArray[np.float64]
+
+# Largest deviation of a distance between two markers from its median, over the largest distance
+# (unit 1): 1 mm at 100 mm, five times what a good capture shows.
+RIGID = 0.01
+# Largest angular speed of a handle in a hand (rad/s), and what noise adds to a turn (rad).
+HAND_SPEED, TURN_NOISE = 20.0, 0.05
+# Length of a piece whose change of change is far below the usual one: held, or filled in (rows),
+# and that part of the median (unit 1).
+STRAIGHT_ROWS, STRAIGHT = 10, 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Sifted:
+    """A capture without the rows that cannot be."""
+
+    track: Track
+    left_out: Counter[str]  # number of rows, by reason
+
+
+def without_values(track: Track) -> Sifted:
+    """Return a capture with what was left out because it had no value."""
+    reasons = Counter({'without a value': track.left_out} if track.left_out else {})
+    return Sifted(track, reasons)
+
+
+def keep(sifted: Sifted, good: NDArray[np.bool_], reason: str) -> Sifted:
+    """Return a capture with the good rows alone; the others are counted by a reason."""
+    track, bad = sifted.track, int((~good).sum())
+    left_out = sifted.left_out + Counter({reason: bad} if bad else {})
+    return Sifted(Track(track.time[good], track.values[good], track.left_out), left_out)
+
+
+def sifted_capture(track: Track) -> Sifted:
+    """Return a capture without rows that were held or filled in, or are of no rigid body."""
+    found = without_values(track)
+    found = keep(found, ~straight(found.track.values), 'held or filled in by the capture')
+    if track.values.shape[1] == len(MARKERS):
+        good = rigid(found.track.values)
+        found = keep(found, good, 'that no rigid body can give')
+    return found
+
+
+def straight(values: Array) -> NDArray[np.bool_]:
+    """
+    Return which rows, (n, columns), are in a piece without the noise of all others.
+
+    Tracking that is lost writes the last row again; a gap that is filled in is a straight line.
+    Both have second differences far below the usual ones.
+    """
+    found = np.zeros(len(values), dtype=bool)
+    if len(values) < 2 * STRAIGHT_ROWS:
+        return found
+    change = np.diff(values, n=2, axis=0)
+    size = np.linalg.norm(change, axis=1)
+    small = size < STRAIGHT * np.median(size)
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], small, [False]]).astype(int)))
+    for begin, end in zip(ends[::2], ends[1::2], strict=True):
+        if end - begin >= STRAIGHT_ROWS:
+            # The second difference at i is of the rows i, i + 1 and i + 2.
+            found[begin + 1 : end + 1] = True
+    return found
+
+
+def rigid(values: Array) -> NDArray[np.bool_]:
+    """Return in which rows the markers, (n, 12), have the distances of the others."""
+    points = values.reshape(len(values), -1, 3)
+    first, second = np.triu_indices(points.shape[1], 1)
+    distances = np.linalg.norm(points[:, first] - points[:, second], axis=2)
+    usual = np.median(distances, axis=0)
+    return np.asarray((np.abs(distances - usual) <= RIGID * usual.max()).all(axis=1))
+
+
+def continuous(time: Array, quaternions: Array) -> NDArray[np.bool_]:
+    """
+    Return which orientations, (n, 4), follow each other as a hand can turn a body.
+
+    Exchanged markers turn a body at once, and back. The longest piece without such a turn is
+    right; others are if they continue it.
+    """
+    good = np.zeros(len(time), dtype=bool)
+    breaks = 1 + np.flatnonzero(~_follows(time[:-1], quaternions[:-1], time[1:], quaternions[1:]))
+    pieces = np.split(np.arange(len(time)), breaks)
+    longest = max(range(len(pieces)), key=lambda each: len(pieces[each]))
+    good[pieces[longest]] = True
+    for others, edge, first in (
+        (pieces[longest + 1 :], -1, 0),
+        (pieces[:longest][::-1], 0, -1),
+    ):
+        last = pieces[longest][edge]
+        for piece in others:
+            near = piece[first]
+            if _follows(time[last], quaternions[last], time[near], quaternions[near]):
+                good[piece] = True
+                last = piece[edge]
+    return good
+
+
+def _follows(
+    time: Array | float, quaternion: Array, later: Array | float, after: Array
+) -> NDArray[np.bool_]:
+    """Return whether a hand can turn a body from one orientation to another meanwhile."""
+    cosine = np.minimum(np.abs(np.sum(quaternion * after, axis=-1)), 1.0)
+    turn = 2.0 * np.arccos(cosine)
+    return np.asarray(turn <= HAND_SPEED * np.abs(np.asarray(later) - time) + TURN_NOISE)
