@@ -24,8 +24,9 @@ from spm_haptic_master.timing import SECOND
 
 # Interval without a command that separates two stretches (ns): the shortest time-out of teleop.
 PAUSE = 500_000_000
-# Time after a loss in which a command may be on its way (ns).
-ON_ITS_WAY = 50_000_000
+# Time after a loss in which a command may be on its way, on a busy machine (ns): what is lost is
+# missed after 50 ms at most.
+ON_ITS_WAY = 200_000_000
 # Longest time between a command and the pose of the slave that it is compared with (ns).
 PAIRED = 20_000_000
 # Nanoseconds in a millisecond.

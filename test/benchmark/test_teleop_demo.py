@@ -64,6 +64,25 @@ def test_a_default_overrides_nothing_that_is_given_and_a_killed_child_is_named(t
     assert demo.stderr.count('\n') == 1
 
 
+@pytest.mark.process
+def test_a_laparoscopic_slave_is_led_and_held_by_real_processes():
+    """Insertion, tilt, clutch, withdrawal and two losses, over DDS."""
+    with start_command([sys.executable, '-m', 'benchmarks.teleop_demo']) as demo:
+        assert demo.wait(4.0 * PATIENCE) == 0, demo.stderr
+    figures = dict(
+        line.strip('| ').split(' | ') for line in demo.stdout.splitlines() if line.startswith('| ')
+    )
+    assert float(figures['distance of the shaft from the trocar, largest'].split()[0]) <= 1e-12
+    smallest, largest = re.findall(
+        r'([\d.]+) mm', figures['depth of the tip, smallest and largest']
+    )
+    # 100 mm at first; the hand inserts by 80 mm in all, less what pauses of the machine take.
+    assert float(smallest) >= 90.0 and 140.0 <= float(largest) <= 180.1
+    assert float(figures['first command beside the slave, largest'].split()[0]) < 0.1
+    for lost in ('insertion', 'orientation'):
+        assert figures[f'{lost} lost: commands from then to the next enable'] == '0'
+
+
 def arrived(ms, angle, depth=0.1):
     """Return a pose turned about the shaft, z, with its tip at a depth below the origin."""
     return Arrived(ms * MS, ms * MS, quaternion_from_vector(0.0, 0.0, angle), (0.0, 0.0, depth))

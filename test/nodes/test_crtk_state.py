@@ -198,3 +198,21 @@ def test_k10_a_client_that_was_there_first_is_heard(latches):
         device.destroy_node()
         client.destroy_node()
     assert heard == ['enable']
+
+
+@pytest.mark.parametrize(
+    ('commands', 'is_homed'),
+    [
+        (('enable', 'home'), True),
+        # As `home()` of a client does first: it waits for `is_homed`, and returns False.
+        (('home',), False),
+        (('home', 'enable'), True),
+    ],
+)
+def test_k9_a_client_enables_and_then_homes(device, commands, is_homed):
+    device.node.state.take(received_state('healthy'))
+    for text in commands:
+        command(device, text)
+    assert states(device)[-1] == (('ENABLED', True) if is_homed else ('DISABLED', False))
+    if commands == ('home',):
+        assert texts(device, 'status')[-1] == 'homed once enabled: expected enable'
