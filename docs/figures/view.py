@@ -16,7 +16,6 @@ import io
 from math import radians
 import os
 from pathlib import Path
-import shutil
 import signal
 import tempfile
 import time
@@ -59,8 +58,17 @@ ERROR = """(() => { const row = [...document.querySelectorAll(".spm-table tr")].
 # Whether the page has th3A as not checked, and whether it is covered.
 UNCHECKED = '[...document.querySelectorAll(".spm-chip")][3]?.title.includes("not checked")'
 COVERED = 'getComputedStyle(document.querySelector(".spm-lost")).visibility == "visible"'
+# The button of the story of the singularity, and the time of the story (s).
+CROSS = """[...document.querySelectorAll("button")].find(
+    e => e.innerText.trim() == "cross the singularity")"""
+STORY_TIME = 15.0
+# Notes whether the page is covered from now on: on a busy computer that is a moment.
+WATCH_COVER = f"""window.wasCovered = {COVERED};
+window.coverWatch ??= setInterval(() => {{ window.wasCovered ||= {COVERED}; }}, 20)"""
 # Error of three encoders alone that is seen in a picture (deg).
 LOST = 6.0
+# Error that is not drawn (deg).
+UNSEEN = 1.0
 
 
 class Pictures:
@@ -121,8 +129,9 @@ class Pictures:
         """Write one picture; the condition holds before and after it is taken."""
         for _ in range(20):
             wait(lambda: condition() and not self.is_covered(), path.name)
+            self.page.evaluate(WATCH_COVER)
             image = self.take()
-            if condition() and not self.is_covered():
+            if condition() and not self.page.evaluate('window.wasCovered'):
                 save(image, path)
                 return
         raise TimeoutError(path.name)
@@ -224,16 +233,31 @@ def lose(device: Device, pictures: Pictures) -> None:
             time.sleep(6.0)
 
 
+def tell_story(pictures: Pictures, device: Device) -> None:
+    """Write view.png: the story of the singularity, where three encoders have lost the handle."""
+    pictures.open(*SIZES[0])
+    time.sleep(SETTLE)
+    while True:
+        pictures.page.click(CROSS)
+        if wait_until(lambda: pictures.page.evaluate(ERROR) > LOST, STORY_TIME):
+            time.sleep(1.0)
+            if device.is_healthy() and not pictures.is_covered():
+                save(pictures.take(), HERE / 'view.png')
+                return
+
+
 def with_four(pictures: Pictures) -> None:
     """Take the pictures of a device with four encoders."""
     with closing(Device(pictures.page)) as device:
-        pictures.save('healthy', device.is_healthy)
+        pictures.save(
+            'healthy', lambda: device.is_healthy() and pictures.page.evaluate(ERROR) < UNSEEN
+        )
         pictures.open(*SIZES[0])
         time.sleep(SETTLE)
         wait(device.is_healthy, 'the device is not healthy')
         animate(pictures)
         pictures.save('singularity', device.is_healthy, prepare=lambda: lose(device, pictures))
-        shutil.copy(STATES / f'singularity_{SIZES[0][0]}.png', HERE / 'view.png')
+        tell_story(pictures, device)
         device.steer(0.0, 0.0, SINGULAR)
         time.sleep(6.0)
         pictures.save('unchecked', lambda: pictures.page.evaluate(UNCHECKED))

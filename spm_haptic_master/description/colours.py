@@ -47,7 +47,8 @@ RENDERED = Ink('#6a4a9c', '#b79cf0')
 # Colours of the legs as lines of plots, whose contrast is at least 3.
 LEG_INKS = (Ink(LEGS[0], '#5aa9e6'), Ink(LEGS[1], '#f08a4b'), Ink(LEGS[2], '#5cc27c'))
 # The pages on which they are.
-WHITE_PAGE, DARK_PAGE = '#ffffff', '#242424'
+WHITE_PAGE = '#ffffff'
+DARK_PAGE = '#242424'
 
 
 def contrast(one: str, other: str) -> float:

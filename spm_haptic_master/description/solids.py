@@ -24,7 +24,8 @@ from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion
 from spm_haptic_master.kinematics.rotations import multiply_quaternions
 
 # Points on the circumference of a turned solid; sections of an arc for each rad of its angle.
-TURN_POINTS, ARC_SECTIONS = 24, 18
+TURN_POINTS = 24
+ARC_SECTIONS = 18
 # Part of a bar's thickness that its edges are chamfered by (unit 1).
 CHAMFER = 0.25
 # Bytes of the text at the beginning of a binary STL file.
@@ -35,15 +36,21 @@ LEGS = ('a', 'b', 'c')
 # depend on it.
 SIZE = 0.1
 # Bars: radius about O of the middle, width and thickness (unit SIZE).
-PROXIMAL, DISTAL, PLATFORM = (1.0, 0.085, 0.06), (0.855, 0.085, 0.06), (0.722, 0.085, 0.06)
+PROXIMAL = (1.0, 0.085, 0.06)
+DISTAL = (0.855, 0.085, 0.06)
+PLATFORM = (0.722, 0.085, 0.06)
 BASE = 1.2, 0.13, 0.07
 # Cylinders: radius, and the radii about O between which each is (unit SIZE): discs of the proximal
 # link at Z1k and Z2k, of the distal link at Z2k and Z3k, of the platform at Z3k; pins of the third
 # joints; motors; encoders outside a motor or a distal link.
-PROXIMAL_AT_1, PROXIMAL_AT_2 = (0.075, 0.955, 1.06), (0.075, 0.92, 1.045)
-DISTAL_AT_2, DISTAL_AT_3 = (0.075, 0.81, 0.9), (0.075, 0.78, 0.9)
-PLATFORM_AT_3, PIN = (0.075, 0.68, 0.76), (0.03, 0.68, 0.9)
-MOTOR, MOTOR_ENCODER = (0.12, 1.08, 1.36), (0.095, 1.36, 1.41)
+PROXIMAL_AT_1 = (0.075, 0.955, 1.06)
+PROXIMAL_AT_2 = (0.075, 0.92, 1.045)
+DISTAL_AT_2 = (0.075, 0.81, 0.9)
+DISTAL_AT_3 = (0.075, 0.78, 0.9)
+PLATFORM_AT_3 = (0.075, 0.68, 0.76)
+PIN = (0.03, 0.68, 0.9)
+MOTOR = (0.12, 1.08, 1.36)
+MOTOR_ENCODER = (0.095, 1.36, 1.41)
 THIRD_ENCODER = 0.095, 0.905, 0.945
 # Profile of the handle on Z_E: radius and distance from O (unit SIZE).
 HANDLE = (

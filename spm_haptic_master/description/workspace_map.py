@@ -19,7 +19,8 @@ HALF_ANGLE = radians(26.0)
 TILES = 480
 # Rays and circles of the search for singularities, with det A linear between two points: it looks
 # like `singularity_locus` at a tenth of its cost.
-RAYS, CIRCLES = 72, 12
+RAYS = 72
+CIRCLES = 12
 # Turn from one tile to the next about the cone's axis (rad): the golden angle fills a disc evenly.
 GOLDEN_ANGLE = pi * (3.0 - sqrt(5.0))
 # Dexterity above which the colour does not change (unit 1).

@@ -38,7 +38,9 @@ from spm_haptic_master.view.truth import DeviceError
 # Shortest time between two drawings of the joints (s): nobody sees faster ones.
 LEAST_PERIOD = 0.012
 # Periods of the map, of the trace and of the figures (s).
-MAP_PERIOD, TRACE_PERIOD, FIGURES_PERIOD = 0.8, 0.1, 0.25
+MAP_PERIOD = 0.8
+TRACE_PERIOD = 0.1
+FIGURES_PERIOD = 0.25
 # Time for which the first page has the device without dome, names and cones (s): a browser without
 # a GPU takes a second for these, and the device would wait for that.
 DEVICE_ALONE = 3.0
@@ -86,6 +88,7 @@ class Arm:
         self._settings: Values = {}
 
     def _name(self, topic: str) -> str:
+        """Return the name of a topic in the namespace of the device."""
         return f'{self._prefix}/{topic}'
 
     def _use_geometry(self, mechanism: Geometry) -> None:
@@ -140,10 +143,12 @@ class Arm:
             self._drawn += 1
 
     def _on_state(self, words: str) -> None:
+        """Take the state of the orientation, and show it at once."""
         self._state = received_state(words)
         self._show_state(time.monotonic())
 
     def _on_source(self, words: str) -> None:
+        """Take the source of the joint angles; a simulated one has knobs."""
         self.seen.source = words
         self.simulation.show(words, self.seen.settings.sensors)
 
@@ -179,6 +184,7 @@ class Arm:
         self._settings = values
 
     def _is_watched(self) -> bool:
+        """Return whether a browser has the page open."""
         return bool(self._page.server.get_clients())
 
     def tick(self, now: float) -> None:

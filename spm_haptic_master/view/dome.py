@@ -20,13 +20,20 @@ from viser import LineSegmentsHandle, SceneApi
 
 # Radius of the dome about O, outside the handle; radius of its tiles and of the ball at the end of
 # the trace (units of the scene); opacity.
-RADIUS, TILE_RADIUS, PIN_RADIUS, TILE_OPACITY = 1.78, 0.042, 0.03, 0.75
+RADIUS = 1.78
+TILE_RADIUS = 0.042
+PIN_RADIUS = 0.03
+TILE_OPACITY = 0.75
 # Singularities: colour, size (units of the scene), and how much higher than the tiles (unit 1).
-SINGULAR, SINGULAR_SIZE, SINGULAR_RATIO = '#8c0018', 0.026, 1.004
+SINGULAR = '#8c0018'
+SINGULAR_SIZE = 0.026
+SINGULAR_RATIO = 1.004
 # Lines: colours of trace and rim, width (pixels).
-TRACE_COLOUR, LINE_WIDTH = '#141414', 2.0
+TRACE_COLOUR = '#141414'
+LINE_WIDTH = 2.0
 # Points of the trace, and least distance of two of them (unit of the scene).
-TRACE_POINTS, TRACE_STEP = 300, 0.004
+TRACE_POINTS = 300
+TRACE_STEP = 0.004
 # Points of the trace that are added before all of it is sent again.
 TRACE_STRIDE = 3
 

@@ -24,14 +24,20 @@ from viser import SceneApi
 # Error below which nothing is drawn (rad): noise of three encoders clear of the singularity.
 LEAST_ERROR = radians(1.0)
 # Opacities of the platform and of the sector; size that keeps it in front of the platform.
-OPACITY, SECTOR_OPACITY, LARGER = 0.55, 0.6, 1.012
+OPACITY = 0.55
+SECTOR_OPACITY = 0.6
+LARGER = 1.012
 # Flag above the handle and the dome, along the platform's x, the hand of the self-rotation: plates
 # from a corner to the opposite one (unit SIZE).
 POLE = (-0.02, -0.02, 1.6), (0.02, 0.02, 2.06)
 CLOTH = (0.0, -0.014, 1.9), (0.86, 0.014, 2.06)
 # Sector between the two flags: radius, height on the handle, number of triangles; where its words
 # are (units of the scene).
-SECTOR_RADIUS, SECTOR_HEIGHT, SECTOR_PARTS, WORDS_AT = 0.86, 1.98, 24, 1.0
+SECTOR_RADIUS = 0.86
+SECTOR_HEIGHT = 1.98
+SECTOR_PARTS = 24
+WORDS_AT = 1.0
+WORDS_ABOVE = 0.22
 
 
 def flag() -> Solid:
@@ -97,7 +103,7 @@ class Ghost:
         self.platform.wxyz = w, x, y, z
         self.sector.vertices = sector(rotation).vertices.astype(np.float32)
         middle = _directions(rotation, 2)[1]
-        self.words.position = WORDS_AT * middle + (0.0, 0.0, SECTOR_HEIGHT)
+        self.words.position = WORDS_AT * middle + (0.0, 0.0, SECTOR_HEIGHT + WORDS_ABOVE)
         self.words.text = f'three encoders: {degrees(error):.0f}\u00b0 off'
 
 

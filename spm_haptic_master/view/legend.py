@@ -44,6 +44,7 @@ def legend() -> list[Entry]:
 
 
 def _of_picture() -> list[Entry]:
+    """Return what there is in the picture."""
     plain = Ink('#444444', '#cccccc')
     return [
         _entry(
@@ -68,6 +69,7 @@ def _of_picture() -> list[Entry]:
 
 
 def _of_chips() -> list[Entry]:
+    """Return the signs of the chips, and of the names in the picture."""
     meanings = {
         SensorState.HEALTHY: 'Encoder healthy: the others check it.',
         SensorState.UNCHECKED: 'Encoder not checked by the others: they could not see it fail.',
@@ -78,6 +80,7 @@ def _of_chips() -> list[Entry]:
 
 
 def _of_figures() -> list[Entry]:
+    """Return the quantities of rows and plots."""
     plain = Ink('#444444', '#cccccc')
     return [
         Entry(

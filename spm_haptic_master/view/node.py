@@ -26,15 +26,18 @@ from spm_haptic_master.view.page import Page, place_of
 from spm_haptic_master.view.server import in_url, serve
 
 # Periods of drawing and of looking for devices (s).
-TICK_PERIOD, FIND_PERIOD = 0.05, 0.5
+TICK_PERIOD = 0.05
+FIND_PERIOD = 0.5
 # Period of the garbage collection (s): Python's own comes after twenty minutes and more.
 COLLECT_PERIOD = 30.0
 # Period of the news, and shortest time between two refusals in the log (s).
-NEWS_PERIOD, REFUSAL_PERIOD = 0.25, 1.0
+NEWS_PERIOD = 0.25
+REFUSAL_PERIOD = 1.0
 # Niceness of the process above that of its parent: the device has priority.
 NICENESS = 10
 # Name and type of the topic by which a device is found.
-TOPIC, TOPIC_TYPE = 'joint_states', 'sensor_msgs/msg/JointState'
+TOPIC = 'joint_states'
+TOPIC_TYPE = 'sensor_msgs/msg/JointState'
 # Topic of fkm, which distinguishes a device from other robots.
 STATE_TOPIC = 'state'
 # Largest number of devices in one picture.
@@ -133,11 +136,13 @@ class View(ParameterNode):
         return sorted(found)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        """Pass each entry to the devices: one of them keeps it."""
         for entry in message.status:
             for arm in self._arms.values():
                 arm.on_diagnostics(entry)
 
     def _tick(self) -> None:
+        """Draw what is due, and send the news."""
         now = time.monotonic()
         for arm in self._arms.values():
             arm.tick(now)

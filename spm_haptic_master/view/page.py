@@ -34,19 +34,23 @@ SCRIPTS = 'elements.js', 'lateness.js', 'camera.js', 'past.js', 'plots.js', 'pan
 NEWS = 'window.spm.show('
 # How late news may be, and how old the latest ones, before the page covers itself (s): a pose that
 # is 0.5 s late is covered within a second.
-LATEST, OLDEST = 0.5, 1.0
+LATEST = 0.5
+OLDEST = 1.0
 # Camera's position relative to its target in each view of one device, and the target (units of the
 # scene); share of that distance by which it backs off for each further device (unit 1).
 CAMERAS = {'front': (1.15, -3.15, 1.75), 'side': (3.9, -0.01, 0.4), 'top': (0.0, -0.01, 4.1)}
-LOOK_AT, BACK_OFF = (0.0, 0.0, 0.98), 0.75
+LOOK_AT = (0.0, 0.0, 0.98)
+BACK_OFF = 0.75
 # The view of a story, relative to the device: the flags above the dome.
-GHOST_CAMERA, GHOST_LOOK_AT = (0.5, -2.3, 2.4), (0.0, 0.0, 1.3)
+GHOST_CAMERA = (-0.3, -2.4, 2.5)
+GHOST_LOOK_AT = (0.0, 0.0, 1.35)
 # What the page shows before the first device.
 NO_DEVICE = status.Banner(
     status.Light.GREY, 'no device found. Start it: make run', False, 'no device found'
 )
 # Places in the panel: the page's introduction, then the devices.
-INTRODUCTION_ORDER, DEVICES_ORDER = 0.0, 10.0
+INTRODUCTION_ORDER = 0.0
+DEVICES_ORDER = 10.0
 
 
 class RunJavascriptMessage(ViserScript):
@@ -167,6 +171,7 @@ class Page:
         }
 
     def _run(self, script: str) -> None:
+        """Run a script in every browser, and in those that open the page later."""
         # viser sends its own script, plotly, in this way.
         self.server._websock_server.queue_message(RunJavascriptMessage(script))
 

@@ -100,4 +100,5 @@ def _angles(sensors: int) -> list[Series]:
 
 
 def _known(*limits: Limit) -> list[Limit]:
+    """Return the limits that have a value."""
     return [limit for limit in limits if limit.value == limit.value]

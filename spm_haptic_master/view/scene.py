@@ -33,21 +33,30 @@ ARM_DISTANCE = 2.6
 AXIS = 0.012, 0.0, 0.42
 AXIS_COLOURS = ['#cc0000', '#00cc00', '#0000cc']
 # Cone of the protection level: corners, opacity; magnification, widest half angle (rad).
-LEVEL_CORNERS, LEVEL_OPACITY = 36, 0.2
-MAGNIFICATION, WIDEST = 10.0, 0.35
+LEVEL_CORNERS = 36
+LEVEL_OPACITY = 0.2
+MAGNIFICATION = 10.0
+WIDEST = 0.35
 LEVEL_HEIGHT = 1.78
 # Colours of the torques commanded and rendered; length of an arrow for 1 N m (units of the scene),
 # and least torque with an arrow (N m).
 TORQUES = {'commanded': COMMANDED.light, 'rendered': RENDERED.light}
-TORQUE_LENGTH, LEAST_TORQUE = 3.0, 0.005
+TORQUE_LENGTH = 3.0
+LEAST_TORQUE = 0.005
 # Floor: colour, height, and radius (units of the scene), corners.
-FLOOR, FLOOR_HEIGHT, FLOOR_RADIUS, FLOOR_CORNERS = '#9aa3ad', -0.06, 1.05, 48
+FLOOR = '#9aa3ad'
+FLOOR_HEIGHT = -0.06
+FLOOR_RADIUS = 1.05
+FLOOR_CORNERS = 48
 FLOOR_OPACITY = 0.25
 # Where the name of the device is on the floor (units of the scene).
 NAME_AT = 0.0, -1.3, 0.0
 # Distances of the names from O: encoders on motors and on third joints, legs, handle (units of the
 # scene).
-MOTOR_AT, THIRD_AT, LEG_AT, HANDLE_AT = 1.49, 1.02, 1.66, 1.7
+MOTOR_AT = 1.49
+THIRD_AT = 1.02
+LEG_AT = 1.66
+HANDLE_AT = 1.7
 # States of an encoder whose sign is not at its name.
 UNMARKED = SensorState.HEALTHY, SensorState.UNKNOWN
 
@@ -217,6 +226,7 @@ class Scene:
         return motors + others
 
     def _add_label(self, parent: str, text: str, position: NDArray[np.float64]) -> LabelHandle:
+        """Add a name at a place of a frame (units of the scene)."""
         return self._scene.add_label(
             f'{parent}/label_{text}',
             text,

@@ -78,6 +78,7 @@ def _check(seen: Seen) -> str:
 
 
 def _unchecked(names: list[str]) -> str:
+    """Return the sentence of sensors that the others do not check."""
     verb = 'is' if len(names) == 1 else 'are'
     return f'{", ".join(names)} {verb} not checked by the others here.'
 

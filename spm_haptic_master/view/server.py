@@ -50,7 +50,8 @@ VIEW_ANGLE = 0.75
 LAST_PORT = 65535
 # Request of Linux (linux/sockios.h) for the bytes of a socket that have not been sent, and the
 # period of asking for it (s).
-SIOCOUTQNSD, POLL_PERIOD = 0x894B, 0.005
+SIOCOUTQNSD = 0x894B
+POLL_PERIOD = 0.005
 # A server's answer to a request, as websockets asks for it.
 Answer = Callable[[ServerConnection, Request], 'Response | None']
 # The server of websockets as it is without a guard.
@@ -274,4 +275,5 @@ def in_url(host: str) -> str:
 
 
 def _quoted(values: list[str]) -> str:
+    """Return the values of a header for a line of the log."""
     return repr(', '.join(values)[:QUOTED])

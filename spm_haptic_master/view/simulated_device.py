@@ -32,7 +32,8 @@ SIMULATED = 'sim'
 OFFSET = 5.0
 # Pose of the sliders before the first one of the device (deg): tilt, azimuth, self-rotation; and
 # their steps (deg).
-FIRST_POSE, STEPS = (0.0, 0.0, 45.0), (0.5, 1.0, 0.5)
+FIRST_POSE = (0.0, 0.0, 45.0)
+STEPS = (0.5, 1.0, 0.5)
 # Tilt below which an azimuth is nothing but noise: its slider stands still (rad).
 LEAST_TILT = radians(1.0)
 

@@ -12,7 +12,9 @@ from spm_haptic_master.kinematics.joints import named_joints
 from spm_haptic_master.ros.diagnostic_status import MISSING_KEY
 
 # Names of entries, without a namespace.
-ENCODERS, ORIENTATION, TIMING = 'encoder_driver: encoders', 'fkm: orientation', 'fkm: timing'
+ENCODERS = 'encoder_driver: encoders'
+ORIENTATION = 'fkm: orientation'
+TIMING = 'fkm: timing'
 SINGULARITY = 'diagnostics: singularity'
 # Longest age of an entry (s): they come every second.
 ENTRY_TIMEOUT = 2.5

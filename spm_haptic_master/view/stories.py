@@ -12,11 +12,14 @@ from spm_haptic_master.kinematics.joints import JOINT_NAMES, NUMBER_WORDS
 
 # Self-rotation of the singularity at the workspace's centre; distances from it at which a story is
 # clear of it, and three encoders are still on the wrong side (deg).
-SINGULAR, AWAY, NEAR = 49.36, 15.0, 7.0
+SINGULAR = 49.36
+AWAY = 15.0
+NEAR = 7.0
 # Time for which the verdict of a story stays (s).
 VERDICT_TIME = 12.0
 # Views of the page.
-GHOST_VIEW, FRONT_VIEW = 'ghost', 'front'
+GHOST_VIEW = 'ghost'
+FRONT_VIEW = 'front'
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +88,7 @@ def verdict(story: Story, sensors: int, seen: Observations) -> str:
 
 
 def _degrees(angle: float) -> str:
+    """Return an angle, rad, in words."""
     return 'an unknown angle' if angle != angle else f'{degrees(angle):.1f}\u00b0'
 
 
@@ -99,6 +103,7 @@ def stories(sensors: int) -> tuple[Story, ...]:
 
 
 def _crossing() -> Story:
+    """Return the story of the singularity: three encoders lose the handle, all do not."""
     return Story(
         'cross the singularity',
         GHOST_VIEW,
@@ -129,6 +134,7 @@ def _crossing() -> Story:
 
 
 def _frozen_with_four() -> Story:
+    """Return the story of th3A frozen where no other encoder checks it."""
     return Story(
         'break th3A there',
         FRONT_VIEW,
@@ -158,6 +164,7 @@ def _frozen_with_four() -> Story:
 
 
 def _frozen_with_more() -> Story:
+    """Return the story of th3A frozen where th3B checks it."""
     return Story(
         'break th3A there',
         FRONT_VIEW,
@@ -181,6 +188,7 @@ def _frozen_with_more() -> Story:
 
 
 def _unplugged_of_four() -> Story:
+    """Return the story of a missing encoder of four: silence."""
     return Story(
         'unplug one of four',
         FRONT_VIEW,
@@ -200,6 +208,7 @@ def _unplugged_of_four() -> Story:
 
 
 def _unplugged_of_more(number: str) -> Story:
+    """Return the story of a missing encoder of five or six: degraded."""
     return Story(
         f'unplug one of {number}',
         FRONT_VIEW,

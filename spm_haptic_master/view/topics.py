@@ -26,14 +26,19 @@ from spm_haptic_master.view import messages
 from std_msgs.msg import Float64MultiArray, String
 
 # Topics by which a device is there.
-JOINTS_TOPIC, STATE_TOPIC, SOURCE_TOPIC = 'joint_states', 'state', 'source'
+JOINTS_TOPIC = 'joint_states'
+STATE_TOPIC = 'state'
+SOURCE_TOPIC = 'source'
 # Topics of words that are shown as they are.
-FORCE_TOPIC, TELEOP_TOPIC, CRTK_TOPIC = 'force_state', 'teleop_state', 'operating_state_text'
+FORCE_TOPIC = 'force_state'
+TELEOP_TOPIC = 'teleop_state'
+CRTK_TOPIC = 'operating_state_text'
 # Time after which a `teleop_state` is nobody's (s): it is repeated every 0.2 s.
 TELEOP_TIMEOUT = 0.7
 # Topics of the torques commanded and rendered, in the handle's frame; time without a message after
 # which a torque ends (s).
-TORQUE_TOPICS, TORQUE_TIMEOUT = ('body/servo_cf', 'body/measured_cf'), 0.25
+TORQUE_TOPICS = ('body/servo_cf', 'body/measured_cf')
+TORQUE_TIMEOUT = 0.25
 NO_TORQUE = 0.0, 0.0, 0.0
 # Topics of the encoders that are in no set, by their names; time without a message after which
 # there is no reading (s).
@@ -41,7 +46,8 @@ FURTHER_TOPICS = {'insertion': 'insertion/measured_js', 'gripper': 'gripper/meas
 READING_TIMEOUT = 0.5
 # Period of looking for them (s), and the node whose gripper is no encoder: it publishes a joystick
 # or a constant, and only for those who subscribe.
-FURTHER_PERIOD, NO_ENCODER = 1.0, 'fkm'
+FURTHER_PERIOD = 1.0
+NO_ENCODER = 'fkm'
 
 
 class DeviceTopics:
@@ -101,14 +107,17 @@ class DeviceTopics:
         return self._node.create_subscription(String, self._name(topic), on_words, STATE)
 
     def _take_joints(self, message: JointState) -> None:
+        """Take the angles of all nine joints, if the message has them."""
         joints = messages.mechanism_joints(message)
         if joints is not None:
             self._on_joints(joints)
 
     def _take_words(self, topic: str, words: str) -> None:
+        """Keep the words of a topic, with the time at which they came."""
         self._words[topic] = words, self._now
 
     def _take_calibration(self, words: str) -> None:
+        """Take the state of a calibration; an empty one ends it."""
         found = messages.calibration(words)
         if found is not None:
             self.calibration = found if found.shares else None
@@ -161,11 +170,13 @@ class DeviceTopics:
         return None if message is None else messages.orientation(message)
 
     def _take_dexterity(self) -> None:
+        """Take the newest dexterities."""
         message = self._dexterity.take()
         if message is not None:
             self.dexterities = messages.dexterities(message)
 
     def _take_torques(self, now: float) -> None:
+        """Take the newest torques, with the time at which they came."""
         for index, topic in enumerate(self._wrenches):
             message = topic.take()
             if message is not None:
@@ -184,12 +195,14 @@ class DeviceTopics:
                 self._positions.pop(sensor, None)
 
     def _take_further(self, now: float) -> None:
+        """Take the newest positions of the encoders that are in no set."""
         for sensor, topic in self._further.items():
             message = topic.take()
             if message is not None:
                 self._positions[sensor] = messages.one_joint(message), now
 
     def _take_readings(self, now: float) -> messages.StampedAngles | None:
+        """Take and return the newest readings, and note which encoders have one."""
         message = self._readings.take()
         found = None if message is None else messages.readings(message)
         if found is not None:

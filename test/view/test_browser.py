@@ -271,7 +271,7 @@ def test_a_page_opens_with_the_device_in_the_picture(device, size):
     shown, _, _ = device(size)
     # As far away as the shape of the picture needs.
     _, _, width, height = shown.box('document.querySelector("canvas")')
-    back = max(1.0, 0.88 * height / width)
+    back = max(1.0, 0.95 * height / width)
     x, y, z = CAMERAS['front']
     expected = (x * x + y * y + z * z) ** 0.5 * back
     until(lambda: abs(shown.ask('distance()') - expected) < 0.05 * expected, shown)
