@@ -44,8 +44,8 @@ PRINT_TIMEOUT = 1.0
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 # Environment variables that name a file of profiles: of Fast DDS 2, which Jazzy has, and of 3.
 PROFILE_VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
-# Environment variable that chooses which thread sends a message.
-PUBLICATION_MODE = 'RMW_FASTRTPS_PUBLICATION_MODE'
+# Environment variable that says which hosts are heard.
+RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 # Files of profiles that Fast DDS reads in the working directory.
 PROFILES = ('DEFAULT_FASTRTPS_PROFILES.xml', 'DEFAULT_FASTDDS_PROFILES.xml')
 
@@ -137,7 +137,7 @@ class _Process:
     ) -> None:
         """Make and start the nodes; SpmError for arguments and settings that are refused."""
         command_line, parameters = self._read_arguments(args)
-        os.environ.update(publication_mode(os.environ, parameters))
+        os.environ.update(force_profile(os.environ, parameters))
         _init(command_line)
         if owned:
             wait_until_alone(owned, lambda: self._signals)
@@ -237,30 +237,42 @@ def _init(command_line: list[str]) -> None:
     node_log.begin(command_line)
 
 
-def publication_mode(environment: Mapping[str, str], parameters: Parameters) -> dict[str, str]:
+def force_profile(environment: Mapping[str, str], parameters: Parameters) -> dict[str, str]:
     """
-    Return the variable with which a thread of Fast DDS sends what is published, with force.
+    Return the variables that select the profile of a process with force feedback.
 
-    Otherwise the thread that publishes sends it. Through shared memory it needs a mutex of each
-    reader for that: one that is stopped while it holds it would stop samples and torques.
+    Sending through shared memory needs a mutex of each reader: a reader that is stopped while it
+    holds it would stop samples and torques. So there is none. With the range LOCALHOST rmw would
+    choose it nevertheless: the profile has this host alone instead.
 
     Parameters
     ----------
     environment : mapping
-        The environment of the process, which may choose a mode.
+        The environment of the process, which may name a profile of the user.
     parameters : Parameters
         Of the process.
 
     Returns
     -------
     dict
-        Name and value of the variable; empty without force, or if the user has chosen.
+        Variables and values; empty without force, or if the user has a profile.
 
     """
-    has_force = parameters.of('fkm').get('force.enabled') is True
-    if not has_force or environment.get(PUBLICATION_MODE):
+    if parameters.of('fkm').get('force.enabled') is not True or _has_profile(environment):
         return {}
-    return {PUBLICATION_MODE: 'ASYNCHRONOUS'}
+    is_local = environment.get(RANGE) == 'LOCALHOST'
+    name = 'fastdds_force_localhost.xml' if is_local else 'fastdds_force.xml'
+    found = dict.fromkeys(PROFILE_VARIABLES, str(config_directory() / name))
+    return {**found, RANGE: 'SUBNET'} if is_local else found
+
+
+def _has_profile(environment: Mapping[str, str]) -> bool:
+    """Return whether the user has a profile of Fast DDS."""
+    own = str(config_directory() / 'fastdds.xml')
+    chosen = (environment.get(name) for name in PROFILE_VARIABLES)
+    return any(path and path != own for path in chosen) or any(
+        Path(name).exists() for name in PROFILES
+    )
 
 
 def discovery_profile(environment: Mapping[str, str]) -> dict[str, str]:

@@ -32,7 +32,8 @@ computes each number on this page and draws each picture beside it.
 
 A hand turns the handle. A slave follows it and touches a wall of 1 N m/rad; its wrench comes back
 30 ms late, at 200 Hz. The hand pushes on across the singular surface, presses the clutch, and then
-wrench, encoder, drive and master are lost in turn. `make feel` plays it alone, in some seconds:
+wrench, encoder and drive are lost in turn. Without wrenches it leads the handle over its end stop,
+and at last the master is lost. `make feel` plays it alone, in some seconds:
 
 ```
 {feel}
@@ -101,6 +102,15 @@ Largest energy that the motors gave in all:
 
 A wrench counts as lost after 30 ms; torque is zero {loss} after the last one.
 
+## A motor that is wired wrongly
+
+A free handle is touched, with a wrench of zero and `force.speed_limit` of 6 rad/s. A motor in the
+wrong sense makes a drive of the damping, and nothing but the speed shows it: what the motors seem
+to take is what a hand would give. Motors that are swapped do nothing with so little torque.
+`force_check` finds all of these before the first torque.
+
+{wiring}
+
 ## Limits
 
 {limits}
@@ -128,6 +138,7 @@ def _make(output: Path) -> None:
     from study.force import statics_pictures as statics
     from study.force.crossing import crossing
     from study.force.feel_picture import draw, figures
+    from study.force.hand_figures import wiring_table
     from study.force.limits_table import limits_table
     from study.force.session import play
 
@@ -141,6 +152,7 @@ def _make(output: Path) -> None:
         z_width=dynamics.z_width(output / 'z_width.png'),
         energy=dynamics.energy(output / 'energy.png'),
         loss=dynamics.loss(output / 'loss.png'),
+        wiring=wiring_table(),
         limits=limits_table(),
     )
     (output / PAGE).write_text(text, encoding='utf-8')

@@ -9,10 +9,12 @@ from collections.abc import Callable, Sequence
 from math import pi, radians, sin
 
 import numpy as np
+from paper.figure_entry import table
 from spm_haptic_master.exceptions import SpmError
 from spm_haptic_master.force import Condition, ForceController, ForceLimits, Gravity, Wrench
 from spm_haptic_master.kinematics import workspace_pose
 from spm_haptic_master.kinematics.number_backends import Vector
+from study.force.limit_row import Row
 from study.force.loop import ClosedLoop, DT, GEOMETRY, PERIOD, SIGMA, Trace
 from study.force.motions import axis, pose, push
 from study.force.session import Computer
@@ -197,3 +199,46 @@ def wired(name: str, phi_deg: float = 20.0) -> tuple[float, float, str]:
     ended = np.flatnonzero(after == 0.0)
     time = DT * ended[0] if len(ended) else float('inf')
     return float(time), float(speed.max()), found.states[-1]
+
+
+def hand_rows() -> list[Row]:
+    """Return the rows of the table of limits: what is found, and its limit."""
+    blow = max(
+        largest_step(found, found.start - 5) for found in (wrench_lost(speed) for speed in SPEEDS)
+    )
+    loud = wrench_lost(3.0, 0.3)
+    fallen, _ = sag()
+    drifts = max(drifting(speed, motor) for speed in DRIFTS for motor in range(3))
+    generated = max(stuttering(pause)[0] for pause in ('wrench', 'clutch'))
+    stops = [end_stop_met(stiffness)[0] for stiffness in STOPPED]
+    step = max(largest_step(found, found.start) for found in stops)
+    returned = max(found.generated for found in stops)
+    return [
+        Row('wrench of zero lost at 0, 3, 8 rad/s: step', 1e3 * blow, 10.0, 'mN m a ms'),
+        Row(
+            'wrench of 0.3 N m lost at 3 rad/s: step',
+            1e3 * largest_step(loud, loud.start - 5),
+            10.0,
+            'mN m a ms',
+        ),
+        Row(
+            'weight of 0.13 N m, known to 20 %, wrench lost, hand of 0.3 N m/rad: sag',
+            float(np.degrees(fallen)),
+            3.0,
+            'deg',
+        ),
+        Row('encoder that runs away at 1 to 28 rad/s: its motor', 1e3 * drifts, 20.0, 'mN m'),
+        Row('unstable slave that stutters, a minute: generated', 1e3 * generated, 25.0, 'mJ'),
+        Row('end stop met at 3 rad/s, hands of 0.3, 1, 10 N m/rad: step', step, 0.15, 'N m a ms'),
+        Row('the same: energy that comes back in all', 1e3 * returned, 0.01, 'mJ'),
+    ]
+
+
+def wiring_table() -> str:
+    """Return what a free handle does that is touched, by its wiring, Markdown."""
+    rows = []
+    for name in WIRINGS:
+        time, speed, state = wired(name)
+        is_ended = np.isfinite(time)
+        rows.append((name, f'{speed:.1f}', f'{1e3 * time:.0f}' if is_ended else '-', state))
+    return table(('wiring', 'fastest, rad/s', 'torque ends, ms after 1 rad/s', 'at last'), rows)

@@ -11,6 +11,8 @@ from paper.verdicts import COLUMN
 from spm_haptic_master.force import ForceLimits, render
 from spm_haptic_master.kinematics import workspace_pose
 from study.force.crossing import exact_share, THROWN
+from study.force.hand_figures import hand_rows
+from study.force.limit_row import Row
 from study.force.loop import constant, run, Slave, Trace, wall
 from study.force.motions import axis, loops, pose, push, quaternion
 
@@ -20,8 +22,6 @@ SOFT, USUAL = (0.3, 0.01), (1.0, 0.01)
 NEAR, FAR = (5, 10, 20), (10, 50, 20)
 # Self-rotation in the fade zone (deg).
 FADE_ZONE = 44.0
-# Name, what is found, limit, and whether more is better; unit.
-Row = tuple[str, float, float, bool, str]
 
 
 def _pushed(
@@ -56,87 +56,51 @@ def _statics() -> list[Row]:
                 peak = max(peak, np.abs(found.motor_torque).max())
                 motor = max(motor, np.abs(np.diff(found.motor_torque, axis=0)).max())
                 handle = max(handle, np.linalg.norm(np.diff(found.rendered, axis=0), axis=1).max())
+    exact = 100.0 * exact_share(ForceLimits())
     return [
-        (
-            'three motors: 0.3 N m is rendered exactly',
-            100.0 * exact_share(ForceLimits()),
-            75.0,
-            True,
-            '%',
-        ),
-        ('three motors: largest torque of a motor', peak, 0.5, False, 'N m'),
-        ('poses 0.05 deg apart: step of a motor', motor, 0.05, False, 'N m'),
-        ('poses 0.05 deg apart: step at the handle', handle, 0.01, False, 'N m'),
+        Row('three motors: 0.3 N m is rendered exactly', exact, 75.0, '%', more_is_better=True),
+        Row('three motors: largest torque of a motor', peak, 0.5, 'N m'),
+        Row('poses 0.05 deg apart: step of a motor', motor, 0.05, 'N m'),
+        Row('poses 0.05 deg apart: step at the handle', handle, 0.01, 'N m'),
     ]
 
 
 def _walls() -> list[Row]:
     """Return the rows of the slave's wall."""
-    deep = [
-        _pushed(phi, about, 2.0, 3.5, hand, 0.2, NEAR)
-        for phi, about, hand in (
-            (60.0, 'roll', USUAL),
-            (60.0, 'roll', SOFT),
-            (20.0, 'tilt', USUAL),
-        )
-    ]
+    cases = ((60.0, 'roll', USUAL), (60.0, 'roll', SOFT), (20.0, 'tilt', USUAL))
+    deep = [_pushed(phi, about, 2.0, 3.5, hand, 0.2, NEAR) for phi, about, hand in cases]
     shallow = _pushed(20.0, 'roll', 2.0, 3.5, USUAL, 0.06, NEAR)
-    far = [
-        _pushed(20.0, about, stiffness, 3.0, hand, 0.2, FAR)
-        for about, stiffness, hand in (
-            ('roll', 2.0, USUAL),
-            ('roll', 8.0, USUAL),
-            ('tilt', 8.0, USUAL),
-            ('roll', 8.0, SOFT),
-        )
-    ]
+    far_cases = (
+        ('roll', 2.0, USUAL),
+        ('roll', 8.0, USUAL),
+        ('tilt', 8.0, USUAL),
+        ('roll', 8.0, SOFT),
+    )
+    far = [_pushed(20.0, about, K, 3.0, hand, 0.2, FAR) for about, K, hand in far_cases]
     near = 'wall of 2 N m/rad, 200 Hz, 30 ms'
-    rows: list[Row] = [
-        (f'{near}, push of 0.06 rad: generated', 1e3 * shallow.generated, 5.0, False, 'mJ'),
-        (
-            f'{near}, push of 0.2 rad: generated',
-            1e3 * max(each.generated for each in deep),
-            6.0,
-            False,
-            'mJ',
-        ),
-        (
-            f'{near}: least share of the wrench',
-            min(each.share.min() for each in (shallow, *deep)),
-            0.9,
-            True,
-            '',
-        ),
-        (
-            'walls of 2 and 8 N m/rad, 100 Hz, 70 ms: generated',
-            1e3 * max(each.generated for each in far),
-            20.0,
-            False,
-            'mJ',
-        ),
-        (
-            'these walls: runs that end in a fault',
-            float(sum(each.states[-1] != 'engaged' for each in far)),
-            0.0,
-            False,
-            '',
-        ),
+    most_deep = max(found.generated for found in deep)
+    most_far = max(found.generated for found in far)
+    share = min(found.share.min() for found in (shallow, *deep))
+    faults = sum(found.states[-1] != 'engaged' for found in far)
+    return [
+        Row(f'{near}, push of 0.06 rad: generated', 1e3 * shallow.generated, 5.0, 'mJ'),
+        Row(f'{near}, push of 0.2 rad: generated', 1e3 * most_deep, 6.0, 'mJ'),
+        Row(f'{near}: least share of the wrench', share, 0.9, '', more_is_better=True),
+        Row('walls of 2 and 8 N m/rad, 100 Hz, 70 ms: generated', 1e3 * most_far, 20.0, 'mJ'),
+        Row('these walls: runs that end in a fault', float(faults), 0.0, ''),
+        _released(1.0, 1.0),
+        _released(2.0, 8.0),
     ]
-    for stiffness, most in ((1.0, 1.0), (2.0, 8.0)):
-        found = _pushed(20.0, 'roll', stiffness, 1.6, USUAL, 0.3, NEAR, rise=0.5, hold=0.5)
-        asked = np.linalg.norm(found.asked, axis=1)
-        pressed = asked > 0.02
-        whole = asked[pressed] / found.share[pressed]
-        rows.append(
-            (
-                f'press and release, {stiffness:g} N m/rad: torque lost',
-                100.0 * (1.0 - asked[pressed].sum() / whole.sum()),
-                most,
-                False,
-                '%',
-            )
-        )
-    return rows
+
+
+def _released(stiffness: float, limit: float) -> Row:
+    """Return the row of a spring, N m/rad, that is pressed and released; the limit in %."""
+    found = _pushed(20.0, 'roll', stiffness, 1.6, USUAL, 0.3, NEAR, rise=0.5, hold=0.5)
+    asked = np.linalg.norm(found.asked, axis=1)
+    pressed = asked > 0.02
+    whole = asked[pressed] / found.share[pressed]
+    lost = 100.0 * (1.0 - asked[pressed].sum() / whole.sum())
+    return Row(f'press and release, {stiffness:g} N m/rad: torque lost', lost, limit, '%')
 
 
 def _energy() -> list[Row]:
@@ -163,44 +127,29 @@ def _energy() -> list[Row]:
     quiet = run(pose(20.0), Slave(constant((0.0, 0.0, 0.0))), 3.0, hand=None)
     felt = quiet.rendered[quiet.start :]
     rest = run(pose(20.0), Slave(constant((0.1, 0.0, 0.0))), 60.0, hand=None)
+    noise = 1e3 * np.sqrt(np.mean(np.sum(felt**2, axis=1)))
+    least = 1e3 * rest.energy[rest.start :].min()
     return [
-        (
-            'twelve loops in the fade zone, 1 and 3 rad/s: generated',
-            1e3 * generated,
-            20.0,
-            False,
-            'mJ',
+        Row(
+            'twelve loops in the fade zone, 1 and 3 rad/s: generated', 1e3 * generated, 20.0, 'mJ'
         ),
-        ('across the surface, 0.3 N m, hand of 10 N m/rad: step', step, 0.15, False, 'N m a ms'),
-        (
-            'at rest, damping alone: torque by noise, rms',
-            1e3 * np.sqrt(np.mean(np.sum(felt**2, axis=1))),
-            1.0,
-            False,
-            'mN m',
-        ),
-        (
-            'a minute at rest with 0.1 N m: least budget',
-            1e3 * rest.energy[rest.start :].min(),
-            1.5,
-            True,
-            'mJ',
-        ),
-        ('the same: least share of the wrench', rest.share.min(), 1.0, True, ''),
+        Row('across the surface, 0.3 N m, hand of 10 N m/rad: step', step, 0.15, 'N m a ms'),
+        Row('at rest, damping alone: torque by noise, rms', noise, 1.0, 'mN m'),
+        Row('a minute at rest with 0.1 N m: least budget', least, 1.5, 'mJ', more_is_better=True),
+        Row('the same: least share of the wrench', rest.share.min(), 1.0, '', more_is_better=True),
     ]
 
 
 def limits_table() -> str:
     """Return the table of limits and what is found, Markdown."""
     rows = []
-    for name, found, limit, more, unit in (*_statics(), *_walls(), *_energy()):
-        holds = found >= limit if more else found <= limit
+    for row in (*_statics(), *_walls(), *_energy(), *hand_rows()):
         rows.append(
             (
-                name,
-                f'{found:.3g} {unit}',
-                f'{">" if more else "<"}= {limit:g} {unit}',
-                'holds' if holds else 'does not hold',
+                row.name,
+                f'{row.found:.3g} {row.unit}',
+                f'{">" if row.more_is_better else "<"}= {row.limit:g} {row.unit}',
+                'holds' if row.holds else 'does not hold',
             )
         )
     return table(('', 'found', 'limit', COLUMN), rows)

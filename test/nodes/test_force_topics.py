@@ -4,6 +4,7 @@
 """Force feedback of a running master, by its topics: a client commands, and looks what it gets."""
 
 from contextlib import contextmanager
+from pathlib import Path
 import re
 
 from benchmarks.pipeline.child_process import wait_until
@@ -129,6 +130,16 @@ def test_a_wrench_is_rendered_a_period_and_3_ms_after_it_was_sent(observer):
             len(late) == 100 and np.percentile(late, 99, method='lower') <= limit,
             f'{len(late)} changes, p50, p99 {np.percentile(late, [50, 99])} ms',
         )
+
+
+def test_nothing_is_sent_through_shared_memory(master, arm, observer):
+    """A9: Fast DDS has threads for it; a stopped reader may hold a mutex that sending needs."""
+    assert observer.spin_until(
+        lambda: observer.node.count_publishers(f'{arm}/orientation'), PATIENCE
+    )
+    names = [path.read_text() for path in Path(f'/proc/{master.pid}/task').glob('*/comm')]
+    assert any(name.startswith('dds.udp') for name in names)
+    assert not [name for name in names if name.startswith('dds.shm')]
 
 
 def test_the_status_of_master_has_the_state(master):

@@ -189,18 +189,32 @@ def test_owned_topics_are_looked_for_before_the_nodes_are_made(applied, monkeypa
 
 
 @pytest.mark.parametrize(
-    ('arguments', 'environment', 'mode'),
+    ('environment', 'name', 'more'),
     [
-        (['force.enabled:=true'], {}, 'ASYNCHRONOUS'),
-        (['force.enabled:=false'], {}, None),
-        ([], {}, None),
-        (['force.enabled:=true'], {runner.PUBLICATION_MODE: 'SYNCHRONOUS'}, None),
+        ({}, 'fastdds_force.xml', {}),
+        ({'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'}, 'fastdds_force.xml', {}),
+        (
+            {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'},
+            'fastdds_force_localhost.xml',
+            {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'},
+        ),
     ],
 )
-def test_with_force_another_thread_sends_what_is_published(arguments, environment, mode):
-    """A9: one that is stopped by a reader stops no torque."""
-    found = runner.publication_mode(environment, Parameters(arguments=arguments))
-    assert found == ({} if mode is None else {runner.PUBLICATION_MODE: mode})
+def test_a_process_with_force_has_no_shared_memory(tmp_path, monkeypatch, environment, name, more):
+    """A9: with it a reader that is stopped stops the torque."""
+    monkeypatch.chdir(tmp_path)
+    enabled = Parameters(arguments=['force.enabled:=true'])
+    found = runner.force_profile(environment, enabled)
+    paths = {found.pop(variable) for variable in runner.PROFILE_VARIABLES}
+    assert {Path(path).name for path in paths} == {name} and found == more
+    (path,) = paths
+    assert '<useBuiltinTransports>false<' in Path(path).read_text()
+    # Not without force, nor where the user has a profile; the package's other one is none.
+    assert runner.force_profile(environment, Parameters()) == {}
+    mine = environment | dict.fromkeys(runner.PROFILE_VARIABLES, 'mine.xml')
+    assert runner.force_profile(mine, enabled) == {}
+    ours = environment | runner.discovery_profile({})
+    assert runner.force_profile(ours, enabled)
 
 
 def test_the_packages_profile_is_selected_where_the_user_has_none(tmp_path, monkeypatch):
