@@ -62,7 +62,6 @@ class Fkm(ParameterNode):
         super().__init__('fkm', parameters)
         values = self.declare(NODE_SETTINGS['fkm'])
         self._supervisor = make_supervisor(values)
-        motors = make_motors(values) if values['force.enabled'] else None
         self._mounting = mounting_from(values)
         frame, frames = publish_mounting(self, values)
         mechanism = mechanism_checksum(values)
@@ -84,9 +83,9 @@ class Fkm(ParameterNode):
         self.protection_level: float | None = None
         self.latency_status = LatencyStatus(self, values['rate'], values['latency_limit'])
         constants = {diagnostic_status.CHECKSUM_KEY: mechanism}
-        self.status = OrientationStatus(
-            self, values, self._supervisor, constants | ({'mounting': frames} if frames else {})
-        )
+        if frames:
+            constants['mounting'] = frames
+        self.status = OrientationStatus(self, values, self._supervisor, constants)
         # Reason and detail of what forbids any orientation; None if nothing does.
         self._obstacle: tuple[str, str] | None = None
         # States of the samples since the last poll that reached the supervision.
@@ -102,21 +101,26 @@ class Fkm(ParameterNode):
         self._orientation_out = self.create_publisher(QuaternionStamped, 'orientation', SAMPLES)
         self._outputs = OrientationOutputs(self, values, frame, self._supervisor)
         self._crtk = CrtkState(self, frame)
-        self._force: Force | None = None
-        if motors is not None:
-            surroundings = Surroundings(
-                frame_id=frame,
-                now=lambda: self._now(),
-                is_enabled=lambda: self._crtk.name == ENABLED,
-                warn=self._crtk.warn,
-                lock=self._lock,
-            )
-            self._force = Force(self, values, *motors, self._supervisor, surroundings)
-            self._outputs.effort = self._force.effort
+        self._force = self._make_force(values, frame)
         self.create_service(Trigger, '~/acknowledge', self._acknowledge)
         self.on_change(('alert_limit_deg',), self._apply)
         self.create_timer(CHECK_PERIOD, self._poll, clock=STEADY)
         self.create_timer(REPEAT_PERIOD, self._publish_latency, clock=STEADY)
+
+    def _make_force(self, values: Values, frame: str) -> Force | None:
+        """Return the force feedback behind each orientation; None where it is not enabled."""
+        if not values['force.enabled']:
+            return None
+        surroundings = Surroundings(
+            frame_id=frame,
+            now=lambda: self._now(),
+            is_enabled=lambda: self._crtk.name == ENABLED,
+            warn=self._crtk.warn,
+            lock=self._lock,
+        )
+        force = Force(self, values, *make_motors(values), self._supervisor, surroundings)
+        self._outputs.effort = force.effort
+        return force
 
     @property
     def force_state(self) -> ForceState | None:

@@ -12,6 +12,7 @@ from math import degrees, isfinite, radians
 from geometry_msgs import msg as geometry
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState, Joy
 from spm_haptic_master.kinematics.estimation.gauss_newton import SampleEstimate
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
@@ -120,16 +121,7 @@ class OrientationOutputs:
             JOINTS: self._joints,
             GRIPPER: self._gripper,
         }
-        # A client may need the first message within 20 ms, before the next poll.
-        matched = PublisherEventCallbacks(matched=lambda _: self.count_subscribers())
-        self._outs = {
-            topic: node.create_publisher(type(message), topic, SAMPLES, event_callbacks=matched)
-            for topic, message in (
-                (LEVEL, self._level),
-                (COVARIANCE, self._covariance),
-                *self._crtk.items(),
-            )
-        }
+        self._outs = self._make_publishers(node)
         self._position = pose.pose.position
         # Stamp, ns, and length, m, of the latest insertion; None before the first.
         self._insertion: tuple[int, float] | None = None
@@ -143,14 +135,28 @@ class OrientationOutputs:
         self._velocity = AngularVelocity(round(window * SECOND))
         self._axis: int = values['gripper.axis']
         self._closed, self._open = map(radians, values['gripper.range_deg'])
+        self._begin_gripper(node, values)
+        self.effort: Callable[[], list[float]] | None = None
+        self.wanted: frozenset[str] = frozenset()
+
+    def _make_publishers(self, node: Node) -> dict[str, Publisher]:
+        """Return a publisher for each message, by topic."""
+        # A client may need the first message within 20 ms, before the next poll.
+        matched = PublisherEventCallbacks(matched=lambda _: self.count_subscribers())
+        messages = {LEVEL: self._level, COVARIANCE: self._covariance, **self._crtk}
+        return {
+            topic: node.create_publisher(type(message), topic, SAMPLES, event_callbacks=matched)
+            for topic, message in messages.items()
+        }
+
+    def _begin_gripper(self, node: Node, values: Values) -> None:
+        """Set a constant angle of the gripper, or subscribe to the axis that has it."""
         # Nothing is published without a constant angle, or before the first value of the axis.
         constant = values['gripper.position_deg']
         if self._axis == NO_AXIS and constant != NO_GRIPPER:
             self._gripper.position = [radians(constant)]
         elif self._axis != NO_AXIS:
             node.create_subscription(Joy, 'gripper/joy', self._take_gripper, EVENTS)
-        self.effort: Callable[[], list[float]] | None = None
-        self.wanted: frozenset[str] = frozenset()
 
     def count_subscribers(self) -> None:
         """Find which topics have a subscriber: at each poll, and for each new subscriber."""

@@ -1,0 +1,133 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The size of functions, counted more strictly than ruff does.
+
+Boolean operators and comprehensions are decisions, too. A function that is not yet divided is
+named here; the list only shrinks.
+"""
+
+import ast
+
+from harness import ROOT
+
+# Largest complexity, and most lines without the docstring.
+COMPLEXITY, LINES = 10, 50
+DECISIONS = (
+    ast.If,
+    ast.IfExp,
+    ast.For,
+    ast.While,
+    ast.ExceptHandler,
+    ast.Assert,
+    ast.comprehension,
+    ast.match_case,
+)
+DEFINITIONS = ast.FunctionDef | ast.AsyncFunctionDef
+# Files with functions that are larger, and how many.
+LARGER = {
+    'calibration/motion/calibration_check.py': 1,
+    'calibration/motion/fit.py': 2,
+    'calibration/motion/free_motion.py': 1,
+    'calibration/motion/outside_reference.py': 1,
+    'calibration/motion/readings.py': 1,
+    'calibration/motion/zero_search.py': 1,
+    'calibration/motor_bring_up.py': 1,
+    'calibration/recording.py': 1,
+    'calibration/report_picture.py': 1,
+    'description/urdf.py': 1,
+    'drives/drive_objects.py': 1,
+    'drives/drives.py': 3,
+    'drives/plan.py': 1,
+    'encoders/bus_scan.py': 1,
+    'encoders/can_source.py': 1,
+    'encoders/dbc_file.py': 1,
+    'encoders/decoder_factory.py': 3,
+    'encoders/frame_decoder.py': 1,
+    'encoders/log_file.py': 1,
+    'encoders/node_setup.py': 1,
+    'encoders/rig_lines.py': 2,
+    'encoders/scan_report.py': 3,
+    'encoders/set_assembler.py': 3,
+    'kinematics/estimation/estimates.py': 1,
+    'kinematics/estimation/gauss_newton.py': 2,
+    'kinematics/estimation/normal_equations.py': 1,
+    'nodes/encoder_driver.py': 1,
+    'parameters/axes.py': 1,
+    'simulation/bus_runner.py': 1,
+    'simulation/device_quirks.py': 1,
+    'simulation/fault_injection.py': 1,
+    'simulation/rig.py': 1,
+    'simulation/simulated_bus.py': 2,
+    'simulation/simulated_drive.py': 3,
+    'simulation/simulated_nodes.py': 2,
+    'supervision/exposure.py': 1,
+    'supervision/fault.py': 2,
+    'supervision/joint_monitor.py': 1,
+    'supervision/joint_monitors.py': 2,
+    'supervision/protection.py': 1,
+    'supervision/rivals.py': 2,
+    'supervision/supervisor.py': 2,
+    'tools/calibrate.py': 2,
+    'tools/calibrate_motion.py': 2,
+    'tools/calibration_verdict.py': 1,
+    'tools/can_scan.py': 2,
+    'tools/can_setup.py': 2,
+    'tools/force_check.py': 2,
+    'tools/sim_bus.py': 2,
+    'tools/validate.py': 1,
+    'validation/bags.py': 1,
+    'validation/recordings.py': 1,
+}
+
+
+def inside(function):
+    """Yield the nodes of a function without those of functions and classes in it."""
+    todo = list(ast.iter_child_nodes(function))
+    while todo:
+        node = todo.pop()
+        if not isinstance(node, DEFINITIONS | ast.ClassDef):
+            yield node
+            todo += ast.iter_child_nodes(node)
+
+
+def complexity(function):
+    """Return McCabe's number: one more than there are decisions."""
+    number = 1
+    for node in inside(function):
+        number += isinstance(node, DECISIONS)
+        if isinstance(node, ast.BoolOp):
+            number += len(node.values) - 1
+        if isinstance(node, ast.comprehension):
+            number += len(node.ifs)
+    return number
+
+
+def lines(function):
+    """Return the lines of a function without its docstring."""
+    first = function.body[0]
+    has_docstring = ast.get_docstring(function, clean=False) is not None
+    docstring = first.end_lineno - first.lineno + 1 if has_docstring else 0
+    return function.end_lineno - function.lineno + 1 - docstring
+
+
+def larger(path):
+    """Return the names of the functions of a file that are larger."""
+    return [
+        node.name
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, DEFINITIONS) and (complexity(node) > COMPLEXITY or lines(node) > LINES)
+    ]
+
+
+def test_a_function_fits_a_page_and_has_few_decisions():
+    package = ROOT / 'spm_haptic_master'
+    found = {path.relative_to(package).as_posix(): larger(path) for path in package.rglob('*.py')}
+    too_many = {path: names for path, names in found.items() if len(names) > LARGER.get(path, 0)}
+    assert not too_many
+
+
+def test_decisions_of_operators_and_comprehensions_count():
+    function = ast.parse('def f(x):\n    return [a for a in x if a and a > 1 or a < -1]').body[0]
+    assert complexity(function) == 5
