@@ -44,7 +44,6 @@ from spm_haptic_master.kinematics.estimation.gauss_newton import (
     DETERMINED_VARIANCE,
     fit,
     fit_rows,
-    one_step,
     SampleEstimate,
 )
 from spm_haptic_master.kinematics.estimation.normal_equations import State
@@ -68,7 +67,8 @@ AMBIGUOUS_COST = 9.0
 CONSISTENT = 10.0
 # Largest angle between two results of one solution (rad), and between one and that of another
 # method or of a single step (its total standard deviation).
-SAME_SOLUTION, SAME_DEVIATIONS = 1e-4, 6.0
+SAME_SOLUTION = 1e-4
+SAME_DEVIATIONS = 6.0
 
 
 def estimate_sample(
@@ -83,18 +83,43 @@ def estimate_sample(
     """
     Maximum-likelihood orientation of one sample in plain floats, for the 1 kHz path.
 
-    Nothing is validated. `readings` are finite numbers of the N mounted sensors th1A, th1B, th1C,
-    th3A, th3B, th3C, rad; a sensor that is left out may have NaN.
+    Nothing is validated.
 
-    `prior`, the quaternion x, y, z, w of the last orientation, selects among solutions with a
-    parity up to `consistent` (unit 1), and has no weight in the result. Three
-    sensors require one (InputError); without th3A, not within 4 deg of the parallel singularity.
-    `working_mode` are the signs of B_kk of the legs A, B, C (eq. 10); by default the readings
-    decide. A leg without a sensor in use may have any. The last step is at most `last_step`, rad.
+    Parameters
+    ----------
+    readings : tuple of float
+        Finite numbers of the N mounted sensors th1A, th1B, th1C, th3A, th3B, th3C, rad; a sensor
+        that is left out may have NaN.
+    sensors : UsedSensors
+        Standard deviations, and which sensors are in use.
+    geometry : Geometry
+        Link angles and axes.
+    prior : tuple of four float, optional
+        Quaternion x, y, z, w of the last orientation. It selects among solutions with a parity up
+        to `consistent`, and has no weight in the result. Three sensors require one; without th3A,
+        not within 4 deg of the parallel singularity.
+    working_mode : tuple of three int, optional
+        Signs of B_kk of the legs A, B, C (eq. 10); by default the readings decide. A leg without a
+        sensor in use may have any.
+    last_step : float
+        Largest last Gauss-Newton step, rad.
+    consistent : float
+        Largest parity of a solution that the prior may select (unit 1).
 
-    SingularityError if two solutions explain the readings equally well and there is no prior, a
-    direction is not measured, or a leg is on the boundary of its working mode or in another one.
-    UnreachableError if the mechanism does not close near the readings.
+    Returns
+    -------
+    SampleEstimate
+
+    Raises
+    ------
+    InputError
+        Three sensors are in use and there is no prior.
+    SingularityError
+        Two solutions explain the readings equally well and there is no prior, a direction is not
+        measured, or a leg is on the boundary of its working mode or in another one.
+    UnreachableError
+        The mechanism does not close near the readings.
+
     """
     if sensors.usual:
         th1a, th1b, th1c, th3a = readings[:4]
@@ -103,12 +128,7 @@ def estimate_sample(
         if abs(determinant) > CLOSED_FORM_TRUST * sensors.largest:
             th2a = atan2(sine * determinant, cosine * determinant)
             start = th1a, th2a, th3a, th1b, th1c
-            # One step converges only where the last one may be large.
-            return (
-                last_step > CONVERGED_STEP
-                and one_step(start, view, readings, sensors, geometry, working_mode, last_step)
-                or fit(start, view, readings, sensors, geometry, working_mode, last_step)
-            )
+            return fit(start, view, readings, sensors, geometry, working_mode, last_step)
     return _estimate_others(
         readings, sensors, geometry, prior, working_mode, last_step, consistent
     )
@@ -283,49 +303,66 @@ def estimate(
     """
     Maximum-likelihood orientations from four to six joint sensors.
 
-    `th1` (..., 3) are the active joints A, B, C, and `theta3a`, `theta3b`, `theta3c` (...) the
-    second passive joints of their legs, rad. `sigma`, rad, is one standard deviation for all N
-    readings, or N of th1A, th1B, th1C, th3A, th3B, th3C, from `SMALLEST_SIGMA` to `LARGEST_SIGMA`.
-    `prior` (..., 3, 3) is the last known orientation: it selects among solutions that the readings
-    do not contradict, and has no weight in the result. In a batch, rows of samples that would
-    raise on their own are NaN, and not determined.
+    The readings determine the working mode of each leg.
 
-    The readings determine the working mode of each leg. The covariance is of first order:
-    docs/evidence.md states where it holds.
+    Parameters
+    ----------
+    th1 : array_like, shape (..., 3)
+        Active joints A, B, C, rad.
+    theta3a : array_like, shape (...)
+        Leg A's second passive joint, rad.
+    sigma : float or array_like
+        Standard deviations of the N readings th1A, th1B, th1C, th3A, th3B, th3C, rad, from
+        `SMALLEST_SIGMA` to `LARGEST_SIGMA`: one for all, or N.
+    geometry : Geometry
+        Link angles and axes.
+    prior : array_like, shape (..., 3, 3), optional
+        The last known orientation R_base_platform. It selects among solutions that the readings do
+        not contradict, and has no weight in the result.
+    theta3b, theta3c : array_like, shape (...), optional
+        Second passive joints of the legs B and C, of the fifth and the sixth sensor, rad.
 
+    Returns
+    -------
+    Estimate
+        In a batch, rows of samples that would raise on their own are NaN, and not determined. The
+        covariance is of first order: docs/evidence.md states where it holds.
+
+    Raises
+    ------
+    InputError
+        An argument has a wrong type, shape or value; a NaN in a batch raises, too.
+    SingularityError
+        A single sample does not determine the orientation (see `estimate_sample`).
+    UnreachableError
+        The mechanism does not close near a single sample.
+
+    Notes
+    -----
     The parity of four sensors detects a faulty one but does not isolate it; near a parallel
     singularity the active sensors cannot check th3A. With th3B every sensor is checked everywhere;
     with th3C the direction of the parity vector isolates the faulty one.
 
-    InputError if an argument has a wrong type, shape or value, or a batch has a NaN;
-    SingularityError if a single sample does not determine the orientation (see `estimate_sample`),
-    UnreachableError if the mechanism does not close near it.
     """
     check_geometry(geometry)
-    if theta3b is None and theta3c is not None:
-        raise InputError('theta3b = None: expected the fifth sensor, since theta3c is given')
     active = check_angles('th1', th1, (3,))
-    names = ['theta3a', 'theta3b', 'theta3c'][: 1 + (theta3b is not None) + (theta3c is not None)]
-    passive = [
-        check_angles(name, angle, ())
-        for name, angle in zip(names, (theta3a, theta3b, theta3c), strict=False)
-    ]
-    number = 3 + len(passive)
-    sensors = UsedSensors(_check_sigma(sigma, number))
+    passive = _checked_passive(theta3a, theta3b, theta3c)
+    sensors = UsedSensors(_check_sigma(sigma, 3 + len(passive)))
     shapes = [active.shape[:-1], *[angle.shape for angle in passive]]
     last: Array | None = None
     if prior is not None:
         last = quaternion_from_matrix(check_rotations('prior', prior))
         shapes.append(last.shape[:-1])
     # One sample is the usual case: its check would cost as much as all but the estimate.
-    batch = check_broadcast(', '.join(['th1', *names, 'prior']), *shapes) if any(shapes) else ()
+    names = ['th1', 'theta3a', 'theta3b', 'theta3c'][: 1 + len(passive)]
+    batch = check_broadcast(', '.join([*names, 'prior']), *shapes) if any(shapes) else ()
     if not batch:
         readings = (*active.tolist(), *[angle.item() for angle in passive])
         return _estimate_one(readings, sensors, geometry, last)
     rows = np.stack(
         [np.broadcast_to(angle, batch) for angle in (*np.moveaxis(active, -1, 0), *passive)],
         axis=-1,
-    ).reshape(-1, number)
+    ).reshape(-1, len(sensors.sigma))
     priors = None if last is None else np.broadcast_to(last, batch + (4,)).reshape(-1, 4)
     result = _estimate_rows(rows, sensors, geometry, priors)
     return Estimate(
@@ -334,6 +371,20 @@ def estimate(
             for name in Estimate.__slots__
         )
     )
+
+
+def _checked_passive(
+    theta3a: ArrayLike, theta3b: ArrayLike | None, theta3c: ArrayLike | None
+) -> list[Array]:
+    """Return the given ones of th3A, th3B, th3C as arrays of angles, rad."""
+    if theta3b is None and theta3c is not None:
+        raise InputError('theta3b = None: expected the fifth sensor, since theta3c is given')
+    passive = [check_angles('theta3a', theta3a, ())]
+    if theta3b is not None:
+        passive.append(check_angles('theta3b', theta3b, ()))
+    if theta3c is not None:
+        passive.append(check_angles('theta3c', theta3c, ()))
+    return passive
 
 
 def _estimate_rows(

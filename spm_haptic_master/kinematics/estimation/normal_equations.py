@@ -17,23 +17,21 @@ of the next sensor from the estimate of those before it, over its standard devia
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 import math
-from typing import TypeAlias
+from typing import Generic, TypeAlias
 
-from spm_haptic_master.exceptions import SingularityError
-from spm_haptic_master.kinematics.geometry import Geometry
+from spm_haptic_master.kinematics.geometry import Geometry, Leg
 from spm_haptic_master.kinematics.joints import FEWEST_USED, UsedSensors
 from spm_haptic_master.kinematics.leg_kernels import (
-    common_turn,
     Linkage,
-    linkage,
     passive_axes,
     Turn,
-    turn_equation,
     turn_through_link,
     View,
 )
-from spm_haptic_master.kinematics.number_backends import Backend, FLOATS, N, Rotation, Vector
+from spm_haptic_master.kinematics.number_backends import Backend, N, Rotation, Vector
+from spm_haptic_master.kinematics.vectors import about_z, cross, dot
 
 TURN = 2.0 * math.pi
 State: TypeAlias = tuple[N, N, N, N, N]
@@ -44,9 +42,8 @@ Legs: TypeAlias = tuple[Closure[N], Closure[N]]
 Row: TypeAlias = tuple[N, N, N, N, float]
 # Cosines and sines of th1A, th2A and th3A (unit 1).
 Turns: TypeAlias = tuple[Turn[N], Turn[N], Turn[N]]
-# The row of a sensor that is left out; closure of a leg without a sensor, and that row.
+# The row of a sensor that is left out, and the closure of a leg without a sensor.
 NO_ROW = 0.0, 0.0, 0.0, 0.0, 0.0
-NO_LEG = NO_ROW, NO_ROW
 Symmetric: TypeAlias = tuple[N, N, N, N, N, N]
 # Covariance of the rotation error with the errors of th1A, th2A, th3A, rad^2.
 Motions: TypeAlias = tuple[Vector[N], Vector[N], Vector[N]]
@@ -76,32 +73,16 @@ def linearise(
     turn_1, turn_3, leg_b, leg_c = view
     weight_a, weight_b, weight_c, weight_3, weight_3b, weight_3c = sensors.weights
     turns = turn_1, (m.cos(th2a), m.sin(th2a)), turn_3
-    closure_b, row_b = (
-        closed_leg(
-            turns,
-            leg_b,
-            g,
-            1,
-            readings[4] if weight_3b else None,
-            weight_3b,
-            m,
-        )
-        if weight_b or weight_3b
-        else NO_LEG
-    )
-    closure_c, row_c = (
-        closed_leg(
-            turns,
-            leg_c,
-            g,
-            2,
-            readings[5] if weight_3c else None,
-            weight_3c,
-            m,
-        )
-        if weight_c or weight_3c
-        else NO_LEG
-    )
+    closure_b: Closure[N] = NO_ROW
+    closure_c: Closure[N] = NO_ROW
+    row_b: Row[N] = NO_ROW
+    row_c: Row[N] = NO_ROW
+    if weight_b or weight_3b:
+        reading = readings[4] if weight_3b else None
+        closure_b, row_b = closed_leg(turns, leg_b, g, 1, reading, weight_3b, m)
+    if weight_c or weight_3c:
+        reading = readings[5] if weight_3c else None
+        closure_c, row_c = closed_leg(turns, leg_c, g, 2, reading, weight_3c, m)
     left_b, b1, b2, b3, _ = closure_b
     left_c, d1, d2, d3, _ = closure_c
     rows = (
@@ -113,6 +94,43 @@ def linearise(
         row_c,
     )
     return (closure_b, closure_c), rows[: 4 + sensors.further]
+
+
+@dataclass(slots=True)
+class LegAxes(Generic[N]):
+    """
+    The axes of leg B or C, and leg A's first one, after leg A's second joint (unit 1).
+
+    Attributes
+    ----------
+    carrier_first : vector
+        Z1A.
+    first, second, third : vector
+        Z1k, Z2k, Z3k.
+    reciprocal : number
+        1 / B_kk with the sign of Z1k . (Z3k x Z2k).
+
+    """
+
+    carrier_first: Vector[N]
+    first: Vector[N]
+    second: Vector[N]
+    third: Vector[N]
+    reciprocal: N
+
+    def rates(self, moment: Vector[N], carrier: Leg) -> Vector[N]:
+        """
+        Return the rates of an angle along th1A, th2A, th3A (unit 1).
+
+        A turn of the platform about a unit axis changes the angle at the rate
+        axis . moment / B_kk; the platform turns about Z1A, Z2A = z and Z3A.
+        """
+        _, y, z = moment
+        return (
+            dot(self.carrier_first, moment) * self.reciprocal,
+            z * self.reciprocal,
+            (carrier.cos_beta * z - carrier.sin_beta * y) * self.reciprocal,
+        )
 
 
 def closed_leg(
@@ -129,48 +147,56 @@ def closed_leg(
 
     `reading` is the sensor's, rad; None for a sensor that is left out.
     """
-    (c1, s1), (c2, s2), (c3, s3) = turns
-    (dx, dy, dz), (vx, vy, vz), cos_beta = view
-    carrier, carried = g.legs[0], g.carried[place - 1]
-    ux, uy, uz = turn_through_link(c1, -s1, carried.first)
-    # Z1A, and Z1k and Z2k from before leg A's second joint to after it.
-    ax, ay, az = carrier.sin_alpha * s2, carrier.sin_alpha * c2, carrier.cos_alpha
-    dx, dy, ux, uy = c2 * dx + s2 * dy, c2 * dy - s2 * dx, c2 * ux + s2 * uy, c2 * uy - s2 * ux
+    (c1, s1), (c2, s2), turn_3 = turns
+    second, third, cos_beta = view
+    carrier: Leg = g.legs[0]
+    carried = g.carried[place - 1]
+    first = about_z(c2, -s2, turn_through_link(c1, -s1, carried.first))
+    second = about_z(c2, -s2, second)
     # A turn of the platform about a unit axis changes Z2k . Z3k at the rate axis . (Z3k x Z2k).
-    x, y, z = vy * dz - vz * dy, vz * dx - vx * dz, vx * dy - vy * dx
+    moment: Vector[N] = cross(third, second)
     # Along the leg's own active angle it changes at the rate B_kk = -Z1k . (Z3k x Z2k).
-    along = ux * x + uy * y + uz * z
-    reciprocal = m.mode_reciprocal(along)
-    left = -(dx * vx + dy * vy + dz * vz - cos_beta) * reciprocal
-    closure = (
-        left,
-        (ax * x + ay * y + az * z) * reciprocal,
-        z * reciprocal,
-        (carrier.cos_beta * z - carrier.sin_beta * y) * reciprocal,
-        -along,
+    along = dot(first, moment)
+    axes: LegAxes[N] = LegAxes(
+        carrier_first=(carrier.sin_alpha * s2, carrier.sin_alpha * c2, carrier.cos_alpha),
+        first=first,
+        second=second,
+        third=third,
+        reciprocal=m.mode_reciprocal(along),
     )
+    left = (cos_beta - dot(second, third)) * axes.reciprocal
+    rate_1, rate_2, rate_3 = axes.rates(moment, carrier)
+    closure: Closure[N] = left, rate_1, rate_2, rate_3, -along
     if reading is None:
         return closure, NO_ROW
+    residual, rates = _third_joint(axes, moment, turn_3, g, place, reading, m)
+    rate_1, rate_2, rate_3 = rates
+    residual = residual + _rate_of_third(axes, g.legs[place]) * left
+    return closure, (residual, rate_1, rate_2, rate_3, weight)
+
+
+def _third_joint(
+    axes: LegAxes[N],
+    moment: Vector[N],
+    turn_3: Turn[N],
+    g: Geometry,
+    place: int,
+    reading: N,
+    m: Backend[N],
+) -> tuple[N, Vector[N]]:
+    """Return reading less th3k, rad, and the rates of th3k along th1A, th2A, th3A."""
     # Z2k is (sin beta sin th3k, sin beta cos th3k, cos beta) in the frame Q_k of the platform.
-    # As turn_through_link(c3, s3, carried.zero) does, without its call.
-    zx, zy, cx, cy, sz, sx, sy, cz = carried.zero
-    ex, ey, ez = c3 * zx - s3 * zy, s3 * cx + c3 * cy - sz, s3 * sx + c3 * sy + cz
-    sine, cosine = ex * dx + ey * dy + ez * dz, -(ex * x + ey * y + ez * z)
-    angle = m.remainder(reading - m.atan2(sine, cosine), TURN)
-    # A turn of Z2k about Z1k alone changes th3k at the rate (Z2k x Z3k).(Z1k x Z2k) / sin^2 beta.
-    leg = g.legs[place]
-    rate = (leg.cos_alpha * leg.cos_beta - vx * ux - vy * uy - vz * uz) / (
-        leg.sin_beta * leg.sin_beta
-    )
-    # A turn of the platform changes it at the rate axis . (Z1k x Z2k) / B_kk.
-    x, y, z = dy * uz - dz * uy, dz * ux - dx * uz, dx * uy - dy * ux
-    return closure, (
-        angle + rate * left,
-        (ax * x + ay * y + az * z) * reciprocal,
-        z * reciprocal,
-        (carrier.cos_beta * z - carrier.sin_beta * y) * reciprocal,
-        weight,
-    )
+    zero = turn_through_link(*turn_3, g.carried[place - 1].zero)
+    th3 = m.atan2(dot(zero, axes.second), -dot(zero, moment))
+    # A turn of the platform changes th3k at the rate axis . (Z2k x Z1k) / Z1k . (Z3k x Z2k).
+    rates = axes.rates(cross(axes.second, axes.first), g.legs[0])
+    return m.remainder(reading - th3, TURN), rates
+
+
+def _rate_of_third(axes: LegAxes[N], leg: Leg) -> N:
+    """Return the rate of th3k along th1k alone: (Z2k x Z3k) . (Z1k x Z2k) / sin^2 beta."""
+    product = leg.cos_alpha * leg.cos_beta - dot(axes.third, axes.first)
+    return product / (leg.sin_beta * leg.sin_beta)
 
 
 def normal_equations(rows: tuple[Row[N], ...]) -> tuple[Vector[N], Symmetric[N], N, N]:
@@ -183,17 +209,35 @@ def normal_equations(rows: tuple[Row[N], ...]) -> tuple[Vector[N], Symmetric[N],
     (left_a, _, _, _, weight_a), row_b, row_c, (left_3, _, _, _, weight_3), *further = rows
     # th1A and th3A are coordinates themselves.
     zero: N = 0.0
-    n11, n12, n13 = zero + weight_a, zero, zero
-    n22, n23, n33 = zero, zero, zero + weight_3
-    y1, y2, y3 = weight_a * left_a, zero, zero
+    n11 = zero + weight_a
+    n12 = zero
+    n13 = zero
+    n22 = zero
+    n23 = zero
+    n33 = zero + weight_3
+    y1 = weight_a * left_a
+    y2 = zero
+    y3 = zero
     for residual, x, y, z, weight in (row_b, row_c, *further):
-        wx, wy, wz = weight * x, weight * y, weight * z
-        n11, n12, n13 = n11 + wx * x, n12 + wy * x, n13 + wz * x
-        n22, n23, n33 = n22 + wy * y, n23 + wz * y, n33 + wz * z
-        y1, y2, y3 = y1 + wx * residual, y2 + wy * residual, y3 + wz * residual
+        wx = weight * x
+        wy = weight * y
+        wz = weight * z
+        n11 = n11 + wx * x
+        n12 = n12 + wy * x
+        n13 = n13 + wz * x
+        n22 = n22 + wy * y
+        n23 = n23 + wz * y
+        n33 = n33 + wz * z
+        y1 = y1 + wx * residual
+        y2 = y2 + wy * residual
+        y3 = y3 + wz * residual
     y3 = y3 + weight_3 * left_3
-    e11, e12, e13 = n22 * n33 - n23 * n23, n13 * n23 - n12 * n33, n12 * n23 - n13 * n22
-    e22, e23, e33 = n11 * n33 - n13 * n13, n12 * n13 - n11 * n23, n11 * n22 - n12 * n12
+    e11 = n22 * n33 - n23 * n23
+    e12 = n13 * n23 - n12 * n33
+    e13 = n12 * n23 - n13 * n22
+    e22 = n11 * n33 - n13 * n13
+    e23 = n12 * n13 - n11 * n23
+    e33 = n11 * n22 - n12 * n12
     return (
         (y1, y2, y3),
         (e11, e12, e13, e22, e23, e33),
@@ -213,8 +257,12 @@ def gauss_newton_step(
     (fb, b1, b2, b3, _), (fc, c1, c2, c3, _) = legs
     e11, e12, e13, e22, e23, e33 = entries
     y1, y2, y3 = right
-    p11, p12, p13 = e11 / determinant, e12 / determinant, e13 / determinant
-    p22, p23, p33 = e22 / determinant, e23 / determinant, e33 / determinant
+    p11 = e11 / determinant
+    p12 = e12 / determinant
+    p13 = e13 / determinant
+    p22 = e22 / determinant
+    p23 = e23 / determinant
+    p33 = e33 / determinant
     d1 = p11 * y1 + p12 * y2 + p13 * y3
     d2 = p12 * y1 + p22 * y2 + p23 * y3
     d3 = p13 * y1 + p23 * y2 + p33 * y3
@@ -233,134 +281,141 @@ def in_base_frame(
 ) -> tuple[Rotation[N], Motions[N]]:
     """Covariance of the rotation error in the base frame, and with errors of th1A, th2A, th3A."""
     # The platform turns about Z1A, Z2A and Z3A.
-    x1, y1, z1 = g.legs[0].first
-    (x2, y2, z2), (x3, y3, z3) = passive_axes(
-        m.cos(th1a), m.sin(th1a), m.cos(th2a), m.sin(th2a), g
-    )
+    first = g.legs[0].first
+    second, third = passive_axes(m.cos(th1a), m.sin(th1a), m.cos(th2a), m.sin(th2a), g)
     p11, p12, p13, p22, p23, p33 = covariance
-    ax, ay, az = (
-        x1 * p11 + x2 * p12 + x3 * p13,
-        y1 * p11 + y2 * p12 + y3 * p13,
-        z1 * p11 + z2 * p12 + z3 * p13,
-    )
-    bx, by, bz = (
-        x1 * p12 + x2 * p22 + x3 * p23,
-        y1 * p12 + y2 * p22 + y3 * p23,
-        z1 * p12 + z2 * p22 + z3 * p23,
-    )
-    cx, cy, cz = (
-        x1 * p13 + x2 * p23 + x3 * p33,
-        y1 * p13 + y2 * p23 + y3 * p33,
-        z1 * p13 + z2 * p23 + z3 * p33,
-    )
-    xy, xz = y1 * ax + y2 * bx + y3 * cx, z1 * ax + z2 * bx + z3 * cx
-    yz = z1 * ay + z2 * by + z3 * cy
+    motion_1 = _combined(first, second, third, (p11, p12, p13))
+    motion_2 = _combined(first, second, third, (p12, p22, p23))
+    motion_3 = _combined(first, second, third, (p13, p23, p33))
+    rows = tuple(zip(motion_1, motion_2, motion_3, strict=True))
+    x_axis, y_axis, z_axis = zip(first, second, third, strict=True)
+    xx = dot(x_axis, rows[0])
+    xy = dot(y_axis, rows[0])
+    xz = dot(z_axis, rows[0])
+    yy = dot(y_axis, rows[1])
+    yz = dot(z_axis, rows[1])
+    zz = dot(z_axis, rows[2])
+    return (xx, xy, xz, xy, yy, yz, xz, yz, zz), (motion_1, motion_2, motion_3)
+
+
+def _combined(u: Vector[N], v: Vector[N], w: Vector[N], factors: Vector[N]) -> Vector[N]:
+    """Return the combination of three vectors by three factors."""
+    p, q, r = factors
     return (
-        x1 * ax + x2 * bx + x3 * cx,
-        xy,
-        xz,
-        xy,
-        y1 * ay + y2 * by + y3 * cy,
-        yz,
-        xz,
-        yz,
-        z1 * az + z2 * bz + z3 * cz,
-    ), ((ax, ay, az), (bx, by, bz), (cx, cy, cz))
+        u[0] * p + v[0] * q + w[0] * r,
+        u[1] * p + v[1] * q + w[1] * r,
+        u[2] * p + v[2] * q + w[2] * r,
+    )
 
 
 def parities(
     rows: tuple[Row[N], ...], sensors: UsedSensors, covariance: Symmetric[N], m: Backend[N]
 ) -> tuple[tuple[N, ...], tuple[ParityRow[N], ...]]:
-    """Parity vector, and its changes with the readings; 0 where only rounding makes them."""
+    """
+    Return the parity vector, and its changes with the readings; 0 where only rounding makes them.
+
+    Parameters
+    ----------
+    rows : tuple of Row
+        Of the N mounted sensors, by `linearise`.
+    sensors : UsedSensors
+        Which are in use; with three there is no parity.
+    covariance : Symmetric
+        Of th1A, th2A, th3A from all sensors in use, rad^2.
+    m : Backend
+        Elementary functions.
+
+    Returns
+    -------
+    vector : tuple of number
+        Parities of unit variance; one sensor fewer than the next each, the first of four.
+    changes : tuple of ParityRow
+        Change of each parity with the N readings, 1 / rad.
+
+    """
     if sensors.count == FEWEST_USED:
         return (), ()
-    places = sensors.used
-    p11, p12, p13, p22, p23, p33 = covariance
-    lines: list[list[N]] = []
+    lines = []
     # Backwards: the covariance is of all sensors, then without the last, and so on.
-    for index in range(sensors.count - 1, 3, -1):
-        place = places[index]
-        _, x, y, z, weight = rows[place]
-        g1, g2, g3 = (
-            p11 * x + p12 * y + p13 * z,
-            p12 * x + p22 * y + p23 * z,
-            p13 * x + p23 * y + p33 * z,
-        )
-        # The variance of the sensor's residual in the fit, which it has drawn, over its own.
-        share = 1.0 - weight * (x * g1 + y * g2 + z * g3)
-        size = m.reciprocal_root(share, NO_SHARE) / sensors.sigma[place]
-        line: list[N] = [0.0] * len(rows)
-        for before in places[:index]:
-            _, x, y, z, weight = rows[before]
-            line[before] = -size * weight * (x * g1 + y * g2 + z * g3)
-        line[place] = size * share
+    for index in range(sensors.count - 1, FEWEST_USED, -1):
+        line, covariance = _comparison(rows, sensors, index, covariance, m)
         lines.append(line)
-        size = size * size
-        h1, h2, h3 = size * g1, size * g2, size * g3
-        p11, p12, p13 = p11 + h1 * g1, p12 + h1 * g2, p13 + h1 * g3
-        p22, p23, p33 = p22 + h2 * g2, p23 + h2 * g3, p33 + h3 * g3
-    # The one combination of the first four residuals that no motion of the platform changes.
-    p, q, r, s = (rows[place][1:4] for place in places[:4])
-    parts = -_volume(q, r, s), _volume(p, r, s), -_volume(p, q, s), _volume(p, q, r)
+    lines.append(_parity_of_four(rows, sensors, m))
+    lines.reverse()
+    return tuple([_parity(line, rows) for line in lines]), tuple(lines)
+
+
+def _comparison(
+    rows: tuple[Row[N], ...],
+    sensors: UsedSensors,
+    index: int,
+    covariance: Symmetric[N],
+    m: Backend[N],
+) -> tuple[ParityRow[N], Symmetric[N]]:
+    """
+    Compare one sensor in use with the estimate of those before it.
+
+    Return the change of that parity with the readings, and the covariance without the sensor.
+    """
+    places = sensors.used
+    place = places[index]
+    p11, p12, p13, p22, p23, p33 = covariance
+    _, x, y, z, weight = rows[place]
+    gain = (
+        p11 * x + p12 * y + p13 * z,
+        p12 * x + p22 * y + p23 * z,
+        p13 * x + p23 * y + p33 * z,
+    )
+    # The variance of the sensor's residual in the fit, which it has drawn, over its own.
+    share = 1.0 - weight * dot((x, y, z), gain)
+    size = m.reciprocal_root(share, NO_SHARE) / sensors.sigma[place]
+    line: list[N] = [0.0] * len(rows)
+    for before in places[:index]:
+        _, x, y, z, weight = rows[before]
+        line[before] = -size * weight * dot((x, y, z), gain)
+    line[place] = size * share
+    g1, g2, g3 = gain
+    h1 = size * size * g1
+    h2 = size * size * g2
+    h3 = size * size * g3
+    without = (
+        p11 + h1 * g1,
+        p12 + h1 * g2,
+        p13 + h1 * g3,
+        p22 + h2 * g2,
+        p23 + h2 * g3,
+        p33 + h3 * g3,
+    )
+    return tuple(line), without
+
+
+def _parity_of_four(rows: tuple[Row[N], ...], sensors: UsedSensors, m: Backend[N]) -> ParityRow[N]:
+    """
+    Return the change, with the readings, of the parity of the first four sensors in use.
+
+    It is the one combination of their residuals that no motion of the platform changes.
+    """
+    places = sensors.used[:4]
+    p, q, r, s = (rows[place][1:4] for place in places)
+    parts = (
+        -dot(q, cross(r, s)),
+        dot(p, cross(r, s)),
+        -dot(p, cross(q, s)),
+        dot(p, cross(q, r)),
+    )
     variance: N = 0.0
-    for part, place in zip(parts, places[:4], strict=True):
+    for part, place in zip(parts, places, strict=True):
         variance = variance + part * part / sensors.weights[place]
     scale = m.reciprocal_root(variance, 0.0)
-    line = [0.0] * len(rows)
-    for part, place in zip(parts, places[:4], strict=True):
+    line: list[N] = [0.0] * len(rows)
+    for part, place in zip(parts, places, strict=True):
         line[place] = scale * part
-    lines.append(line)
-    vector: list[N] = []
-    for line in reversed(lines):
-        parity: N = 0.0
-        for part, row in zip(line, rows, strict=True):
-            parity = parity + part * row[0]
-        vector.append(parity)
-    return tuple(vector), tuple(map(tuple, reversed(lines)))
+    return tuple(line)
 
 
-def _volume(p: Vector[N], q: Vector[N], r: Vector[N]) -> N:
-    """Return the determinant of three rows."""
-    p1, p2, p3 = p
-    q1, q2, q3 = q
-    r1, r2, r3 = r
-    return p1 * (q2 * r3 - q3 * r2) + p2 * (q3 * r1 - q1 * r3) + p3 * (q1 * r2 - q2 * r1)
-
-
-def theta3a_gains(
-    th1a: float, th1b: float, th1c: float, th3a: float, geometry: Geometry
-) -> tuple[Vector[float], ...]:
-    """
-    Gains of Case 2: rotation vectors in the base frame, rad per rad of th1A, th1B, th1C, th3A.
-
-    The closed form weighs the closures of legs B and C by their terms N1 and N2, not by the noise
-    of their sensors, so that its gains are not those of the estimate. SingularityError if the
-    closures do not determine th2A, or a leg is on the boundary of its working mode.
-    """
-    turn_1, turn_3, leg_b, leg_c = linkage(th1a, th1b, th1c, th3a, geometry, FLOATS)
-    first, second = turn_equation(*leg_b), turn_equation(*leg_c)
-    cosine, sine, determinant = common_turn(first, second)
-    th2a = math.atan2(sine * determinant, cosine * determinant)
-    c2, s2 = math.cos(th2a), math.sin(th2a)
-    (_, b1, b2, b3, _), (_, d1, d2, d3, _) = (
-        closed_leg((turn_1, (c2, s2), turn_3), view, geometry, place, None, 0.0, FLOATS)[0]
-        for place, view in ((1, leg_b), (2, leg_c))
-    )
-    if b2 == 0.0 or d2 == 0.0 or determinant == 0.0:
-        raise SingularityError('the closures of legs B and C do not determine th2A')
-    # Share of leg B's closure in th2A, of the linear system's solution at consistent readings.
-    (l1, m1, n1), (l2, m2, n2) = first, second
-    share_b = n2 * (l1 * s2 - m1 * c2)
-    share_c = n1 * (m2 * c2 - l2 * s2)
-    share_b, share_c = share_b / (share_b + share_c), share_c / (share_b + share_c)
-    along = (
-        -share_b * b1 / b2 - share_c * d1 / d2,
-        share_b / b2,
-        share_c / d2,
-        -share_b * b3 / b2 - share_c * d3 / d2,
-    )
-    (x2, y2, z2), (x3, y3, z3) = passive_axes(*turn_1, c2, s2, geometry)
-    x1, y1, z1 = geometry.legs[0].first
-    gains = [(each * x2, each * y2, each * z2) for each in along]
-    (xa, ya, za), (xe, ye, ze) = gains[0], gains[3]
-    return (xa + x1, ya + y1, za + z1), gains[1], gains[2], (xe + x3, ye + y3, ze + z3)
+def _parity(line: ParityRow[N], rows: tuple[Row[N], ...]) -> N:
+    """Return a parity from its changes with the readings and the residuals."""
+    parity: N = 0.0
+    for change, row in zip(line, rows, strict=True):
+        parity = parity + change * row[0]
+    return parity

@@ -164,7 +164,8 @@ def _fitted(
 def _one_reading_a_leg(known: Readings, g: Geometry) -> Iterator[State[float]]:
     """Yield starts from three readings, one of each leg: leg A carries the platform."""
     leg = g.legs[0]
-    th1, th3 = known[0], known[3]
+    th1 = known[0]
+    th3 = known[3]
     (first,), (second,) = closures(known, 1, g), closures(known, 2, g)
 
     def equations(cosine: float, sine: float) -> tuple[Vector[float], Vector[float]]:
@@ -276,7 +277,8 @@ def implied_fault(
         cxz * x + cyz * y + czz * z,
     )
     sigma = used.sigma[sensor]
-    moved, square = bias[sensor], 1.0
+    moved = bias[sensor]
+    square = 1.0
     for other in used.used:
         gain = abs(dot(rows[other], along)) * used.weights[other]
         moved += gain * bias[other]
