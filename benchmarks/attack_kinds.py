@@ -20,7 +20,6 @@ from benchmarks.attack_scene import (
     Choices,
     HAND_SPEED,
     Impossible,
-    ONSET,
     Scene,
     thinned,
 )
@@ -32,6 +31,8 @@ Array = Any
 
 # Self-rotation at the parallel singularity in the workspace's centre, deg.
 SINGULAR_DEG = 49.36
+# Time in which a turn comes to its speed, over some four (s).
+RISE_TIME = 0.012
 
 
 def named(sensors: Sequence[int]) -> str:
@@ -279,8 +280,14 @@ def stuck_in_motion(choices: Choices) -> Case:
     sensor = scene.sensor()
     pose = scene.pose(28.0)
     speed = choices.scaled('speed', 0.3, 5.0)
-    far = np.clip(times + ONSET - 0.05, 0.0, None) * speed * (0.2 if speed > 1.5 else 1.0)
-    rotations = turns((far - far[times >= 0.0][0])[:, None] * choices.axis('turn')) @ pose
+    lead = choices.between('lead', 0.05, 0.3)
+    tail = choices.between('tail', 0.03, 0.4)
+    # The turn begins and ends within some 50 ms, before and after the fault.
+    rise = np.logaddexp(0.0, (times + lead) / RISE_TIME) - np.logaddexp(
+        0.0, (times - tail) / RISE_TIME
+    )
+    far = speed * RISE_TIME * rise
+    rotations = turns((far - speed * lead)[:, None] * choices.axis('turn')) @ pose
     angles = scene.true_readings(rotations)
     angles[times >= 0.0, sensor] = angles[times >= 0.0, sensor][0]
     readings_words = f'{named([sensor])} stuck at {speed:.2f} rad/s'
