@@ -17,6 +17,17 @@ canopen = pytest.importorskip('canopen')
 # Types of an object by its size in bytes, by CiA 301.
 TYPES = {1: 0x05, 2: 0x06, 4: 0x07}
 DEVICE_TYPE = 0x00010196
+# Objects with subindices, also where a device has only the first of them.
+RECORDS = (
+    0x1010,
+    0x1016,
+    0x1018,
+    0x1029,
+    0x1400,
+    0x1600,
+    *range(0x1800, 0x1804),
+    *range(0x1A00, 0x1A04),
+)
 COUNTS = 16384
 
 
@@ -88,7 +99,7 @@ class ForeignEncoder:
         self.node_id, self.held, self.counts, self.syncs = node_id, held, 100 * node_id, 0
         self.network, self.stored = network, {}
         network.subscribe(0, self._on_nmt)
-        self.node = canopen.LocalNode(node_id, _dictionary(held))
+        self.node = canopen.LocalNode(node_id, dictionary_of(held))
         if on_write:
             self.node.add_write_callback(on_write)
         self.node.add_write_callback(self._on_store)
@@ -158,13 +169,14 @@ class ForeignEncoder:
             }
 
 
-def _dictionary(held):
+def dictionary_of(held):
+    """Return the object dictionary of a device that holds such objects."""
     dictionary = canopen.ObjectDictionary()
     for (index, subindex), entry in held.items():
         single = (
             len({place for at, place in held if at == index}) == 1
             and subindex == 0
-            and index not in (0x1A00, 0x1800, 0x1018, 0x1010)
+            and index not in RECORDS
         )
         variable = canopen.objectdictionary.ODVariable(f'{index:X}:{subindex}', index, subindex)
         variable.data_type, variable.access_type = TYPES[entry.size], entry.access

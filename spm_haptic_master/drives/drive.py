@@ -14,6 +14,7 @@ from spm_haptic_master.drives.drive_objects import drive_objects
 from spm_haptic_master.drives.passed_check import Identity
 from spm_haptic_master.drives.plan import DrivePlan, Plan, STATUS
 from spm_haptic_master.encoders import canopen
+from spm_haptic_master.encoders.node_setup import Comparison, Key
 from spm_haptic_master.exceptions import SetupError
 
 # Deviation of the torque from its command (share of it) that is a fault if it lasts (s). Below a
@@ -180,13 +181,14 @@ class Drive:
                 f'{canopen.DRIVE_PROFILE})'
             )
         self.identity = yield from self._read_identity()
-        found = []
-        for wanted in drive_objects(self._plan, self.own).every:
-            value = yield from self.read((wanted.index, wanted.subindex))
-            if not wanted.holds(value):
-                found.append(wanted.difference(value))
-        if found:
-            raise SetupError(f'{self.own.name}: {"; ".join(found)} (can_setup --write)')
+        wanted = drive_objects(self._plan, self.own)
+        values: dict[Key, int | None] = {}
+        for each in wanted.every:
+            values[each.key] = yield from self.read(each.key)
+        comparison = Comparison(wanted, values)
+        if comparison.different:
+            differences = '; '.join(comparison.hinted)
+            raise SetupError(f'{self.own.name}: {differences} (can_setup --drives --write)')
 
     def _read_identity(self) -> Generator[None, None, Identity]:
         vendor = yield from self.read(canopen.VENDOR_ID)

@@ -1,15 +1,24 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Required objects of a drive, for can_setup and for the check at the start."""
+"""
+Required objects of a drive, for can_setup and for the check at the start.
+
+Some drives lack objects that others have: EPOS4 has no 6072h, 1400h:05 and 1800h:05. What then has
+to be verified by hand is said with the object, and asked for once.
+"""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 from spm_haptic_master.drives import cia402
 from spm_haptic_master.drives.plan import DrivePlan, Plan
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.node_setup import (
+    Key,
     other_tpdos_off,
+    Present,
     wanted_pdo,
     WantedObject,
     WantedObjects,
@@ -25,103 +34,194 @@ INTEGER16 = 0x0003
 KEEP_STATE = 1
 # Exponent of a time in ms, as an INTEGER8.
 MILLI = 0xFD
+# Timers of the frames of a drive: of the status, of a torque with its controlword, of all torques.
+STATUS_TIMER = (canopen.TPDO_PARAMETERS, canopen.TPDO_EVENT_TIMER)
+TORQUE_TIMER = (canopen.RPDO_PARAMETERS, canopen.TPDO_EVENT_TIMER)
+COMBINED_TIMER = (canopen.RPDO_PARAMETERS + 1, canopen.TPDO_EVENT_TIMER)
+
+
+@dataclass(frozen=True, slots=True)
+class DriveRules:
+    """What is to be done about objects that a drive lacks, by its plan."""
+
+    plan: Plan
+    drive: DrivePlan
+
+    def excused(self, value: Present) -> set[Key]:
+        """Return no object: each value of a drive matters."""
+        return set()
+
+    def adapted(self, wanted: WantedObjects, value: Present) -> WantedObjects:
+        """Return the wanted objects as they are."""
+        return wanted
+
+    def remarks(self, value: Present) -> list[str]:
+        """Return what was verified by hand, in lines."""
+        return [
+            f'{shown(key)} was verified by hand (drives.verified_by_hand)'
+            for key in sorted(self.plan.verified)
+        ]
+
+    def hint(self, key: Key, value: Present) -> str:
+        """Return what to do about an object that the drive lacks; empty if nothing is known."""
+        if value(*key) is not None:
+            return ''
+        plan = self.plan
+        if key == cia402.MAXIMUM_TORQUE:
+            return (
+                'the drive has no cap of this kind: verify by hand that its limit of the current '
+                f'(EPOS4: 0x3001:02) allows at most {self.drive.cap} per mille of the rated '
+                f'torque, then give drives.verified_by_hand: {shown(key)}'
+            )
+        if key in (TORQUE_TIMER, COMBINED_TIMER):
+            return (
+                'torque frames that stop then end the torque by the heartbeat alone, within '
+                f'{1e3 * plan.heartbeat_timeout:.0f} ms: verify by hand that the device may have '
+                f'its last torque for so long, then give drives.verified_by_hand: {shown(key)}'
+            )
+        if key == STATUS_TIMER:
+            return "its status needs SYNC: give drives.status_by: 'sync'"
+        if key == cia402.RATED_TORQUE:
+            return (
+                'verify by hand that 1000 per mille are drives.rated_torque, then give '
+                'drives.torque_unit: 0.0'
+            )
+        if key == cia402.HEARTBEAT_CONSUMER:
+            return 'the drive does not notice a master that hangs: it cannot be used here'
+        return ''
+
+
+def shown(key: Key) -> str:
+    """Return index and subindex as they are usually written."""
+    return f'0x{key[0]:04X}:{key[1]:02X}'
 
 
 def drive_objects(plan: Plan, drive: DrivePlan) -> WantedObjects:
-    """Return the required objects of a drive."""
-    control, torque, status, shown, mode = (
-        (index << 16 | subindex << 8 | bits)
-        for (index, subindex), bits in (
-            (cia402.CONTROLWORD, 16),
-            (cia402.TARGET_TORQUE, 16),
-            (cia402.STATUSWORD, 16),
-            (cia402.TORQUE_ACTUAL, 16),
-            (cia402.MODE_DISPLAY, 8),
-        )
-    )
-    # Times in ms: the settings have only whole ones.
-    timer, status_period, heartbeat, heartbeat_timeout = (
-        round(1e3 * seconds)
-        for seconds in (
-            plan.event_timer,
-            plan.status_period,
-            plan.heartbeat,
-            plan.heartbeat_timeout,
-        )
-    )
-    rpdo, tpdo = canopen.RPDO_PARAMETERS, canopen.TPDO_PARAMETERS
-    if plan.combined:
-        mapped = [torque if each is drive else INTEGER16 << 16 | 16 for each in plan.drives]
-        received = [
-            _pdo(rpdo, 'RPDO1', drive.control_id, [control]),
-            _pdo(rpdo + 1, 'RPDO2', plan.combined_id, mapped, timer),
-        ]
-    else:
-        received = [_pdo(rpdo, 'RPDO1', drive.control_id, [control, torque], timer)]
-    # The unit of an inhibit time is 100 us.
-    sent = _pdo(
-        tpdo, 'TPDO1', drive.status_id, [status, shown, mode], status_period, 10 * status_period
-    )
-    others = [
+    """
+    Return the required objects of a drive.
+
+    Parameters
+    ----------
+    plan : Plan
+        All drives on their bus.
+    drive : DrivePlan
+        The one of them.
+
+    """
+    others = (
         *other_tpdos_off(0),
+        *_losses(plan),
+        *_limits(plan, drive),
+        *_period(plan),
+    )
+    pdos = (*_received(plan, drive), _status(plan, drive))
+    return WantedObjects(pdos, others, DriveRules(plan, drive))
+
+
+def _received(plan: Plan, drive: DrivePlan) -> list[WantedPdo]:
+    """Return the frames that a drive takes: controlword and torque, together or apart."""
+    control = _entry(cia402.CONTROLWORD, 16)
+    torque = _entry(cia402.TARGET_TORQUE, 16)
+    timer = _timer(TORQUE_TIMER, 'RPDO1', plan.event_timer)
+    rpdo = canopen.RPDO_PARAMETERS
+    if not plan.combined:
+        entries = [control, torque]
+        return [wanted_pdo(rpdo, 'RPDO1', drive.control_id, AT_ONCE, timer, entries)]
+    left_out = INTEGER16 << 16 | 16
+    mapped = [torque if each is drive else left_out for each in plan.drives]
+    timer = _timer(COMBINED_TIMER, 'RPDO2', plan.event_timer)
+    return [
+        wanted_pdo(rpdo, 'RPDO1', drive.control_id, AT_ONCE, [], [control]),
+        wanted_pdo(rpdo + 1, 'RPDO2', plan.combined_id, AT_ONCE, timer, mapped),
+    ]
+
+
+def _status(plan: Plan, drive: DrivePlan) -> WantedPdo:
+    """Return the status frame of a drive: by its timer, or on SYNC."""
+    index = canopen.TPDO_PARAMETERS
+    entries = [
+        _entry(cia402.STATUSWORD, 16),
+        _entry(cia402.TORQUE_ACTUAL, 16),
+        _entry(cia402.MODE_DISPLAY, 8),
+    ]
+    if plan.status_syncs:
+        return wanted_pdo(index, 'TPDO1', drive.status_id, plan.status_syncs, [], entries)
+    # The unit of an inhibit time is 100 us.
+    inhibit = WantedObject(
+        index,
+        canopen.TPDO_INHIBIT_TIME,
+        2,
+        'TPDO1 inhibit time',
+        10 * _milliseconds(plan.status_period),
+    )
+    times = [inhibit, *_timer(STATUS_TIMER, 'TPDO1', plan.status_period)]
+    return wanted_pdo(index, 'TPDO1', drive.status_id, AT_ONCE, times, entries)
+
+
+def _losses(plan: Plan) -> list[WantedObject]:
+    """Return what a drive is to do without its master, and after a fault: the motor is free."""
+    consumer = plan.master_id << 16 | _milliseconds(plan.heartbeat_timeout)
+    heartbeat = _milliseconds(plan.heartbeat)
+    disable = cia402.DISABLE_VOLTAGE_ON_ABORT
+    return [
         WantedObject(
-            *cia402.HEARTBEAT_CONSUMER,
-            4,
-            "master's heartbeat",
-            plan.master_id << 16 | heartbeat_timeout,
-            hexadecimal=True,
+            *cia402.HEARTBEAT_CONSUMER, 4, "master's heartbeat", consumer, hexadecimal=True
         ),
         WantedObject(*canopen.HEARTBEAT_TIME, 2, 'heartbeat time, ms', heartbeat),
         WantedObject(*cia402.ERROR_BEHAVIOUR, 1, 'error behaviour', KEEP_STATE, optional=True),
-        WantedObject(
-            *cia402.ABORT_OPTION, 2, 'abort connection option', cia402.DISABLE_VOLTAGE_ON_ABORT
-        ),
+        WantedObject(*cia402.ABORT_OPTION, 2, 'abort connection option', disable),
         WantedObject(*cia402.QUICK_STOP_OPTION, 2, 'quick stop option', cia402.FREE),
         WantedObject(*cia402.FAULT_OPTION, 2, 'fault reaction option', cia402.FREE),
-        WantedObject(*cia402.MAXIMUM_TORQUE, 2, 'maximum torque, per mille', drive.cap),
+    ]
+
+
+def _limits(plan: Plan, drive: DrivePlan) -> list[WantedObject]:
+    """Return the limits of torque and speed, and the torque that they refer to."""
+    found = [
+        WantedObject(
+            *cia402.MAXIMUM_TORQUE,
+            2,
+            'maximum torque, per mille',
+            drive.cap,
+            optional=cia402.MAXIMUM_TORQUE in plan.verified,
+        )
     ]
     if plan.torque_unit:
-        others.append(
-            WantedObject(
-                *cia402.RATED_TORQUE,
-                4,
-                'rated torque',
-                round(drive.rated_torque / plan.torque_unit),
-                of_device=True,
-            )
-        )
+        rated = round(drive.rated_torque / plan.torque_unit)
+        found.append(WantedObject(*cia402.RATED_TORQUE, 4, 'rated torque', rated, of_device=True))
     if drive.speed_limit:
-        others.append(
+        found.append(
             WantedObject(
                 *cia402.MAXIMUM_MOTOR_SPEED, 4, 'maximum motor speed, 1/min', drive.speed_limit
             )
         )
-    # A drive need not have the period of the torques; it is written in whole ms only.
+    return found
+
+
+def _period(plan: Plan) -> list[WantedObject]:
+    """Return the period of the torques; a drive need not have it, and it is in whole ms only."""
     period = round(1e3 * plan.period)
-    if 1 <= period <= 0xFF and abs(1e3 * plan.period - period) <= 1e-6:
-        others += [
-            WantedObject(*cia402.PERIOD_VALUE, 1, 'period of the torques', period, optional=True),
-            WantedObject(*cia402.PERIOD_EXPONENT, 1, 'its power of ten', MILLI, optional=True),
-        ]
-    return WantedObjects((*received, sent), tuple(others))
+    is_whole = abs(1e3 * plan.period - period) <= 1e-6
+    if not is_whole or not 1 <= period <= 0xFF:
+        return []
+    return [
+        WantedObject(*cia402.PERIOD_VALUE, 1, 'period of the torques', period, optional=True),
+        WantedObject(*cia402.PERIOD_EXPONENT, 1, 'its power of ten', MILLI, optional=True),
+    ]
 
 
-def _pdo(
-    index: int, name: str, identifier: int, entries: list[int], timer: int = 0, inhibit: int = 0
-) -> WantedPdo:
-    """Return a PDO that is used at once, with event timer, ms, and inhibit time, 100 us."""
-    return wanted_pdo(
-        index,
-        name,
-        identifier,
-        AT_ONCE,
-        [
-            WantedObject(index, subindex, 2, f'{name} {words}', value)
-            for subindex, words, value in (
-                (canopen.TPDO_INHIBIT_TIME, 'inhibit time', inhibit),
-                (canopen.TPDO_EVENT_TIMER, 'event timer, ms', timer),
-            )
-            if value
-        ],
-        entries,
-    )
+def _timer(key: Key, name: str, seconds: float) -> list[WantedObject]:
+    """Return the event timer of a PDO; none for a time of 0."""
+    timer = WantedObject(*key, 2, f'{name} event timer, ms', _milliseconds(seconds))
+    return [timer] if seconds else []
+
+
+def _entry(key: Key, bits: int) -> int:
+    """Return the entry of a mapping for an object."""
+    index, subindex = key
+    return index << 16 | subindex << 8 | bits
+
+
+def _milliseconds(seconds: float) -> int:
+    """Return a time in ms: the settings have only whole ones."""
+    return round(1e3 * seconds)

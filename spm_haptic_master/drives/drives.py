@@ -89,7 +89,9 @@ class Drives:
         self._heartbeat = canopen.frame(
             canopen.HEARTBEAT_BASE + plan.master_id, bytes((canopen.OPERATIONAL,))
         )
+        self._sync = canopen.frame(canopen.SYNC_ID, b'')
         self._heartbeat_at = -inf
+        self._sync_at = -inf
         self._controlwords: list[int] = []
 
     def step(self, torques: tuple[float, ...] | None, now: float) -> DriveReport:
@@ -304,11 +306,18 @@ class Drives:
         if due:
             self._heartbeat_at = self._now
             self._send(self._heartbeat)
+        self._send_sync()
         for identifier, data in torque_frames(
             self.plan, words, values, due or words != self._controlwords
         ):
             self._send(canopen.frame(identifier, data))
         self._controlwords = words
+
+    def _send_sync(self) -> None:
+        """Ask for the status frames, where the drives send them on SYNC of this master."""
+        if self.plan.sends_sync and self._now - self._sync_at >= self.plan.status_period:
+            self._sync_at = self._now
+            self._send(self._sync)
 
     def _send(self, message: can.Message) -> None:
         """Send a frame without waiting; a refusal is a fault."""

@@ -19,6 +19,15 @@ from spm_haptic_master.parameters.setting import Values
 
 # Layout of a status frame: statusword, torque actual (per mille), mode of operation.
 STATUS = Struct('<Hhb')
+# What a drive sends its status by: its event timer, SYNC of this master, SYNC of the encoders.
+BY_TIMER, BY_OWN_SYNC, BY_ENCODER_SYNC = 'timer', 'sync', 'encoder_sync'
+# Largest transmission type of a PDO that is sent with every so many SYNC.
+LARGEST_SYNCS = 240
+# Event timers of the torque frames, and all objects that may be missing if verified by hand.
+TORQUE_TIMERS = frozenset(
+    (canopen.RPDO_PARAMETERS + number, canopen.TPDO_EVENT_TIMER) for number in (0, 1)
+)
+VERIFIABLE = (cia402.MAXIMUM_TORQUE, *sorted(TORQUE_TIMERS))
 # Fewest samples within the event timer of the torque frames.
 SAMPLES_WITHIN = 3
 # Largest share of a bus with drives (unit 1): torque frames wait for all that has a smaller
@@ -71,6 +80,9 @@ class Plan:
     heartbeat: float  # between two, s
     heartbeat_timeout: float  # without one that is a fault, s
     event_timer: float  # without a torque frame until a motor is off, s; 0: none
+    status_syncs: int  # SYNC frames from one status frame to the next; 0: by their own timer
+    sends_sync: bool  # whether this master sends SYNC, one for each status frame
+    verified: frozenset[tuple[int, int]]  # objects that are missing and were verified by hand
 
 
 def torque_frames(
@@ -119,6 +131,7 @@ def make_plan(values: Values) -> Plan:
             "the motors' rated torque, N m, above 0: torques on the bus are per mille of it",
         )
     _check_times(values)
+    verified = _verified(values['drives.verified_by_hand'])
     drives = []
     for joint, node_id, torque, gear, direction in zip(
         JOINT_NAMES, node_ids, rated, gears, directions, strict=False
@@ -156,8 +169,50 @@ def make_plan(values: Values) -> Plan:
         status_timeout=values['drives.status_timeout'],
         heartbeat=values['drives.heartbeat'],
         heartbeat_timeout=values['drives.heartbeat_timeout'],
-        event_timer=values['drives.event_timer'],
+        # Drives without that timer have only the heartbeat.
+        event_timer=0.0 if verified & TORQUE_TIMERS else values['drives.event_timer'],
+        status_syncs=_status_syncs(values),
+        sends_sync=values['drives.status_by'] == BY_OWN_SYNC,
+        verified=verified,
     )
+
+
+def _verified(text: str) -> frozenset[tuple[int, int]]:
+    """Return the objects that were verified by hand; SettingError for any other text."""
+    found = set()
+    for word in text.replace(',', ' ').split():
+        index, _, subindex = word.partition(':')
+        try:
+            key = int(index, 16), int(subindex or '0', 16)
+        except ValueError:
+            key = 0, 0
+        if key not in VERIFIABLE:
+            raise SettingError(
+                'drives.verified_by_hand',
+                text,
+                'objects out of ' + ', '.join(f'0x{i:04X}:{s:02X}' for i, s in VERIFIABLE),
+            )
+        found.add(key)
+    return frozenset(found)
+
+
+def _status_syncs(values: Values) -> int:
+    """Return the SYNC frames from one status frame to the next; SettingError: not whole."""
+    source = values['drives.status_by']
+    if source == BY_TIMER:
+        return 0
+    if source == BY_OWN_SYNC:
+        return 1
+    period = values['drives.status_period']
+    syncs: float = period * values['rate']
+    if abs(syncs - round(syncs)) > 1e-6 or not 1 <= round(syncs) <= LARGEST_SYNCS:
+        raise SettingError(
+            'drives.status_period',
+            period,
+            f'1 to {LARGEST_SYNCS} whole periods of the SYNC of the encoders '
+            f'({1e3 / values["rate"]:g} ms)',
+        )
+    return round(syncs)
 
 
 def _each(values: Values, name: str, count: int) -> tuple[Any, ...]:
@@ -207,8 +262,18 @@ def is_shared(drives: Values, encoders: Values) -> bool:
 
 def check_shared_bus(drives: Values, encoders: Values) -> None:
     """Refuse drives that do not fit on the bus of the encoders, if it is theirs: SettingError."""
+    source = drives['drives.status_by']
+    sync_id = encoders['encoders.sync_id']
     if not is_shared(drives, encoders):
+        if source == BY_ENCODER_SYNC:
+            raise SettingError('drives.status_by', source, 'drives on the bus of the encoders')
         return
+    if source == BY_OWN_SYNC and sync_id:
+        raise SettingError(
+            'drives.status_by', source, f"'{BY_ENCODER_SYNC}' on a bus that has SYNC already"
+        )
+    if source == BY_ENCODER_SYNC and sync_id != canopen.SYNC_ID:
+        raise SettingError('encoders.sync_id', sync_id, 'the SYNC that the drives know (0x80)')
     plan = make_plan(drives)
     node_ids = [*drives['drives.node_id'], plan.master_id]
     taken = set(encoders['encoders.node_id']) & set(node_ids)
@@ -259,6 +324,8 @@ def check_load(plan: Plan, bitrate: int, *encoders: tuple[str, int, float]) -> N
             1.0 / plan.heartbeat,
         ),
     ]
+    if plan.sends_sync:
+        parts.append(('SYNC', frame_bits(0, False), 1.0 / plan.status_period))
     if plan.combined:
         parts.append(('controlwords', count * frame_bits(2, False), 1.0 / plan.heartbeat))
     load = sum(bits * rate for _, bits, rate in parts) / bitrate

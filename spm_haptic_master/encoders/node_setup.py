@@ -205,6 +205,13 @@ class Comparison:
         return [each.difference(value) for each, value in self.different.items()]
 
     @property
+    def hinted(self) -> list[str]:
+        """Return these lines, each with what is to be done about it, where that is known."""
+        return [
+            each.difference(value) + self.hint(each.key) for each, value in self.different.items()
+        ]
+
+    @property
     def remarks(self) -> list[str]:
         """Return in lines what the node does not have and need not have."""
         absent = [each for each in self.wanted.every if self.values[each.key] is None]

@@ -729,6 +729,24 @@ DRIVE_SETTINGS = (
         maximum=1.0,
     ),
     Setting(
+        'drives.status_by',
+        str,
+        "what the drives send their status frames by: 'timer', their event timer (1800h:05); "
+        "'sync': SYNC of this master, every drives.status_period; 'encoder_sync': the SYNC of "
+        'the encoders, on one bus with them',
+        default='timer',
+        allowed=('timer', 'sync', 'encoder_sync'),
+    ),
+    Setting(
+        'drives.verified_by_hand',
+        str,
+        "objects that the drives lack, and what they would do was verified by hand: '0x6072:00', "
+        "their own torque limit; '0x1400:05' (combined: '0x1401:05'), the event timer of the "
+        'torque frames',
+        default='',
+        blank=True,
+    ),
+    Setting(
         'drives.check_file',
         str,
         'file of the passed force_check of these drives, which force_check --record --output '

@@ -11,7 +11,7 @@ import can
 from spm_haptic_master.drives import cia402
 from spm_haptic_master.drives.cia402 import State
 from spm_haptic_master.drives.drive_objects import drive_objects
-from spm_haptic_master.drives.plan import DrivePlan, Plan
+from spm_haptic_master.drives.plan import DrivePlan, LARGEST_SYNCS, Plan
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.simulation.fault_injection import Fault, Faults
 from spm_haptic_master.simulation.object_store import (
@@ -94,6 +94,7 @@ class SimulatedDrive:
         self._now: float | None = None
         self._heat = 0.0
         self._control = self._target = 0
+        self._syncs = 0  # since the latest status frame
         self.boot()
 
     @property
@@ -125,6 +126,8 @@ class SimulatedDrive:
         ):
             self.objects.show(cia402.STATUSWORD, STATUSWORDS[self.state])
             return [self.objects.answer(self.node_id, data)]
+        if identifier == canopen.SYNC_ID and self._is_sync_due():
+            return self._status()
         master = self.objects.value(*cia402.HEARTBEAT_CONSUMER)
         if master and identifier == canopen.HEARTBEAT_BASE + (master >> 16 & 0x7F):
             self._master_at = now
@@ -134,6 +137,20 @@ class SimulatedDrive:
                 if identifier == self.objects.value(canopen.RPDO_PARAMETERS + number, 1):
                     found += self._take(number, data, now)
         return found
+
+    @property
+    def _syncs_a_status(self) -> int:
+        """SYNC frames from one status frame to the next; 0: it is sent by its timer."""
+        syncs = self.objects.value(canopen.TPDO_PARAMETERS, canopen.TPDO_TYPE)
+        return syncs if syncs <= LARGEST_SYNCS else 0
+
+    def _is_sync_due(self) -> bool:
+        """Count a SYNC; return whether a status frame follows it."""
+        syncs = self._syncs_a_status
+        if not syncs or self.nmt != canopen.OPERATIONAL:
+            return False
+        self._syncs = (self._syncs + 1) % syncs
+        return self._syncs == 0
 
     def tend(self, now: float) -> list[can.Message]:
         """Let time go on to `now`, s; return the frames that are due."""
@@ -147,7 +164,8 @@ class SimulatedDrive:
             self._heartbeat_at = now
             sent.append(heartbeat(self.node_id, self.nmt))
         period = 1e-3 * objects.value(canopen.TPDO_PARAMETERS, canopen.TPDO_EVENT_TIMER)
-        if self.nmt == canopen.OPERATIONAL and period and now - self._status_at >= period:
+        is_due = period and not self._syncs_a_status and now - self._status_at >= period
+        if self.nmt == canopen.OPERATIONAL and is_due:
             self._status_at = now
             sent += self._status()
         return [] if 'drive_unplug' in self.faults else sent

@@ -224,7 +224,7 @@ def _set_up_one(
     if not all(pdo.mapping for pdo in wanted.pdos):
         print('  the mapping cannot be derived from this layout: left as it is')
     found = node_setup.compare(node, wanted)
-    for line in (*found.lines, *found.remarks):
+    for line in (*found.hinted, *found.remarks):
         print(f'  {line}')
     outcome = AS_WANTED
     if writes and not found.different and not node.can_store():

@@ -118,6 +118,29 @@ def test_one_of_three_proofs_has_to_be_in_time(starting, late, ready):
         assert '(node 13) left Operation enabled after 49 ms without' in starting.report.fault
 
 
+def test_drives_send_their_status_on_sync_of_this_master():
+    with Rig(plan=make_test_plan(drives__status_by='sync')) as rig:
+        rig.ready()
+        report = rig.run(TORQUES, 0.05)
+        assert report.ready and report.seconds_since_status <= 5 * MS
+        since = rig.now - 0.04
+        syncs = [at for at, each in rig.sent if each.arbitration_id == 0x80 and at >= since]
+        assert len(syncs) == pytest.approx(10, abs=1)
+        rig.drives._send_sync = lambda: None
+        report = rig.run(TORQUES, 0.05)
+        assert 'no status frame for' in report.fault
+
+
+def test_an_event_timer_that_is_missing_is_proven_by_the_heartbeat():
+    with Rig(plan=make_test_plan(drives__verified_by_hand='0x1400:05')) as rig:
+        rig.ready()
+        rig.run(TORQUES, 0.05)
+        rig.paused, stopped = True, rig.now
+        while any(drive.state is State.ENABLED for drive in rig.drive):
+            rig.step(TORQUES)
+        assert rig.now - stopped <= 0.062
+
+
 def test_without_an_event_timer_the_heartbeat_proves_it():
     with Rig(plan=make_test_plan(drives__event_timer=0.0)) as rig:
         rig.ready()
@@ -154,7 +177,7 @@ def test_what_is_not_as_wanted_is_named_and_gets_no_torque(starting, key, value,
     objects._stored = dict(objects._entries)
     report = starting.run(TORQUES, STARTED)
     assert not report.ready
-    assert report.fault == f'drive of joint_1b (node 12): {words} (can_setup --write)'
+    assert report.fault == f'drive of joint_1b (node 12): {words} (can_setup --drives --write)'
     # Nothing but questions goes out.
     assert {message.arbitration_id for _, message in starting.sent} == {0x60B, 0x60C}
 

@@ -41,6 +41,17 @@ def test_nothing_is_opened_before_the_first_step():
         ({'drives__event_timer': 0.002}, 'drives.event_timer', '3 samples at rate 1000 Hz'),
         ({'drives__status_timeout': 0.007}, 'drives.status_timeout', 'at least 0.008 s'),
         ({'drives__heartbeat_timeout': 0.039}, 'drives.heartbeat_timeout', 'at least 0.04 s'),
+        (
+            {'drives__verified_by_hand': '0x6040'},
+            'drives.verified_by_hand',
+            '0x6072:00, 0x1400:05',
+        ),
+        ({'drives__verified_by_hand': 'all'}, 'drives.verified_by_hand', 'objects out of'),
+        (
+            {'drives__status_by': 'encoder_sync', 'rate': 400.0},
+            'drives.status_period',
+            'whole periods of the SYNC of the encoders (2.5 ms)',
+        ),
         ({'drives__interface': 'nothing'}, 'drives.interface', 'one of '),
         ({'drives__bitrate': 250_000}, 'drives.bitrate', '% bus load'),
     ],
@@ -113,6 +124,28 @@ def test_drives_fit_on_the_bus_of_the_encoders_by_one_frame_and_at_an_unknown_bi
         drive_values(drives__channel='two', drives__bitrate=MBIT),
         values(can__interface='virtual', can__channel='one', can__bitrate=MBIT),
     )
+
+
+@pytest.mark.parametrize(
+    ('status_by', 'encoders', 'name', 'words'),
+    [
+        ('sync', {}, 'drives.status_by', "'encoder_sync' on a bus that has SYNC already"),
+        ('encoder_sync', {'encoders__sync_id': 0x70}, 'encoders.sync_id', 'know (0x80)'),
+    ],
+)
+def test_one_bus_has_one_sync(status_by, encoders, name, words):
+    check(drives__combined=True, drives__status_by='encoder_sync')
+    with pytest.raises(SettingError) as caught:
+        check(encoders, drives__combined=True, drives__status_by=status_by)
+    assert caught.value.name == name and words in str(caught.value)
+
+
+def test_the_sync_of_the_encoders_is_on_their_bus_alone():
+    with pytest.raises(SettingError, match='drives on the bus of the encoders'):
+        check_shared_bus(
+            drive_values(drives__channel='two', drives__status_by='encoder_sync'),
+            values(can__interface='virtual', can__channel='one'),
+        )
 
 
 # Worst-case bits by the standard: a data frame of n bytes has 47 + 8 n, and a stuff bit for every
