@@ -321,15 +321,21 @@ def test_another_working_mode_than_that_of_the_readings_is_refused():
                 fit(state, view, readings, sensors, PAPER, wrong, LAST_STEP)
 
 
-@pytest.mark.parametrize('mounted', [5, 6])
+@pytest.mark.parametrize('mounted', [4, 5, 6])
 @pytest.mark.parametrize('place', [0, 3])
-def test_a_sensor_that_the_others_cannot_check_has_no_parity(mounted, place):
+def test_the_others_see_a_fault_of_a_sensor_far_better_than_they_are(mounted, place):
+    """Its parity size is the change of the parity vector with its reading."""
     sigma = [0.1] * mounted
     sigma[place] = 1e-9
     sensors = kinematics.UsedSensors(tuple(sigma))
     exact = kinematics.UsedSensors((1e-9,) * mounted)
+    change = 1e-6
     for readings in samples(exact, 20):
-        state, view = start_of(readings)
-        found = fit(state, view, readings, sensors, PAPER, (1, 1, 1), LAST_STEP)
-        others = [size for other, size in enumerate(found.parity_sizes) if other != place]
-        assert found.parity_sizes[place] < 1e-4 * min(others)
+        wrong = list(readings)
+        wrong[place] += change
+        healthy, faulty = (
+            fit(*start_of(angles), angles, sensors, PAPER, (1, 1, 1), 1e-12)
+            for angles in (readings, tuple(wrong))
+        )
+        parity_change = math.dist(faulty.parity_vector, healthy.parity_vector)
+        assert healthy.parity_sizes[place] == pytest.approx(parity_change / change, rel=1e-3)
