@@ -11,6 +11,7 @@ from math import isfinite
 from typing import Any
 
 from geometry_msgs.msg import PointStamped, PoseStamped
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from spm_haptic_master.nodes.slave_torque import components
 from spm_haptic_master.parameters.setting import Values
@@ -80,9 +81,13 @@ class SlaveInputs:
         with suppress(ImportError):
             from crtk_msgs import msg
 
-            # dVRK latches it and publishes changes alone; others repeat it, not latched.
+            # dVRK latches it and publishes changes alone; others repeat it, not latched. One of
+            # the two does not match such a publisher, which is no reason for a warning.
+            quiet = SubscriptionEventCallbacks(use_default_callbacks=False)
             for qos in (EVENTS, STATE):
-                node.create_subscription(msg.OperatingState, STATE_TOPIC, callback, qos)
+                node.create_subscription(
+                    msg.OperatingState, STATE_TOPIC, callback, qos, event_callbacks=quiet
+                )
 
     def _on_pose(self, message: PoseStamped) -> None:
         stamp = message.header.stamp.sec, message.header.stamp.nanosec
