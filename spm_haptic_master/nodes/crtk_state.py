@@ -40,7 +40,17 @@ ENDED = silent('fkm has ended')
 
 
 class CrtkState:
-    """Publishes the operating state and takes its commands, by crtk_msgs and standard types."""
+    """
+    Publishes the operating state and takes its commands, by crtk_msgs and standard types.
+
+    Parameters
+    ----------
+    node
+        Node that has topics and services.
+    frame_id
+        frame_id of the messages.
+
+    """
 
     def __init__(self, node: Node, frame_id: str) -> None:
         self._node = node
@@ -81,7 +91,22 @@ class CrtkState:
         self._publish(self._state.take(orientation))
 
     def command(self, text: str) -> tuple[bool, str]:
-        """Execute a command; return whether it has an effect, and the state or why it has none."""
+        """
+        Execute a command.
+
+        Parameters
+        ----------
+        text
+            One of `COMMANDS`; another one has no effect.
+
+        Returns
+        -------
+        bool
+            Whether it has an effect, or its effect is already there.
+        str
+            The state, or why the command has no effect.
+
+        """
         accepted, events = self._state.command(text, time.time_ns())
         self._publish(events)
         return accepted, self.name if accepted else events[-1][1]
@@ -126,5 +151,6 @@ class CrtkState:
         message = self._message
         if message is not None:
             message.header.stamp = self._node.get_clock().now().to_msg()
-            message.state, message.is_homed = self._state.name, self._state.is_homed
+            message.state = self._state.name
+            message.is_homed = self._state.is_homed
             self._out.publish(message)

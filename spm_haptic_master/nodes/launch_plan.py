@@ -131,12 +131,16 @@ def plan(
     """
     paths = _files(config, calibration, argument_prefix)
     own = _namespace(namespace)
-    _check_follower(follower, argument_prefix)
     source_words = [f'{settings.SOURCE_SETTING.name}:={source}'] if source else []
+    given_words = list(source_words)
+    nodes: tuple[str, ...] = PIPELINE
+    if follower is not None:
+        follower.check(argument_prefix)
+        given_words += follower.parameters()
+        nodes = (*PIPELINE, FOLLOWER)
     # A file may have parameters of teleop, which is not started without a follower.
     Parameters(paths, (), own).check((*PIPELINE, FOLLOWER), settings.ALL_NAMES)
-    given = Parameters(paths, source_words, own)
-    nodes = PIPELINE if follower is None else (*PIPELINE, FOLLOWER)
+    given = Parameters(paths, given_words, own)
     _check_values(given, nodes)
     frames = _prefixed_frames(given.of('fkm'), frame_prefix)
     by_process = {'master': nodes} if composed else {node: (node,) for node in nodes}
@@ -149,15 +153,6 @@ def plan(
     if follower is not None and not follower.slave:
         processes.append(Process('sim_slave', ()))
     return processes
-
-
-def _check_follower(follower: Follower | None, prefix: str) -> None:
-    """Raise InputError for a topic of a slave that is simulated."""
-    if follower is not None and follower.pose and not follower.slave:
-        raise InputError(
-            f'{prefix}slave_pose:={follower.pose}; expected {prefix}slave, too: without one the '
-            'slave is simulated'
-        )
 
 
 def _check_values(given: Parameters, nodes: Sequence[str]) -> None:

@@ -26,6 +26,12 @@ class Presence(ParameterNode):
 
     Both are repeated, so that `teleop` notices when they end. A joystick that is silent for
     `presence.joy_timeout`, or whose publisher has gone, presses nothing.
+
+    Parameters
+    ----------
+    parameters
+        Values from files and arguments; SettingError if one is invalid.
+
     """
 
     def __init__(self, parameters: Parameters) -> None:
@@ -51,16 +57,19 @@ class Presence(ParameterNode):
         self.create_timer(1.0 / values['presence.rate'], self._repeat, clock=STEADY)
 
     def _on_joy(self, message: Joy) -> None:
+        """Take the buttons, and publish a change at once."""
         before, self._buttons = self._buttons, tuple(message.buttons)
         self._heard_at = time.monotonic()
         if self._buttons != before:
             self._publish()
 
     def _lose(self) -> None:
+        """Release every button: the publisher of the joystick has gone."""
         self._buttons = None
         self._publish()
 
     def _repeat(self) -> None:
+        """Publish the buttons again, and report."""
         if self._timeout and time.monotonic() - self._heard_at > self._timeout:
             self._buttons = None
         self._publish()
@@ -79,6 +88,7 @@ class Presence(ParameterNode):
         return OK, 'pressed' if self._is_pressed(self._outs[0][1]) else 'released'
 
     def _publish(self) -> None:
+        """Publish each pedal."""
         message = Joy()
         message.header.stamp = self.get_clock().now().to_msg()
         for out, button in self._outs:

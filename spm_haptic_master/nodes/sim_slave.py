@@ -11,7 +11,6 @@ import time
 from geometry_msgs.msg import PointStamped, PoseStamped
 from sensor_msgs.msg import JointState
 from spm_haptic_master.kinematics import rotations
-from spm_haptic_master.kinematics.number_backends import Vector
 from spm_haptic_master.nodes.latest_angle import LatestAngle
 from spm_haptic_master.nodes.slave_torque import components
 from spm_haptic_master.nodes.teleop_factory import trocar_from
@@ -28,12 +27,12 @@ from spm_haptic_master.teleoperation.remote_centre import (
     distance_from_shaft,
     MILLIMETRES,
 )
-from spm_haptic_master.teleoperation.vectors import rotate, scaled, total, ZERO
+from spm_haptic_master.teleoperation.vectors import FloatVector, rotate, scaled, total, ZERO
 
 # Longest time that the slave moves in one step (s): a process that was stopped does not jump.
 LONGEST_STEP = 0.05
 # Shaft of the laparoscopic slave in its tool's frame: z, from the trocar to the tip.
-SHAFT: Vector[float] = (0.0, 0.0, 1.0)
+SHAFT: FloatVector = (0.0, 0.0, 1.0)
 # Largest distance (m) of a commanded shaft from the trocar that the mechanism can follow.
 REACH = 1e-6
 # Age at which a commanded angle of the jaw is none any more (s).
@@ -48,6 +47,12 @@ class SimSlave(ParameterNode):
     degrees of freedom: three rotations about the trocar, which it publishes on `slave/trocar`,
     and the depth. Like most slaves it obeys any command that it can reach: a step of the command
     is a step of the slave. A command whose shaft passes the trocar is refused.
+
+    Parameters
+    ----------
+    parameters
+        Values from files and arguments; SettingError if one is invalid.
+
     """
 
     def __init__(self, parameters: Parameters) -> None:
@@ -74,7 +79,7 @@ class SimSlave(ParameterNode):
             self._begin_laparoscopy(self._trocar)
         self.create_timer(1.0 / values['slave.rate'], self._advance, clock=STEADY)
 
-    def _begin_laparoscopy(self, trocar: Vector[float]) -> None:
+    def _begin_laparoscopy(self, trocar: FloatVector) -> None:
         """Publish the trocar, and have an instrument with a jaw."""
         self._jaw_out = self.create_publisher(JointState, 'slave/jaw/measured_js', SAMPLES)
         self.create_subscription(
@@ -86,6 +91,7 @@ class SimSlave(ParameterNode):
         self.create_publisher(PointStamped, 'slave/trocar', STATE).publish(message)
 
     def _on_command(self, message: PoseStamped) -> None:
+        """Take a commanded pose, if it has a rotation and can be reached."""
         q = message.pose.orientation
         rotation = unit_quaternion((q.x, q.y, q.z, q.w))
         if rotation is None:
@@ -96,7 +102,7 @@ class SimSlave(ParameterNode):
         self._commanded = rotation
         self._commands += 1
 
-    def _is_reachable(self, trocar: Vector[float], pose: Pose) -> bool:
+    def _is_reachable(self, trocar: FloatVector, pose: Pose) -> bool:
         """Take the depth of a commanded pose; return False if its shaft passes the trocar."""
         distance = distance_from_shaft(trocar, pose, SHAFT)
         if not distance <= REACH:
@@ -112,6 +118,7 @@ class SimSlave(ParameterNode):
         return True
 
     def _advance(self) -> None:
+        """Move by what the time since the last call allows, and publish."""
         now = time.monotonic()
         # A lag of first order.
         share = 1.0 - exp(-min(now - self._advanced, LONGEST_STEP) / self._time_constant)
@@ -135,6 +142,7 @@ class SimSlave(ParameterNode):
         self._rotation = unit_quaternion(moved) or self._rotation
 
     def _publish(self) -> None:
+        """Publish the pose of the tip, and the angle of the jaw."""
         position = ZERO
         if self._trocar is not None:
             lever = scaled(rotate(self._rotation, SHAFT), self._depth)
@@ -153,6 +161,7 @@ class SimSlave(ParameterNode):
         self._report()
 
     def _report(self) -> None:
+        """Publish the entry on /diagnostics."""
         level, text = OK, 'following'
         if self._refused:
             level, text = WARN, 'has refused commands whose shaft passes the trocar'

@@ -34,8 +34,19 @@ class SlaveInputs:
     """
     Passes what the slave publishes to the tele-operation.
 
-    `take` calls a function with a message while it holds the lock. `use_frame` is called with the
-    frame_id of the slave's pose when that changes.
+    Parameters
+    ----------
+    node
+        Node that subscribes.
+    values
+        Checked settings of `teleop`.
+    machine
+        The tele-operation.
+    take
+        Calls a function with a message while it holds the lock of the machine.
+    use_frame
+        Called with the frame_id of the slave's pose when that changes.
+
     """
 
     def __init__(
@@ -90,7 +101,9 @@ class SlaveInputs:
                 )
 
     def _on_pose(self, message: PoseStamped) -> None:
-        stamp = message.header.stamp.sec, message.header.stamp.nanosec
+        """Take a pose of the slave; one without a stamp, or that is not finite, is none."""
+        given = message.header.stamp
+        stamp = given.sec, given.nanosec
         is_stamped = any(stamp)
         # A bridge may repeat its last pose.
         if is_stamped and stamp == self._stamp:
@@ -108,12 +121,14 @@ class SlaveInputs:
         self._machine.take_slave(self.pose)
 
     def _take_frame(self, frame: str) -> None:
+        """Disengage where the slave's poses are in another frame now."""
         if frame != self.frame:
             self._machine.disengage('another frame of the slave')
             self.frame = frame
             self._use_frame(frame)
 
     def _on_trocar(self, message: PointStamped) -> None:
+        """Take the trocar; its frame is compared when the poses' is known."""
         position = components(message.point)
         self._trocar_frame = message.header.frame_id
         self._is_trocar_finite = all(map(isfinite, position))
@@ -123,6 +138,7 @@ class SlaveInputs:
             self._machine.disengage(f'{TROCAR_TOPIC} is not finite')
 
     def _on_state(self, message: Any) -> None:
+        """Take the operating state: the slave may be followed while it is enabled and homed."""
         if message.state != ENABLED:
             self._machine.take_slave_obstacle(f'slave {message.state or "without a state"}')
         else:

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from geometry_msgs.msg import Vector3, WrenchStamped
 from rclpy.node import Node
-from spm_haptic_master.kinematics.number_backends import Vector
 from spm_haptic_master.kinematics.rotations import conjugate
 from spm_haptic_master.kinematics.vectors import cross
 from spm_haptic_master.nodes.teleop_factory import registration_from
@@ -23,7 +22,7 @@ from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.ros import node_log
 from spm_haptic_master.ros.qos import WRENCHES
 from spm_haptic_master.teleoperation.command import Pose
-from spm_haptic_master.teleoperation.vectors import difference, rotate, scaled
+from spm_haptic_master.teleoperation.vectors import difference, FloatVector, rotate, scaled
 
 # Topics: of the slave, and of the master.
 SLAVE_TOPIC, MASTER_TOPIC = 'slave/measured_cf', 'spatial/servo_cf'
@@ -31,7 +30,17 @@ TOOL, SPATIAL = 'tool', 'spatial'
 
 
 class SlaveTorque:
-    """Publishes a share of the slave's torque; the caller decides when."""
+    """
+    Publishes a share of the slave's torque; the caller decides when.
+
+    Parameters
+    ----------
+    node
+        Node that publishes `spatial/servo_cf`.
+    values
+        Checked settings of `teleop`: scale, frame of the torque, registration.
+
+    """
 
     def __init__(self, node: Node, values: Values) -> None:
         self._node = node
@@ -45,7 +54,19 @@ class SlaveTorque:
         self.count = self.refused = self.invalid = 0
 
     def forward(self, message: WrenchStamped, slave_frame: str | None, slave: Pose) -> None:
-        """Forward a torque of the slave at a pose, with its stamp; or count why not."""
+        """
+        Forward a torque of the slave with its stamp, or count why not.
+
+        Parameters
+        ----------
+        message
+            Force, N, and torque, N m, that the slave measures.
+        slave_frame
+            frame_id of the slave's pose; None before the first pose.
+        slave
+            Measured pose of the slave.
+
+        """
         stamp = message.header.stamp
         if not (stamp.sec or stamp.nanosec or self._accepts_unstamped):
             self.invalid += 1
@@ -72,16 +93,17 @@ class SlaveTorque:
         self.refused += 1
         return False
 
-    def _torque_about_tip(self, message: WrenchStamped, slave: Pose) -> Vector[float]:
+    def _torque_about_tip(self, message: WrenchStamped, slave: Pose) -> FloatVector:
         """Return m_tip in the slave's base frame, N m."""
         torque = components(message.wrench.torque)
         if self._frame == TOOL:
             return rotate(slave.rotation, torque)
         if self._frame == SPATIAL:
-            return difference(torque, cross(slave.position, components(message.wrench.force)))
+            force = components(message.wrench.force)
+            return difference(torque, cross(slave.position, force))
         return torque
 
 
-def components(vector: Vector3) -> Vector[float]:
+def components(vector: Vector3) -> FloatVector:
     """Return x, y, z of a vector or a point."""
     return vector.x, vector.y, vector.z

@@ -15,7 +15,6 @@ from typing import Any
 from geometry_msgs.msg import QuaternionStamped, WrenchStamped
 from sensor_msgs.msg import JointState, Joy
 from spm_haptic_master.force import Condition as ForceCondition
-from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.nodes.joint_reader import JointReader
 from spm_haptic_master.nodes.slave_inputs import POSE_TOPIC, SlaveInputs, TROCAR_TOPIC
 from spm_haptic_master.nodes.slave_torque import SLAVE_TOPIC, SlaveTorque
@@ -34,6 +33,7 @@ from spm_haptic_master.ros.qos import EVENTS, SAMPLES, STATE, WRENCHES
 from spm_haptic_master.supervision.orientation_state import received_state
 from spm_haptic_master.teleoperation.command import Command
 from spm_haptic_master.teleoperation.engaging import Phase
+from spm_haptic_master.teleoperation.vectors import FloatQuaternion
 from spm_haptic_master.timing import SECOND
 from std_msgs.msg import Float64MultiArray, String, UInt64
 from std_srvs.srv import Trigger
@@ -56,6 +56,12 @@ class Teleop(ParameterNode):
     at engaging, or pivots about its trocar. `delta_twist_cmds` has the rate of the commands, which
     fades to zero at the end. An `fkm` in the same process passes orientations to `take`; after
     `subscribe` they come from the topic.
+
+    Parameters
+    ----------
+    parameters
+        Values from files and arguments; SettingError if one is invalid.
+
     """
 
     def __init__(self, parameters: Parameters) -> None:
@@ -75,7 +81,9 @@ class Teleop(ParameterNode):
         # Word of the last `force_state`; empty before the first.
         self._force_word = ''
         self._output = CommandOutput(self, values, self._passed)
-        use_frame = (lambda _: None) if values['teleop.frame_id'] else self._output.set_frame
+        use_frame: Callable[[str], None] = self._output.set_frame
+        if values['teleop.frame_id']:
+            use_frame = _ignore
         self._slave = SlaveInputs(self, values, self._machine, self._take, use_frame)
         self._inputs = self._slave.inputs
         self._jaw = JawOutput(self, values, self._inputs)
@@ -94,6 +102,7 @@ class Teleop(ParameterNode):
         self.create_timer(WATCH_PERIOD, self._watch, clock=STEADY)
 
     def _subscribe_pedals(self) -> None:
+        """Subscribe to presence and clutch; a pedal whose publisher has gone is released."""
         machine = self._machine
         self._inputs.subscribe(
             Joy,
@@ -114,6 +123,7 @@ class Teleop(ParameterNode):
         )
 
     def _subscribe_master(self, values: Values) -> None:
+        """Subscribe to what the master publishes beside its orientations."""
         subscribe, machine = self._inputs.subscribe, self._machine
         subscribe(
             String,
@@ -143,8 +153,20 @@ class Teleop(ParameterNode):
         if self._has_limit:
             self._inputs.subscribe(Float64MultiArray, 'protection_level', self._on_level, SAMPLES)
 
-    def take(self, stamp: int, quaternion: Quaternion[float], level: float | None = None) -> None:
-        """Take an orientation of a stamp (ns) and its level (rad), and publish the command."""
+    def take(self, stamp: int, quaternion: FloatQuaternion, level: float | None = None) -> None:
+        """
+        Take an orientation, and publish the command that follows from it.
+
+        Parameters
+        ----------
+        stamp
+            When the joints were sampled, ns.
+        quaternion
+            Orientation as published, x, y, z, w.
+        level
+            Its protection level, rad; None where that comes on a topic of its own.
+
+        """
         with self._lock:
             self._pass_time()
             if not self._is_fresh(stamp):
@@ -163,6 +185,7 @@ class Teleop(ParameterNode):
         return bool(abs(age) <= self._max_age)
 
     def _publish(self, stamp: int, command: Command) -> None:
+        """Publish a command of the slave and its jaw, unless it has become too old meanwhile."""
         # This process may have been stopped since the time passed.
         if time.monotonic() - self._passed > self._timeout:
             self._pass_time()
@@ -190,6 +213,7 @@ class Teleop(ParameterNode):
             self._status.repeat()
 
     def _on_insertion(self, data: bytes) -> None:
+        """Take an insertion of the master, from a serialized JointState."""
         found = self._read_insertion(data)
         if found is None:
             return
@@ -203,6 +227,7 @@ class Teleop(ParameterNode):
             self._status.publish_phase()
 
     def _on_torque(self, message: WrenchStamped) -> None:
+        """Forward the slave's torque to the hand while the slave follows."""
         with self._lock:
             self._pass_time()
             pose = self._slave.pose
@@ -211,11 +236,13 @@ class Teleop(ParameterNode):
                 self._torque.forward(message, self._slave.frame, pose)
 
     def _on_enabled_at(self, message: UInt64) -> None:
+        """Take the time of the master's enable, ns."""
         # System time, whatever the clock of the orientations is: a person gives it.
         age = (time.time_ns() - message.data) / SECOND
         self._take(lambda number: self._machine.take_enabling(number, age), message.data)
 
     def _on_level(self, message: Float64MultiArray) -> None:
+        """Take the protection level, deg, which is the first number of its message."""
         if message.data:
             self._take(self._machine.take_level, radians(message.data[0]))
 
@@ -224,10 +251,12 @@ class Teleop(ParameterNode):
         before, self._force_word = self._force_word, text.partition(':')[0]
         is_fault = self._force_word == ForceCondition.FAULT.value
         self._machine.take_force_fault(f'force: {text}' if is_fault else '')
-        if self._force_word == ForceCondition.OFF.value and before not in ('', self._force_word):
+        is_off = self._force_word == ForceCondition.OFF.value
+        if is_off and before not in ('', self._force_word):
             self._machine.disengage(f'force: {text}')
 
     def _take(self, take: Callable[[Any], None], value: object) -> None:
+        """Let the time pass, pass a value to the machine, and publish what changes."""
         with self._lock:
             self._pass_time()
             take(value)
@@ -245,6 +274,10 @@ class Teleop(ParameterNode):
         self._take(lambda _: self._machine.disengage(), None)
         response.success, response.message = True, self._machine.state
         return response
+
+
+def _ignore(_: str) -> None:
+    """Ignore the frame of the slave's pose: another one is set."""
 
 
 def main(args: list[str] | None = None) -> int:

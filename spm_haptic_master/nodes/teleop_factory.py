@@ -8,7 +8,6 @@ from __future__ import annotations
 from math import inf, radians
 
 from spm_haptic_master.exceptions import SettingError
-from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.kinematics.rotations import zxz_quaternion
 from spm_haptic_master.parameters.nodes import ANY_OFFSET, NO_TROCAR
 from spm_haptic_master.parameters.setting import Values
@@ -17,7 +16,7 @@ from spm_haptic_master.teleoperation.conditions import Conditions
 from spm_haptic_master.teleoperation.engaging import Teleoperation
 from spm_haptic_master.teleoperation.limited_depth import DepthLimits
 from spm_haptic_master.teleoperation.remote_centre import RemoteCentreSettings
-from spm_haptic_master.teleoperation.vectors import norm, scaled
+from spm_haptic_master.teleoperation.vectors import FloatQuaternion, FloatVector, norm, scaled
 
 # Periods of the command that it makes up for in one step, after a pause.
 LONGEST_STEP = 2.0
@@ -27,13 +26,33 @@ LEAST_SCALE = 0.05
 AXIS_TOLERANCE = 0.01
 
 
-def registration_from(values: Values) -> Quaternion[float]:
+def registration_from(values: Values) -> FloatQuaternion:
     """Return the unit quaternion x, y, z, w of R_slave_master from checked settings."""
     return zxz_quaternion(*map(radians, values['teleop.registration_zxz_deg']))
 
 
-def trocar_from(values: Values, name: str = 'teleop.trocar') -> Vector[float] | None:
-    """Return a trocar, m; None without one. SettingError for another number of values."""
+def trocar_from(values: Values, name: str = 'teleop.trocar') -> FloatVector | None:
+    """
+    Read the setting of a trocar.
+
+    Parameters
+    ----------
+    values
+        Checked settings.
+    name
+        Name of the setting.
+
+    Returns
+    -------
+    tuple of float, or None
+        x, y, z in the slave's base frame, m; None without a trocar.
+
+    Raises
+    ------
+    SettingError
+        Another number of values than one, which is 0, or three.
+
+    """
     given = values[name]
     if given == NO_TROCAR:
         return None
@@ -50,7 +69,25 @@ def command_period(values: Values) -> float:
 
 
 def make_teleoperation(values: Values) -> Teleoperation:
-    """Return the machine that checked settings describe; SettingError if two contradict."""
+    """
+    Make the tele-operation that settings describe.
+
+    Parameters
+    ----------
+    values
+        Checked settings of `teleop`.
+
+    Returns
+    -------
+    Teleoperation
+        Disengaged, with the trocar if one is set.
+
+    Raises
+    ------
+    SettingError
+        Two settings contradict each other.
+
+    """
     trocar = trocar_from(values)
     machine = Teleoperation(_conditions(values), _limits(values))
     if trocar is not None:
@@ -59,6 +96,7 @@ def make_teleoperation(values: Values) -> Teleoperation:
 
 
 def _limits(values: Values) -> CommandLimits:
+    """Return the limits of the commanded rotation; SettingError for an alignment beyond them."""
     speed = values['teleop.speed_limit']
     if values['teleop.align_speed'] > speed:
         raise SettingError(
@@ -76,6 +114,7 @@ def _limits(values: Values) -> CommandLimits:
 
 
 def _conditions(values: Values) -> Conditions:
+    """Return when the slave may follow, in SI units; what is set to 'any' is infinite."""
     tolerance = values['teleop.alignment_tolerance_deg']
     level, tracking = values['teleop.protection_limit_deg'], values['teleop.tracking_limit_deg']
     is_absolute = values['teleop.alignment'] == 'absolute'
@@ -97,6 +136,7 @@ def _conditions(values: Values) -> Conditions:
 
 
 def _centre(values: Values) -> RemoteCentreSettings:
+    """Return how the slave pivots about its trocar; SettingError for a scale or range of none."""
     scale, tilt = values['teleop.insertion_scale'], values['teleop.tilt_limit_deg']
     if 0.0 < scale < LEAST_SCALE:
         raise SettingError(
@@ -124,7 +164,7 @@ def _centre(values: Values) -> RemoteCentreSettings:
     )
 
 
-def _shaft(values: Values) -> Vector[float] | None:
+def _shaft(values: Values) -> FloatVector | None:
     """Return the shaft in the tool's frame, unit vector; None where it is not known."""
     x, y, z = values['teleop.shaft_axis']
     length = norm((x, y, z))

@@ -31,7 +31,15 @@ class CommandOutput:
     """
     Publishes `servo_cp`, and `delta_twist_cmds` while it has a subscriber.
 
-    All times are monotonic, s.
+    Parameters
+    ----------
+    node
+        Node that publishes.
+    values
+        Checked settings of `teleop`: accelerations, frame and rate of the commands.
+    now
+        Present time, s, monotonic, as all times of this class.
+
     """
 
     def __init__(self, node: Node, values: Values, now: float) -> None:
@@ -53,7 +61,19 @@ class CommandOutput:
         self._twist.header.frame_id = frame
 
     def publish(self, stamp: int, command: Command, now: float) -> None:
-        """Publish a command with the stamp of its orientation, ns."""
+        """
+        Publish a command.
+
+        Parameters
+        ----------
+        stamp
+            Stamp of the orientation that it follows from, ns.
+        command
+            Pose and motion of the slave's tip.
+        now
+            Present time, s, monotonic.
+
+        """
         pose = command.pose
         self._pose_out.publish(self._write(stamp, pose.position, pose.rotation))
         if self._twist_out.get_subscription_count():
@@ -84,6 +104,16 @@ class JawOutput:
 
     The jaw begins where `slave/jaw/measured_js` says that it is. Without that, or without
     `gripper/measured_js`, nothing is published.
+
+    Parameters
+    ----------
+    node
+        Node that publishes.
+    values
+        Checked settings of `teleop`: speed of alignment, largest age of the jaw's angle.
+    inputs
+        Subscriptions of the node.
+
     """
 
     def __init__(self, node: Node, values: Values, inputs: Inputs) -> None:
@@ -100,7 +130,19 @@ class JawOutput:
         inputs.subscribe(JointState, 'slave/jaw/measured_js', self._on_jaw, EVENTS)
 
     def follow(self, stamp: int, start: int, now: float) -> None:
-        """Command the jaw at the stamp of a command, ns, of the slave's start of a number."""
+        """
+        Command the jaw together with a command of the slave.
+
+        Parameters
+        ----------
+        stamp
+            Stamp of the command, ns.
+        start
+            How often the slave has begun to follow: a new start takes a new offset.
+        now
+            Present time, s, monotonic.
+
+        """
         gripper = self._gripper.at(now)
         if gripper is None:
             self._following = None

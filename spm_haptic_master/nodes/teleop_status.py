@@ -25,7 +25,19 @@ STATE_PERIOD = 0.2
 
 
 class TeleopStatus:
-    """Publishes the state of a machine; `torque` is None where the hand feels nothing."""
+    """
+    Publishes the state of a tele-operation.
+
+    Parameters
+    ----------
+    node
+        Node that publishes.
+    machine
+        The tele-operation; its lock is held by the caller of every method.
+    torque
+        The slave's torque for the hand; None where the hand feels nothing.
+
+    """
 
     def __init__(self, node: Node, machine: Teleoperation, torque: SlaveTorque | None) -> None:
         self._node, self._machine, self._torque = node, machine, torque

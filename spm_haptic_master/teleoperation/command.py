@@ -7,29 +7,28 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.kinematics.vectors import cross
-from spm_haptic_master.teleoperation.vectors import total, ZERO
+from spm_haptic_master.teleoperation.vectors import FloatQuaternion, FloatVector, total, ZERO
 
 
 class Pose(NamedTuple):
     """Pose of the tip of the slave in its base frame."""
 
-    rotation: Quaternion[float]  # unit quaternion x, y, z, w
-    position: Vector[float] = ZERO  # m
+    rotation: FloatQuaternion  # unit quaternion x, y, z, w
+    position: FloatVector = ZERO  # m
 
 
 class Motion(NamedTuple):
     """Velocity of a commanded pose in the slave's base frame."""
 
-    angular: Vector[float] = ZERO  # rad/s
+    angular: FloatVector = ZERO  # rad/s
     # From the trocar to the tip, m, and velocity of the tip along the shaft, m/s; zero without a
     # trocar: the tip keeps its position.
-    lever: Vector[float] = ZERO
-    sliding: Vector[float] = ZERO
+    lever: FloatVector = ZERO
+    sliding: FloatVector = ZERO
 
     @property
-    def linear(self) -> Vector[float]:
+    def linear(self) -> FloatVector:
         """Velocity of the tip, m/s: v = omega x (p - p_t) + L' R u."""
         return total(cross(self.angular, self.lever), self.sliding)
 

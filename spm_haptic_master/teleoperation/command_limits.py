@@ -9,12 +9,13 @@ from dataclasses import dataclass
 from math import sqrt
 from typing import NamedTuple
 
-from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.kinematics.rotations import multiply_quaternions, quaternion_from_vector
 from spm_haptic_master.teleoperation.braking import braking_speed, closing_speed
 from spm_haptic_master.teleoperation.tilt_cone import TiltCone
 from spm_haptic_master.teleoperation.vectors import (
     difference,
+    FloatQuaternion,
+    FloatVector,
     moved_toward,
     norm,
     rotation_between,
@@ -60,18 +61,18 @@ class LimitedRotation:
     """
 
     def __init__(
-        self, limits: CommandLimits, rotation: Quaternion[float], cone: TiltCone | None = None
+        self, limits: CommandLimits, rotation: FloatQuaternion, cone: TiltCone | None = None
     ) -> None:
         self._limits = limits
         self._cone = cone
         # Where the target was at the last step; None where the command had reached it.
-        self._target: Quaternion[float] | None = None
+        self._target: FloatQuaternion | None = None
         self.rotation = rotation  # its sign is continuous
         self.velocity = ZERO  # rad/s, base frame
         # Tilt of the shaft, rad; not used without a cone.
         self._tilt = 0.0 if cone is None else cone.tilt(rotation)
 
-    def advance(self, target: Quaternion[float], dt: float) -> str:
+    def advance(self, target: FloatQuaternion, dt: float) -> str:
         """
         Move towards a target.
 
@@ -113,7 +114,7 @@ class LimitedRotation:
         """Take the next target as one to move to from here: what the command is behind is lost."""
         self._target = None
 
-    def _broken_by(self, wanted: Vector[float], moving: Vector[float], step: Step) -> str:
+    def _broken_by(self, wanted: FloatVector, moving: FloatVector, step: Step) -> str:
         """Return which limit a step at the wanted velocity would break; empty if none."""
         if norm(wanted) > (1.0 + ROUNDING) * step.speed:
             return 'speed'
@@ -125,7 +126,7 @@ class LimitedRotation:
             return 'acceleration'
         return ''
 
-    def _slew(self, target: Quaternion[float], moving: Vector[float], step: Step) -> str:
+    def _slew(self, target: FloatQuaternion, moving: FloatVector, step: Step) -> str:
         """Move as far towards the target as the limits allow; return a limit that cannot hold."""
         velocity = self._slewed_velocity(moving, step)
         if norm(velocity) * step.dt > (1.0 + ROUNDING) * self._limits.jump:
@@ -137,7 +138,7 @@ class LimitedRotation:
         self._move_to(unit_quaternion(moved) or self.rotation, velocity, target, step.dt)
         return ''
 
-    def _slewed_velocity(self, moving: Vector[float], step: Step) -> Vector[float]:
+    def _slewed_velocity(self, moving: FloatVector, step: Step) -> FloatVector:
         """Return the velocity to the moving target's last place, able to stay with it, rad/s."""
         before = self.rotation if self._target is None else self._target
         error = rotation_between(self.rotation, before)
@@ -155,9 +156,9 @@ class LimitedRotation:
 
     def _move_to(
         self,
-        rotation: Quaternion[float],
-        velocity: Vector[float],
-        target: Quaternion[float],
+        rotation: FloatQuaternion,
+        velocity: FloatVector,
+        target: FloatQuaternion,
         dt: float,
     ) -> None:
         """Take the next rotation, reached at a velocity; the cone may hold it back."""
@@ -173,9 +174,7 @@ class LimitedRotation:
         is_near = x * a + y * b + z * c + w * d >= 0.0
         self.rotation = rotation if is_near else (-x, -y, -z, -w)
 
-    def _kept_in(
-        self, cone: TiltCone, rotation: Quaternion[float], dt: float
-    ) -> Quaternion[float]:
+    def _kept_in(self, cone: TiltCone, rotation: FloatQuaternion, dt: float) -> FloatQuaternion:
         """Return the rotation, or the nearest one whose tilt can still stop at the cone."""
         before, self._tilt = self._tilt, cone.tilt(rotation)
         if self._tilt <= before:
@@ -188,7 +187,7 @@ class LimitedRotation:
         return cone.within(rotation, allowed)
 
 
-def unit_quaternion(quaternion: Quaternion[float]) -> Quaternion[float] | None:
+def unit_quaternion(quaternion: FloatQuaternion) -> FloatQuaternion | None:
     """
     Normalise a quaternion that another program sent.
 

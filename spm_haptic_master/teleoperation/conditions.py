@@ -8,13 +8,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import inf, nan, radians
 
-from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.kinematics.rotations import multiply_quaternions, rotation_distance
 from spm_haptic_master.supervision.orientation_state import OrientationState
 from spm_haptic_master.teleoperation.command import Pose
 from spm_haptic_master.teleoperation.command_limits import unit_quaternion
 from spm_haptic_master.teleoperation.remote_centre import RemoteCentreSettings
-from spm_haptic_master.teleoperation.vectors import difference, norm
+from spm_haptic_master.teleoperation.vectors import difference, FloatQuaternion, FloatVector, norm
 
 # Why it is not engaged, or no longer.
 NO_ORIENTATION = 'no orientation'
@@ -36,7 +35,7 @@ class Conditions:
     """When the slave may follow, and how."""
 
     # Rotation from the master's to the slave's base frame.
-    registration: Quaternion[float]
+    registration: FloatQuaternion
     # Angular speed at which the offset taken at engaging shrinks to none, rad/s; 0: it stays.
     align_speed: float
     tolerance: float  # largest offset at which it engages, rad; inf: any
@@ -62,7 +61,7 @@ class Inputs:
         # Times at which rotations and presence came, and the slave came to rest, s.
         self._master_at = self._slave_at = self._rest_at = self.present_at = -inf
         # Rotation of the master and pose of the slave in the slave's base frame.
-        self.master: Quaternion[float] | None = None
+        self.master: FloatQuaternion | None = None
         self.slave: Pose | None = None
         # Pose near which the slave has stayed; None until its next pose.
         self._rest: Pose | None = None
@@ -76,7 +75,7 @@ class Inputs:
         self.slave_obstacle = ''
         # Fault of the force feedback in words; empty without one.
         self.force_fault = ''
-        self.trocar: Vector[float] | None = None  # in the slave's base frame, m
+        self.trocar: FloatVector | None = None  # in the slave's base frame, m
         self.insertion = nan  # of the master, m
         # Time without an insertion, s, in which this process ran.
         self._insertion_age = inf
@@ -90,7 +89,7 @@ class Inputs:
         # What came while this process did not run is still to be read.
         self._insertion_age += min(dt, self._longest_pause)
 
-    def take_master(self, quaternion: Quaternion[float]) -> None:
+    def take_master(self, quaternion: FloatQuaternion) -> None:
         """Take the master's rotation in its own base frame."""
         master = unit_quaternion(quaternion)
         self._master_at = self.now

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from enum import Enum
 
-from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.kinematics.rotations import rotation_distance
 from spm_haptic_master.supervision.orientation_state import OrientationState
 from spm_haptic_master.teleoperation import remote_centre
@@ -31,7 +30,7 @@ from spm_haptic_master.teleoperation.conditions import (
 )
 from spm_haptic_master.teleoperation.following import Following
 from spm_haptic_master.teleoperation.remote_centre import Pivot, RemoteCentre
-from spm_haptic_master.teleoperation.vectors import difference, norm
+from spm_haptic_master.teleoperation.vectors import difference, FloatQuaternion, FloatVector, norm
 from spm_haptic_master.timing import SECOND, StampGrid
 
 # Largest backlog (s) of commands that may go out at once beyond the longest step: a computer
@@ -108,7 +107,8 @@ class Teleoperation:
     def pass_time(self, dt: float) -> None:
         """Let time pass, s: disengage if an input has become too old."""
         self._inputs.pass_time(dt)
-        self._budget = min(self._budget + GROWTH * dt, self._limits.longest + BURST)
+        grown = self._budget + GROWTH * dt
+        self._budget = min(grown, self._limits.longest + BURST)
         if self.phase is not Phase.DISENGAGED:
             self._release(self._blocking() or ('' if self._inputs.is_present else NO_PRESENCE))
         elif self._enabled_at is not None and (
@@ -158,7 +158,8 @@ class Teleoperation:
 
     def take_presence(self, pressed: bool) -> None:
         """Take the presence of the surgeon."""
-        self._inputs.present, self._inputs.present_at = pressed, self._inputs.now
+        self._inputs.present = pressed
+        self._inputs.present_at = self._inputs.now
         if not pressed:
             self._release(NO_PRESENCE)
 
@@ -197,7 +198,7 @@ class Teleoperation:
         self._inputs.force_fault = fault
         self._release(self._blocking())
 
-    def take_trocar(self, trocar: Vector[float]) -> None:
+    def take_trocar(self, trocar: FloatVector) -> None:
         """
         Take the trocar about which the slave pivots, in its base frame, m.
 
@@ -219,10 +220,11 @@ class Teleoperation:
 
     def take_level(self, level: float) -> None:
         """Take the protection level of the orientation, rad."""
-        self._inputs.level, self._inputs.level_at = level, self._inputs.now
+        self._inputs.level = level
+        self._inputs.level_at = self._inputs.now
         self._release(self._blocking())
 
-    def take_master(self, stamp: int, quaternion: Quaternion[float]) -> Command | None:
+    def take_master(self, stamp: int, quaternion: FloatQuaternion) -> Command | None:
         """
         Take an orientation of the master, sampled at a stamp, ns.
 
@@ -268,7 +270,7 @@ class Teleoperation:
             self.disengage(NO_ORIENTATION)
         return True
 
-    def _is_advanced(self, following: Following, stamp: int, master: Quaternion[float]) -> bool:
+    def _is_advanced(self, following: Following, stamp: int, master: FloatQuaternion) -> bool:
         """Return whether the command has moved; a limit that it would break disengages."""
         used = min((stamp - following.stamp) / SECOND, self._limits.longest)
         if used > self._budget:
@@ -279,7 +281,7 @@ class Teleoperation:
             self.disengage(f'{broken} above the limit')
         return not broken
 
-    def _try_to_engage(self, stamp: int, master: Quaternion[float]) -> None:
+    def _try_to_engage(self, stamp: int, master: FloatQuaternion) -> None:
         """Begin to follow from where master and slave are now, if every condition is met."""
         inputs = self._inputs
         if self.phase is Phase.CLUTCHED:

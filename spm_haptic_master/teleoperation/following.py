@@ -14,7 +14,6 @@ trocar.
 
 from __future__ import annotations
 
-from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.kinematics.rotations import (
     conjugate,
     multiply_quaternions,
@@ -25,7 +24,7 @@ from spm_haptic_master.teleoperation.braking import braking_speed
 from spm_haptic_master.teleoperation.command import Command, Motion, Pose
 from spm_haptic_master.teleoperation.command_limits import CommandLimits, LimitedRotation
 from spm_haptic_master.teleoperation.remote_centre import RemoteCentre
-from spm_haptic_master.teleoperation.vectors import norm, scaled
+from spm_haptic_master.teleoperation.vectors import FloatQuaternion, norm, scaled
 from spm_haptic_master.timing import SECOND
 
 # Offset that counts as none (rad): far below the resolution of any encoder.
@@ -58,7 +57,7 @@ class Following:
         self,
         limits: CommandLimits,
         align_speed: float,
-        master: Quaternion[float],
+        master: FloatQuaternion,
         slave: Pose,
         stamp: int,
         centre: RemoteCentre | None = None,
@@ -77,7 +76,7 @@ class Following:
         self.stamp = stamp
 
     @property
-    def rotation(self) -> Quaternion[float]:
+    def rotation(self) -> FloatQuaternion:
         """Return the slave's commanded rotation in its base frame."""
         return self._command.rotation
 
@@ -89,7 +88,7 @@ class Following:
             return Command(Pose(rotation, self._position), Motion(angular))
         return self._centre.command(rotation, angular)
 
-    def advance(self, master: Quaternion[float], insertion: float, stamp: int) -> str:
+    def advance(self, master: FloatQuaternion, insertion: float, stamp: int) -> str:
         """
         Command what follows from an orientation of the master.
 
@@ -125,7 +124,7 @@ class Following:
         self.stamp = stamp
         return ''
 
-    def _turn(self, target: Quaternion[float], dt: float) -> str:
+    def _turn(self, target: FloatQuaternion, dt: float) -> str:
         """Turn towards a target, or the nearest rotation in the cone; return a broken limit."""
         cone = None if self._centre is None else self._centre.cone
         if cone is not None:

@@ -62,8 +62,8 @@ class LimitedDepth:
             broken = self._broken_by(target_rate, dt)
             if broken:
                 return broken
-        clamped = min(max(target, limits.shortest), limits.deepest)
-        before = min(max(self._target, limits.shortest), limits.deepest)
+        clamped = _clamped(target, limits.shortest, limits.deepest)
+        before = _clamped(self._target, limits.shortest, limits.deepest)
         moving = (clamped - before) / dt
         wanted = (clamped - self.depth) / dt
         # Also where it has caught up, it must not be faster than the target by too much.
@@ -73,7 +73,8 @@ class LimitedDepth:
         if is_reachable:
             self.depth, self.rate = clamped, wanted
         else:
-            self.rate = self._bounded(self._approach(before, moving, dt), dt)
+            approach = self._approach(before, moving, dt)
+            self.rate = self._bounded(approach, dt)
             self.depth += self.rate * dt
         self._target, self._target_rate = target, target_rate
         return ''
@@ -100,7 +101,12 @@ class LimitedDepth:
         speed = limits.speed * min(dt, limits.longest) / dt
         deeper = braking_speed(limits.deepest - self.depth, dt, limits.acceleration)
         higher = braking_speed(self.depth - limits.shortest, dt, limits.acceleration)
-        allowed = min(max(wanted, -min(speed, higher)), min(speed, deeper))
+        allowed = _clamped(wanted, -min(speed, higher), min(speed, deeper))
         gain = (1.0 + ROUNDING) * limits.acceleration * dt
         # It may be faster than `speed` after a pause: then it slows down as fast as it can.
-        return min(max(allowed, self.rate - gain), self.rate + gain)
+        return _clamped(allowed, self.rate - gain, self.rate + gain)
+
+
+def _clamped(value: float, smallest: float, largest: float) -> float:
+    """Return the nearest value in a range."""
+    return min(max(value, smallest), largest)

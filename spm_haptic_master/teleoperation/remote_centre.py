@@ -19,13 +19,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import inf
 
-from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.kinematics.rotations import conjugate
 from spm_haptic_master.kinematics.vectors import cross
 from spm_haptic_master.teleoperation.command import Command, Motion, Pose
 from spm_haptic_master.teleoperation.limited_depth import DepthLimits, LimitedDepth
 from spm_haptic_master.teleoperation.tilt_cone import TiltCone
-from spm_haptic_master.teleoperation.vectors import difference, norm, rotate, scaled, total
+from spm_haptic_master.teleoperation.vectors import (
+    difference,
+    FloatQuaternion,
+    FloatVector,
+    norm,
+    rotate,
+    scaled,
+    total,
+)
 
 # Smallest depth of the tip (m): nearer to the trocar its direction is not that of the shaft.
 LEAST_DEPTH = 0.005
@@ -47,24 +54,24 @@ class RemoteCentreSettings:
     largest_tilt: float  # of the shaft about its direction at engaging, rad; inf: any
     # Shaft in the tool's frame, unit vector from the trocar to the tip; None: that from the trocar
     # to the tip at engaging, which nothing else confirms.
-    shaft: Vector[float] | None = None
+    shaft: FloatVector | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Pivot:
     """A trocar, and the shaft of the slave through it as engaging found them."""
 
-    trocar: Vector[float]  # p_t in the slave's base frame, m
-    shaft: Vector[float]  # u in the tool's frame, unit vector
-    axis: Vector[float]  # direction of the shaft at engaging in the slave's base frame
+    trocar: FloatVector  # p_t in the slave's base frame, m
+    shaft: FloatVector  # u in the tool's frame, unit vector
+    axis: FloatVector  # direction of the shaft at engaging in the slave's base frame
 
 
-def depth_of(trocar: Vector[float], slave: Pose) -> float:
+def depth_of(trocar: FloatVector, slave: Pose) -> float:
     """Return the distance L_0 from the trocar to the tip, m."""
     return norm(difference(slave.position, trocar))
 
 
-def shaft_through(trocar: Vector[float], slave: Pose) -> Vector[float]:
+def shaft_through(trocar: FloatVector, slave: Pose) -> FloatVector:
     """
     Find the shaft of a slave in its tool's frame: u = R_s0^T (p_s0 - p_t) / L_0.
 
@@ -85,7 +92,7 @@ def shaft_through(trocar: Vector[float], slave: Pose) -> Vector[float]:
     return rotate(conjugate(slave.rotation), scaled(lever, 1.0 / norm(lever)))
 
 
-def distance_from_shaft(point: Vector[float], slave: Pose, shaft: Vector[float]) -> float:
+def distance_from_shaft(point: FloatVector, slave: Pose, shaft: FloatVector) -> float:
     """
     Return the distance from a point to the line of a slave's shaft, m.
 
@@ -103,7 +110,7 @@ def distance_from_shaft(point: Vector[float], slave: Pose, shaft: Vector[float])
 
 
 def obstacle(
-    settings: RemoteCentreSettings, trocar: Vector[float], slave: Pose, known: Pivot | None
+    settings: RemoteCentreSettings, trocar: FloatVector, slave: Pose, known: Pivot | None
 ) -> str:
     """
     Return why a slave cannot pivot about a trocar from its measured pose; empty if it can.
@@ -166,7 +173,7 @@ class RemoteCentre:
     def __init__(
         self,
         settings: RemoteCentreSettings,
-        trocar: Vector[float],
+        trocar: FloatVector,
         slave: Pose,
         insertion: float,
         known: Pivot | None,
@@ -189,7 +196,7 @@ class RemoteCentre:
             target += self._scale * (insertion - self._first_insertion)
         return self._depth.advance(target, dt)
 
-    def command(self, rotation: Quaternion[float], angular: Vector[float]) -> Command:
+    def command(self, rotation: FloatQuaternion, angular: FloatVector) -> Command:
         """Return tip and motion for a commanded rotation and its angular velocity, rad/s."""
         direction = rotate(rotation, self.pivot.shaft)
         lever = scaled(direction, self._depth.depth)

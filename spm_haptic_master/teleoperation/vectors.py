@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from math import sqrt
+from typing import TypeAlias
 
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.kinematics.rotations import (
@@ -16,42 +17,45 @@ from spm_haptic_master.kinematics.rotations import (
 )
 from spm_haptic_master.kinematics.vectors import times
 
-ZERO: Vector[float] = (0.0, 0.0, 0.0)
+# Numbers of the 1 kHz path: x, y, z, and x, y, z, w of a rotation.
+FloatVector: TypeAlias = Vector[float]
+FloatQuaternion: TypeAlias = Quaternion[float]
+ZERO: FloatVector = (0.0, 0.0, 0.0)
 
 
-def norm(vector: Vector[float]) -> float:
+def norm(vector: FloatVector) -> float:
     """Return the length of a vector."""
     x, y, z = vector
     return sqrt(x * x + y * y + z * z)
 
 
-def scaled(vector: Vector[float], factor: float) -> Vector[float]:
+def scaled(vector: FloatVector, factor: float) -> FloatVector:
     """Return a vector times a number."""
     x, y, z = vector
     return factor * x, factor * y, factor * z
 
 
-def total(a: Vector[float], b: Vector[float]) -> Vector[float]:
+def total(a: FloatVector, b: FloatVector) -> FloatVector:
     """Return a + b."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
-def difference(a: Vector[float], b: Vector[float]) -> Vector[float]:
+def difference(a: FloatVector, b: FloatVector) -> FloatVector:
     """Return a - b."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-def rotate(rotation: Quaternion[float], vector: Vector[float]) -> Vector[float]:
+def rotate(rotation: FloatQuaternion, vector: FloatVector) -> FloatVector:
     """Return R v, with the rotation R as a unit quaternion x, y, z, w."""
     return times(rotation_from_quaternion(*rotation), vector)
 
 
-def rotation_between(one: Quaternion[float], other: Quaternion[float]) -> Vector[float]:
+def rotation_between(one: FloatQuaternion, other: FloatQuaternion) -> FloatVector:
     """Return the rotation vector, rad, in the base frame, that turns one rotation to the other."""
     return vector_from_quaternion(*multiply_quaternions(other, conjugate(one)))
 
 
-def moved_toward(before: Vector[float], wanted: Vector[float], gain: float) -> Vector[float]:
+def moved_toward(before: FloatVector, wanted: FloatVector, gain: float) -> FloatVector:
     """Return the vector nearest to the wanted one that differs from `before` by `gain` at most."""
     change = difference(wanted, before)
     size = norm(change)

@@ -215,6 +215,11 @@ def test_two_arms_with_slave_and_pedals(ros2_launch):
     assert 'frame_id:=right/spm_base' in right
 
 
+def test_the_time_of_a_pedal_is_checked_before_anything_starts(ros2_launch):
+    with pytest.raises(InputError, match=r"'teleop.presence_timeout' is 60.*from 0 to 10"):
+        ros2_launch('teleop', 'source:=sim', 'arms:=right', 'right_presence_timeout:=60.0')
+
+
 @pytest.mark.parametrize(
     ('argument', 'expected'),
     [
