@@ -53,9 +53,6 @@ def test_every_public_name_says_what_it_is(name):
 PENDING = {
     'kinematics.estimate',
     'kinematics.estimate_sample',
-    'kinematics.zxz_quaternion',
-    'supervision.supervise',
-    'force.identify_gravity',
 }
 FUNCTIONS = [
     name for name, value in PUBLIC.items() if inspect.isfunction(value) and name not in PENDING

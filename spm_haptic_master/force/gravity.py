@@ -127,10 +127,31 @@ def identify_gravity(
     """
     Return the gravity of handle and links that explains the motor torques that held them still.
 
-    `R` (n, 3, 3) is R_base_platform of each pose, `motor_torque` (n, 3) or (n, 4) in N m, `down`
-    the acceleration of gravity in the base frame, m/s^2. The second value is the root mean square
-    of what is left on the handle, N m. InputError: a wrong argument, or the poses do not determine
-    the values; UnreachableError and SingularityError as of `inverse`.
+    Parameters
+    ----------
+    R : array_like, shape (n, 3, 3)
+        R_base_platform of each pose.
+    motor_torque : array_like, shape (n, 3) or (n, 4)
+        Torques of the motors at each pose, N m.
+    geometry : Geometry
+        The mechanism.
+    working_mode : sequence of int
+        Signs of B_kk of the legs A, B, C.
+    down : tuple of float
+        Acceleration of gravity in the base frame, m/s^2.
+
+    Returns
+    -------
+    tuple of Gravity and float
+        The gravity, and the root mean square of what it leaves on the handle, N m.
+
+    Raises
+    ------
+    InputError
+        An argument is wrong, or the poses do not determine the values.
+    UnreachableError, SingularityError
+        As of `inverse`.
+
     """
     motors = 4 if np.shape(motor_torque)[-1:] == (4,) else 3
     statics = make_statics(geometry, working_mode, motors, ForceLimits())

@@ -157,6 +157,11 @@ def zxz_quaternion(psi: float, theta: float, phi: float) -> Quaternion[float]:
     psi, theta, phi : float
         Euler angles, rad; phi is the self-rotation.
 
+    Returns
+    -------
+    tuple of float
+        x, y, z, w, of norm 1.
+
     """
     difference = 0.5 * (psi - phi)
     total = 0.5 * (psi + phi)

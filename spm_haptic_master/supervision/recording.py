@@ -78,6 +78,11 @@ def supervise(stamps: ArrayLike, angles: ArrayLike, **parameters: Any) -> Superv
         have the shape (3, 3) (``geometry__base_axes``). The mounting is applied, as fkm does.
         Those that do not concern the result (``frame_id``) are checked and have no effect.
 
+    Returns
+    -------
+    Supervised
+        What `fkm` publishes for each sample, and the state at each change.
+
     Raises
     ------
     SettingError
