@@ -31,18 +31,25 @@ LARGER = 1.012
 # from a corner to the opposite one (unit SIZE).
 POLE = (-0.02, -0.02, 1.6), (0.02, 0.02, 2.06)
 CLOTH = (0.0, -0.014, 1.9), (0.86, 0.014, 2.06)
+# The flag of three encoders is above that of the device: neither hides the other one.
+GHOST_POLE = (-0.02, -0.02, 2.06), (0.02, 0.02, 2.22)
+GHOST_CLOTH = (0.0, -0.014, 2.08), (0.86, 0.014, 2.22)
 # Sector between the two flags: radius, height on the handle, number of triangles; where its words
 # are (units of the scene).
 SECTOR_RADIUS = 0.86
-SECTOR_HEIGHT = 1.98
+SECTOR_HEIGHT = 2.07
 SECTOR_PARTS = 24
-WORDS_AT = 1.0
-WORDS_ABOVE = 0.22
+WORDS_AT = 1.15
 
 
 def flag() -> Solid:
     """Return the flag above the handle, which is seen from far (m)."""
-    return solids.together(*(_box(low, high) for low, high in (POLE, CLOTH)))
+    return solids.together(_box(*POLE), _box(*CLOTH))
+
+
+def ghost_flag() -> Solid:
+    """Return the flag of three encoders alone (m)."""
+    return solids.together(_box(*GHOST_POLE), _box(*GHOST_CLOTH))
 
 
 def _box(low: Sequence[float], high: Sequence[float]) -> Solid:
@@ -62,13 +69,17 @@ def _box(low: Sequence[float], high: Sequence[float]) -> Solid:
 
 
 class Ghost:
-    """The platform of three encoders below the device's, `root` a frame of that platform."""
+    """
+    The platform of three encoders, and the sector between its flag and the device's.
+
+    `root` is a frame of the device's platform, `platform` the solid of one without a flag, m.
+    """
 
     def __init__(self, scene: SceneApi, root: str, platform: Solid) -> None:
         self.platform = surfaces.add(
             scene,
             f'{root}/ghost',
-            platform,
+            solids.together(platform, ghost_flag()),
             rgb([THREE_ENCODERS.light]),
             scale=LARGER / solids.SIZE,
             opacity=OPACITY,
@@ -103,7 +114,7 @@ class Ghost:
         self.platform.wxyz = w, x, y, z
         self.sector.vertices = sector(rotation).vertices.astype(np.float32)
         middle = _directions(rotation, 2)[1]
-        self.words.position = WORDS_AT * middle + (0.0, 0.0, SECTOR_HEIGHT + WORDS_ABOVE)
+        self.words.position = WORDS_AT * middle + (0.0, 0.0, SECTOR_HEIGHT)
         self.words.text = f'three encoders: {degrees(error):.0f}\u00b0 off'
 
 

@@ -87,7 +87,7 @@ class Scene:
         self._add_platform()
         self._add_encoders()
         self.dome = Dome(scene, self._fixed_rest.name, geometry, working_mode)
-        self.ghost = Ghost(scene, self._turned_rest.name, self._platform)
+        self.ghost = Ghost(scene, self._turned_rest.name, self._shapes['platform'])
         self._add_level()
         self.torques = [
             surfaces.add(
@@ -157,8 +157,8 @@ class Scene:
     def _add_platform(self) -> None:
         """Add the platform with its handle and flag, and its axes."""
         turned = self._turned.name
-        self._platform = solids.together(self._shapes['platform'], flag())
-        self._add_coloured(f'{turned}/solid', self._platform, [css('platform')])
+        platform = solids.together(self._shapes['platform'], flag())
+        self._add_coloured(f'{turned}/solid', platform, [css('platform')])
         self._add_coloured(f'{turned}/axes', solids.cylinder(AXIS), AXIS_COLOURS, np.eye(3))
 
     def _add_encoders(self) -> None:
