@@ -49,6 +49,8 @@ COLOURS = 256
 # Time for a page that opens to be drawn, with dome and some seconds of its plots; for a program
 # to start, and for a word to appear (s).
 SETTLE, PATIENCE = 14.0, 120.0
+# Pictures that are taken until one is of the state: a busy computer has moments without it.
+ATTEMPTS = 100
 # What viser says of a browser without a GPU is no part of the picture.
 WITHOUT_NOTICE = 'document.querySelectorAll(".mantine-Notification-root").forEach(e => e.remove())'
 # Error of three encoders alone (deg), 0 where the page has none.
@@ -109,8 +111,7 @@ class Pictures:
         for width, height in SIZES:
             self.open(width, height, query)
             time.sleep(SETTLE)
-            prepare()
-            self._save_one(STATES / f'{name}_{width}.png', condition)
+            self._save_one(STATES / f'{name}_{width}.png', condition, prepare)
 
     def save_covered(self, name: str, view: Program) -> None:
         """Write the pictures of a page whose program stands still."""
@@ -125,15 +126,19 @@ class Pictures:
             finally:
                 os.kill(view.pid, signal.SIGCONT)
 
-    def _save_one(self, path: Path, condition: Callable[[], object]) -> None:
-        """Write one picture; the condition holds before and after it is taken."""
-        for _ in range(20):
-            wait(lambda: condition() and not self.is_covered(), path.name)
+    def _save_one(
+        self, path: Path, condition: Callable[[], object], prepare: Callable[[], None]
+    ) -> None:
+        """Write one picture; the condition holds when it has been taken."""
+        for _ in range(ATTEMPTS):
+            prepare()
+            wait(lambda: not self.is_covered(), path.name)
             self.page.evaluate(WATCH_COVER)
             image = self.take()
             if condition() and not self.page.evaluate('window.wasCovered'):
                 save(image, path)
                 return
+            time.sleep(1.0)
         raise TimeoutError(path.name)
 
 
@@ -241,8 +246,10 @@ def tell_story(pictures: Pictures, device: Device) -> None:
         pictures.page.click(CROSS)
         if wait_until(lambda: pictures.page.evaluate(ERROR) > LOST, STORY_TIME):
             time.sleep(1.0)
-            if device.is_healthy() and not pictures.is_covered():
-                save(pictures.take(), HERE / 'view.png')
+            image = pictures.take()
+            still_lost = pictures.page.evaluate(ERROR) > LOST
+            if still_lost and device.is_healthy() and not pictures.is_covered():
+                save(image, HERE / 'view.png')
                 return
 
 
@@ -256,7 +263,11 @@ def with_four(pictures: Pictures) -> None:
         time.sleep(SETTLE)
         wait(device.is_healthy, 'the device is not healthy')
         animate(pictures)
-        pictures.save('singularity', device.is_healthy, prepare=lambda: lose(device, pictures))
+        pictures.save(
+            'singularity',
+            lambda: device.is_healthy() and pictures.page.evaluate(ERROR) > LOST,
+            prepare=lambda: lose(device, pictures),
+        )
         tell_story(pictures, device)
         device.steer(0.0, 0.0, SINGULAR)
         time.sleep(6.0)
