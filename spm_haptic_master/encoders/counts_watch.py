@@ -96,12 +96,15 @@ class CountsWatch:
         # Time of the latest frame, s, and whether its status bits were good.
         self.heard: float | None = None
         self.healthy = True
+        # Length of the latest frame, bytes, where that is another one than configured.
+        self.other_length: int | None = None
         # Position at the latest `moved`, counts.
         self._shown = 0
 
     def take(self, data: bytes | bytearray, stamp: float) -> None:
         """Take a frame's data; one of another length is no frame of this layout."""
         if len(data) != self.layout.data_length:
+            self.other_length = len(data)
             return
         self.heard = stamp
         self.healthy = self.layout.healthy(data)

@@ -138,9 +138,12 @@ def _silence(scan: BusScan) -> list[str]:
     if scan.frames:
         return []
     if answered := sorted(scan.nodes):
+        nodes = f'no frames, but answers to SDO of node {", ".join(map(str, answered))}: '
+        if scan.started:
+            return [f'{nodes}started, they send nothing. Set them up (can_setup --write)']
         return [
-            f'no frames, but node {", ".join(map(str, answered))} answers SDO: it does not send '
-            'yet. Start it (can_scan --start), and set it up (can_setup --write)'
+            f'{nodes}they do not send yet. Start them (can_scan --start), and set them up '
+            '(can_setup --write)'
         ]
     return ['no frames at all: check bit rate, termination, power, and that the interface is up']
 

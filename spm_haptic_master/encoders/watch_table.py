@@ -36,7 +36,10 @@ def _reading(scan: BusScan, watch: CountsWatch) -> list[str]:
     """Return counts, angle, span, age and status bits of an encoder."""
     angle, heard = watch.angle, watch.heard
     if heard is None:
-        return ['no frames']
+        if watch.other_length is None:
+            return ['no frames']
+        length = watch.layout.data_length
+        return [f'frames of {watch.other_length} bytes, encoders.data_length is {length}']
     age = max(0.0, scan.latest - heard)
     shown = 'beyond a turn' if angle is None else f'{degrees(angle):7.2f} deg'
     return [

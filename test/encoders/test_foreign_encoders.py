@@ -8,7 +8,7 @@ import time
 
 import can
 from encoder_frames import values
-from foreign_nodes import foreign_bus, objects_of
+from foreign_nodes import BARE, foreign_bus, objects_of
 import pytest
 from spm_haptic_master.encoders import can_bus, can_source
 from spm_haptic_master.encoders.can_bus import ReceiveClock
@@ -216,3 +216,15 @@ def test_the_configured_drives_are_no_foreign_nodes(channel, driver):
     ):
         read_until(source, lambda: 'not in encoders.node_id' in str(source.fault))
         assert 'not in encoders.node_id: 44 (' in source.fault
+
+
+def test_encoders_without_any_optional_object_are_read_without_a_caution(channel, driver):
+    """No heartbeat, no scaling, no storing, no SYNC objects: nothing of that is needed."""
+    with (
+        foreign_bus(channel, *((n, objects_of(n, **BARE)) for n in NODES)),
+        driver() as source,
+    ):
+        read_until(source, lambda: source.read(0.1))
+        assert sets_for(source, 1.0) > 10
+        assert source.fault is None and source.caution is None
+        assert source.statistics()['joint_1a error register'] == '0x00'

@@ -194,8 +194,8 @@ def test_E14_nodes_that_answer_and_send_nothing_are_named(channel, run):
         code, text = run()
     assert code == 1 and 'no frames at all' not in text
     assert (
-        'no frames, but node 1, 2, 3, 4, 5, 6 answers SDO: it does not send yet. Start it '
-        '(can_scan --start), and set it up (can_setup --write)' in text
+        'no frames, but answers to SDO of node 1, 2, 3, 4, 5, 6: they do not send yet. Start them '
+        '(can_scan --start), and set them up (can_setup --write)' in text
     )
 
 
@@ -267,6 +267,9 @@ def test_item_4_watch_has_span_status_and_what_does_not_fit():
     scan = BusScan(0x80, [layout])
     expected = Expected((layout,), None, 50.0)
     assert watch_lines(scan, expected) == ['joint_1a   0x181  no frames']
+    scan.feed(canopen.frame(0x181, bytes(4), T0))
+    (line,) = watch_lines(scan, expected)
+    assert line == 'joint_1a   0x181  frames of 4 bytes, encoders.data_length is 5'
     for number in range(91):
         data = layout.data(0.0174532925 * (number - 45), healthy=number < 90)
         scan.feed(canopen.frame(0x181, data, T0 + 0.02 * number))
