@@ -305,10 +305,8 @@ class BusScanner:
                 if self._begin_sync():
                     end = now + seconds
             if grid.wait(0.0):
-                if request := next(requests, None):
-                    self._send_request(request)
-                if start is not None:
-                    self._start_nodes(start, now)
+                self._send_request(next(requests, None))
+                self._start_nodes(start, now)
             if self._sync_grid:
                 self._send_sync(self._sync_grid)
             self._receive()
@@ -326,9 +324,9 @@ class BusScanner:
         )
         return True
 
-    def _send_request(self, request: can.Message) -> None:
-        """Send a request by SDO, and record it."""
-        if self._send(request):
+    def _send_request(self, request: can.Message | None) -> None:
+        """Send a request by SDO, if there is one, and record it."""
+        if request is not None and self._send(request):
             node_id = request.arbitration_id - canopen.SDO_REQUEST_BASE
             self._scan.asked(node_id, canopen.sdo_object(request.data))
 
@@ -354,8 +352,14 @@ class BusScanner:
         elif grid.wait(0.0) and self._send(canopen.frame(self._scan.sync_id or 0)):
             self._scan.sent_sync(time.monotonic())
 
-    def _start_nodes(self, start: tuple[int, ...], now: float) -> None:
-        """Send NMT start every START_AGAIN to these nodes and those heard, unless operational."""
+    def _start_nodes(self, start: tuple[int, ...] | None, now: float) -> None:
+        """
+        Send NMT start every START_AGAIN to these nodes and those heard, unless operational.
+
+        None starts no node.
+        """
+        if start is None:
+            return
         nodes = self._scan.nodes
         for node_id in {*start, *nodes}:
             if (

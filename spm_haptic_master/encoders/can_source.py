@@ -110,14 +110,18 @@ class CanSource(EncoderSource):
                 self._poll(now)
                 if self._bus is None:
                     continue
-            try:
-                message = bus.recv(min(deadline, self._poll_at) - now)
-            except can_bus.BUS_ERRORS as error:
-                self._fail(error)
-                continue
-            if message is not None:
-                self._take(message)
+            self._receive(bus, min(deadline, self._poll_at) - now)
         return self._ready.popleft() if self._ready else None
+
+    def _receive(self, bus: can.BusABC, timeout: float) -> None:
+        """Take the next frame within `timeout`, s; a bus that fails is closed."""
+        try:
+            message = bus.recv(timeout)
+        except can_bus.BUS_ERRORS as error:
+            self._fail(error)
+            return
+        if message is not None:
+            self._take(message)
 
     def take_readings(self) -> list[AxisReading]:
         """Return the readings of the axes since the last call."""

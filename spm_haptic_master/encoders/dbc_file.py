@@ -11,6 +11,7 @@ from pathlib import Path
 import re
 from typing import Any
 
+from spm_haptic_master.encoders.encoder_layout import lowest_bit
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 
@@ -107,36 +108,36 @@ def _described(frame: Any) -> DescribedFrame | None:
         return None
     position = max(positions, key=lambda signal: signal.length)
     others = [signal for signal in signals if signal is not position]
-    counter = next((each for each in others if COUNTER.search(each.name)), None)
-    status = next(
-        (each for each in others if each is not counter and STATUS.search(each.name)), None
-    )
-    word = _word(position)
+    counter = _first(others, COUNTER)
+    status = _first([signal for signal in others if signal is not counter], STATUS)
+    offset, bits, mask = _word(position)
     counts, remarks = _counts_per_turn(position)
     counter_byte, counter_mask = _byte_and_mask(counter, remarks)
     status_byte, status_mask = _byte_and_mask(status, remarks)
-    good = 0
-    if status is not None and status_mask:
-        good = _good_value(status, remarks) << _lowest(status_mask)
     return DescribedFrame(
         name=frame.name,
         signal=position.name,
         can_id=frame.frame_id,
         extended=frame.is_extended_frame,
         data_length=frame.length,
-        byte_offset=word[0],
-        bit_length=word[1],
+        byte_offset=offset,
+        bit_length=bits,
         byte_order='little' if position.byte_order == 'little_endian' else 'big',
-        mask=word[2],
+        mask=mask,
         signed=position.is_signed,
         counts_per_turn=counts,
         counter_byte=counter_byte,
         counter_mask=counter_mask,
         status_byte=status_byte,
         status_mask=status_mask,
-        status_good=good,
+        status_good=_good_value(status, status_mask, remarks),
         remarks=tuple(remarks),
     )
+
+
+def _first(signals: list[Any], name: re.Pattern[str]) -> Any:
+    """Return the first signal with such a name, None without one."""
+    return next((signal for signal in signals if name.search(signal.name)), None)
 
 
 def _word(signal: Any) -> tuple[int, int, int]:
@@ -181,17 +182,15 @@ def _byte_and_mask(signal: Any, remarks: list[str]) -> tuple[int, int]:
     return first, mask or 0xFF
 
 
-def _good_value(signal: Any, remarks: list[str]) -> int:
-    """Return the value of a status signal in health."""
+def _good_value(signal: Any, mask: int, remarks: list[str]) -> int:
+    """Return the bits of a status signal in health, at their place in the byte."""
+    if signal is None or not mask:
+        return 0
     for value, word in (signal.choices or {}).items():
         if GOOD.match(str(word)):
-            return int(value)
+            return int(value) << lowest_bit(mask)
     remarks.append(f'status_good: the file does not say which value of {signal.name} is good')
     return 0
-
-
-def _lowest(mask: int) -> int:
-    return (mask & -mask).bit_length() - 1
 
 
 def rig_lines(frames: list[DescribedFrame], path: str) -> list[str]:

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from math import radians
+from typing import Any
 
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.canopen_nodes import CanopenNodes
@@ -73,27 +74,31 @@ def _check_axes(
     values: Values,
 ) -> None:
     """Raise SettingError where an axis has the identifier or node id of another encoder."""
-    taken = {layout.can_id: layout.joint for layout in layouts} | {sync_id: 'SYNC'}
-    nodes = dict(zip(values['encoders.node_id'], (each.joint for each in layouts), strict=True))
-    if values['can.protocol'] != 'canopen':
-        nodes = {}
+    taken: dict[int | None, str] = {layout.can_id: layout.joint for layout in layouts}
+    taken[sync_id] = 'SYNC'
+    is_canopen = values['can.protocol'] == 'canopen'
+    joints = [layout.joint for layout in layouts]
+    nodes = dict(zip(values['encoders.node_id'], joints, strict=True)) if is_canopen else {}
     for axis in axes:
-        layout, node = axis.layout, axis.node
-        for name, fits, expected in _requirements(layout):
-            setting = name.replace('encoders.', f'{axis.name}.')
-            if not fits and setting in values:
-                raise SettingError(setting, values[setting], expected)
-        if (other := taken.get(layout.can_id)) is not None:
-            raise SettingError(
-                f'{axis.name}.id', layout.can_id, f'an identifier that {other} does not have'
-            )
-        taken[layout.can_id] = axis.name
-        if node is not None and (other := nodes.get(node.node_id)) is not None:
-            raise SettingError(
-                f'{axis.name}.node_id', node.node_id, f'a node id that {other} does not have'
-            )
-        if node is not None:
-            nodes[node.node_id] = axis.name
+        _check_layout(axis, values)
+        _take(taken, axis.layout.can_id, f'{axis.name}.id', 'an identifier')
+        if axis.node is not None:
+            _take(nodes, axis.node.node_id, f'{axis.name}.node_id', 'a node id')
+
+
+def _check_layout(axis: SingleAxis, values: Values) -> None:
+    """Raise SettingError where the layout of an axis contradicts itself."""
+    for name, fits, expected in _requirements(axis.layout):
+        setting = name.replace('encoders.', f'{axis.name}.')
+        if not fits and setting in values:
+            raise SettingError(setting, values[setting], expected)
+
+
+def _take(taken: dict[Any, str], value: int, setting: str, what: str) -> None:
+    """Note the encoder that has a value; SettingError if another one has it."""
+    if value in taken:
+        raise SettingError(setting, value, f'{what} that {taken[value]} does not have')
+    taken[value] = setting.partition('.')[0]
 
 
 def _window(values: Values) -> float:
@@ -125,8 +130,14 @@ def _check_identifiers(
             sync_id,
             f'an identifier that no encoder has ({taken[sync_id]} has it)',
         )
-    if not canopen_nodes:
-        return
+    if canopen_nodes:
+        _check_reserved(layouts, taken, sync_id)
+
+
+def _check_reserved(
+    layouts: tuple[EncoderLayout, ...], taken: dict[int, str], sync_id: int | None
+) -> None:
+    """Raise SettingError if an identifier that is taken has another use in CANopen."""
     for can_id, joint in taken.items():
         if use := canopen.reserved_for(can_id):
             raise SettingError(
@@ -211,8 +222,6 @@ def _requirements(layout: EncoderLayout) -> tuple[tuple[str, bool, str], ...]:
         layout.byte_length, layout.byte_order
     )
     counts = int.from_bytes(word, 'little') << 8 * layout.byte_offset
-    counter = layout.counter_mask << 8 * layout.counter_byte
-    status = layout.status_mask << 8 * layout.status_byte
     length = f'within the {layout.data_length} bytes of encoders.data_length'
     return (
         (
@@ -242,6 +251,21 @@ def _requirements(layout: EncoderLayout) -> tuple[tuple[str, bool, str], ...]:
             layout.zero_count < layout.counts_per_turn,
             f'counts below the {layout.counts_per_turn} of encoders.counts_per_turn',
         ),
+        *_bit_requirements(layout, counts, length),
+    )
+
+
+def _bit_requirements(
+    layout: EncoderLayout, counts: int, length: str
+) -> tuple[tuple[str, bool, str], ...]:
+    """
+    Return the requirements of rolling counter and status bits.
+
+    `counts` are the bits of the frame with the counts; `length` describes the frame's end.
+    """
+    counter = layout.counter_mask << 8 * layout.counter_byte
+    status = layout.status_mask << 8 * layout.status_byte
+    return (
         (
             'encoders.counter_byte',
             not layout.counter_mask or layout.counter_byte < layout.data_length,

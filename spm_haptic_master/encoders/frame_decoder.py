@@ -208,14 +208,8 @@ class FrameDecoder:
         )
         # Copied in one step: another thread changes it.
         reasons |= dict.fromkeys(tuple(self.assembler.late.behind), BEHIND)
-        for index, encoder in enumerate(self.encoders):
-            refused = encoder.refused
-            if index not in reasons and (
-                index in self.assembler.absent
-                or refused
-                and refused[1] in (STATUS_ERROR, UNCHANGED)
-                and recent(refused[0], now, CAUTION_HOLD)
-            ):
+        for index in range(len(self.encoders)):
+            if index not in reasons and self._is_without_reading(index, now):
                 reasons[index] = self._trouble(index, now, CAUTION_HOLD)
         found = [
             f'{self.encoders[index].layout.joint}: {reasons[index]}' for index in sorted(reasons)
@@ -226,6 +220,15 @@ class FrameDecoder:
         if surplus and recent(surplus[0], now, CAUTION_HOLD):
             found.append(surplus[1])
         return '; '.join(found) or None
+
+    def _is_without_reading(self, index: int, now: float) -> bool:
+        """Return whether a joint is silent, or its frames say that they are no readings."""
+        if index in self.assembler.absent:
+            return True
+        refused = self.encoders[index].refused
+        if refused is None or refused[1] not in (STATUS_ERROR, UNCHANGED):
+            return False
+        return recent(refused[0], now, CAUTION_HOLD)
 
     def tally(self) -> Counter[str]:
         """Return all counters by name; rejects of an encoder begin with its joint."""

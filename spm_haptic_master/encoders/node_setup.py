@@ -268,19 +268,25 @@ def write(node: Node, found: Comparison) -> None:
         )
     node.command(canopen.NMT_PRE_OPERATIONAL)
     try:
-        for pdo in wanted.pdos:
-            if found.different.keys() & set(pdo.every):
-                _write_pdo(node, pdo, found)
-        for each in wanted.others:
-            # Objects may be two names of one value: what was written may have put this right.
-            if each in found.different and each.key not in _excused(node, wanted):
-                _write(node, each, found)
+        _write_different(node, found)
         _verify(node, wanted, 'after they were written')
         node.store()
     except SetupError as error:
         raise SetupError(f'{error}; {_put_back(node, found)}') from error
     node.reset()
     _verify(node, wanted, 'after storing and a reset')
+
+
+def _write_different(node: Node, found: Comparison) -> None:
+    """Write the objects that are not as wanted, those of the PDOs first."""
+    different = found.different
+    for pdo in found.wanted.pdos:
+        if different.keys() & set(pdo.every):
+            _write_pdo(node, pdo, found)
+    for each in found.wanted.others:
+        # Objects may be two names of one value: what was written may have put this right.
+        if each in different and each.key not in _excused(node, found.wanted):
+            _write(node, each, found)
 
 
 def _excused(node: Node, wanted: WantedObjects) -> set[Key]:

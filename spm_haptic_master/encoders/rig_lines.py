@@ -23,6 +23,12 @@ class GivenBus:
     bitrate: int | None  # bit/s; None where it is not given
     chosen: bool  # whether the encoders are given, and their order with them
 
+    @property
+    def text(self) -> str:
+        """Return the entries of the bus for a parameter file."""
+        bus = f'interface: {json.dumps(self.interface)}, channel: {json.dumps(self.channel)}'
+        return bus if self.bitrate is None else f'{bus}, bitrate: {self.bitrate}'
+
 
 def rig_lines(scan: BusScan, expected: Expected, given: GivenBus) -> list[str]:
     """
@@ -37,19 +43,14 @@ def rig_lines(scan: BusScan, expected: Expected, given: GivenBus) -> list[str]:
         return [f'# none: {_too_few_or_many(scan, count)}']
     # One SYNC has no rate.
     rate = round_rate(scan.master_rate) if scan.master_rate else expected.rate
-    can = [
-        f'interface: {json.dumps(given.interface)}',
-        f'channel: {json.dumps(given.channel)}',
-        *([] if given.bitrate is None else [f'bitrate: {given.bitrate}']),
-        f'sync: {"produce" if scan.master_sync is None else "consume"}',
-    ]
+    sync = 'produce' if scan.master_sync is None else 'consume'
     return [
         '/**:',
         '  ros__parameters:',
         '    source: can',
         *([] if count == len(JOINT_NAMES) else [f'    sensors: {count}']),
         f'    rate: {rate!r}',
-        f'    can: {{{", ".join(can)}}}',
+        f'    can: {{{given.text}, sync: {sync}}}',
         '    encoders:',
         f'      # {", ".join(ALL_JOINT_NAMES[:count])}',
         f'      node_id: {node_ids}',
@@ -122,16 +123,26 @@ def _identifiers(scan: BusScan, expected: Expected) -> dict[int, int]:
         if not layout.extended and (False, layout.can_id) in scan.frames
     }
     foreign = _foreign(scan, expected)
-    for extended, identifier in sorted(scan.frames):
+    for identifier in _tpdos(scan):
         node_id = identifier & canopen.NODE_ID_MAXIMUM
-        sends_position = not extended and identifier - node_id in canopen.TPDO_BASES
-        if sends_position and node_id not in (0, *foreign) and identifier not in found.values():
+        if node_id not in foreign and identifier not in found.values():
             found.setdefault(node_id, identifier)
     for node_id, node in scan.nodes.items():
         if node.profile == canopen.ENCODER_PROFILE and node_id not in foreign:
             # Not heard: that of the predefined connection set.
             found.setdefault(node_id, canopen.TPDO_BASES[0] + node_id)
     return found
+
+
+def _tpdos(scan: BusScan) -> list[int]:
+    """Return the identifiers that were heard and belong to the TPDO of a node."""
+    standard = sorted(identifier for extended, identifier in scan.frames if not extended)
+    return [
+        identifier
+        for identifier in standard
+        if (node_id := identifier & canopen.NODE_ID_MAXIMUM)
+        and identifier - node_id in canopen.TPDO_BASES
+    ]
 
 
 def _foreign(scan: BusScan, expected: Expected) -> set[int]:

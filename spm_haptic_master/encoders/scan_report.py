@@ -120,17 +120,23 @@ def problems(scan: BusScan, expected: Expected) -> list[str]:
             for words in _encoder_problems(scan, layout, node_id, expected)
         ]
     found += _phase_problem(scan, expected)
-    for node_id, name in expected.others.items():
-        node = scan.nodes.get(node_id)
-        found += [
-            f'{name}: {words}' for words in (['not heard'] if node is None else node.emergencies)
-        ]
+    found += _other_problems(scan, expected)
     found += _unexpected(scan, expected)
     found += [f'error frames: {count} x {words}' for words, count in scan.errors.items()]
     return found + [
         f'{count} frames not sent: {words} (does any other node acknowledge?)'
         for words, count in scan.unsent.items()
     ]
+
+
+def _other_problems(scan: BusScan, expected: Expected) -> list[str]:
+    """Return which further nodes, the drives, were not heard, or have an emergency."""
+    found = []
+    for node_id, name in expected.others.items():
+        node = scan.nodes.get(node_id)
+        words = ['not heard'] if node is None else list(node.emergencies)
+        found += [f'{name}: {word}' for word in words]
+    return found
 
 
 def _silence(scan: BusScan) -> list[str]:
@@ -331,20 +337,27 @@ def _missing_because(scan: BusScan, layout: EncoderLayout, node_id: int | None) 
     if node_id is None:
         return ''
     node = scan.nodes.get(node_id)
-    if node is None:
-        return f'; its node {node_id} was not heard either'
+    return '; its ' + (
+        f'node {node_id} was not heard either'
+        if node is None
+        else _node_without_frames(scan, node_id, node)
+    )
+
+
+def _node_without_frames(scan: BusScan, node_id: int, node: HeardNode) -> str:
+    """Return what is known of a node whose frame is missing."""
     if node.emergencies:
-        return f'; its node {node_id} reports {", ".join(node.emergencies)}'
+        return f'node {node_id} reports {", ".join(node.emergencies)}'
     others = sorted(
         identifier
         for extended, identifier in scan.frames
         if not extended and identifier - node_id in canopen.TPDO_BASES
     )
     if others:
-        return '; its node sends on ' + ', '.join(f'0x{each:X}' for each in others)
+        return 'node sends on ' + ', '.join(f'0x{each:X}' for each in others)
     if node.state not in (None, canopen.OPERATIONAL):
-        return f'; its node {node_id} is {canopen.state_word(node.state)}'
-    return f'; its node {node_id} is present: does it answer SYNC (0x1800:02, 0x1005)? can_setup'
+        return f'node {node_id} is {canopen.state_word(node.state)}'
+    return f'node {node_id} is present: does it answer SYNC (0x1800:02, 0x1005)? can_setup'
 
 
 def _unexpected(scan: BusScan, expected: Expected) -> list[str]:

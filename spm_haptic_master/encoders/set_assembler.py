@@ -91,6 +91,8 @@ class SetAssembler:
         self._synchronised = synchronised
         self._window = window
         self._period = period
+        # Longest time from SYNC to an answer before the next SYNC, s.
+        self._in_time = min(window, period)
         # Numbers of 'sets' and 'cycles', and of what was rejected or dropped, by reason.
         self.counters: Counter[str] = Counter()
         # Time of the latest answer of each joint, s.
@@ -150,28 +152,17 @@ class SetAssembler:
         is in s since the Unix epoch. `lost` numbers the encoder's rolling counter left out since
         its answer before.
         """
-        ended, cycle = None, self._cycle
-        if not self._synchronised:
-            if (
-                cycle is None
-                or cycle.angles[index] is not None
-                or not 0.0 <= stamp - cycle.start <= self._window
-            ):
-                ended = self.begin(stamp)
-                cycle = self._cycle
-        elif cycle is not None and not 0.0 <= stamp - cycle.start <= min(
-            self._window, self._period
-        ):
-            cycle.tardy.add(index)
-            if not 0.0 <= stamp - cycle.start <= self._window:
-                refused = f'answer from {self._joints[index]} outside the window'
-                self.counters[f'rejected: {refused}'] += 1
+        ended = None
+        if not self._synchronised and not self._belongs(index, stamp):
+            ended = self.begin(stamp)
+        cycle = self._cycle
         if cycle is None:
             self.counters['rejected: before the first SYNC'] += 1
             return None
+        if self._synchronised and not 0.0 <= stamp - cycle.start <= self._in_time:
+            refused = self._late(cycle, index, stamp) or refused
         self._answered_at[index] = stamp
-        angles = cycle.angles
-        if angles[index] is not None:
+        if cycle.angles[index] is not None:
             self._again(cycle, index, angle, stamp)
             return ended
         if self._unsettled and not self._expects(cycle, index, stamp, lost):
@@ -180,18 +171,32 @@ class SetAssembler:
             cycle.refused[index] = refused
         if cycle.leader is None:
             cycle.leader, cycle.first = index, stamp
-        angles[index] = angle
+        cycle.angles[index] = angle
         cycle.answered += 1
-        if (
-            cycle.answered + len(self.absent) < len(self._joints)
-            or self._unsettled
-            and self.late.undecided
-        ):
+        if cycle.answered + len(self.absent) < len(self._joints):
+            return ended
+        if self._unsettled and self.late.undecided:
             return ended
         sample = self._make(cycle)
         if sample is not None:
             self.skew.add(round((stamp - cycle.first) * 1e9))
         return sample
+
+    def _belongs(self, index: int, stamp: float) -> bool:
+        """Return whether a frame without SYNC is one of the open cycle."""
+        cycle = self._cycle
+        if cycle is None or cycle.angles[index] is not None:
+            return False
+        return 0.0 <= stamp - cycle.start <= self._window
+
+    def _late(self, cycle: Cycle, index: int, stamp: float) -> str | None:
+        """Note an answer that is not in time; return why it is none, if it is too late."""
+        cycle.tardy.add(index)
+        if 0.0 <= stamp - cycle.start <= self._window:
+            return None
+        reason = f'answer from {self._joints[index]} outside the window'
+        self.counters[f'rejected: {reason}'] += 1
+        return reason
 
     def has_answered(self, index: int) -> bool:
         """Return whether a joint has answered in the open cycle."""
@@ -234,24 +239,31 @@ class SetAssembler:
     def _make(self, cycle: Cycle) -> JointSample | None:
         """Return the set of a cycle, None if too few joints have a reading."""
         cycle.done = True
+        angles: tuple[float, ...] | None
         if not (cycle.refused or self._unsettled) and cycle.answered == len(self._joints):
-            angles: tuple[float, ...] = tuple(cycle.angles)  # type: ignore[arg-type]
+            angles = tuple(cycle.angles)  # type: ignore[arg-type]
         else:
-            missing = {*cycle.missing, *self.absent}
-            doubtful = {index for index in range(len(self._joints)) if not self.late.takes(index)}
-            without = missing | doubtful | cycle.refused.keys()
-            if len(self._joints) - len(without) < LEAST_READINGS:
-                self._drop(cycle, missing)
-                return None
-            if without:
-                self.counters['sets with a joint missing'] += 1
-            angles = tuple(
-                nan if index in without or angle is None else angle
-                for index, angle in enumerate(cycle.angles)
-            )
+            angles = self._angles_without(cycle)
+        if angles is None:
+            return None
         self.counters['sets'] += 1
         self.cause = None
         return JointSample(round(cycle.start * 1e9), angles)
+
+    def _angles_without(self, cycle: Cycle) -> tuple[float, ...] | None:
+        """Return the angles of a cycle, NaN for those left out; None if too few are left."""
+        missing = {*cycle.missing, *self.absent}
+        doubtful = {index for index in range(len(self._joints)) if not self.late.takes(index)}
+        without = missing | doubtful | cycle.refused.keys()
+        if len(self._joints) - len(without) < LEAST_READINGS:
+            self._drop(cycle, missing)
+            return None
+        if without:
+            self.counters['sets with a joint missing'] += 1
+        return tuple(
+            nan if index in without or angle is None else angle
+            for index, angle in enumerate(cycle.angles)
+        )
 
     def _drop(self, cycle: Cycle, missing: set[int]) -> None:
         """Count a dropped set; a stale answer is a consequence, not a cause."""
@@ -300,29 +312,31 @@ class SetAssembler:
     def _close(self, cycle: Cycle, end: float, length: float) -> JointSample | None:
         """End a cycle at a time, s; return its set if that has not gone out."""
         long = self._synchronised and length >= LONG_CYCLE * self._period
-        late = self.late
-        if not (cycle.further or self._unsettled or long) and cycle.answered == len(self._joints):
+        unclear = cycle.further or self._unsettled or long
+        if not unclear and cycle.answered == len(self._joints):
             self._usual_leader = cycle.leader
             return None
-        # Joints with more answers than late ones explain.
-        surplus = set()
-        if self._synchronised:
-            for index, lost in cycle.returned.items():
-                late.return_of(index, self._silent[index], cycle.start - self._period, lost)
-            surplus = {
-                index for index, number in cycle.further.items() if late.pay(index, number, end)
-            }
+        surplus = self._pay(cycle, end) if self._synchronised else set()
         self.absent -= cycle.returned.keys()
         sample = None
         if not cycle.done:
             self.counters['sets at the end of the cycle'] += 1
             sample = self._make(cycle)
         self._note_missing(cycle)
+        late = self.late
         if long:
             late.long_cycle(cycle.once, surplus & cycle.tardy)
         late.expire(end)
         self._unsettled = bool(late.owed or late.behind or self.absent or self._silent)
         return sample
+
+    def _pay(self, cycle: Cycle, end: float) -> set[int]:
+        """Count late answers at the end, s; return joints with more than late ones explain."""
+        for index, lost in cycle.returned.items():
+            self.late.return_of(index, self._silent[index], cycle.start - self._period, lost)
+        return {
+            index for index, number in cycle.further.items() if self.late.pay(index, number, end)
+        }
 
     def _note_missing(self, cycle: Cycle) -> None:
         """Count the cycle for the joints that missed it; wait no more for the silent ones."""

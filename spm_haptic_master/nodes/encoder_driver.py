@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import isnan
 import threading
 import time
 
@@ -211,16 +212,16 @@ class EncoderDriver(ParameterNode):
                     'source': self.source_text,
                     'set rate (Hz)': self.published.rate(),
                     **self._identity,
-                    entry.MISSING_KEY: ', '.join(
-                        name
-                        for name, angle in zip(ALL_JOINT_NAMES, self._angles, strict=False)
-                        if angle != angle
-                    )
-                    or 'none',
+                    entry.MISSING_KEY: ', '.join(self._missing()) or 'none',
                     'directions not verified': ', '.join(self._unverified) or 'none',
                     **self._source.statistics(),
                 },
             )
+
+    def _missing(self) -> list[str]:
+        """Return the joints without a reading in the latest set."""
+        joints = zip(ALL_JOINT_NAMES, self._angles, strict=False)
+        return [name for name, angle in joints if isnan(angle)]
 
     def _evaluate(self, fault: str | None, caution: str | None, now: float) -> tuple[bytes, str]:
         """Return level and text of what the source reports, and of the topic."""

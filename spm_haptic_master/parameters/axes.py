@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from spm_haptic_master.parameters.setting import Setting
 
 # The axes: a slide along the handle's axis z (m), and the gripper (rad). Their names are those of
@@ -13,109 +15,75 @@ INSERTION, GRIPPER = 'insertion', 'gripper'
 AXES = (INSERTION, GRIPPER)
 
 
+def _setting(name: str, default: Any, description: str, **limits: Any) -> Setting:
+    """Return a setting of the kind of its default."""
+    return Setting(name, type(default), description, default=default, **limits)
+
+
 def _frame_settings(axis: str) -> tuple[Setting, ...]:
     """Return the settings of an axis's frame; named as those of one of the encoders."""
     return (
-        Setting(
+        *_identifier_settings(axis),
+        _setting(f'{axis}.data_length', 4, 'length of that frame, bytes', minimum=1, maximum=8),
+        _setting(
+            f'{axis}.byte_offset',
+            0,
+            'first byte of the word with the counts',
+            minimum=0,
+            maximum=7,
+        ),
+        _setting(f'{axis}.bit_length', 32, 'length of that word, bits', minimum=1, maximum=64),
+        _setting(
+            f'{axis}.byte_order', 'little', 'byte order of that word', allowed=('little', 'big')
+        ),
+        _setting(
+            f'{axis}.mask',
+            0,
+            'contiguous bits of that word that are the counts; 0: all',
+            minimum=0,
+            maximum=2**63 - 1,
+        ),
+        _setting(f'{axis}.signed', False, "the counts are a two's complement number"),
+        *_status_settings(axis),
+        _setting(f'{axis}.direction', 1, 'sign of counts against the position', allowed=(1, -1)),
+        _setting(f'{axis}.zero_count', 0, 'counts at position 0', minimum=0, maximum=2**63 - 1),
+    )
+
+
+def _identifier_settings(axis: str) -> tuple[Setting, ...]:
+    return (
+        _setting(
             f'{axis}.id',
-            int,
+            0,
             f'CAN identifier of the frame of the {axis} encoder; 0: there is none',
-            default=0,
             minimum=0,
             maximum=0x1FFFFFFF,
         ),
-        Setting(
+        _setting(
             f'{axis}.node_id',
-            int,
+            0,
             f'CANopen node id of the {axis} encoder; 0: it is no node',
-            default=0,
             minimum=0,
             maximum=127,
         ),
-        Setting(
-            f'{axis}.extended',
-            bool,
-            'the identifier has 29 bits (otherwise 11)',
-            default=False,
+        _setting(f'{axis}.extended', False, 'the identifier has 29 bits (otherwise 11)'),
+    )
+
+
+def _status_settings(axis: str) -> tuple[Setting, ...]:
+    return (
+        _setting(
+            f'{axis}.status_byte', 0, 'byte of the frame with status bits', minimum=0, maximum=7
         ),
-        Setting(
-            f'{axis}.data_length',
-            int,
-            'length of that frame, bytes',
-            default=4,
-            minimum=1,
-            maximum=8,
+        _setting(
+            f'{axis}.status_mask', 0, 'status bits in that byte; 0: none', minimum=0, maximum=0xFF
         ),
-        Setting(
-            f'{axis}.byte_offset',
-            int,
-            'first byte of the word with the counts',
-            default=0,
-            minimum=0,
-            maximum=7,
-        ),
-        Setting(
-            f'{axis}.bit_length',
-            int,
-            'length of that word, bits',
-            default=32,
-            minimum=1,
-            maximum=64,
-        ),
-        Setting(
-            f'{axis}.byte_order',
-            str,
-            'byte order of that word',
-            default='little',
-            allowed=('little', 'big'),
-        ),
-        Setting(
-            f'{axis}.mask',
-            int,
-            'contiguous bits of that word that are the counts; 0: all',
-            default=0,
-            minimum=0,
-            maximum=2**63 - 1,
-        ),
-        Setting(f'{axis}.signed', bool, "the counts are a two's complement number", default=False),
-        Setting(
-            f'{axis}.status_byte',
-            int,
-            'byte of the frame with status bits',
-            default=0,
-            minimum=0,
-            maximum=7,
-        ),
-        Setting(
-            f'{axis}.status_mask',
-            int,
-            'status bits in that byte; 0: none',
-            default=0,
-            minimum=0,
-            maximum=0xFF,
-        ),
-        Setting(
+        _setting(
             f'{axis}.status_good',
-            int,
+            0,
             'value of the status bits without an error',
-            default=0,
             minimum=0,
             maximum=0xFF,
-        ),
-        Setting(
-            f'{axis}.direction',
-            int,
-            'sign of counts against the position',
-            default=1,
-            allowed=(1, -1),
-        ),
-        Setting(
-            f'{axis}.zero_count',
-            int,
-            'counts at position 0',
-            default=0,
-            minimum=0,
-            maximum=2**63 - 1,
         ),
     )
 

@@ -78,12 +78,7 @@ class BusRunner:
                 self._bus.send(canopen.frame(self._sync_id))
             self._cycle(now)
         while (message := self._bus.recv(timeout)) is not None:
-            if (
-                message.arbitration_id == self._sync_id
-                and not message.is_error_frame
-                and not message.is_extended_id
-                and not message.is_remote_frame
-            ):
+            if self._is_sync(message):
                 if self._grid is None:
                     # The encoders sample when SYNC comes, not when this process is woken by it.
                     waited = time.time() - message.timestamp
@@ -93,6 +88,11 @@ class BusRunner:
             timeout = 0.0
         _send(self._bus, self._encoders.tend(time.monotonic()))
         return self._encoders.faults.take_news()
+
+    def _is_sync(self, message: can.Message) -> bool:
+        """Return whether a frame is SYNC."""
+        is_other = message.is_error_frame or message.is_extended_id or message.is_remote_frame
+        return message.arbitration_id == self._sync_id and not is_other
 
     def _cycle(self, now: float) -> None:
         answers = self._encoders.cycle(now)

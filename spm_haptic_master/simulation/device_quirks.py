@@ -77,21 +77,26 @@ def parse_quirk(text: str, sensors: int = len(JOINT_NAMES)) -> Quirk:
     if not found:
         raise InputError(f"quirk '{text}'; expected {SYNTAX}")
     kind, joint, value = found['kind'], found['joint'], found['value']
-    if kind not in KINDS:
-        raise InputError(f"quirk '{text}': kind '{kind}'; expected one of {', '.join(KINDS)}")
     joints = ALL_JOINT_NAMES[:sensors]
-    if joint is not None and joint not in joints:
-        raise InputError(f"quirk '{text}': joint '{joint}'; expected one of {', '.join(joints)}")
+    for what, name, known in (('kind', kind, KINDS), ('joint', joint, joints)):
+        if name is not None and name not in known:
+            raise InputError(
+                f"quirk '{text}': {what} '{name}'; expected one of {', '.join(known)}"
+            )
     unit = KINDS[kind][1]
     if (unit is None) != (value is None):
         expected = f'=VALUE ({unit})' if unit else f'no value with {kind}'
         raise InputError(f"quirk '{text}'; expected {expected}")
-    index, _, subindex = (value or '0').partition(':')
-    try:
-        number = int(index, 0)
-        place = int(subindex, 0) if subindex else None
-    except ValueError as error:
-        raise InputError(f"quirk '{text}': not a number ({error}); expected {unit}") from error
+    number, place = _object(text, value or '0', unit)
     if kind == 'node_id' and not 1 <= number <= NODE_ID_MAXIMUM:
         raise InputError(f"quirk '{text}': VALUE is {number}; expected {unit}")
     return Quirk(kind, None if joint is None else joints.index(joint), number, place)
+
+
+def _object(text: str, value: str, unit: str | None) -> tuple[int, int | None]:
+    """Return number, or index, and subindex of a value; None without a subindex."""
+    index, _, subindex = value.partition(':')
+    try:
+        return int(index, 0), int(subindex, 0) if subindex else None
+    except ValueError as error:
+        raise InputError(f"quirk '{text}': not a number ({error}); expected {unit}") from error

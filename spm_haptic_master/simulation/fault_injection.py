@@ -101,43 +101,51 @@ def parse_fault(text: str, sensors: int = len(JOINT_NAMES), axes: tuple[str, ...
 
     `axes` are the further encoders, behind the joints.
     """
-
-    def wrong(what: str) -> InputError:
-        return InputError(f"fault '{text}'{what}")
-
     found = _PATTERN.fullmatch(text)
     if not found:
-        raise wrong(f'; expected {SYNTAX}')
+        raise _wrong(text, f'; expected {SYNTAX}')
     joints = (*ALL_JOINT_NAMES[:sensors], *axes)
     kind, joint, value = found['kind'], found['joint'], found['value']
     kinds = KINDS | DRIVE_KINDS
     if kind not in kinds:
-        raise wrong(f": kind '{kind}'; expected one of {', '.join(kinds)}")
-    if kind in BUS_WIDE:
-        if joint:
-            raise wrong(f': {kind} affects the whole bus; expected no joint')
-    elif joint not in joints:
-        raise wrong(f": joint '{joint}'; expected one of {', '.join(joints)}")
+        raise _wrong(text, f": kind '{kind}'; expected one of {', '.join(kinds)}")
+    if kind in BUS_WIDE and joint:
+        raise _wrong(text, f': {kind} affects the whole bus; expected no joint')
+    if kind not in BUS_WIDE and joint not in joints:
+        raise _wrong(text, f": joint '{joint}'; expected one of {', '.join(joints)}")
     unit = kinds[kind][1]
     if (unit is None) != (value is None):
-        raise wrong('; expected ' + (f'=VALUE ({unit})' if unit else f'no value with {kind}'))
-    try:
-        start = float(found['start'])
-        duration = float(found['duration'] or 'inf')
-        number = float(value or 0.0) if kind not in ('emcy', 'drive') else int(value, 0) & 0xFFFF
-    except ValueError as error:
-        raise wrong(f': not a number ({error})') from error
-    if duration <= 0.0:
-        raise wrong(f': +{found["duration"]}; expected a duration above 0')
-    for what, size in (('START', start), ('VALUE', number)):
-        if not isfinite(size):
-            raise wrong(f': {what} is {size:g}; expected a finite number')
+        expected = f'=VALUE ({unit})' if unit else f'no value with {kind}'
+        raise _wrong(text, f'; expected {expected}')
+    start, duration, number = _numbers(text, found)
     fits, words = RANGES.get(kind, (isfinite, ''))
     if not fits(number):
-        raise wrong(f': VALUE is {number:g}; expected {words} ({unit})')
+        raise _wrong(text, f': VALUE is {number:g}; expected {words} ({unit})')
     return Fault(
         kind, joints.index(joint) if joint else None, start, start + duration, number, text
     )
+
+
+def _numbers(text: str, found: re.Match[str]) -> tuple[float, float, float]:
+    """Return start and duration, s, and value of a fault's text."""
+    whole = found['kind'] in ('emcy', 'drive')
+    try:
+        start = float(found['start'])
+        duration = float(found['duration'] or 'inf')
+        value = found['value']
+        number = float(int(value, 0) & 0xFFFF) if whole else float(value or 0.0)
+    except ValueError as error:
+        raise _wrong(text, f': not a number ({error})') from error
+    if duration <= 0.0:
+        raise _wrong(text, f': +{found["duration"]}; expected a duration above 0')
+    for what, size in (('START', start), ('VALUE', number)):
+        if not isfinite(size):
+            raise _wrong(text, f': {what} is {size:g}; expected a finite number')
+    return start, duration, number
+
+
+def _wrong(text: str, what: str) -> InputError:
+    return InputError(f"fault '{text}'{what}")
 
 
 def parse_switched(text: str, sensors: int = len(JOINT_NAMES)) -> Fault:

@@ -155,6 +155,23 @@ def _without_doubles(pairs: list[tuple[str, object]]) -> dict[str, object]:
     return content
 
 
+def _mechanism(path: str | Path, content: dict[str, Any], drawn: Geometry) -> Geometry:
+    """Return the mechanism of a rig's file; what it lacks is as drawn."""
+    alphas, betas = (
+        [radians(each) for each in content[key]] if key in content else list(nominal)
+        for key, nominal in (('alpha_deg', drawn.alphas), ('beta_deg', drawn.betas))
+    )
+    try:
+        return Geometry.from_axes(
+            content.get('base_axes', drawn.base_axes),
+            content.get('platform_axes', drawn.platform_axes),
+            alphas,
+            betas,
+        )
+    except GeometryError as error:
+        raise InputError(f'{path}: {error}') from error
+
+
 def read_rig(
     path: str | Path, drawn: Geometry, noise: float, sensors: int = len(JOINT_NAMES)
 ) -> Rig:
@@ -175,21 +192,7 @@ def read_rig(
         if expected := _complaint(key, value, sensors):
             raise InputError(f"{path}: key '{key}' is {quoted(value)}; expected {expected}")
 
-    mechanism = drawn
-    if MECHANISM.keys() & content:
-        alphas, betas = (
-            [radians(each) for each in content[key]] if key in content else list(nominal)
-            for key, nominal in (('alpha_deg', drawn.alphas), ('beta_deg', drawn.betas))
-        )
-        try:
-            mechanism = Geometry.from_axes(
-                content.get('base_axes', drawn.base_axes),
-                content.get('platform_axes', drawn.platform_axes),
-                alphas,
-                betas,
-            )
-        except GeometryError as error:
-            raise InputError(f'{path}: {error}') from error
+    mechanism = _mechanism(path, content, drawn) if MECHANISM.keys() & content else drawn
     given = {
         name: [_converted(key, radians, each) for each in content[key]]
         for key, (name, _) in ERRORS.items()

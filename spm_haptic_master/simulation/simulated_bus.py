@@ -98,13 +98,11 @@ class SimulatedBus:
 
     def cycle(self, now: float) -> list[can.Message]:
         """Return the answers to SYNC at the time `now`, s."""
-        answers: list[can.Message] = []
-        if self._began is None:
-            if not any(node.state == canopen.OPERATIONAL for node in self.nodes):
-                return []
-            self._began = now
-            # A fault at 0 s affects the first answers too.
-            answers += self._update_faults(now)
+        if self._began is None and not any(
+            node.state == canopen.OPERATIONAL for node in self.nodes
+        ):
+            return []
+        answers = self._begin(now)
         if self._mute():
             return answers
         angles = self._angles(now)
@@ -124,6 +122,13 @@ class SimulatedBus:
             self._queues[index].extend((due, each) for each in sent)
             answers += self._due(index, now)
         return answers
+
+    def _begin(self, now: float) -> list[can.Message]:
+        """Begin the motion at the first answer; a fault at 0 s affects that answer too."""
+        if self._began is not None:
+            return []
+        self._began = now
+        return self._update_faults(now)
 
     def _angles(self, now: float) -> tuple[float, ...]:
         """Return the angles of joints and axes at a time, s; rad."""
@@ -175,19 +180,25 @@ class SimulatedBus:
             ]
         if fault.joint is None:
             return []
-        node = self.nodes[fault.joint]
         if fault.kind == 'stuck':
             self._held.pop(fault.joint, None)
-        if fault.kind == 'late' and not begins:
+        if fault.kind == 'emcy':
+            return self._emergency(fault, self.nodes[fault.joint], begins)
+        if begins:
+            return []
+        if fault.kind == 'late':
             return self._due(fault.joint, float('inf'))
-        if fault.kind == 'emcy' and node.node_id is not None:
-            code = int(fault.value) if begins else canopen.EMCY_ERROR_RESET
-            # The register has what is left (CiA 301, 7.2.7.1).
-            left = self._fault(fault.joint, 'emcy') is not None
-            register = GENERIC_ERROR if left else 0
-            node.put(canopen.ERROR_REGISTER, register)
-            return [canopen.emcy(node.node_id, code, register)]
-        return node.boot() if fault.kind == 'reboot' and not begins else []
+        return self.nodes[fault.joint].boot() if fault.kind == 'reboot' else []
+
+    def _emergency(self, fault: Fault, node: SimulatedNode, begins: bool) -> list[can.Message]:
+        """Return the emergency that begins or ends; the register has what is left."""
+        if node.node_id is None:
+            return []
+        code = int(fault.value) if begins else canopen.EMCY_ERROR_RESET
+        # CiA 301, 7.2.7.1.
+        register = 0 if self._fault(fault.joint, 'emcy') is None else GENERIC_ERROR
+        node.put(canopen.ERROR_REGISTER, register)
+        return [canopen.emcy(node.node_id, code, register)]
 
     def _faulty(self, index: int, angle: float) -> float:
         """Return the angle of a joint's encoder, rad, with its faults."""

@@ -86,39 +86,9 @@ class SimulatedNode(ObjectStore):
         self._type = canopen.EVERY_SYNC if options.synchronised else canopen.EVENT_DRIVEN
         base = layout.can_id - (node_id or 0)
         number = canopen.TPDO_BASES.index(base) if base in canopen.TPDO_BASES else 0
-        self._parameters = parameters = canopen.TPDO_PARAMETERS + number
-        self._mapping = mapping = canopen.TPDO_MAPPING + number
-        disc = DISC_UNITS * layout.counts_per_turn
-        beat = options.heartbeat
-        if options.factory:
-            identifier, kind = canopen.TPDO_BASES[0] + (node_id or 0), canopen.EVENT_DRIVEN
-            mapped, beat = [MAPPED_POSITION, MAPPED_SPEED], 0.0
-            scaling, units = 0, disc
-        else:
-            identifier = layout.can_id | (canopen.TPDO_EXTENDED if layout.extended else 0)
-            kind, mapped = self._type, [MAPPED_POSITION]
-            scaling, units = canopen.SCALING_ON, layout.counts_per_turn
-        entries = mapped + [0] * (MAPPING_ENTRIES - len(mapped))
-        supervised = options.period if quirks.has('supervises_sync') else 0.0
-        objects = identity(DEVICE_TYPE, serial) | {
-            canopen.SYNC_IDENTIFIER: Entry(canopen.SYNC_ID),
-            canopen.SYNC_PERIOD: Entry(round(1e6 * supervised)),
-            canopen.SYNC_COUNTER: Entry(0, 1),
-            canopen.STORE: Entry(STORES_ON_COMMAND),
-            canopen.HEARTBEAT_TIME: Entry(round(beat * 1e3), 2),
-            (parameters, canopen.TPDO_IDENTIFIER): Entry(identifier | canopen.TPDO_NO_REQUEST),
-            (parameters, canopen.TPDO_TYPE): Entry(kind, 1),
-            (parameters, canopen.TPDO_INHIBIT_TIME): Entry(0, 2),
-            (parameters, canopen.TPDO_EVENT_TIMER): Entry(0, 2),
-            (mapping, 0): Entry(len(mapped), 1),
-            **{(mapping, place): Entry(entry) for place, entry in enumerate(entries, start=1)},
-            canopen.OPERATING_PARAMETERS: Entry(scaling, 2),
-            canopen.UNITS_PER_TURN: Entry(units),
-            canopen.TOTAL_RANGE: Entry(units),
-            canopen.POSITION: Entry(0, writable=False),
-            canopen.CYCLIC_TIMER: Entry(0, 2),
-            canopen.DISC_UNITS_PER_TURN: Entry(disc, writable=False),
-        }
+        self._parameters = canopen.TPDO_PARAMETERS + number
+        self._mapping = canopen.TPDO_MAPPING + number
+        objects = identity(DEVICE_TYPE, serial) | self._pdo(options) | self._others(options)
         super().__init__(
             {
                 key: replace(entry, writable=False) if quirks.concern('read_only', key) else entry
@@ -127,6 +97,47 @@ class SimulatedNode(ObjectStore):
             }
         )
         self.put(canopen.ERROR_REGISTER, quirks.value('error', 0))
+
+    def _pdo(self, options: NodeOptions) -> dict[Key, Entry]:
+        """Return the objects of the TPDO with the position."""
+        layout, parameters, mapping = self._layout, self._parameters, self._mapping
+        if options.factory:
+            identifier, kind = canopen.TPDO_BASES[0] + (self.node_id or 0), canopen.EVENT_DRIVEN
+            mapped = [MAPPED_POSITION, MAPPED_SPEED]
+        else:
+            identifier = layout.can_id | (canopen.TPDO_EXTENDED if layout.extended else 0)
+            kind, mapped = self._type, [MAPPED_POSITION]
+        entries = mapped + [0] * (MAPPING_ENTRIES - len(mapped))
+        return {
+            (parameters, canopen.TPDO_IDENTIFIER): Entry(identifier | canopen.TPDO_NO_REQUEST),
+            (parameters, canopen.TPDO_TYPE): Entry(kind, 1),
+            (parameters, canopen.TPDO_INHIBIT_TIME): Entry(0, 2),
+            (parameters, canopen.TPDO_EVENT_TIMER): Entry(0, 2),
+            (mapping, 0): Entry(len(mapped), 1),
+            **{(mapping, place): Entry(entry) for place, entry in enumerate(entries, start=1)},
+        }
+
+    def _others(self, options: NodeOptions) -> dict[Key, Entry]:
+        """Return the objects of SYNC, heartbeat, storing and scaling."""
+        counts = self._layout.counts_per_turn
+        disc = DISC_UNITS * counts
+        units = disc if options.factory else counts
+        scaling = 0 if options.factory else canopen.SCALING_ON
+        beat = 0.0 if options.factory else options.heartbeat
+        supervised = options.period if self._quirks.has('supervises_sync') else 0.0
+        return {
+            canopen.SYNC_IDENTIFIER: Entry(canopen.SYNC_ID),
+            canopen.SYNC_PERIOD: Entry(round(1e6 * supervised)),
+            canopen.SYNC_COUNTER: Entry(0, 1),
+            canopen.STORE: Entry(STORES_ON_COMMAND),
+            canopen.HEARTBEAT_TIME: Entry(round(beat * 1e3), 2),
+            canopen.OPERATING_PARAMETERS: Entry(scaling, 2),
+            canopen.UNITS_PER_TURN: Entry(units),
+            canopen.TOTAL_RANGE: Entry(units),
+            canopen.POSITION: Entry(0, writable=False),
+            canopen.CYCLIC_TIMER: Entry(0, 2),
+            canopen.DISC_UNITS_PER_TURN: Entry(disc, writable=False),
+        }
 
     def boot(self) -> list[can.Message]:
         """Restart with the stored objects; return the boot-up message."""
@@ -199,21 +210,25 @@ class SimulatedNode(ObjectStore):
         """Refuse a wrong value, and what CiA 301 does not allow while the TPDO is in use."""
         if key == canopen.STORE and self._quirks.has('store_refused'):
             raise SdoAbortError(canopen.SDO_NOT_STORED)
-        index, subindex = key
-        off = bool(self.value(self._parameters, canopen.TPDO_IDENTIFIER) & canopen.TPDO_OFF)
-        if index == self._mapping:
-            if not subindex and value > MAPPING_ENTRIES:
-                raise SdoAbortError(canopen.SDO_WRONG_VALUE)
-            if not off or (subindex and self.value(self._mapping, 0)):
+        if key[0] == self._mapping:
+            self._check_mapping(key[1], value)
+        elif key == (self._parameters, canopen.TPDO_IDENTIFIER):
+            if not self._is_off and (self.value(*key) ^ value) & canopen.TPDO_ID_MASK:
                 raise SdoAbortError(canopen.SDO_WRONG_STATE)
-        elif (
-            key == (self._parameters, canopen.TPDO_IDENTIFIER)
-            and not off
-            and (self.value(*key) ^ value) & canopen.TPDO_ID_MASK
-        ):
-            raise SdoAbortError(canopen.SDO_WRONG_STATE)
         elif key == canopen.UNITS_PER_TURN and not value:
             raise SdoAbortError(canopen.SDO_WRONG_VALUE)
+
+    @property
+    def _is_off(self) -> bool:
+        """Whether the TPDO is off."""
+        return bool(self.value(self._parameters, canopen.TPDO_IDENTIFIER) & canopen.TPDO_OFF)
+
+    def _check_mapping(self, subindex: int, value: int) -> None:
+        """Refuse an entry of the mapping while that or the TPDO is in use."""
+        if not subindex and value > MAPPING_ENTRIES:
+            raise SdoAbortError(canopen.SDO_WRONG_VALUE)
+        if not self._is_off or (subindex and self.value(self._mapping, 0)):
+            raise SdoAbortError(canopen.SDO_WRONG_STATE)
 
     def _written(self, key: Key, value: int) -> None:
         if self._quirks.has('one_timer') and key in TIMERS:

@@ -19,6 +19,7 @@ from spm_haptic_master.encoders import (
 )
 from spm_haptic_master.encoders.bus_scan import BusScan, BusScanner, ECHOING
 from spm_haptic_master.encoders.decoder_factory import make_decoder
+from spm_haptic_master.encoders.frame_decoder import FrameDecoder
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.parameters.arguments import Parser, positive
 from spm_haptic_master.parameters.nodes import DRIVE_NAMES, DRIVE_SETTINGS, DRIVER_NAMES
@@ -57,19 +58,7 @@ def main(args: list[str]) -> int:
     given = command_line.given(options, (DRIVER, 'fkm'), DRIVER_NAMES | DRIVE_NAMES)
     values = command_line.bus_values(given)
     decoder = make_decoder(values)
-    others, frames = _drives(given, values)
-    expected = scan_report.Expected(
-        decoder.layouts,
-        values['encoders.node_id'] if decoder.network else None,
-        values['rate'],
-        tuple(
-            (axis.layout, None if axis.node is None else axis.node.node_id)
-            for axis in decoder.axes
-        ),
-        values['can.heartbeat_timeout'],
-        others,
-        frames,
-    )
+    expected = _expected(given, values, decoder)
     scan = BusScan(decoder.sync_id, [layout for layout, _ in expected.encoders])
     with command_line.bus_of(values) as bus:
         scanner = BusScanner(
@@ -85,6 +74,23 @@ def main(args: list[str]) -> int:
             return _watch(scanner, scan, expected, options, nodes)
         scanner.listen(options.seconds or SECONDS, not options.passive, start)
     return _print_report(scan, expected, decoder.words, given, values, options)
+
+
+def _expected(given: Values, values: Values, decoder: FrameDecoder) -> scan_report.Expected:
+    """Return the configuration that the bus is compared with."""
+    others, frames = _drives(given, values)
+    return scan_report.Expected(
+        decoder.layouts,
+        values['encoders.node_id'] if decoder.network else None,
+        values['rate'],
+        tuple(
+            (axis.layout, None if axis.node is None else axis.node.node_id)
+            for axis in decoder.axes
+        ),
+        values['can.heartbeat_timeout'],
+        others,
+        frames,
+    )
 
 
 def _watch(
@@ -140,16 +146,23 @@ def _print_report(
         if text is not None:
             print(text)
     if expected.node_ids is not None:
-        known = any(name in given for name in CHOSEN)
-        print('lines for rig.yaml' + ('' if known else IN_ORDER) + ':')
-        bus = rig_lines.GivenBus(
-            values['can.interface'],
-            values['can.channel'],
-            values['can.bitrate'] if 'can.bitrate' in given else None,
-            known,
-        )
-        print('\n'.join(rig_lines.rig_lines(scan, expected, bus)))
+        _print_rig_lines(scan, expected, given, values)
     return 1 if found else 0
+
+
+def _print_rig_lines(
+    scan: BusScan, expected: scan_report.Expected, given: Values, values: Values
+) -> None:
+    """Print the lines for rig.yaml."""
+    known = any(name in given for name in CHOSEN)
+    print('lines for rig.yaml' + ('' if known else IN_ORDER) + ':')
+    bus = rig_lines.GivenBus(
+        values['can.interface'],
+        values['can.channel'],
+        values['can.bitrate'] if 'can.bitrate' in given else None,
+        known,
+    )
+    print('\n'.join(rig_lines.rig_lines(scan, expected, bus)))
 
 
 def _drives(given: Values, values: Values) -> tuple[dict[int, str], dict[int, str]]:

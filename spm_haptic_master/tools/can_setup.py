@@ -110,6 +110,8 @@ def _encoders(given: Values, options: argparse.Namespace) -> Plan:
         raise SettingError(
             'can.protocol', values['can.protocol'], "'canopen': other encoders have no objects"
         )
+    encoders = list(zip(decoder.layouts, values['encoders.node_id'], strict=True))
+    encoders += [(axis.layout, axis.node.node_id) for axis in decoder.axes if axis.node]
     nodes = [
         (
             layout.joint,
@@ -120,39 +122,26 @@ def _encoders(given: Values, options: argparse.Namespace) -> Plan:
                 decoder.sync_id,
                 1.0 / values['rate'],
                 options.heartbeat,
+                layout.joint == INSERTION,
             ),
         )
-        for layout, node_id in zip(decoder.layouts, values['encoders.node_id'], strict=True)
-    ]
-    nodes += [
-        (
-            axis.name,
-            axis.node.node_id,
-            encoder_objects.wanted_objects(
-                axis.layout,
-                axis.node.node_id,
-                decoder.sync_id,
-                1.0 / values['rate'],
-                options.heartbeat,
-                axis.name == INSERTION,
-            ),
-        )
-        for axis in decoder.axes
-        if axis.node is not None
+        for layout, node_id in encoders
     ]
     if decoder.sync_id is None:
         print(PHASES)
-    joints = [joint for joint, _, _ in nodes]
-    for joint in options.joint or ():
-        if joint not in joints:
+    master = None if decoder.sync_id is None else ('SYNC', decoder.sync_id)
+    return values, _chosen(nodes, options.joint, values['sensors']), master
+
+
+def _chosen(nodes: Nodes, joints: list[str] | None, sensors: int) -> Nodes:
+    """Return the nodes of the joints on the command line, all without one; or InputError."""
+    known = [joint for joint, _, _ in nodes]
+    for joint in joints or ():
+        if joint not in known:
             raise InputError(
-                f'joint {joint}; expected one of {", ".join(joints)} (sensors: {len(joints)})'
+                f'joint {joint}; expected one of {", ".join(known)} (sensors: {sensors})'
             )
-    return (
-        values,
-        [node for node in nodes if node[0] in (options.joint or joints)],
-        None if decoder.sync_id is None else ('SYNC', decoder.sync_id),
-    )
+    return [node for node in nodes if node[0] in (joints or known)]
 
 
 def _drives(given: Values, options: argparse.Namespace) -> Plan:
@@ -226,20 +215,21 @@ def _set_up_one(
     found = node_setup.compare(node, wanted)
     for line in (*found.hinted, *found.remarks):
         print(f'  {line}')
-    outcome = AS_WANTED
-    if writes and not found.different and not node.can_store():
-        print('  not stored by this run: it cannot store (0x1010:01)')
-        outcome = NOT_STORED
-    elif writes:
-        node_setup.write(node, found)
-        outcome = STORED
-    elif found.different:
-        outcome = DIFFERENT
+    outcome = _write(node, found) if writes else DIFFERENT if found.different else AS_WANTED
     has = [each for each in found.wanted.every if found.values[each.key] is not None]
     good = [each for each in has if each not in found.different]
     written = f'; {len(found.different)} written' if writes and found.different else ''
     print(f'  {len(good)} of {len(has)} objects as configured{written}', flush=True)
     return outcome
+
+
+def _write(node: canopen_network.Node, found: node_setup.Comparison) -> str:
+    """Write what differs, and store; return a word for the outcome."""
+    if not found.different and not node.can_store():
+        print('  not stored by this run: it cannot store (0x1010:01)')
+        return NOT_STORED
+    node_setup.write(node, found)
+    return STORED
 
 
 def _parser() -> Parser:

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Container, Iterable
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +16,7 @@ import time
 from spm_haptic_master.drives.plan import check_shared_bus, make_plan
 from spm_haptic_master.encoders import recording_files
 from spm_haptic_master.encoders.decoder_factory import make_decoder
+from spm_haptic_master.encoders.frame_decoder import FrameDecoder
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.parameters import nodes
 from spm_haptic_master.parameters.arguments import Parser, positive
@@ -23,8 +25,8 @@ from spm_haptic_master.parameters.files import simulated_rig
 from spm_haptic_master.parameters.resolver import DRIVER
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.simulation import device_quirks, fault_injection
-from spm_haptic_master.simulation.bus_runner import BusRunner, DriveLoop
-from spm_haptic_master.simulation.noisy_motion import make_motion
+from spm_haptic_master.simulation.bus_runner import BusRunner, DriveLoop, Record
+from spm_haptic_master.simulation.noisy_motion import make_motion, NoisyMotion
 from spm_haptic_master.simulation.rig import rig_text
 from spm_haptic_master.simulation.simulated_axes import simulated_axis
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus
@@ -67,24 +69,51 @@ def main(args: list[str]) -> int:
     values = command_line.checked(simulated_rig(sensors) | given, settings, 'sim', 'can')
     decoder = make_decoder(values)
     axes = tuple(axis.name for axis in decoder.axes)
-    faults = tuple(fault_injection.parse_fault(text, sensors, axes) for text in options.fault)
+    faults = [fault_injection.parse_fault(text, sensors, axes) for text in options.fault]
+    motion = make_motion(values)
+    encoders = _encoders(values, options, decoder, motion, faults)
+    drives = _drives(values, options, _of_kinds(faults, fault_injection.DRIVE_KINDS))
+    grid = DeadlineGrid(1.0 / values['rate']) if options.sync or decoder.sync_id is None else None
+    with ExitStack() as stack:
+        record = _recording(options, motion, stack)
+        bus = stack.enter_context(command_line.bus_of(values))
+        runner = BusRunner(bus, encoders, decoder.sync_id, grid, record)
+        _boot(runner, values, decoder)
+        loop = None if drives is None else _drive_loop(drives, values, stack)
+        try:
+            _run(runner, drives, loop, options.seconds or float('inf'))
+        finally:
+            missed = f', {grid.missed} deadlines missed' if grid else ''
+            print(f'sim_bus: {runner.cycles} cycles answered{missed}')
+    return 0
+
+
+def _of_kinds(
+    faults: Iterable[fault_injection.Fault], kinds: Container[str]
+) -> tuple[fault_injection.Fault, ...]:
+    return tuple(fault for fault in faults if fault.kind in kinds)
+
+
+def _encoders(
+    values: Values,
+    options: argparse.Namespace,
+    decoder: FrameDecoder,
+    motion: NoisyMotion,
+    faults: Iterable[fault_injection.Fault],
+) -> SimulatedBus:
+    """Return the simulated encoders; InputError for options that contradict the parameters."""
     node_ids = values['encoders.node_id'] if decoder.network else None
     if options.factory and node_ids is None:
         raise InputError("--factory with can.protocol 'raw'; expected 'canopen'")
-    motion = make_motion(values)
     layouts = decoder.layouts
     if motion.rig.has_harmonics:
         # The rig's are those of its encoders, not the ones that a driver corrects.
         layouts = tuple(replace(layout, harmonics=None) for layout in layouts)
-    of_encoders, of_drives = (
-        tuple(each for each in faults if each.kind in kinds)
-        for kinds in (fault_injection.KINDS, fault_injection.DRIVE_KINDS)
-    )
-    encoders = SimulatedBus(
+    return SimulatedBus(
         layouts,
         node_ids,
         motion,
-        of_encoders,
+        _of_kinds(faults, fault_injection.KINDS),
         values['sim.seed'],
         NodeOptions(
             synchronised=decoder.sync_id is not None,
@@ -92,60 +121,66 @@ def main(args: list[str]) -> int:
             heartbeat=options.heartbeat,
             period=1.0 / values['rate'],
         ),
-        _quirks(options, sensors, decoder.sync_id),
+        _quirks(options, values['sensors'], decoder.sync_id),
         tuple(map(simulated_axis, decoder.axes)),
     )
-    drives = _drives(values, options, of_drives)
-    grid = DeadlineGrid(1.0 / values['rate']) if options.sync or decoder.sync_id is None else None
-    end = time.monotonic() + options.seconds if options.seconds else float('inf')
-    with ExitStack() as stack:
-        record = None
-        if (directory := options.ground_truth) is not None:
-            table = recording_files.Table(
-                directory / recording_files.GROUND_TRUTH_NAME, recording_files.QUATERNION_COLUMNS
-            )
-            stack.callback(table.close)
-            recording_files.write_new(directory / recording_files.RIG_NAME, rig_text(motion.rig))
-            record = table.write
-        bus = stack.enter_context(command_line.bus_of(values))
-        name = command_line.bus_name(values)
-        runner = BusRunner(bus, encoders, decoder.sync_id, grid, record)
-        if heard := ', '.join(f'0x{each:X}' for each in runner.listen()):
-            print(
-                f'sim_bus: another program sends {heard} on {name}, too: {TWIN}', file=sys.stderr
-            )
-        runner.boot()
-        print(
-            f'sim_bus: {decoder.words} on {name}, zero counts '
-            f'{list(values["encoders.zero_count"])}, directions '
-            f'{list(values["encoders.direction"])}',
-            flush=True,
-        )
-        loop = None
+
+
+def _recording(
+    options: argparse.Namespace, motion: NoisyMotion, stack: ExitStack
+) -> Record | None:
+    """Write the rig, and return what writes the truth; None where that is not wanted."""
+    directory = options.ground_truth
+    if directory is None:
+        return None
+    table = recording_files.Table(
+        directory / recording_files.GROUND_TRUTH_NAME, recording_files.QUATERNION_COLUMNS
+    )
+    stack.callback(table.close)
+    recording_files.write_new(directory / recording_files.RIG_NAME, rig_text(motion.rig))
+    return table.write
+
+
+def _boot(runner: BusRunner, values: Values, decoder: FrameDecoder) -> None:
+    """Switch the encoders on, and print where they are, and who else is there."""
+    name = command_line.bus_name(values)
+    if heard := ', '.join(f'0x{each:X}' for each in runner.listen()):
+        print(f'sim_bus: another program sends {heard} on {name}, too: {TWIN}', file=sys.stderr)
+    runner.boot()
+    print(
+        f'sim_bus: {decoder.words} on {name}, zero counts '
+        f'{list(values["encoders.zero_count"])}, directions '
+        f'{list(values["encoders.direction"])}',
+        flush=True,
+    )
+
+
+def _drive_loop(drives: SimulatedDrives, values: Values, stack: ExitStack) -> DriveLoop:
+    """Start the drives on their bus, and print where they are."""
+    of = 'drives' if values['drives.channel'] else 'can'
+    loop = DriveLoop(stack.enter_context(command_line.bus_of(values, of)), drives)
+    stack.callback(loop.close)
+    print(
+        f'sim_bus: {len(drives.drives)} drives on {command_line.bus_name(values, of)}, '
+        f'nodes {[drive.node_id for drive in drives.drives]}',
+        flush=True,
+    )
+    return loop
+
+
+def _run(
+    runner: BusRunner, drives: SimulatedDrives | None, loop: DriveLoop | None, seconds: float
+) -> None:
+    """Run the encoders for some seconds, and print the faults that begin and end."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        lines = runner.step()
         if drives is not None:
-            of = 'drives' if values['drives.channel'] else 'can'
-            loop = DriveLoop(stack.enter_context(command_line.bus_of(values, of)), drives)
-            stack.callback(loop.close)
-            print(
-                f'sim_bus: {len(drives.drives)} drives on {command_line.bus_name(values, of)}, '
-                f'nodes {[drive.node_id for drive in drives.drives]}',
-                flush=True,
-            )
-        try:
-            while time.monotonic() < end:
-                lines = runner.step()
-                if drives is not None and loop is not None:
-                    lines += drives.faults.take_news()
-                    if loop.error is not None:
-                        raise InputError(f'drives: {loop.error}')
-                for line in lines:
-                    print(f'{time.time():.6f} {line}', flush=True)
-        finally:
-            print(
-                f'sim_bus: {runner.cycles} cycles answered'
-                + (f', {grid.missed} deadlines missed' if grid else '')
-            )
-    return 0
+            lines += drives.faults.take_news()
+        if loop is not None and loop.error is not None:
+            raise InputError(f'drives: {loop.error}')
+        for line in lines:
+            print(f'{time.time():.6f} {line}', flush=True)
 
 
 def _quirks(
@@ -180,6 +215,32 @@ def _drives(
     return SimulatedDrives(make_plan(taken), faults, options.factory)
 
 
+def _add_devices(parser: Parser) -> None:
+    """Add the options of what is simulated beside healthy encoders."""
+    parser.add_argument(
+        '--drives',
+        type=int,
+        choices=(1, 2, 3, 4),
+        metavar='N',
+        help='simulate N drives, too (rated torque '
+        f'{SIMULATED_RATED_TORQUE:g} N m unless it is given)',
+    )
+    parser.add_argument(
+        '--fault',
+        action='append',
+        default=[],
+        metavar='FAULT',
+        help=f'{fault_injection.SYNTAX}; may be repeated',
+    )
+    parser.add_argument(
+        '--quirk',
+        action='append',
+        default=[],
+        metavar='QUIRK',
+        help=f"what other makers' encoders do, {device_quirks.SYNTAX}; may be repeated",
+    )
+
+
 def _parser() -> Parser:
     parser = Parser('sim_bus', DESCRIPTION)
     parser.add_argument(
@@ -209,28 +270,7 @@ def _parser() -> Parser:
         f'{recording_files.GROUND_TRUTH_NAME} there, and the rig to '
         f'{recording_files.RIG_NAME}',
     )
-    parser.add_argument(
-        '--drives',
-        type=int,
-        choices=(1, 2, 3, 4),
-        metavar='N',
-        help='simulate N drives, too (rated torque '
-        f'{SIMULATED_RATED_TORQUE:g} N m unless it is given)',
-    )
-    parser.add_argument(
-        '--fault',
-        action='append',
-        default=[],
-        metavar='FAULT',
-        help=f'{fault_injection.SYNTAX}; may be repeated',
-    )
-    parser.add_argument(
-        '--quirk',
-        action='append',
-        default=[],
-        metavar='QUIRK',
-        help=f"what other makers' encoders do, {device_quirks.SYNTAX}; may be repeated",
-    )
+    _add_devices(parser)
     every = fault_injection.KINDS | fault_injection.DRIVE_KINDS
     kinds = '\n'.join(
         f'  {kind:13}{what}' + (f' (=VALUE, {unit})' if unit else '')

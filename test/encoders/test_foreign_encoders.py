@@ -114,8 +114,10 @@ def test_E3_a_sync_is_left_out_once_where_nodes_supervise_it(channel, driver, se
             elif not supervised.operational and sends_emcy:
                 supervised.node.emcy.send(0, 0)
 
-        answer = supervised.on_sync
+        answer, first = supervised.on_sync, nodes[0].on_sync
         supervised.on_sync = lambda: (supervise(), answer())
+        # A lost answer is a reason to leave a SYNC out.
+        nodes[0].on_sync = lambda: nodes[1].syncs % 20 and first()
         read_until(source, lambda: left)
         sentence = 'it left OPERATIONAL when this driver left a SYNC out, as it supervises SYNC'
         read_until(source, lambda: sentence in str(source.fault) + str(source.caution))

@@ -155,7 +155,7 @@ def test_a_scan_that_sends_nothing_of_a_bus_without_frames(run, channel):
             ),
             r'node ids that no encoder has \(2 is in',
         ),
-        (urdf, (), 'urdf: -p can.interface:=virtual: no parameter of this program'),
+        (urdf, (), 'urdf: -p can.interface:=virtual: ignored: this program has no such'),
     ],
 )
 def test_what_is_wrong_is_named_in_one_line(run, program, args, words):
