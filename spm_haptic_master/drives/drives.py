@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from contextlib import suppress
 from functools import partial
 from math import inf, isfinite
@@ -101,9 +101,7 @@ class Drives:
         `torques` are those at the joints, N m, each limited to `drives.torque_limit`. None: the
         motors are to be without voltage. Zeros: Operation enabled without torque.
         """
-        self._now = now
-        for drive in self._drives:
-            drive.now = now
+        self._set_time(now)
         bus = self._bus or self._open()
         if bus is None:
             return self._report(False)
@@ -111,17 +109,30 @@ class Drives:
         self._receive(bus)
         if self._start_up is not None and self._starts(self._start_up):
             return self._report(False)
-        if torques is not None and not isfinite(sum(torques)):
-            self._fail(f'torques {torques} N m; expected finite ones')
-        for drive in self._drives:
-            if self._fault is None and (trouble := drive.trouble(torques is not None)):
-                self._fail(trouble)
+        self._look_for_faults(torques)
         operate = torques is not None and self._fault is None
-        ready = operate and all(drive.state is State.ENABLED for drive in self._drives)
+        ready = operate and self._are_enabled()
         if self._known:
             self._send_torques(operate, torques if ready else None)
         # A frame may have been refused.
         return self._report(ready and self._fault is None)
+
+    def _set_time(self, now: float) -> None:
+        self._now = now
+        for drive in self._drives:
+            drive.now = now
+
+    def _are_enabled(self) -> bool:
+        return all(drive.state is State.ENABLED for drive in self._drives)
+
+    def _look_for_faults(self, torques: tuple[float, ...] | None) -> None:
+        """Latch what is wrong with the torques or with a drive."""
+        if torques is not None and not isfinite(sum(torques)):
+            self._fail(f'torques {torques} N m; expected finite ones')
+        for drive in self._drives:
+            trouble = None if self._fault else drive.trouble(torques is not None)
+            if trouble:
+                self._fail(trouble)
 
     def acknowledge(self) -> None:
         """Clear a fault: the drives are read back, reset and proven again, before any torque."""
@@ -193,15 +204,8 @@ class Drives:
         for _ in range(PROOFS):
             yield from self._reach(State.DISABLED)
             yield from self._reach(State.ENABLED)
-            began, self._sends = self._now, False
-            # Time without frames after which each drive was without torque, s.
-            times = dict.fromkeys(self._drives, inf)
-            while self._now - began <= limit + WATCHED and inf in times.values():
-                for drive in [each for each, time in times.items() if time == inf]:
-                    # By SDO: a drive that loses its heartbeat may end its status frames.
-                    word = yield from drive.read(cia402.STATUSWORD)
-                    if word is not None and cia402.state_of(word) in WITHOUT_TORQUE:
-                        times[drive] = self._now - began
+            self._sends = False
+            times = yield from self._fall_out_times(limit + WATCHED)
             for drive in self._drives:
                 if drive.booted:
                     raise SetupError(
@@ -222,36 +226,60 @@ class Drives:
             'option (0x6007): no torque without that'
         )
 
+    def _fall_out_times(self, longest: float) -> Generator[None, None, dict[Drive, float]]:
+        """Return the time after which each drive is without torque, s; inf: not within that."""
+        began = self._now
+        times = dict.fromkeys(self._drives, inf)
+        while self._now - began <= longest and inf in times.values():
+            for drive in [each for each, time in times.items() if time == inf]:
+                # By SDO: a drive that loses its heartbeat may end its status frames.
+                word = yield from drive.read(cia402.STATUSWORD)
+                if word is not None and cia402.state_of(word) in WITHOUT_TORQUE:
+                    times[drive] = self._now - began
+        return times
+
     def _reach(self, state: State) -> Steps:
         """Bring all drives into Operation enabled, or out of it, with what was a fault reset."""
         if not self._sends:
             for drive in self._drives:
                 self._send(canopen.nmt(canopen.NMT_START, drive.own.node_id))
-        asked, self._sends, self._operate = self._now, True, state is State.ENABLED
+        asked = self._now
+        self._sends = True
+        self._operate = state is State.ENABLED
         while True:
-            waiting = [
-                drive
-                for drive in self._drives
-                if drive.status_at <= asked or drive.state is not state
-            ]
+            waiting = self._waiting(asked, state)
             if waiting and self._now - asked > ENABLE_TIMEOUT:
-                drive = waiting[0]
-                shown = 'no status frame' if drive.status_at <= asked else drive.state.value
-                cause = f' ({drive.emergency})' if drive.emergency else ''
-                raise SetupError(
-                    f'{drive.own.name}: {shown} {ENABLE_TIMEOUT:g} s after its '
-                    f'start{cause}; expected {state.value}'
-                )
-            # It may have another mode or torque on its way to enabled.
-            for drive in self._drives:
-                if state is State.ENABLED and (found := drive.refusal(True)):
-                    raise SetupError(f'{drive.own.name}: {found}')
+                raise SetupError(self._late(waiting[0], asked, state))
+            if self._operate:
+                self._refuse_deviations()
             if not waiting:
                 break
             yield
         # What the pause has caused is over.
         for drive in self._drives:
             drive.restart()
+
+    def _waiting(self, asked: float, state: State) -> list[Drive]:
+        """Return the drives that have not reported a state since a time, s."""
+        return [
+            drive for drive in self._drives if drive.status_at <= asked or drive.state is not state
+        ]
+
+    def _late(self, drive: Drive, asked: float, state: State) -> str:
+        """Return in words that a drive did not reach a state that was asked for at a time, s."""
+        shown = 'no status frame' if drive.status_at <= asked else drive.state.value
+        cause = f' ({drive.emergency})' if drive.emergency else ''
+        return (
+            f'{drive.own.name}: {shown} {ENABLE_TIMEOUT:g} s after its start{cause}; expected '
+            f'{state.value}'
+        )
+
+    def _refuse_deviations(self) -> None:
+        """Raise SetupError for another mode or torque on the way to Operation enabled."""
+        for drive in self._drives:
+            found = drive.refusal(operate=True)
+            if found:
+                raise SetupError(f'{drive.own.name}: {found}')
 
     def _fail(self, text: str) -> None:
         """Latch a fault: the first one is the reason of those that follow."""

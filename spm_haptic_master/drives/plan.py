@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import pi
 from struct import pack, Struct
@@ -13,6 +14,7 @@ from typing import Any
 from spm_haptic_master.drives import cia402
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.decoder_factory import cycle_bits, frame_bits, make_layouts
+from spm_haptic_master.encoders.encoder_layout import EncoderLayout
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.kinematics.joints import JOINT_NAMES
 from spm_haptic_master.parameters.setting import Values
@@ -132,31 +134,12 @@ def make_plan(values: Values) -> Plan:
         )
     _check_times(values)
     verified = _verified(values['drives.verified_by_hand'])
-    drives = []
-    for joint, node_id, torque, gear, direction in zip(
-        JOINT_NAMES, node_ids, rated, gears, directions, strict=False
-    ):
-        cap = int(cia402.PER_MILLE / (gear * torque) * values['drives.torque_limit'])
-        if not 1 <= cap <= cia402.LARGEST:
-            raise SettingError(
-                'drives.torque_limit',
-                values['drives.torque_limit'],
-                f'1 to {cia402.LARGEST} per mille of the rated torque {torque:g} '
-                f'N m for {joint}; it is {cap}',
-            )
-        drives.append(
-            DrivePlan(
-                joint=joint,
-                node_id=node_id,
-                direction=direction,
-                gear=gear,
-                rated_torque=torque,
-                cap=cap,
-                speed_limit=round(values['drives.speed_limit'] * gear * 60.0 / (2.0 * pi)),
-                status_id=canopen.TPDO_BASES[0] + node_id,
-                control_id=canopen.RPDO_BASES[0] + node_id,
-            )
+    drives = [
+        _drive_plan(joint, node_id, values, torque, gear, direction)
+        for joint, node_id, torque, gear, direction in zip(
+            JOINT_NAMES, node_ids, rated, gears, directions, strict=False
         )
+    ]
     return Plan(
         drives=tuple(drives),
         combined=values['drives.combined'],
@@ -174,6 +157,32 @@ def make_plan(values: Values) -> Plan:
         status_syncs=_status_syncs(values),
         sends_sync=values['drives.status_by'] == BY_OWN_SYNC,
         verified=verified,
+    )
+
+
+def _drive_plan(
+    joint: str, node_id: int, values: Values, torque: float, gear: float, direction: int
+) -> DrivePlan:
+    """Return one drive: rated torque, N m, gear and direction; SettingError: limit too large."""
+    limit = values['drives.torque_limit']
+    cap = int(cia402.PER_MILLE / (gear * torque) * limit)
+    if not 1 <= cap <= cia402.LARGEST:
+        raise SettingError(
+            'drives.torque_limit',
+            limit,
+            f'1 to {cia402.LARGEST} per mille of the rated torque {torque:g} '
+            f'N m for {joint}; it is {cap}',
+        )
+    return DrivePlan(
+        joint=joint,
+        node_id=node_id,
+        direction=direction,
+        gear=gear,
+        rated_torque=torque,
+        cap=cap,
+        speed_limit=round(values['drives.speed_limit'] * gear * 60.0 / (2.0 * pi)),
+        status_id=canopen.TPDO_BASES[0] + node_id,
+        control_id=canopen.RPDO_BASES[0] + node_id,
     )
 
 
@@ -262,6 +271,22 @@ def is_shared(drives: Values, encoders: Values) -> bool:
 
 def check_shared_bus(drives: Values, encoders: Values) -> None:
     """Refuse drives that do not fit on the bus of the encoders, if it is theirs: SettingError."""
+    _check_sync(drives, encoders)
+    if not is_shared(drives, encoders):
+        return
+    plan = make_plan(drives)
+    layouts, sync = make_layouts(encoders), bool(encoders['encoders.sync_id'])
+    _check_node_ids(drives, encoders)
+    _check_identifiers(plan, layouts, list(encoders['encoders.id']))
+    check_load(
+        plan,
+        drives['drives.bitrate'] or encoders['can.bitrate'],
+        ('SYNC and encoders' if sync else 'encoders', cycle_bits(layouts, sync), encoders['rate']),
+    )
+
+
+def _check_sync(drives: Values, encoders: Values) -> None:
+    """Refuse two sources of SYNC on one bus, or none: SettingError."""
     source = drives['drives.status_by']
     sync_id = encoders['encoders.sync_id']
     if not is_shared(drives, encoders):
@@ -274,8 +299,11 @@ def check_shared_bus(drives: Values, encoders: Values) -> None:
         )
     if source == BY_ENCODER_SYNC and sync_id != canopen.SYNC_ID:
         raise SettingError('encoders.sync_id', sync_id, 'the SYNC that the drives know (0x80)')
-    plan = make_plan(drives)
-    node_ids = [*drives['drives.node_id'], plan.master_id]
+
+
+def _check_node_ids(drives: Values, encoders: Values) -> None:
+    """Refuse a node id of a drive, or of this master, that an encoder has: SettingError."""
+    node_ids = [*drives['drives.node_id'], drives['drives.master_id']]
     taken = set(encoders['encoders.node_id']) & set(node_ids)
     if taken and encoders['can.protocol'] == 'canopen':
         raise SettingError(
@@ -284,23 +312,21 @@ def check_shared_bus(drives: Values, encoders: Values) -> None:
             'node ids that no encoder has '
             f'({min(taken)} is in encoders.node_id), nor drives.master_id',
         )
+
+
+def _check_identifiers(plan: Plan, layouts: Sequence[EncoderLayout], given: object) -> None:
+    """Refuse an identifier of an encoder that a drive uses: SettingError."""
     frames = {plan.combined_id}.union(
         *((drive.status_id, drive.control_id) for drive in plan.drives)
     )
-    layouts, sync = make_layouts(encoders), bool(encoders['encoders.sync_id'])
     for layout in layouts:
         if not layout.extended and layout.can_id in frames:
             raise SettingError(
                 'encoders.id',
-                list(encoders['encoders.id']),
+                given,
                 f'identifiers that no drive uses (0x{layout.can_id:X} of '
                 f'{layout.joint} is one of drives.node_id)',
             )
-    check_load(
-        plan,
-        drives['drives.bitrate'] or encoders['can.bitrate'],
-        ('SYNC and encoders' if sync else 'encoders', cycle_bits(layouts, sync), encoders['rate']),
-    )
 
 
 def check_load(plan: Plan, bitrate: int, *encoders: tuple[str, int, float]) -> None:
