@@ -31,6 +31,8 @@ GRAVITY = 9.80665
 DRIFTS = (1.0, 5.0, 10.0, 20.0, 28.0)
 # A slave that is unstable: torque (N m) and frequency (Hz); a hand (N m/rad, N m s/rad).
 UNSTABLE, FREQUENCY, HAND = 0.3, 3.0, (1.0, 0.01)
+# Pauses of its wrench, and taps of the clutch (periods), each 0.9 s; and until when it is small.
+PAUSES, SMALL_UNTIL = {'wrench': 45, 'clutch': 20}, 70
 # Fastest handle where the wiring is wrong (rad/s): the default of `force.speed_limit`.
 SPEED_LIMIT = 6.0
 # Hands that meet an end stop at a speed (rad/s).
@@ -49,7 +51,9 @@ def wrench_lost(speed: float, torque: float = 0.0) -> Trace:
     R = pose(-15.0)
     roll = axis(R, 'roll')
     x, y, z = (-torque * roll).tolist()
-    loop = ClosedLoop(R, hand=(10.0, 0.1), motors=4)
+    limits = ForceLimits(ramp=0.05, speed=10.0)
+    controller = ForceController(GEOMETRY, motors=4, limits=limits)
+    loop = ClosedLoop(R, hand=(10.0, 0.1), motors=4, controller=controller)
     moved = round(RUN_UP / max(speed, 1.0) / DT)
     wrench = Wrench(0, STILL)
     for step in range(ENGAGED + moved + 80):
@@ -116,22 +120,27 @@ def stuttering(pause: str, seconds: float = 60.0) -> tuple[float, str]:
     loop = ClosedLoop(pose(20.0), hand=HAND)
     roll = axis(pose(20.0), 'roll')
     wrench = Wrench(0, STILL)
+    is_paused = False
     for step in range(ENGAGED + round(seconds / DT)):
         loop.measure()
-        phase = (step - ENGAGED) % 900
-        is_paused = step >= ENGAGED and phase < (45 if pause == 'wrench' else 20)
-        # After it three small wrenches, so that force may begin again.
-        is_small = step < ENGAGED or phase < 70
-        sign = 1.0 if sin(2.0 * pi * FREQUENCY * step * DT) > 0.0 else -1.0
-        x, y, z = (0.0 if is_small else sign * UNSTABLE) * roll
-        if not (is_paused and pause == 'wrench'):
-            wrench = Wrench(loop.stamp, (float(x), float(y), float(z)))
+        if step >= ENGAGED:
+            is_paused = (step - ENGAGED) % 900 < PAUSES[pause]
+        if not is_paused or pause == 'clutch':
+            x, y, z = (_unstable(step) * roll).tolist()
+            wrench = Wrench(loop.stamp, (x, y, z))
         loop.command(wrench, clutched=is_paused and pause == 'clutch')
         loop.move(STILL)
         if loop.output.state.condition is Condition.FAULT:
             break
     found = loop.trace(ENGAGED)
     return found.generated, found.states[-1]
+
+
+def _unstable(step: int) -> float:
+    """Return the torque of the unstable slave, N m: small behind a pause, so that force begins."""
+    if step < ENGAGED or (step - ENGAGED) % 900 < SMALL_UNTIL:
+        return 0.0
+    return UNSTABLE if sin(2.0 * pi * FREQUENCY * step * DT) > 0.0 else -UNSTABLE
 
 
 def end_stop_met(stiffness: float, tilt_deg: float = 20.0) -> tuple[Trace, float]:

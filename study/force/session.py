@@ -13,11 +13,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import degrees, radians
+from typing import NamedTuple
 
 import numpy as np
 from spm_haptic_master.force import Drives, ForceController, ForceOutput, ForceSample, Wrench
 from spm_haptic_master.kinematics import jacobian, matrix_from_quaternion
-from spm_haptic_master.kinematics.number_backends import Quaternion
+from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.kinematics.rotations import (
     AngularVelocity,
     conjugate,
@@ -228,106 +229,140 @@ def within(time: float, span: tuple[float, float]) -> bool:
     return span[0] - 0.5 * DT <= time < span[1] - 0.5 * DT
 
 
+class Row(NamedTuple):
+    """What is kept of a period."""
+
+    time: float
+    angle: float
+    wall: float
+    commanded: float
+    motor_torque: tuple[float, ...]
+    quaternion: Quaternion[float]
+    given: float
+    energy: float
+    velocity: Vector[float]
+    state: str
+    verdict: str
+
+
+class Play:
+    """Hand, device, computer and slave of a session, period after period."""
+
+    def __init__(self, seed: int) -> None:
+        R = pose(START_DEG)
+        self.roll = axis(R, 'roll')
+        self._plant = Plant(R)
+        self._first = self._plant.hand
+        self._computer = Computer()
+        start = self._turned(radians(WALL_DEG))
+        self._slave = Slave(wall(start, self.roll, WALL), SLAVE_PERIOD, THERE, BACK)
+        self._rng = np.random.default_rng(seed)
+        # Turns of the slave, of the handle less that, and of the hand (rad).
+        self._followed = 0.0
+        self._offset = 0.0
+        self._hand = 0.0
+        self._wrench: Wrench | None = None
+        self._torques: tuple[float, ...] = (0.0, 0.0, 0.0)
+        self._output: ForceOutput = self._computer.force.output
+
+    def _turned(self, angle: float) -> Quaternion[float]:
+        """Return the orientation that is turned from the first one, rad."""
+        x, y, z = (angle * self.roll).tolist()
+        return multiply_quaternions(quaternion_from_vector(x, y, z), self._first)
+
+    def _turn(self, quaternion: Quaternion[float]) -> float:
+        """Return the turn of an orientation from the first one, rad."""
+        turn = multiply_quaternions(quaternion, conjugate(self._first))
+        return float(np.dot(vector_from_quaternion(*turn), self.roll))
+
+    def step(self, step: int) -> Row:
+        """Play a period."""
+        time = step * DT
+        noise = SIGMA * self._rng.normal(size=4)
+        in_force = self._torques
+        if time < MASTER:
+            self._compute(step, noise)
+        elif time >= MASTER + EVENT_TIMER:
+            in_force = (0.0, 0.0, 0.0)
+        if within(time, DRIVE):
+            in_force = (in_force[0], 0.0, in_force[2])
+        # The command is in force one period after its sample.
+        self._move(hand_turn(time), in_force)
+        self._torques = self._output.motor_torque
+        wrench = self._wrench
+        return Row(
+            time=time,
+            angle=START_DEG + degrees(self._turn(self._plant.quaternion)),
+            wall=START_DEG + WALL_DEG + degrees(self._offset),
+            commanded=0.0 if wrench is None else float(np.dot(wrench.torque, self.roll)),
+            motor_torque=in_force,
+            quaternion=self._plant.quaternion,
+            given=self._plant.given,
+            energy=self._output.energy,
+            velocity=self._plant.velocity,
+            state=self._output.state.text,
+            verdict=self._computer.verdict,
+        )
+
+    def _compute(self, step: int, noise: np.ndarray) -> None:
+        """Let the computer take a sample, and the slave follow."""
+        time = step * DT
+        angles = np.array(self._plant.angles) + noise
+        if within(time, ENCODER):
+            angles[1] += LIE
+        self._computer.look((step + 1) * PERIOD, quantised(angles))
+        self._follow(step)
+        if any(abs(time - each) < 0.5 * DT for each in ACKNOWLEDGED):
+            self._computer.force.acknowledge()
+        self._output = self._computer.act(
+            self._wrench,
+            drives=Drives.FAULT if within(time, DRIVE) else Drives.OPERATING,
+            clutched=within(time, CLUTCH),
+        )
+
+    def _follow(self, step: int) -> None:
+        """Let the slave follow, and its wrench arrive."""
+        time = step * DT
+        if self._computer.quaternion is not None:
+            here = self._turn(self._computer.quaternion)
+            if within(time, CLUTCH):
+                self._offset = here - self._followed
+            self._followed = here - self._offset
+        arrived = self._slave.take(step, self._turned(self._followed))
+        if within(time, NO_WRENCH) or within(time, END_STOP):
+            return
+        self._wrench = arrived and arrived._replace(received=arrived.received + PERIOD)
+
+    def _move(self, angle: float, in_force: tuple[float, ...]) -> None:
+        """Move the hand to an angle, rad, and run the plant."""
+        self._plant.hand = self._turned(angle)
+        x, y, z = ((angle - self._hand) / DT * self.roll).tolist()
+        self._hand = angle
+        self._plant.run(in_force, (x, y, z), *HAND)
+
+
 def play(progress: Callable[[float], None] | None = None, seed: int = 1) -> Session:
     """Play the session; `progress` gets the share that is done, 0 to 1, each simulated 0.1 s."""
-    R = pose(START_DEG)
-    roll, plant, master = axis(R, 'roll'), Plant(R), Computer()
-    rx, ry, rz = roll.tolist()
-    first = plant.hand
-
-    def turned(angle: float) -> Quaternion[float]:
-        return multiply_quaternions(
-            quaternion_from_vector(angle * rx, angle * ry, angle * rz), first
-        )
-
-    def turn(quaternion: Quaternion[float]) -> float:
-        x, y, z = vector_from_quaternion(*multiply_quaternions(quaternion, conjugate(first)))
-        return x * rx + y * ry + z * rz
-
-    slave = Slave(wall(turned(radians(WALL_DEG)), roll, WALL), SLAVE_PERIOD, THERE, BACK)
+    session, rows = Play(seed), []
     count = round(END / DT)
-    readings = SIGMA * np.random.default_rng(seed).normal(size=(count, 4))
-    # Turn of the slave, and of the handle less that (rad).
-    command = offset = before = 0.0
-    wrench: Wrench | None = None
-    torques = in_force = (0.0, 0.0, 0.0)
-    rows = []
     for step in range(count):
-        time, stamp = step * DT, (step + 1) * PERIOD
         if progress is not None and step % 100 == 0:
             progress(step / count)
-        if time < MASTER:
-            angles = np.array(plant.angles) + readings[step]
-            if within(time, ENCODER):
-                angles[1] += LIE
-            master.look(stamp, quantised(angles))
-            if master.quaternion is not None:
-                here = turn(master.quaternion)
-                if within(time, CLUTCH):
-                    offset = here - command
-                command = here - offset
-            arrived = slave.take(step, turned(command))
-            if not (within(time, NO_WRENCH) or within(time, END_STOP)):
-                wrench = arrived and arrived._replace(received=arrived.received + PERIOD)
-            if any(abs(time - each) < 0.5 * DT for each in ACKNOWLEDGED):
-                master.force.acknowledge()
-            output = master.act(
-                wrench,
-                drives=Drives.FAULT if within(time, DRIVE) else Drives.OPERATING,
-                clutched=within(time, CLUTCH),
-            )
-        elif time >= MASTER + EVENT_TIMER:
-            torques = (0.0, 0.0, 0.0)
-        angle = hand_turn(time)
-        plant.hand = turned(angle)
-        rate, before = (angle - before) / DT, angle
-        in_force = (torques[0], 0.0, torques[2]) if within(time, DRIVE) else torques
-        # The command is in force one period after its sample.
-        plant.run(in_force, (rate * rx, rate * ry, rate * rz), *HAND)
-        if time < MASTER:
-            torques = output.motor_torque
-        rows.append(
-            (
-                time,
-                START_DEG + degrees(turn(plant.quaternion)),
-                START_DEG + WALL_DEG + degrees(offset),
-                0.0 if wrench is None else float(np.dot(wrench.torque, roll)),
-                in_force,
-                plant.quaternion,
-                plant.given,
-                output.energy,
-                plant.velocity,
-                output.state.text,
-                master.verdict,
-            )
-        )
-    (
-        times,
-        angle_rows,
-        walls,
-        commanded,
-        motor_rows,
-        quaternions,
-        given,
-        energies,
-        velocities,
-        states,
-        verdicts,
-    ) = zip(*rows, strict=True)
-    motor_torque = np.array(motor_rows)
-    G = jacobian(matrix_from_quaternion(np.array(quaternions)))
+        rows.append(session.step(step))
+    motor_torque = np.array([row.motor_torque for row in rows])
+    G = jacobian(matrix_from_quaternion(np.array([row.quaternion for row in rows])))
     felt = np.einsum('nij,ni->nj', G, motor_torque)
     return Session(
-        np.array(times),
-        np.array(angle_rows),
-        np.array(walls),
-        np.array(commanded),
-        felt @ roll,
-        np.linalg.norm(felt, axis=1),
-        motor_torque,
-        np.array(given),
-        np.array(energies),
-        np.linalg.norm(velocities, axis=1),
-        list(states),
-        list(verdicts),
+        time=np.array([row.time for row in rows]),
+        angle=np.array([row.angle for row in rows]),
+        wall=np.array([row.wall for row in rows]),
+        commanded=np.array([row.commanded for row in rows]),
+        rendered=felt @ session.roll,
+        felt=np.linalg.norm(felt, axis=1),
+        motor_torque=motor_torque,
+        given=np.array([row.given for row in rows]),
+        energy=np.array([row.energy for row in rows]),
+        speed=np.linalg.norm([row.velocity for row in rows], axis=1),
+        states=[row.state for row in rows],
+        verdicts=[row.verdict for row in rows],
     )
