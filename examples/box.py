@@ -5,7 +5,7 @@
 A box of angles that the hand feels: free inside, a spring outside.
 
 It is as the box of CRTK's haptic example, which has positions: a wrench with an empty header for
-each `measured_cp`, 200 times a second. It needs a master with force.enabled:=true and
+each `measured_cp`. It needs a master with force.enabled:=true and
 force.engaged_by:=operating_state, which somebody has to enable.
 """
 

@@ -22,6 +22,7 @@ PATIENCE = 60.0
 FORCE = {
     'force.enabled': True,
     'force.without_drives': True,
+    'crtk_rate': 0.0,
     'force.wrench_timeout': 0.2,
     'force.engaged_by': 'operating_state',
     'force.protection_limit_deg': 5.0,

@@ -23,6 +23,7 @@ from spm_haptic_master.nodes.fkm import Fkm
 from spm_haptic_master.parameters.nodes import NODE_SETTINGS
 from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.ros.qos import SAMPLES
+from spm_haptic_master.supervision.fault import Acknowledgement
 from std_msgs.msg import Bool, Empty, Float64, String
 
 PERIOD = 0.002
@@ -515,12 +516,11 @@ def test_one_acknowledgement_ends_only_what_it_names(rig):
     """A7: a fault of the sensors and one of the force wait for one each."""
     rig.send((nan, 0.0, 0.0))
     rig.run(20, ZERO)
-    latch = rig.host.node._supervisor.latch
-    waiting = iter([True, False, False])
-    latch.acknowledge = lambda: next(waiting)
+    latched = iter(['two encoders', '', ''])
+    rig.host.node._supervisor.latch.acknowledge = lambda: Acknowledgement(next(latched), '')
     answers = [rig.host.call('~/acknowledge') for _ in range(3)]
     assert [answer.message for answer in answers] == [
-        'acknowledged: sensors: consistent samples clear the fault',
+        'acknowledged: sensors: two encoders',
         'acknowledged: force feedback: wrench not finite',
         'no fault waits for an acknowledgement',
     ]
