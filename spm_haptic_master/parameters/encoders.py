@@ -34,8 +34,8 @@ COUNTS_PER_TURN_SETTING = _each(
 # Remedy where there is no calibration.
 CALIBRATE = (
     'the zero counts of your rig, which nothing but a calibration knows: run `ros2 run '
-    'spm_haptic_master calibrate --motion -o calibration.yaml`, then give `--params-file '
-    'calibration.yaml`'
+    'spm_haptic_master calibrate --motion --params-file rig.yaml -o calibration.yaml`, then give '
+    '`--params-file calibration.yaml`'
 )
 
 # Settings of the frames, in the order of the fields of EncoderLayout.

@@ -49,10 +49,10 @@ def main(args: list[str]) -> int:
     """Calibrate, or check a calibration by a motion; 1 if it cannot be trusted."""
     options = _parser().parse(args)
     if options.check is not None:
-        if not options.motion:
+        if options.motion is None:
             raise InputError(f'--check {options.check} without --motion; expected both')
         return calibration_verdict.check(options)
-    if options.motion:
+    if options.motion is not None:
         return calibrate_motion.run(options)
     if options.output is None:
         raise InputError('no -o FILE; expected the parameter file to write')
@@ -153,8 +153,11 @@ def _parser() -> Parser:
     parser = Parser('calibrate', DESCRIPTION)
     parser.add_argument(
         '--motion',
-        action='store_true',
-        help="calibrate from free motion: nothing has to be known but the drawing's link angles",
+        nargs='*',
+        type=Path,
+        metavar='LOG',
+        help="calibrate from free motion: nothing has to be known but the drawing's link angles; "
+        'from logs, one or several of the same rig, or from the bus',
     )
     parser.add_argument(
         '--check',

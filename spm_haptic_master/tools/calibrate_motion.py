@@ -96,9 +96,42 @@ def run(options: argparse.Namespace) -> int:
         radians(options.mechanism_tolerance),
         radians(options.harmonic_tolerance),
     )
-    seconds = options.seconds or SECONDS_DEFAULT
+    recording = _recorded(options, source, values, layout)
+    found = _calibrated(layout, recording, given, values['encoders.counts_per_turn'])
+    mounting = None
+    if options.pose or options.capture is not None:
+        mounting = _mounted_by(options, source, values, found)
+        found = mounting.calibration
+    logs = options.motion or ([Path(values['replay.path'])] if source == 'replay' else [])
+    origin = Origin(
+        datetime.now().astimezone().isoformat(timespec='seconds'),
+        ' + '.join(path.name for path in logs) or source_text(source, values),
+        ' '.join(checksum(path) for path in logs),
+        version('spm_haptic_master'),
+        values['encoders.counts_per_turn'],
+        kept_settings(source, given, values, mechanism)
+        | ({} if mounting is None else _mounting_settings(mounting)),
+    )
+    fkm = FkmValues(both, origin)
+    with ProgressBar('calibrate') as bar:
+        found, limit = supported(found, fkm)
+        checked = checked_region(found, fkm, recording[0])
+        share = published_share(found, recording, fkm, bar.stage)
+    verdict = Verdict(found, origin, limit, share, options.target, checked)
+    write_text(output, motion_text(verdict))
+    _print(output, write_report(output, verdict), verdict)
+    if mounting is not None:
+        _print_mounting(mounting)
+    return 0
+
+
+def _recorded(
+    options: argparse.Namespace, source: str, values: dict[str, Any], layout: Layout
+) -> Recording:
+    """Return the motion of a bus, of a log, or of several logs one after the other."""
+    output, seconds = options.output, options.seconds or SECONDS_DEFAULT
     with _guidance_topic(options.remap) as publish:
-        stamps, angles = motion_source.read_motion(
+        first = motion_source.read_motion(
             source,
             values,
             options.seconds,
@@ -109,43 +142,33 @@ def run(options: argparse.Namespace) -> int:
             _guided(Guide(layout), radians(options.target), publish),
             output.with_name(f'{output.stem}_motion.log'),
         )
+    further = [
+        motion_source.read_motion(
+            'replay', values | {'replay.path': str(path)}, options.seconds, SECONDS_DEFAULT, ''
+        )
+        for path in (options.motion or [])[1:]
+    ]
+    return motion_source.joined([first, *further])
+
+
+def _calibrated(
+    layout: Layout, recording: Recording, given: dict[str, Any], counts_per_turn: Sequence[int]
+) -> MotionCalibration:
+    """Return the calibration of a motion; CalibrationError names a resolution that is wrong."""
+    stamps, angles = recording
     directions = given.get('encoders.direction')
-    mounting = None
-    with ProgressBar('calibrate') as bar:
-        try:
-            found = calibrate_motion(
+    try:
+        with ProgressBar('calibrate') as bar:
+            return calibrate_motion(
                 layout,
                 stamps,
                 angles,
                 directions if isinstance(directions, (list, tuple)) else None,
                 bar.stage,
             )
-        except CalibrationError as error:
-            hint = resolution_hint(angles, values['encoders.counts_per_turn'])
-            raise CalibrationError(f'{error}{hint}') from error
-    if options.pose or options.capture is not None:
-        mounting = _mounted_by(options, source, values, found)
-        found = mounting.calibration
-    origin = Origin(
-        datetime.now().astimezone().isoformat(timespec='seconds'),
-        source_text(source, values).removeprefix('replay: '),
-        checksum(Path(values['replay.path'])) if source == 'replay' else '',
-        version('spm_haptic_master'),
-        values['encoders.counts_per_turn'],
-        kept_settings(source, given, values, mechanism)
-        | ({} if mounting is None else _mounting_settings(mounting)),
-    )
-    fkm = FkmValues(both, origin)
-    with ProgressBar('calibrate') as bar:
-        found, limit = supported(found, fkm)
-        checked = checked_region(found, fkm, stamps)
-        share = published_share(found, (stamps, angles), fkm, bar.stage)
-    verdict = Verdict(found, origin, limit, share, options.target, checked)
-    write_text(output, motion_text(verdict))
-    _print(output, write_report(output, verdict), verdict)
-    if mounting is not None:
-        _print_mounting(mounting)
-    return 0
+    except CalibrationError as error:
+        hint = resolution_hint(angles, counts_per_turn)
+        raise CalibrationError(f'{error}{hint}') from error
 
 
 def _check_references(options: argparse.Namespace, source: str) -> None:

@@ -112,9 +112,7 @@ def supported(
         if limits[-1] <= limit:
             return candidate, limits[-1]
     # No further motion mends a rig that is not the model's.
-    cure = (
-        calibration.misfit or calibration.unusual or f'{calibration.advice}, and move for longer'
-    )
+    cure = calibration.misfit or calibration.unusual or cure_text(calibration)
     least = min(limits, default=inf)
     more = (
         f'; a task that tolerates more may take -p alert_limit_deg:={least:g}'
@@ -126,6 +124,17 @@ def supported(
         f'workspace is {" ".join(f"{each:.2f}" for each in np.degrees(calibration.bias))}, noise '
         f'up to {degrees(calibration.noise.max()):.2f} deg; the region moved, '
         f'{moved.text}, {"is no better" if moved.is_large else "is too small"})'
+    )
+
+
+def cure_text(calibration: MotionCalibration) -> str:
+    """Return what to do about bounds that are too large, the best first, and what it costs."""
+    cures = sorted(calibration.cures.items(), key=lambda cure: -cure[1])
+    (best, gain), *others = cures
+    rest = ', '.join(f'{name} by {factor:.1f}' for name, factor in others)
+    return (
+        f'{best} divides the predicted error by {gain:.1f} ({rest}); record only what is missing, '
+        'and join both by --motion FIRST.log SECOND.log'
     )
 
 

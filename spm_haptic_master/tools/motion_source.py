@@ -31,6 +31,8 @@ from spm_haptic_master.tools.command_line import ProgressBar
 # enough.
 Evaluate = Callable[[ProgressBar, EncoderSource, Recording, float], bool]
 
+# Time between two recordings that are joined (s).
+BETWEEN = 1.0
 # Time between two updates of a pose's bar (s).
 POSE_PERIOD = 0.1
 # Nodes whose parameters the evaluation of a motion takes, and the names of these.
@@ -46,10 +48,26 @@ def check_source(source: str, nothing_to: str) -> None:
         )
 
 
+def joined(recordings: Sequence[Recording]) -> Recording:
+    """
+    Return recordings of several motions of one rig as one, in their order.
+
+    A recording that is not later than the one before begins `BETWEEN` s after it: only the times
+    within a recording matter.
+    """
+    stamps = [recordings[0][0]]
+    for later, _ in recordings[1:]:
+        earliest = int(stamps[-1][-1]) + round(BETWEEN * 1e9)
+        stamps.append(later + max(0, earliest - int(later[0])))
+    return np.concatenate(stamps), np.concatenate([angles for _, angles in recordings])
+
+
 def given_for_motion(options: argparse.Namespace, nothing_to: str) -> tuple[str, dict[str, Any]]:
     """Return the source of a motion, and the given parameters of driver and fkm, by name."""
     given = command_line.given(options, NODES, DRIVER_NAMES | FKM_NAMES)
-    source = str(given.get('source', 'can'))
+    source = 'replay' if options.motion else str(given.get('source', 'can'))
+    if options.motion:
+        given['replay.path'] = str(options.motion[0])
     check_source(source, nothing_to)
     return source, given
 

@@ -63,9 +63,9 @@ def main(args: list[str]) -> int:
     except OSError as error:
         raise InputError(f'{options.output}: cannot be written: {error}') from error
     plot_style.draw_comparison(result, options.output)
+    _report(result, table, options.output)
     if joints is not None and joints.left_out:
         print(f'{joints.left_out} rows with fewer than {len(JOINT_NAMES)} joint angles left out')
-    _report(result, table, options.output)
     return 0
 
 
@@ -131,9 +131,10 @@ def _parser() -> Parser:
 def _report(result: comparison.Comparison, table: list[comparison.ErrorRow], output: Path) -> None:
     print(_verdict(result, table))
     alignment = result.alignment
+    parts_per_million = 0.0 - 1e6 * alignment.rate
     print(
         f'{len(result.time)} captured orientations; their clock is '
-        f'{-alignment.offset:+.6f} s off and runs {-1e6 * alignment.rate:+.0f} ppm fast, angular '
+        f'{-alignment.offset:+.6f} s off and runs {parts_per_million:+.0f} ppm fast, angular '
         f'speeds correlate by {alignment.correlation:.3f}'
     )
     for reason, count in result.left_out.items():
@@ -155,5 +156,5 @@ def _verdict(result: comparison.Comparison, table: list[comparison.ErrorRow]) ->
     left_out = sum(result.left_out.values())
     return (
         f'The recorded orientations are {rms:.3f} deg rms off the motion capture, {largest:.3f} '
-        f'deg at most, at {row.samples} moments; {left_out} captured rows are left out'
+        f'deg at most, at {row.samples} moments; captured rows left out: {left_out}'
     )

@@ -6,6 +6,7 @@
 from contextlib import contextmanager
 from functools import partial
 from math import radians
+from pathlib import Path
 import re
 
 from encoder_frames import cycle, make_layouts, record, values
@@ -17,6 +18,7 @@ from rig_as_built import errors_deg, rig, truth
 from spm_haptic_master import kinematics
 from spm_haptic_master.calibration import recording
 from spm_haptic_master.calibration.motion.free_motion import Guidance
+from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.parameters.encoders import LAYOUT_SETTINGS
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.geometry import MECHANISM_SETTINGS
@@ -343,3 +345,35 @@ def test_the_file_has_the_bus_as_given_and_the_layout():
     assert kept_settings(
         'replay', {}, values, mechanism | {'working_mode': (1, -1, 1)}
     ) == layout | {'working_mode': (1, -1, 1)}
+
+
+def test_recordings_of_two_motions_are_joined(motion_log, tmp_path, monkeypatch, capsys):
+    """One after the other, whenever they were recorded; the file names both."""
+    first, second = (
+        Path(motion_log(name)[3].removeprefix('replay.path:='))
+        for name in ('dev_motion', 'dev_check')
+    )
+    taken = {}
+
+    def stop(layout, stamps, angles, *_):
+        taken.update(stamps=stamps, angles=angles)
+        raise CalibrationError('stop')
+
+    monkeypatch.setattr(calibrate_motion, 'calibrate_motion', stop)
+    rate = ('-p', 'rate:=100.0', '-o', tmp_path / 'c.yaml')
+    for logs in ([first], [second], [second, first], [first, second]):
+        assert run(*logs, *rate) == 1
+        if len(logs) == 1:
+            taken[logs[0]] = taken['angles']
+    assert 'calibrate: stop' in capsys.readouterr().err
+    assert (np.diff(taken['stamps']) > 0).all()
+    np.testing.assert_array_equal(taken['angles'], np.concatenate([taken[first], taken[second]]))
+
+
+def test_joined_recordings_follow_each_other_by_a_second():
+    early, late = np.arange(5) * 10, np.arange(5) * 10 + 10**12
+    angles = np.zeros((5, 4))
+    stamps, _ = motion_source.joined([(late, angles), (early, angles)])
+    assert stamps[5] - stamps[4] == 10**9 and np.diff(stamps)[5:].tolist() == [10] * 4
+    stamps, _ = motion_source.joined([(early, angles), (late, angles)])
+    np.testing.assert_array_equal(stamps, np.concatenate([early, late]))

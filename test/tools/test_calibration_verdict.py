@@ -38,8 +38,9 @@ def test_a_limit_is_supported_from_the_least_one_on(found, fkm):
         verdict.supported(found, fkm())
     # It begins with what to do, and names the limit that is accepted.
     assert re.match(
-        r'the motion does not support alert_limit_deg 1: (tilt|turn) the handle .*, '
-        r'and move for longer; a task that tolerates more may take -p '
+        r'the motion does not support alert_limit_deg 1: .* divides the predicted error by '
+        r'\d\.\d \(.*\); record only what is missing, and join both by --motion FIRST.log '
+        r'SECOND.log; a task that tolerates more may take -p '
         rf'alert_limit_deg:={least:g} \(bias_deg over the',
         str(caught.value),
     )
@@ -50,6 +51,39 @@ def test_a_limit_is_supported_from_the_least_one_on(found, fkm):
     # A limit of its own is tried too.
     own = 0.5 * (below + least)
     assert verdict.least_alert_limit(found, fkm(alert_limit_deg=own)) in (own, least)
+
+
+def test_a_refusal_names_three_cures_and_the_best_of_them_first(found):
+    larger, longer, smaller = found.cures
+    assert larger.startswith('a larger motion (t') and longer == 'a motion twice as long'
+    assert '--mechanism-tolerance' in smaller
+    assert 1.0 < found.cures[longer] <= np.sqrt(2.0)
+    text = verdict.cure_text(found)
+    best = max(found.cures, key=lambda cure: found.cures[cure])
+    assert text.startswith(f'{best} divides the predicted error by {found.cures[best]:.1f} (')
+    # Where the drawing alone determines the parameters, nothing but its tolerances helps.
+    zeros_alone = np.diag(np.where(np.arange(found.layout.count) < 4, 1e12, 1e-3))
+    known = replace(found, information=zeros_alone, advice_gain=1.0)
+    assert verdict.cure_text(known).startswith('half of --mechanism-tolerance and --harm')
+
+
+def test_a_sensor_that_is_checked_nowhere_is_named_and_start_checked_refused(found, fkm):
+    stamps = np.arange(100) * 10_000_000
+    large = replace(found, covariance=found.covariance * 16.0)
+    checked = verdict.checked_region(large, fkm(alert_limit_deg=1.0), stamps)
+    assert min(checked.share) == 0.0 and checked.least_limit_deg > 1.0
+    assert re.match(
+        'with alert_limit_deg 1 nothing checks .*joint_3a anywhere in the region: with '
+        'start_checked .* fkm publishes nothing; alert_limit_deg '
+        rf'{checked.least_limit_deg:.2f} is the smallest',
+        checked.caution,
+    )
+    with pytest.raises(CalibrationError, match='^start_checked is true, but with alert_limit'):
+        verdict.checked_region(large, fkm(alert_limit_deg=1.0, start_checked=True), stamps)
+    good = replace(found, covariance=found.covariance * 0.01)
+    found_checked = verdict.checked_region(good, fkm(start_checked=True), stamps)
+    assert not found_checked.caution and min(found_checked.share) > 0.3
+    assert len(found_checked.lines) == 4
 
 
 def test_a_motion_that_determines_too_little_names_no_limit(found, fkm):

@@ -335,7 +335,7 @@ def test_validate_begins_with_a_verdict_and_counts_what_it_left_out(
     first, *lines = capsys.readouterr().out.splitlines()
     assert re.match(
         r'The recorded orientations are 0\.0\d\d deg rms off the motion capture, 0\.\d+ deg at '
-        r'most, at \d+ moments; 1 captured rows are left out$',
+        r'most, at \d+ moments; captured rows left out: 1$',
         first,
     )
     assert '  1 captured rows left out: without a value' in lines

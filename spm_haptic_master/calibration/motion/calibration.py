@@ -36,6 +36,7 @@ class MotionCalibration:
     model: MotionModel  # with the white noise of the readings' means
     vector: Array  # parameters, rad, (P,)
     covariance: Array  # of their errors, with those of the drawing that were left, rad^2, (P, P)
+    information: Array  # of all parameters by the readings alone, 1/rad^2, (P, P)
     estimated: tuple[int, ...]  # parameters that were estimated
     left: dict[str, str]  # groups that were left as drawn, and why
     direction: tuple[int, ...]  # of the encoders, 1 or -1
@@ -46,6 +47,7 @@ class MotionCalibration:
     unexplained: Array  # error of each sensor that no parameter explains, rad, (N,)
     unexplained_parity: float  # slow part of the parity that no parameter explains, rad
     advice: str  # the motion that would determine most of the rest, as an instruction
+    advice_gain: float  # variance of the orientations' error over that with such a motion
     contradiction: float  # variance between halves of the motion over that of noise (unit 1)
     region: coverage.Region = coverage.WORKSPACE  # where `bias` and `region_error` hold
 
@@ -136,6 +138,28 @@ class MotionCalibration:
         return coverage.orientation_error(
             coverage.aligned_changes(self.model, self._poses, self.vector), self.covariance
         )
+
+    @property
+    def cures(self) -> dict[str, float]:
+        """
+        Return by what the predicted error over the region is divided, by what one could do.
+
+        A motion twice as long doubles the information of the readings; half the tolerances have
+        four times the information.
+        """
+        tolerance = np.diag(self.layout.deviations**-2.0)
+        changes = coverage.aligned_changes(self.model, self._poses, self.vector)
+
+        def error(information: Array) -> float:
+            return coverage.orientation_error(changes, coverage.inverse(information))
+
+        now = error(self.information + tolerance)
+        return {
+            f'a larger motion ({self.advice})': float(np.sqrt(self.advice_gain)),
+            'a motion twice as long': now / error(2.0 * self.information + tolerance),
+            'half of --mechanism-tolerance and --harmonic-tolerance, if the workshop guarantees '
+            'that,': now / error(self.information + 4.0 * tolerance),
+        }
 
     @property
     def unusual(self) -> str:

@@ -96,7 +96,7 @@ def fitted(
     factor = len(turned) / len(chosen)
     progress('zeros', 0.5)
     first = fit.fit(model, turned[chosen], start.vector, range(layout.sensors))
-    advice = next(iter(_outlook(model, means, start)[1]))
+    advice, gain = next(iter(_outlook(model, means, start)[1].items()))
     _check_zeros(model, first, factor, advice)
     vector, columns, left = fit.choose(
         model,
@@ -123,6 +123,7 @@ def fitted(
         model=white,
         vector=found.vector,
         covariance=fit.considered_covariance(every.matrix, estimated.layout.deviations, columns),
+        information=every.matrix,
         estimated=columns,
         left=left,
         direction=start.direction,
@@ -133,6 +134,7 @@ def fitted(
         unexplained=misfit.unexplained_errors(estimated, turned, found.vector, found.normal, slow),
         unexplained_parity=slow * float(estimated.sigma.max()),
         advice=advice,
+        advice_gain=gain,
         contradiction=split,
     )
 
