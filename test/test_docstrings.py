@@ -40,7 +40,7 @@ def documented(value, title):
     )
     if found is None:
         return None
-    lines = re.findall(r'^(\*?\w[\w*, ]*?)(?: :.*)?$', found[1], re.MULTILINE)
+    lines = re.findall(r'^(\*{0,2}\w[\w*, ]*?)(?: :.*)?$', found[1], re.MULTILINE)
     return {name.strip('* ') for line in lines for name in line.split(',')}
 
 
