@@ -30,7 +30,17 @@ ROSDEP = {
 }
 # Modules that rosdep brings by pip only, which Ubuntu 24.04 refuses outside a virtual environment:
 # extras of setup.py; the rest of the package works without them. crtk_msgs is built from source.
-EXTRA = {'canopen', 'crtk_msgs', 'msgspec', 'mujoco', 'rosbags', 'viser', 'websockets'}
+EXTRA = {
+    'canopen',
+    'cantools',
+    'crtk_msgs',
+    'msgspec',
+    'mujoco',
+    'rosbags',
+    'viser',
+    'websockets',
+    'zstandard',
+}
 # Dependencies that no import shows: the interface udp_multicast of python-can, `ros2 launch`, and
 # a node of others that launch/display.launch.py starts. (RViz is for the host of the person who
 # looks: a rig's needs none.)
