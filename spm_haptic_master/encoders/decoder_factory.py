@@ -158,13 +158,22 @@ def _check_reserved(
 def make_layouts(values: Values) -> tuple[EncoderLayout, ...]:
     """Return the layouts of the encoders; SettingError if one contradicts itself or another."""
     joints = ALL_JOINT_NAMES[: values['sensors']]
-    columns = zip(
-        joints,
-        *(values[setting.name] for setting in encoders.LAYOUT_SETTINGS),
-        make_harmonics(values),
-        strict=True,
+    fields = {
+        setting.name.removeprefix('encoders.'): values[setting.name]
+        for setting in encoders.LAYOUT_SETTINGS
+    }
+    identifiers = fields.pop('id')
+    layouts = tuple(
+        EncoderLayout(
+            joint=joint,
+            can_id=identifiers[index],
+            harmonics=harmonics,
+            **{name: column[index] for name, column in fields.items()},
+        )
+        for index, (joint, harmonics) in enumerate(
+            zip(joints, make_harmonics(values), strict=True)
+        )
     )
-    layouts = tuple(EncoderLayout(*column) for column in columns)
     seen: dict[int, str] = {}
     for layout in layouts:
         if not layout.extended and layout.can_id > 0x7FF:

@@ -206,9 +206,11 @@ class Comparison:
 
     @property
     def hinted(self) -> list[str]:
-        """Return these lines, each with what is to be done about it, where that is known."""
+        """Return these lines, with what is to be done about what cannot be written."""
         return [
-            each.difference(value) + self.hint(each.key) for each, value in self.different.items()
+            each.difference(value)
+            + (self.hint(each.key) if value is None or each.of_device else '')
+            for each, value in self.different.items()
         ]
 
     @property

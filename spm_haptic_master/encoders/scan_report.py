@@ -361,6 +361,7 @@ def _node_without_frames(scan: BusScan, node_id: int, node: HeardNode) -> str:
 
 
 def _unexpected(scan: BusScan, expected: Expected) -> list[str]:
+    """Return frames and nodes that are not configured."""
     ours = {(layout.extended, layout.can_id) for layout, _ in expected.encoders}
     ours |= {
         (False, each)
@@ -378,13 +379,15 @@ def _unexpected(scan: BusScan, expected: Expected) -> list[str]:
         f'unexpected: 0x{key[1]:X} ({_frame_name(*key)})'
         for key in sorted(scan.frames.keys() - ours)
     ]
-    if expected.node_ids is not None:
-        found += [
-            f'unexpected: node {node_id} ({_node_words(scan.nodes[node_id])})'
-            for node_id in sorted(
-                scan.nodes.keys()
-                - {each for _, each in expected.encoders}
-                - expected.others.keys()
-            )
-        ]
-    return found
+    return found + _unexpected_nodes(scan, expected)
+
+
+def _unexpected_nodes(scan: BusScan, expected: Expected) -> list[str]:
+    """Return the nodes that are not configured; none where the encoders are no nodes."""
+    if expected.node_ids is None:
+        return []
+    known = {node_id for _, node_id in expected.encoders} | expected.others.keys()
+    return [
+        f'unexpected: node {node_id} ({_node_words(scan.nodes[node_id])})'
+        for node_id in sorted(scan.nodes.keys() - known)
+    ]

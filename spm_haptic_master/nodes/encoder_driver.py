@@ -204,19 +204,18 @@ class EncoderDriver(ParameterNode):
         self.state = text
         message = f'{text} [{self.source_text}]'
         if self._status.is_due(level, message):
-            self._status.publish(
-                level,
-                message,
-                logged=logged,
-                values={
-                    'source': self.source_text,
-                    'set rate (Hz)': self.published.rate(),
-                    **self._identity,
-                    entry.MISSING_KEY: ', '.join(self._missing()) or 'none',
-                    'directions not verified': ', '.join(self._unverified) or 'none',
-                    **self._source.statistics(),
-                },
-            )
+            self._status.publish(level, message, logged=logged, values=self._figures())
+
+    def _figures(self) -> dict[str, object]:
+        """Return the values of the entry, by name."""
+        return {
+            'source': self.source_text,
+            'set rate (Hz)': self.published.rate(),
+            **self._identity,
+            entry.MISSING_KEY: ', '.join(self._missing()) or 'none',
+            'directions not verified': ', '.join(self._unverified) or 'none',
+            **self._source.statistics(),
+        }
 
     def _missing(self) -> list[str]:
         """Return the joints without a reading in the latest set."""

@@ -38,7 +38,7 @@ CALIBRATE = (
     '`--params-file calibration.yaml`'
 )
 
-# Settings of the frames, in the order of the fields of EncoderLayout.
+# Settings of the frames, named as the fields of EncoderLayout (`id`: can_id).
 LAYOUT_SETTINGS = (
     _each(
         'encoders.id',

@@ -215,11 +215,15 @@ def _set_up_one(
     found = node_setup.compare(node, wanted)
     for line in (*found.hinted, *found.remarks):
         print(f'  {line}')
-    outcome = _write(node, found) if writes else DIFFERENT if found.different else AS_WANTED
-    has = [each for each in found.wanted.every if found.values[each.key] is not None]
-    good = [each for each in has if each not in found.different]
-    written = f'; {len(found.different)} written' if writes and found.different else ''
-    print(f'  {len(good)} of {len(has)} objects as configured{written}', flush=True)
+    if writes:
+        outcome = _write(node, found)
+    else:
+        outcome = DIFFERENT if found.different else AS_WANTED
+    different = len(found.different)
+    has = sum(found.values[each.key] is not None for each in found.wanted.every)
+    missing = sum(value is None for value in found.different.values())
+    written = f'; {different} written' if writes and different else ''
+    print(f'  {has - different + missing} of {has} objects as configured{written}', flush=True)
     return outcome
 
 
