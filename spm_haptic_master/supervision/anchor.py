@@ -45,16 +45,20 @@ class Anchor:
         recent = self.stamp is not None and stamp - self.stamp <= PRIOR_AGE
         return self._quaternion if recent else None
 
-    def check(self, stamp: int, quaternion: Quaternion[float], deviation: float) -> Symptom | None:
+    def check(
+        self, stamp: int, period: float, quaternion: Quaternion[float], deviation: float
+    ) -> Symptom | None:
         """
         Compare an orientation of a total standard deviation (rad) with the last one.
 
-        With four sensors nothing else detects a jump of th3A onto another one that fits.
+        The samples are at least a `period` (s) apart, whatever their stamps. With four sensors
+        nothing else detects a jump of th3A onto another one that fits.
         """
         last = self.prior(stamp)
         if last is None or self.stamp is None:
             return None
-        reach = self._speed * (stamp - self.stamp) * 1e-9 + TURN_DEVIATIONS * deviation
+        elapsed = max((stamp - self.stamp) * 1e-9, period)
+        reach = self._speed * elapsed + TURN_DEVIATIONS * deviation
         if within(quaternion, last, reach):
             return None
         return Symptom(

@@ -15,6 +15,41 @@ from spm_haptic_master.supervision.symptom import Reason, Symptom, withheld
 CAUTION = 1.0  # s unchecked that are a caution: less is a moment on the way through a singularity
 
 
+class Sight:
+    """When each sensor was last within a limit for a window (ns) of consistent samples."""
+
+    def __init__(self, sensors: int, window: int) -> None:
+        self._window, self._sensors = window, sensors
+        # Stamps (ns): when each was last so for a window, and since when it is.
+        self.last: list[int | None] = [None] * sensors
+        self.interrupt()
+
+    def interrupt(self) -> None:
+        """Begin the windows again: a sample was not consistent."""
+        self._visible: list[int | None] = [None] * self._sensors
+
+    def take(self, stamp: int, parts: list[float], limit: float) -> tuple[int, ...]:
+        """Note the parts of a consistent sample; return the sensors beyond the limit."""
+        visible = self._visible
+        hidden: tuple[int, ...] = ()
+        for sensor, part in enumerate(parts):
+            if part > limit:
+                visible[sensor] = None
+                hidden += (sensor,)
+                continue
+            since = visible[sensor]
+            if since is None:
+                visible[sensor] = stamp
+            elif stamp - since >= self._window:
+                self.last[sensor] = stamp
+        return hidden
+
+    def since(self, sensor: int, stamp: int) -> bool:
+        """Whether a sensor was within the limit for a window after a stamp, ns."""
+        last = self.last[sensor]
+        return last is not None and last > stamp
+
+
 class Exposure:
     """
     Time since each sensor was last checked.
@@ -25,12 +60,12 @@ class Exposure:
     """
 
     def __init__(self, sensors: int, window: float) -> None:
-        self._window = round(window * 1e9)
         self.hidden: tuple[int, ...] = tuple(range(sensors))
-        self._sensors = sensors
-        # Stamps (ns): the first consistent sample of all, and when each was last checked.
+        self._checks = Sight(sensors, round(window * 1e9))
+        # The same without the rivals from before a fault.
+        self._sights = Sight(sensors, round(window * 1e9))
+        # Stamp (ns) of the first consistent sample of all.
         self._first: int | None = None
-        self._checked: list[int | None] = [None] * sensors
         self.restart()
 
     def restart(self) -> None:
@@ -41,8 +76,8 @@ class Exposure:
 
     def interrupt(self) -> None:
         """Begin the windows again: a sample was not consistent."""
-        # Stamps (ns) since when the others see each sensor.
-        self._visible: list[int | None] = [None] * self._sensors
+        self._checks.interrupt()
+        self._sights.interrupt()
 
     def take(self, stamp: int, parts: list[float], limit: float, level: float) -> float:
         """
@@ -55,31 +90,23 @@ class Exposure:
             self._began = stamp
             if self._first is None:
                 self._first = stamp
-        visible, checked = self._visible, self._checked
-        hidden: tuple[int, ...] = ()
-        for sensor, part in enumerate(parts):
-            if part > limit:
-                visible[sensor] = None
-                hidden += (sensor,)
-                continue
-            if part > level:
+        self.hidden = self._checks.take(stamp, parts, limit)
+        for part in parts:
+            if level < part <= limit:
                 level = part
-            since = visible[sensor]
-            if since is None:
-                visible[sensor] = stamp
-            elif stamp - since >= self._window:
-                checked[sensor] = stamp
-        self.hidden = hidden
         return level
 
-    def checked_since(self, sensor: int, stamp: int) -> bool:
-        """Whether the others have checked a sensor after a stamp, ns."""
-        last = self._checked[sensor]
-        return last is not None and last > stamp
+    def take_after_fault(self, stamp: int, parts: list[float], limit: float) -> None:
+        """Note the parts of a consistent sample, without the rivals from before the fault."""
+        self._sights.take(stamp, parts, limit)
+
+    def has_seen(self, sensor: int, stamp: int) -> bool:
+        """Whether the others have seen, after a stamp (ns), that a sensor is as before a fault."""
+        return self._checks.since(sensor, stamp) or self._sights.since(sensor, stamp)
 
     def times(self, stamp: int) -> tuple[float, ...]:
         """Return the seconds since each sensor was last checked; inf before the first time."""
-        return tuple(inf if last is None else (stamp - last) * 1e-9 for last in self._checked)
+        return tuple(inf if last is None else (stamp - last) * 1e-9 for last in self._checks.last)
 
     def overdue(self, stamp: int, limits: Limits, left_out: Collection[int]) -> Symptom | None:
         """Return the sensor that has to be checked before an orientation may be published."""
@@ -93,7 +120,7 @@ class Exposure:
         for sensor, time in enumerate(self.times(stamp)):
             if sensor in left_out:
                 continue
-            if limits.start_checked and not self.checked_since(sensor, began):
+            if limits.start_checked and not self._checks.since(sensor, began):
                 return withheld(Reason.NOT_CHECKED, 'start_checked', sensor)
             if min(time, running) > longest:
                 return withheld(

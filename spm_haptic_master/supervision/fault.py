@@ -5,7 +5,8 @@
 Bad samples that are a fault: what latches it, which sensor it is, and what ends it.
 
 A fault ends once all sensors in use have agreed for the recovery, and the others have checked each
-suspect once since the last bad sample: the isolated sensor, or every one.
+suspect once since the last bad sample: the isolated sensor, or every one. A rival from before the
+fault does not count there: it is declared, as it was.
 """
 
 from __future__ import annotations
@@ -171,7 +172,7 @@ class FaultLatch:
         fault.waiting = tuple(
             sensor
             for sensor in self._suspects(fault)
-            if not exposure.checked_since(sensor, fault.last_bad)
+            if not exposure.has_seen(sensor, fault.last_bad)
         )
         return not fault.waiting
 
@@ -253,6 +254,7 @@ class FaultLatch:
     def latch_suspected(self, stamp: int, jumps: list[Symptom]) -> None:
         """Latch jumps that a pause has hidden; in a series of bad samples they are no evidence."""
         if jumps and self.fault is None and not self.is_series:
+            self.onset = stamp
             self.latch(
                 stamp,
                 jumps[0] if len(jumps) == 1 else jumps[0]._replace(sensor=None),

@@ -33,8 +33,9 @@ from spm_haptic_master.supervision.sensor_set import Sample, SensorSet, total_de
 from spm_haptic_master.supervision.sensors_in_use import SensorsInUse
 from spm_haptic_master.supervision.trial import Place
 
-# Periods after which a sample does not follow shortly: one lost sample is no gap.
-FRESH_PERIODS = 2.5
+# Periods after which a sample does not follow shortly: one lost sample is no gap; and the longest
+# time (ns), at any rate.
+FRESH_PERIODS, FRESH_TIME = 2.5, 60_000_000
 # Largest turn between two samples that keeps the truth of every hypothesis beside the orientation
 # (rad): other solutions of the others are further away, but near a fold.
 SAME_TURN = 0.1
@@ -106,6 +107,8 @@ class Rivals:
     def __init__(self, sensors: SensorsInUse, count: int, speed: float) -> None:
         self._sensors, self._count, self._speed = sensors, count, speed
         self._folds, self._limit = Folds(count), 0.0
+        # Parts of the latest sample without any rival, rad.
+        self._parts = [inf] * count
         self.restart()
 
     def restart(self) -> None:
@@ -115,6 +118,8 @@ class Rivals:
         self._followed = 0
         # Where the platform was when each sensor became hidden.
         self._hidden: dict[int, Place] = {}
+        # Where the truth of each sensor's hypothesis was, as followed through bad samples.
+        self._left: dict[int, Place] = {}
         self._rivals = [Rival(sensor, None) for sensor in range(self._count)]
         self._used: tuple[int, ...] = ()
         self._folds.restart()
@@ -135,10 +140,11 @@ class Rivals:
             self._change_sensors(used.sensors.used)
         here = Place(sample.stamp, estimate.quaternion)
         parts = self._folds.parts(used, estimate, used.worth)
+        self._parts = list(parts)
         self._limit = limit
         self._note_lost(here, parts, fresh)
         if self._rivals:
-            visible = [sensor for sensor in self._used if parts[sensor] <= limit]
+            visible = [sensor for sensor in self._used if parts[sensor] < inf]
             self._note_gap(sample.stamp, fresh)
             self._resolve(sample, here, parts, visible, fresh)
             self._track(sample, here, parts)
@@ -184,7 +190,9 @@ class Rivals:
         turn = rotation_distance(here.quaternion, last.quaternion)
         for sensor in self._used:
             followed = self._sensors.followed_without(sensor)
-            if followed is not None:
+            if followed is not None and followed != self._left.get(sensor):
+                # Where it could not be followed any more it is looked for once.
+                self._left[sensor] = followed
                 reach = min(parts[sensor], self._limit)
                 is_same = within(followed.quaternion, here.quaternion, reach)
                 if not is_same or followed.stamp < here.stamp:
@@ -283,7 +291,7 @@ class Rivals:
         """Whether a human can have turned the platform from a place to a solution."""
         if place is None:
             return True
-        turn = self._speed * (sample.stamp - place.stamp) * 1e-9
+        turn = self._speed * sample.since(place.stamp)
         turn += TURN_DEVIATIONS * total_deviation(solution)
         return within(solution.quaternion, place.quaternion, turn)
 
@@ -350,9 +358,17 @@ class Rivals:
             if self._is_over(rival, here, parts):
                 self._rivals.remove(rival)
 
-    def _widen(self, here: Place, parts: list[float]) -> None:
-        """Widen the part of each sensor to its rivals."""
+    def parts_since(self, here: Place, stamp: int) -> list[float]:
+        """Return the parts of the latest sample without the rivals from before a stamp, ns."""
+        parts = list(self._parts)
+        self._widen(here, parts, stamp)
+        return parts
+
+    def _widen(self, here: Place, parts: list[float], since: int = -1) -> None:
+        """Widen the part of each sensor to its rivals that were found after a stamp, ns."""
         for rival in self._rivals:
+            if rival.found and rival.born <= since:
+                continue
             if not rival.found or rival.place is None or rival.at is None:
                 parts[rival.sensor] = inf
                 continue

@@ -10,7 +10,9 @@ from typing import NamedTuple
 RESTART_GAP = 0.5  # s; the motion before such a gap is of no use
 # Time of samples with older stamps, s, and their least number: the clock was set back.
 OLDER_TIME, OLDER_SAMPLES = 0.1, 3
-PERIOD_SAMPLES = 50.0  # over which period and jitter are averaged
+# Samples over which period and jitter are averaged; until so many came, the least period (s): the
+# first stamps may be those of a burst.
+PERIOD_SAMPLES, LEAST_PERIOD = 50, 0.001
 LONGEST_GAP = 20.0  # periods that a longer gap counts for in the average
 # Shares of the period that a shorter distance of two stamps is no jitter, and is one of a burst:
 # stamps of samples that waited for each other.
@@ -30,8 +32,8 @@ class SampleClock:
     Times between samples.
 
     `now` is the time of the latest sample, ns: its stamp, until the clock is set back; then it
-    goes on by a period a sample. `period` is the usual time between samples, s, 0 before the
-    second; `jitter` the mean deviation from it, s.
+    goes on by a period a sample. `jitter` is the mean deviation of the time between samples from
+    the period, s.
     """
 
     def __init__(self) -> None:
@@ -42,9 +44,17 @@ class SampleClock:
 
     def restart(self) -> None:
         """Forget the period."""
-        self.period = self.jitter = 0.0
+        self.jitter = self._period = 0.0
+        self._samples = 0
         # Time by which samples are late, s: what a burst of them makes good.
         self._late = 0.0
+
+    @property
+    def period(self) -> float:
+        """Usual time between samples, s; 0 before the second."""
+        if self._samples >= PERIOD_SAMPLES:
+            return self._period
+        return max(self._period, LEAST_PERIOD) if self._period else 0.0
 
     @property
     def now(self) -> int:
@@ -82,10 +92,12 @@ class SampleClock:
         return Tick(elapsed, is_old=True, restarts=True)
 
     def _follow_period(self, elapsed: float) -> None:
-        period = self.period or elapsed
-        self.period = period + (min(elapsed, LONGEST_GAP * period) - period) / PERIOD_SAMPLES
-        if elapsed < JITTER_SHARE * period:
-            self.jitter += (abs(elapsed - period) - self.jitter) / PERIOD_SAMPLES
+        self._samples = min(self._samples + 1, PERIOD_SAMPLES)
+        if self._samples > 1:
+            elapsed = min(elapsed, LONGEST_GAP * self.period)
+        self._period += (elapsed - self._period) / self._samples
+        if elapsed < JITTER_SHARE * self.period:
+            self.jitter += (abs(elapsed - self.period) - self.jitter) / PERIOD_SAMPLES
 
     def _sampled(self, elapsed: float) -> float:
         """

@@ -137,6 +137,11 @@ class Sample(NamedTuple):
     bias: tuple[float, ...]  # rad, nominal bias of each of the N sensors
     factors: tuple[float, ...]  # measured noise of each over the configured one, at least 1
     parity_bias: float = pi  # rad, bound of the biases' part that no motion explains
+    period: float = 0.0  # s, usual time between samples
+
+    def since(self, stamp: int) -> float:
+        """Return the time since a sample at an earlier stamp, s: at least a period."""
+        return max((self.stamp - stamp) * 1e-9, self.period)
 
 
 class SensorSet:
@@ -195,7 +200,7 @@ class SensorSet:
         """Return a symptom if another solution fits that may continue the last orientation too."""
         prior, turn = sample.prior, pi
         if prior is not None and sample.followed is not None:
-            turn = self._speed * (sample.stamp - sample.followed) * 1e-9
+            turn = self._speed * sample.since(sample.followed)
             deviation = worth.deviation
             apart = FOLD * deviation * (turn + TURN_DEVIATIONS * deviation)
             if apart < self.sensors.largest:

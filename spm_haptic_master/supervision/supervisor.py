@@ -22,7 +22,7 @@ from spm_haptic_master.supervision.exposure import Exposure
 from spm_haptic_master.supervision.fault import Acknowledgement, FaultLatch
 from spm_haptic_master.supervision.joint_monitors import JointMonitors
 from spm_haptic_master.supervision.orientation_state import HEALTHY, OrientationState, StateMachine
-from spm_haptic_master.supervision.rivals import FRESH_PERIODS, Rivals
+from spm_haptic_master.supervision.rivals import FRESH_PERIODS, FRESH_TIME, Rivals
 from spm_haptic_master.supervision.sample_clock import SampleClock, Tick
 from spm_haptic_master.supervision.sensor_set import Angles, Sample, SensorSet, Solver
 from spm_haptic_master.supervision.sensors_in_use import SensorsInUse
@@ -130,12 +130,13 @@ class Supervisor:
             self.joints.bias,
             self.joints.factors,
             self.joints.parity_bias,
+            self._clock.period,
         )
 
     @property
     def _fresh(self) -> int:
         """Longest time between two samples that follow shortly, ns."""
-        return round(FRESH_PERIODS * self._clock.period * 1e9)
+        return min(round(FRESH_PERIODS * self._clock.period * 1e9), FRESH_TIME)
 
     def _check_noise(self, sample: Sample, symptoms: list[Symptom]) -> None:
         """Evaluate the joints' noise from time to time; add the sensor that is too noisy."""
@@ -177,7 +178,9 @@ class Supervisor:
             return None
         if estimate.parity is not None:
             self.parity = estimate.parity
-        symptom = self._anchor.check(sample.stamp, estimate.quaternion, worth.deviation)
+        symptom = self._anchor.check(
+            sample.stamp, sample.period, estimate.quaternion, worth.deviation
+        )
         if symptom is None and estimate.determined:
             if self.latch.fault is not None:
                 self._sensors.try_others(sample, self._rivals.last, self._since(sample))
@@ -243,6 +246,9 @@ class Supervisor:
             self._undetermined = stamp
         self._rivals.accept(sample, estimate)
         level = self._exposure.take(stamp, self.parts, self.alert_limit, worth.healthy)
+        if latch.fault is not None:
+            parts = self._rivals.parts_since(Place(stamp, quaternion), latch.onset)
+            self._exposure.take_after_fault(stamp, parts, self.alert_limit)
         if sensors.distrusted:
             sensors.readmit(sample, Place(stamp, quaternion), self.alert_limit)
         if not latch.clears(self._exposure, tick.elapsed):

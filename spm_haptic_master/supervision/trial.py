@@ -63,7 +63,7 @@ class Trial:
         if place is None:
             return True
         # The place may be by other sensors, with other noise and bias.
-        turn = speed * (sample.stamp - place.stamp) * 1e-9 + 2.0 * worth.healthy
+        turn = speed * sample.since(place.stamp) + 2.0 * worth.healthy
         return within(estimate.quaternion, place.quaternion, turn)
 
     def passes(self, stamp: int, onset: int, time: float) -> bool:

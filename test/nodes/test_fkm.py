@@ -154,6 +154,10 @@ def test_two_sensors_that_jump_wait_for_the_acknowledgement():
         assert send(100, (25.0, -20.0, 0.0, 0.0)) == []
         # Right again, and consistent for longer than the recovery: not by itself.
         assert send(200) == [] and rig.state.endswith('to be acknowledged')
+        answer = rig.host.call('~/acknowledge')
+        assert answer.success and 'joint_1a and joint_1b jumped' in answer.message
+        # At rest two of the sensors cannot be checked: a person ends that wait, too.
+        assert send(200) == [] and 'waits until checked: joint_1c and joint_3a' in rig.state
         assert rig.host.call('~/acknowledge').success
         send(200)
         assert rig.state == 'healthy'

@@ -39,7 +39,7 @@ def test_a_quaternion_never_changes_its_sign():
         if index % 7 == 6:
             anchor.restart()
         found = turned(angle % 360 if index % 2 else angle % 360 - 360)
-        assert anchor.check(index * MS, found, DEVIATION) is None
+        assert anchor.check(index * MS, 1e-3, found, DEVIATION) is None
         quaternion = anchor.follow(index * MS, found, DEVIATION)
         assert quaternion in (found, tuple(-each for each in found))
         if last is not None:
@@ -55,7 +55,7 @@ def test_a_turn_faster_than_a_human_does_not_continue_the_motion(sign, after_ms)
     for factor, continues in ((0.99, True), (1.01, False)):
         anchor, now = after(30.0)
         moved = turned(30.0 + sign * factor * degrees(reach))
-        symptom = anchor.check(now + after_ms * MS, moved, DEVIATION)
+        symptom = anchor.check(now + after_ms * MS, 1e-3, moved, DEVIATION)
         assert (symptom is None) == continues
     assert symptom.reason is Reason.DISCONTINUOUS and f'limit {reach:.3f}' in symptom.detail
 
