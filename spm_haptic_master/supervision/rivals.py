@@ -167,6 +167,12 @@ class Rivals:
                     rival.place = Place(sample.stamp, solution.quaternion)
         self._followed = sample.stamp
 
+    def place_without(self, sensor: int) -> Place | None:
+        """Return the latest orientation if it is the truth if a sensor is wrong; else None."""
+        if any(rival.sensor == sensor for rival in self._rivals):
+            return None
+        return self.last
+
     def born_since(self, stamp: int) -> set[int]:
         """Return the sensors with a rival that was first found after a time, ns."""
         return {rival.sensor for rival in self._rivals if rival.found and rival.born > stamp}

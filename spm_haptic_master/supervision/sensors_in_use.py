@@ -10,14 +10,14 @@ sensor is left out, one that was faulty is used again, and one replaces the othe
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.parameters.fkm import FOUR, Limits, THREE
 from spm_haptic_master.supervision.sensor_set import Angles, Sample, SensorSet, Solver
-from spm_haptic_master.supervision.symptom import Reason, Symptom, withheld
+from spm_haptic_master.supervision.symptom import Reason, Severity, Symptom, withheld
 from spm_haptic_master.supervision.trial import Place, Trial
 
 # Consecutive samples without a reading that are a missing sensor; fewer are lost frames.
@@ -112,21 +112,26 @@ class SensorsInUse:
 
     # Trials --------------------------------------------------------------------------------------
 
-    def try_others(self, sample: Sample, last: Place | None, since: int | None) -> None:
+    def try_others(
+        self, sample: Sample, place_without: Callable[[int], Place | None], fresh: int
+    ) -> None:
         """
         Take a sample with which those in use do not agree, or with which a fault is not over.
 
-        `last` is the latest orientation with which they agreed, and `since` its stamp (ns) if the
-        sample follows shortly.
+        `place_without` returns where the platform was when they agreed, if a sensor is wrong; None
+        if that is not known. Samples up to `fresh` (ns) apart follow shortly.
         """
         for key in self._alternatives():
             if not set(self.missing) <= set(key):
                 continue
             trial = self._trials.get(key)
             if trial is None:
+                (sensor,) = set(key) - set(self.distrusted)
+                place, since = place_without(sensor), None
                 is_less = set(self.distrusted) <= set(key)
-                trial = Trial(self.without(*key), last, since if is_less else None)
-                self._trials[key] = trial
+                if is_less and place is not None and sample.stamp - place.stamp <= fresh:
+                    since = place.stamp
+                trial = self._trials[key] = Trial(self.without(*key), place, since)
             trial.follow(sample, self._limits.joint_speed)
 
     def end_trials(self) -> None:
@@ -187,26 +192,36 @@ class SensorsInUse:
         self.exclude(*left_out)
         return True
 
-    def readmit(self, sample: Sample, here: Place, alert_limit: float) -> None:
+    def readmit(self, sample: Sample, here: Place, alert_limit: float) -> Symptom | None:
         """
         Use a sensor again once it has agreed with those in use for its time.
 
         `here` is their orientation; the sensor's part of the level has to be within the alert
-        limit, rad.
+        limit, rad. Returned is a symptom where a sensor had come back, and three others, which
+        nothing else checks, disagree with it again: it may be one of them.
         """
+        symptom = None
         for sensor in [each for each in self.distrusted if each not in self.missing]:
             distrust = self.distrusted[sensor]
             trial = distrust.trial
             if trial is None:
                 left_out = {*self.left_out} - {sensor}
                 trial = distrust.trial = Trial(self.without(*left_out), here, None)
+            had_agreed = trial.passes(sample.stamp, -1, self._limits.window)
             trial.place = here
             agrees = trial.follow(sample, self._limits.joint_speed)
+            if had_agreed and not agrees and not self.used.entries:
+                symptom = Symptom(
+                    Reason.INCONSISTENT,
+                    f'{ALL_JOINT_NAMES[sensor]} agreed again, and no longer does',
+                    severity=Severity.LATCH,
+                )
             if not agrees or not self._is_checked(trial.set, sensor, sample, alert_limit):
                 distrust.trial = None
             elif trial.passes(sample.stamp, -1, distrust.time):
                 del self.distrusted[sensor]
         self._update()
+        return symptom
 
     def _is_checked(
         self, trial: SensorSet, sensor: int, sample: Sample, alert_limit: float

@@ -183,16 +183,9 @@ class Supervisor:
         )
         if symptom is None and estimate.determined:
             if self.latch.fault is not None:
-                self._sensors.try_others(sample, self._rivals.last, self._since(sample))
+                self._sensors.try_others(sample, self._rivals.place_without, self._fresh)
             self.parts = self._rivals.look(sample, used, estimate, self.alert_limit, self._fresh)
         return symptom
-
-    def _since(self, sample: Sample) -> int | None:
-        """Return the stamp (ns) of the last consistent sample if this one follows shortly."""
-        last = self._rivals.last
-        if last is None or sample.stamp - last.stamp > self._fresh:
-            return None
-        return last.stamp
 
     def _jumps(self, is_gap: bool) -> list[Symptom]:
         """Return the sensors that jumped alone, where the parity cannot see it."""
@@ -209,7 +202,7 @@ class Supervisor:
         """Withhold a sample that is not consistent, unless others take over."""
         sensors = self._sensors
         self._rivals.withheld(sample)
-        sensors.try_others(sample, self._rivals.last, self._since(sample))
+        sensors.try_others(sample, self._rivals.place_without, self._fresh)
         sensor = self.latch.note_bad(sample, symptoms)
         if sensor is not None and self._may_exclude() and self._passes(sample, sensor):
             sensors.exclude(sensor)
@@ -250,7 +243,9 @@ class Supervisor:
             parts = self._rivals.parts_since(Place(stamp, quaternion), latch.onset)
             self._exposure.take_after_fault(stamp, parts, self.alert_limit)
         if sensors.distrusted:
-            sensors.readmit(sample, Place(stamp, quaternion), self.alert_limit)
+            symptom = sensors.readmit(sample, Place(stamp, quaternion), self.alert_limit)
+            if symptom is not None:
+                return self._bad(sample, tick, [symptom])
         if not latch.clears(self._exposure, tick.elapsed):
             return self._withhold(latch.fault.symptom if latch.fault else None)
         if latch.fault is not None:
@@ -276,7 +271,7 @@ class Supervisor:
         self._anchor.restart()
         self._exposure.interrupt()
         self._rivals.withheld(sample)
-        self._sensors.try_others(sample, self._rivals.last, self._since(sample))
+        self._sensors.try_others(sample, self._rivals.place_without, self._fresh)
         detail = f'standard deviation above {DETERMINED_DEVIATION:g} rad'
         return self._withhold(withheld(Reason.UNDETERMINED, detail))
 
