@@ -55,7 +55,7 @@ class Fault:
     jumped: dict[int, int] = field(default_factory=dict)
     # Whether it began so: a glitch in another fault does not explain that.
     began_by_jump: bool = False
-    agreed: float = 0.0  # s, for which all have agreed since
+    agreed_from: int | None = None  # ns, since when all agree; None while they do not
     is_acknowledged: bool = False  # its suspects need not be checked
     waiting: tuple[int, ...] = ()  # suspects that are all that it still waits for
 
@@ -104,7 +104,7 @@ class FaultLatch:
         # Sensors that left their motion alone at the onset.
         self._alone: list[int] = []
         if self.fault is not None:
-            self.fault.agreed = 0.0
+            self.fault.agreed_from = None
 
     @property
     def words(self) -> str:
@@ -154,8 +154,8 @@ class FaultLatch:
         sensor = fault.symptom.sensor
         return self._sensors.used.sensors.used if sensor is None else (sensor,)
 
-    def clears(self, exposure: Exposure, dt: float) -> bool:
-        """Count a consistent sample, `dt` after the last one (s); return whether it is over."""
+    def clears(self, exposure: Exposure, stamp: int) -> bool:
+        """Note a consistent sample at a stamp, ns; return whether the fault is over."""
         fault = self.fault
         if fault is None:
             return True
@@ -164,8 +164,9 @@ class FaultLatch:
                 del fault.jumped[sensor]
         if fault.needs_person:
             return False
-        fault.agreed += dt
-        if fault.agreed < self._recovery:
+        if fault.agreed_from is None:
+            fault.agreed_from = stamp
+        if stamp - fault.agreed_from < round(self._recovery * 1e9):
             return False
         if fault.is_acknowledged or (fault.began_by_jump and not fault.jumped):
             return True
@@ -209,9 +210,12 @@ class FaultLatch:
         self.clean = 0
         if self.fault is not None:
             return self._widen(sample, symptoms)
-        if self._bad < FAULT_SAMPLES and cause.severity is not Severity.LATCH:
+        lasts = self._bad >= FAULT_SAMPLES or cause.severity is Severity.LATCH
+        if not lasts and (self._sensors.used.entries < 2 or not self.is_series):
             return None
         sensor = self._isolated(sample, symptoms)
+        if not lasts:
+            return sensor
         reason = cause.reason
         if cause.sensor is None and sensor in self._alone:
             reason = Reason.JUMPED
@@ -225,7 +229,7 @@ class FaultLatch:
         fault = self.fault
         if fault is None:
             return None
-        fault.last_bad, fault.agreed, fault.waiting = sample.stamp, 0.0, ()
+        fault.last_bad, fault.agreed_from, fault.waiting = sample.stamp, None, ()
         for left in self._joints.left(self._sensors.used.sensors.used):
             fault.jumped.setdefault(left, self._joints.departure(left))
         named = {symptom.sensor for symptom in symptoms} - {None}

@@ -229,9 +229,9 @@ class Supervisor:
 
     def _consistent(self, sample: Sample, tick: Tick) -> Verdict:
         """Publish the orientation of a consistent sample, or withhold it for its worth."""
-        used, latch, sensors = self._sensors.used, self.latch, self._sensors
-        stamp, estimate, worth = sample.stamp, used.estimate, used.worth
-        latch.note_consistent()
+        used, stamp = self._sensors.used, sample.stamp
+        estimate, worth = used.estimate, used.worth
+        self.latch.note_consistent()
         if estimate is None or worth is None or not estimate.determined:
             return self._undetermine(sample)
         quaternion = self._anchor.follow(stamp, estimate.quaternion, worth.deviation)
@@ -239,30 +239,46 @@ class Supervisor:
             self._undetermined = stamp
         self._rivals.accept(sample, estimate)
         level = self._exposure.take(stamp, self.parts, self.alert_limit, worth.healthy)
-        if latch.fault is not None:
-            parts = self._rivals.parts_since(Place(stamp, quaternion), latch.onset)
-            self._exposure.take_after_fault(stamp, parts, self.alert_limit)
-        if sensors.distrusted:
-            symptom = sensors.readmit(sample, Place(stamp, quaternion), self.alert_limit)
-            if symptom is not None:
-                return self._bad(sample, tick, [symptom])
-        if not latch.clears(self._exposure, tick.elapsed):
-            return self._withhold(latch.fault.symptom if latch.fault else None)
-        if latch.fault is not None:
-            latch.end()
-        sensors.end_trials()
+        symptom = self._watch_left_out(sample, quaternion)
+        if symptom is not None:
+            return self._bad(sample, tick, [symptom])
+        if not self.latch.clears(self._exposure, stamp):
+            return self._withhold(self.latch.fault.symptom if self.latch.fault else None)
+        if self.latch.fault is not None:
+            self.latch.end()
+        self._sensors.end_trials()
         cause = self._unworthy(stamp, worth.deviation, level)
-        if cause is not None:
-            if not used.entries:
-                # Two solutions of three sensors may meet: only all sensors can continue after it.
-                latch.latch(stamp, cause)
-            return self._withhold(cause)
+        if cause is None:
+            return self._publish(sample, estimate, quaternion, level)
+        if not used.entries:
+            # Two solutions of three sensors may meet: only all sensors can continue after it.
+            self.latch.latch(stamp, cause)
+        return self._withhold(cause)
+
+    def _watch_left_out(self, sample: Sample, quaternion: Quaternion[float]) -> Symptom | None:
+        """Note what the others see after a fault, and of the sensors that are left out."""
+        here = Place(sample.stamp, quaternion)
+        if self.latch.fault is not None:
+            parts = self._rivals.parts_since(here, self.latch.onset)
+            self._exposure.take_after_fault(sample.stamp, parts, self.alert_limit)
+        if not self._sensors.distrusted:
+            return None
+        return self._sensors.readmit(sample, here, self.alert_limit)
+
+    def _publish(
+        self,
+        sample: Sample,
+        estimate: SampleEstimate,
+        quaternion: Quaternion[float],
+        level: float,
+    ) -> Verdict:
+        """Publish an orientation, with a quaternion that is continuous in sign."""
         if quaternion is not estimate.quaternion:
             estimate = estimate._replace(quaternion=quaternion)
-        reservations = sensors.words or (SERIES if latch.is_series else '')
-        self._last, self._state.published = (quaternion, sample.angles), stamp
+        reservations = self._sensors.words or (SERIES if self.latch.is_series else '')
+        self._last, self._state.published = (quaternion, sample.angles), sample.stamp
         if self._state.announced is not HEALTHY or reservations:
-            self._state.enter(stamp, '', None, reservations)
+            self._state.enter(sample.stamp, '', None, reservations)
         return Verdict(self._state.announced, estimate, level)
 
     def _undetermine(self, sample: Sample) -> Verdict:

@@ -3,7 +3,7 @@
 
 """What must not end a fault or hide it: other faults, gaps, glitches, a first good sample."""
 
-from math import inf, nan
+from math import nan
 
 from device import every, offset, paused, run
 import numpy as np
@@ -58,10 +58,11 @@ def test_after_a_restart_no_sensor_is_checked_and_the_level_falls_as_the_window_
     before = rig.verdict.protection_level
     rig.sample(after=600)
     assert rig.state == 'starting'
-    assert rig.supervisor.unchecked() == (inf,) * 4
+    assert min(rig.supervisor.unchecked()) >= 0.6
     levels = [rig.sample().protection_level for _ in range(100)]
-    assert levels[4] > 1.1 * before
-    assert levels[-1] == pytest.approx(before, rel=0.01)
+    # Of the sensors without a rival: th1C and th3A have one again until the device has turned.
+    assert levels[4] > 1.1 * levels[-1]
+    assert levels[-1] < before
 
 
 @pytest.mark.parametrize('sensors', [4, 6])
