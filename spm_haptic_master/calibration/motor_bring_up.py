@@ -92,6 +92,11 @@ class StepResponse:
         return self.most_turned == self.motor and self.turns[self.motor] >= VISIBLE_TURN
 
     @property
+    def is_reversed(self) -> bool:
+        """Whether the motor turns its own joint most, but the other way."""
+        return self.most_turned == self.motor and self.turns[self.motor] <= -VISIBLE_TURN
+
+    @property
     def words(self) -> str:
         """What is to be known of it, in words."""
         own = f'motor on {self.joint}'
@@ -153,8 +158,7 @@ def wiring_faults(responses: Sequence[StepResponse]) -> list[str]:
         if (text := _asymmetry(one, other)) is not None
     ]
     faults = [each.words for each in wrong] + unequal
-    signs_alone = not unequal and all(each.most_turned == each.motor for each in wrong)
-    if signs_alone and all(each.is_seen for each in wrong):
+    if not unequal and all(each.is_reversed for each in wrong):
         return [f'{text}: reverse its direction' for text in faults]
     return faults
 

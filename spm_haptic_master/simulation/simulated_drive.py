@@ -128,9 +128,18 @@ class SimulatedDrive:
             return [self.objects.answer(self.node_id, data)]
         if identifier == canopen.SYNC_ID and self._is_sync_due():
             return self._status()
-        master = self.objects.value(*cia402.HEARTBEAT_CONSUMER)
-        if master and identifier == canopen.HEARTBEAT_BASE + (master >> 16 & 0x7F):
+        if identifier == self._master_heartbeat:
             self._master_at = now
+        return self._take_pdo(identifier, data, now)
+
+    @property
+    def _master_heartbeat(self) -> int | None:
+        """Identifier of the heartbeat that the drive supervises; None: it supervises none."""
+        master = self.objects.value(*cia402.HEARTBEAT_CONSUMER)
+        return canopen.HEARTBEAT_BASE + (master >> 16 & 0x7F) if master else None
+
+    def _take_pdo(self, identifier: int, data: bytes, now: float) -> list[can.Message]:
+        """Take a frame that is one of its RPDOs, while the node is operational."""
         found: list[can.Message] = []
         if self.nmt == canopen.OPERATIONAL:
             for number in (0, 1):
@@ -163,12 +172,16 @@ class SimulatedDrive:
         if period and now - self._heartbeat_at >= period:
             self._heartbeat_at = now
             sent.append(heartbeat(self.node_id, self.nmt))
-        period = 1e-3 * objects.value(canopen.TPDO_PARAMETERS, canopen.TPDO_EVENT_TIMER)
-        is_due = period and not self._syncs_a_status and now - self._status_at >= period
-        if self.nmt == canopen.OPERATIONAL and is_due:
+        if self._is_status_due(now):
             self._status_at = now
             sent += self._status()
         return [] if 'drive_unplug' in self.faults else sent
+
+    def _is_status_due(self, now: float) -> bool:
+        """Return whether the timer of the status frame has run out."""
+        period = 1e-3 * self.objects.value(canopen.TPDO_PARAMETERS, canopen.TPDO_EVENT_TIMER)
+        is_by_timer = period > 0.0 and not self._syncs_a_status
+        return is_by_timer and self.nmt == canopen.OPERATIONAL and now - self._status_at >= period
 
     def _command(self, command: int) -> list[can.Message]:
         if command in RESETS:
@@ -303,10 +316,12 @@ class SimulatedDrives:
         if self._began is None and any(drive.nmt == canopen.OPERATIONAL for drive in self.drives):
             self._began = now
         if self._began is not None and self.faults.update(now - self._began):
-            for index, drive in enumerate(self.drives):
-                drive.faults = {
-                    fault.kind: fault.value
-                    for fault in self.faults.present
-                    if fault.joint == index
-                }
+            self._distribute_faults()
         return [message for drive in self.drives for message in drive.tend(now)]
+
+    def _distribute_faults(self) -> None:
+        """Give each drive its present faults."""
+        for index, drive in enumerate(self.drives):
+            drive.faults = {
+                fault.kind: fault.value for fault in self.faults.present if fault.joint == index
+            }

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from argparse import Namespace
 import csv
 from dataclasses import dataclass
 from itertools import groupby
@@ -92,22 +93,7 @@ def main(args: list[str]) -> int:
     failed: list[str] = []
     check_wiring(parts, failed)
     gravity = check_weight(parts, values, failed)
-    releases: dict[str, list[Release]] = {}
-    for part in _of(parts, 'release'):
-        releases.setdefault(part.name[1], []).append(release_of(part, values, gravity))
-    for direction, each in releases.items():
-        found = identify_friction(each)
-        stiffest = found.stiffest(options.damping, 1.0 / options.rate, options.latency)
-        print(
-            f'handle about {direction}: inertia {1e3 * found.inertia:.3f} g m^2, friction '
-            f'{1e3 * found.viscous:.2f} mN m s/rad and {1e3 * found.dry:.1f} mN m; largest '
-            f'stiffness {stiffest:.2f} N m/rad'
-        )
-        if options.stiffness > stiffest:
-            failed.append(
-                f'{options.stiffness:g} N m/rad about {direction}, at {options.rate:g} '
-                f'Hz and {1e3 * options.latency:g} ms: expected {stiffest:.2f} or less'
-            )
+    check_friction(parts, values, gravity, options, failed)
     for text in failed:
         print(f'not as expected: {text}')
     if not failed:
@@ -196,6 +182,32 @@ def check_weight(parts: list[Part], values: Values, failed: list[str]) -> Gravit
     return gravity
 
 
+def check_friction(
+    parts: list[Part],
+    values: Values,
+    gravity: Gravity,
+    options: Namespace,
+    failed: list[str],
+) -> None:
+    """Print inertia, friction and the stiffest spring by direction; add a spring that is not."""
+    releases: dict[str, list[Release]] = {}
+    for part in _of(parts, 'release'):
+        releases.setdefault(part.name[1], []).append(release_of(part, values, gravity))
+    for direction, each in releases.items():
+        found = identify_friction(each)
+        stiffest = found.stiffest(options.damping, 1.0 / options.rate, options.latency)
+        print(
+            f'handle about {direction}: inertia {1e3 * found.inertia:.3f} g m^2, friction '
+            f'{1e3 * found.viscous:.2f} mN m s/rad and {1e3 * found.dry:.1f} mN m; largest '
+            f'stiffness {stiffest:.2f} N m/rad'
+        )
+        if options.stiffness > stiffest:
+            failed.append(
+                f'{options.stiffness:g} N m/rad about {direction}, at {options.rate:g} '
+                f'Hz and {1e3 * options.latency:g} ms: expected {stiffest:.2f} or less'
+            )
+
+
 def rotations(part: Part, values: Values) -> Array:
     """Return R_base_platform of each row, shape (n, 3, 3)."""
     found: Array = estimate(
@@ -229,16 +241,9 @@ def read(path: Path) -> list[Part]:
         with path.open(encoding='utf-8', newline='') as file:
             rows = list(csv.DictReader(file))
         motors = [name for name in TORQUES if rows and name in rows[0]]
+        columns = ['time', *ANGLES, *motors]
         groups = [
-            (
-                name,
-                np.array(
-                    [
-                        [float(row[column]) for column in ('time', *ANGLES, *motors)]
-                        for row in group
-                    ]
-                ),
-            )
+            (name, np.array([[float(row[column]) for column in columns] for row in group]))
             for name, group in groupby(rows, lambda row: row['part'])
         ]
     except (OSError, KeyError, TypeError, ValueError, csv.Error) as error:
@@ -247,18 +252,19 @@ def read(path: Path) -> list[Part]:
         ) from error
     if len(motors) < 3:
         raise InputError(f'{path}: torques of {len(motors)} motors: expected {", ".join(TORQUES)}')
-    for name, numbers in groups:
-        part = PART.match(name)
-        if part is None or part[1] and f'tau{part[1]}' not in motors:
-            raise InputError(
-                f"{path}: part '{name}': expected 'step 1a', 'pose 1' or 'release z 1'"
-            )
-        if not np.isfinite(numbers).all():
-            raise InputError(f"{path}: part '{name}': expected finite numbers")
-    return [
-        Part(name.split(), numbers[:, 0], numbers[:, 1:5], numbers[:, 5:])
-        for name, numbers in groups
-    ]
+    return [_part_of(path, name, numbers, motors) for name, numbers in groups]
+
+
+def _part_of(path: Path, name: str, numbers: Array, motors: list[str]) -> Part:
+    """Return a part by its name and rows: time, angles, torques; InputError: it is none."""
+    known = PART.match(name)
+    if known is None or known[1] and f'tau{known[1]}' not in motors:
+        raise InputError(f"{path}: part '{name}': expected 'step 1a', 'pose 1' or 'release z 1'")
+    if not np.isfinite(numbers).all():
+        raise InputError(f"{path}: part '{name}': expected finite numbers")
+    return Part(
+        name=name.split(), time=numbers[:, 0], angles=numbers[:, 1:5], torque=numbers[:, 5:]
+    )
 
 
 def _of(parts: list[Part], kind: str) -> list[Part]:
