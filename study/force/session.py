@@ -349,20 +349,25 @@ def play(progress: Callable[[float], None] | None = None, seed: int = 1) -> Sess
         if progress is not None and step % 100 == 0:
             progress(step / count)
         rows.append(session.step(step))
-    motor_torque = np.array([row.motor_torque for row in rows])
-    G = jacobian(matrix_from_quaternion(np.array([row.quaternion for row in rows])))
-    felt = np.einsum('nij,ni->nj', G, motor_torque)
+    columns = {name: _column(rows, name) for name in Row._fields}
+    G = jacobian(matrix_from_quaternion(columns['quaternion']))
+    felt = np.einsum('nij,ni->nj', G, columns['motor_torque'])
     return Session(
-        time=np.array([row.time for row in rows]),
-        angle=np.array([row.angle for row in rows]),
-        wall=np.array([row.wall for row in rows]),
-        commanded=np.array([row.commanded for row in rows]),
+        time=columns['time'],
+        angle=columns['angle'],
+        wall=columns['wall'],
+        commanded=columns['commanded'],
         rendered=felt @ session.roll,
         felt=np.linalg.norm(felt, axis=1),
-        motor_torque=motor_torque,
-        given=np.array([row.given for row in rows]),
-        energy=np.array([row.energy for row in rows]),
-        speed=np.linalg.norm([row.velocity for row in rows], axis=1),
-        states=[row.state for row in rows],
-        verdicts=[row.verdict for row in rows],
+        motor_torque=columns['motor_torque'],
+        given=columns['given'],
+        energy=columns['energy'],
+        speed=np.linalg.norm(columns['velocity'], axis=1),
+        states=columns['state'].tolist(),
+        verdicts=columns['verdict'].tolist(),
     )
+
+
+def _column(rows: list[Row], name: str) -> np.ndarray:
+    """Return what is kept by a name, one row a period."""
+    return np.array([getattr(row, name) for row in rows])
