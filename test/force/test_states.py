@@ -326,7 +326,7 @@ def test_energy_that_is_generated_lets_the_weight_go_by_the_ramp():
 @pytest.mark.parametrize('speed', [1.0, 2.0, 3.0, 5.0, 8.0])
 def test_a_wrench_that_is_lost_gives_no_blow(speed):
     """A4: the fade has no damping that was not there before; 10 N m/s at most."""
-    bench = Bench(4)
+    bench = Bench(4, limits=ForceLimits(speed=10.0))
     bench.engage(STILL)
     for number in range(100):
         if number == 40:
