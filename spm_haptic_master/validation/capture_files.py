@@ -134,17 +134,10 @@ def _motive(path: Path, table: Table) -> Export | None:
     kinds, names = _row_named(table, 'Type'), _row_named(table, 'Name')
     if found is None or kinds is None or names is None:
         raise InputError(f'{path}: a CSV file of Motive without its rows Type, Name and Frame')
-    axes, groups = table[found], table[found - 1]
+    groups = table[found - 1]
     kind = about.get('Rotation Type', 'Quaternion')
-    bodies: dict[str, list[int]] = {}
-    markers: dict[str, list[int]] = {}
-    for column in range(2, len(axes)):
-        name, of = names[column].strip(), kinds[column].strip().lower()
-        group = groups[column].strip().lower() if column < len(groups) else ''
-        if of == 'rigid body' and group == 'rotation':
-            bodies.setdefault(name, []).append(column)
-        elif of in ('marker', 'rigid body marker') and group == 'position':
-            markers.setdefault(name, []).append(column)
+    bodies = _columns_of(('rigid body',), 'rotation', names, kinds, groups)
+    markers = _columns_of(('marker', 'rigid body marker'), 'position', names, kinds, groups)
     if bodies and kind != 'Quaternion':
         raise InputError(
             f'{path}: Rotation Type is {kind}; expected Quaternion: export it again so'
@@ -152,10 +145,25 @@ def _motive(path: Path, table: Table) -> Export | None:
     return Export(
         first=found + 1,
         seconds=lambda numbers: numbers[1],
-        bodies={name: tuple(columns) for name, columns in bodies.items()},
-        markers={name: tuple(columns[:3]) for name, columns in markers.items()},
+        bodies=bodies,
+        markers={name: columns[:3] for name, columns in markers.items()},
         quaternion=lambda values: values,
     )
+
+
+def _columns_of(
+    wanted: tuple[str, ...],
+    quantity: str,
+    names: Sequence[str],
+    kinds: Sequence[str],
+    groups: Sequence[str],
+) -> dict[str, tuple[int, ...]]:
+    """Return the columns of a quantity of some kinds of things in a file of Motive, by name."""
+    found: dict[str, tuple[int, ...]] = {}
+    for column, (name, kind, group) in enumerate(zip(names, kinds, groups, strict=False)):
+        if kind.strip().lower() in wanted and group.strip().lower() == quantity:
+            found[name.strip()] = (*found.get(name.strip(), ()), column)
+    return found
 
 
 def _vicon(path: Path, table: Table) -> Export | None:
@@ -207,44 +215,42 @@ def _qualisys(path: Path, table: Table) -> Export | None:
     about = {line[0].strip().upper(): line[1:] for line in table[:HEADER_LINES] if line}
     first = next((at for at, line in enumerate(table) if line and _is_number(line[0])), len(table))
     header = [field.strip() for field in table[first - 1]]
-    with_time = header[:2] == ['Frame', 'Time']
-    try:
-        rate = float(about['FREQUENCY'][0])
-    except (KeyError, ValueError, IndexError) as error:
-        raise InputError(f'{path}: a file of QTM without FREQUENCY') from error
-    if not with_time:
+    if header[:2] != ['Frame', 'Time']:
         raise InputError(
             f'{path}: a file of QTM without the columns Frame and Time; export it again with '
             '"Include time data for every frame" and the column header'
         )
     bodies: dict[str, tuple[int, ...]] = {}
     markers: dict[str, tuple[int, ...]] = {}
-    included = ''.join(about.get('DATA_INCLUDED', [])).strip().upper()
-    if included.startswith('6D'):
+    if ''.join(about.get('DATA_INCLUDED', [])).strip().upper().startswith('6D'):
         # Each body: x, y, z, three angles, residual, and the matrix, column after column.
-        turns = [column for column, name in enumerate(header) if name.endswith('Rot[0]')]
-        names = [name.strip() for name in about.get('BODY_NAMES', []) if name.strip()]
-        bodies = {
-            name: tuple(range(begin, begin + 9)) for name, begin in zip(names, turns, strict=False)
-        }
+        begins = [column for column, name in enumerate(header) if name.endswith('Rot[0]')]
+        for name, begin in zip(_names(about, 'BODY_NAMES'), begins, strict=False):
+            bodies[name] = tuple(range(begin, begin + 9))
     else:
-        names = [name.strip() for name in about.get('MARKER_NAMES', []) if name.strip()]
-        markers = {name: (2 + 3 * at, 3 + 3 * at, 4 + 3 * at) for at, name in enumerate(names)}
-
-    def quaternion(values: np.ndarray) -> np.ndarray:
-        matrix = values.reshape(3, 3).T
-        if not np.isfinite(matrix).all() or not matrix.any():
-            return np.full(4, math.nan)
-        # Printed with a few digits, it is a rotation nearly.
-        return quaternion_from_matrix(nearest_rotation(matrix))
-
+        for number, name in enumerate(_names(about, 'MARKER_NAMES')):
+            markers[name] = 2 + 3 * number, 3 + 3 * number, 4 + 3 * number
     return Export(
         first=first,
-        seconds=lambda numbers: numbers[1] if with_time else numbers[0] / rate,
+        seconds=lambda numbers: numbers[1],
         bodies=bodies,
         markers=markers,
-        quaternion=quaternion,
+        quaternion=_quaternion_of_columns,
     )
+
+
+def _names(about: dict[str, list[str]], line: str) -> list[str]:
+    """Return the names in a line of the header of QTM."""
+    return [name.strip() for name in about.get(line, []) if name.strip()]
+
+
+def _quaternion_of_columns(values: np.ndarray) -> np.ndarray:
+    """Return the quaternion of nine numbers of a matrix, column after column; NaN if all are 0."""
+    matrix = values.reshape(3, 3).T
+    if not np.isfinite(matrix).all() or not matrix.any():
+        return np.full(4, math.nan)
+    # Printed with a few digits, it is a rotation nearly.
+    return quaternion_from_matrix(nearest_rotation(matrix))
 
 
 def _row_with(table: Table, first: str) -> int | None:
