@@ -49,7 +49,7 @@ class Section:
 SECTIONS = (
     Section(
         'The long tests',
-        'Tests that take minutes, and print what they measure.',
+        'Tests that take minutes, and print what they measure: `make evidence`.',
         ('python -m pytest -rfEsP -m evidence test',),
     ),
     Section(
@@ -104,7 +104,7 @@ SECTIONS = (
         'stated one, and the share of errors beyond the limit that one in a thousand should '
         'exceed, 20,000 samples a row. The models beside each other over the whole workspace: '
         '[Figs. 13, 14](paper/README.md#figs-13-14-the-same-over-the-whole-workspace).',
-        ('python -m pytest -s -q test/kinematics/test_covariance_limits.py',),
+        ('python -m pytest -s test/kinematics/test_covariance_limits.py',),
     ),
 )
 
