@@ -164,10 +164,10 @@ def test_what_is_wrong_is_named_in_one_line(run, program, args, words):
 
 
 def test_a_reader_of_the_output_that_ends_is_no_error_of_the_bus(encoders, channel, capfd):
-    """Item 7: `can_scan | head`."""
+    """Item 7: `can_setup | head`; it prints while its bus is open."""
     reader, writer = os.pipe()
     os.close(reader)
-    command = [sys.executable, '-m', 'spm_haptic_master', 'can_scan', '--seconds', '0.1']
+    command = [sys.executable, '-m', 'spm_haptic_master', 'can_setup']
     found = subprocess.run(
         [*command, '-p', 'can.interface:=virtual', '-p', f'can.channel:={channel}'],
         stdout=writer,
