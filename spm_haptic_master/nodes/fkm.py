@@ -32,6 +32,7 @@ from spm_haptic_master.ros.diagnostic_status import CHECK_PERIOD, REPEAT_PERIOD,
 from spm_haptic_master.ros.overload import Overload, TOO_BUSY
 from spm_haptic_master.ros.parameters import ParameterNode
 from spm_haptic_master.ros.qos import SAMPLES, STATE
+from spm_haptic_master.supervision.checkability import unchecked_anywhere
 from spm_haptic_master.supervision.orientation_state import (
     Condition,
     OrientationState,
@@ -62,6 +63,9 @@ class Fkm(ParameterNode):
         super().__init__('fkm', parameters)
         values = self.declare(NODE_SETTINGS['fkm'])
         self._supervisor = make_supervisor(values)
+        unchecked = unchecked_anywhere(values)
+        if unchecked:
+            self.get_logger().warning(unchecked)
         self._mounting = mounting_from(values)
         frame, frames = publish_mounting(self, values)
         mechanism = mechanism_checksum(values)

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf, radians, sqrt
+from math import degrees, inf, radians, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +15,12 @@ from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.estimation.estimates import estimate_sample
 from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.inverse_model import measured_angles, RIG_WORKING_MODE
-from spm_haptic_master.kinematics.joints import UsedSensors
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, UsedSensors
 from spm_haptic_master.kinematics.rotations import quaternion_from_matrix, rotation_from_quaternion
 from spm_haptic_master.kinematics.workspace import workspace_pose
-from spm_haptic_master.parameters.fkm import Limits
+from spm_haptic_master.parameters.fkm import Limits, limits_from, sigma_from
+from spm_haptic_master.parameters.geometry import geometry_from
+from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.supervision.parity import WINDOW_SAMPLES
 from spm_haptic_master.supervision.protection import integrity, MISSED_DETECTION
 
@@ -139,3 +141,36 @@ def checkability(
     table = np.array(parts)
     share = np.mean(table <= limits.alert_limit, axis=0)
     return Checkability(tuple(share.tolist()), tuple(np.min(table, axis=0).tolist()))
+
+
+def unchecked_anywhere(values: Values) -> str:
+    """
+    Return which sensors the others can check nowhere in the workspace, in words.
+
+    Parameters
+    ----------
+    values : dict
+        Checked settings of `fkm`.
+
+    Returns
+    -------
+    str
+        One line for people with the least alert limit of each; empty if there is none.
+
+    """
+    sigma = sigma_from(values)
+    found = checkability(
+        geometry_from(values),
+        sigma,
+        limits_from(values),
+        rate=values['rate'],
+        working_mode=values['working_mode'],
+    )
+    if not found.nowhere:
+        return ''
+    names = ', '.join(
+        f'{ALL_JOINT_NAMES[sensor]} (from {degrees(found.least_limit[sensor]):.2f} deg on)'
+        for sensor in found.nowhere
+    )
+    limit = values['alert_limit_deg']
+    return f'checked nowhere in the workspace at alert_limit_deg {limit:g}: {names}'

@@ -6,7 +6,13 @@
 import numpy as np
 from rig import product_limits
 from spm_haptic_master.kinematics.geometry import PAPER_GEOMETRY
-from spm_haptic_master.supervision.checkability import checkability, region_poses
+from spm_haptic_master.parameters.fkm import FKM_SETTINGS
+from spm_haptic_master.parameters.setting import complete
+from spm_haptic_master.supervision.checkability import (
+    checkability,
+    region_poses,
+    unchecked_anywhere,
+)
 
 SIGMA = tuple(np.radians([0.04] * 6))
 
@@ -40,3 +46,11 @@ def test_poses_out_of_reach_do_not_count():
     beyond = region_poses(np.radians(100.0), 0.0, np.radians(60.0))
     assert of_rig(4, 0.05, 1.0, poses).share[0] > 0.9
     assert of_rig(4, 0.05, 1.0, beyond[-50:]).share == (0.0,) * 4
+
+
+def test_the_words_name_the_sensors_that_are_checked_nowhere_and_their_limits():
+    """As fkm warns at its start."""
+    assert unchecked_anywhere(complete(FKM_SETTINGS, {})) == ''
+    words = unchecked_anywhere(complete(FKM_SETTINGS, {'bias_deg': [0.25] * 4}))
+    assert words.startswith('checked nowhere in the workspace at alert_limit_deg 1: ')
+    assert 'joint_3a (from 1.' in words
