@@ -423,7 +423,7 @@ def test_a_recording_by_drives_and_encoders_between_processes(start, bus_channel
     # The drives were proven. A busy machine may leave too few samples of a step to see anything
     # in, or stop a drive.
     assert 'step 1a' in check.stderr, check.stderr
-    assert 'sign not seen' in check.stdout or any(
+    assert 'not seen: no joint turned' in check.stdout or any(
         text in check.stderr for text in ('expected 10 or more', 'the drives are no longer ready')
     ), check.stderr
     assert 'Traceback' not in check.stderr and 'sign right' not in check.stdout
