@@ -78,7 +78,12 @@ def measure_view(seconds: float, rounds: int, rate: float, parameters: Mapping[s
                 load = ViewLoad()
                 runs.append(
                     measure(
-                        case, seconds, rate, parameters, partial(_with_load, view, load), LOAD_TIME
+                        case,
+                        seconds,
+                        rate,
+                        parameters,
+                        partial(_with_load, view, load),
+                        settle=LOAD_TIME,
                     )
                 )
                 if view.poll() is not None:

@@ -152,18 +152,20 @@ def measure(
     during: Callable[
         [float, Mapping[str, Program], Path], None
     ] = lambda seconds, processes, directory: time.sleep(seconds),
+    settle: float = SETTLE,
 ) -> Run:
     """
     Run a pipeline and measure it for a window, s, at a sample rate, Hz.
 
     `during` is called for the window with its length, s, the processes by name and the directory
-    of the observer's files. PipelineError: no orientation arrived, or a process ended by itself.
+    of the observer's files; `settle` is the time before it, s. PipelineError: no orientation
+    arrived, or a process ended by itself.
     """
     with tempfile.TemporaryDirectory(prefix='benchmark_') as name:
         directory = Path(name)
         given = {'source': 'sim', 'rate': rate, **parameters}
         with running(case, given, directory) as processes:
-            time.sleep(SETTLE)
+            time.sleep(settle)
             control = Control()
             try:
                 before, opened = all_processes(), time.time_ns()
