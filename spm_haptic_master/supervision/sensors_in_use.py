@@ -90,6 +90,12 @@ class SensorsInUse:
 
     def note(self, angles: Angles) -> Symptom | None:
         """Note which sensors have a reading; return why they do not suffice."""
+        total = sum(angles)
+        is_usual = (
+            total == total and max(angles) <= LARGEST_ANGLE and min(angles) >= -LARGEST_ANGLE
+        )
+        if is_usual and not self.missing:
+            return self._too_few(angles)
         if any(abs(angle) > LARGEST_ANGLE for angle in angles):
             return withheld(Reason.NOT_FINITE, f'{list(angles)} rad')
         missing = tuple(place for place, angle in enumerate(angles) if angle != angle)
@@ -99,6 +105,11 @@ class SensorsInUse:
             if self._gone[place] == MISSING_SAMPLES:
                 self._distrust_missing(place)
         self._update()
+        return self._too_few(angles)
+
+    def _too_few(self, angles: Angles) -> Symptom | None:
+        """Return why the sensors in use do not suffice."""
+        missing = self.missing
         fewest = min(FOUR, self._limits.fewest_sensors)
         if len(angles) - len(missing) < FOUR or len(angles) - len(self.left_out) < fewest:
             return withheld(Reason.MISSING, f'{list(angles)} rad', *missing[:1])
