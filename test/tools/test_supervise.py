@@ -105,7 +105,7 @@ def test_a_short_log_and_another_rigs_calibration(supervise, tmp_path):
 
 
 def test_a_directory_of_recorder_with_parameters(supervise, tmp_path, table, figures):
-    """It rests: no motion confirms the solution, so that no sensor counts as checked."""
+    """It rests: a sensor counts as checked where no other orientation explains it by a fault."""
     path = tmp_path / 'rig.yaml'
     path.write_text(
         '/**:\n  ros__parameters:\n    sigma_deg: [0.05, 0.04, 0.04, 0.04]\n'
