@@ -38,6 +38,8 @@ class Folds:
         self._curvatures = [inf] * self._sensors
         self._at: list[Quaternion[float] | None] = [None] * self._sensors
         self._distances = [inf] * self._sensors
+        # The smallest of the angles to other solutions behind a fold, rad.
+        self.nearest = inf
 
     def distance(self, sensor: int) -> float:
         """Return the angle to the other solution of the others behind a fold, rad; inf: none."""
@@ -50,12 +52,13 @@ class Folds:
         Only with four sensors in use the others can have a fold beside the orientation.
         """
         parts = used.levels(worth)
+        self.nearest = inf
         if used.entries > 1:
             return parts
         for sensor in used.sensors.used:
             slope, linear = worth.slopes[sensor], parts[sensor] - worth.healthy
             if linear == inf:
-                self._distances[sensor] = 0.0
+                self._distances[sensor] = self.nearest = 0.0
                 continue
             share = 4.0 * slope * self._curvatures[sensor] * linear
             if self._is_old(sensor, estimate.quaternion, share):
@@ -64,6 +67,7 @@ class Folds:
                 share = 4.0 * slope * self._curvatures[sensor] * linear
             bent = slope * self._curvatures[sensor]
             self._distances[sensor] = 1.0 / bent if bent else inf
+            self.nearest = min(self.nearest, self._distances[sensor])
             if share >= 1.0:
                 parts[sensor] = inf
             else:

@@ -194,6 +194,8 @@ class Rivals:
             return
         is_gap = here.stamp - last.stamp > fresh
         turn = rotation_distance(here.quaternion, last.quaternion)
+        if not is_gap and self._stays(turn, parts):
+            return
         for sensor in self._used:
             followed = self._sensors.followed_without(sensor)
             if followed is not None and followed != self._left.get(sensor):
@@ -216,6 +218,14 @@ class Rivals:
                 self._lose(sensor, began)
             elif turn > min(SAME_TURN, 0.5 * apart):
                 self._lose(sensor, last)
+
+    def _stays(self, turn: float, parts: list[float]) -> bool:
+        """Whether after such a turn (rad) the truth of every hypothesis stays where it was."""
+        if self._hidden or self._sensors.is_trying:
+            return False
+        if turn > min(SAME_TURN, 0.5 * self._folds.nearest):
+            return False
+        return max(parts[sensor] for sensor in self._used) <= self._limit
 
     def _lose(self, sensor: int, place: Place) -> None:
         """Look for the truth of a sensor's hypothesis, from where it was."""

@@ -145,6 +145,11 @@ class SensorsInUse:
                 trial = self._trials[key] = Trial(self.without(*key), place, since)
             trial.follow(sample, self._limits.joint_speed)
 
+    @property
+    def is_trying(self) -> bool:
+        """Whether sets are on trial that may replace the sensors in use."""
+        return bool(self._trials)
+
     def end_trials(self) -> None:
         """End the trials of those that may replace the sensors in use: these agree."""
         self._trials.clear()
