@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Drives of other makers by canopen-python's LocalNode: which objects they have, from their EDS.
+Drives of other makers by canopen-python's LocalNode: which objects they have.
 
-Facts as a table of ours: index, subindex, size and access as read in the EDS of maxon EPOS4
-Module 50/5 (revision 0x0170) and Technosoft iPOS (1.04). No value of a maker's file is here.
+Facts as a table of ours: what maxon EPOS4 Module 50/5 (revision 0x0170) and Technosoft iPOS (1.04)
+lack by their EDS files is what docs/force.md lists; other objects are taken to be as CiA 402 has
+them. No value of a maker's file is here.
 """
 
 from contextlib import contextmanager

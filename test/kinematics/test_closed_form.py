@@ -6,14 +6,13 @@
 import math
 
 from built_mechanism import random_built
-from mechanism import angle_between, MODES, small_vector
+from mechanism import angle_between, MODES
 import numpy as np
 import pytest
-from readings import case_2_determinant, four_angles, PAPER, SIGMA, wrapped
+from readings import case_2_determinant, PAPER, SIGMA, wrapped
 from spm_haptic_master import kinematics
 from spm_haptic_master.exceptions import SingularityError
 from spm_haptic_master.kinematics.assembly_modes import LockedChain
-from spm_haptic_master.kinematics.estimation.normal_equations import theta3a_gains
 from spm_haptic_master.kinematics.leg_kernels import common_turn
 from spm_haptic_master.kinematics.number_backends import ARRAYS, FLOATS, SLICE
 
@@ -72,25 +71,6 @@ def check_models(built, mode, rng):
 def test_models_of_random_mechanisms_in_a_working_mode(mode, number):
     rng = np.random.default_rng(183)
     assert sum(check_models(random_built(rng), mode, rng) for _ in range(number)) >= 0.9 * number
-
-
-def test_gains_of_the_closed_form_are_finite_differences():
-    rng = np.random.default_rng(191)
-    for _ in range(10):
-        g = random_built(rng).geometry
-        R = kinematics.workspace_pose(*rng.uniform((0.0, 0.0, 0.2), (0.3, 6.0, 1.4)))
-        readings = four_angles(R, g)
-        steps = 1e-6 * np.eye(4)
-        ahead, behind = (
-            kinematics.forward_theta3a(shifted[:, :3], shifted[:, 3], g)
-            for shifted in (readings + steps, readings - steps)
-        )
-        np.testing.assert_allclose(
-            theta3a_gains(*readings.tolist(), g),
-            small_vector(ahead @ np.swapaxes(behind, 1, 2)) / 2e-6,
-            rtol=1e-5,
-            atol=1e-6,
-        )
 
 
 def test_long_batches_are_their_rows():
