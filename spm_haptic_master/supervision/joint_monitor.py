@@ -25,6 +25,8 @@ HOLD = 0.01  # s, longest time that a slow encoder repeats a reading: it has 100
 # Share of repeats of a moving joint above which its encoder is slower than the bus, and
 # the samples over which it is averaged.
 HOLD_SHARE, HOLD_SAMPLES = 0.4, 8.0
+# Periods without a reading after which it comes late.
+LATE_PERIODS = 1.5
 FORGET_PERIODS = 5.0  # without a reading, after which the velocity is set anew
 AWAY_SAMPLES = 3  # after which a joint that left its motion is followed from where it is
 # Samples for which a step is evidence: the other joints may seem to move in one of them.
@@ -149,82 +151,116 @@ class JointMonitor:
         """
         last, self._last = self._last, reading
         change = reading - last
-        repeated = change == 0.0
-        if repeated:
-            self.run += 1
-        else:
-            self.run = 0
-            if self._reversals < REVERSALS:
-                self._reversals += change * self._change < 0.0
-                self._change = change
-            if -self._resolution < change < self._resolution:
-                self._resolution = abs(change)
-                self.allow(self._allowed)
+        self._note_change(change)
         if self._left is not None and self._is_away(self._left, reading, last, dt, period):
             return
+        is_repeated = change == 0.0
         if self._known < 2:
-            if not (repeated and self._repeated > HOLD_SHARE):
+            if not (is_repeated and self._repeated > HOLD_SHARE):
                 self._begin(reading, max(dt, period))
             return
-        velocity, since = self.velocity, self.since
-        slow = -self._slow_step < velocity * period < self._slow_step
-        if not slow:
-            self._repeated += (repeated - self._repeated) / HOLD_SAMPLES
-        elapsed = since + dt
+        is_slow = -self._slow_step < self.velocity * period < self._slow_step
+        if not is_slow:
+            self._repeated += (is_repeated - self._repeated) / HOLD_SAMPLES
+        elapsed = self.since + dt
         if self._repeated > HOLD_SHARE:
             if elapsed < HOLD:
                 period = max(period, elapsed)
-            if repeated:
-                # A slower encoder than the bus has no new reading, or the joint has stopped.
-                if elapsed <= HOLD:
-                    self.since = elapsed
-                else:
-                    self._angle, self.velocity, self.since = reading, 0.0, 0.0
+            if is_repeated:
+                self._hold(reading, elapsed)
                 return
+        self._test(reading, change, elapsed, period, timing, is_slow)
+
+    def _test(
+        self,
+        reading: float,
+        change: float,
+        elapsed: float,
+        period: float,
+        timing: float,
+        is_slow: bool,
+    ) -> None:
+        """Compare a new reading with the motion, `elapsed` after the reading used last."""
+        was_late = self.since > 0.0
         self.since = 0.0
-        moved = velocity * elapsed
-        innovation = reading - self._angle - moved
-        if not -pi <= innovation <= pi:
-            innovation = remainder(innovation, TURN)
-        size = abs(innovation)
-        if size <= self._noise_limit and elapsed <= 1.5 * period:
-            self.innovation = size / self._scale
-            if slow:
-                difference = innovation - self._last_innovation
-                square, mean = difference * difference, self._square
-                if square > OUTLIER * mean:
-                    # One step is not noise.
-                    square = OUTLIER * mean
-                if square == square:
-                    if self._learnt < NOISE_SAMPLES:
-                        self._learnt += 1.0
-                    self._square = mean + (square - mean) / self._learnt
+        innovation = remainder(reading - self._angle - self.velocity * elapsed, TURN)
+        if abs(innovation) <= self._noise_limit and elapsed <= LATE_PERIODS * period:
+            self.innovation = abs(innovation) / self._scale
+            if is_slow:
+                self._follow_noise(innovation)
             self._last_innovation = innovation
         else:
             self._last_innovation = nan
-            limit = self.limit(elapsed, period) + abs(velocity) * timing
-            if size > limit and (since or elapsed > 1.5 * period):
-                # It may have stopped meanwhile, or the reading be as old as the last sample.
-                size = outside(remainder(reading - self._angle, TURN), moved)
-            self.innovation = (
-                size * deviation(1.0) / (self._scale * deviation(max(elapsed / period, 1.0)))
-            )
-            if size > limit and self._left is None:
-                self._leave(
-                    reading,
-                    innovation if since else remainder(reading - last - velocity * dt, TURN),
-                    elapsed,
-                )
-                return
-            if size > limit:
-                # It also leaves its new motion: no joint moves like that.
-                self._known, self.step = 0, Step.CERTAIN
+            limit = self.limit(elapsed, period) + abs(self.velocity) * timing
+            step = innovation
+            if not was_late:
+                step = remainder(change - self.velocity * elapsed, TURN)
+            is_late = was_late or elapsed > LATE_PERIODS * period
+            if self._leaves(reading, innovation, elapsed, period, limit, is_late):
+                self._depart(reading, step, elapsed)
                 return
             if elapsed > FORGET_PERIODS * period:
                 self._angle, self._known = reading, 1
                 return
-        self._angle += moved + ALPHA * innovation
-        self.velocity = velocity + BETA * innovation / (elapsed if elapsed > period else period)
+        self._angle += self.velocity * elapsed + ALPHA * innovation
+        self.velocity += BETA * innovation / max(elapsed, period)
+
+    def _note_change(self, change: float) -> None:
+        """Note the change of the reading: repeats, changes up and down, the resolution."""
+        if change == 0.0:
+            self.run += 1
+            return
+        self.run = 0
+        if self._reversals < REVERSALS:
+            self._reversals += change * self._change < 0.0
+            self._change = change
+        if -self._resolution < change < self._resolution:
+            self._resolution = abs(change)
+            self.allow(self._allowed)
+
+    def _hold(self, reading: float, elapsed: float) -> None:
+        """Take a repeated reading: a slow encoder has no new one, or the joint has stopped."""
+        if elapsed <= HOLD:
+            self.since = elapsed
+        else:
+            self._angle, self.velocity, self.since = reading, 0.0, 0.0
+
+    def _follow_noise(self, innovation: float) -> None:
+        """Average the square of the difference between two innovations of a slow joint."""
+        difference = innovation - self._last_innovation
+        square, mean = difference * difference, self._square
+        if square > OUTLIER * mean:
+            # One step is not noise.
+            square = OUTLIER * mean
+        if square == square:
+            if self._learnt < NOISE_SAMPLES:
+                self._learnt += 1.0
+            self._square = mean + (square - mean) / self._learnt
+
+    def _leaves(
+        self,
+        reading: float,
+        innovation: float,
+        elapsed: float,
+        period: float,
+        limit: float,
+        is_late: bool,
+    ) -> bool:
+        """Note a large innovation; return whether the joint leaves its motion."""
+        size = abs(innovation)
+        if size > limit and is_late:
+            # It may have stopped meanwhile, or the reading be as old as the last sample.
+            size = outside(remainder(reading - self._angle, TURN), self.velocity * elapsed)
+        periods = max(elapsed / period, 1.0)
+        self.innovation = size * deviation(1.0) / (self._scale * deviation(periods))
+        return size > limit
+
+    def _depart(self, reading: float, step: float, elapsed: float) -> None:
+        """Leave the motion by a step, or also a new one: no joint moves like that."""
+        if self._left is None:
+            self._leave(reading, step, elapsed)
+        else:
+            self._known, self.step = 0, Step.CERTAIN
 
     def _begin(self, reading: float, dt: float) -> None:
         """Let the first two readings set position and velocity."""
