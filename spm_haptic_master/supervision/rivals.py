@@ -205,7 +205,7 @@ class Rivals:
                 is_same = within(followed.quaternion, here.quaternion, reach)
                 if not is_same or followed.stamp < here.stamp:
                     self._lose(sensor, followed)
-            elif is_gap:
+            elif is_gap or turn > SAME_TURN:
                 self._lose(sensor, last)
             if parts[sensor] > self._limit:
                 self._hidden.setdefault(sensor, last)
