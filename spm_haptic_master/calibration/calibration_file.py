@@ -29,7 +29,15 @@ def file_text(
     header: Iterable[str], parameters: Mapping[str, Any], record: Mapping[str, Any]
 ) -> str:
     """Return a parameter file: lines of a comment, values by dotted name, record for calibrate."""
-    tree = {'/**': {PARAMETERS: _nested(parameters)}, RECORD: {PARAMETERS: _nested(record)}}
+    return sections_text(header, {'/**': parameters, RECORD: record})
+
+
+def sections_text(header: Iterable[str], sections: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return a parameter file: lines of a comment, and values by dotted name for each section."""
+    tree = {
+        nodes if '*' in nodes else nodes.removeprefix('/'): {PARAMETERS: _nested(values)}
+        for nodes, values in sections.items()
+    }
     return ''.join(f'# {ascii(line)[1:-1]}\n' for line in header) + yaml.dump(
         tree, Dumper=_Dumper, sort_keys=False, default_flow_style=False, width=inf
     )

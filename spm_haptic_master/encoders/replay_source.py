@@ -93,13 +93,21 @@ class ReplaySource(EncoderSource):
 
     def recorded(self) -> Iterator[JointSample]:
         """Yield all sets with recorded stamps, in place of `read`; ReplayError where it fails."""
+        for found in self.recorded_readings():
+            if isinstance(found, JointSample):
+                yield found
+        self._require_sets()
+
+    def recorded_readings(self) -> Iterator[JointSample | AxisReading]:
+        """Yield all sets, and all readings of the axes, with recorded stamps, as they came."""
         for message in self._frames():
             self._last = message.timestamp
             sample = self._decoder.feed(message)
+            while self._decoder.readings:
+                yield self._decoder.readings.popleft()
             if sample is not None:
                 self._check_times(sample)
                 yield sample
-        self._require_sets()
 
     @property
     def cycles(self) -> int:

@@ -11,7 +11,7 @@ words are all that can be known of it.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import pi, radians
+from math import inf, pi, radians
 from typing import NamedTuple
 
 import can
@@ -93,6 +93,12 @@ class SingleAxis:
     def name(self) -> str:
         """Return the name of the axis."""
         return self.layout.joint
+
+    def read_counts(self) -> None:
+        """Make each reading its counts, from -1/2 to 1/2 turn, whatever they are."""
+        self.scale = self.layout.counts_per_turn / TURN
+        self.limits = AxisLimits(-inf, inf, inf)
+        self._lowest, self._highest = self.limits.bounds
 
     def take(self, message: can.Message, stamp: float) -> AxisReading | None:
         """Take a frame that was sampled at `stamp`, s; return its reading, None without one."""

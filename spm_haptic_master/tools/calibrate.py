@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Sequence
 from datetime import datetime
 from math import degrees, radians
@@ -12,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 from spm_haptic_master.calibration import calibration_file, jig
+from spm_haptic_master.calibration.axis_file import axis_parameters
 from spm_haptic_master.calibration.recording import raw_counts
 from spm_haptic_master.encoders.decoder_factory import make_harmonics
 from spm_haptic_master.exceptions import InputError, UnreachableError
@@ -24,7 +26,12 @@ from spm_haptic_master.parameters.nodes import SOURCE_SETTINGS
 from spm_haptic_master.parameters.resolver import read_parameters
 from spm_haptic_master.parameters.setting import SENSORS_SETTING, Values
 from spm_haptic_master.simulation import trajectories
-from spm_haptic_master.tools import calibrate_motion, calibration_verdict, command_line
+from spm_haptic_master.tools import (
+    calibrate_axis,
+    calibrate_motion,
+    calibration_verdict,
+    command_line,
+)
 from spm_haptic_master.tools.calibrate_motion import JIG_SECONDS
 from spm_haptic_master.tools.motion_source import check_source, record_pose, wait_for_pose
 
@@ -48,12 +55,19 @@ BIAS_DEFAULT = 0.05
 def main(args: list[str]) -> int:
     """Calibrate, or check a calibration by a motion; 1 if it cannot be trusted."""
     options = _parser().parse(args)
+    if options.insertion is not None or options.gripper is not None:
+        return calibrate_axis.run(options)
     if options.check is not None:
         if options.motion is None:
             raise InputError(f'--check {options.check} without --motion; expected both')
         return calibration_verdict.check(options)
     if options.motion is not None:
         return calibrate_motion.run(options)
+    return _calibrate_in_jig(options)
+
+
+def _calibrate_in_jig(options: argparse.Namespace) -> int:
+    """Calibrate from known poses; errors as SpmError."""
     if options.output is None:
         raise InputError('no -o FILE; expected the parameter file to write')
     given = command_line.given(options)
@@ -142,7 +156,8 @@ def main(args: list[str]) -> int:
                 name: value
                 for name, value in (values | mechanism).items()
                 if name in KEPT and (any(value) if KEPT[name] is None else value != KEPT[name])
-            },
+            }
+            | axis_parameters(options.output),
         ),
     )
     _report(options.output, calibration, replaced=before)
@@ -158,6 +173,21 @@ def _parser() -> Parser:
         metavar='LOG',
         help="calibrate from free motion: nothing has to be known but the drawing's link angles; "
         'from logs, one or several of the same rig, or from the bus',
+    )
+    parser.add_argument(
+        '--insertion',
+        type=finite,
+        nargs=2,
+        metavar=('FIRST', 'SECOND'),
+        help='calibrate the slide: its insertion at the end where the motion begins, and at the '
+        'other end, m',
+    )
+    parser.add_argument(
+        '--gripper',
+        type=finite,
+        nargs=2,
+        metavar=('OPEN', 'CLOSED'),
+        help='calibrate the gripper, from open to closed: its angles there, deg',
     )
     parser.add_argument(
         '--check',

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 from spm_haptic_master import kinematics
+from spm_haptic_master.calibration.axis_file import axis_parameters
 from spm_haptic_master.calibration.calibration_file import check_output, write_text
 from spm_haptic_master.calibration.jig import read_still
 from spm_haptic_master.calibration.motion.calibration import MotionCalibration
@@ -110,7 +111,8 @@ def run(options: argparse.Namespace) -> int:
         version('spm_haptic_master'),
         values['encoders.counts_per_turn'],
         kept_settings(source, given, values, mechanism)
-        | ({} if mounting is None else _mounting_settings(mounting)),
+        | ({} if mounting is None else _mounting_settings(mounting))
+        | axis_parameters(output),
     )
     fkm = FkmValues(both, origin)
     with ProgressBar('calibrate') as bar:

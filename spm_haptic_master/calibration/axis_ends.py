@@ -1,0 +1,213 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Zero count, direction, scale and range of insertion or gripper from a motion between its two ends.
+
+The slide or the gripper rests at one end, is moved by hand to the other end, and rests there. Of
+the slide both positions are known, so that its counts per metre follow. Of the gripper the
+counts per turn are known, so that the angle between both ends is a check of the angles given.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from spm_haptic_master.exceptions import CalibrationError
+from spm_haptic_master.parameters.axes import GRIPPER, INSERTION
+
+# Time for which it rests at each end (s), and the share of the way between both ends that it may
+# move in that time, or go beyond an end (unit 1).
+REST, STILL = 0.3, 0.02
+# Fewest readings at each end, and the longest time without a reading (s).
+REST_READINGS, LONGEST_GAP = 10, 0.1
+# Fewest counts between both ends, and the largest share of these between two readings.
+LEAST_COUNTS, LARGEST_STEP = 100, 0.5
+# Largest difference between the gripper's angle as measured and as given (unit 1).
+ANGLE_TOLERANCE = 0.1
+# Largest change of an end's position with which a calibration holds, as a share of the range.
+END_TOLERANCE = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class AxisMotion:
+    """Readings of one axis from its first end to its second one."""
+
+    axis: str
+    stamps: NDArray[np.int64]  # ns, (n,)
+    counts: NDArray[np.float64]  # (n,), each from -ring / 2 to ring / 2
+    ring: int  # number of counts after which they begin again
+
+
+@dataclass(frozen=True, slots=True)
+class AxisCalibration:
+    """What the driver has to know of one axis; m, or deg for the gripper."""
+
+    axis: str
+    zero_count: int
+    direction: int
+    counts_per_unit: float  # counts per m or per deg
+    range: tuple[float, float]
+
+    def parameters(self) -> dict[str, Any]:
+        """Return the parameters of the driver by name."""
+        found: dict[str, Any] = {
+            f'{self.axis}.direction': self.direction,
+            f'{self.axis}.zero_count': self.zero_count,
+        }
+        if self.axis == INSERTION:
+            found['insertion.counts_per_metre'] = self.counts_per_unit
+            found['insertion.range'] = self.range
+        else:
+            found['gripper.range_deg'] = self.range
+        return found
+
+
+def calibrate_axis(motion: AxisMotion, ends: tuple[float, float]) -> AxisCalibration:
+    """
+    Return the calibration of an axis from a motion between its ends.
+
+    Parameters
+    ----------
+    motion
+        It rests at the first end, moves, and rests at the second.
+    ends
+        Positions of the first and the second end, m, or deg for the gripper.
+
+    Returns
+    -------
+    AxisCalibration
+        The position of a reading is direction (counts - zero_count) / counts_per_unit.
+
+    Raises
+    ------
+    CalibrationError
+        The motion has no readings, too few at rest, a gap or a jump, does not move, goes beyond
+        its ends, or is not that of the positions given.
+
+    """
+    first, second = resting_counts(motion)
+    counts_between = second - first
+    if motion.axis == GRIPPER:
+        counts_per_unit = motion.ring / 360.0
+        _check_angle(abs(counts_between) / counts_per_unit, ends, motion.ring)
+    else:
+        counts_per_unit = abs(counts_between) / abs(ends[1] - ends[0])
+    direction = 1 if (counts_between > 0.0) == (ends[1] > ends[0]) else -1
+    zero_count = round(second - direction * counts_per_unit * ends[1]) % motion.ring
+    # The angle of the gripper between both ends is the measured one, counted from the second.
+    position_at_first = ends[1] - direction * counts_between / counts_per_unit
+    least, greatest = sorted((position_at_first, ends[1]))
+    return AxisCalibration(
+        motion.axis,
+        zero_count,
+        direction,
+        round(counts_per_unit, 6),
+        (round(least, 6), round(greatest, 6)),
+    )
+
+
+def resting_counts(motion: AxisMotion) -> tuple[float, float]:
+    """
+    Return the mean counts at rest at the first and at the second end, without a turn between.
+
+    CalibrationError as `calibrate_axis`, but for the positions.
+    """
+    axis, seconds = motion.axis, np.asarray((motion.stamps - motion.stamps[:1]) * 1e-9)
+    at_first = seconds <= REST
+    at_second = seconds >= seconds[-1:] - REST
+    fewest = min(at_first.sum(), at_second.sum())
+    if fewest < REST_READINGS or seconds[-1] < 2.0 * REST:
+        raise CalibrationError(
+            f'{axis}: {len(seconds)} readings; expected at least {REST_READINGS} in {REST:g} s '
+            'at rest at each end'
+        )
+    _check_gaps(axis, seconds)
+    counts = np.unwrap(motion.counts, period=motion.ring)
+    first, second = float(counts[at_first].mean()), float(counts[at_second].mean())
+    way = abs(second - first)
+    if way < LEAST_COUNTS:
+        raise CalibrationError(
+            f'{axis} did not move: {way:.0f} counts between begin and end of the motion; expected '
+            f'at least {LEAST_COUNTS}, from one end to the other'
+        )
+    for name, resting in (('first', counts[at_first]), ('second', counts[at_second])):
+        if np.ptp(resting) > STILL * way:
+            raise CalibrationError(
+                f'{axis} moved by {np.ptp(resting):.0f} counts at its {name} end; '
+                f'expected {REST:g} s at rest'
+            )
+    _check_way(axis, counts, way)
+    return first, second
+
+
+def _check_gaps(axis: str, seconds: NDArray[np.float64]) -> None:
+    gaps = np.diff(seconds)
+    longest = int(np.argmax(gaps))
+    if gaps[longest] > LONGEST_GAP:
+        raise CalibrationError(
+            f'{axis}: no reading for {gaps[longest]:.2f} s, {seconds[longest]:.1f} s after the '
+            f'beginning; expected one in {LONGEST_GAP:g} s'
+        )
+
+
+def _check_way(axis: str, counts: NDArray[np.float64], way: float) -> None:
+    """Raise CalibrationError where the counts jump, or go beyond both ends."""
+    step = float(np.abs(np.diff(counts)).max())
+    if step > LARGEST_STEP * way:
+        raise CalibrationError(
+            f'{axis} jumps by {step:.0f} counts between two readings; expected a slow motion, and '
+            f'in {axis}.mask all bits of the counts and no others'
+        )
+    beyond = float(np.ptp(counts)) - way
+    if beyond > 2.0 * STILL * way:
+        raise CalibrationError(
+            f'{axis} went beyond where it rested, by {beyond:.0f} of {way:.0f} counts; expected '
+            'the motion from one end to the other'
+        )
+
+
+def _check_angle(measured: float, ends: tuple[float, float], ring: int) -> None:
+    """Raise CalibrationError for a gripper that turned by another angle, deg, than given."""
+    given = abs(ends[1] - ends[0])
+    if abs(measured - given) > ANGLE_TOLERANCE * given:
+        raise CalibrationError(
+            f'gripper turned by {measured:.1f} deg with gripper.counts_per_turn {ring}; expected '
+            f'{given:g} deg between the angles given'
+        )
+
+
+def change_since(
+    motion: AxisMotion, ends: tuple[float, float], before: AxisCalibration
+) -> str | None:
+    """Return what changed since an earlier calibration of an axis, None where it holds."""
+    first, second = resting_counts(motion)
+    upward = (second > first) == (ends[1] > ends[0])
+    if before.direction != (1 if upward else -1):
+        return f'{motion.axis} counts in the opposite direction'
+    unit = 'm' if motion.axis == INSERTION else 'deg'
+    tolerance = END_TOLERANCE * (before.range[1] - before.range[0])
+    at_second = _position(second, before, motion.ring)
+    at_first = at_second - before.direction * (second - first) / before.counts_per_unit
+    # The first end of a gripper is where it was measured, not where it was said to be.
+    first_end = ends[0] if motion.axis == INSERTION else _farthest(before.range, ends[1])
+    found = [
+        f'its {name} end reads {now:.4g} {unit}, not {expected:.4g}'
+        for name, now, expected in (('first', at_first, first_end), ('second', at_second, ends[1]))
+        if abs(now - expected) > tolerance
+    ]
+    return f'{motion.axis}: {"; ".join(found)}' if found else None
+
+
+def _farthest(limits: tuple[float, float], position: float) -> float:
+    """Return the end of a range that is farther from a position."""
+    return max(limits, key=lambda end: abs(end - position))
+
+
+def _position(counts: float, calibration: AxisCalibration, ring: int) -> float:
+    """Return the position of counts, m or deg, as the driver has it."""
+    turned = calibration.direction * (counts - calibration.zero_count)
+    return ((turned + ring / 2) % ring - ring / 2) / calibration.counts_per_unit
