@@ -63,9 +63,7 @@ class Fkm(ParameterNode):
         super().__init__('fkm', parameters)
         values = self.declare(NODE_SETTINGS['fkm'])
         self._supervisor = make_supervisor(values)
-        unchecked = unchecked_anywhere(values)
-        if unchecked:
-            self.get_logger().warning(unchecked)
+        self._warn_of_unchecked(values)
         self._mounting = mounting_from(values)
         frame, frames = publish_mounting(self, values)
         mechanism = mechanism_checksum(values)
@@ -110,6 +108,12 @@ class Fkm(ParameterNode):
         self.on_change(('alert_limit_deg',), self._apply)
         self.create_timer(CHECK_PERIOD, self._poll, clock=STEADY)
         self.create_timer(REPEAT_PERIOD, self._publish_latency, clock=STEADY)
+
+    def _warn_of_unchecked(self, values: Values) -> None:
+        """Log which sensors the others can check nowhere with these settings."""
+        unchecked = unchecked_anywhere(values)
+        if unchecked:
+            self.get_logger().warning(unchecked)
 
     def _make_force(self, values: Values, frame: str) -> Force | None:
         """Return the force feedback behind each orientation; None where it is not enabled."""

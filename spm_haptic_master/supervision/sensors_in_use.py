@@ -90,11 +90,7 @@ class SensorsInUse:
 
     def note(self, angles: Angles) -> Symptom | None:
         """Note which sensors have a reading; return why they do not suffice."""
-        total = sum(angles)
-        is_usual = (
-            total == total and max(angles) <= LARGEST_ANGLE and min(angles) >= -LARGEST_ANGLE
-        )
-        if is_usual and not self.missing:
+        if not self.missing and _are_usual(angles):
             return self._too_few(angles)
         if any(abs(angle) > LARGEST_ANGLE for angle in angles):
             return withheld(Reason.NOT_FINITE, f'{list(angles)} rad')
@@ -217,12 +213,10 @@ class SensorsInUse:
         nothing else checks, disagree with it again: it may be one of them.
         """
         symptom = None
-        for sensor in [each for each in self.distrusted if each not in self.missing]:
+        for sensor in sorted({*self.distrusted} - {*self.missing}):
             distrust = self.distrusted[sensor]
-            trial = distrust.trial
-            if trial is None:
-                left_out = {*self.left_out} - {sensor}
-                trial = distrust.trial = Trial(self.without(*left_out), here, None)
+            trial = distrust.trial or self._trial_with(sensor, here)
+            distrust.trial = trial
             had_agreed = trial.passes(sample.stamp, -1, self._limits.window)
             trial.place = here
             agrees = trial.follow(sample, self._limits.joint_speed)
@@ -239,6 +233,11 @@ class SensorsInUse:
         self._update()
         return symptom
 
+    def _trial_with(self, sensor: int, here: Place) -> Trial:
+        """Return a trial, from an orientation on, of those in use and one left-out sensor."""
+        left_out = {*self.left_out} - {sensor}
+        return Trial(self.without(*left_out), here, None)
+
     def _is_checked(
         self, trial: SensorSet, sensor: int, sample: Sample, alert_limit: float
     ) -> bool:
@@ -247,3 +246,9 @@ class SensorsInUse:
             return False
         noisy = trial.too_noisy(sample)
         return noisy is None or noisy.sensor != sensor
+
+
+def _are_usual(angles: Angles) -> bool:
+    """Return whether each reading is a number of a size that a joint may have."""
+    total = sum(angles)
+    return total == total and max(angles) <= LARGEST_ANGLE and min(angles) >= -LARGEST_ANGLE

@@ -61,15 +61,14 @@ def test_a_bad_sample_gives_silence_and_a_reason(rig, position, names, reason):
 
 
 @pytest.mark.parametrize('joint', ['joint_1b', 'joint_3a'])
-def test_a_fault_that_a_rest_may_hide_waits_until_the_device_has_moved(rig, joint):
+def test_a_jump_at_rest_is_a_fault_until_the_sensor_is_back(rig, joint):
     rig.qualify()
     jumped = np.add(angles(), np.radians(2.0) * np.equal(NAMES, joint))
     assert rig.send_many(10, list(jumped)) == []
     rig.host.run(0.02)
     assert rig.host.entry('orientation').level == DiagnosticStatus.ERROR
-    assert rig.send_many(400, angles()) == []
-    rig.host.run(0.02)
-    assert 'waits until checked: ' in rig.host.entry('orientation').message
+    # Once back where it was, it is consistent again after the time of recovery.
+    rig.qualify()
 
 
 def test_another_rigs_calibration_is_suspected_where_no_orientation_fits():

@@ -186,7 +186,7 @@ def test_a_validation_prints_alignment_and_errors(tmp_path, monkeypatch, capsys)
 
 @pytest.mark.parametrize(
     'tool',
-    ['calibrate', 'can_scan', 'can_setup', 'force_check', 'sim_bus', 'supervise', 'validate'],
+    ['calibrate', 'can_setup', 'force_check', 'sim_bus', 'supervise', 'validate'],
 )
 def test_the_defaults_of_a_program_are_those_of_its_help(tool):
     parser = import_module(f'spm_haptic_master.tools.{tool}')._parser()
