@@ -1,7 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The profile of drives, CiA 402: objects, states, and the controlword of each next transition."""
+"""
+The profile of drives, CiA 402: objects, states, and the controlword of each next transition.
+
+Constants and pure functions only: no frames are sent here.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +46,11 @@ LARGEST = 32767
 
 
 class State(Enum):
-    """State of a drive, in the words of CiA 402."""
+    """
+    State of a drive's finite state automaton, in the words of CiA 402.
+
+    UNKNOWN is a statusword that no state of the profile has.
+    """
 
     NOT_READY = 'Not ready to switch on'
     DISABLED = 'Switch on disabled'
@@ -80,19 +88,60 @@ ONWARDS = {
 
 
 def state_of(statusword: int) -> State:
-    """Return the state that a statusword (6041h) reports."""
+    """
+    Return the state that a statusword reports.
+
+    Parameters
+    ----------
+    statusword : int
+        Value of 6041h, 16 bits.
+
+    Returns
+    -------
+    State
+        UNKNOWN if no pattern of CiA 402 fits.
+
+    """
     return next(
         (state for mask, value, state in PATTERNS if statusword & mask == value), State.UNKNOWN
     )
 
 
 def controlword(state: State, operate: bool) -> int:
-    """Return the command of the next transition, for 6040h: to Operation enabled, or off."""
+    """
+    Return the command of the next transition.
+
+    Parameters
+    ----------
+    state : State
+        State that the drive reports.
+    operate : bool
+        Whether the goal is Operation enabled; otherwise voltage is disabled at once.
+
+    Returns
+    -------
+    int
+        Value for 6040h. It never resets a fault: only an acknowledgement does.
+
+    """
     return ONWARDS.get(state, DISABLE_VOLTAGE) if operate else DISABLE_VOLTAGE
 
 
 def mode_words(mode: int) -> str:
-    """Return a mode of operation in words."""
+    """
+    Return a mode of operation (6060h) in words, for error texts.
+
+    Parameters
+    ----------
+    mode : int
+        Value of 6060h or 6061h.
+
+    Returns
+    -------
+    str
+        Its name with its number, such as 'profile torque (4)'.
+
+    """
     return {CYCLIC_TORQUE: 'cyclic synchronous torque', PROFILE_TORQUE: 'profile torque'}.get(
         mode, 'another mode'
     ) + f' ({mode})'

@@ -1,7 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""One drive, as its frames show it, and the requests that set it up; without bus and clock."""
+"""
+One drive, as its frames show it, and the requests that set it up; without bus and clock.
+
+`Drives` gives it the frames and the time; it returns states, and reasons for no torque.
+"""
 
 from __future__ import annotations
 
@@ -33,9 +37,42 @@ Steps = Generator[None, None, None]
 
 class Drive:
     """
-    State of one drive, as it is configured by `own` of a plan; `send` sends one frame.
+    State of one drive: what it has sent, what it was told, and what is wrong with it.
 
-    `now` is the time of the present sample, s; the caller sets it.
+    Parameters
+    ----------
+    own : DrivePlan
+        Its configuration.
+    plan : Plan
+        All drives on their bus.
+    send : callable
+        Sends one frame; used for requests by SDO.
+
+    Attributes
+    ----------
+    own : DrivePlan
+        As given.
+    now : float
+        Time of the present sample, s; the caller sets it before each step.
+    state : State
+        State of the latest statusword.
+    torque : int
+        Torque that the drive reports (6077h), per mille of the rated torque.
+    status_at : float
+        Time of the latest status frame, s; -inf before the first.
+    mode : int or None
+        Mode of operation that it was set to; None before.
+    identity : Identity or None
+        Identity object (1018h); None before it was read.
+    absent : str or None
+        Why the start-up waits for the drive; None if it does not.
+    emergency : str or None
+        Latest EMCY in words, until `restart`.
+    booted : bool
+        Whether it has booted since `restart`: its settings may be lost.
+    handlers : dict of int to (int, callable)
+        Data length and handler of each of its frames, by identifier.
+
     """
 
     def __init__(self, own: DrivePlan, plan: Plan, send: Callable[[can.Message], None]):
@@ -79,19 +116,45 @@ class Drive:
         self.booted, self._off_time = False, 0.0
 
     def command(self, torque: int) -> None:
-        """Take note of a torque that is sent, per mille."""
+        """
+        Note a torque that is sent, to compare it with the torque that is reported.
+
+        Parameters
+        ----------
+        torque : int
+            Commanded torque (6071h), per mille of the rated torque.
+
+        """
         self._command = torque
         low, high = self._range
         self._range = min(low, torque), max(high, torque)
 
     def trouble(self, operate: bool) -> str | None:
-        """Return what is wrong where Operation enabled is wanted, or not; None if nothing is."""
+        """
+        Return what is wrong with the drive.
+
+        Parameters
+        ----------
+        operate : bool
+            Whether Operation enabled is wanted.
+
+        Returns
+        -------
+        str or None
+            The reason for no torque, with the drive's name; None if nothing is wrong.
+
+        """
         if found := self._silence() or self.refusal(operate):
             return f'{self.own.name}: {found}'
         return None
 
     def _silence(self) -> str | None:
-        """Return what it reports of itself, or what it does not send."""
+        """
+        Return what the drive reports of itself, or what it does not send; None if nothing.
+
+        In this order: an emergency, a fault state, a boot-up, a missing heartbeat, an NMT state
+        other than operational, a missing status frame.
+        """
         plan, silent = self._plan, self.now - self.status_at
         unheard = self.now - self._heartbeat_at
         if self.emergency:
@@ -109,7 +172,24 @@ class Drive:
         )
 
     def refusal(self, operate: bool) -> str | None:
-        """Return how the drive deviates from its command; None if it follows."""
+        """
+        Return how the drive deviates from its command.
+
+        It deviates if it leaves Operation enabled or does not reach it within ENABLE_TIMEOUT, if
+        it shows another mode than it was set to, or if its torque is off its command for more than
+        TORQUE_TIME.
+
+        Parameters
+        ----------
+        operate : bool
+            Whether Operation enabled is wanted.
+
+        Returns
+        -------
+        str or None
+            The deviation in words; None if the drive follows.
+
+        """
         if not operate:
             self._since = None
         elif self._since is None:
@@ -137,6 +217,12 @@ class Drive:
         return None
 
     def _on_status(self, data: bytearray) -> None:
+        """
+        Take a status frame: state, torque and mode, and how long the torque was off.
+
+        The reported torque may lie anywhere in the range of the commands since the status frame
+        before the last, widened by TORQUE_SHARE.
+        """
         word, self.torque, self._shown_mode = STATUS.unpack(data)
         self.state = state_of(word)
         elapsed = min(self.now - self.status_at, self._plan.status_timeout)
@@ -150,23 +236,39 @@ class Drive:
         self._off_time = max(0.0, self._off_time + (-elapsed if follows else elapsed))
 
     def _on_heartbeat(self, data: bytearray) -> None:
+        """Take the NMT state of a heartbeat; a boot-up message is remembered."""
         self._nmt = data[0] & 0x7F
         self._heartbeat_at = self.now
         if self._nmt == canopen.BOOT_UP:
             self.booted = True
 
     def _on_emergency(self, data: bytearray) -> None:
+        """Take an EMCY; an error reset does not clear the one before it."""
         # Its reset may come with it in one sample: it ends by an acknowledgement.
         if canopen.emcy_code(data) != canopen.EMCY_ERROR_RESET:
             self.emergency = canopen.emcy_words(data, cia402.ERROR_WORDS)
 
     def _on_answer(self, data: bytearray) -> None:
+        """Keep the answer to a request by SDO until it is looked at."""
         self._answer = bytes(data)
 
     # Start-up: SetupError where the drive is not as configured -----------------------------------
 
     def read_back(self) -> Steps:
-        """Compare all objects with what they have to be; wait for a drive that is off."""
+        """
+        Compare all objects with their required values; wait for a drive that is off.
+
+        Yields
+        ------
+        None
+            Once a sample, until the answer to a request is there.
+
+        Raises
+        ------
+        SetupError
+            The node is no drive of CiA 402, or an object differs from its required value.
+
+        """
         while True:
             try:
                 profile = yield from self.read(canopen.DEVICE_TYPE)
@@ -191,13 +293,30 @@ class Drive:
             raise SetupError(f'{self.own.name}: {differences} (can_setup --drives --write)')
 
     def _read_identity(self) -> Generator[None, None, Identity]:
+        """Read vendor id, product code and serial number (1018h); None for a missing one."""
         vendor = yield from self.read(canopen.VENDOR_ID)
         product = yield from self.read(canopen.PRODUCT_CODE)
         serial = yield from self.read(canopen.SERIAL_NUMBER)
         return Identity(vendor=vendor, product=product, serial=serial)
 
     def set_mode(self) -> Steps:
-        """Set the mode of operation: the configured one, or the first that the drive has."""
+        """
+        Set the mode of operation (6060h): the configured one, or the first that the drive has.
+
+        Without a configured mode, cyclic synchronous torque is tried before profile torque, each
+        only if 6502h lists it.
+
+        Yields
+        ------
+        None
+            Once a sample, until the answer to a request is there.
+
+        Raises
+        ------
+        SetupError
+            The drive accepts no mode of torque, or does not answer.
+
+        """
         modes = [self._plan.mode]
         if not self._plan.mode:
             modes = [cia402.CYCLIC_TORQUE, cia402.PROFILE_TORQUE]
@@ -218,12 +337,53 @@ class Drive:
         )
 
     def read(self, key: tuple[int, int]) -> Generator[None, None, int | None]:
-        """Return the value of an object; None if the drive does not give it."""
+        """
+        Return the value of an object by SDO upload.
+
+        Parameters
+        ----------
+        key : tuple of 2 int
+            Index and subindex.
+
+        Yields
+        ------
+        None
+            Once a sample, until the answer is there.
+
+        Returns
+        -------
+        int or None
+            The value; None if the drive does not give it.
+
+        Raises
+        ------
+        SetupError
+            The drive does not answer.
+
+        """
         answer = yield from self._request(canopen.sdo_upload(self.own.node_id, *key), key)
         return canopen.sdo_value(answer)
 
     def _request(self, message: can.Message, key: tuple[int, int]) -> Generator[None, None, bytes]:
-        """Return the answer to a request by SDO; SetupError if none comes."""
+        """
+        Return the answer to a request by SDO.
+
+        Each of REQUESTS attempts waits for ANSWER_TIMEOUT, and answers about another object are
+        ignored.
+
+        Parameters
+        ----------
+        message : can.Message
+            The request.
+        key : tuple of 2 int
+            Index and subindex of its object.
+
+        Raises
+        ------
+        SetupError
+            No answer comes.
+
+        """
         for _ in range(REQUESTS):
             self._answer = None
             self._send(message)

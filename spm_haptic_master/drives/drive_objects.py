@@ -42,28 +42,94 @@ COMBINED_TIMER = (canopen.RPDO_PARAMETERS + 1, canopen.TPDO_EVENT_TIMER)
 
 @dataclass(frozen=True, slots=True)
 class DriveRules:
-    """What is to be done about objects that a drive lacks, by its plan."""
+    """
+    Rules for objects that a drive lacks: can_setup and the check at the start ask them.
+
+    Attributes
+    ----------
+    plan : Plan
+        All drives on their bus.
+    drive : DrivePlan
+        The drive that is compared.
+
+    """
 
     plan: Plan
     drive: DrivePlan
 
     def excused(self, value: Present) -> set[Key]:
-        """Return no object: each value of a drive matters."""
+        """
+        Return the objects that may differ, by the present values.
+
+        Parameters
+        ----------
+        value : callable
+            Present value of an object by index and subindex; None for an object it lacks.
+
+        Returns
+        -------
+        set of (int, int)
+            Always empty: each value of a drive matters.
+
+        """
         return set()
 
     def adapted(self, wanted: WantedObjects, value: Present) -> WantedObjects:
-        """Return the wanted objects as they are."""
+        """
+        Return the wanted objects as they are: nothing depends on the present values.
+
+        Parameters
+        ----------
+        wanted : WantedObjects
+            Required objects.
+        value : callable
+            Present value of an object; not used.
+
+        Returns
+        -------
+        WantedObjects
+            `wanted`.
+
+        """
         return wanted
 
     def remarks(self, value: Present) -> list[str]:
-        """Return what was verified by hand, in lines."""
+        """
+        Return what was verified by hand, so that the table of can_setup shows it.
+
+        Parameters
+        ----------
+        value : callable
+            Present value of an object; not used.
+
+        Returns
+        -------
+        list of str
+            One line for each object of `drives.verified_by_hand`.
+
+        """
         return [
             f'{shown(key)} was verified by hand (drives.verified_by_hand)'
             for key in sorted(self.plan.verified)
         ]
 
     def hint(self, key: Key, value: Present) -> str:
-        """Return what to do about an object that the drive lacks; empty if nothing is known."""
+        """
+        Return what to do about an object that the drive lacks.
+
+        Parameters
+        ----------
+        key : tuple of 2 int
+            Index and subindex.
+        value : callable
+            Present value of an object by index and subindex; None for an object it lacks.
+
+        Returns
+        -------
+        str
+            The remedy; empty if the drive has the object, or if no remedy is known.
+
+        """
         if value(*key) is not None:
             return ''
         plan = self.plan
@@ -100,12 +166,20 @@ def drive_objects(plan: Plan, drive: DrivePlan) -> WantedObjects:
     """
     Return the required objects of a drive.
 
+    They are its PDOs, its reaction to a lost master or to a fault, its limits, and the period of
+    its torques.
+
     Parameters
     ----------
     plan : Plan
         All drives on their bus.
     drive : DrivePlan
         The one of them.
+
+    Returns
+    -------
+    WantedObjects
+        The objects with their values, and the rules for those that the drive lacks.
 
     """
     others = (
@@ -119,7 +193,12 @@ def drive_objects(plan: Plan, drive: DrivePlan) -> WantedObjects:
 
 
 def _received(plan: Plan, drive: DrivePlan) -> list[WantedPdo]:
-    """Return the frames that a drive takes: controlword and torque, together or apart."""
+    """
+    Return the RPDOs of a drive: controlword and torque, together or apart.
+
+    With one frame for all torques, RPDO1 has the controlword alone. RPDO2 is the shared frame, in
+    which a drive maps its own torque and leaves out 16 bits for each other drive.
+    """
     control = _entry(cia402.CONTROLWORD, 16)
     torque = _entry(cia402.TARGET_TORQUE, 16)
     timer = _timer(TORQUE_TIMER, 'RPDO1', plan.event_timer)
@@ -137,7 +216,12 @@ def _received(plan: Plan, drive: DrivePlan) -> list[WantedPdo]:
 
 
 def _status(plan: Plan, drive: DrivePlan) -> WantedPdo:
-    """Return the status frame of a drive: by its timer, or on SYNC."""
+    """
+    Return the TPDO with the status of a drive: sent by its timer, or on SYNC.
+
+    It has statusword (16 bits), torque actual (16 bits) and mode of operation display (8 bits).
+    With the timer an inhibit time keeps it from coming more often.
+    """
     index = canopen.TPDO_PARAMETERS
     entries = [
         _entry(cia402.STATUSWORD, 16),
@@ -159,7 +243,12 @@ def _status(plan: Plan, drive: DrivePlan) -> WantedPdo:
 
 
 def _losses(plan: Plan) -> list[WantedObject]:
-    """Return what a drive is to do without its master, and after a fault: the motor is free."""
+    """
+    Return what a drive does if its master is lost, or after a fault: the motor is free.
+
+    The objects are 1016h (the heartbeat that it expects), 1017h (its own), 1029h, 6007h, 605Ah and
+    605Eh of CiA 301 and 402.
+    """
     consumer = plan.master_id << 16 | _milliseconds(plan.heartbeat_timeout)
     heartbeat = _milliseconds(plan.heartbeat)
     disable = cia402.DISABLE_VOLTAGE_ON_ABORT
@@ -176,7 +265,12 @@ def _losses(plan: Plan) -> list[WantedObject]:
 
 
 def _limits(plan: Plan, drive: DrivePlan) -> list[WantedObject]:
-    """Return the limits of torque and speed, and the torque that they refer to."""
+    """
+    Return the limits of torque (6072h) and speed (6080h), and the rated torque (6076h).
+
+    6076h is only compared, as it belongs to the device. It is left out if the drives have no such
+    object (`torque_unit` 0), and 6080h if no limit of speed is configured.
+    """
     found = [
         WantedObject(
             *cia402.MAXIMUM_TORQUE,
@@ -199,7 +293,12 @@ def _limits(plan: Plan, drive: DrivePlan) -> list[WantedObject]:
 
 
 def _period(plan: Plan) -> list[WantedObject]:
-    """Return the period of the torques; a drive need not have it, and it is in whole ms only."""
+    """
+    Return the period of the torques (60C2h), in whole ms.
+
+    A drive need not have it: both objects are optional. A period that is no whole number of ms, or
+    that a byte cannot hold, is not set.
+    """
     period = round(1e3 * plan.period)
     is_whole = abs(1e3 * plan.period - period) <= 1e-6
     if not is_whole or not 1 <= period <= 0xFF:
@@ -211,13 +310,30 @@ def _period(plan: Plan) -> list[WantedObject]:
 
 
 def _timer(key: Key, name: str, seconds: float) -> list[WantedObject]:
-    """Return the event timer of a PDO; none for a time of 0."""
+    """
+    Return the event timer of a PDO.
+
+    Parameters
+    ----------
+    key : tuple of 2 int
+        Index and subindex of the timer.
+    name : str
+        Name of the PDO, in texts.
+    seconds : float
+        Its time, s.
+
+    Returns
+    -------
+    list of WantedObject
+        Empty for a time of 0.
+
+    """
     timer = WantedObject(*key, 2, f'{name} event timer, ms', _milliseconds(seconds))
     return [timer] if seconds else []
 
 
 def _entry(key: Key, bits: int) -> int:
-    """Return the entry of a mapping for an object."""
+    """Return the entry of a mapping for an object: index, subindex and length in bits."""
     index, subindex = key
     return index << 16 | subindex << 8 | bits
 

@@ -1,7 +1,12 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The drives of all motors on their bus: torques in, state out, one call a sample."""
+"""
+The drives of all motors on their bus: torques in, state out, one call a sample.
+
+The start-up is a generator that each sample advances: read back, set the mode, prove that the
+motors become free without this master.
+"""
 
 from __future__ import annotations
 
@@ -40,12 +45,28 @@ WITHOUT_TORQUE = (State.DISABLED, State.READY, State.SWITCHED_ON, State.FAULT)
 
 
 class DriveReport(NamedTuple):
-    """What the drives report."""
+    """
+    What the drives report after a sample.
 
-    ready: bool  # all in Operation enabled, and proven to fall out
-    fault: str | None  # why there is no torque, until `acknowledge`
-    torques: tuple[float, ...]  # reported, N m at the joints
-    seconds_since_status: float  # of the oldest latest status frame; inf: none
+    Attributes
+    ----------
+    ready : bool
+        Whether all are in Operation enabled, and proven to fall out of it without this master.
+    fault : str or None
+        Why there is no torque. A fault is latched until `acknowledge`; a bus that is not open, or
+        a drive that is waited for, ends by itself.
+    torques : tuple of N float
+        Torques that the drives report, N m at the joints, in the order of the motors.
+    seconds_since_status : float
+        Age of the status frame of the drive that has been silent for longest, s; inf before the
+        first.
+
+    """
+
+    ready: bool
+    fault: str | None
+    torques: tuple[float, ...]
+    seconds_since_status: float
 
 
 class Drives:
@@ -53,9 +74,24 @@ class Drives:
     Drives by CiA 402 over CANopen; never blocks.
 
     Each step of the first samples takes the start-up further: read back, mode, proof. Every fault
-    of one drive is zero torque of all in the same step. `open_bus` returns an open bus, or raises
-    one of `BUS_ERRORS`; `name` is that of the bus in texts. `plan` is what
-    is configured.
+    of one drive is zero torque of all in the same step.
+
+    Parameters
+    ----------
+    plan : Plan
+        What is configured.
+    open_bus : callable
+        Returns an open bus, or raises one of `BUS_ERRORS`.
+    name : str
+        Name of the bus in texts.
+
+    Attributes
+    ----------
+    plan : Plan
+        As given.
+    motors : int
+        Number of drives.
+
     """
 
     def __init__(
@@ -96,10 +132,21 @@ class Drives:
 
     def step(self, torques: tuple[float, ...] | None, now: float) -> DriveReport:
         """
-        Read what the drives have sent, and send their torques; `now` only increases, s.
+        Read what the drives have sent, and send their torques.
 
-        `torques` are those at the joints, N m, each limited to `drives.torque_limit`. None: the
-        motors are to be without voltage. Zeros: Operation enabled without torque.
+        Parameters
+        ----------
+        torques : tuple of N float, or None
+            Torques at the joints, N m; each is limited to `drives.torque_limit`. None: the motors
+            are to be without voltage. Zeros: Operation enabled without torque.
+        now : float
+            Time, s; it only increases.
+
+        Returns
+        -------
+        DriveReport
+            States and torques after the frames that were waiting.
+
         """
         self._set_time(now)
         bus = self._bus or self._open()
@@ -118,15 +165,17 @@ class Drives:
         return self._report(ready and self._fault is None)
 
     def _set_time(self, now: float) -> None:
+        """Give all drives the time of this sample, s."""
         self._now = now
         for drive in self._drives:
             drive.now = now
 
     def _are_enabled(self) -> bool:
+        """Return whether all drives report Operation enabled."""
         return all(drive.state is State.ENABLED for drive in self._drives)
 
     def _look_for_faults(self, torques: tuple[float, ...] | None) -> None:
-        """Latch what is wrong with the torques or with a drive."""
+        """Latch what is wrong with the torques or with a drive: the first fault found."""
         if torques is not None and not isfinite(sum(torques)):
             self._fail(f'torques {torques} N m; expected finite ones')
         for drive in self._drives:
@@ -152,7 +201,22 @@ class Drives:
             self._close_bus(self._bus)
 
     def _starts(self, start_up: Steps) -> bool:
-        """Advance the start-up by one step; return whether it continues."""
+        """
+        Advance the start-up by one step.
+
+        While it sends frames, all of them have zero torque.
+
+        Parameters
+        ----------
+        start_up : generator
+            The start-up.
+
+        Returns
+        -------
+        bool
+            Whether it continues; False if it has ended or failed.
+
+        """
         try:
             next(start_up)
         except StopIteration:
@@ -178,11 +242,27 @@ class Drives:
         yield from self._reach(State.DISABLED)
 
     def require(self, check: PassedCheck) -> None:
-        """Give torque to the drives of a passed check alone; before the first step."""
+        """
+        Give torque to the drives of a passed check alone; to be called before the first step.
+
+        Parameters
+        ----------
+        check : PassedCheck
+            Its drives are compared with the identities (1018h) that are read in each start-up.
+
+        """
         self._check = check
 
     def _compare_identities(self) -> None:
-        """Compare the drives with those of the passed check; SetupError: another one."""
+        """
+        Compare the drives with those of the passed check, if one is required.
+
+        Raises
+        ------
+        SetupError
+            Another drive answers with the node id of a checked one.
+
+        """
         for index, drive in enumerate(self._drives):
             identity = drive.identity
             if self._check is not None and identity is not None:
@@ -191,12 +271,33 @@ class Drives:
                     raise SetupError(f'{drive.own.name}: {stranger}')
 
     def passed_check(self, date: str) -> PassedCheck:
-        """Return the check of these drives, which passed at a date; they have been ready."""
+        """
+        Return the check of these drives, to be written to a file.
+
+        The drives must have been ready, so that their identities are known.
+
+        Parameters
+        ----------
+        date : str
+            Date and time at which it passed, as ISO 8601.
+
+        """
         identities = [drive.identity or Identity(None, None, None) for drive in self._drives]
         return passed_check(date, self.plan.drives, identities)
 
     def _prove(self) -> Steps:
-        """Pause all frames at zero torque: each drive has to leave Operation enabled in time."""
+        """
+        Pause all frames at zero torque: each drive has to leave Operation enabled in time.
+
+        One of PROOFS attempts has to be in time: within FALL_OUT_FACTOR times its configured
+        time-out and a status period.
+
+        Raises
+        ------
+        SetupError
+            A drive stays enabled or leaves too late, boots meanwhile, or does not answer.
+
+        """
         plan = self.plan
         limit = FALL_OUT_FACTOR * (
             (plan.event_timer or plan.heartbeat_timeout) + plan.status_period
@@ -227,7 +328,20 @@ class Drives:
         )
 
     def _fall_out_times(self, longest: float) -> Generator[None, None, dict[Drive, float]]:
-        """Return the time after which each drive is without torque, s; inf: not within that."""
+        """
+        Return the time after which each drive is without torque.
+
+        Parameters
+        ----------
+        longest : float
+            Time for which they are watched, s.
+
+        Returns
+        -------
+        dict of Drive to float
+            Time in s; inf for a drive that is still enabled.
+
+        """
         began = self._now
         times = dict.fromkeys(self._drives, inf)
         while self._now - began <= longest and inf in times.values():
@@ -239,7 +353,22 @@ class Drives:
         return times
 
     def _reach(self, state: State) -> Steps:
-        """Bring all drives into Operation enabled, or out of it, with what was a fault reset."""
+        """
+        Bring all drives into Operation enabled, or out of it, and reset their faults.
+
+        Each must confirm it by a status frame of its own within ENABLE_TIMEOUT.
+
+        Parameters
+        ----------
+        state : State
+            ENABLED or DISABLED.
+
+        Raises
+        ------
+        SetupError
+            A drive is late, or deviates from its command.
+
+        """
         if not self._sends:
             for drive in self._drives:
                 self._send(canopen.nmt(canopen.NMT_START, drive.own.node_id))
@@ -282,12 +411,13 @@ class Drives:
                 raise SetupError(f'{drive.own.name}: {found}')
 
     def _fail(self, text: str) -> None:
-        """Latch a fault: the first one is the reason of those that follow."""
+        """Latch a fault: the first one is the reason for those that follow. The start-up ends."""
         if self._fault is None:
             self._fault = text
         self._start_up = None
 
     def _report(self, ready: bool) -> DriveReport:
+        """Return the report of this sample, with the reported torques in N m at the joints."""
         absent = next((drive.absent for drive in self._drives if drive.absent), None)
         return DriveReport(
             ready,
@@ -297,7 +427,12 @@ class Drives:
         )
 
     def _receive(self, bus: can.BusABC) -> None:
-        """Take all frames that wait."""
+        """
+        Give all waiting frames, up to FRAMES_AT_ONCE, to the drives.
+
+        Frames of another length, and those that are extended, remote or error frames, are ignored.
+        An error of the bus is a fault, and closes the bus.
+        """
         try:
             for _ in range(FRAMES_AT_ONCE):
                 message = bus.recv(0.0)
@@ -320,7 +455,21 @@ class Drives:
     def _send_torques(
         self, operate: bool, torques: tuple[float, ...] | None, resets: bool = False
     ) -> None:
-        """Send torques, zero for None, with the controlword of each drive's next transition."""
+        """
+        Send torques with the controlword of each drive's next transition.
+
+        The heartbeat of this master and SYNC go out with them, if due.
+
+        Parameters
+        ----------
+        operate : bool
+            Whether Operation enabled is the goal of the controlwords.
+        torques : tuple of N float, or None
+            Torques at the joints, N m; None for zero.
+        resets : bool
+            Whether faults are reset; the bit toggles, as drives act on its edge.
+
+        """
         words, values = [], []
         for index, drive in enumerate(self._drives):
             word = cia402.controlword(drive.state, operate)
@@ -360,6 +509,7 @@ class Drives:
             )
 
     def _open(self) -> can.BusABC | None:
+        """Open the bus, at most once in REOPEN; return it, or None with the reason kept."""
         if self._now < self._retry_at:
             return None
         self._retry_at = self._now + REOPEN
@@ -372,6 +522,7 @@ class Drives:
         return self._bus
 
     def _close_bus(self, bus: can.BusABC) -> None:
+        """Close the bus; the next step opens it again."""
         self._bus = None
         with suppress(*can_bus.BUS_ERRORS):  # the failure that closes it is already reported
             bus.shutdown()
@@ -379,9 +530,25 @@ class Drives:
 
 def make_drives(values: Values) -> Drives | None:
     """
-    Return the drives by checked settings, None without a channel; a step opens the bus.
+    Return the drives by checked settings; the first step opens their bus.
 
-    SettingError: settings contradict each other, or the drives have not passed a force_check.
+    Parameters
+    ----------
+    values : Values
+        Checked values of DRIVE_SETTINGS, and `rate`.
+
+    Returns
+    -------
+    Drives or None
+        None without `drives.channel`.
+
+    Raises
+    ------
+    SettingError
+        Settings contradict each other, or the drives have not passed a force_check.
+    InputError
+        The file of the check cannot be read.
+
     """
     drives = make_unchecked_drives(values)
     if drives is not None:
@@ -390,7 +557,25 @@ def make_drives(values: Values) -> Drives | None:
 
 
 def make_unchecked_drives(values: Values) -> Drives | None:
-    """Return the drives as `make_drives` does, for the force_check that is still due."""
+    """
+    Return the drives as `make_drives` does, for the force_check that is still due.
+
+    Parameters
+    ----------
+    values : Values
+        Checked values of DRIVE_SETTINGS, and `rate`.
+
+    Returns
+    -------
+    Drives or None
+        None without `drives.channel`.
+
+    Raises
+    ------
+    SettingError
+        Settings contradict each other, or the bus cannot carry the frames.
+
+    """
     interface = values['drives.interface']
     channel = values['drives.channel']
     bitrate = values['drives.bitrate']
@@ -407,7 +592,17 @@ def make_unchecked_drives(values: Values) -> Drives | None:
 
 
 def _check_of(values: Values, plan: Plan) -> PassedCheck:
-    """Return the passed check of the configured drives; SettingError without one."""
+    """
+    Return the passed check of the configured drives.
+
+    Raises
+    ------
+    SettingError
+        No file is given, or it is that of other drives.
+    InputError
+        The file cannot be read.
+
+    """
     path = values['drives.check_file']
     if not path:
         raise SettingError(

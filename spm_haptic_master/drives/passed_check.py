@@ -142,7 +142,20 @@ class PassedCheck:
         )
 
     def write(self, path: Path) -> None:
-        """Write the file; InputError where it cannot be written."""
+        """
+        Write the file as JSON.
+
+        Parameters
+        ----------
+        path : Path
+            File; an existing one is replaced.
+
+        Raises
+        ------
+        InputError
+            It cannot be written.
+
+        """
         text = json.dumps({'kind': KIND, **asdict(self)}, indent=2)
         try:
             path.write_text(text + '\n', encoding='utf-8')
@@ -181,7 +194,25 @@ def passed_check(
 
 
 def read_check(path: Path) -> PassedCheck:
-    """Return the check that a file has; InputError where it has none."""
+    """
+    Return the check that a file has.
+
+    Parameters
+    ----------
+    path : Path
+        JSON file that `PassedCheck.write` has written.
+
+    Returns
+    -------
+    PassedCheck
+        Its content; whether it is about these drives is for `difference` and `stranger` to answer.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or is no such file.
+
+    """
     try:
         content = json.loads(path.read_text(encoding='utf-8'))
         if content['kind'] != KIND:
@@ -194,11 +225,13 @@ def read_check(path: Path) -> PassedCheck:
 
 
 def _drive_from(content: dict[str, Any]) -> CheckedDrive:
+    """Return one drive of the file's content; KeyError or TypeError for other keys."""
     identity = content['identity']
     return CheckedDrive(**{**content, 'identity': Identity(**identity)})
 
 
 def _is_same(one: float | str, other: float | str) -> bool:
+    """Return whether two values are the same: texts exactly, numbers within a share of SAME."""
     if isinstance(one, str) or isinstance(other, str):
         return one == other
     return abs(one - other) <= SAME * max(abs(one), abs(other))

@@ -1,7 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What checked settings make of the drives: units and frames of the bus, and its load."""
+"""
+What checked settings make of the drives: units and frames of the bus, and its load.
+
+Whatever contradicts something else is refused here, before a frame is sent.
+"""
 
 from __future__ import annotations
 
@@ -39,17 +43,42 @@ MAXIMUM_LOAD = 0.7
 
 @dataclass(frozen=True, slots=True)
 class DrivePlan:
-    """One drive and its motor."""
+    """
+    One drive and its motor, as configured.
+
+    Attributes
+    ----------
+    joint : str
+        Joint that the motor turns.
+    node_id : int
+        CANopen node id.
+    direction : int
+        Sign of the motor's torque against that of the joint: 1 or -1.
+    gear : float
+        Turns of the motor for one of the joint.
+    rated_torque : float
+        Rated torque of the motor, N m.
+    cap : int
+        Largest torque (6072h), per mille of the rated torque.
+    speed_limit : int
+        Largest speed of the motor (6080h), 1/min; 0 leaves the drive's own.
+    status_id : int
+        Identifier of its status frame: TPDO1.
+    control_id : int
+        Identifier of the frame with its controlword: RPDO1. The torque is in it if no frame has
+        the torques of all.
+
+    """
 
     joint: str
-    node_id: int  # of CANopen
-    direction: int  # sign of the motor's torque against that of the joint
-    gear: float  # turns of the motor for one of the joint
-    rated_torque: float  # of the motor, N m
-    cap: int  # largest torque, per mille
-    speed_limit: int  # of the motor, 1/min; 0: the drive's own
-    status_id: int  # identifier of its status frame: TPDO1
-    control_id: int  # identifier of its controlword, with its torque: RPDO1
+    node_id: int
+    direction: int
+    gear: float
+    rated_torque: float
+    cap: int
+    speed_limit: int
+    status_id: int
+    control_id: int
 
     @property
     def name(self) -> str:
@@ -62,38 +91,103 @@ class DrivePlan:
         return cia402.PER_MILLE * self.direction / (self.gear * self.rated_torque)
 
     def per_mille(self, torque: float) -> int:
-        """Return a joint's torque, N m, in per mille of the rated torque, within the cap."""
+        """
+        Return a joint's torque in the unit of 6071h.
+
+        Parameters
+        ----------
+        torque : float
+            Torque at the joint, N m.
+
+        Returns
+        -------
+        int
+            Per mille of the rated torque, rounded, within the cap.
+
+        """
         return max(-self.cap, min(self.cap, round(self.scale * torque)))
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """All drives on their bus."""
+    """
+    All drives on their bus, and the times that both sides keep.
 
-    drives: tuple[DrivePlan, ...]  # in the order of the motors
-    combined: bool  # one frame has all torques, controlwords have their own
-    combined_id: int  # identifier of that frame: RPDO2 of the first drive
-    mode: int  # of operation; 0: cyclic synchronous torque, else profile torque
-    master_id: int  # node id in this master's heartbeat
-    torque_unit: float  # of 6076h, N m; 0: the drives have no such object
-    period: float  # between two samples, s
-    status_period: float  # between two status frames, s
-    status_timeout: float  # without one that is a fault, s
-    heartbeat: float  # between two, s
-    heartbeat_timeout: float  # without one that is a fault, s
-    event_timer: float  # without a torque frame until a motor is off, s; 0: none
-    status_syncs: int  # SYNC frames from one status frame to the next; 0: by their own timer
-    sends_sync: bool  # whether this master sends SYNC, one for each status frame
-    verified: frozenset[tuple[int, int]]  # objects that are missing and were verified by hand
+    Attributes
+    ----------
+    drives : tuple of N DrivePlan
+        In the order of the motors.
+    combined : bool
+        Whether one frame has all torques, and the controlwords have frames of their own.
+    combined_id : int
+        Identifier of that frame: RPDO2 of the first drive.
+    mode : int
+        Mode of operation (6060h); 0: cyclic synchronous torque, or else profile torque.
+    master_id : int
+        Node id in this master's heartbeat.
+    torque_unit : float
+        Unit of 6076h, N m; 0: the drives have no such object.
+    period : float
+        Time between two samples, s.
+    status_period : float
+        Time between two status frames, s.
+    status_timeout : float
+        Time without a status frame that is a fault, s.
+    heartbeat : float
+        Time between two heartbeats, of this master and of the drives, s.
+    heartbeat_timeout : float
+        Time without a heartbeat that is a fault, on both sides, s.
+    event_timer : float
+        Time without a torque frame until a drive frees its motor, s; 0: the drives have no such
+        timer.
+    status_syncs : int
+        SYNC frames from one status frame to the next; 0: the drives send it by their own timer.
+    sends_sync : bool
+        Whether this master sends SYNC, one for each status frame.
+    verified : frozenset of (int, int)
+        Objects that the drives lack, and whose effect was verified by hand.
+
+    """
+
+    drives: tuple[DrivePlan, ...]
+    combined: bool
+    combined_id: int
+    mode: int
+    master_id: int
+    torque_unit: float
+    period: float
+    status_period: float
+    status_timeout: float
+    heartbeat: float
+    heartbeat_timeout: float
+    event_timer: float
+    status_syncs: int
+    sends_sync: bool
+    verified: frozenset[tuple[int, int]]
 
 
 def torque_frames(
     plan: Plan, controlwords: list[int], torques: list[int], controls: bool
 ) -> list[tuple[int, bytes]]:
     """
-    Return identifier and data of the frames of a sample, with torques in per mille.
+    Return the frames of a sample.
 
-    With a combined frame the controlwords go out only if `controls`.
+    Parameters
+    ----------
+    plan : Plan
+        All drives on their bus.
+    controlwords : list of N int
+        Values for 6040h, in the order of the motors.
+    torques : list of N int
+        Values for 6071h, per mille of each rated torque.
+    controls : bool
+        Whether the controlwords go out; only looked at if they have frames of their own.
+
+    Returns
+    -------
+    list of (int, bytes)
+        Identifier and data of each frame.
+
     """
     if not plan.combined:
         return [
@@ -112,7 +206,25 @@ def torque_frames(
 
 
 def make_plan(values: Values) -> Plan:
-    """Return the drives by checked DRIVE_SETTINGS and `rate`; SettingError: they contradict."""
+    """
+    Return the drives by checked settings.
+
+    Parameters
+    ----------
+    values : Values
+        Checked values of DRIVE_SETTINGS, and `rate`, Hz.
+
+    Returns
+    -------
+    Plan
+        The drives, one for each `drives.node_id`.
+
+    Raises
+    ------
+    SettingError
+        Settings contradict each other, or the torque limit does not fit the motors.
+
+    """
     node_ids, master_id = values['drives.node_id'], values['drives.master_id']
     count = len(node_ids)
     if len({*node_ids, master_id}) <= count:
@@ -163,7 +275,30 @@ def make_plan(values: Values) -> Plan:
 def _drive_plan(
     joint: str, node_id: int, values: Values, torque: float, gear: float, direction: int
 ) -> DrivePlan:
-    """Return one drive: rated torque, N m, gear and direction; SettingError: limit too large."""
+    """
+    Return one drive; its cap is the torque limit in per mille, rounded down.
+
+    Parameters
+    ----------
+    joint : str
+        Joint that its motor turns.
+    node_id : int
+        CANopen node id.
+    values : Values
+        Checked values of DRIVE_SETTINGS.
+    torque : float
+        Rated torque of the motor, N m.
+    gear : float
+        Turns of the motor for one of the joint.
+    direction : int
+        Sign of the motor's torque against that of the joint.
+
+    Raises
+    ------
+    SettingError
+        The torque limit is less than one per mille, or more than 16 bits hold.
+
+    """
     limit = values['drives.torque_limit']
     cap = int(cia402.PER_MILLE / (gear * torque) * limit)
     if not 1 <= cap <= cia402.LARGEST:
@@ -235,6 +370,16 @@ def _each(values: Values, name: str, count: int) -> tuple[Any, ...]:
 
 
 def _check_times(values: Values) -> None:
+    """
+    Refuse times that CANopen cannot hold, and time-outs shorter than what they wait for.
+
+    Raises
+    ------
+    SettingError
+        A time is no whole number of ms; the event timer is shorter than SAMPLES_WITHIN samples, or
+        a time-out shorter than two periods.
+
+    """
     for name in (
         'drives.status_period',
         'drives.heartbeat',
@@ -263,14 +408,35 @@ def _check_times(values: Values) -> None:
 
 
 def is_shared(drives: Values, encoders: Values) -> bool:
-    """Return whether the drives are on the bus of the encoders, by checked values of both."""
+    """
+    Return whether the drives are on the bus of the encoders.
+
+    Parameters
+    ----------
+    drives, encoders : Values
+        Checked values of the settings of both.
+
+    """
     return bool(drives['drives.channel']) and all(
         drives[f'drives.{name}'] == encoders[f'can.{name}'] for name in ('interface', 'channel')
     )
 
 
 def check_shared_bus(drives: Values, encoders: Values) -> None:
-    """Refuse drives that do not fit on the bus of the encoders, if it is theirs: SettingError."""
+    """
+    Refuse drives that do not fit on the bus of the encoders, if they share it.
+
+    Parameters
+    ----------
+    drives, encoders : Values
+        Checked values of the settings of both.
+
+    Raises
+    ------
+    SettingError
+        Two sources of SYNC or none, a node id or an identifier that both have, or too much load.
+
+    """
     _check_sync(drives, encoders)
     if not is_shared(drives, encoders):
         return
@@ -333,8 +499,20 @@ def check_load(plan: Plan, bitrate: int, *encoders: tuple[str, int, float]) -> N
     """
     Refuse a bus that cannot carry the worst case of the drives' frames.
 
-    `encoders` on the same bus have a name, the bits of a cycle and its rate, Hz. At a bit rate of
-    0 nothing is checked. SettingError has the arithmetic.
+    Parameters
+    ----------
+    plan : Plan
+        All drives on their bus.
+    bitrate : int
+        Bit rate, bit/s; nothing is checked at 0.
+    *encoders : tuple of (str, int, float)
+        Encoders on the same bus: name, bits of a cycle, and rate, Hz.
+
+    Raises
+    ------
+    SettingError
+        The load is beyond MAXIMUM_LOAD; the text has the arithmetic.
+
     """
     if not bitrate:
         return

@@ -1,7 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The loops that connect the simulated encoders and drives to a CAN bus, in real time."""
+"""
+The loops that connect the simulated encoders and drives to a CAN bus, in real time.
+
+The simulated devices know neither bus nor clock: these loops give them frames and times.
+"""
 
 from __future__ import annotations
 
@@ -33,10 +37,26 @@ class BusRunner:
     """
     Carries frames between an open bus and the simulated encoders.
 
-    `sync_id` is None if the encoders send by themselves. `grid` has the times at which to send
-    SYNC, or the encoders' frames without SYNC; None if SYNC comes from the bus. `record` is called
-    at each of `cycles` with its time, ns since the Unix epoch, and the true orientation,
-    quaternion x, y, z, w.
+    Parameters
+    ----------
+    bus : can.BusABC
+        Open bus.
+    encoders : SimulatedBus
+        Encoders that answer.
+    sync_id : int or None
+        Identifier of SYNC; None if the encoders send by themselves.
+    grid : DeadlineGrid or None
+        Times at which to send SYNC, or the encoders' frames without SYNC; None if SYNC comes from
+        the bus.
+    record : callable, optional
+        Called at each cycle with its time, ns since the Unix epoch, and the true orientation,
+        quaternion x, y, z, w.
+
+    Attributes
+    ----------
+    cycles : int
+        Number of cycles that were answered.
+
     """
 
     def __init__(
@@ -52,7 +72,15 @@ class BusRunner:
         self.cycles = 0
 
     def listen(self) -> list[int]:
-        """Return the identifiers of these encoders that another program sends, before `boot`."""
+        """
+        Return which of the encoders' identifiers another program uses; to be called before `boot`.
+
+        Returns
+        -------
+        list of int
+            Identifiers heard within LISTEN, ascending.
+
+        """
         own, heard = set(self._encoders.identifiers()), set()
         end = time.monotonic() + LISTEN
         while (left := end - time.monotonic()) > 0.0:
@@ -70,7 +98,20 @@ class BusRunner:
         _send(self._bus, self._encoders.boot())
 
     def step(self) -> tuple[str, ...]:
-        """Do the next step that is due; return the faults that began or ended."""
+        """
+        Do the next step that is due: a cycle, the waiting frames, and heartbeats.
+
+        Returns
+        -------
+        tuple of str
+            Faults that began or ended, in words.
+
+        Raises
+        ------
+        can.CanError
+            The bus cannot be used; python-can raises one of BUS_ERRORS.
+
+        """
         timeout = TEND_PERIOD if self._grid is None else 0.0
         if self._grid is not None and self._grid.wait(TEND_PERIOD):
             now = time.monotonic()
@@ -95,6 +136,15 @@ class BusRunner:
         return message.arbitration_id == self._sync_id and not is_other
 
     def _cycle(self, now: float) -> None:
+        """
+        Send the answers of a cycle, and record its true orientation.
+
+        Parameters
+        ----------
+        now : float
+            Monotonic time of SYNC, s.
+
+        """
         answers = self._encoders.cycle(now)
         _send(self._bus, answers)
         self.cycles += bool(answers)
@@ -111,7 +161,18 @@ class DriveLoop:
     """
     Carries frames between an open bus and the simulated drives, in a thread, until it is closed.
 
-    `error` is the reason for which the bus ended the loop, or None.
+    Parameters
+    ----------
+    bus : can.BusABC
+        Open bus; nothing else may receive from it.
+    drives : SimulatedDrives
+        Drives that answer.
+
+    Attributes
+    ----------
+    error : str or None
+        Why the bus ended the loop; None while it runs.
+
     """
 
     def __init__(self, bus: can.BusABC, drives: SimulatedDrives):
@@ -127,6 +188,7 @@ class DriveLoop:
         self._thread.join()
 
     def _run(self) -> None:
+        """Boot the drives, then carry frames until the loop is closed or the bus fails."""
         try:
             _send(self._bus, self._drives.boot())
             while not self._stop.is_set():
@@ -141,5 +203,6 @@ class DriveLoop:
 
 
 def _send(bus: can.BusABC, messages: Iterable[can.Message]) -> None:
+    """Send messages, in their order."""
     for message in messages:
         bus.send(message)

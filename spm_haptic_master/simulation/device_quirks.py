@@ -1,7 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What simulated encoders do that other makers' devices do: KIND[:JOINT][=VALUE]."""
+"""
+What simulated encoders do that other makers' devices do: KIND[:JOINT][=VALUE].
+
+Set-up, scan and driver are tested against them, as real devices are not all alike.
+"""
 
 from __future__ import annotations
 
@@ -32,15 +36,37 @@ _PATTERN = re.compile(r'(?P<kind>\w+)(:(?P<joint>joint_\w+))?(=(?P<value>\S+))?'
 
 @dataclass(frozen=True, slots=True)
 class Quirk:
-    """One behaviour of one encoder, or of all."""
+    """
+    One behaviour of one encoder, or of all.
 
-    kind: str  # one of KINDS
-    joint: int | None  # index in ALL_JOINT_NAMES; None for all
-    value: int  # number or index of an object; 0 for a kind without a value
-    subindex: int | None = None  # of that object; None for each of its subindices
+    Attributes
+    ----------
+    kind : str
+        One of KINDS.
+    joint : int or None
+        Index in ALL_JOINT_NAMES; None for all encoders.
+    value : int
+        A number, or the index of an object; 0 for a kind without a value.
+    subindex : int or None
+        Subindex of that object; None for each of its subindices.
+
+    """
+
+    kind: str
+    joint: int | None
+    value: int
+    subindex: int | None = None
 
     def names(self, key: Key) -> bool:
-        """Return whether an object is meant."""
+        """
+        Return whether the quirk is about an object.
+
+        Parameters
+        ----------
+        key : tuple of 2 int
+            Index and subindex.
+
+        """
         return key[0] == self.value and self.subindex in (None, key[1])
 
 
@@ -55,7 +81,7 @@ class Quirks:
         return any(quirk.kind == kind for quirk in self.every)
 
     def value(self, kind: str, default: int) -> int:
-        """Return the value of its quirk of a kind."""
+        """Return the value of its first quirk of a kind; the default without one."""
         return next((quirk.value for quirk in self.every if quirk.kind == kind), default)
 
     def concern(self, kind: str, key: Key) -> bool:
@@ -67,12 +93,37 @@ NO_QUIRKS = Quirks()
 
 
 def quirks_of(quirks: Iterable[Quirk], joint: int) -> Quirks:
-    """Return the quirks of the encoder of a joint, by its index."""
+    """
+    Return the quirks of one encoder, those of all encoders included.
+
+    Parameters
+    ----------
+    quirks : iterable of Quirk
+        Quirks of all encoders.
+    joint : int
+        Index of the encoder's joint.
+
+    """
     return Quirks(tuple(quirk for quirk in quirks if quirk.joint in (None, joint)))
 
 
 def parse_quirk(text: str, sensors: int = len(JOINT_NAMES)) -> Quirk:
-    """Return the quirk of a text such as 'read_only:joint_1a=0x6001'; InputError otherwise."""
+    """
+    Return the quirk of a text of the command line.
+
+    Parameters
+    ----------
+    text : str
+        Such as 'read_only:joint_1a=0x6001'; see SYNTAX.
+    sensors : int
+        Number of encoders, which are those of the first joints.
+
+    Raises
+    ------
+    InputError
+        The text does not follow SYNTAX, or its value is impossible.
+
+    """
     found = _PATTERN.fullmatch(text)
     if not found:
         raise InputError(f"quirk '{text}'; expected {SYNTAX}")

@@ -1,7 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Faults of simulated encoders: kind, joint, time and size, as given on the command line."""
+"""
+Faults of simulated encoders: kind, joint, time and size, as given on the command line.
+
+`Faults` knows which of them are present; their effect is in the simulated devices.
+"""
 
 from __future__ import annotations
 
@@ -56,14 +60,30 @@ _PATTERN = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One fault of an encoder, a drive or the whole bus."""
+    """
+    One fault of an encoder, a drive or the whole bus.
 
-    kind: str  # one of KINDS or DRIVE_KINDS
-    joint: int | None  # index in ALL_JOINT_NAMES; None for the whole bus
-    start: float  # times of beginning and end, s from the first answer
+    Attributes
+    ----------
+    kind : str
+        One of KINDS or DRIVE_KINDS.
+    joint : int or None
+        Index in ALL_JOINT_NAMES, the axes behind them; None for the whole bus.
+    start, end : float
+        Times of beginning and end, s from the first answer; an end of inf: it does not end.
+    value : float
+        Size or code in the unit of its kind; 0 for a kind without a value.
+    text : str
+        Its text on the command line.
+
+    """
+
+    kind: str
+    joint: int | None
+    start: float
     end: float
-    value: float  # size or code in the unit of its kind; 0 for a kind without a value
-    text: str  # text on the command line
+    value: float
+    text: str
 
     def active(self, t: float) -> bool:
         """Return whether the fault is present at `t`, s from the first answer."""
@@ -71,7 +91,20 @@ class Fault:
 
 
 class Faults:
-    """Faults over time: `present` are those that have begun and have not ended."""
+    """
+    Faults over time.
+
+    Parameters
+    ----------
+    faults : iterable of Fault
+        All of them, whenever they begin.
+
+    Attributes
+    ----------
+    present : list of Fault
+        Those that have begun and have not ended at the latest `update`.
+
+    """
 
     def __init__(self, faults: Iterable[Fault]):
         self._faults = tuple(faults)
@@ -79,7 +112,20 @@ class Faults:
         self.present: list[Fault] = []
 
     def update(self, t: float) -> list[tuple[Fault, bool]]:
-        """Return the faults that begin (True) or end by `t`, s from the first answer."""
+        """
+        Let time go on.
+
+        Parameters
+        ----------
+        t : float
+            Time, s from the first answer.
+
+        Returns
+        -------
+        list of (Fault, bool)
+            Faults that begin (True) or end (False) by that time.
+
+        """
         changed = []
         for fault in self._faults:
             begins = fault not in self.present
@@ -97,9 +143,24 @@ class Faults:
 
 def parse_fault(text: str, sensors: int = len(JOINT_NAMES), axes: tuple[str, ...] = ()) -> Fault:
     """
-    Return the fault of a text such as 'offset:joint_3a@5+2=1.5'; InputError: not of SYNTAX.
+    Return the fault of a text of the command line.
 
-    `axes` are the further encoders, behind the joints.
+    Without a duration it does not end.
+
+    Parameters
+    ----------
+    text : str
+        Such as 'offset:joint_3a@5+2=1.5'; see SYNTAX.
+    sensors : int
+        Number of encoders, which are those of the first joints.
+    axes : tuple of str
+        Names of further encoders, behind the joints.
+
+    Raises
+    ------
+    InputError
+        The text does not follow SYNTAX, or its value is out of the range of its kind.
+
     """
     found = _PATTERN.fullmatch(text)
     if not found:
@@ -145,11 +206,27 @@ def _numbers(text: str, found: re.Match[str]) -> tuple[float, float, float]:
 
 
 def _wrong(text: str, what: str) -> InputError:
+    """Return the error for a text, with what is wrong and what was expected."""
     return InputError(f"fault '{text}'{what}")
 
 
 def parse_switched(text: str, sensors: int = len(JOINT_NAMES)) -> Fault:
-    """Return a fault of SWITCHED that begins now; of a text such as 'offset:joint_1a=1.5'."""
+    """
+    Return a fault that begins now and does not end.
+
+    Parameters
+    ----------
+    text : str
+        KIND:JOINT or KIND:JOINT=VALUE with one of SWITCHED, such as 'offset:joint_1a=1.5'.
+    sensors : int
+        Number of encoders, which are those of the first joints.
+
+    Raises
+    ------
+    InputError
+        The text is not of this form.
+
+    """
     name, equals, value = text.partition('=')
     kind = name.partition(':')[0]
     if kind not in SWITCHED or '@' in text:

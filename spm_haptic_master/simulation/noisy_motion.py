@@ -1,7 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Joint angles as the sensors of a rig that follows a trajectory measure them, before counts."""
+"""
+Joint angles as the sensors of a rig that follows a trajectory measure them, before counts.
+
+The inverse kinematics of the rig's own mechanism gives the true angles.
+"""
 
 from __future__ import annotations
 
@@ -26,8 +30,26 @@ class NoisyMotion:
     """
     Measured angles of a rig's sensors with the errors of their rig and without counts.
 
-    The motion goes forward: play depends on where the joint was at the times asked for before. The
-    same seed gives the same noise. `steering` leads the motion away from its trajectory.
+    The motion goes forward: play depends on where the joint was at the times asked for before.
+
+    Parameters
+    ----------
+    trajectory : callable
+        Time in s to (psi, theta, phi) in rad.
+    rig : Rig
+        Mechanism and sensors.
+    seed : int
+        Seed of the noise: the same seed gives the same noise.
+    working_mode : tuple of 3 int
+        Signs of the legs A, B, C.
+
+    Attributes
+    ----------
+    rig : Rig
+        As given.
+    steering : Steering
+        Leads the motion away from its trajectory.
+
     """
 
     def __init__(
@@ -42,7 +64,25 @@ class NoisyMotion:
         self._shafts: list[float | None] = [None] * len(rig.sensors)
 
     def joints(self, t: float) -> tuple[float, ...]:
-        """Return the true angles of the sensors, rad, at t, s; UnreachableError: out of reach."""
+        """
+        Return the true angles of the sensors.
+
+        Parameters
+        ----------
+        t : float
+            Time, s into the motion.
+
+        Returns
+        -------
+        tuple of N float
+            Joint angles, rad, in the order of ALL_JOINT_NAMES.
+
+        Raises
+        ------
+        UnreachableError
+            The mechanism does not reach the pose.
+
+        """
         return measured_angles(
             zxz_rotation(*self.steering(t)),
             self.rig.geometry,
@@ -55,7 +95,25 @@ class NoisyMotion:
         return zxz_quaternion(*self.steering(t))
 
     def angles(self, t: float) -> tuple[float, ...]:
-        """Return the angles as measured, rad, `t` seconds into the motion."""
+        """
+        Return the angles as measured: with delay, play, harmonics, noise and resolution.
+
+        Parameters
+        ----------
+        t : float
+            Time, s into the motion; not before that of an earlier call.
+
+        Returns
+        -------
+        tuple of N float
+            Readings, rad, in the order of ALL_JOINT_NAMES.
+
+        Raises
+        ------
+        UnreachableError
+            The mechanism does not reach the pose.
+
+        """
         joints = {delay: self.joints(t - delay) for delay in self._delays}
         return tuple(
             self._reading(index, joints[sensor.delay][index])
@@ -77,7 +135,22 @@ class NoisyMotion:
 
 
 def make_motion(values: Values) -> NoisyMotion:
-    """Return the motion of checked settings; SettingError: it leaves the mechanism's reach."""
+    """
+    Return the motion of checked settings; a trajectory is tried before it begins.
+
+    Parameters
+    ----------
+    values : Values
+        Checked values of the `sim.*` settings, the geometry, `working_mode` and `sensors`.
+
+    Raises
+    ------
+    SettingError
+        The mechanism does not reach the fixed pose, or a pose of the trajectory; as of `make_rig`.
+    InputError
+        As of `make_rig`.
+
+    """
     name, pose = values['sim.trajectory'], values['sim.pose_deg']
     trajectory = {
         'fig9': trajectories.fig9,

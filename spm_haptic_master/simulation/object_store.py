@@ -1,7 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Shared parts of simulated CANopen nodes: NMT states; objects by SDO, read, written, stored."""
+"""
+Shared parts of simulated CANopen nodes: NMT states; objects by SDO, read, written, stored.
+
+SDO transfers are expedited ones of CiA 301 (at most four bytes).
+"""
 
 from __future__ import annotations
 
@@ -35,11 +39,23 @@ Key = tuple[int, int]
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One object."""
+    """
+    One object of a node.
+
+    Attributes
+    ----------
+    value : int
+        Its value, unsigned.
+    size : int
+        Its size, bytes.
+    writable : bool
+        Whether an SDO may write it.
+
+    """
 
     value: int
-    size: int = 4  # bytes
-    writable: bool = True  # by an SDO
+    size: int = 4
+    writable: bool = True
 
 
 def heartbeat(node_id: int, state: int) -> can.Message:
@@ -52,7 +68,22 @@ class SdoAbortError(Exception):
 
 
 def identity(device_type: int, serial: int) -> dict[Key, Entry]:
-    """Return the objects that identify a node."""
+    """
+    Return the objects that identify a node: 1000h, 1001h and 1018h.
+
+    Parameters
+    ----------
+    device_type : int
+        Value of 1000h; its low 16 bits are the device profile.
+    serial : int
+        Serial number (1018h:04).
+
+    Returns
+    -------
+    dict of (int, int) to Entry
+        Objects by index and subindex; none can be written.
+
+    """
     values = {
         canopen.DEVICE_TYPE: device_type,
         canopen.VENDOR_ID: VENDOR_ID,
@@ -66,7 +97,17 @@ def identity(device_type: int, serial: int) -> dict[Key, Entry]:
 
 
 class ObjectStore:
-    """Objects of one node by index and subindex, and those that it has stored."""
+    """
+    Objects of one node by index and subindex, and those that it has stored (1010h).
+
+    A subclass may refuse values, and do what follows from them.
+
+    Parameters
+    ----------
+    entries : dict of (int, int) to Entry
+        All objects; these values also count as stored.
+
+    """
 
     def __init__(self, entries: dict[Key, Entry]):
         self._entries = entries
@@ -84,11 +125,39 @@ class ObjectStore:
         return 0 if entry is None else entry.value
 
     def mapped(self, index: int) -> list[int]:
-        """Return the entries of a mapping object."""
+        """
+        Return the entries of a mapping object.
+
+        Parameters
+        ----------
+        index : int
+            Index of the mapping, such as 1A00h.
+
+        Returns
+        -------
+        list of int
+            Index, subindex and length in bits of each mapped object, as one number (CiA 301).
+
+        """
         return [self.value(index, number) for number in range(1, self.value(index, 0) + 1)]
 
     def answer(self, node_id: int, data: bytes) -> can.Message:
-        """Return the answer to an SDO request."""
+        """
+        Return the answer to an SDO request.
+
+        Parameters
+        ----------
+        node_id : int
+            Node id in the identifier of the answer.
+        data : bytes
+            The eight bytes of the request: an upload or an expedited download.
+
+        Returns
+        -------
+        can.Message
+            The value, the confirmation, or an abort with its code.
+
+        """
         key, identifier = canopen.sdo_object(data), canopen.SDO_ANSWER_BASE + node_id
         try:
             if data[0] == canopen.SDO_UPLOAD_REQUEST:
@@ -103,6 +172,7 @@ class ObjectStore:
         return canopen.sdo(identifier, canopen.SDO_DOWNLOAD_ANSWER, *key)
 
     def _entry(self, key: Key) -> Entry:
+        """Return an object; SdoAbortError tells a missing object from a missing subindex."""
         entry = self._entries.get(key)
         if entry is None:
             known = any(index == key[0] for index, _ in self._entries)
@@ -112,6 +182,7 @@ class ObjectStore:
         return entry
 
     def _write(self, key: Key, data: bytes) -> None:
+        """Write an object, or store all of them; SdoAbortError with the code of CiA 301."""
         entry = self._entry(key)
         if not entry.writable:
             raise SdoAbortError(canopen.SDO_READ_ONLY)
@@ -128,7 +199,17 @@ class ObjectStore:
         self._written(key, value)
 
     def put(self, key: Key, value: int) -> None:
-        """Change the value of an object from inside the device, if it has that."""
+        """
+        Change the value of an object from inside the device, if it has that.
+
+        Parameters
+        ----------
+        key : tuple of 2 int
+            Index and subindex.
+        value : int
+            New value; neither access nor state is checked.
+
+        """
         if key in self._entries:
             self._entries[key] = replace(self._entries[key], value=value)
             self._derive()
@@ -140,4 +221,4 @@ class ObjectStore:
         """Raise SdoAbortError for a value that the node does not take now."""
 
     def _derive(self) -> None:
-        """Update the state that depends on the values."""
+        """Update the state of a subclass that depends on the values, after `put` and `restart`."""

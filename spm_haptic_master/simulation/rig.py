@@ -1,7 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The rig that is simulated: its mechanism as built, the errors of its sensors, its JSON file."""
+"""
+The rig that is simulated: its mechanism as built, the errors of its sensors, its JSON file.
+
+A perfect rig is as drawn; a random one deviates by tolerances; a file has values of its own.
+"""
 
 from __future__ import annotations
 
@@ -48,19 +52,47 @@ NOT_READ = ('zero', 'direction')
 
 @dataclass(frozen=True, slots=True)
 class SensorErrors:
-    """Errors of one sensor's reading of the joint angle; all are 0 for a perfect sensor."""
+    """
+    Errors of one sensor's reading of the joint angle; all are 0 for a perfect sensor.
 
-    # Cosine and sine coefficient of the error over one turn of the joint angle, rad: the encoder's
-    # eccentricity, and what repeats twice a turn.
+    Attributes
+    ----------
+    first_harmonic, second_harmonic : tuple of 2 float
+        Cosine and sine coefficient of the error over one turn of the joint angle, rad: the
+        encoder's eccentricity, and what repeats twice a turn.
+    play : float
+        Width of the play between joint and encoder, rad.
+    noise : float
+        Standard deviation, rad.
+    resolution : float
+        Smallest change of the reading, rad; 0: that of the counts.
+    delay : float
+        Age of the angle when the sensor is read, s.
+
+    """
+
     first_harmonic: Harmonic = (0.0, 0.0)
     second_harmonic: Harmonic = (0.0, 0.0)
-    play: float = 0.0  # width of the play between joint and encoder, rad
-    noise: float = 0.0  # standard deviation, rad
-    resolution: float = 0.0  # smallest change of the reading, rad; 0: that of the counts
-    delay: float = 0.0  # age of the angle when the sensor is read, s
+    play: float = 0.0
+    noise: float = 0.0
+    resolution: float = 0.0
+    delay: float = 0.0
 
     def with_harmonics(self, angle: float) -> float:
-        """Return the angle that the encoder measures at a joint angle, rad, without noise."""
+        """
+        Return the reading of a joint angle with the harmonics alone.
+
+        Parameters
+        ----------
+        angle : float
+            Joint angle, rad.
+
+        Returns
+        -------
+        float
+            The angle that the encoder measures, rad, without play, noise and resolution.
+
+        """
         c1, s1 = self.first_harmonic
         c2, s2 = self.second_harmonic
         return (
@@ -74,10 +106,20 @@ class SensorErrors:
 
 @dataclass(frozen=True, slots=True)
 class Rig:
-    """A simulated rig of four, five or six sensors."""
+    """
+    A simulated rig of four, five or six sensors.
 
-    geometry: Geometry  # its mechanism
-    sensors: tuple[SensorErrors, ...]  # in the order of ALL_JOINT_NAMES
+    Attributes
+    ----------
+    geometry : Geometry
+        Its mechanism, as built.
+    sensors : tuple of N SensorErrors
+        Errors of its sensors, in the order of ALL_JOINT_NAMES.
+
+    """
+
+    geometry: Geometry
+    sensors: tuple[SensorErrors, ...]
 
     @property
     def has_harmonics(self) -> bool:
@@ -87,16 +129,40 @@ class Rig:
 
 @dataclass(frozen=True, slots=True)
 class Tolerances:
-    """Standard deviations of the errors of a random rig, rad."""
+    """
+    Standard deviations of the errors of a random rig.
 
-    links: float = 0.0  # of each of the six link angles
-    axes: float = 0.0  # of each of the six axes in either direction
-    first_harmonic: float = 0.0  # of each coefficient of the encoders' harmonics
+    Attributes
+    ----------
+    links : float
+        Of each of the six link angles, rad.
+    axes : float
+        Of each component of the six axes, before they are made unit vectors (about rad).
+    first_harmonic, second_harmonic : float
+        Of each coefficient of the encoders' harmonics, rad.
+
+    """
+
+    links: float = 0.0
+    axes: float = 0.0
+    first_harmonic: float = 0.0
     second_harmonic: float = 0.0
 
 
 def perfect_rig(geometry: Geometry, noise: float, sensors: int = len(JOINT_NAMES)) -> Rig:
-    """Return a rig as drawn, with noise of a standard deviation in rad on each sensor."""
+    """
+    Return a rig as drawn, with noise as its only error.
+
+    Parameters
+    ----------
+    geometry : Geometry
+        Its mechanism.
+    noise : float
+        Standard deviation of each sensor, rad.
+    sensors : int
+        Number of sensors.
+
+    """
     return Rig(geometry, (SensorErrors(noise=noise),) * sensors)
 
 
@@ -108,11 +174,29 @@ def random_rig(
     sensors: int = len(JOINT_NAMES),
 ) -> Rig:
     """
-    Return a rig that deviates from a mechanism (the paper's); noise in rad on each sensor.
+    Return a rig that deviates at random: the same seed gives the same rig.
 
     All deviations are normal, and for one seed in proportion to the tolerances; more sensors leave
-    the others as they are. Its frames are those of `in_usual_frames`. GeometryError: an impossible
-    mechanism.
+    the others as they are. Its frames are those of `in_usual_frames`.
+
+    Parameters
+    ----------
+    seed : int
+        Seed of the deviations.
+    tolerances : Tolerances
+        Their standard deviations.
+    geometry : Geometry, optional
+        The mechanism that it deviates from; by default the paper's.
+    noise : float
+        Standard deviation of each sensor's noise, rad.
+    sensors : int
+        Number of sensors.
+
+    Raises
+    ------
+    GeometryError
+        The deviations make an impossible mechanism.
+
     """
     nominal = geometry or Geometry()
     gauss = random.Random(seed).gauss
@@ -178,8 +262,22 @@ def read_rig(
     """
     Return the rig of a JSON file, whose lists have one element for each of the sensors.
 
-    A key that it lacks leaves that part perfect: of the mechanism as drawn, of the noise (rad) as
-    given. InputError: it cannot be read, or has a key or a value that a rig cannot have.
+    Parameters
+    ----------
+    path : str or Path
+        JSON file; a key that it lacks leaves that part perfect.
+    drawn : Geometry
+        Mechanism for the keys that the file lacks.
+    noise : float
+        Standard deviation of each sensor, rad, if the file has none.
+    sensors : int
+        Number of sensors.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or has a key or a value that a rig cannot have.
+
     """
     try:
         text = Path(path).read_text(encoding='utf-8')
@@ -210,7 +308,20 @@ def read_rig(
 
 
 def rig_text(rig: Rig) -> str:
-    """Return the content of a file that `read_rig` makes the same rig of."""
+    """
+    Return the content of a file that `read_rig` makes the same rig of.
+
+    Parameters
+    ----------
+    rig : Rig
+        The rig; its angles are written in deg, its delays in s.
+
+    Returns
+    -------
+    str
+        A JSON object with one line for each key.
+
+    """
     g = rig.geometry
     content = {
         'alpha_deg': list(map(degrees, g.alphas)),
@@ -237,7 +348,24 @@ def _converted(key: str, convert: Callable[[float], float], value: Any) -> Any:
 
 
 def make_rig(values: Values) -> Rig:
-    """Return the rig of checked settings; InputError as of `read_rig`, SettingError: two rigs."""
+    """
+    Return the rig of checked settings: of a file, of a seed, or as drawn.
+
+    Parameters
+    ----------
+    values : Values
+        Checked values of the `sim.*` settings, the geometry and `sensors`.
+
+    Raises
+    ------
+    SettingError
+        Both a file and a seed are given.
+    InputError
+        As of `read_rig`.
+    GeometryError
+        As of `random_rig`.
+
+    """
     geometry, noise = geometry_from(values), radians(values['sim.noise_deg'])
     path, seed, sensors = values['sim.rig_file'], values['sim.rig_seed'], values['sensors']
     if path and seed:
@@ -258,7 +386,24 @@ def make_rig(values: Values) -> Rig:
 
 
 def _complaint(key: str, value: Any, sensors: int) -> str:
-    """Return the expectation that a key or its value violates; empty if it fits."""
+    """
+    Return the expectation that a key or its value violates.
+
+    Parameters
+    ----------
+    key : str
+        Key of the file.
+    value : object
+        Its value, of any JSON type.
+    sensors : int
+        Number of sensors: the length of a list of all of them.
+
+    Returns
+    -------
+    str
+        What was expected; empty if the value fits.
+
+    """
     if key in NOT_READ:
         return ''
     if key not in KEYS:

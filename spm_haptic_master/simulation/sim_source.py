@@ -1,7 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Simulated encoders as a source: noisy angles along a trajectory, quantised, at a fixed rate."""
+"""
+Simulated encoders as a source: noisy angles along a trajectory, quantised, at a fixed rate.
+
+No bus is simulated: use `sim_bus` to see frames.
+"""
 
 from __future__ import annotations
 
@@ -32,10 +36,30 @@ PUNCTUAL = 2e-4
 
 class SimSource(EncoderSource):
     """
-    Encoders on a simulated master: those of a motion, at a rate in Hz, quantised.
+    Encoders on a simulated master, as a source of samples.
 
-    Each reading is corrected by its `harmonics`, as the driver corrects those of a bus.
-    `faults` are those that are present; another thread may replace them.
+    Parameters
+    ----------
+    motion : NoisyMotion
+        Motion that the sensors measure.
+    rate : float
+        Samples per second, Hz.
+    counts_per_turn : tuple of N int
+        Quantisation of each sensor.
+    harmonics : tuple of N Harmonics or None
+        What each reading is corrected by, as the driver does with those of a bus.
+    axes : tuple of SingleAxis
+        Insertion and gripper, if they have encoders.
+
+    Attributes
+    ----------
+    rig : Rig
+        The simulated rig.
+    steering : Steering
+        Leads the motion away from its trajectory.
+    faults : tuple of Fault
+        Faults that are present; another thread may replace them.
+
     """
 
     def __init__(
@@ -68,7 +92,20 @@ class SimSource(EncoderSource):
         self._reached: tuple[float, ...] = ()
 
     def read(self, timeout: float) -> JointSample | None:
-        """Return the sample of the next deadline, stamped when the thread woke."""
+        """
+        Return the sample of the next deadline, stamped when the thread woke.
+
+        Parameters
+        ----------
+        timeout : float
+            Longest wait, s.
+
+        Returns
+        -------
+        JointSample or None
+            None if no deadline comes meanwhile, or if fewer than four sensors answer.
+
+        """
         if self._prepared is None:
             self._prepared = self.angles(self._due)
         if not self._grid.wait(timeout):
@@ -107,7 +144,20 @@ class SimSource(EncoderSource):
         return readings
 
     def angles(self, t: float) -> tuple[float, ...]:
-        """Return the angles of healthy sensors, rad, at t, s; out of reach, the last within it."""
+        """
+        Return the angles of healthy sensors, quantised and corrected.
+
+        Parameters
+        ----------
+        t : float
+            Time, s into the motion.
+
+        Returns
+        -------
+        tuple of N float
+            Angles, rad; where the pose is out of reach, those of the last pose within it.
+
+        """
         with suppress(UnreachableError):
             self._reached = self._motion.angles(t)
         return tuple(map(_measured, self._reached, self._counts_per_turn, self._harmonics))
@@ -142,6 +192,20 @@ class SimSource(EncoderSource):
         return self._absence(suffices=True)
 
     def _absence(self, suffices: bool) -> str | None:
+        """
+        Return which encoders do not answer, in words.
+
+        Parameters
+        ----------
+        suffices : bool
+            Whether this is asked for the case that enough other encoders answer.
+
+        Returns
+        -------
+        str or None
+            None if all answer, or if the other case is present.
+
+        """
         missing = _joints('dropout', self.faults)
         left = len(self._counts_per_turn) - len(missing)
         if not missing or suffices != (left >= len(JOINT_NAMES)):
@@ -166,5 +230,6 @@ def _joints(kind: str, faults: Iterable[Fault]) -> list[int]:
 
 
 def _measured(angle: float, per_turn: int, harmonics: Harmonics | None) -> float:
+    """Return an angle as the driver has it, rad: quantised, then corrected by its harmonics."""
     reading = angle_from_counts(counts_from_angle(angle, 0, 1, per_turn), 0, 1, per_turn)
     return reading if harmonics is None else float(harmonics.angles(reading))

@@ -20,14 +20,30 @@ SHARE = 0.8
 
 @dataclass(frozen=True, slots=True)
 class SimulatedAxis:
-    """One axis that moves forth and back about the middle of its range."""
+    """
+    One axis that moves forth and back about the middle of its range.
+
+    Attributes
+    ----------
+    layout : EncoderLayout
+        Frame of its encoder.
+    node_id : int or None
+        CANopen node id; None for an encoder that only answers SYNC.
+    middle, amplitude : float
+        Middle and amplitude of its motion, m or rad.
+    stroke : float
+        Time of one stroke forth and back, s.
+    scale : float
+        Position over the layout's angle: m/rad for a slide, 1 for a gripper.
+
+    """
 
     layout: EncoderLayout
     node_id: int | None
-    middle: float  # m or rad
-    amplitude: float  # m or rad
-    stroke: float  # s
-    scale: float  # position over the layout's angle
+    middle: float
+    amplitude: float
+    stroke: float
+    scale: float
 
     def position(self, t: float) -> float:
         """Return the position at `t`, s, in m or rad."""

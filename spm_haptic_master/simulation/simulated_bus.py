@@ -1,7 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Simulated encoders on a bus, and their faults; without a clock."""
+"""
+Simulated encoders on a bus, and their faults; without a clock.
+
+The caller gives the time of each cycle, and sends what is returned.
+"""
 
 from __future__ import annotations
 
@@ -26,10 +30,34 @@ DEFAULT_OPTIONS = NodeOptions()
 
 class SimulatedBus:
     """
-    Encoders on a moving master, and their faults, timed from the first answer.
+    Encoders on a moving master, and their faults.
 
-    Without `node_ids` they only answer SYNC. `quirks` are what other makers' devices do; `axes`
-    are encoders of insertion and gripper, behind those of the joints.
+    Parameters
+    ----------
+    layouts : tuple of N EncoderLayout
+        Frames of the joints' encoders.
+    node_ids : tuple of N int, or None
+        CANopen node ids; None if the encoders only answer SYNC.
+    motion : NoisyMotion
+        Motion that they measure.
+    faults : tuple of Fault
+        Faults, timed from the first answer.
+    seed : int
+        Seed of noise, losses and phases.
+    options : NodeOptions
+        How the encoders behave.
+    quirks : tuple of Quirk
+        What other makers' devices do.
+    axes : tuple of SimulatedAxis
+        Encoders of insertion and gripper, behind those of the joints.
+
+    Attributes
+    ----------
+    nodes : tuple of SimulatedNode
+        All encoders, those of the axes last.
+    faults : Faults
+        The faults, with those that are present.
+
     """
 
     def __init__(
@@ -81,7 +109,20 @@ class SimulatedBus:
         return [message for node in self.nodes for message in node.boot()]
 
     def receive(self, message: can.Message) -> list[can.Message]:
-        """Return the answers to a frame that is not SYNC."""
+        """
+        Return the answers to a frame that is not SYNC.
+
+        Parameters
+        ----------
+        message : can.Message
+            Any frame; only NMT commands and SDO requests are answered.
+
+        Returns
+        -------
+        list of can.Message
+            Answers of all nodes that are neither off nor muted by a fault.
+
+        """
         if (
             message.is_error_frame
             or message.is_remote_frame
@@ -97,7 +138,22 @@ class SimulatedBus:
         ]
 
     def cycle(self, now: float) -> list[can.Message]:
-        """Return the answers to SYNC at the time `now`, s."""
+        """
+        Return the answers to SYNC.
+
+        The first SYNC at which a node is operational begins the motion.
+
+        Parameters
+        ----------
+        now : float
+            Time, s; it only increases.
+
+        Returns
+        -------
+        list of can.Message
+            TPDOs that are due, and the frames of faults that begin or end.
+
+        """
         if self._began is None and not any(
             node.state == canopen.OPERATIONAL for node in self.nodes
         ):
@@ -161,6 +217,7 @@ class SimulatedBus:
         return sent
 
     def _update_faults(self, now: float) -> list[can.Message]:
+        """Return the frames that faults send because they begin or end by a time, s."""
         if self._began is None:
             return []
         return [
@@ -217,13 +274,30 @@ class SimulatedBus:
         return angle
 
     def _mute(self) -> bool:
+        """Return whether a fault silences the whole bus."""
         return self._fault(None, 'silence', 'busoff') is not None
 
     def _off(self, index: int) -> bool:
+        """Return whether a fault has switched an encoder off, by its index."""
         return self._fault(index, 'reboot', 'unplug') is not None
 
     def _fault(self, index: int | None, *kinds: str) -> Fault | None:
-        """Return a joint's fault of these kinds; None without it."""
+        """
+        Return the present fault of an encoder.
+
+        Parameters
+        ----------
+        index : int or None
+            Index of the encoder; None for the whole bus.
+        *kinds : str
+            Kinds that are looked for.
+
+        Returns
+        -------
+        Fault or None
+            The first one of these kinds; None without one.
+
+        """
         return next(
             (
                 fault

@@ -1,7 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Simulated drives of CiA 402 and their faults: frames in, frames out; without clock and bus."""
+"""
+Simulated drives of CiA 402 and their faults: frames in, frames out; without clock and bus.
+
+They follow the state machine of the profile, its reactions to a lost master, and I2t.
+"""
 
 from __future__ import annotations
 
@@ -49,7 +53,19 @@ FAULT_ON_ABORT = 1
 
 
 class DriveObjects(ObjectStore):
-    """Objects of one drive; from the `factory` nothing of them is set up yet."""
+    """
+    Objects of one drive.
+
+    Parameters
+    ----------
+    plan : Plan
+        All drives on their bus.
+    own : DrivePlan
+        This drive.
+    factory : bool
+        Whether nothing of them is set up yet; its PDOs are then off.
+
+    """
 
     def __init__(self, plan: Plan, own: DrivePlan, factory: bool):
         wanted = drive_objects(plan, own)
@@ -74,16 +90,52 @@ class DriveObjects(ObjectStore):
         )
 
     def show(self, key: Key, value: int) -> None:
-        """Set the value of an object that the drive itself makes."""
+        """
+        Set the value of an object that the drive itself makes, such as its statusword.
+
+        Parameters
+        ----------
+        key : tuple of 2 int
+            Index and subindex.
+        value : int
+            New value.
+
+        """
         self._entries[key] = replace(self._entries[key], value=value)
 
     def _check_state(self, key: Key, value: int) -> None:
+        """Refuse a mode of operation (6060h) that the drive does not have."""
         if key == cia402.MODE and not MODES >> (value - 1 & 0x1F) & 1:
             raise SdoAbortError(canopen.SDO_WRONG_VALUE)
 
 
 class SimulatedDrive:
-    """One drive with its states, time-outs, heat and faults, by `own` of a plan."""
+    """
+    One drive with its states, time-outs, heat and faults.
+
+    Parameters
+    ----------
+    plan : Plan
+        All drives on their bus.
+    own : DrivePlan
+        This drive.
+    factory : bool
+        Whether it is not set up yet.
+
+    Attributes
+    ----------
+    node_id : int
+        CANopen node id.
+    objects : DriveObjects
+        Its objects.
+    faults : dict of str to float
+        Present faults of DRIVE_KINDS, with their values.
+    nmt : int
+        NMT state.
+    state : State
+        State of CiA 402.
+
+    """
 
     def __init__(self, plan: Plan, own: DrivePlan, factory: bool):
         self.node_id = own.node_id
@@ -114,7 +166,22 @@ class SimulatedDrive:
         return [heartbeat(self.node_id, canopen.BOOT_UP)]
 
     def receive(self, message: can.Message, now: float) -> list[can.Message]:
-        """Return the answers to a frame that comes at a time, s."""
+        """
+        Return the answers to a frame.
+
+        Parameters
+        ----------
+        message : can.Message
+            Any frame on the bus.
+        now : float
+            Time, s.
+
+        Returns
+        -------
+        list of can.Message
+            SDO answer, boot-up message, status frame or emergency; usually none.
+
+        """
         if 'drive_unplug' in self.faults:
             return []
         identifier, data = message.arbitration_id, bytes(message.data)
@@ -162,7 +229,20 @@ class SimulatedDrive:
         return self._syncs == 0
 
     def tend(self, now: float) -> list[can.Message]:
-        """Let time go on to `now`, s; return the frames that are due."""
+        """
+        Let time go on: time-outs, heat, heartbeat and timed status frames.
+
+        Parameters
+        ----------
+        now : float
+            Time, s; it only increases.
+
+        Returns
+        -------
+        list of can.Message
+            Frames that are due.
+
+        """
         sent = self._time_out(now) + self._heat_up(0.0 if self._now is None else now - self._now)
         self._now = now
         if 'drive' in self.faults and self.state is not State.FAULT:
@@ -184,6 +264,7 @@ class SimulatedDrive:
         return is_by_timer and self.nmt == canopen.OPERATIONAL and now - self._status_at >= period
 
     def _command(self, command: int) -> list[can.Message]:
+        """Follow an NMT command; only an operational node has its motor enabled."""
         if command in RESETS:
             return self.boot()
         self.nmt = STATES.get(command, self.nmt)
@@ -192,7 +273,24 @@ class SimulatedDrive:
         return []
 
     def _take(self, number: int, data: bytes, now: float) -> list[can.Message]:
-        """Take a PDO, as it is mapped."""
+        """
+        Take a PDO, as it is mapped.
+
+        Parameters
+        ----------
+        number : int
+            Number of the RPDO, from 0 on.
+        data : bytes
+            Its data.
+        now : float
+            Time, s.
+
+        Returns
+        -------
+        list of can.Message
+            Emergencies that a controlword causes.
+
+        """
         sent: list[can.Message] = []
         for entry in self.objects.mapped(canopen.RPDO_MAPPING + number):
             length = (entry & 0xFF) // 8
@@ -247,6 +345,7 @@ class SimulatedDrive:
         return sent
 
     def _abort(self, code: int) -> list[can.Message]:
+        """Follow the abort connection option (6007h); return the emergency with an error code."""
         option = self.objects.value(*cia402.ABORT_OPTION)
         if option == FAULT_ON_ABORT:
             return self._fail(code)
@@ -255,15 +354,32 @@ class SimulatedDrive:
         return [canopen.emcy(self.node_id, code, GENERIC_ERROR)]
 
     def _fail(self, code: int) -> list[can.Message]:
+        """Enter the state Fault; return the emergency with an error code."""
         self.state = State.FAULT
         return [canopen.emcy(self.node_id, code, GENERIC_ERROR)]
 
     def _disable(self) -> None:
+        """Disable the voltage; a fault stays one."""
         if self.state is not State.FAULT:
             self.state = State.DISABLED
 
     def _heat_up(self, elapsed: float) -> list[can.Message]:
-        """Count the heat of the motor, I2t."""
+        """
+        Count the heat of the motor, I2t.
+
+        It grows with the square of the torque, and the heat of the rated torque is led away.
+
+        Parameters
+        ----------
+        elapsed : float
+            Time since the latest step, s.
+
+        Returns
+        -------
+        list of can.Message
+            The emergency, if it is too hot; empty otherwise.
+
+        """
         share = self.torque / cia402.PER_MILLE
         self._heat = max(0.0, self._heat + (share * share - 1.0) * elapsed)
         return self._fail(TOO_HOT) if self._heat > HEAT_LIMIT else []
@@ -293,7 +409,22 @@ class SimulatedDrives:
     """
     Drives and their faults, which are timed from the first start of a node.
 
-    From the `factory` they are not set up yet.
+    Parameters
+    ----------
+    plan : Plan
+        All drives on their bus.
+    faults : tuple of Fault
+        Faults; those of other joints are ignored.
+    factory : bool
+        Whether the drives are not set up yet.
+
+    Attributes
+    ----------
+    drives : tuple of SimulatedDrive
+        The drives, in the order of the motors.
+    faults : Faults
+        The faults, with those that are present.
+
     """
 
     def __init__(self, plan: Plan, faults: tuple[Fault, ...] = (), factory: bool = False):

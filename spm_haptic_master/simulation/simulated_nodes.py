@@ -1,7 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Simulated CANopen encoders (CiA 301, 406): frames in, frames out; without clock and bus."""
+"""
+Simulated CANopen encoders (CiA 301, 406): frames in, frames out; without clock and bus.
+
+What they send follows from their objects, so that set-up and scan can be tested.
+"""
 
 from __future__ import annotations
 
@@ -42,26 +46,67 @@ NO_SYNC_CODE, NO_SYNC_REGISTER = 0x8100, 0x11
 
 @dataclass(frozen=True, slots=True)
 class NodeOptions:
-    """How simulated encoders behave."""
+    """
+    How simulated encoders behave.
 
-    synchronised: bool = True  # otherwise they send by themselves
-    factory: bool = False  # with their maker's defaults
-    heartbeat: float = 0.1  # time between heartbeats, s
-    period: float = 1e-3  # of the bus, s
+    Attributes
+    ----------
+    synchronised : bool
+        Whether they answer SYNC; otherwise they send by themselves.
+    factory : bool
+        Whether they have their maker's defaults, and are not set up.
+    heartbeat : float
+        Time between heartbeats, s; 0 for none.
+    period : float
+        Time between two cycles of the bus, s.
+
+    """
+
+    synchronised: bool = True
+    factory: bool = False
+    heartbeat: float = 0.1
+    period: float = 1e-3
 
 
 class SimulatedNode(ObjectStore):
     """
     One encoder with NMT states, objects by SDO, heartbeat and a TPDO on SYNC.
 
-    Without a node id it only answers SYNC.
+    Parameters
+    ----------
+    layout : EncoderLayout
+        Frame that its TPDO has once it is set up.
+    node_id : int or None
+        CANopen node id; None for an encoder that only answers SYNC.
+    options : NodeOptions
+        How it behaves.
+    quirks : Quirks
+        What it does as other makers' devices do.
+
+    Attributes
+    ----------
+    layout : EncoderLayout
+        Frame that it sends at present, by its objects.
+    heartbeat_period : float
+        Time between heartbeats, s; 0 for none.
+    node_id : int or None
+        Its node id; a quirk may make it another one than configured.
+    state : int
+        NMT state.
+    _identifier : int
+        Identifier of the TPDO.
+    _sends : bool
+        Whether the TPDO goes out in the cycle of the bus.
+    _more : int
+        Number of bytes mapped behind the position.
+
     """
 
-    layout: EncoderLayout  # of the frames sent at present
-    heartbeat_period: float  # s; 0 for no heartbeat
-    _identifier: int  # of the TPDO
-    _sends: bool  # whether the TPDO goes out in the cycle of the bus
-    _more: int  # number of bytes mapped behind the position
+    layout: EncoderLayout
+    heartbeat_period: float
+    _identifier: int
+    _sends: bool
+    _more: int
 
     def __init__(
         self,
@@ -150,7 +195,20 @@ class SimulatedNode(ObjectStore):
         return [heartbeat(self.node_id, canopen.BOOT_UP)]
 
     def receive(self, message: can.Message) -> list[can.Message]:
-        """Obey an NMT command, or answer an SDO request."""
+        """
+        Obey an NMT command, or answer an SDO request.
+
+        Parameters
+        ----------
+        message : can.Message
+            Any data frame with an 11-bit identifier.
+
+        Returns
+        -------
+        list of can.Message
+            Answer or boot-up message; empty for a frame that is for others.
+
+        """
         identifier, data = message.arbitration_id, bytes(message.data)
         if self.node_id is None:
             return []
@@ -166,7 +224,17 @@ class SimulatedNode(ObjectStore):
         return []
 
     def sample(self, angle: float, counter_stuck: bool = False) -> list[can.Message]:
-        """Return the TPDO at an angle in rad, if the node is operational and set up to send it."""
+        """
+        Return the TPDO, if the node is operational and set up to send it.
+
+        Parameters
+        ----------
+        angle : float
+            Reading of the encoder, rad.
+        counter_stuck : bool
+            Whether the rolling counter stays as it is: a fault.
+
+        """
         if self.state != canopen.OPERATIONAL or not self._sends:
             return []
         self._sent += not counter_stuck
@@ -201,6 +269,7 @@ class SimulatedNode(ObjectStore):
         return [canopen.emcy(self.node_id, NO_SYNC_CODE, NO_SYNC_REGISTER)]
 
     def _command(self, command: int) -> list[can.Message]:
+        """Follow an NMT command; return the boot-up message after a reset."""
         if command in RESETS:
             return self.boot()
         self.state = STATES.get(command, self.state)
@@ -231,11 +300,13 @@ class SimulatedNode(ObjectStore):
             raise SdoAbortError(canopen.SDO_WRONG_STATE)
 
     def _written(self, key: Key, value: int) -> None:
+        """Give both timers one value, if the encoder has only one of them."""
         if self._quirks.has('one_timer') and key in TIMERS:
             for timer in TIMERS:
                 self.put(timer, value)
 
     def _derive(self) -> None:
+        """Derive frame, heartbeat and resolution from the objects of the TPDO, 1017h and 6000h."""
         identifier = self.value(self._parameters, canopen.TPDO_IDENTIFIER)
         self._identifier = identifier & canopen.TPDO_ID_MASK
         mapped = self.mapped(self._mapping)

@@ -1,7 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Makes the source of joint samples from its settings: a CAN bus, a recording or a simulation."""
+"""
+Makes the source of joint samples from its settings: a CAN bus, a recording or a simulation.
+
+It is the only place that knows all three.
+"""
 
 from __future__ import annotations
 
@@ -23,9 +27,29 @@ HEARTBEAT_TIMEOUT = 1.0
 
 def make_source(name: str, values: Values, drives: tuple[int, ...] = ()) -> EncoderSource:
     """
-    Make the source `name` of checked settings; SettingError: two of them contradict.
+    Make a source of joint samples.
 
-    `drives` are the node ids of the drives on the bus of the encoders.
+    Parameters
+    ----------
+    name : str
+        'sim', 'replay' or 'can'.
+    values : Values
+        Checked settings.
+    drives : tuple of int
+        Node ids of the drives on the bus of the encoders.
+
+    Returns
+    -------
+    EncoderSource
+        The source; `close` releases it.
+
+    Raises
+    ------
+    SettingError
+        Two settings contradict each other.
+    ReplayError
+        The recording cannot be opened.
+
     """
     if name == 'sim':
         return SimSource(
@@ -49,7 +73,20 @@ def source_text(name: str, values: Values) -> str:
 
 
 def make_replay(values: Values) -> ReplaySource:
-    """Make the replay of a recording from its checked settings; errors as `make_source`."""
+    """
+    Make the replay of a recording.
+
+    Parameters
+    ----------
+    values : Values
+        Checked settings.
+
+    Raises
+    ------
+    SettingError, ReplayError
+        As of `make_source`.
+
+    """
     return ReplaySource(
         values['replay.path'],
         values['replay.rate'],
@@ -60,6 +97,7 @@ def make_replay(values: Values) -> ReplaySource:
 
 
 def _make_can(values: Values, drives: tuple[int, ...]) -> CanSource:
+    """Make the source of a CAN bus; SettingError: rate, time-out or SYNC do not fit together."""
     decoder = make_decoder(values, drives)
     rate = values['rate']
     if values['can.bitrate']:

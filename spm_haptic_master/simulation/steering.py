@@ -1,7 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""A simulated motion that somebody steers: to a pose on request, and back to its trajectory."""
+"""
+A simulated motion that somebody steers: to a pose on request, and back to its trajectory.
+
+The distance to the target decays like a critically damped oscillator, so nothing jumps.
+"""
 
 from __future__ import annotations
 
@@ -28,20 +32,44 @@ ALWAYS = -1e9
 
 
 class Place(NamedTuple):
-    """A pose, in coordinates in which a straight line leads from pose to pose, rad."""
+    """
+    A pose, in coordinates in which a straight line leads from pose to pose.
 
-    u: float  # tilt from (1, 1, 1) towards azimuth 0
-    v: float  # tilt towards azimuth 90 deg
-    phi: float  # self-rotation
+    Attributes
+    ----------
+    u, v : float
+        Tilt from (1, 1, 1) towards azimuth 0 and 90 deg, rad.
+    phi : float
+        Self-rotation, rad.
+
+    """
+
+    u: float
+    v: float
+    phi: float
 
 
 class Course(NamedTuple):
-    """Motion since one request: a distance of (offset + rate t) exp(-DECAY t) to its target."""
+    """
+    Motion since one request: a distance of (offset + rate t) exp(-DECAY t) to its target.
 
-    begins: float  # time of the request, s
-    target: Place | None  # pose that was requested; None for the trajectory
-    offset: Place  # distance when the course begins, rad
-    rate: Place  # DECAY times that plus its rate of change, rad/s
+    Attributes
+    ----------
+    begins : float
+        Time of the request, s.
+    target : Place or None
+        Pose that was requested; None for the trajectory.
+    offset : Place
+        Distance when the course begins, rad.
+    rate : Place
+        DECAY times that plus its rate of change, rad/s.
+
+    """
+
+    begins: float
+    target: Place | None
+    offset: Place
+    rate: Place
 
 
 class Steering:
@@ -49,6 +77,12 @@ class Steering:
     A trajectory that leaves its way when it is steered, without a jump of pose or velocity.
 
     It is a trajectory itself. One thread may steer it while another asks for poses.
+
+    Parameters
+    ----------
+    trajectory : callable
+        Time in s to (psi, theta, phi) in rad; followed until `steer`, and after `release`.
+
     """
 
     def __init__(self, trajectory: Trajectory):
@@ -61,7 +95,24 @@ class Steering:
         self._latest = 0.0
 
     def steer(self, tilt: float, azimuth: float, phi: float) -> None:
-        """Lead the platform to a pose of `workspace_pose`, rad; InputError beyond the limits."""
+        """
+        Lead the platform to a pose, given as for `workspace_pose`.
+
+        Parameters
+        ----------
+        tilt : float
+            Tilt of the platform axis from (1, 1, 1), rad.
+        azimuth : float
+            Direction of the tilt, rad.
+        phi : float
+            Self-rotation, rad.
+
+        Raises
+        ------
+        InputError
+            The pose is beyond TILT_LIMIT or PHI_LIMITS, or the azimuth is not finite.
+
+        """
         if not isfinite(azimuth):
             raise InputError(f'azimuth {azimuth:g} rad; expected a finite number')
         for name, angle, limits in (('tilt', tilt, (0.0, TILT_LIMIT)), ('phi', phi, PHI_LIMITS)):
@@ -86,6 +137,7 @@ class Steering:
         return tilted(hypot(u, v), atan2(v, u), phi)
 
     def _begin(self, t: float, target: Place | None) -> None:
+        """Begin the course to a target at a time, s, from the present pose and velocity."""
         offset, before = (self._difference(time, target) for time in (t, t - STEP))
         rate = Place(
             *(DECAY * now + (now - last) / STEP for now, last in zip(offset, before, strict=True))
@@ -103,9 +155,11 @@ class Steering:
         return latest if latest.begins <= t else before
 
     def _reference(self, target: Place | None, t: float) -> Place:
+        """Return the place of a target at a time, s; that of the trajectory for None."""
         return place(*self._trajectory(t)) if target is None else target
 
     def _place(self, t: float) -> Place:
+        """Return the place of the motion at a time, s."""
         course = self._course(t)
         elapsed = t - course.begins
         left = exp(-DECAY * elapsed)
@@ -120,7 +174,15 @@ class Steering:
 
 
 def place(psi: float, theta: float, phi: float) -> Place:
-    """Return the place of a pose."""
+    """
+    Return the place of a pose.
+
+    Parameters
+    ----------
+    psi, theta, phi : float
+        ZXZ angles, rad.
+
+    """
     axis = sin(theta) * sin(psi), -sin(theta) * cos(psi), cos(theta)
     x, y = (sum(a * b for a, b in zip(axis, across, strict=True)) for across in ACROSS)
     sine = hypot(x, y)

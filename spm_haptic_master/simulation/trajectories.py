@@ -1,7 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Motions for the simulated encoders: time in s to the ZXZ angles (psi, theta, phi) in rad."""
+"""
+Motions for the simulated encoders: time in s to the ZXZ angles (psi, theta, phi) in rad.
+
+They have no state: any time can be asked for.
+"""
 
 from __future__ import annotations
 
@@ -49,7 +53,20 @@ ACROSS = (
 
 
 def fig9(t: float) -> tuple[float, float, float]:
-    """Return the pose of the paper's Fig. 9: phi = 45 + 10 sin(pi t / 10) deg at the centre."""
+    """
+    Return the pose of the paper's Fig. 9: phi = 45 + 10 sin(pi t / 10) deg at the centre.
+
+    Parameters
+    ----------
+    t : float
+        Time, s.
+
+    Returns
+    -------
+    tuple of 3 float
+        psi, theta, phi, rad.
+
+    """
     return CENTRE_PSI, CENTRE_THETA, radians(45.0 + 10.0 * sin(pi * t / 10.0))
 
 
@@ -62,7 +79,20 @@ def perturbed(t: float) -> tuple[float, float, float]:
 
 
 def sweep(tilt_max: float) -> Trajectory:
-    """Return a tilt-and-turn motion over the workspace's cone, up to a largest tilt, rad."""
+    """
+    Return a tilt-and-turn motion over the workspace's cone.
+
+    Parameters
+    ----------
+    tilt_max : float
+        Largest tilt of the platform axis from the centre, rad.
+
+    Returns
+    -------
+    callable
+        Time in s to (psi, theta, phi) in rad.
+
+    """
 
     def at(t: float) -> tuple[float, float, float]:
         tilt, azimuth, turn = (2.0 * pi * t / period for period in SWEEP_PERIODS)
@@ -99,7 +129,24 @@ def fixed(psi: float, theta: float, phi: float) -> Trajectory:
 
 
 def tilted(tilt: float, azimuth: float, phi: float) -> tuple[float, float, float]:
-    """Return psi, theta, phi of a pose given as of `workspace_pose`, rad."""
+    """
+    Return the ZXZ angles of a pose given as for `workspace_pose`.
+
+    Parameters
+    ----------
+    tilt : float
+        Tilt of the platform axis from (1, 1, 1), rad.
+    azimuth : float
+        Direction of the tilt, rad; 0 is along (1, -1, 0).
+    phi : float
+        Self-rotation, rad.
+
+    Returns
+    -------
+    tuple of 3 float
+        psi, theta, phi, rad.
+
+    """
     along = cos(tilt) / sqrt(3.0)
     x, y, z = (
         along + sin(tilt) * (cos(azimuth) * a + sin(azimuth) * b)
