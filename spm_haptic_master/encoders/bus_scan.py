@@ -1,7 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Scan of a bus: record its frames, ask the nodes for their identity, start them on request."""
+"""
+Scan of a bus: record its frames, ask the nodes for their identity, start them on request.
+
+`BusScan` is the record, `BusScanner` is what sends and receives.
+"""
 
 from __future__ import annotations
 
@@ -48,13 +52,26 @@ ECHOING = 'udp_multicast'
 
 @dataclass(slots=True)
 class HeardFrame:
-    """Frames received with one identifier."""
+    """
+    Frames received with one identifier.
 
-    first: float  # receive time of the first, s
-    last: float  # receive time of the latest, s
+    Attributes
+    ----------
+    first, last : float
+        Receive times of the first and of the latest frame, s.
+    count : int
+        Number of frames.
+    lengths : set of int
+        Lengths of their data, bytes.
+    first_cycle : int
+        Number of SYNCs before the first frame.
+
+    """
+
+    first: float
+    last: float
     count: int = 0
-    lengths: set[int] = field(default_factory=set)  # of their data, bytes
-    # Number of SYNCs before the first.
+    lengths: set[int] = field(default_factory=set)
     first_cycle: int = 0
 
     @property
@@ -65,18 +82,34 @@ class HeardFrame:
 
 @dataclass(slots=True)
 class HeardNode:
-    """State and identity of a CANopen node, from its own messages."""
+    """
+    State and identity of a CANopen node, from its own messages.
 
-    state: int | None = None  # NMT state by its latest heartbeat
+    Attributes
+    ----------
+    state : int or None
+        NMT state by its latest heartbeat.
+    boot_ups : int
+        Number of boot-up messages.
+    heartbeat, heartbeat_before : float or None
+        Receive times of its latest heartbeat and the one before, s; None before them.
+    emergencies : Counter of str
+        Number of EMCY messages by their words.
+    objects : dict of (int, int) to int
+        Values read by SDO, by index and subindex.
+    requests, answers : Counter of (int, int)
+        Number of requests for, and answers with each object of COUNTED.
+    serials : set of int
+        Serial numbers that were answered.
+
+    """
+
+    state: int | None = None
     boot_ups: int = 0
-    # Receive times of its latest heartbeat and the one before, s; None before them.
     heartbeat: float | None = None
     heartbeat_before: float | None = None
-    # Number of EMCY messages by their words.
     emergencies: Counter[str] = field(default_factory=Counter)
-    # Values read by SDO, by index and subindex.
     objects: dict[tuple[int, int], int] = field(default_factory=dict)
-    # Number of requests for, and answers with each object of COUNTED; serial numbers.
     requests: Counter[tuple[int, int]] = field(default_factory=Counter)
     answers: Counter[tuple[int, int]] = field(default_factory=Counter)
     serials: set[int] = field(default_factory=set)
@@ -105,7 +138,36 @@ class BusScan:
     """
     Record of the frames received on a bus, but for those of the scanning program itself.
 
-    The counts of encoders with these `layouts` are followed.
+    Parameters
+    ----------
+    sync_id : int or None
+        Identifier of SYNC; None on a bus without it.
+    layouts : iterable of EncoderLayout
+        Encoders whose counts are followed.
+
+    Attributes
+    ----------
+    watches : dict of (bool, int) to CountsWatch
+        Counts of these encoders, by 29 bits or not, and identifier.
+    latest : float
+        Receive time of the latest data frame, s; -inf before the first.
+    frames : dict of (bool, int) to HeardFrame
+        Frames heard, by 29 bits or not, and identifier.
+    nodes : dict of int to HeardNode
+        Nodes heard, by node id.
+    errors : Counter of str
+        Number of error frames by their words.
+    remote : int
+        Number of remote frames.
+    own_sync : HeardFrame or None
+        SYNCs that the scanning program sent.
+    started : set of int
+        Node ids that it started.
+    unsent : Counter of str
+        Number of frames that the interface refused to send, by its error.
+    cycles : int
+        Number of SYNCs, of a master and own ones.
+
     """
 
     def __init__(
@@ -155,19 +217,45 @@ class BusScan:
         return cycles / sum(self._sync_intervals)
 
     def sent_sync(self, now: float) -> None:
-        """Record a SYNC that the scanning program sent at `now`, s."""
+        """
+        Record a SYNC that the scanning program sent.
+
+        Parameters
+        ----------
+        now : float
+            Time of sending, s.
+
+        """
         self.own_sync = self.own_sync or HeardFrame(now, now)
         self.own_sync.last = now
         self.own_sync.count += 1
         self.cycles += 1
 
     def asked(self, node_id: int, key: tuple[int, int]) -> None:
-        """Record a request for an object of a node that is known."""
+        """
+        Record a request, so that the answers can be compared in number.
+
+        Parameters
+        ----------
+        node_id : int
+            Node that was asked; one that was never heard is not recorded.
+        key : tuple of 2 int
+            Index and subindex of the object.
+
+        """
         if key in COUNTED and node_id in self.nodes:
             self.nodes[node_id].requests[key] += 1
 
     def feed(self, message: can.Message) -> None:
-        """Record a frame."""
+        """
+        Record a frame.
+
+        Parameters
+        ----------
+        message : can.Message
+            Frame of any kind, with its receive time in s.
+
+        """
         if message.is_error_frame:
             self.errors[error_words(message)] += 1
             return
@@ -195,6 +283,19 @@ class BusScan:
             watch.take(message.data, now)
 
     def _node_frame(self, base: int, node_id: int, message: can.Message) -> None:
+        """
+        Record a heartbeat, an emergency or an SDO answer with the right length.
+
+        Parameters
+        ----------
+        base : int
+            Identifier less the node id.
+        node_id : int
+            Node that sends it; 0 is none.
+        message : can.Message
+            The frame.
+
+        """
         data = message.data
         length = {
             canopen.HEARTBEAT_BASE: canopen.HEARTBEAT_LENGTH,
@@ -230,8 +331,19 @@ class BusScanner:
     """
     Feeds the frames on a bus to a scan; asks, starts and synchronises the nodes on request.
 
-    `rate` is that of the bus's cycle, Hz; `echoes` is whether the interface returns the frames
-    sent; `report` takes a line on what the scanner does on the bus.
+    Parameters
+    ----------
+    bus : can.BusABC
+        Open bus.
+    scan : BusScan
+        Record of the frames.
+    rate : float
+        Rate of the bus's cycle, Hz.
+    echoes : bool
+        Whether the interface returns the frames sent here.
+    report : callable
+        Takes a line on what the scanner does on the bus.
+
     """
 
     def __init__(
@@ -253,11 +365,23 @@ class BusScanner:
 
     def listen(self, seconds: float, ask: bool, start: tuple[int, ...] | None = None) -> None:
         """
-        Listen for some seconds, and ask every node for its type, each one heard for its identity.
+        Listen, and ask every node for its type, each one heard for its identity.
 
-        With `start`, the nodes of these ids are started, and every other one that is heard; where
-        no master makes SYNC it is then sent here at the rate, for some seconds, until a master
-        appears.
+        Parameters
+        ----------
+        seconds : float
+            How long, s; it begins anew with the first SYNC sent from here.
+        ask : bool
+            Whether requests by SDO are sent.
+        start : tuple of int, optional
+            Node ids to start, with every other node that is heard. Where no master makes SYNC it
+            is then sent here at the rate, until a master appears. None: nothing is started.
+
+        Raises
+        ------
+        can.CanError
+            The bus cannot be read; python-can raises one of BUS_ERRORS.
+
         """
         requests = self._identity_requests() if ask else iter(())
         self._progress.is_due(time.monotonic())
@@ -278,9 +402,21 @@ class BusScanner:
         start: tuple[int, ...] | None = None,
     ) -> None:
         """
-        Listen for some seconds, and call `show` each `period`, s.
+        Listen, and show the state of the encoders again and again.
 
-        The nodes `ask` are asked for their error registers; `start` as with `listen`.
+        Parameters
+        ----------
+        seconds : float
+            How long, s.
+        show : callable
+            Called each period, without arguments.
+        period : float
+            Time between two calls, s.
+        ask : tuple of int
+            Node ids that are asked for their error registers (1001h).
+        start : tuple of int, optional
+            As of `listen`.
+
         """
         shown = Periodic(period)
         for now, _ in self._run(seconds, self._register_requests(ask), start):
@@ -400,4 +536,5 @@ class BusScanner:
 
 
 def _key(message: can.Message) -> tuple[bool, int, bytes]:
+    """Return what distinguishes a frame, to recognise its echo: width, identifier and data."""
     return message.is_extended_id, message.arbitration_id, bytes(message.data)

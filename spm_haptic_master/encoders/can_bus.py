@@ -1,7 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""A CAN bus of python-can: how it is opened and named, its errors in words, its times."""
+"""
+A CAN bus of python-can: how it is opened and named, its errors in words, its times.
+
+All that depends on python-can's interfaces and their peculiarities is here.
+"""
 
 from __future__ import annotations
 
@@ -68,7 +72,20 @@ SPAN = 1.0
 
 
 def bus_name(interface: str, channel: str) -> str:
-    """Return interface and channel of a bus, and its port if it is between processes."""
+    """
+    Return the name of a bus, for texts.
+
+    Parameters
+    ----------
+    interface, channel : str
+        Names by python-can.
+
+    Returns
+    -------
+    str
+        Such as 'socketcan can0'; with its port if the bus is between processes (udp_multicast).
+
+    """
     name = f'{interface} {channel}'
     if interface == 'udp_multicast':
         # Where python-can's configuration is broken, opening the bus reports it.
@@ -79,7 +96,20 @@ def bus_name(interface: str, channel: str) -> str:
 
 
 def first_line(error: Exception) -> str:
-    """Return the first line of an error's text, with a remedy; it may contain a traceback."""
+    """
+    Return the first line of an error's text, which may contain a traceback.
+
+    Parameters
+    ----------
+    error : Exception
+        One of BUS_ERRORS, usually.
+
+    Returns
+    -------
+    str
+        One line, with a remedy if there is one.
+
+    """
     line = (str(error) or type(error).__name__).splitlines()[0]
     number = getattr(error, 'errno', None) or getattr(error, 'error_code', None)
     remedy = REMEDIES.get(number or line)
@@ -87,7 +117,15 @@ def first_line(error: Exception) -> str:
 
 
 def error_words(message: can.Message) -> str:
-    """Return the errors that an error frame reports, in words."""
+    """
+    Return the errors that an error frame reports, in words.
+
+    Parameters
+    ----------
+    message : can.Message
+        Error frame with the error classes of Linux's linux/can/error.h in its identifier.
+
+    """
     identifier, data = message.arbitration_id, message.data
     words = [word for bit, word in CLASS_WORDS.items() if identifier & bit]
     if identifier & CONTROLLER and len(data) > 1:
@@ -97,9 +135,15 @@ def error_words(message: can.Message) -> str:
 
 def check_configuration() -> None:
     """
-    Raise InputError where python-can's own configuration cannot be read.
+    Refuse a configuration of python-can that cannot be read.
 
     python-can merges its files and the variable CAN_CONFIG into the settings of every bus.
+
+    Raises
+    ------
+    InputError
+        A file or the variable cannot be read; the text names it.
+
     """
     for name in can.util.CONFIG_FILES:
         path = Path(name).expanduser()
@@ -127,9 +171,22 @@ def check_configuration() -> None:
 
 def check_interface(interface: str, name: str = 'can.interface') -> None:
     """
-    Raise SettingError if python-can has no such interface; `name` is that of the setting.
+    Refuse an interface that python-can does not have.
 
-    InputError as of `check_configuration`.
+    Parameters
+    ----------
+    interface : str
+        Name by python-can.
+    name : str
+        Name of the setting, for the error.
+
+    Raises
+    ------
+    SettingError
+        There is no such interface.
+    InputError
+        As of `check_configuration`.
+
     """
     check_configuration()
     if interface not in can.VALID_INTERFACES:
@@ -138,11 +195,30 @@ def check_interface(interface: str, name: str = 'can.interface') -> None:
 
 def open_bus(interface: str, channel: str, bitrate: int, own: bool = False) -> can.BusABC:
     """
-    Open a bus by python-can's names ('socketcan' and 'can0' on a rig), or raise a BUS_ERROR.
+    Open a bus.
 
     python-can reads further settings of an interface from its configuration files and from
-    CAN_CONFIG. `bitrate`, bit/s, is for interfaces that set it themselves; 0 leaves it to the
-    system. With `own` the bus also returns the frames sent here, if it can.
+    CAN_CONFIG.
+
+    Parameters
+    ----------
+    interface, channel : str
+        Names by python-can: 'socketcan' and 'can0' on a rig.
+    bitrate : int
+        Bit rate, bit/s, for interfaces that set it themselves; 0 leaves it to the system.
+    own : bool
+        Whether the bus also returns the frames sent here, if it can.
+
+    Returns
+    -------
+    can.BusABC
+        Open bus; `shutdown` closes it.
+
+    Raises
+    ------
+    can.CanError
+        It cannot be opened; python-can raises one of BUS_ERRORS.
+
     """
     # python-can logs the errors that it raises.
     logging.getLogger('can').setLevel(logging.CRITICAL)
@@ -172,7 +248,22 @@ class ReceiveClock:
         self._least = self._least_before = float('inf')
 
     def epoch(self, received: float, arrived: float) -> float:
-        """Map a receive time, s (0: unknown), to the Unix epoch; it was read at `arrived`, s."""
+        """
+        Map a receive time to the Unix epoch.
+
+        Parameters
+        ----------
+        received : float
+            Receive time by the interface, s; 0 if it has none.
+        arrived : float
+            Time at which the frame was read here, s since the Unix epoch.
+
+        Returns
+        -------
+        float
+            Time of reception, s since the Unix epoch.
+
+        """
         if not received:
             return arrived
         delay = arrived - received

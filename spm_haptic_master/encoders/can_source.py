@@ -1,7 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Joint samples from encoders on a CAN bus, by any interface of python-can."""
+"""
+Joint samples from encoders on a CAN bus, by any interface of python-can.
+
+The bus is read in the caller's thread; SYNC has a thread of its own.
+"""
 
 from __future__ import annotations
 
@@ -38,13 +42,31 @@ SEND_TIMEOUT = 0.01
 
 class CanSource(EncoderSource):
     """
-    Source that reads the encoders from a CAN bus (see `can_bus.open_bus`), in the caller's thread.
+    Source that reads the encoders from a CAN bus, in the caller's thread.
 
     A bus that is missing or fails is reopened, with back-off. Nodes of the decoder's network that
-    boot or are silent are started, and with `stop_nodes` stopped at the end. `fault` is the reason
-    why there are no sets: none, or no frame of an encoder, for `timeout` s. SYNC is produced here
-    with a period of `produce` s; None if another master produces it. Raises SettingError if
-    python-can has no such interface.
+    boot or are silent are started (NMT).
+
+    Parameters
+    ----------
+    interface, channel : str
+        Bus by python-can's names; see `can_bus.open_bus`.
+    bitrate : int
+        Bit rate, bit/s; 0 leaves it to the system.
+    decoder : FrameDecoder
+        What makes sets of frames.
+    timeout : float
+        Time without a set, or without a frame of an encoder, after which `fault` reports it, s.
+    produce : float or None
+        Period of SYNC, if it is produced here, s; None if another master produces it.
+    stop_nodes : bool
+        Whether `close` stops the nodes (NMT).
+
+    Raises
+    ------
+    SettingError
+        python-can has no such interface.
+
     """
 
     def __init__(
@@ -93,11 +115,32 @@ class CanSource(EncoderSource):
         self._reason_since = float('-inf')
 
     def keep(self, take: Callable[[can.Message], None]) -> None:
-        """Pass each frame and the SYNC sent here to `take`; their replay yields the same sets."""
+        """
+        Pass each frame, and the SYNC sent here, to a function: their replay yields the same sets.
+
+        Parameters
+        ----------
+        take : callable
+            Takes a frame, stamped in s since the Unix epoch.
+
+        """
         self._keep = take
 
     def read(self, timeout: float) -> JointSample | None:
-        """Return the next set completed within `timeout` seconds, None if there is none."""
+        """
+        Return the next set.
+
+        Parameters
+        ----------
+        timeout : float
+            Longest wait, s.
+
+        Returns
+        -------
+        JointSample or None
+            None if no set is completed meanwhile, or if there is a reading of an axis.
+
+        """
         deadline = time.monotonic() + timeout
         readings = self._decoder.readings
         while not (self._ready or readings) and (now := time.monotonic()) <= deadline:
@@ -144,6 +187,7 @@ class CanSource(EncoderSource):
         return found and self._reason
 
     def _find_fault(self) -> str | None:
+        """Return why there is no set, None if there is one: the bus first, the encoders last."""
         now = time.time()
         if recent(self._last_set, now, self._timeout):
             return None
@@ -165,6 +209,7 @@ class CanSource(EncoderSource):
         )
 
     def _why_no_sync(self) -> str:
+        """Return why there is no SYNC, and what to do."""
         if self._sync is None:
             return 'no other master makes it, and can.sync is consume; ' + (
                 WITHOUT_SYNC
@@ -225,6 +270,7 @@ class CanSource(EncoderSource):
             self._last_set = arrived
 
     def _decode(self, message: can.Message) -> None:
+        """Pass a frame on to the log and to the decoder; keep the set that it completes."""
         if self._keep:
             self._keep(message)
         if (sample := self._decoder.feed(message)) is not None:
@@ -261,6 +307,7 @@ class CanSource(EncoderSource):
             self._send(message)
 
     def _send(self, message: can.Message) -> None:
+        """Send a frame from any thread; one of BUS_ERRORS is kept for `fault`, and raised."""
         with self._sending:
             try:
                 # The bus is open: the threads that send stop before it is closed.
@@ -291,12 +338,14 @@ class CanSource(EncoderSource):
         return bus
 
     def _fail(self, error: Exception) -> None:
+        """Close the bus after an error; try again after the back-off, which doubles each time."""
         self._failure = f'{self._name}: {can_bus.first_line(error)}'
         self._retry_at = time.monotonic() + self._backoff
         self._backoff = min(2.0 * self._backoff, REOPEN_LAST)
         self._close_bus()
 
     def _close_bus(self) -> None:
+        """End the thread of SYNC, and close the bus."""
         if self._sync:
             self._sync.stop()
         if self._bus is not None:

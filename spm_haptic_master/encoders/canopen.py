@@ -1,7 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""CANopen for encoders: frames, states and error codes of CiA 301, objects of CiA 406."""
+"""
+CANopen for encoders: frames, states and error codes of CiA 301, objects of CiA 406.
+
+Only constants and pure functions: they build frames, and read their bytes.
+"""
 
 from __future__ import annotations
 
@@ -177,7 +181,20 @@ REGISTER_WORDS = {
 
 
 def frame_name(identifier: int) -> str | None:
-    """Return the name of an 11-bit identifier in the predefined connection set."""
+    """
+    Return the name of an identifier in the predefined connection set (CiA 301, 7.3).
+
+    Parameters
+    ----------
+    identifier : int
+        Identifier of 11 bits.
+
+    Returns
+    -------
+    str or None
+        Such as 'heartbeat of node 5'; None for an identifier that the set does not have.
+
+    """
     node_id = identifier & NODE_ID_MAXIMUM
     if (base := identifier - node_id) in NODE_FRAMES and node_id:
         return f'{NODE_FRAMES[base]} node {node_id}'
@@ -191,17 +208,53 @@ def reserved_for(identifier: int) -> str | None:
 
 
 def frame(identifier: int, data: bytes = b'', stamp: float = 0.0) -> can.Message:
-    """Return a data frame with an 11-bit identifier, and with a time, s."""
+    """
+    Return a data frame with an 11-bit identifier.
+
+    Parameters
+    ----------
+    identifier : int
+        The identifier.
+    data : bytes
+        At most eight bytes.
+    stamp : float
+        Time, s; 0 for a frame to be sent.
+
+    """
     return can.Message(stamp, identifier, is_extended_id=False, data=data)
 
 
 def nmt(command: int, node_id: int) -> can.Message:
-    """Return an NMT command to one node (0: to all nodes)."""
+    """
+    Return an NMT command.
+
+    Parameters
+    ----------
+    command : int
+        One of NMT_START to NMT_RESET_COMMUNICATION.
+    node_id : int
+        Node that it is for; 0 for all nodes.
+
+    """
     return frame(NMT_ID, bytes((command, node_id)))
 
 
 def emcy(node_id: int, code: int, register: int, specific: bytes = b'') -> can.Message:
-    """Return an emergency message, with up to five manufacturer-specific bytes."""
+    """
+    Return an emergency message (CiA 301, 7.2.7).
+
+    Parameters
+    ----------
+    node_id : int
+        Node that sends it.
+    code : int
+        Error code, 16 bits; EMCY_ERROR_RESET for the end of an error.
+    register : int
+        Error register (1001h), 8 bits.
+    specific : bytes
+        Up to five manufacturer-specific bytes.
+
+    """
     return frame(
         EMCY_BASE + node_id,
         code.to_bytes(2, 'little') + bytes((register,)) + specific.ljust(5, b'\0'),
@@ -230,7 +283,17 @@ def register_words(register: int) -> str:
 
 
 def emcy_words(data: bytes | bytearray, codes: Mapping[int, str] = EMCY_CODES) -> str:
-    """Return an emergency in words: code, class, error register, manufacturer-specific bytes."""
+    """
+    Return an emergency in words: code, class, error register, manufacturer-specific bytes.
+
+    Parameters
+    ----------
+    data : bytes
+        The eight bytes of the message.
+    codes : mapping of int to str
+        Words of codes with a meaning of their own; others get the words of their class.
+
+    """
     code = emcy_code(data)
     words = codes.get(code) or EMCY_CLASSES.get(code >> 8, 'code not in CiA 301')
     text = f'EMCY 0x{code:04X} {words}, error register 0x{data[2]:02X}'
@@ -255,7 +318,21 @@ def state_word(state: int) -> str:
 
 
 def sdo(identifier: int, command: int, index: int, subindex: int, value: int = 0) -> can.Message:
-    """Return an SDO frame: a request, or an answer (with SDO_ABORT, `value` is the code)."""
+    """
+    Return an SDO frame of an expedited transfer: a request, or an answer (CiA 301).
+
+    Parameters
+    ----------
+    identifier : int
+        Identifier of request or answer, with the node id.
+    command : int
+        Command byte.
+    index, subindex : int
+        The object.
+    value : int
+        Value, 32 bits; with SDO_ABORT the abort code.
+
+    """
     return frame(
         identifier,
         bytes((command,))
@@ -271,14 +348,42 @@ def sdo_upload(node_id: int, index: int, subindex: int) -> can.Message:
 
 
 def sdo_write(node_id: int, index: int, subindex: int, value: int, size: int) -> can.Message:
-    """Return the SDO request that writes an unsigned number of one to four bytes."""
+    """
+    Return the SDO request of an expedited download.
+
+    Parameters
+    ----------
+    node_id : int
+        Node that it is for.
+    index, subindex : int
+        The object.
+    value : int
+        Unsigned value.
+    size : int
+        Size of the object, one to four bytes.
+
+    """
     return sdo(
         SDO_REQUEST_BASE + node_id, SDO_DOWNLOAD_REQUEST | 4 - size << 2, index, subindex, value
     )
 
 
 def sdo_answer(node_id: int, index: int, subindex: int, value: int, size: int = 4) -> can.Message:
-    """Return the expedited answer to an SDO upload: an unsigned number of one to four bytes."""
+    """
+    Return the expedited answer to an SDO upload.
+
+    Parameters
+    ----------
+    node_id : int
+        Node that answers.
+    index, subindex : int
+        The object.
+    value : int
+        Unsigned value.
+    size : int
+        Size of the object, one to four bytes.
+
+    """
     return sdo(SDO_ANSWER_BASE + node_id, 0x43 | 4 - size << 2, index, subindex, value)
 
 
@@ -288,7 +393,20 @@ def sdo_object(data: bytes | bytearray) -> tuple[int, int]:
 
 
 def sdo_value(data: bytes | bytearray) -> int | None:
-    """Return the value in the answer to an expedited upload; None for any other SDO frame."""
+    """
+    Return the value in the answer to an expedited upload.
+
+    Parameters
+    ----------
+    data : bytes
+        The eight bytes of an SDO frame.
+
+    Returns
+    -------
+    int or None
+        Unsigned value; None for any other SDO frame.
+
+    """
     if data[0] & 0xE2 != 0x42:
         return None
     # Bit 0 set: bits 2 and 3 hold the number of unused bytes.
@@ -297,7 +415,20 @@ def sdo_value(data: bytes | bytearray) -> int | None:
 
 
 def sdo_download(data: bytes | bytearray) -> bytes | None:
-    """Return the value in a request of an expedited download; None for any other SDO frame."""
+    """
+    Return the value in a request of an expedited download.
+
+    Parameters
+    ----------
+    data : bytes
+        The eight bytes of an SDO frame.
+
+    Returns
+    -------
+    bytes or None
+        One to four bytes; None for any other SDO frame, and for one without the size.
+
+    """
     # Bits 2 and 3 hold the number of unused bytes.
     if data[0] & 0xF3 != SDO_DOWNLOAD_REQUEST:
         return None

@@ -1,7 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Nodes by the library canopen: objects by SDO, states by NMT."""
+"""
+Nodes by the library canopen: objects by SDO, states by NMT.
+
+For set-up, where waiting for an answer is allowed; the driver itself never blocks like that.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +50,25 @@ def import_canopen() -> Any:
 
 @contextmanager
 def network_on(bus: can.BusABC) -> Iterator[Any]:
-    """Put the library's network on an open bus; the bus stays open afterwards."""
+    """
+    Put the library's network on an open bus; the bus stays open afterwards.
+
+    Parameters
+    ----------
+    bus : can.BusABC
+        Open bus, from which a thread of the network receives.
+
+    Yields
+    ------
+    canopen.Network
+        The network.
+
+    Raises
+    ------
+    InputError
+        The library is not installed.
+
+    """
     network = import_canopen().Network(bus)
     network.NOTIFIER_CYCLE = RECEIVE_TIMEOUT
     network.connect()
@@ -58,7 +80,24 @@ def network_on(bus: can.BusABC) -> Iterator[Any]:
 
 @contextmanager
 def awaited(network: Any, identifier: int, data: bytes | None = None) -> Iterator[threading.Event]:
-    """Give an event that a frame with this identifier sets, if given only with these data."""
+    """
+    Give an event that is set when a frame is heard.
+
+    Parameters
+    ----------
+    network : canopen.Network
+        Network that receives.
+    identifier : int
+        Identifier of the frame.
+    data : bytes, optional
+        Data that it has to have; by default any.
+
+    Yields
+    ------
+    threading.Event
+        The event.
+
+    """
     heard = threading.Event()
 
     def take(_: int, received: bytes, __: float) -> None:
@@ -73,11 +112,29 @@ def awaited(network: Any, identifier: int, data: bytes | None = None) -> Iterato
 
 
 class RefusedError(SetupError):
-    """A node answers a request with an abort."""
+    """A node answers a request with an SDO abort (CiA 301)."""
 
 
 class Node:
-    """A node as the master sees it; SetupError if it does not answer, RefusedError: it aborts."""
+    """
+    A node as the master sees it.
+
+    Each request raises SetupError if the node does not answer, RefusedError if it aborts, and one
+    of BUS_ERRORS if the bus has failed.
+
+    Parameters
+    ----------
+    network : canopen.Network
+        Network that it is on.
+    node_id : int
+        CANopen node id.
+
+    Attributes
+    ----------
+    node_id : int
+        As given.
+
+    """
 
     def __init__(self, network: Any, node_id: int):
         self._canopen = import_canopen()
@@ -90,9 +147,25 @@ class Node:
 
     def read(self, index: int, subindex: int) -> tuple[int | None, int]:
         """
-        Return the value of an object, and its size in bytes; None and 0 if the node has none.
+        Read an object by SDO upload.
 
-        The size is 0 where the answer does not have it.
+        Parameters
+        ----------
+        index, subindex : int
+            The object.
+
+        Returns
+        -------
+        value : int or None
+            Unsigned value; None if the node has no such object.
+        size : int
+            Its size, bytes; 0 where the answer does not have it, and for no object.
+
+        Raises
+        ------
+        SetupError
+            The node does not answer, or (RefusedError) refuses for another reason.
+
         """
         with self._request(f'to read 0x{index:04X}:{subindex:02X}', 'SDO'):
             try:
@@ -106,7 +179,26 @@ class Node:
         return int.from_bytes(data, 'little'), size or 0
 
     def write(self, index: int, subindex: int, value: int, size: int) -> None:
-        """Write an object of a size in bytes."""
+        """
+        Write an object by SDO download.
+
+        Parameters
+        ----------
+        index, subindex : int
+            The object.
+        value : int
+            Unsigned value.
+        size : int
+            Its size, bytes.
+
+        Raises
+        ------
+        RefusedError
+            The node aborts.
+        SetupError
+            The node does not answer.
+
+        """
         name = f'0x{index:04X}:{subindex:02X}'
         with self._request(f'0x{value:X} for {name}', f'while {name} is written'):
             self._sdo.download(index, subindex, value.to_bytes(size, 'little'))
@@ -120,7 +212,15 @@ class Node:
         return support is not None and bool(support & protocol.STORES)
 
     def check_alone(self) -> None:
-        """Raise SetupError if several devices answer for this node id."""
+        """
+        Refuse a node id that several devices have: each answers a request for the serial number.
+
+        Raises
+        ------
+        SetupError
+            More than one answer came.
+
+        """
         answers: list[bytes] = []
         answered = threading.Event()
         identifier = protocol.SDO_ANSWER_BASE + self.node_id
@@ -151,11 +251,19 @@ class Node:
             self._sdo.MAX_RETRIES = REQUESTS
 
     def command(self, command: int) -> None:
-        """Send an NMT command."""
+        """Send an NMT command, one of the NMT constants of `canopen`; there is no answer to it."""
         self._network.send_message(protocol.NMT_ID, bytes((command, self.node_id)))
 
     def reset(self) -> None:
-        """Reset it and wait for its boot-up message."""
+        """
+        Reset the node and wait for its boot-up message.
+
+        Raises
+        ------
+        SetupError
+            It has not come within BOOT_TIMEOUT.
+
+        """
         with awaited(
             self._network, protocol.HEARTBEAT_BASE + self.node_id, bytes((protocol.BOOT_UP,))
         ) as booted:
@@ -167,7 +275,17 @@ class Node:
 
     @contextmanager
     def _request(self, refused: str, unanswered: str) -> Iterator[None]:
-        """Have an error of the library reported; a failed bus raises its own error."""
+        """
+        Report errors of the library as ours; a failed bus raises its own error.
+
+        Parameters
+        ----------
+        refused : str
+            What the node refuses, for the text of RefusedError.
+        unanswered : str
+            What the node does not answer, for the text of SetupError.
+
+        """
         try:
             yield
         except self._canopen.SdoAbortedError as abort:

@@ -1,7 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The encoders as CANopen nodes: NMT states, heartbeats, boot-ups and emergencies."""
+"""
+The encoders as CANopen nodes: NMT states, heartbeats, boot-ups and emergencies.
+
+What a node says of itself decides whether its answers are readings, and explains its silence.
+"""
 
 from __future__ import annotations
 
@@ -28,29 +32,52 @@ SUPERVISES_SYNC = (
 
 @dataclass(slots=True, eq=False)
 class Node:
-    """State of one node, from its own messages. Another thread reads: each value is read once."""
+    """
+    State of one node, from its own messages. Another thread reads: each value is read once.
+
+    Attributes
+    ----------
+    joint : str
+        Joint or axis of its encoder.
+    node_id : int
+        CANopen node id.
+    timeout : float
+        Time without a heartbeat after which that is lost, s.
+    state : int or None
+        NMT state by the latest heartbeat or boot-up message, None before the first.
+    heard : float or None
+        Time of the latest heartbeat, s; None before the first and after a boot-up, since CiA 301
+        supervises a heartbeat from the first one on.
+    emergency : str or None
+        Latest emergency in words, None if there is none or every error is over.
+    register : int or None
+        Error register (1001h) as it was read; None before that, and after a boot-up. EMCY reports
+        only what happens while somebody listens.
+    asked_at : float
+        Time of the latest request for it, s.
+    requests : int
+        Number of requests for it since the boot-up.
+    supervises_sync : bool
+        Whether it left OPERATIONAL because of a SYNC that was left out here.
+    boot_ups, emergencies : int
+        Numbers of boot-up messages and of EMCY messages.
+    started_at : float
+        Time of the latest NMT start, s; -inf before the first and after a boot-up.
+
+    """
 
     joint: str
     node_id: int
-    timeout: float  # time after which a heartbeat is lost, s
-    # NMT state by the latest heartbeat or boot-up message, None before the first.
+    timeout: float
     state: int | None = None
-    # Time of the latest heartbeat, s; None before the first and after a boot-up, since CiA 301
-    # supervises a heartbeat from the first one on.
     heard: float | None = None
-    # Latest emergency in words, None if there is none or every error is over.
     emergency: str | None = None
-    # Error register (0x1001) as it was read; None before that, and after a boot-up. EMCY reports
-    # only what happens while somebody listens.
     register: int | None = None
-    # Time of the latest request for it, s, and their number since the boot-up.
     asked_at: float = float('-inf')
     requests: int = 0
-    # Whether it left OPERATIONAL because of a SYNC that was left out here.
     supervises_sync: bool = False
     boot_ups: int = 0
     emergencies: int = 0
-    # Time of the latest NMT start, s; -inf before the first and after a boot-up.
     started_at: float = float('-inf')
 
     def down(self) -> str | None:
@@ -59,7 +86,21 @@ class Node:
         return None if state in (None, canopen.OPERATIONAL) else canopen.state_word(state)
 
     def caution(self, now: float) -> str | None:
-        """Return the emergency, error register or lost heartbeat of a node that may answer."""
+        """
+        Return what is wrong with a node that may answer.
+
+        Parameters
+        ----------
+        now : float
+            Time, s since the Unix epoch.
+
+        Returns
+        -------
+        str or None
+            Its emergency, its error register or its lost heartbeat, in this order; None without
+            any.
+
+        """
         if emergency := self.emergency:
             return emergency
         if register := self.register:
@@ -108,7 +149,20 @@ class Node:
         }
 
     def take(self, message: can.Message) -> str | None:
-        """Take its heartbeat, EMCY or answer to SDO; return what has a wrong length."""
+        """
+        Take its heartbeat, EMCY or answer to SDO.
+
+        Parameters
+        ----------
+        message : can.Message
+            Frame with one of its identifiers, stamped in s since the Unix epoch.
+
+        Returns
+        -------
+        str or None
+            The name of a frame that has a wrong length; None for a good one.
+
+        """
         base, data = message.arbitration_id - self.node_id, message.data
         name, length = LENGTHS[base]
         if len(data) != length:
@@ -129,6 +183,7 @@ class Node:
         return bool(self.register) or (self.register is None and self.requests < MOST_REQUESTS)
 
     def _take_emergency(self, data: bytes | bytearray) -> None:
+        """Take an EMCY: it is over when no error is left in the register."""
         self.emergencies += 1
         if canopen.emcy_is_over(data):
             self.emergency = None
@@ -147,6 +202,7 @@ class Node:
             self.register = 0  # it has none
 
     def _take_heartbeat(self, state: int, stamp: float) -> None:
+        """Take an NMT state; a boot-up message resets what was known of the node."""
         # Bit 7 is reserved; in the older node guarding it is the toggle bit.
         self.state = state & 0x7F
         self.heard = stamp
@@ -157,6 +213,7 @@ class Node:
             self.requests = 0
 
     def _lost(self, heard: float | None, now: float) -> bool:
+        """Return whether the latest heartbeat, if any, is older than the time-out."""
         return heard is not None and now - heard > self.timeout
 
 
@@ -170,10 +227,30 @@ LENGTHS = {
 
 class CanopenNodes:
     """
-    Supervises the nodes; a heartbeat is lost `heartbeat_timeout` s after the one before.
+    Supervises the nodes of the encoders.
 
-    `drives` are the node ids of the drives on the same bus; `further` are nodes of encoders that
-    are no joints, and are started and asked as the others.
+    Parameters
+    ----------
+    joints : tuple of N str
+        Joints of the encoders.
+    node_ids : tuple of N int
+        Their CANopen node ids.
+    heartbeat_timeout : float
+        Time after a heartbeat at which the next one is lost, s.
+    drives : tuple of int
+        Node ids of the drives on the same bus, which are known and left alone.
+    further : tuple of Node
+        Nodes of encoders that are no joints; they are started and asked as the others.
+
+    Attributes
+    ----------
+    nodes : tuple of N Node
+        Nodes of the joints.
+    every : tuple of Node
+        These, and the further ones behind them.
+    senders : dict of int to Node
+        Node that sends the frames with each identifier.
+
     """
 
     def __init__(
@@ -207,7 +284,20 @@ class CanopenNodes:
         self._sync_left_out_at = now
 
     def take(self, message: can.Message) -> str | None:
-        """Take the frame of a node; return what has a wrong length."""
+        """
+        Take the frame of a node.
+
+        Parameters
+        ----------
+        message : can.Message
+            Frame with an identifier of `senders`, stamped in s since the Unix epoch.
+
+        Returns
+        -------
+        str or None
+            What has a wrong length; None for a good frame.
+
+        """
         node = self.senders[message.arbitration_id]
         before = node.state
         if wrong := node.take(message):
@@ -223,7 +313,18 @@ class CanopenNodes:
         return None
 
     def to_ask(self, now: float, silent: tuple[int, ...]) -> list[Node]:
-        """Return, and note, the nodes whose error register is to be read `now`, s."""
+        """
+        Return, and note, the nodes whose error register (1001h) is to be read.
+
+        Parameters
+        ----------
+        now : float
+            Time, s since the Unix epoch.
+        silent : tuple of int
+            Places in `every` of the nodes whose encoders are silent; a node that was never heard
+            at all is not asked.
+
+        """
         due = [
             node
             for index, node in enumerate(self.every)
@@ -235,7 +336,17 @@ class CanopenNodes:
         return due
 
     def to_start(self, now: float, silent: tuple[int, ...]) -> list[Node]:
-        """Return, and note, the silent nodes (places in `every`) to start `now`, s."""
+        """
+        Return, and note, the nodes to start (NMT), each at most once in START_AGAIN.
+
+        Parameters
+        ----------
+        now : float
+            Time, s since the Unix epoch.
+        silent : tuple of int
+            Places in `every` of the nodes whose encoders are silent.
+
+        """
         due = [
             node
             for index in silent
@@ -246,7 +357,20 @@ class CanopenNodes:
         return due
 
     def by_joint(self, reason: Callable[[Node], str | None]) -> dict[int, str]:
-        """Return the reasons that some nodes have, by index of the joint."""
+        """
+        Return the reasons that some nodes have.
+
+        Parameters
+        ----------
+        reason : callable
+            Returns the reason of a node in words, or None.
+
+        Returns
+        -------
+        dict of int to str
+            Reasons by index of the joint.
+
+        """
         return {index: words for index, node in enumerate(self.nodes) if (words := reason(node))}
 
     def note_other(self, identifier: int) -> None:

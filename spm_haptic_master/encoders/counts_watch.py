@@ -1,7 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The counts of one encoder as they come: how they move, and whether its layout fits them."""
+"""
+The counts of one encoder as they come: how they move, and whether its layout fits them.
+
+A wrong layout shows in counts that jump as the joint turns, or that are beyond a turn.
+"""
 
 from __future__ import annotations
 
@@ -24,15 +28,37 @@ LEAST_MOVEMENT = 0.004
 
 @dataclass(slots=True)
 class CountsTrack:
-    """Counts by one layout: unwrapped, with their span and travel; in counts."""
+    """
+    Counts by one layout: unwrapped, with their span and travel; in counts.
+
+    Attributes
+    ----------
+    layout : EncoderLayout
+        Where the counts are in a frame.
+    latest : int or None
+        Latest counts; None before the first.
+    frames : int
+        Number of frames.
+    beyond : int
+        Number of frames with a value of a turn or more.
+    changes : int
+        Number of frames with other counts than the one before.
+    travel : int
+        Sum of all steps, without sign.
+    position : int
+        Counts without the wraps, from the first counts on.
+    least, greatest : int
+        Extremes of the position.
+
+    """
 
     layout: EncoderLayout
-    latest: int | None = None  # None before the first, and for a value of a turn or more
+    latest: int | None = None
     frames: int = 0
-    beyond: int = 0  # frames with a value of a turn or more
+    beyond: int = 0
     changes: int = 0
-    travel: int = 0  # sum of all steps
-    position: int = 0  # without the wraps, from the first counts on
+    travel: int = 0
+    position: int = 0
     least: int = 0
     greatest: int = 0
 
@@ -62,14 +88,20 @@ class CountsTrack:
 
 def resolution_hint(angles: NDArray[np.float64], counts_per_turn: Sequence[int]) -> str:
     """
-    Return that all encoders may have a smaller resolution than configured; empty if not.
+    Return that all encoders may have a smaller resolution than configured.
 
     Parameters
     ----------
-    angles
-        Raw angles of a whole motion, rad, shape (n, N): counts times 2 pi / counts_per_turn.
-    counts_per_turn
+    angles : ndarray, shape (n, N)
+        Raw angles of a whole motion, rad: counts times 2 pi / counts_per_turn.
+    counts_per_turn : sequence of N int
         Configured counts per turn of each encoder.
+
+    Returns
+    -------
+    str
+        The hint; empty if there is none.
+
     """
     if not len(angles):
         return ''
@@ -84,7 +116,26 @@ def resolution_hint(angles: NDArray[np.float64], counts_per_turn: Sequence[int])
 
 
 class CountsWatch:
-    """Counts of one encoder by its layout, and by the other byte order."""
+    """
+    Counts of one encoder by its layout, and by the other byte order.
+
+    Parameters
+    ----------
+    layout : EncoderLayout
+        Configured layout.
+
+    Attributes
+    ----------
+    track : CountsTrack
+        Counts by that layout.
+    heard : float or None
+        Time of the latest frame, s.
+    healthy : bool
+        Whether the status bits of that frame were good.
+    other_length : int or None
+        Length of the latest frame with another length than configured, bytes.
+
+    """
 
     def __init__(self, layout: EncoderLayout):
         self.layout = layout
@@ -102,7 +153,17 @@ class CountsWatch:
         self._shown = 0
 
     def take(self, data: bytes | bytearray, stamp: float) -> None:
-        """Take a frame's data; one of another length is no frame of this layout."""
+        """
+        Take a frame; one of another length is no frame of this layout.
+
+        Parameters
+        ----------
+        data : bytes
+            Data of the frame.
+        stamp : float
+            Receive time, s.
+
+        """
         if len(data) != self.layout.data_length:
             self.other_length = len(data)
             return
@@ -133,7 +194,15 @@ class CountsWatch:
         return moved if moved > LEAST_MOVEMENT else 0.0
 
     def problem(self) -> str | None:
-        """Return why the layout does not fit the counts, None where it does."""
+        """
+        Return why the layout does not fit the counts.
+
+        Returns
+        -------
+        str or None
+            Which setting is probably another one; None where the layout fits.
+
+        """
         track, other = self.track, self._other
         if not track.frames:
             return None

@@ -1,7 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Encoders' frames as a DBC file describes them: the lines for rig.yaml."""
+"""
+Encoders' frames as a DBC file describes them: the lines for rig.yaml.
+
+Signals are recognised by their names; whatever is uncertain is said in a remark.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +46,39 @@ SCALE_TOLERANCE = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class DescribedFrame:
-    """A frame with a position, in the settings of one encoder; `name` is the file's."""
+    """
+    A frame with a position, in the settings of one encoder.
+
+    Attributes
+    ----------
+    name, signal : str
+        Names of the frame and of its position signal in the file.
+    can_id : int
+        Identifier of the frame.
+    extended : bool
+        Whether that has 29 bits; otherwise 11.
+    data_length : int
+        Length of the data, bytes.
+    byte_offset : int
+        First byte of the word with the counts.
+    bit_length : int
+        Length of that word, bits.
+    byte_order : str
+        'little' or 'big'.
+    mask : int
+        Bits of the word that are the counts; 0 for all.
+    signed : bool
+        Whether the counts are a two's complement number.
+    counts_per_turn : int
+        Counts in a turn, as far as the file says.
+    counter_byte, counter_mask : int
+        Byte and bits of the rolling counter; a mask of 0: none.
+    status_byte, status_mask, status_good : int
+        Byte and bits of the status, and their value without an error; a mask of 0: none.
+    remarks : tuple of str
+        What is to be compared with the data sheet.
+
+    """
 
     name: str
     signal: str
@@ -64,7 +100,25 @@ class DescribedFrame:
 
 
 def read_dbc(path: str) -> list[DescribedFrame]:
-    """Return the frames with a position in a DBC file; InputError if it cannot be read."""
+    """
+    Return the frames with a position in a DBC file.
+
+    Parameters
+    ----------
+    path : str
+        The file, in any format that cantools reads.
+
+    Returns
+    -------
+    list of DescribedFrame
+        At least one frame, in the order of the file.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, no signal in it is a position, or cantools is not installed.
+
+    """
     if not Path(path).is_file():
         raise InputError(f'{path}: no such file; expected a DBC file')
     cantools = import_cantools()
@@ -194,7 +248,22 @@ def _good_value(signal: Any, mask: int, remarks: list[str]) -> int:
 
 
 def rig_lines(frames: list[DescribedFrame], path: str) -> list[str]:
-    """Return the lines for rig.yaml of the frames in a file, in its order."""
+    """
+    Return the lines for rig.yaml.
+
+    Parameters
+    ----------
+    frames : list of DescribedFrame
+        Frames of the encoders, in the order of the file.
+    path : str
+        The file, for a comment.
+
+    Returns
+    -------
+    list of str
+        Lines of YAML; the order of the joints is left to the reader.
+
+    """
     count = len(frames)
     lines = [f'# frames of {path}: put the lists into the order of the joints, as they are wired']
     if not len(JOINT_NAMES) <= count <= len(ALL_JOINT_NAMES):
@@ -220,6 +289,7 @@ def rig_lines(frames: list[DescribedFrame], path: str) -> list[str]:
 
 
 def _yaml(name: str, value: object) -> str:
+    """Return a value in YAML: identifiers and masks are hexadecimal."""
     if isinstance(value, bool):
         return 'true' if value else 'false'
     if isinstance(value, int) and (name == 'can_id' or name.endswith('mask')):

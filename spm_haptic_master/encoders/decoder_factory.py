@@ -1,7 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The decoder of the encoders' frames; their settings, checked against each other and the bus."""
+"""
+The decoder of the encoders' frames; their settings, checked against each other and the bus.
+
+What one setting alone may be is checked with its declaration, in `parameters`.
+"""
 
 from __future__ import annotations
 
@@ -39,9 +43,20 @@ MAXIMUM_LOAD = 0.95
 
 def make_decoder(values: Values, drives: tuple[int, ...] = ()) -> FrameDecoder:
     """
-    Return the decoder of the encoders; SettingError if settings contradict each other.
+    Return the decoder of the encoders.
 
-    `drives` are the node ids of the drives on the same bus.
+    Parameters
+    ----------
+    values : Values
+        Checked settings of the encoders and the bus, and `rate`.
+    drives : tuple of int
+        Node ids of the drives on the same bus.
+
+    Raises
+    ------
+    SettingError
+        Settings contradict each other.
+
     """
     layouts = make_layouts(values)
     joints = tuple(layout.joint for layout in layouts)
@@ -73,7 +88,26 @@ def _check_axes(
     sync_id: int | None,
     values: Values,
 ) -> None:
-    """Raise SettingError where an axis has the identifier or node id of another encoder."""
+    """
+    Refuse an axis with the identifier or node id of another encoder.
+
+    Parameters
+    ----------
+    axes : tuple of SingleAxis
+        Insertion and gripper, if they have encoders.
+    layouts : tuple of EncoderLayout
+        Encoders of the joints.
+    sync_id : int or None
+        Identifier of SYNC; None without SYNC.
+    values : Values
+        Checked settings.
+
+    Raises
+    ------
+    SettingError
+        A value is used twice, or the layout of an axis contradicts itself.
+
+    """
     taken: dict[int | None, str] = {layout.can_id: layout.joint for layout in layouts}
     taken[sync_id] = 'SYNC'
     is_canopen = values['can.protocol'] == 'canopen'
@@ -156,7 +190,20 @@ def _check_reserved(
 
 
 def make_layouts(values: Values) -> tuple[EncoderLayout, ...]:
-    """Return the layouts of the encoders; SettingError if one contradicts itself or another."""
+    """
+    Return the layouts of the encoders, in the order of ALL_JOINT_NAMES.
+
+    Parameters
+    ----------
+    values : Values
+        Checked settings of the encoders.
+
+    Raises
+    ------
+    SettingError
+        A layout contradicts itself, or two have one identifier.
+
+    """
     joints = ALL_JOINT_NAMES[: values['sensors']]
     fields = {
         setting.name.removeprefix('encoders.'): values[setting.name]
@@ -198,7 +245,25 @@ def make_layouts(values: Values) -> tuple[EncoderLayout, ...]:
 
 
 def make_harmonics(values: Values) -> tuple[Harmonics | None, ...]:
-    """Return the harmonics of the encoders, None for one without any; SettingError."""
+    """
+    Return the harmonics of the encoders, in the order of ALL_JOINT_NAMES.
+
+    Parameters
+    ----------
+    values : Values
+        Checked settings of the encoders; their harmonics are in deg.
+
+    Returns
+    -------
+    tuple of N Harmonics or None
+        None for an encoder without any.
+
+    Raises
+    ------
+    SettingError
+        A table has a wrong length, or a reading would not increase with its angle.
+
+    """
     first_settings = encoders.FIRST_HARMONIC_SETTINGS
     first = zip(*(values[setting.name] for setting in first_settings), strict=True)
     tables = encoders.TABLE_SETTINGS[: values['sensors']]
@@ -298,16 +363,32 @@ def _bit_requirements(
 
 
 def _contiguous(mask: int) -> bool:
+    """Return whether the bits of a mask are contiguous; a mask of 0 is."""
     return not mask or mask.bit_count() == mask.bit_length() - lowest_bit(mask)
 
 
 def unverified_joints(values: Values) -> tuple[str, ...]:
     """
-    Return the joints whose direction no calibration verified; none where no counts are decoded.
+    Return the joints whose direction no calibration verified.
 
-    Raise SettingError if there is one, and the checked settings do not accept that. The angles
-    cannot show a wrong direction of joint_3a: on the centre line the mirrored angle fits another
-    assembly mode exactly.
+    The angles cannot show a wrong direction of joint_3a: on the centre line the mirrored angle
+    fits another assembly mode exactly.
+
+    Parameters
+    ----------
+    values : Values
+        Checked settings.
+
+    Returns
+    -------
+    tuple of str
+        Names of the joints; empty where no counts are decoded.
+
+    Raises
+    ------
+    SettingError
+        There is such a joint, and the settings do not accept that.
+
     """
     verified = values.get(encoders.VERIFIED_SETTING.name)
     if verified is None:
@@ -327,13 +408,43 @@ def unverified_joints(values: Values) -> tuple[str, ...]:
 
 
 def frame_bits(data_length: int, extended: bool) -> int:
-    """Return the worst-case length of a classical data frame, bits: one stuffed after four."""
+    """
+    Return the worst-case length of a classical data frame (ISO 11898-1).
+
+    Parameters
+    ----------
+    data_length : int
+        Length of the data, bytes.
+    extended : bool
+        Whether the identifier has 29 bits.
+
+    Returns
+    -------
+    int
+        Bits, with one stuff bit after each four and with the interframe space.
+
+    """
     bits = 8 * data_length + (EXTENDED_BITS if extended else STANDARD_BITS)
     return bits + (bits - UNSTUFFED_BITS - 1) // 4
 
 
 def cycle_bits(layouts: tuple[EncoderLayout, ...], sync: bool) -> int:
-    """Return the worst-case length of one answer of each, and of SYNC if there is one, bits."""
+    """
+    Return the worst-case length of a cycle.
+
+    Parameters
+    ----------
+    layouts : tuple of EncoderLayout
+        Encoders, each of which sends one frame in a cycle.
+    sync : bool
+        Whether SYNC belongs to it.
+
+    Returns
+    -------
+    int
+        Bits.
+
+    """
     return sum(frame_bits(layout.data_length, layout.extended) for layout in layouts) + (
         frame_bits(0, False) if sync else 0
     )
@@ -342,7 +453,26 @@ def cycle_bits(layouts: tuple[EncoderLayout, ...], sync: bool) -> int:
 def check_bus_load(
     layouts: tuple[EncoderLayout, ...], sync: bool, rate: float, bitrate: int
 ) -> None:
-    """Raise SettingError if the bit rate, bit/s, cannot carry the rate, Hz, with the highest."""
+    """
+    Refuse a rate that the bus cannot carry.
+
+    Parameters
+    ----------
+    layouts : tuple of EncoderLayout
+        Encoders, each of which sends one frame in a cycle.
+    sync : bool
+        Whether SYNC belongs to a cycle.
+    rate : float
+        Rate of the cycles, Hz.
+    bitrate : int
+        Bit rate, bit/s.
+
+    Raises
+    ------
+    SettingError
+        The load is beyond MAXIMUM_LOAD; the text has the highest rate and the arithmetic.
+
+    """
     bits = cycle_bits(layouts, sync)
     load = bits * rate / bitrate
     if load > MAXIMUM_LOAD:

@@ -1,7 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""A maker's EDS file: what a device can be set to, before anything is sent to it."""
+"""
+A maker's EDS file (CiA 306): what a device can be set to, before anything is sent to it.
+
+The answer is only as good as the file: the device itself is compared by `node_setup`.
+"""
 
 from __future__ import annotations
 
@@ -28,10 +32,24 @@ WRITABLE = ('rw', 'wo', 'rwr', 'rww')
 
 @dataclass(frozen=True, slots=True)
 class DescribedObject:
-    """An object as its maker describes it."""
+    """
+    An object as its maker describes it.
 
-    size: int  # bytes
-    access: str  # by CiA 306: ro, wo, rw, rwr, rww, const
+    Attributes
+    ----------
+    size : int
+        Its size, bytes.
+    access : str
+        Access by CiA 306: ro, wo, rw, rwr, rww or const.
+    default : int or None
+        Its default value; None where the file has none.
+    least, greatest : int or None
+        Its limits; None where the file has none.
+
+    """
+
+    size: int
+    access: str
     default: int | None
     least: int | None
     greatest: int | None
@@ -59,7 +77,27 @@ class DescribedObject:
 
 
 class DeviceDescription:
-    """The objects in an EDS file; InputError if it cannot be read."""
+    """
+    The objects in an EDS file.
+
+    Parameters
+    ----------
+    path : str
+        The file, with one of SUFFIXES.
+    node_id : int
+        Node id, for values that depend on it ($NODEID).
+
+    Attributes
+    ----------
+    name : str
+        Vendor and product, or the path.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or has no object.
+
+    """
 
     def __init__(self, path: str, node_id: int):
         if Path(path).suffix.lower() not in SUFFIXES:
@@ -75,7 +113,15 @@ class DeviceDescription:
         self.name = ' '.join(filter(None, (info.vendor_name, info.product_name))) or path
 
     def find(self, index: int, subindex: int) -> DescribedObject | None:
-        """Return an object, None if the device has none."""
+        """
+        Return an object; None if the device has none.
+
+        Parameters
+        ----------
+        index, subindex : int
+            The object.
+
+        """
         variable = self._dictionary.get_variable(index, subindex)
         if variable is None:
             return None
@@ -88,7 +134,15 @@ class DeviceDescription:
         )
 
     def typed(self, wanted: WantedObjects) -> WantedObjects:
-        """Return wanted objects with the sizes that this device has."""
+        """
+        Return wanted objects with the sizes that this device has.
+
+        Parameters
+        ----------
+        wanted : WantedObjects
+            Objects; those that the file does not have are left as they are.
+
+        """
 
         def sized(each: WantedObject) -> WantedObject:
             found = self.find(*each.key)
@@ -117,7 +171,20 @@ class DeviceDescription:
         ]
 
     def impossible(self, wanted: WantedObjects) -> list[str]:
-        """Return in lines what this device cannot be set to, from access, limits and defaults."""
+        """
+        Return what this device cannot be set to, from access, limits and defaults.
+
+        Parameters
+        ----------
+        wanted : WantedObjects
+            Required objects.
+
+        Returns
+        -------
+        list of str
+            A line for each object that cannot have its value; empty if nothing speaks against it.
+
+        """
         defaults = Comparison(wanted, {each.key: self._default(each.key) for each in wanted.every})
         if wanted.rules:
             defaults = replace(defaults, wanted=wanted.rules.adapted(wanted, defaults.value))
@@ -135,6 +202,7 @@ class DeviceDescription:
         return lines
 
     def _default(self, key: Key) -> int | None:
+        """Return the default value of an object; None without object or default."""
         found = self.find(*key)
         return None if found is None else found.default
 

@@ -1,7 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""An encoder's frame: its layout, its scale (data, counts, joint angle) and its checks."""
+"""
+An encoder's frame: its layout, its scale (data, counts, joint angle) and its checks.
+
+Decoding and encoding are both here, so that simulated frames are those of the rig.
+"""
 
 from __future__ import annotations
 
@@ -23,9 +27,26 @@ UNCHANGED = 'rolling counter unchanged'
 
 def angle_from_counts(counts: int, zero_count: int, direction: int, counts_per_turn: int) -> float:
     """
-    Return the joint angle of an absolute encoder without harmonics, rad in (-pi, pi].
+    Return the joint angle of an absolute encoder without harmonics.
 
     Inverse of counts = zero + direction * angle * counts_per_turn / 2 pi (mod counts_per_turn).
+
+    Parameters
+    ----------
+    counts : int
+        Counts of the encoder.
+    zero_count : int
+        Counts at joint angle 0.
+    direction : int
+        Sign of counts against joint angle, 1 or -1.
+    counts_per_turn : int
+        Counts in a turn.
+
+    Returns
+    -------
+    float
+        Joint angle, rad in (-pi, pi].
+
     """
     turns = (direction * (counts - zero_count)) % counts_per_turn
     if 2 * turns > counts_per_turn:
@@ -34,7 +55,26 @@ def angle_from_counts(counts: int, zero_count: int, direction: int, counts_per_t
 
 
 def counts_from_angle(angle: float, zero_count: int, direction: int, counts_per_turn: int) -> int:
-    """Return the counts in [0, counts_per_turn) of an encoder at a joint angle in rad."""
+    """
+    Return the counts of an absolute encoder without harmonics.
+
+    Parameters
+    ----------
+    angle : float
+        Joint angle, rad.
+    zero_count : int
+        Counts at joint angle 0.
+    direction : int
+        Sign of counts against joint angle, 1 or -1.
+    counts_per_turn : int
+        Counts in a turn.
+
+    Returns
+    -------
+    int
+        Counts in [0, counts_per_turn), rounded.
+
+    """
     return (zero_count + direction * round(angle * counts_per_turn / TURN)) % counts_per_turn
 
 
@@ -45,27 +85,67 @@ def lowest_bit(mask: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class EncoderLayout:
-    """Frame and scale of one absolute encoder."""
+    """
+    Frame and scale of one absolute encoder.
+
+    Attributes
+    ----------
+    joint : str
+        Joint or axis that it measures.
+    can_id : int
+        Identifier of the frame.
+    extended : bool
+        Whether that has 29 bits; otherwise 11.
+    data_length : int
+        Length of the data, bytes.
+    byte_offset : int
+        First byte of the word with the counts.
+    bit_length : int
+        Length of that word, bits.
+    byte_order : str
+        Byte order of that word, 'little' or 'big'.
+    mask : int
+        Contiguous bits of that word that are the counts; 0 for all.
+    signed : bool
+        Whether the counts are a two's complement number.
+    counts_per_turn : int
+        Counts in a turn.
+    direction : int
+        Sign of counts against joint angle, 1 or -1.
+    zero_count : int
+        Counts at joint angle 0.
+    counter_byte : int
+        Byte of the frame with the rolling counter.
+    counter_mask : int
+        Contiguous bits of that byte that grow by one with every frame; 0 for no counter.
+    status_byte : int
+        Byte of the frame with the status bits.
+    status_mask : int
+        Status bits of that byte; 0 for none.
+    status_good : int
+        Value of the status bits without an error.
+    harmonics : Harmonics or None
+        Harmonics of the reading; None for a reading that is the joint angle.
+
+    """
 
     joint: str
-    can_id: int  # of the frame
-    extended: bool  # the identifier has 29 bits; otherwise 11
-    data_length: int  # of the frame, bytes
-    byte_offset: int  # first byte of the word with the counts
-    bit_length: int  # of that word, bits
-    byte_order: Literal['little', 'big']  # of that word
-    mask: int  # contiguous bits of that word that are the counts; 0 for all
-    signed: bool  # the counts are a two's complement number
+    can_id: int
+    extended: bool
+    data_length: int
+    byte_offset: int
+    bit_length: int
+    byte_order: Literal['little', 'big']
+    mask: int
+    signed: bool
     counts_per_turn: int
-    direction: int  # sign of counts against joint angle, +1 or -1
-    zero_count: int  # counts at joint angle 0
-    counter_byte: int  # byte of the frame with the rolling counter
-    # Contiguous bits of that byte that grow by one with every frame; 0 for no counter.
+    direction: int
+    zero_count: int
+    counter_byte: int
     counter_mask: int
-    status_byte: int  # byte of the frame with the status bits
-    status_mask: int  # status bits of that byte; 0 for none
-    status_good: int  # value of the status bits without an error
-    # Harmonics of the reading; None for a reading that is the joint angle.
+    status_byte: int
+    status_mask: int
+    status_good: int
     harmonics: Harmonics | None = None
 
     @property
@@ -85,11 +165,22 @@ class EncoderLayout:
 
     def counts(self, data: bytes | bytearray) -> int | None:
         """
-        Return the counts in a frame's data, None for a value beyond a turn.
+        Return the counts in a frame's data.
 
         A single-turn encoder never reports a turn or more: such a value (all ones: an error of
         many devices) is not a position, and must not be made one modulo a turn. The turns of a
         multi-turn encoder are masked.
+
+        Parameters
+        ----------
+        data : bytes
+            Data of `data_length` bytes.
+
+        Returns
+        -------
+        int or None
+            Counts, negative ones if they are signed; None for a value beyond a turn.
+
         """
         start = self.byte_offset
         value = int.from_bytes(data[start : start + self.byte_length], self.byte_order)
@@ -115,7 +206,20 @@ class EncoderLayout:
         return (data[self.counter_byte] & self.counter_mask) >> lowest_bit(self.counter_mask)
 
     def angle(self, counts: int) -> float:
-        """Return the joint angle at `counts`, rad in (-pi, pi]."""
+        """
+        Return the joint angle, corrected by the harmonics if there are any.
+
+        Parameters
+        ----------
+        counts : int
+            Counts of the encoder.
+
+        Returns
+        -------
+        float
+            Joint angle, rad in (-pi, pi].
+
+        """
         per_turn = self.counts_per_turn
         if self.harmonics is None:
             return angle_from_counts(counts, self.zero_count, self.direction, per_turn)
@@ -124,7 +228,24 @@ class EncoderLayout:
         return angle - TURN if angle > math.pi else angle
 
     def data(self, angle: float, counter: int = 0, healthy: bool = True) -> bytes:
-        """Return the data for a joint angle, rad, after `counter` frames; `healthy`: status."""
+        """
+        Return the data of a frame, as an encoder sends it.
+
+        Parameters
+        ----------
+        angle : float
+            Joint angle, rad.
+        counter : int
+            Number of frames before, for the rolling counter.
+        healthy : bool
+            Whether the status bits report no error.
+
+        Returns
+        -------
+        bytes
+            Data of `data_length` bytes.
+
+        """
         if self.harmonics is not None:
             angle = float(self.harmonics.readings(angle))
         counts = counts_from_angle(angle, self.zero_count, self.direction, self.counts_per_turn)
@@ -146,7 +267,31 @@ class EncoderLayout:
 
 
 class Encoder:
-    """Frames of one encoder: their checks and counters."""
+    """
+    Frames of one encoder: their checks and counters.
+
+    Parameters
+    ----------
+    layout : EncoderLayout
+        Their layout.
+
+    Attributes
+    ----------
+    layout : EncoderLayout
+        As given.
+    heard : float or None
+        Time of the latest good frame, s since the Unix epoch; None before the first.
+    refused : tuple of (float, str), or None
+        Time, s since the Unix epoch, and reason of the latest rejection.
+    rejects : Counter of str
+        Numbers of rejected frames by reason.
+    frames : RateMeter
+        Number and rate of the good frames.
+    lost : int or None
+        Numbers that the rolling counter left out before the latest frame; None where that is
+        unknown.
+
+    """
 
     def __init__(self, layout: EncoderLayout):
         self.layout = layout
@@ -161,7 +306,22 @@ class Encoder:
         self._counter: int | None = None
 
     def check(self, message: can.Message) -> tuple[float, str | None]:
-        """Return the joint angle in a frame of this encoder, rad; if rejected, NaN and why."""
+        """
+        Check a frame of this encoder, and decode it.
+
+        Parameters
+        ----------
+        message : can.Message
+            Data frame with its identifier, stamped in s since the Unix epoch.
+
+        Returns
+        -------
+        angle : float
+            Joint angle, rad; NaN for a rejected frame.
+        reason : str or None
+            Why it is rejected; None for a good frame.
+
+        """
         layout, data = self.layout, message.data
         if len(data) != layout.data_length:
             return math.nan, self.reject(
@@ -183,7 +343,22 @@ class Encoder:
         self._counter = None
 
     def reject(self, message: can.Message, reason: str) -> str:
-        """Count a rejected frame; return the reason."""
+        """
+        Count a rejected frame.
+
+        Parameters
+        ----------
+        message : can.Message
+            The frame, stamped in s since the Unix epoch.
+        reason : str
+            Why it is rejected.
+
+        Returns
+        -------
+        str
+            The reason.
+
+        """
         self.rejects[reason] += 1
         self.refused = message.timestamp, reason
         return reason

@@ -1,7 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Wanted objects of an encoder (CiA 301, 406), and which of them its other objects answer."""
+"""
+Wanted objects of an encoder (CiA 301, 406), and which of them its other objects answer.
+
+Makers differ in the objects that they have; the rules say which differences do not matter.
+"""
 
 from __future__ import annotations
 
@@ -26,18 +30,41 @@ TIME_MAXIMUM = 0xFFFF
 
 @dataclass(frozen=True, slots=True)
 class EncoderRules:
-    """What the objects of an encoder say together: its resolution and its timers."""
+    """
+    What the objects of an encoder say together: its resolution and its timers.
 
-    counts_per_turn: int  # wanted
-    timer: int  # wanted time between two frames, ms; 0 on a bus with SYNC
-    event_timer: Key | None  # of the TPDO, where that is the one of the cyclic timer
+    Attributes
+    ----------
+    counts_per_turn : int
+        Wanted counts per turn.
+    timer : int
+        Wanted time between two frames, ms; 0 on a bus with SYNC.
+    event_timer : tuple of 2 int, or None
+        Event timer of the TPDO, where that is also the one of the cyclic timer (6200h).
+
+    """
+
+    counts_per_turn: int
+    timer: int
+    event_timer: Key | None
 
     def resolution(self, value: Present) -> int | None:
         """
-        Return the counts per turn that are in effect; None where no object says so.
+        Return the counts per turn that are in effect.
 
-        0x6001 counts where the scaling is on (0x6000 bit 2) or cannot be switched, and otherwise
-        the disc's own, 0x6501 (CiA 406).
+        6001h counts where the scaling is on (6000h, bit 2) or cannot be switched, and otherwise
+        the disc's own, 6501h (CiA 406).
+
+        Parameters
+        ----------
+        value : callable
+            Present value of an object by index and subindex; None for an object it lacks.
+
+        Returns
+        -------
+        int or None
+            Counts per turn; None where no object says so.
+
         """
         operating = value(*canopen.OPERATING_PARAMETERS)
         scaled = operating is None or bool(operating & canopen.SCALING_ON)
@@ -46,7 +73,20 @@ class EncoderRules:
         return disc if units is None or not scaled else units
 
     def excused(self, value: Present) -> set[Key]:
-        """Return the keys of objects whose values do not matter, as others are right."""
+        """
+        Return the objects whose values do not matter, as others are right.
+
+        Parameters
+        ----------
+        value : callable
+            Present value of an object by index and subindex; None for an object it lacks.
+
+        Returns
+        -------
+        set of (int, int)
+            Index and subindex of each.
+
+        """
         units = value(*canopen.UNITS_PER_TURN)
         # Without units per turn there is nothing to scale: the disc's own count.
         excused = {canopen.OPERATING_PARAMETERS if units is None else canopen.DISC_UNITS_PER_TURN}
@@ -86,7 +126,22 @@ class EncoderRules:
         return found
 
     def hint(self, key: Key, value: Present) -> str:
-        """Return what to do about an object that cannot be written; empty if nothing is known."""
+        """
+        Return what to do about an object that cannot be written.
+
+        Parameters
+        ----------
+        key : tuple of 2 int
+            Index and subindex.
+        value : callable
+            Present value of an object by index and subindex; None for an object it lacks.
+
+        Returns
+        -------
+        str
+            The settings that fit the device; empty if nothing is known.
+
+        """
         if key in SCALING:
             resolution = self.resolution(value)
             if resolution is None:
@@ -275,7 +330,27 @@ def _scaling_objects(layout: EncoderLayout) -> list[WantedObject]:
 
 
 def milliseconds(name: str, seconds: float) -> int:
-    """Return a time in ms; InputError if it is not whole, or no object can hold it."""
+    """
+    Return a time as an object of 16 bits holds it.
+
+    Parameters
+    ----------
+    name : str
+        Name of the time, for the error.
+    seconds : float
+        Time, s.
+
+    Returns
+    -------
+    int
+        Time, ms.
+
+    Raises
+    ------
+    InputError
+        It is no whole number of ms from 1 to TIME_MAXIMUM.
+
+    """
     value = 1e3 * seconds
     if not (1.0 <= value <= TIME_MAXIMUM and abs(value - round(value)) < 1e-6 * value):
         raise InputError(

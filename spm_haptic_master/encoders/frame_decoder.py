@@ -47,13 +47,45 @@ def recent(when: float | None, now: float, span: float) -> bool:
 
 class FrameDecoder:
     """
-    Distributes frames, by identifier, to the assembler and the CANopen nodes.
+    Distributes frames, by identifier, to the assembler, the CANopen nodes and the axes.
 
-    `layouts` are of four, five or six encoders, in the order of ALL_JOINT_NAMES; `sync_id` and
-    `network` are None where there is no SYNC, or no node; `period` and `window`, s, are those of
-    SetAssembler; `axes` are encoders beside the set. With `emcy_stops` an encoder that reports an
-    error, whose heartbeat is lost or whose NMT state is wrong has no reading: of four there is
-    then no set.
+    Parameters
+    ----------
+    layouts : tuple of N EncoderLayout
+        Four, five or six encoders, in the order of ALL_JOINT_NAMES.
+    sync_id : int or None
+        Identifier of SYNC; None where there is none.
+    period : float
+        Nominal time from cycle to cycle, s.
+    window : float
+        As of SetAssembler, s.
+    network : CanopenNodes or None
+        Nodes of the encoders; None if they are no CANopen nodes.
+    emcy_stops : bool
+        Whether an encoder that reports an error, whose heartbeat is lost or whose NMT state is
+        wrong has no reading: of four encoders there is then no set.
+    axes : tuple of SingleAxis
+        Encoders beside the set.
+
+    Attributes
+    ----------
+    encoders : tuple of N Encoder
+        Checks and counters of each encoder.
+    words : str
+        The number of encoders in words, for texts.
+    assembler : SetAssembler
+        What makes sets of the answers.
+    counters : Counter of str
+        Number of frames, and of rejected ones by reason.
+    bus_error : str or None
+        Latest error frame in words; a good answer ends it.
+    bus_off : bool
+        Whether an error frame reported bus-off; a good answer ends it.
+    sync_heard : float or None
+        Time of the latest SYNC, s since the Unix epoch; None before the first.
+    readings : deque of AxisReading
+        Readings of the axes that nobody has taken yet.
+
     """
 
     def __init__(
@@ -106,7 +138,20 @@ class FrameDecoder:
         )
 
     def feed(self, message: can.Message) -> JointSample | None:
-        """Decode a frame, stamped in s since the Unix epoch; return the set that goes out now."""
+        """
+        Decode a frame.
+
+        Parameters
+        ----------
+        message : can.Message
+            Frame of any kind, stamped in s since the Unix epoch.
+
+        Returns
+        -------
+        JointSample or None
+            The set that goes out with this frame, if there is one.
+
+        """
         self.counters['frames'] += 1
         if kind := _other_kind(message):
             self.counters[f'rejected: {kind}'] += 1
@@ -184,7 +229,22 @@ class FrameDecoder:
         )
 
     def explain(self, now: float, timeout: float) -> str | None:
-        """Return the reason why no sets come, by silent joint or cycle; None if it is unknown."""
+        """
+        Return the reason why no sets come.
+
+        Parameters
+        ----------
+        now : float
+            Time, s since the Unix epoch.
+        timeout : float
+            Time without a good frame after which a joint is silent, s.
+
+        Returns
+        -------
+        str or None
+            The reason, by silent joint or of the latest cycle; None if it is unknown.
+
+        """
         troubles = {
             self.encoders[index].layout.joint: self._trouble(index, now, timeout)
             for index in self.silent(now, timeout)
@@ -202,7 +262,20 @@ class FrameDecoder:
         )
 
     def caution(self, now: float) -> str | None:
-        """Return the problems of encoders and SYNC although sets come, or None; `now` in s."""
+        """
+        Return the problems of encoders and SYNC although sets come.
+
+        Parameters
+        ----------
+        now : float
+            Time, s since the Unix epoch.
+
+        Returns
+        -------
+        str or None
+            The problems in words; None without any.
+
+        """
         reasons = (
             self.network.by_joint(lambda node: self._concern(node, now)) if self.network else {}
         )
@@ -260,6 +333,7 @@ class FrameDecoder:
         return found
 
     def _trouble(self, index: int, now: float, timeout: float) -> str:
+        """Return why a joint is silent: rejected frames, what its node says, or no frames."""
         refused = self.encoders[index].refused
         if refused and recent(refused[0], now, timeout):
             return f'frames rejected, {refused[1]}'

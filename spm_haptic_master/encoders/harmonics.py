@@ -41,16 +41,26 @@ class Harmonics:
     """
     Harmonics of one encoder.
 
-    Raises InputError if a table is too short or too long, or the reading does not increase with
-    the joint angle everywhere.
+    Attributes
+    ----------
+    cosine, sine : float
+        Amplitudes of the first harmonic, rad.
+    table : tuple of float
+        Further deviations, rad, at equally spaced joint angles from 0 on; empty: none.
+    corrections : tuple of float
+        Joint angle minus reading, rad, at KNOTS equally spaced readings from 0 on.
+
+    Raises
+    ------
+    InputError
+        A table is too short or too long, or the reading does not increase with the joint angle
+        everywhere.
+
     """
 
-    # Amplitudes of the first harmonic, rad.
     cosine: float = 0.0
     sine: float = 0.0
-    # Further deviations, rad, at equally spaced joint angles from 0 on; empty: none.
     table: tuple[float, ...] = ()
-    # Joint angle minus reading, rad, at `KNOTS` equally spaced readings from 0 on.
     corrections: tuple[float, ...] = field(init=False, repr=False, compare=False)
     _deviations: NDArray[np.float64] = field(init=False, repr=False, compare=False)
 
@@ -71,13 +81,39 @@ class Harmonics:
         object.__setattr__(self, 'corrections', tuple((self.angles(GRID) - GRID).tolist()))
 
     def readings(self, angles: ArrayLike) -> NDArray[np.float64]:
-        """Return the readings, rad, at joint angles, rad, to n^2 1e-9 of the n-th harmonic."""
+        """
+        Return the readings at joint angles, to n^2 1e-9 of the n-th harmonic.
+
+        Parameters
+        ----------
+        angles : array_like
+            Joint angles, rad, of any shape.
+
+        Returns
+        -------
+        ndarray
+            Readings, rad, of the same shape.
+
+        """
         at = np.asarray(angles, dtype=float)
         found: NDArray[Any] = at + np.interp(at, GRID, self._deviations, period=math.tau)
         return found
 
     def angles(self, readings: ArrayLike) -> NDArray[np.float64]:
-        """Return the joint angles, rad, at readings, rad: inverse of `readings`."""
+        """
+        Return the joint angles at readings: the inverse of `readings`.
+
+        Parameters
+        ----------
+        readings : array_like
+            Readings, rad, of any shape.
+
+        Returns
+        -------
+        ndarray
+            Joint angles, rad, of the same shape.
+
+        """
         at = np.asarray(readings, dtype=float)
         found: NDArray[Any] = at - np.interp(
             at, GRID + self._deviations, self._deviations, period=math.tau

@@ -33,16 +33,50 @@ LONGEST_QUEUE = 32
 
 @dataclass(slots=True)
 class Debt:
-    """Answers of a joint that may still come."""
+    """
+    Answers of a joint that may still come.
+
+    Attributes
+    ----------
+    answers : int
+        Number of them.
+    until : float
+        Latest time for them, s.
+    queued : bool
+        Whether no single answer of the joint is taken.
+    counted : bool
+        Whether its rolling counter has shown the debt: time does not clear it.
+
+    """
 
     answers: int
-    until: float  # latest time for them, s
-    queued: bool = False  # no single answer of the joint is taken
-    counted: bool = False  # shown by its counter: time does not clear it
+    until: float
+    queued: bool = False
+    counted: bool = False
 
 
 class LateAnswers:
-    """Account of each joint's missing answers, expected for `span` s after their SYNC."""
+    """
+    Account of each joint's missing answers.
+
+    Parameters
+    ----------
+    count : int
+        Number of joints.
+    span : float
+        Time after their SYNC for which late answers are expected, s.
+
+    Attributes
+    ----------
+    owed : dict of int to Debt
+        Debts by index of the joint; a joint that owes no answer has none.
+    behind : dict of int to int
+        Joints shown to answer late by whole cycles, and the long cycles in a row since in which
+        they did not; none of their answers is taken.
+    unproven : set of int
+        Joints of which no long cycle has shown that they answer in time.
+
+    """
 
     def __init__(self, count: int, span: float):
         self._span = span
@@ -60,7 +94,17 @@ class LateAnswers:
         return any(not debt.queued for debt in self.owed.values())
 
     def miss(self, indices: Iterable[int], start: float) -> None:
-        """Note the joints without an answer in the cycle that started at `start`, s."""
+        """
+        Note the joints without an answer in a cycle.
+
+        Parameters
+        ----------
+        indices : iterable of int
+            Indices of the joints.
+        start : float
+            Time at which the cycle started, s.
+
+        """
         missing = list(indices)
         for index in missing:
             debt = self.owed.setdefault(index, Debt(0, 0.0))
@@ -70,7 +114,21 @@ class LateAnswers:
             self.unproven.add(index)
 
     def return_of(self, index: int, missed: int, start: float, lost: int | None) -> None:
-        """Note a joint's first answer after `missed` cycles; its counter left out `lost` ones."""
+        """
+        Note the first answer of a joint that was not waited for.
+
+        Parameters
+        ----------
+        index : int
+            Index of the joint.
+        missed : int
+            Cycles without an answer before it.
+        start : float
+            Start of the latest of these cycles, s.
+        lost : int or None
+            Numbers that its rolling counter left out; None without a counter.
+
+        """
         self.owed[index] = Debt(
             missed, start + self._span, True, lost == 0 and missed <= LONGEST_QUEUE
         )
@@ -83,7 +141,24 @@ class LateAnswers:
         self.behind.pop(index, None)
 
     def pay(self, index: int, answers: int, now: float) -> int:
-        """Count late answers that came; return how many more there were than owed."""
+        """
+        Count late answers that came.
+
+        Parameters
+        ----------
+        index : int
+            Index of the joint.
+        answers : int
+            Number of late answers.
+        now : float
+            Time, s.
+
+        Returns
+        -------
+        int
+            How many more there were than owed.
+
+        """
         if index not in self.owed:
             return answers
         surplus = max(0, answers - self.owed[index].answers)
@@ -111,7 +186,17 @@ class LateAnswers:
         }
 
     def long_cycle(self, once: set[int], late: set[int]) -> None:
-        """Evaluate a cycle of two periods: joints with one answer, and with a second late one."""
+        """
+        Evaluate a cycle of two periods, in which a late encoder answers twice.
+
+        Parameters
+        ----------
+        once : set of int
+            Joints with one answer, in time.
+        late : set of int
+            Joints with a second answer, after the time of the SYNC that was left out.
+
+        """
         # If all answer twice, it was SYNC that was lost.
         if not once:
             return
@@ -126,6 +211,7 @@ class LateAnswers:
                 self.unproven.discard(index)
 
     def _settle(self, index: int, answers: int) -> None:
+        """Take a number of answers off a joint's debt."""
         debt = self.owed[index]
         debt.answers -= answers
         if debt.answers <= 0:

@@ -1,7 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Logs of frames as other tools write them, read by python-can: what is whole, or a reason."""
+"""
+Logs of frames as other tools write them, read by python-can: what is whole, or a reason.
+
+A damaged log must not pass for a shorter one: it ends with an error that says where.
+"""
 
 from __future__ import annotations
 
@@ -56,8 +60,23 @@ class LogFile:
     """
     Frames of a log file.
 
-    Raises SettingError if the file does not exist or has another format, and ReplayError if it
-    cannot be opened.
+    Parameters
+    ----------
+    path : str
+        The file, in one of the formats of EXPECTED, also compressed (.gz).
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+
+    Raises
+    ------
+    SettingError
+        The file does not exist, or has another format.
+    ReplayError
+        It cannot be opened.
+
     """
 
     def __init__(self, path: str):
@@ -79,7 +98,20 @@ class LogFile:
         self._open().stop()
 
     def channel_of(self, message: can.Message) -> str:
-        """Return the name of a frame's channel as the file has it; empty where it has none."""
+        """
+        Return the name of a frame's channel as the file has it.
+
+        Parameters
+        ----------
+        message : can.Message
+            A frame of this file.
+
+        Returns
+        -------
+        str
+            The name; empty where the file has none.
+
+        """
         if message.channel is None:
             return ''
         if isinstance(message.channel, int) and self._suffix in NUMBERED_FROM_ONE:
@@ -88,19 +120,24 @@ class LogFile:
 
     def select_channel(self, identifiers: set[tuple[int, bool]], wanted: str) -> str:
         """
-        Return the channel with the encoders' frames; empty where the file names none.
+        Return the channel with the encoders' frames.
 
         Parameters
         ----------
         identifiers : set of (int, bool)
-            identifiers of the encoders' frames, and whether each has 29 bits
+            Identifiers of the encoders' frames, and whether each has 29 bits.
         wanted : str
-            parameter `can.channel`; it decides where several channels have such frames
+            Parameter `can.channel`; it decides where several channels have such frames.
+
+        Returns
+        -------
+        str
+            The channel; empty where the file names none.
 
         Raises
         ------
         SettingError
-            several channels have frames of the encoders, and `wanted` is none of them
+            Several channels have frames of the encoders, and `wanted` is none of them.
 
         """
         found: dict[str, int] = {}
@@ -123,7 +160,20 @@ class LogFile:
         )
 
     def frames(self) -> Iterator[can.Message]:
-        """Yield the frames from the first on; raise ReplayError where the file is broken."""
+        """
+        Yield the frames from the first on.
+
+        Yields
+        ------
+        can.Message
+            Frame with its recorded time, s.
+
+        Raises
+        ------
+        ReplayError
+            The file is broken, cut, or its times run backwards.
+
+        """
         reader = self._open()
         file = reader.file
         if isinstance(file, TextIOWrapper):
@@ -152,6 +202,7 @@ class LogFile:
             file.close()
 
     def _open(self) -> Any:
+        """Return python-can's reader of the file; ReplayError where that fails."""
         try:
             return can.LogReader(str(self.path))
         except Exception as error:

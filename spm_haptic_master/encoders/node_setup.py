@@ -1,7 +1,12 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Wanted objects of a CANopen node: compare, write, store and verify them."""
+"""
+Wanted objects of a CANopen node: compare, write, store and verify them.
+
+A node is either as wanted at the end, stored and read back, or the error says in which state it
+is.
+"""
 
 from __future__ import annotations
 
@@ -22,18 +27,42 @@ ENTRIES = range(9)
 
 @dataclass(frozen=True, slots=True)
 class WantedObject:
-    """An object and the value that it is wanted to have."""
+    """
+    An object and the value that it is wanted to have.
+
+    Attributes
+    ----------
+    index, subindex : int
+        The object.
+    size : int
+        Its size, bytes.
+    name : str
+        A few words for texts.
+    value : int
+        Wanted value, unsigned.
+    mask : int
+        Bits that count; the others are left as they are.
+    optional : bool
+        Whether a node without this object is also as wanted.
+    hexadecimal : bool
+        Whether its value is usually written so.
+    of_device : bool
+        Whether the value belongs to the device: it is compared and never written.
+    also : tuple of int
+        Further values that are as good.
+
+    """
 
     index: int
     subindex: int
-    size: int  # bytes
-    name: str  # a few words
+    size: int
+    name: str
     value: int
-    mask: int = 0xFFFFFFFF  # bits that count; the others are left as they are
-    optional: bool = False  # a node without this object is also as wanted
-    hexadecimal: bool = False  # its value is usually written so
-    of_device: bool = False  # the value belongs to the device: compared and never written
-    also: tuple[int, ...] = ()  # further values that are as good
+    mask: int = 0xFFFFFFFF
+    optional: bool = False
+    hexadecimal: bool = False
+    of_device: bool = False
+    also: tuple[int, ...] = ()
 
     @property
     def key(self) -> Key:
@@ -65,11 +94,23 @@ class WantedObject:
 
 @dataclass(frozen=True, slots=True)
 class WantedPdo:
-    """The objects of one PDO."""
+    """
+    The objects of one PDO.
 
-    identifier: WantedObject  # it is off while the others are written
+    Attributes
+    ----------
+    identifier : WantedObject
+        Identifier with its bits (1400h:01 or 1800h:01); the PDO is off while the others are
+        written.
+    parameters : tuple of WantedObject
+        Transmission type and times.
+    mapping : tuple of WantedObject
+        First the number of its entries; empty where it cannot be derived.
+
+    """
+
+    identifier: WantedObject
     parameters: tuple[WantedObject, ...]
-    # First the number of its entries; empty where it cannot be derived.
     mapping: tuple[WantedObject, ...]
 
     @property
@@ -79,7 +120,12 @@ class WantedPdo:
 
 
 class Rules(Protocol):
-    """What the objects of a node say together; `value` returns one of them."""
+    """
+    What the objects of a node say together.
+
+    `value` returns the present value of an object by index and subindex, None if the node has
+    none.
+    """
 
     def excused(self, value: Present) -> set[Key]:
         """Return the keys of objects whose values do not matter, as others are right."""
@@ -96,7 +142,19 @@ class Rules(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class WantedObjects:
-    """The objects of one node."""
+    """
+    The objects of one node.
+
+    Attributes
+    ----------
+    pdos : tuple of WantedPdo
+        Its PDOs.
+    others : tuple of WantedObject
+        All other objects.
+    rules : Rules or None
+        Which differences do not matter, and what to do about the others; None without any.
+
+    """
 
     pdos: tuple[WantedPdo, ...]
     others: tuple[WantedObject, ...]
@@ -116,7 +174,25 @@ def wanted_pdo(
     times: Iterable[WantedObject],
     entries: list[int],
 ) -> WantedPdo:
-    """Return a PDO by the index of its parameters and the entries of its mapping, if known."""
+    """
+    Return a PDO.
+
+    Parameters
+    ----------
+    index : int
+        Index of its communication parameters: 1400h or 1800h, plus its number.
+    name : str
+        Its name in texts, such as 'TPDO1'.
+    identifier : int
+        Identifier, with the bit for 29 bits.
+    transmission : int
+        Transmission type (CiA 301).
+    times : iterable of WantedObject
+        Inhibit time and event timer, if they matter.
+    entries : list of int
+        Entries of its mapping; empty if they are not known.
+
+    """
     mapping = index - canopen.RPDO_PARAMETERS + canopen.RPDO_MAPPING
     return WantedPdo(
         WantedObject(
@@ -163,7 +239,22 @@ def other_tpdos_off(used: int) -> list[WantedObject]:
 
 
 def identity(node: Node, profile: int) -> str:
-    """Return device type and identity of a node in words; SetupError for another profile."""
+    """
+    Return device type and identity of a node in words.
+
+    Parameters
+    ----------
+    node : Node
+        The node.
+    profile : int
+        Device profile that it has to have: 406 or 402.
+
+    Raises
+    ------
+    SetupError
+        It has another profile, or does not answer.
+
+    """
     kind = canopen.PROFILES[profile]
     device_type, _ = node.read(*canopen.DEVICE_TYPE)
     if device_type is None or device_type & 0xFFFF != profile:
@@ -179,10 +270,20 @@ def identity(node: Node, profile: int) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """The wanted objects of a node beside those that it has."""
+    """
+    The wanted objects of a node beside those that it has.
+
+    Attributes
+    ----------
+    wanted : WantedObjects
+        Required objects.
+    values : dict of (int, int) to (int or None)
+        Present values by index and subindex; None for an object that it does not have.
+
+    """
 
     wanted: WantedObjects
-    values: dict[Key, int | None]  # None for an object that it does not have
+    values: dict[Key, int | None]
 
     def value(self, index: int, subindex: int) -> int | None:
         """Return the value of an object, None if the node has none."""
@@ -230,7 +331,22 @@ class Comparison:
 
 
 def compare(node: Node, wanted: WantedObjects) -> Comparison:
-    """Return the wanted objects beside those that a node has; SetupError if it does not answer."""
+    """
+    Return the wanted objects beside those that a node has.
+
+    Parameters
+    ----------
+    node : Node
+        The node, which is only read.
+    wanted : WantedObjects
+        Required objects.
+
+    Raises
+    ------
+    SetupError
+        It does not answer, or refuses to show an object that it has to have.
+
+    """
     values = {each.key: _read(node, each) for each in wanted.every}
     if wanted.rules:
         wanted = wanted.rules.adapted(wanted, lambda index, subindex: values[index, subindex])
@@ -238,6 +354,7 @@ def compare(node: Node, wanted: WantedObjects) -> Comparison:
 
 
 def _read(node: Node, wanted: WantedObject) -> int | None:
+    """Return the value of an object; for an optional one, None also where it is refused."""
     return _read_optional(node, wanted.key) if wanted.optional else node.read(*wanted.key)[0]
 
 
@@ -253,8 +370,21 @@ def write(node: Node, found: Comparison) -> None:
     """
     Write what differs, store everything, reset the node and read it back.
 
-    It ends pre-operational. SetupError where the node does not do all of it: what was written is
-    then undone by a reset, or the error says that it is not.
+    It ends pre-operational.
+
+    Parameters
+    ----------
+    node : Node
+        The node.
+    found : Comparison
+        Its objects as `compare` found them.
+
+    Raises
+    ------
+    SetupError
+        The node does not do all of it: what was written is then undone by a reset, or the error
+        says that it is not.
+
     """
     wanted = found.wanted
     if impossible := [
@@ -331,6 +461,15 @@ def _write_pdo(node: Node, wanted: WantedPdo, found: Comparison) -> None:
 
 
 def _write_mapping(node: Node, wanted: WantedPdo, found: Comparison) -> None:
+    """
+    Write a mapping in the order of CiA 301: no entries, each entry, then their number.
+
+    Raises
+    ------
+    RefusedError
+        The node aborts; the text has the layout of the mapping that it has.
+
+    """
     count, *entries = wanted.mapping
     try:
         node.write(count.index, count.subindex, 0, count.size)
@@ -358,5 +497,6 @@ def _write(node: Node, wanted: WantedObject, found: Comparison) -> None:
 
 
 def _verify(node: Node, wanted: WantedObjects, when: str) -> None:
+    """Read the node back; SetupError where it is not as configured."""
     if lines := compare(node, wanted).lines:
         raise SetupError(f'node {node.node_id}: not as configured {when}: ' + '; '.join(lines))

@@ -30,7 +30,22 @@ def free_path(path: Path) -> Path:
 
 
 class FrameLog:
-    """Appends frames to a new file, as `candump -l` writes them; each write is a whole line."""
+    """
+    Appends frames to a new file, as `candump -l` writes them; each write is a whole line.
+
+    Parameters
+    ----------
+    path : Path
+        File that does not exist; it is created with the first frame.
+
+    Attributes
+    ----------
+    path : Path
+        As given.
+    error : OSError or None
+        Why frames could not be written; nothing is written after it.
+
+    """
 
     def __init__(self, path: Path):
         self.path = path
@@ -64,7 +79,29 @@ class FrameLog:
 
 
 class Table:
-    """A new CSV file of stamps in s and values, created with its first row, or InputError."""
+    """
+    A new CSV file of stamps in s and values, created with its first row.
+
+    Parameters
+    ----------
+    path : Path
+        File that does not exist.
+    columns : sequence of str
+        Names of the columns behind the time.
+
+    Attributes
+    ----------
+    rows : int
+        Number of rows.
+    span : tuple of 2 int
+        Stamps of the first and of the latest row, ns; zeros before the first.
+
+    Raises
+    ------
+    InputError
+        The file exists.
+
+    """
 
     def __init__(self, path: Path, columns: Sequence[str]):
         _check_new(path)
@@ -76,7 +113,22 @@ class Table:
         self._file: TextIO | None = None
 
     def write(self, stamp: int, values: Sequence[float]) -> None:
-        """Append a row: a stamp in ns, and the values; InputError if it cannot be written."""
+        """
+        Append a row.
+
+        Parameters
+        ----------
+        stamp : int
+            Time, ns since the Unix epoch; it is written in s.
+        values : sequence of float
+            One value for each column.
+
+        Raises
+        ------
+        InputError
+            It cannot be written.
+
+        """
         seconds, nanoseconds = divmod(stamp, SECOND)
         with _reported(self.path):
             if self._file is None:
@@ -99,7 +151,22 @@ class Table:
 
 
 def write_new(path: Path, text: str) -> None:
-    """Write a text file that does not exist; InputError if it does, or cannot be written."""
+    """
+    Write a text file that does not exist.
+
+    Parameters
+    ----------
+    path : Path
+        The file; its directories are made.
+    text : str
+        Its content.
+
+    Raises
+    ------
+    InputError
+        It exists, or cannot be written.
+
+    """
     _check_new(path)
     with _reported(path):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -108,6 +175,7 @@ def write_new(path: Path, text: str) -> None:
 
 
 def _check_new(path: Path) -> None:
+    """Raise InputError for a file that already exists."""
     if path.exists():
         raise InputError(f'{path}: already exists; choose another directory')
 

@@ -36,12 +36,29 @@ SETS_AT_ONCE = 3
 
 class ReplaySource(EncoderSource):
     """
-    Source that plays a log file at `rate` against the recorded pace, and again with `loop`.
+    Source that plays a log file, and again if that is asked for.
 
     Stamps are the recorded ones, shifted to the present by one constant, their spacing divided by
-    the rate; a longer gap than `LONGEST_GAP` is played as one of that length. Where several
-    channels of the log have frames of the encoders, `channel` selects. Raises SettingError and
-    ReplayError as LogFile does.
+    the rate; a longer gap than `LONGEST_GAP` is played as one of that length.
+
+    Parameters
+    ----------
+    path : str
+        Log file.
+    rate : float
+        Rate against the recorded pace (unit 1).
+    loop : bool
+        Whether it begins anew after its end.
+    decoder : FrameDecoder
+        What makes sets of frames.
+    channel : str
+        Channel, where several channels of the log have frames of the encoders.
+
+    Raises
+    ------
+    SettingError, ReplayError
+        As of LogFile.
+
     """
 
     waits_for_listener = True
@@ -76,7 +93,27 @@ class ReplaySource(EncoderSource):
         self._messages = self._play()
 
     def read(self, timeout: float) -> JointSample | None:
-        """Return the next set at the time it is due, None if that is after `timeout` seconds."""
+        """
+        Return the next set at the time it is due.
+
+        Parameters
+        ----------
+        timeout : float
+            Longest wait, s.
+
+        Returns
+        -------
+        JointSample or None
+            None if no set is due meanwhile, or after many frames without one.
+
+        Raises
+        ------
+        SourceEnded
+            The recording is played to its end.
+        ReplayError
+            It is broken, has no sets, or its times are too coarse.
+
+        """
         self._held = self._held or self._next_set()
         if self._held is None:
             return None
@@ -165,6 +202,7 @@ class ReplaySource(EncoderSource):
 
     @property
     def _sets(self) -> int:
+        """Number of sets so far, over all rounds."""
         return self._decoder.assembler.counters['sets']
 
     def _next_set(self) -> tuple[int, JointSample] | None:
@@ -191,6 +229,7 @@ class ReplaySource(EncoderSource):
         raise SourceEnded(f'{self._log.path}: played to its end, {self._sets} sets')
 
     def _on_our_clock(self, recorded: float) -> int:
+        """Return when a recorded time, s, is played, ns since the Unix epoch."""
         return self._shift + round((recorded - self._origin) / self._rate * 1e9)
 
     def _play(self) -> Generator[can.Message, None, None]:
@@ -244,6 +283,7 @@ class ReplaySource(EncoderSource):
             )
 
     def _require_sets(self) -> None:
+        """Raise ReplayError, with what the frames were, for a round without a set."""
         if self._sets == self._sets_before:
             raise ReplayError(
                 f'{self._log.path}: no set of {self._decoder.words} in it; its frames: '

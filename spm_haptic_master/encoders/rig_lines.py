@@ -16,12 +16,24 @@ from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 
 @dataclass(frozen=True, slots=True)
 class GivenBus:
-    """What the command line has of the bus."""
+    """
+    What the command line has of the bus.
+
+    Attributes
+    ----------
+    interface, channel : str
+        Names by python-can.
+    bitrate : int or None
+        Bit rate, bit/s; None where it is not given.
+    chosen : bool
+        Whether the encoders are given, and their order with them.
+
+    """
 
     interface: str
     channel: str
-    bitrate: int | None  # bit/s; None where it is not given
-    chosen: bool  # whether the encoders are given, and their order with them
+    bitrate: int | None
+    chosen: bool
 
     @property
     def text(self) -> str:
@@ -32,9 +44,24 @@ class GivenBus:
 
 def rig_lines(scan: BusScan, expected: Expected, given: GivenBus) -> list[str]:
     """
-    Return the lines of a parameter file for all nodes, or a remark on why there are none.
+    Return the lines of a parameter file for all nodes.
 
     Joints of encoders that are as configured keep their place where these were chosen.
+
+    Parameters
+    ----------
+    scan : BusScan
+        What was heard.
+    expected : Expected
+        What is configured.
+    given : GivenBus
+        The bus as the command line has it.
+
+    Returns
+    -------
+    list of str
+        Lines of YAML, or a remark on why there are none.
+
     """
     identifiers = _identifiers(scan, expected)
     node_ids = _in_order(identifiers, (expected.node_ids or ()) if given.chosen else ())
@@ -109,7 +136,21 @@ def _counts_per_turn(scan: BusScan, expected: Expected, node_ids: list[int]) -> 
 
 
 def round_rate(rate: float) -> float:
-    """Return a measured rate, Hz, as that of a period of two digits if one is within 1 %."""
+    """
+    Return a measured rate as a person would have configured it.
+
+    Parameters
+    ----------
+    rate : float
+        Measured rate, Hz.
+
+    Returns
+    -------
+    float
+        Rate of a period of two digits if one is within 1 %, else four digits of the measured one,
+        Hz.
+
+    """
     period = float(f'{1.0 / rate:.1e}')
     near = abs(period * rate - 1.0) <= 0.01
     return float(f'{1.0 / period if near else rate:.4g}')

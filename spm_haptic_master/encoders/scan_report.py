@@ -1,7 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Report of a scan, in lines: what was heard, and what is wrong."""
+"""
+Report of a scan, in lines: what was heard, and what is wrong.
+
+Nothing is sent here: the record of the bus is compared with the configuration.
+"""
 
 from __future__ import annotations
 
@@ -28,19 +32,34 @@ LOWER_RATES = (500, 250, 200, 100, 50, 20, 10)
 
 @dataclass(frozen=True, slots=True)
 class Expected:
-    """Configuration that a scan is compared with."""
+    """
+    Configuration that a scan is compared with.
+
+    Attributes
+    ----------
+    layouts : tuple of N EncoderLayout
+        Encoders of the joints.
+    node_ids : tuple of N int, or None
+        Their CANopen node ids; None if they are no CANopen nodes.
+    rate : float
+        Rate of the sets, Hz.
+    axes : tuple of (EncoderLayout, int or None)
+        Encoders beside the set, insertion and gripper: frame and node id.
+    heartbeat_timeout : float or None
+        Time without a heartbeat after which the driver does not trust an encoder any more, s.
+    others : mapping of int to str
+        Names of further nodes that are configured, by node id: the drives.
+    frames : mapping of int to str
+        Names of their frames, and of those sent to them, by identifier.
+
+    """
 
     layouts: tuple[EncoderLayout, ...]
-    # CANopen node ids, None if the encoders are not CANopen nodes.
     node_ids: tuple[int, ...] | None
-    rate: float  # of the sets, Hz
-    # Encoders beside the set, insertion and gripper: frame and node id.
+    rate: float
     axes: tuple[tuple[EncoderLayout, int | None], ...] = ()
-    # Time without a heartbeat after which the driver believes an encoder no more, s.
     heartbeat_timeout: float | None = None
-    # Names of further nodes that are configured, by node id: the drives.
     others: Mapping[int, str] = field(default_factory=dict)
-    # Names of their frames, and of those sent to them, by identifier.
     frames: Mapping[int, str] = field(default_factory=dict)
 
     @property
@@ -51,7 +70,22 @@ class Expected:
 
 
 def listing(scan: BusScan, expected: Expected) -> list[str]:
-    """Return one line for each identifier and node, and for what was sent."""
+    """
+    Return what was heard, without judging it.
+
+    Parameters
+    ----------
+    scan : BusScan
+        What was heard.
+    expected : Expected
+        What is configured, for the names.
+
+    Returns
+    -------
+    list of str
+        One line for each identifier and node, and for what was sent.
+
+    """
     names = (
         {(layout.extended, layout.can_id): layout.joint for layout, _ in expected.encoders}
         | {(False, identifier): name for identifier, name in expected.frames.items()}
@@ -82,6 +116,7 @@ def listing(scan: BusScan, expected: Expected) -> list[str]:
 
 
 def _frame_name(extended: bool, identifier: int) -> str:
+    """Return the name of a frame that is not configured."""
     return '29-bit frame' if extended else canopen.frame_name(identifier) or 'foreign'
 
 
@@ -105,7 +140,22 @@ def _node_words(node: HeardNode) -> str:
 
 
 def problems(scan: BusScan, expected: Expected) -> list[str]:
-    """Return what is missing, wrong or unexpected, in lines."""
+    """
+    Return what is missing, wrong or unexpected.
+
+    Parameters
+    ----------
+    scan : BusScan
+        What was heard.
+    expected : Expected
+        What is configured.
+
+    Returns
+    -------
+    list of str
+        One line for each problem; empty if the bus is as configured.
+
+    """
     shared = {node_id: node for node_id, node in scan.nodes.items() if node.devices > 1}
     found = [
         canopen.shared_node_id(node_id, node.devices) for node_id, node in sorted(shared.items())
@@ -172,7 +222,22 @@ def _sync_problems(scan: BusScan, expected: Expected) -> list[str]:
 
 
 def busy(scan: BusScan, rate: float) -> str | None:
-    """Return that this machine sent SYNC below its rate, Hz, in one line; None if it did not."""
+    """
+    Return that this machine sent SYNC below its rate.
+
+    Parameters
+    ----------
+    scan : BusScan
+        What was heard and sent.
+    rate : float
+        Configured rate, Hz.
+
+    Returns
+    -------
+    str or None
+        One line; None if it sent SYNC at its rate, or sent none.
+
+    """
     own = scan.own_sync
     if own is None or not own.rate or own.rate >= rate * (1.0 - RATE_TOLERANCE):
         return None
@@ -185,6 +250,7 @@ def busy(scan: BusScan, rate: float) -> str | None:
 
 
 def _agrees(rate: float, expected: float) -> bool:
+    """Return whether a rate is the expected one, within RATE_TOLERANCE."""
     return abs(rate / expected - 1.0) <= RATE_TOLERANCE
 
 
@@ -250,7 +316,22 @@ def _heartbeat_problems(scan: BusScan, node: HeardNode, timeout: float | None) -
 
 
 def resolution(node: HeardNode, layout: EncoderLayout) -> int | None:
-    """Return the counts per turn of an encoder by its objects, None where they do not say."""
+    """
+    Return the counts per turn of an encoder by its objects.
+
+    Parameters
+    ----------
+    node : HeardNode
+        Its node, with the values that were read.
+    layout : EncoderLayout
+        Its configured layout.
+
+    Returns
+    -------
+    int or None
+        Counts per turn; None where the objects do not say.
+
+    """
     rules = EncoderRules(layout.counts_per_turn, 0, None)
     return rules.resolution(lambda index, subindex: node.objects.get((index, subindex)))
 
@@ -283,7 +364,22 @@ def _ended(scan: BusScan, heard: HeardFrame) -> str:
 
 
 def phases(scan: BusScan, expected: Expected) -> dict[str, int]:
-    """Return when each encoder's frames come in a period, from the first one on, us by joint."""
+    """
+    Return when each encoder's frames come in a period.
+
+    Parameters
+    ----------
+    scan : BusScan
+        What was heard.
+    expected : Expected
+        What is configured.
+
+    Returns
+    -------
+    dict of str to int
+        Time after the first encoder's frame, us, by joint; empty if none was heard.
+
+    """
     period = round(1e6 / expected.rate)
     heard = {
         layout.joint: round(1e6 * frame.last) % period
@@ -326,6 +422,7 @@ def remark_on_phases(scan: BusScan, expected: Expected) -> str | None:
 
 
 def _phases_text(found: dict[str, int], expected: Expected) -> str:
+    """Return the phases in words, with the period."""
     shown = ', '.join(f'{joint} {1e-3 * phase:.1f}' for joint, phase in found.items())
     return f'without SYNC the frames come at phases of {shown} ms in {1e3 / expected.rate:g} ms'
 

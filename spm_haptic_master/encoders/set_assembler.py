@@ -39,28 +39,46 @@ BEHIND = 'answers late by whole cycles'
 
 @dataclass(slots=True)
 class Cycle:
-    """Answers of the open cycle, by index of the joint."""
+    """
+    Answers of the open cycle, by index of the joint.
 
-    # Time of SYNC, or of the first frame without SYNC, s.
+    Attributes
+    ----------
+    start : float
+        Time of SYNC, or of the first frame without SYNC, s.
+    angles : list of (float or None)
+        Latest angles, rad; NaN for an answer without a reading, None before the first answer.
+    answered : int
+        Number of joints that have answered, of those that are waited for.
+    leader : int or None
+        Joint that answered first.
+    first : float
+        Time of its answer, s.
+    done : bool
+        Whether the cycle has yielded its set, or cannot yield one.
+    refused : dict of int to str
+        Reasons why joints that answered have no reading.
+    further : dict of int to int
+        Number of answers of a joint after its first.
+    tardy : set of int
+        Joints with an answer after the time when the next SYNC would have come, or too late.
+    paid : set of int
+        Joints whose first answer was taken for a late one, and not for this cycle's.
+    returned : dict of int to (int or None)
+        Joints that were not waited for and answered, and what their counters left out.
+
+    """
+
     start: float
-    # Latest angles, rad; NaN for an answer without a reading, None before the first answer.
     angles: list[float | None]
-    # Number of joints that have answered, of those that are waited for.
     answered: int = 0
-    # Joint that answered first, and the time of its answer, s.
     leader: int | None = None
     first: float = nan
-    # Whether the cycle has yielded its set, or cannot yield one.
     done: bool = False
-    # Reasons why joints that answered have no reading.
     refused: dict[int, str] = field(default_factory=dict)
-    # Number of answers of a joint after its first.
     further: dict[int, int] = field(default_factory=dict)
-    # Joints with an answer after the time when the next SYNC would have come, or too late.
     tardy: set[int] = field(default_factory=set)
-    # Joints whose first answer was taken for a late one, and not for this cycle's.
     paid: set[int] = field(default_factory=set)
-    # Joints that were not waited for and answered, and what their counters left out.
     returned: dict[int, int | None] = field(default_factory=dict)
 
     @property
@@ -81,9 +99,39 @@ class SetAssembler:
 
     A set goes out with its last answer. One that lacks an answer, or of which another answer may
     yet come, goes out when its cycle ends. A joint that is silent for `SILENT_CYCLES` cycles is
-    not waited for; it is taken again once its late answers would have come. `window`, s, is with
-    SYNC the longest time from it to an answer, and to a late one; without, the longest time
-    between the frames of a set. `period`, s, is the nominal time from cycle to cycle.
+    not waited for; it is taken again once its late answers would have come.
+
+    Parameters
+    ----------
+    joints : tuple of N str
+        Names of the joints.
+    synchronised : bool
+        Whether the encoders answer SYNC.
+    window : float
+        With SYNC the longest time from it to an answer, and to a late one; without, the longest
+        time between the frames of a set, s.
+    period : float
+        Nominal time from cycle to cycle, s.
+
+    Attributes
+    ----------
+    counters : Counter of str
+        Numbers of 'sets' and 'cycles', and of what was rejected or dropped, by reason.
+    missed : list of N int
+        Cycles without an answer, by joint.
+    skew, jitter : LatencyMeter
+        Time from the first to the last answer of a set, and deviation of the time between two
+        cycles from the period, ns.
+    cause : str or None
+        Why the latest cycle yielded no set; None if it yielded one.
+    surplus : tuple of (float, str), or None
+        Time, s, and description of the latest answer that came after a complete set and that no
+        missing answer explains.
+    absent : set of int
+        Joints that are not waited for, by index.
+    late : LateAnswers
+        Account of the missing answers.
+
     """
 
     def __init__(self, joints: tuple[str, ...], synchronised: bool, window: float, period: float):
@@ -125,7 +173,20 @@ class SetAssembler:
         )
 
     def begin(self, stamp: float) -> JointSample | None:
-        """Open the cycle of a SYNC received at `stamp`, s; return the set that the last ends."""
+        """
+        Open the cycle of a SYNC; the one before ends.
+
+        Parameters
+        ----------
+        stamp : float
+            Receive time of SYNC, s since the Unix epoch.
+
+        Returns
+        -------
+        JointSample or None
+            The set of the ended cycle, if it has not gone out and can be made.
+
+        """
         self.counters['cycles'] += 1
         ended = None
         if (cycle := self._cycle) is not None:
@@ -146,11 +207,26 @@ class SetAssembler:
         refused: str | None = None,
     ) -> JointSample | None:
         """
-        Add the answer of one joint; return the set that it completes, or whose cycle it ends.
+        Add the answer of one joint.
 
-        `angle` is in rad, NaN for an answer without a reading, for the reason `refused`; `stamp`
-        is in s since the Unix epoch. `lost` numbers the encoder's rolling counter left out since
-        its answer before.
+        Parameters
+        ----------
+        index : int
+            Index of the joint.
+        angle : float
+            Joint angle, rad; NaN for an answer without a reading.
+        stamp : float
+            Receive time, s since the Unix epoch.
+        lost : int, optional
+            Numbers that the encoder's rolling counter left out since its answer before.
+        refused : str, optional
+            Why the answer has no reading.
+
+        Returns
+        -------
+        JointSample or None
+            The set that it completes, or whose cycle it ends.
+
         """
         ended = None
         if not self._synchronised and not self._belongs(index, stamp):

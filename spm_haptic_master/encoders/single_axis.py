@@ -29,20 +29,42 @@ BEYOND_RANGE = 0.02
 
 
 class AxisReading(NamedTuple):
-    """Position of one axis."""
+    """
+    Position of one axis.
+
+    Attributes
+    ----------
+    name : str
+        Name of the axis.
+    stamp : int
+        Time of sampling, ns since the Unix epoch.
+    position : float
+        Position, m or rad.
+
+    """
 
     name: str
-    stamp: int  # time of sampling, ns since the Unix epoch
-    position: float  # m or rad
+    stamp: int
+    position: float
 
 
 @dataclass(frozen=True, slots=True)
 class AxisLimits:
-    """What a reading may be."""
+    """
+    What a reading may be.
 
-    least: float  # m or rad
+    Attributes
+    ----------
+    least, greatest : float
+        Ends of the range, m or rad.
+    speed : float
+        Largest speed, m/s or rad/s; infinite without a limit.
+
+    """
+
+    least: float
     greatest: float
-    speed: float  # m/s or rad/s; infinite without a limit
+    speed: float
 
     @property
     def bounds(self) -> tuple[float, float]:
@@ -101,7 +123,22 @@ class SingleAxis:
         self._lowest, self._highest = self.limits.bounds
 
     def take(self, message: can.Message, stamp: float) -> AxisReading | None:
-        """Take a frame that was sampled at `stamp`, s; return its reading, None without one."""
+        """
+        Take a frame of the axis.
+
+        Parameters
+        ----------
+        message : can.Message
+            Frame with its identifier, stamped in s since the Unix epoch.
+        stamp : float
+            Time at which it was sampled, s since the Unix epoch.
+
+        Returns
+        -------
+        AxisReading or None
+            Its reading; None if it has none that is good.
+
+        """
         angle, reason = self.encoder.check(message)
         position = angle * self.scale
         if reason is None and self.node is not None:
@@ -148,9 +185,20 @@ class SingleAxis:
 
 def make_axes(values: Values, timeout: float) -> tuple[SingleAxis, ...]:
     """
-    Return the axes that have an encoder; SettingError if their settings contradict each other.
+    Return the axes that have an encoder.
 
-    `timeout` is that of a heartbeat, s.
+    Parameters
+    ----------
+    values : Values
+        Checked settings.
+    timeout : float
+        Time without a heartbeat after which that is lost, s.
+
+    Raises
+    ------
+    SettingError
+        Their settings contradict each other.
+
     """
     return tuple(_axis(name, values, timeout) for name in AXES if values[f'{name}.id'])
 

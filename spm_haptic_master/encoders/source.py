@@ -14,12 +14,20 @@ if TYPE_CHECKING:
 
 
 class JointSample(NamedTuple):
-    """One coherent set of the joint angles, of which at least four have a reading."""
+    """
+    One coherent set of the joint angles, of which at least four have a reading.
 
-    # Sampling time of the set, ns since the Unix epoch.
+    Attributes
+    ----------
+    stamp : int
+        Sampling time of the set, ns since the Unix epoch.
+    angles : tuple of N float
+        Joint angles th1A, th1B, th1C, th3A, with five sensors th3B, with six th3C, rad, each in
+        (-pi, pi]; NaN for a joint without a reading, of five or six sensors.
+
+    """
+
     stamp: int
-    # Joint angles th1A, th1B, th1C, th3A, with five sensors th3B, with six th3C, rad, each in
-    # (-pi, pi]; NaN for a joint without a reading, of five or six sensors.
     angles: tuple[float, ...]
 
 
@@ -29,12 +37,19 @@ class EncoderSource(ABC):
 
     A source is read by one thread. A timeout is a value, a failure is an exception, and an error
     of the encoders is reported by `fault`.
+
+    Attributes
+    ----------
+    waits_for_listener : bool
+        Whether reading should start only with the first listener: a recording would lose its
+        start.
+    axes : tuple of SingleAxis
+        Encoders beside the set, insertion and gripper, that this source has.
+
     """
 
-    # Whether reading should start only with the first listener: a recording would lose its start.
     waits_for_listener = False
 
-    # Encoders beside the set, insertion and gripper, that this source has.
     axes: tuple[SingleAxis, ...] = ()
 
     @property
@@ -49,9 +64,25 @@ class EncoderSource(ABC):
     @abstractmethod
     def read(self, timeout: float) -> JointSample | None:
         """
-        Return the next sample, or None if none came within `timeout` s, or an axis was read.
+        Return the next sample.
 
-        Raise SourceEnded if there are no more samples, ReplayError if the recording is broken.
+        Parameters
+        ----------
+        timeout : float
+            Longest wait, s.
+
+        Returns
+        -------
+        JointSample or None
+            None if none came meanwhile, or an axis was read.
+
+        Raises
+        ------
+        SourceEnded
+            There are no more samples.
+        ReplayError
+            The recording is broken.
+
         """
 
     @property

@@ -1,7 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""SYNC: its producer, on an absolute grid and in a thread of its own, and a check of its rate."""
+"""
+SYNC: its producer, on an absolute grid and in a thread of its own, and a check of its rate.
+
+A bus has one SYNC producer (CiA 301): this one yields to any other.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +40,20 @@ SHARE = 0.1
 
 
 def percentiles_text(meter: LatencyMeter) -> str:
-    """Return median, 99th percentile and maximum, us, of the latest latencies; empty if none."""
+    """
+    Return median, 99th percentile and maximum of the latest latencies.
+
+    Parameters
+    ----------
+    meter : LatencyMeter
+        The latencies.
+
+    Returns
+    -------
+    str
+        The three figures in us; empty if there are none.
+
+    """
     return ' / '.join(f'{value:.0f}' for value in meter.percentiles(0.5, 0.99, 1.0) or ())
 
 
@@ -45,8 +62,28 @@ class SyncProducer:
     Sends SYNC periodically from a thread of its own, and records the times.
 
     Most interfaces do not return the frames sent: then the time of sending opens a cycle. If they
-    do (an echo), the receive time of the echo does. `send` sends one frame, or raises one of
-    BUS_ERRORS; `period` is in s.
+    do (an echo), the receive time of the echo does.
+
+    Parameters
+    ----------
+    send : callable
+        Sends one frame, or raises one of BUS_ERRORS.
+    sync_id : int
+        Identifier of SYNC.
+    period : float
+        Time between two, s.
+
+    Attributes
+    ----------
+    producing : bool
+        Whether it sends at its rate, as opposed to listening or yielding.
+    lateness : LatencyMeter
+        Time from each SYNC's deadline to its sending, ns.
+    sent, failed, foreign, skipped : int
+        Numbers of SYNCs sent, refused by the interface, received from another master, left out.
+    lost : float
+        Time by which SYNCs were more than a period late, s.
+
     """
 
     def __init__(self, send: Callable[[can.Message], None], sync_id: int, period: float):
@@ -135,6 +172,7 @@ class SyncProducer:
             self._thread.join()
 
     def _run(self) -> None:
+        """Listen for another master, probe for an echo, then produce, until `stop`."""
         while not self._stop.wait(LISTEN):
             if self.yielding:
                 continue
@@ -147,6 +185,7 @@ class SyncProducer:
             self._produce()
 
     def _produce(self) -> None:
+        """Send SYNC on the grid until another master is heard, or the thread is to end."""
         self._grid.restart()
         self.producing = True
         is_sent = True
@@ -166,6 +205,7 @@ class SyncProducer:
         self._waiting.clear()
 
     def _emit(self) -> bool:
+        """Send one SYNC and note its time; return whether the interface took it."""
         self._waiting.append(time.time())
         try:
             self._send(self._message)
@@ -178,7 +218,20 @@ class SyncProducer:
 
 
 class SyncRate:
-    """Compares the times between SYNCs with the configured `period`, s, in spans of a second."""
+    """
+    Compares the times between SYNCs with the configured ones, in spans of a second.
+
+    Parameters
+    ----------
+    period : float
+        Configured time between two SYNCs, s.
+
+    Attributes
+    ----------
+    measured : float or None
+        Rate of the latest span, Hz, if that is another than the configured one.
+
+    """
 
     def __init__(self, period: float):
         self._period = period
@@ -221,5 +274,6 @@ class SyncRate:
         )
 
     def _begin(self, stamp: float) -> None:
+        """Begin a span with a SYNC at a time, s."""
         self._began = self._last = stamp
         self._count = self._fits = 0

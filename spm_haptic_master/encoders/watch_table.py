@@ -14,7 +14,17 @@ from spm_haptic_master.encoders.scan_report import Expected
 
 
 def watch_lines(scan: BusScan, expected: Expected) -> list[str]:
-    """Return a line for each encoder: node, counts, angle, span, age, status; who moves now."""
+    """
+    Return a line for each encoder: node, counts, angle, span, age, status; who moves now.
+
+    Parameters
+    ----------
+    scan : BusScan
+        What was heard; it follows the counts of all expected encoders.
+    expected : Expected
+        What is configured.
+
+    """
     watches = [scan.watches[layout.extended, layout.can_id] for layout, _ in expected.encoders]
     moved = [watch.moved() for watch in watches]
     most = max(moved)
