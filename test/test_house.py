@@ -24,7 +24,7 @@ ROOMS = {
     'encoders': {'parameters', 'kinematics'},
     'drives': {'encoders', 'parameters', 'kinematics'},
     'simulation': {'drives', 'encoders', 'parameters', 'kinematics'},
-    'validation': {'encoders', 'kinematics'},
+    'validation': {'encoders', 'parameters', 'kinematics'},
     'calibration': {'validation', 'encoders', 'parameters', 'kinematics'},
     'teleoperation': {'supervision', 'kinematics'},
     'description': {'kinematics'},

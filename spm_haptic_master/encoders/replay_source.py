@@ -130,13 +130,17 @@ class ReplaySource(EncoderSource):
 
     def recorded(self) -> Iterator[JointSample]:
         """Yield all sets with recorded stamps, in place of `read`; ReplayError where it fails."""
-        for found in self.recorded_readings():
+        for found in self.recorded_with_axes():
             if isinstance(found, JointSample):
                 yield found
+
+    def recorded_with_axes(self) -> Iterator[JointSample | AxisReading]:
+        """Yield sets, and readings of the axes, with recorded stamps; errors as `recorded`."""
+        yield from self.recorded_readings()
         self._require_sets()
 
     def recorded_readings(self) -> Iterator[JointSample | AxisReading]:
-        """Yield all sets, and all readings of the axes, with recorded stamps, as they came."""
+        """Yield all that `recorded_with_axes` does, of a log that needs no sets."""
         for message in self._frames():
             self._last = message.timestamp
             sample = self._decoder.feed(message)

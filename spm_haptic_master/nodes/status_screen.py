@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
+from spm_haptic_master.parameters.axes import AXES, INSERTION
 from spm_haptic_master.ros.diagnostic_status import ERROR, OK, WARN
 
 # Columns of the names.
@@ -20,6 +21,7 @@ BLANK = ' ' * len(WORDS[OK])
 LINES = (
     ('fkm: orientation', 'state'),
     ('encoder_driver: encoders', 'bus'),
+    *((f'encoder_driver: {axis}', axis) for axis in AXES),
     ('diagnostics: singularity', 'singularity'),
     ('teleop: teleop', 'teleop'),
     ('fkm: force', 'force'),
@@ -79,7 +81,7 @@ def screen(device: Device) -> list[str]:
             if name in (ORIENTATION, ENCODERS):
                 lines.append(_line(WORDS[ERROR], title, f'no {name.split(":")[0]} answers'))
             continue
-        lines.append(_line(WORDS[entry.level], title, entry.message))
+        lines.append(_line(WORDS[entry.level], title, entry.message + _position(title, entry)))
         if name == ENCODERS:
             lines += _encoders(device)
             lines.append(_line(BLANK, 'calibration', _calibration(device)))
@@ -108,6 +110,15 @@ def _encoders(device: Device) -> list[str]:
         if words:
             lines.append(_line(BLANK, f'  {joint}', ', '.join(words)))
     return lines
+
+
+def _position(title: str, entry: Entry) -> str:
+    """Return the position and the age of an axis's latest reading; empty of other entries."""
+    if title not in AXES:
+        return ''
+    unit = 'm' if title == INSERTION else 'rad'
+    position, age = (entry.values.get(name, NONE) for name in ('position', 'age (ms)'))
+    return f', position {position} {unit}, age (ms) {age}'
 
 
 def _of_joint(values: Mapping[str, str], joint: str) -> list[str]:

@@ -15,9 +15,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from spm_haptic_master.encoders.single_axis import AxisReading
+from spm_haptic_master.encoders.source import JointSample
 from spm_haptic_master.exceptions import InputError, SettingError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.parameters.arguments import Parser
+from spm_haptic_master.parameters.axes import AXES
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS, sigma_from
 from spm_haptic_master.parameters.geometry import geometry_from
 from spm_haptic_master.parameters.nodes import DRIVER_NAMES, SOURCE_SETTINGS
@@ -28,6 +31,7 @@ from spm_haptic_master.supervision import recording
 from spm_haptic_master.supervision.recording import Supervised
 from spm_haptic_master.supervision.symptom import with_remedy
 from spm_haptic_master.tools import command_line
+from spm_haptic_master.tools.axis_gaps import axis_line, AxisRecord
 from spm_haptic_master.tools.command_line import ProgressBar
 from spm_haptic_master.validation import bags, parity_map, recordings
 
@@ -52,6 +56,7 @@ class Recorded:
     cycles: int  # of the bus, with and without a set; of a table its rows
     noun: str  # what they are
     dropped: Mapping[str, int]  # cycles and frames without a set, by reason
+    axes: Mapping[str, NDArray[np.float64]]  # times of the readings of each axis, s
 
     @property
     def seconds(self) -> NDArray[np.float64]:
@@ -97,6 +102,7 @@ def main(args: list[str]) -> int:
     )
     print(verdict(recorded, result))
     _report_gaps(recorded)
+    _report_axes(recorded)
     _report(recorded, result)
     _report_regions(table)
     _propose(recorded.stamps, recorded.angles, table, values)
@@ -158,14 +164,23 @@ def _read(options: argparse.Namespace, given: dict[str, object]) -> Recorded:
             len(track.time) + track.left_out,
             'samples',
             {few: track.left_out} if track.left_out else {},
+            {
+                axis: times
+                for axis in AXES
+                if (times := recordings.read_axis_times(path, axis)).size
+            },
         )
     values = command_line.checked(
         given | {'replay.path': str(path)}, SOURCE_SETTINGS['replay'], 'replay'
     )
-    samples = []
+    samples: list[JointSample] = []
     with closing(make_replay(values)) as source, ProgressBar('supervise') as bar:
-        for sample in source.recorded():
-            samples.append(sample)
+        axis_stamps: dict[str, list[int]] = {axis.name: [] for axis in source.axes}
+        for found in source.recorded_with_axes():
+            if isinstance(found, AxisReading):
+                axis_stamps[found.name].append(found.stamp)
+                continue
+            samples.append(found)
             bar.show(f'{len(samples)} sets read')
         # The last cycle of a log has no SYNC that ends it.
         cycles = max(source.cycles, len(samples))
@@ -176,6 +191,7 @@ def _read(options: argparse.Namespace, given: dict[str, object]) -> Recorded:
         cycles,
         'cycles of the bus',
         dropped,
+        {axis: np.array(stamps, dtype=float) * 1e-9 for axis, stamps in axis_stamps.items()},
     )
 
 
@@ -236,6 +252,15 @@ def _report_gaps(recorded: Recorded) -> None:
     without = int(missing[:, : len(JOINT_NAMES)].any(axis=1).sum())
     if without:
         print(f'  {without} samples without parity, which needs {", ".join(JOINT_NAMES)}')
+
+
+def _report_axes(recorded: Recorded) -> None:
+    """Print share and gaps of insertion and gripper."""
+    seconds = recorded.seconds
+    for name, times in recorded.axes.items():
+        since_begin = times - recorded.stamps[0] * 1e-9
+        period = float(np.median(np.diff(seconds)))
+        print(f'  {axis_line(AxisRecord(name, since_begin, float(seconds[-1]), period))}')
 
 
 def _report(recorded: Recorded, result: Supervised) -> None:

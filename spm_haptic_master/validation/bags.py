@@ -16,6 +16,7 @@ from pathlib import Path, PurePath
 from typing import Any
 
 from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.parameters.axes import AXES
 import yaml
 
 # Suffixes of the files, and the one that compression of whole files appends.
@@ -184,8 +185,15 @@ def _message(path: Path, store: Any, topic: str, kind: str, number: int, content
 
 
 def _select(names: Iterable[str], topic: str) -> list[str]:
-    """Return the names that are, or end in, `topic`."""
-    return [name for name in names if f'/{name.strip("/")}'.endswith(f'/{topic.strip("/")}')]
+    """Return the names that are, or end in, `topic`; those of an axis only if it has the axis."""
+    ending = f'/{topic.strip("/")}'
+    of_axes = tuple(f'/{axis}{ending}' for axis in AXES)
+    found = []
+    for name in names:
+        full = f'/{name.strip("/")}'
+        if full.endswith(ending) and not full.endswith(of_axes):
+            found.append(name)
+    return found
 
 
 def _first_line(error: Exception) -> str:

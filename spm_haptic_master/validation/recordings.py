@@ -38,6 +38,7 @@ from typing import Any
 import zlib
 
 import numpy as np
+from numpy.typing import NDArray
 from spm_haptic_master.encoders.recording_files import JOINTS_NAME, ORIENTATION_NAME
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
@@ -96,6 +97,18 @@ def read_joints(path: Path, topic: str, option: str = '--topic') -> Track | None
     except ValueError as error:
         raise InputError(f'{path}: {error}') from error
     return _track(path, _csv_rows(path, table, names), len(JOINT_NAMES))
+
+
+def read_axis_times(path: Path, axis: str) -> NDArray[np.float64]:
+    """Return the times of the readings of insertion or gripper, s, (n,); none for no such axis."""
+    table = path / f'{axis}.csv'
+    if table.is_file():
+        rows = _csv_rows(table, _csv_table(table), (axis,))
+    elif _table_in(path, JOINTS_NAME) == path and bags.is_bag(path):
+        rows = _topic_rows(path, f'{axis}/measured_js', AXIS_POSITIONS, optional=True)
+    else:
+        rows = []
+    return np.array([time for time, position in rows if math.isfinite(position)])
 
 
 def read_capture(path: Path, topic: str | None) -> Track:
@@ -237,6 +250,9 @@ ORIENTATIONS: dict[str, Taker] = {
     'geometry_msgs/msg/TransformStamped': lambda message: _components(message.transform.rotation),
 }
 JOINT_ANGLES: dict[str, Taker] = {'sensor_msgs/msg/JointState': _joint_angles}
+AXIS_POSITIONS: dict[str, Taker] = {
+    'sensor_msgs/msg/JointState': lambda message: [float(message.position[0])]
+}
 
 
 def _topic_rows(

@@ -136,3 +136,17 @@ def test_without_a_device_it_says_so(args, capfd):
 def test_the_limits_are_parameters_of_their_nodes():
     for node, names in status.LIMITS.items():
         assert set(names) <= {setting.name for setting in NODE_SETTINGS[node]}
+
+
+def test_slide_and_gripper_have_a_line_each_with_position_and_age():
+    lost = Entry(ERROR, 'insertion missing (no frames)', {'position': '0.1', 'age (ms)': '412'})
+    grip = Entry(OK, 'publishing', {'position': '0.5', 'age (ms)': '1'})
+    found = device(encoder_driver__insertion=lost, encoder_driver__gripper=grip)
+    assert not found.is_well()
+    lines = screen(found)
+    assert (
+        'ERROR insertion       insertion missing (no frames), position 0.1 m, age (ms) 412'
+        in lines
+    )
+    assert 'ok    gripper         publishing, position 0.5 rad, age (ms) 1' in lines
+    assert not any('insertion' in line or 'gripper' in line for line in screen(device()))

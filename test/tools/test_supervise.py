@@ -202,6 +202,50 @@ def test_without_a_sensor_of_the_parity_there_are_no_regions(supervise, tmp_path
     assert '297 samples without parity' in out and 'no bias_deg: no region has' in out
 
 
+def slide_at(time, counts=1000):
+    """Return the line of a frame of the slide."""
+    return f'({time:.6f}) can0 185#{counts.to_bytes(4, "little").hex().upper()}\n'
+
+
+def test_a_log_with_a_slide_has_its_share_and_gaps(supervise, tmp_path):
+    """500 cycles, of which the slide misses 100 in a row."""
+    log = tmp_path / 'slide.log'
+    with gzip.open(LOG, 'rt') as file:
+        lines = [*islice(file, 5 * 500)]
+    with_slide, cycles = [], 0
+    for line in lines:
+        with_slide.append(line)
+        if ' 184#' in line:
+            cycles += 1
+            if not 200 < cycles <= 300:
+                with_slide.append(slide_at(float(line[1 : line.index(')')]) + 5e-5))
+    log.write_text(''.join(with_slide))
+    out = supervise(log, *SIMULATED, '-p', 'insertion.id:=0x185')
+    found = re.search(
+        r'\n  insertion: ([\d.]+) % of (\d+) readings, 1 gap of more than 3 periods, the longest '
+        r'([\d.]+) s at ([\d.]+) s\n',
+        out,
+    )
+    share, readings, longest, at = map(float, found.groups())
+    cycles = int(re.match(r'[\d.]+ % of (\d+) cycles', out)[1])
+    assert 79.0 < share < 81.0 and readings == pytest.approx(cycles, abs=2)
+    assert longest == pytest.approx(0.101, abs=0.002) and at == pytest.approx(0.2, abs=0.003)
+    assert 'gripper' not in out
+    # The same sets, and the same verdict, as without the slide.
+    without = supervise(log, *SIMULATED)
+    assert out.partition('\n')[0] == without.partition('\n')[0] and 'insertion' not in without
+
+
+def test_a_directory_of_recorder_with_a_gripper(supervise, tmp_path, table):
+    session = tmp_path / 'session'
+    session.mkdir()
+    (session / 'measured_js.csv').write_bytes(table.read_bytes())
+    begin = truth()[0][PART][0] * 1e-9
+    rows = [f'{begin + 5e-3 * number:.9f},0.5' for number in range(160)]
+    (session / 'gripper.csv').write_text('\n'.join(['time,gripper', *rows]))
+    assert '\n  gripper: 100.00 % of 160 readings, no gap\n' in supervise(session)
+
+
 @pytest.mark.parametrize(
     ('recording', 'args', 'words'),
     [

@@ -74,6 +74,18 @@ def test_every_storage_and_compression(tmp_path, storage, compression):
             recordings.read_orientation(file, 'orientation')
 
 
+def test_a_slide_beside_the_joints_is_a_topic_of_its_own(tmp_path, monkeypatch):
+    """`measured_js` is that of the joints; the slide's has the times of its readings."""
+    slide = '/left/insertion/measured_js'
+    monkeypatch.setitem(KINDS, slide, KINDS[JOINTS])
+    joints = [(JOINTS, round(row[0] * 1e9), serialized(JOINTS, row)) for row in ROWS]
+    readings = [(slide, at, content) for _, at, content in joints[::2]]
+    path = write_messages(tmp_path / 'session', [*joints, *readings])
+    assert len(recordings.read_joints(path, 'measured_js').time) == 60
+    np.testing.assert_array_equal(recordings.read_axis_times(path, 'insertion'), ROWS[::2, 0])
+    assert recordings.read_axis_times(path, 'gripper').size == 0
+
+
 def describe(path, names, counts):
     """Write the metadata.yaml of a directory; what depends on the storage stays as it is."""
     metadata = path / 'metadata.yaml'
