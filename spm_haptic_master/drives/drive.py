@@ -80,18 +80,18 @@ class Drive:
         self._plan, self._send = plan, send
         self.now = 0.0
         self.state = State.UNKNOWN
-        self.torque = 0  # reported, per mille
-        self.status_at = float('-inf')  # time of the latest status frame, s
-        self.mode: int | None = None  # that it was set to
-        self.identity: Identity | None = None  # None before it was read
-        self.absent: str | None = None  # why it is waited for in the start-up
+        self.torque = 0
+        self.status_at = float('-inf')
+        self.mode: int | None = None
+        self.identity: Identity | None = None
+        self.absent: str | None = None
         self._answer: bytes | None = None  # latest one by SDO, until it is removed
-        self.emergency: str | None = None  # latest one in words, until `restart`
+        self.emergency: str | None = None
         self._shown_mode = 0
         # NMT state, None before the first heartbeat, and the time from which one is due, s.
         self._nmt: int | None = None
         self._heartbeat_at = float('-inf')
-        self.booted = False  # since `restart`
+        self.booted = False
         # Command in force, and the range of the commands since the latest status frame and between
         # that one and the one before, per mille: a status frame may be as old as two periods.
         self._command = 0
@@ -101,7 +101,6 @@ class Drive:
         self._off_time = 0.0
         self._since: float | None = None
         self._reached = False
-        # Data length and handler of each of its frames by identifier.
         self.handlers: dict[int, tuple[int, Handler]] = {
             own.status_id: (STATUS.size, self._on_status),
             canopen.HEARTBEAT_BASE + own.node_id: (canopen.HEARTBEAT_LENGTH, self._on_heartbeat),

@@ -177,21 +177,16 @@ class BusScan:
         self.watches = {
             (layout.extended, layout.can_id): CountsWatch(layout) for layout in layouts
         }
-        # Receive time of the latest frame of any kind, s.
         self.latest = float('-inf')
-        # By (extended, identifier), and by node id.
         self.frames: dict[tuple[bool, int], HeardFrame] = {}
         self.nodes: dict[int, HeardNode] = {}
-        # Number of error frames by their words, and of remote frames.
         self.errors: Counter[str] = Counter()
         self.remote = 0
-        # SYNCs that the scanning program sent, nodes that it started, and number of frames that
-        # the interface refused to send, by its error.
         self.own_sync: HeardFrame | None = None
         self.started: set[int] = set()
         self.unsent: Counter[str] = Counter()
-        # Number of SYNCs, of a master and own, and times between a master's, s.
         self.cycles = 0
+        # Times between the SYNCs of a master, s.
         self._sync_intervals: list[float] = []
 
     @property

@@ -265,7 +265,6 @@ class CanopenNodes:
             Node(joint, node_id, heartbeat_timeout)
             for joint, node_id in zip(joints, node_ids, strict=True)
         )
-        # Node that sends the frames with each identifier.
         self.every = (*self.nodes, *further)
         self.senders = {base + node.node_id: node for node in self.every for base in LENGTHS}
         # Other nodes on the bus; and those of them that are known.

@@ -144,10 +144,8 @@ class CountsWatch:
         self._other = CountsTrack(
             replace(layout, byte_order='big' if layout.byte_order == 'little' else 'little')
         )
-        # Time of the latest frame, s, and whether its status bits were good.
         self.heard: float | None = None
         self.healthy = True
-        # Length of the latest frame, bytes, where that is another one than configured.
         self.other_length: int | None = None
         # Position at the latest `moved`, counts.
         self._shown = 0

@@ -162,7 +162,15 @@ class DeviceDescription:
         )
 
     def lines(self, wanted: WantedObjects) -> list[str]:
-        """Return a line for each wanted object: what this device has, and what is wanted."""
+        """
+        Return a line for each wanted object: what this device has, and what is wanted.
+
+        Parameters
+        ----------
+        wanted : WantedObjects
+            Required objects.
+
+        """
         return [
             f'0x{each.index:04X}:{each.subindex:02X} {each.name}: '
             + (f'{found.words}; ' if (found := self.find(*each.key)) else 'not in the EDS; ')

@@ -194,13 +194,34 @@ class EncoderLayout:
         return value if value < self.counts_per_turn else None
 
     def healthy(self, data: bytes | bytearray) -> bool:
-        """Return whether the frame's status bits, if any, report no error."""
+        """
+        Return whether the frame's status bits, if any, report no error.
+
+        Parameters
+        ----------
+        data : bytes
+            Data of `data_length` bytes.
+
+        """
         return (
             not self.status_mask or data[self.status_byte] & self.status_mask == self.status_good
         )
 
     def counter(self, data: bytes | bytearray) -> int | None:
-        """Return the frame's rolling counter, None if it has none."""
+        """
+        Return the frame's rolling counter.
+
+        Parameters
+        ----------
+        data : bytes
+            Data of `data_length` bytes.
+
+        Returns
+        -------
+        int or None
+            Its value, from 0 to `counter_modulus` - 1; None if the frame has none.
+
+        """
         if not self.counter_mask:
             return None
         return (data[self.counter_byte] & self.counter_mask) >> lowest_bit(self.counter_mask)
@@ -295,13 +316,10 @@ class Encoder:
 
     def __init__(self, layout: EncoderLayout):
         self.layout = layout
-        # Time of the latest good frame, s since the Unix epoch; None before the first.
         self.heard: float | None = None
-        # Time, s since the Unix epoch, and reason of the latest rejection.
         self.refused: tuple[float, str] | None = None
         self.rejects: Counter[str] = Counter()
         self.frames = RateMeter()
-        # Numbers that the rolling counter left out before the latest good frame, if it has one.
         self.lost: int | None = None
         self._counter: int | None = None
 

@@ -106,12 +106,9 @@ class FrameDecoder:
             tuple(layout.joint for layout in layouts), sync_id is not None, window, period
         )
         self.network = network
-        # Number of frames, and of rejected ones by reason.
         self.counters: Counter[str] = Counter()
-        # Latest error frame in words, and whether one reported bus-off; a good answer ends both.
         self.bus_error: str | None = None
         self.bus_off = False
-        # Time of the latest SYNC, s since the Unix epoch; None before the first.
         self.sync_heard: float | None = None
         self._sync_rate = SyncRate(period)
         self._by_key = {

@@ -80,12 +80,8 @@ class LateAnswers:
 
     def __init__(self, count: int, span: float):
         self._span = span
-        # By index of the joint; a joint that owes no answer has no entry.
         self.owed: dict[int, Debt] = {}
-        # Joints shown to answer late by whole cycles, and the long cycles in a row since in which
-        # they did not; none of their answers is taken.
         self.behind: dict[int, int] = {}
-        # Joints of which no long cycle has shown that they answer in time.
         self.unproven = set(range(count))
 
     @property

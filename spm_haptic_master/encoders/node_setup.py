@@ -324,7 +324,20 @@ class Comparison:
         return found + (rules.remarks(self.value) if rules else [])
 
     def hint(self, key: Key) -> str:
-        """Return what to do about an object that cannot be written, behind a colon; or nothing."""
+        """
+        Return what to do about an object that cannot be written.
+
+        Parameters
+        ----------
+        key : tuple of 2 int
+            Index and subindex.
+
+        Returns
+        -------
+        str
+            The remedy behind a semicolon; empty if nothing is known.
+
+        """
         rules = self.wanted.rules
         hint = rules.hint(key, self.value) if rules else ''
         return f'; {hint}' if hint else ''

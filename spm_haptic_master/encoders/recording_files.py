@@ -49,7 +49,6 @@ class FrameLog:
 
     def __init__(self, path: Path):
         self.path = path
-        # Why frames could not be written; nothing is written after it.
         self.error: OSError | None = None
         self._writer: can.CanutilsLogWriter | None = None
         self._latest = 0.0
@@ -106,7 +105,6 @@ class Table:
     def __init__(self, path: Path, columns: Sequence[str]):
         _check_new(path)
         self.path = path
-        # Number of rows, and stamps of the first and of the latest, ns; zeros before the first.
         self.rows = 0
         self.span = 0, 0
         self._columns = columns

@@ -267,7 +267,15 @@ class ReplaySource(EncoderSource):
                 yield message
 
     def _note_gap(self, length: float) -> None:
-        """Note a gap of a length, s, and shorten one that nobody would wait for."""
+        """
+        Note a gap between two frames, and shorten one that nobody would wait for.
+
+        Parameters
+        ----------
+        length : float
+            Length of the gap, s of the recording.
+
+        """
         self._gap = length, self._last - self._origin
         if length > LONGEST_GAP:
             self._shift -= round((length - LONGEST_GAP) / self._rate * 1e9)

@@ -126,7 +126,7 @@ class SetAssembler:
         Why the latest cycle yielded no set; None if it yielded one.
     surplus : tuple of (float, str), or None
         Time, s, and description of the latest answer that came after a complete set and that no
-        missing answer explains.
+        missing answer explains: two encoders may share an identifier.
     absent : set of int
         Joints that are not waited for, by index.
     late : LateAnswers
@@ -141,19 +141,12 @@ class SetAssembler:
         self._period = period
         # Longest time from SYNC to an answer before the next SYNC, s.
         self._in_time = min(window, period)
-        # Numbers of 'sets' and 'cycles', and of what was rejected or dropped, by reason.
         self.counters: Counter[str] = Counter()
         # Time of the latest answer of each joint, s.
         self._answered_at = [nan] * len(joints)
-        # Cycles without an answer, by joint.
         self.missed = [0] * len(joints)
-        # Time from the first to the last answer of a set, and deviation of the time between two
-        # cycles from the period, ns.
         self.skew, self.jitter = LatencyMeter(), LatencyMeter()
-        # Reason why the latest cycle yielded no set, None if it yielded one.
         self.cause: str | None = None
-        # Time, s, and description of the latest answer that came after a complete set and that
-        # no missing answer explains: two encoders may share an identifier.
         self.surplus: tuple[float, str] | None = None
         self.reset()
 
@@ -166,7 +159,6 @@ class SetAssembler:
         self._silent: dict[int, int] = {}
         # Whether an answer or a joint is missing, or may be late.
         self._unsettled = False
-        # Joints that are not waited for, by index.
         self.absent: set[int] = set()
         self.late = LateAnswers(
             len(self._joints), max(self._window, LATE_ANSWER_PERIODS * self._period)

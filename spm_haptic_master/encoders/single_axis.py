@@ -68,7 +68,7 @@ class AxisLimits:
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """Return the least and the greatest position of a reading."""
+        """Return least and greatest position of a reading: the range and a margin, m or rad."""
         margin = BEYOND_RANGE * (self.greatest - self.least)
         return self.least - margin, self.greatest + margin
 
@@ -155,7 +155,20 @@ class SingleAxis:
         return AxisReading(self.layout.joint, round(stamp * 1e9), position)
 
     def fault(self, now: float) -> str | None:
-        """Return why there is no reading `now`, s since the Unix epoch; None if there is one."""
+        """
+        Return why there is no reading at present.
+
+        Parameters
+        ----------
+        now : float
+            Time, s since the Unix epoch.
+
+        Returns
+        -------
+        str or None
+            The reason, with the name of the axis; None if there is a reading.
+
+        """
         heard = None if self.latest is None else self.latest[0]
         if heard is not None and abs(now - heard) <= MISSING_PERIODS * self._period:
             return None
@@ -167,6 +180,7 @@ class SingleAxis:
         return f'{self.name} missing ({trouble or "no frames"})'
 
     def _is_heard(self, now: float) -> bool:
+        """Return whether a good frame came within MISSING_PERIODS of a time, s."""
         heard = self.encoder.heard
         return heard is not None and abs(now - heard) <= MISSING_PERIODS * self._period
 
@@ -204,6 +218,13 @@ def make_axes(values: Values, timeout: float) -> tuple[SingleAxis, ...]:
 
 
 def _axis(name: str, values: Values, timeout: float) -> SingleAxis:
+    """
+    Return one axis by its settings, as `make_axes`.
+
+    Angles and counts are related as those of a joint. A slide has no turn of its own: all its
+    counts are made one turn, and `insertion.counts_per_metre` gives the scale, m/rad.
+    """
+
     def value(setting: str) -> int:
         return int(values[f'{name}.{setting}'])
 

@@ -82,7 +82,8 @@ class SyncProducer:
     sent, failed, foreign, skipped : int
         Numbers of SYNCs sent, refused by the interface, received from another master, left out.
     lost : float
-        Time by which SYNCs were more than a period late, s.
+        Time by which SYNCs were more than a period late, s; not those that had to wait for a bus
+        that refused the one before.
 
     """
 
@@ -95,17 +96,12 @@ class SyncProducer:
         # appends, the receiving thread pops from the left.
         self._waiting: deque[float] = deque(maxlen=WAITING)
         self._echoed = threading.Event()
-        # Whether it sends at its rate, as opposed to listening or yielding.
         self.producing = False
         self._foreign_at = float('-inf')
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
-        # Time from each SYNC's deadline to its sending, ns.
         self.lateness = LatencyMeter()
-        # Numbers of SYNCs sent, refused by the interface, received from another master, left out.
         self.sent = self.failed = self.foreign = self.skipped = 0
-        # Time by which SYNCs were more than a period late, s; not those that had to wait for a bus
-        # that refused the one before.
         self.lost = 0.0
         self._skip = False
 
@@ -137,7 +133,15 @@ class SyncProducer:
         return self._skip
 
     def heard(self, stamp: float) -> None:
-        """Handle a SYNC received at `stamp`, s: the echo of one sent here, or another master's."""
+        """
+        Handle a SYNC that was received: the echo of one sent here, or another master's.
+
+        Parameters
+        ----------
+        stamp : float
+            Receive time, s since the Unix epoch.
+
+        """
         if self._due(stamp):
             self._echoed.set()
         else:
@@ -145,7 +149,20 @@ class SyncProducer:
             self._foreign_at = time.monotonic()
 
     def openings(self, stamp: float) -> list[float]:
-        """Return the times of SYNCs whose cycles open before a frame received at `stamp`, s."""
+        """
+        Return the SYNCs sent here whose cycles open before a frame.
+
+        Parameters
+        ----------
+        stamp : float
+            Receive time of that frame, s since the Unix epoch.
+
+        Returns
+        -------
+        list of float
+            Times of sending, s since the Unix epoch; empty where echoes open the cycles.
+
+        """
         # Echoes, if there are any, open the cycles.
         return self._due(stamp) if self.producing and not self._echoed.is_set() else []
 
@@ -239,7 +256,6 @@ class SyncRate:
         # one period after the one before.
         self._began = self._last = nan
         self._count = self._fits = 0
-        # Rate of the latest span, Hz, if that is another than the configured one.
         self.measured: float | None = None
 
     def heard(self, stamp: float) -> None:

@@ -72,7 +72,15 @@ class Quirk:
 
 @dataclass(frozen=True, slots=True)
 class Quirks:
-    """The quirks of one encoder."""
+    """
+    The quirks of one encoder.
+
+    Attributes
+    ----------
+    every : tuple of Quirk
+        All of them, also those that concern all encoders.
+
+    """
 
     every: tuple[Quirk, ...] = ()
 

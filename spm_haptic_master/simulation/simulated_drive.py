@@ -140,7 +140,7 @@ class SimulatedDrive:
     def __init__(self, plan: Plan, own: DrivePlan, factory: bool):
         self.node_id = own.node_id
         self.objects = DriveObjects(plan, own, factory)
-        self.faults: dict[str, float] = {}  # present ones of DRIVE_KINDS, with their values
+        self.faults: dict[str, float] = {}
         # Times of the own latest heartbeat, status frame and step, s.
         self._heartbeat_at = self._status_at = float('-inf')
         self._now: float | None = None
