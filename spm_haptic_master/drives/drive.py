@@ -37,7 +37,7 @@ Steps = Generator[None, None, None]
 
 class Drive:
     """
-    State of one drive: what it has sent, what it was told, and what is wrong with it.
+    State of one drive: what it has sent, what it was commanded, and what is wrong with it.
 
     Parameters
     ----------
@@ -248,7 +248,7 @@ class Drive:
             self.emergency = canopen.emcy_words(data, cia402.ERROR_WORDS)
 
     def _on_answer(self, data: bytearray) -> None:
-        """Keep the answer to a request by SDO until it is looked at."""
+        """Keep the answer to a request by SDO until it is read."""
         self._answer = bytes(data)
 
     # Start-up: SetupError where the drive is not as configured -----------------------------------

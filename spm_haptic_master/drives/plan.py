@@ -181,7 +181,7 @@ def torque_frames(
     torques : list of N int
         Values for 6071h, per mille of each rated torque.
     controls : bool
-        Whether the controlwords go out; only looked at if they have frames of their own.
+        Whether the controlwords go out; without effect unless they have frames of their own.
 
     Returns
     -------

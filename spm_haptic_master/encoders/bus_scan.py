@@ -365,7 +365,7 @@ class BusScanner:
         Parameters
         ----------
         seconds : float
-            How long, s; it begins anew with the first SYNC sent from here.
+            How long, s; counted again from the first SYNC sent from here.
         ask : bool
             Whether requests by SDO are sent.
         start : tuple of int, optional
@@ -397,7 +397,7 @@ class BusScanner:
         start: tuple[int, ...] | None = None,
     ) -> None:
         """
-        Listen, and show the state of the encoders again and again.
+        Listen, and show the state of the encoders periodically.
 
         Parameters
         ----------

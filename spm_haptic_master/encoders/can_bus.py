@@ -4,7 +4,7 @@
 """
 A CAN bus of python-can: how it is opened and named, its errors in words, its times.
 
-All that depends on python-can's interfaces and their peculiarities is here.
+Interfaces differ in their errors and clocks; the rest of the room sees one form of both.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@
 """
 The encoders as CANopen nodes: NMT states, heartbeats, boot-ups and emergencies.
 
-What a node says of itself decides whether its answers are readings, and explains its silence.
+What a node reports decides whether its answers are readings, and explains its silence.
 """
 
 from __future__ import annotations

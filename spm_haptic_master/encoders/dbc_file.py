@@ -4,7 +4,7 @@
 """
 Encoders' frames as a DBC file describes them: the lines for rig.yaml.
 
-Signals are recognised by their names; whatever is uncertain is said in a remark.
+Signals are recognised by their names; a remark reports whatever is uncertain.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class DescribedFrame:
     signed : bool
         Whether the counts are a two's complement number.
     counts_per_turn : int
-        Counts in a turn, as far as the file says.
+        Counts in a turn, as far as the file has them.
     counter_byte, counter_mask : int
         Byte and bits of the rolling counter; a mask of 0: none.
     status_byte, status_mask, status_good : int

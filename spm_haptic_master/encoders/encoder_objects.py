@@ -4,7 +4,7 @@
 """
 Wanted objects of an encoder (CiA 301, 406), and which of them its other objects answer.
 
-Makers differ in the objects that they have; the rules say which differences do not matter.
+Devices differ in the objects that they have; the rules list the differences that are harmless.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ TIME_MAXIMUM = 0xFFFF
 @dataclass(frozen=True, slots=True)
 class EncoderRules:
     """
-    What the objects of an encoder say together: its resolution and its timers.
+    Rules for the objects of an encoder: its resolution and its timers.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class EncoderRules:
         Returns
         -------
         int or None
-            Counts per turn; None where no object says so.
+            Counts per turn; None where no object has them.
 
         """
         operating = value(*canopen.OPERATING_PARAMETERS)

@@ -183,7 +183,7 @@ class FrameDecoder:
         return self.assembler.begin(message.timestamp)
 
     def _take_node(self, message: can.Message) -> None:
-        """Take the frame of a node; the counters of nodes that are down begin anew."""
+        """Take the frame of a node; the counters of nodes that are down restart."""
         if self.network is None:
             return
         if wrong := self.network.take(message):
@@ -330,7 +330,7 @@ class FrameDecoder:
         return found
 
     def _trouble(self, index: int, now: float, timeout: float) -> str:
-        """Return why a joint is silent: rejected frames, what its node says, or no frames."""
+        """Return why a joint is silent: rejected frames, what its node reports, or no frames."""
         refused = self.encoders[index].refused
         if refused and recent(refused[0], now, timeout):
             return f'frames rejected, {refused[1]}'

@@ -4,7 +4,7 @@
 """
 Logs of frames as other tools write them, read by python-can: what is whole, or a reason.
 
-A damaged log must not pass for a shorter one: it ends with an error that says where.
+A damaged log must not pass for a shorter one: it ends with an error that names the place.
 """
 
 from __future__ import annotations

@@ -4,8 +4,7 @@
 """
 Wanted objects of a CANopen node: compare, write, store and verify them.
 
-A node is either as wanted at the end, stored and read back, or the error says in which state it
-is.
+At the end a node is as wanted, stored and read back; otherwise the error names its state.
 """
 
 from __future__ import annotations
@@ -121,7 +120,7 @@ class WantedPdo:
 
 class Rules(Protocol):
     """
-    What the objects of a node say together.
+    Rules for the objects of a node, taken together.
 
     `value` returns the present value of an object by index and subindex, None if the node has
     none.

@@ -48,7 +48,7 @@ class ReplaySource(EncoderSource):
     rate : float
         Rate against the recorded pace (unit 1).
     loop : bool
-        Whether it begins anew after its end.
+        Whether it restarts after its end.
     decoder : FrameDecoder
         What makes sets of frames.
     channel : str

@@ -71,7 +71,7 @@ class Expected:
 
 def listing(scan: BusScan, expected: Expected) -> list[str]:
     """
-    Return what was heard, without judging it.
+    Return what was heard, without comparing it.
 
     Parameters
     ----------
@@ -329,7 +329,7 @@ def resolution(node: HeardNode, layout: EncoderLayout) -> int | None:
     Returns
     -------
     int or None
-        Counts per turn; None where the objects do not say.
+        Counts per turn; None where the objects do not have them.
 
     """
     rules = EncoderRules(layout.counts_per_turn, 0, None)

@@ -15,7 +15,7 @@ from spm_haptic_master.encoders.scan_report import Expected
 
 def watch_lines(scan: BusScan, expected: Expected) -> list[str]:
     """
-    Return a line for each encoder: node, counts, angle, span, age, status; who moves now.
+    Return a line for each encoder: node, counts, angle, span, age, status, and which moves now.
 
     Parameters
     ----------

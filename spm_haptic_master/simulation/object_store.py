@@ -172,7 +172,7 @@ class ObjectStore:
         return canopen.sdo(identifier, canopen.SDO_DOWNLOAD_ANSWER, *key)
 
     def _entry(self, key: Key) -> Entry:
-        """Return an object; SdoAbortError tells a missing object from a missing subindex."""
+        """Return an object; SdoAbortError differs for a missing object and a missing subindex."""
         entry = self._entries.get(key)
         if entry is None:
             known = any(index == key[0] for index, _ in self._entries)

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-A simulated motion that somebody steers: to a pose on request, and back to its trajectory.
+A simulated motion that is steered: to a pose on request, and back to its trajectory.
 
 The distance to the target decays like a critically damped oscillator, so nothing jumps.
 """
