@@ -24,14 +24,35 @@ COLOURS = {
 
 @dataclass(frozen=True, slots=True)
 class Ink:
-    """Colour of a quantity as CSS has it: on a white page, and on a dark one."""
+    """
+    Colour of a quantity as CSS has it: on a white page, and on a dark one.
+
+    Attributes
+    ----------
+    light, dark : str
+        #rrggbb, for WHITE_PAGE and for DARK_PAGE.
+
+    """
 
     light: str
     dark: str
 
 
 def css(name: str) -> str:
-    """Return the colour of a part as CSS and matplotlib have it."""
+    """
+    Return the colour of a part as CSS and matplotlib have it.
+
+    Parameters
+    ----------
+    name : str
+        Name of a part in COLOURS.
+
+    Returns
+    -------
+    str
+        #rrggbb.
+
+    """
     return f'#{bytes(round(255 * part) for part in COLOURS[name]).hex()}'
 
 
@@ -56,6 +77,17 @@ def contrast(one: str, other: str) -> float:
     Return the contrast of two colours in CSS, from 1 to 21.
 
     WCAG 2.2, "contrast ratio" and "relative luminance".
+
+    Parameters
+    ----------
+    one, other : str
+        #rrggbb; their order does not matter.
+
+    Returns
+    -------
+    float
+        1 of equal colours, 21 of black and white.
+
     """
     lighter, darker = sorted((_luminance(one), _luminance(other)), reverse=True)
     return (lighter + 0.05) / (darker + 0.05)

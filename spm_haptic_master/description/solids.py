@@ -72,7 +72,19 @@ DENSITY = 2700.0
 
 
 class MassProperties(NamedTuple):
-    """Mass of a body, and how it is distributed."""
+    """
+    Mass of a body, and how it is distributed.
+
+    Attributes
+    ----------
+    mass : float
+        Mass, kg.
+    centre : ndarray, shape (3,)
+        Centre of mass in the body's frame, m.
+    inertia : ndarray, shape (3, 3)
+        Moments of inertia about the centre of mass, kg m^2.
+
+    """
 
     mass: float  # kg
     centre: NDArray[np.float64]  # centre of mass, m, shape (3,)
@@ -82,7 +94,17 @@ class MassProperties(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Solid:
-    """A closed surface."""
+    """
+    A closed surface.
+
+    Attributes
+    ----------
+    vertices : ndarray, shape (n, 3)
+        Corners, m.
+    triangles : ndarray of int, shape (m, 3)
+        Numbers of the corners of each triangle, counter-clockwise from outside.
+
+    """
 
     vertices: NDArray[np.float64]  # corners, m, shape (n, 3)
     triangles: NDArray[np.int32]  # indices of them, counter-clockwise from outside, (m, 3)
@@ -97,6 +119,17 @@ class Solid:
 
         Sums over the tetrahedra between the origin and each triangle (Tonon, 2004); where several
         surfaces overlap, the common part counts once for each.
+
+        Parameters
+        ----------
+        density : float
+            Density, kg/m^3.
+
+        Returns
+        -------
+        MassProperties
+            In the frame of the vertices.
+
         """
         corners = self.vertices[self.triangles]
         volumes = np.linalg.det(corners) / 6.0
@@ -117,7 +150,21 @@ class Solid:
         return MassProperties(float(mass), centre, np.trace(moments) * np.eye(3) - moments)
 
     def stl(self, name: str) -> bytes:
-        """Return the solid as a binary STL file whose header has a name."""
+        """
+        Return the solid as a binary STL file whose header has a name.
+
+        Parameters
+        ----------
+        name : str
+            Text of the header, at most STL_HEADER bytes.
+
+        Returns
+        -------
+        bytes
+            Header, number of triangles, and each triangle with its normal, in m; a triangle
+            without an area has the normal 0.
+
+        """
         corners = self.vertices[self.triangles].astype('<f4')
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         lengths = np.linalg.norm(normals, axis=1, keepdims=True)
@@ -138,6 +185,17 @@ def solids(geometry: Geometry) -> dict[str, Solid]:
 
     A proximal link has Z1k on z and Z2k on Rx(alpha_k) z; a distal link Z2k on z and Z3k on
     Rx(beta_k) z. The platform carries the handle.
+
+    Parameters
+    ----------
+    geometry : Geometry
+        The mechanism.
+
+    Returns
+    -------
+    dict
+        `base`, `proximal_K`, `distal_K` (K: a, b, c) and `platform`.
+
     """
     axes, ends = np.array(geometry.base_axes), np.array(geometry.platform_axes)
     platform = together(
@@ -168,6 +226,17 @@ def masses(geometry: Geometry) -> dict[str, MassProperties]:
 
     Encoders weigh nothing; the base does not move and is left out. The carriers are the pins of
     the third joints.
+
+    Parameters
+    ----------
+    geometry : Geometry
+        The mechanism.
+
+    Returns
+    -------
+    dict
+        Of aluminium of DENSITY, in the frame of each link.
+
     """
     named = solids(geometry)
     del named['base']
@@ -177,7 +246,20 @@ def masses(geometry: Geometry) -> dict[str, MassProperties]:
 
 
 def onto(axes: Sequence[object] | NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return rotation matrices, shape (..., 3, 3), that take z to unit vectors, (..., 3)."""
+    """
+    Return rotation matrices, shape (..., 3, 3), that take z to unit vectors, (..., 3).
+
+    Parameters
+    ----------
+    axes : array_like, shape (..., 3)
+        Unit vectors.
+
+    Returns
+    -------
+    ndarray, shape (..., 3, 3)
+        R with R z = axis; how far it turns about the axis is arbitrary.
+
+    """
     z = np.asarray(axes, dtype=float)
     # Any direction that is far from the axis.
     x = np.cross(np.eye(3)[np.argmin(np.abs(z), axis=-1)], z)
@@ -197,7 +279,20 @@ def together(*solids: Solid) -> Solid:
 
 
 def cylinder(size: Sequence[float]) -> Solid:
-    """Return a chamfered cylinder about z: radius and the heights of its ends, unit SIZE."""
+    """
+    Return a chamfered cylinder about z: radius and the heights of its ends, unit SIZE.
+
+    Parameters
+    ----------
+    size : sequence of 3 float
+        Radius, lower and upper height, unit SIZE.
+
+    Returns
+    -------
+    Solid
+        In m.
+
+    """
     radius, low, high = (SIZE * each for each in size)
     rim = CHAMFER * min(radius, high - low)
     return turned_profile(
@@ -206,7 +301,20 @@ def cylinder(size: Sequence[float]) -> Solid:
 
 
 def turned_profile(profile: Sequence[tuple[float, float]]) -> Solid:
-    """Return the solid of a profile (radius, height), m, from below, turned about z."""
+    """
+    Return the solid of a profile (radius, height), m, from below, turned about z.
+
+    Parameters
+    ----------
+    profile : sequence of tuples of two float
+        Radius and height of each corner, m, from the lower end to the upper one.
+
+    Returns
+    -------
+    Solid
+        With a flat end below and above.
+
+    """
     turn = np.arange(TURN_POINTS) * tau / TURN_POINTS
     circle = np.stack([np.cos(turn), np.sin(turn), np.zeros(TURN_POINTS)], axis=1)
     return _tube([radius * circle + (0.0, 0.0, height) for radius, height in profile])
@@ -215,7 +323,24 @@ def turned_profile(profile: Sequence[tuple[float, float]]) -> Solid:
 def _link(
     angle: float, bar: Sequence[float], first: Sequence[float], second: Sequence[float]
 ) -> Solid:
-    """Return a bar of an angle, rad, with a disc at either end."""
+    """
+    Return a bar of an angle, rad, with a disc at either end.
+
+    Parameters
+    ----------
+    angle : float
+        Angle between the joint axes at its ends.
+    bar : sequence of 3 float
+        Radius about O, width and thickness (unit SIZE).
+    first, second : sequence of 3 float
+        Discs at z and at Rx(angle) z, as `cylinder` has them.
+
+    Returns
+    -------
+    Solid
+        In the frame of the link, m.
+
+    """
     c, s = np.cos(angle), np.sin(angle)
     there = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
     return together(_arc_bar(angle, bar), cylinder(first), cylinder(second).turned(there))
@@ -234,7 +359,22 @@ def _arc_between(
 
 
 def _arc_bar(angle: float, bar: Sequence[float]) -> Solid:
-    """Return a bar, with its width across the arc, along a sphere from z to Rx(angle) z, rad."""
+    """
+    Return a bar, with its width across the arc, along a sphere from z to Rx(angle) z, rad.
+
+    Parameters
+    ----------
+    angle : float
+        Angle of the arc.
+    bar : sequence of 3 float
+        Radius about O, width and thickness (unit SIZE).
+
+    Returns
+    -------
+    Solid
+        With chamfered edges, m.
+
+    """
     radius, width, thickness = (SIZE * each for each in bar)
     chamfer = CHAMFER * thickness
     x, r = 0.5 * width, 0.5 * thickness
@@ -264,7 +404,20 @@ def _arc_bar(angle: float, bar: Sequence[float]) -> Solid:
 
 
 def _tube(rings: list[NDArray[np.float64]]) -> Solid:
-    """Return the solid through rings of equally many points, closed at both ends."""
+    """
+    Return the solid through rings of equally many points, closed at both ends.
+
+    Parameters
+    ----------
+    rings : list of ndarray, shape (n, 3)
+        Points of each ring, m, counter-clockwise as seen from the last ring.
+
+    Returns
+    -------
+    Solid
+        The middles of the first and of the last ring are two more corners.
+
+    """
     count, n = len(rings), len(rings[0])
     here = np.arange(count * n).reshape(count, n)
     there = np.roll(here, -1, axis=1)
@@ -289,6 +442,19 @@ def link_turns(geometry: Geometry, angles: Sequence[float]) -> list[Quaternion[f
 
     Quaternions x, y, z, w: of the proximal links A, B, C: B_k Rz(th1k), eq. 1; of the distal links
     A, B, C: that times Rx(alpha_k) Rz(th2k); of the platform, eq. 6.
+
+    Parameters
+    ----------
+    geometry : Geometry
+        The mechanism.
+    angles : sequence of 9 float
+        Angles in the order of MECHANISM_JOINT_NAMES.
+
+    Returns
+    -------
+    list of seven tuples of 4 float
+        Turns of the three proximal links, of the three distal links, and of the platform.
+
     """
     turns = [(0.0, 0.0, sin(0.5 * angle), cos(0.5 * angle)) for angle in angles]
     base = map(leg_frame, BASE_TURNS, geometry.base_axes)

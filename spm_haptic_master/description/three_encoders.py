@@ -35,7 +35,20 @@ class LegA:
     theta3: float
 
     def orientation(self, geometry: Geometry) -> Quaternion[float]:
-        """Return the platform's orientation in the base frame, x, y, z, w."""
+        """
+        Return the platform's orientation in the base frame, x, y, z, w.
+
+        Parameters
+        ----------
+        geometry : Geometry
+            The mechanism.
+
+        Returns
+        -------
+        tuple of 4 float
+            Unit quaternion of R_base_platform, eq. 6.
+
+        """
         return chain_quaternion(self.theta1, self.theta2, self.theta3, geometry, FLOATS)
 
 
@@ -56,7 +69,11 @@ class StampedReadings:
 
 
 class PoseHistory:
-    """The latest published poses, and the one at a time between two of them."""
+    """
+    The latest published poses, and the one at a time between two of them.
+
+    It holds the last POSES poses. A pose whose stamp is not later than the last one restarts it.
+    """
 
     def __init__(self) -> None:
         self._poses: deque[StampedPose] = deque(maxlen=POSES)
@@ -73,7 +90,20 @@ class PoseHistory:
         self._poses.append(StampedPose(stamp, angles))
 
     def at(self, stamp: int) -> LegA | None:
-        """Return the angles of leg A at a stamp, ns; None if there is no pose before or after."""
+        """
+        Return the angles of leg A at a stamp, ns; None if there is no pose before or after.
+
+        Parameters
+        ----------
+        stamp : int
+            Time between two published poses, ns.
+
+        Returns
+        -------
+        LegA or None
+            Each angle interpolated linearly the short way round, rad.
+
+        """
         for before, after in pairwise(self._poses):
             if before.stamp <= stamp <= after.stamp:
                 share = (stamp - before.stamp) / (after.stamp - before.stamp)
@@ -90,9 +120,19 @@ class ThreeEncoders:
     The orientation of three encoders, th1A, th1B, th1C, along a motion.
 
     Near a singularity it continues from its own last pose, as the paper's classic model; clear of
-    it, from the published one, so that it does not stay in another assembly mode. `turn` is its
-    orientation in the frame of the published platform, quaternion x, y, z, w; None without
-    readings.
+    it, from the published one, so that it does not stay in another assembly mode.
+
+    Parameters
+    ----------
+    geometry : Geometry
+        The mechanism.
+
+    Attributes
+    ----------
+    turn : tuple of 4 float, or None
+        Its orientation in the frame of the published platform, quaternion x, y, z, w; None without
+        readings, and after RESULT_TIMEOUT without a new result.
+
     """
 
     _passive: tuple[float, float]  # th2A and th3A of `turn`, rad
@@ -110,7 +150,17 @@ class ThreeEncoders:
         return None if self.turn is None else angle_of(self.turn)
 
     def add_pose(self, stamp: int, angles: Sequence[float]) -> None:
-        """Add the angles of all nine joints at the published orientation; ns, rad."""
+        """
+        Add the angles of all nine joints at the published orientation; ns, rad.
+
+        Parameters
+        ----------
+        stamp : int
+            Time of the sample, ns.
+        angles : sequence of 9 float
+            Angles in the order of MECHANISM_JOINT_NAMES, rad.
+
+        """
         self._poses.add(stamp, angles)
         if not 0 <= stamp - self._solved_at < RESULT_TIMEOUT:
             self.turn = None
@@ -127,7 +177,14 @@ class ThreeEncoders:
         """
         Solve for the readings that wait, where the pose at their stamp is known by now.
 
-        `dexterity` is the three encoders', 0 to 1; None if unknown.
+        Readings that are not finite are dropped.
+
+        Parameters
+        ----------
+        dexterity : float or None
+            Dexterity of the three encoders, 0 to 1. At CLEAR or below, the solution continues from
+            the last one; above, or if it is not known (None), from the published pose.
+
         """
         waiting = self._waiting
         pose = None if waiting is None else self._poses.at(waiting.stamp)
@@ -147,5 +204,9 @@ class ThreeEncoders:
 
 
 def angle_of(turn: Quaternion[float]) -> float:
-    """Return the angle of a rotation, quaternion x, y, z, w, rad in 0 .. pi."""
+    """
+    Return the angle of a rotation, quaternion x, y, z, w, rad in 0 .. pi.
+
+    The quaternions q and -q have the same angle.
+    """
     return 2.0 * acos(min(1.0, abs(turn[3])))

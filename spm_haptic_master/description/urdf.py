@@ -61,8 +61,19 @@ def urdf(geometry: Geometry, meshes: str) -> str:
     """
     Return the URDF of a mechanism.
 
-    The names of the mesh files begin with `meshes`: `package://PACKAGE/...`, `file:///...` or a
-    path, without the last slash.
+    Parameters
+    ----------
+    geometry : Geometry
+        The mechanism, nominal or as built.
+    meshes : str
+        What the names of the mesh files begin with: `package://PACKAGE/...`, `file:///...` or a
+        path, without the last slash.
+
+    Returns
+    -------
+    str
+        An XML document. Lengths are in m, angles in rad, masses in kg.
+
     """
     robot = Element('robot', name='spm_haptic_master')
     for name, rgb in COLOURS.items():
@@ -123,7 +134,26 @@ def _add_platform(robot: Element, geometry: Geometry, meshes: str) -> None:
 
 
 def _link(robot: Element, name: str, mesh: str = '', material: str = '') -> Element:
-    """Add a link, with one mesh to see and to collide with."""
+    """
+    Add a link, with one mesh to see and to collide with.
+
+    Parameters
+    ----------
+    robot : Element
+        The element that gets the link.
+    name : str
+        Name of the link.
+    mesh : str
+        Name of a mesh file; empty: the link has no shape.
+    material : str
+        Name of the mesh's colour, one of COLOURS.
+
+    Returns
+    -------
+    Element
+        The link.
+
+    """
     link = SubElement(robot, 'link', name=name)
     for kind in ('visual', 'collision') if mesh else ():
         part = SubElement(link, kind)
@@ -151,7 +181,19 @@ def _add_inertial(link: Element, body: solids.MassProperties) -> None:
 
 
 def _add_encoder(link: Element, size: Sequence[float], frame: Rotation[float]) -> None:
-    """Add the cylinder of an encoder, as `cylinder` has its size, on z of a frame in a link."""
+    """
+    Add the cylinder of an encoder, as `cylinder` has its size, on z of a frame in a link.
+
+    Parameters
+    ----------
+    link : Element
+        The link that carries the encoder.
+    size : sequence of 3 float
+        Radius, and the distances from O between which it is (unit SIZE).
+    frame : tuple of 9 float
+        Rotation matrix by rows: the frame in that of the link.
+
+    """
     radius, low, high = (solids.SIZE * each for each in size)
     part = SubElement(link, 'visual')
     _origin(part, frame, 0.5 * (low + high))
@@ -173,7 +215,25 @@ def _turning(
     frame: Rotation[float],
     effort: float = 0.0,
 ) -> None:
-    """Add a joint that turns about z of a frame in its parent, within limits in rad."""
+    """
+    Add a joint that turns about z of a frame in its parent, within limits in rad.
+
+    Parameters
+    ----------
+    robot : Element
+        The element that gets the joint.
+    name : str
+        Name of the joint.
+    limits : tuple of two float
+        Least and largest angle, rad.
+    parent, child : str
+        Names of the links that it connects.
+    frame : tuple of 9 float
+        Rotation matrix by rows: the joint's frame at angle 0 in that of the parent.
+    effort : float
+        Largest torque, N m; 0 of a passive joint.
+
+    """
     joint = _joint(robot, name, 'revolute', parent, child, frame)
     SubElement(joint, 'axis', xyz='0 0 1')
     low, high = limits
@@ -205,7 +265,19 @@ def _joint(
 
 
 def _origin(element: Element, frame: Rotation[float], height: float) -> None:
-    """Add a frame at a height on its own z, m; roll and pitch are exact at 90 deg."""
+    """
+    Add a frame at a height on its own z, m; roll and pitch are exact at 90 deg.
+
+    Parameters
+    ----------
+    element : Element
+        A joint or a visual.
+    frame : tuple of 9 float
+        Rotation matrix by rows.
+    height : float
+        Distance along the frame's z.
+
+    """
     r00, r01, r02, r10, r11, r12, r20, _, r22 = frame
     yaw = atan2(r10, r00)
     c, s = cos(yaw), sin(yaw)
@@ -232,6 +304,17 @@ def joint_limits(geometry: Geometry) -> tuple[tuple[float, float], ...]:
 
     The workspace is the cone of 26 deg at self-rotations from -20 to 100 deg, without the poses
     that a leg does not reach. The joints are in the order of MECHANISM_JOINT_NAMES.
+
+    Parameters
+    ----------
+    geometry : Geometry
+        The mechanism.
+
+    Returns
+    -------
+    tuple of nine tuples of two float
+        Limits within -pi .. pi, with the margin of MARGIN and more around the angles found.
+
     """
     grid = np.ix_(
         np.radians([0.0, 20.0, 26.0]),
@@ -251,9 +334,28 @@ def joint_limits(geometry: Geometry) -> tuple[tuple[float, float], ...]:
 
 def write(geometry: Geometry, directory: Path, prefix: str) -> Path:
     """
-    Write the URDF, which names its directory by a prefix, and its meshes; return its path.
+    Write the URDF and its meshes.
 
-    InputError: the files cannot be written.
+    Parameters
+    ----------
+    geometry : Geometry
+        The mechanism.
+    directory : Path
+        Directory of the URDF; its meshes are in `meshes` below it. Both are made if they are
+        missing.
+    prefix : str
+        By what the URDF names the directory, as `meshes` of `urdf`.
+
+    Returns
+    -------
+    Path
+        The URDF.
+
+    Raises
+    ------
+    InputError
+        The files cannot be written.
+
     """
     try:
         (directory / MESHES_NAME).mkdir(parents=True, exist_ok=True)
@@ -268,12 +370,47 @@ def write(geometry: Geometry, directory: Path, prefix: str) -> Path:
 
 
 def describe(geometry: Geometry, directory: Path) -> str:
-    """Return the URDF of a mechanism as text; its meshes, unless installed, in a directory."""
+    """
+    Return the URDF of a mechanism as text; its meshes, unless installed, in a directory.
+
+    Parameters
+    ----------
+    geometry : Geometry
+        The mechanism; the meshes of the nominal one are installed.
+    directory : Path
+        Directory that gets URDF and meshes of any other one.
+
+    Returns
+    -------
+    str
+        An XML document.
+
+    Raises
+    ------
+    InputError
+        The files cannot be written.
+
+    """
     if geometry == Geometry():
         return urdf(geometry, f'{INSTALLED}/{MESHES_NAME}')
     return write(geometry, directory, directory.absolute().as_uri()).read_text(encoding='utf-8')
 
 
 def foxglove_layout(template: str, namespace: str) -> str:
-    """Return the layout `config/foxglove_layout.json` for an arm; its namespace, or empty."""
+    """
+    Return the layout `config/foxglove_layout.json` for an arm; its namespace, or empty.
+
+    Parameters
+    ----------
+    template : str
+        Text of the layout without a namespace.
+    namespace : str
+        Namespace without slashes at its ends.
+
+    Returns
+    -------
+    str
+        The layout, with the namespace before its topics, nodes and frames.
+
+    """
     return BEFORE.sub(lambda match: f'{match[0]}{namespace}/', template) if namespace else template

@@ -31,7 +31,22 @@ UNREACHABLE = np.array([200, 200, 200], dtype=np.uint8)
 
 
 class WorkspaceMap:
-    """The map; `axes` are its tiles, unit vectors in the base frame, (TILES, 3)."""
+    """
+    The map of a mechanism: the cone of the workspace in tiles of equal area.
+
+    Parameters
+    ----------
+    geometry : Geometry
+        The mechanism.
+    working_mode : tuple of 3 int
+        Signs of the legs A, B, C.
+
+    Attributes
+    ----------
+    axes : ndarray, shape (TILES, 3)
+        Platform axes of the tiles, unit vectors in the base frame.
+
+    """
 
     def __init__(self, geometry: kinematics.Geometry, working_mode: WorkingMode) -> None:
         self._geometry, self._working_mode = geometry, working_mode
@@ -44,7 +59,20 @@ class WorkspaceMap:
         )[..., 2]
 
     def colours(self, phi: float) -> NDArray[np.uint8]:
-        """Return the tiles' colours, shape (TILES, 3), by the dexterity of three sensors."""
+        """
+        Return the tiles' colours, shape (TILES, 3), by the dexterity of three sensors.
+
+        Parameters
+        ----------
+        phi : float
+            Self-rotation of the platform, rad.
+
+        Returns
+        -------
+        ndarray of uint8, shape (TILES, 3)
+            Red, green, blue, 0 .. 255; UNREACHABLE where a leg does not reach the pose.
+
+        """
         poses = kinematics.workspace_pose(self._tilts, self._azimuths, phi)
         eta = kinematics.dexterity(poses, self._geometry, self._working_mode)
         reached = np.isfinite(eta)
@@ -56,7 +84,20 @@ class WorkspaceMap:
         return colours
 
     def singular_axes(self, phi: float) -> NDArray[np.float64]:
-        """Return the platform axes at a parallel singularity, unit vectors, shape (n, 3)."""
+        """
+        Return the platform axes at a parallel singularity, unit vectors, shape (n, 3).
+
+        Parameters
+        ----------
+        phi : float
+            Self-rotation of the platform, rad.
+
+        Returns
+        -------
+        ndarray, shape (n, 3)
+            z of the platform in the base frame, where det A changes its sign; n may be 0.
+
+        """
         here, there, one, other = changes_of_sign(
             lambda points: kinematics.parallel_determinant(
                 kinematics.workspace_pose(points[0], points[1], phi),
@@ -73,7 +114,15 @@ class WorkspaceMap:
 
 
 def colour_bar() -> dict[str, list[str]]:
-    """Return the colours of the map in CSS, and their labels."""
+    """
+    Return the colours of the map in CSS, and their labels.
+
+    Returns
+    -------
+    dict
+        `colours` and `words`: of dexterity 0, FULL / 2, and FULL.
+
+    """
     return {
         'colours': [f'rgb({red:.0f},{green:.0f},{blue:.0f})' for red, green, blue in COLOURS],
         'words': ['0: singular', f'{FULL / 2:g}', f'{FULL:g} and more'],

@@ -52,8 +52,29 @@ class Arm:
     """
     One device: the topics of a namespace, '/' or '/NAME'.
 
-    `node` subscribes and publishes for it; `taker`, a node without an executor, has the topics of
-    which only the newest message is taken, when it is drawn.
+    It draws the pose as joint angles come, and everything else at the periods above.
+
+    Parameters
+    ----------
+    node : Node
+        Subscribes and publishes for the device.
+    taker : Node
+        A node without an executor. It has the topics of which only the newest message is taken,
+        when it is drawn.
+    page : Page
+        The page that shows the device.
+    namespace : str
+        Namespace of the device, '/' or '/NAME'.
+
+    Attributes
+    ----------
+    title : str
+        Name on the page: the namespace without slashes at its ends, empty for '/'.
+    seen : Seen
+        What is known of the device, as the page shows it.
+    simulation : SimulatedDevice
+        Controls of the device, which it has only with a simulated source.
+
     """
 
     def __init__(self, node: Node, taker: Node, page: Page, namespace: str) -> None:
@@ -92,7 +113,11 @@ class Arm:
         return f'{self._prefix}/{topic}'
 
     def _use_geometry(self, mechanism: Geometry) -> None:
-        """Compute with a mechanism from now on."""
+        """
+        Compute with a mechanism from now on.
+
+        The classic model and the error of a story begin again without poses.
+        """
         self._geometry = mechanism
         self._ghost = ThreeEncoders(mechanism)
         self._truth = DeviceError(mechanism)
@@ -108,24 +133,64 @@ class Arm:
         self._page.drop(self.title)
 
     def stand(self, rank: int) -> None:
-        """Let the device stand at a place of the row, from 0, and of the panel."""
+        """
+        Let the device stand at a place of the row, from 0, and of the panel.
+
+        Parameters
+        ----------
+        rank : int
+            Place in the row, from 0 on the left.
+
+        """
         self._rank = rank
         self._panel.stand(rank)
         if self._scene is not None:
             self._scene.stand(rank)
 
     def is_there(self, now: float) -> bool:
-        """Return whether a program has published topics of the device, a minute ago or less."""
+        """
+        Return whether a program has published topics of the device, a minute ago or less.
+
+        Parameters
+        ----------
+        now : float
+            Present time, s, monotonic.
+
+        Returns
+        -------
+        bool
+            False if no program has published its topics for more than GONE_AFTER.
+
+        """
         if self._topics.publishers():
             self._there_at = now
         return now - self._there_at <= GONE_AFTER
 
     def on_diagnostics(self, entry: DiagnosticStatus) -> None:
-        """Take an entry of /diagnostics, if it is this device's."""
+        """
+        Take an entry of /diagnostics, if it is this device's.
+
+        Parameters
+        ----------
+        entry : DiagnosticStatus
+            An entry of any node of any device.
+
+        """
         self._entries.add(entry, time.monotonic())
 
     def _on_joints(self, joints: StampedAngles) -> None:
-        """Take the angles of all nine joints, and draw them if that is due."""
+        """
+        Take the angles of all nine joints, and draw them if that is due.
+
+        A repeated stamp is ignored. The pose is drawn only if a page is open and the orientation
+        is being published, and at most once in LEAST_PERIOD.
+
+        Parameters
+        ----------
+        joints : StampedAngles
+            Angles of all nine joints, rad, and their stamp, ns.
+
+        """
         if joints.stamp == self._stamp:
             return  # an old pose, repeated
         now = time.monotonic()
@@ -158,7 +223,20 @@ class Arm:
             self.build(values)
 
     def build(self, values: Values) -> None:
-        """Draw the mechanism of checked settings, if they are new; SpmError: it cannot be."""
+        """
+        Draw the mechanism of settings, if they are new.
+
+        Parameters
+        ----------
+        values : mapping
+            Checked settings of fkm by name: those of `settings_client.SETTINGS`.
+
+        Raises
+        ------
+        SpmError
+            The mechanism cannot be assembled, and so cannot be drawn. What is shown stays.
+
+        """
         if values == self._settings:
             return
         mechanism = geometry.geometry_from(values)
@@ -188,7 +266,15 @@ class Arm:
         return bool(self._page.server.get_clients())
 
     def tick(self, now: float) -> None:
-        """Draw what is due; call it every 50 ms."""
+        """
+        Draw what is due; call it every 50 ms.
+
+        Parameters
+        ----------
+        now : float
+            Present time, s, monotonic.
+
+        """
         self._client.tick(now)
         self._age.tick(now)
         self._show_state(now)
@@ -206,7 +292,11 @@ class Arm:
         self._ticked = now
 
     def _watch(self, now: float, watched: bool) -> None:
-        """Follow since when the device is seen: the trace must not bridge what nobody saw."""
+        """
+        Follow since when the device is seen: the trace must not bridge what nobody saw.
+
+        After DEVICE_ALONE, the dome, the names and the cones are shown as well.
+        """
         scene = self._scene
         if scene is not None and not (watched and self.seen.banner.alive):
             scene.dome.break_trace()
@@ -232,7 +322,11 @@ class Arm:
             )
 
     def _solve(self, now: float, watched: bool) -> None:
-        """Take the newest messages, and solve for three encoders alone."""
+        """
+        Take the newest messages, and solve for three encoders alone.
+
+        The dexterity of three sensors decides from which pose their solution continues.
+        """
         readings = self._topics.tick(now, watched)
         self.seen.dexterities = self._topics.dexterities
         three = None if self.seen.dexterities is None else self.seen.dexterities[0]
@@ -241,7 +335,19 @@ class Arm:
             self._ghost.add_readings(readings.stamp, readings.angles[:3])
 
     def _draw_over(self, scene: Scene, orientation: Quaternion[float], now: float) -> None:
-        """Draw what is over the device: its trace, its map, the ghost and the torques."""
+        """
+        Draw what is over the device: its trace, its map, the ghost and the torques.
+
+        Parameters
+        ----------
+        scene : Scene
+            The device in the scene.
+        orientation : tuple of 4 float
+            Quaternion x, y, z, w of the platform in the base frame.
+        now : float
+            Present time, s, monotonic.
+
+        """
         alive = self.seen.banner.alive
         if alive and self._trace.is_due(now):
             scene.dome.move(rotation_from_quaternion(*orientation)[2::3])
@@ -271,7 +377,11 @@ class Arm:
             self.simulation.follow(seen.orientation)
 
     def _show_sensors(self) -> None:
-        """Show the states of the encoders, and note what has happened."""
+        """
+        Show the states of the encoders, and note what has happened.
+
+        What has happened are events of the simulation and encoders whose state has changed.
+        """
         seen, before = self.seen, self.seen.states
         seen.states = status.sensor_states(
             self._entries, seen.settings.sensors, self._state, self._topics.unread()
@@ -285,7 +395,12 @@ class Arm:
             self._scene.show_sensors(seen.states)
 
     def _show_state(self, now: float) -> None:
-        """Show the state at a time, s, and whether the picture is alive."""
+        """
+        Show the state at a time, s, and whether the picture is alive.
+
+        The reason of the node `diagnostics` is shown only if it is not one of its messages about
+        dexterity.
+        """
         self._entries.now = now
         entry = self._entries.entry(SINGULARITY)
         reason = '' if entry is None or entry.message in MESSAGES else entry.message

@@ -34,7 +34,21 @@ FURTHER_UNITS = {'insertion': ('mm', 1000.0), 'gripper': ('\u00b0', degrees(1.0)
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """A figure: its name, its text, and share and colour of a bar, if it has one."""
+    """
+    A figure: its name, its text, and share and colour of a bar, if it has one.
+
+    Attributes
+    ----------
+    name : str
+        Name of the quantity.
+    text : str
+        Value in words and digits, with its unit; a dash if it is not known.
+    share : float or None
+        Length of the bar, 1 if it is full: the page limits it to 0 .. 1. None: no bar.
+    colour : str
+        Colour of the bar in CSS; empty without one.
+
+    """
 
     name: str
     text: str
@@ -44,7 +58,19 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class Chip:
-    """The state of an encoder."""
+    """
+    The state of an encoder.
+
+    Attributes
+    ----------
+    text : str
+        Name of the encoder and the sign of its state, or the position of one that is in no set.
+    title : str
+        Words that a browser shows while the mouse is on the chip.
+    colour : str
+        Colour of the state in CSS.
+
+    """
 
     text: str
     title: str
@@ -53,7 +79,27 @@ class Chip:
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """The numbers of a device, nan where they are not known; angles in deg."""
+    """
+    The numbers of a device, nan where they are not known; angles in deg.
+
+    They are what the rows and the plots have in common.
+
+    Attributes
+    ----------
+    warn_below, error_below : float
+        Limits of the dexterity, as the node `diagnostics` has them (unit 1).
+    level : float
+        Protection level of the orientation, deg.
+    parity : float
+        Disagreement of the encoders, standard deviations.
+    ghost : float
+        Error of three encoders alone, deg.
+    rate : float
+        Rate of the orientations, Hz.
+    p50, p99 : float
+        Percentiles of the latency from a sample's stamp to its publication, us.
+
+    """
 
     warn_below: float  # dexterity
     error_below: float
@@ -66,7 +112,22 @@ class Figures:
 
 
 def content(seen: Seen, entries: StatusEntries) -> dict[str, Any]:
-    """Return what the page shows of a device with its present entries on /diagnostics."""
+    """
+    Return what the page shows of a device with its present entries on /diagnostics.
+
+    Parameters
+    ----------
+    seen : Seen
+        What is known of the device.
+    entries : StatusEntries
+        Its entries on /diagnostics; those older than a few seconds count as missing.
+
+    Returns
+    -------
+    dict
+        Sentence, chips, rows, calibration, plots and one sample of the plots, ready for JSON.
+
+    """
     seen = seen.present()
     figures = _figures(seen, entries)
     limits = Limits(figures.warn_below, figures.error_below, seen.settings.alert_limit)
@@ -206,7 +267,23 @@ def _dexterity(name: str, value: float, figures: Figures) -> Row:
 
 
 def light_of(dexterity: float, warn_below: float, error_below: float) -> Light:
-    """Return the state of a dexterity, grey without a limit."""
+    """
+    Return the state of a dexterity, grey without a limit.
+
+    Parameters
+    ----------
+    dexterity : float
+        A dexterity (unit 1); nan: not known.
+    warn_below, error_below : float
+        Limits of the dexterity (unit 1); nan: not known.
+
+    Returns
+    -------
+    Light
+        Red below the lower limit, amber between them, green above; grey if the
+        dexterity or `warn_below` is not known.
+
+    """
     if dexterity != dexterity or warn_below != warn_below:
         return Light.GREY
     if dexterity < error_below:
@@ -256,5 +333,20 @@ def _angles(seen: Seen, entries: StatusEntries) -> list[float]:
 
 
 def _known(text: str, value: float) -> str:
-    """Return the text of a value, a dash of nan."""
+    """
+    Return the text of a value, a dash of nan.
+
+    Parameters
+    ----------
+    text : str
+        The value in words.
+    value : float
+        The value itself, in any unit.
+
+    Returns
+    -------
+    str
+        The text, or a dash in its place.
+
+    """
     return DASH if value != value else text

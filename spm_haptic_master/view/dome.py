@@ -39,7 +39,32 @@ TRACE_STRIDE = 3
 
 
 class Dome:
-    """The dome of a device, below a frame of the scene, `root`."""
+    """
+    The dome of a device.
+
+    Parameters
+    ----------
+    scene : SceneApi
+        The scene of the page.
+    root : str
+        Name of a frame of the scene that has the axes of the device's base; the dome is below it.
+    geometry : Geometry
+        The mechanism.
+    working_mode : tuple of 3 int
+        Signs of the legs A, B, C.
+
+    Attributes
+    ----------
+    tiles : BatchedMeshHandle
+        The painted map.
+    singular : PointCloudHandle
+        Singularities of three encoders.
+    trace : LineSegmentsHandle
+        Where the handle pointed.
+    pin : BatchedMeshHandle
+        Ball at the end of the trace.
+
+    """
 
     def __init__(
         self, scene: SceneApi, root: str, geometry: Geometry, working_mode: WorkingMode
@@ -77,7 +102,24 @@ class Dome:
     def _add_line(
         self, name: str, segments: NDArray[np.float64], colour: str
     ) -> LineSegmentsHandle:
-        """Add segments, (n, 2, 3). A line as wide as in the scene would need two programs."""
+        """
+        Add segments, (n, 2, 3). A line as wide as in the scene would need two programs.
+
+        Parameters
+        ----------
+        name : str
+            Name below the root.
+        segments : ndarray, shape (n, 2, 3)
+            Both ends of each segment (units of the scene).
+        colour : str
+            Colour in CSS, #rrggbb.
+
+        Returns
+        -------
+        LineSegmentsHandle
+            The line.
+
+        """
         return self._scene.add_line_segments(
             f'{self._root}/{name}',
             segments,
@@ -87,7 +129,17 @@ class Dome:
         )
 
     def move(self, axis: Sequence[float]) -> None:
-        """Continue the trace of the handle's axis, a unit vector in the base frame."""
+        """
+        Continue the trace of the handle's axis, a unit vector in the base frame.
+
+        A step of less than TRACE_STEP moves the pin alone.
+
+        Parameters
+        ----------
+        axis : sequence of 3 float
+            z of the platform.
+
+        """
         point = RADIUS * np.asarray(axis)
         self.pin.position, self.pin.visible = point, True
         if self._points and np.abs(point - self._points[-1]).max() < TRACE_STEP:
@@ -113,7 +165,15 @@ class Dome:
             self._points.append(np.full(3, np.nan))
 
     def paint(self, phi: float) -> None:
-        """Paint the map for a self-rotation, rad."""
+        """
+        Paint the map for a self-rotation, rad.
+
+        Parameters
+        ----------
+        phi : float
+            Self-rotation of the platform; the map is of all directions of the handle at this one.
+
+        """
         self.tiles.batched_colors = self._map.colours(phi)
         points = SINGULAR_RATIO * RADIUS * self._map.singular_axes(phi)
         self.singular.visible = are_there = bool(len(points))

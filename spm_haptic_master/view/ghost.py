@@ -72,7 +72,22 @@ class Ghost:
     """
     The platform of three encoders, and the sector between its flag and the device's.
 
-    `root` is a frame of the device's platform, `platform` the solid of one without a flag, m.
+    Parameters
+    ----------
+    scene : SceneApi
+        The scene of the page.
+    root : str
+        Name of a frame of the scene with the axes of the device's platform.
+    platform : Solid
+        The platform without a flag, m.
+
+    Attributes
+    ----------
+    platform, sector : BatchedMeshHandle
+        The platform as three encoders report it, and the sector.
+    words : LabelHandle
+        The error in words.
+
     """
 
     def __init__(self, scene: SceneApi, root: str, platform: Solid) -> None:
@@ -102,7 +117,16 @@ class Ghost:
         )
 
     def show(self, turn: Quaternion[float] | None) -> None:
-        """Show the platform turned from the device's; None, or a small turn: nothing."""
+        """
+        Show the platform turned from the device's; None, or a small turn: nothing.
+
+        Parameters
+        ----------
+        turn : tuple of 4 float, or None
+            Quaternion x, y, z, w of the orientation by three encoders, in the frame of the
+            device's platform.
+
+        """
         error = 0.0 if turn is None else angle_of(turn)
         is_shown = turn is not None and error >= LEAST_ERROR
         for part in (self.platform, self.sector, self.words):
@@ -119,7 +143,20 @@ class Ghost:
 
 
 def sector(rotation: NDArray[np.float64]) -> Solid:
-    """Return the sector between the flags of the device and of a platform turned from it."""
+    """
+    Return the sector between the flags of the device and of a platform turned from it.
+
+    Parameters
+    ----------
+    rotation : ndarray, shape (3, 3)
+        Orientation by three encoders, in the frame of the device's platform.
+
+    Returns
+    -------
+    Solid
+        The sector in that frame, seen from both sides (units of the scene).
+
+    """
     rim = SECTOR_RADIUS * _directions(rotation, SECTOR_PARTS)
     corners = np.concatenate([np.zeros((1, 3)), rim]) + (0.0, 0.0, SECTOR_HEIGHT)
     here = np.arange(1, SECTOR_PARTS + 1)

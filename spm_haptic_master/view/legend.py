@@ -31,7 +31,19 @@ BLUE = '#145fa0'
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One line of the legend: a sign in a colour, and what it means."""
+    """
+    One line of the legend: a sign in a colour, and what it means.
+
+    Attributes
+    ----------
+    sign : str
+        One or a few characters, drawn in the colour.
+    ink : Ink
+        Colour on a white page and on a dark one.
+    text : str
+        Meaning, in one sentence.
+
+    """
 
     sign: str
     ink: Ink
@@ -39,7 +51,15 @@ class Entry:
 
 
 def legend() -> list[Entry]:
-    """Return the legend, from what hits the eye to the figures."""
+    """
+    Return the legend, from what hits the eye to the figures.
+
+    Returns
+    -------
+    list of Entry
+        Entries of the picture, then of the encoders' chips, then of the figures.
+
+    """
     return [*_of_picture(), *_of_chips(), *_of_figures()]
 
 

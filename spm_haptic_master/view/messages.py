@@ -24,7 +24,18 @@ from std_msgs.msg import Float64MultiArray, Header
 
 @dataclass(frozen=True, slots=True)
 class StampedAngles:
-    """Angles of joints, rad, and their stamp, ns."""
+    """
+    Angles of joints, rad, and their stamp, ns.
+
+    Attributes
+    ----------
+    stamp : int
+        Time of the sample, ns.
+    angles : tuple of float
+        Angles, rad, in the order of the message's joints; nan without a reading, where that is
+        allowed.
+
+    """
 
     stamp: int
     angles: tuple[float, ...]
@@ -32,7 +43,17 @@ class StampedAngles:
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """What to do next in a calibration, and shares 0 .. 1 of what is needed, by name."""
+    """
+    What to do next in a calibration, and shares 0 .. 1 of what is needed, by name.
+
+    Attributes
+    ----------
+    text : str
+        What the user should do next.
+    shares : dict
+        Share 0 .. 1 of what is needed that has been reached, by the name of each part.
+
+    """
 
     text: str
     shares: dict[str, float]
@@ -44,7 +65,20 @@ def stamp_of(header: Header) -> int:
 
 
 def mechanism_joints(message: JointState) -> StampedAngles | None:
-    """Return the angles of all nine joints; None if one is missing or is no number."""
+    """
+    Return the angles of all nine joints; None if one is missing or is no number.
+
+    Parameters
+    ----------
+    message : JointState
+        A message on `joint_states`.
+
+    Returns
+    -------
+    StampedAngles or None
+        Angles in the order of MECHANISM_JOINT_NAMES, rad, all of them finite.
+
+    """
     angles = tuple(message.position)
     if tuple(message.name) != MECHANISM_JOINT_NAMES or len(angles) != len(message.name):
         return None
@@ -52,7 +86,20 @@ def mechanism_joints(message: JointState) -> StampedAngles | None:
 
 
 def readings(message: JointState) -> StampedAngles | None:
-    """Return the angle of each sensor, nan without a reading; None if they are not sensors'."""
+    """
+    Return the angle of each sensor, nan without a reading; None if they are not sensors'.
+
+    Parameters
+    ----------
+    message : JointState
+        A message on `readings`, with four to six sensors in the order of ALL_JOINT_NAMES.
+
+    Returns
+    -------
+    StampedAngles or None
+        The angles as they were read, rad.
+
+    """
     count = len(message.name)
     is_sensors = count >= 4 and tuple(message.name) == ALL_JOINT_NAMES[:count]
     if not is_sensors or len(message.position) != count:
@@ -61,14 +108,40 @@ def readings(message: JointState) -> StampedAngles | None:
 
 
 def one_joint(message: JointState) -> float | None:
-    """Return the position of a message of one joint; None without a number."""
+    """
+    Return the position of a message of one joint; None without a number.
+
+    Parameters
+    ----------
+    message : JointState
+        A message of the insertion (m) or of the gripper (rad).
+
+    Returns
+    -------
+    float or None
+        Its position in the message's unit.
+
+    """
     if len(message.position) != 1 or not isfinite(message.position[0]):
         return None
     return float(message.position[0])
 
 
 def dexterities(message: Float64MultiArray) -> tuple[float, float] | None:
-    """Return the dexterity of three encoders and of all; None of another number of values."""
+    """
+    Return the dexterity of three encoders and of all; None of another number of values.
+
+    Parameters
+    ----------
+    message : Float64MultiArray
+        A message on `dexterity`.
+
+    Returns
+    -------
+    tuple of two float, or None
+        Dexterity of the three motor encoders, and of all encoders (unit 1).
+
+    """
     if len(message.data) != 2:
         return None
     three, every = message.data
@@ -76,7 +149,20 @@ def dexterities(message: Float64MultiArray) -> tuple[float, float] | None:
 
 
 def torque(message: WrenchStamped) -> tuple[float, float, float]:
-    """Return the torque of a wrench, N m."""
+    """
+    Return the torque of a wrench, N m.
+
+    Parameters
+    ----------
+    message : WrenchStamped
+        A wrench in any frame; its force is left out.
+
+    Returns
+    -------
+    tuple of 3 float
+        x, y, z in the message's frame, N m.
+
+    """
     vector = message.wrench.torque
     return vector.x, vector.y, vector.z
 
@@ -88,7 +174,20 @@ def orientation(message: QuaternionStamped) -> tuple[int, Quaternion[float]]:
 
 
 def calibration(text: str) -> Calibration | None:
-    """Return the state of a calibration from its topic; None of other programs' words."""
+    """
+    Return the state of a calibration from its topic; None of other programs' words.
+
+    Parameters
+    ----------
+    text : str
+        JSON with `text` and `covered`, as calibrate publishes it on `calibration/coverage`.
+
+    Returns
+    -------
+    Calibration or None
+        Its shares are empty if the text has none: the calibration has ended.
+
+    """
     try:
         found = json.loads(text)
         shares = {str(name): float(share) for name, share in found.get('covered', {}).items()}
@@ -99,5 +198,20 @@ def calibration(text: str) -> Calibration | None:
 
 
 def ages(came: Sequence[float], now: float) -> tuple[float, ...]:
-    """Return how long ago each reading came, s; nan of one that never came."""
+    """
+    Return how long ago each reading came, s; nan of one that never came.
+
+    Parameters
+    ----------
+    came : sequence of float
+        Times at which readings came, s; nan: never.
+    now : float
+        Present time on the same clock, s.
+
+    Returns
+    -------
+    tuple of float
+        Ages, s.
+
+    """
     return tuple(now - time if isfinite(time) else nan for time in came)

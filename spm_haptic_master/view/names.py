@@ -16,10 +16,31 @@ JOINT = re.compile(r'\bjoint_([123])([abc])\b')
 
 
 def with_sensor_names(text: str) -> str:
-    """Return a text with th1B for joint_1b."""
+    """
+    Return a text with th1B for joint_1b.
+
+    Parameters
+    ----------
+    text : str
+        Words with names of joints, such as a state's.
+
+    Returns
+    -------
+    str
+        The same words with the names of the sensors.
+
+    """
     return JOINT.sub(lambda match: f'th{match[1]}{match[2].upper()}', text)
 
 
 def joint_of(sensor: str) -> str:
-    """Return the joint of a sensor: joint_1b of th1B."""
+    """
+    Return the joint of a sensor: joint_1b of th1B.
+
+    Raises
+    ------
+    ValueError
+        The name is not one of SENSOR_NAMES.
+
+    """
     return ALL_JOINT_NAMES[SENSOR_NAMES.index(sensor)]

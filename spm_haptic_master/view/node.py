@@ -50,8 +50,23 @@ class View(ParameterNode):
     """
     Serves a page with every device that it finds; in a namespace, with that of the namespace.
 
-    `done` is completed when the process `view.process` has ended. InputError: the address
-    cannot be used.
+    Parameters
+    ----------
+    parameters : Parameters
+        Files and arguments of the process.
+    done : Future
+        Is completed when the process `view.process` has ended.
+
+    Raises
+    ------
+    InputError
+        The address cannot be used.
+
+    Attributes
+    ----------
+    url : str
+        Address of the page.
+
     """
 
     def __init__(self, parameters: Parameters, done: Future) -> None:
@@ -122,7 +137,17 @@ class View(ParameterNode):
         self._page.refresh()
 
     def _namespaces(self) -> list[str]:
-        """Return the namespaces with a device that runs or that is being calibrated."""
+        """
+        Return the namespaces with a device that runs or that is being calibrated.
+
+        A device that runs has `joint_states` and a publisher of `state`.
+
+        Returns
+        -------
+        list of str
+            Namespaces, sorted, '/' or '/NAME'.
+
+        """
         topics = dict(self.get_topic_names_and_types())
         found = set()
         for topic, kinds in topics.items():
@@ -156,6 +181,19 @@ class View(ParameterNode):
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node as a process, with less priority than the one that starts it."""
+    """
+    Run the node as a process, with less priority than the one that starts it.
+
+    Parameters
+    ----------
+    args : list of str, optional
+        The command line with the name, by default that of this process.
+
+    Returns
+    -------
+    int
+        Exit code.
+
+    """
     os.nice(NICENESS)
     return runner.run('view', lambda done, add: add(View, done), args)

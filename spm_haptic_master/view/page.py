@@ -62,7 +62,24 @@ class RunJavascriptMessage(ViserScript):
 
 
 class Panel:
-    """The part of the panel for a device, in a folder if it has a name; scripts fill it."""
+    """
+    The part of the panel for a device, in a folder if it has a name; scripts fill it.
+
+    Parameters
+    ----------
+    gui : GuiApi
+        Panel of viser's page.
+    title : str
+        Name of the device; empty if there is only one, without a namespace.
+
+    Attributes
+    ----------
+    folder : context manager
+        What is added to the panel in it is in the device's part.
+    knobs_order : float
+        Place of the knobs in the part: between the figures and the lower plots.
+
+    """
 
     def __init__(self, gui: GuiApi, title: str) -> None:
         self._folder: GuiFolderHandle | None = gui.add_folder(title) if title else None
@@ -91,7 +108,24 @@ class Panel:
 
 
 class Page:
-    """The banners, one below the other, the content of each device, and the views of all."""
+    """
+    The banners, one below the other, the content of each device, and the views of all.
+
+    Parameters
+    ----------
+    server : ViserServer
+        The server of the page.
+
+    Attributes
+    ----------
+    shown : dict
+        Banner of each device by its name; the name may be empty.
+    content : dict
+        What the page shows below the banner, by the name of the device, ready for JSON.
+    views : dict
+        Position and target of the camera (units of the scene) by the name of the view.
+
+    """
 
     def __init__(self, server: ViserServer) -> None:
         self.server = server
@@ -115,19 +149,53 @@ class Page:
         self.refresh()
 
     def aim(self, arms: int) -> None:
-        """Have each view, and the first picture, show a number of devices in a row."""
+        """
+        Have each view, and the first picture, show a number of devices in a row.
+
+        Parameters
+        ----------
+        arms : int
+            Number of devices in the row.
+
+        """
         self.views = views(arms)
         camera = self.server.initial_camera
         camera.position, camera.look_at = self.views['front']
 
     def show(self, name: str, banner: status.Banner) -> None:
-        """Show the state of a device."""
+        """
+        Show the state of a device.
+
+        A change is sent at once.
+
+        Parameters
+        ----------
+        name : str
+            Name of the device; empty without a namespace.
+        banner : Banner
+            Its state.
+
+        """
         if self.shown.get(name) != banner:
             self.shown[name] = banner
             self.refresh()
 
     def show_content(self, name: str, seen: Seen, entries: StatusEntries, rank: int) -> None:
-        """Show the figures of a device at a place of the row with the next news."""
+        """
+        Show the figures of a device at a place of the row with the next news.
+
+        Parameters
+        ----------
+        name : str
+            Name of the device; empty without a namespace.
+        seen : Seen
+            What is known of it.
+        entries : StatusEntries
+            Its entries on /diagnostics.
+        rank : int
+            Its place in the row, from 0: the view of the ghost is relative to it.
+
+        """
         self.content[name] = {**content(seen, entries), 'ghostView': ghost_view(rank)}
 
     def drop(self, name: str) -> None:
@@ -146,7 +214,16 @@ class Page:
         self._run(f'{NEWS}{json.dumps(self.news())});')
 
     def news(self) -> dict[str, Any]:
-        """Return all that the page shows now."""
+        """
+        Return all that the page shows now.
+
+        Returns
+        -------
+        dict
+            The clock of this program (s, monotonic), the session, banner and content of each
+            device in the order of the row, and the views.
+
+        """
         shown = self.shown or {'': NO_DEVICE}
         return {
             'clock': time.monotonic(),
@@ -177,19 +254,60 @@ class Page:
 
 
 def place_of(name: str) -> tuple[bool, bool, str]:
-    """Return the key by which devices stand in a row: left first, right last, else by name."""
+    """
+    Return the key by which devices stand in a row: left first, right last, else by name.
+
+    Parameters
+    ----------
+    name : str
+        Name of a device, or its namespace: only the part after the last slash counts.
+
+    Returns
+    -------
+    tuple of bool, bool and str
+        A key for `sorted`.
+
+    """
     last = name.rpartition('/')[2]
     return last == 'right', last != 'left', name
 
 
 def script(setup: dict[str, Any]) -> str:
-    """Return the page's script: all of its files in one function, called with the setup once."""
+    """
+    Return the page's script: all of its files in one function, called with the setup once.
+
+    Parameters
+    ----------
+    setup : dict
+        Style, limits of lateness (s), introduction, colours of the dome, views and legend, for
+        JSON.
+
+    Returns
+    -------
+    str
+        JavaScript that defines `window.spm` unless the page already has it.
+
+    """
     files = '\n'.join((FOLDER / name).read_text() for name in SCRIPTS)
     return f'window.spm ??= ((setup) => {{\n{files}\n}})({json.dumps(setup)});'
 
 
 def views(arms: int) -> dict[str, tuple[tuple[float, ...], tuple[float, ...]]]:
-    """Return the camera's position and target for each view of a number of devices in a row."""
+    """
+    Return the camera's position and target for each view of a number of devices in a row.
+
+    Parameters
+    ----------
+    arms : int
+        Number of devices; the camera looks at the middle of their row, and backs off for each
+        further one.
+
+    Returns
+    -------
+    dict
+        Position and target, x, y, z each (units of the scene), by the name of the view.
+
+    """
     x, y, z = LOOK_AT
     x += 0.5 * ARM_DISTANCE * (arms - 1)
     back = 1.0 + BACK_OFF * (arms - 1)
@@ -200,7 +318,20 @@ def views(arms: int) -> dict[str, tuple[tuple[float, ...], tuple[float, ...]]]:
 
 
 def ghost_view(rank: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return the camera's position and target for the ghost of the device at a place."""
+    """
+    Return the camera's position and target for the ghost of the device at a place.
+
+    Parameters
+    ----------
+    rank : int
+        Place of the device in the row, from 0.
+
+    Returns
+    -------
+    tuple of two tuples of 3 float
+        Position and target, x, y, z (units of the scene).
+
+    """
     (dx, dy, dz), (x, y, z) = GHOST_CAMERA, GHOST_LOOK_AT
     x += ARM_DISTANCE * rank
     return (x + dx, y + dy, z + dz), (x, y, z)

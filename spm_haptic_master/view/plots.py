@@ -15,7 +15,19 @@ from spm_haptic_master.view.names import SENSOR_NAMES
 
 @dataclass(frozen=True, slots=True)
 class Series:
-    """A quantity of a plot."""
+    """
+    A quantity of a plot.
+
+    Attributes
+    ----------
+    name : str
+        Name in the plot's legend; empty if the plot has one quantity.
+    ink : Ink
+        Colour of the line on a white page and on a dark one.
+    is_dashed : bool
+        Whether the line is dashed.
+
+    """
 
     name: str
     ink: Ink
@@ -24,7 +36,19 @@ class Series:
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """A limit with its name at its line."""
+    """
+    A limit with its name at its line.
+
+    Attributes
+    ----------
+    value : float
+        Value in the unit of the plot.
+    name : str
+        Words at the line.
+    ink : Ink
+        Colour of line and words.
+
+    """
 
     value: float
     name: str
@@ -33,7 +57,25 @@ class Limit:
 
 @dataclass(frozen=True, slots=True)
 class Plot:
-    """A plot, at the top of the panel or below the knobs."""
+    """
+    A plot, at the top of the panel or below the knobs.
+
+    Attributes
+    ----------
+    key : str
+        Name of the plot's values in a sample.
+    title : str
+        Quantity and unit.
+    series : sequence of Series
+        Quantities, in the order of the values in a sample.
+    limits : sequence of Limit
+        Limits that are drawn as lines.
+    has_zero : bool
+        Whether 0 is always within the axis.
+    on_top : bool
+        Whether the plot is at the top of the panel.
+
+    """
 
     key: str
     title: str
@@ -64,7 +106,22 @@ class Limits:
 
 
 def plots(sensors: int, limits: Limits) -> list[Plot]:
-    """Return the plots of a device with a number of sensors."""
+    """
+    Return the plots of a device with a number of sensors.
+
+    Parameters
+    ----------
+    sensors : int
+        Number of sensors, 4 to 6.
+    limits : Limits
+        Limits that the plots show.
+
+    Returns
+    -------
+    list of Plot
+        Always the same plots: a quantity without values is an empty one.
+
+    """
     three, every = colours.THREE_ENCODERS, colours.ALL_ENCODERS
     return [
         Plot('ghost', 'error of three encoders alone, deg', [Series('', three)], on_top=True),

@@ -65,7 +65,37 @@ class Scene:
     """
     One device in the scene, with its name if it has one.
 
-    `table` is the quaternion x, y, z, w of R_table_base, `sensors` the number of encoders.
+    Parameters
+    ----------
+    scene : SceneApi
+        The scene of the page.
+    name : str
+        Name of the device; empty without a namespace.
+    geometry : Geometry
+        The mechanism.
+    working_mode : tuple of 3 int
+        Signs of the legs A, B, C.
+    table : tuple of 4 float
+        Quaternion x, y, z, w of R_table_base.
+    sensors : int
+        Number of encoders, 4 to 6.
+
+    Raises
+    ------
+    SpmError
+        The mechanism cannot be assembled at the workspace's centre.
+
+    Attributes
+    ----------
+    dome : Dome
+        Map and trace over the device.
+    ghost : Ghost
+        Platform as three encoders alone report it.
+    level : BatchedMeshHandle
+        Cone of the protection level.
+    torques : list of BatchedMeshHandle
+        Arrows of the torques commanded and rendered.
+
     """
 
     def __init__(
@@ -236,13 +266,29 @@ class Scene:
         )
 
     def stand(self, rank: int) -> None:
-        """Let the device stand at a place of the row, from 0."""
+        """
+        Let the device stand at a place of the row, from 0.
+
+        Parameters
+        ----------
+        rank : int
+            Place; the devices stand side by side along x of the scene.
+
+        """
         place = np.array([ARM_DISTANCE * rank, 0.0, 0.0])
         self._fixed.position = place
         self._floor.position = place
 
     def place(self, angles: Sequence[float]) -> None:
-        """Turn the links to the angles of `joint_states`, rad."""
+        """
+        Turn the links to the angles of `joint_states`, rad.
+
+        Parameters
+        ----------
+        angles : sequence of 9 float
+            Angles in the order of MECHANISM_JOINT_NAMES.
+
+        """
         rows = np.array(solids.link_turns(self._geometry, angles))[:, [3, 0, 1, 2]]
         for links, batch in self._batches:
             batch.batched_wxyzs = rows[links]
@@ -262,14 +308,31 @@ class Scene:
         self._turned_rest.visible = True
 
     def show_level(self, level: float) -> None:
-        """Show the cone of the protection level, rad, magnified; nan: none."""
+        """
+        Show the cone of the protection level, rad, magnified; nan: none.
+
+        Parameters
+        ----------
+        level : float
+            Protection level. The half angle of the cone is MAGNIFICATION times as large, at most
+            WIDEST.
+
+        """
         self.level.visible = isfinite(level)
         if isfinite(level):
             width = tan(min(MAGNIFICATION * level, WIDEST))
             self.level.scale = (width, width, 1.0)
 
     def show_torques(self, torques: Sequence[Sequence[float]]) -> None:
-        """Show the torques commanded and rendered, N m, in the platform's frame."""
+        """
+        Show the torques commanded and rendered, N m, in the platform's frame.
+
+        Parameters
+        ----------
+        torques : sequence of two sequences of 3 float
+            x, y, z of each. A torque below LEAST_TORQUE, or one that is not finite, has no arrow.
+
+        """
         for arrow, torque in zip(self.torques, torques, strict=True):
             size = hypot(*torque)
             is_shown = isfinite(size) and size >= LEAST_TORQUE

@@ -17,7 +17,11 @@ from spm_haptic_master.view.stories import StoryNews
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """Settings of fkm that the page shows."""
+    """
+    Settings of fkm that the page shows.
+
+    Until fkm has answered they are the defaults.
+    """
 
     sensors: int = 4  # number of them
     alert_limit: float = nan  # largest protection level of a published orientation, deg
@@ -26,7 +30,11 @@ class Settings:
 
 @dataclass(slots=True)
 class Seen:
-    """State of a device; a past one if the banner is not alive."""
+    """
+    State of a device; a past one if the banner is not alive.
+
+    The device writes it field by field; the page reads it four times a second.
+    """
 
     banner: Banner
     settings: Settings = field(default_factory=Settings)
@@ -52,7 +60,16 @@ class Seen:
     calibration: Calibration | None = None  # one that is being recorded
 
     def present(self) -> Seen:
-        """Return what is known of the present pose: nothing of the pose if it is a past one."""
+        """
+        Return what is known of the present pose: nothing of the pose if it is a past one.
+
+        Returns
+        -------
+        Seen
+            The same object while the banner is alive, otherwise a copy without the pose and what
+            follows from it.
+
+        """
         if self.banner.alive:
             return self
         return replace(self, angles=None, orientation=None, dexterities=None, ghost=None)

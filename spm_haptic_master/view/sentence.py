@@ -30,7 +30,22 @@ class Sentence:
 
 
 def sentence(seen: Seen, warn_below: float) -> Sentence:
-    """Return the sentence of a device; `warn_below` is a dexterity, nan if it is not known."""
+    """
+    Return the sentence of a device; `warn_below` is a dexterity, nan if it is not known.
+
+    Parameters
+    ----------
+    seen : Seen
+        What is known of the device.
+    warn_below : float
+        Dexterity below which a pose is near a singularity (unit 1).
+
+    Returns
+    -------
+    Sentence
+        A dash while the dexterities or their limit are not known.
+
+    """
     if seen.orientation is None:
         return Sentence('No orientation: the picture is not the present pose.', True)
     if seen.dexterities is None or warn_below != warn_below:

@@ -59,7 +59,23 @@ UNGUARDED_SERVE = websocket_server.serve
 
 
 def own_names(host: str, further: str) -> frozenset[str]:
-    """Return the names of a page at a host address, with further ones separated by commas."""
+    """
+    Return the names of a page at a host address, with further ones separated by commas.
+
+    Parameters
+    ----------
+    host : str
+        Address or name that the server is bound to.
+    further : str
+        Names that a user allows, separated by commas; empty: none.
+
+    Returns
+    -------
+    frozenset of str
+        Lower-case names as a URL has them. The names of this computer are among them unless the
+        host is a loopback address.
+
+    """
     names = {*LOOPBACK, in_url(host), *(in_url(name.strip()) for name in further.split(','))}
     try:
         is_local = ipaddress.ip_address(host).is_loopback
@@ -76,6 +92,19 @@ def refusal(headers: Headers, names: frozenset[str]) -> str:
     Return why a request to a page with these names is refused; empty if it is not.
 
     A browser sends an Origin with every websocket: a request without one is another program's.
+
+    Parameters
+    ----------
+    headers : Headers
+        Headers of the request.
+    names : frozenset of str
+        Names of the page, as of `own_names`.
+
+    Returns
+    -------
+    str
+        Reason in one line, with what was given and, where that helps, the parameter to set.
+
     """
     hosts, origins = headers.get_all('Host'), headers.get_all('Origin')
     host = hosts[0].lower() if len(hosts) == 1 else ''
@@ -94,7 +123,20 @@ def refusal(headers: Headers, names: frozenset[str]) -> str:
 
 
 def is_wanted(message: str | bytes) -> bool:
-    """Return whether a client's message is passed on: its camera, or a control's value."""
+    """
+    Return whether a client's message is passed on: its camera, or a control's value.
+
+    Parameters
+    ----------
+    message : str or bytes
+        A message of a browser: msgpack, as viser has it.
+
+    Returns
+    -------
+    bool
+        False as well for what cannot be decoded.
+
+    """
     if not isinstance(message, bytes):
         return False
     try:
@@ -128,7 +170,20 @@ class GuardedConnection(ServerConnection):
 
 
 def unsent_bytes(transport: asyncio.Transport) -> int:
-    """Return the number of bytes that wait on this host; 0 of a closed connection."""
+    """
+    Return the number of bytes that wait on this host; 0 of a closed connection.
+
+    Parameters
+    ----------
+    transport : asyncio.Transport
+        Transport of a connection.
+
+    Returns
+    -------
+    int
+        Bytes in the transport's buffer, and in the socket's that have not been sent.
+
+    """
     connection = transport.get_extra_info('socket')
     if transport.is_closing() or connection is None:
         return 0
@@ -141,7 +196,22 @@ def unsent_bytes(transport: asyncio.Transport) -> int:
 
 
 class Guard:
-    """Answers the requests to a page by its names, and passes on those that it does not refuse."""
+    """
+    Answers the requests to a page by its names, and passes on those that it does not refuse.
+
+    Parameters
+    ----------
+    names : frozenset of str
+        Names of the page, as of `own_names`.
+    report : callable
+        Is called with the reason of a refused request.
+
+    Attributes
+    ----------
+    is_used : bool
+        Whether `serve` has been called.
+
+    """
 
     def __init__(self, names: frozenset[str], report: Callable[[str], None]) -> None:
         self._names, self._report = names, report
@@ -161,7 +231,24 @@ class Guard:
     def _answer(
         self, answer: Answer, connection: ServerConnection, request: Request
     ) -> Response | None:
-        """Return the answer to a request; None lets it become a websocket."""
+        """
+        Return the answer to a request; None lets it become a websocket.
+
+        Parameters
+        ----------
+        answer : callable
+            viser's own answer to a request.
+        connection : ServerConnection
+            Connection of the request.
+        request : Request
+            The request, before the upgrade to a websocket.
+
+        Returns
+        -------
+        Response or None
+            403 with the reason of a refusal, or viser's answer with a policy for the browser.
+
+        """
         own_address = in_url(connection.local_address[0])
         reason = refusal(request.headers, self._names | {own_address})
         if reason:
@@ -240,7 +327,27 @@ def _light(server: ViserServer) -> None:
 
 
 def free_port(host: str, first: int) -> int:
-    """Return the first free port of an address; InputError: there is none."""
+    """
+    Return the first free port of an address.
+
+    Parameters
+    ----------
+    host : str
+        Address or name of this host.
+    first : int
+        Port with which the search begins; it ends with the last port of TCP.
+
+    Returns
+    -------
+    int
+        Port that is free on all addresses of the host.
+
+    Raises
+    ------
+    InputError
+        No port is free, or the address is not one of this host.
+
+    """
     try:
         for port in range(first, LAST_PORT + 1):
             if _is_free(host, port):
@@ -257,7 +364,15 @@ def free_port(host: str, first: int) -> int:
 
 
 def _is_free(host: str, port: int) -> bool:
-    """Return whether a port of all addresses of a host is free; OSError: they cannot be used."""
+    """
+    Return whether a port of all addresses of a host is free.
+
+    Raises
+    ------
+    OSError
+        The addresses cannot be used, for another reason than that the port is taken.
+
+    """
     try:
         for family, *_, address in socket.getaddrinfo(host, port, type=socket.SOCK_STREAM):
             socket.create_server(address, family=family).close()

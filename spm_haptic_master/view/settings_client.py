@@ -31,7 +31,20 @@ PERIOD = 1.0
 
 
 class SettingsClient:
-    """Calls `take` with the checked settings of a parameter service, once a second."""
+    """
+    Calls a function with the checked settings of a parameter service, once a second.
+
+    Parameters
+    ----------
+    node : Node
+        Node that calls the service.
+    service : str
+        Name of the service `get_parameters` of fkm.
+    take : callable
+        Is called with the values by name. Its SpmError is ignored, as are settings that are not
+        valid.
+
+    """
 
     def __init__(self, node: Node, service: str, take: Callable[[Values], None]) -> None:
         self._node, self._take = node, take
@@ -39,7 +52,15 @@ class SettingsClient:
         self._due = Periodic(PERIOD)
 
     def tick(self, now: float) -> None:
-        """Ask if that is due at a time, s."""
+        """
+        Ask if that is due at a time, s.
+
+        Parameters
+        ----------
+        now : float
+            Present time, s, monotonic.
+
+        """
         if self._client.service_is_ready() and self._due.is_due(now):
             names = [setting.name for setting in SETTINGS]
             asked = self._client.call_async(GetParameters.Request(names=names))
@@ -50,7 +71,11 @@ class SettingsClient:
         self._node.destroy_client(self._client)
 
     def _on_answer(self, future: Future) -> None:
-        """Take the answer; ignore one that no fkm of this package gives."""
+        """
+        Take the answer; ignore one that no fkm of this package gives.
+
+        A parameter that fkm does not have has no value in the answer: it has its default.
+        """
         answer = future.result()
         if answer is None:
             return

@@ -42,8 +42,26 @@ class SimulatedDevice:
     """
     The knobs of a simulated device and the topics behind them; none for another source.
 
-    `folder` is the device's part of the panel and `order` the knobs' place in it; `name` returns
-    the name of a topic in the device's namespace.
+    Parameters
+    ----------
+    node : Node
+        Publishes the requests of the knobs.
+    gui : GuiApi
+        Panel of the page.
+    folder : context manager
+        The device's part of the panel.
+    order : float
+        Place of the knobs in it.
+    name : callable
+        Returns the name of a topic in the device's namespace.
+
+    Attributes
+    ----------
+    knobs : GuiFolderHandle or None
+        Folder with the knobs; None of a device that is not simulated.
+    player : StoryPlayer
+        Plays the stories of the buttons.
+
     """
 
     def __init__(
@@ -69,7 +87,17 @@ class SimulatedDevice:
         self._happened: list[str] = []
 
     def show(self, source: str, sensors: int) -> None:
-        """Show the knobs of a simulated source with a number of sensors, of another one none."""
+        """
+        Show the knobs of a simulated source with a number of sensors, of another one none.
+
+        Parameters
+        ----------
+        source : str
+            Words of the topic `source`; empty: not known.
+        sensors : int
+            Number of sensors, 4 to 6.
+
+        """
         shown = sensors if source == SIMULATED else 0
         if shown == self._sensors:
             return
@@ -144,7 +172,15 @@ class SimulatedDevice:
         return found
 
     def follow(self, orientation: Quaternion[float]) -> None:
-        """Set the sliders to an orientation of the device, unless a user leads it."""
+        """
+        Set the sliders to an orientation of the device, unless a user leads it.
+
+        Parameters
+        ----------
+        orientation : tuple of 4 float
+            Quaternion x, y, z, w of the platform in the base frame.
+
+        """
         if self.knobs is None or self._led_by_user:
             return
         u, v, phi = place(*zxz_angles(*orientation))
@@ -156,7 +192,16 @@ class SimulatedDevice:
                 slider.value = min(max(rounded, slider.min), slider.max)
 
     def add_fault(self, kind: str) -> None:
-        """Ask for one more fault, beside those that are present."""
+        """
+        Ask for one more fault, beside those that are present.
+
+        Parameters
+        ----------
+        kind : str
+            One of SWITCHED. The encoder, and the size of an offset (deg), are those chosen on the
+            page.
+
+        """
         fault = f'{kind}:{joint_of(self.sensor.value)}'
         # Another offset of the same joint replaces the one before.
         present = [

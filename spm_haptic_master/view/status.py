@@ -56,7 +56,15 @@ class Banner:
 
 
 class SampleAge:
-    """Time since joint angles last came, as far as this process has had the time to read them."""
+    """
+    Time since joint angles last came, as far as this process has had the time to read them.
+
+    Attributes
+    ----------
+    value : float or None
+        Age, s; None before the first angles.
+
+    """
 
     def __init__(self) -> None:
         self.value: float | None = None  # s, None before the first
@@ -69,7 +77,15 @@ class SampleAge:
         self._came, self.value = now, 0.0
 
     def tick(self, now: float) -> None:
-        """Advance to a time, s; call it every 50 ms."""
+        """
+        Advance to a time, s; call it every 50 ms.
+
+        Parameters
+        ----------
+        now : float
+            Present time on the same clock as of `renew`.
+
+        """
         late = now - self._ticked > LONGEST_TICK
         # After a pause of this process itself, what came meanwhile is not read yet.
         if self.value is not None and (self._late or not late):
@@ -142,7 +158,19 @@ def _without_angles(
 
 
 class SensorState(Enum):
-    """State of an encoder: its words, its colour in CSS, and its sign."""
+    """
+    State of an encoder: its words, its colour in CSS, and its sign.
+
+    Attributes
+    ----------
+    words : str
+        Words for a chip's title and for events.
+    colour : str
+        Colour in CSS.
+    sign : str
+        One character, for whoever sees no colour.
+
+    """
 
     HEALTHY = 'healthy', Light.GREEN.colour, '\u2713'
     UNCHECKED = 'not checked by the others', Light.AMBER.colour, '?'

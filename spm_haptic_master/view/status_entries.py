@@ -21,7 +21,20 @@ ENTRY_TIMEOUT = 2.5
 
 
 class StatusEntries:
-    """The latest entry of each name, of a device with a namespace: '' or '/NAME'."""
+    """
+    The latest entry of each name, of one device.
+
+    Parameters
+    ----------
+    namespace : str
+        Namespace of the device, '' or '/NAME'.
+
+    Attributes
+    ----------
+    now : float
+        Present time, s, monotonic; the caller sets it.
+
+    """
 
     def __init__(self, namespace: str) -> None:
         self._prefix = f'{namespace}/'.lstrip('/')
@@ -31,7 +44,17 @@ class StatusEntries:
         self.now = 0.0
 
     def add(self, entry: DiagnosticStatus, now: float) -> None:
-        """Keep an entry that came at a time, s, if it is this device's."""
+        """
+        Keep an entry that came at a time, s, if it is this device's.
+
+        Parameters
+        ----------
+        entry : DiagnosticStatus
+            An entry of any node of any device.
+        now : float
+            Time at which it came, monotonic.
+
+        """
         name = entry.name.removeprefix(self._prefix)
         if '/' not in name and entry.name.startswith(self._prefix):
             self._entries[name] = entry, now
@@ -41,7 +64,20 @@ class StatusEntries:
         return name in self._entries and self.entry(name) is None
 
     def entry(self, name: str) -> DiagnosticStatus | None:
-        """Return an entry, None if there is none or only an old one."""
+        """
+        Return an entry, None if there is none or only an old one.
+
+        Parameters
+        ----------
+        name : str
+            Name of the entry without a namespace, such as ORIENTATION.
+
+        Returns
+        -------
+        DiagnosticStatus or None
+            The latest one, if it is not older than ENTRY_TIMEOUT.
+
+        """
         entry, came = self._entries.get(name, (None, 0.0))
         return entry if self.now - came <= ENTRY_TIMEOUT else None
 

@@ -35,7 +35,21 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class Story:
-    """A sequence of steps; it ends at a time, s, and its verdict follows."""
+    """
+    A sequence of steps; it ends at a time, s, and its verdict follows.
+
+    Attributes
+    ----------
+    name : str
+        Text on the story's button.
+    view : str
+        Name of the view in which it is seen best.
+    steps : tuple of Step
+        Steps in the order of their times.
+    end : float
+        Time from the beginning at which the last step ends, s.
+
+    """
 
     name: str
     view: str  # the view of the page in which it is seen best
@@ -45,7 +59,21 @@ class Story:
 
 @dataclass(frozen=True, slots=True)
 class StoryNews:
-    """What the page shows of a story: a sentence, and how far it is."""
+    """
+    What the page shows of a story: a sentence, and how far it is.
+
+    Attributes
+    ----------
+    name, view : str
+        Name and view of the story.
+    words : str
+        Sentence of the step, or the verdict.
+    step, steps : int
+        Number of the step, from 1, and of all steps with the verdict.
+    number : int
+        Number of the story, from 1, in the order in which they are played.
+
+    """
 
     name: str
     view: str
@@ -64,7 +92,21 @@ class Observations:
     silent: float = 0.0  # time without an orientation, s
 
     def add(self, seconds: float, alive: bool, three: float, device: float) -> None:
-        """Add what was seen for some seconds; nan: an error is not known."""
+        """
+        Add what was seen for some seconds; nan: an error is not known.
+
+        Parameters
+        ----------
+        seconds : float
+            Time since the last call, s.
+        alive : bool
+            Whether the page shows the present pose.
+        three : float
+            Error of three encoders alone, rad.
+        device : float
+            Error of the published orientation, rad.
+
+        """
         if not alive:
             self.silent += seconds
         # The larger one, or the one that is a number.
@@ -73,7 +115,25 @@ class Observations:
 
 
 def verdict(story: Story, sensors: int, seen: Observations) -> str:
-    """Return the last sentence of a story: what came out, in measured numbers."""
+    """
+    Return the last sentence of a story: what came out, in measured numbers.
+
+    Parameters
+    ----------
+    story : Story
+        The story that has ended.
+    sensors : int
+        Number of sensors of the device, 4 to 6.
+    seen : Observations
+        What was seen meanwhile.
+
+    Returns
+    -------
+    str
+        Largest errors, deg, and for a story with a fault the time of silence, s, if it was above
+        half a second.
+
+    """
     number = NUMBER_WORDS[sensors]
     if story.view == GHOST_VIEW:
         three, device = (_degrees(error) for error in (seen.three, seen.device))
@@ -93,7 +153,20 @@ def _degrees(angle: float) -> str:
 
 
 def stories(sensors: int) -> tuple[Story, ...]:
-    """Return the stories of a device with a number of sensors."""
+    """
+    Return the stories of a device with a number of sensors.
+
+    Parameters
+    ----------
+    sensors : int
+        Number of sensors, 4 to 6: with four, what fails makes the device silent.
+
+    Returns
+    -------
+    tuple of Story
+        Three stories, in the order of their buttons.
+
+    """
     with_four = sensors == len(JOINT_NAMES)
     return (
         _crossing(),

@@ -20,8 +20,24 @@ class StoryPlayer:
     """
     The story that is played, if any.
 
-    `steer` leads the device to a self-rotation, deg, or lets it move by itself (None); `fail` asks
-    for faults. Threads of the server may start another story; `tick` alone plays it.
+    Threads of the server may start another story; `tick` alone plays it.
+
+    Parameters
+    ----------
+    steer : callable
+        Leads the device to a self-rotation, deg, or lets it move by itself (None).
+    fail : callable
+        Asks for faults, as a text; empty: for none.
+
+    Attributes
+    ----------
+    observed : Observations
+        What was seen during the story; the caller adds to it.
+    happened : list of str
+        Beginnings and verdicts, in words; the caller empties it.
+    is_playing : bool
+        Whether a step of a story is played; False while its verdict is shown.
+
     """
 
     def __init__(self, steer: Callable[[float | None], None], fail: Callable[[str], None]) -> None:
@@ -47,12 +63,42 @@ class StoryPlayer:
         self.is_playing = False
 
     def tick(self, now: float, sensors: int) -> StoryNews | None:
-        """Continue at a time, s, with a number of sensors; return what the page shows."""
+        """
+        Continue at a time, s, with a number of sensors; return what the page shows.
+
+        Parameters
+        ----------
+        now : float
+            Present time, s, monotonic.
+        sensors : int
+            Number of sensors of the device: the verdict names it.
+
+        Returns
+        -------
+        StoryNews or None
+            Sentence and progress of the story; None without a story.
+
+        """
         self._now, self._sensors = now, sensors
         return next(self._playing, None)
 
     def _steps(self, story: Story, number: int) -> Iterator[StoryNews]:
-        """Do each step when it is due; yield the news at each tick until the story ends."""
+        """
+        Do each step when it is due; yield the news at each tick until the story ends.
+
+        Parameters
+        ----------
+        story : Story
+            The story.
+        number : int
+            Its number, from 1, in the order in which stories are played.
+
+        Yields
+        ------
+        StoryNews
+            The step that is played; at the end the verdict, for VERDICT_TIME.
+
+        """
         begun = self._now
         self.observed = Observations()
         self.is_playing = True

@@ -38,10 +38,34 @@ def add(
     visible: bool = True,
 ) -> BatchedMeshHandle:
     """
-    Add a solid, scaled, once for each colour as of `rgb`.
+    Add a solid, scaled, once for each colour.
 
-    Each is turned so that its z is on one of `axes`, unit vectors, by default not at all, and has
-    one of `places` (n, 3), by default the origin. With an opacity, others are seen through it.
+    Parameters
+    ----------
+    scene : SceneApi
+        The scene of the page.
+    path : str
+        Name in the scene.
+    solid : Solid
+        The surface, seen from outside.
+    colours : ndarray of uint8, shape (n, 3)
+        Red, green, blue of each copy, 0 .. 255, as of `rgb`.
+    axes : sequence of n unit vectors, optional
+        Direction of each copy's z; by default the copies are not turned.
+    places : ndarray, shape (n, 3), optional
+        Position of each copy (units of the scene); by default the origin.
+    scale : float
+        Factor of the solid's size.
+    opacity : float, optional
+        Below 1 what is behind is seen through it; by default the surface is opaque.
+    visible : bool
+        Whether it is shown at first.
+
+    Returns
+    -------
+    BatchedMeshHandle
+        All copies, by which they can be turned, coloured and hidden.
+
     """
     count = len(colours)
     turns = np.array([np.eye(3)] * count) if axes is None else onto(axes)
@@ -83,7 +107,24 @@ def two_sided(solid: Solid) -> Solid:
 
 
 def fan(radius: float, height: float, corners: int) -> Solid:
-    """Return the triangles from O to a regular polygon about z at a height, seen from above."""
+    """
+    Return the triangles from O to a regular polygon about z at a height, seen from above.
+
+    Parameters
+    ----------
+    radius : float
+        Distance of the polygon's corners from z.
+    height : float
+        z of the corners, same unit; at 0 the fan is a disc, else a cone with its tip in O.
+    corners : int
+        Number of corners, and of triangles.
+
+    Returns
+    -------
+    Solid
+        An open surface.
+
+    """
     turn, here = np.arange(corners) * 2.0 * pi / corners, np.arange(1, corners + 1)
     rim = np.stack([radius * np.cos(turn), radius * np.sin(turn), 0.0 * turn + height], axis=1)
     return Solid(
@@ -93,6 +134,14 @@ def fan(radius: float, height: float, corners: int) -> Solid:
 
 
 def ball(radius: float) -> Solid:
-    """Return a ball about O."""
+    """
+    Return a ball about O.
+
+    Parameters
+    ----------
+    radius : float
+        Radius, in the unit of the surface.
+
+    """
     turn = np.linspace(-0.5 * pi, 0.5 * pi, 9)
     return turned_profile([(radius * np.cos(angle), radius * np.sin(angle)) for angle in turn])

@@ -54,9 +54,30 @@ class DeviceTopics:
     """
     Subscriptions to a device's topics, and the newest of each.
 
-    `node` subscribes; `taker`, a node without an executor, has the topics of which only the newest
-    message is taken, while a page is open. `name` returns the name of a topic in the device's
-    namespace; `on_joints` gets stamp (ns) and angles (rad), `on_state` and `on_source` words.
+    Parameters
+    ----------
+    node : Node
+        Subscribes to the topics of which every message is taken.
+    taker : Node
+        A node without an executor. It has the topics of which only the newest message is taken,
+        while a page is open.
+    name : callable
+        Returns the name of a topic in the device's namespace.
+    on_joints : callable
+        Is called with stamp, ns, and angles of all nine joints, rad.
+    on_state, on_source : callable
+        Are called with the words of the topics `state` and `source`.
+
+    Attributes
+    ----------
+    calibration : Calibration or None
+        State of a calibration; None without one, and after its end.
+    dexterities : tuple of two float, or None
+        Dexterity of the three motor encoders and of all encoders; None before the first message,
+        and after one that is not valid.
+    readings : tuple of float
+        Angle of each encoder as read last, rad; empty before the first message.
+
     """
 
     def __init__(
@@ -133,7 +154,15 @@ class DeviceTopics:
         self._truth.unsubscribe()
 
     def publishers(self) -> int:
-        """Return the number of publishers by which the device is there."""
+        """
+        Return the number of publishers by which the device is there.
+
+        Returns
+        -------
+        int
+            Publishers of `joint_states`, `state` and `calibration/coverage` together.
+
+        """
         topics = JOINTS_TOPIC, STATE_TOPIC, COVERAGE_TOPIC
         return sum(self._node.count_publishers(self._name(topic)) for topic in topics)
 
@@ -146,7 +175,22 @@ class DeviceTopics:
         return [self._dexterity, self._readings, *self._wrenches]
 
     def tick(self, now: float, watched: bool) -> messages.StampedAngles | None:
-        """Take what is new at a time, s, while a page is open; return new readings."""
+        """
+        Take what is new at a time, s, while a page is open; return new readings.
+
+        Parameters
+        ----------
+        now : float
+            Present time, s, monotonic: the time of whatever comes until the next call.
+        watched : bool
+            Whether a page is open; if not, the sampled topics have no subscription.
+
+        Returns
+        -------
+        StampedAngles or None
+            Angles as read, rad, and their stamp, ns; None without a new message.
+
+        """
         self._now = now
         for topic in self._sampled():
             if watched:
@@ -161,7 +205,20 @@ class DeviceTopics:
         return self._take_readings(now)
 
     def truth(self, wanted: bool) -> tuple[int, Quaternion[float]] | None:
-        """Return stamp and true orientation of a simulation, new ones, while they are wanted."""
+        """
+        Return stamp and true orientation of a simulation, new ones, while they are wanted.
+
+        Parameters
+        ----------
+        wanted : bool
+            Whether a story is played; the subscription exists only meanwhile.
+
+        Returns
+        -------
+        tuple of int and tuple of 4 float, or None
+            Stamp, ns, and quaternion x, y, z, w.
+
+        """
         if not wanted:
             self._truth.unsubscribe()
             return None
@@ -183,7 +240,11 @@ class DeviceTopics:
                 self._torques[index] = now, messages.torque(message)
 
     def _find_further(self, watched: bool) -> None:
-        """Subscribe to encoders that are in no set, where they are, while a page is open."""
+        """
+        Subscribe to encoders that are in no set, where they are, while a page is open.
+
+        A publisher other than `fkm` has to be there: the gripper of `fkm` is no encoder.
+        """
         for sensor, topic in self._further.items():
             name = self._name(FURTHER_TOPICS[sensor])
             publishers = self._node.get_publishers_info_by_topic(name)
@@ -217,7 +278,15 @@ class DeviceTopics:
         return messages.ages(self._read_at, self._now)
 
     def unread(self) -> tuple[str, ...]:
-        """Return the joints without a reading for a while, although others have one."""
+        """
+        Return the joints without a reading for a while, although others have one.
+
+        Returns
+        -------
+        tuple of str
+            Names of joints; empty if no encoder has been read within READING_TIMEOUT.
+
+        """
         ages = self.ages()[: len(self.readings)]
         if not ages or not any(age < READING_TIMEOUT for age in ages):
             return ()
@@ -228,7 +297,15 @@ class DeviceTopics:
         )
 
     def torques(self) -> list[tuple[float, float, float]]:
-        """Return the torques commanded and rendered, N m, zero where none comes."""
+        """
+        Return the torques commanded and rendered, N m, zero where none comes.
+
+        Returns
+        -------
+        list of two tuples of 3 float
+            x, y, z in the handle's frame.
+
+        """
         return [
             torque if self._now - came <= TORQUE_TIMEOUT else NO_TORQUE
             for came, torque in self._torques
@@ -242,7 +319,16 @@ class DeviceTopics:
         return commanded, rendered
 
     def further(self) -> dict[str, float | None]:
-        """Return the positions of the encoders that are in no set, None without a reading."""
+        """
+        Return the positions of the encoders that are in no set, None without a reading.
+
+        Returns
+        -------
+        dict
+            Position by name: insertion, m; gripper, rad. Encoders without a publisher are left
+            out.
+
+        """
         return {
             sensor: position if self._now - came <= READING_TIMEOUT else None
             for sensor, (position, came) in self._positions.items()
@@ -254,7 +340,11 @@ class DeviceTopics:
         return words if words in FORCE_STATES else ''
 
     def teleop(self) -> str:
-        """Return the state of the slave's lead; empty without teleop."""
+        """
+        Return the state of the slave's lead; empty without teleop.
+
+        Words older than TELEOP_TIMEOUT are replaced by a warning.
+        """
         words, came = self._words.get(TELEOP_TOPIC, ('', 0.0))
         if words and self._now - came > TELEOP_TIMEOUT:
             return 'no news from teleop: not led'

@@ -15,7 +15,18 @@ from spm_haptic_master.kinematics.rotations import conjugate, multiply_quaternio
 
 
 class DeviceError:
-    """Angle between the published orientation and the simulation's, at equal stamps."""
+    """
+    Angle between the published orientation and the simulation's, at equal stamps.
+
+    The published orientation at a stamp is interpolated between the two poses around it, so that a
+    truth waits until the pose after it has come.
+
+    Parameters
+    ----------
+    geometry : Geometry
+        The mechanism that is shown.
+
+    """
 
     def __init__(self, geometry: Geometry) -> None:
         self._geometry = geometry
@@ -29,9 +40,19 @@ class DeviceError:
 
     def error(self, truth: tuple[int, Quaternion[float]] | None) -> float:
         """
-        Return the error at the stamp of an earlier truth, rad; nan if it is not known.
+        Return the error at the stamp of an earlier truth.
 
-        `truth` is the newest one, stamp and quaternion; None if there is no new one.
+        Parameters
+        ----------
+        truth : tuple of int and tuple of 4 float, or None
+            Stamp, ns, and quaternion x, y, z, w of the newest truth; None if there is no new one.
+            It is kept only if no other one waits any longer.
+
+        Returns
+        -------
+        float
+            Angle, rad in 0 .. pi; nan if no truth waits, or if the poses around it are not known.
+
         """
         waiting = self._waiting
         pose = None if waiting is None else self._poses.at(waiting[0])
