@@ -313,7 +313,7 @@ def joint_limits(geometry: Geometry) -> tuple[tuple[float, float], ...]:
     Returns
     -------
     tuple of nine tuples of two float
-        Limits within -pi .. pi, with the margin of MARGIN and more around the angles found.
+        Limits at least MARGIN beyond the angles found, but within -pi .. pi.
 
     """
     grid = np.ix_(

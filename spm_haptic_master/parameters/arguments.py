@@ -40,12 +40,35 @@ class OneLineParser(argparse.ArgumentParser):
     """A parser that reports a wrong argument by InputError, in one line as any other error."""
 
     def error(self, message: str) -> NoReturn:
-        """Raise InputError."""
+        """
+        Raise InputError.
+
+        Parameters
+        ----------
+        message : str
+            What argparse has found.
+
+        Raises
+        ------
+        InputError
+            In every case: argparse would print its usage and exit.
+
+        """
         raise InputError(f'{message} (--help lists the arguments)')
 
 
 class Parser(OneLineParser):
-    """A parser of ROS parameters and remappings, with --ros-args or without."""
+    """
+    A parser of ROS parameters and remappings, with --ros-args or without.
+
+    Parameters
+    ----------
+    name : str
+        Name of the program.
+    description : str
+        Text of --help above the arguments; its lines are not wrapped.
+
+    """
 
     def __init__(self, name: str, description: str) -> None:
         super().__init__(
@@ -79,7 +102,25 @@ class Parser(OneLineParser):
         )
 
     def parse(self, args: Sequence[str]) -> argparse.Namespace:
-        """Return the arguments of a command line without the program's name, or InputError."""
+        """
+        Return the arguments of a command line.
+
+        Parameters
+        ----------
+        args : sequence of str
+            The command line without the program's name; `--ros-args` and `--` are left out.
+
+        Returns
+        -------
+        argparse.Namespace
+            `params_file`, `param` and `remap`, a list each, and what the program has added.
+
+        Raises
+        ------
+        InputError
+            An argument is unknown, or lacks its value.
+
+        """
         found, unknown = self.parse_known_args([each for each in args if each not in MARKERS])
         if unknown:
             raise InputError(
@@ -90,7 +131,15 @@ class Parser(OneLineParser):
 
 
 def positive(text: str) -> float:
-    """Return the finite number above 0 that an option gives; a type for argparse."""
+    """
+    Return the finite number above 0 that an option gives; a type for argparse.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        The text is not a number, not finite, or not above 0.
+
+    """
     value = finite(text)
     if value <= 0.0:
         raise argparse.ArgumentTypeError(f"'{text}'; expected a number above 0")
@@ -98,7 +147,15 @@ def positive(text: str) -> float:
 
 
 def finite(text: str) -> float:
-    """Return the finite number that an option gives; a type for argparse."""
+    """
+    Return the finite number that an option gives; a type for argparse.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        The text is not a number, or not finite.
+
+    """
     try:
         value = float(text)
     except ValueError as error:
@@ -153,7 +210,22 @@ def node_command_line(
 
 
 def _node_parser(name: str, description: str) -> Parser:
-    """Return a parser of what every ROS node takes."""
+    """
+    Return a parser of what every ROS node takes.
+
+    Parameters
+    ----------
+    name : str
+        Name of the executable.
+    description : str
+        Text of --help above the arguments.
+
+    Returns
+    -------
+    Parser
+        It has --enclave, --log-level, --log-config-file and the flags of FLAGS as well.
+
+    """
     parser = Parser(name, description)
     parser.add_argument(
         '-e', '--enclave', metavar='PATH', action='append', default=[], help=OF_ROS
@@ -168,12 +240,39 @@ def _node_parser(name: str, description: str) -> Parser:
 
 
 def parameters_of(found: argparse.Namespace) -> Parameters:
-    """Return the parameters of a command line parsed by `Parser`; InputError as of these."""
+    """
+    Return the `Parameters` of a command line: its files and arguments, in their order.
+
+    Parameters
+    ----------
+    found : argparse.Namespace
+        Arguments parsed by `Parser`.
+
+    Raises
+    ------
+    InputError
+        As of `Parameters`.
+
+    """
     return Parameters(found.params_file, found.param, found.remap)
 
 
 def help_text(settings: Iterable[Setting]) -> str:
-    """Return the parameters by group, for --help: name, default, description."""
+    """
+    Return the parameters by group, for --help: name, default, description.
+
+    Parameters
+    ----------
+    settings : iterable of Setting
+        Settings of the program.
+
+    Returns
+    -------
+    str
+        Lines of at most HELP_WIDTH columns; the groups are sorted by the first part of their
+        names.
+
+    """
     groups: dict[str, list[str]] = {}
     for setting in settings:
         first, dot, _ = setting.name.partition('.')

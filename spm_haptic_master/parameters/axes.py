@@ -16,12 +16,44 @@ AXES = (INSERTION, GRIPPER)
 
 
 def _setting(name: str, default: Any, description: str, **limits: Any) -> Setting:
-    """Return a setting of the kind of its default."""
+    """
+    Return a setting of the kind of its default.
+
+    Parameters
+    ----------
+    name : str
+        Dotted name.
+    default : bool, int, float or str
+        Default, whose type is that of all values.
+    description : str
+        Meaning and unit in one line.
+    **limits
+        Further fields of `Setting`.
+
+    Returns
+    -------
+    Setting
+        A setting with a single value.
+
+    """
     return Setting(name, type(default), description, default=default, **limits)
 
 
 def _frame_settings(axis: str) -> tuple[Setting, ...]:
-    """Return the settings of an axis's frame; named as those of one of the encoders."""
+    """
+    Return the settings of an axis's frame; named as those of one of the encoders.
+
+    Parameters
+    ----------
+    axis : str
+        INSERTION or GRIPPER: the first part of each name.
+
+    Returns
+    -------
+    tuple of Setting
+        Where the counts are in a CAN frame, and how they become a position.
+
+    """
     return (
         *_identifier_settings(axis),
         _setting(f'{axis}.data_length', 4, 'length of that frame, bytes', minimum=1, maximum=8),
@@ -51,6 +83,7 @@ def _frame_settings(axis: str) -> tuple[Setting, ...]:
 
 
 def _identifier_settings(axis: str) -> tuple[Setting, ...]:
+    """Return the settings that name the frame of an axis's encoder, or its CANopen node."""
     return (
         _setting(
             f'{axis}.id',
@@ -71,6 +104,7 @@ def _identifier_settings(axis: str) -> tuple[Setting, ...]:
 
 
 def _status_settings(axis: str) -> tuple[Setting, ...]:
+    """Return the settings of the status bits in the frame of an axis's encoder."""
     return (
         _setting(
             f'{axis}.status_byte', 0, 'byte of the frame with status bits', minimum=0, maximum=7

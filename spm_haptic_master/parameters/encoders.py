@@ -22,7 +22,15 @@ from spm_haptic_master.parameters.setting import (
 
 
 def _each(*definition: Any, **limits: Any) -> Setting:
-    """Return a setting with a value for each sensor."""
+    """
+    Return a setting with a value for each sensor.
+
+    Parameters
+    ----------
+    *definition, **limits
+        Fields of `Setting`; the default, if there is one, has four values.
+
+    """
     return replace(Setting(*definition, **limits), count=4, per_sensor=True)
 
 
@@ -244,7 +252,25 @@ COUNTING = ('encoders.id', 'encoders.node_id')
 
 
 def sensors_of(given: Values) -> int:
-    """Return the number of sensors among given values; SettingError if it is not 4, 5 or 6."""
+    """
+    Return the number of sensors among given values.
+
+    Parameters
+    ----------
+    given : mapping
+        Given values by name, not yet checked.
+
+    Returns
+    -------
+    int
+        4, 5 or 6; the default of the setting if none is given.
+
+    Raises
+    ------
+    SettingError
+        The number is not one of these.
+
+    """
     sensors: int = SENSORS_SETTING.check(  # type: ignore[assignment]
         given.get(SENSORS_SETTING.name, SENSORS_SETTING.default)
     )
@@ -252,7 +278,22 @@ def sensors_of(given: Values) -> int:
 
 
 def for_sensors(settings: tuple[Setting, ...], sensors: int) -> tuple[Setting, ...]:
-    """Return the settings of a number of sensors from those of the tables above."""
+    """
+    Return the settings of a number of sensors from those of the tables above.
+
+    Parameters
+    ----------
+    settings : tuple of Setting
+        Settings whose lists have a value for each of four sensors.
+    sensors : int
+        Number of sensors, 4 to 6.
+
+    Returns
+    -------
+    tuple of Setting
+        The settings with lists of that length, without tables of sensors that are not there.
+
+    """
     absent = TABLE_SETTINGS[sensors:]
     return tuple(
         replace(setting, count=sensors) if setting.per_sensor else setting
@@ -262,7 +303,22 @@ def for_sensors(settings: tuple[Setting, ...], sensors: int) -> tuple[Setting, .
 
 
 def extended(defaults: Mapping[str, object], settings: tuple[Setting, ...]) -> dict[str, object]:
-    """Return defaults of four encoders with those of th3B and th3C, as `settings` have them."""
+    """
+    Return defaults of four encoders with those of th3B and th3C, as `settings` have them.
+
+    Parameters
+    ----------
+    defaults : mapping
+        Defaults by name, with lists for four encoders.
+    settings : tuple of Setting
+        Settings for the number of sensors, as of `for_sensors`.
+
+    Returns
+    -------
+    dict
+        The defaults, with each list repeated from its last value; identifiers count up.
+
+    """
     found = dict(defaults)
     for setting in settings:
         values = found.get(setting.name)

@@ -44,7 +44,20 @@ NO_SPACE = re.compile(r'\s*([\w./*]+:[^\s:/].*)')
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """Parameters for the nodes of one name, from a parameter file or from the command line."""
+    """
+    Parameters for the nodes of one name, from a parameter file or from the command line.
+
+    Attributes
+    ----------
+    origin : str
+        The file, or `-p` with the argument, for error messages.
+    nodes : str
+        Name of the nodes: absolute, with the wildcards `*` for one part of a name and `**` for any
+        number of parts.
+    values : dict
+        Values by dotted name, not yet checked by a setting.
+
+    """
 
     origin: str  # the file, or the argument, for error messages
     nodes: str  # name of the nodes, absolute, with wildcards
@@ -56,7 +69,20 @@ class Section:
         return self.origin.startswith(ARGUMENT)
 
     def reaches(self, node: str) -> bool:
-        """Return whether a node, by its fully qualified name, takes the section."""
+        """
+        Return whether a node, by its fully qualified name, takes the section.
+
+        Parameters
+        ----------
+        node : str
+            Name with its namespace, such as /left/fkm, after remapping.
+
+        Returns
+        -------
+        bool
+            Whether the section's name with its wildcards fits.
+
+        """
         # /** after /** adds no name, but a search each.
         nodes = re.sub(r'(/\*\*)+(?=/|$)', '/**', self.nodes)
         tokens = re.findall(r'/[^/]*', nodes)
@@ -94,12 +120,45 @@ def config_directory() -> Path:
 
 
 def source_defaults(source: str) -> dict[str, object]:
-    """Return the driver's defaults for a source, by name; those of encoders are of can.yaml."""
+    """
+    Return the driver's defaults for a source.
+
+    They are those of config/SOURCE.yaml, and what that file does not have, of config/can.yaml.
+
+    Parameters
+    ----------
+    source : str
+        can, replay or sim.
+
+    Returns
+    -------
+    dict
+        Values by parameter name, for four encoders.
+
+    Raises
+    ------
+    FileNotFoundError
+        The package is not whole.
+
+    """
     return _config('can') | (_config(source) if source != 'can' else {})
 
 
 def simulated_rig(sensors: int = 4) -> dict[str, object]:
-    """Return the zero counts and directions of simulated encoders, by parameter name."""
+    """
+    Return the zero counts and directions of simulated encoders, by parameter name.
+
+    Parameters
+    ----------
+    sensors : int
+        Number of sensors, 4 to 6.
+
+    Returns
+    -------
+    dict
+        Values of config/simulated_rig.yaml, or of its variant for five or six encoders.
+
+    """
     return _config(f'simulated_rig_{NUMBER_WORDS[sensors]}' if sensors > 4 else 'simulated_rig')
 
 
@@ -180,7 +239,27 @@ def argument_section(text: str) -> Section:
 
 
 def _compose(origin: str, text: str) -> yaml.Node | None:
-    """Return the tree of a text in YAML, None for an empty one; InputError as `read_sections`."""
+    """
+    Return the tree of a text in YAML, None for an empty one; InputError as `read_sections`.
+
+    Parameters
+    ----------
+    origin : str
+        The file or the argument, for error messages.
+    text : str
+        Text in YAML.
+
+    Returns
+    -------
+    yaml.Node or None
+        The tree, with the line of each node. Values are still texts.
+
+    Raises
+    ------
+    InputError
+        The text is not valid YAML, or has an anchor, an alias, a tag or a forbidden character.
+
+    """
     event: Any
     try:
         for event in yaml.parse(text, yaml.SafeLoader):
@@ -212,7 +291,26 @@ def _check_event(event: Any) -> None:
 
 
 def _syntax(origin: str, text: str, line: int, problem: str) -> str:
-    """Describe the error in a text in YAML, which a parser finds a line or more later."""
+    """
+    Describe the error in a text in YAML, which a parser finds a line or more later.
+
+    Parameters
+    ----------
+    origin : str
+        The file or the argument.
+    text : str
+        Text in YAML.
+    line : int
+        Line at which the parser stopped, from 0.
+    problem : str
+        Words of the parser.
+
+    Returns
+    -------
+    str
+        The last tab, or colon without a space, up to that line; else the words of the parser.
+
+    """
     lines = text.splitlines()[: line + 1]
     if origin.startswith(ARGUMENT):
         cure = '' if problem.endswith('expected a plain value') else '; expected a value in YAML'
@@ -226,7 +324,29 @@ def _syntax(origin: str, text: str, line: int, problem: str) -> str:
 
 
 def _sections(path: str, prefix: str, tree: dict[str, yaml.Node]) -> Iterator[Section]:
-    """Yield the sections of a file; names may be nested, a namespace above its nodes."""
+    """
+    Yield the sections of a file; names may be nested, a namespace above its nodes.
+
+    Parameters
+    ----------
+    path : str
+        The file, for error messages.
+    prefix : str
+        Namespace of the names, '' or '/NAME'.
+    tree : dict
+        Keys and nodes of the tree at this place.
+
+    Yields
+    ------
+    Section
+        Each with at least one parameter.
+
+    Raises
+    ------
+    InputError
+        A section has no parameters, or a name is given twice.
+
+    """
     for name, node in tree.items():
         nodes = _absolute(path, name, prefix)
         entries = _entries(path, node, f'section {nodes} has no {PARAMETERS}')
@@ -258,7 +378,24 @@ def _absolute(origin: str, name: str, prefix: str = '') -> str:
 
 
 def _entries(origin: str, tree: yaml.Node, missing: str = '') -> dict[str, yaml.Node]:
-    """Return keys and nodes of a mapping; InputError for a key given twice, or for no mapping."""
+    """
+    Return keys and nodes of a mapping; InputError for a key given twice, or for no mapping.
+
+    Parameters
+    ----------
+    origin : str
+        The file or the argument, for error messages.
+    tree : yaml.Node
+        A node that has to be a mapping.
+    missing : str
+        Words of the error if it is not one.
+
+    Returns
+    -------
+    dict
+        Nodes of the values by key, in the order of the text.
+
+    """
     if not isinstance(tree, yaml.MappingNode):
         text = tree.value if isinstance(tree, yaml.ScalarNode) else ''
         cure = f"; '{text}' has no space after the colon" if NO_SPACE.fullmatch(text) else ''
@@ -287,7 +424,27 @@ def _parameters(origin: str, name: str, node: yaml.Node) -> Iterator[tuple[str, 
 
 
 def _value(what: str, node: yaml.Node) -> object:
-    """Return the value of a parameter."""
+    """
+    Return the value of a parameter.
+
+    Parameters
+    ----------
+    what : str
+        Place and name of the parameter, for error messages.
+    node : yaml.Node
+        A single value or a list.
+
+    Returns
+    -------
+    bool, int, float, str, or list of one of these
+        The value; an empty list is possible.
+
+    Raises
+    ------
+    InputError
+        A value could be read in two ways, or a list has several types.
+
+    """
     if isinstance(node, yaml.ScalarNode):
         return _scalar(what, node)
     if not all(isinstance(each, yaml.ScalarNode) for each in node.value):
@@ -305,7 +462,27 @@ def _value(what: str, node: yaml.Node) -> object:
 
 
 def _scalar(what: str, node: yaml.ScalarNode) -> object:
-    """Return a single value, as YAML and rcl both read it."""
+    """
+    Return a single value, as YAML and rcl both read it.
+
+    Parameters
+    ----------
+    what : str
+        Place and name of the parameter, for error messages.
+    node : yaml.ScalarNode
+        A text in YAML; one in quotes is a text whatever it has.
+
+    Returns
+    -------
+    bool, int, float or str
+        The value.
+
+    Raises
+    ------
+    InputError
+        YAML and ROS read it differently, it is empty, or it is a block of text.
+
+    """
     text: str = node.value
     if node.style in ("'", '"'):
         return text

@@ -471,7 +471,20 @@ FKM_SETTINGS = (*INTERFACE_SETTINGS, *SUPERVISION_SETTINGS, *FORCE_SETTINGS)
 
 
 def check_frames(values: Values) -> None:
-    """Refuse two frames of the mounting with one name; SettingError names the second."""
+    """
+    Refuse two frames of the mounting with one name.
+
+    Parameters
+    ----------
+    values : mapping
+        Checked values by name.
+
+    Raises
+    ------
+    SettingError
+        Two frames have one name; the second is named.
+
+    """
     seen: dict[str, str] = {}
     for name in (each.name for each in INTERFACE_SETTINGS if each.name.endswith('frame_id')):
         first = seen.setdefault(values[name], name)
@@ -503,7 +516,21 @@ class Limits:
     parity_bias: float = pi
 
     def threshold(self, entries: int = 1) -> float:
-        """Return the limit of the norm of 1 to 3 entries of unit variance, at its false alarms."""
+        """
+        Return the limit of the norm of 1 to 3 entries of unit variance, at its false alarms.
+
+        Parameters
+        ----------
+        entries : int
+            Number of independent entries of the parity vector, 1 to 3.
+
+        Returns
+        -------
+        float
+            Limit in standard deviations: of the normal distribution (two-sided), of Rayleigh's, or
+            of Maxwell's.
+
+        """
         share = self.false_alarms_per_hour / SAMPLES_AN_HOUR / TESTS
         if entries == 1:
             return -NormalDist().inv_cdf(share / 2.0)
@@ -519,7 +546,26 @@ class Limits:
 
 
 def limits_from(values: Values) -> Limits:
-    """Return the Limits that checked settings describe; SettingError for an empty joint range."""
+    """
+    Return the Limits that checked settings describe.
+
+    Parameters
+    ----------
+    values : mapping
+        Checked values by name; angles in deg.
+
+    Returns
+    -------
+    Limits
+        Angles in rad, a value for each sensor where lists had four. A joint with a range of a
+        whole turn has no limits.
+
+    Raises
+    ------
+    SettingError
+        A joint's range is empty, or a list has another number of values.
+
+    """
     low, high = _each(values, 'joint_min_deg'), _each(values, 'joint_max_deg')
     if not all(a < b for a, b in zip(low, high, strict=True)):
         raise SettingError(
@@ -546,12 +592,36 @@ def limits_from(values: Values) -> Limits:
 
 
 def sigma_from(values: Values) -> tuple[float, ...]:
-    """Return the standard deviations of the sensors, rad, from checked settings."""
+    """
+    Return the standard deviations of the sensors, rad, from checked settings.
+
+    Parameters
+    ----------
+    values : mapping
+        Checked values by name; sigma_deg in deg.
+
+    Returns
+    -------
+    tuple of float
+        One for each sensor.
+
+    """
     return _each(values, 'sigma_deg')
 
 
 def _each(values: Values, name: str) -> tuple[float, ...]:
-    """Return a setting's value of each sensor, rad; SettingError for another number of them."""
+    """
+    Return a setting's value of each sensor, rad; SettingError for another number of them.
+
+    Parameters
+    ----------
+    values : mapping
+        Checked values by name.
+    name : str
+        Name of a list in deg, with a value for each sensor or for four; the last one is then
+        repeated.
+
+    """
     given, sensors = values[name], values['sensors']
     if len(given) not in (FOUR, sensors):
         raise SettingError(

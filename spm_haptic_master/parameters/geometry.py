@@ -105,7 +105,26 @@ CHECKSUM_DIGITS = 8
 
 
 def geometry_from(values: Values) -> Geometry:
-    """Return the Geometry of checked settings; SettingError for one that cannot be assembled."""
+    """
+    Return the mechanism of checked settings.
+
+    Parameters
+    ----------
+    values : mapping
+        Values of GEOMETRY_SETTINGS by name; angles in deg.
+
+    Returns
+    -------
+    Geometry
+        Nominal, or as built where a setting of BUILT_SETTINGS is given; angles in rad.
+
+    Raises
+    ------
+    SettingError
+        The axes are not those of a mechanism, or it cannot be assembled at the workspace's centre.
+        The setting named is the first whose default would cure that.
+
+    """
     geometry = _built(values)
     if gap := _gap(geometry):
         given = [each for each in GEOMETRY_SETTINGS if values[each.name] != each.default]
@@ -124,7 +143,15 @@ def geometry_from(values: Values) -> Geometry:
 
 
 def _built(values: Values) -> Geometry:
-    """Return the mechanism as built; the nominal one where nothing else is given."""
+    """
+    Return the mechanism as built; the nominal one where nothing else is given.
+
+    Raises
+    ------
+    SettingError
+        Axes are not three unit vectors of a mechanism.
+
+    """
     nominal = Geometry(*(radians(values[setting.name]) for setting in NOMINAL_SETTINGS))
     proximal, distal, base, platform = (values[setting.name] for setting in BUILT_SETTINGS)
     if not any((*proximal, *distal, *platform)) and base == NOMINAL_BASE:
@@ -144,6 +171,7 @@ def _built(values: Values) -> Geometry:
 
 
 def _rows(numbers: tuple[float, ...]) -> list[tuple[float, ...]]:
+    """Return numbers in rows of three."""
     return [numbers[start : start + 3] for start in range(0, len(numbers), 3)]
 
 
@@ -153,7 +181,16 @@ def _links(angles_deg: tuple[float, ...], nominal: float) -> list[float]:
 
 
 def _gap(geometry: Geometry) -> str:
-    """Return why the first leg does not close at the workspace's centre; empty if all close."""
+    """
+    Return why the first leg does not close at the workspace's centre; empty if all close.
+
+    Returns
+    -------
+    str
+        The leg, the angle between its axes Z1k and Z3k and the angles that its links can span,
+        deg.
+
+    """
     for leg, name in enumerate(LEG_NAMES):
         alpha, beta = geometry.alphas[leg], geometry.betas[leg]
         cosine = float(CENTRE @ geometry.platform_axes[leg] @ geometry.base_axes[leg])
@@ -169,7 +206,20 @@ def _gap(geometry: Geometry) -> str:
 
 
 def mounting_from(values: Values) -> Mounting | None:
-    """Return the Mounting of checked settings, None where nothing is mounted with a rotation."""
+    """
+    Return the Mounting of checked settings, None where nothing is mounted with a rotation.
+
+    Parameters
+    ----------
+    values : mapping
+        Values of MOUNTING_SETTINGS by name: psi, theta, phi (ZXZ), deg.
+
+    Returns
+    -------
+    Mounting or None
+        Quaternions of R_table_base and R_platform_handle.
+
+    """
     base, handle = (values[setting.name] for setting in MOUNTING_SETTINGS)
     if not any((*base, *handle)):
         return None
@@ -177,7 +227,28 @@ def mounting_from(values: Values) -> Mounting | None:
 
 
 def mechanism_checksum(values: Values) -> str:
-    """Return eight hex digits: equal for equal mechanisms (to 1e-9 rad) and working modes."""
+    """
+    Return eight hex digits: equal for equal mechanisms (to 1e-9 rad) and working modes.
+
+    Two nodes with the same checksum have the same mechanism, whether it is given as nominal or as
+    built.
+
+    Parameters
+    ----------
+    values : mapping
+        Checked values of MECHANISM_SETTINGS by name.
+
+    Returns
+    -------
+    str
+        CHECKSUM_DIGITS hexadecimal digits.
+
+    Raises
+    ------
+    SettingError
+        As of `geometry_from`.
+
+    """
     geometry = geometry_from(values)
     numbers = [
         *geometry.alphas,

@@ -780,7 +780,20 @@ NODE_SETTINGS = {
 
 
 def process_settings(name: str) -> tuple[Setting, ...]:
-    """Return the settings of a process that runs nodes, by the name of its executable."""
+    """
+    Return the settings of a process that runs nodes, by the name of its executable.
+
+    Parameters
+    ----------
+    name : str
+        Name of an executable; `master` runs the nodes of PIPELINE and `teleop`.
+
+    Returns
+    -------
+    tuple of Setting
+        Each setting once, those of the process (`realtime.*` and ROS's own) at the end.
+
+    """
     nodes = (*PIPELINE, FOLLOWER) if name == 'master' else (name,)
     found = {
         setting.name: setting

@@ -81,12 +81,44 @@ class Parameters:
         self._remaps = [_remap(text) for text in remaps]
 
     def full_name(self, node: str) -> str:
-        """Return the fully qualified name of a node after remapping; as in rcl, the first fits."""
+        """
+        Return the fully qualified name of a node after remapping.
+
+        As in rcl, the first remapping that fits is used.
+
+        Parameters
+        ----------
+        node : str
+            Name before remapping.
+
+        Returns
+        -------
+        str
+            Namespace and name, such as /left/fkm.
+
+        """
         name = self._remapped('__node', node, node)
         return f'{self._remapped("__ns", name, "/").rstrip("/")}/{name}'
 
     def _remapped(self, what: str, node: str, default: str) -> str:
-        """Return the first value for a node; rcl asks for `__ns` by its name after `__node`."""
+        """
+        Return the first value for a node; rcl asks for `__ns` by its name after `__node`.
+
+        Parameters
+        ----------
+        what : str
+            `__node` or `__ns`.
+        node : str
+            Name of the node: for `__ns` the one after `__node`.
+        default : str
+            Value without a remapping.
+
+        Returns
+        -------
+        str
+            Name or namespace.
+
+        """
         return next(
             (
                 value
@@ -169,7 +201,22 @@ class Parameters:
         return by_name
 
     def _refuse_origin(self, origin: str, names: Sequence[str]) -> NoReturn:
-        """Raise InputError for a file or an argument that reaches none of the nodes."""
+        """
+        Raise InputError for a file or an argument that reaches none of the nodes.
+
+        Parameters
+        ----------
+        origin : str
+            The file or the argument.
+        names : sequence of str
+            Fully qualified names of the nodes of the process.
+
+        Raises
+        ------
+        InputError
+            In every case.
+
+        """
         found = ', '.join(each.nodes for each in self._sections if each.origin == origin)
         raise InputError(
             f'{origin}: none of its entries reaches a node of this process; '
@@ -177,7 +224,20 @@ class Parameters:
         )
 
     def unused(self, nodes: Mapping[str, Collection[str]]) -> list[str]:
-        """Return the arguments that reach no node (fully qualified) with such a parameter."""
+        """
+        Return the arguments that reach no node (fully qualified) with such a parameter.
+
+        Parameters
+        ----------
+        nodes : mapping
+            Names of the parameters of each node, by its fully qualified name.
+
+        Returns
+        -------
+        list of str
+            Arguments as `-p NAME:=VALUE`; entries of files may be for other programs.
+
+        """
         return [
             section.origin
             for section in self._sections
@@ -203,7 +263,17 @@ def _own_names(node: str) -> set[str]:
 
 
 def _check_files(name: str, sections: Sequence[Section]) -> None:
-    """Raise InputError where two files differ in the value of a name that no argument gives."""
+    """
+    Raise InputError where two files differ in the value of a name that no argument gives.
+
+    Parameters
+    ----------
+    name : str
+        A name of BUS_AND_LAYOUT.
+    sections : sequence of Section
+        Sections that have a value of it, in their order.
+
+    """
     if any(section.is_argument for section in sections):
         return
     by_origin = {section.origin: section.values[name] for section in sections}
@@ -225,7 +295,17 @@ def _as_written(name: str, value: object) -> str:
 
 
 def _check_other(section: Section) -> None:
-    """Raise InputError where a section for no node of the process seems a slip of the pen."""
+    """
+    Raise InputError where a section for no node of the process seems a slip of the pen.
+
+    A node of this package with a prefix or suffix, such as fkm_left, is not a slip.
+
+    Parameters
+    ----------
+    section : Section
+        A section that reaches no node of the process.
+
+    """
     last = section.nodes.rpartition('/')[2]
     if any(f'_{node}_' in f'_{last}_' for node in NODE_SETTINGS):
         return  # such as fkm of another process or arm, or fkm_left
@@ -247,7 +327,21 @@ def _check_other(section: Section) -> None:
 def _check_names(
     section: Section, owner: str, known: Collection[str], shown: Collection[str] = ()
 ) -> None:
-    """Raise SettingError for the first name of a section that is not known."""
+    """
+    Raise SettingError for the first name of a section that is not known.
+
+    Parameters
+    ----------
+    section : Section
+        The section.
+    owner : str
+        Whose parameters they are, in the error message.
+    known : collection of str
+        Names that are accepted.
+    shown : collection of str
+        Names that the error may propose; by default those accepted.
+
+    """
     for name, value in section.values.items():
         if name.startswith(QOS_PREFIX):
             raise SettingError(name, value, 'no override: the QoS of this package is fixed')
@@ -264,7 +358,22 @@ def _check_names(
 
 
 def similar(name: str, names: Collection[str]) -> list[str]:
-    """Return the names most like one that nobody has: those beginning with it first."""
+    """
+    Return the names most like one that nobody has: those beginning with it first.
+
+    Parameters
+    ----------
+    name : str
+        The unknown name.
+    names : collection of str
+        Names of the program.
+
+    Returns
+    -------
+    list of str
+        One to three names, if there are any: of the program, or else of the whole package.
+
+    """
     return (
         [each for each in sorted(names) if each.startswith(name)]
         or difflib.get_close_matches(name, names, n=3)
@@ -310,14 +419,50 @@ def resolve(
 
 
 def source_of(given: Mapping[str, object]) -> str:
-    """Return the source of a driver's parameters; SettingError where there is none."""
+    """
+    Return the source of a driver's parameters.
+
+    Parameters
+    ----------
+    given : mapping
+        Given values by name.
+
+    Returns
+    -------
+    str
+        can, replay or sim.
+
+    Raises
+    ------
+    SettingError
+        The source is missing or unknown.
+
+    """
     return str(SOURCE_SETTING.check(given.get(SOURCE_SETTING.name)))
 
 
 def resolve_source(
     given: Mapping[str, object],
 ) -> tuple[tuple[Setting, ...], dict[str, Any]]:
-    """Return the settings of the driver's source and their values, as `resolve`."""
+    """
+    Return the settings of the driver's source and their values, as `resolve`.
+
+    Parameters
+    ----------
+    given : mapping
+        Given values of the driver by name; those that are missing are of config/SOURCE.yaml.
+
+    Returns
+    -------
+    tuple of tuple and dict
+        The settings of the source, and the values by name.
+
+    Raises
+    ------
+    SettingError
+        A value is missing or invalid.
+
+    """
     source = source_of(given)
     return resolve(given, SOURCE_SETTINGS[source], source_defaults(source))
 
@@ -351,14 +496,54 @@ def check_agreement(values: Mapping[str, Mapping[str, object]]) -> None:
 
 
 def read_parameters(path: str | Path, node: str = DRIVER) -> dict[str, object]:
-    """Return a node's parameters in a ROS parameter file by name; InputError if it has none."""
+    """
+    Return a node's parameters in a ROS parameter file.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    node : str
+        Name of the node; by default the encoder driver.
+
+    Returns
+    -------
+    dict
+        Values by name, not yet checked by a setting.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or has nothing for the node.
+    SettingError
+        A name is no parameter of the node, or under a wildcard that of no node.
+
+    """
     found = Parameters([path])
     found.check([node], ALL_NAMES)
     return found.of(node)
 
 
 def _remap(text: str) -> tuple[str, str, str]:
-    """Return node, topic or `__ns` or `__node`, and new name of a remapping."""
+    """
+    Return node, topic or `__ns` or `__node`, and new name of a remapping.
+
+    Parameters
+    ----------
+    text : str
+        FROM:=TO, as after `-r`.
+
+    Returns
+    -------
+    tuple of three str
+        The node comes from NODE:FROM:=TO, and is empty without one.
+
+    Raises
+    ------
+    InputError
+        The text is not a remapping, or a name is not valid in ROS.
+
+    """
     left, separator, value = text.partition(':=')
     if not separator or not left or not value:
         raise InputError(f"-r '{text}'; expected FROM:=TO")

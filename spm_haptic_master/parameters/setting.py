@@ -94,7 +94,8 @@ class Setting:
         Raises
         ------
         SettingError
-            The value is missing, of another type, out of range or not allowed.
+            The value is missing, of another type, out of range or not allowed, or a list is empty
+            or has another number of elements.
 
         """
         if value is None:
@@ -107,7 +108,23 @@ class Setting:
         return tuple(self._check_one(element, value) for element in value)
 
     def _check_one(self, element: Any, value: Any) -> Scalar:
-        """Return `element` of `value` in the setting's type."""
+        """
+        Return `element` of `value` in the setting's type.
+
+        Parameters
+        ----------
+        element
+            A single value, or an element of a list; a whole number becomes a float if the setting
+            is one.
+        value
+            The whole value, for the error message.
+
+        Raises
+        ------
+        SettingError
+            The element is not valid.
+
+        """
         if self.kind is float and isinstance(element, int) and not isinstance(element, bool):
             try:
                 element = float(element)
