@@ -27,6 +27,18 @@ class AxisOutputs:
     Publishes the readings of the axes: each one, and those of the gripper at `crtk_rate`.
 
     Without a reading nothing is published; `report` says why on /diagnostics.
+
+    Parameters
+    ----------
+    node : Node
+        Node that publishes.
+    axes : sequence of SingleAxis
+        Axes that have an encoder; empty: none.
+    source_text : str
+        The source with its bus or file.
+    crtk_rate : float
+        Highest rate of the gripper's messages, Hz; 0: each reading.
+
     """
 
     def __init__(
@@ -47,7 +59,15 @@ class AxisOutputs:
         self._began = time.monotonic()
 
     def publish(self, readings: Sequence[AxisReading]) -> None:
-        """Publish readings, in their order."""
+        """
+        Publish readings, in their order.
+
+        Parameters
+        ----------
+        readings : sequence of AxisReading
+            Readings since the last call: name, stamp (ns) and position (insertion m, gripper rad).
+
+        """
         for reading in readings:
             if reading.name == GRIPPER:
                 # The clock may have been set back.
@@ -61,7 +81,15 @@ class AxisOutputs:
             self._outs[reading.name].publish(message)
 
     def report(self, now: float) -> None:
-        """Publish on /diagnostics whether each axis has a reading `now`, s, and if not, why."""
+        """
+        Publish on /diagnostics whether each axis has a reading `now`, s, and if not, why.
+
+        Parameters
+        ----------
+        now : float
+            Present time on the clock of the axes.
+
+        """
         starting = time.monotonic() - self._began < START_GRACE
         for axis in self._axes:
             fault = None if starting and axis.latest is None else axis.fault(now)

@@ -29,6 +29,16 @@ class Console:
 
     A thread of its own prints without Python's buffers: a paused terminal or a closed pipe must
     not delay an orientation.
+
+    Parameters
+    ----------
+    driver : EncoderDriver
+        Has the source and the state of the encoders.
+    fkm : Fkm
+        Has the orientation, its state, and that of the force feedback.
+    diagnostics : Diagnostics
+        Has the dexterities.
+
     """
 
     def __init__(self, driver: EncoderDriver, fkm: Fkm, diagnostics: Diagnostics) -> None:
@@ -58,7 +68,15 @@ class Console:
         return f'{title}: {CROSSING_REMARK}' if trajectory in CROSSING else title
 
     def line(self) -> str:
-        """Return what the nodes report now, as names and values in one line."""
+        """
+        Return what the nodes report now, as names and values in one line.
+
+        Returns
+        -------
+        str
+            Entries separated by commas; characters that cannot be printed are question marks.
+
+        """
         entries = [
             f'source {self._driver.source_name}',
             *self._states(),
@@ -83,7 +101,15 @@ class Console:
         return entries
 
     def _orientation(self) -> list[str]:
-        """Return the latest orientation and how certain it is; nothing in silence."""
+        """
+        Return the latest orientation and how certain it is; nothing in silence.
+
+        Returns
+        -------
+        list of str
+            ZXZ angles and protection level, deg, and parity, standard deviations.
+
+        """
         fkm = self._fkm
         if fkm.quaternion is None or not fkm.state.publishes:
             return []

@@ -56,6 +56,17 @@ class Levels:
 
     A level is entered below its threshold, and left above it by a margin. The level is that of the
     sensors in use; the message of level OK is that of the three active joints.
+
+    Parameters
+    ----------
+    values : mapping
+        Checked values of dexterity_warn, dexterity_error and dexterity_hysteresis.
+
+    Attributes
+    ----------
+    level : bytes
+        OK, WARN or ERROR, of the sensors in use.
+
     """
 
     def __init__(self, values: Values) -> None:
@@ -123,6 +134,26 @@ class Diagnostics(ParameterNode):
     subscriber. Without a new orientation neither is published, and /diagnostics has the reason.
     An `fkm` in the same process passes orientations to `take`; after `subscribe` they come from
     the topic.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        Files and arguments of the process.
+
+    Raises
+    ------
+    SettingError
+        A parameter is not valid, or two of them contradict each other.
+
+    Attributes
+    ----------
+    sensors : int
+        Number of sensors.
+    levels : Levels
+        Level on /diagnostics, with its thresholds.
+    dexterities : Nearness or None
+        Latest dexterities, of three and of all sensors; None without a usable orientation.
+
     """
 
     def __init__(self, parameters: Parameters) -> None:
@@ -200,11 +231,28 @@ class Diagnostics(ParameterNode):
         self._unknown_state = '' if read_state(message.data) else state.text
 
     def take(self, stamp: int, quaternion: Quaternion[float], level: float = 0.0) -> None:
-        """Store an orientation and its stamp (ns) as the latest, at any protection level."""
+        """
+        Store an orientation and its stamp (ns) as the latest, at any protection level.
+
+        Parameters
+        ----------
+        stamp : int
+            Time of the sample, ns.
+        quaternion : tuple of 4 float
+            Orientation as published, x, y, z, w.
+        level : float
+            Protection level, rad: not used, but the followers of `fkm` get it.
+
+        """
         self._latest = self._latest_to_show = stamp, quaternion
 
     def _evaluate(self) -> None:
-        """Publish dexterity and level of the latest orientation, or why there is none."""
+        """
+        Publish dexterity and level of the latest orientation, or why there is none.
+
+        An obstacle, an orientation that does not come, a quaternion that is not of unit norm, and
+        a pose outside the working mode are reported in place of a dexterity.
+        """
         latest, self._latest = self._latest, None
         now = time.monotonic()
         if latest is not None:
@@ -263,14 +311,42 @@ class Diagnostics(ParameterNode):
             self._joints_out.publish(self._joints)
 
     def _unmounted(self, quaternion: Quaternion[float]) -> Quaternion[float] | None:
-        """Return R_base_platform's quaternion; None if the given one is not of unit norm."""
+        """
+        Return R_base_platform's quaternion; None if the given one is not of unit norm.
+
+        Parameters
+        ----------
+        quaternion : tuple of 4 float
+            Orientation as published, x, y, z, w.
+
+        Returns
+        -------
+        tuple of 4 float, or None
+            The platform in the base frame: without the rotations of the mounting.
+
+        """
         # Any node may publish on the topic.
         if not abs(sum(each * each for each in quaternion) - 1.0) < UNIT_TOLERANCE:
             return None
         return quaternion if self._mounting is None else self._mounting.unmounted(quaternion)
 
     def _figures(self, quaternion: Quaternion[float], dexterities: Nearness) -> dict[str, object]:
-        """Return the values of the entry: dexterities, thresholds, and the nearest singularity."""
+        """
+        Return the values of the entry: dexterities, thresholds, and the nearest singularity.
+
+        Parameters
+        ----------
+        quaternion : tuple of 4 float
+            R_base_platform, x, y, z, w.
+        dexterities : Nearness
+            Dexterities at this orientation.
+
+        Returns
+        -------
+        dict
+            Values by key; the way to the nearest singularity is missing if there is none.
+
+        """
         figures: dict[str, object] = {
             'dexterity of 3 sensors': dexterities.three,
             f'dexterity of {self.sensors} sensors': dexterities.every,

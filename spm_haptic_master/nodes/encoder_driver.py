@@ -73,7 +73,35 @@ class EncoderDriver(ParameterNode):
 
     `readings` has twenty of them a second for displays: a subscriber of `measured_js` costs the
     driver time at each set. After `start` a thread of its own reads the source and publishes.
-    `done` is completed when the source ends or fails, with SourceEnded or another SpmError.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        Files and arguments of the process.
+    done : Future
+        Is completed when the source ends or fails, with SourceEnded or another SpmError.
+
+    Raises
+    ------
+    SpmError
+        A parameter is missing or not valid, or the source cannot be made.
+
+    Attributes
+    ----------
+    source_name : str
+        The source: can, replay or sim.
+    source_text : str
+        The source with its bus or file, as on the latched topic `source`.
+    state : str
+        State of the encoders in words, as on /diagnostics, without the source.
+    published : RateMeter
+        Counts the sets.
+    overload : Overload
+        Whether this process loses time.
+    listener : callable or None
+        Is called with stamp, ns, and angles, rad (nan without a reading), before a set is
+        published.
+
     """
 
     def __init__(self, parameters: Parameters, done: Future) -> None:
@@ -138,7 +166,11 @@ class EncoderDriver(ParameterNode):
         super().destroy_node()
 
     def _run(self) -> None:
-        """Publish the source's samples until it ends, fails or the node is destroyed."""
+        """
+        Publish the source's samples until it ends, fails or the node is destroyed.
+
+        Another exception than SpmError is a bug: it ends the process with its traceback.
+        """
         try:
             if self._waiting:
                 self._wait_for_listener()
@@ -166,6 +198,17 @@ class EncoderDriver(ParameterNode):
         self._waiting = False
 
     def _publish_samples(self) -> None:
+        """
+        Read the source and publish each set, until the node is destroyed.
+
+        The insertion and the gripper are published after each read, with or without a set.
+
+        Raises
+        ------
+        SpmError
+            The source has ended or failed.
+
+        """
         read_at = 0  # stamp of the latest set on `readings`, ns
         while not self._stop.is_set():
             sample = self._source.read(READ_TIMEOUT)
@@ -186,7 +229,12 @@ class EncoderDriver(ParameterNode):
             self._angles = sample.angles
 
     def _report(self) -> None:
-        """Publish on /diagnostics whether samples come, and if not, why."""
+        """
+        Publish on /diagnostics whether samples come, and if not, why.
+
+        What the lost time of this process explains is reported as that, not as a fault of the
+        encoders.
+        """
         self._axis_outputs.report(self._source.axis_time)
         now = time.monotonic()
         before, self._lost = self._lost, self._source.lost
@@ -223,7 +271,23 @@ class EncoderDriver(ParameterNode):
         return [name for name, angle in joints if isnan(angle)]
 
     def _evaluate(self, fault: str | None, caution: str | None, now: float) -> tuple[bytes, str]:
-        """Return level and text of what the source reports, and of the topic."""
+        """
+        Return level and text of what the source reports, and of the topic.
+
+        Parameters
+        ----------
+        fault, caution : str or None
+            What the source reports; None: nothing.
+        now : float
+            Present time, s, monotonic.
+
+        Returns
+        -------
+        tuple of bytes and str
+            OK, WARN or ERROR, and the words. A second publisher of the topic comes first, then a
+            recording that waits, the fault, and the cautions.
+
+        """
         if rivals := self._rivals.found():
             return ERROR, rivals + (f'; {fault}' if fault else '')
         if self._waiting:
@@ -239,7 +303,22 @@ class EncoderDriver(ParameterNode):
 
 
 def _drives_beside(parameters: Parameters, values: Values) -> tuple[int, ...]:
-    """Return the node ids of the drives on the bus of the encoders; none for another source."""
+    """
+    Return the node ids of the drives on the bus of the encoders; none for another source.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        Files and arguments of the process: the drives are settings of `fkm`.
+    values : mapping
+        Checked settings of the driver.
+
+    Returns
+    -------
+    tuple of int
+        Node ids of the drives, and that of their master.
+
+    """
     if 'can.channel' not in values:
         return ()
     given = {name: value for name, value in parameters.of('fkm').items() if name in DRIVE_NAMES}
@@ -256,9 +335,25 @@ def _drives_beside(parameters: Parameters, values: Values) -> tuple[int, ...]:
 
 def _gripper_rate(parameters: Parameters, axes: tuple[SingleAxis, ...]) -> float:
     """
-    Return the rate of the gripper's messages, Hz, which is that of fkm's.
+    Return the rate of the gripper's messages, which is that of fkm's.
 
-    SettingError where fkm is told to publish a gripper of its own.
+    Parameters
+    ----------
+    parameters : Parameters
+        Files and arguments of the process.
+    axes : tuple of SingleAxis
+        Axes that have an encoder.
+
+    Returns
+    -------
+    float
+        Rate, Hz; 0: a message for each reading.
+
+    Raises
+    ------
+    SettingError
+        fkm is told to publish a gripper of its own.
+
     """
     given = parameters.of('fkm')
     if any(axis.name == GRIPPER for axis in axes):

@@ -103,13 +103,43 @@ def _check_drives(values: Values) -> None:
 
 
 def _refuse(values: Values, name: str, expected: str) -> NoReturn:
-    """Raise SettingError for a value that another setting forbids."""
+    """
+    Raise SettingError for a value that another setting forbids.
+
+    Parameters
+    ----------
+    values : mapping
+        Checked settings of `fkm`.
+    name : str
+        Name of the setting that is refused.
+    expected : str
+        What it has to be, in words.
+
+    Raises
+    ------
+    SettingError
+        In every case.
+
+    """
     value = values[name]
     raise SettingError(name, list(value) if isinstance(value, tuple) else value, expected)
 
 
 def limits_from(values: Values) -> ForceLimits:
-    """Return the limits that checked settings describe."""
+    """
+    Return the limits that checked settings describe.
+
+    Parameters
+    ----------
+    values : mapping
+        Checked settings of `fkm`.
+
+    Returns
+    -------
+    ForceLimits
+        Angles in rad; all else in the units of the settings.
+
+    """
     return ForceLimits(
         torque=values['force.torque_limit'],
         motor_torque=values['force.motor_torque_limit'],

@@ -57,6 +57,35 @@ class Fkm(ParameterNode):
     order or inconsistent. `state` is published when it changes; the operating state follows it. A
     driver in the same process passes samples to `take`; after `subscribe` they come from the
     topic `measured_js`.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        Files and arguments of the process.
+
+    Raises
+    ------
+    SettingError
+        A parameter is missing or not valid, or two of them contradict each other.
+
+    Attributes
+    ----------
+    driver_overload : callable
+        Returns the words of a driver in this process that loses time, else an empty text.
+    followers : list of callable
+        Are called with stamp (ns), quaternion x, y, z, w and protection level (rad) of each
+        `orientation` after it is published, before any other output.
+    quaternion : tuple of 4 float, or None
+        Orientation published last, x, y, z, w, as mounted; None before the first.
+    protection_level : float or None
+        Protection level of that orientation, rad.
+    state : OrientationState
+        As on the topic `state`.
+    status : OrientationStatus
+        The entry `orientation` on /diagnostics, with its cautions.
+    latency_status : LatencyStatus
+        The entry `timing` on /diagnostics, with rate and latency.
+
     """
 
     def __init__(self, parameters: Parameters) -> None:
@@ -116,7 +145,15 @@ class Fkm(ParameterNode):
             self.get_logger().warning(unchecked)
 
     def _make_force(self, values: Values, frame: str) -> Force | None:
-        """Return the force feedback behind each orientation; None where it is not enabled."""
+        """
+        Return the force feedback behind each orientation; None where it is not enabled.
+
+        Raises
+        ------
+        SettingError
+            Two settings of the force feedback contradict each other.
+
+        """
         if not values['force.enabled']:
             return None
         surroundings = Surroundings(
@@ -136,7 +173,11 @@ class Fkm(ParameterNode):
         return None if self._force is None else self._force.state
 
     def destroy_node(self) -> None:
-        """End the torque, publish the end to what drives a slave, and destroy the node."""
+        """
+        End the torque, publish the end to what drives a slave, and destroy the node.
+
+        The end is published before the topics go.
+        """
         if self._force is not None:
             with self._lock:
                 self._force.close()
@@ -149,13 +190,26 @@ class Fkm(ParameterNode):
         self.create_subscription(JointState, 'measured_js', self._on_joints, SAMPLES, raw=True)
 
     def _apply(self, changed: Values) -> None:
-        """Use changed settings from the next sample on."""
+        """
+        Use changed settings from the next sample on.
+
+        Parameters
+        ----------
+        changed : mapping
+            Checked values of the live settings that have changed, by name.
+
+        """
         if 'alert_limit_deg' in changed:
             with self._lock:
                 self._supervisor.alert_limit = radians(changed['alert_limit_deg'])
 
     def _acknowledge(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Clear one fault that waits for a person, and name it: of the sensors, then of force."""
+        """
+        Clear one fault that waits for a person, and name it: of the sensors, then of force.
+
+        One call clears one fault, so that each is read before it is cleared. The answer is a
+        failure if no fault waits.
+        """
         with self._lock:
             of_sensors = self._supervisor.acknowledge()
             named = f'sensors: {of_sensors.ended}' if of_sensors.ended else ''
@@ -169,7 +223,15 @@ class Fkm(ParameterNode):
         return response
 
     def _on_joints(self, joints: bytes) -> None:
-        """Take a serialized sample from the topic; one that is none is counted as rejected."""
+        """
+        Take a serialized sample from the topic; one that is none is counted as rejected.
+
+        Parameters
+        ----------
+        joints : bytes
+            A serialized JointState.
+
+        """
         try:
             stamp, angles = self._read_joints(joints)
         except RejectedError as rejection:
@@ -214,7 +276,24 @@ class Fkm(ParameterNode):
     def _publish(
         self, stamp: int, angles: tuple[float, ...], estimate: SampleEstimate, level: float
     ) -> None:
-        """Publish the orientation of a sample, then everything that follows it."""
+        """
+        Publish the orientation of a sample, then everything that follows it.
+
+        The order matters: the orientation first, then the torque, the followers, and what displays
+        need.
+
+        Parameters
+        ----------
+        stamp : int
+            Time of the sample, ns.
+        angles : tuple of float
+            The sensors' angles, rad; NaN is a joint without a reading.
+        estimate : SampleEstimate
+            R_base_platform with its covariance; it is published as mounted.
+        level : float
+            Protection level, rad.
+
+        """
         measured = estimate.quaternion
         if self._mounting is not None:
             estimate = self._mounting.applied(estimate)
@@ -267,7 +346,24 @@ class Fkm(ParameterNode):
     def _state_now(
         self, received: int, changes: Sequence[OrientationState]
     ) -> OrientationState | None:
-        """Return the state by the samples since the last poll; None where it stays as it is."""
+        """
+        Return the state by the samples since the last poll; None where it stays as it is.
+
+        Parameters
+        ----------
+        received : int
+            Number of samples since the last poll.
+        changes : sequence of OrientationState
+            States since then of samples that reached the supervision, each once in a row.
+
+        Returns
+        -------
+        OrientationState or None
+            Silent with a reason if there is an obstacle, if no sample came for `sample_timeout`,
+            or if all were rejected before the supervision; starting before the first sample; else
+            the last of `changes`.
+
+        """
         now = time.monotonic()
         if received:
             self._last_received = now
@@ -295,7 +391,21 @@ class Fkm(ParameterNode):
         self._crtk.take(state)
 
     def _explained(self, state: OrientationState) -> tuple[OrientationState, str]:
-        """Return state and message; overload, if it explains the silence."""
+        """
+        Return state and message; overload, if it explains the silence.
+
+        Parameters
+        ----------
+        state : OrientationState
+            State by the samples.
+
+        Returns
+        -------
+        tuple of OrientationState and str
+            BUSY in place of a silence that the lost time of this process explains, and the words
+            for /diagnostics.
+
+        """
         is_symptom = state.condition is Condition.SILENT and self._obstacle is None
         if self._overload.explains(state.text if is_symptom else ''):
             return BUSY, silent(self._overload.words).text

@@ -167,7 +167,27 @@ class Force:
         quaternion: Quaternion[float] | None,
         level: float,
     ) -> ForceSample:
-        """Return a joint sample with its circumstances."""
+        """
+        Return a joint sample with its circumstances.
+
+        Parameters
+        ----------
+        stamp : int
+            Time of the sample, ns.
+        angles : tuple of float
+            Raw angles of the encoders, rad.
+        quaternion : tuple of four float or None
+            R_base_platform, x, y, z, w; None where the sample is withheld.
+        level : float
+            Protection level of the orientation, rad.
+
+        Returns
+        -------
+        ForceSample
+            The angular velocity is None without an orientation, and until enough of them have
+            come.
+
+        """
         velocity = None
         if quaternion is not None:
             self._velocity.add(stamp, quaternion)
@@ -224,13 +244,29 @@ class Force:
         return self._output.state
 
     def effort(self) -> list[float]:
-        """Return the torque of each sensed joint, N m: as drives report it, else as commanded."""
+        """
+        Return the torque of each sensed joint, N m: as drives report it, else as commanded.
+
+        Returns
+        -------
+        list of float
+            Torques of the motors, and 0 for each further sensor.
+
+        """
         report = self._report
         torques = self._output.motor_torque if report is None else report.torques
         return [*torques, *[0.0] * (self._sensors - len(torques))]
 
     def acknowledge(self) -> str:
-        """End a latched fault, that of the drives too; return what it was, empty if none."""
+        """
+        End a latched fault, that of the drives too; return what it was, empty if none.
+
+        Returns
+        -------
+        str
+            The fault of the force feedback, or of the drives, or both.
+
+        """
         fault = drive_fault(self._report)
         state = self._output.state
         if self._drives is not None and fault:
@@ -273,7 +309,12 @@ class Force:
         self._status.publish(output, quaternion, report)
 
     def _notice_silence(self) -> None:
-        """Let force fade out where samples are missing."""
+        """
+        Let force fade out where samples are missing.
+
+        The caller holds the lock. After SILENT_PERIODS the controller gets a sample without
+        an orientation in each period.
+        """
         missing = self._missing + 1
         if missing >= SILENT_PERIODS and self._stamp is not None:
             self.take(self._stamp + round(SECOND * WATCH_PERIOD), self._angles, None, inf)
@@ -290,7 +331,19 @@ class Force:
 
 
 class MeasuredTorque:
-    """The topic of the rendered torque in a frame."""
+    """
+    The topic of the rendered torque in a frame.
+
+    Parameters
+    ----------
+    node : Node
+        Node that publishes.
+    topic : str
+        Name of the topic.
+    frame : WrenchFrame
+        Frame of the messages.
+
+    """
 
     def __init__(self, node: Node, topic: str, frame: WrenchFrame) -> None:
         self._frame = frame
@@ -303,7 +356,19 @@ class MeasuredTorque:
         return bool(self._out.get_subscription_count())
 
     def publish(self, stamp: int, in_base: Vector[float], in_handle: Vector[float]) -> None:
-        """Publish the torque of a sample, N m in the base and in the platform frame."""
+        """
+        Publish the torque of a sample, N m in the base and in the platform frame.
+
+        Parameters
+        ----------
+        stamp : int
+            Time of the sample, ns.
+        in_base : tuple of 3 float
+            Torque in the base frame, N m.
+        in_handle : tuple of 3 float
+            The same torque in the platform's frame, N m.
+
+        """
         header, torque = self._message.header, self._message.wrench.torque
         header.stamp.sec, header.stamp.nanosec = divmod(stamp, SECOND)
         header.frame_id = self._frame.name

@@ -62,7 +62,11 @@ class WrenchSources:
         self.caution = ''
 
     def look(self) -> None:
-        """Count the publishers."""
+        """
+        Count the publishers.
+
+        Names are sought only if there are several publishers.
+        """
         counts = [self._node.count_publishers(topic) for topic in self.topics]
         self.count = sum(counts)
         self.caution = ''
@@ -248,7 +252,20 @@ class ForceInputs:
         node_log.error(self._node, self._unknown)
 
     def _take_wrench(self, message: WrenchStamped, frame: WrenchFrame) -> None:
-        """Keep a wrench that is not too old, in the handle's or in the base frame."""
+        """
+        Keep a wrench that is not too old, in the handle's or in the base frame.
+
+        A wrench that is not finite reaches the next sample as a torque of nan, even if a good one
+        comes before that sample.
+
+        Parameters
+        ----------
+        message : WrenchStamped
+            Wrench of a client; `scale` of the modes multiplies its torque.
+        frame : WrenchFrame
+            Frame of its numbers.
+
+        """
         now = self._now()
         if self._is_old(message, now):
             self.stale += 1

@@ -20,7 +20,19 @@ LEVELS = {Condition.FADING: WARN, Condition.FAULT: ERROR}
 
 
 class ForceStatus:
-    """Publishes state and figures of the force feedback."""
+    """
+    Publishes state and figures of the force feedback.
+
+    Parameters
+    ----------
+    node : Node
+        Node of the entry.
+    controller : ForceController
+        Knows how weak the mechanism is at an orientation.
+    inputs : ForceInputs
+        Has the wrenches, and what is wrong with them.
+
+    """
 
     def __init__(self, node: Node, controller: ForceController, inputs: ForceInputs) -> None:
         self._controller = controller
@@ -88,7 +100,20 @@ def drive_fault(report: DriveReport | None) -> str:
 
 
 def _summary(output: ForceOutput) -> str:
-    """Return the state, and behind `off` and `ready` what keeps force from beginning."""
+    """
+    Return the state, and behind `off` and `ready` what keeps force from beginning.
+
+    Parameters
+    ----------
+    output : ForceOutput
+        Output of the latest sample.
+
+    Returns
+    -------
+    str
+        Words of the entry, without what the drives report.
+
+    """
     text, condition = output.state.text, output.state.condition
     if condition not in (Condition.OFF, Condition.READY):
         return text

@@ -35,6 +35,22 @@ def published(remaps: Sequence[str]) -> Iterator[Publish]:
     Publish a calibration's state in the namespace of ROS remappings.
 
     The node has a context of its own, which takes no signals: Ctrl-C is the program's.
+
+    Parameters
+    ----------
+    remaps : sequence of str
+        ROS remappings, as after `-r`; __ns gives the namespace.
+
+    Yields
+    ------
+    callable
+        Publishes an instruction and the shares of what it needs.
+
+    Raises
+    ------
+    InputError
+        A remapping is not valid.
+
     """
     namespace, _, name = Parameters(remaps=remaps).full_name(NODE).rpartition('/')
     context = Context()

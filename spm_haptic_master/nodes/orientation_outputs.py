@@ -82,7 +82,21 @@ def publish_mounting(node: Node, values: Values) -> tuple[str, str]:
 
 
 def _labelled(names: Sequence[str]) -> Float64MultiArray:
-    """Return the message of the protection level, labelled for the joints."""
+    """
+    Return the message of the protection level, labelled for the joints.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names of the joints with sensors.
+
+    Returns
+    -------
+    Float64MultiArray
+        Without values; its only dimension is labelled with the names of all values: the protection
+        level (deg), the time unchecked (s) of each joint, and the bound (deg) of each joint.
+
+    """
     labels = [f'{LEVEL}_deg']
     labels += [f'unchecked_{name}_s' for name in names]
     labels += [f'bound_{name}_deg' for name in names]
@@ -95,8 +109,26 @@ class OrientationOutputs:
     """
     Publishes protection level, covariance and the CRTK topics of an orientation.
 
-    The gripper has the position of an axis of `gripper/joy`, or a constant one. `wanted` has the
-    topics with a subscriber; `effort` returns the torque of each joint, N m, with force feedback.
+    The gripper has the position of an axis of `gripper/joy`, or a constant one.
+
+    Parameters
+    ----------
+    node : Node
+        Node that publishes.
+    values : mapping
+        Checked settings of `fkm`.
+    frame_id : str
+        Frame of all outputs, as of `publish_mounting`.
+    supervisor : Supervisor
+        Knows the bounds of the sensors; the caller of `publish` holds the lock that guards it.
+
+    Attributes
+    ----------
+    wanted : frozenset of str
+        Topics with a subscriber.
+    effort : callable or None
+        Returns the torque of each joint, N m; None without force feedback.
+
     """
 
     def __init__(self, node: Node, values: Values, frame_id: str, supervisor: Supervisor) -> None:
@@ -150,7 +182,17 @@ class OrientationOutputs:
         }
 
     def _begin_gripper(self, node: Node, values: Values) -> None:
-        """Set a constant angle of the gripper, or subscribe to the axis that has it."""
+        """
+        Set a constant angle of the gripper, or subscribe to the axis that has it.
+
+        Parameters
+        ----------
+        node : Node
+            Node that subscribes.
+        values : mapping
+            Checked settings of `fkm`; the angle of the gripper is in deg.
+
+        """
         # Nothing is published without a constant angle, or before the first value of the axis.
         constant = values['gripper.position_deg']
         if self._axis == NO_AXIS and constant != NO_GRIPPER:
@@ -223,7 +265,21 @@ class OrientationOutputs:
         self._outs[COVARIANCE].publish(self._covariance)
 
     def _publish_crtk(self, stamp: int, wanted: Collection[str], angles: Sequence[float]) -> None:
-        """Publish the topics of CRTK that have a subscriber."""
+        """
+        Publish the topics of CRTK that have a subscriber.
+
+        A pose whose position is not known, and a twist that is not known yet, are left out.
+
+        Parameters
+        ----------
+        stamp : int
+            Time of the sample, ns.
+        wanted : collection of str
+            Topics with a subscriber.
+        angles : sequence of float
+            The sensors' angles, rad; NaN without a reading.
+
+        """
         for topic, message in self._crtk.items():
             if topic not in wanted:
                 continue
@@ -247,13 +303,23 @@ class OrientationOutputs:
         return True
 
     def _take_insertion(self, data: bytes) -> None:
+        """Keep an insertion and its stamp; a message without one changes nothing."""
         self._insertion = self._read_insertion(data) or self._insertion
 
     def _fill_position(self, stamp: int) -> bool:
         """
         Set the position: insertion times the handle's axis z in the base frame; 0 without one.
 
-        Return whether it is known: an insertion that was lost is no position.
+        Parameters
+        ----------
+        stamp : int
+            Time of the sample, ns.
+
+        Returns
+        -------
+        bool
+            Whether the position is known: an insertion that was lost is no position.
+
         """
         if self._insertion is None:
             return True
@@ -267,7 +333,15 @@ class OrientationOutputs:
         return True
 
     def _take_gripper(self, joy: Joy) -> None:
-        """Take the value of the axis; a message without a usable one changes nothing."""
+        """
+        Take the value of the axis; a message without a usable one changes nothing.
+
+        Parameters
+        ----------
+        joy : Joy
+            Its axis goes from -1, closed, to 1, open; beyond these it is cut.
+
+        """
         if self._axis >= len(joy.axes) or not isfinite(joy.axes[self._axis]):
             return
         part = 0.5 * (max(-1.0, min(1.0, joy.axes[self._axis])) + 1.0)

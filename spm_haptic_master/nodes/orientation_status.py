@@ -85,7 +85,15 @@ class OrientationStatus:
         self.caution = ''
 
     def reject(self, rejection: RejectedError) -> None:
-        """Count a sample that was withheld."""
+        """
+        Count a sample that was withheld.
+
+        Parameters
+        ----------
+        rejection : RejectedError
+            Reason, which is counted, and detail.
+
+        """
         self._rejected[rejection.reason] += 1
         self.rejection = rejection
 
@@ -128,7 +136,20 @@ class OrientationStatus:
             self._publisher.publish(severity, message, self._figures(level), subject, logged)
 
     def _figures(self, level: float | None) -> dict[str, object]:
-        """Return the values of the entry: counts, parity, calibration, level, each sensor."""
+        """
+        Return the values of the entry: counts, parity, calibration, level, each sensor.
+
+        Parameters
+        ----------
+        level : float or None
+            Protection level of the latest orientation, rad; None before the first.
+
+        Returns
+        -------
+        dict
+            Values by key; angles in deg, times in s.
+
+        """
         figures: dict[str, object] = {
             **self._constants,
             'sample rate (Hz)': self.received.rate(),

@@ -78,7 +78,16 @@ class Presence(ParameterNode):
             self._status.publish(level, text, {'buttons': str(self._buttons or 'none')})
 
     def _condition(self) -> tuple[bytes, str]:
-        """Return level and text of the entry on /diagnostics."""
+        """
+        Return level and text of the entry on /diagnostics.
+
+        Returns
+        -------
+        tuple of bytes and str
+            WARN without a joystick, or with one that has too few buttons; else OK and whether
+            presence is pressed.
+
+        """
         unheard = self._inputs.unheard()
         if unheard or self._buttons is None:
             return WARN, unheard or 'no joy'
@@ -96,6 +105,7 @@ class Presence(ParameterNode):
             out.publish(message)
 
     def _is_pressed(self, button: int) -> bool:
+        """Return whether a button, from 0, is pressed; False of one that does not exist."""
         buttons = self._buttons or ()
         return button < len(buttons) and buttons[button] == PRESSED
 

@@ -34,8 +34,20 @@ class Recorder(ParameterNode):
     Writes the files that `validate` reads: stamps in s, quaternions x, y, z, w, angles in rad.
 
     Of a simulated source also the true orientations and the rig. A file is created with its first
-    message. InputError for a recording that already exists; `done` is completed with it where a
-    file cannot be written.
+    message.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        Files and arguments of the process.
+    done : Future
+        Is completed with the InputError of a file that cannot be written.
+
+    Raises
+    ------
+    InputError
+        There is already a recording in the directory.
+
     """
 
     def __init__(self, parameters: Parameters, done: Future) -> None:
@@ -66,7 +78,20 @@ class Recorder(ParameterNode):
             self.create_subscription(kind, topic, self._guarded(take), qos)
 
     def _guarded(self, take: Callable[[Any], None]) -> Callable[[Any], None]:
-        """Return a callback that ends the process with the first InputError."""
+        """
+        Return a callback that ends the process with the first InputError.
+
+        Parameters
+        ----------
+        take : callable
+            Takes a message; may raise InputError.
+
+        Returns
+        -------
+        callable
+            It ignores all messages after the error.
+
+        """
 
         def callback(message: Any) -> None:
             if self._done.done():
@@ -83,7 +108,15 @@ class Recorder(ParameterNode):
         node_log.info(self, f'writes into {self._directory.absolute()}, until Ctrl-C')
 
     def destroy_node(self) -> None:
-        """Close the files (InputError if that fails), log their sizes, and destroy the node."""
+        """
+        Close the files, log their sizes, and destroy the node.
+
+        Raises
+        ------
+        InputError
+            The end of a file cannot be written; the node is destroyed nevertheless.
+
+        """
         with ExitStack() as stack:
             stack.callback(super().destroy_node)
             for table in reversed(self._tables.values()):
@@ -125,7 +158,11 @@ class Recorder(ParameterNode):
         self._take_orientation(message, name)
 
     def _take_joints(self, message: JointState) -> None:
-        """Write the angles of a sample; the first one decides which joints the table has."""
+        """
+        Write the angles of a sample; the first one decides which joints the table has.
+
+        A message that lacks one of the table's joints is counted, not written.
+        """
         angles = dict(zip(message.name, message.position, strict=False))
         names = self._names or JOINT_NAMES
         if not angles.keys() >= set(names):
@@ -158,7 +195,19 @@ class Recorder(ParameterNode):
     def _write(
         self, name: str, message: QuaternionStamped | JointState, values: Sequence[float]
     ) -> None:
-        """Write a row: the stamp of the message, and values."""
+        """
+        Write a row: the stamp of the message, and values.
+
+        Parameters
+        ----------
+        name : str
+            Name of the file.
+        message : QuaternionStamped or JointState
+            Message whose header has the stamp.
+        values : sequence of float
+            Values of the row behind the stamp.
+
+        """
         stamp = message.header.stamp
         self._tables[name].write(stamp.sec * SECOND + stamp.nanosec, values)
 

@@ -27,7 +27,12 @@ DEPTH = 100
 
 
 class Commands(Client):
-    """The commands: `do_VERB` of each; they raise InputError."""
+    """
+    The commands: `do_VERB` of each; they raise InputError.
+
+    `given` has the arguments of the command line. Names of topics, nodes and services may lack
+    their first slash.
+    """
 
     def do_list(self, given: argparse.Namespace) -> None:
         """Print all topics and their types."""
@@ -36,7 +41,20 @@ class Commands(Client):
             print(f'{name}: {", ".join(kinds)}')
 
     def do_echo(self, given: argparse.Namespace) -> None:
-        """Print the messages of a topic."""
+        """
+        Print the messages of a topic.
+
+        Parameters
+        ----------
+        given : argparse.Namespace
+            `topic`, and `once`: end after the first message.
+
+        Raises
+        ------
+        InputError
+            Nobody publishes the topic, or the package of its type is not installed.
+
+        """
         topic = _absolute(given.topic)
         if not self.wait(lambda: self.node.get_publishers_info_by_topic(topic), self.PATIENCE):
             raise InputError(f'{topic}: nobody publishes it (`ros topic list` shows the topics)')
@@ -59,7 +77,20 @@ class Commands(Client):
                 return
 
     def do_pub(self, given: argparse.Namespace) -> None:
-        """Publish a message again and again."""
+        """
+        Publish a message again and again.
+
+        Parameters
+        ----------
+        given : argparse.Namespace
+            `topic`, `type` such as std_msgs/msg/Bool, `values` in YAML, and `rate`, Hz.
+
+        Raises
+        ------
+        InputError
+            The package of the type is not installed, or the message has no such field.
+
+        """
         kind, message = _type(given.type), _type(given.type)()
         for name, value in argument_section(f'message:={given.values}').values.items():
             _set_field(message, name.split('.')[1:], value)
@@ -69,7 +100,20 @@ class Commands(Client):
             self.wait(lambda: False, 1.0 / given.rate)
 
     def do_get(self, given: argparse.Namespace) -> None:
-        """Print the value of a parameter."""
+        """
+        Print the value of a parameter.
+
+        Parameters
+        ----------
+        given : argparse.Namespace
+            `node` and `name` of the parameter.
+
+        Raises
+        ------
+        InputError
+            The node does not answer, or has no such parameter.
+
+        """
         values = self.ask(
             f'{_absolute(given.node)}/get_parameters', GetParameters, names=[given.name]
         ).values
@@ -78,7 +122,20 @@ class Commands(Client):
         print(f'{given.name}: {parameter_value_to_python(values[0])}')
 
     def do_set(self, given: argparse.Namespace) -> None:
-        """Set a parameter."""
+        """
+        Set a parameter.
+
+        Parameters
+        ----------
+        given : argparse.Namespace
+            `node`, `name` of the parameter, and `value` in YAML.
+
+        Raises
+        ------
+        InputError
+            The node does not answer, or refuses the value.
+
+        """
         values = argument_section(f'{given.name}:={given.value}').values
         if len(values) != 1:
             raise InputError(f'{given.name} is {given.value}; expected a single value or a list')
@@ -93,7 +150,20 @@ class Commands(Client):
         print(f'{name}: {value}')
 
     def do_call(self, given: argparse.Namespace) -> None:
-        """Call a service that takes no arguments, and print its answer."""
+        """
+        Call a service that takes no arguments, and print its answer.
+
+        Parameters
+        ----------
+        given : argparse.Namespace
+            `service`; its type is found.
+
+        Raises
+        ------
+        InputError
+            There is no such service, or it does not answer.
+
+        """
         service = _absolute(given.service)
         found = self.wait(
             lambda: dict(self.node.get_service_names_and_types()).get(service), self.PATIENCE
@@ -109,7 +179,25 @@ def _absolute(name: str) -> str:
 
 
 def _type(name: str) -> Any:
-    """Return the class of a type such as std_msgs/msg/String; InputError without one."""
+    """
+    Return the class of a type.
+
+    Parameters
+    ----------
+    name : str
+        Name such as std_msgs/msg/String.
+
+    Returns
+    -------
+    type
+        Class of messages or of a service.
+
+    Raises
+    ------
+    InputError
+        Its package is not installed.
+
+    """
     package, part, kind = name.split('/')
     try:
         return getattr(import_module(f'{package}.{part}'), kind)
@@ -118,7 +206,24 @@ def _type(name: str) -> Any:
 
 
 def _set_field(message: Any, names: list[str], value: object) -> None:
-    """Set a field of a message by its path; InputError for a wrong path or value."""
+    """
+    Set a field of a message.
+
+    Parameters
+    ----------
+    message : message
+        The message.
+    names : list of str
+        Path of the field.
+    value : object
+        Value; a whole number becomes a float if the field is one.
+
+    Raises
+    ------
+    InputError
+        There is no such field, or it cannot have the value.
+
+    """
     *path, last = names or ['']
     try:
         message = reduce(getattr, path, message)
@@ -132,7 +237,22 @@ def _set_field(message: Any, names: list[str], value: object) -> None:
 
 
 def _lines(message: Any, indent: str = '') -> Iterator[str]:
-    """Yield the fields of a message in lines, as `ros2 topic echo` does."""
+    """
+    Yield the fields of a message in lines, as `ros2 topic echo` does.
+
+    Parameters
+    ----------
+    message : message
+        A message of any type.
+    indent : str
+        Blanks before each line.
+
+    Yields
+    ------
+    str
+        A field and its value; elements of a list begin with a dash.
+
+    """
     for name in message.get_fields_and_field_types():
         value = getattr(message, name)
         if hasattr(value, 'get_fields_and_field_types'):

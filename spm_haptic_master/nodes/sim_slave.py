@@ -80,7 +80,15 @@ class SimSlave(ParameterNode):
         self.create_timer(1.0 / values['slave.rate'], self._advance, clock=STEADY)
 
     def _begin_laparoscopy(self, trocar: FloatVector) -> None:
-        """Publish the trocar, and have an instrument with a jaw."""
+        """
+        Publish the trocar, and have an instrument with a jaw.
+
+        Parameters
+        ----------
+        trocar : tuple of 3 float
+            Position in the frame of the slave, m.
+
+        """
         self._jaw_out = self.create_publisher(JointState, 'slave/jaw/measured_js', SAMPLES)
         self.create_subscription(
             JointState, 'slave/jaw/servo_jp', self._commanded_jaw.take, SAMPLES
@@ -103,7 +111,22 @@ class SimSlave(ParameterNode):
         self._commands += 1
 
     def _is_reachable(self, trocar: FloatVector, pose: Pose) -> bool:
-        """Take the depth of a commanded pose; return False if its shaft passes the trocar."""
+        """
+        Take the depth of a commanded pose; return False if its shaft passes the trocar.
+
+        Parameters
+        ----------
+        trocar : tuple of 3 float
+            Position in the frame of the slave, m.
+        pose : Pose
+            Commanded pose of the tip in the same frame.
+
+        Returns
+        -------
+        bool
+            Whether the line of the shaft is at most REACH from the trocar.
+
+        """
         distance = distance_from_shaft(trocar, pose, SHAFT)
         if not distance <= REACH:
             if not self._refused:
@@ -118,7 +141,11 @@ class SimSlave(ParameterNode):
         return True
 
     def _advance(self) -> None:
-        """Move by what the time since the last call allows, and publish."""
+        """
+        Move by what the time since the last call allows, and publish.
+
+        The slave is a lag of first order with `slave.time_constant`.
+        """
         now = time.monotonic()
         # A lag of first order.
         share = 1.0 - exp(-min(now - self._advanced, LONGEST_STEP) / self._time_constant)
@@ -131,7 +158,15 @@ class SimSlave(ParameterNode):
         self._publish()
 
     def _turn(self, share: float) -> None:
-        """Turn by a share of what the command is ahead."""
+        """
+        Turn by a share of what the command is ahead.
+
+        Parameters
+        ----------
+        share : float
+            Share 0 .. 1 of the turn from the slave's rotation to the commanded one.
+
+        """
         ahead = rotations.vector_from_quaternion(
             *rotations.multiply_quaternions(self._commanded, rotations.conjugate(self._rotation))
         )

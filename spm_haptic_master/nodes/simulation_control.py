@@ -39,7 +39,17 @@ DEPTH = 1
 
 
 class SimulationControl:
-    """Publishes what a simulated source knows; passes requests to it, and logs wrong ones."""
+    """
+    Publishes what a simulated source knows; passes requests to it, and logs wrong ones.
+
+    Parameters
+    ----------
+    node : Node
+        Node of the topics.
+    source : SimSource
+        The simulated source.
+
+    """
 
     def __init__(self, node: Node, source: SimSource) -> None:
         self._node, self._source = node, source
@@ -58,7 +68,15 @@ class SimulationControl:
             self._orientation.publish(self._writer.write(stamp, self._source.orientation()))
 
     def _steer(self, message: Float64MultiArray) -> None:
-        """Move the device to a pose, or let its trajectory continue; log a wrong request."""
+        """
+        Move the device to a pose, or let its trajectory continue; log a wrong request.
+
+        Parameters
+        ----------
+        message : Float64MultiArray
+            Tilt, azimuth and phi, rad, or no numbers.
+
+        """
         pose = list(message.data)
         try:
             if not pose:
@@ -71,7 +89,15 @@ class SimulationControl:
             node_log.warning(self._node, f'{STEER_TOPIC}: {error}')
 
     def _set_faults(self, message: String) -> None:
-        """Replace the faults of the encoders; log a wrong request."""
+        """
+        Replace the faults of the encoders; log a wrong request.
+
+        Parameters
+        ----------
+        message : String
+            Faults separated by commas; empty: none.
+
+        """
         texts = [text for part in message.data.split(',') if (text := part.strip())]
         try:
             faults = tuple(parse_switched(text, len(self._source.rig.sensors)) for text in texts)

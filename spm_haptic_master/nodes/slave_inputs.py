@@ -74,7 +74,16 @@ class SlaveInputs:
         self._subscribe_to_state(node, lambda state: take(self._on_state, state))
 
     def obstacle(self) -> str:
-        """Return which topic of the slave cannot be used, and why; empty if all can."""
+        """
+        Return which topic of the slave cannot be used, and why; empty if all can.
+
+        Returns
+        -------
+        str
+            A topic that is not heard, a trocar that is not finite, or one in another frame than
+            the poses.
+
+        """
         unheard = self.inputs.unheard()
         if unheard:
             return unheard
@@ -101,7 +110,18 @@ class SlaveInputs:
                 )
 
     def _on_pose(self, message: PoseStamped) -> None:
-        """Take a pose of the slave; one without a stamp, or that is not finite, is none."""
+        """
+        Take a pose of the slave; one without a stamp, or that is not finite, is none.
+
+        A pose with the stamp of the last one is ignored. Poses without a stamp are used with
+        `teleop.slave_without_stamps`.
+
+        Parameters
+        ----------
+        message : PoseStamped
+            Pose of the slave's tip in its frame, m.
+
+        """
         given = message.header.stamp
         stamp = given.sec, given.nanosec
         is_stamped = any(stamp)
@@ -128,7 +148,15 @@ class SlaveInputs:
             self._use_frame(frame)
 
     def _on_trocar(self, message: PointStamped) -> None:
-        """Take the trocar; its frame is compared when the poses' is known."""
+        """
+        Take the trocar; its frame is compared when the poses' is known.
+
+        Parameters
+        ----------
+        message : PointStamped
+            Position of the trocar, m.
+
+        """
         position = components(message.point)
         self._trocar_frame = message.header.frame_id
         self._is_trocar_finite = all(map(isfinite, position))

@@ -38,7 +38,15 @@ OF_NODE = {'fkm': 'fkm: orientation', 'teleop': 'teleop: teleop'}
 
 
 class Collector(Client):
-    """Collects what the devices of this DDS domain, or of one namespace, report."""
+    """
+    Collects what the devices of this DDS domain, or of one namespace, report.
+
+    Attributes
+    ----------
+    PATIENCE : float
+        Time to wait for a node's answer, s.
+
+    """
 
     # The nodes answer at once, or are gone.
     PATIENCE = 1.0
@@ -51,7 +59,25 @@ class Collector(Client):
         self.node.create_subscription(DiagnosticArray, '/diagnostics', self._take, 100)
 
     def devices(self, seconds: float) -> list[Device]:
-        """Return the devices that have reported within a time, s; InputError if none has."""
+        """
+        Return the devices that report.
+
+        Parameters
+        ----------
+        seconds : float
+            Time for which entries are collected.
+
+        Returns
+        -------
+        list of Device
+            Sorted by namespace, with the limits of their nodes.
+
+        Raises
+        ------
+        InputError
+            Nothing has reported.
+
+        """
         self.wait(lambda: False, seconds)
         if not self._devices:
             where = f'/{self._namespace}' if self._namespace else 'this ROS_DOMAIN_ID'
@@ -93,14 +119,33 @@ class Collector(Client):
         device.states[topic] = message.data
 
     def _ask_limits(self, device: Device) -> None:
-        """Ask the nodes of a device for the limits that are shown."""
+        """
+        Ask the nodes of a device for the limits that are shown.
+
+        A node without an entry on /diagnostics is not asked.
+        """
         prefix = f'/{device.namespace}'.rstrip('/')
         for node, names in LIMITS.items():
             if OF_NODE[node] in device.entries:
                 device.limits[node] = self._values(f'{prefix}/{node}', names)
 
     def _values(self, node: str, names: Sequence[str]) -> str | None:
-        """Return parameters of a node as words; None where it does not answer."""
+        """
+        Return parameters of a node as words; None where it does not answer.
+
+        Parameters
+        ----------
+        node : str
+            Fully qualified name of the node.
+        names : sequence of str
+            Names of the parameters.
+
+        Returns
+        -------
+        str or None
+            Names and values of those that are numbers.
+
+        """
         try:
             answer = self.ask(f'{node}/get_parameters', GetParameters, names=list(names))
         except InputError:

@@ -35,7 +35,11 @@ NONE = 'none'
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """An entry on /diagnostics."""
+    """
+    An entry on /diagnostics.
+
+    Values are texts by key, as on /diagnostics.
+    """
 
     level: bytes  # OK, WARN or ERROR
     message: str  # the state in words, with its remedy
@@ -122,7 +126,22 @@ def _position(title: str, entry: Entry) -> str:
 
 
 def _of_joint(values: Mapping[str, str], joint: str) -> list[str]:
-    """Return the values of an entry that are about a joint, without its name."""
+    """
+    Return the values of an entry that are about a joint, without its name.
+
+    Parameters
+    ----------
+    values : mapping
+        Values of an entry by key.
+    joint : str
+        Name of a joint, with which the keys begin.
+
+    Returns
+    -------
+    list of str
+        Rest of each key, and the value.
+
+    """
     return [
         f'{key.removeprefix(joint).strip(" :")} {value}'
         for key, value in values.items()

@@ -102,7 +102,11 @@ class Teleop(ParameterNode):
         self.create_timer(WATCH_PERIOD, self._watch, clock=STEADY)
 
     def _subscribe_pedals(self) -> None:
-        """Subscribe to presence and clutch; a pedal whose publisher has gone is released."""
+        """
+        Subscribe to presence and clutch; a pedal whose publisher has gone is released.
+
+        The pedals are the first buttons of `presence` and `clutch`.
+        """
         machine = self._machine
         self._inputs.subscribe(
             Joy,
@@ -180,12 +184,35 @@ class Teleop(ParameterNode):
             self._status.publish_phase()
 
     def _is_fresh(self, stamp: int) -> bool:
-        """Return whether a sample of the master, of a stamp in ns, is neither old nor to come."""
+        """
+        Return whether a sample of the master, of a stamp in ns, is neither old nor to come.
+
+        Parameters
+        ----------
+        stamp : int
+            Time of the sample on the clock of the orientations.
+
+        Returns
+        -------
+        bool
+            Whether it is at most `teleop.orientation_timeout` before or after the present.
+
+        """
         age: int = self._now() - stamp
         return bool(abs(age) <= self._max_age)
 
     def _publish(self, stamp: int, command: Command) -> None:
-        """Publish a command of the slave and its jaw, unless it has become too old meanwhile."""
+        """
+        Publish a command of the slave and its jaw, unless it has become too old meanwhile.
+
+        Parameters
+        ----------
+        stamp : int
+            Time of the orientation that the command follows from, ns.
+        command : Command
+            Pose of the slave.
+
+        """
         # This process may have been stopped since the time passed.
         if time.monotonic() - self._passed > self._timeout:
             self._pass_time()
@@ -201,7 +228,11 @@ class Teleop(ParameterNode):
         self._passed = now
 
     def _watch(self) -> None:
-        """Detect missing inputs, and let the twist fade."""
+        """
+        Detect missing inputs, and let the twist fade.
+
+        It runs every WATCH_PERIOD, also while nothing comes.
+        """
         # One assignment: another thread may read the time meanwhile.
         self._now = self.clock_reader()
         external_block = self._rivals.found() or self._slave.obstacle()
@@ -213,7 +244,15 @@ class Teleop(ParameterNode):
             self._status.repeat()
 
     def _on_insertion(self, data: bytes) -> None:
-        """Take an insertion of the master, from a serialized JointState."""
+        """
+        Take an insertion of the master, from a serialized JointState.
+
+        Parameters
+        ----------
+        data : bytes
+            A serialized JointState with the insertion, m.
+
+        """
         found = self._read_insertion(data)
         if found is None:
             return
@@ -227,7 +266,15 @@ class Teleop(ParameterNode):
             self._status.publish_phase()
 
     def _on_torque(self, message: WrenchStamped) -> None:
-        """Forward the slave's torque to the hand while the slave follows."""
+        """
+        Forward the slave's torque to the hand while the slave follows.
+
+        Parameters
+        ----------
+        message : WrenchStamped
+            Torque of the slave, N m, in its frame; its force is not used.
+
+        """
         with self._lock:
             self._pass_time()
             pose = self._slave.pose
@@ -247,7 +294,15 @@ class Teleop(ParameterNode):
             self._take(self._machine.take_level, radians(message.data[0]))
 
     def _take_force_state(self, text: str) -> None:
-        """Hold the slave where the force has been lost: a fault, or switched off meanwhile."""
+        """
+        Hold the slave where the force has been lost: a fault, or switched off meanwhile.
+
+        Parameters
+        ----------
+        text : str
+            Words of `force_state`: a word, and the reason after a colon.
+
+        """
         before, self._force_word = self._force_word, text.partition(':')[0]
         is_fault = self._force_word == ForceCondition.FAULT.value
         self._machine.take_force_fault(f'force: {text}' if is_fault else '')
@@ -256,13 +311,24 @@ class Teleop(ParameterNode):
             self._machine.disengage(f'force: {text}')
 
     def _take(self, take: Callable[[Any], None], value: object) -> None:
-        """Let the time pass, pass a value to the machine, and publish what changes."""
+        """
+        Let the time pass, pass a value to the machine, and publish what changes.
+
+        Parameters
+        ----------
+        take : callable
+            A method of the machine, which is called with the value.
+        value : object
+            What a message says.
+
+        """
         with self._lock:
             self._pass_time()
             take(value)
             self._status.publish_state()
 
     def _enable(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Enable the tele-operation; the answer is its state, or what is in the way."""
         with self._lock:
             self._pass_time()
             obstacle = self._machine.enable()
@@ -271,6 +337,7 @@ class Teleop(ParameterNode):
         return response
 
     def _disable(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Disengage; the answer is always a success."""
         self._take(lambda _: self._machine.disengage(), None)
         response.success, response.message = True, self._machine.state
         return response

@@ -85,7 +85,15 @@ class TeleopStatus:
             node_log.info(self._node, state)
 
     def _figures(self) -> Mapping[str, object]:
-        """Return keys and values of the entry."""
+        """
+        Return keys and values of the entry.
+
+        Returns
+        -------
+        dict
+            Values by key, with their units in the keys.
+
+        """
         machine = self._machine
         offset, depth = machine.offset, machine.depth
         p50, p99 = self._latency.percentiles(0.5, 0.99) or ('none', 'none')
