@@ -34,22 +34,54 @@ END_TOLERANCE = 0.01
 
 @dataclass(frozen=True, slots=True)
 class AxisMotion:
-    """Readings of one axis from its first end to its second one."""
+    """
+    Readings of one axis from its first end to its second one.
+
+    Attributes
+    ----------
+    axis : str
+        Name of the axis, `insertion` or `gripper`.
+    stamps : ndarray of int, shape (n,)
+        Times, ns.
+    counts : ndarray, shape (n,)
+        Readings, each from -ring / 2 to ring / 2.
+    ring : int
+        Number of counts after which they begin again.
+
+    """
 
     axis: str
-    stamps: NDArray[np.int64]  # ns, (n,)
-    counts: NDArray[np.float64]  # (n,), each from -ring / 2 to ring / 2
-    ring: int  # number of counts after which they begin again
+    stamps: NDArray[np.int64]
+    counts: NDArray[np.float64]
+    ring: int
 
 
 @dataclass(frozen=True, slots=True)
 class AxisCalibration:
-    """What the driver has to know of one axis; m, or deg for the gripper."""
+    """
+    What the driver has to know of one axis.
+
+    position = direction (counts - zero_count) / counts_per_unit, in m, or deg for the gripper.
+
+    Attributes
+    ----------
+    axis : str
+        Name of the axis, `insertion` or `gripper`.
+    zero_count : int
+        Count at position 0.
+    direction : int
+        1 or -1.
+    counts_per_unit : float
+        Counts per m or per deg.
+    range : tuple of 2 float
+        Least and greatest position, m or deg.
+
+    """
 
     axis: str
     zero_count: int
     direction: int
-    counts_per_unit: float  # counts per m or per deg
+    counts_per_unit: float
     range: tuple[float, float]
 
     def parameters(self) -> dict[str, Any]:
@@ -112,9 +144,27 @@ def calibrate_axis(motion: AxisMotion, ends: tuple[float, float]) -> AxisCalibra
 
 def resting_counts(motion: AxisMotion) -> tuple[float, float]:
     """
-    Return the mean counts at rest at the first and at the second end, without a turn between.
+    Return the mean counts at rest at both ends.
 
-    CalibrationError as `calibrate_axis`, but for the positions.
+    The counts go on beyond a turn: their difference is the way. All checks of `calibrate_axis` are
+    made but for those of the positions.
+
+    Parameters
+    ----------
+    motion : AxisMotion
+        It rests at the first end, moves, and rests at the second.
+
+    Returns
+    -------
+    tuple of 2 float
+        Mean over `REST` at the first and at the second end.
+
+    Raises
+    ------
+    CalibrationError
+        There are too few readings at rest, a gap or a jump; it does not move, or goes beyond its
+        ends.
+
     """
     axis, seconds = motion.axis, np.asarray((motion.stamps - motion.stamps[:1]) * 1e-9)
     at_first = seconds <= REST
@@ -145,6 +195,7 @@ def resting_counts(motion: AxisMotion) -> tuple[float, float]:
 
 
 def _check_gaps(axis: str, seconds: NDArray[np.float64]) -> None:
+    """Raise CalibrationError where the readings pause for longer than `LONGEST_GAP`."""
     gaps = np.diff(seconds)
     longest = int(np.argmax(gaps))
     if gaps[longest] > LONGEST_GAP:
@@ -183,7 +234,31 @@ def _check_angle(measured: float, ends: tuple[float, float], ring: int) -> None:
 def change_since(
     motion: AxisMotion, ends: tuple[float, float], before: AxisCalibration
 ) -> str | None:
-    """Return what changed since an earlier calibration of an axis, None where it holds."""
+    """
+    Return what changed since an earlier calibration of an axis.
+
+    An end may be off by `END_TOLERANCE` of the range.
+
+    Parameters
+    ----------
+    motion : AxisMotion
+        It rests at the first end, moves, and rests at the second.
+    ends : tuple of 2 float
+        Positions of the first and the second end, m, or deg for the gripper.
+    before : AxisCalibration
+        The earlier calibration.
+
+    Returns
+    -------
+    str or None
+        In words; None where the calibration holds.
+
+    Raises
+    ------
+    CalibrationError
+        As of `resting_counts`.
+
+    """
     first, second = resting_counts(motion)
     upward = (second > first) == (ends[1] > ends[0])
     if before.direction != (1 if upward else -1):

@@ -20,7 +20,22 @@ ALL_NODES = '/**'
 
 
 def axis_parameters(path: Path, *axes: str) -> dict[str, Any]:
-    """Return the parameters of axes in a calibration file, by name; none without the file."""
+    """
+    Return the parameters of axes in a calibration file.
+
+    Parameters
+    ----------
+    path : Path
+        The file; it need not exist.
+    *axes : str
+        Names of the axes; by default all.
+
+    Returns
+    -------
+    dict
+        By dotted name, those for all nodes; empty without the file.
+
+    """
     if not path.exists():
         return {}
     prefixes = tuple(f'{axis}.' for axis in axes or AXES)
@@ -34,7 +49,29 @@ def axis_parameters(path: Path, *axes: str) -> dict[str, Any]:
 
 
 def read_axis(path: Path, axis: str, counts_per_turn: int) -> AxisCalibration:
-    """Return the calibration of an axis in a file; InputError if it has none."""
+    """
+    Return the calibration of an axis in a file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    axis : str
+        Name of the axis, `insertion` or `gripper`.
+    counts_per_turn : int
+        Counts of the gripper's encoder in a turn; the scale of the slide is in the file.
+
+    Returns
+    -------
+    AxisCalibration
+        The calibration.
+
+    Raises
+    ------
+    InputError
+        The file has no calibration of the axis.
+
+    """
     found = axis_parameters(path, axis)
     scale = 'counts_per_metre' if axis == INSERTION else None
     limits = f'{axis}.{"range" if axis == INSERTION else "range_deg"}'
@@ -58,8 +95,29 @@ def extended_text(path: Path, note: str, date: str, parameters: Mapping[str, Any
     Return the text of a calibration file with further parameters for all nodes.
 
     Its other parameters, its sections and its lines of comment stay; without a file these
-    parameters are all. `note` and `date` are one more line of comment, in place of the one with an
-    earlier date. InputError as `read_sections`.
+    parameters are all.
+
+    Parameters
+    ----------
+    path : Path
+        The file to extend; it need not exist.
+    note : str
+        Begin of one more line of comment, which takes the place of one that begins so.
+    date : str
+        The rest of that line.
+    parameters : mapping of str to object
+        Values to add or to replace, by dotted name.
+
+    Returns
+    -------
+    str
+        The text of the extended file.
+
+    Raises
+    ------
+    InputError
+        The file is not a parameter file.
+
     """
     comments: list[str] = []
     sections: dict[str, dict[str, Any]] = {ALL_NODES: {}}

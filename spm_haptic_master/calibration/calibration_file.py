@@ -28,12 +28,47 @@ RECORD = 'calibration_record'
 def file_text(
     header: Iterable[str], parameters: Mapping[str, Any], record: Mapping[str, Any]
 ) -> str:
-    """Return a parameter file: lines of a comment, values by dotted name, record for calibrate."""
+    """
+    Return the text of a calibration file.
+
+    The parameters are those of all nodes (section `/**`); the record is a section of no node,
+    which ROS ignores and calibrate reads back.
+
+    Parameters
+    ----------
+    header : iterable of str
+        Lines of a comment at the beginning; characters beyond ASCII are written as escapes.
+    parameters : mapping of str to object
+        Values by dotted name.
+    record : mapping of str to object
+        What calibrate needs to know of the calibration, by name.
+
+    Returns
+    -------
+    str
+        A ROS parameter file, YAML.
+
+    """
     return sections_text(header, {'/**': parameters, RECORD: record})
 
 
 def sections_text(header: Iterable[str], sections: Mapping[str, Mapping[str, Any]]) -> str:
-    """Return a parameter file: lines of a comment, and values by dotted name for each section."""
+    """
+    Return the text of a ROS parameter file.
+
+    Parameters
+    ----------
+    header : iterable of str
+        Lines of a comment at the beginning; characters beyond ASCII are written as escapes.
+    sections : mapping of str to mapping of str to object
+        Values by dotted name, by the node or the pattern of nodes that they are for.
+
+    Returns
+    -------
+    str
+        YAML with each text quoted and each list on one line.
+
+    """
     tree = {
         nodes if '*' in nodes else nodes.removeprefix('/'): {PARAMETERS: _nested(values)}
         for nodes, values in sections.items()
@@ -76,11 +111,28 @@ def _nested(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _quoted(value: Any) -> Any:
+    """Return a text as one that is quoted in the file, other values as they are."""
     return _Text(value) if isinstance(value, str) else value
 
 
 def calibration_text(calibration: Calibration, mechanism: Mapping[str, Any]) -> str:
-    """Return a jig's parameter file, with the mechanism's values that are not the defaults."""
+    """
+    Return the parameter file of a calibration in a jig.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        Zeros, directions, noise and bias, with the readings at each pose.
+    mechanism : mapping of str to object
+        Parameters of mechanism and harmonics that the calibration rests on, by name; without those
+        that have their default.
+
+    Returns
+    -------
+    str
+        Text of the file. A comment in it names the joints whose direction is not verified.
+
+    """
     c = calibration
     joints = ALL_JOINT_NAMES[: len(c.zero_count)]
     unverified = [
@@ -122,17 +174,52 @@ def calibration_text(calibration: Calibration, mechanism: Mapping[str, Any]) -> 
 
 
 def sensors_entry(joints: Sequence[str]) -> dict[str, int]:
-    """Return the parameter `sensors` where it is not the default."""
+    """
+    Return the parameter `sensors` where it is not the default.
+
+    Parameters
+    ----------
+    joints : sequence of str
+        Names of the calibrated joints.
+
+    Returns
+    -------
+    dict of str to int
+        Empty for the four sensors of the default.
+
+    """
     return {} if tuple(joints) == JOINT_NAMES else {'sensors': len(joints)}
 
 
 def rounded(angles: Iterable[float], digits: int = 6) -> list[float]:
-    """Return angles in rad as degrees, as the file has them."""
+    """Return angles in rad as degrees, rounded as the file has them."""
     return [round(degrees(angle), digits) for angle in angles]
 
 
 def read_calibration(path: Path) -> Calibration:
-    """Read a file that calibrate wrote; InputError where it cannot be read or is another one."""
+    """
+    Read a calibration from a file that calibrate wrote.
+
+    The parameters and the record are read. A calibration from free motion has no poses of a jig:
+    its `stations` are empty.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    Calibration
+        Angles in rad.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or lacks a value that calibrate writes, or has another type or
+        number of values.
+
+    """
     found: dict[str, Any] = {
         name: value
         for section in read_sections(path)
@@ -143,6 +230,7 @@ def read_calibration(path: Path) -> Calibration:
     def values(
         name: str, kind: type, count: int | None = None, allowed: tuple[int, ...] = ()
     ) -> Any:
+        """Return a value of the file after the checks that a setting of this type has."""
         return Setting(name, kind, '', allowed=allowed, count=count).check(found.get(name))
 
     def of_poses(name: str, count: int) -> Any:
@@ -182,7 +270,23 @@ def read_calibration(path: Path) -> Calibration:
 
 
 def check_output(path: Path, force: bool) -> None:
-    """Raise InputError where a file cannot or, without `force`, may not be written."""
+    """
+    Check, before anything is recorded, that a file can be written.
+
+    Parameters
+    ----------
+    path : Path
+        The file that is to be written.
+    force : bool
+        Whether an existing file may be overwritten.
+
+    Raises
+    ------
+    InputError
+        The file exists without `force`, is no regular file, or its directory does not exist or is
+        not writable.
+
+    """
     if path.is_file() and not force:
         raise InputError(
             f'-o: {path} already exists; expected --force to overwrite it, or '
@@ -201,12 +305,44 @@ def check_output(path: Path, force: bool) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file as `write_bytes`."""
+    """
+    Write a text file in UTF-8, completely or not at all.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    text : str
+        Its content.
+
+    Raises
+    ------
+    InputError
+        The file cannot be written.
+
+    """
     write_bytes(path, text.encode())
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Write a file, completely or not at all; InputError where it cannot be written."""
+    """
+    Write a file, completely or not at all.
+
+    The content goes to a file beside it, which then takes its name: a reader never sees a part.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    content : bytes
+        Its content.
+
+    Raises
+    ------
+    InputError
+        The file cannot be written.
+
+    """
     beside = path.with_name(path.name + '.new')
     try:
         beside.write_bytes(content)

@@ -41,30 +41,71 @@ MEANS_SIGMAS = 8.0
 
 @dataclass(frozen=True, slots=True)
 class Station:
-    """Readings at one pose of the jig."""
+    """
+    Readings at one pose of the jig.
 
-    pose: tuple[float, ...]  # psi, theta, phi (ZXZ), rad
-    angles: tuple[float, ...]  # of the N joints there, as encoders with harmonics read them, rad
-    counts: tuple[float, ...]  # mean counts of each sensor
-    sigma: tuple[float, ...]  # noise of each sensor, rad, 1 standard deviation
-    sets: int  # number of sets averaged
+    Attributes
+    ----------
+    pose : tuple of float
+        Pose of the jig: psi, theta, phi (ZXZ), rad.
+    angles : tuple of float
+        Angles of the N joints at that pose, rad, as encoders with harmonics read them.
+    counts : tuple of float
+        Mean counts of each sensor.
+    sigma : tuple of float
+        Noise of each sensor, rad, 1 standard deviation.
+    sets : int
+        Number of sets averaged.
+
+    """
+
+    pose: tuple[float, ...]
+    angles: tuple[float, ...]
+    counts: tuple[float, ...]
+    sigma: tuple[float, ...]
+    sets: int
 
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """Zero counts, directions, noise and bias of N sensors, and the readings behind them."""
+    """
+    Zero counts, directions, noise and bias of N sensors, and the readings behind them.
 
-    date: str  # ISO 8601 with the offset to UTC
-    stations: tuple[Station, ...]  # one for each pose
-    direction: tuple[int, ...]  # 1 or -1
+    Attributes
+    ----------
+    date : str
+        Time of the calibration, ISO 8601 with the offset to UTC.
+    stations : tuple of Station
+        Readings, one for each pose of the jig.
+    direction : tuple of int
+        Direction of each encoder, 1 or -1.
+    zero_count : tuple of int
+        Count of each encoder at joint angle 0.
+    counts_per_turn : tuple of int
+        Counts of each encoder in a turn.
+    direction_verified : tuple of bool
+        Whether two poses determined the direction.
+    bias : tuple of float
+        Bound of each sensor's systematic error, rad.
+
+    """
+
+    date: str
+    stations: tuple[Station, ...]
+    direction: tuple[int, ...]
     zero_count: tuple[int, ...]
     counts_per_turn: tuple[int, ...]
-    direction_verified: tuple[bool, ...]  # whether two poses determined the direction
-    bias: tuple[float, ...]  # bound of each sensor's systematic error, rad
+    direction_verified: tuple[bool, ...]
+    bias: tuple[float, ...]
 
     @property
     def sigma(self) -> tuple[float, ...]:
-        """Return each sensor's white noise, rad, with quantisation: at rest it repeats a count."""
+        """
+        Return each sensor's white noise, rad, 1 standard deviation.
+
+        That is the root mean square over the stations, and at least the standard deviation of
+        quantisation, one count over sqrt(12): a quiet encoder at rest repeats its count.
+        """
         return tuple(
             max(
                 hypot(*(station.sigma[index] for station in self.stations))
@@ -82,9 +123,36 @@ def read_still(
     drift_limit: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """
-    Return the mean counts of encoders at rest, and their noise, rad, (N,), by counts, (n, N).
+    Return the mean counts of encoders at rest, and their noise, if the device did not move.
 
-    CalibrationError: too few sets, a noisy or wrapping sensor, a motion; the limits are in rad.
+    The noise is taken from differences of consecutive sets, s^2 = mean(d^2) / 2, so that slow
+    motion does not count as noise. Motion is the span of the means of `PIECES` pieces.
+
+    Parameters
+    ----------
+    counts : ndarray of int, shape (n, N)
+        Counts of n sets.
+    counts_per_turn : sequence of int
+        Counts of each encoder in a turn.
+    noise_limit : float
+        Largest noise of a sensor that is accepted, rad, 1 standard deviation.
+    drift_limit : float
+        Largest motion of a joint that is accepted, rad; more where the noise of the pieces' means
+        is larger.
+
+    Returns
+    -------
+    mean : ndarray, shape (N,)
+        Mean counts.
+    noise : ndarray, shape (N,)
+        White noise, rad, 1 standard deviation.
+
+    Raises
+    ------
+    CalibrationError
+        There are too few sets, a sensor is noisy or its counts wrap at this pose, or the device
+        moved.
+
     """
     if len(counts) < SETS_MINIMUM:
         raise CalibrationError(
@@ -123,7 +191,31 @@ def jig_bias(
     error: float,
     sensors: int,
 ) -> tuple[float, ...]:
-    """Return the largest error of each joint angle at a pose that is off by an angle, rad."""
+    """
+    Return the largest error of each joint angle at a pose, if the jig is off.
+
+    To first order a small rotation of size e moves joint i by at most e times the length of row i
+    of the Jacobian.
+
+    Parameters
+    ----------
+    pose : sequence of float
+        psi, theta, phi (ZXZ) of the jig, rad.
+    geometry : Geometry
+        Link angles and axes of the mechanism.
+    working_mode : tuple of 3 int
+        Signs of B_kk of the legs A, B, C.
+    error : float
+        Largest angle between the jig's pose and the stated one, about any axis, rad.
+    sensors : int
+        Number N of sensors.
+
+    Returns
+    -------
+    tuple of float
+        Bound for each of the N sensors, rad.
+
+    """
     rotation = matrix_from_zxz(*pose)
     gains = jacobian(rotation, geometry, working_mode, sensors)
     return tuple(float(gain) * error for gain in np.linalg.norm(gains, axis=1))
@@ -139,10 +231,39 @@ def calibrate(
     before: Calibration | None = None,
 ) -> Calibration:
     """
-    Return the zero counts and directions with which the readings yield the jig's joint angles.
+    Return the zero counts and directions with which the readings yield the jig's angles.
 
-    A direction that two poses determine, of these or of an earlier calibration, overrides the
-    given one. CalibrationError: zeros of two poses differ by more than the tolerance, rad.
+    For each pose, zero count = count - direction * angle * counts per turn / 2 pi; the result is
+    the mean over the poses. A direction that two poses determine, of these or of an earlier
+    calibration, overrides the given one.
+
+    Parameters
+    ----------
+    stations : sequence of Station
+        Readings, one for each pose.
+    direction : sequence of int
+        Configured direction of each encoder, 1 or -1.
+    counts_per_turn : sequence of int
+        Counts of each encoder in a turn, N values.
+    date : str
+        Time of the calibration, ISO 8601 with the offset to UTC.
+    bias : sequence of float
+        Bound of each sensor's systematic error, rad, for the result.
+    tolerance : float
+        Largest difference between the zeros of two poses that is accepted, rad.
+    before : Calibration or None, optional
+        An earlier calibration: its poses and verified directions help to determine the directions.
+
+    Returns
+    -------
+    Calibration
+        Zeros, directions and the readings behind them.
+
+    Raises
+    ------
+    CalibrationError
+        The poses contradict each other: a shaft slipped, or a pose is not the stated one.
+
     """
     observed = observed_directions(combinations(stations, 2), counts_per_turn)
     if before is not None:
@@ -185,10 +306,23 @@ def observed_directions(
     pairs: Iterable[tuple[Station, Station]], counts_per_turn: Sequence[int]
 ) -> tuple[int, ...]:
     """
-    Return the direction (+1, -1) of each joint from the step between two poses, 0 if unknown.
+    Return the direction of each joint from the motion between two poses.
 
-    The pair that moves a joint farthest determines its direction, if that is by TRAVEL_MINIMUM or
-    more, and if the counts moved by as much, one way or the other.
+    The pair that moves a joint farthest determines its direction, if that is by `TRAVEL_MINIMUM`
+    or more, and if the counts moved by as much, one way or the other.
+
+    Parameters
+    ----------
+    pairs : iterable of tuple of 2 Station
+        Readings at two poses each.
+    counts_per_turn : sequence of int
+        Counts of each encoder in a turn, N values.
+
+    Returns
+    -------
+    tuple of int
+        1 or -1 for each joint; 0 where no pair determines it.
+
     """
     # Without a pair nothing moves.
     steps = [(np.zeros(len(counts_per_turn)),) * 2]

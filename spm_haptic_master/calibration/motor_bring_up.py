@@ -180,24 +180,75 @@ def _asymmetry(one: StepResponse, other: StepResponse) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class Friction:
-    """Inertia and friction of the device about one direction of the handle."""
+    """
+    Inertia and friction of the device about one direction of the handle.
 
-    inertia: float  # kg m^2
-    viscous: float  # N m s/rad
-    dry: float  # N m
+    Attributes
+    ----------
+    inertia : float
+        Inertia I, kg m^2.
+    viscous : float
+        Viscous friction b, N m s/rad.
+    dry : float
+        Dry (Coulomb) friction c, N m.
+
+    """
+
+    inertia: float
+    viscous: float
+    dry: float
 
     def stiffest(self, damping: float, period: float, latency: float) -> float:
-        """Return the stiffness, N m/rad, that damping, N m s/rad, period and latency, s, allow."""
+        """
+        Return the stiffest spring that the friction of the device keeps passive.
+
+        K = (b + B) / (T / 2 + t_d) (Colgate and Schenkel 1997), of which `STIFFNESS_SHARE` is
+        allowed.
+
+        Parameters
+        ----------
+        damping : float
+            Damping B that the control adds, N m s/rad.
+        period : float
+            Period T of the control, s.
+        latency : float
+            Time t_d from an angle to its torque, s.
+
+        Returns
+        -------
+        float
+            Stiffness, N m/rad.
+
+        """
         return STIFFNESS_SHARE * max(0.0, self.viscous + damping) / (0.5 * period + latency)
 
 
 def identify_friction(releases: Sequence[Release]) -> Friction:
     """
-    Return inertia and friction by releases: a torque for a moment, then none, on a free handle.
+    Return inertia and friction from releases: a torque for a moment, then none, on a free handle.
 
-    The turn is from rest to before the handle stops; the torque is that of the motors less the
-    weight. InputError: too few samples. CalibrationError: a release does not move, or two speeds
-    are missing.
+    Linear least squares for I, b and c in the equation of motion (see the module), integrated
+    twice over time, so that only the angle is needed.
+
+    Parameters
+    ----------
+    releases : sequence of Release
+        Time, turn and torque of each release. The turn is from rest to before the handle stops;
+        the torque is that of the motors less the weight.
+
+    Returns
+    -------
+    Friction
+        Inertia and friction about the direction of the releases.
+
+    Raises
+    ------
+    InputError
+        A release has too few samples.
+    CalibrationError
+        A release does not turn the handle, all have one speed, or the handle turns against the
+        torque.
+
     """
     columns, sides = [], []
     for number, (time, angle, torque) in enumerate(releases, start=1):
@@ -243,5 +294,6 @@ def _integral(time: Array, values: Array) -> Array:
 
 
 def _check_length(part: str, values: Array, fewest: int) -> None:
+    """Raise InputError if a part of a recording has fewer samples than are needed."""
     if len(values) < fewest:
         raise InputError(f'{part} has {len(values)} samples: expected {fewest} or more')

@@ -33,7 +33,24 @@ MISSING_MAXIMUM = 0.2
 
 
 def _whole_sets(samples: Sequence[JointSample], share: float = 0.0) -> tuple[Recording, str]:
-    """Return the sets with a reading of every joint, and what lacks them in more than a share."""
+    """
+    Return the sets with a reading of every joint, and which joints lack readings.
+
+    Parameters
+    ----------
+    samples : sequence of JointSample
+        Sets of readings, in which a missing one is NaN.
+    share : float, optional
+        Share of the sets, 0 to 1, in which a reading may be missing without being named.
+
+    Returns
+    -------
+    recording : Recording
+        Stamps and angles of the complete sets.
+    lacking : str
+        Joints that lack readings more often than that, in words; empty if there is none.
+
+    """
     angles = np.array([sample.angles for sample in samples] or np.empty((0, len(ALL_JOINT_NAMES))))
     missing = np.isnan(angles)
     lacking = '; '.join(
@@ -47,7 +64,27 @@ def _whole_sets(samples: Sequence[JointSample], share: float = 0.0) -> tuple[Rec
 
 
 def _complete(samples: Sequence[JointSample]) -> tuple[Recording, list[str]]:
-    """Return the recording, and a note on sets left out; CalibrationError for too many."""
+    """
+    Return the complete sets, and a note on those that are left out.
+
+    Parameters
+    ----------
+    samples : sequence of JointSample
+        Sets of readings, in which a missing one is NaN.
+
+    Returns
+    -------
+    recording : Recording
+        Stamps and angles of the complete sets.
+    notes : list of str
+        One line on sets that are left out, if there are any.
+
+    Raises
+    ------
+    CalibrationError
+        A joint lacks a reading in more than `MISSING_MAXIMUM` of the sets.
+
+    """
     _, too_often = _whole_sets(samples, MISSING_MAXIMUM)
     if too_often:
         raise CalibrationError(
@@ -59,7 +96,22 @@ def _complete(samples: Sequence[JointSample]) -> tuple[Recording, list[str]]:
 
 
 def raw_counts(sensors: int) -> dict[str, object]:
-    """Return the settings of a source whose angles are raw counts times 2 pi per turn."""
+    """
+    Return the settings of a source whose angles are raw counts times 2 pi per turn.
+
+    Direction 1, zero count 0 and no harmonics: what is not calibrated yet.
+
+    Parameters
+    ----------
+    sensors : int
+        Number N of sensors.
+
+    Returns
+    -------
+    dict of str to object
+        Values by the name of the parameter.
+
+    """
     return {
         'encoders.direction': (1,) * sensors,
         'encoders.zero_count': (0,) * sensors,
@@ -75,7 +127,31 @@ def read_log(
     progress: Callable[[int], None] = lambda count: None,
     seconds: float = inf,
 ) -> tuple[Recording, list[str]]:
-    """Return the sets of a log with all joints, and a note on the others, as `_complete`."""
+    """
+    Read a log at once.
+
+    Parameters
+    ----------
+    source : ReplaySource
+        The log.
+    progress : callable, optional
+        Takes the number of sets read so far, after each of them.
+    seconds : float, optional
+        Length of the part from the first set that is read, s; by default all of it.
+
+    Returns
+    -------
+    recording : Recording
+        Stamps, ns, and angles, rad, of the complete sets.
+    notes : list of str
+        One line on sets that are left out, if there are any.
+
+    Raises
+    ------
+    CalibrationError
+        A joint lacks a reading in more than `MISSING_MAXIMUM` of the sets.
+
+    """
     samples: list[JointSample] = []
     for sample in source.recorded():
         if samples and sample.stamp - samples[0].stamp > seconds * 1e9:
@@ -95,10 +171,36 @@ def record(
     """
     Record until an evaluation is content, for some seconds from the first set, or until Ctrl-C.
 
-    `evaluate` takes, about each `period` s, the sets so far and the time, s, and returns whether
-    they are enough. With `keep`, the sets before Ctrl-C or an error of the source are returned.
-    The notes name the sets that are left out, and why the recording ended. CalibrationError where
-    no set arrives, or a joint lacks readings.
+    A thread collects the sets, so that an evaluation costs no sample. The recording also ends if
+    no set arrives for `PATIENCE` seconds.
+
+    Parameters
+    ----------
+    source : EncoderSource
+        The source; it is not closed.
+    seconds : float
+        Longest time from the first set, s.
+    evaluate : callable
+        Takes the complete sets so far and the time since the first, s; returns whether they are
+        enough.
+    period : float, optional
+        Time between two evaluations, s.
+    keep : bool, optional
+        Whether the sets before Ctrl-C or before an error of the source are returned. Without it
+        Ctrl-C and the error are raised.
+
+    Returns
+    -------
+    recording : Recording
+        Stamps, ns, and angles, rad, of the complete sets.
+    notes : list of str
+        Which sets are left out, and why the recording ended.
+
+    Raises
+    ------
+    CalibrationError
+        No set arrives, or a joint lacks too many readings.
+
     """
     samples: list[JointSample] = []
     stop = threading.Event()

@@ -31,7 +31,25 @@ DIFFERENCE = 1e-6
 
 
 def report_paths(output: Path) -> tuple[Path, Path]:
-    """Return picture and text of the report beside a parameter file; InputError if that is one."""
+    """
+    Return the files of the report beside a parameter file.
+
+    Parameters
+    ----------
+    output : Path
+        The parameter file.
+
+    Returns
+    -------
+    tuple of 2 Path
+        Picture (PNG) and text (Markdown).
+
+    Raises
+    ------
+    InputError
+        The parameter file has the name of one of them.
+
+    """
     found = output.with_name(f'{output.stem}_parity.png'), output.with_suffix('.md')
     if output in found:
         raise InputError(
@@ -43,9 +61,27 @@ def report_paths(output: Path) -> tuple[Path, Path]:
 
 def write_report(output: Path, verdict: Verdict) -> str:
     """
-    Write the report beside the parameter file; return a text that names it.
+    Write the report beside the parameter file.
 
     Without matplotlib it has no picture, and says so; that of an earlier report is removed.
+
+    Parameters
+    ----------
+    output : Path
+        The parameter file, which is complete: the report has its checksum.
+    verdict : Verdict
+        The calibration, and what it is good for.
+
+    Returns
+    -------
+    str
+        A text that names the report.
+
+    Raises
+    ------
+    InputError
+        A file cannot be written.
+
     """
     file, report = report_paths(output)
     missing = ''
@@ -63,12 +99,42 @@ def write_report(output: Path, verdict: Verdict) -> str:
 
 
 def checksum(path: Path) -> str:
-    """Return the SHA-256 of a file."""
+    """
+    Return the SHA-256 of a file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    str
+        64 hexadecimal digits.
+
+    """
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def _text(verdict: Verdict, file: Path, picture: str) -> str:
-    """Return one page of Markdown, with the verdict in its first line; the picture is Markdown."""
+    """
+    Return the report, one page of Markdown with the verdict in its first line.
+
+    Parameters
+    ----------
+    verdict : Verdict
+        The calibration, and what it is good for.
+    file : Path
+        The parameter file.
+    picture : str
+        The picture or the reason why there is none, as Markdown.
+
+    Returns
+    -------
+    str
+        The text of the report.
+
+    """
     c, origin, checked = verdict.calibration, verdict.origin, verdict.checked
     cautions = ''.join(f'**CAUTION**: {caution}.\n\n' for caution in verdict.cautions)
     return f"""\
@@ -97,6 +163,7 @@ Left as drawn: {_left(c)}. What would determine more: {c.advice}.
 
 
 def _checked_text(checked: Checked) -> str:
+    """Return what the column `checked` of the table of encoders means."""
     return (
         'Checked is the share of that\nregion in which the other encoders check this one with '
         f'`alert_limit_deg` {checked.alert_limit_deg:g}; from\n'
@@ -106,6 +173,7 @@ def _checked_text(checked: Checked) -> str:
 
 
 def _made_from(c: MotionCalibration, origin: Origin, file: Path) -> str:
+    """Return the table of what the calibration was made from: recording, checksums, parity."""
     return _table(
         ('', ''),
         (
@@ -134,6 +202,13 @@ def _made_from(c: MotionCalibration, origin: Origin, file: Path) -> str:
 
 
 def _encoders(verdict: Verdict) -> str:
+    """
+    Return the table of the encoders, a row each.
+
+    It has zero count and direction, the standard deviation of the zero, noise and bias, the share
+    of the region where the other sensors check this one, and the angles that the motion went
+    through.
+    """
     c, origin, checked = verdict.calibration, verdict.origin, verdict.checked
     zeros, _ = zero_counts(c, origin.counts_per_turn)
     deviation = c.deviations[c.layout.slices['zeros']]
@@ -172,6 +247,12 @@ def _encoders(verdict: Verdict) -> str:
 
 
 def _mechanism(c: MotionCalibration) -> str:
+    """
+    Return the table of the link angles and of the angles between axes, as drawn and as found.
+
+    The standard deviation of an angle between two axes follows from the covariance of the
+    parameters by forward differences.
+    """
     layout = c.layout
     links, base, platform = map(layout.columns, ('links', 'base axes', 'platform axes'))
     names = [
@@ -201,19 +282,29 @@ def _mechanism(c: MotionCalibration) -> str:
 
 
 def _angles(geometry: Geometry) -> Array:
-    """Return the link angles, and those A to B, B to C, C to A of base and platform axes, rad."""
+    """
+    Return the angles of a mechanism that a drawing has.
+
+    Returns
+    -------
+    ndarray, shape (12,)
+        The proximal and distal link angles of the legs A, B, C, then the angles A to B, B to C, C
+        to A of the base axes and of the platform axes, rad.
+
+    """
     axes = np.array([geometry.base_axes, geometry.platform_axes])
     between = np.arccos(np.clip((axes * np.roll(axes, -1, axis=1)).sum(axis=2), -1.0, 1.0))
     return np.concatenate([geometry.alphas, geometry.betas, between.ravel()])
 
 
 def _note(c: MotionCalibration, columns: Iterable[int]) -> str:
-    """Return a note on parameters that are not all estimated."""
+    """Return a note on parameters that are not all estimated; empty if all are."""
     left = set(columns).difference(c.estimated)
     return '' if not left else 'partly as drawn' if left < set(columns) else 'as drawn'
 
 
 def _left(c: MotionCalibration) -> str:
+    """Return which groups and parameters were left as drawn, and why, in words."""
     reasons = [f'{group} ({reason})' for group, reason in c.left.items()]
     for group in GROUPS:
         alone = [
@@ -227,10 +318,11 @@ def _left(c: MotionCalibration) -> str:
 
 
 def _code(text: str) -> str:
-    """Return text as it is, in a cell of a table."""
+    """Return a text in a cell of a table as code, without the characters that would end it."""
     return f'`{text.replace("`", chr(39)).replace("|", "/")}`'.replace('\n', ' ')
 
 
 def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table as Markdown."""
     lines = '\n'.join(f'| {" | ".join(row)} |' for row in rows)
     return f'| {" | ".join(header)} |\n|{"---|" * len(header)}\n{lines}'

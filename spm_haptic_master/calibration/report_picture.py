@@ -44,7 +44,24 @@ CAPTION = (
 
 
 def draw(c: MotionCalibration) -> bytes:
-    """Return the picture of a calibration: its mean parity, before and after, PNG."""
+    """
+    Return the picture of a calibration: the mean parity over the workspace, before and after.
+
+    The upper row has maps over the direction of tilt, the lower one over self-rotation and tilt.
+    The columns are the parity as drawn, that of the result on the same scale, and on its own
+    scale.
+
+    Parameters
+    ----------
+    c : MotionCalibration
+        Result of a calibration from free motion.
+
+    Returns
+    -------
+    bytes
+        The picture, PNG.
+
+    """
     from matplotlib.ticker import MaxNLocator
 
     known = (
@@ -105,7 +122,22 @@ def draw(c: MotionCalibration) -> bytes:
 
 
 def _places(rotation: Array) -> tuple[Array, Array, Array]:
-    """Return the tilt towards (1, -1, 0) and (1, 1, -2), and the self-rotation, deg."""
+    """
+    Return where on the maps orientations are.
+
+    The direction of tilt is that of the platform's axis, at the distance of the tilt from the
+    centre (an azimuthal equidistant map).
+
+    Returns
+    -------
+    x : ndarray, shape (n,)
+        Tilt towards (1, -1, 0), deg.
+    y : ndarray, shape (n,)
+        Tilt towards (1, 1, -2), deg.
+    turn : ndarray, shape (n,)
+        Self-rotation, deg, without jumps.
+
+    """
     tilt, turn = tilt_and_turn(rotation)
     x, y = (rotation[:, :, 2] @ direction for direction in TILTED)
     factor = np.degrees(tilt) / np.maximum(np.hypot(x, y), 1e-12)
@@ -118,13 +150,34 @@ def _edges(values: Array, step: float) -> Array:
 
 
 def _means(x: Array, y: Array, edges: tuple[Array, Array], values: Array, least: int) -> Array:
-    """Return the mean values in cells, shape (x, y); NaN where there are less than `least`."""
+    """
+    Return the mean values in cells of a map.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n,)
+        First coordinate of each sample.
+    y : ndarray, shape (n,)
+        Second coordinate.
+    edges : tuple of 2 ndarray
+        Edges of the cells in both coordinates.
+    values : ndarray, shape (n,)
+        Values whose means are returned.
+    least : int
+        Least number of samples in a cell.
+
+    Returns
+    -------
+    ndarray, shape (cells in x, cells in y)
+        NaN where a cell has fewer samples.
+
+    """
     number, total = (np.histogram2d(x, y, edges, weights=each)[0] for each in (None, values))
     return np.where(number >= least, total / np.maximum(number, 1.0), np.nan)
 
 
 def _scale(values: list[Array]) -> float:
-    """Return the largest value of a colour scale of maps."""
+    """Return the largest value of a colour scale: `SCALE_PERCENT` of the cells are within it."""
     every = np.abs(np.concatenate([each[np.isfinite(each)] for each in values]))
     return float(np.percentile(every, SCALE_PERCENT)) if every.size and every.any() else 1.0
 

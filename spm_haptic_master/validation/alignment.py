@@ -53,23 +53,78 @@ FRAME_TOLERANCE = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Alignment:
-    """Time offset and constant rotations between a capture and a recording."""
+    """
+    Time offset and constant rotations between a capture and a recording.
 
-    offset: float  # time to add to the capture's times at their beginning, s
-    rate: float  # by which the capture's clock is slow, s/s
-    begin: float  # first of the capture's times, s
-    correlation: float  # of the two angular speeds at the coarse offset
-    frame: np.ndarray  # orientation of the base frame in the capture's frame, (3, 3)
-    body: np.ndarray  # orientation of the captured body in the platform's frame, (3, 3)
-    residual: float  # of the orientations that both have, rad rms
+    captured = frame recorded body, at recorded_time(capture's time).
+
+    Attributes
+    ----------
+    offset : float
+        Time to add to the capture's times at their beginning, s.
+    rate : float
+        By how much the capture's clock is slow, s/s.
+    begin : float
+        First of the capture's times, s.
+    correlation : float
+        Correlation of the two angular speeds at the coarse offset (unit 1).
+    frame : ndarray, shape (3, 3)
+        Orientation of the base frame in the capture's frame.
+    body : ndarray, shape (3, 3)
+        Orientation of the captured body in the platform's frame.
+    residual : float
+        What is left of the orientations that both have, rad rms.
+
+    """
+
+    offset: float
+    rate: float
+    begin: float
+    correlation: float
+    frame: np.ndarray
+    body: np.ndarray
+    residual: float
 
     def recorded_time(self, time: np.ndarray) -> np.ndarray:
-        """Return the times of the recording's clock, s, at times of the capture's."""
+        """
+        Return the times of the recording's clock, s, at times of the capture's.
+
+        Parameters
+        ----------
+        time : ndarray
+            Times by the capture's clock, s.
+
+        Returns
+        -------
+        ndarray
+            The same moments by the recording's clock, s.
+
+        """
         return time + self.offset + self.rate * (time - self.begin)
 
 
 def between(time: np.ndarray, quaternions: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Return quaternions at other times, s, (m, 4), on chords: arcs of a degree or two."""
+    """
+    Return quaternions at other times, by linear interpolation of their components.
+
+    Between samples the chord is as good as the arc: a hand turns the platform by a degree or two.
+    The signs are made continuous first, as q and -q are one orientation.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+        Times of the recording, s, increasing.
+    quaternions : ndarray, shape (n, 4)
+        Recorded unit quaternions x, y, z, w.
+    at : ndarray, shape (m,)
+        Times to interpolate at, s.
+
+    Returns
+    -------
+    ndarray, shape (m, 4)
+        X, y, z, w; not of unit length.
+
+    """
     flips = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0.0
     signs = np.concatenate([[1.0], np.where(np.cumsum(flips) % 2, -1.0, 1.0)])
     return np.stack(
@@ -78,7 +133,24 @@ def between(time: np.ndarray, quaternions: np.ndarray, at: np.ndarray) -> np.nda
 
 
 def interpolate(time: np.ndarray, quaternions: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Return unit quaternions at other times, s, (m, 4); NaN in gaps beyond `GAP`, and outside."""
+    """
+    Return unit quaternions at other times.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+        Times of the recording, s, increasing.
+    quaternions : ndarray, shape (n, 4)
+        Recorded unit quaternions x, y, z, w.
+    at : ndarray, shape (m,)
+        Times to interpolate at, s.
+
+    Returns
+    -------
+    ndarray, shape (m, 4)
+        X, y, z, w; NaN in gaps longer than `GAP`, and outside the recording.
+
+    """
     place = np.clip(np.searchsorted(time, at), 1, len(time) - 1)
     known = (at >= time[0]) & (at <= time[-1]) & (time[place] - time[place - 1] <= GAP)
     found = between(time, quaternions, at)
@@ -87,7 +159,32 @@ def interpolate(time: np.ndarray, quaternions: np.ndarray, at: np.ndarray) -> np
 
 
 def angular_speed(time: np.ndarray, quaternions: np.ndarray) -> tuple[float, np.ndarray]:
-    """Return a time, s, and, later by a constant, smoothed speeds, rad/s, each `SPEED_STEP`."""
+    """
+    Return the smoothed angular speed of a recording on a grid of `SPEED_STEP`.
+
+    It is the turn between two means over `SPEED_WINDOW` steps, one window apart, so that it is
+    late by a constant; at most `SPEED_LIMIT`.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+        Times of the recording, s, increasing.
+    quaternions : ndarray, shape (n, 4)
+        Recorded unit quaternions x, y, z, w.
+
+    Returns
+    -------
+    begin : float
+        Time of the first value, s; the others follow at `SPEED_STEP`.
+    speed : ndarray
+        Angular speeds, rad/s.
+
+    Raises
+    ------
+    InputError
+        The recording is too short.
+
+    """
     grid = (
         np.arange(math.ceil(time[0] / SPEED_STEP), math.floor(time[-1] / SPEED_STEP) + 1)
         * SPEED_STEP
@@ -113,9 +210,31 @@ def coarse_offset(
     recorded: tuple[float, np.ndarray], captured: tuple[float, np.ndarray]
 ) -> tuple[float, float]:
     """
-    Return the time to add to the captured times, s, by two results of `angular_speed`.
+    Return the shift at which two angular speeds agree best.
 
-    And their correlation there. InputError where the motions are not alike.
+    Least squares over all shifts with an overlap of `OVERLAP`, by correlations with FFT. Among
+    equally good ones, that with the longest overlap is taken: a motion that repeats itself fits at
+    every period.
+
+    Parameters
+    ----------
+    recorded : tuple of float and ndarray
+        First time, s, and angular speeds, rad/s, of `angular_speed`.
+    captured : tuple of float and ndarray
+        The same of the capture.
+
+    Returns
+    -------
+    offset : float
+        Time to add to the captured times, s.
+    correlation : float
+        Correlation of the two speeds there (unit 1).
+
+    Raises
+    ------
+    InputError
+        The motions are not alike: the correlation is below `CORRELATION_LIMIT`.
+
     """
     (begin_a, a), (begin_b, b) = recorded, captured
     n, m = len(a), len(b)
@@ -155,7 +274,22 @@ def coarse_offset(
 
 
 def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
-    """Return the rotations Q with the largest trace(Q^T M): Wahba's problem, Kabsch's solution."""
+    """
+    Return the rotations Q with the largest trace(Q^T M).
+
+    Wahba's problem, by Kabsch's solution with a singular value decomposition.
+
+    Parameters
+    ----------
+    matrix : ndarray
+        Matrices M, shape (..., 3, 3).
+
+    Returns
+    -------
+    ndarray
+        Rotations, shape (..., 3, 3).
+
+    """
     left, _, right = np.linalg.svd(matrix)
     left[..., 2] *= (np.linalg.det(left) * np.linalg.det(right))[..., None]
     return left @ right
@@ -165,9 +299,27 @@ def constant_frames(
     captured: np.ndarray, recorded: np.ndarray, body_known: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return X and, approximately, Y of captured = X recorded Y, orientations, (n, 3, 3).
+    Return X and, approximately, Y of captured = X recorded Y, by least squares.
 
-    With `body_known` the captured body is the platform: Y is the unit matrix.
+    X and Y are improved in turn (each is Wahba's problem) from 24 starts, the rotations that map
+    axes to axes: one of them is near every solution. The sums of products contain all of the data.
+
+    Parameters
+    ----------
+    captured : ndarray, shape (n, 3, 3)
+        Orientations of the captured body in the capture's frame.
+    recorded : ndarray, shape (n, 3, 3)
+        Orientations R_base_platform at the same times.
+    body_known : bool
+        Whether the captured body is the platform: Y is the unit matrix.
+
+    Returns
+    -------
+    frame : ndarray, shape (3, 3)
+        X, the orientation of the base frame in the capture's frame.
+    body : ndarray, shape (3, 3)
+        Y, the orientation of the captured body in the platform's frame.
+
     """
     # These sums contain all of the data: the fit costs the same for any n.
     products = np.einsum('nab,ncd->abcd', captured, recorded)
@@ -194,7 +346,22 @@ def constant_frames(
 
 
 def rotation_vectors(matrices: np.ndarray) -> np.ndarray:
-    """Return the rotation vectors, rad, shape (n, 3), of rotations well below half a turn."""
+    """
+    Return the rotation vectors of rotations well below half a turn.
+
+    The direction is that of the antisymmetric part; the angle is arctan2 of sine and cosine.
+
+    Parameters
+    ----------
+    matrices : ndarray
+        Rotations, shape (..., 3, 3).
+
+    Returns
+    -------
+    ndarray
+        Rotation vectors, shape (..., 3), rad.
+
+    """
     sine = 0.5 * np.stack(
         [
             matrices[..., 2, 1] - matrices[..., 1, 2],
@@ -218,9 +385,33 @@ def align(
     """
     Return the time offset and the constant rotations between a recording and a capture.
 
-    Of unit quaternions at times, s, each by its own clock: first the offset from the angular
-    speeds, which no constant rotation changes, then all together from the orientations.
-    InputError: too short, not of the same motion, or without overlap.
+    First the offset from the angular speeds, which no constant rotation changes; then offset and
+    frames together from the orientations, by Gauss-Newton; then the rate of the clocks, if it
+    differs from 0 by `RATE_DEVIATIONS` standard deviations.
+
+    Parameters
+    ----------
+    recorded_time : ndarray, shape (n,)
+        Times by the recording's clock, s.
+    recorded : ndarray, shape (n, 4)
+        Unit quaternions x, y, z, w of R_base_platform.
+    captured_time : ndarray, shape (m,)
+        Times by the capture's clock, s.
+    captured : ndarray, shape (m, 4)
+        Unit quaternions x, y, z, w in the capture's frame.
+    body_known : bool
+        Whether the captured body is the platform itself.
+
+    Returns
+    -------
+    Alignment
+        Offset, rate and rotations.
+
+    Raises
+    ------
+    InputError
+        The recordings are too short, their motions are not alike, or they hardly overlap.
+
     """
     # Measured from the first sample, times in floats resolve far less than a microsecond.
     begin, captured_begin = recorded_time[0], captured_time[0]
@@ -248,27 +439,79 @@ def align(
 
 @dataclass(frozen=True, slots=True)
 class _Pair:
-    """A recording and a capture, each by its own times from its first sample on."""
+    """
+    A recording and a capture, each by its own times from its first sample on.
 
-    recorded_time: np.ndarray  # s, (n,)
-    recorded: np.ndarray  # unit quaternions, (n, 4)
-    captured_time: np.ndarray  # s, (m,)
-    captured: np.ndarray  # orientations, (m, 3, 3)
+    Attributes
+    ----------
+    recorded_time : ndarray, shape (n,)
+        Times from the recording's first sample, s.
+    recorded : ndarray, shape (n, 4)
+        Unit quaternions.
+    captured_time : ndarray, shape (m,)
+        Times from the capture's first sample, s.
+    captured : ndarray, shape (m, 3, 3)
+        Orientations.
+
+    """
+
+    recorded_time: np.ndarray
+    recorded: np.ndarray
+    captured_time: np.ndarray
+    captured: np.ndarray
 
 
 @dataclass(frozen=True, slots=True)
 class _Fit:
-    """State of the fit of a pair."""
+    """
+    State of the fit of a pair.
 
-    offset: float  # s
-    frame: np.ndarray  # (3, 3)
-    body: np.ndarray  # (3, 3)
-    rate: float = 0.0  # s/s
-    residual: float = math.inf  # rad rms
+    Attributes
+    ----------
+    offset : float
+        Time to add to the capture's times at their beginning, s.
+    frame : ndarray, shape (3, 3)
+        Orientation of the base frame in the capture's frame.
+    body : ndarray, shape (3, 3)
+        Orientation of the captured body in the platform's frame.
+    rate : float
+        By how much the capture's clock is slow, s/s.
+    residual : float
+        What is left of the orientations, rad rms.
+
+    """
+
+    offset: float
+    frame: np.ndarray
+    body: np.ndarray
+    rate: float = 0.0
+    residual: float = math.inf
 
 
 def _start(pair: _Pair, offset: float, body_known: bool) -> _Fit:
-    """Return the frames at an offset of the times, s; InputError without common samples."""
+    """
+    Return the fit with which Gauss-Newton begins.
+
+    Parameters
+    ----------
+    pair : _Pair
+        Recording and capture.
+    offset : float
+        Time to add to the capture's times, s.
+    body_known : bool
+        Whether the captured body is the platform.
+
+    Returns
+    -------
+    _Fit
+        Frames by `constant_frames` at this offset.
+
+    Raises
+    ------
+    InputError
+        Fewer than `ROWS_MINIMUM` samples are common to both.
+
+    """
     quaternions = interpolate(pair.recorded_time, pair.recorded, pair.captured_time + offset)
     known = np.isfinite(quaternions).all(axis=1)
     if known.sum() < ROWS_MINIMUM:
@@ -279,7 +522,36 @@ def _start(pair: _Pair, offset: float, body_known: bool) -> _Fit:
 
 
 def _refined(pair: _Pair, start: _Fit, body_known: bool, with_rate: bool) -> tuple[_Fit, float]:
-    """Return the fit by Gauss-Newton, and the standard deviation of its rate, s/s."""
+    """
+    Refine offset, rate and frames together by Gauss-Newton.
+
+    The least-squares step of smallest length is taken: a motion about one axis does not separate
+    frame and body.
+
+    Parameters
+    ----------
+    pair : _Pair
+        Recording and capture.
+    start : _Fit
+        Fit to begin with.
+    body_known : bool
+        Whether the captured body is the platform.
+    with_rate : bool
+        Whether the rate of the clocks is fitted.
+
+    Returns
+    -------
+    fit : _Fit
+        Result.
+    deviation : float
+        Standard deviation of its rate, s/s; inf where it was not fitted.
+
+    Raises
+    ------
+    InputError
+        Fewer than `ROWS_MINIMUM` samples are common to both.
+
+    """
     now, deviation = start, math.inf
     for _ in range(STEPS):
         at = pair.captured_time * (1.0 + now.rate) + now.offset
@@ -324,7 +596,28 @@ def _changes(
     with_rate: bool,
     with_body: bool,
 ) -> np.ndarray:
-    """Return the changes of n orientations by a later time, frame, rate, body, (n, 3, columns)."""
+    """
+    Return how the predicted orientations change with what is fitted.
+
+    Parameters
+    ----------
+    velocity : ndarray, shape (n, 3)
+        Angular velocity of the platform, base frame, rad/s.
+    captured_time : ndarray, shape (n,)
+        Times from the capture's first sample, s.
+    recorded : ndarray, shape (n, 3, 3)
+        Orientations at these times.
+    with_rate : bool
+        Whether there is a column of the rate.
+    with_body : bool
+        Whether there are three columns of the body's rotation.
+
+    Returns
+    -------
+    ndarray, shape (n, 3, columns)
+        Rotation vectors in the base frame by offset (rad/s), frame, rate and body.
+
+    """
     columns = [velocity[..., None], np.broadcast_to(np.eye(3), recorded.shape)]
     if with_rate:
         columns.append((velocity * captured_time[:, None])[..., None])
@@ -364,6 +657,27 @@ def check_export(
     Angular speeds are the same for the inverse, a mirror image and quaternions in another order:
     only the orientations tell them apart. The order w, x, y, z of unit quaternions is, but for two
     constant rotations, the inverse; a mirror image of a body is the body, but for these.
+
+    Parameters
+    ----------
+    found : Alignment
+        Alignment of the two as they are.
+    recorded_time : ndarray, shape (n,)
+        Times by the recording's clock, s.
+    recorded : ndarray, shape (n, 4)
+        Unit quaternions x, y, z, w of R_base_platform.
+    captured_time : ndarray, shape (m,)
+        Times by the capture's clock, s.
+    captured : ndarray, shape (m, 4)
+        Unit quaternions x, y, z, w in the capture's frame.
+    body_known : bool
+        Whether the captured body is the platform, by markers on it.
+
+    Raises
+    ------
+    InputError
+        Inverted orientations, or exchanged or mirrored markers, fit far better.
+
     """
     if found.residual < SUSPICIOUS:
         return
@@ -386,7 +700,20 @@ def check_export(
 
 
 def _marker_mistake(body: np.ndarray) -> str:
-    """Return what turns the orientation of markers as (3, 3) `body`, in words."""
+    """
+    Return which mistake in the markers turns the platform's orientation so.
+
+    Parameters
+    ----------
+    body : ndarray, shape (3, 3)
+        Orientation of the markers in the platform's frame.
+
+    Returns
+    -------
+    str
+        The mistake, in words.
+
+    """
     if body[2, 2] < -ALONG:
         return (
             'the markers A and B are exchanged'

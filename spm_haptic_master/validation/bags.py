@@ -33,7 +33,20 @@ Content = tuple[dict[str, str], list[tuple[int, str, Any]]]
 
 
 def is_bag(path: Path) -> bool:
-    """Return whether a path is of rosbag2: a directory, or a file of one of its formats."""
+    """
+    Return whether a path is of rosbag2: a directory, or a file of one of its formats.
+
+    Parameters
+    ----------
+    path : Path
+        A file or directory.
+
+    Returns
+    -------
+    bool
+        True for any directory, and for .mcap and .db3, compressed or not.
+
+    """
     return path.is_dir() or _stored_name(path.name).endswith(STORAGE_SUFFIXES)
 
 
@@ -41,11 +54,31 @@ def read_topic(
     path: Path, topic: str, optional: bool = False, option: str = '--topic'
 ) -> tuple[str, str, list[Any]] | None:
     """
-    Return name, type and messages of the topic whose name is, or ends in, `topic`.
+    Return the messages of a topic of a recording.
 
-    An optional one without messages is None. InputError for a recording that was not ended,
-    cannot be read or is incomplete, and where no or several such topics have messages: `option`
-    is that of the program which names one.
+    Parameters
+    ----------
+    path : Path
+        Directory of `ros2 bag record`, or one .mcap or .db3 file.
+    topic : str
+        Name of the topic, or its last parts.
+    optional : bool, optional
+        Whether the recording may lack it.
+    option : str, optional
+        Option of the program that names a topic, for the error.
+
+    Returns
+    -------
+    tuple of str, str and list, or None
+        Name, type and messages in the order of their times; None for an optional topic without
+        messages.
+
+    Raises
+    ------
+    InputError
+        The recording was not ended, cannot be read or is incomplete; none or several such topics
+        have messages.
+
     """
     counts = _metadata(path)
     types, messages = _read(path, topic)
@@ -72,7 +105,27 @@ def read_topic(
 
 
 def _metadata(path: Path) -> Counter[str]:
-    """Return the number of messages by topic, by metadata.yaml; empty for a file alone."""
+    """
+    Return the number of messages by topic, as metadata.yaml has them.
+
+    The files in the directory have to be those that it lists, and to be ended.
+
+    Parameters
+    ----------
+    path : Path
+        Directory or file of the recording.
+
+    Returns
+    -------
+    Counter of str
+        Empty for a file alone, which has no metadata.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, is incomplete, or the recording was not ended.
+
+    """
     if not path.is_dir():
         if path.name.endswith(COMPRESSED_SUFFIX):
             raise InputError(
@@ -109,6 +162,7 @@ def _metadata(path: Path) -> Counter[str]:
 
 
 def _storage_of(name: str) -> str:
+    """Return rosbag2's name of the storage format of a file."""
     return 'mcap' if _stored_name(name).endswith('.mcap') else 'sqlite3'
 
 
@@ -128,6 +182,7 @@ def _check_ended(path: Path) -> None:
 
 
 def _not_ended(path: Path, why: str, directory: Path) -> InputError:
+    """Return the error for a recording that was not ended, with what makes it readable."""
     return InputError(
         f'{path}: {why}: the recording was not ended; `ros2 bag reindex '
         f'{directory}` makes it readable'
@@ -140,7 +195,29 @@ def _stored_name(name: str) -> str:
 
 
 def _read(path: Path, topic: str) -> Content:
-    """Return the topics of a recording, and the messages of those named `topic`."""
+    """
+    Return the topics of a recording, and the messages of those named `topic`.
+
+    Parameters
+    ----------
+    path : Path
+        Directory or file of the recording.
+    topic : str
+        Name of the topic, or its last parts.
+
+    Returns
+    -------
+    types : dict of str to str
+        Type of each topic.
+    messages : list of tuple
+        Log time, ns, topic and message.
+
+    Raises
+    ------
+    InputError
+        Rosbags is not installed, or cannot read the recording.
+
+    """
     try:
         from rosbags.rosbag2 import Reader
         from rosbags.typesys import get_typestore, Stores
@@ -197,4 +274,5 @@ def _select(names: Iterable[str], topic: str) -> list[str]:
 
 
 def _first_line(error: Exception) -> str:
+    """Return the first line of an error's text."""
     return (str(error) or 'no reason given').splitlines()[0]

@@ -36,13 +36,29 @@ QUOTED = 120
 
 @dataclass(frozen=True, slots=True)
 class Export:
-    """What an export says of its columns."""
+    """
+    What an export says of its columns.
 
-    first: int  # index of the first line of numbers
-    seconds: Callable[[Sequence[float]], float]  # time, s, of the numbers of a line
-    bodies: dict[str, tuple[int, ...]]  # columns of the orientation of each rigid body, by name
-    markers: dict[str, tuple[int, ...]]  # columns of x, y, z of each marker, by its name
-    quaternion: Callable[[np.ndarray], np.ndarray]  # of the columns of a body: x, y, z, w
+    Attributes
+    ----------
+    first : int
+        Index of the first line of numbers.
+    seconds : callable
+        Time, s, of the numbers of a line.
+    bodies : dict of str to tuple of int
+        Columns of the orientation of each rigid body, by name.
+    markers : dict of str to tuple of int
+        Columns of x, y, z of each marker, by its name.
+    quaternion : callable
+        Quaternion x, y, z, w of the columns of a body.
+
+    """
+
+    first: int
+    seconds: Callable[[Sequence[float]], float]
+    bodies: dict[str, tuple[int, ...]]
+    markers: dict[str, tuple[int, ...]]
+    quaternion: Callable[[np.ndarray], np.ndarray]
 
 
 def export_rows(path: Path, table: Table, body: str | None) -> tuple[bool, Rows] | None:
@@ -77,7 +93,29 @@ def export_rows(path: Path, table: Table, body: str | None) -> tuple[bool, Rows]
 
 
 def _selected(path: Path, bodies: dict[str, tuple[int, ...]], body: str | None) -> str:
-    """Return the name of the rigid body that is wanted, or the only one."""
+    """
+    Return the name of the rigid body that is wanted, or the only one.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for the error.
+    bodies : dict of str to tuple of int
+        Columns of each rigid body, by name.
+    body : str or None
+        The wanted name; None if none is given.
+
+    Returns
+    -------
+    str
+        A key of `bodies`.
+
+    Raises
+    ------
+    InputError
+        There is no such body, or none is named and there are several.
+
+    """
     if body is None and len(bodies) == 1:
         return next(iter(bodies))
     if body in bodies:
@@ -88,7 +126,29 @@ def _selected(path: Path, bodies: dict[str, tuple[int, ...]], body: str | None) 
 
 
 def _four_markers(path: Path, markers: dict[str, tuple[int, ...]]) -> tuple[int, ...]:
-    """Return the columns of the markers A, B, C, D, whatever stands before these names."""
+    """
+    Return the columns of the markers A, B, C, D.
+
+    What is before the last colon or underscore of a name does not count.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for the error.
+    markers : dict of str to tuple of int
+        Columns of each marker, by name.
+
+    Returns
+    -------
+    tuple of int
+        Twelve columns: x, y, z of A, B, C, D.
+
+    Raises
+    ------
+    InputError
+        A marker is missing.
+
+    """
     short = {name.replace('_', ':').rpartition(':')[2].lower(): name for name in markers}
     missing = [name.upper() for name in MARKER_NAMES if name not in short]
     if missing:
@@ -100,7 +160,31 @@ def _four_markers(path: Path, markers: dict[str, tuple[int, ...]]) -> tuple[int,
 
 
 def _rows(path: Path, table: Table, export: Export, columns: Sequence[int]) -> Rows:
-    """Return the rows of an export; NaN where it saw nothing."""
+    """
+    Return the rows of an export, up to the end of its section.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for the error.
+    table : Table
+        Its lines, by their fields.
+    export : Export
+        What its header says.
+    columns : sequence of int
+        Columns of the wanted body or markers.
+
+    Returns
+    -------
+    Rows
+        Time and values of each row; NaN where the system saw nothing.
+
+    Raises
+    ------
+    InputError
+        A field is no number.
+
+    """
     rows: Rows = []
     for number, line in enumerate(table[export.first :], export.first + 1):
         if len([field for field in line if field.strip()]) < 2:
@@ -126,7 +210,27 @@ def _seen(values: np.ndarray) -> np.ndarray:
 
 
 def _motive(path: Path, table: Table) -> Export | None:
-    """Return the export of OptiTrack's Motive: rows Type, Name, ..., Frame, Time (Seconds)."""
+    """
+    Return the export of OptiTrack's Motive: rows Type, Name, ..., Frame, Time (Seconds).
+
+    Parameters
+    ----------
+    path : Path
+        The file, for the error.
+    table : Table
+        Its lines, by their fields.
+
+    Returns
+    -------
+    Export or None
+        None if the file is none of Motive.
+
+    Raises
+    ------
+    InputError
+        Rows of the header are missing, or the rotations are no quaternions.
+
+    """
     if not table or not table[0] or not table[0][0].strip().lower().startswith('format version'):
         return None
     about = dict(zip(table[0][::2], table[0][1::2], strict=False))
@@ -158,7 +262,28 @@ def _columns_of(
     kinds: Sequence[str],
     groups: Sequence[str],
 ) -> dict[str, tuple[int, ...]]:
-    """Return the columns of a quantity of some kinds of things in a file of Motive, by name."""
+    """
+    Return the columns of a quantity of some kinds of things in a file of Motive.
+
+    Parameters
+    ----------
+    wanted : tuple of str
+        Kinds of things, in small letters.
+    quantity : str
+        'rotation' or 'position'.
+    names : sequence of str
+        Row Name: the name of each column's thing.
+    kinds : sequence of str
+        Row Type: its kind.
+    groups : sequence of str
+        Row above Frame: the quantity of each column.
+
+    Returns
+    -------
+    dict of str to tuple of int
+        Columns by the name of the thing.
+
+    """
     found: dict[str, tuple[int, ...]] = {}
     for column, (name, kind, group) in enumerate(zip(names, kinds, groups, strict=False)):
         if kind.strip().lower() in wanted and group.strip().lower() == quantity:
@@ -167,7 +292,29 @@ def _columns_of(
 
 
 def _vicon(path: Path, table: Table) -> Export | None:
-    """Return the export of Vicon: a section, its rate, names, then Frame, Sub Frame and units."""
+    """
+    Return the export of Vicon: a section, its rate, names, then Frame, Sub Frame and units.
+
+    Three rotations of a body are a rotation vector (helical angles), four a quaternion.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for the error.
+    table : Table
+        Its lines, by their fields.
+
+    Returns
+    -------
+    Export or None
+        None if the file is none of Vicon.
+
+    Raises
+    ------
+    InputError
+        The rate is missing.
+
+    """
     titles = ('objects', 'segments', 'trajectories', 'global angles')
     start = next(
         (at for at, line in enumerate(table) if line and line[0].strip().lower() in titles), None
@@ -194,6 +341,7 @@ def _vicon(path: Path, table: Table) -> Export | None:
     factor = math.pi / 180.0 if in_degrees else 1.0
 
     def quaternion(values: np.ndarray) -> np.ndarray:
+        """Return the quaternion x, y, z, w of a body's columns; NaN where it was not seen."""
         # Three numbers are a rotation vector (helical angles), four a quaternion.
         if len(values) == 4 or np.isnan(values).any():
             return np.resize(values, 4)
@@ -209,7 +357,29 @@ def _vicon(path: Path, table: Table) -> Export | None:
 
 
 def _qualisys(path: Path, table: Table) -> Export | None:
-    """Return the export of Qualisys' QTM: lines NO_OF_FRAMES, FREQUENCY, ..., then numbers."""
+    """
+    Return the export of Qualisys' QTM: lines NO_OF_FRAMES, FREQUENCY, ..., then numbers.
+
+    A file of 6D data has bodies with rotation matrices, any other one has markers.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for the error.
+    table : Table
+        Its lines, by their fields.
+
+    Returns
+    -------
+    Export or None
+        None if the file is none of QTM.
+
+    Raises
+    ------
+    InputError
+        It has no columns Frame and Time.
+
+    """
     if not table or not table[0] or table[0][0].strip().upper() != 'NO_OF_FRAMES':
         return None
     about = {line[0].strip().upper(): line[1:] for line in table[:HEADER_LINES] if line}
@@ -270,6 +440,7 @@ def _row_named(table: Table, name: str) -> list[str] | None:
 
 
 def _is_number(text: str) -> bool:
+    """Return whether a field of a table is a number."""
     try:
         float(text)
     except ValueError:

@@ -31,10 +31,20 @@ STRAIGHT_ROWS, STRAIGHT = 10, 0.1
 
 @dataclass(frozen=True, slots=True)
 class Sifted:
-    """A capture without the rows that cannot be."""
+    """
+    A capture without the rows that cannot be.
+
+    Attributes
+    ----------
+    track : Track
+        The rows that are left.
+    left_out : Counter of str
+        Number of rows, by reason.
+
+    """
 
     track: Track
-    left_out: Counter[str]  # number of rows, by reason
+    left_out: Counter[str]
 
 
 def without_values(track: Track) -> Sifted:
@@ -44,14 +54,44 @@ def without_values(track: Track) -> Sifted:
 
 
 def keep(sifted: Sifted, good: NDArray[np.bool_], reason: str) -> Sifted:
-    """Return a capture with the good rows alone; the others are counted by a reason."""
+    """
+    Return a capture with the good rows alone; the others are counted by a reason.
+
+    Parameters
+    ----------
+    sifted : Sifted
+        A capture, with what is left out so far.
+    good : ndarray of bool, shape (n,)
+        Rows to keep.
+    reason : str
+        Why the others are left out.
+
+    Returns
+    -------
+    Sifted
+        The good rows, and all reasons.
+
+    """
     track, bad = sifted.track, int((~good).sum())
     left_out = sifted.left_out + Counter({reason: bad} if bad else {})
     return Sifted(Track(track.time[good], track.values[good], track.left_out), left_out)
 
 
 def sifted_capture(track: Track) -> Sifted:
-    """Return a capture without rows that were held or filled in, or are of no rigid body."""
+    """
+    Return a capture without rows that were held or filled in, or are of no rigid body.
+
+    Parameters
+    ----------
+    track : Track
+        Markers (12 columns) or quaternions (4), as read from a file.
+
+    Returns
+    -------
+    Sifted
+        Only of markers it is checked whether they are a rigid body.
+
+    """
     found = without_values(track)
     found = keep(found, ~straight(found.track.values), 'held or filled in by the capture')
     if track.values.shape[1] == len(MARKERS):
@@ -62,10 +102,21 @@ def sifted_capture(track: Track) -> Sifted:
 
 def straight(values: Array) -> NDArray[np.bool_]:
     """
-    Return which rows, (n, columns), are in a piece without the noise of all others.
+    Return which rows are in a piece without the noise of all others.
 
     Tracking that is lost writes the last row again; a gap that is filled in is a straight line.
-    Both have second differences far below the usual ones.
+    Both have second differences far below the usual ones, for `STRAIGHT_ROWS` rows or more.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n, columns)
+        Rows of the capture.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        True for a row that was held or filled in.
+
     """
     found = np.zeros(len(values), dtype=bool)
     if len(values) < 2 * STRAIGHT_ROWS:
@@ -82,7 +133,20 @@ def straight(values: Array) -> NDArray[np.bool_]:
 
 
 def rigid(values: Array) -> NDArray[np.bool_]:
-    """Return in which rows the markers, (n, 12), have the distances of the others."""
+    """
+    Return in which rows the markers have the distances of the others.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n, 12)
+        Coordinates of four markers.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        True if every distance is within `RIGID` of its median.
+
+    """
     points = values.reshape(len(values), -1, 3)
     first, second = np.triu_indices(points.shape[1], 1)
     distances = np.linalg.norm(points[:, first] - points[:, second], axis=2)
@@ -92,10 +156,23 @@ def rigid(values: Array) -> NDArray[np.bool_]:
 
 def continuous(time: Array, quaternions: Array) -> NDArray[np.bool_]:
     """
-    Return which orientations, (n, 4), follow each other as a hand can turn a body.
+    Return which orientations follow each other as a hand can turn a body.
 
     Exchanged markers turn a body at once, and back. The longest piece without such a turn is
     right; others are if they continue it.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+        Times, s.
+    quaternions : ndarray, shape (n, 4)
+        Unit quaternions x, y, z, w.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        True for a row that is right.
+
     """
     good = np.zeros(len(time), dtype=bool)
     breaks = 1 + np.flatnonzero(~_follows(time[:-1], quaternions[:-1], time[1:], quaternions[1:]))
@@ -118,7 +195,26 @@ def continuous(time: Array, quaternions: Array) -> NDArray[np.bool_]:
 def _follows(
     time: Array | float, quaternion: Array, later: Array | float, after: Array
 ) -> NDArray[np.bool_]:
-    """Return whether a hand can turn a body from one orientation to another meanwhile."""
+    """
+    Return whether a hand can turn a body from one orientation to another meanwhile.
+
+    Parameters
+    ----------
+    time : ndarray or float
+        Earlier times, s.
+    quaternion : ndarray
+        Orientations at these, x, y, z, w, shape (..., 4).
+    later : ndarray or float
+        Later times, s.
+    after : ndarray
+        Orientations at those, shape (..., 4).
+
+    Returns
+    -------
+    ndarray of bool
+        True if the turn is at most `HAND_SPEED` times the time, plus `TURN_NOISE`.
+
+    """
     cosine = np.minimum(np.abs(np.sum(quaternion * after, axis=-1)), 1.0)
     turn = 2.0 * np.arccos(cosine)
     return np.asarray(turn <= HAND_SPEED * np.abs(np.asarray(later) - time) + TURN_NOISE)

@@ -40,14 +40,33 @@ ERROR_COLUMNS = (
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Orientations R_base_platform, (n, 3, 3), at the same times."""
+    """
+    Orientations R_base_platform at the same times, by motion capture and forward models.
 
-    time: np.ndarray  # by the recording's clock, s, (n,)
-    capture_time: np.ndarray  # by the capture's clock, s, (n,)
-    captured: np.ndarray  # by motion capture
-    models: dict[str, np.ndarray]  # by each forward model; NaN where it has no answer
+    Attributes
+    ----------
+    time : ndarray, shape (n,)
+        Times by the recording's clock, s.
+    capture_time : ndarray, shape (n,)
+        Times by the capture's clock, s.
+    captured : ndarray, shape (n, 3, 3)
+        Orientations by motion capture.
+    models : dict of str to ndarray, shape (n, 3, 3)
+        Orientations by each forward model; NaN where it
+        has no answer.
+    alignment : Alignment
+        Time offset and frames of the capture.
+    left_out : mapping of str to int
+        Number of rows of the capture that were left out, by reason.
+
+    """
+
+    time: np.ndarray
+    capture_time: np.ndarray
+    captured: np.ndarray
+    models: dict[str, np.ndarray]
     alignment: Alignment
-    left_out: Mapping[str, int]  # rows of the capture, by reason
+    left_out: Mapping[str, int]
 
 
 def compare(
@@ -59,10 +78,36 @@ def compare(
     mounting: Mounting | None = None,
 ) -> Comparison:
     """
-    Return capture and models in one frame, at the capture's times with a recorded orientation.
+    Transform capture and models to the same times and the same frame.
 
-    Without joints there is no classic model. `azimuths` are those of the markers C and D, rad;
-    `mounting` is that of the recorded orientations. InputError: they are of another motion.
+    The models are `improved`, the recorded orientations, and `classic`, computed from three joint
+    angles, where there are joint angles.
+
+    Parameters
+    ----------
+    recorded : Track
+        Recorded orientations, quaternions of R_base_platform, as mounted.
+    capture : Track
+        Motion capture: markers or poses of a body.
+    joints : Track or None
+        Joint angles; None without them.
+    geometry : Geometry
+        Mechanism for the classic model.
+    azimuths : tuple of 2 float
+        Azimuths of the markers C and D from the platform's x axis, rad; not used with poses.
+    mounting : Mounting or None, optional
+        Mounting with which the orientations were recorded; by default none.
+
+    Returns
+    -------
+    Comparison
+        At those of the capture's times at which there is a recorded orientation.
+
+    Raises
+    ------
+    InputError
+        The recordings are not of the same motion, or the capture is not as it should be.
+
     """
     by_markers = capture.values.shape[-1] == len(MARKERS)
     sifted = capture_rows.sifted_capture(capture)
@@ -98,7 +143,29 @@ def compare(
 
 
 def _continuous(sifted: Sifted, quaternions: np.ndarray) -> tuple[Sifted, np.ndarray]:
-    """Return a capture and its orientations without those that no hand can give."""
+    """
+    Return a capture and its orientations without those that no hand can give.
+
+    Parameters
+    ----------
+    sifted : Sifted
+        The capture.
+    quaternions : ndarray, shape (n, 4)
+        Its orientations, x, y, z, w.
+
+    Returns
+    -------
+    sifted : Sifted
+        The rows that are left, with the reasons of the others.
+    quaternions : ndarray, shape (m, 4)
+        Their orientations.
+
+    Raises
+    ------
+    InputError
+        Fewer than `ROWS_MINIMUM` are left.
+
+    """
     good = capture_rows.continuous(sifted.track.time, quaternions)
     if good.sum() < ROWS_MINIMUM:
         raise InputError(
@@ -110,10 +177,25 @@ def _continuous(sifted: Sifted, quaternions: np.ndarray) -> tuple[Sifted, np.nda
 
 def marker_directions(coordinates: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
-    Return the unit vectors, (n, 3), of the axis Z_E and of the projections of C and D across it.
+    Return the axis of the platform and the directions of two markers across it.
 
-    `coordinates` are those of the markers, (n, 12). InputError where A and B coincide, or C or D
-    is on the axis.
+    Parameters
+    ----------
+    coordinates : ndarray, shape (n, 12)
+        Coordinates of the markers A, B, C, D.
+
+    Returns
+    -------
+    axis : ndarray, shape (n, 3)
+        Unit vector Z_E, from A to B.
+    toward_c, toward_d : ndarray, shape (n, 3)
+        Unit vectors from the axis to C and to D.
+
+    Raises
+    ------
+    InputError
+        A and B coincide, or C or D is on the axis.
+
     """
     a, b, c, d = markers = coordinates.reshape(-1, 4, 3).swapaxes(0, 1)
     span = float(np.median(np.linalg.norm(markers - a, axis=2).max(axis=0)))
@@ -131,9 +213,27 @@ def marker_directions(coordinates: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
 
 def orientation_of_markers(coordinates: np.ndarray, azimuths: tuple[float, float]) -> np.ndarray:
     """
-    Return the platform's orientation in the frame of the coordinates, shape (n, 3, 3).
+    Return the platform's orientation in the frame of the markers' coordinates.
 
-    The self-rotation is the mean by C and D (Fig. 29), whose azimuths are rad from the x axis.
+    The self-rotation is the mean by C and D (Fig. 29 of the paper).
+
+    Parameters
+    ----------
+    coordinates : ndarray, shape (n, 12)
+        Coordinates of the markers A, B, C, D.
+    azimuths : tuple of 2 float
+        Azimuths of C and D about Z_E from the platform's x axis, rad.
+
+    Returns
+    -------
+    ndarray, shape (n, 3, 3)
+        Columns are the platform's x, y, z.
+
+    Raises
+    ------
+    InputError
+        The markers do not determine it.
+
     """
     axis, *toward = marker_directions(coordinates)
     x = sum(
@@ -145,6 +245,7 @@ def orientation_of_markers(coordinates: np.ndarray, azimuths: tuple[float, float
 
 
 def _unit(vectors: np.ndarray, span: float, problem: str) -> np.ndarray:
+    """Return vectors as unit vectors; InputError for one that is short beside `span`."""
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     if not (length > LEAST_DISTANCE * span).all():
         raise InputError(f'markers: {problem}')
@@ -159,10 +260,29 @@ def _mounted_classic(
     mounting: Mounting,
 ) -> np.ndarray:
     """
-    Return the classic model's orientations as mounted, by the joint angles nearest to each time.
+    Return the classic model's orientations as mounted.
 
-    Each is the assembly mode nearest to the last one, the first to a recorded quaternion; NaN
-    where the angles close no mechanism, or are not known.
+    Each is by the joint angles nearest to its time, and is the assembly mode nearest to the last
+    one.
+
+    Parameters
+    ----------
+    joints : Track
+        Joint angles, rad.
+    time : ndarray, shape (n,)
+        Times, s.
+    start : ndarray, shape (4,)
+        Recorded quaternion x, y, z, w that the first mode is nearest to.
+    geometry : Geometry
+        Mechanism.
+    mounting : Mounting
+        Mounting of base and handle.
+
+    Returns
+    -------
+    ndarray, shape (n, 3, 3)
+        NaN where the angles close no mechanism, or none are within `GAP`.
+
     """
     after = np.clip(np.searchsorted(joints.time, time), 1, len(joints.time) - 1)
     index = after - (time - joints.time[after - 1] < joints.time[after] - time)
@@ -183,7 +303,22 @@ def _mounted_classic(
 
 
 def zxz_degrees(rotations: np.ndarray, unwrapped: bool = False) -> np.ndarray:
-    """Return psi, theta, phi, deg, (3, n), NaN as in the input; unwrapped: without jumps."""
+    """
+    Return the ZXZ angles of orientations in deg.
+
+    Parameters
+    ----------
+    rotations : ndarray, shape (n, 3, 3)
+        Orientations, NaN where there is none.
+    unwrapped : bool, optional
+        Whether the angles go on beyond a turn, without jumps.
+
+    Returns
+    -------
+    ndarray, shape (3, n)
+        psi, theta, phi, deg; NaN as in the input.
+
+    """
     known = np.isfinite(rotations).all(axis=(1, 2))
     angles = np.full((3, len(rotations)), np.nan)
     found = kinematics.zxz_from_matrix(rotations[known])
@@ -192,17 +327,46 @@ def zxz_degrees(rotations: np.ndarray, unwrapped: bool = False) -> np.ndarray:
 
 
 class ErrorRow(NamedTuple):
-    """Errors of one quantity of one model."""
+    """
+    Errors of one quantity of one model.
+
+    Attributes
+    ----------
+    model : str
+        Name of the forward model.
+    quantity : str
+        psi, theta, phi or rotation (the angle of the whole rotation).
+    samples : int
+        Number of orientations with an answer of the model.
+    missing : int
+        Number of orientations without one.
+    figures_deg : tuple of float
+        Mean error; root mean square, 95th percentile and maximum of its size, deg.
+
+    """
 
     model: str
-    quantity: str  # psi, theta, phi or rotation (the angle of the whole rotation)
-    samples: int  # orientations with an answer of the model
-    missing: int  # orientations without one
-    figures_deg: tuple[float, ...]  # mean error; rms, 95th percentile and maximum of its size
+    quantity: str
+    samples: int
+    missing: int
+    figures_deg: tuple[float, ...]
 
 
 def error_table(comparison: Comparison) -> list[ErrorRow]:
-    """Return the models' errors against the capture: psi, theta, phi and the rotation."""
+    """
+    Return the models' errors against the capture: psi, theta, phi and the rotation.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        Orientations of capture and models at the same times.
+
+    Returns
+    -------
+    list of ErrorRow
+        Four rows for each model that has an answer.
+
+    """
     captured = kinematics.zxz_from_matrix(comparison.captured)
     table = []
     for model, rotations in comparison.models.items():
@@ -243,7 +407,7 @@ def error_table(comparison: Comparison) -> list[ErrorRow]:
 
 
 def write_error_table(path: Path, table: list[ErrorRow]) -> None:
-    """Write errors.csv."""
+    """Write errors.csv: a row for each quantity of each model, in deg."""
     with open(path, 'w', newline='', encoding='utf-8') as file:
         writer = csv.writer(file, lineterminator='\n')
         writer.writerow(ERROR_COLUMNS)

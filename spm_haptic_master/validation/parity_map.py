@@ -33,26 +33,62 @@ GAP = 1.5
 
 
 class Region(NamedTuple):
-    """Parity of the samples of one region of the workspace."""
+    """
+    Parity of the samples of one region of the workspace.
 
-    tilt_from_deg: float  # tilt from the centre of the workspace
+    Attributes
+    ----------
+    tilt_from_deg : float
+        Smallest tilt from the centre of the workspace, deg.
+    tilt_to_deg : float
+        Largest tilt, deg.
+    phi_from_deg : float
+        Smallest self-rotation phi, deg.
+    phi_to_deg : float
+        Largest self-rotation, deg.
+    samples : int
+        Number of samples.
+    published : float
+        Share of them whose orientation is published (unit 1).
+    mean_deg : float
+        Mean parity, deg.
+    rms_deg : float
+        Root mean square of the parity, deg.
+    level_deg : float
+        Median protection level, deg; NaN where nothing is published.
+
+    """
+
+    tilt_from_deg: float
     tilt_to_deg: float
-    phi_from_deg: float  # self-rotation
+    phi_from_deg: float
     phi_to_deg: float
     samples: int
-    published: float  # share of the samples whose orientation is published
-    mean_deg: float  # parity
+    published: float
+    mean_deg: float
     rms_deg: float
-    level_deg: float  # median protection level; NaN where nothing is published
+    level_deg: float
 
 
 @dataclass(frozen=True, slots=True)
 class ParityMap:
-    """Parity of n samples, and where the platform was; NaN where they have no orientation."""
+    """
+    Parity of n samples, and where the platform was; NaN where they have no orientation.
+
+    Attributes
+    ----------
+    parity_deg : ndarray, shape (n,)
+        Parity, deg.
+    tilt_deg : ndarray, shape (n,)
+        Tilt from the centre of the workspace, deg.
+    phi_deg : ndarray, shape (n,)
+        Self-rotation phi, deg.
+
+    """
 
     parity_deg: Array
-    tilt_deg: Array  # from the centre of the workspace
-    phi_deg: Array  # self-rotation
+    tilt_deg: Array
+    phi_deg: Array
 
 
 def parity_map(
@@ -61,7 +97,29 @@ def parity_map(
     geometry: kinematics.Geometry,
     working_mode: tuple[int, int, int],
 ) -> ParityMap:
-    """Return the parity map of angles, rad, (n, N), and sigma, rad, (N,), by the first four."""
+    """
+    Return the parity of samples in deg, and where the platform was.
+
+    The estimate gives the parity in standard deviations; that of n . e is sqrt(sum n_i^2
+    sigma_i^2), with the null vector n of the Jacobian's transpose by singular value decomposition.
+
+    Parameters
+    ----------
+    angles : ndarray, shape (n, N)
+        Joint angles, rad; the first four of each sample are used.
+    sigma : tuple of float
+        Standard deviations of the N sensors, rad.
+    geometry : Geometry
+        Link angles and axes of the mechanism.
+    working_mode : tuple of 3 int
+        Signs of B_kk of the legs A, B, C.
+
+    Returns
+    -------
+    ParityMap
+        Parity, tilt and self-rotation of each sample.
+
+    """
     n, angles, sigma = len(angles), angles[:, :4], sigma[:4]
     parity, tilt, phi = (np.full(n, np.nan) for _ in range(3))
     finite = np.flatnonzero(np.isfinite(angles).all(axis=1))
@@ -80,7 +138,22 @@ def parity_map(
 
 
 def tilt_and_turn(rotation: Array) -> tuple[Array, Array]:
-    """Return tilts from the centre of the workspace, and self-rotations, rad, (n,) each."""
+    """
+    Return how far orientations are tilted and turned.
+
+    Parameters
+    ----------
+    rotation : ndarray, shape (n, 3, 3)
+        R_base_platform.
+
+    Returns
+    -------
+    tilt : ndarray, shape (n,)
+        Tilt from the centre of the workspace, rad.
+    turn : ndarray, shape (n,)
+        Self-rotation phi (ZXZ), rad.
+
+    """
     axis = kinematics.workspace_pose(0.0, 0.0, 0.0)[:, 2]
     return (
         np.arccos(np.clip(rotation[:, :, 2] @ axis, -1.0, 1.0)),
@@ -89,7 +162,24 @@ def tilt_and_turn(rotation: Array) -> tuple[Array, Array]:
 
 
 def regions(found: ParityMap, published: NDArray[np.bool_], level_deg: Array) -> list[Region]:
-    """Return the regions that have samples, by tilt and self-rotation."""
+    """
+    Return the regions that have samples, by tilt and self-rotation.
+
+    Parameters
+    ----------
+    found : ParityMap
+        Parity of n samples, and where the platform was.
+    published : ndarray of bool, shape (n,)
+        Whether the orientation of each is published.
+    level_deg : ndarray, shape (n,)
+        Protection level of each, deg.
+
+    Returns
+    -------
+    list of Region
+        Rows of regions.csv.
+
+    """
     known = np.isfinite(found.parity_deg)
     phi = np.floor(found.phi_deg / PHI_STEP)
     table = []
@@ -152,9 +242,22 @@ def white_noise(stamps: NDArray[np.int64], angles: Array) -> Array:
 
 def _third_differences(stamps: NDArray[np.int64], angles: Array) -> Array:
     """
-    Return third divided differences, (m, N), of four readings that follow each other, rad.
+    Return third divided differences of four readings that follow each other.
 
     Each is scaled so that its standard deviation is the noise of one reading.
+
+    Parameters
+    ----------
+    stamps : ndarray of int, shape (n,)
+        Increasing times, ns.
+    angles : ndarray, shape (n, N)
+        Readings, rad.
+
+    Returns
+    -------
+    ndarray, shape (m, N)
+        rad; none across a gap longer than `GAP` times the median step.
+
     """
     steps = np.diff(stamps)
     without_gap = (steps > 0) & (steps <= GAP * np.median(steps))
@@ -189,6 +292,6 @@ def nominal_bias(table: list[Region]) -> float | None:
 
 
 def write_regions(path: Path, table: list[Region]) -> None:
-    """Write the regions as CSV."""
+    """Write the regions as CSV, with the names of `Region` as header."""
     with open(path, 'w', newline='', encoding='utf-8') as file:
         csv.writer(file).writerows([Region._fields, *table])

@@ -65,7 +65,22 @@ def label_axes(axes: Axes, x: str, y: str, title: str = '') -> None:
 
 
 def save(figure: Figure, path: Path | BytesIO) -> None:
-    """Write a PNG, the same bytes for the same picture; InputError where that is not possible."""
+    """
+    Write a picture as a PNG, the same bytes for the same picture.
+
+    Parameters
+    ----------
+    figure : Figure
+        The picture.
+    path : Path or BytesIO
+        File or buffer to write to.
+
+    Raises
+    ------
+    InputError
+        The file cannot be written.
+
+    """
     try:
         figure.savefig(
             path,
@@ -79,7 +94,25 @@ def save(figure: Figure, path: Path | BytesIO) -> None:
 
 
 def draw_comparison(comparison: Comparison, directory: Path) -> None:
-    """Draw fig32.png (all angles), fig33.png and fig34.png (self-rotation) into a directory."""
+    """
+    Draw a comparison as the paper's figures.
+
+    fig32.png has all angles of the models, fig33.png their self-rotation, and fig34.png this with
+    that of the motion capture.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        Orientations of capture and models.
+    directory : Path
+        Directory to write to.
+
+    Raises
+    ------
+    InputError
+        A file cannot be written.
+
+    """
     time = comparison.time - comparison.time[0]
     angles = {
         name: zxz_degrees(rotations, unwrapped=True)
@@ -111,6 +144,7 @@ def draw_comparison(comparison: Comparison, directory: Path) -> None:
 
 
 def _finish(figure: Figure, title: str, path: Path) -> None:
+    """Add title and legend to a picture, and write it."""
     figure.axes[0].set_title(title, fontsize=10)
     figure.legend(
         *figure.axes[0].get_legend_handles_labels(),

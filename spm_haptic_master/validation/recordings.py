@@ -58,16 +58,48 @@ ROWS_MINIMUM = 10
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """Values at n increasing times."""
+    """
+    Values at n increasing times.
 
-    time: np.ndarray  # s, (n,)
-    # Quaternions, (n, 4); joint angles, rad, (n, N), NaN without a reading; or markers, (n, 12).
+    Attributes
+    ----------
+    time : ndarray, shape (n,)
+        Times, s.
+    values : ndarray, shape (n, k)
+        Quaternions x, y, z, w (k = 4); joint angles, rad, NaN without a reading (k = N); or
+        coordinates of the markers A, B, C, D (k = 12).
+    left_out : int
+        Number of rows with too few values.
+
+    """
+
+    time: np.ndarray
     values: np.ndarray
-    left_out: int = 0  # rows with too few values
+    left_out: int = 0
 
 
 def read_orientation(path: Path, topic: str) -> Track:
-    """Return orientations (of a topic: QuaternionStamped or PoseStamped); InputError: none."""
+    """
+    Return recorded orientations.
+
+    Parameters
+    ----------
+    path : Path
+        A CSV file, a directory of `recorder`, or a rosbag2 (directory, .mcap or .db3).
+    topic : str
+        Topic of QuaternionStamped, PoseStamped or TransformStamped in a rosbag2.
+
+    Returns
+    -------
+    Track
+        Unit quaternions x, y, z, w of R_base_platform.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or has no orientations.
+
+    """
     path = _table_in(path, ORIENTATION_NAME)
     return _quaternions(
         path,
@@ -78,7 +110,29 @@ def read_orientation(path: Path, topic: str) -> Track:
 
 
 def read_joints(path: Path, topic: str, option: str = '--topic') -> Track | None:
-    """Return joint angles; None if a recording has none; InputError for a table without any."""
+    """
+    Return recorded joint angles.
+
+    Parameters
+    ----------
+    path : Path
+        A CSV file, a directory of `recorder`, or a rosbag2 (directory, .mcap or .db3).
+    topic : str
+        Topic of JointState in a rosbag2.
+    option : str, optional
+        Option of the program that names a topic, for the error.
+
+    Returns
+    -------
+    Track or None
+        Angles, rad, (n, N); None if a rosbag2 or a directory of `recorder` has none.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, a table has no joint angles, or their number changes.
+
+    """
     path = _table_in(path, JOINTS_NAME)
     if _table_in(path, ORIENTATION_NAME) != path:
         return None  # of `recorder`, without joint angles
@@ -112,7 +166,27 @@ def read_axis_times(path: Path, axis: str) -> NDArray[np.float64]:
 
 
 def read_capture(path: Path, topic: str | None) -> Track:
-    """Return markers (12 columns) or poses of a body (quaternions); InputError: neither."""
+    """
+    Return motion capture: markers (12 columns) or poses of a body (quaternions).
+
+    Parameters
+    ----------
+    path : Path
+        A table, an export of Motive, Vicon or QTM, or a rosbag2 with a pose.
+    topic : str or None
+        Topic of the pose in a rosbag2, or name of the rigid body in an export; None if not given.
+
+    Returns
+    -------
+    Track
+        Coordinates of the markers, or unit quaternions x, y, z, w.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or has neither.
+
+    """
     if bags.is_bag(path):
         if topic is None:
             raise InputError(f'{path}: give the topic of the pose with --capture-topic')
@@ -135,7 +209,25 @@ def read_capture(path: Path, topic: str | None) -> Track:
 
 
 def _joints_among(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the joints of four, five or six sensors; ValueError where one of them is missing."""
+    """
+    Return the joints of four, five or six sensors.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names of columns or of the joints of a message.
+
+    Returns
+    -------
+    tuple of str
+        Joints in the order of ALL_JOINT_NAMES, up to the last one that is named.
+
+    Raises
+    ------
+    ValueError
+        One of them is missing.
+
+    """
     count = max(
         number
         for number, name in enumerate(ALL_JOINT_NAMES, 1)
@@ -156,6 +248,27 @@ def _table_in(path: Path, name: str) -> Path:
 
 
 def _quaternions(path: Path, rows: list[list[float]]) -> Track:
+    """
+    Return rows of quaternions as unit quaternions; a row of zeros is left out.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for the error.
+    rows : list of list of float
+        Time, s, and x, y, z, w of each row.
+
+    Returns
+    -------
+    Track
+        Unit quaternions.
+
+    Raises
+    ------
+    InputError
+        A quaternion's norm differs from 1 by more than `NORM_TOLERANCE`, or as of `_track`.
+
+    """
     track = _track(path, [row for row in rows if any(row[1:])])
     with np.errstate(over='ignore'):
         norm = np.linalg.norm(track.values, axis=1)
@@ -169,7 +282,29 @@ def _quaternions(path: Path, rows: list[list[float]]) -> Track:
 
 
 def _track(path: Path, rows: list[list[float]], least: int | None = None) -> Track:
-    """Return the rows with at least `least` values; by default with all of them."""
+    """
+    Return the rows with enough values, as a track.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for the error.
+    rows : list of list of float
+        Time, s, and values of each row; NaN without a value.
+    least : int or None, optional
+        Least number of values of a row; by default all.
+
+    Returns
+    -------
+    Track
+        Times and values.
+
+    Raises
+    ------
+    InputError
+        Too few rows are left, a value is infinite, or the time does not increase.
+
+    """
     known = np.array(
         [
             row
@@ -210,7 +345,29 @@ def _fields(path: Path) -> list[list[str]]:
 
 
 def _csv_rows(path: Path, table: list[list[str]], columns: tuple[str, ...]) -> list[list[float]]:
-    """Return the rows of `time` and these columns; NaN where a field is empty."""
+    """
+    Return the rows of `time` and these columns; NaN where a field is empty.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for the error.
+    table : list of list of str
+        Its lines by their fields, the header first.
+    columns : tuple of str
+        Names of the columns beside the time.
+
+    Returns
+    -------
+    list of list of float
+        Time, s, and values of each row.
+
+    Raises
+    ------
+    InputError
+        A column is missing, or a field is no number.
+
+    """
     header, *lines = table
     if TIME not in header and STAMP in header:
         header[header.index(STAMP)] = TIME
@@ -239,6 +396,7 @@ def _joint_angles(message: Any) -> Sequence[float]:
 
 
 def _components(quaternion: Any) -> Sequence[float]:
+    """Return the components x, y, z, w of a message's quaternion."""
     return [quaternion.x, quaternion.y, quaternion.z, quaternion.w]
 
 
@@ -262,7 +420,33 @@ def _topic_rows(
     optional: bool = False,
     option: str = '--topic',
 ) -> list[list[float]]:
-    """Return the rows (header stamp in s, values) of a topic; [] if it is optional and missing."""
+    """
+    Return the rows of a topic: header stamp, s, and values.
+
+    Parameters
+    ----------
+    path : Path
+        The recording.
+    topic : str
+        Name of the topic, or its last parts.
+    takers : mapping of str to Taker
+        Takes the values of a message, by type.
+    optional : bool, optional
+        Whether the recording may lack the topic.
+    option : str, optional
+        Option of the program that names a topic, for the error.
+
+    Returns
+    -------
+    list of list of float
+        Empty if the topic is optional and missing.
+
+    Raises
+    ------
+    InputError
+        The topic has another type, a message cannot be read, or all stamps are 0.
+
+    """
     found = bags.read_topic(path, topic, optional, option)
     if found is None:
         return []

@@ -31,25 +31,68 @@ ERROR_SAMPLES = 3000
 
 @dataclass(frozen=True)
 class MotionCalibration:
-    """Result of a calibration from free motion."""
+    """
+    Result of a calibration from free motion.
 
-    model: MotionModel  # with the white noise of the readings' means
-    vector: Array  # parameters, rad, (P,)
-    covariance: Array  # of their errors, with those of the drawing that were left, rad^2, (P, P)
-    information: Array  # of all parameters by the readings alone, 1/rad^2, (P, P)
-    estimated: tuple[int, ...]  # parameters that were estimated
-    left: dict[str, str]  # groups that were left as drawn, and why
-    direction: tuple[int, ...]  # of the encoders, 1 or -1
-    readings: MotionReadings  # means that it was computed from
-    rotation: Array  # orientation at each of these, (n, 3, 3); NaN where there is none
-    kept: NDArray[np.bool_]  # which of them are no outliers and have an orientation, (n,)
-    drawn: Array  # parameters with the mechanism as drawn, rad, (P,)
-    unexplained: Array  # error of each sensor that no parameter explains, rad, (N,)
-    unexplained_parity: float  # slow part of the parity that no parameter explains, rad
-    advice: str  # the motion that would determine most of the rest, as an instruction
-    advice_gain: float  # variance of the orientations' error over that with such a motion
-    contradiction: float  # variance between halves of the motion over that of noise (unit 1)
-    region: coverage.Region = coverage.WORKSPACE  # where `bias` and `region_error` hold
+    P is the number of parameters, N of sensors, n of means of readings. Figures that take time are
+    computed when they are asked for, once.
+
+    Attributes
+    ----------
+    model : MotionModel
+        Mechanism with its encoders, and the white noise of the readings' means.
+    vector : ndarray, shape (P,)
+        Parameters, rad.
+    covariance : ndarray, shape (P, P)
+        Covariance of the parameters' errors, with those of what was left as drawn, rad^2.
+    information : ndarray, shape (P, P)
+        Normal matrix of all parameters by the readings alone, 1/rad^2.
+    estimated : tuple of int
+        Places of the parameters that were estimated.
+    left : dict of str to str
+        Groups of parameters that were left as drawn, and why.
+    direction : tuple of int
+        Directions of the encoders, 1 or -1.
+    readings : MotionReadings
+        Means of readings that it was computed from.
+    rotation : ndarray, shape (n, 3, 3)
+        Orientation R_base_platform at each of these; NaN where there is none.
+    kept : ndarray of bool, shape (n,)
+        Which of them are no outliers and have an orientation.
+    drawn : ndarray, shape (P,)
+        Parameters with the mechanism as drawn, rad: the zeros alone are fitted.
+    unexplained : ndarray, shape (N,)
+        Error of each sensor that no parameter explains, rad.
+    unexplained_parity : float
+        Slow part of the parity that no parameter explains, rad.
+    advice : str
+        The motion that would determine most of the rest, as an instruction.
+    advice_gain : float
+        Variance of the orientations' error over that after such a motion.
+    contradiction : float
+        Variance between halves of the motion over that of noise (unit 1).
+    region : coverage.Region
+        Region of the workspace for which `bias` and `region_error` hold.
+
+    """
+
+    model: MotionModel
+    vector: Array
+    covariance: Array
+    information: Array
+    estimated: tuple[int, ...]
+    left: dict[str, str]
+    direction: tuple[int, ...]
+    readings: MotionReadings
+    rotation: Array
+    kept: NDArray[np.bool_]
+    drawn: Array
+    unexplained: Array
+    unexplained_parity: float
+    advice: str
+    advice_gain: float
+    contradiction: float
+    region: coverage.Region = coverage.WORKSPACE
 
     @property
     def layout(self) -> Layout:
@@ -68,12 +111,20 @@ class MotionCalibration:
 
     @property
     def noise(self) -> Array:
-        """Return the white noise of one reading that the parity allows, rad, (N,)."""
+        """
+        Return the white noise of one reading that the parity allows, rad, (N,).
+
+        `model.sigma` is that of a mean of `readings.together` readings.
+        """
         return self.model.sigma * np.sqrt(self.readings.together)
 
     @property
     def irregular(self) -> str:
-        """Return that the sets come at irregular times; empty if they do not."""
+        """
+        Return a caution that the sets come at irregular times; empty if they do not.
+
+        Differences of readings then show more noise than the parity, which no motion changes.
+        """
         sensor = int(np.argmax(self.readings.noise / self.noise))
         if self.readings.noise[sensor] <= IRREGULAR * self.noise[sensor]:
             return ''
@@ -92,22 +143,32 @@ class MotionCalibration:
 
     @cached_property
     def parity(self) -> Array:
-        """Return the parity of each sample by the first four sensors, rad, (n,)."""
+        """
+        Return the parity of each sample by the first four sensors, rad, (n,).
+
+        `normal_equations` gives it in standard deviations; the rms of the sensors' noise is one.
+        """
         return self._parity(self.rotation, self.vector)
 
     @cached_property
     def parity_before(self) -> Array:
-        """Return the same with the mechanism as drawn."""
+        """Return the parity of each sample with the mechanism as drawn, rad, (n,)."""
         return self._parity(self.model.orientations(self.turned, self.drawn), self.drawn)
 
     def _parity(self, rotation: Array, vector: Array) -> Array:
+        """Return the parity by orientations and parameters, rad, (n,); NaN where there is none."""
         found = normal_equations(self.model, self.turned, rotation, vector, ())
         # In rad of one standard deviation.
         return found.parity[:, 0] * rms(self.model.sigma)
 
     @cached_property
     def error(self) -> float:
-        """Return the predicted error of the orientations over the motion, aligned, rad rms."""
+        """
+        Return the predicted error of the orientations over the motion, rad rms.
+
+        Without what a rotation of base and platform takes away, by at most some `ERROR_SAMPLES`
+        samples.
+        """
         moved = self.rotation[self.kept]
         moved = moved[:: max(1, len(moved) // ERROR_SAMPLES)]
         return coverage.orientation_error(
@@ -116,18 +177,27 @@ class MotionCalibration:
 
     @cached_property
     def _poses(self) -> Array:
+        """Return the poses at which the region is evaluated, (n, 3, 3)."""
         return self.region.poses(self.model, self.vector)
 
     @cached_property
     def bias(self) -> Array:
-        """Return the bounds of the sensors' systematic errors over the region, rad, (N,)."""
+        """
+        Return the bounds of the sensors' systematic errors over the region, rad, (N,).
+
+        See `coverage.sensor_bounds`; this becomes the parameter `bias_deg`.
+        """
         return coverage.sensor_bounds(
             self.model, self.vector, self.covariance, self._poses, self.unexplained
         )
 
     @cached_property
     def parity_bias(self) -> float:
-        """Return the bound of what these errors together do to the parity, rad."""
+        """
+        Return the bound of what these errors together do to the parity, rad.
+
+        See `coverage.parity_bound`; this becomes the parameter `parity_bias_deg`.
+        """
         return coverage.parity_bound(
             self.model, self.vector, self.covariance, self._poses, self.unexplained_parity
         )
@@ -142,15 +212,22 @@ class MotionCalibration:
     @property
     def cures(self) -> dict[str, float]:
         """
-        Return by what the predicted error over the region is divided, by what one could do.
+        Return what one could do, and by what it would divide the predicted error over the region.
 
         A motion twice as long doubles the information of the readings; half the tolerances have
         four times the information.
+
+        Returns
+        -------
+        dict of str to float
+            Factor by the cure, in words.
+
         """
         tolerance = np.diag(self.layout.deviations**-2.0)
         changes = coverage.aligned_changes(self.model, self._poses, self.vector)
 
         def error(information: Array) -> float:
+            """Return the predicted error over the region with an information matrix, rad rms."""
             return coverage.orientation_error(changes, coverage.inverse(information))
 
         now = error(self.information + tolerance)
@@ -208,5 +285,18 @@ class MotionCalibration:
 
 
 def rms(values: Array) -> float:
-    """Return the root mean square of values, but for NaN."""
+    """
+    Return the root mean square of values, but for NaN.
+
+    Parameters
+    ----------
+    values : ndarray
+        Values of any shape; NaN do not count.
+
+    Returns
+    -------
+    float
+        In the unit of the values.
+
+    """
     return float(np.sqrt(np.nanmean(values**2)))

@@ -47,15 +47,36 @@ LARGE_LEFT = radians(0.3)
 
 @dataclass(frozen=True, slots=True)
 class Hypothesis:
-    """One sensor alone changed."""
+    """
+    One sensor alone changed.
 
-    sensor: int  # its index in ALL_JOINT_NAMES
-    turned: bool  # whether its direction is the other one
-    slip: float  # reading, by the right direction, less true angle, rad
-    deviation: float = np.inf  # its standard deviation by noise and bias, rad
-    left: float = np.inf  # misfit that it leaves (unit 1); inf where the angles fit nothing
-    explains: bool = False  # whether noise and bias explain the rest
-    fits: bool = False  # or the harmonics of an encoder that is another way round
+    Attributes
+    ----------
+    sensor : int
+        Its index in ALL_JOINT_NAMES.
+    turned : bool
+        Whether its direction is the other one.
+    slip : float
+        Reading, by the right direction, less true angle, rad.
+    deviation : float
+        Standard deviation of the slip by noise and bias, rad.
+    left : float
+        Misfit that it leaves (unit 1); inf where the angles fit nothing.
+    explains : bool
+        Whether noise and bias explain the rest.
+    fits : bool
+        Whether that or, after a large change, the harmonics of an encoder at other angles explain
+        the rest.
+
+    """
+
+    sensor: int
+    turned: bool
+    slip: float
+    deviation: float = np.inf
+    left: float = np.inf
+    explains: bool = False
+    fits: bool = False
 
     @property
     def text(self) -> str:
@@ -70,13 +91,29 @@ class Hypothesis:
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """Result of a check."""
+    """
+    Result of a check.
 
-    evaluation: Evaluation | None  # of the calibration as it is; None where the angles fit nothing
-    usable: float  # part of the samples that have an orientation with it (unit 1)
-    changed: Hypothesis | None = None  # the sensor that alone changed; None if none is isolated
-    candidates: tuple[Hypothesis, ...] = ()  # what explains the angles nearly as well, best first
-    several: Array | None = None  # slips, rad, (N,), where only those of all sensors explain them
+    Attributes
+    ----------
+    evaluation : Evaluation or None
+        Evaluation of the calibration as it is; None where the angles fit nothing.
+    usable : float
+        Part of the samples that have an orientation with it (unit 1).
+    changed : Hypothesis or None
+        The sensor that alone changed; None if none is isolated.
+    candidates : tuple of Hypothesis
+        What explains the angles nearly as well, best first.
+    several : ndarray or None, shape (N,)
+        Slips of all sensors, rad, if only all together explain the angles; else None.
+
+    """
+
+    evaluation: Evaluation | None
+    usable: float
+    changed: Hypothesis | None = None
+    candidates: tuple[Hypothesis, ...] = ()
+    several: Array | None = None
 
     @property
     def holds(self) -> bool:
@@ -100,17 +137,53 @@ class Check:
 
 @dataclass(frozen=True, slots=True)
 class CalibrationChecker:
-    """Checks a calibration by a motion."""
+    """
+    Checks a calibration by a motion.
 
-    sigma: Array  # white noise of a reading, rad, 1 standard deviation, (N,)
-    bias: Array  # bound of its systematic error, rad, (N,)
+    Attributes
+    ----------
+    sigma : ndarray, shape (N,)
+        White noise of a reading, rad, 1 standard deviation.
+    bias : ndarray, shape (N,)
+        Bound of a reading's systematic error, rad.
+    geometry : Geometry
+        Link angles and axes of the mechanism as calibrated.
+    working_mode : tuple of 3 int
+        Signs of B_kk of the legs A, B, C.
+    progress : callable
+        Takes the stage, and the part of the whole that is done (unit 1).
+
+    """
+
+    sigma: Array
+    bias: Array
     geometry: Geometry
     working_mode: WorkingMode
-    # Takes the stage, and the part of the whole that is done (unit 1).
     progress: Callable[[str, float], None] = lambda text, share: None
 
     def check(self, angles: Array) -> Check:
-        """Return the result for angles, (n, N), rad; CalibrationError if they decide nothing."""
+        """
+        Return what a motion says of the calibration.
+
+        Some `SAMPLES` of the angles are evaluated. Where noise and bias do not explain their
+        parity, each sensor alone is tried, then all of them together.
+
+        Parameters
+        ----------
+        angles : ndarray, shape (n, N)
+            Joint angles by the calibration, rad.
+
+        Returns
+        -------
+        Check
+            Whether it holds, and what changed if not.
+
+        Raises
+        ------
+        CalibrationError
+            The calibration holds, but so small a motion would not show a slip.
+
+        """
         rows = np.unique(np.linspace(0, len(angles) - 1, SAMPLES).astype(np.intp))
         angles = angles[rows]
         evaluation, usable = self._evaluated(angles)
@@ -150,7 +223,17 @@ class CalibrationChecker:
             )
 
     def _evaluated(self, angles: Array) -> tuple[Evaluation | None, float]:
-        """Return the evaluation, and the part of the samples that are usable."""
+        """
+        Return the evaluation of angles, and the part of them that is usable.
+
+        Returns
+        -------
+        evaluation : Evaluation or None
+            None where fewer than `USABLE` of the samples have an orientation.
+        usable : float
+            Part of the samples that have one (unit 1).
+
+        """
         found = self._solved(angles)
         usable = float(found.usable.mean())
         if usable < USABLE:
@@ -158,7 +241,17 @@ class CalibrationChecker:
         return slip_evidence.evaluate(slip_evidence.summed(angles, found), self.bias), usable
 
     def _solved(self, angles: Array) -> Parities:
-        """Return the parities at the maximum-likelihood orientations."""
+        """
+        Return the parities at the maximum-likelihood orientations.
+
+        The closed form of the first four angles is the start of Gauss-Newton steps.
+
+        Returns
+        -------
+        Parities
+            Parity and gains of each sample.
+
+        """
         rotation = forward_theta3a(angles[:, :3], angles[:, 3], self.geometry)
         for _ in range(ROTATION_STEPS + 1):
             found = slip_evidence.parities(
@@ -171,7 +264,25 @@ class CalibrationChecker:
         return found
 
     def _hypotheses(self, angles: Array, evaluation: Evaluation | None) -> list[Hypothesis]:
-        """Return the best hypothesis of each sensor."""
+        """
+        Return the best hypothesis of each sensor.
+
+        The slip by the evaluation is a start; where the slow parity is beyond `LINEAR`, or the
+        angles fit nothing, slips over the whole turn with either direction are others.
+
+        Parameters
+        ----------
+        angles : ndarray, shape (n, N)
+            Joint angles, rad.
+        evaluation : Evaluation or None
+            Evaluation of the angles as they are; None where they fit nothing.
+
+        Returns
+        -------
+        list of Hypothesis
+            One for each sensor, in their order.
+
+        """
         sensors = angles.shape[1]
         few = angles[spread(angles, TRIED_POSES)]
         found = []
@@ -189,7 +300,24 @@ class CalibrationChecker:
         return found
 
     def _tried(self, angles: Array, sensor: int, other: bool) -> float:
-        """Return the slip over the whole turn that leaves the least parity, rad."""
+        """
+        Return the slip over the whole turn that leaves the least parity, by trying all in steps.
+
+        Parameters
+        ----------
+        angles : ndarray, shape (n, N)
+            Joint angles of a few poses, rad.
+        sensor : int
+            Index of the sensor.
+        other : bool
+            Whether its direction is reversed.
+
+        Returns
+        -------
+        float
+            Slip, rad.
+
+        """
         slips = np.arange(-np.pi, np.pi, TRIED_STEP)
         many = np.repeat(angles[None], len(slips), axis=0)
         many[:, :, sensor] = wrapped(
@@ -203,7 +331,26 @@ class CalibrationChecker:
         return float(slips[np.argmin(typical)])
 
     def _refined(self, angles: Array, sensor: int, other: bool, slip: float) -> Hypothesis:
-        """Return a hypothesis with the slip that leaves the least."""
+        """
+        Return a hypothesis with the slip that leaves the least, by Gauss-Newton.
+
+        Parameters
+        ----------
+        angles : ndarray, shape (n, N)
+            Joint angles, rad.
+        sensor : int
+            Index of the sensor.
+        other : bool
+            Whether its direction is reversed.
+        slip : float
+            Slip at the start, rad.
+
+        Returns
+        -------
+        Hypothesis
+            The hypothesis; `left` is inf where its angles fit nothing.
+
+        """
         result = Hypothesis(sensor, other, slip)
         for _ in range(REFINEMENTS):
             trial = angles.copy()
@@ -230,7 +377,15 @@ class CalibrationChecker:
         return result
 
     def _several(self, angles: Array) -> Array | None:
-        """Return slips of all sensors, rad, that explain the angles; None where none do."""
+        """
+        Return slips of all sensors that explain the angles, by Gauss-Newton.
+
+        Returns
+        -------
+        ndarray, shape (N,), or None
+            Slips, rad; None where none explain the angles.
+
+        """
         slips = np.zeros(angles.shape[1])
         for _ in range(REFINEMENTS):
             found, _ = self._evaluated(wrapped(angles - slips))

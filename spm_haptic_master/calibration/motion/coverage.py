@@ -49,11 +49,23 @@ LEAST_TILT_DEG, LEAST_TURN_DEG = 8.0, 20.0
 
 @dataclass(frozen=True, slots=True)
 class Region:
-    """Part of the workspace: tilts in all directions from its centre, and self-rotations."""
+    """
+    Part of the workspace: tilts in all directions from its centre, and self-rotations.
 
-    tilt_deg: float  # largest tilt, deg
-    from_deg: float  # least self-rotation, deg
-    to_deg: float  # largest self-rotation, deg
+    Attributes
+    ----------
+    tilt_deg : float
+        Largest tilt of the platform's axis from the workspace's centre, deg.
+    from_deg : float
+        Least self-rotation phi, deg.
+    to_deg : float
+        Largest self-rotation phi, deg.
+
+    """
+
+    tilt_deg: float
+    from_deg: float
+    to_deg: float
 
     @property
     def text(self) -> str:
@@ -69,7 +81,22 @@ class Region:
         return self.tilt_deg >= LEAST_TILT_DEG and self.to_deg - self.from_deg >= LEAST_TURN_DEG
 
     def poses(self, model: MotionModel, vector: Array) -> Array:
-        """Return poses of the region within reach, shape (n, 3, 3)."""
+        """
+        Return poses of the region within reach, on a grid of tilts, directions and self-rotations.
+
+        Parameters
+        ----------
+        model : MotionModel
+            The mechanism with its encoders.
+        vector : ndarray, shape (P,)
+            Parameters, rad.
+
+        Returns
+        -------
+        ndarray, shape (n, 3, 3)
+            R_base_platform.
+
+        """
         return _reachable(
             model,
             vector,
@@ -84,7 +111,22 @@ WORKSPACE = Region(16.0, 0.0, 80.0)
 
 
 def region_of(rotation: Array) -> Region:
-    """Return the region that orientations, NaN where there is none, are in, to whole degrees."""
+    """
+    Return the region that orientations are in, to whole degrees.
+
+    The rim that `RIM_PERCENT` of the samples are in at either edge does not count.
+
+    Parameters
+    ----------
+    rotation : ndarray, shape (n, 3, 3)
+        Orientations R_base_platform; NaN where there is none.
+
+    Returns
+    -------
+    Region
+        The region, inside the orientations' extent.
+
+    """
     tilts, turns = tilt_and_turn(rotation[np.isfinite(rotation).all(axis=(1, 2))])
     low, high = np.percentile(np.degrees(around_middle(turns)), (RIM_PERCENT, 100.0 - RIM_PERCENT))
     tilt = np.percentile(np.degrees(tilts), 100.0 - 2.0 * RIM_PERCENT)
@@ -92,7 +134,20 @@ def region_of(rotation: Array) -> Region:
 
 
 def around_middle(angles: Array) -> Array:
-    """Return angles, rad, (n,), or NaN, on the turn around their mean direction: without jumps."""
+    """
+    Return angles on the turn around their mean direction, so that they do not jump.
+
+    Parameters
+    ----------
+    angles : ndarray, shape (n,)
+        Angles, rad, or NaN.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        The same angles within half a turn of their mean direction, rad.
+
+    """
     middle = np.angle(np.nanmean(np.exp(1j * angles)))
     return np.asarray(middle + wrapped(angles - middle))
 
@@ -101,9 +156,30 @@ def sensor_bounds(
     model: MotionModel, vector: Array, covariance: Array, poses: Array, unexplained: Array
 ) -> Array:
     """
-    Return the bound of each sensor's systematic error at poses within reach, rad, (N,).
+    Return the bound of each sensor's systematic error over poses: what becomes `bias_deg`.
 
-    By the parameters' covariance, rad^2, and each sensor's error that no parameter explains, rad.
+    `BOUND_SIGMAS` standard deviations, by the covariance of zeros and harmonics, at the worst
+    pose, and what no parameter explains; raised by one factor where the orientations' errors need
+    it, and rounded up to `UNIT`.
+
+    Parameters
+    ----------
+    model : MotionModel
+        The mechanism with its encoders.
+    vector : ndarray, shape (P,)
+        Parameters, rad.
+    covariance : ndarray, shape (P, P)
+        Covariance of the parameters' errors, rad^2.
+    poses : ndarray, shape (n, 3, 3)
+        Orientations within reach.
+    unexplained : ndarray, shape (N,)
+        Error of each sensor that no parameter explains, rad.
+
+    Returns
+    -------
+    ndarray, shape (N,)
+        Bounds, rad.
+
     """
     zeros = model.layout.slices['zeros']
     angles = model.joint_angles(poses, model.layout.geometry(vector))
@@ -121,24 +197,29 @@ def parity_bound(
     model: MotionModel, vector: Array, covariance: Array, poses: Array, unexplained: float
 ) -> float:
     """
-    Return a bound of what the systematic errors of all sensors do to the parity, rad.
+    Return a bound of what the systematic errors of all sensors do to the parity.
 
-    Errors of the parameters have to agree with each other in what the motion showed, which was
-    the parity: together they change it much less than the bounds of single sensors allow.
+    Errors of the parameters have to agree with each other in what the motion showed, which was the
+    parity: together they change it much less than the bounds of single sensors allow.
 
     Parameters
     ----------
-    model, vector, covariance
-        the calibration; the covariance in rad^2, (P, P)
+    model : MotionModel
+        The mechanism with its encoders.
+    vector : ndarray, shape (P,)
+        Parameters, rad.
+    covariance : ndarray, shape (P, P)
+        Covariance of the parameters' errors, rad^2.
     poses : ndarray, shape (n, 3, 3)
-        orientations within reach at which the bound holds
+        Orientations within reach.
     unexplained : float
-        slow part of the parity that no parameter explains, rad
+        Slow part of the parity that no parameter explains, rad.
 
     Returns
     -------
     float
-        bound of the length of the part of the errors that no rotation explains, rad
+        Bound of the length of the part of the errors that no rotation explains, rad, rounded up to
+        `UNIT`.
 
     """
     # With a noise of 1 rad the parity is that part.
@@ -152,9 +233,25 @@ def parity_bound(
 
 def aligned_changes(model: MotionModel, rotation: Array, vector: Array) -> Array:
     """
-    Return the changes of orientations with the parameters, rad/rad, base frame, (n, 3, P).
+    Return the changes of orientations with the parameters, but for the choice of the frames.
 
-    Without a rotation of the base and one of the platform that all poses share.
+    A rotation of the base and one of the platform that all poses share are projected out (the left
+    singular vectors of their 6 columns): no motion determines them, and a mounting takes them.
+
+    Parameters
+    ----------
+    model : MotionModel
+        The mechanism with its encoders.
+    rotation : ndarray, shape (n, 3, 3)
+        Orientations within reach.
+    vector : ndarray, shape (P,)
+        Parameters, rad.
+
+    Returns
+    -------
+    ndarray, shape (n, 3, P)
+        Rotation vectors in the base frame by each parameter, rad/rad.
+
     """
     changes = model.orientation_changes(rotation, vector)
     frames = np.concatenate([np.broadcast_to(np.eye(3), rotation.shape), rotation], axis=2)
@@ -164,17 +261,63 @@ def aligned_changes(model: MotionModel, rotation: Array, vector: Array) -> Array
 
 
 def orientation_error(changes: Array, covariance: Array) -> float:
-    """Return the error of orientations, rad rms, by changes and the parameters' covariance."""
+    """
+    Return the predicted error of orientations by the errors of the parameters.
+
+    Parameters
+    ----------
+    changes : ndarray, shape (n, 3, P)
+        Of `aligned_changes`, rad/rad.
+    covariance : ndarray, shape (P, P)
+        Covariance of the parameters' errors, rad^2.
+
+    Returns
+    -------
+    float
+        Length of the rotation vector, rad rms.
+
+    """
     return float(np.sqrt(variances(changes, covariance).sum() / len(changes)))
 
 
 def variances(changes: Array, covariance: Array) -> Array:
-    """Return the variances, shape (...), of what changes with the parameters, shape (..., P)."""
+    """
+    Return the variances of what changes with the parameters: the diagonal of A C A^T.
+
+    Parameters
+    ----------
+    changes : ndarray
+        Derivatives A, shape (..., P).
+    covariance : ndarray, shape (P, P)
+        Covariance of the parameters' errors, rad^2.
+
+    Returns
+    -------
+    ndarray
+        Variances, shape (...).
+
+    """
     return ((changes @ covariance) * changes).sum(axis=-1)
 
 
 def inverse(information: Array) -> Array:
-    """Return the covariance of an information matrix; large where it has none."""
+    """
+    Return the covariance of an information matrix by its eigenvalues.
+
+    The matrix is scaled to a unit diagonal first, and small eigenvalues are raised to a floor: the
+    variance of what nothing determines is large and finite.
+
+    Parameters
+    ----------
+    information : ndarray, shape (P, P)
+        Normal matrix, 1/rad^2.
+
+    Returns
+    -------
+    ndarray, shape (P, P)
+        Covariance, rad^2.
+
+    """
     scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-12))
     values, vectors = np.linalg.eigh(information * scale[:, None] * scale)
     half = vectors / np.sqrt(np.maximum(values, 1e-13)) * scale[:, None]
@@ -185,10 +328,29 @@ def further_motions(
     model: MotionModel, vector: Array, information: Array, rate: float, changes: Array
 ) -> dict[str, float]:
     """
-    Return instructions for further motions, the one that determines most first.
+    Return what further motions would gain, the one that determines most first.
 
-    With each the factor by which it reduces the variance of the orientation error, by `changes`,
-    as it adds samples at a rate, Hz, to the information so far, (P, P), 1/rad^2.
+    A proposed motion of `PROPOSED_SECONDS` adds its samples' information, predicted by the model,
+    to that so far.
+
+    Parameters
+    ----------
+    model : MotionModel
+        The mechanism with its encoders.
+    vector : ndarray, shape (P,)
+        Parameters, rad.
+    information : ndarray, shape (P, P)
+        Information of the motion so far and of the tolerances, 1/rad^2.
+    rate : float
+        Rate of the samples, Hz.
+    changes : ndarray, shape (n, 3, P)
+        Changes of the orientations whose error counts, of `aligned_changes`.
+
+    Returns
+    -------
+    dict of str to float
+        By instruction, the factor by which it reduces the variance of the orientations' error.
+
     """
     before = orientation_error(changes, inverse(information))
     columns = tuple(range(model.layout.count))
@@ -231,7 +393,28 @@ def _reachable(
     azimuths: Sequence[float],
     turns_deg: Sequence[float] | Array,
 ) -> Array:
-    """Return the poses, (n, 3, 3), of a grid that are within reach; the azimuths in rad."""
+    """
+    Return the poses of a grid that are within reach, in all directions of tilt.
+
+    Parameters
+    ----------
+    model : MotionModel
+        The mechanism with its encoders.
+    vector : ndarray, shape (P,)
+        Parameters, rad.
+    tilts_deg : sequence of float or ndarray
+        Tilts from the workspace's centre, deg.
+    azimuths : sequence of float
+        Directions of the tilt, rad.
+    turns_deg : sequence of float or ndarray
+        Self-rotations phi, deg.
+
+    Returns
+    -------
+    ndarray, shape (n, 3, 3)
+        R_base_platform; without a tilt only once for each self-rotation.
+
+    """
     tilt, azimuth, turn = (
         grid.ravel()
         for grid in np.meshgrid(

@@ -50,25 +50,59 @@ WORSE_DEVIATIONS = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Normal:
-    """Normal equations of a batch of n samples."""
+    """
+    Normal equations of a batch of n samples for the P parameters of a fit.
 
-    cost: float  # sum of the squared parities, outliers at their limit (unit 1)
-    matrix: Array  # (P, P), 1/rad^2
-    right: Array  # (P,), 1/rad
-    parity: Array  # (n, N - 3), standard deviations; NaN where there is no orientation
-    kept: NDArray[np.bool_]  # (n,); which samples are no outliers
-    rotation: Array  # (n, 3, 3)
-    limit: float  # parity beyond which a sample is an outlier (unit 1)
+    Attributes
+    ----------
+    cost : float
+        Sum of the squared parities, outliers at their limit (unit 1).
+    matrix : ndarray, shape (P, P)
+        Normal matrix, 1/rad^2.
+    right : ndarray, shape (P,)
+        Its right-hand side, 1/rad.
+    parity : ndarray, shape (n, N - 3)
+        Parity, standard deviations of white noise; NaN where there is no orientation.
+    kept : ndarray of bool, shape (n,)
+        Which samples are no outliers.
+    rotation : ndarray, shape (n, 3, 3)
+        Orientations, one step closer to the maximum-likelihood ones.
+    limit : float
+        Parity beyond which a sample is an outlier (unit 1).
+
+    """
+
+    cost: float
+    matrix: Array
+    right: Array
+    parity: Array
+    kept: NDArray[np.bool_]
+    rotation: Array
+    limit: float
 
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """Result of a fit."""
+    """
+    Result of a fit.
 
-    vector: Array  # parameters, (P,)
-    columns: tuple[int, ...]  # those that were estimated; the others were left as they were
-    normal: Normal  # normal equations of the estimated parameters at the result
-    misfit: float  # cost with that of the parameters' deviations (unit 1)
+    Attributes
+    ----------
+    vector : ndarray, shape (P,)
+        All parameters, rad.
+    columns : tuple of int
+        Places of those that were estimated; the others were left as they were.
+    normal : Normal
+        Normal equations of the estimated parameters at the result.
+    misfit : float
+        Cost with that of the parameters' deviations from the drawing (unit 1).
+
+    """
+
+    vector: Array
+    columns: tuple[int, ...]
+    normal: Normal
+    misfit: float
 
     @property
     def rms(self) -> float:
@@ -85,7 +119,33 @@ def normal_equations(
     columns: tuple[int, ...],
     limit: float | None = None,
 ) -> Normal:
-    """Return the normal equations; without `limit` the samples give that of the outliers."""
+    """
+    Return the normal equations of samples for the parameters in `columns`.
+
+    The derivatives are those of the parity, from which each sample's orientation is eliminated.
+
+    Parameters
+    ----------
+    model : MotionModel
+        The mechanism with its encoders.
+    turned : ndarray, shape (n, N)
+        Readings times their directions, with the zeros still in them, rad.
+    rotation : ndarray, shape (n, 3, 3)
+        Orientations near the maximum-likelihood ones.
+    vector : ndarray, shape (P,)
+        Parameters, rad.
+    columns : tuple of int
+        Places of the parameters in the vector.
+    limit : float or None, optional
+        Parity beyond which a sample is an outlier (unit 1); by default from the samples
+        themselves.
+
+    Returns
+    -------
+    Normal
+        Sums over the samples that are no outliers.
+
+    """
     parts = [
         model.linearised(turned[at : at + SLICE], rotation[at : at + SLICE], vector, columns)
         for at in range(0, len(turned), SLICE)
@@ -116,7 +176,23 @@ def normal_equations(
 
 
 def _outlier_limit(parity: Array) -> float:
-    """Return the size of a parity beyond which a sample is an outlier, by all (unit 1)."""
+    """
+    Return the size of a parity beyond which a sample is an outlier.
+
+    `OUTLIER` robust standard deviations (1.4826 times the median), and at least that of white
+    noise.
+
+    Parameters
+    ----------
+    parity : ndarray, shape (n, N - 3)
+        Parity, standard deviations of white noise; NaN where there is none.
+
+    Returns
+    -------
+    float
+        Limit (unit 1).
+
+    """
     known = np.linalg.norm(parity[np.isfinite(parity[:, 0])], axis=1)
     return OUTLIER * max(1.0, NORMAL_DEVIATION * float(np.median(known)) if len(known) else 0.0)
 
@@ -129,10 +205,35 @@ def fit(
     rotation: Array | None = None,
 ) -> Fit:
     """
-    Return the parameters in `columns` that explain readings best, by Levenberg-Marquardt.
+    Return the parameters that explain readings best, by Levenberg-Marquardt.
 
-    The others keep their value of `vector`. The orientations are near those at the start.
-    CalibrationError where no sample has an orientation.
+    The cost is the sum of squared parities, outliers at their limit, and of the parameters in
+    units of their standard deviations before the fit. Steps are undamped until one makes the cost
+    larger.
+
+    Parameters
+    ----------
+    model : MotionModel
+        The mechanism with its encoders.
+    turned : ndarray, shape (n, N)
+        Readings times their directions, with the zeros still in them, rad.
+    vector : ndarray, shape (P,)
+        Start; parameters that are not estimated keep their value, rad.
+    columns : sequence of int
+        Places of the parameters to estimate.
+    rotation : ndarray or None, shape (n, 3, 3), optional
+        Orientations near those at the start; by default they are computed.
+
+    Returns
+    -------
+    Fit
+        Parameters with the normal equations there.
+
+    Raises
+    ------
+    CalibrationError
+        No sample has an orientation.
+
     """
     chosen = tuple(columns)
     places = np.array(chosen)
@@ -142,6 +243,7 @@ def fit(
         rotation = model.orientations(turned, vector)
 
     def misfit(normal: Normal, vector: Array) -> float:
+        """Return the cost with that of the estimated parameters' deviations."""
         return normal.cost + float(weights @ vector[places] ** 2)
 
     now = normal_equations(model, turned, rotation, vector, chosen)
@@ -190,10 +292,41 @@ def choose(
     progress: Callable[[str, int], None],
 ) -> tuple[Array, tuple[int, ...], dict[str, str]]:
     """
-    Return the start of a fit, the parameters to estimate, and which groups are left, and why.
+    Choose the groups of parameters that the motion determines and a held-out part confirms.
 
-    Group by group from the fit of the zeros to readings, rad, (n, N), of which the whole motion
-    has `factor` times as many; `progress` takes the name and number of each group.
+    Group by group from the fit of the zeros: those parameters are added whose predicted standard
+    deviation is below `DETERMINED` times that before the fit. They stay if the held-out motion
+    does not fit worse with them. Groups that fail alone are tried together at the end.
+
+    Parameters
+    ----------
+    model : MotionModel
+        The mechanism with its encoders.
+    turned : ndarray, shape (n, N)
+        Readings times their directions, with the zeros still in them, rad.
+    seconds : ndarray, shape (n,)
+        Times of the samples, s.
+    first : Fit
+        Fit of the zeros to these readings.
+    factor : float
+        Number of the samples of the whole motion over that of these.
+    progress : callable
+        Takes name and number of each group.
+
+    Returns
+    -------
+    vector : ndarray, shape (P,)
+        Parameters at which the fit of all samples may start, rad.
+    columns : tuple of int
+        Places of the parameters to estimate.
+    left : dict of str to str
+        Groups that are left as drawn, and why.
+
+    Raises
+    ------
+    CalibrationError
+        No sample has an orientation, or the motion is too short to hold out a part.
+
     """
     layout = model.layout
     held = held_out_part(seconds)
@@ -247,7 +380,25 @@ def choose(
 
 
 def held_out_part(seconds: Array) -> NDArray[np.bool_]:
-    """Return which samples, by their times, s, confirm the fit; CalibrationError without any."""
+    """
+    Return which samples confirm the fit: every third piece of `HELD_OUT_SECONDS`.
+
+    Parameters
+    ----------
+    seconds : ndarray, shape (n,)
+        Times of the samples, s.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        True for a sample that is held out.
+
+    Raises
+    ------
+    CalibrationError
+        All or none of the samples would be held out.
+
+    """
     held = np.floor(seconds / HELD_OUT_SECONDS).astype(int) % 3 == 2
     if held.all() or not held.any():
         raise CalibrationError(
@@ -262,9 +413,25 @@ def considered_covariance(
     information: Array, deviations: Array, columns: tuple[int, ...]
 ) -> Array:
     """
-    Return the covariance of all parameters' errors after a fit of some of them, rad^2, (P, P).
+    Return the covariance of all parameters' errors after a fit of some of them.
 
-    By all parameters' normal matrix; the others keep their `deviations`, which enter the fit.
+    The others keep the errors that they had before, which also enter the estimated ones (a
+    consider covariance, as in Schmidt's filter).
+
+    Parameters
+    ----------
+    information : ndarray, shape (P, P)
+        Normal matrix of all parameters, 1/rad^2.
+    deviations : ndarray, shape (P,)
+        Standard deviations before the fit, rad; inf: none.
+    columns : tuple of int
+        Places of the parameters that were estimated.
+
+    Returns
+    -------
+    ndarray, shape (P, P)
+        Covariance, rad^2.
+
     """
     inside = np.array(columns)
     others = np.setdiff1d(np.arange(len(deviations)), inside)
@@ -278,6 +445,14 @@ def considered_covariance(
 
 
 def _outside(model: MotionModel, turned: Array, vector: Array) -> Array:
-    """Return the squared parities of held-out samples, outliers at their limit (unit 1)."""
+    """
+    Return the squared parities of held-out samples, outliers at their limit.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Squares, in variances of white noise.
+
+    """
     normal = normal_equations(model, turned, model.orientations(turned, vector), vector, ())
     return np.fmin(np.linalg.norm(normal.parity, axis=1), normal.limit) ** 2

@@ -46,10 +46,34 @@ def calibrate_motion(
     progress: Progress = lambda text, share: None,
 ) -> MotionCalibration:
     """
-    Return the calibration by stamps, ns, and readings, (n, N), rad, by the counts alone.
+    Return the calibration of a rig by a free motion.
 
-    CalibrationError where the motion does not determine the zeros, contradicts the drawing or the
-    directions given, or two encoders are swapped.
+    Spikes are removed, zeros and directions found by a search, then `fitted` does the rest.
+
+    Parameters
+    ----------
+    layout : Layout
+        The rig as drawn, with the largest tolerances that it may have.
+    stamps : ndarray of int, shape (n,)
+        Times of the sets, ns.
+    readings : ndarray, shape (n, N)
+        Angles by the counts alone (direction 1, zero 0), rad.
+    given : sequence of int or None, optional
+        Configured directions, 1 or -1, that the motion has to confirm; by default any are right.
+    progress : callable, optional
+        Takes the name of each stage and the share that is done, 0 to 1.
+
+    Returns
+    -------
+    MotionCalibration
+        Parameters, their covariance, and what they were computed from.
+
+    Raises
+    ------
+    CalibrationError
+        The motion does not determine the zeros, contradicts the drawing or the directions given,
+        or two encoders are swapped.
+
     """
     fit.held_out_part((stamps - stamps[0]) * 1e-9)  # refuses a motion that is too short
     means = motion_readings(stamps, readings)
@@ -140,7 +164,21 @@ def fitted(
 
 
 def _check_zeros(model: MotionModel, first: fit.Fit, factor: float, advice: str) -> None:
-    """Raise CalibrationError where `factor` times the samples of a fit leave the zeros open."""
+    """
+    Raise CalibrationError where a motion leaves the zeros open.
+
+    Parameters
+    ----------
+    model : MotionModel
+        The mechanism with its encoders.
+    first : fit.Fit
+        Fit of the zeros.
+    factor : float
+        Number of the samples of the whole motion over that of the fit.
+    advice : str
+        What to do about it, in words.
+
+    """
     poses = coverage.WORKSPACE.poses(model, first.vector)
     changes = coverage.aligned_changes(model, poses, first.vector)
     error = coverage.orientation_error(
@@ -156,7 +194,29 @@ def _check_zeros(model: MotionModel, first: fit.Fit, factor: float, advice: str)
 def _as_found(
     white: MotionModel, turned: Array, means: MotionReadings, found: fit.Fit
 ) -> MotionModel:
-    """Return a model with the slow part of the parity as noise, and the rig's own tolerances."""
+    """
+    Return a model with the noise and the tolerances that a fit shows.
+
+    The slow part of the parity counts as noise (`misfit.slow_factor`), and the tolerances are
+    those of empirical Bayes (`estimated_tolerances`).
+
+    Parameters
+    ----------
+    white : MotionModel
+        The model with the white noise of the means.
+    turned : ndarray, shape (n, N)
+        Readings times their directions, with the zeros still in them, rad.
+    means : MotionReadings
+        Means of the motion's readings.
+    found : fit.Fit
+        Result of the fit.
+
+    Returns
+    -------
+    MotionModel
+        The same mechanism.
+
+    """
     normal = fit.normal_equations(
         white, turned, found.normal.rotation, found.vector, found.columns
     )
@@ -168,17 +228,34 @@ def _as_found(
 
 @dataclass(frozen=True, slots=True)
 class Guidance:
-    """State of a motion that is being recorded."""
+    """
+    State of a motion that is being recorded.
 
-    error: float | None  # predicted over the workspace, rad rms; None while zeros are unknown
-    text: str  # what to do next
-    # Variance of the orientation error after more of a motion over that without, by instruction;
-    # while zeros are unknown, how far each joint has moved of what the search for them needs.
+    Attributes
+    ----------
+    error : float or None
+        Predicted error of the orientations over the workspace, rad rms; None while the zeros
+        are unknown.
+    text : str
+        What to do next.
+    covered : mapping of str to float
+        Variance of the orientations' error after more of a motion over that without, by
+        instruction. While the zeros are unknown: how far each joint has moved of what the search
+        for them needs, 0 to 1.
+
+    """
+
+    error: float | None
+    text: str
     covered: Mapping[str, float]
 
 
 class Guide:
-    """Evaluates a motion while it is recorded."""
+    """
+    Evaluates a motion while it is recorded.
+
+    It searches for the zeros once the joints have moved far enough, and keeps what it found.
+    """
 
     def __init__(self, layout: Layout):
         self._layout = layout
@@ -186,7 +263,23 @@ class Guide:
         self._searched = 0.0
 
     def evaluate(self, stamps: NDArray[np.int64], readings: Array) -> Guidance:
-        """Return the guidance after the motion so far; arguments of `calibrate_motion`."""
+        """
+        Return what the motion so far determines, and what to do next.
+
+        Parameters
+        ----------
+        stamps : ndarray of int, shape (n,)
+            Times of the sets, ns.
+        readings : ndarray, shape (n, N)
+            Angles by the counts alone (direction 1, zero 0), rad.
+
+        Returns
+        -------
+        Guidance
+            Predicted error and instruction; the reason in words where the motion is still too
+            short.
+
+        """
         try:
             means = motion_readings(stamps, readings)
         except CalibrationError as error:
@@ -224,7 +317,17 @@ class Guide:
 def _outlook(
     model: MotionModel, means: MotionReadings, start: Start
 ) -> tuple[float, dict[str, float]]:
-    """Return the error over the workspace that a motion leaves, rad rms, and `further_motions`."""
+    """
+    Return what a motion will leave open.
+
+    Returns
+    -------
+    error : float
+        Predicted error of the orientations over the workspace, rad rms.
+    gains : dict of str to float
+        Of `coverage.further_motions`.
+
+    """
     chosen = np.arange(0, len(means.readings), max(1, len(means.readings) // OUTLOOK_SAMPLES))
     turned = means.readings[chosen] * np.array(start.direction)
     rotation = model.orientations(turned, start.vector)

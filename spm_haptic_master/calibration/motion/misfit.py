@@ -41,13 +41,43 @@ SPIKE = 300.0
 
 
 def slow_factor(seconds: Array, normal: Normal) -> float:
-    """Return the variance of pieces' mean parities over that of white noise; 1 at least."""
+    """
+    Return by how much slow errors exceed the white noise of the fit.
+
+    Parameters
+    ----------
+    seconds : ndarray, shape (n,)
+        Times of the samples, s.
+    normal : Normal
+        Normal equations of the fit, with the parity of each sample.
+
+    Returns
+    -------
+    float
+        Variance of pieces' mean parities over that of white noise (unit 1); at least 1.
+
+    """
     means, counts = _piece_means(seconds, normal)
     return max(1.0, float(np.mean(counts[:, None] * means**2)))
 
 
 def slow_parity(seconds: Array, normal: Normal) -> float:
-    """Return the parity of 99 % of the pieces without their white noise (standard deviations)."""
+    """
+    Return the part of the parity that is slow: the 99th percentile of pieces, less white noise.
+
+    Parameters
+    ----------
+    seconds : ndarray, shape (n,)
+        Times of the samples, s.
+    normal : Normal
+        Normal equations of the fit, with the parity of each sample.
+
+    Returns
+    -------
+    float
+        Length of the parity vector, standard deviations of white noise; 0 where noise explains it.
+
+    """
     means, counts = _piece_means(seconds, normal)
     enough = counts > 0.5 * np.median(counts)
     size = np.linalg.norm(means[enough], axis=1)
@@ -58,7 +88,28 @@ def slow_parity(seconds: Array, normal: Normal) -> float:
 def unexplained_errors(
     model: MotionModel, turned: Array, vector: Array, normal: Normal, slow: float
 ) -> Array:
-    """Return the error of each sensor, rad, (N,), that alone causes a slow parity (unit 1)."""
+    """
+    Return the error of each sensor that alone causes a slow parity.
+
+    Parameters
+    ----------
+    model : MotionModel
+        The mechanism with its encoders.
+    turned : ndarray, shape (n, N)
+        Readings times their directions, with the zeros still in them, rad.
+    vector : ndarray, shape (P,)
+        Parameters, rad.
+    normal : Normal
+        Normal equations of the fit, with the parity of each sample.
+    slow : float
+        Slow part of the parity, standard deviations of white noise.
+
+    Returns
+    -------
+    ndarray, shape (N,)
+        rad.
+
+    """
     rows = np.flatnonzero(normal.kept)
     rows = rows[:: max(1, len(rows) // SAMPLES)]
     zeros = tuple(range(model.layout.sensors))
@@ -68,9 +119,27 @@ def unexplained_errors(
 
 def contradiction(model: MotionModel, turned: Array, found: Fit) -> float:
     """
-    Return by how much halves of the motion contradict each other: variance over noise's (unit 1).
+    Return by how much halves of the motion contradict each other.
 
-    Halves by the tilt in two directions and by the self-rotation: about 1 or less is noise.
+    The motion is halved by the tilt in two directions and by the self-rotation. For each pair of
+    halves the difference d of the parameters and the sum S of their covariances give d^T S^-1 d /
+    P, which is about 1 or less for noise alone. The octants' normal equations are added to those
+    of the halves.
+
+    Parameters
+    ----------
+    model : MotionModel
+        The mechanism with its encoders.
+    turned : ndarray, shape (n, N)
+        Readings times their directions, with the zeros still in them, rad.
+    found : Fit
+        Result of the fit.
+
+    Returns
+    -------
+    float
+        Largest of the three figures (unit 1).
+
     """
     rotation, columns = found.normal.rotation, np.array(found.columns)
     turn = np.exp(1j * zxz_from_matrix(np.nan_to_num(rotation))[2])
@@ -106,7 +175,17 @@ def contradiction(model: MotionModel, turned: Array, found: Fit) -> float:
 
 
 def _piece_means(seconds: Array, normal: Normal) -> tuple[Array, NDArray[np.intp]]:
-    """Return the mean parities of the pieces, shape (m, N - 3), and their numbers of samples."""
+    """
+    Return the mean parity of each piece of `SLOW_SECONDS`.
+
+    Returns
+    -------
+    means : ndarray, shape (m, N - 3)
+        Mean parities, standard deviations of white noise.
+    counts : ndarray of int, shape (m,)
+        Number of samples of each piece.
+
+    """
     kept = normal.kept
     piece = np.unique(np.floor(seconds[kept] / SLOW_SECONDS), return_inverse=True)[1]
     counts = np.bincount(piece)
@@ -119,7 +198,26 @@ def check_slip(model: MotionModel, turned: Array, seconds: Array, found: Fit) ->
     Raise CalibrationError where a slip or a drift explains what a fit leaves; name the sensor.
 
     A change of a zero after a time is one more parameter, and so is a drift over the motion; what
-    it improves follows from the normal equations of the pieces, in which the zeros come first.
+    it improves follows from the normal equations of the pieces, in which the zeros come first,
+    without a further fit (a score test): slope^2 / size, where size is its information after the
+    other parameters are eliminated (Schur complement).
+
+    Parameters
+    ----------
+    model : MotionModel
+        The mechanism with its encoders.
+    turned : ndarray, shape (n, N)
+        Readings times their directions, with the zeros still in them, rad.
+    seconds : ndarray, shape (n,)
+        Times of the samples, s.
+    found : Fit
+        Result of the fit.
+
+    Raises
+    ------
+    CalibrationError
+        An encoder slipped or drifted; its name is given if no other explains it as well.
+
     """
     rotation, vector, places = found.normal.rotation, found.vector, np.array(found.columns)
     weights = model.layout.deviations[places] ** -2.0

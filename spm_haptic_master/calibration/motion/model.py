@@ -53,14 +53,38 @@ LONGEST_STEP = 0.3
 
 @dataclass(frozen=True)
 class Layout:
-    """A rig as drawn, and the meaning of its parameter vector; InputError for unusual frames."""
+    """
+    A rig as drawn, and the meaning of its parameter vector.
 
-    sensors: int  # N
-    nominal: Geometry = Geometry()  # the drawing, in its usual frames
+    The order of the parameters is that of the module's description.
+
+    Attributes
+    ----------
+    sensors : int
+        Number N of sensors.
+    nominal : Geometry
+        The drawing, in its usual frames.
+    working_mode : tuple of 3 int
+        Signs of B_kk of the legs A, B, C.
+    mechanism_tolerance : float
+        Standard deviation of each link angle and number of the axes before the fit, around the
+        drawing, rad.
+    harmonic_tolerance : float
+        The same of each coefficient of the first harmonics, rad; of the second ones it is
+        `SECOND_HARMONIC` times that.
+
+    Raises
+    ------
+    InputError
+        The base axes of the drawing are not in the usual frames.
+
+    """
+
+    sensors: int
+    nominal: Geometry = Geometry()
     working_mode: tuple[int, int, int] = (1, 1, 1)
-    # Standard deviations before the fit, around the drawing.
-    mechanism_tolerance: float = radians(0.5)  # of each link angle and number of the axes, rad
-    harmonic_tolerance: float = radians(0.3)  # of each coefficient of the first harmonics, rad
+    mechanism_tolerance: float = radians(0.5)
+    harmonic_tolerance: float = radians(0.3)
 
     def __post_init__(self) -> None:
         """Raise InputError if Z1B of the drawing has a component in y."""
@@ -84,7 +108,20 @@ class Layout:
         return self.slices[GROUPS[-1]].stop
 
     def columns(self, group: str) -> range:
-        """Return the places of a group's parameters."""
+        """
+        Return the places of a group's parameters.
+
+        Parameters
+        ----------
+        group : str
+            One of `GROUPS`.
+
+        Returns
+        -------
+        range
+            Places in the vector.
+
+        """
         return range(self.count)[self.slices[group]]
 
     @cached_property
@@ -117,7 +154,13 @@ class Layout:
 
     @cached_property
     def platform_tangents(self) -> Array:
-        """Return three deviations of the nine components that are no rotation, shape (3, 3, 3)."""
+        """
+        Return three deviations of the platform axes that are no rotation, shape (3, 3, 3).
+
+        They span the null space, in the nine components of the axes, of the three rotations of the
+        platform and the three changes of length (by singular value decomposition). The first index
+        is that of the deviation, then axis and component.
+        """
         axes = np.array(self.nominal.platform_axes)
         turns = np.stack([np.cross(unit, axes).ravel() for unit in np.eye(3)])
         lengths = (np.eye(3)[:, :, None] * axes).reshape(3, 9)
@@ -125,17 +168,69 @@ class Layout:
         return np.linalg.svd(np.vstack([turns, lengths]))[2][6:].reshape(3, 3, 3)
 
     def geometry(self, vector: Array) -> Geometry:
-        """Return the mechanism of a vector, in its usual frames; GeometryError if impossible."""
+        """
+        Return the mechanism of a vector, in its usual frames.
+
+        Parameters
+        ----------
+        vector : ndarray, shape (P,)
+            Parameters, rad.
+
+        Returns
+        -------
+        Geometry
+            Link angles and axes.
+
+        Raises
+        ------
+        GeometryError
+            There is no such mechanism.
+
+        """
         mechanism = vector[self.slices['links'].start : self.slices['platform axes'].stop]
         return _geometry(self, mechanism.tobytes())
 
     def harmonics(self, vector: Array) -> tuple[Array, Array]:
-        """Return the cosine, sine of the first and second harmonics, shape (N, 2) each, rad."""
+        """
+        Return the coefficients of the encoders' harmonics.
+
+        Parameters
+        ----------
+        vector : ndarray, shape (P,)
+            Parameters, rad.
+
+        Returns
+        -------
+        first : ndarray, shape (N, 2)
+            Cosine and sine of the first harmonic, rad.
+        second : ndarray, shape (N, 2)
+            The same of the second one.
+
+        """
         first, second = (vector[self.slices[group]].reshape(-1, 2) for group in GROUPS[4:])
         return first, second
 
     def harmonic_deviation(self, angles: Array, vector: Array) -> tuple[Array, Array]:
-        """Return reading minus angle by the harmonics, (n, N), rad, and its slope by the angle."""
+        """
+        Return how far the harmonics move the readings at joint angles.
+
+        reading - angle = sum over the orders k of c_k cos(k angle) + s_k sin(k angle).
+
+        Parameters
+        ----------
+        angles : ndarray, shape (n, N)
+            Joint angles, rad.
+        vector : ndarray, shape (P,)
+            Parameters, rad.
+
+        Returns
+        -------
+        deviation : ndarray, shape (n, N)
+            Reading minus angle, rad.
+        slope : ndarray, shape (n, N)
+            Its derivative by the angle (unit 1).
+
+        """
         deviation = slope = 0.0 * angles + np.zeros(self.sensors)
         for order, (cosine, sine) in enumerate((each.T for each in self.harmonics(vector)), 1):
             if not (cosine.any() or sine.any()):
@@ -148,7 +243,24 @@ class Layout:
 
 @lru_cache(maxsize=GEOMETRIES)
 def _geometry(layout: Layout, numbers: bytes) -> Geometry:
-    """Return a mechanism by the bytes of its part of a vector: links, base and platform axes."""
+    """
+    Return a mechanism by the bytes of its part of a vector.
+
+    Bytes can be hashed, so that a mechanism is built once for all derivatives at a vector.
+
+    Parameters
+    ----------
+    layout : Layout
+        The rig as drawn, and the meaning of the parameter vector.
+    numbers : bytes
+        The twelve numbers of links, base axes and platform axes, float64, rad.
+
+    Returns
+    -------
+    Geometry
+        Link angles and axes, in the usual frames of the drawing.
+
+    """
     nominal = layout.nominal
     proximal, distal, (turn, towards, across), deviations = np.frombuffer(numbers).reshape(4, 3)
     axes = np.array(nominal.base_axes)
@@ -173,12 +285,26 @@ def _geometry(layout: Layout, numbers: bytes) -> Geometry:
 
 @dataclass(frozen=True, slots=True)
 class Linearised:
-    """Parity of n samples, that of the first four sensors first, and its derivatives."""
+    """
+    Parity of n samples, that of the first four sensors first, and its derivatives.
 
-    usable: NDArray[np.bool_]  # (n,); which samples have an orientation within reach, others are 0
-    parity: Array  # (n, N - 3), standard deviations of white noise, continuous over the workspace
-    derivative: Array  # (n, N - 3, columns), 1/rad
-    rotation: Array  # (n, 3, 3), one step closer to the maximum-likelihood ones
+    Attributes
+    ----------
+    usable : ndarray of bool, shape (n,)
+        Which samples have an orientation within reach; the parity of the others is 0.
+    parity : ndarray, shape (n, N - 3)
+        Parity, standard deviations of white noise, continuous over the workspace.
+    derivative : ndarray, shape (n, N - 3, columns)
+        Derivative of the parity by the parameters asked for, 1/rad.
+    rotation : ndarray, shape (n, 3, 3)
+        Orientations, one Gauss-Newton step closer to the maximum-likelihood ones.
+
+    """
+
+    usable: NDArray[np.bool_]
+    parity: Array
+    derivative: Array
+    rotation: Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,19 +312,57 @@ class MotionModel:
     """
     The readings that a mechanism with its encoders gives at orientations.
 
-    Its methods take `turned`, readings by their directions with the zeros in them, rad, (n, N),
-    orientations `rotation`, (n, 3, 3), and parameters `vector`, (P,).
+    Attributes
+    ----------
+    layout : Layout
+        The rig as drawn, and the meaning of the parameters.
+    sigma : ndarray, shape (N,)
+        White noise of each sensor, rad, 1 standard deviation.
+
     """
 
     layout: Layout
-    sigma: Array  # white noise of each sensor, rad, (N,)
+    sigma: Array
 
     def joint_angles(self, rotation: Array, geometry: Geometry) -> Array:
-        """Return the angles of the sensors' joints, rad, shape (n, N); NaN out of reach."""
+        """
+        Return the angles of the sensors' joints, rad, shape (n, N); NaN out of reach.
+
+        Parameters
+        ----------
+        rotation : ndarray, shape (n, 3, 3)
+            Orientations R_base_platform; NaN where there is none.
+        geometry : Geometry
+            Link angles and axes of the mechanism.
+
+        Returns
+        -------
+        ndarray, shape (n, N)
+            In the order of ALL_JOINT_NAMES.
+
+        """
         return sensor_angles(rotation, geometry, self.layout.working_mode, self.layout.sensors)
 
     def orientations(self, turned: Array, vector: Array) -> Array:
-        """Return the orientations of readings, shape (n, 3, 3); NaN where there is none."""
+        """
+        Return the maximum-likelihood orientations of readings.
+
+        The closed form of the first four angles is the start; Gauss-Newton steps (`linearised`)
+        take all sensors in.
+
+        Parameters
+        ----------
+        turned : ndarray, shape (n, N)
+            Readings times their directions, with the zeros still in them, rad.
+        vector : ndarray, shape (P,)
+            Parameters, rad.
+
+        Returns
+        -------
+        ndarray, shape (n, 3, 3)
+            R_base_platform; NaN where there is none.
+
+        """
         angles = self.corrected(turned, vector)
         rotation = forward_theta3a(angles[:, :3], angles[:, 3], self.layout.geometry(vector))
         for _ in range(ROTATION_STEPS):
@@ -206,21 +370,76 @@ class MotionModel:
         return rotation
 
     def corrected(self, turned: Array, vector: Array) -> Array:
-        """Return the joint angles by readings, rad, shape (n, N)."""
+        """
+        Return the joint angles by readings: without zeros and harmonics.
+
+        As the harmonics depend on the angle, it is found by two fixed-point iterations.
+
+        Parameters
+        ----------
+        turned : ndarray, shape (n, N)
+            Readings times their directions, with the zeros still in them, rad.
+        vector : ndarray, shape (P,)
+            Parameters, rad.
+
+        Returns
+        -------
+        ndarray, shape (n, N)
+            Joint angles, rad.
+
+        """
         angles = from_zero = wrapped(turned - vector[self.layout.slices['zeros']])
         for _ in range(2):
             angles = from_zero - self.layout.harmonic_deviation(angles, vector)[0]
         return angles
 
     def readings(self, rotation: Array, vector: Array) -> Array:
-        """Return the readings by their directions, rad, shape (n, N); NaN out of reach."""
+        """
+        Return the readings that orientations give, by their directions.
+
+        Parameters
+        ----------
+        rotation : ndarray, shape (n, 3, 3)
+            Orientations R_base_platform; NaN where there is none.
+        vector : ndarray, shape (P,)
+            Parameters, rad.
+
+        Returns
+        -------
+        ndarray, shape (n, N)
+            Joint angles with zeros and harmonics, rad; NaN out of reach.
+
+        """
         angles = self.joint_angles(rotation, self.layout.geometry(vector))
         return angles + self.linear_part(angles, vector)
 
     def linearised(
         self, turned: Array, rotation: Array, vector: Array, columns: tuple[int, ...] = ()
     ) -> Linearised:
-        """Return the parity near maximum-likelihood orientations, and derivatives by columns."""
+        """
+        Return parity, its derivatives and a step of the orientations.
+
+        The residuals, reading minus predicted reading in units of the noise, are split by a QR
+        decomposition of the Jacobian into a part that a rotation explains, which is the
+        Gauss-Newton step of the orientation, and the parity.
+
+        Parameters
+        ----------
+        turned : ndarray, shape (n, N)
+            Readings times their directions, with the zeros still in them, rad.
+        rotation : ndarray, shape (n, 3, 3)
+            Orientations near the maximum-likelihood ones; NaN where there is none.
+        vector : ndarray, shape (P,)
+            Parameters, rad.
+        columns : tuple of int, optional
+            Places of the parameters whose derivatives are wanted.
+
+        Returns
+        -------
+        Linearised
+            Parity and derivatives at these orientations, and orientations one step closer.
+
+        """
         layout = self.layout
         usable, matrices, angles, rates = reached(
             rotation, layout.geometry(vector), layout.working_mode, layout.sensors
@@ -237,7 +456,25 @@ class MotionModel:
         return Linearised(usable, parity, gain @ by, moved)
 
     def orientation_changes(self, rotation: Array, vector: Array) -> Array:
-        """Return the changes of orientations within reach, rad, base frame, (n, 3, P)."""
+        """
+        Return how the orientations of given readings change with the parameters.
+
+        Weighted least squares: the pseudo-inverse of the whitened Jacobian times the whitened
+        derivative.
+
+        Parameters
+        ----------
+        rotation : ndarray, shape (n, 3, 3)
+            Orientations within reach.
+        vector : ndarray, shape (P,)
+            Parameters, rad.
+
+        Returns
+        -------
+        ndarray, shape (n, 3, P)
+            Rotation vectors in the base frame by each parameter, rad/rad.
+
+        """
         layout = self.layout
         _, _, angles, rates = reached(
             rotation, layout.geometry(vector), layout.working_mode, layout.sensors
@@ -250,7 +487,30 @@ class MotionModel:
     def _derivative(
         self, rotation: Array, angles: Array, slope: Array, vector: Array, columns: tuple[int, ...]
     ) -> Array:
-        """Return the derivative of reading minus predicted reading, shape (n, N, columns)."""
+        """
+        Return the derivatives of reading minus predicted reading by the parameters.
+
+        By forward differences for links and axes, exact for zeros and harmonics, which are linear.
+
+        Parameters
+        ----------
+        rotation : ndarray, shape (n, 3, 3)
+            Orientations within reach.
+        angles : ndarray, shape (n, N)
+            Joint angles there, rad.
+        slope : ndarray, shape (n, N)
+            Derivative of the harmonics' deviation by the angle (unit 1).
+        vector : ndarray, shape (P,)
+            Parameters, rad.
+        columns : tuple of int
+            Places of the parameters in the vector.
+
+        Returns
+        -------
+        ndarray, shape (n, N, columns)
+            rad/rad.
+
+        """
         layout = self.layout
         mechanism = range(layout.slices['links'].start, layout.slices['platform axes'].stop)
         found = np.zeros((*angles.shape, len(columns)))
@@ -271,7 +531,22 @@ class MotionModel:
         return found
 
     def linear_part(self, angles: Array, vector: Array) -> Array:
-        """Return reading minus angle, rad, (n, N), which is linear in zeros and harmonics."""
+        """
+        Return reading minus joint angle, which is linear in zeros and harmonics.
+
+        Parameters
+        ----------
+        angles : ndarray, shape (n, N)
+            Joint angles, rad.
+        vector : ndarray, shape (P,)
+            Parameters, rad.
+
+        Returns
+        -------
+        ndarray, shape (n, N)
+            Zeros and harmonics' deviation, rad.
+
+        """
         return (
             vector[self.layout.slices['zeros']] + self.layout.harmonic_deviation(angles, vector)[0]
         )
@@ -279,10 +554,17 @@ class MotionModel:
 
 def _continuous(gain: Array, rates: Array) -> Array:
     """
-    Return gains, (n, N - 3, N), in a basis of the parity that does not jump between poses.
+    Return gains in a basis of the parity that does not jump between poses.
 
-    Its first vector is along the signed 3 x 3 minors of the first four rows of J, `rates`, and 0
-    for all further sensors; that of each of these is 0 for those after it and positive for itself.
+    Its first vector is along the signed 3 x 3 minors of the first four rows of J, and 0 for all
+    further sensors; that of each of these is 0 for those after it and positive for itself. (The
+    vectors of a QR decomposition change their sign where an element of J does.)
+
+    Returns
+    -------
+    ndarray, shape (n, N - 3, N)
+        The same gains in that basis.
+
     """
     further = gain.shape[1] - 1
     if further:

@@ -23,23 +23,53 @@ TABLE_VALUES = 5
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """Where a calibration comes from."""
+    """
+    Where a calibration comes from.
 
-    date: str  # ISO 8601 with the offset to UTC
-    recording: str  # name of the log, or of the bus
-    checksum: str  # SHA-256 of the log; empty for a bus
-    version: str  # of this package
-    counts_per_turn: tuple[int, ...]  # scale of each encoder, (N,)
-    settings: Mapping[str, Any]  # further parameters that it rests on: bus, frames of the encoders
+    Attributes
+    ----------
+    date : str
+        Time of the calibration, ISO 8601 with the offset to UTC.
+    recording : str
+        Name of the log, or of the bus.
+    checksum : str
+        SHA-256 of the log; empty for a bus.
+    version : str
+        Version of this package.
+    counts_per_turn : tuple of int, shape (N,)
+        Counts of each encoder in a turn.
+    settings : mapping of str to object
+        Further parameters that it rests on: bus, frames of the encoders.
+
+    """
+
+    date: str
+    recording: str
+    checksum: str
+    version: str
+    counts_per_turn: tuple[int, ...]
+    settings: Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
 class Checked:
-    """Where in the region of a calibration the other sensors check each of N sensors."""
+    """
+    Where in the region of a calibration the other sensors check each of N sensors.
 
-    alert_limit_deg: float  # limit of the task, with which that is, deg
-    share: tuple[float, ...]  # of the region where the sensor is checked with it, 0 to 1, (N,)
-    least_limit_deg: float  # smallest limit with which every sensor is checked somewhere, deg
+    Attributes
+    ----------
+    alert_limit_deg : float
+        Alert limit of the task, to which `share` belongs, deg.
+    share : tuple of float, shape (N,)
+        Share of the region where each sensor is checked with that limit, 0 to 1.
+    least_limit_deg : float
+        Smallest limit with which every sensor is checked somewhere, deg.
+
+    """
+
+    alert_limit_deg: float
+    share: tuple[float, ...]
+    least_limit_deg: float
 
     @property
     def caution(self) -> str:
@@ -67,13 +97,31 @@ class Checked:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Use of a calibration: alert limit, region, error."""
+    """
+    Use of a calibration: alert limit, region, error.
+
+    Attributes
+    ----------
+    calibration : MotionCalibration
+        Result of the motion.
+    origin : Origin
+        Where it comes from.
+    alert_limit_deg : float
+        Smallest alert limit with which fkm publishes in the region, deg.
+    published : float
+        Share of the recorded motion that fkm publishes (unit 1).
+    target_deg : float
+        Wanted error of the orientation, deg rms.
+    checked : Checked
+        Where in its region the other sensors check each one.
+
+    """
 
     calibration: MotionCalibration
     origin: Origin
-    alert_limit_deg: float  # smallest one with which fkm publishes in the region, deg
-    published: float  # share of the recorded motion that fkm publishes (unit 1)
-    target_deg: float  # wanted error of the orientation, deg rms
+    alert_limit_deg: float
+    published: float
+    target_deg: float
     checked: Checked
 
     @property
@@ -108,7 +156,24 @@ class Verdict:
 def zero_counts(
     calibration: MotionCalibration, counts_per_turn: Sequence[int]
 ) -> tuple[tuple[int, ...], Array]:
-    """Return the whole zero counts, and the reading that they leave at joint angle 0, rad."""
+    """
+    Return the whole zero counts, and what rounding them leaves.
+
+    Parameters
+    ----------
+    calibration : MotionCalibration
+        Result of a calibration from free motion.
+    counts_per_turn : sequence of int
+        Counts of each encoder in a turn, N values.
+
+    Returns
+    -------
+    counts : tuple of int
+        Zero counts, in [0, counts per turn).
+    rest : ndarray, shape (N,)
+        Reading that they leave at joint angle 0, rad; a table corrects it.
+
+    """
     sign, per_turn = np.array(calibration.direction), np.array(counts_per_turn)
     counts = sign * calibration.vector[calibration.layout.slices['zeros']] * per_turn / tau
     whole = np.rint(counts).astype(int)
@@ -117,7 +182,25 @@ def zero_counts(
 
 
 def motion_parameters(calibration: MotionCalibration, origin: Origin) -> dict[str, Any]:
-    """Return the parameters of a calibration, by dotted name."""
+    """
+    Return the parameters of a calibration: noise, bounds, mechanism and encoders.
+
+    The second harmonic and the fraction of a count that the zero count leaves are a table of
+    `TABLE_VALUES` values over the turn for each encoder.
+
+    Parameters
+    ----------
+    calibration : MotionCalibration
+        Result of a calibration from free motion.
+    origin : Origin
+        Where the calibration comes from.
+
+    Returns
+    -------
+    dict
+        Values by dotted name; angles in deg.
+
+    """
     c, layout = calibration, calibration.layout
     zeros, rest = zero_counts(c, origin.counts_per_turn)
     first, _ = layout.harmonics(c.vector)
@@ -159,7 +242,20 @@ def motion_parameters(calibration: MotionCalibration, origin: Origin) -> dict[st
 
 
 def motion_text(verdict: Verdict) -> str:
-    """Return the text of the parameter file."""
+    """
+    Return the text of the parameter file, with the verdict and a record of all figures.
+
+    Parameters
+    ----------
+    verdict : Verdict
+        The calibration, and what it is good for.
+
+    Returns
+    -------
+    str
+        A ROS parameter file; the verdict and the cautions are its comment.
+
+    """
     c, origin, region = verdict.calibration, verdict.origin, verdict.calibration.region
     left = '; '.join(f'{group}: {reason}' for group, reason in c.left.items()) or 'none'
     return file_text(

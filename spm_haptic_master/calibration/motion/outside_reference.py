@@ -36,24 +36,65 @@ CONTRADICTION = 4.0
 
 @dataclass(frozen=True, slots=True)
 class Mounted:
-    """A calibration with its mounting."""
+    """
+    A calibration with its mounting.
 
-    calibration: MotionCalibration  # fused with the orientations from outside
-    base: Array  # R_table_base, (3, 3)
-    handle: Array  # R_platform_handle, (3, 3)
-    base_deviations: Array  # standard deviations of its rotation vector, rad, (3,)
-    handle_deviations: Array  # the same of the handle; 0 where it was not estimated
-    rms: float  # residual of the orientations from outside, rad rms
+    Attributes
+    ----------
+    calibration : MotionCalibration
+        Result of the motion, fused with the orientations from outside.
+    base : ndarray, shape (3, 3)
+        R_table_base.
+    handle : ndarray, shape (3, 3)
+        R_platform_handle.
+    base_deviations : ndarray, shape (3,)
+        Standard deviations of the base's rotation vector, rad.
+    handle_deviations : ndarray, shape (3,)
+        The same of the handle; 0 where it was not estimated.
+    rms : float
+        Residual of the orientations from outside, rad rms.
+
+    """
+
+    calibration: MotionCalibration
+    base: Array
+    handle: Array
+    base_deviations: Array
+    handle_deviations: Array
+    rms: float
 
 
 def mounted(
     calibration: MotionCalibration, turned: Array, outside: Array, sigma: float
 ) -> Mounted:
     """
-    Return the calibration fused with orientations from outside, R_table_handle, (k, 3, 3).
+    Return the calibration fused with orientations from outside, with the mounting.
 
-    `turned` are the readings there by their directions, rad, (k, N), `sigma` is the orientations'
-    standard deviation about each axis, rad. CalibrationError where they contradict the motion.
+    Gauss-Newton steps on C = Y R X for parameters, Y and, with `BOTH_MINIMUM` orientations or
+    more, X; the covariance of the motion's result is the prior of the parameters.
+    `constant_frames` gives the start of X and Y.
+
+    Parameters
+    ----------
+    calibration : MotionCalibration
+        Result of the motion.
+    turned : ndarray, shape (k, N)
+        Readings at the orientations, times their directions, rad.
+    outside : ndarray, shape (k, 3, 3)
+        R_table_handle.
+    sigma : float
+        Standard deviation of these about each axis, rad.
+
+    Returns
+    -------
+    Mounted
+        Calibration and mounting, with standard deviations.
+
+    Raises
+    ------
+    CalibrationError
+        The orientations contradict the motion, or the readings have no orientation.
+
     """
     model, vector = calibration.model, calibration.vector
     both = len(outside) >= BOTH_MINIMUM

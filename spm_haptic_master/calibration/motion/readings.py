@@ -41,13 +41,31 @@ TRAVEL_PERCENT = 10.0
 
 @dataclass(frozen=True, slots=True)
 class MotionReadings:
-    """Means of readings that follow each other."""
+    """
+    Means of readings that follow each other.
 
-    seconds: Array  # time since the first set, s, (n,)
-    readings: Array  # means, rad, with direction 1 and zero 0, (n, N)
-    noise: Array  # white noise of one reading, rad, 1 standard deviation, (N,)
-    together: int  # number of readings in a mean
-    spiked: NDArray[np.bool_]  # which of the sets received are left out because of a spike
+    `sets` and `spikes` are numbers of sets received and of those left out.
+
+    Attributes
+    ----------
+    seconds : ndarray, shape (n,)
+        Time since the first set, s.
+    readings : ndarray, shape (n, N)
+        Means, rad, with direction 1 and zero 0.
+    noise : ndarray, shape (N,)
+        White noise of one reading, rad, 1 standard deviation.
+    together : int
+        Number of readings in a mean.
+    spiked : ndarray of bool, shape (sets,)
+        Which of the sets received are left out because of a spike.
+
+    """
+
+    seconds: Array
+    readings: Array
+    noise: Array
+    together: int
+    spiked: NDArray[np.bool_]
 
     @property
     def sets(self) -> int:
@@ -72,9 +90,28 @@ class MotionReadings:
 
 def motion_readings(stamps: NDArray[np.int64], readings: Array) -> MotionReadings:
     """
-    Return the means of readings, (n, N), rad, by the counts alone, on any turn; stamps in ns.
+    Return the means of readings, without spikes, and their noise.
 
-    CalibrationError: too few sets, too many spikes, a joint that does not move.
+    A reading is a spike if it is farther from the median of its piece than noise and motion allow.
+
+    Parameters
+    ----------
+    stamps : ndarray of int, shape (n,)
+        Times of the sets, ns.
+    readings : ndarray, shape (n, N)
+        Angles by the counts alone (direction 1, zero 0), rad, on any turn.
+
+    Returns
+    -------
+    MotionReadings
+        Means of up to `MEAN_SECONDS` each, with the noise of a single reading.
+
+    Raises
+    ------
+    CalibrationError
+        The sets are too few, come at irregular times, are noisy or have too many spikes, or a
+        joint does not move.
+
     """
     seconds = (int(stamps[-1]) - int(stamps[0])) * 1e-9 if len(stamps) else 0.0
     if len(stamps) < SETS_MINIMUM or seconds < SECONDS_MINIMUM:
@@ -138,7 +175,25 @@ def motion_readings(stamps: NDArray[np.int64], readings: Array) -> MotionReading
 
 
 def spread(readings: Array, count: int) -> NDArray[np.intp]:
-    """Return the rows of up to `count` readings, (n, N), rad, as far from each other as can be."""
+    """
+    Return the rows of readings that are as far from each other as can be.
+
+    From the one nearest to the median, each further one is that with the largest distance from all
+    before (farthest-point sampling).
+
+    Parameters
+    ----------
+    readings : ndarray, shape (n, N)
+        Angles, rad.
+    count : int
+        Number of rows; fewer are returned where there are not so many.
+
+    Returns
+    -------
+    ndarray of int, shape (count,)
+        Rows, in the order of their choice.
+
+    """
     turned = np.unwrap(readings, axis=0)
     middle = np.median(turned, axis=0)
     chosen = [int(np.argmin(((turned - middle) ** 2).sum(axis=1)))]
@@ -150,7 +205,22 @@ def spread(readings: Array, count: int) -> NDArray[np.intp]:
 
 
 def _pieces(steps: NDArray[np.int64], together: int) -> NDArray[np.intp]:
-    """Return the rows of pieces of `together` consecutive sets without a gap, shape (m, k)."""
+    """
+    Return the rows of pieces of consecutive sets without a gap.
+
+    Parameters
+    ----------
+    steps : ndarray of int, shape (n - 1,)
+        Differences of the stamps, ns.
+    together : int
+        Number of sets in a piece.
+
+    Returns
+    -------
+    ndarray of int, shape (m, together)
+        Rows of each piece.
+
+    """
     breaks = np.flatnonzero(steps > GAP * np.median(steps)) + 1
     firsts = np.concatenate(
         [
@@ -162,7 +232,22 @@ def _pieces(steps: NDArray[np.int64], together: int) -> NDArray[np.intp]:
 
 
 def _alone(readings: Array, limit: Array) -> NDArray[np.bool_]:
-    """Return which of consecutive readings are far from both of their neighbours."""
+    """
+    Return which of consecutive readings are far from both of their neighbours.
+
+    Parameters
+    ----------
+    readings : ndarray, shape (n, N)
+        Angles, rad.
+    limit : ndarray, shape (N,)
+        Distance within a piece beyond which a reading is a spike, rad.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        The first and the last one are False.
+
+    """
     far = np.zeros(len(readings), dtype=bool)
     step = np.abs(wrapped(np.diff(readings, axis=0)))
     beyond = 3.0 * limit + 2.0 * np.abs(wrapped(readings[2:] - readings[:-2]))

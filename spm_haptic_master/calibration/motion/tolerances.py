@@ -84,7 +84,30 @@ def _tolerance(
     squares: Array,
     columns: Sequence[int],
 ) -> float:
-    """Return the tolerance, rad, that the expected squares of all parameters show, rad^2, (P,)."""
+    """
+    Return the tolerance that the expected squares of parameters show.
+
+    The root of their mean square; the given tolerance counts as `GIVEN_COUNTS` parameters more.
+
+    Parameters
+    ----------
+    layout : Layout
+        The rig as drawn, and the meaning of the parameter vector.
+    groups : dict of str to float
+        Groups that share the tolerance, with the factor that makes its size theirs.
+    given : float
+        The given tolerance, rad: the largest that is returned.
+    squares : ndarray, shape (P,)
+        Expected squares of all parameters, rad^2.
+    columns : sequence of int
+        Places of the parameters that were estimated; a group counts if all of its were.
+
+    Returns
+    -------
+    float
+        rad.
+
+    """
     total, number = GIVEN_COUNTS * given**2, GIVEN_COUNTS
     for group, factor in groups.items():
         own = layout.columns(group)

@@ -74,19 +74,41 @@ PARITY_LIMIT = radians(0.25)
 
 @dataclass(frozen=True, slots=True)
 class ZeroGuess:
-    """Zeros and directions of the first four sensors."""
+    """
+    Zeros and directions of the first four sensors.
 
-    direction: tuple[int, ...]  # 1 or -1 of each of four
-    zeros: Array  # reading at the joint's zero, rad, with its direction, (4,)
-    misfit: float  # median distance of the samples' angles from angles that fit together, rad
+    Attributes
+    ----------
+    direction : tuple of int
+        Direction of each of the four, 1 or -1.
+    zeros : ndarray, shape (4,)
+        Reading at the joint's zero, rad, with its direction.
+    misfit : float
+        Median distance of the samples' angles from angles that fit together, rad.
+
+    """
+
+    direction: tuple[int, ...]
+    zeros: Array
+    misfit: float
 
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """Directions and zeros with which a motion fits the drawing."""
+    """
+    Directions and zeros with which a motion fits the drawing.
 
-    direction: tuple[int, ...]  # 1 or -1 of each of N
-    vector: Array  # parameters, (P,): the zeros, rad; the rest is 0
+    Attributes
+    ----------
+    direction : tuple of int
+        Direction of each of the N sensors, 1 or -1.
+    vector : ndarray, shape (P,)
+        Parameters: the zeros, rad; the rest is 0.
+
+    """
+
+    direction: tuple[int, ...]
+    vector: Array
 
 
 def find_start(
@@ -98,8 +120,30 @@ def find_start(
     """
     Return directions and zeros of which nothing is known.
 
-    CalibrationError where none explain the motion, or several do. With `swaps` it names a pair of
-    encoders that are swapped.
+    If none explain the motion, it is tried whether they do after two encoders are exchanged, and
+    then a search with more guesses.
+
+    Parameters
+    ----------
+    means : MotionReadings
+        Means of the motion's readings.
+    model : MotionModel
+        The mechanism with its encoders.
+    progress : callable, optional
+        Takes the name of each stage and the share that is done, 0 to 1.
+    swaps : bool, optional
+        Whether exchanged encoders are looked for.
+
+    Returns
+    -------
+    Start
+        Directions and zeros.
+
+    Raises
+    ------
+    CalibrationError
+        No directions and zeros explain the motion, several do, or two encoders are swapped.
+
     """
     joints = ALL_JOINT_NAMES[: model.layout.sensors]
     pairs = combinations(range(len(joints)), 2) if swaps else ()
@@ -129,7 +173,31 @@ def find_start(
 
 
 def _explaining(readings: Array, model: MotionModel, count: int) -> Start | None:
-    """Return what explains readings, None if nothing does; CalibrationError if several do."""
+    """
+    Return the directions and zeros that explain readings.
+
+    The best guesses of the search are compared by fits with all parameters free.
+
+    Parameters
+    ----------
+    readings : ndarray, shape (n, N)
+        Angles by the counts alone (direction 1, zero 0), rad.
+    model : MotionModel
+        The mechanism with its encoders.
+    count : int
+        Guesses for each combination of directions.
+
+    Returns
+    -------
+    Start or None
+        None if nothing explains them.
+
+    Raises
+    ------
+    CalibrationError
+        Several different ones explain them about equally well.
+
+    """
     layout = model.layout
     rows = spread(readings[:, :4], SEARCH_SAMPLES)
     guesses = search_zeros(readings[rows][:, :4], layout, count)
@@ -164,6 +232,7 @@ def _explaining(readings: Array, model: MotionModel, count: int) -> Start | None
 
 
 def _undetermined(zeros: str) -> CalibrationError:
+    """Return the error of a motion with which several choices of the zeros agree."""
     return CalibrationError(
         f'the motion does not determine the zeros: {zeros} explain it equally well; check the '
         'order of the joints (encoders.id and encoders.node_id), tilt the handle farther in all '
@@ -172,7 +241,24 @@ def _undetermined(zeros: str) -> CalibrationError:
 
 
 def _compared(readings: Array, model: MotionModel, guess: ZeroGuess) -> tuple[float, Start] | None:
-    """Return the misfit that is left with all parameters free, and the start; or None."""
+    """
+    Return the misfit of a guess with all parameters free.
+
+    Parameters
+    ----------
+    readings : ndarray, shape (n, N)
+        Angles by the counts alone (direction 1, zero 0), rad.
+    model : MotionModel
+        The mechanism with its encoders.
+    guess : ZeroGuess
+        Zeros and directions of the first four sensors.
+
+    Returns
+    -------
+    tuple of float and Start, or None
+        Misfit (unit 1) and start; None where the parity left is that of another mechanism.
+
+    """
     start = _with_more(readings, model, guess)
     try:
         found = fit(
@@ -186,7 +272,27 @@ def _compared(readings: Array, model: MotionModel, guess: ZeroGuess) -> tuple[fl
 
 
 def _with_more(readings: Array, model: MotionModel, guess: ZeroGuess) -> Start:
-    """Return directions and parameters of all N sensors from those of the first four."""
+    """
+    Return directions and parameters of all N sensors from those of the first four.
+
+    The four give orientations; a further sensor's direction is the one with which reading minus
+    angle is the same at all of them, and its zero the circular mean of that.
+
+    Parameters
+    ----------
+    readings : ndarray, shape (n, N)
+        Angles by the counts alone (direction 1, zero 0), rad.
+    model : MotionModel
+        The mechanism with its encoders.
+    guess : ZeroGuess
+        Zeros and directions of the first four sensors.
+
+    Returns
+    -------
+    Start
+        Directions, and parameters with the zeros.
+
+    """
     layout = model.layout
     vector = np.zeros(layout.count)
     vector[:4] = guess.zeros
@@ -220,10 +326,27 @@ def _with_more(readings: Array, model: MotionModel, guess: ZeroGuess) -> Start:
 
 def search_zeros(readings: Array, layout: Layout, count: int) -> list[ZeroGuess]:
     """
-    Return different zeros and directions that explain readings by the counts, the best first.
+    Return different zeros and directions that explain readings, the best first.
 
-    The readings of the first four sensors, rad, (n, 4), are far from each other, the first one a
-    middle one: there, `count` guesses are made for each combination of directions.
+    Random orientations within reach give the zeros at the first reading; each guess is improved by
+    Levenberg-Marquardt with the loss log(1 + (d / `HALF_WEIGHT`)^2), for each of the sixteen
+    combinations of directions. The seed is fixed, so that the result is repeatable.
+
+    Parameters
+    ----------
+    readings : ndarray, shape (n, 4)
+        Angles by the counts alone of the first four sensors, rad, far from each other. The first
+        one, where the guesses are made, is a middle one.
+    layout : Layout
+        The rig as drawn, and the meaning of the parameter vector.
+    count : int
+        Guesses for each combination of directions.
+
+    Returns
+    -------
+    list of ZeroGuess
+        Guesses by increasing misfit; two with the same directions differ by `SAME_ZEROS` or more.
+
     """
     nominal = layout.nominal
     quaternions = np.random.default_rng(SEED).normal(size=(ORIENTATIONS * count, 4))
@@ -256,7 +379,32 @@ def search_zeros(readings: Array, layout: Layout, count: int) -> list[ZeroGuess]
 def _improve(
     turned: Array, zeros: Array, damping: Array, nominal: Geometry, steps: int
 ) -> tuple[Array, Array, Array]:
-    """Return zeros, shape (m, 4), after Levenberg-Marquardt steps, their costs and damping."""
+    """
+    Return zeros after Levenberg-Marquardt steps, of m guesses at once.
+
+    Parameters
+    ----------
+    turned : ndarray, shape (n, 4)
+        Readings times their directions, rad.
+    zeros : ndarray, shape (m, 4)
+        Zeros of each guess, rad.
+    damping : ndarray, shape (m,)
+        Damping of each guess (unit 1).
+    nominal : Geometry
+        The drawing.
+    steps : int
+        Number of steps.
+
+    Returns
+    -------
+    zeros : ndarray, shape (m, 4)
+        Improved zeros, rad.
+    cost : ndarray, shape (m,)
+        Their costs (unit 1).
+    damping : ndarray, shape (m,)
+        Damping to go on with (unit 1).
+
+    """
     distance, slopes = _distance(turned, zeros, nominal)
     cost = _cost(distance)
     for _ in range(steps):
@@ -276,12 +424,46 @@ def _improve(
 
 
 def _cost(distance: Array) -> Array:
-    """Return the cost of each set of zeros by the distances of its samples (unit 1)."""
+    """
+    Return the cost of each set of zeros: the mean of log(1 + (d / `HALF_WEIGHT`)^2).
+
+    Parameters
+    ----------
+    distance : ndarray, shape (m, n)
+        Distances d of the samples from angles that fit together, rad.
+
+    Returns
+    -------
+    ndarray, shape (m,)
+        Unit 1.
+
+    """
     return np.log1p(np.square(distance / HALF_WEIGHT)).mean(axis=1)
 
 
 def _distance(turned: Array, zeros: Array, nominal: Geometry) -> tuple[Array, Array]:
-    """Return the distances from angles that fit, (m, n), rad, and their slopes by the zeros."""
+    """
+    Return how far samples are from angles that fit together, and the slopes by the zeros.
+
+    The closure of `_closure` over the length of its gradient: to first order a distance in angles.
+
+    Parameters
+    ----------
+    turned : ndarray, shape (n, 4)
+        Readings times their directions, rad.
+    zeros : ndarray, shape (m, 4)
+        M sets of zeros, rad.
+    nominal : Geometry
+        The drawing.
+
+    Returns
+    -------
+    distance : ndarray, shape (m, n)
+        Distances, rad.
+    slopes : ndarray, shape (m, n, 4)
+        Derivatives by the zeros (unit 1).
+
+    """
     # Cosines and sines of the joint angles.
     angles = turned.T[:, None] - zeros.T[:, :, None]
     turns = list(zip(np.cos(angles), np.sin(angles), strict=True))
@@ -302,7 +484,25 @@ def _distance(turned: Array, zeros: Array, nominal: Geometry) -> tuple[Array, Ar
 
 
 def _closure(turns: list[tuple[Array, Array]], nominal: Geometry) -> Array:
-    """Return by how much the point of Case 2's linear system misses the unit circle (unit 1)."""
+    """
+    Return by how much the point of Case 2's linear system misses the unit circle.
+
+    With the solution (cosine, sine) / determinant of eqs. 15 and 16 that is cosine^2 + sine^2 -
+    determinant^2, which is 0 for angles that fit together and needs no division.
+
+    Parameters
+    ----------
+    turns : list of tuple of 2 ndarray
+        Cosine and sine of th1A, th1B, th1C and th3A, each (m, n).
+    nominal : Geometry
+        The drawing.
+
+    Returns
+    -------
+    ndarray, shape (m, n)
+        Unit 1.
+
+    """
     (c1, s1), *others, (c3, s3) = turns
     leg_b, leg_c = (
         (

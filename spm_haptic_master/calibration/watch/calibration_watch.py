@@ -32,8 +32,26 @@ class CalibrationWatch:
     """
     Follows the slow parity of samples that come about once a second.
 
-    `evaluation` is the latest one, None before the first sample; `caution` says what drifted, and
-    is empty while the calibration holds. Noise and bounds of the sensors' errors are in rad.
+    Older samples count less and less (`MEMORY`). It names a drift long before that is a fault, and
+    is not on the way of a sample: the caller gives it one now and then.
+
+    Parameters
+    ----------
+    sigma : sequence of float
+        White noise of each reading, rad, 1 standard deviation.
+    bias : sequence of float
+        Bound of each sensor's systematic error, rad.
+    geometry : Geometry
+        Link angles and axes of the mechanism.
+    working_mode : tuple of 3 int
+        Signs of B_kk of the legs A, B, C.
+
+    Attributes
+    ----------
+    evaluation : Evaluation or None
+        Latest evaluation; None before the first one.
+    caution : str
+        What drifted, in words; empty while the calibration holds.
     """
 
     def __init__(
@@ -56,7 +74,24 @@ class CalibrationWatch:
         self.caution = ''
 
     def take(self, quaternion: Quaternion[float], angles: tuple[float, ...]) -> bool:
-        """Take a sample, of an orientation without a mounting; return whether it counts."""
+        """
+        Take a sample; return whether it counts.
+
+        One within `LEAST_TURN` of the last that counted does not, nor one without a parity.
+
+        Parameters
+        ----------
+        quaternion : Quaternion[float]
+            R_base_platform without a mounting, x, y, z, w.
+        angles : tuple of float
+            Readings of the N sensors, rad.
+
+        Returns
+        -------
+        bool
+            True if the sample was added to the sums.
+
+        """
         if self._last is not None and rotation_distance(quaternion, self._last) < LEAST_TURN:
             return False
         found = slip_evidence.parity_of_sample(
@@ -85,7 +120,11 @@ class CalibrationWatch:
         return row
 
     def evaluate(self) -> None:
-        """Evaluate the samples taken so far."""
+        """
+        Evaluate the samples taken so far: set `evaluation` and `caution`.
+
+        A caution stays until the evidence is below `HYSTERESIS` times the limits.
+        """
         if not self._rows:
             return
         found = self.evaluation = slip_evidence.evaluate(self._sums, self._bias)
@@ -93,7 +132,11 @@ class CalibrationWatch:
 
 
 def _words(found: slip_evidence.Evaluation) -> str:
-    """Return what drifted, in words."""
+    """
+    Return what drifted, in words.
+
+    These are the sensors that may have drifted, or the slow parity if no single one explains it.
+    """
     which = slip_evidence.suspects(found.misfit - found.explained, found.freedom, found.limit)
     names = [ALL_JOINT_NAMES[sensor] for sensor in which]
     if not names:

@@ -49,18 +49,51 @@ DECIDABLE = 2.0
 
 
 class Parities(NamedTuple):
-    """Parity of n samples, in a basis of each; those without an orientation are 0."""
+    """
+    Parity of n samples, in a basis of each sample's own.
 
-    usable: NDArray[np.bool_]  # (n,)
-    parity: Array  # (n, N - 3), standard deviations of white noise
-    gain: Array  # parity by error of each reading, 1/rad, (n, N - 3, N)
-    step: Array  # rotation vectors to the maximum-likelihood orientations, base frame, rad, (n, 3)
+    Attributes
+    ----------
+    usable : ndarray of bool, shape (n,)
+        Which samples have an orientation within reach; the values of the others are 0.
+    parity : ndarray, shape (n, N - 3)
+        Parity vectors, standard deviations of white noise.
+    gain : ndarray, shape (n, N - 3, N)
+        Parity by the error of each reading, 1/rad.
+    step : ndarray, shape (n, 3)
+        Rotation vectors to the maximum-likelihood orientations, base frame, rad.
+
+    """
+
+    usable: NDArray[np.bool_]
+    parity: Array
+    gain: Array
+    step: Array
 
 
 def sensor_angles(
     rotation: Array, geometry: Geometry, working_mode: WorkingMode, sensors: int
 ) -> Array:
-    """Return the angles of the sensors' joints, rad, (n, N); NaN out of reach."""
+    """
+    Return the joint angles of the sensors by the inverse model.
+
+    Parameters
+    ----------
+    rotation : ndarray, shape (n, 3, 3)
+        Orientations R_base_platform; NaN where there is none.
+    geometry : Geometry
+        Link angles and axes of the mechanism.
+    working_mode : tuple of 3 int
+        Signs of B_kk of the legs A, B, C.
+    sensors : int
+        Number N of sensors.
+
+    Returns
+    -------
+    ndarray, shape (n, N)
+        Angles in the order of ALL_JOINT_NAMES, rad; NaN out of reach.
+
+    """
     found = batch_angles(rotation, geometry, working_mode)
     return np.column_stack([found.theta1, found.theta3a, found.theta3b, found.theta3c])[
         :, :sensors
@@ -70,7 +103,32 @@ def sensor_angles(
 def reached(
     rotation: Array, geometry: Geometry, working_mode: WorkingMode, sensors: int
 ) -> tuple[NDArray[np.bool_], Array, Array, Array]:
-    """Return which orientations are within reach, these without NaN, joint angles, Jacobians."""
+    """
+    Return joint angles and Jacobians of the orientations that are within reach.
+
+    Parameters
+    ----------
+    rotation : ndarray, shape (n, 3, 3)
+        Orientations R_base_platform; NaN where there is none.
+    geometry : Geometry
+        Link angles and axes of the mechanism.
+    working_mode : tuple of 3 int
+        Signs of B_kk of the legs A, B, C.
+    sensors : int
+        Number N of sensors.
+
+    Returns
+    -------
+    usable : ndarray of bool, shape (n,)
+        Which orientations are within reach.
+    matrices : ndarray, shape (n, 3, 3)
+        The orientations; the unit matrix for one with NaN.
+    angles : ndarray, shape (n, N)
+        Joint angles, rad; 0 where not usable.
+    rates : ndarray, shape (n, N, 3)
+        Jacobians d angles / d rotation, base frame.
+
+    """
     usable = np.all(np.isfinite(rotation), axis=(1, 2))
     matrices = np.where(usable[:, None, None], rotation, np.eye(3))
     angles = sensor_angles(matrices, geometry, working_mode, sensors)
@@ -83,7 +141,28 @@ def reached(
 def parities(
     angles: Array, rotation: Array, sigma: Array, geometry: Geometry, working_mode: WorkingMode
 ) -> Parities:
-    """Return the parity of samples, rad, (n, N), by their noise, rad, (N,), near orientations."""
+    """
+    Return the parity of samples near given orientations, and its gains.
+
+    Parameters
+    ----------
+    angles : ndarray, shape (n, N)
+        Joint angles, rad.
+    rotation : ndarray, shape (n, 3, 3)
+        Orientations near the maximum-likelihood ones; NaN where there is none.
+    sigma : ndarray, shape (N,)
+        White noise of each reading, rad, 1 standard deviation.
+    geometry : Geometry
+        Link angles and axes of the mechanism.
+    working_mode : tuple of 3 int
+        Signs of B_kk of the legs A, B, C.
+
+    Returns
+    -------
+    Parities
+        Parity, gains and a step of the orientations.
+
+    """
     usable, _, expected, rates = reached(rotation, geometry, working_mode, angles.shape[1])
     return projected(usable, wrapped(angles - expected), rates, sigma)
 
@@ -95,7 +174,29 @@ def parity_of_sample(
     geometry: Geometry,
     working_mode: WorkingMode,
 ) -> Parities | None:
-    """Return `parities` of a sample, in plain floats: a tenth of the time; None if unusable."""
+    """
+    Return `parities` of one sample, in plain floats as far as can be: a tenth of the time.
+
+    Parameters
+    ----------
+    angles : sequence of float
+        Readings of the N sensors, rad.
+    quaternion : Quaternion[float]
+        R_base_platform near the maximum-likelihood one, x, y, z, w.
+    sigma : ndarray, shape (N,)
+        White noise of each reading, rad, 1 standard deviation.
+    geometry : Geometry
+        Link angles and axes of the mechanism.
+    working_mode : tuple of 3 int
+        Signs of B_kk of the legs A, B, C.
+
+    Returns
+    -------
+    Parities or None
+        None if a reading is missing, or the orientation is out of reach or near the edge of the
+        working mode.
+
+    """
     rotation = rotation_from_quaternion(*quaternion)
     try:
         expected = measured_angles(rotation, geometry, working_mode, len(angles))
@@ -113,7 +214,29 @@ def parity_of_sample(
 
 
 def projected(usable: NDArray[np.bool_], residual: Array, rates: Array, sigma: Array) -> Parities:
-    """Return the part of residuals, rad, that no rotation explains, and that which one does."""
+    """
+    Split whitened residuals into what a rotation explains and what none does.
+
+    By a QR decomposition of the whitened Jacobian: its first three columns give the least-squares
+    rotation (a Gauss-Newton step), the others, orthogonal to the Jacobian, the parity.
+
+    Parameters
+    ----------
+    usable : ndarray of bool, shape (n,)
+        Which samples count; the parity of the others is 0.
+    residual : ndarray, shape (n, N)
+        Reading minus angle at the orientations, rad.
+    rates : ndarray, shape (n, N, 3)
+        Jacobian J = d angles / d rotation of each sample.
+    sigma : ndarray, shape (N,)
+        White noise of each reading, rad, 1 standard deviation.
+
+    Returns
+    -------
+    Parities
+        Parity, gains and steps.
+
+    """
     white = np.where(usable[:, None], residual / sigma, 0.0)
     orthogonal, upper = np.linalg.qr(rates / sigma[:, None], mode='complete')
     across = orthogonal[:, :, 3:].swapaxes(1, 2)
@@ -124,20 +247,60 @@ def projected(usable: NDArray[np.bool_], residual: Array, rates: Array, sigma: A
 
 
 def poses_of(angles: Array) -> NDArray[np.int64]:
-    """Return the pose that each sample counts for, by its motor angles, shape (n, 3)."""
+    """
+    Return the pose that each sample counts for: its motor angles in units of `POSE_STEP`.
+
+    Parameters
+    ----------
+    angles : ndarray, shape (n, N)
+        Joint angles, rad.
+
+    Returns
+    -------
+    ndarray of int, shape (n, 3)
+        The same numbers for samples of one pose.
+
+    """
     return np.floor(wrapped(angles[:, :3]) / POSE_STEP).astype(np.int64)
 
 
 class PoseSums(NamedTuple):
-    """Sums over the samples of each of m poses, independent of the basis of the parity."""
+    """
+    Sums over the samples of each of m poses, independent of the basis of the parity.
 
-    samples: Array  # number of samples, or their weight, (m,)
-    information: Array  # sum of gain^T gain, 1/rad^2, (m, N, N)
-    score: Array  # sum of gain^T parity, 1/rad, (m, N)
+    Attributes
+    ----------
+    samples : ndarray, shape (m,)
+        Number of samples, or their weight.
+    information : ndarray, shape (m, N, N)
+        Sum of gain^T gain, 1/rad^2.
+    score : ndarray, shape (m, N)
+        Sum of gain^T parity, 1/rad.
+
+    """
+
+    samples: Array
+    information: Array
+    score: Array
 
 
 def summed(angles: Array, found: Parities) -> PoseSums:
-    """Return the sums over the usable ones of samples by pose."""
+    """
+    Return the sums over the usable ones of samples by pose.
+
+    Parameters
+    ----------
+    angles : ndarray, shape (n, N)
+        Joint angles, rad.
+    found : Parities
+        Parities of the samples.
+
+    Returns
+    -------
+    PoseSums
+        Sums of the poses that have samples.
+
+    """
     usable = found.usable
     poses, row = np.unique(poses_of(angles[usable]), axis=0, return_inverse=True)
     sensors = angles.shape[1]
@@ -155,21 +318,50 @@ def summed(angles: Array, found: Parities) -> PoseSums:
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """What the slow parity says of each sensor."""
+    """
+    What the slow parity says of each sensor.
 
-    slip: Array  # reading less true angle if this sensor alone slipped, rad, (N,)
-    deviation: Array  # its standard deviation by noise and bias, rad, (N,)
-    explained: Array  # what such a slip explains of `misfit` (unit 1), (N,); noise, bias: about 1
-    together: Array  # slips of all sensors if all of them slipped, rad, (N,)
-    misfit: float  # sum of squared parities over their variances (unit 1); healthy: ~ `freedom`
-    freedom: int  # number of poses times N - 3
-    slow: float  # slow parity, rad rms
-    expected: float  # what noise and bias allow of it, rad rms
-    white: float  # what noise alone allows of it, rad rms
+    Attributes
+    ----------
+    slip : ndarray, shape (N,)
+        Reading less true angle if this sensor alone slipped, rad.
+    deviation : ndarray, shape (N,)
+        Standard deviation of the slip by noise and bias, rad.
+    explained : ndarray, shape (N,)
+        What such a slip explains of `misfit` (unit 1); noise and bias alone: about 1.
+    together : ndarray, shape (N,)
+        Slips of all sensors if all of them slipped, rad.
+    misfit : float
+        Sum of squared parities over their variances (unit 1); healthy: about `freedom`.
+    freedom : int
+        Number of poses times N - 3.
+    slow : float
+        Slow parity, rad rms.
+    expected : float
+        What noise and bias allow of it, rad rms.
+    white : float
+        What noise alone allows of it, rad rms.
+
+    """
+
+    slip: Array
+    deviation: Array
+    explained: Array
+    together: Array
+    misfit: float
+    freedom: int
+    slow: float
+    expected: float
+    white: float
 
     @property
     def threshold(self) -> float:
-        """Return the detection threshold of a slip, in standard deviations."""
+        """
+        Return the detection threshold of a slip, in standard deviations.
+
+        All sensors at the bound of their bias, with the worst signs, make sqrt(N) times two of
+        them at one pose: that is no slip.
+        """
         # All sensors at their bound, with the worst signs, make sqrt(N) times two at one pose.
         return BIAS_DEVIATIONS * sqrt(len(self.slip))
 
@@ -185,7 +377,12 @@ class Evaluation:
 
     @property
     def limit(self) -> float:
-        """Return what a healthy misfit exceeds in 1 of 30,000 (Wilson and Hilferty 1931)."""
+        """
+        Return what a healthy misfit exceeds in 1 of 30,000.
+
+        The quantile of chi-square with `freedom` degrees, approximated by Wilson and Hilferty
+        (1931).
+        """
         part = 2.0 / (9.0 * self.freedom)
         return self.freedom * (1.0 - part + TOTAL_DEVIATIONS * sqrt(part)) ** 3
 
@@ -195,18 +392,45 @@ class Evaluation:
         return self.freedom // (len(self.slip) - 3)
 
     def holds(self, part: float = 1.0) -> bool:
-        """Return whether noise and bias explain the parity, by a part of the limits."""
+        """
+        Return whether noise and bias explain the parity.
+
+        Parameters
+        ----------
+        part : float, optional
+            Factor of the limits (unit 1): below 1 it is stricter, for a hysteresis.
+
+        Returns
+        -------
+        bool
+            True if no slip is beyond its threshold, nor the misfit beyond its limit.
+
+        """
         slipped = (self.explained > (part * self.threshold) ** 2).any()
         return not slipped and self.misfit <= part * self.limit
 
 
 def suspects(left: Array, freedom: int, limit: float) -> tuple[int, ...]:
     """
-    Return the sensors whose slips explain the parity about as well as the best one, best first.
+    Return the sensors whose slips explain the parity about as well as the best one does.
 
-    By the misfit that each slip leaves, (N,). Differences count in units of what the best one
-    leaves, where that is less than `bias_deg` allows: as if N further numbers had been as large as
-    that. One sensor is isolated; none is returned where each slip leaves more than the limit.
+    Differences count in units of what the best one leaves, where that is less than `bias_deg`
+    allows: as if N further numbers had been as large as that. One sensor alone is isolated.
+
+    Parameters
+    ----------
+    left : ndarray, shape (N,)
+        Misfit that each sensor's slip leaves (unit 1).
+    freedom : int
+        Number of poses times N - 3.
+    limit : float
+        Largest misfit that a slip may leave.
+
+    Returns
+    -------
+    tuple of int
+        Indices, the best one first; empty where each slip leaves more than the limit.
+
     """
     order, least = np.argsort(left).tolist(), float(left.min())
     if least > limit or not np.isfinite(least):
@@ -217,9 +441,22 @@ def suspects(left: Array, freedom: int, limit: float) -> tuple[int, ...]:
 
 def evaluate(sums: PoseSums, bias: Array) -> Evaluation:
     """
-    Return what sums by pose say of each sensor, by the bounds of their errors, rad, (N,).
+    Return what sums by pose say of each sensor.
 
-    At least one pose has a sample.
+    Weighted least squares over the poses with the covariance C of the module's description.
+
+    Parameters
+    ----------
+    sums : PoseSums
+        Sums of m poses, at least one of them with a sample.
+    bias : ndarray, shape (N,)
+        Bound of each sensor's systematic error, rad.
+
+    Returns
+    -------
+    Evaluation
+        Slips, their standard deviations, and how much of the parity is left.
+
     """
     sensors = len(bias)
     kept = sums.samples > 0.0
@@ -241,6 +478,7 @@ def evaluate(sums: PoseSums, bias: Array) -> Evaluation:
     together = np.linalg.lstsq(every, score, rcond=None)[0]
 
     def rms(squares: Array) -> float:
+        """Return the root mean square of what has these squares, weighted by samples."""
         return float(np.sqrt(np.average(squares.mean(axis=1), weights=samples)))
 
     diagonal = np.einsum('mkk->mk', covariance)
