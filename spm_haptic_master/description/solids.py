@@ -110,7 +110,15 @@ class Solid:
     triangles: NDArray[np.int32]  # indices of them, counter-clockwise from outside, (m, 3)
 
     def turned(self, rotation: NDArray[np.float64]) -> Solid:
-        """Return the solid turned by a rotation matrix, shape (3, 3)."""
+        """
+        Return the solid turned by a rotation matrix, shape (3, 3).
+
+        Parameters
+        ----------
+        rotation : ndarray, shape (3, 3)
+            Its columns are the solid's axes after the turn.
+
+        """
         return Solid(self.vertices @ rotation.T, self.triangles)
 
     def mass_properties(self, density: float) -> MassProperties:

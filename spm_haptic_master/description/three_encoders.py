@@ -166,7 +166,17 @@ class ThreeEncoders:
             self.turn = None
 
     def add_readings(self, stamp: int, readings: Sequence[float]) -> None:
-        """Add th1A, th1B, th1C as read, rad, at a stamp, ns, unless others wait for their pose."""
+        """
+        Add th1A, th1B, th1C as read, rad, at a stamp, ns, unless others wait for their pose.
+
+        Parameters
+        ----------
+        stamp : int
+            Time of the readings.
+        readings : sequence of 3 float
+            Angles of th1A, th1B, th1C; nan: no reading.
+
+        """
         begin, waiting = self._poses.begin, self._waiting
         if waiting is not None and begin is not None:
             if begin <= waiting.stamp <= stamp:
@@ -183,7 +193,8 @@ class ThreeEncoders:
         ----------
         dexterity : float or None
             Dexterity of the three encoders, 0 to 1. At CLEAR or below, the solution continues from
-            the last one; above, or if it is not known (None), from the published pose.
+            the last one, if there is one; else, or if it is not known (None), from the published
+            pose.
 
         """
         waiting = self._waiting

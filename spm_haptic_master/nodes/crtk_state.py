@@ -87,7 +87,15 @@ class CrtkState:
         return self._state.name
 
     def take(self, orientation: OrientationState) -> None:
-        """Take the state of the orientation."""
+        """
+        Take the state of the orientation.
+
+        Parameters
+        ----------
+        orientation : OrientationState
+            State of the orientation: the operating state follows from it and from the commands.
+
+        """
         self._publish(self._state.take(orientation))
 
     def command(self, text: str) -> tuple[bool, str]:
@@ -112,7 +120,15 @@ class CrtkState:
         return accepted, self.name if accepted else events[-1][1]
 
     def warn(self, text: str) -> None:
-        """Publish a warning."""
+        """
+        Publish a warning.
+
+        Parameters
+        ----------
+        text : str
+            Words on the topic `warning`.
+
+        """
         self._lines['warning'].publish(String(data=text))
 
     def end(self) -> None:
@@ -127,6 +143,22 @@ class CrtkState:
             self._commands.close()
 
     def _serve(self, text: str, _: Trigger.Request, answer: Trigger.Response) -> Trigger.Response:
+        """
+        Answer a service by a command.
+
+        Parameters
+        ----------
+        text : str
+            The command: enable or disable.
+        answer : Trigger.Response
+            Gets whether the command has an effect, and the state or the reason.
+
+        Returns
+        -------
+        Trigger.Response
+            The answer.
+
+        """
         answer.success, answer.message = self.command(text)
         if self._message is None and not self._absence_logged:
             # Whoever enables the device may look for the topics of crtk_msgs.
@@ -135,7 +167,15 @@ class CrtkState:
         return answer
 
     def _publish(self, events: list[Event]) -> None:
-        """Publish the state first, where it has changed, then the lines."""
+        """
+        Publish the state first, where it has changed, then the lines.
+
+        Parameters
+        ----------
+        events : list of Event
+            Lines for clients: each a topic (`error`, `warning` or `status`) and its words.
+
+        """
         state, before = self._state, self._published
         self._published = state.name, state.enabling, state.is_homed
         if self._published != before:
@@ -148,6 +188,7 @@ class CrtkState:
             self._lines[level].publish(String(data=text))
 
     def _publish_message(self) -> None:
+        """Publish the state as crtk_msgs has it, where these are installed."""
         message = self._message
         if message is not None:
             message.header.stamp = self._node.get_clock().now().to_msg()

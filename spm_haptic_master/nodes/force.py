@@ -47,7 +47,23 @@ SILENT_PERIODS = 4
 
 
 class Surroundings(NamedTuple):
-    """What the force feedback needs of `fkm`."""
+    """
+    What the force feedback needs of `fkm`.
+
+    Attributes
+    ----------
+    frame_id : str
+        Frame of `orientation`.
+    now : callable
+        Returns the time on the clock of the samples, ns.
+    is_enabled : callable
+        Returns whether the operating state is ENABLED.
+    warn : callable
+        Publishes CRTK's `warning`.
+    lock : threading.Lock
+        Guards controller and drives; callers of `take` and `acknowledge` hold it.
+
+    """
 
     frame_id: str  # of the orientation
     now: Callable[[], int]  # time on the clock of the samples, ns
@@ -230,7 +246,16 @@ class Force:
         self._report = self._drives.step(torques, time.monotonic())
 
     def _follow(self, before: ForceState, state: ForceState) -> None:
-        """Note a change of the state, and end the modes that it ends."""
+        """
+        Note a change of the state, and end the modes that it ends.
+
+        Parameters
+        ----------
+        before, state : ForceState
+            State before and after the change. All modes end when force is off; the lock ends with
+            each fault or fading, and when holding becomes engaged.
+
+        """
         self._changes.append(state)
         modes = self._inputs.modes
         if state.condition is Condition.OFF:

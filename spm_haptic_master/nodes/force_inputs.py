@@ -96,6 +96,11 @@ class TeleopState:
     is_absent : bool
         Whether no hand is on the handle.
 
+    Parameters
+    ----------
+    released : callable
+        Is called when the clutch is no longer pressed.
+
     """
 
     def __init__(self, released: Callable[[], None]) -> None:
@@ -105,18 +110,36 @@ class TeleopState:
         self._received_at = 0.0  # s, monotonic
 
     def on_message(self, message: String) -> None:
-        """Take the words of `teleop_state`."""
+        """
+        Take the words of `teleop_state`.
+
+        Parameters
+        ----------
+        message : String
+            A word, and the reason after a colon. An unknown word is that of a disengaged
+            tele-operation.
+
+        """
         word = message.data.partition(':')[0]
         self._received_at = time.monotonic()
         phase = next((phase for phase in Phase if phase.value == word), Phase.DISENGAGED)
         self._enter(phase, message.data == ABSENT)
 
     def poll(self, now: float) -> None:
-        """Ignore a state that is too old; `now` in s, monotonic."""
+        """
+        Ignore a state that is too old; `now` in s, monotonic.
+
+        Parameters
+        ----------
+        now : float
+            Present time.
+
+        """
         if now - self._received_at > TELEOP_TIMEOUT:
             self._enter(Phase.DISENGAGED, False)
 
     def _enter(self, phase: Phase, is_absent: bool) -> None:
+        """Store phase and absence, and report the end of a clutch."""
         was_clutched = self.phase is Phase.CLUTCHED
         self.phase = phase
         self.is_absent = is_absent
@@ -188,6 +211,7 @@ class ForceInputs:
         self._subscribe(values)
 
     def _subscribe(self, values: Values) -> None:
+        """Subscribe to the wrenches, and to `teleop_state` if tele-operation engages the force."""
         wrench = partial(self._inputs.subscribe, WrenchStamped, qos=WRENCHES)
         wrench(topic='servo_cf', callback=self._on_any)
         wrench(topic='spatial/servo_cf', callback=self._on_spatial)
@@ -226,6 +250,7 @@ class ForceInputs:
     # Wrenches -----------------------------------------------------------------------------------
 
     def _on_any(self, message: WrenchStamped) -> None:
+        """Take a wrench on `servo_cf`, in the frame that its header names."""
         name = message.header.frame_id
         frame = self._frames.by_name.get(name)
         if frame is None:
@@ -234,9 +259,11 @@ class ForceInputs:
         self._take_wrench(message, frame)
 
     def _on_spatial(self, message: WrenchStamped) -> None:
+        """Take a wrench on `spatial/servo_cf`, in the frame of `orientation`."""
         self._take_wrench(message, self._frames.spatial)
 
     def _on_body(self, message: WrenchStamped) -> None:
+        """Take a wrench on `body/servo_cf`, in the handle's frame or that of `orientation`."""
         is_absolute = self.modes.is_body_absolute.value
         self._take_wrench(message, self._frames.spatial if is_absolute else self._frames.body)
 
@@ -285,7 +312,22 @@ class ForceInputs:
                 self._faulty = Wrench(now, (nan, nan, nan), frame.in_handle)
 
     def _is_old(self, message: WrenchStamped, now: int) -> bool:
-        """Return whether a wrench is too old by its stamp, or may have waited for this process."""
+        """
+        Return whether a wrench is too old by its stamp, or may have waited for this process.
+
+        Parameters
+        ----------
+        message : WrenchStamped
+            Wrench of a client; without a stamp its age is not known.
+        now : int
+            Present time on the clock of the samples, ns.
+
+        Returns
+        -------
+        bool
+            True as well if this process has not polled for longer than a wrench may be old.
+
+        """
         stamp = message.header.stamp
         stamped = stamp.sec * SECOND + stamp.nanosec
         # Clients of CRTK leave the header empty.
@@ -305,5 +347,6 @@ class ForceInputs:
         )
 
     def _drop_wrench(self) -> None:
+        """Have no wrench, as before the first one."""
         with self._lock:
             self._wrench = None

@@ -34,6 +34,13 @@ class Mode(Generic[Value]):
     value
         The one set last, or the default.
 
+    Parameters
+    ----------
+    node : Node
+        Node that knows the publishers.
+    default
+        Value without a client.
+
     """
 
     def __init__(self, node: Node, default: Value) -> None:
@@ -45,7 +52,17 @@ class Mode(Generic[Value]):
         self._owners: frozenset[bytes] = frozenset()
 
     def set(self, topic: str, value: Value) -> None:
-        """Set the value that came on a topic."""
+        """
+        Set the value that came on a topic.
+
+        Parameters
+        ----------
+        topic : str
+            Topic on which the value came: the mode lives as long as one of its present publishers.
+        value
+            The value.
+
+        """
         self.value = value
         self._topic = self._node.resolve_topic_name(topic)
         self._owners = self._publishers()
@@ -152,6 +169,7 @@ class ClientModes:
         }
 
     def _on_scale(self, message: Float64) -> None:
+        """Set the scale of the wrenches; refuse one that is not within 0 .. 1."""
         if not 0.0 <= message.data <= 1.0:
             node_log.warning(
                 self._node, f'force_scale is {message.data:g}; expected a number from 0 to 1'
@@ -160,12 +178,20 @@ class ClientModes:
         self.scale.set('force_scale', message.data)
 
     def _on_weight(self, message: Bool) -> None:
+        """Set whether the weight is compensated."""
         self.is_weight_compensated.set('use_gravity_compensation', message.data)
 
     def _on_absolute(self, message: Bool) -> None:
+        """Set whether wrenches on `body/servo_cf` are in the frame of `orientation`."""
         self.is_body_absolute.set('body/set_cf_orientation_absolute', message.data)
 
     def _on_lock(self, message: QuaternionMessage) -> None:
+        """
+        Lock the orientation at the target of a message.
+
+        The target is as mounted, as on `orientation`; it is refused unless it is a unit
+        quaternion.
+        """
         target = unit_quaternion((message.x, message.y, message.z, message.w))
         if target is None:
             node_log.warning(self._node, 'lock_orientation is not a unit quaternion')
@@ -173,6 +199,7 @@ class ClientModes:
         self.lock.set('lock_orientation', self._mounting.unmounted(target))
 
     def _on_hold(self, _: Empty) -> None:
+        """Lock the orientation where it is; refuse it without an orientation."""
         orientation = self._orientation()
         if orientation is None:
             node_log.warning(self._node, 'hold is refused: there is no orientation to hold')
@@ -180,12 +207,15 @@ class ClientModes:
         self.lock.set('hold', orientation)
 
     def _on_unlock(self, _: object) -> None:
+        """End the lock."""
         self.lock.end()
 
     def _on_free(self, _: Empty) -> None:
+        """End the lock, and drop the latest wrench."""
         self.lock.end()
         self._drop_wrench()
 
 
 def _word(is_so: bool) -> str:
+    """Return yes or no."""
     return 'yes' if is_so else 'no'

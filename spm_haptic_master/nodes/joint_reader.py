@@ -63,6 +63,7 @@ class JointReader:
         return (seconds * SECOND + nanoseconds, position) if isfinite(position) else None
 
     def _read_any(self, data: bytes) -> tuple[int, float] | None:
+        """Read a message of any layout, and expect the layout of its publisher from now on."""
         message = deserialize_message(data, JointState)
         # The next one of this publisher is read by the layout, if it is only another frame_id.
         self._arrange(message.header.frame_id)

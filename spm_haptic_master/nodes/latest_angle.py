@@ -28,11 +28,27 @@ class LatestAngle:
         self._latest = nan, -1.0
 
     def take(self, message: JointState) -> None:
-        """Take a message; one without a finite position changes nothing."""
+        """
+        Take a message; one without a finite position changes nothing.
+
+        Parameters
+        ----------
+        message : JointState
+            Angle of one joint, rad.
+
+        """
         if len(message.position) and isfinite(message.position[0]):
             self._latest = float(message.position[0]), time.monotonic()
 
     def at(self, now: float) -> float | None:
-        """Return the angle at a time, s, monotonic, in rad; None if it is too old."""
+        """
+        Return the angle at a time, s, monotonic, in rad; None if it is too old.
+
+        Parameters
+        ----------
+        now : float
+            Present time.
+
+        """
         angle, came_at = self._latest
         return angle if came_at >= 0.0 and now - came_at <= self._timeout else None

@@ -35,7 +35,17 @@ TF_PREFIX = "TF Prefix: ''"
 
 
 class Process(NamedTuple):
-    """A process to start."""
+    """
+    A process to start.
+
+    Attributes
+    ----------
+    executable : str
+        Name of an executable of the package.
+    arguments : tuple of str
+        Its ROS arguments, such as `-p`, NAME:=VALUE.
+
+    """
 
     executable: str  # of the package
     arguments: tuple[str, ...]  # ROS arguments, without namespace
@@ -63,7 +73,20 @@ class Follower(NamedTuple):
     presence_timeout: str = ''  # largest age of the presence, s; empty: that of the files
 
     def check(self, argument_prefix: str) -> None:
-        """Refuse a topic of a slave that is simulated; its argument begins with the prefix."""
+        """
+        Refuse a topic of a slave that is simulated.
+
+        Parameters
+        ----------
+        argument_prefix : str
+            Begins the names of the arm's launch arguments in the error.
+
+        Raises
+        ------
+        InputError
+            A topic is given without the slave's namespace.
+
+        """
         for name, given in (('slave_pose', self.pose), ('slave_torque', self.torque)):
             if given and not self.slave:
                 raise InputError(
@@ -77,7 +100,15 @@ class Follower(NamedTuple):
         return [f'{settings.PRESENCE_TIMEOUT}:={given}'] if given else []
 
     def remaps(self) -> list[tuple[str, str]]:
-        """Return the topics of `teleop` that have another name, and that name."""
+        """
+        Return the topics of `teleop` that have another name, and that name.
+
+        Returns
+        -------
+        list of tuples of two str
+            Name in `teleop`, and name of the topic.
+
+        """
         slave = self.slave.rstrip('/')
         names = {'presence': self.presence, 'clutch': self.clutch}
         if slave:
@@ -174,7 +205,22 @@ def _file_words(paths: Sequence[str], namespace: Sequence[str], nodes: Sequence[
 
 
 def _checked(node: str, given: Mapping[str, object]) -> dict[str, object]:
-    """Return a node's values; SettingError where it would end at once: the launch ends before."""
+    """
+    Return a node's values; SettingError where it would end at once: the launch ends before.
+
+    Parameters
+    ----------
+    node : str
+        Name of the node.
+    given : mapping
+        Values given to it by name.
+
+    Returns
+    -------
+    dict
+        Checked values by name.
+
+    """
     if node == 'encoder_driver':
         _, values = resolver.resolve_source(given)
         unverified_joints(values)
@@ -197,7 +243,22 @@ def _prefixed_frames(values: Mapping[str, object], prefix: str) -> list[str]:
 
 
 def rviz_config(template: str, namespace: str) -> str:
-    """Return the configuration of RViz for an arm; `namespace` without slashes at its ends."""
+    """
+    Return the configuration of RViz for an arm.
+
+    Parameters
+    ----------
+    template : str
+        The configuration without a namespace, config/display.rviz.
+    namespace : str
+        Namespace without slashes at its ends; empty: none.
+
+    Returns
+    -------
+    str
+        The configuration, with the namespace before the names of the links.
+
+    """
     return template.replace(TF_PREFIX, f"TF Prefix: '{namespace}'")
 
 
@@ -216,12 +277,43 @@ def _words(source: Sequence[str], follower: Follower | None, names: Sequence[str
 
 
 def source_to_show(source: str, config: str, calibration: str) -> str:
-    """Return the source of a device to show: a simulation only without a rig's files."""
+    """
+    Return the source of a device to show: a simulation only without a rig's files.
+
+    Parameters
+    ----------
+    source, config, calibration : str
+        As of `plan`.
+
+    Returns
+    -------
+    str
+        The source; empty: that of the files.
+
+    """
     return source or ('' if config or calibration else 'sim')
 
 
 def mechanism(config: str, calibration: str, namespace: str) -> Geometry:
-    """Return the mechanism that the files of one arm give its nodes; InputError as `plan`."""
+    """
+    Return the mechanism that the files of one arm give its nodes.
+
+    Parameters
+    ----------
+    config, calibration, namespace : str
+        As of `plan`.
+
+    Returns
+    -------
+    Geometry
+        That of `fkm`.
+
+    Raises
+    ------
+    InputError
+        A file is missing or cannot be read, or the mechanism cannot be assembled.
+
+    """
     given = Parameters(_files(config, calibration), (), _namespace(namespace)).of('fkm')
     return geometry_from(resolver.resolve(given, GEOMETRY_SETTINGS)[1])
 
@@ -255,7 +347,17 @@ def check_arguments(command_line: Sequence[str], file: str, names: Collection[st
 
 
 def _behind_file(command_line: Sequence[str], path: Path) -> Sequence[str]:
-    """Return the words behind a launch file on a command line; none where it is not there."""
+    """
+    Return the words behind a launch file on a command line; none where it is not there.
+
+    Parameters
+    ----------
+    command_line : sequence of str
+        That of `ros2 launch`.
+    path : Path
+        The launch file, which is named behind the package or by its path.
+
+    """
     for number, (before, word) in enumerate(pairwise(command_line), 1):
         is_same = before == PACKAGE or Path(word).resolve() == path.resolve()
         if Path(word).name == path.name and is_same:

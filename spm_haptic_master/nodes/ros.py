@@ -133,7 +133,8 @@ class Commands(Client):
         Raises
         ------
         InputError
-            The node does not answer, or refuses the value.
+            The node does not answer or refuses the value, or the value is neither a single one nor
+            a list.
 
         """
         values = argument_section(f'{given.name}:={given.value}').values

@@ -63,7 +63,15 @@ class SimulationControl:
         node.create_subscription(String, FAULT_TOPIC, self._set_faults, DEPTH)
 
     def publish_truth(self, stamp: int) -> None:
-        """Publish the true orientation of the last sample, stamped in ns, if anybody listens."""
+        """
+        Publish the true orientation of the last sample, stamped in ns, if anybody listens.
+
+        Parameters
+        ----------
+        stamp : int
+            Stamp of the sample.
+
+        """
         if self._orientation.get_subscription_count():
             self._orientation.publish(self._writer.write(stamp, self._source.orientation()))
 

@@ -40,6 +40,11 @@ class SlaveTorque:
     values
         Checked settings of `teleop`: scale, frame of the torque, registration.
 
+    Attributes
+    ----------
+    count, refused, invalid : int
+        Torques that went on, that were in another frame, and that have no stamp.
+
     """
 
     def __init__(self, node: Node, values: Values) -> None:
@@ -94,7 +99,18 @@ class SlaveTorque:
         return False
 
     def _torque_about_tip(self, message: WrenchStamped, slave: Pose) -> FloatVector:
-        """Return m_tip in the slave's base frame, N m."""
+        """
+        Return m_tip in the slave's base frame, N m.
+
+        Parameters
+        ----------
+        message : WrenchStamped
+            Force, N, and torque, N m: in the frame of the tool, about the origin of the slave's
+            base (`spatial`), or about the tip.
+        slave : Pose
+            Measured pose of the slave; position in m.
+
+        """
         torque = components(message.wrench.torque)
         if self._frame == TOOL:
             return rotate(slave.rotation, torque)

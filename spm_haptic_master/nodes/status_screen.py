@@ -57,7 +57,15 @@ class Device:
     limits: dict[str, str | None] = field(default_factory=dict)
 
     def is_well(self) -> bool:
-        """Return whether orientations are published and no entry warns of anything."""
+        """
+        Return whether orientations are published and no entry warns of anything.
+
+        Returns
+        -------
+        bool
+            False as well without an entry of `fkm`.
+
+        """
         if ORIENTATION not in self.entries:
             return False
         return all(entry.level == OK for entry in self.entries.values())

@@ -27,7 +27,15 @@ AXIS_TOLERANCE = 0.01
 
 
 def registration_from(values: Values) -> FloatQuaternion:
-    """Return the unit quaternion x, y, z, w of R_slave_master from checked settings."""
+    """
+    Return the unit quaternion x, y, z, w of R_slave_master from checked settings.
+
+    Parameters
+    ----------
+    values : mapping
+        Checked settings of `teleop`: ZXZ angles, deg.
+
+    """
     return zxz_quaternion(*map(radians, values['teleop.registration_zxz_deg']))
 
 
@@ -63,7 +71,16 @@ def trocar_from(values: Values, name: str = 'teleop.trocar') -> FloatVector | No
 
 
 def command_period(values: Values) -> float:
-    """Return the time from one command to the next, s."""
+    """
+    Return the time from one command to the next, s.
+
+    Parameters
+    ----------
+    values : mapping
+        Checked settings of `teleop`. The rate of the commands is at most that of the samples; 0:
+        the same.
+
+    """
     rate, sample_rate = values['teleop.command_rate'], values['rate']
     return float(1.0 / (min(rate, sample_rate) or sample_rate))
 

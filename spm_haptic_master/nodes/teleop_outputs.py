@@ -56,7 +56,15 @@ class CommandOutput:
         self.set_frame(values['teleop.frame_id'])
 
     def set_frame(self, frame: str) -> None:
-        """Have the frame_id of the commands."""
+        """
+        Have the frame_id of the commands.
+
+        Parameters
+        ----------
+        frame : str
+            Frame of the slave's poses.
+
+        """
         self._write = PoseWriter(frame).write
         self._twist.header.frame_id = frame
 
@@ -82,7 +90,20 @@ class CommandOutput:
         self._commanded_at = self._twisted_at = now
 
     def fade(self, stamp: int, now: float, is_engaged: bool) -> None:
-        """Publish the velocity that is left, unless a command has just come."""
+        """
+        Publish the velocity that is left, unless a command has just come.
+
+        Parameters
+        ----------
+        stamp : int
+            Stamp of the twist, ns.
+        now : float
+            Present time, s, monotonic.
+        is_engaged : bool
+            Whether commands are expected: then the twist fades only after FADE_PERIODS without
+            one.
+
+        """
         if is_engaged and now - self._commanded_at <= FADE_PERIODS * self._period:
             return
         motion = self._fading.fade(now - self._twisted_at)
@@ -91,6 +112,7 @@ class CommandOutput:
             self._publish_twist(stamp, motion)
 
     def _publish_twist(self, stamp: int, motion: Motion) -> None:
+        """Publish a twist: angular velocity, rad/s, and velocity of the tip, m/s."""
         header, twist = self._twist.header, self._twist.twist
         header.stamp.sec, header.stamp.nanosec = divmod(stamp, SECOND)
         twist.angular.x, twist.angular.y, twist.angular.z = motion.angular
@@ -160,6 +182,7 @@ class JawOutput:
         self._out.publish(self._message)
 
     def _on_jaw(self, message: JointState) -> None:
+        """Take the angle of the slave's jaw; one without a stamp only if that is accepted."""
         stamp = message.header.stamp
         if stamp.sec or stamp.nanosec or self._accepts_unstamped:
             self._jaw.take(message)

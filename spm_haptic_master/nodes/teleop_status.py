@@ -37,6 +37,11 @@ class TeleopStatus:
     torque
         The slave's torque for the hand; None where the hand feels nothing.
 
+    Attributes
+    ----------
+    stale_orientations : int
+        Orientations that were too old, or from the future; the caller counts them.
+
     """
 
     def __init__(self, node: Node, machine: Teleoperation, torque: SlaveTorque | None) -> None:
@@ -74,6 +79,7 @@ class TeleopStatus:
             self._status.publish(level, self._state, self._figures())
 
     def _publish(self, state: str) -> None:
+        """Publish the state, and log whether the slave has begun or ceased to follow."""
         self._state, self._published_at = state, time.monotonic()
         self._out.publish(String(data=state))
         before, self._phase = self._phase, self._machine.phase

@@ -269,8 +269,8 @@ def help_text(settings: Iterable[Setting]) -> str:
     Returns
     -------
     str
-        Lines of at most HELP_WIDTH columns; the groups are sorted by the first part of their
-        names.
+        Descriptions are wrapped at HELP_WIDTH columns; the groups are sorted by the first part of
+        their names.
 
     """
     groups: dict[str, list[str]] = {}

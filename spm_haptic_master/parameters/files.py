@@ -308,7 +308,8 @@ def _syntax(origin: str, text: str, line: int, problem: str) -> str:
     Returns
     -------
     str
-        The last tab, or colon without a space, up to that line; else the words of the parser.
+        Place and error. Of a file, the last tab or colon without a space up to that line comes
+        before the words of the parser.
 
     """
     lines = text.splitlines()[: line + 1]

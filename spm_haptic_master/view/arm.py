@@ -234,7 +234,7 @@ class Arm:
         Raises
         ------
         SpmError
-            The mechanism cannot be assembled, and so cannot be drawn. What is shown stays.
+            The mechanism cannot be assembled, and so cannot be drawn.
 
         """
         if values == self._settings:

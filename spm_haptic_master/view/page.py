@@ -199,7 +199,15 @@ class Page:
         self.content[name] = {**content(seen, entries), 'ghostView': ghost_view(rank)}
 
     def drop(self, name: str) -> None:
-        """Show a device no longer."""
+        """
+        Show a device no longer.
+
+        Parameters
+        ----------
+        name : str
+            Name of the device; one that is not shown is ignored.
+
+        """
         self.shown.pop(name, None)
         self.content.pop(name, None)
         self.refresh()
@@ -260,7 +268,7 @@ def place_of(name: str) -> tuple[bool, bool, str]:
     Parameters
     ----------
     name : str
-        Name of a device, or its namespace: only the part after the last slash counts.
+        Name of a device, or its namespace; the part after its last slash may be left or right.
 
     Returns
     -------

@@ -295,7 +295,15 @@ class Scene:
         self._turned.wxyz = rows[-1]
 
     def show_sensors(self, states: Sequence[SensorState]) -> None:
-        """Give each encoder the colour of its state, and its name the sign."""
+        """
+        Give each encoder the colour of its state, and its name the sign.
+
+        Parameters
+        ----------
+        states : sequence of SensorState
+            States in the order of a sample; a healthy or unknown one has no sign at its name.
+
+        """
         colours = rgb([state.colour for state in states])
         self._motors.batched_colors = colours[: len(solids.LEGS)]
         self._others.batched_colors = colours[len(solids.LEGS) :]
@@ -342,7 +350,15 @@ class Scene:
                 arrow.scale = (1.0, 1.0, TORQUE_LENGTH * size)
 
     def set_alive(self, alive: bool) -> None:
-        """Give the device its colours, or turn it grey: it does not show the present pose."""
+        """
+        Give the device its colours, or turn it grey: it does not show the present pose.
+
+        Parameters
+        ----------
+        alive : bool
+            Whether the device shows the present pose; if not, cone and ghost are hidden as well.
+
+        """
         for handle, colours in self._coloured:
             handle.batched_colors = colours if alive else rgb([GREY] * len(colours))
         if not alive:

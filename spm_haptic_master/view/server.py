@@ -384,7 +384,20 @@ def _is_free(host: str, port: int) -> bool:
 
 
 def in_url(host: str) -> str:
-    """Return a name or address as a URL has it."""
+    """
+    Return a name or address as a URL has it.
+
+    Parameters
+    ----------
+    host : str
+        Name or address, IPv6 with or without brackets.
+
+    Returns
+    -------
+    str
+        In lower case, IPv6 in brackets and without a zone.
+
+    """
     host = host.lower().partition('%')[0]
     return f'[{host}]' if ':' in host and not host.startswith('[') else host
 

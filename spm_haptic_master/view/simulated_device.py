@@ -162,7 +162,15 @@ class SimulatedDevice:
         self._faults_html = gui.add_html('')
 
     def tick(self, now: float) -> StoryNews | None:
-        """Continue the story that is played, at a time, s; return its news, None without one."""
+        """
+        Continue the story that is played, at a time, s; return its news, None without one.
+
+        Parameters
+        ----------
+        now : float
+            Present time, monotonic.
+
+        """
         return self.player.tick(now, self._sensors)
 
     def happened(self) -> list[str]:

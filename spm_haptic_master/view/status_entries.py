@@ -87,7 +87,20 @@ class StatusEntries:
         return {} if entry is None else {value.key: value.value for value in entry.values}
 
     def numbers(self, name: str) -> dict[str, float]:
-        """Return the values of an entry that are numbers, by key."""
+        """
+        Return the values of an entry that are numbers, by key.
+
+        Parameters
+        ----------
+        name : str
+            Name of the entry without a namespace.
+
+        Returns
+        -------
+        dict
+            Values in the units that their keys have.
+
+        """
         found = {}
         for key, text in self.texts(name).items():
             with suppress(ValueError):

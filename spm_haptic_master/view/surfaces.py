@@ -87,12 +87,28 @@ def add(
 
 
 def rgb(colours: Sequence[str]) -> NDArray[np.uint8]:
-    """Return red, green, blue, 0 .. 255, shape (n, 3), of colours as CSS has them: #rrggbb."""
+    """
+    Return red, green, blue, 0 .. 255, shape (n, 3), of colours as CSS has them: #rrggbb.
+
+    Parameters
+    ----------
+    colours : sequence of n str
+        #rrggbb.
+
+    """
     return np.array([list(bytes.fromhex(colour[1:])) for colour in colours], np.uint8)
 
 
 def wxyz(rotations: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the quaternions of rotation matrices, (..., 3, 3), as viser orders them, (..., 4)."""
+    """
+    Return the quaternions of rotation matrices, (..., 3, 3), as viser orders them, (..., 4).
+
+    Parameters
+    ----------
+    rotations : ndarray, shape (..., 3, 3)
+        Rotation matrices.
+
+    """
     return quaternion_from_matrix(rotations)[..., [3, 0, 1, 2]]
 
 
