@@ -279,8 +279,8 @@ class Fkm(ParameterNode):
         """
         Publish the orientation of a sample, then everything that follows it.
 
-        The order matters: the orientation first, then the torque, the followers, and what displays
-        need.
+        The order matters: the orientation first, then the torque, the followers, and the outputs
+        that have a subscriber.
 
         Parameters
         ----------

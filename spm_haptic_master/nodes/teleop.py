@@ -272,7 +272,7 @@ class Teleop(ParameterNode):
         Parameters
         ----------
         message : WrenchStamped
-            Torque of the slave, N m, in its frame; its force is not used.
+            Force, N, and torque, N m, that the slave measures.
 
         """
         with self._lock:
