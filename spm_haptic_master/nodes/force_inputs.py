@@ -116,8 +116,7 @@ class TeleopState:
         Parameters
         ----------
         message : String
-            A word, and the reason after a colon. An unknown word is that of a disengaged
-            tele-operation.
+            A word, and the reason after a colon. An unknown word counts as disengaged.
 
         """
         word = message.data.partition(':')[0]

@@ -118,7 +118,7 @@ class OrientationOutputs:
     values : mapping
         Checked settings of `fkm`.
     frame_id : str
-        Frame of all outputs, as of `publish_mounting`.
+        frame_id of all headers, as of `publish_mounting`.
     supervisor : Supervisor
         Knows the bounds of the sensors; the caller of `publish` holds the lock that guards it.
 

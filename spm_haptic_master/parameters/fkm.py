@@ -618,8 +618,8 @@ def _each(values: Values, name: str) -> tuple[float, ...]:
     values : mapping
         Checked values by name.
     name : str
-        Name of a list in deg, with a value for each sensor or for four; the last one is then
-        repeated.
+        Name of a list in deg, with a value for each sensor, or with four, of which the last one is
+        then repeated.
 
     """
     given, sensors = values[name], values['sensors']
