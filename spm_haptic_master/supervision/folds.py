@@ -36,7 +36,8 @@ class Folds:
     def restart(self) -> None:
         """Forget the curvatures: other sensors are in use."""
         self._curvatures = [inf] * self._sensors
-        self._at: list[Quaternion[float] | None] = [None] * self._sensors
+        # Orientation at which they were computed.
+        self._at: Quaternion[float] | None = None
         self._distances = [inf] * self._sensors
         # The smallest of the angles to other solutions behind a fold, rad.
         self.nearest = inf
@@ -52,30 +53,46 @@ class Folds:
         Only with four sensors in use the others can have a fold beside the orientation.
         """
         parts = used.levels(worth)
-        self.nearest = inf
         if used.entries > 1:
+            self.nearest = inf
             return parts
-        for sensor in used.sensors.used:
-            slope, linear = worth.slopes[sensor], parts[sensor] - worth.healthy
-            if linear == inf:
-                self._distances[sensor] = self.nearest = 0.0
-                continue
-            share = 4.0 * slope * self._curvatures[sensor] * linear
-            if self._is_old(sensor, estimate.quaternion, share):
+        largest = self._bend(parts, used, worth)
+        here = estimate.quaternion
+        turn = NEAR_TURN if largest > SHARE else ANY_TURN
+        if self._at is None or not within(self._at, here, turn):
+            for sensor in used.sensors.used:
                 self._curvatures[sensor] = used.solver.curvature(estimate, sensor)
-                self._at[sensor] = estimate.quaternion
-                share = 4.0 * slope * self._curvatures[sensor] * linear
-            bent = slope * self._curvatures[sensor]
-            self._distances[sensor] = 1.0 / bent if bent else inf
-            self.nearest = min(self.nearest, self._distances[sensor])
+            self._at = here
+            parts = used.levels(worth)
+            self._bend(parts, used, worth)
+        return parts
+
+    def _bend(self, parts: list[float], used: SensorSet, worth: Integrity) -> float:
+        """
+        Take the parts to second order; return the largest share of a largest parity, unit 1.
+
+        With curvature c and slope s of a sensor, a turn e leaves the parity e / s - c e^2. What
+        leaves no more than l / s, with the linear bound l, is at most
+        2 l / (1 + sqrt(1 - 4 s c l)), if the share 4 s c l is below 1.
+        """
+        largest = 0.0
+        self.nearest = inf
+        for sensor in used.sensors.used:
+            linear = parts[sensor] - worth.healthy
+            if linear == inf:
+                self._distances[sensor] = 0.0
+                self.nearest = 0.0
+                continue
+            bent = worth.slopes[sensor] * self._curvatures[sensor]
+            distance = 1.0 / bent if bent else inf
+            self._distances[sensor] = distance
+            if distance < self.nearest:
+                self.nearest = distance
+            share = 4.0 * bent * linear
+            if share > largest:
+                largest = share
             if share >= 1.0:
                 parts[sensor] = inf
             else:
                 parts[sensor] = worth.healthy + 2.0 * linear / (1.0 + sqrt(1.0 - share))
-        return parts
-
-    def _is_old(self, sensor: int, here: Quaternion[float], share: float) -> bool:
-        at = self._at[sensor]
-        if at is None:
-            return True
-        return not within(at, here, NEAR_TURN if share > SHARE else ANY_TURN)
+        return largest

@@ -397,12 +397,9 @@ def _parity_of_four(rows: tuple[Row[N], ...], sensors: UsedSensors, m: Backend[N
     """
     places = sensors.used[:4]
     p, q, r, s = (rows[place][1:4] for place in places)
-    parts = (
-        -dot(q, cross(r, s)),
-        dot(p, cross(r, s)),
-        -dot(p, cross(q, s)),
-        dot(p, cross(q, r)),
-    )
+    first = cross(p, q)
+    last = cross(r, s)
+    parts = -dot(q, last), dot(p, last), -dot(s, first), dot(r, first)
     variance: N = 0.0
     for part, place in zip(parts, places, strict=True):
         variance = variance + part * part / sensors.weights[place]
