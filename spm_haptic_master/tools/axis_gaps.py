@@ -14,12 +14,26 @@ from spm_haptic_master.encoders.single_axis import MISSING_PERIODS
 
 @dataclass(frozen=True, slots=True)
 class AxisRecord:
-    """The readings of one axis in a recording."""
+    """
+    The readings of one axis in a recording.
+
+    Attributes
+    ----------
+    name : str
+        Name of the axis, `insertion` or `gripper`.
+    seconds : ndarray, shape (n,)
+        Times of its readings since the first sample of the joints, s.
+    length : float
+        Time from the first sample of the joints to the last one, s.
+    period : float
+        Time between two samples of the joints, s.
+
+    """
 
     name: str
-    seconds: NDArray[np.float64]  # times of the readings since the first sample of the joints
-    length: float  # time from the first sample of the joints to the last one, s
-    period: float  # time between two samples of the joints, s
+    seconds: NDArray[np.float64]
+    length: float
+    period: float
 
 
 def axis_line(axis: AxisRecord) -> str:
@@ -28,6 +42,17 @@ def axis_line(axis: AxisRecord) -> str:
 
     A gap is longer than three of its own periods, after which its topic is silent. That period is
     the mean one without the gaps: the gripper is published less often than it is read.
+
+    Parameters
+    ----------
+    axis : AxisRecord
+        Readings of the axis.
+
+    Returns
+    -------
+    str
+        The line; `no reading` where there is none.
+
     """
     count = len(axis.seconds)
     if not count:

@@ -53,7 +53,31 @@ BIAS_DEFAULT = 0.05
 
 @command_line.program('calibrate')
 def main(args: list[str]) -> int:
-    """Calibrate, or check a calibration by a motion; 1 if it cannot be trusted."""
+    """
+    Calibrate, or check a calibration.
+
+    With --insertion or --gripper it calibrates that axis from one end to the other; with --motion
+    the encoders from free motion; without any of them the encoders from the poses of a jig
+    (--pose). With --check and --motion it writes nothing, and says whether a calibration still
+    holds.
+
+    Parameters
+    ----------
+    args : list of str
+        Command line without the name of the program.
+
+    Returns
+    -------
+    int
+        Exit code: 0 if the calibration was written or holds, 1 if a check of an axis finds a
+        change.
+
+    Raises
+    ------
+    SpmError
+        The calibration cannot be trusted, or the command line or a file is not as expected.
+
+    """
     options = _parser().parse(args)
     if options.insertion is not None or options.gripper is not None:
         return calibrate_axis.run(options)
@@ -67,7 +91,31 @@ def main(args: list[str]) -> int:
 
 
 def _calibrate_in_jig(options: argparse.Namespace) -> int:
-    """Calibrate from known poses; errors as SpmError."""
+    """
+    Calibrate from known poses of a jig.
+
+    For each --pose it waits for Enter, if there are several, and records --seconds at rest. What
+    is not given is as in the file to be overwritten, whose poses help to determine the directions.
+    It writes -o FILE and prints zero count, noise, bias and direction of each encoder.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        The parsed command line.
+
+    Returns
+    -------
+    int
+        Exit code 0.
+
+    Raises
+    ------
+    InputError
+        The command line is not as expected, or a pose is out of reach.
+    CalibrationError
+        The device moved or is noisy, or the poses contradict each other.
+
+    """
     if options.output is None:
         raise InputError('no -o FILE; expected the parameter file to write')
     given = command_line.given(options)
@@ -165,6 +213,7 @@ def _calibrate_in_jig(options: argparse.Namespace) -> int:
 
 
 def _parser() -> Parser:
+    """Return the parser of the command line."""
     parser = Parser('calibrate', DESCRIPTION)
     parser.add_argument(
         '--motion',
@@ -301,7 +350,29 @@ def _parser() -> Parser:
 
 
 def _joint_angles(pose: Sequence[float], values: Values, sensors: int) -> tuple[float, ...]:
-    """Return the angles of the sensors' joints, rad, at a pose in deg."""
+    """
+    Return the angles of the sensors' joints at a pose of the jig.
+
+    Parameters
+    ----------
+    pose : sequence of float
+        psi, theta, phi (ZXZ), deg.
+    values : Values
+        Checked parameters of the mechanism.
+    sensors : int
+        Number N of sensors.
+
+    Returns
+    -------
+    tuple of float
+        rad, in the order of ALL_JOINT_NAMES.
+
+    Raises
+    ------
+    InputError
+        The pose is out of reach.
+
+    """
     try:
         return measured_angles(
             zxz_rotation(*map(radians, pose)),
@@ -316,6 +387,7 @@ def _joint_angles(pose: Sequence[float], values: Values, sensors: int) -> tuple[
 
 
 def _report(path: Path, calibration: jig.Calibration, replaced: jig.Calibration | None) -> None:
+    """Print what was written, a line for each encoder, and which directions are not verified."""
     print(
         f'{path}: overwritten (it held the calibration of {replaced.date})'
         if replaced

@@ -37,7 +37,31 @@ DEFAULTS = {setting.name: setting.default for setting in AXIS_SETTINGS}
 
 
 def run(options: argparse.Namespace) -> int:
-    """Calibrate or check one axis; 1 where a check finds a change; errors as SpmError."""
+    """
+    Calibrate or check one axis by a motion from one end to the other.
+
+    With --insertion or --gripper the positions of the ends are given; a log, or a bus while the
+    user moves the axis, gives the motion. With --check it compares with the calibration in that
+    file, else it adds the axis to -o FILE.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        The parsed command line.
+
+    Returns
+    -------
+    int
+        Exit code: 0, or 1 where a check finds a change.
+
+    Raises
+    ------
+    InputError
+        The command line is not as expected, or the file cannot be written or read.
+    CalibrationError
+        The motion is not one between the given ends.
+
+    """
     axis, ends = _axis_of(options)
     given = command_line.given(options)
     source = str(given.get('source', 'can'))
@@ -70,7 +94,27 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _axis_of(options: argparse.Namespace) -> tuple[str, tuple[float, float]]:
-    """Return the axis to calibrate and the positions of its ends, m or deg."""
+    """
+    Return the axis to calibrate and the positions of its ends.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        The parsed command line.
+
+    Returns
+    -------
+    axis : str
+        `insertion` or `gripper`.
+    ends : tuple of 2 float
+        First and second position, m, or deg for the gripper.
+
+    Raises
+    ------
+    InputError
+        More than one kind of calibration is asked for, or both ends are equal.
+
+    """
     given = {INSERTION: options.insertion, GRIPPER: options.gripper}
     chosen = {axis: ends for axis, ends in given.items() if ends is not None}
     if len(chosen) > 1 or options.motion is not None or options.pose:
@@ -82,7 +126,23 @@ def _axis_of(options: argparse.Namespace) -> tuple[str, tuple[float, float]]:
 
 
 def _check_output(options: argparse.Namespace, axis: str) -> None:
-    """Raise InputError where the file cannot be written, or has a calibration of the axis."""
+    """
+    Check, before anything is recorded, that the file can be extended.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        The parsed command line.
+    axis : str
+        Name of the axis.
+
+    Raises
+    ------
+    InputError
+        There is no -o, the file cannot be written, or has a calibration of the axis and --force is
+        not given.
+
+    """
     path = options.output
     if path is None:
         raise InputError('no -o FILE; expected the calibration file to extend or to write')
@@ -103,7 +163,7 @@ def _of_counts(axis: str) -> dict[str, Any]:
 
 
 def _layout_of(axis: str, given: dict[str, object]) -> dict[str, object]:
-    """Return the given settings of an axis, so that the file works by itself."""
+    """Return the given settings of an axis, which its calibration needs beside it in the file."""
     return {
         name: value
         for name, value in given.items()
@@ -124,7 +184,35 @@ def _replayed(axis: str, values: dict[str, Any]) -> AxisMotion:
 def _recorded(
     axis: str, source_name: str, values: dict[str, Any], ends: tuple[float, float]
 ) -> AxisMotion:
-    """Return the motion of an axis on a bus, from one Enter to the next."""
+    """
+    Return the motion of an axis on a bus, from one Enter to the next.
+
+    A thread collects the readings while the instructions wait for the user.
+
+    Parameters
+    ----------
+    axis : str
+        Name of the axis.
+    source_name : str
+        Name of the source, `can`.
+    values : dict
+        Checked parameters, by name.
+    ends : tuple of 2 float
+        Positions of both ends, for the instructions, m or deg.
+
+    Returns
+    -------
+    AxisMotion
+        Readings between the two Enters.
+
+    Raises
+    ------
+    InputError
+        Standard input has ended.
+    CalibrationError
+        There is no reading of the axis.
+
+    """
     noun, unit = NOUNS[axis]
     first, second = ends
     readings: list[AxisReading] = []
@@ -183,6 +271,7 @@ def _motion(
 
 
 def _report(path: Path, found: AxisCalibration) -> None:
+    """Print what was written: zero count, direction, scale and range."""
     noun, unit = NOUNS[found.axis]
     least, greatest = found.range
     print(f'{path}: written')

@@ -74,7 +74,31 @@ DETERMINED = {
 
 
 def run(options: argparse.Namespace) -> int:
-    """Calibrate from free motion; errors as SpmError."""
+    """
+    Calibrate from free motion, and write the parameter file with its report.
+
+    The motion is from the bus, while the user is guided, or from the logs of --motion. With --pose
+    or --capture the mounting is found as well. Nothing is written unless the alert limit of fkm is
+    supported (`supported`) and fkm publishes the motion with the result (`published_share`).
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        The parsed command line.
+
+    Returns
+    -------
+    int
+        Exit code 0.
+
+    Raises
+    ------
+    InputError
+        The command line is not as expected, or a file cannot be read or written.
+    CalibrationError
+        The motion does not determine a calibration that fkm can use.
+
+    """
     source, both = motion_source.given_for_motion(options, 'calibrate')
     given = {name: value for name, value in both.items() if name in DRIVER_NAMES}
     output = options.output
@@ -130,7 +154,29 @@ def run(options: argparse.Namespace) -> int:
 def _recorded(
     options: argparse.Namespace, source: str, values: dict[str, Any], layout: Layout
 ) -> Recording:
-    """Return the motion of a bus, of a log, or of several logs one after the other."""
+    """
+    Return the motion of a bus, of a log, or of several logs one after the other.
+
+    On a bus the user is guided until the target error is reached; the frames are kept beside the
+    file, as NAME_motion.log.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        The parsed command line.
+    source : str
+        Name of the source, `can` or `replay`.
+    values : dict
+        Checked parameters, by name.
+    layout : Layout
+        The rig as drawn, for the guidance.
+
+    Returns
+    -------
+    Recording
+        Stamps, ns, and angles, rad, by the counts alone.
+
+    """
     output, seconds = options.output, options.seconds or SECONDS_DEFAULT
     with _guidance_topic(options.remap) as publish:
         first = motion_source.read_motion(
@@ -156,7 +202,31 @@ def _recorded(
 def _calibrated(
     layout: Layout, recording: Recording, given: dict[str, Any], counts_per_turn: Sequence[int]
 ) -> MotionCalibration:
-    """Return the calibration of a motion; CalibrationError names a resolution that is wrong."""
+    """
+    Return the calibration of a motion.
+
+    Parameters
+    ----------
+    layout : Layout
+        The rig as drawn, and the meaning of the parameter vector.
+    recording : Recording
+        Stamps, ns, and angles, rad, by the counts alone.
+    given : dict
+        Given parameters; `encoders.direction` among them has to be confirmed.
+    counts_per_turn : sequence of int
+        Counts of each encoder in a turn, N values.
+
+    Returns
+    -------
+    MotionCalibration
+        Result of `calibrate_motion`.
+
+    Raises
+    ------
+    CalibrationError
+        As of `calibrate_motion`, with a hint if a resolution looks wrong.
+
+    """
     stamps, angles = recording
     directions = given.get('encoders.direction')
     try:
@@ -174,7 +244,11 @@ def _calibrated(
 
 
 def _check_references(options: argparse.Namespace, source: str) -> None:
-    """Raise InputError for orientations from outside that do not fit together."""
+    """
+    Raise InputError for orientations from outside that do not fit together.
+
+    --pose excludes --capture; with logs, each --pose needs its --pose-recording.
+    """
     if options.pose and options.capture is not None:
         raise InputError('--pose and --capture; expected one of the two')
     if source != 'replay' and options.pose_recording:
@@ -192,7 +266,31 @@ def _mounted_by(
     values: dict[str, Any],
     found: MotionCalibration,
 ) -> Mounted:
-    """Return a calibration with the mounting by a jig's poses or a motion capture."""
+    """
+    Return a calibration with the mounting by a jig's poses or a motion capture.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        The parsed command line.
+    source : str
+        Name of the source, `can` or `replay`.
+    values : dict
+        Checked parameters of the source.
+    found : MotionCalibration
+        Result of the motion.
+
+    Returns
+    -------
+    Mounted
+        Calibration and mounting.
+
+    Raises
+    ------
+    CalibrationError
+        The device moved at a pose, or the orientations contradict the motion.
+
+    """
     if options.capture is not None:
         turned, outside = _captured(options, found)
         return mounted(found, turned, outside, radians(options.capture_sigma))
@@ -221,7 +319,33 @@ def _mounted_by(
 
 
 def _captured(options: argparse.Namespace, found: MotionCalibration) -> tuple[Array, Array]:
-    """Return readings by their directions, and captured orientations, at the same times."""
+    """
+    Return readings and captured orientations at the same times.
+
+    The clocks are aligned by the motion; orientations `CAPTURE_PERIOD` apart are used.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        The parsed command line.
+    found : MotionCalibration
+        Result of the motion.
+
+    Returns
+    -------
+    turned : ndarray, shape (k, N)
+        Readings times their directions, rad.
+    outside : ndarray, shape (k, 3, 3)
+        Captured orientations.
+
+    Raises
+    ------
+    InputError
+        The capture has markers, is of another motion, or was exported wrongly.
+    CalibrationError
+        Fewer than `CAPTURED_MINIMUM` orientations are at times of the motion.
+
+    """
     capture = read_capture(options.capture, options.capture_topic)
     if capture.values.shape[1] != len('xyzw'):
         raise InputError(
@@ -247,6 +371,7 @@ def _captured(options: argparse.Namespace, found: MotionCalibration) -> tuple[Ar
 
 
 def _mounting_settings(mounting: Mounted) -> dict[str, Any]:
+    """Return the parameters of a mounting, deg; that of the handle only if it was estimated."""
     return {
         f'mounting.{part}_zxz_deg': tuple(
             round(degrees(float(angle)), 6) for angle in kinematics.zxz_from_matrix(rotation)
@@ -257,6 +382,7 @@ def _mounting_settings(mounting: Mounted) -> dict[str, Any]:
 
 
 def _print_mounting(mounting: Mounted) -> None:
+    """Print how well the orientations from outside determine the mounting, and their residual."""
     for name, deviations in (
         ('base', mounting.base_deviations),
         ('handle', mounting.handle_deviations),
@@ -270,7 +396,20 @@ def _print_mounting(mounting: Mounted) -> None:
 
 
 def _guidance_topic(remaps: Sequence[str]) -> AbstractContextManager[Publish]:
-    """Return the publisher of the guidance for `view`; without rclpy it publishes nothing."""
+    """
+    Return the publisher of the guidance, which `view` shows.
+
+    Parameters
+    ----------
+    remaps : sequence of str
+        Remappings of the command line.
+
+    Returns
+    -------
+    AbstractContextManager[Publish]
+        Context with a function of instruction and shares; without rclpy it publishes nothing.
+
+    """
     try:
         from spm_haptic_master.nodes.guidance_publisher import published
     except ImportError:
@@ -279,11 +418,29 @@ def _guidance_topic(remaps: Sequence[str]) -> AbstractContextManager[Publish]:
 
 
 def _guided(guide: Guide, target: float, publish: Publish) -> motion_source.Evaluate:
-    """Return an evaluation that shows the guidance, and ends at a target error, rad."""
+    """
+    Return an evaluation that shows the guidance, and ends at a target error.
+
+    Parameters
+    ----------
+    guide : Guide
+        Evaluates the motion so far.
+    target : float
+        Predicted error of the orientations at which the recording ends, rad rms.
+    publish : callable
+        Takes the instruction and the shares of what it needs.
+
+    Returns
+    -------
+    motion_source.Evaluate
+        Evaluation for `motion_source.read_motion`.
+
+    """
 
     def evaluate(
         bar: ProgressBar, source: EncoderSource, recording: Recording, seconds: float
     ) -> bool:
+        """Show and publish the guidance; return whether the target is reached."""
         found = guide.evaluate(*recording)
         # The information there is, over that of the target: the inverse variance.
         share = 0.0 if found.error is None else min(1.0, (target / found.error) ** 2)
@@ -300,7 +457,29 @@ def _guided(guide: Guide, target: float, publish: Publish) -> motion_source.Eval
 def kept_settings(
     source: str, given: dict[str, object], values: dict[str, Any], mechanism: dict[str, Any]
 ) -> dict[str, Any]:
-    """Return the settings of the bus that were given, and the layout that it was measured with."""
+    """
+    Return the settings that the file has beside the calibration.
+
+    Those of the bus that were given, and the frames of the encoders, with which it was measured:
+    the file works by itself.
+
+    Parameters
+    ----------
+    source : str
+        Name of the source, `can` or `replay`.
+    given : dict of str to object
+        Given parameters, by name.
+    values : dict
+        Checked parameters of the source.
+    mechanism : dict
+        Checked parameters of the mechanism.
+
+    Returns
+    -------
+    dict
+        Values by name; `working_mode` only where it is not the default.
+
+    """
     layout = {setting.name for setting in encoders.LAYOUT_SETTINGS}
     kept: dict[str, Any] = {'source': 'can'} if source == 'can' else {}
     kept |= {
@@ -316,7 +495,19 @@ def kept_settings(
 
 
 def _print(path: Path, report: str, verdict: Verdict) -> None:
-    """Print what was written; what it is good for comes last."""
+    """
+    Print what was written; what it is good for comes last.
+
+    Parameters
+    ----------
+    path : Path
+        The parameter file.
+    report : str
+        What was written beside it, in words.
+    verdict : Verdict
+        The calibration, and what it is good for.
+
+    """
     found, readings = verdict.calibration, verdict.calibration.readings
     print(f'{path}: written; {report}')
     print(

@@ -56,13 +56,36 @@ NEEDED = ('encoders.zero_count', 'encoders.direction', 'sigma_deg', 'bias_deg')
 
 @dataclass(frozen=True, slots=True)
 class FkmValues:
-    """The parameters that fkm has with a calibration and what the user gave."""
+    """
+    The parameters that fkm has with a calibration and what the user gave.
 
-    given: dict[str, Any]  # by name; those of the calibration override them
-    origin: Origin  # where the calibration comes from
+    Attributes
+    ----------
+    given : dict
+        Given parameters, by name; those of the calibration override them.
+    origin : Origin
+        Where the calibration comes from.
+
+    """
+
+    given: dict[str, Any]
+    origin: Origin
 
     def of(self, calibration: MotionCalibration) -> dict[str, Any]:
-        """Return the checked values with a calibration."""
+        """
+        Return the values that fkm has with a calibration.
+
+        Parameters
+        ----------
+        calibration : MotionCalibration
+            Result of a calibration from free motion.
+
+        Returns
+        -------
+        dict
+            Checked parameters of fkm, by name.
+
+        """
         given = {
             name: value for name, value in self.given.items() if not name.startswith('geometry.')
         }
@@ -72,7 +95,22 @@ class FkmValues:
         )
 
     def angles(self, calibration: MotionCalibration, readings: Array) -> Array:
-        """Return the joint angles of raw readings with a calibration, rad, shape (n, N)."""
+        """
+        Return the joint angles that the driver makes of raw readings with a calibration.
+
+        Parameters
+        ----------
+        calibration : MotionCalibration
+            Result of a calibration from free motion.
+        readings : ndarray, shape (n, N)
+            Angles by the counts alone, rad.
+
+        Returns
+        -------
+        ndarray, shape (n, N)
+            Joint angles, rad, with the rounding of the file.
+
+        """
         values = command_line.checked(
             motion_parameters(calibration, self.origin) | {'replay.path': self.origin.recording},
             SOURCE_SETTINGS['replay'],
@@ -94,10 +132,30 @@ def supported(
     calibration: MotionCalibration, values: FkmValues
 ) -> tuple[MotionCalibration, float]:
     """
-    Return a calibration for the largest region that it supports, and its least alert limit, deg.
+    Return a calibration for the largest region that it supports.
 
-    CalibrationError where neither the workspace nor the region of the motion supports the
-    parameter `alert_limit_deg`.
+    First the workspace is tried, then the region that the motion went through, if it is large
+    enough.
+
+    Parameters
+    ----------
+    calibration : MotionCalibration
+        Result of a calibration from free motion.
+    values : FkmValues
+        Parameters of fkm; `alert_limit_deg` is that of the task.
+
+    Returns
+    -------
+    calibration : MotionCalibration
+        The calibration, with that region.
+    limit : float
+        Least alert limit that it supports there, deg.
+
+    Raises
+    ------
+    CalibrationError
+        No region supports `alert_limit_deg`; the text says what would help most.
+
     """
     limit = float(values.of(calibration)['alert_limit_deg'])
     moved = region_of(calibration.rotation)
@@ -128,7 +186,20 @@ def supported(
 
 
 def cure_text(calibration: MotionCalibration) -> str:
-    """Return what to do about bounds that are too large, the best first, and what it costs."""
+    """
+    Return what to do about bounds that are too large, the best first, and what it costs.
+
+    Parameters
+    ----------
+    calibration : MotionCalibration
+        Result of a calibration from free motion.
+
+    Returns
+    -------
+    str
+        One or two phrases with the factors by which the predicted error falls.
+
+    """
     cures = sorted(calibration.cures.items(), key=lambda cure: -cure[1])
     (best, gain), *others = cures
     rest = ', '.join(f'{name} by {factor:.1f}' for name, factor in others)
@@ -139,12 +210,31 @@ def cure_text(calibration: MotionCalibration) -> str:
 
 
 def least_alert_limit(calibration: MotionCalibration, values: FkmValues) -> float:
-    """Return the least alert limit that a calibration supports over its region, deg; or inf."""
+    """
+    Return the least alert limit that a calibration supports over its region.
+
+    It is the smallest of `ALERT_LIMITS_DEG` and the given one, by bisection, with which fkm
+    publishes `PUBLISHED` of a simulated motion.
+
+    Parameters
+    ----------
+    calibration : MotionCalibration
+        Result of a calibration from free motion.
+    values : FkmValues
+        Parameters of fkm.
+
+    Returns
+    -------
+    float
+        Alert limit, deg; inf where none suffices.
+
+    """
     stamps, angles = _simulated(calibration)
     fkm = values.of(calibration)
     tried = sorted({*ALERT_LIMITS_DEG, float(fkm['alert_limit_deg'])})
 
     def suffices(limit: float) -> bool:
+        """Return whether fkm publishes enough of the motion with an alert limit, deg."""
         result = run(
             stamps,
             angles,
@@ -160,10 +250,28 @@ def checked_region(
     calibration: MotionCalibration, values: FkmValues, stamps: NDArray[np.int64]
 ) -> Checked:
     """
-    Return where in its region each sensor is checked by the others with a calibration.
+    Return where in its region each sensor is checked by the others.
 
-    At the rate of recorded stamps, ns, and with the parameter `alert_limit_deg`. CalibrationError
-    where `start_checked` is true, and a sensor is checked nowhere: nothing would be published.
+    Parameters
+    ----------
+    calibration : MotionCalibration
+        Result of a calibration from free motion.
+    values : FkmValues
+        Parameters of fkm.
+    stamps : ndarray of int, shape (n,)
+        Recorded times, ns, which give the rate.
+
+    Returns
+    -------
+    Checked
+        Share of the region for each sensor, and the least limit with which all are checked
+        somewhere.
+
+    Raises
+    ------
+    CalibrationError
+        `start_checked` is true, and a sensor is checked nowhere: nothing would be published.
+
     """
     fkm = values.of(calibration)
     found = checkability(
@@ -187,10 +295,31 @@ def published_share(
     progress: Callable[[str, float], None],
 ) -> float:
     """
-    Return the share of the recorded motion that fkm publishes with a calibration (unit 1).
+    Return the share of the recorded motion that fkm publishes with a calibration.
 
-    Sets with a spike, which no calibration can mend, are left out. CalibrationError with the most
-    frequent reason where it is less than `PUBLISHED`.
+    Sets with a spike, which no calibration can mend, are left out.
+
+    Parameters
+    ----------
+    calibration : MotionCalibration
+        Result of a calibration from free motion.
+    recording : Recording
+        Stamps, ns, and angles, rad, by the counts alone.
+    values : FkmValues
+        Parameters of fkm.
+    progress : callable
+        Takes the stage and the share that is done.
+
+    Returns
+    -------
+    float
+        Share, 0 to 1.
+
+    Raises
+    ------
+    CalibrationError
+        It is less than `PUBLISHED`; the most frequent reason is given.
+
     """
     good = ~calibration.readings.spiked
     stamps, readings = recording[0][good], recording[1][good]
@@ -218,7 +347,24 @@ def _reason(result: Supervised) -> str:
 
 
 def _simulated(calibration: MotionCalibration) -> tuple[NDArray[np.int64], Array]:
-    """Return stamps, ns, and joint angles, rad, of a motion through the region, without noise."""
+    """
+    Return a motion through the region of a calibration, without noise.
+
+    Direction, tilt and self-rotation have periods that are no multiples of each other.
+
+    Parameters
+    ----------
+    calibration : MotionCalibration
+        Result of a calibration from free motion.
+
+    Returns
+    -------
+    stamps : ndarray of int, shape (n,)
+        Times, ns.
+    angles : ndarray, shape (n, N)
+        Joint angles, rad, of the poses within reach.
+
+    """
     region = calibration.region
     t = np.arange(int(SECONDS * RATE)) / RATE
     around, out, about = (tau * t / period for period in PERIODS)
@@ -234,7 +380,30 @@ def _simulated(calibration: MotionCalibration) -> tuple[NDArray[np.int64], Array
 
 
 def check(options: argparse.Namespace) -> int:
-    """Check a calibration by a motion; 1 if it does not hold. Errors as SpmError."""
+    """
+    Check a calibration by a motion; it writes nothing.
+
+    The motion is from the bus, for --seconds, or from a log. The file of --check gives the
+    parameters, and what is printed says for each sensor how far it slipped if it alone did.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        The parsed command line.
+
+    Returns
+    -------
+    int
+        Exit code 0: the calibration holds.
+
+    Raises
+    ------
+    InputError
+        -o is given, the file is not one of calibrate, or another argument is wrong.
+    CalibrationError
+        The calibration does not hold, or the motion is too small to decide.
+
+    """
     path = options.check
     if options.output is not None:
         raise InputError(
@@ -277,6 +446,7 @@ def check(options: argparse.Namespace) -> int:
 
 
 def _print(path: Path, found: Check, readings: MotionReadings, settings: dict[str, Any]) -> None:
+    """Print the result of a check, with slip and noise of each sensor."""
     verdict, each = 'holds' if found.holds else 'does not hold', found.evaluation
     print(
         f'{path}: {verdict}; {readings.sets} sets in {readings.seconds[-1]:.1f} s, '

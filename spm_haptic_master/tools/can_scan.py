@@ -48,7 +48,29 @@ TERMINAL_PERIOD, LINE_PERIOD = 0.25, 1.0
 
 @command_line.program('can_scan')
 def main(args: list[str]) -> int:
-    """Scan the bus, and print what is on it."""
+    """
+    Scan the bus, and print what is on it.
+
+    It listens for --seconds, asks every node for its identity (not with --passive), compares with
+    the parameters, and prints the lines for rig.yaml. With --watch it prints the encoders again
+    and again until Ctrl-C; with --dbc it prints the lines of a file, and opens no bus.
+
+    Parameters
+    ----------
+    args : list of str
+        Command line without the name of the program.
+
+    Returns
+    -------
+    int
+        Exit code: 0 if the bus is as configured, 1 if something is missing or unexpected.
+
+    Raises
+    ------
+    InputError
+        The command line is not as expected, or the bus cannot be opened.
+
+    """
     options = _parser().parse(args)
     if options.dbc is not None:
         print('\n'.join(dbc_file.rig_lines(dbc_file.read_dbc(options.dbc), options.dbc)))
@@ -77,7 +99,24 @@ def main(args: list[str]) -> int:
 
 
 def _expected(given: Values, values: Values, decoder: FrameDecoder) -> scan_report.Expected:
-    """Return the configuration that the bus is compared with."""
+    """
+    Return the configuration that the bus is compared with.
+
+    Parameters
+    ----------
+    given : Values
+        Given parameters; those of the drives are checked here.
+    values : Values
+        Checked parameters, by name.
+    decoder : FrameDecoder
+        Layouts of the encoders.
+
+    Returns
+    -------
+    scan_report.Expected
+        Encoders, axes, rate, heartbeat and drives.
+
+    """
     others, frames = _drives(given, values)
     return scan_report.Expected(
         decoder.layouts,
@@ -100,11 +139,33 @@ def _watch(
     options: argparse.Namespace,
     nodes: tuple[int, ...],
 ) -> int:
-    """Print a line for each encoder, again and again; return the exit code."""
+    """
+    Print a line for each encoder, again and again, until --seconds or Ctrl-C.
+
+    Parameters
+    ----------
+    scanner : BusScanner
+        Reads the bus.
+    scan : BusScan
+        What was heard so far.
+    expected : scan_report.Expected
+        The configuration.
+    options : argparse.Namespace
+        The parsed command line.
+    nodes : tuple of int
+        Node ids of the encoders.
+
+    Returns
+    -------
+    int
+        Exit code 0.
+
+    """
     terminal = sys.stdout.isatty()
     printed = 0
 
     def show() -> None:
+        """Print the lines; on a terminal over those before."""
         nonlocal printed
         if terminal and printed:
             print(f'\x1b[{printed}A', end='')
@@ -131,7 +192,30 @@ def _print_report(
     values: Values,
     options: argparse.Namespace,
 ) -> int:
-    """Print what was heard, what is wrong, and the lines for rig.yaml; return the exit code."""
+    """
+    Print what was heard, what is wrong, and the lines for rig.yaml.
+
+    Parameters
+    ----------
+    scan : BusScan
+        What was heard.
+    expected : scan_report.Expected
+        The configuration.
+    words : str
+        The encoders, in words.
+    given : Values
+        Given parameters, by name.
+    values : Values
+        Checked parameters, by name.
+    options : argparse.Namespace
+        The parsed command line.
+
+    Returns
+    -------
+    int
+        Exit code: 1 if something is missing or unexpected.
+
+    """
     print(f'{command_line.bus_name(values)}, {options.seconds or SECONDS:g} s:')
     print('\n'.join(scan_report.listing(scan, expected)) or '  nothing')
     found = scan_report.problems(scan, expected)
@@ -153,7 +237,11 @@ def _print_report(
 def _print_rig_lines(
     scan: BusScan, expected: scan_report.Expected, given: Values, values: Values
 ) -> None:
-    """Print the lines for rig.yaml."""
+    """
+    Print the lines for rig.yaml.
+
+    Where no parameter chooses the encoders, they are in the order of the node ids.
+    """
     known = any(name in given for name in CHOSEN)
     print('lines for rig.yaml' + ('' if known else IN_ORDER) + ':')
     bus = rig_lines.GivenBus(
@@ -166,7 +254,24 @@ def _print_rig_lines(
 
 
 def _drives(given: Values, values: Values) -> tuple[dict[int, str], dict[int, str]]:
-    """Return the names of the drives by node id, and of frames, where they are on this bus."""
+    """
+    Return what the drives add to the bus of the encoders.
+
+    Parameters
+    ----------
+    given : Values
+        Given parameters, by name.
+    values : Values
+        Checked parameters, by name.
+
+    Returns
+    -------
+    names : dict of int to str
+        Names of the drives by node id; empty where they are on another bus.
+    frames : dict of int to str
+        What their frames are, by CAN identifier.
+
+    """
     drives = command_line.checked(given, (*DRIVE_SETTINGS, RATE_SETTING))
     if not is_shared(drives, values):
         return {}, {}
@@ -183,6 +288,7 @@ def _drives(given: Values, values: Values) -> tuple[dict[int, str], dict[int, st
 
 
 def _parser() -> Parser:
+    """Return the parser of the command line."""
     parser = Parser('can_scan', DESCRIPTION)
     parser.add_argument(
         '--seconds',

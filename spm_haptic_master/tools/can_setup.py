@@ -60,7 +60,31 @@ Plan = tuple[dict[str, Any], Nodes, tuple[str, int] | None]
 
 @command_line.program('can_setup')
 def main(args: list[str]) -> int:
-    """Compare the encoders with the configuration, and set them up on request."""
+    """
+    Compare the encoders or drives with the configuration, and set them up on request.
+
+    Without --write it reads and compares only. With --write it writes what differs, stores it,
+    resets the node and reads everything back; it refuses while a master is running. With --eds the
+    file is looked at first, and nothing is sent if it shows that a value is impossible.
+
+    Parameters
+    ----------
+    args : list of str
+        Command line without the name of the program.
+
+    Returns
+    -------
+    int
+        Exit code: 0 if all nodes are as configured, 1 if not.
+
+    Raises
+    ------
+    SetupError
+        A master is running, or the EDS file rules a value out.
+    SettingError, InputError
+        The parameters or the command line are not as expected.
+
+    """
     options = _parser().parse(args)
     given = command_line.given(options, (DRIVER, 'fkm'), DRIVER_NAMES | DRIVE_NAMES)
     of, plan = ('drives', _drives) if options.drives else ('can', _encoders)
@@ -83,9 +107,25 @@ def main(args: list[str]) -> int:
 
 def _described(nodes: Nodes, path: str) -> Nodes:
     """
-    Print what an EDS file says of the wanted objects; return them with the device's sizes.
+    Print what an EDS file says of the wanted objects.
 
-    SetupError where the device cannot be set so: nothing has been sent then.
+    Parameters
+    ----------
+    nodes : Nodes
+        Nodes to set up.
+    path : str
+        The EDS file.
+
+    Returns
+    -------
+    Nodes
+        The nodes, with the sizes and types of the device's objects.
+
+    Raises
+    ------
+    SetupError
+        The device cannot be set so: nothing has been sent then.
+
     """
     described, impossible = [], []
     for joint, node_id, wanted in nodes:
@@ -103,7 +143,27 @@ def _described(nodes: Nodes, path: str) -> Nodes:
 
 
 def _encoders(given: Values, options: argparse.Namespace) -> Plan:
-    """Return how the encoders are to be set up."""
+    """
+    Return how the encoders are to be set up, axes included.
+
+    Parameters
+    ----------
+    given : Values
+        Given parameters, by name.
+    options : argparse.Namespace
+        The parsed command line.
+
+    Returns
+    -------
+    Plan
+        Checked parameters, nodes with their wanted objects, and the identifier of SYNC, if any.
+
+    Raises
+    ------
+    SettingError
+        The encoders are no CANopen nodes.
+
+    """
     values = command_line.bus_values(given)
     decoder = make_decoder(values)
     if decoder.network is None:
@@ -134,7 +194,29 @@ def _encoders(given: Values, options: argparse.Namespace) -> Plan:
 
 
 def _chosen(nodes: Nodes, joints: list[str] | None, sensors: int) -> Nodes:
-    """Return the nodes of the joints on the command line, all without one; or InputError."""
+    """
+    Return the nodes of the joints on the command line.
+
+    Parameters
+    ----------
+    nodes : Nodes
+        All nodes.
+    joints : list of str or None
+        Names of joints; None or none for all.
+    sensors : int
+        Number N of sensors.
+
+    Returns
+    -------
+    Nodes
+        Those to set up.
+
+    Raises
+    ------
+    InputError
+        There is no node of a joint.
+
+    """
     known = [joint for joint, _, _ in nodes]
     for joint in joints or ():
         if joint not in known:
@@ -145,7 +227,30 @@ def _chosen(nodes: Nodes, joints: list[str] | None, sensors: int) -> Nodes:
 
 
 def _drives(given: Values, options: argparse.Namespace) -> Plan:
-    """Return how the drives are to be set up."""
+    """
+    Return how the drives are to be set up.
+
+    Parameters
+    ----------
+    given : Values
+        Given parameters, by name.
+    options : argparse.Namespace
+        The parsed command line.
+
+    Returns
+    -------
+    Plan
+        Checked parameters, nodes with their wanted objects, and the identifier of the master's
+        heartbeat.
+
+    Raises
+    ------
+    SettingError
+        No channel of the drives is given.
+    InputError
+        There is no drive of the given joint.
+
+    """
     values = command_line.checked(given, (*DRIVE_SETTINGS, RATE_SETTING))
     if not values['drives.channel']:
         raise SettingError('drives.channel', '', "the channel of the drives' bus")
@@ -165,7 +270,28 @@ def _drives(given: Values, options: argparse.Namespace) -> Plan:
 
 
 def _set_up(network: Any, bus: str, nodes: Nodes, options: argparse.Namespace) -> int:
-    """Set nodes up; return the exit code."""
+    """
+    Set nodes up one after the other, and print the outcome.
+
+    A node that fails does not keep the others from being set up.
+
+    Parameters
+    ----------
+    network : object
+        The open CANopen network.
+    bus : str
+        Its name.
+    nodes : Nodes
+        Nodes to set up.
+    options : argparse.Namespace
+        The parsed command line.
+
+    Returns
+    -------
+    int
+        Exit code: 1 if a node failed or differs.
+
+    """
     kind, profile = (
         ('drives', canopen.DRIVE_PROFILE)
         if options.drives
@@ -207,7 +333,33 @@ def _set_up_one(
     writes: bool,
     profile: int,
 ) -> str:
-    """Print and, on request, write what differs; return a word for the outcome."""
+    """
+    Print and, on request, write what differs of a node.
+
+    Parameters
+    ----------
+    joint : str
+        Its joint.
+    node : canopen_network.Node
+        The node.
+    wanted : node_setup.WantedObjects
+        Objects and PDOs that it is to have.
+    writes : bool
+        Whether to write.
+    profile : int
+        Device profile that it is to have.
+
+    Returns
+    -------
+    str
+        `differs`, `good`, `stored` or `not stored`.
+
+    Raises
+    ------
+    SetupError
+        The node does not answer, is not alone, or refuses a value.
+
+    """
     node.check_alone()
     print(f'{joint}, node {node.node_id}: {node_setup.identity(node, profile)}', flush=True)
     if not all(pdo.mapping for pdo in wanted.pdos):
@@ -228,7 +380,22 @@ def _set_up_one(
 
 
 def _write(node: canopen_network.Node, found: node_setup.Comparison) -> str:
-    """Write what differs, and store; return a word for the outcome."""
+    """
+    Write what differs, and store.
+
+    Parameters
+    ----------
+    node : canopen_network.Node
+        The node.
+    found : node_setup.Comparison
+        What differs.
+
+    Returns
+    -------
+    str
+        `stored`, or `not stored` if nothing differs and the node cannot store.
+
+    """
     if not found.different and not node.can_store():
         print('  not stored by this run: it cannot store (0x1010:01)')
         return NOT_STORED
@@ -237,6 +404,7 @@ def _write(node: canopen_network.Node, found: node_setup.Comparison) -> str:
 
 
 def _parser() -> Parser:
+    """Return the parser of the command line."""
     parser = Parser('can_setup', DESCRIPTION)
     parser.add_argument(
         '--write',

@@ -44,10 +44,29 @@ def given(
     names: Collection[str] = DRIVER_NAMES,
 ) -> dict[str, object]:
     """
-    Return parameters of nodes on a command line parsed by `arguments.Parser`, by name.
+    Return the given parameters of nodes, by name.
 
-    `names` are the parameters that the program takes. A node's own parameters count; one of two
-    nodes has to be the same in both. InputError as of `Parameters`, `check` and `check_agreement`.
+    A node's own parameters count; a parameter of two nodes has to be the same in both.
+
+    Parameters
+    ----------
+    found : argparse.Namespace
+        Command line parsed by `arguments.Parser`.
+    nodes : sequence of str, optional
+        Nodes whose parameters they are; by default the encoder driver.
+    names : collection of str, optional
+        Names of the parameters that the program takes.
+
+    Returns
+    -------
+    dict of str to object
+        Values that were given, unchecked.
+
+    Raises
+    ------
+    InputError
+        A file is not a parameter file, a parameter is unknown or has no effect, or has two values.
+
     """
     parameters = parameters_of(found)
     parameters.check(nodes, names)
@@ -68,9 +87,27 @@ def given(
 
 def checked(values: Values, settings: tuple[Setting, ...], *sources: str) -> dict[str, Any]:
     """
-    Return a value for each of `settings`: the given one, or the one in config/SOURCE.yaml.
+    Return a value for each of some settings.
 
-    SettingError for a value that a setting cannot have.
+    Parameters
+    ----------
+    values : Values
+        Given values, by name; others than those of `settings` do not count.
+    settings : tuple of Setting
+        The settings.
+    *sources : str
+        Names of files config/SOURCE.yaml whose values replace the defaults.
+
+    Returns
+    -------
+    dict
+        The given value, that of the file, or the default, by name.
+
+    Raises
+    ------
+    SettingError
+        A setting cannot have the value.
+
     """
     defaults = {
         name: value for source in sources for name, value in source_defaults(source).items()
@@ -79,22 +116,72 @@ def checked(values: Values, settings: tuple[Setting, ...], *sources: str) -> dic
 
 
 def bus_values(values: Values) -> dict[str, Any]:
-    """Return the driver's parameters on a bus, raw counts where not given; errors of `checked`."""
+    """
+    Return the driver's parameters on a bus, with raw counts where no calibration is given.
+
+    Parameters
+    ----------
+    values : Values
+        Given parameters, by name.
+
+    Returns
+    -------
+    dict
+        Checked parameters, by name.
+
+    Raises
+    ------
+    SettingError
+        A setting cannot have the value.
+
+    """
     return checked({**raw_counts(sensors_of(values)), **values}, SOURCE_SETTINGS['can'], 'can')
 
 
 def bus_name(values: Values, of: str = 'can') -> str:
-    """Return interface and channel of the bus, as `bus_of`; its port between processes."""
+    """
+    Return the name of a bus: interface and channel, and its port between processes.
+
+    Parameters
+    ----------
+    values : Values
+        Checked parameters, by name.
+    of : str, optional
+        `can` for the bus of the encoders, `drives` for that of the drives.
+
+    Returns
+    -------
+    str
+        For messages.
+
+    """
     return can_bus.bus_name(values[f'{of}.interface'], values[f'{of}.channel'])
 
 
 @contextmanager
 def bus_of(values: Values, of: str = 'can') -> Iterator[can.BusABC]:
     """
-    Open the bus of the encoders (`can`) or of the `drives`, and close it in the end.
+    Open the bus of the encoders or of the drives, and close it in the end.
 
-    SettingError where python-can has no such interface; InputError where the bus cannot be
-    opened, or failed while it was open.
+    Parameters
+    ----------
+    values : Values
+        Checked parameters, by name.
+    of : str, optional
+        `can` for the bus of the encoders, `drives` for that of the drives.
+
+    Returns
+    -------
+    iterator of can.BusABC
+        The open bus, as a context.
+
+    Raises
+    ------
+    SettingError
+        The library python-can has no such interface.
+    InputError
+        The bus cannot be opened, or failed while it was open.
+
     """
     can_bus.check_interface(values[f'{of}.interface'], f'{of}.interface')
     try:
@@ -113,6 +200,12 @@ class ProgressBar:
     Progress on stderr: a bar on a terminal, otherwise one line a second.
 
     Each line begins with the name of the program; work shorter than LINE_PERIOD shows nothing.
+    Used as a context it ends the line of the bar.
+
+    Parameters
+    ----------
+    name : str
+        Name of the program.
     """
 
     def __init__(self, name: str):
@@ -122,7 +215,17 @@ class ProgressBar:
         self._shown = False
 
     def show(self, text: str, share: float | None = None) -> None:
-        """Show a text and the part done, None where it is unknown, if that is due."""
+        """
+        Show a text, if the last one is old enough.
+
+        Parameters
+        ----------
+        text : str
+            The state of the work.
+        share : float or None, optional
+            Part of it that is done, 0 to 1; None where it is unknown.
+
+        """
         now = time.monotonic()
         if now < self._next:
             return
@@ -140,7 +243,17 @@ class ProgressBar:
         print(f'\r{f"{bar}{text}"[:width]}\x1b[K', end='', file=sys.stderr, flush=True)
 
     def stage(self, text: str, share: float) -> None:
-        """Show a stage of a computation and the part of the whole that is done."""
+        """
+        Show a stage of a computation.
+
+        Parameters
+        ----------
+        text : str
+            Its name.
+        share : float
+            Part of the whole that is done, 0 to 1; in percent where there is no bar.
+
+        """
         self.show(text if self._terminal else f'{100.0 * share:3.0f} %, {text}', share)
 
     def __enter__(self) -> ProgressBar:
@@ -153,10 +266,24 @@ class ProgressBar:
 
 def run(name: str, program: Callable[[list[str]], int], args: list[str] | None = None) -> int:
     """
-    Run a program and return its exit code: 130 after Ctrl-C or SIGTERM, 1 after an error.
+    Run a program and return its exit code.
 
-    `program` takes the command line without the name and returns the exit code; `args` begins
-    with the name, and is by default that of this process. An error is one line on stderr.
+    An error is one line on stderr. A second signal does not interrupt the end.
+
+    Parameters
+    ----------
+    name : str
+        Name of the program.
+    program : callable
+        Takes the command line without the name, and returns the exit code.
+    args : list of str or None, optional
+        Command line that begins with the name; by default that of this process.
+
+    Returns
+    -------
+    int
+        That of the program; 130 after Ctrl-C or SIGTERM, 1 after an error.
+
     """
     keep_open()
     for number in SIGNALS:
@@ -185,5 +312,18 @@ def run(name: str, program: Callable[[list[str]], int], args: list[str] | None =
 
 
 def program(name: str) -> Callable[[Callable[[list[str]], int]], Callable[..., int]]:
-    """Make a function of the command line without the name the `main` of a program, by `run`."""
+    """
+    Make a function of the command line the `main` of a program, by `run`.
+
+    Parameters
+    ----------
+    name : str
+        Name of the program.
+
+    Returns
+    -------
+    callable
+        Decorator; the function gets the command line without the name.
+
+    """
     return lambda body: partial(run, name, body)

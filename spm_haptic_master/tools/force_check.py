@@ -67,17 +67,55 @@ DIRECTIONS = 'xyz'
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """A part of a recording."""
+    """
+    A part of a recording, of n samples.
 
-    name: list[str]  # words of it
-    time: Array  # (n,), s
-    angles: Array  # (n, 4), th1A, th1B, th1C, th3A, rad
-    torque: Array  # (n, motors), N m
+    Attributes
+    ----------
+    name : list of str
+        Words of its name, such as `step`, `1a`.
+    time : ndarray, shape (n,)
+        Times in the part, s.
+    angles : ndarray, shape (n, 4)
+        th1A, th1B, th1C, th3A, rad.
+    torque : ndarray, shape (n, motors)
+        Commanded torques, N m.
+
+    """
+
+    name: list[str]
+    time: Array
+    angles: Array
+    torque: Array
 
 
 @command_line.program('force_check')
 def main(args: list[str]) -> int:
-    """Check a recorded bring-up; 1 if something does not hold."""
+    """
+    Check a recorded bring-up, or record one first.
+
+    With --record the device moves by itself, and RECORDING is written; with --output as well, the
+    passed check of these drives is written if all of it holds. Without --record only RECORDING is
+    read.
+
+    Parameters
+    ----------
+    args : list of str
+        Command line without the name of the program.
+
+    Returns
+    -------
+    int
+        Exit code: 0 if all of it holds, 1 if not.
+
+    Raises
+    ------
+    InputError
+        The command line or the recording is not as expected.
+    CalibrationError
+        The releases do not determine the friction.
+
+    """
     options = _parser().parse(args)
     given = command_line.given(options, NODES, NAMES)
     values = command_line.checked(given, FKM_SETTINGS)
@@ -107,7 +145,31 @@ def main(args: list[str]) -> int:
 
 
 def _record(path: Path, given: Values, values: dict[str, Any], poses: int) -> PassedCheck:
-    """Move the device, and write the recording; return the check of its drives."""
+    """
+    Move the device through the bring-up, and write the recording.
+
+    Parameters
+    ----------
+    path : Path
+        Recording to write.
+    given : Values
+        Given parameters, by name.
+    values : dict
+        Checked parameters of fkm.
+    poses : int
+        Number of poses that a hand chooses.
+
+    Returns
+    -------
+    PassedCheck
+        Check with the serial numbers of the drives.
+
+    Raises
+    ------
+    InputError
+        There is no device, or the bring-up had to end.
+
+    """
     kind = str(given.get('source', 'can'))
     if kind != 'can':
         raise InputError(f"source = '{kind}' with --record: expected can, a device's encoders")
@@ -144,7 +206,17 @@ def _record(path: Path, given: Values, values: dict[str, Any], poses: int) -> Pa
 
 
 def check_wiring(parts: list[Part], failed: list[str]) -> None:
-    """Print what each motor turns; add what is wrong with signs, node ids and rated torques."""
+    """
+    Print what each motor turns, by the steps of a recording.
+
+    Parameters
+    ----------
+    parts : list of Part
+        Parts of the recording.
+    failed : list of str
+        Gets what is wrong with signs, node ids and rated torques.
+
+    """
     responses: list[StepResponse] = []
     for part in _of(parts, 'step'):
         motor = ANGLES.index('th' + part.name[1])
@@ -155,7 +227,27 @@ def check_wiring(parts: list[Part], failed: list[str]) -> None:
 
 
 def check_weight(parts: list[Part], values: Values, failed: list[str]) -> Gravity:
-    """Print and return the weight by the poses, none without them; add what is wrong with it."""
+    """
+    Print the weight by the poses that motors hold.
+
+    The mean orientation of a pose is the rotation nearest to the mean matrix, by singular value
+    decomposition; the moments are fitted to the torques by least squares (`identify_gravity`).
+
+    Parameters
+    ----------
+    parts : list of Part
+        Parts of the recording.
+    values : Values
+        Checked parameters of fkm.
+    failed : list of str
+        Gets a residual beyond `LARGEST_RESIDUAL`.
+
+    Returns
+    -------
+    Gravity
+        The weight; none without poses.
+
+    """
     poses = _of(parts, 'pose')
     if not poses:
         return Gravity()
@@ -189,7 +281,28 @@ def check_friction(
     options: Namespace,
     failed: list[str],
 ) -> None:
-    """Print inertia, friction and the stiffest spring by direction; add a spring that is not."""
+    """
+    Print inertia, friction and the stiffest passive spring by direction.
+
+    Parameters
+    ----------
+    parts : list of Part
+        Parts of the recording.
+    values : Values
+        Checked parameters of fkm.
+    gravity : Gravity
+        Weight that the motors' torques carry.
+    options : Namespace
+        The parsed command line: stiffness, damping, rate and latency of the control.
+    failed : list of str
+        Gets each direction in which the commanded spring is not passive.
+
+    Raises
+    ------
+    CalibrationError
+        The releases do not determine the friction.
+
+    """
     releases: dict[str, list[Release]] = {}
     for part in _of(parts, 'release'):
         releases.setdefault(part.name[1], []).append(release_of(part, values, gravity))
@@ -209,7 +322,27 @@ def check_friction(
 
 
 def rotations(part: Part, values: Values) -> Array:
-    """Return R_base_platform of each row, shape (n, 3, 3)."""
+    """
+    Return the orientation of each row of a part.
+
+    Parameters
+    ----------
+    part : Part
+        Part of the recording.
+    values : Values
+        Checked parameters of fkm.
+
+    Returns
+    -------
+    ndarray, shape (n, 3, 3)
+        R_base_platform.
+
+    Raises
+    ------
+    InputError
+        No orientation has the angles of a row.
+
+    """
     found: Array = estimate(
         part.angles[:, :3], part.angles[:, 3], sigma_from(values)[:4], geometry_from(values)
     ).rotation
@@ -219,7 +352,26 @@ def rotations(part: Part, values: Values) -> Array:
 
 
 def release_of(part: Part, values: Values, gravity: Gravity) -> Release:
-    """Return time, turn and net torque about the direction of a release."""
+    """
+    Return the motion of a release about its direction, a column of the first orientation.
+
+    The net torque is that of the motors less the weight and less its mean at rest.
+
+    Parameters
+    ----------
+    part : Part
+        Part of the recording.
+    values : Values
+        Checked parameters of fkm.
+    gravity : Gravity
+        Weight of handle and links.
+
+    Returns
+    -------
+    Release
+        Time, s, turn, rad, and net torque, N m, (n,) each.
+
+    """
     R = rotations(part, values)
     axis = R[0, :, DIRECTIONS.index(part.name[1])]
     statics = make_statics(
@@ -236,7 +388,25 @@ def release_of(part: Part, values: Values, gravity: Gravity) -> Release:
 
 
 def read(path: Path) -> list[Part]:
-    """Read the parts of a recording; InputError where it is none."""
+    """
+    Read the parts of a recording.
+
+    Parameters
+    ----------
+    path : Path
+        CSV file with the columns of `force_record`.
+
+    Returns
+    -------
+    list of Part
+        In their order.
+
+    Raises
+    ------
+    InputError
+        The file is not such a recording.
+
+    """
     try:
         with path.open(encoding='utf-8', newline='') as file:
             rows = list(csv.DictReader(file))
@@ -256,7 +426,31 @@ def read(path: Path) -> list[Part]:
 
 
 def _part_of(path: Path, name: str, numbers: Array, motors: list[str]) -> Part:
-    """Return a part by its name and rows: time, angles, torques; InputError: it is none."""
+    """
+    Return a part by its name and rows.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for the error.
+    name : str
+        Name of the part.
+    numbers : ndarray, shape (n, 5 + motors)
+        Time, four angles and torques of each row.
+    motors : list of str
+        Names of the columns of torques.
+
+    Returns
+    -------
+    Part
+        The part.
+
+    Raises
+    ------
+    InputError
+        It has another name, or a number is not finite.
+
+    """
     known = PART.match(name)
     if known is None or known[1] and f'tau{known[1]}' not in motors:
         raise InputError(f"{path}: part '{name}': expected 'step 1a', 'pose 1' or 'release z 1'")
@@ -268,10 +462,12 @@ def _part_of(path: Path, name: str, numbers: Array, motors: list[str]) -> Part:
 
 
 def _of(parts: list[Part], kind: str) -> list[Part]:
+    """Return the parts of a kind: step, pose or release."""
     return [part for part in parts if part.name[0] == kind]
 
 
 def _parser() -> Parser:
+    """Return the parser of the command line."""
     parser = Parser('force_check', DESCRIPTION)
     parser.add_argument('recording', type=Path, metavar='RECORDING', help='CSV file')
     parser.add_argument(

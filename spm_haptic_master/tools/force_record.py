@@ -61,8 +61,37 @@ class BringUp:
     """
     A device in a bring-up, sample by sample, and what is recorded of it.
 
-    `sigma` is the noise of the encoders, rad, `silence` the longest time without angles, s; `show`
-    takes what a person has to know.
+    Parameters
+    ----------
+    source : EncoderSource
+        Source of the angles.
+    drives : Drives
+        Drives that take the torques.
+    geometry : Geometry
+        Link angles and axes of the mechanism.
+    working_mode : tuple of 3 int
+        Signs of B_kk of the legs A, B, C.
+    sigma : tuple of float
+        Noise of the encoders, rad, 1 standard deviation.
+    silence : float
+        Longest time without angles, s.
+    show : callable
+        Takes what a person has to know.
+
+    Attributes
+    ----------
+    nothing : tuple of float
+        Zero torque of each motor, N m.
+    rows : list
+        Part, time in it, s, angles, rad, and torques, N m, of each recorded sample.
+    part : str
+        Name of the current part.
+    angles : tuple of float
+        Latest joint angles, rad.
+    since : float
+        Time in the part, s.
+    still : float
+        Time since a joint has turned by more than `STILL`, s.
     """
 
     def __init__(
@@ -83,7 +112,15 @@ class BringUp:
         self.rows: list[tuple[str, float, Torques, Torques]] = []
 
     def wait(self) -> None:
-        """Wait until angles come and the drives are ready, without torque."""
+        """
+        Wait until angles come and the drives are ready, without torque.
+
+        Raises
+        ------
+        InputError
+            That takes longer than `READY`.
+
+        """
         end = time.monotonic() + READY
         while time.monotonic() < end:
             sample = self._source.read(WAIT)
@@ -97,7 +134,20 @@ class BringUp:
         )
 
     def begin(self, part: str) -> None:
-        """Begin a part with the next sample."""
+        """
+        Begin a part with the next sample.
+
+        Parameters
+        ----------
+        part : str
+            Name of the part.
+
+        Raises
+        ------
+        InputError
+            No angles come.
+
+        """
         self.part, self._motion = part, JointMotion(len(self.nothing))
         self._start, self.angles = self._read()
         # Times in the part, and since a joint has turned, s.
@@ -106,7 +156,22 @@ class BringUp:
         self._motion.work(self._start, self.angles, self.nothing, 0.0)
 
     def step(self, torques: Torques, recorded: bool = False) -> None:
-        """Command the torques for the latest sample, N m, and take the next one."""
+        """
+        Command torques for the latest sample, and take the next one.
+
+        Parameters
+        ----------
+        torques : Torques
+            Torque of each motor, N m.
+        recorded : bool, optional
+            Whether the latest sample is recorded, with these torques.
+
+        Raises
+        ------
+        InputError
+            The drives are no longer ready, no angles come, or the part takes too long.
+
+        """
         report = self._drives.step(torques, time.monotonic())
         if not report.ready:
             raise InputError(f'{self.part}: the drives are no longer ready: {report.fault}')
@@ -122,13 +187,41 @@ class BringUp:
         self.still = self.since - self._near_since
 
     def turn(self, angles: Torques) -> float:
-        """Return the largest turn of a joint from given angles, rad."""
+        """
+        Return the largest turn of a joint from given angles.
+
+        Parameters
+        ----------
+        angles : Torques
+            Joint angles, rad.
+
+        Returns
+        -------
+        float
+            rad, 0 or more.
+
+        """
         return max(
             abs(remainder(a - b, 2.0 * pi)) for a, b in zip(self.angles, angles, strict=True)
         )
 
     def about_z(self, torque: float) -> Torques:
-        """Return the motor torques of a torque about the handle's z axis, N m."""
+        """
+        Return the motor torques of a torque about the handle's z axis.
+
+        By virtual work at the estimated orientation (`force.statics`).
+
+        Parameters
+        ----------
+        torque : float
+            About the platform's z axis, N m.
+
+        Returns
+        -------
+        Torques
+            Torque of each motor, N m.
+
+        """
         R = rotation_from_quaternion(
             *estimate_sample(self.angles[:4], self._sensors, self._geometry).quaternion
         )
@@ -136,7 +229,24 @@ class BringUp:
         return self._statics.render((torque * R[2], torque * R[5], torque * R[8]))[0]
 
     def spring(self, stiffness: float, angles: Torques, largest: float) -> Torques:
-        """Return the torques of springs and dampers, N m; none before a velocity is known."""
+        """
+        Return the torques of a spring and a damper on each motor's joint.
+
+        Parameters
+        ----------
+        stiffness : float
+            Stiffness of each joint, N m/rad.
+        angles : Torques
+            Joint angles at which the springs are at rest, rad.
+        largest : float
+            Limit of each motor's torque, N m.
+
+        Returns
+        -------
+        Torques
+            Torque of each motor, N m; none before a velocity is known.
+
+        """
         velocity = self._motion.velocity
         return (
             self.nothing
@@ -152,7 +262,22 @@ class BringUp:
         )
 
     def _read(self) -> tuple[int, Torques]:
-        """Return stamp, ns, and angles, rad, of the next set."""
+        """
+        Return stamp and angles of the next set.
+
+        Returns
+        -------
+        stamp : int
+            Time, ns.
+        angles : tuple of float
+            Joint angles, rad.
+
+        Raises
+        ------
+        InputError
+            No set comes in time, or it lacks an angle.
+
+        """
         sample = self._source.read(self._silence)
         if sample is None:
             raise InputError(f'no set of angles within {self._silence:g} s: {self._source.fault}')
@@ -165,9 +290,24 @@ def record(path: Path, bring_up: BringUp, poses: int = 0) -> None:
     """
     Move the device through a bring-up, and write the recording.
 
-    Only where the steps show nothing wrong, the motors release the handle, and
-    hold it in `poses` poses to which a hand brings it. InputError: no angles come, the drives are
-    not ready, a joint turns too far, or the file cannot be written.
+    First each motor makes a step. Only where the steps show nothing wrong, the motors release
+    the handle, and hold it in poses to which a hand brings it.
+
+    Parameters
+    ----------
+    path : Path
+        CSV file to write.
+    bring_up : BringUp
+        The device.
+    poses : int, optional
+        Number of poses.
+
+    Raises
+    ------
+    InputError
+        No angles come, the drives are not ready, a joint turns too far, or the file cannot be
+        written.
+
     """
     bring_up.wait()
     motors = range(len(bring_up.nothing))
@@ -197,7 +337,19 @@ def record(path: Path, bring_up: BringUp, poses: int = 0) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """Part of a motion: its end, s, the torques of a sample, and whether samples are recorded."""
+    """
+    Part of a motion with one rule for the torques.
+
+    Attributes
+    ----------
+    end : float
+        Time in the part at which it ends, s.
+    torques : callable
+        Returns the torque of each motor for a sample, N m.
+    recorded : bool
+        Whether its samples are recorded.
+
+    """
 
     end: float
     torques: Callable[[], Torques]
@@ -205,12 +357,33 @@ class Stage:
 
 
 def _step(bring_up: BringUp, motor: int) -> StepResponse:
-    """Turn one motor alone; return what it did."""
+    """
+    Turn one motor alone, there and back.
+
+    Parameters
+    ----------
+    bring_up : BringUp
+        The device.
+    motor : int
+        Index of the motor.
+
+    Returns
+    -------
+    StepResponse
+        What the step did.
+
+    Raises
+    ------
+    InputError
+        A joint turns farther than `FARTHEST_STEP`.
+
+    """
     name = f'step {ANGLES[motor][2:]}'
     before = len(bring_up.rows)
     nothing = bring_up.nothing
 
     def alone(torque: float) -> Torques:
+        """Return a torque of this motor, none of the others."""
         return (*nothing[:motor], torque, *nothing[motor + 1 :])
 
     # The opposite step takes the speed away again, whatever the sign.
@@ -238,7 +411,24 @@ def _step(bring_up: BringUp, motor: int) -> StepResponse:
 
 
 def _release(bring_up: BringUp, name: str, torque: float) -> None:
-    """Turn the handle from rest for a moment, and let it go."""
+    """
+    Turn the handle from rest for a moment, and let it go.
+
+    Parameters
+    ----------
+    bring_up : BringUp
+        The device.
+    name : str
+        Name of the part.
+    torque : float
+        Torque about the handle's z axis, N m.
+
+    Raises
+    ------
+    InputError
+        A joint turns farther than `FARTHEST`.
+
+    """
     stages = (
         Stage(SHOWN, lambda: bring_up.spring(0.0, bring_up.angles, STEP)),
         Stage(REST, lambda: bring_up.nothing, recorded=True),
@@ -251,7 +441,28 @@ def _release(bring_up: BringUp, name: str, torque: float) -> None:
 def _move(
     bring_up: BringUp, part: str, stages: Iterable[Stage], farthest: float, remedy: str
 ) -> None:
-    """Do a part by stages; InputError with a remedy where a joint turns too far, rad."""
+    """
+    Do a part by stages.
+
+    Parameters
+    ----------
+    bring_up : BringUp
+        The device.
+    part : str
+        Name of the part.
+    stages : iterable of Stage
+        Stages in the order of their ends.
+    farthest : float
+        Turn of a joint that ends the recording, rad.
+    remedy : str
+        What may be wrong then, in words.
+
+    Raises
+    ------
+    InputError
+        A joint turns too far.
+
+    """
     bring_up.show(part)
     bring_up.begin(part)
     first = bring_up.angles
@@ -267,7 +478,30 @@ def _move(
 
 
 def _pose(bring_up: BringUp, others: list[Torques]) -> Torques:
-    """Let the motors hold the handle where a hand brings it; return the angles of the pose."""
+    """
+    Let the motors hold the handle where a hand brings it, and record it at rest.
+
+    The spring comes up over `RAMP`. After the recording the motors let go when the hand turns a
+    joint by `TAKEN`.
+
+    Parameters
+    ----------
+    bring_up : BringUp
+        The device.
+    others : list of Torques
+        Angles of the poses before, from which the new one has to be away.
+
+    Returns
+    -------
+    Torques
+        Joint angles of the pose, rad.
+
+    Raises
+    ------
+    InputError
+        The handle does not come to rest.
+
+    """
     name = f'pose {len(others) + 1}'
     bring_up.begin(name)
     while bring_up.still < SETTLED or any(bring_up.turn(each) <= APART for each in others):
@@ -276,6 +510,7 @@ def _pose(bring_up: BringUp, others: list[Torques]) -> Torques:
     held, began = bring_up.angles, bring_up.since
 
     def hold(until: Callable[[], bool], recorded: bool = False) -> None:
+        """Hold the pose until a condition is true."""
         while not until():
             rise = min(1.0, (bring_up.since - began) / RAMP)
             bring_up.step(bring_up.spring(STIFFNESS * rise, held, LARGEST), recorded)

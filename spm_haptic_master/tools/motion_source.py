@@ -40,7 +40,22 @@ NODES, FKM_NAMES = ('encoder_driver', 'fkm'), {setting.name for setting in FKM_S
 
 
 def check_source(source: str, nothing_to: str) -> None:
-    """Raise InputError for a source that has no motion of a real device."""
+    """
+    Raise InputError for a source that has no motion of a real device.
+
+    Parameters
+    ----------
+    source : str
+        Name of the source.
+    nothing_to : str
+        What the program does with a motion, for the error.
+
+    Raises
+    ------
+    InputError
+        It is neither `can` nor `replay`.
+
+    """
     if source not in ('can', 'replay'):
         raise InputError(
             f"parameter 'source' is {source!r}; expected can or replay "
@@ -54,6 +69,17 @@ def joined(recordings: Sequence[Recording]) -> Recording:
 
     A recording that is not later than the one before begins `BETWEEN` s after it: only the times
     within a recording matter.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Stamps, ns, and angles, rad, of each motion.
+
+    Returns
+    -------
+    Recording
+        One recording with increasing stamps.
+
     """
     stamps = [recordings[0][0]]
     for later, _ in recordings[1:]:
@@ -63,7 +89,31 @@ def joined(recordings: Sequence[Recording]) -> Recording:
 
 
 def given_for_motion(options: argparse.Namespace, nothing_to: str) -> tuple[str, dict[str, Any]]:
-    """Return the source of a motion, and the given parameters of driver and fkm, by name."""
+    """
+    Return the source of a motion and the given parameters.
+
+    --motion with logs is the source `replay`.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        The parsed command line.
+    nothing_to : str
+        What the program does with a motion, for the error.
+
+    Returns
+    -------
+    source : str
+        `can` or `replay`.
+    given : dict
+        Given parameters of driver and fkm, by name.
+
+    Raises
+    ------
+    InputError
+        The source has no motion of a real device, or as of `command_line.given`.
+
+    """
     given = command_line.given(options, NODES, DRIVER_NAMES | FKM_NAMES)
     source = 'replay' if options.motion else str(given.get('source', 'can'))
     if options.motion:
@@ -82,11 +132,39 @@ def read_motion(
     keep: Path | None = None,
 ) -> Recording:
     """
-    Return the recording of a motion, up to the time that the user has given, s.
+    Return the recording of a motion, of a log at once or of a bus while it happens.
 
-    Without one it is the whole log, or `live_seconds` of a live source. Its user reads the
-    instruction, and its frames are written to `keep` while they come; where that exists, the next
-    free number is appended to its name. CalibrationError or ReplayError where no set comes.
+    On a bus the user reads the instruction first, and the frames are written to a log while they
+    come.
+
+    Parameters
+    ----------
+    source : str
+        `can` or `replay`.
+    values : dict
+        Checked parameters of the source.
+    given : float or None
+        Longest time that the user has given, s; without one it is the whole log, or `live_seconds`
+        of a bus.
+    live_seconds : float
+        Longest time on a bus where the user has given none, s.
+    instruction : str
+        What the user is asked to do.
+    evaluate : Evaluate or None, optional
+        Shows the state of a live recording, and returns whether it is enough.
+    keep : Path or None, optional
+        Log to write; where it exists, the next free number is appended to its name.
+
+    Returns
+    -------
+    Recording
+        Stamps, ns, and angles, rad.
+
+    Raises
+    ------
+    CalibrationError, ReplayError
+        No set comes, or the log is broken.
+
     """
     if source == 'replay':
         with closing(make_replay(values)) as replay, ProgressBar('calibrate') as bar:
@@ -120,7 +198,26 @@ def read_motion(
 def _recorded(
     live: EncoderSource, seconds: float, evaluate: Evaluate | None = None, **how: Any
 ) -> Recording:
-    """Record a source, close it and say what is left out; without `evaluate` show the time."""
+    """
+    Record a source, close it and say what is left out.
+
+    Parameters
+    ----------
+    live : EncoderSource
+        The source.
+    seconds : float
+        Longest time, s.
+    evaluate : Evaluate or None, optional
+        Shows the state and returns whether it is enough; without it the time is shown.
+    **how : object
+        Further arguments of `recording.record`.
+
+    Returns
+    -------
+    Recording
+        Stamps, ns, and angles, rad.
+
+    """
     with closing(live), ProgressBar('calibrate') as bar:
 
         def show(recording: Recording, since: float) -> bool:
@@ -144,7 +241,24 @@ def with_trouble(text: str, source: EncoderSource) -> str:
 
 
 def wait_for_pose(number: int, count: int, pose: Sequence[float]) -> None:
-    """Ask for a pose, psi theta phi, deg, and wait for Enter; InputError where stdin has ended."""
+    """
+    Ask for a pose, and wait for Enter.
+
+    Parameters
+    ----------
+    number : int
+        Number of the pose, from 1.
+    count : int
+        Number of all poses.
+    pose : sequence of float
+        psi, theta, phi (ZXZ), deg.
+
+    Raises
+    ------
+    InputError
+        Standard input has ended.
+
+    """
     _say(
         f'pose {number} of {count}: hold the device at psi theta phi '
         f'{" ".join(f"{angle:g}" for angle in pose)} deg, then press Enter'
@@ -154,7 +268,29 @@ def wait_for_pose(number: int, count: int, pose: Sequence[float]) -> None:
 
 
 def record_pose(source: str, values: dict[str, Any], seconds: float) -> NDArray[np.int64]:
-    """Return the counts, (n, N), of the sets within some seconds; errors of `record`."""
+    """
+    Return the counts of a device at rest.
+
+    Parameters
+    ----------
+    source : str
+        Name of the source, `can` or `replay`.
+    values : dict
+        Checked parameters of the source.
+    seconds : float
+        Length of the recording, s.
+
+    Returns
+    -------
+    ndarray of int, shape (n, N)
+        Counts, in [0, counts per turn).
+
+    Raises
+    ------
+    CalibrationError
+        No set of readings arrives, or a joint lacks too many.
+
+    """
     live = make_source(source, values | raw_counts(values['sensors']))
     _, angles = _recorded(live, seconds, period=POSE_PERIOD, keep=False)
     per_turn = np.array(values['encoders.counts_per_turn'])
@@ -162,5 +298,6 @@ def record_pose(source: str, values: dict[str, Any], seconds: float) -> NDArray[
 
 
 def _say(*lines: str) -> None:
+    """Print lines for the user of calibrate, on stderr."""
     for line in lines:
         print(f'calibrate: {line}', file=sys.stderr)

@@ -61,7 +61,29 @@ TWIN = (
 
 @command_line.program('sim_bus')
 def main(args: list[str]) -> int:
-    """Run the simulated bus until Ctrl-C, or for the given time."""
+    """
+    Run the simulated bus until Ctrl-C, or for the given time.
+
+    The encoders of the parameters boot and answer; with --drives or drives.channel the drives do
+    as well. --fault and --quirk make them fail or differ; with --sync, or where the encoders need
+    no SYNC, it keeps time by itself. --ground-truth writes the true orientations.
+
+    Parameters
+    ----------
+    args : list of str
+        Command line without the name of the program.
+
+    Returns
+    -------
+    int
+        Exit code 0.
+
+    Raises
+    ------
+    InputError, SettingError
+        The command line or a parameter is not as expected, or a bus fails.
+
+    """
     options = _parser().parse(args)
     given = command_line.given(options, (DRIVER, 'fkm'), nodes.DRIVER_NAMES | nodes.DRIVE_NAMES)
     sensors = sensors_of(given)
@@ -91,6 +113,7 @@ def main(args: list[str]) -> int:
 def _of_kinds(
     faults: Iterable[fault_injection.Fault], kinds: Container[str]
 ) -> tuple[fault_injection.Fault, ...]:
+    """Return the faults of some kinds."""
     return tuple(fault for fault in faults if fault.kind in kinds)
 
 
@@ -101,7 +124,33 @@ def _encoders(
     motion: NoisyMotion,
     faults: Iterable[fault_injection.Fault],
 ) -> SimulatedBus:
-    """Return the simulated encoders; InputError for options that contradict the parameters."""
+    """
+    Return the simulated encoders.
+
+    Parameters
+    ----------
+    values : Values
+        Checked parameters, by name.
+    options : argparse.Namespace
+        The parsed command line.
+    decoder : FrameDecoder
+        Layouts of the encoders' frames.
+    motion : NoisyMotion
+        Motion of the device, with the rig's own errors.
+    faults : iterable of fault_injection.Fault
+        All faults; those of encoders are taken.
+
+    Returns
+    -------
+    SimulatedBus
+        A bus of encoders and axes.
+
+    Raises
+    ------
+    InputError
+        The options contradict the parameters.
+
+    """
     node_ids = values['encoders.node_id'] if decoder.network else None
     if options.factory and node_ids is None:
         raise InputError("--factory with can.protocol 'raw'; expected 'canopen'")
@@ -129,7 +178,24 @@ def _encoders(
 def _recording(
     options: argparse.Namespace, motion: NoisyMotion, stack: ExitStack
 ) -> Record | None:
-    """Write the rig, and return what writes the truth; None where that is not wanted."""
+    """
+    Write the rig, and return what writes the true orientations.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        The parsed command line.
+    motion : NoisyMotion
+        Motion of the device.
+    stack : ExitStack
+        Closes the table in the end.
+
+    Returns
+    -------
+    Record or None
+        None where --ground-truth is not given.
+
+    """
     directory = options.ground_truth
     if directory is None:
         return None
@@ -142,7 +208,19 @@ def _recording(
 
 
 def _boot(runner: BusRunner, values: Values, decoder: FrameDecoder) -> None:
-    """Switch the encoders on, and print where they are, and who else is there."""
+    """
+    Switch the encoders on, and print where they are, and who else is there.
+
+    Parameters
+    ----------
+    runner : BusRunner
+        Runs the bus.
+    values : Values
+        Checked parameters, by name.
+    decoder : FrameDecoder
+        Layouts of the encoders' frames.
+
+    """
     name = command_line.bus_name(values)
     if heard := ', '.join(f'0x{each:X}' for each in runner.listen()):
         print(f'sim_bus: another program sends {heard} on {name}, too: {TWIN}', file=sys.stderr)
@@ -156,7 +234,24 @@ def _boot(runner: BusRunner, values: Values, decoder: FrameDecoder) -> None:
 
 
 def _drive_loop(drives: SimulatedDrives, values: Values, stack: ExitStack) -> DriveLoop:
-    """Start the drives on their bus, and print where they are."""
+    """
+    Start the drives on their bus, and print where they are.
+
+    Parameters
+    ----------
+    drives : SimulatedDrives
+        The simulated drives.
+    values : Values
+        Checked parameters, by name.
+    stack : ExitStack
+        Closes bus and loop in the end.
+
+    Returns
+    -------
+    DriveLoop
+        The loop that answers on the bus.
+
+    """
     of = 'drives' if values['drives.channel'] else 'can'
     loop = DriveLoop(stack.enter_context(command_line.bus_of(values, of)), drives)
     stack.callback(loop.close)
@@ -171,7 +266,26 @@ def _drive_loop(drives: SimulatedDrives, values: Values, stack: ExitStack) -> Dr
 def _run(
     runner: BusRunner, drives: SimulatedDrives | None, loop: DriveLoop | None, seconds: float
 ) -> None:
-    """Run the encoders for some seconds, and print the faults that begin and end."""
+    """
+    Run the encoders for some seconds, and print the faults that begin and end.
+
+    Parameters
+    ----------
+    runner : BusRunner
+        Runs the bus of the encoders.
+    drives : SimulatedDrives or None
+        The simulated drives, if there are any.
+    loop : DriveLoop or None
+        Their loop, if there are any.
+    seconds : float
+        Time after which it ends, s; inf: until Ctrl-C.
+
+    Raises
+    ------
+    InputError
+        The bus of the drives failed.
+
+    """
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         lines = runner.step()
@@ -186,7 +300,29 @@ def _run(
 def _quirks(
     options: argparse.Namespace, sensors: int, sync_id: int | None
 ) -> tuple[device_quirks.Quirk, ...]:
-    """Return the quirks of the encoders; InputError for phases on a bus with SYNC."""
+    """
+    Return the quirks of the encoders.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        The parsed command line.
+    sensors : int
+        Number N of sensors.
+    sync_id : int or None
+        CAN identifier of SYNC; None without it.
+
+    Returns
+    -------
+    tuple of device_quirks.Quirk and ...
+        In the order of the command line.
+
+    Raises
+    ------
+    InputError
+        A quirk is unknown, or has phases of the encoders on a bus with SYNC.
+
+    """
     quirks = tuple(device_quirks.parse_quirk(text, sensors) for text in options.quirk)
     if sync_id is not None and any(quirk.kind == 'phases' for quirk in quirks):
         raise InputError(
@@ -198,7 +334,32 @@ def _quirks(
 def _drives(
     values: Values, options: argparse.Namespace, faults: tuple[fault_injection.Fault, ...]
 ) -> SimulatedDrives | None:
-    """Return the simulated drives, None without any; InputError for faults without drives."""
+    """
+    Return the simulated drives.
+
+    --drives N gives them node ids in a row; without a rated torque they have that of
+    `SIMULATED_RATED_TORQUE`.
+
+    Parameters
+    ----------
+    values : Values
+        Checked parameters, by name.
+    options : argparse.Namespace
+        The parsed command line.
+    faults : tuple of fault_injection.Fault and ...
+        Faults of the drives.
+
+    Returns
+    -------
+    SimulatedDrives or None
+        None without drives.
+
+    Raises
+    ------
+    InputError
+        There are faults without drives.
+
+    """
     if options.drives is None and not values['drives.channel']:
         if faults:
             raise InputError(
@@ -242,6 +403,7 @@ def _add_devices(parser: Parser) -> None:
 
 
 def _parser() -> Parser:
+    """Return the parser of the command line; its epilog lists faults and quirks."""
     parser = Parser('sim_bus', DESCRIPTION)
     parser.add_argument(
         '--sync', action='store_true', help='send SYNC, too, at `rate` (and answer no other SYNC)'

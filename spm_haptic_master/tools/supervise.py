@@ -49,14 +49,32 @@ REASONS = 8
 
 @dataclass(frozen=True, slots=True)
 class Recorded:
-    """Joint angles of a recording, and what of it has none."""
+    """
+    Joint angles of a recording, and what of it has none.
 
-    stamps: NDArray[np.int64]  # ns, (n,)
-    angles: NDArray[np.float64]  # rad, (n, N); NaN without a reading
-    cycles: int  # of the bus, with and without a set; of a table its rows
-    noun: str  # what they are
-    dropped: Mapping[str, int]  # cycles and frames without a set, by reason
-    axes: Mapping[str, NDArray[np.float64]]  # times of the readings of each axis, s
+    Attributes
+    ----------
+    stamps : ndarray of int, shape (n,)
+        Times of the samples, ns.
+    angles : ndarray, shape (n, N)
+        Joint angles, rad; NaN without a reading.
+    cycles : int
+        Number of cycles of the bus, with and without a set; of a table its rows.
+    noun : str
+        What these are, in words.
+    dropped : mapping of str to int
+        Number of cycles and frames without a set, by reason.
+    axes : mapping of str to ndarray
+        Times of the readings of each axis, s.
+
+    """
+
+    stamps: NDArray[np.int64]
+    angles: NDArray[np.float64]
+    cycles: int
+    noun: str
+    dropped: Mapping[str, int]
+    axes: Mapping[str, NDArray[np.float64]]
 
     @property
     def seconds(self) -> NDArray[np.float64]:
@@ -66,7 +84,32 @@ class Recorded:
 
 @command_line.program('supervise')
 def main(args: list[str]) -> int:
-    """Supervise a recording; 1 if it is not as expected."""
+    """
+    Supervise a recording as fkm does, and print what it would publish.
+
+    RECORDING is a log of the bus, a directory of recorder, a rosbag2 or a CSV file. The parameters
+    are those of the driver and of fkm. It writes supervise.png and regions.csv to -o DIR, and
+    prints share, gaps, reasons and regions, with the sigma_deg and bias_deg that the recording
+    supports.
+
+    Parameters
+    ----------
+    args : list of str
+        Command line without the name of the program.
+
+    Returns
+    -------
+    int
+        Exit code 0.
+
+    Raises
+    ------
+    InputError
+        The recording is not as expected, or a file cannot be written.
+    SettingError
+        A parameter does not fit, such as the number of sensors.
+
+    """
     options = _parser().parse(args)
     # matplotlib is an extra: report that it is missing before anything is computed.
     from spm_haptic_master.tools import supervision_figure
@@ -111,7 +154,29 @@ def main(args: list[str]) -> int:
 
 
 def _values(recorded: Recorded, given: dict[str, object], path: Path) -> dict[str, Any]:
-    """Return the parameters of fkm; SettingError for another number of sensors than recorded."""
+    """
+    Return the parameters of fkm for a recording.
+
+    Parameters
+    ----------
+    recorded : Recorded
+        The recording.
+    given : dict of str to object
+        Given parameters, by name.
+    path : Path
+        Its file, for the error.
+
+    Returns
+    -------
+    dict
+        Checked values, by name.
+
+    Raises
+    ------
+    SettingError
+        Another number of sensors is given than recorded.
+
+    """
     sensors = recorded.angles.shape[1]
     values = command_line.checked({SENSORS_SETTING.name: sensors} | given, FKM_SETTINGS)
     if values[SENSORS_SETTING.name] != sensors:
@@ -122,6 +187,7 @@ def _values(recorded: Recorded, given: dict[str, object], path: Path) -> dict[st
 
 
 def _parser() -> Parser:
+    """Return the parser of the command line."""
     parser = Parser('supervise', DESCRIPTION)
     parser.add_argument(
         'recording',
@@ -146,7 +212,27 @@ def _parser() -> Parser:
 
 
 def _read(options: argparse.Namespace, given: dict[str, object]) -> Recorded:
-    """Return the joint angles of a table, a rosbag2 or a log of the bus."""
+    """
+    Return the joint angles of a table, a rosbag2 or a log of the bus.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        The parsed command line.
+    given : dict of str to object
+        Given parameters, by name.
+
+    Returns
+    -------
+    Recorded
+        With what has no angles, and the times of the axes' readings.
+
+    Raises
+    ------
+    InputError
+        There are no joint angles, or the file cannot be read.
+
+    """
     path = options.recording
     if (
         path.is_dir()
@@ -205,7 +291,22 @@ def _is_can_log(path: Path) -> bool:
 
 
 def verdict(recorded: Recorded, result: Supervised) -> str:
-    """Return in one line what share of the cycles is published, and which sensor was checked."""
+    """
+    Return in one line what share of the cycles is published, and which sensor was checked.
+
+    Parameters
+    ----------
+    recorded : Recorded
+        The recording.
+    result : Supervised
+        Result of its supervision.
+
+    Returns
+    -------
+    str
+        Share, number of orientations, and the longest time that a sensor was unchecked.
+
+    """
     published = int(result.published.sum())
     longest = longest_unchecked(recorded.seconds, result.unchecked)
     never = [name for name, seconds in longest.items() if seconds is None]
@@ -226,10 +327,23 @@ def longest_unchecked(
     seconds: NDArray[np.float64], unchecked: NDArray[np.float64]
 ) -> dict[str, float | None]:
     """
-    Return for how long each sensor was unchecked at most, s; None if it was never checked.
+    Return for how long each sensor was unchecked at most.
 
     Before its first check, and after a pause of the recording, the time counts from the first
     sample there: what happened in a pause was not published.
+
+    Parameters
+    ----------
+    seconds : ndarray, shape (n,)
+        Times of the samples, s.
+    unchecked : ndarray, shape (n, N)
+        Time since the last check of each sensor, s; infinite before the first one.
+
+    Returns
+    -------
+    dict of str to float or None
+        By joint, s; None if it was never checked.
+
     """
     found: dict[str, float | None] = {}
     for name, times in zip(ALL_JOINT_NAMES, unchecked.T, strict=False):
@@ -298,7 +412,23 @@ def _propose(
     table: list[parity_map.Region],
     values: Values,
 ) -> None:
-    """Print the parameters that the recording supports, as lines of a parameter file."""
+    """
+    Print the parameters that the recording supports, as lines of a parameter file.
+
+    White noise by `parity_map.white_noise`, bias by the largest mean parity of a region.
+
+    Parameters
+    ----------
+    stamps : ndarray of int, shape (n,)
+        Times of the samples, ns.
+    angles : ndarray, shape (n, N)
+        Joint angles, rad.
+    table : list of parity_map.Region
+        Parity by region.
+    values : Values
+        Checked parameters of fkm.
+
+    """
     noise = np.degrees(parity_map.white_noise(stamps, angles))
     bias = parity_map.nominal_bias(table)
     print('The recording supports (parameters of fkm):')
@@ -324,6 +454,21 @@ def _propose(
 
 
 def proposed_bias(parity: float, now: Sequence[float]) -> list[float]:
-    """Return the bias to propose for each sensor, deg: that of `parity`, not below that in use."""
+    """
+    Return the bias to propose for each sensor.
+
+    Parameters
+    ----------
+    parity : float
+        Largest mean parity of a region, deg.
+    now : sequence of float
+        Bias in use of each sensor, deg.
+
+    Returns
+    -------
+    list of float
+        Bias, deg; that of the parity, rounded up to `BIAS_UNIT`, and not below that in use.
+
+    """
     each = round(ceil(round(parity / BIAS_UNIT, 6)) * BIAS_UNIT, 6)
     return [max(each, bound) for bound in now]

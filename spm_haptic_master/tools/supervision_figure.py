@@ -34,8 +34,26 @@ def draw(
     """
     Draw parity, protection level and exposure over time, and the parity over the workspace.
 
-    `seconds` are the times of the samples from the first, (n,). InputError where the PNG cannot
-    be written.
+    Times without a published orientation are shaded.
+
+    Parameters
+    ----------
+    path : Path
+        PNG file to write.
+    seconds : ndarray, shape (n,)
+        Times of the samples from the first, s.
+    found : ParityMap
+        Parity of the samples, and where the platform was.
+    result : Supervised
+        Result of their supervision.
+    alert_limit_deg : float
+        Alert limit, drawn as a line, deg.
+
+    Raises
+    ------
+    InputError
+        The file cannot be written.
+
     """
     every = max(1, len(seconds) // POINTS)
     t = seconds[::every]
@@ -71,7 +89,23 @@ def draw(
 
 
 def _draw_map(figure: Any, axes: Any, found: ParityMap, every: int) -> None:
-    """Draw the parity over tilt and self-rotation."""
+    """
+    Draw the parity over tilt and self-rotation.
+
+    The scale of the colours covers 98 % of the samples.
+
+    Parameters
+    ----------
+    figure : object
+        The picture.
+    axes : object
+        Where to draw.
+    found : ParityMap
+        Parity of the samples.
+    every : int
+        Step of the samples that are drawn.
+
+    """
     parity = found.parity_deg[::every]
     known = parity[np.isfinite(parity)]
     largest = float(np.percentile(np.abs(known), 98.0)) if len(known) else 1.0
@@ -90,7 +124,19 @@ def _draw_map(figure: Any, axes: Any, found: ParityMap, every: int) -> None:
 
 
 def _shade(axes: Any, seconds: NDArray[np.float64], withheld: NDArray[np.bool_]) -> None:
-    """Shade the times at which no orientation is published."""
+    """
+    Shade the times at which no orientation is published.
+
+    Parameters
+    ----------
+    axes : object
+        Where to draw.
+    seconds : ndarray, shape (n,)
+        Times, s.
+    withheld : ndarray of bool, shape (n,)
+        Whether the orientation of a sample is withheld.
+
+    """
     edges = np.flatnonzero(np.diff(np.concatenate([[False], withheld, [False]])))
     last = len(seconds) - 1
     for begin, end in zip(edges[::2], edges[1::2], strict=True):

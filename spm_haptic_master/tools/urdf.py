@@ -19,7 +19,22 @@ the nominal one. Give it the files that `fkm` has: the URDF is then that of the 
 
 @command_line.program('urdf')
 def main(args: list[str]) -> int:
-    """Write the files."""
+    """
+    Write the mechanism of the parameters `geometry.*` as URDF with meshes to -o DIR.
+
+    --prefix is what the URDF names the directory by; without it that is its absolute path.
+
+    Parameters
+    ----------
+    args : list of str
+        Command line without the name of the program.
+
+    Returns
+    -------
+    int
+        Exit code 0.
+
+    """
     parser = Parser('urdf', DESCRIPTION)
     parser.add_argument(
         '-o',

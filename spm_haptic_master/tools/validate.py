@@ -29,7 +29,30 @@ MARKER_AZIMUTHS = (0.0, 180.0)
 
 @command_line.program('validate')
 def main(args: list[str]) -> int:
-    """Validate a recording; 1 if its files are not as expected."""
+    """
+    Compare recorded orientations with a motion capture.
+
+    RECORDING has the orientations, CAPTURE markers or poses of a body; joint angles, from --joints
+    or a rosbag2, give the classic model as well. It writes fig32.png to fig34.png, errors.csv and
+    aligned.csv to -o DIR, and prints the errors.
+
+    Parameters
+    ----------
+    args : list of str
+        Command line without the name of the program.
+
+    Returns
+    -------
+    int
+        Exit code 0.
+
+    Raises
+    ------
+    InputError
+        A file is not as expected, matplotlib is missing, or the recordings are not of the same
+        motion.
+
+    """
     options = _parser().parse(args)
     values = command_line.checked(
         command_line.given(options, ('fkm',), {setting.name for setting in SETTINGS}), SETTINGS
@@ -70,6 +93,7 @@ def main(args: list[str]) -> int:
 
 
 def _parser() -> Parser:
+    """Return the parser of the command line; its epilog describes the files."""
     parser = Parser('validate', DESCRIPTION)
     parser.epilog = recordings.__doc__
     parser.add_argument(
@@ -129,6 +153,7 @@ def _parser() -> Parser:
 
 
 def _report(result: comparison.Comparison, table: list[comparison.ErrorRow], output: Path) -> None:
+    """Print the alignment, what of the capture was left out, and the errors."""
     print(_verdict(result, table))
     alignment = result.alignment
     parts_per_million = 0.0 - 1e6 * alignment.rate
@@ -150,7 +175,22 @@ def _report(result: comparison.Comparison, table: list[comparison.ErrorRow], out
 
 
 def _verdict(result: comparison.Comparison, table: list[comparison.ErrorRow]) -> str:
-    """Return in one line by how much the recorded orientations are off."""
+    """
+    Return in one line by how much the recorded orientations are off.
+
+    Parameters
+    ----------
+    result : comparison.Comparison
+        Capture and models at the same times.
+    table : list of comparison.ErrorRow
+        Errors of the models.
+
+    Returns
+    -------
+    str
+        Root mean square and largest error of the whole rotation, deg, and the number of moments.
+
+    """
     (row,) = (row for row in table if (row.model, row.quantity) == ('improved', 'rotation'))
     _, rms, _, largest = row.figures_deg
     left_out = sum(result.left_out.values())

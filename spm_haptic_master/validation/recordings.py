@@ -154,7 +154,22 @@ def read_joints(path: Path, topic: str, option: str = '--topic') -> Track | None
 
 
 def read_axis_times(path: Path, axis: str) -> NDArray[np.float64]:
-    """Return the times of the readings of insertion or gripper, s, (n,); none for no such axis."""
+    """
+    Return the times of the readings of insertion or gripper.
+
+    Parameters
+    ----------
+    path : Path
+        A directory of `recorder`, or a rosbag2.
+    axis : str
+        Name of the axis.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Times, s; empty where the recording has no such axis.
+
+    """
     table = path / f'{axis}.csv'
     if table.is_file():
         rows = _csv_rows(table, _csv_table(table), (axis,))

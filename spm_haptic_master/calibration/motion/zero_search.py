@@ -435,7 +435,7 @@ def _cost(distance: Array) -> Array:
     Returns
     -------
     ndarray, shape (m,)
-        Unit 1.
+        Cost of each set of zeros (unit 1).
 
     """
     return np.log1p(np.square(distance / HALF_WEIGHT)).mean(axis=1)
@@ -500,7 +500,7 @@ def _closure(turns: list[tuple[Array, Array]], nominal: Geometry) -> Array:
     Returns
     -------
     ndarray, shape (m, n)
-        Unit 1.
+        Closure error (unit 1).
 
     """
     (c1, s1), *others, (c3, s3) = turns
