@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
+from functools import cached_property
 import math
 from typing import Literal
 
@@ -83,7 +84,7 @@ def lowest_bit(mask: int) -> int:
     return (mask & -mask).bit_length() - 1
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class EncoderLayout:
     """
     Frame and scale of one absolute encoder.
@@ -153,10 +154,20 @@ class EncoderLayout:
         """Length of the word with the counts, bytes."""
         return (self.bit_length + 7) // 8
 
-    @property
+    @cached_property
     def position_mask(self) -> int:
         """Bits of the word that are the counts."""
         return self.mask or (1 << self.bit_length) - 1
+
+    @cached_property
+    def _word(self) -> slice:
+        """Bytes of the frame with the counts."""
+        return slice(self.byte_offset, self.byte_offset + self.byte_length)
+
+    @cached_property
+    def _lowest_bit(self) -> int:
+        """Bits of the word below the counts."""
+        return lowest_bit(self.position_mask)
 
     @property
     def counter_modulus(self) -> int:
@@ -182,10 +193,8 @@ class EncoderLayout:
             Counts, negative ones if they are signed; None for a value beyond a turn.
 
         """
-        start = self.byte_offset
-        value = int.from_bytes(data[start : start + self.byte_length], self.byte_order)
         mask = self.position_mask
-        value = (value & mask) >> lowest_bit(mask)
+        value = (int.from_bytes(data[self._word], self.byte_order) & mask) >> self._lowest_bit
         if self.signed:
             if value >> mask.bit_count() - 1:
                 value -= 1 << mask.bit_count()

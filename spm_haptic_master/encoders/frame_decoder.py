@@ -11,6 +11,8 @@ error bits and may equal an encoder's, and so may a 29-bit one.
 from __future__ import annotations
 
 from collections import Counter, deque
+from collections.abc import Callable
+from functools import partial
 from math import nan
 
 import can
@@ -36,6 +38,8 @@ WITHOUT_SYNC = 'the encoders send without SYNC: give -p encoders.sync_id:=0'
 CAUTION_HOLD = 2.0
 # Readings of axes that are kept for a reader that is late.
 READINGS_KEPT = 1000
+# Takes a frame, stamped in s since the Unix epoch; returns the set that goes out with it.
+Taker = Callable[[can.Message], JointSample | None]
 # Bit that marks the key of a 29-bit identifier, above all of the identifier's bits.
 EXTENDED = 1 << 29
 
@@ -111,19 +115,13 @@ class FrameDecoder:
         self.bus_off = False
         self.sync_heard: float | None = None
         self._sync_rate = SyncRate(period)
-        self._by_key = {
-            encoder.layout.can_id | EXTENDED * encoder.layout.extended: (index, encoder)
-            for index, encoder in enumerate(self.encoders)
-        }
+        self._encoder_by_key = {_key(encoder.layout): encoder for encoder in self.encoders}
         # Encoders beside the set, and their readings that nobody has taken yet.
         self.axes = axes
         self.readings: deque[AxisReading] = deque(maxlen=READINGS_KEPT)
-        self._axes_by_key = {
-            axis.layout.can_id | EXTENDED * axis.layout.extended: axis for axis in axes
-        }
         self._period = period
         self._emcy_stops = emcy_stops
-        self._nodes = network.senders if network else {}
+        self._takers = self._make_takers()
 
     @property
     def sends_without_sync(self) -> bool:
@@ -157,21 +155,28 @@ class FrameDecoder:
                 self.bus_off |= bool(message.arbitration_id & BUS_OFF)
             return None
         key = message.arbitration_id | EXTENDED * message.is_extended_id
-        if key in self._by_key:
-            return self._answer(*self._by_key[key], message)
-        if key == self.sync_id:
-            return self._begin(message)
-        if key in self._axes_by_key:
-            self._take_axis(self._axes_by_key[key], message)
-        elif key in self._nodes:
-            self._take_node(message)
-        elif key ^ EXTENDED in self._by_key:
-            self._by_key[key ^ EXTENDED][1].reject(message, 'identifier width')
-        else:
-            self.counters['rejected: foreign identifier'] += 1
-            if self.network:
-                self.network.note_other(key)
+        take = self._takers.get(key)
+        if take is not None:
+            return take(message)
+        if key ^ EXTENDED in self._encoder_by_key:
+            self._encoder_by_key[key ^ EXTENDED].reject(message, 'identifier width')
+            return None
+        self.counters['rejected: foreign identifier'] += 1
+        if self.network:
+            self.network.note_other(key)
         return None
+
+    def _make_takers(self) -> dict[int, Taker]:
+        """Return what takes a frame, by its key: an encoder before SYNC, axes and nodes."""
+        takers: dict[int, Taker] = {}
+        if self.network is not None:
+            takers |= dict.fromkeys(self.network.senders, self._take_node)
+        takers |= {_key(axis.layout): partial(self._take_axis, axis) for axis in self.axes}
+        if self.sync_id is not None:
+            takers[self.sync_id] = self._begin
+        for index, encoder in enumerate(self.encoders):
+            takers[_key(encoder.layout)] = partial(self._answer, index, encoder)
+        return takers
 
     def _begin(self, message: can.Message) -> JointSample | None:
         """Take a SYNC; return the set of the cycle that it ends."""
@@ -364,6 +369,11 @@ class FrameDecoder:
     def _concern(self, node: Node, now: float) -> str | None:
         """Return what is wrong with a node although sets come."""
         return (self._emcy_stops and node.unfit(now)) or node.caution_with_sync(now)
+
+
+def _key(layout: EncoderLayout) -> int:
+    """Return the key of an encoder's frames: their identifier, marked if it has 29 bits."""
+    return layout.can_id | EXTENDED * layout.extended
 
 
 def _other_kind(message: can.Message) -> str | None:
