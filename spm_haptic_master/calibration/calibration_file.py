@@ -192,7 +192,22 @@ def sensors_entry(joints: Sequence[str]) -> dict[str, int]:
 
 
 def rounded(angles: Iterable[float], digits: int = 6) -> list[float]:
-    """Return angles in rad as degrees, rounded as the file has them."""
+    """
+    Return angles in rad as degrees, rounded as the file has them.
+
+    Parameters
+    ----------
+    angles : iterable of float
+        Angles, rad.
+    digits : int, optional
+        Decimal places.
+
+    Returns
+    -------
+    list of float
+        Angles, deg.
+
+    """
     return [round(degrees(angle), digits) for angle in angles]
 
 

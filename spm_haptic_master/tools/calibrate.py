@@ -70,12 +70,7 @@ def main(args: list[str]) -> int:
     -------
     int
         Exit code: 0 if the calibration was written or holds, 1 if a check of an axis finds a
-        change.
-
-    Raises
-    ------
-    SpmError
-        The calibration cannot be trusted, or the command line or a file is not as expected.
+        change. After an error, which is one line on stderr, it is 1.
 
     """
     options = _parser().parse(args)

@@ -78,7 +78,7 @@ def run(options: argparse.Namespace) -> int:
     Calibrate from free motion, and write the parameter file with its report.
 
     The motion is from the bus, while the user is guided, or from the logs of --motion. With --pose
-    or --capture the mounting is found as well. Nothing is written unless the alert limit of fkm is
+    or --capture the mounting is found as well. No file is written unless the alert limit of fkm is
     supported (`supported`) and fkm publishes the motion with the result (`published_share`).
 
     Parameters

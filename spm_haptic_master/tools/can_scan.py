@@ -63,12 +63,8 @@ def main(args: list[str]) -> int:
     Returns
     -------
     int
-        Exit code: 0 if the bus is as configured, 1 if something is missing or unexpected.
-
-    Raises
-    ------
-    InputError
-        The command line is not as expected, or the bus cannot be opened.
+        Exit code: 0 if the bus is as configured, 1 if something is missing or unexpected. After an
+        error, which is one line on stderr, it is 1.
 
     """
     options = _parser().parse(args)

@@ -75,14 +75,8 @@ def main(args: list[str]) -> int:
     Returns
     -------
     int
-        Exit code: 0 if all nodes are as configured, 1 if not.
-
-    Raises
-    ------
-    SetupError
-        A master is running, or the EDS file rules a value out.
-    SettingError, InputError
-        The parameters or the command line are not as expected.
+        Exit code: 0 if all nodes are as configured, 1 if not. After an error, which is one line on
+        stderr, it is 1.
 
     """
     options = _parser().parse(args)

@@ -106,14 +106,8 @@ def main(args: list[str]) -> int:
     Returns
     -------
     int
-        Exit code: 0 if all of it holds, 1 if not.
-
-    Raises
-    ------
-    InputError
-        The command line or the recording is not as expected.
-    CalibrationError
-        The releases do not determine the friction.
+        Exit code: 0 if all of it holds, 1 if not. After an error, which is one line on stderr, it
+        is 1.
 
     """
     options = _parser().parse(args)

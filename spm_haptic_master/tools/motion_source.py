@@ -235,7 +235,22 @@ def _recorded(
 
 
 def with_trouble(text: str, source: EncoderSource) -> str:
-    """Return a text with the fault or the caution of a source, if it has any."""
+    """
+    Return a text with the fault or the caution of a source, if it has any.
+
+    Parameters
+    ----------
+    text : str
+        The text.
+    source : EncoderSource
+        Source of readings.
+
+    Returns
+    -------
+    str
+        The text, and the trouble in brackets.
+
+    """
     trouble = source.fault or source.caution
     return f'{text} ({trouble})' if trouble else text
 

@@ -76,12 +76,7 @@ def main(args: list[str]) -> int:
     Returns
     -------
     int
-        Exit code 0.
-
-    Raises
-    ------
-    InputError, SettingError
-        The command line or a parameter is not as expected, or a bus fails.
+        Exit code: 0. After an error, which is one line on stderr, it is 1.
 
     """
     options = _parser().parse(args)
@@ -314,7 +309,7 @@ def _quirks(
 
     Returns
     -------
-    tuple of device_quirks.Quirk and ...
+    tuple of device_quirks.Quirk
         In the order of the command line.
 
     Raises
@@ -346,7 +341,7 @@ def _drives(
         Checked parameters, by name.
     options : argparse.Namespace
         The parsed command line.
-    faults : tuple of fault_injection.Fault and ...
+    faults : tuple of fault_injection.Fault
         Faults of the drives.
 
     Returns

@@ -100,14 +100,7 @@ def main(args: list[str]) -> int:
     Returns
     -------
     int
-        Exit code 0.
-
-    Raises
-    ------
-    InputError
-        The recording is not as expected, or a file cannot be written.
-    SettingError
-        A parameter does not fit, such as the number of sensors.
+        Exit code: 0. After an error, which is one line on stderr, it is 1.
 
     """
     options = _parser().parse(args)

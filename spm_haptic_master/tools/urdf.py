@@ -32,7 +32,7 @@ def main(args: list[str]) -> int:
     Returns
     -------
     int
-        Exit code 0.
+        Exit code: 0. After an error, which is one line on stderr, it is 1.
 
     """
     parser = Parser('urdf', DESCRIPTION)

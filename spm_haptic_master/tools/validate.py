@@ -44,13 +44,7 @@ def main(args: list[str]) -> int:
     Returns
     -------
     int
-        Exit code 0.
-
-    Raises
-    ------
-    InputError
-        A file is not as expected, matplotlib is missing, or the recordings are not of the same
-        motion.
+        Exit code: 0. After an error, which is one line on stderr, it is 1.
 
     """
     options = _parser().parse(args)

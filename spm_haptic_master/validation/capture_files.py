@@ -63,21 +63,27 @@ class Export:
 
 def export_rows(path: Path, table: Table, body: str | None) -> tuple[bool, Rows] | None:
     """
-    Return whether an export has poses rather than markers, and its rows; None if it is none.
+    Return the rows of an export of a known system.
 
     Parameters
     ----------
     path : Path
-        the file, for error messages
-    table : list of list of str
-        its lines, by their fields
+        The file, for the error.
+    table : Table
+        Its lines, by their fields.
     body : str or None
-        name of the rigid body, where there are several
+        Name of the rigid body, where there are several.
+
+    Returns
+    -------
+    tuple of bool and list, or None
+        Whether the export has poses rather than markers, and its rows; None if it is no known
+        export.
 
     Raises
     ------
     InputError
-        neither a body nor the four markers can be selected, or the export lacks what is needed
+        Neither a body nor the four markers can be selected, or the export lacks what is needed.
 
     """
     for read_header in (_motive, _vicon, _qualisys):

@@ -48,7 +48,20 @@ class Sifted:
 
 
 def without_values(track: Track) -> Sifted:
-    """Return a capture with what was left out because it had no value."""
+    """
+    Return a capture with what was left out because it had no value.
+
+    Parameters
+    ----------
+    track : Track
+        The capture as it was read.
+
+    Returns
+    -------
+    Sifted
+        All its rows, with the number of those left out.
+
+    """
     reasons = Counter({'without a value': track.left_out} if track.left_out else {})
     return Sifted(track, reasons)
 

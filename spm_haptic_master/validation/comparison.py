@@ -407,7 +407,17 @@ def error_table(comparison: Comparison) -> list[ErrorRow]:
 
 
 def write_error_table(path: Path, table: list[ErrorRow]) -> None:
-    """Write errors.csv: a row for each quantity of each model, in deg."""
+    """
+    Write errors.csv: a row for each quantity of each model, in deg.
+
+    Parameters
+    ----------
+    path : Path
+        The file to write.
+    table : list of ErrorRow
+        Rows of `error_table`.
+
+    """
     with open(path, 'w', newline='', encoding='utf-8') as file:
         writer = csv.writer(file, lineterminator='\n')
         writer.writerow(ERROR_COLUMNS)
@@ -416,7 +426,17 @@ def write_error_table(path: Path, table: list[ErrorRow]) -> None:
 
 
 def write_aligned(path: Path, comparison: Comparison) -> None:
-    """Write aligned.csv: both clocks' times (s) and the ZXZ angles (deg) of capture and models."""
+    """
+    Write aligned.csv: both clocks' times (s) and the ZXZ angles (deg) of capture and models.
+
+    Parameters
+    ----------
+    path : Path
+        The file to write.
+    comparison : Comparison
+        Orientations of capture and models at the same times.
+
+    """
     tracks = {'captured': comparison.captured, **comparison.models}
     columns = [
         comparison.time,

@@ -280,10 +280,21 @@ def _rounding(readings: Array) -> float:
 
 def nominal_bias(table: list[Region]) -> float | None:
     """
-    Return the nominal bias of each sensor, deg; None where no region has enough samples.
+    Return the nominal bias of each sensor that a recording supports.
 
     The largest mean parity of a region: independent errors of that size in each of the four
     sensors cause a parity of that size, as n is a unit vector.
+
+    Parameters
+    ----------
+    table : list of Region
+        Parity by region.
+
+    Returns
+    -------
+    float or None
+        Bias, deg; None where no region has `REGION_SAMPLES` samples.
+
     """
     return max(
         (abs(region.mean_deg) for region in table if region.samples >= REGION_SAMPLES),
@@ -292,6 +303,16 @@ def nominal_bias(table: list[Region]) -> float | None:
 
 
 def write_regions(path: Path, table: list[Region]) -> None:
-    """Write the regions as CSV, with the names of `Region` as header."""
+    """
+    Write the regions as CSV, with the names of `Region` as header.
+
+    Parameters
+    ----------
+    path : Path
+        The file to write.
+    table : list of Region
+        Parity by region.
+
+    """
     with open(path, 'w', newline='', encoding='utf-8') as file:
         csv.writer(file).writerows([Region._fields, *table])

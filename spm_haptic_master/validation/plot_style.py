@@ -50,12 +50,43 @@ LEAST_SPAN = 2.0
 
 
 def new_figure(width: float = WIDTH, height: float = HEIGHT, **layout: Any) -> Figure:
-    """Return an empty picture of a size in inches, with automatic layout."""
+    """
+    Return an empty picture with automatic layout.
+
+    Parameters
+    ----------
+    width : float, optional
+        Width, inch.
+    height : float, optional
+        Height, inch.
+    **layout : object
+        Further arguments of matplotlib's `Figure`.
+
+    Returns
+    -------
+    Figure
+        The picture, which belongs to no window.
+
+    """
     return Figure(figsize=(width, height), layout='constrained', **layout)
 
 
 def label_axes(axes: Axes, x: str, y: str, title: str = '') -> None:
-    """Label axes, and draw a light grid."""
+    """
+    Label axes, and draw a light grid behind what is drawn.
+
+    Parameters
+    ----------
+    axes : Axes
+        The axes.
+    x : str
+        Label of the x axis; may be empty.
+    y : str
+        Label of the y axis; may be empty.
+    title : str, optional
+        Title; without one none is drawn.
+
+    """
     axes.set_xlabel(x)
     axes.set_ylabel(y)
     if title:

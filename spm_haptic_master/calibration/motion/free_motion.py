@@ -97,21 +97,30 @@ def fitted(
     """
     Return the calibration by a motion whose zeros and directions are known approximately.
 
+    The zeros are fitted first, then the groups of parameters are chosen (`fit.choose`), and all
+    samples are fitted. Slips are refused, and noise and tolerances found before the last fit, from
+    which the covariance follows.
+
     Parameters
     ----------
     layout : Layout
-        the rig as drawn, with the largest tolerances that it may have
+        The rig as drawn, with the largest tolerances that it may have.
     means : MotionReadings
-        the motion
+        Means of the motion's readings.
     start : Start
-        directions, and zeros near the true ones
-    progress : callable
-        takes the name of each stage and the share that is done, 0 to 1
+        Directions, and zeros near the true ones.
+    progress : callable, optional
+        Takes the name of each stage and the share that is done, 0 to 1.
+
+    Returns
+    -------
+    MotionCalibration
+        Parameters, their covariance, and what they were computed from.
 
     Raises
     ------
     CalibrationError
-        the motion does not determine the zeros, or an encoder slipped or drifted in it
+        The motion does not determine the zeros, or an encoder slipped or drifted in it.
 
     """
     model = MotionModel(layout, means.sigma)
@@ -255,6 +264,11 @@ class Guide:
     Evaluates a motion while it is recorded.
 
     It searches for the zeros once the joints have moved far enough, and keeps what it found.
+
+    Parameters
+    ----------
+    layout : Layout
+        The rig as drawn, with the largest tolerances that it may have.
     """
 
     def __init__(self, layout: Layout):

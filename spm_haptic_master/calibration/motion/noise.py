@@ -30,21 +30,23 @@ def allowed_noise(model: MotionModel, turned: Array, vector: Array, normal: Norm
     """
     Return the noise of each sensor, at most that of the model, that the parity of a fit allows.
 
+    The common noise to which it is cut is found by bisection.
+
     Parameters
     ----------
     model : MotionModel
-        with the noise by the differences of readings, rad
+        The mechanism, with the noise by the differences of readings, rad.
     turned : ndarray, shape (n, N)
-        readings by their directions, rad
+        Readings times their directions, with the zeros still in them, rad.
     vector : ndarray, shape (P,)
-        parameters of the fit, rad
+        Parameters of the fit, rad.
     normal : Normal
-        the parities of the fit
+        Normal equations of the fit, with the parity of each sample.
 
     Returns
     -------
     ndarray, shape (N,)
-        standard deviation of each sensor's noise, rad
+        Noise of each sensor, rad, 1 standard deviation.
 
     """
     kept = np.flatnonzero(normal.kept)

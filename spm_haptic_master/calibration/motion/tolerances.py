@@ -36,21 +36,25 @@ def estimated_tolerances(
     """
     Return a layout with the tolerances that a fit shows; at most those of the layout given.
 
+    Empirical Bayes by expectation maximisation: the expected square of each parameter is that of
+    its value plus the variance that the fit leaves, and the mean of these squares is the square of
+    the next tolerance, until it no longer changes.
+
     Parameters
     ----------
     layout : Layout
-        the rig as drawn, with the tolerances that the fit used
+        The rig as drawn, with the tolerances that the fit used.
     vector : ndarray, shape (P,)
-        parameters of the fit, rad
+        Parameters of the fit, rad.
     columns : sequence of int
-        places of the parameters that were estimated
+        Places of the parameters that were estimated.
     information : ndarray
-        normal matrix of these by the readings alone, 1/rad^2
+        Normal matrix of these by the readings alone, 1/rad^2.
 
     Returns
     -------
     Layout
-        the same rig. A group that the fit left as drawn shows nothing of its tolerance
+        The same rig. A group that the fit left as drawn shows nothing of its tolerance.
 
     """
     places = np.array(columns)
