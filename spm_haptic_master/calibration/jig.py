@@ -277,6 +277,7 @@ def calibrate(
     found = np.where(known, observed, direction)
     per_turn = np.array(counts_per_turn)
     angles = np.array([station.angles for station in stations])
+    # angle = direction * (count - zero count) * 2 pi / counts per turn, solved for the zero count.
     zeros = np.array([station.counts for station in stations]) - found * angles * per_turn / TURN
     # Differences from the first, so that the mean is right where the counts wrap.
     off = wrapped((zeros - zeros[0]) * TURN / per_turn)

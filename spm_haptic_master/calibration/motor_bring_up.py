@@ -263,6 +263,7 @@ def identify_friction(releases: Sequence[Release]) -> Friction:
                 'more; is the handle free?'
             )
         moving = np.sign(turned[-1]) * (np.arange(len(angle)) >= start)
+        # I turn + b int turn + c int int sign(turn') = int int torque, from rest.
         columns.append(
             np.column_stack(
                 [turned, _integral(time, turned), _integral(time, _integral(time, moving))]

@@ -196,7 +196,7 @@ def _chosen(nodes: Nodes, joints: list[str] | None, sensors: int) -> Nodes:
     nodes : Nodes
         All nodes.
     joints : list of str or None
-        Names of joints; None or none for all.
+        Names of joints; None for all.
     sensors : int
         Number N of sensors.
 

@@ -249,6 +249,7 @@ def coarse_offset(
     number = slide(ones_a, ones_b)
     enough = number >= OVERLAP * min(n, m)
     number = np.maximum(np.round(number), 1.0)
+    # Mean of (a - b)^2 over the common samples: (sum a^2 + sum b^2 - 2 sum a b) / number.
     sum_a, sum_b = slide(a, ones_b), slide(ones_a, b)
     square_a, square_b, mixed = slide(a * a, ones_b), slide(ones_a, b * b), slide(a, b)
     # Rounding leaves equal motions a misfit of a few units in the last place, of either sign.
@@ -564,6 +565,7 @@ def _refined(pair: _Pair, start: _Fit, body_known: bool, with_rate: bool) -> tup
             raise InputError('recording and motion capture hardly overlap')
         here, before, after = (matrix_from_quaternion(each[known]) for each in quaternions)
         captured = pair.captured[known]
+        # Residual of captured = frame recorded body, as a rotation vector in the base frame.
         off = rotation_vectors(now.frame.T @ captured @ now.body.T @ here.swapaxes(-1, -2))
         velocity = rotation_vectors(after @ before.swapaxes(-1, -2)) / (2.0 * VELOCITY_HALF_WIDTH)
         rows = np.concatenate(

@@ -102,7 +102,7 @@ def sifted_capture(track: Track) -> Sifted:
     Returns
     -------
     Sifted
-        Only of markers it is checked whether they are a rigid body.
+        The rows that are left. Only markers are checked for being a rigid body.
 
     """
     found = without_values(track)

@@ -452,6 +452,7 @@ class MotionModel:
         gain = np.where(usable[:, None, None], _continuous(found.gain, rates), 0.0)
         parity = np.einsum('nki,ni->nk', gain, np.where(usable[:, None], residual, 0.0))
         moved = matrix_from_vector(np.where(usable[:, None], found.step, 0.0)) @ rotation
+        # The derivative of the parity is that of the residuals, seen through the gain.
         by = self._derivative(matrices, angles, slope, vector, columns)
         return Linearised(usable, parity, gain @ by, moved)
 

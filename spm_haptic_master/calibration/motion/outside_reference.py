@@ -112,6 +112,7 @@ def mounted(
         if step == 0:
             base, handle = constant_frames(outside, rotation, not both)
         carried = base @ rotation
+        # Error of C = Y R X, as a rotation vector in the table's frame.
         errors = rotation_vectors(carried @ handle @ outside.swapaxes(1, 2))
         rows = np.concatenate(
             [
@@ -123,6 +124,7 @@ def mounted(
         )
         flat = rows.reshape(-1, rows.shape[2]) / sigma
         matrix, count = flat.T @ flat, len(vector)
+        # The motion's result is the prior of the parameters.
         matrix[:count, :count] += before
         right = flat.T @ errors.ravel() / sigma
         right[:count] += before @ (vector - calibration.vector)

@@ -62,10 +62,12 @@ def estimated_tolerances(
     right = (information + np.diag(layout.deviations[places] ** -2.0)) @ vector[places]
     estimated = layout
     for _ in range(ESTIMATES):
+        # Expectation: the fit with the tolerances so far, and the variance that it leaves.
         covariance = inverse(information + np.diag(estimated.deviations[places] ** -2.0))
         squares = np.zeros(layout.count)
         squares[places] = (covariance @ right) ** 2 + np.diag(covariance)
         before = estimated.deviations[layout.sensors :]
+        # Maximisation: the tolerances with which these squares are most likely.
         estimated = replace(
             layout,
             mechanism_tolerance=_tolerance(

@@ -408,6 +408,7 @@ def _improve(
     distance, slopes = _distance(turned, zeros, nominal)
     cost = _cost(distance)
     for _ in range(steps):
+        # Weights of the robust loss: a sample at `HALF_WEIGHT` counts half.
         weights = 1.0 / (1.0 + np.square(distance / HALF_WEIGHT))
         weighted = (weights[:, :, None] * slopes).swapaxes(1, 2)
         matrix = weighted @ slopes

@@ -81,7 +81,7 @@ class CalibrationWatch:
 
         Parameters
         ----------
-        quaternion : Quaternion[float]
+        quaternion : tuple of 4 float
             R_base_platform without a mounting, x, y, z, w.
         angles : tuple of float
             Readings of the N sensors, rad.

@@ -181,7 +181,7 @@ def parity_of_sample(
     ----------
     angles : sequence of float
         Readings of the N sensors, rad.
-    quaternion : Quaternion[float]
+    quaternion : tuple of 4 float
         R_base_platform near the maximum-likelihood one, x, y, z, w.
     sigma : ndarray, shape (N,)
         White noise of each reading, rad, 1 standard deviation.
@@ -468,6 +468,7 @@ def evaluate(sums: PoseSums, bias: Array) -> Evaluation:
     parity = np.einsum('mik,mi->mk', vectors, sums.score[kept]) / root
     gain = root[:, :, None] * vectors.swapaxes(1, 2)
     covariance = np.eye(sensors - 3) + (gain * (bias / BIAS_DEVIATIONS) ** 2) @ gain.swapaxes(1, 2)
+    # C^-1 times gains and parity: normal equations of weighted least squares over the poses.
     weighted = np.linalg.solve(covariance, np.concatenate([gain, parity[:, :, None]], axis=2))
     every = np.einsum('mki,mkj->ij', gain, weighted[:, :, :sensors])
     information = np.diag(every)
