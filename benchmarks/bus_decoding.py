@@ -2,26 +2,34 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Measures what insertion and gripper cost in decoding the bus, as a ratio to the four encoders.
+Measures what insertion and gripper cost in reading the bus, as a ratio to the four encoders.
 
-Both decoders take the same cycles, one after the other, so that a busy machine slows both.
+`FrameDecoder.feed` decodes frames; `CanSource.read` also receives them, from python-can's virtual
+bus. Four and six frames are measured one after the other, so that a busy machine slows both.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from contextlib import closing
 from statistics import median
 import time
+import uuid
 
 import can
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.decoder_factory import make_decoder
 from spm_haptic_master.encoders.frame_decoder import FrameDecoder
 from spm_haptic_master.parameters.files import simulated_rig
+from spm_haptic_master.parameters.setting import Values
+from spm_haptic_master.simulation.source_factory import make_source
 from spm_haptic_master.tools import command_line
 
-# Cycles of one measurement, and pairs of measurements of which the median counts.
-CYCLES, PAIRS = 2000, 15
+# Cycles of one measurement of decoding and of reading, and pairs of measurements of which the
+# median counts.
+CYCLES, READ_CYCLES, PAIRS = 2000, 500, 15
+# Time for the frames to be in the queue of the bus, and longest wait for the next one (s).
+SETTLE, TIMEOUT = 3e-4, 0.01
 PERIOD = 1e-3  # s
 BEGIN = 1_760_000_000.0  # s since the Unix epoch
 # Insertion and gripper, each a node of its own as the encoders are.
@@ -33,16 +41,17 @@ AXES = {
 }
 
 
-def decoder(with_axes: bool) -> FrameDecoder:
-    """Return the decoder of config/can.yaml, with insertion and gripper or without."""
-    return make_decoder(command_line.bus_values(simulated_rig() | (AXES if with_axes else {})))
+def settings(with_axes: bool, **bus: object) -> Values:
+    """Return the settings of config/can.yaml, with insertion and gripper or without."""
+    of_bus = {f'can.{name}': value for name, value in bus.items()}
+    return command_line.bus_values(simulated_rig() | of_bus | (AXES if with_axes else {}))
 
 
-def cycles(taker: FrameDecoder) -> list[can.Message]:
+def cycles(taker: FrameDecoder, count: int) -> list[can.Message]:
     """Return SYNC and the answer of each encoder at rest, cycle after cycle."""
     layouts = (*taker.layouts, *(axis.layout for axis in taker.axes))
     frames = []
-    for number in range(CYCLES):
+    for number in range(count):
         begin = BEGIN + number * PERIOD
         frames.append(canopen.frame(taker.sync_id or 0, stamp=begin))
         for place, layout in enumerate(layouts, 1):
@@ -50,13 +59,13 @@ def cycles(taker: FrameDecoder) -> list[can.Message]:
     return frames
 
 
-def seconds_per_cycle(with_axes: bool) -> float:
+def seconds_to_decode(with_axes: bool) -> float:
     """Return the CPU time in which a new decoder takes a cycle and its readings are taken, s."""
-    taker = decoder(with_axes)
-    frames = cycles(taker)
-    begin = time.process_time_ns()
+    taker = make_decoder(settings(with_axes))
+    frames = cycles(taker, CYCLES)
+    begin = time.thread_time_ns()
     _feed(taker, frames)
-    return (time.process_time_ns() - begin) * 1e-9 / CYCLES
+    return (time.thread_time_ns() - begin) * 1e-9 / CYCLES
 
 
 def _feed(taker: FrameDecoder, frames: Iterable[can.Message]) -> None:
@@ -65,15 +74,48 @@ def _feed(taker: FrameDecoder, frames: Iterable[can.Message]) -> None:
             taker.readings.clear()
 
 
-def main() -> None:
-    """Print the time of a cycle of four and of six frames, and their ratio."""
+def seconds_to_read(with_axes: bool) -> float:
+    """Return the CPU time in which a source receives and decodes a cycle, s."""
+    channel = uuid.uuid4().hex
+    values = settings(with_axes, interface='virtual', channel=channel)
+    frames = cycles(make_decoder(values), 1)
+    # `read` returns with the set, and with each reading of an axis.
+    reads = 1 + (2 if with_axes else 0)
+    spent = 0
+    with (
+        closing(make_source('can', values)) as source,
+        can.Bus(interface='virtual', channel=channel) as bus,
+    ):
+        source.read(TIMEOUT)  # opens the bus
+        for _ in range(READ_CYCLES):
+            for frame in frames:
+                bus.send(frame)
+            time.sleep(SETTLE)
+            begin = time.thread_time_ns()
+            for _ in range(reads):
+                source.read(TIMEOUT)
+                source.take_readings()
+            spent += time.thread_time_ns() - begin
+    return spent * 1e-9 / READ_CYCLES
+
+
+def report(name: str, measure: Callable[[bool], float]) -> str:
+    """Return the times of a cycle of four and of six frames, and the ratio, in a line."""
     four, six = [], []
     for _ in range(PAIRS):
-        four.append(seconds_per_cycle(with_axes=False))
-        six.append(seconds_per_cycle(with_axes=True))
+        four.append(measure(False))
+        six.append(measure(True))
     ratio = median(long / short for long, short in zip(six, four, strict=True))
-    print(f'FrameDecoder.feed, a cycle: four encoders {1e6 * min(four):.1f} us, with insertion')
-    print(f'and gripper {1e6 * min(six):.1f} us; ratio {ratio:.2f} (median of {PAIRS} pairs)')
+    return (
+        f'{name}, a cycle: four encoders {1e6 * median(four):.1f} us, with insertion and gripper '
+        f'{1e6 * median(six):.1f} us, ratio {ratio:.2f}'
+    )
+
+
+def main() -> None:
+    """Print what decoding and reading a cycle costs."""
+    print(report('FrameDecoder.feed', seconds_to_decode))
+    print(report('CanSource.read', seconds_to_read))
 
 
 if __name__ == '__main__':

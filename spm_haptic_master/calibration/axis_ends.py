@@ -23,7 +23,7 @@ from spm_haptic_master.parameters.axes import GRIPPER, INSERTION
 # move in that time, or go beyond an end (unit 1).
 REST, STILL = 0.3, 0.02
 # Fewest readings at each end, and the longest time without a reading (s).
-REST_READINGS, LONGEST_GAP = 10, 0.1
+REST_READINGS, LONGEST_GAP = 5, 0.5
 # Fewest counts between both ends, and the largest share of these between two readings.
 LEAST_COUNTS, LARGEST_STEP = 100, 0.5
 # Largest difference between the gripper's angle as measured and as given (unit 1).

@@ -78,7 +78,7 @@ def main(args: list[str]) -> int:
         return calibrate_axis.run(options)
     if options.check is not None:
         if options.motion is None:
-            raise InputError(f'--check {options.check} without --motion; expected both')
+            raise InputError(f'--check {options.check} without --motion, --insertion or --gripper')
         return calibration_verdict.check(options)
     if options.motion is not None:
         return calibrate_motion.run(options)

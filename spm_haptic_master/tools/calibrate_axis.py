@@ -33,6 +33,8 @@ from spm_haptic_master.tools.motion_source import check_source
 READ_TIMEOUT = 0.05
 # What each axis is called, and the unit of its positions.
 NOUNS = {INSERTION: ('slide', 'm'), GRIPPER: ('gripper', 'deg')}
+# Options of the other kinds of calibration.
+OTHERS = ('motion', 'pose', 'pose_recording', 'capture', 'capture_topic', 'jig_error', 'seconds')
 DEFAULTS = {setting.name: setting.default for setting in AXIS_SETTINGS}
 
 
@@ -117,9 +119,12 @@ def _axis_of(options: argparse.Namespace) -> tuple[str, tuple[float, float]]:
     """
     given = {INSERTION: options.insertion, GRIPPER: options.gripper}
     chosen = {axis: ends for axis, ends in given.items() if ends is not None}
-    if len(chosen) > 1 or options.motion is not None or options.pose:
-        raise InputError('expected one of --insertion, --gripper, --motion and --pose')
+    if len(chosen) > 1:
+        raise InputError('--insertion and --gripper; expected one of them')
     ((axis, (first, second)),) = chosen.items()
+    for name in OTHERS:
+        if getattr(options, name) is not None:
+            raise InputError(f'--{name.replace("_", "-")} beside --{axis}; expected one of them')
     if first == second:
         raise InputError(f'--{axis} {first:g} {second:g}: both ends are equal; expected two')
     return axis, (first, second)

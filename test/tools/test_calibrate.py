@@ -203,7 +203,7 @@ def test_a_live_device_is_asked_for_each_pose_and_the_driver_runs_on_the_file(
     ('args', 'words'),
     [
         ((), 'calibrate: no -o FILE; expected the parameter file to write'),
-        (('--check', 'c.yaml'), '--check c.yaml without --motion; expected both'),
+        (('--check', 'c.yaml'), '--check c.yaml without --motion, --insertion or --gripper'),
         (('-o', 'rig.yaml', '-p', 'source:=sim'), "'source' is 'sim'; expected can or replay"),
         (('-o', 'rig.yaml', '--pose', 0, 0, 0), '--pose 0 0 0: out of reach of the manipulator'),
         (
