@@ -4,6 +4,12 @@
 """
 Which orientations are published: limits, monitors of symptoms, fault isolation, the supervisor.
 
+A sample passes `SampleClock` (its time), `SensorsInUse` (which readings exist), `JointMonitors`
+(each joint by itself), `SensorSet` (all sensors against each other), `Anchor` (the last
+orientation) and `Rivals` (other orientations that may be true). `Supervisor` calls them in this
+order and returns one `Verdict`. A symptom that lasts is latched by `FaultLatch`; `Exposure` counts
+how long ago each sensor was last checked, and `StateMachine` has the words of `state`.
+
 Imports parameters, kinematics and the top-level modules; no clock, no I/O, no ROS.
 """
 

@@ -23,9 +23,18 @@ class Anchor:
     """
     The last consistent orientation, which the next one has to continue.
 
-    `speed` is the human motion limit of the rotation, rad/s; `sigma` and `bias` are the largest
-    standard deviation and nominal bias of a sensor, rad. `stamp` is the orientation's time, ns;
-    None if there is none that the next one could continue.
+    Parameters
+    ----------
+    speed : float
+        Human motion limit of the rotation, rad/s.
+    sigma, bias : float
+        Largest standard deviation and nominal bias of a sensor, rad.
+
+    Attributes
+    ----------
+    stamp : int or None
+        Time of the orientation, ns; None if there is none that the next one could continue.
+
     """
 
     def __init__(self, speed: float, sigma: float, bias: float) -> None:
@@ -37,11 +46,15 @@ class Anchor:
         self._quaternion: Quaternion[float] | None = None
 
     def restart(self) -> None:
-        """Select the next orientation as the first one."""
+        """Select the next orientation as the first one; its sign still continues the last."""
         self.stamp = None
 
     def prior(self, stamp: int) -> Quaternion[float] | None:
-        """Return the last orientation while it still selects among solutions."""
+        """
+        Return the last orientation while it still selects among solutions at a stamp, ns.
+
+        None if it is older than `PRIOR_AGE`, or if none was left that another could continue.
+        """
         recent = self.stamp is not None and stamp - self.stamp <= PRIOR_AGE
         return self._quaternion if recent else None
 
@@ -49,10 +62,26 @@ class Anchor:
         self, stamp: int, period: float, quaternion: Quaternion[float], deviation: float
     ) -> Symptom | None:
         """
-        Compare an orientation of a total standard deviation (rad) with the last one.
+        Compare an orientation with the last one.
 
-        The samples are at least a `period` (s) apart, whatever their stamps. With four sensors
-        nothing else detects a jump of th3A onto another one that fits.
+        With four sensors nothing else detects a jump of th3A onto another orientation that fits.
+
+        Parameters
+        ----------
+        stamp : int
+            Time of the sample, ns.
+        period : float
+            Usual time between samples, s: they are at least so far apart, whatever their stamps.
+        quaternion : tuple of four float
+            Orientation x, y, z, w of R_base_platform.
+        deviation : float
+            Its total standard deviation, rad.
+
+        Returns
+        -------
+        Symptom or None
+            DISCONTINUOUS if the turn exceeds speed x time + `TURN_DEVIATIONS` x deviation.
+
         """
         last = self.prior(stamp)
         if last is None or self.stamp is None:
@@ -72,7 +101,22 @@ class Anchor:
         """
         Let the next orientation continue this one; return it, continuous in sign.
 
-        None continues it where its total deviation, rad, is so large that two solutions may meet.
+        No later one continues it if its total deviation is so large that two solutions may meet.
+
+        Parameters
+        ----------
+        stamp : int
+            Time of the sample, ns.
+        quaternion : tuple of four float
+            Orientation x, y, z, w of R_base_platform.
+        deviation : float
+            Its total standard deviation, rad.
+
+        Returns
+        -------
+        tuple of four float
+            The same orientation, with the sign of the quaternion that is nearer to the last one.
+
         """
         last = self._quaternion or quaternion
         x, y, z, w = quaternion
@@ -84,7 +128,11 @@ class Anchor:
 
 
 def within(one: Quaternion[float], other: Quaternion[float], angle: float) -> bool:
-    """Whether two orientations are at most an angle apart, rad."""
+    """
+    Whether two orientations are at most an angle (rad) apart.
+
+    Of unit quaternions, either sign: 1 - (p . q)^2 is sin^2 of half the turn between them.
+    """
     cosine = one[0] * other[0] + one[1] * other[1] + one[2] * other[2] + one[3] * other[3]
     # sin(half the turn)^2; angle / 2 is its upper bound, sin(angle / 2) exact for large angles.
     half = 0.5 * angle

@@ -95,7 +95,8 @@ def checkability(
     Return where in a region the others can check each sensor, all of them in use.
 
     It is what `fkm` does with consistent readings at these poses, once its window is full and no
-    rival orientation is left.
+    rival orientation is left, to the first order: near a fold, where two solutions of the others
+    meet, `fkm` with four sensors in use has larger parts (see `folds`).
 
     Parameters
     ----------

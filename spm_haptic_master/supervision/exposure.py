@@ -1,7 +1,12 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""How long ago each sensor was last checked by the others."""
+"""
+How long ago each sensor was last checked by the others.
+
+A sensor that no other one checks is not in the protection level. It is declared instead: with the
+time since it was last checked, which `unchecked_limit` may bound.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +21,22 @@ CAUTION = 1.0  # s unchecked that are a caution: less is a moment on the way thr
 
 
 class Sight:
-    """When each sensor was last within a limit for a window (ns) of consistent samples."""
+    """
+    When each sensor was last within a limit for a window of consistent samples.
+
+    Parameters
+    ----------
+    sensors : int
+        Number N of mounted sensors.
+    window : int
+        Time without interruption after which it counts, ns.
+
+    Attributes
+    ----------
+    last : list of int or None, length N
+        Stamp of the latest sample at which it was so, ns; None before the first.
+
+    """
 
     def __init__(self, sensors: int, window: int) -> None:
         self._window, self._sensors = window, sensors
@@ -29,7 +49,7 @@ class Sight:
         self._visible: list[int | None] = [None] * self._sensors
 
     def take(self, stamp: int, parts: list[float], limit: float) -> tuple[int, ...]:
-        """Note the parts of a consistent sample; return the sensors beyond the limit."""
+        """Note the parts of a consistent sample, rad; return the sensors beyond the limit."""
         visible = self._visible
         hidden: tuple[int, ...] = ()
         for sensor, part in enumerate(parts):
@@ -55,8 +75,20 @@ class Exposure:
     Time since each sensor was last checked.
 
     A sensor is checked where its own part of the protection level has been within the alert limit
-    for a window (s) of consistent samples. `hidden` are those that the latest consistent sample
-    could not check.
+    for a window of consistent samples.
+
+    Parameters
+    ----------
+    sensors : int
+        Number N of mounted sensors.
+    window : float
+        The window, s.
+
+    Attributes
+    ----------
+    hidden : tuple of int
+        Sensors that the latest consistent sample could not check; all before the first.
+
     """
 
     def __init__(self, sensors: int, window: float) -> None:
@@ -81,10 +113,25 @@ class Exposure:
 
     def take(self, stamp: int, parts: list[float], limit: float, level: float) -> float:
         """
-        Note which sensors a consistent sample checks; return the protection level, rad.
+        Note which sensors a consistent sample checks; return its protection level.
 
-        That is the largest part of a sensor within the alert limit, and at least the `level` of
-        healthy sensors.
+        Parameters
+        ----------
+        stamp : int
+            Time of the sample, ns.
+        parts : list of float, length N
+            Part of each sensor in the protection level, rad.
+        limit : float
+            Alert limit, rad.
+        level : float
+            What noise and bias of healthy sensors do, rad.
+
+        Returns
+        -------
+        float
+            Largest part within the alert limit, and at least `level`, rad. What is beyond the
+            limit is unchecked, and not in it.
+
         """
         if self._began is None:
             self._began = stamp
@@ -97,7 +144,12 @@ class Exposure:
         return level
 
     def take_after_fault(self, stamp: int, parts: list[float], limit: float) -> None:
-        """Note the parts of a consistent sample, without the rivals from before the fault."""
+        """
+        Note the parts (rad) of a consistent sample, without the rivals from before the fault.
+
+        A fault ends when its suspects are as before it: a rival that was declared then does not
+        count.
+        """
         self._sights.take(stamp, parts, limit)
 
     def has_seen(self, sensor: int, stamp: int) -> bool:
@@ -105,11 +157,17 @@ class Exposure:
         return self._checks.since(sensor, stamp) or self._sights.since(sensor, stamp)
 
     def times(self, stamp: int) -> tuple[float, ...]:
-        """Return the seconds since each sensor was last checked; inf before the first time."""
+        """Return the seconds since each sensor was last checked, at a stamp, ns; inf before."""
         return tuple(inf if last is None else (stamp - last) * 1e-9 for last in self._checks.last)
 
     def overdue(self, stamp: int, limits: Limits, left_out: Collection[int]) -> Symptom | None:
-        """Return the sensor that has to be checked before an orientation may be published."""
+        """
+        Return the sensor that has to be checked before an orientation may be published.
+
+        With `start_checked` each sensor in use has to be checked once since the last pause, with
+        `unchecked_limit` every so often. The time counts from the first consistent sample of all,
+        so that a pause does not restart it.
+        """
         longest = limits.unchecked_limit or inf
         first, began = self._first, self._began
         if first is None or began is None:
@@ -129,7 +187,7 @@ class Exposure:
         return None
 
     def cautions(self, stamp: int) -> dict[str, str]:
-        """Return which sensors have not been checked for a while, by kind, in words."""
+        """Return which sensors are unchecked for more than `CAUTION`, by kind, in words."""
         first = stamp if self._first is None else self._first
         return {
             f'unchecked {name}': f'{name} unchecked '

@@ -37,7 +37,17 @@ UNBLAMED = frozenset((Reason.NO_FIT, Reason.UNPROTECTED, Reason.UNDETERMINED))
 
 
 class Acknowledgement(NamedTuple):
-    """What an acknowledgement ended, and what still waits, in words; empty where nothing."""
+    """
+    What an acknowledgement did, in words; empty where nothing.
+
+    Attributes
+    ----------
+    ended : str
+        What it ended.
+    waits : str
+        What the fault still waits for.
+
+    """
 
     ended: str
     waits: str
@@ -45,19 +55,40 @@ class Acknowledgement(NamedTuple):
 
 @dataclass(slots=True)
 class Fault:
-    """A latched fault."""
+    """
+    A latched fault.
+
+    Attributes
+    ----------
+    symptom : Symptom
+        Its reason, and the faulty sensor if that is isolated.
+    last_bad : int
+        Stamp of its latest bad sample, ns.
+    is_single_parity : bool
+        Whether two sensors may cancel in the parity, as it has one entry at most.
+    jumped : dict of int to int
+        Sensors that left their motion, with the number of the departure.
+    began_by_jump : bool
+        Whether sensors had left their motion when it was latched. A glitch that is added later
+        does not explain the fault, so it does not set this.
+    agreed_from : int or None
+        Stamp of the first consistent sample since `last_bad`, ns; None before. Samples that are
+        only withheld do not reset it.
+    is_acknowledged : bool
+        Whether a person ended the wait for checks of the suspects.
+    waiting : tuple of int
+        Suspects that are all that it still waits for.
+
+    """
 
     symptom: Symptom
-    last_bad: int  # ns, stamp of its latest bad sample
-    # Whether two sensors may cancel in the parity: it has one entry.
+    last_bad: int
     is_single_parity: bool
-    # Sensors that left their motion, with the number of the departure.
     jumped: dict[int, int] = field(default_factory=dict)
-    # Whether it began so: a glitch in another fault does not explain that.
     began_by_jump: bool = False
-    agreed_from: int | None = None  # ns, since when all agree; None while they do not
-    is_acknowledged: bool = False  # its suspects need not be checked
-    waiting: tuple[int, ...] = ()  # suspects that are all that it still waits for
+    agreed_from: int | None = None
+    is_acknowledged: bool = False
+    waiting: tuple[int, ...] = ()
 
     @property
     def needs_person(self) -> bool:
@@ -87,8 +118,24 @@ class FaultLatch:
     """
     Counts bad samples, isolates the faulty sensor, and latches a fault until it is over.
 
-    `fault` is the latched one; `clean` the number of consecutive consistent samples; `recovery`
-    the time of consistency that clears a fault, s.
+    Parameters
+    ----------
+    sensors : SensorsInUse
+        Has the trials of the sets that may take over.
+    joints : JointMonitors
+        Has the joints that left their motion.
+    recovery : float
+        Time of consistency that clears a fault, s.
+
+    Attributes
+    ----------
+    fault : Fault or None
+        The latched one.
+    clean : int
+        Consistent samples since the latest bad one; those that are only withheld do not count.
+    onset : int
+        Stamp of the first bad sample of the latest run without a fault, ns; 0 before.
+
     """
 
     def __init__(self, sensors: SensorsInUse, joints: JointMonitors, recovery: float) -> None:
@@ -151,11 +198,19 @@ class FaultLatch:
         return f'{waits}, and a check of {_names(suspects)}: {how_to_check(suspects)}'
 
     def _suspects(self, fault: Fault) -> tuple[int, ...]:
+        """Return the sensors that have to be checked: the isolated one, or all in use."""
         sensor = fault.symptom.sensor
         return self._sensors.used.sensors.used if sensor is None else (sensor,)
 
     def clears(self, exposure: Exposure, stamp: int) -> bool:
-        """Note a consistent sample at a stamp, ns; return whether the fault is over."""
+        """
+        Note a consistent sample at a stamp, ns; return whether the fault is over.
+
+        Two sensors of a single parity that jumped wait for a person. Any other fault waits for the
+        recovery. After it, a fault that began by jumps is over if all of them returned to the
+        motion that they left; else the others have to have checked each suspect since the latest
+        bad sample.
+        """
         fault = self.fault
         if fault is None:
             return True
@@ -195,7 +250,26 @@ class FaultLatch:
         return self._runs >= SERIES_RUNS
 
     def note_bad(self, sample: Sample, symptoms: list[Symptom]) -> int | None:
-        """Count a bad sample, and latch a fault if it lasts; return the faulty sensor if known."""
+        """
+        Count a bad sample, and latch a fault if it lasts; return the faulty sensor if known.
+
+        `FAULT_SAMPLES` in a row latch, or a symptom that is certain by itself. A sample that is
+        only withheld suspects no sensor and does not count. With two and more parities a sensor is
+        already isolated in a series of short runs.
+
+        Parameters
+        ----------
+        sample : Sample
+            The bad sample.
+        symptoms : list of Symptom
+            What contradicts it, one at least.
+
+        Returns
+        -------
+        int or None
+            Place of the faulty sensor in ALL_JOINT_NAMES; None if it is not isolated.
+
+        """
         cause = worst(symptoms)
         if cause.severity is Severity.WITHHOLD:
             return None
@@ -242,7 +316,13 @@ class FaultLatch:
         return isolated
 
     def _isolated(self, sample: Sample, symptoms: list[Symptom]) -> int | None:
-        """Return the faulty sensor; None if the evidence does not isolate one."""
+        """
+        Return the faulty sensor; None if the evidence does not isolate one.
+
+        If symptoms name sensors, it is that one if they name one. Else it is the one without which
+        the others pass their trial. Of four, several may pass: there the one that left its motion
+        alone at the onset.
+        """
         passing = self._sensors.passing(sample.stamp, self.onset)
         named = {
             symptom.sensor

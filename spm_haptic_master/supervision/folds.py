@@ -27,7 +27,19 @@ NEAR_TURN, ANY_TURN, SHARE = 0.03, 0.2, 0.05
 
 
 class Folds:
-    """Curvature of the parity along the turn that a fault of each of N sensors makes."""
+    """
+    Curvature of the parity along the turn that a fault of each of N sensors makes.
+
+    A curvature takes three inverse models, so all of them are kept until the platform has turned
+    by `NEAR_TURN` where the second order matters for any sensor, by `ANY_TURN` elsewhere.
+
+    Attributes
+    ----------
+    nearest : float
+        Smallest of the angles to other solutions behind a fold, rad; infinite if there is none, 0
+        if a sensor is not checked at all.
+
+    """
 
     def __init__(self, sensors: int) -> None:
         self._sensors = sensors
@@ -43,14 +55,36 @@ class Folds:
         self.nearest = inf
 
     def distance(self, sensor: int) -> float:
-        """Return the angle to the other solution of the others behind a fold, rad; inf: none."""
+        """
+        Return the angle to the other solution of the others behind a fold, rad.
+
+        1 / (slope_i c_i) by the second order; infinite if there is none, 0 if the others do not
+        check the sensor at all.
+        """
         return self._distances[sensor]
 
     def parts(self, used: SensorSet, estimate: SampleEstimate, worth: Integrity) -> list[float]:
         """
-        Return each sensor's part of the level of a sample, rad; inf where no fault is detected.
+        Return each sensor's part of the level of a sample.
 
-        Only with four sensors in use the others can have a fold beside the orientation.
+        Only with four sensors in use the others can have a fold beside the orientation. The part
+        is the turn e at which e / slope - c e^2 reaches the parity of an undetected fault, and the
+        part of healthy sensors.
+
+        Parameters
+        ----------
+        used : SensorSet
+            The sensors in use.
+        estimate : SampleEstimate
+            Their orientation.
+        worth : Integrity
+            What it is worth.
+
+        Returns
+        -------
+        list of float
+            Part of each of N sensors, rad; infinite if no fault of it is detected.
+
         """
         parts = used.levels(worth)
         if used.entries > 1:

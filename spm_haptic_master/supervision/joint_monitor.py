@@ -1,7 +1,14 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""One joint by itself: its motion, readings that leave it, repeated readings, and its noise."""
+"""
+One joint by itself: its motion, readings that leave it, repeated readings, and its noise.
+
+A joint is *on its motion* while its readings continue position and velocity as far as human
+acceleration and noise allow. A reading that does not *leaves* it; the joint then either *returns*
+to the same motion within `RETURN_TIME` (a glitch), or is followed from where it is. All this is
+evidence only: `joint_monitors` compares the joints, and an impact moves every one.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +57,12 @@ COARSEST = TURN / 4096.0  # rad, resolution before a finer one is seen: of 12 bi
 
 
 def deviation(periods: float) -> float:
-    """Return the standard deviation of an innovation some periods after the last reading."""
+    """
+    Return the standard deviation of an innovation some periods after the last reading.
+
+    In standard deviations of the sensor (unit 1): the noise of this reading, and the variance of
+    the filtered position and velocity in the steady state (Kalata 1984), extrapolated.
+    """
     return sqrt(1.0 + _POSITION + periods * (periods * _VELOCITY + 2.0 * _COVARIANCE))
 
 
@@ -77,16 +89,40 @@ class JointMonitor:
     """
     Position and velocity of one joint by an alpha-beta filter, and what contradicts them.
 
-    Times are s, angles rad. Healthy noise of the standard deviation sigma never exceeds threshold
-    of it; acceleration and speed are the human motion limits. A repeated reading of an encoder
-    that is slower than the bus is used only once the joint cannot have moved on (`HOLD`).
+    Times are s, angles rad. A repeated reading of an encoder that is slower than the bus is used
+    only once the joint cannot have moved on (`HOLD`).
 
-    `velocity` is the filtered one; `since` the time since the reading that the filter used last;
-    `run` the number of equal readings before the latest one; `innovation` the latest reading minus
-    its prediction, in standard deviations of a healthy reading, which is `expected`. `away` counts
-    the readings since the joint left its motion, for `RETURN_TIME` at most; `step` is whether it
-    left it by a step. `departures` is the number of motions that it left, `returned` that of the
-    one that it came back to last.
+    Parameters
+    ----------
+    sigma : float
+        Configured standard deviation of the sensor, rad.
+    threshold : float
+        Standard deviations that healthy noise never exceeds (unit 1).
+    acceleration, speed : float
+        Human motion limits of a joint, rad/s^2 and rad/s.
+
+    Attributes
+    ----------
+    velocity : float
+        The filtered one, rad/s.
+    since : float
+        Time from the reading that the filter used last to this sample, s; 0 if it used this one.
+    run : int
+        Number of equal readings before the latest one.
+    innovation : float
+        Size of the latest reading minus its prediction, in standard deviations of a healthy
+        innovation.
+    expected : float
+        Standard deviation of a healthy reading by noise and resolution, rad.
+    away : int
+        Readings since the joint left its motion, for `RETURN_TIME` at most; 0 on it.
+    step : Step
+        Whether it left its motion by a step.
+    departures : int
+        Number of motions that it left.
+    returned : int
+        Number of the motion that it came back to last; 0 before.
+
     """
 
     def __init__(self, sigma: float, threshold: float, acceleration: float, speed: float) -> None:
@@ -113,7 +149,7 @@ class JointMonitor:
         self.step = Step.NONE
 
     def allow(self, sigma: float) -> None:
-        """Let the limits allow for a standard deviation, rad."""
+        """Let the limits allow for a standard deviation, rad, as configured or measured."""
         self._allowed = sigma
         # Least limit of an innovation: noise alone.
         self._noise_limit = self._threshold * deviation(1.0) * sigma
@@ -137,7 +173,12 @@ class JointMonitor:
         )
 
     def limit(self, dt: float, period: float) -> float:
-        """Return the limit of noise and lag at the human motion limit, `dt` after a reading."""
+        """
+        Return the limit of an innovation, rad, `dt` (s) after a reading, with a `period` (s).
+
+        k_fa sigma sqrt(variance) of the noise, and a lag of the filter at the human acceleration
+        limit: a human in motion does not leave his motion.
+        """
         periods = dt / period if dt > period else 1.0
         return self._threshold * deviation(
             periods
@@ -145,9 +186,19 @@ class JointMonitor:
 
     def follow(self, reading: float, dt: float, period: float, timing: float) -> None:
         """
-        Follow the motion with a reading, `dt` after the last sample; note what contradicts it.
+        Follow the motion with a reading; note what contradicts it.
 
-        `period` is the usual time between samples, `timing` the uncertainty of the sample's time.
+        Parameters
+        ----------
+        reading : float
+            Angle of the joint, rad; finite.
+        dt : float
+            Time since the last sample, s.
+        period : float
+            Usual time between samples, s.
+        timing : float
+            Uncertainty of the sample's time, s.
+
         """
         last, self._last = self._last, reading
         change = reading - last

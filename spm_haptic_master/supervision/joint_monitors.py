@@ -27,12 +27,27 @@ NOISE_FACTOR, NOISE_CAUTION = 1.25, 1.5
 
 class JointMonitors:
     """
-    One monitor a joint; `sigma` are the configured standard deviations of the N sensors, rad.
+    One monitor a joint.
 
-    `factors` are the measured noise of each sensor over the configured one where it is well above,
-    else 1; `bias` its nominal bias, rad, with what it moved while its reading was late, and
-    `parity_bias` that part of all of these that no motion of the device explains; `samples`
-    the number of samples so far.
+    Parameters
+    ----------
+    sigma : tuple of float, length N
+        Configured standard deviations of the sensors, rad.
+    limits : Limits
+        Ranges of the joints, human motion limits, nominal biases.
+
+    Attributes
+    ----------
+    factors : tuple of float, length N
+        Measured noise of each sensor over the configured one where it exceeds `NOISE_FACTOR`, else
+        1.
+    bias : tuple of float, length N
+        Nominal bias of each sensor, rad, with what it moved while its reading was late.
+    parity_bias : float
+        Bound of that part of all of these that no motion of the device explains, rad.
+    samples : int
+        Number of samples so far.
+
     """
 
     def __init__(self, sigma: tuple[float, ...], limits: Limits) -> None:
@@ -57,8 +72,27 @@ class JointMonitors:
         """
         Follow each joint's motion; return whether one is away from it, and what those in use show.
 
-        `period` is the usual time between samples, `jitter` the mean deviation from it, s. A joint
-        away from its motion is no symptom by itself: see `alone`.
+        A joint away from its motion is no symptom by itself: see `alone`.
+
+        Parameters
+        ----------
+        angles : tuple of float, length N
+            Readings, rad; NaN without one, which resets the motion of that joint.
+        dt : float
+            Time since the last sample, s.
+        period : float
+            Usual time between samples, s.
+        jitter : float
+            Mean deviation of the time between samples from the period, s.
+        left_out : collection of int
+            Sensors not in use: their motion is followed and their symptoms do not count.
+
+        Returns
+        -------
+        tuple of bool and list of Symptom
+            Whether a joint in use is away from its motion; readings that are frozen or out of
+            range.
+
         """
         skew = self._limits.skew
         timing = skew + JITTER_DEVIATIONS * jitter

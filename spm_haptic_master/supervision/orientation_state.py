@@ -34,10 +34,20 @@ EXPLAINED = frozenset((Condition.DEGRADED, Condition.SILENT))
 
 @dataclass(frozen=True, slots=True)
 class OrientationState:
-    """State of the orientation."""
+    """
+    State of the orientation.
+
+    Attributes
+    ----------
+    condition : Condition
+        Whether orientations are published.
+    why : str
+        Reason of a degraded orientation or of silence; else empty.
+
+    """
 
     condition: Condition
-    why: str = ''  # reason of a degraded orientation or of silence; else empty
+    why: str = ''
 
     @property
     def publishes(self) -> bool:
@@ -69,8 +79,15 @@ class StateMachine:
     """
     State of the supervision; docs/safety has the diagram.
 
-    `since` and `published` are the stamps (ns) of the first sample that was withheld and of the
-    latest orientation published since a restart, None before.
+    Attributes
+    ----------
+    announced : OrientationState
+        The state that was assigned last.
+    since : int or None
+        Stamp of the first sample since a restart that was given to `enter`, ns; None before.
+    published : int or None
+        Stamp of the latest orientation published since a restart, ns; None before.
+
     """
 
     def __init__(self) -> None:

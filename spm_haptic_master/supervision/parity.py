@@ -1,7 +1,13 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The angles against each other: the parity vector of one sample, and its mean over a window."""
+"""
+The angles against each other: the parity vector of one sample, and its mean over a window.
+
+N readings of three degrees of freedom have N - 3 combinations that no motion changes: the
+parities. Healthy readings leave noise in them, a fault moves them. One sample shows a large fault
+at once; the mean of the window shows a small one, because noise averages out and a fault does not.
+"""
 
 from __future__ import annotations
 
@@ -25,9 +31,22 @@ class ParityWindow:
     """
     Tests of the parity vector against noise and nominal bias (RAIM: detection threshold).
 
-    Healthy noise of unit variance never exceeds the norm `threshold`. The window, s, is the time
-    to alert of a small fault; `root` the square root of its samples, of `WINDOW_SAMPLES` at least;
-    `variance` that of an entry as measured about the window's mean (unit 1).
+    Parameters
+    ----------
+    threshold : float
+        Norm that healthy noise of unit variance never exceeds (unit 1).
+    entries : int
+        Length of the parity vector, 1 to 3.
+    window : float
+        Time to alert of a small fault, s.
+
+    Attributes
+    ----------
+    root : float
+        Square root of the number of samples in the window, `WINDOW_SAMPLES` at least.
+    variance : float
+        Variance of an entry, measured about the window's mean (unit 1).
+
     """
 
     def __init__(self, threshold: float, entries: int, window: float) -> None:
@@ -53,7 +72,24 @@ class ParityWindow:
         return self._x / count, self._y / count, self._z / count
 
     def limit(self, noise: float, bias: float, samples: float = 1.0) -> float:
-        """Return the limit of the norm of a mean of samples."""
+        """
+        Return the limit of the norm of a mean of samples.
+
+        Parameters
+        ----------
+        noise : float
+            Bound of the measured deviation of an entry (unit 1).
+        bias : float
+            What the nominal biases do to the norm at most, in standard deviations.
+        samples : float
+            Number of samples of the mean.
+
+        Returns
+        -------
+        float
+            k_fa noise / sqrt(samples) + bias, in standard deviations.
+
+        """
         return self._threshold * noise / sqrt(samples) + bias
 
     def check(
@@ -62,8 +98,26 @@ class ParityWindow:
         """
         Test a sample by itself, then with those of the window.
 
-        With the configured noise the entries are independent and have unit variance; `noise`
-        bounds the measured deviation of one, `bias` what the nominal biases do to the norm.
+        With the configured noise the entries are independent and have unit variance. A sample that
+        fails by itself does not enter the window.
+
+        Parameters
+        ----------
+        stamp : int
+            Time of the sample, ns.
+        parity : tuple of float
+            Parity vector, one to three entries (unit 1).
+        noise : float
+            Bound of the measured deviation of an entry (unit 1).
+        bias : float
+            What the nominal biases do to the norm at most, in standard deviations.
+
+        Returns
+        -------
+        Symptom or None
+            INCONSISTENT for the sample, DRIFTED for the mean, which latches at once; None if both
+            are within their limits.
+
         """
         x, y, z = padded(parity)
         square = x * x + y * y + z * z
@@ -106,6 +160,7 @@ class ParityWindow:
         return None
 
     def _follow_variance(self, x: float, y: float, z: float) -> None:
+        """Average the squared deviation of a sample from the mean; an outlier counts little."""
         square = (x * x + y * y + z * z) / self._entries
         mean = self.variance
         if square > OUTLIER * mean:

@@ -29,24 +29,44 @@ class Integrity(NamedTuple):
     """
     What an orientation is worth if one of its sensors is faulty.
 
-    `healthy` is what noise and nominal bias do to the orientation of healthy sensors, `deviation`
-    its total standard deviation with the measured noise, rad.
+    Attributes
+    ----------
+    healthy : float
+        What noise and nominal bias do to the orientation of healthy sensors, rad.
+    deviation : float
+        Total standard deviation of the orientation with the measured noise, rad.
+    noise : float
+        Bound of the parity's standard deviation as measured (unit 1); exact for one entry.
+    bias : float
+        What the nominal biases do to the parity at most, in standard deviations.
+    slopes : sequence of float, length N
+        Rotation error of each sensor's fault over the parity that it makes, rad; infinite for a
+        sensor that the others cannot check here, and for one that is left out.
+
     """
 
     healthy: float
     deviation: float
-    noise: float  # bound of the parity's standard deviation as measured (unit 1); exact for one
-    bias: float  # what the nominal biases do to the parity at most, in standard deviations
-    # Rotation error of each of N sensors' faults over the parity that it makes, rad; infinite for
-    # a sensor that the others cannot check here, and for one that is left out.
+    noise: float
+    bias: float
     slopes: Sequence[float]
 
     def levels(self, reach: float) -> list[float]:
         """
         Return each sensor's part of the protection level, rad.
 
-        A fault that moves the mean parity by more than `reach`, with the configured noise and
-        without nominal bias, is detected in all but 1e-7 of the cases.
+        Parameters
+        ----------
+        reach : float
+            Mean parity beyond which a fault is detected in all but 1e-7 of the cases, with the
+            configured noise and without nominal bias, in standard deviations.
+
+        Returns
+        -------
+        list of float
+            slope_i (reach noise + 2 bias) + healthy of each of the N sensors; infinite if
+            unchecked.
+
         """
         healthy, _, noise, bias, slopes = self
         moved = reach * noise + 2.0 * bias
@@ -66,10 +86,24 @@ def integrity(
     """
     Return the integrity of an estimate from three to six sensors in use of N mounted ones.
 
-    `bias` is the nominal bias of each sensor, rad; `factors` the measured noise of each over the
-    configured one, at least 1. `parity_bias` bounds the length of that part of the nominal biases
-    that no motion explains, rad: a unit vector n over the sensors moves the parity by at most
-    that, and the whitened parity by that times the length of its derivative by the readings.
+    Parameters
+    ----------
+    estimate : SampleEstimate
+        Orientation with its gains K_i and parity gains p_i.
+    bias : tuple of float, length N
+        Nominal bias of each sensor, rad.
+    factors : tuple of float, length N
+        Measured noise of each sensor over the configured one, at least 1.
+    parity_bias : float
+        Bound of the length of that part of the nominal biases that no motion explains, rad. A unit
+        vector n over the sensors moves the parity by at most that, and the whitened parity by that
+        times the length of its derivative by the readings.
+
+    Returns
+    -------
+    Integrity
+        healthy = k_md deviation + sum |K_i| b_i, and slope_i = |K_i| / |p_i|.
+
     """
     covariance, turns, moves = estimate.covariance, estimate.gain_sizes, estimate.parity_sizes
     variance, square = covariance[0] + covariance[4] + covariance[8], 1.0

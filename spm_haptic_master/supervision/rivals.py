@@ -5,14 +5,20 @@
 Other orientations that may be the true one: what a fault of one sensor can hide from the parity.
 
 Hypothesis of sensor i: it alone is wrong, by anything. The truth is then one of the orientations
-that fit all other sensors in use (solution separation of RAIM, with all solutions of each
-subset). While every sample follows shortly after the last one, the truth of each hypothesis stays
-beside the published orientation. Where it may have left it - a start, a gap, a fast turn, a time
-in which sensor i could not be checked, bad samples - every orientation in reach is a rival until
-the motion contradicts it: no constant offset and no stuck value of sensor i explains all samples.
+that fit all other sensors in use (solution separation of RAIM, with all solutions of each subset).
+While every sample follows shortly after the last one, the truth of each hypothesis stays beside
+the published orientation. Where it may have left it - a start, a gap, a fast turn, a time in which
+sensor i could not be checked, bad samples - every orientation in reach is a rival until the motion
+contradicts it: no constant offset and no stuck value of sensor i explains all samples.
 
 A sensor with a rival is off by the distance to it at most, and no sensor is checked whose rivals
 are not known yet.
+
+A hypothesis passes three states. It has no entry while its truth is beside the orientation. It is
+*lost* once the truth may have left: a `Rival` that is not `found`, with the place from which it
+left. A lost one is resolved by the solutions of the other sensors in reach of that place: none of
+them away from the orientation ends it, each other one is a found rival. A found rival then follows
+the motion by Gauss-Newton without sensor i.
 """
 
 from __future__ import annotations
@@ -50,13 +56,26 @@ SAME_RIVAL = 1e-3
 
 
 class Interval(NamedTuple):
-    """Values, rad, that a constant may have."""
+    """
+    Values that a constant angle may have.
+
+    Attributes
+    ----------
+    low, high : float
+        Ends, rad; `low` above `high` is empty, infinite ends are any value.
+
+    """
 
     low: float = -inf
     high: float = inf
 
     def narrowed(self, value: float, margin: float) -> Interval:
-        """Return what is left if the constant is a value, an angle, to a margin."""
+        """
+        Return what is left if the constant is a value, to a margin, rad.
+
+        The value is an angle: in an interval of less than a whole turn it counts by the turn that
+        is nearest to the middle.
+        """
         if self.high - self.low < 2.0 * pi:
             middle = 0.5 * (self.low + self.high)
             value = middle + remainder(value - middle, 2.0 * pi)
@@ -80,28 +99,63 @@ class Rival:
     """
     An orientation that may be the true one, if one sensor alone is wrong.
 
-    While it is not `found`, `place` is where the platform was when it was last known; None:
-    anywhere. `offset` and `stuck` are the constant faults and the constant readings of the sensor
-    that explain all samples since.
+    The intervals are the intersection over all samples at which the rival was computed: a constant
+    fault has to explain every one of them, so each becomes smaller. Only where two rivals of a
+    sensor meet, one is left, with the intervals joined.
+
+    Attributes
+    ----------
+    sensor : int
+        Place in ALL_JOINT_NAMES of the sensor that is wrong in this hypothesis.
+    place : Place or None
+        Orientation R_base_platform and its time. While the rival is not `found`, where the
+        platform was when it was last known; None: anywhere.
+    found : bool
+        Whether `place` is a solution of the other sensors that follows the motion.
+    born : int
+        Stamp at which it was first found, ns; 0 before.
+    offset : Interval
+        Constant faults of the sensor, rad, that explain all samples since.
+    stuck : Interval
+        Constant readings of the sensor, rad, that explain all samples since.
+    misses : int
+        Times in a row that it was not found.
+    at : tuple of four float, or None
+        Published orientation for which it was computed last; None to compute it at once.
+    healthy : float
+        What noise and nominal bias of the other sensors do to it, rad.
+
     """
 
     sensor: int
     place: Place | None
     found: bool = False
-    born: int = 0  # ns, when it was first found
+    born: int = 0
     offset: Interval = ANY
     stuck: Interval = ANY
     misses: int = 0
-    at: Quaternion[float] | None = None  # orientation for which it was computed last
-    healthy: float = 0.0  # rad, what noise and bias do to it
+    at: Quaternion[float] | None = None
+    healthy: float = 0.0
 
 
 class Rivals:
     """
     The rivals of every sensor in use; see the module.
 
-    `speed` is the human motion limit of the rotation, rad/s. `last` is the latest consistent
-    orientation, None before the first.
+    Parameters
+    ----------
+    sensors : SensorsInUse
+        Has the sets without one sensor, and their trials.
+    count : int
+        Number N of mounted sensors.
+    speed : float
+        Human motion limit of the rotation, rad/s.
+
+    Attributes
+    ----------
+    last : Place or None
+        The latest consistent orientation; None before the first.
+
     """
 
     def __init__(self, sensors: SensorsInUse, count: int, speed: float) -> None:
@@ -112,7 +166,7 @@ class Rivals:
         self.restart()
 
     def restart(self) -> None:
-        """Know nothing: the truth may be anywhere."""
+        """Know nothing: the truth of every hypothesis may be anywhere."""
         self.last: Place | None = None
         # Stamp (ns) of the latest sample that the rivals followed.
         self._followed = 0
@@ -130,8 +184,29 @@ class Rivals:
         """
         Follow the rivals with a sample with which all sensors in use agree.
 
-        `limit` is the alert limit, rad; samples up to `fresh` (ns) apart follow shortly. Returned
-        is what an undetected fault of each sensor is bounded by, rad.
+        The parts without a rival come first (`Folds`). Then hypotheses whose truth may have left
+        are lost, at most one sensor is enumerated, found rivals follow the motion, and the parts
+        are widened.
+
+        Parameters
+        ----------
+        sample : Sample
+            The sample.
+        used : SensorSet
+            The sensors in use, with what their orientation is worth.
+        estimate : SampleEstimate
+            Their orientation.
+        limit : float
+            Alert limit, rad.
+        fresh : int
+            Longest time between samples that follow shortly, ns.
+
+        Returns
+        -------
+        list of float, length N
+            What an undetected fault of each sensor is bounded by, rad. Infinite while its rivals
+            are not known, and for all if three sensors are in use, which nothing checks.
+
         """
         if used.worth is None or not used.entries:
             self._used = ()
@@ -157,7 +232,12 @@ class Rivals:
         self.last = Place(sample.stamp, estimate.quaternion)
 
     def withheld(self, sample: Sample) -> None:
-        """Follow the rivals through a sample that is not consistent."""
+        """
+        Follow the rivals through a sample that is not consistent.
+
+        Each is continued without its sensor. One that the others do not continue is lost again,
+        from its last place. So a glitch leaves no rival behind.
+        """
         for rival in self._rivals:
             if rival.found and rival.place is not None:
                 solution = self._near(sample, rival.sensor, rival.place)
@@ -168,7 +248,11 @@ class Rivals:
         self._followed = sample.stamp
 
     def place_without(self, sensor: int) -> Place | None:
-        """Return the latest orientation if it is the truth if a sensor is wrong; else None."""
+        """
+        Return the latest orientation if it is the truth if a sensor is wrong; else None.
+
+        A sensor with a rival, found or lost, may be wrong without that orientation being true.
+        """
         if any(rival.sensor == sensor for rival in self._rivals):
             return None
         return self.last
@@ -178,7 +262,12 @@ class Rivals:
         return {rival.sensor for rival in self._rivals if rival.found and rival.born > stamp}
 
     def _change_sensors(self, used: tuple[int, ...]) -> None:
-        """Begin with other sensors: those with rivals may have others, for fewer to fit."""
+        """
+        Begin with other sensors: those with rivals may have others, for fewer to fit.
+
+        Sensors without a rival keep that: the truth of their hypothesis is beside the orientation,
+        whichever others are in use.
+        """
         unsure = {rival.sensor for rival in self._rivals}
         self._rivals = [Rival(sensor, None) for sensor in used if sensor in unsure]
         self._hidden = {sensor: at for sensor, at in self._hidden.items() if sensor in used}
@@ -188,7 +277,14 @@ class Rivals:
     # Where the truth may have left the orientation ----------------------------------------------
 
     def _note_lost(self, here: Place, parts: list[float], fresh: int) -> None:
-        """Note the hypotheses whose truth may have left the orientation since the last one."""
+        """
+        Note the hypotheses whose truth may have left the orientation since the last one.
+
+        A trial without the sensor that was followed through bad samples says where its truth is.
+        Else it may have left after a gap, a turn of more than `SAME_TURN`, a turn of half the way
+        to where two solutions of the others meet, and behind a time in which the sensor was
+        hidden, in which the platform turned by more than `TRACKED_TURN`, or a quarter of that way.
+        """
         last = self.last
         if last is None:
             return
@@ -228,7 +324,11 @@ class Rivals:
         return max(parts[sensor] for sensor in self._used) <= self._limit
 
     def _lose(self, sensor: int, place: Place) -> None:
-        """Look for the truth of a sensor's hypothesis, from where it was."""
+        """
+        Look for the truth of a sensor's hypothesis, from where it was.
+
+        With more than `WAITING` places for one sensor, they are replaced by one: anywhere.
+        """
         waiting = [
             rival.place for rival in self._rivals if rival.sensor == sensor and not rival.found
         ]
@@ -259,7 +359,12 @@ class Rivals:
         visible: Collection[int],
         fresh: int,
     ) -> None:
-        """Find what is lost: what was seen shortly before at once, else one sensor a sample."""
+        """
+        Find what is lost: what was seen shortly before at once, else one sensor a sample.
+
+        All solutions of a set take tens of estimates. The other sensors wait, with an infinite
+        part.
+        """
         for rival in self._waiting(visible, here):
             place = rival.place
             if place is not None and here.stamp - place.stamp <= fresh:
@@ -334,7 +439,14 @@ class Rivals:
         self._rivals.append(rival)
 
     def _place(self, rival: Rival, sample: Sample, here: Place, solution: SampleEstimate) -> None:
-        """Move a rival to a solution, and note the fault of its sensor that would explain it."""
+        """
+        Move a rival to a solution, and narrow the faults of its sensor that would explain it.
+
+        At the rival the others imply an angle of the sensor. Its reading less that angle is the
+        fault now, to the noise and bias of all: a constant offset has to be there each time. A
+        stuck sensor has a constant reading instead. As the platform turns, the implied fault of a
+        wrong rival changes, and a reading that is not stuck does.
+        """
         sensor, solver = rival.sensor, self._sensors.used.solver
         rival.place, rival.at = Place(sample.stamp, solution.quaternion), here.quaternion
         rival.healthy = integrity(solution, sample.bias, sample.factors).healthy
@@ -352,7 +464,11 @@ class Rivals:
         rival.stuck = rival.stuck.narrowed(reading, threshold * noise * sigma)
 
     def _is_over(self, rival: Rival, here: Place, parts: list[float]) -> bool:
-        """Whether no constant fault explains a rival, or it is the orientation itself."""
+        """
+        Whether no constant fault explains a rival, or it is the orientation itself.
+
+        It is the orientation itself within the part of its sensor, and within the alert limit.
+        """
         if rival.offset.is_empty and rival.stuck.is_empty:
             return True
         return rival.place is not None and within(
@@ -375,13 +491,22 @@ class Rivals:
                 self._rivals.remove(rival)
 
     def parts_since(self, here: Place, stamp: int) -> list[float]:
-        """Return the parts of the latest sample without the rivals from before a stamp, ns."""
+        """
+        Return the parts of the latest sample without the rivals from before a stamp, ns, in rad.
+
+        Lost hypotheses still count: their part is infinite.
+        """
         parts = list(self._parts)
         self._widen(here, parts, stamp)
         return parts
 
     def _widen(self, here: Place, parts: list[float], since: int = -1) -> None:
-        """Widen the part of each sensor to its rivals that were found after a stamp, ns."""
+        """
+        Widen the part of each sensor to its rivals that were found after a stamp, ns.
+
+        The distance to a rival is that of its latest computation, so what the platform turned
+        since is added.
+        """
         for rival in self._rivals:
             if rival.found and rival.born <= since:
                 continue

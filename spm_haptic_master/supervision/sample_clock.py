@@ -1,7 +1,12 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The time of the samples: one that never goes back, from which every age is derived."""
+"""
+The time of the samples: one that never goes back, from which every age is derived.
+
+A stamp comes from the driver's clock, which may be set back, and samples that waited for each
+other arrive in a burst. No other module derives an age from a stamp as it came.
+"""
 
 from __future__ import annotations
 
@@ -20,20 +25,41 @@ JITTER_SHARE, BURST_SHARE = 1.5, 0.5
 
 
 class Tick(NamedTuple):
-    """What a stamp says."""
+    """
+    What a stamp says.
 
-    elapsed: float  # s since the last sample; 0 at the first one and after a restart
-    is_old: bool = False  # the stamp does not grow
-    restarts: bool = False  # the motion before is of no use: a pause, or a clock set back
+    Attributes
+    ----------
+    elapsed : float
+        Time since the last sample, s; 0 at the first one, after a pause and after a clock that was
+        set back; negative if the stamp is old.
+    is_old : bool
+        Whether the stamp does not grow: the sample is withheld.
+    restarts : bool
+        Whether the motion before is of no use: a pause of more than `RESTART_GAP`, or a clock that
+        was set back.
+
+    """
+
+    elapsed: float
+    is_old: bool = False
+    restarts: bool = False
 
 
 class SampleClock:
     """
     Times between samples.
 
-    `now` is the time of the latest sample, ns: its stamp, until the clock is set back; then it
-    goes on by a period a sample. `jitter` is the mean deviation of the time between samples from
-    the period, s.
+    Attributes
+    ----------
+    now : int
+        Time of the latest sample, ns: its stamp, until the clock is set back; then it goes on by a
+        period a sample.
+    period : float
+        Usual time between samples, s: a mean over `PERIOD_SAMPLES`.
+    jitter : float
+        Mean deviation of the time between samples from the period, s; longer gaps do not count.
+
     """
 
     def __init__(self) -> None:
@@ -43,7 +69,7 @@ class SampleClock:
         self.restart()
 
     def restart(self) -> None:
-        """Forget the period."""
+        """Forget the period and the jitter, as after a pause; `now` goes on."""
         self.jitter = self._period = 0.0
         self._samples = 0
         # Time by which samples are late, s: what a burst of them makes good.
@@ -66,9 +92,20 @@ class SampleClock:
 
     def step(self, stamp: int) -> Tick:
         """
-        Take a stamp, ns, in; return what it says.
+        Take a stamp in; return what it says.
 
         The first one after a clock that was set back continues `now`.
+
+        Parameters
+        ----------
+        stamp : int
+            Stamp of the sample, ns.
+
+        Returns
+        -------
+        Tick
+            The time since the last sample, and whether the stamp is old or the motion restarts.
+
         """
         if self._stamp is None:
             if self._offset:
@@ -85,6 +122,12 @@ class SampleClock:
         return Tick(self._sampled(elapsed))
 
     def _step_back(self, elapsed: float) -> Tick:
+        """
+        Count a stamp that does not grow, `elapsed` (s, negative) before the last one.
+
+        Single ones are old samples. `OLDER_SAMPLES` in a row, and as many as come in `OLDER_TIME`,
+        are a clock that was set back: the next stamp of any value then continues `now`.
+        """
         self._older += 1
         if self._older < OLDER_SAMPLES or self._older * self.period < OLDER_TIME:
             return Tick(elapsed, is_old=True)
@@ -92,6 +135,7 @@ class SampleClock:
         return Tick(elapsed, is_old=True, restarts=True)
 
     def _follow_period(self, elapsed: float) -> None:
+        """Average the time between samples, s, and its deviation from the period."""
         self._samples = min(self._samples + 1, PERIOD_SAMPLES)
         if self._samples > 1:
             elapsed = min(elapsed, LONGEST_GAP * self.period)

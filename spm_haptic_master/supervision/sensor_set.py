@@ -1,7 +1,12 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Any three to six sensors in use: their orientation, whether they agree, and what it is worth."""
+"""
+Any three to six sensors in use: their orientation, whether they agree, and what it is worth.
+
+`Solver` has the mechanism and returns orientations. `SensorSet` adds the judgement of one set of
+sensors: the parity test of a sample and of the window, and the integrity of the orientation.
+"""
 
 from __future__ import annotations
 
@@ -47,10 +52,18 @@ class Solver:
     """
     Orientations of one sample, in plain floats.
 
-    `sigma` are the standard deviations of the N sensors th1A, th1B, th1C, th3A, th3B, th3C, rad;
-    `working_mode` has the signs of B_kk of the legs A, B, C (eq. 10); a solution in another
-    working mode is rejected. `bias` are the nominal biases of the sensors, rad: the last
-    orientation selects among solutions that they and the noise allow.
+    Parameters
+    ----------
+    geometry : Geometry
+        The mechanism.
+    sigma : tuple of float, length N
+        Standard deviations of the sensors th1A, th1B, th1C, th3A, th3B, th3C, rad.
+    working_mode : tuple of three int
+        Signs of B_kk of the legs A, B, C (eq. 10); a solution in another working mode is rejected.
+    bias : tuple of float, length N
+        Nominal biases of the sensors, rad: the last orientation selects among solutions that they
+        and the noise allow. Empty for none.
+
     """
 
     def __init__(
@@ -73,9 +86,27 @@ class Solver:
         """
         Return the maximum-likelihood orientation of a sample.
 
-        `angles` are N readings, rad; those not in use are ignored. `prior` is the last
-        orientation, if that is recent. SpmError where the angles determine no orientation, or
-        only in another working mode.
+        Parameters
+        ----------
+        angles : tuple of float, length N
+            Readings, rad; those not in use are ignored.
+        sensors : UsedSensors
+            The sensors in use.
+        prior : tuple of four float, or None
+            The last orientation, x, y, z, w of R_base_platform, if that is recent. It selects
+            among solutions and has no weight in the result.
+
+        Returns
+        -------
+        SampleEstimate
+            Orientation, covariance and parity.
+
+        Raises
+        ------
+        SpmError
+            The angles determine no orientation, or only in another working mode. AmbiguousError if
+            two explain them equally well and there is no prior.
+
         """
         return estimate_sample(
             angles,
@@ -88,7 +119,11 @@ class Solver:
         )
 
     def others(self, found: SampleEstimate, angles: Angles) -> list[SampleEstimate]:
-        """Return the solutions of a sample but the one `found`."""
+        """
+        Return the solutions of a sample but the one `found`, some of them twice.
+
+        It takes as long as tens of estimates. Four sensors at least have to be in use.
+        """
         return other_solutions(found, angles, self._geometry, self._working_mode)
 
     def near(
@@ -98,11 +133,37 @@ class Solver:
         return fit_near(quaternion, angles, sensors, self._geometry, self._working_mode)
 
     def every(self, angles: Angles, sensors: UsedSensors) -> list[SampleEstimate]:
-        """Return all solutions of a sample; it takes as long as tens of estimates."""
+        """
+        Return all solutions of a sample in the working mode, by the closed forms and Gauss-Newton.
+
+        It takes as long as tens of estimates.
+        """
         return all_solutions(angles, sensors, self._geometry, self._working_mode)
 
     def fault(self, others: SampleEstimate, sensor: int, sample: Sample) -> ImpliedFault:
-        """Return what an orientation by the others says of a sensor; errors as of the kernel."""
+        """
+        Return what an orientation by the others says of a sensor; see `implied_fault`.
+
+        Parameters
+        ----------
+        others : SampleEstimate
+            An orientation that other sensors determine.
+        sensor : int
+            Place in ALL_JOINT_NAMES of the sensor, which those do not include.
+        sample : Sample
+            Has the sensor's reading and the nominal biases.
+
+        Returns
+        -------
+        ImpliedFault
+            Reading less the angle at that orientation, rad, with its deviation and bias.
+
+        Raises
+        ------
+        SpmError
+            A leg does not reach the orientation, or is on the boundary of its working mode.
+
+        """
         return implied_fault(
             others,
             sensor,
@@ -114,7 +175,11 @@ class Solver:
         )
 
     def curvature(self, estimate: SampleEstimate, sensor: int) -> float:
-        """Return the size of `parity_curvature`; inf where the device cannot turn that way."""
+        """
+        Return how much the parity bends along the turn that a fault of a sensor makes, 1 / rad^2.
+
+        It is the size of `parity_curvature`; infinite if the device cannot turn that way.
+        """
         try:
             return abs(parity_curvature(estimate, sensor, self._geometry, self._working_mode))
         except (SpmError, ZeroDivisionError):
@@ -122,22 +187,48 @@ class Solver:
 
 
 def total_deviation(estimate: SampleEstimate) -> float:
-    """Return the total standard deviation of an estimate's rotation, rad."""
+    """
+    Return the total standard deviation of an estimate's rotation, rad.
+
+    It is the root of the trace of the covariance: the rms length of the rotation error.
+    """
     covariance = estimate.covariance
     return sqrt(covariance[0] + covariance[4] + covariance[8])
 
 
 class Sample(NamedTuple):
-    """One sample of N mounted sensors, and what to allow for."""
+    """
+    One sample of N mounted sensors, and what to allow for.
 
-    stamp: int  # ns, of the supervision's clock
-    angles: Angles  # rad; NaN of a sensor without a reading
-    prior: Quaternion[float] | None  # the last orientation if that is recent: x, y, z, w
-    followed: int | None  # ns, stamp of that orientation
-    bias: tuple[float, ...]  # rad, nominal bias of each of the N sensors
-    factors: tuple[float, ...]  # measured noise of each over the configured one, at least 1
-    parity_bias: float = pi  # rad, bound of the biases' part that no motion explains
-    period: float = 0.0  # s, usual time between samples
+    Attributes
+    ----------
+    stamp : int
+        Time by the supervision's clock (`SampleClock.now`), ns.
+    angles : tuple of float
+        Readings of the N sensors, rad; NaN of a sensor without a reading.
+    prior : tuple of four float, or None
+        The last orientation, x, y, z, w of R_base_platform; None if it is older than `PRIOR_AGE`.
+    followed : int or None
+        Stamp of that orientation, ns; None if there is none that this sample could continue.
+    bias : tuple of float
+        Nominal bias of each of the N sensors, rad, with what it moved while its reading was late.
+    factors : tuple of float
+        Measured noise of each sensor over the configured one, at least 1.
+    parity_bias : float
+        Bound of the biases' part that no motion explains, rad.
+    period : float
+        Usual time between samples, s; 0 if that is not known.
+
+    """
+
+    stamp: int
+    angles: Angles
+    prior: Quaternion[float] | None
+    followed: int | None
+    bias: tuple[float, ...]
+    factors: tuple[float, ...]
+    parity_bias: float = pi
+    period: float = 0.0
 
     def since(self, stamp: int) -> float:
         """Return the time since a sample at an earlier stamp, s: at least a period."""
@@ -148,11 +239,33 @@ class SensorSet:
     """
     The sensors in use, and whether a sample is consistent with itself.
 
-    `sigma` are the standard deviations of the N mounted sensors, rad, `left_out` the places of
-    those not in use. `entries` is the length of the parity vector. `estimate` is the orientation
-    of the latest sample, `worth` what it is worth; None where the sensors determine none.
-    `solver` gives further orientations, `moved` is how far the latest worth lets an undetected
-    fault move the mean parity (unit 1).
+    Parameters
+    ----------
+    solver : Solver
+        Orientations of a sample.
+    sigma : tuple of float, length N
+        Standard deviations of the N mounted sensors, rad.
+    limits : Limits
+        Rate of false alarms, window and human motion limits.
+    left_out : collection of int
+        Places in ALL_JOINT_NAMES of the mounted sensors that are not in use.
+
+    Attributes
+    ----------
+    sensors : UsedSensors
+        Those in use.
+    entries : int
+        Length of the parity vector: the number of sensors in use beyond three. None with three,
+        which cannot contradict each other.
+    estimate : SampleEstimate or None
+        Orientation of the latest sample; None if the sensors determine none.
+    worth : Integrity or None
+        What that orientation is worth; None with it.
+    solver : Solver
+        Gives further orientations.
+    threshold : float
+        Norm of the parity vector that healthy noise of unit variance never exceeds.
+
     """
 
     def __init__(
@@ -172,11 +285,25 @@ class SensorSet:
         self._window = ParityWindow(self.threshold, max(self.entries, 1), limits.window)
 
     def restart(self) -> None:
-        """Forget the samples."""
+        """Forget the samples of the window; `estimate` and `worth` stay until the next sample."""
         self._window.restart()
 
     def take(self, sample: Sample) -> Symptom | None:
-        """Solve a sample; return what contradicts it. Sensors that are not in use are ignored."""
+        """
+        Solve a sample; return what contradicts it. Sensors that are not in use are ignored.
+
+        Parameters
+        ----------
+        sample : Sample
+            With a prior if three sensors are in use: they have several solutions.
+
+        Returns
+        -------
+        Symptom or None
+            No orientation fits, two meet, the parity is beyond its limit in this sample or over
+            the window, or another solution fits as well. None if the sensors agree.
+
+        """
         self.estimate = self.worth = None
         if not self.entries and sample.prior is None:
             return withheld(Reason.UNDETERMINED, 'three sensors need the last orientation')
@@ -197,7 +324,13 @@ class SensorSet:
         return symptom or self._rival(sample, estimate, worth)
 
     def _rival(self, sample: Sample, estimate: SampleEstimate, worth: Integrity) -> Symptom | None:
-        """Return a symptom if another solution fits that may continue the last orientation too."""
+        """
+        Return a symptom if another solution fits that may continue the last orientation too.
+
+        All sensors are healthy in this hypothesis: the ambiguity is that of the mechanism. The
+        other solution is about sigma / (FOLD x deviation) away, rad. It is not computed where
+        human motion since the last orientation and `TURN_DEVIATIONS` do not reach so far.
+        """
         prior, turn = sample.prior, pi
         if prior is not None and sample.followed is not None:
             turn = self._speed * sample.since(sample.followed)
@@ -233,7 +366,11 @@ class SensorSet:
         ]
 
     def agrees(self, sample: Sample, estimate: SampleEstimate) -> bool:
-        """Whether the parity of a solution is within its limit, by this sample alone."""
+        """
+        Whether the parity of a solution is within its limit, by this sample alone.
+
+        Three sensors always agree.
+        """
         if not self.entries:
             return True
         worth = integrity(estimate, sample.bias, sample.factors, sample.parity_bias)
@@ -257,7 +394,11 @@ class SensorSet:
 
     @property
     def reach(self) -> float:
-        """Largest mean parity of an undetected fault, in standard deviations, without bias."""
+        """
+        Largest mean parity of an undetected fault, in standard deviations, without bias.
+
+        (k_fa + k_md) / sqrt(n), with the n samples of the window, `WINDOW_SAMPLES` at least.
+        """
         return self._reach / self._window.root
 
     def levels(self, worth: Integrity) -> list[float]:
@@ -268,7 +409,10 @@ class SensorSet:
         """
         Return the largest noise of each sensor, over the configured one, that the parity allows.
 
-        A joint that seems noisier vibrates. Infinite for a sensor that the parity does not see.
+        A sensor with the share s of the n entries' variances and noise f times the configured one
+        makes their sum n + s (f^2 - 1). So the measured variance bounds f, as if all its excess
+        were of this sensor. A joint that seems noisier than that vibrates: its motion is real, and
+        the parity does not see it. Infinite for a sensor that the parity does not see either.
         """
         sigma = self.sensors.sigma
         if self.estimate is None:
@@ -281,7 +425,12 @@ class SensorSet:
         return bounds
 
     def too_noisy(self, sample: Sample) -> Symptom | None:
-        """Return the sensor whose noise alone exceeds its part of the level most."""
+        """
+        Return the sensor whose noise alone exceeds its part of the level most; None if none does.
+
+        The noise counts by `MISSED_DETECTION` standard deviations, turned into an error of the
+        orientation by the sensor's gain. The part is that of nominal noise.
+        """
         estimate, sigma, factors = self.estimate, self.sensors.sigma, sample.factors
         if estimate is None or max(factors) <= 1.0:
             return None

@@ -29,10 +29,22 @@ LeftOut = tuple[int, ...]
 
 @dataclass(slots=True)
 class Distrust:
-    """Why a sensor with a reading is not in use, and its trial with those in use."""
+    """
+    Why a sensor is not in use, and its trial with those in use.
 
-    word: str  # of `state`
-    time: float  # s, of agreement with the others after which it is used again
+    Attributes
+    ----------
+    word : str
+        What `state` says of it: missing or excluded.
+    time : float
+        Time of agreement with the others after which it is used again, s.
+    trial : Trial or None
+        Those in use and this sensor; None while they do not agree, or do not check it.
+
+    """
+
+    word: str
+    time: float
     trial: Trial | None = None
 
 
@@ -40,9 +52,28 @@ class SensorsInUse:
     """
     The sensors in use and those left out, by their places in ALL_JOINT_NAMES.
 
-    `used` are those in use for this sample, those before if fewer than three are left; `missing`
-    have no reading in it, `left_out` are not in use for it, and `distrusted` are so for longer
-    than a lost frame. `words` have what is wrong with each of these.
+    Parameters
+    ----------
+    solver : Solver
+        Orientations of a sample.
+    sigma : tuple of float, length N
+        Standard deviations of the mounted sensors, rad.
+    limits : Limits
+        Fewest sensors that go on, window and recovery.
+
+    Attributes
+    ----------
+    used : SensorSet
+        Those in use for this sample; those before if fewer than three are left.
+    missing : tuple of int
+        Sensors without a reading in it.
+    left_out : tuple of int
+        Sensors not in use for it, missing or distrusted.
+    distrusted : dict of int to Distrust
+        Sensors left out for longer than a lost frame.
+    words : str
+        What is wrong with each of the distrusted ones; empty without any.
+
     """
 
     def __init__(self, solver: Solver, sigma: tuple[float, ...], limits: Limits) -> None:
@@ -80,6 +111,7 @@ class SensorsInUse:
         return self.without(*left_out)
 
     def _update(self) -> None:
+        """Derive the sensors in use and the words from what is missing and distrusted."""
         self.left_out = tuple(sorted({*self.missing, *self.distrusted}))
         if len(self._gone) - len(self.left_out) >= THREE:
             self.used = self.without(*self.left_out)
@@ -89,7 +121,12 @@ class SensorsInUse:
         )
 
     def note(self, angles: Angles) -> Symptom | None:
-        """Note which sensors have a reading; return why they do not suffice."""
+        """
+        Note which sensors have a reading; return why they do not suffice, or None.
+
+        A sample with a reading beyond `LARGEST_ANGLE`, infinite ones too, is withheld as a whole.
+        A sensor without a reading for `MISSING_SAMPLES` is distrusted if four others are left.
+        """
         if not self.missing and _are_usual(angles):
             return self._too_few(angles)
         if any(abs(angle) > LARGEST_ANGLE for angle in angles):
@@ -112,6 +149,7 @@ class SensorsInUse:
         return None
 
     def _distrust_missing(self, place: int) -> None:
+        """Distrust a sensor without readings if four are left; end its trial."""
         if place in self.distrusted:
             self.distrusted[place].trial = None
         elif len(self._gone) - len({*self.missing, *self.distrusted}) >= FOUR:

@@ -1,7 +1,13 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Which orientations may go out, and how wrong one faulty sensor could have made them."""
+"""
+Which orientations may go out, and how wrong one faulty sensor could have made them.
+
+`Supervisor.take` is the whole decision about one sample. A sample is *bad* if it contradicts its
+limits, the other sensors or the last orientation; it is *consistent* otherwise. A consistent
+sample is still withheld while a fault is latched, or if its orientation is not worth enough.
+"""
 
 from __future__ import annotations
 
@@ -36,24 +42,59 @@ SERIES = 'inconsistent angles again and again'
 
 
 class Verdict(NamedTuple):
-    """The decision about one sample."""
+    """
+    The decision about one sample.
 
-    announced: OrientationState  # a silence shorter than `BRIEF` does not change it
-    estimate: SampleEstimate | None  # continuous in sign; None where the sample is withheld
-    # Largest error, rad, that an undetected fault of one checked sensor, noise and nominal bias
-    # may cause; infinite where the sample is withheld.
+    Attributes
+    ----------
+    announced : OrientationState
+        State after this sample. A silence shorter than `BRIEF` does not change it.
+    estimate : SampleEstimate or None
+        The orientation to publish, R_base_platform, with a quaternion that is continuous in sign;
+        None if the sample is withheld.
+    protection_level : float
+        Largest error, rad, that an undetected fault of one checked sensor, noise and nominal bias
+        may cause; infinite if the sample is withheld.
+    cause : Symptom or None
+        Why the sample is withheld; None if it is published.
+
+    """
+
+    announced: OrientationState
+    estimate: SampleEstimate | None
     protection_level: float
-    cause: Symptom | None = None  # why the sample is withheld
+    cause: Symptom | None = None
 
 
 class Supervisor:
     """
     Decides about each joint sample of N = 4, 5 or 6 mounted sensors.
 
-    `alert_limit` is the largest protection level of an orientation that is published, rad;
-    `parity` that of the latest sample that has one, in standard deviations; `parts` (N) the parts
-    of the protection level of the latest consistent sample, rad: what an undetected fault of each
-    sensor is bounded by. `joints` have the noise as measured, `latch` has the fault.
+    Parameters
+    ----------
+    solver : Solver
+        Orientations of a sample, for the mechanism and its working mode.
+    sigma : tuple of float, length N
+        Standard deviations of th1A, th1B, th1C, th3A, th3B, th3C, rad.
+    limits : Limits
+        Limits of a healthy device and of a published orientation.
+
+    Attributes
+    ----------
+    alert_limit : float
+        Largest protection level of an orientation that is published, rad. It may be changed
+        between two samples.
+    parity : float or None
+        Parity of the latest sample that has one, in standard deviations; None before the first.
+        Three sensors have none: the last one then stays.
+    parts : list of float, length N
+        Parts of the protection level of the latest consistent sample, rad: what an undetected
+        fault of each sensor is bounded by. Infinite before the first, and where nothing bounds it.
+    joints : JointMonitors
+        Each joint by itself; has the noise as measured.
+    latch : FaultLatch
+        Has the fault, if one is latched.
+
     """
 
     def __init__(self, solver: Solver, sigma: tuple[float, ...], limits: Limits) -> None:
@@ -81,8 +122,22 @@ class Supervisor:
         """
         Decide about a sample.
 
-        `stamp` is its time, ns, which has to grow; `angles` are th1A, th1B, th1C, th3A, and th3B
-        and th3C of such sensors, rad; NaN of a sensor without a reading.
+        First the time, then each joint by itself, then all sensors together. Each step adds
+        symptoms; with any of them the sample is bad.
+
+        Parameters
+        ----------
+        stamp : int
+            Time of the sample, ns, which has to grow. A stamp that does not is withheld as old.
+        angles : tuple of float, length N
+            th1A, th1B, th1C, th3A, and th3B and th3C of such sensors, rad; NaN of a sensor without
+            a reading.
+
+        Returns
+        -------
+        Verdict
+            The orientation, or None and the cause.
+
         """
         clock = self._clock
         tick = clock.step(stamp)
@@ -121,6 +176,7 @@ class Supervisor:
         return self._consistent(sample, tick)
 
     def _sample(self, angles: Angles) -> Sample:
+        """Return the angles with what the solution of this sample has to allow for."""
         now = self._clock.now
         return Sample(
             now,
@@ -135,11 +191,16 @@ class Supervisor:
 
     @property
     def _fresh(self) -> int:
-        """Longest time between two samples that follow shortly, ns."""
+        """Longest time between two samples that follow shortly, ns; 0 before the second sample."""
         return min(round(FRESH_PERIODS * self._clock.period * 1e9), FRESH_TIME)
 
     def _check_noise(self, sample: Sample, symptoms: list[Symptom]) -> None:
-        """Evaluate the joints' noise from time to time; add the sensor that is too noisy."""
+        """
+        Evaluate the joints' noise every `NOISE_PERIOD` samples; add the sensor that is too noisy.
+
+        Noise alone is a symptom only if the others can go on without that sensor. Otherwise it
+        raises the protection level.
+        """
         if self.joints.samples % NOISE_PERIOD:
             return
         used = self._sensors.used
@@ -149,7 +210,12 @@ class Supervisor:
             symptoms.append(noisy)
 
     def _solve(self, sample: Sample, symptoms: list[Symptom]) -> None:
-        """Solve a sample by the sensors in use; add what contradicts it."""
+        """
+        Solve a sample by the sensors in use; add what contradicts it.
+
+        For `PRIOR_AGE` after a sample that did not determine the orientation, angles that fit no
+        orientation, or one that does not continue the last, are undetermined rather than a fault.
+        """
         used = self._sensors.used
         symptom = used.take(sample)
         if symptom is None:
@@ -172,7 +238,13 @@ class Supervisor:
         symptoms.append(symptom)
 
     def _continued(self, sample: Sample, used: SensorSet) -> Symptom | None:
-        """Compare a consistent orientation with the last one, and with its rivals."""
+        """
+        Compare a consistent orientation with the last one, and with its rivals.
+
+        While a fault is latched, the sets that may replace the sensors in use are followed as
+        well. The rivals are followed only if the orientation continues the last one and is
+        determined.
+        """
         estimate, worth = used.estimate, used.worth
         if estimate is None or worth is None:
             return None
@@ -188,7 +260,13 @@ class Supervisor:
         return symptom
 
     def _jumps(self, is_gap: bool) -> list[Symptom]:
-        """Return the sensors that jumped alone, where the parity cannot see it."""
+        """
+        Return the sensors that jumped alone, where the parity cannot see it.
+
+        The parity cannot see the sensors that it could not check when all joints were last on
+        their motion, and those with a rival that was born since: the jump itself may have led to
+        it. Before the first orientation there is no motion to compare with.
+        """
         if self._state.published is None:
             return []
         hidden = {*self._hidden, *self._rivals.born_since(self._undisturbed)}
@@ -199,7 +277,13 @@ class Supervisor:
         return self._sensors.used.sensors.count > self._limits.fewest_sensors
 
     def _bad(self, sample: Sample, tick: Tick, symptoms: list[Symptom]) -> Verdict:
-        """Withhold a sample that is not consistent, unless others take over."""
+        """
+        Withhold a sample that is not consistent, unless others take over.
+
+        The rivals and the trials follow it, so that the truth of each hypothesis is known when the
+        samples agree again. Others take over in two cases: a sensor is isolated and left out, or,
+        while a fault is latched, a set has passed its trial in which one sensor replaces another.
+        """
         sensors = self._sensors
         self._rivals.withheld(sample)
         sensors.try_others(sample, self._rivals.place_without, self._fresh)
@@ -213,10 +297,16 @@ class Supervisor:
         return self._withhold(worst(symptoms))
 
     def _passes(self, sample: Sample, sensor: int) -> bool:
+        """Whether the others have passed their trial without a sensor."""
         return sensor in self._sensors.passing(sample.stamp, self.latch.onset)
 
     def _taken_over(self, sample: Sample, tick: Tick) -> Verdict:
-        """Go on with other sensors, which have passed their trial with this sample."""
+        """
+        Go on with other sensors, which have passed their trial with this sample.
+
+        The fault ends, because the faulty sensor is no longer in use. Every window of checks
+        restarts.
+        """
         self.latch.end()
         self._exposure.interrupt()
         used = self._sensors.used
@@ -228,7 +318,12 @@ class Supervisor:
         return self._consistent(sample, tick)
 
     def _consistent(self, sample: Sample, tick: Tick) -> Verdict:
-        """Publish the orientation of a consistent sample, or withhold it for its worth."""
+        """
+        Publish the orientation of a consistent sample, or withhold it for its worth.
+
+        It becomes the orientation that the next one has to continue even if it is not published.
+        It is withheld while a fault is latched that is not over, and if `_unworthy` has a reason.
+        """
         used, stamp = self._sensors.used, sample.stamp
         estimate, worth = used.estimate, used.worth
         self.latch.note_consistent()
@@ -256,7 +351,11 @@ class Supervisor:
         return self._withhold(cause)
 
     def _watch_left_out(self, sample: Sample, quaternion: Quaternion[float]) -> Symptom | None:
-        """Note what the others see after a fault, and of the sensors that are left out."""
+        """
+        Note what the others see after a fault, and of the sensors that are left out.
+
+        Returns a symptom if a sensor that had come back to three others contradicts them again.
+        """
         here = Place(sample.stamp, quaternion)
         if self.latch.fault is not None:
             parts = self._rivals.parts_since(here, self.latch.onset)
@@ -292,7 +391,13 @@ class Supervisor:
         return self._withhold(withheld(Reason.UNDETERMINED, detail))
 
     def _unworthy(self, stamp: int, deviation: float, level: float) -> Symptom | None:
-        """Return why a consistent orientation is not published."""
+        """
+        Return why a consistent orientation is not published; None if it is.
+
+        In this order: too few consistent samples before the first orientation, a total standard
+        deviation above the limit (rad), a protection level above the alert limit (rad), and a
+        sensor that has not been checked, or not for too long.
+        """
         limits, clean = self._limits, self.latch.clean
         if self._state.published is None and clean < limits.start_samples:
             return withheld(
@@ -316,11 +421,17 @@ class Supervisor:
         return self._exposure.overdue(stamp, limits, self._sensors.left_out)
 
     def _withhold(self, cause: Symptom | None) -> Verdict:
+        """Return the verdict of a sample that is not published, and let the state follow."""
         self._state.enter(self._clock.now, self.latch.words, cause, '')
         return Verdict(self._state.announced, None, inf, cause)
 
     def _restart(self) -> None:
-        """Reset what does not survive a pause of the samples; a fault stays latched."""
+        """
+        Reset what does not survive a pause of the samples; a fault stays latched.
+
+        The sensors that are left out stay so, and the time since each sensor was last checked goes
+        on.
+        """
         self._undetermined = None
         for part in (
             self._state,
@@ -335,11 +446,28 @@ class Supervisor:
             part.restart()
 
     def acknowledge(self) -> Acknowledgement:
-        """Let a person end a fault that the samples cannot end."""
+        """
+        Let a person end a fault that the samples cannot end.
+
+        Returns
+        -------
+        Acknowledgement
+            What it ended, and what the fault still waits for, in words.
+
+        """
         return self.latch.acknowledge()
 
     def accepted(self) -> tuple[Quaternion[float], Angles] | None:
-        """Return orientation and readings (rad) of the latest sample if it is healthy, of all."""
+        """
+        Return orientation and readings of the latest sample if it is healthy.
+
+        Returns
+        -------
+        tuple or None
+            Quaternion x, y, z, w of R_base_platform and the N readings, rad; None if the latest
+            sample was withheld, the state is not healthy, or a sensor is left out.
+
+        """
         state = self._state
         is_all = state.announced is HEALTHY and not self._sensors.left_out
         return self._last if is_all and state.published == self._clock.now else None
@@ -354,7 +482,25 @@ class Supervisor:
 
 
 def make_supervisor(values: Values) -> Supervisor:
-    """Return the supervisor that checked settings describe; SettingError as `limits_from`."""
+    """
+    Return the supervisor that checked settings describe.
+
+    Parameters
+    ----------
+    values : mapping
+        Checked values of `FKM_SETTINGS` by name.
+
+    Returns
+    -------
+    Supervisor
+        In its first state: no sample yet, no fault.
+
+    Raises
+    ------
+    SettingError
+        Settings contradict each other: see `limits_from`.
+
+    """
     limits, sigma = limits_from(values), sigma_from(values)
     solver = Solver(geometry_from(values), sigma, values['working_mode'], limits.bias)
     return Supervisor(solver, sigma, limits)

@@ -42,11 +42,25 @@ class Severity(IntEnum):
 
 
 class Symptom(NamedTuple):
-    """One thing wrong with a joint sample."""
+    """
+    One thing wrong with a joint sample.
+
+    Attributes
+    ----------
+    reason : Reason
+        What it is.
+    detail : str
+        Values and limit, for people.
+    sensor : int or None
+        Place of the faulty one in ALL_JOINT_NAMES, if it is isolated.
+    severity : Severity
+        What it leads to.
+
+    """
 
     reason: Reason
-    detail: str = ''  # values and limit
-    sensor: int | None = None  # place of the faulty one in ALL_JOINT_NAMES, if it is isolated
+    detail: str = ''
+    sensor: int | None = None
     severity: Severity = Severity.PENDING
 
     @property

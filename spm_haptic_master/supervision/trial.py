@@ -1,7 +1,13 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Sets of sensors on trial: since when each has agreed, and where the orientation is by it."""
+"""
+Sets of sensors on trial: since when each has agreed, and where the orientation is by it.
+
+Each trial stands for one hypothesis: what is left out of the set is wrong, all in it is right.
+Then the set agrees in every sample, and its orientation turns no faster than a human. A set that
+fails starts again; a set of three does not, because it always agrees.
+"""
 
 from __future__ import annotations
 
@@ -14,9 +20,19 @@ from spm_haptic_master.supervision.sensor_set import Sample, SensorSet
 
 
 class Place(NamedTuple):
-    """An orientation at a time."""
+    """
+    An orientation at a time.
 
-    stamp: int  # ns
+    Attributes
+    ----------
+    stamp : int
+        Time by the supervision's clock, ns.
+    quaternion : tuple of four float
+        x, y, z, w of R_base_platform.
+
+    """
+
+    stamp: int
     quaternion: Quaternion[float]
 
 
@@ -24,9 +40,23 @@ class Trial:
     """
     A set of sensors that may take over: it has to agree, sample by sample, and to continue.
 
-    If what is left out of it is wrong, `place` is where the platform was when the set last
-    agreed; None before. Three sensors always agree: once they do not continue, their trial is
-    over.
+    Parameters
+    ----------
+    sensor_set : SensorSet
+        The set; its window restarts.
+    place : Place or None
+        Where the platform was before the first sample, if what is left out is wrong.
+    since : int or None
+        Stamp from which the set is known to agree, ns; None: from its first sample that does.
+        Three sensors always agree: without it, or once they do not continue, their trial fails.
+
+    Attributes
+    ----------
+    set : SensorSet
+        The set, with its estimate of the latest sample.
+    place : Place or None
+        Where the platform was when the set last agreed; None if that is not known.
+
     """
 
     def __init__(self, sensor_set: SensorSet, place: Place | None, since: int | None) -> None:
@@ -36,7 +66,12 @@ class Trial:
         sensor_set.restart()
 
     def follow(self, sample: Sample, speed: float) -> bool:
-        """Take a sample; return whether the set agrees, and turned no faster than a human."""
+        """
+        Take a sample; return whether the set agrees, and turned no faster than a human.
+
+        The prior of the sample is that of this hypothesis, not the published orientation. `speed`
+        is the human motion limit of the rotation, rad/s.
+        """
         place = self.place
         recent = place is not None and sample.stamp - place.stamp <= PRIOR_AGE
         own = sample._replace(
@@ -55,6 +90,7 @@ class Trial:
         return True
 
     def _continues(self, sample: Sample, speed: float) -> bool:
+        """Whether a sample continues the trial: determined, and in reach of `place`."""
         estimate, worth, place = self.set.estimate, self.set.worth, self.place
         if estimate is None or worth is None or not estimate.determined:
             return False
