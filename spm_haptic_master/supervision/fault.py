@@ -208,8 +208,8 @@ class FaultLatch:
 
         Two sensors of a single parity that jumped wait for a person. Any other fault waits for the
         recovery. After it, a fault that began by jumps is over if all of them returned to the
-        motion that they left; else the others have to have checked each suspect since the latest
-        bad sample.
+        motion that they left, and one that a person acknowledged is over as well. Else the others
+        have to have checked each suspect since the latest bad sample.
         """
         fault = self.fault
         if fault is None:

@@ -492,8 +492,9 @@ class Rivals:
 
     def parts_since(self, here: Place, stamp: int) -> list[float]:
         """
-        Return the parts of the latest sample without the rivals from before a stamp, ns, in rad.
+        Return the parts without the rivals from before a stamp, ns, in rad.
 
+        They are those of the latest sample that `look` followed with four or more sensors in use.
         Lost hypotheses still count: their part is infinite.
         """
         parts = list(self._parts)

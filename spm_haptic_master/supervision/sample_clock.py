@@ -127,6 +127,7 @@ class SampleClock:
 
         Single ones are old samples. `OLDER_SAMPLES` in a row, and as many as come in `OLDER_TIME`,
         are a clock that was set back: the next stamp of any value then continues `now`.
+        The period has to be known for that: of two samples at least since the last restart.
         """
         self._older += 1
         if self._older < OLDER_SAMPLES or self._older * self.period < OLDER_TIME:
