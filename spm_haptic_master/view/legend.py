@@ -16,14 +16,15 @@ from spm_haptic_master.description.colours import (
 )
 from spm_haptic_master.view.dome import SINGULAR, TRACE_COLOUR
 from spm_haptic_master.view.status import Light, SensorState
+from spm_haptic_master.view.stories import SINGULARITY_STORY
 
-# The line under the title; what to try is for a simulated device alone.
+# The line under the title; the story to try, by its button, is for a simulated device alone.
 INTRODUCTION = {
     'text': (
         'A surgeon\u2019s handle on three legs. Three motor encoders (th1A, th1B, th1C) lose it '
         'at the red line on the dome; the fourth encoder, th3A, does not.'
     ),
-    'attempt': 'Try: cross the singularity.',
+    'story': SINGULARITY_STORY,
 }
 # Colour of the dome, where three encoders are good.
 BLUE = '#145fa0'

@@ -96,13 +96,13 @@ class Limits:
     def of_dexterity(self) -> list[Limit]:
         """Return the known limits of the dexterity."""
         return _known(
-            Limit(self.warn_below, 'warning below', colours.WARNING_LIMIT),
-            Limit(self.error_below, 'error below', colours.ERROR_LIMIT),
+            Limit(self.warn_below, 'warning', colours.WARNING_LIMIT),
+            Limit(self.error_below, 'error', colours.ERROR_LIMIT),
         )
 
     def of_level(self) -> list[Limit]:
         """Return the limit of the protection level, if it is known."""
-        return _known(Limit(self.alert, 'alert limit', colours.ERROR_LIMIT))
+        return _known(Limit(self.alert, 'alert', colours.ERROR_LIMIT))
 
 
 def plots(sensors: int, limits: Limits) -> list[Plot]:

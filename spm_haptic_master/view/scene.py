@@ -51,11 +51,11 @@ FLOOR_CORNERS = 48
 FLOOR_OPACITY = 0.25
 # Where the name of the device is on the floor (units of the scene).
 NAME_AT = 0.0, -1.3, 0.0
-# Distances of the names from O: encoders on motors and on third joints, legs, handle (units of the
-# scene).
+# Distances of the names from O: encoders on motors and on third joints, legs (where each begins),
+# handle (units of the scene).
 MOTOR_AT = 1.49
 THIRD_AT = 1.02
-LEG_AT = 1.66
+LEG_AT = 1.0
 HANDLE_AT = 1.7
 # States of an encoder whose sign is not at its name.
 UNMARKED = SensorState.HEALTHY, SensorState.UNKNOWN

@@ -17,6 +17,8 @@ AWAY = 15.0
 NEAR = 7.0
 # Time for which the verdict of a story stays (s).
 VERDICT_TIME = 12.0
+# Name of the story with which a newcomer begins: where three encoders lose the handle.
+SINGULARITY_STORY = 'cross the singularity'
 # Views of the page.
 GHOST_VIEW = 'ghost'
 FRONT_VIEW = 'front'
@@ -178,7 +180,7 @@ def stories(sensors: int) -> tuple[Story, ...]:
 def _crossing() -> Story:
     """Return the story of the singularity: three encoders lose the handle, all do not."""
     return Story(
-        'cross the singularity',
+        SINGULARITY_STORY,
         GHOST_VIEW,
         (
             Step(

@@ -190,8 +190,8 @@ def test_the_plots_have_named_limits_and_the_sample_what_they_show():
     for key, plot in plots.items():
         assert len(plot['series']) == len(found['sample']['values'][key])
     named = [(limit['name'], limit['value']) for limit in plots['dexterity']['limits']]
-    assert named == [('warning below', 0.059), ('error below', 0.033)]
-    assert [limit['name'] for limit in plots['level']['limits']] == ['alert limit']
+    assert named == [('warning', 0.059), ('error', 0.033)]
+    assert [limit['name'] for limit in plots['level']['limits']] == ['alert']
     assert found['sample']['values']['torque'] == [0.2, 0.1]
     assert found['sample']['values']['ghost'] == pytest.approx([5.0])
     # What a story is about is at the top of the panel.

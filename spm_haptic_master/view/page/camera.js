@@ -25,8 +25,8 @@ const camera = (() => {
         const control = window.__viserMutable?.cameraControl;
         const {clientWidth, clientHeight} = window.__viserMutable?.canvas ?? {};
         if (!control || !clientWidth || !window.__viserSceneTree?.getState()['']) return;
-        const back = Math.min(Math.max(1, 0.95 * clientHeight / clientWidth), 3);
-        const lower = innerWidth <= 576 ? 0.45 * (back - 1) : 0;
+        const back = Math.min(Math.max(1, clientHeight / clientWidth), 3);
+        const lower = innerWidth <= 576 ? 0.7 * (back - 1) : 0;
         const at = [target[0], target[1], target[2] - lower];
         const away = place.map((part, k) => at[k] + back * (part - target[k]));
         control.setLookAt(...turned(away), ...turned(at), smoothly);

@@ -70,18 +70,21 @@ function showBanners(devices) {
     while (banners.children.length > devices.length) banners.lastChild.remove();
 }
 
-// The line under the title: what this is, and what to try.
+// viser's button of the story to try: that of the first device, none of one that is not simulated.
+const storyButton = () => [...document.querySelectorAll('button')].find(
+    ({textContent}) => textContent.trim() === setup.introduction.story);
+
+// The line under the title: what this is, and a button of what to try.
 function introduce(hasDevice) {
     const host = document.getElementById('spm-introduction');
     if (!host) return;
     if (!host.firstChild) {
         const line = add(host, 'div', 'spm-device spm-introduction');
         add(line, 'span', '', `${setup.introduction.text} `);
-        add(line, 'b', '', setup.introduction.attempt);
+        button(line, `Try: ${setup.introduction.story}`, () => storyButton()?.click());
     }
     // Only a simulated device has something to try.
-    host.firstChild.lastChild.hidden = ![...document.querySelectorAll('button')].some(
-        ({textContent}) => textContent.trim() === 'cross the singularity');
+    host.firstChild.lastChild.hidden = !storyButton();
     document.body.classList.toggle('spm-empty', !hasDevice);
 }
 

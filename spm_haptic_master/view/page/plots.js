@@ -3,14 +3,17 @@
 
 // Plots of the last two minutes, and the strip of states below them.
 const plots = (() => {
-    // Times kept, shown, and bridged by a line (s); height, left edge, lower edge (pixels).
-    const SPAN = 120, SHOWN = 30, GAP = 1.6, HEIGHT = 74, LEFT = 34, AXIS = 13;
+    // Times kept, shown, and bridged by a line (s); height, left edge, room for the names of limits
+    // on the right, lower edge (pixels).
+    const SPAN = 120, SHOWN = 30, GAP = 1.6, HEIGHT = 70, LEFT = 34, RIGHT = 44, AXIS = 13;
+    // Distance of two names of limits (pixels).
+    const LINE = 10;
     const STRIP = 14;
     const HATCH = {GREEN: 0, AMBER: 6, RED: 3, GREY: 0};
 
     const newest = (made) => made.samples.at(-1)?.t ?? 0;
     const endOf = (made) => made.end ?? newest(made);
-    const acrossOf = (end, width) => (t) => LEFT + (width - LEFT - 2) * (t - end + SHOWN) / SHOWN;
+    const acrossOf = (end, width) => (t) => LEFT + (width - LEFT - RIGHT) * (t - end + SHOWN) / SHOWN;
     const inkOfPage = () => isDark() ? '#d5d5d5' : '#3a3a3a';
 
     function record(made, {t, state, light, values, happened}) {
@@ -52,7 +55,7 @@ const plots = (() => {
         for (const value of [low, high]) pen.fillText(rounded(value), 0, Math.max(y(value), 8));
         pen.strokeStyle = '#8888';
         pen.lineWidth = 1;
-        pen.strokeRect(LEFT, 2, width - LEFT - 2, HEIGHT - 4);
+        pen.strokeRect(LEFT, 2, width - LEFT - RIGHT, HEIGHT - 4);
         const x = acrossOf(end, width);
         for (const back of [30, 20, 10, 0]) {
             const text = back ? `-${back} s` : 'now', at = x(end - back);
@@ -65,21 +68,19 @@ const plots = (() => {
         }
     }
 
+    // Each limit has its name on the right of the plot, beside its line: clear of curves and axes.
     function drawLimits(pen, width, limits, y) {
-        let above = Infinity;
-        for (const {value, name, ink} of limits) {
-            pen.strokeStyle = inkOf(ink);
+        let below = HEIGHT + LINE;
+        for (const {value, name, ink} of [...limits].sort((one, other) => one.value - other.value)) {
+            const right = width - RIGHT, middle = y(value);
+            pen.strokeStyle = pen.fillStyle = inkOf(ink);
             pen.setLineDash([5, 3]);
             pen.beginPath();
-            pen.moveTo(LEFT, y(value));
-            pen.lineTo(width - 2, y(value));
+            pen.moveTo(LEFT, middle);
+            pen.lineTo(right, middle);
             pen.stroke();
-            pen.fillStyle = inkOf(ink);
-            // Two limits beside each other have their names on both sides of them.
-            const isBelow = Math.abs(y(value) - above) < 11 || y(value) < 14;
-            const low = isBelow ? 10 : -3;
-            pen.fillText(name, LEFT + 4, y(value) + low);
-            above = y(value);
+            below = Math.min(middle + 4, below - LINE);
+            pen.fillText(name, right + 4, below);
         }
         pen.setLineDash([]);
     }
@@ -159,7 +160,7 @@ const plots = (() => {
     // What was there at a place of the strip, in words.
     function wordsAt(made, at) {
         const end = endOf(made), width = made.strip.clientWidth;
-        const t = end - SHOWN + SHOWN * (at - LEFT) / (width - LEFT - 2);
+        const t = end - SHOWN + SHOWN * (at - LEFT) / (width - LEFT - RIGHT);
         const event = made.events.filter((other) => Math.abs(other.t - t) < SHOWN / 60).at(-1);
         const sample = made.samples.filter((other) => other.t <= t && t - other.t < GAP).at(-1);
         return event || sample ? `${(t - end).toFixed(1)} s: ${event?.text ?? sample.state}` : '';
