@@ -297,7 +297,8 @@ def published_share(
     """
     Return the share of the recorded motion that fkm publishes with a calibration.
 
-    Sets with a spike, which no calibration can mend, are left out.
+    Sets with a spike, which no calibration can mend, are left out; so are those that fkm withholds
+    as it starts, at the begin and after a gap of the recording.
 
     Parameters
     ----------
@@ -329,7 +330,8 @@ def published_share(
         values.of(calibration),
         lambda done: progress('supervision of the motion', done / len(stamps)),
     )
-    share = float(result.published.mean())
+    judged = len(stamps) - _starts(result)
+    share = float(result.published.sum()) / judged if judged else 0.0
     if share < PUBLISHED:
         raise CalibrationError(
             f'with this calibration fkm publishes {100.0 * share:.1f} % of the motion, expected '
@@ -343,7 +345,25 @@ def _reason(result: Supervised) -> str:
     reason, count = max(
         result.reasons.items(), key=lambda each: (each[0] != Reason.STARTING.value, each[1])
     )
-    return f'{with_remedy(reason, reason)} ({count} samples)'
+    return f'{with_remedy(reason, reason)} ({count} {"sample" if count == 1 else "samples"})'
+
+
+def _starts(result: Supervised) -> int:
+    """
+    Return how many samples are withheld by nothing but a start.
+
+    The supervision starts at the begin and after a gap. A start after any other reason of silence
+    follows samples that are withheld, and is not counted.
+    """
+    published, state = result.published, result.state
+    ends = [index for index, _ in state[1:]] + [len(published)]
+    return sum(
+        end - begin
+        for (begin, text), end in zip(state, ends, strict=True)
+        if text == Reason.STARTING.value
+        if begin == 0 or published[begin - 1]
+        if end == len(published) or published[end]
+    )
 
 
 def _simulated(calibration: MotionCalibration) -> tuple[NDArray[np.int64], Array]:

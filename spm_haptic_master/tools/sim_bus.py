@@ -52,6 +52,8 @@ CAN_CONFIG='{"port": 43114}' in the environment of all its programs: a socket re
 group (can.channel) that any program of the host has joined on its port."""
 # Rated torque of simulated motors where none is given (N m).
 SIMULATED_RATED_TORQUE = 0.5
+# Counts per turn of config/simulated_rig.yaml and its variants.
+SIMULATED_COUNTS = 16384
 # What a second program on the bus is, and its cure.
 TWIN = (
     'a second sim_bus, or encoders; udp_multicast needs a port for each bus, as in '
@@ -84,6 +86,8 @@ def main(args: list[str]) -> int:
     sensors = sensors_of(given)
     settings = (*nodes.SOURCE_SETTINGS['can'], *nodes.MOTION_SETTINGS, *nodes.DRIVE_SETTINGS)
     values = command_line.checked(simulated_rig(sensors) | given, settings, 'sim', 'can')
+    if 'encoders.zero_count' not in given:
+        values['encoders.zero_count'] = _zero_counts(values)
     decoder = make_decoder(values)
     axes = tuple(axis.name for axis in decoder.axes)
     faults = [fault_injection.parse_fault(text, sensors, axes) for text in options.fault]
@@ -103,6 +107,16 @@ def main(args: list[str]) -> int:
             missed = f', {grid.missed} deadlines missed' if grid else ''
             print(f'sim_bus: {runner.cycles} cycles answered{missed}')
     return 0
+
+
+def _zero_counts(values: Values) -> tuple[int, ...]:
+    """Return the zero counts of the simulated rig, in the counts that the encoders have."""
+    return tuple(
+        zero * counts // SIMULATED_COUNTS
+        for zero, counts in zip(
+            values['encoders.zero_count'], values['encoders.counts_per_turn'], strict=True
+        )
+    )
 
 
 def _of_kinds(

@@ -48,6 +48,20 @@ def test_the_best_are_the_true_ones_and_stand_alone(seed):
     assert found[1].misfit > 3.0 * best.misfit
 
 
+def test_two_guesses_that_come_to_the_same_zeros_are_one(monkeypatch):
+    """One that the search has left 4 deg off, as by the noise of 12 bits, is no second answer."""
+    read, model = samples((1, 1, -1, 1), np.array([0.5, -0.2, 1.0, 2.0]), 3), model_of()
+    true = np.array([0.5, -0.2, 1.0, 2.0])
+    guesses = [
+        zero_search.ZeroGuess((1, 1, -1, 1), zeros, radians(misfit))
+        for zeros, misfit in ((true, 0.1), (true + np.radians([4.0, -1.0, -2.0, 1.0]), 1.4))
+    ]
+    monkeypatch.setattr(zero_search, 'search_zeros', lambda *_: guesses)
+    found = zero_search._explaining(read, model, 1)
+    assert found is not None and found.direction == (1, 1, -1, 1)
+    assert np.degrees(np.abs(wrapped(found.vector[:4] - true))).max() < 4.1
+
+
 def test_a_wrong_pair_that_several_zeros_explain_does_not_end_the_search(monkeypatch):
     """The last two of six are swapped; other swaps leave several choices."""
 

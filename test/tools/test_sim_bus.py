@@ -101,6 +101,12 @@ def test_a_full_disk_ends_in_one_line(tmp_path, capsys, monkeypatch):
     )
 
 
+def test_the_zero_counts_are_those_of_the_simulated_rig_at_any_resolution(capsys):
+    counts = '-p', 'encoders.counts_per_turn:=[4096, 16384, 65536, 4096]'
+    assert sim_bus.main([*VIRTUAL, *counts, '--seconds', '0.01']) == 0
+    assert 'zero counts [300, 15870, 32012, 1111], directions' in capsys.readouterr().out
+
+
 @pytest.mark.parametrize('of_the_rig', [True, False])
 def test_the_encoders_have_the_harmonics_of_their_rig_once(monkeypatch, of_the_rig):
     """Also where it reads the same file as the driver that corrects them."""

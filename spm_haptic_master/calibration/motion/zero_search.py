@@ -111,6 +111,33 @@ class Start:
     vector: Array
 
 
+@dataclass(frozen=True, slots=True)
+class ComparedGuess:
+    """
+    A guess after a fit with all parameters free.
+
+    Attributes
+    ----------
+    misfit : float
+        Misfit of the fit (unit 1).
+    start : Start
+        Directions and zeros of the guess.
+    zeros : ndarray, shape (N,)
+        Zeros to which the fit has come, rad: two guesses may come to the same.
+
+    """
+
+    misfit: float
+    start: Start
+    zeros: Array
+
+    def is_other_than(self, other: ComparedGuess) -> bool:
+        """Return whether directions or fitted zeros are others than those of another guess."""
+        if self.start.direction != other.start.direction:
+            return True
+        return bool(np.abs(wrapped(self.zeros - other.zeros)).max() > DISTINCT_ZEROS)
+
+
 def find_start(
     means: MotionReadings,
     model: MotionModel,
@@ -217,18 +244,16 @@ def _explaining(readings: Array, model: MotionModel, count: int) -> Start | None
     ]
     if not fits:
         return None
-    (misfit, best), *others = sorted(fits, key=lambda found: found[0])
-    each = max(1.0, misfit / len(compared))
-    for other, start in others:
-        if other - misfit < MISFIT_MARGIN * each and (
-            start.direction != best.direction
-            or np.abs(wrapped(start.vector - best.vector)).max() > DISTINCT_ZEROS
-        ):
+    best, *others = sorted(fits, key=lambda found: found.misfit)
+    each = max(1.0, best.misfit / len(compared))
+    for other in others:
+        as_good = other.misfit - best.misfit < MISFIT_MARGIN * each
+        if as_good and other.is_other_than(best):
             raise _undetermined(
-                f'{degrees(best.vector[0]):.1f} and '
-                f'{degrees(start.vector[0]):.1f} deg of {ALL_JOINT_NAMES[0]}'
+                f'{degrees(best.zeros[0]):.1f} and '
+                f'{degrees(other.zeros[0]):.1f} deg of {ALL_JOINT_NAMES[0]}'
             )
-    return best
+    return best.start
 
 
 def _undetermined(zeros: str) -> CalibrationError:
@@ -240,9 +265,9 @@ def _undetermined(zeros: str) -> CalibrationError:
     )
 
 
-def _compared(readings: Array, model: MotionModel, guess: ZeroGuess) -> tuple[float, Start] | None:
+def _compared(readings: Array, model: MotionModel, guess: ZeroGuess) -> ComparedGuess | None:
     """
-    Return the misfit of a guess with all parameters free.
+    Return a guess with its fit, all parameters free.
 
     Parameters
     ----------
@@ -255,8 +280,8 @@ def _compared(readings: Array, model: MotionModel, guess: ZeroGuess) -> tuple[fl
 
     Returns
     -------
-    tuple of float and Start, or None
-        Misfit (unit 1) and start; None where the parity left is that of another mechanism.
+    ComparedGuess or None
+        None where the parity left is that of another mechanism.
 
     """
     start = _with_more(readings, model, guess)
@@ -268,7 +293,7 @@ def _compared(readings: Array, model: MotionModel, guess: ZeroGuess) -> tuple[fl
         return None
     if found.rms * float(model.sigma.mean()) > PARITY_LIMIT or found.normal.kept.mean() < 0.5:
         return None
-    return found.misfit, start
+    return ComparedGuess(found.misfit, start, found.vector[: model.layout.sensors])
 
 
 def _with_more(readings: Array, model: MotionModel, guess: ZeroGuess) -> Start:
