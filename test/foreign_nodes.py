@@ -193,10 +193,10 @@ def dictionary_of(held):
 
 
 @contextmanager
-def foreign_bus(channel, *encoders, boots=True):
-    """Run encoders, each as node id, objects and `on_write`, on a virtual bus of their own."""
+def foreign_bus(channel, *encoders, boots=True, interface='virtual'):
+    """Run encoders, each as node id, objects and `on_write`, on a bus of their own."""
     logging.getLogger('canopen').setLevel(logging.CRITICAL)
-    with can.Bus(interface='virtual', channel=channel) as bus:
+    with can.Bus(interface=interface, channel=channel) as bus:
         network = canopen.Network(bus)
         network.NOTIFIER_CYCLE = 0.005
         network.connect()
