@@ -25,7 +25,7 @@ MOTION_SETTINGS = (
         'sim.trajectory',
         str,
         'simulated motion',
-        allowed=('fig9', 'perturbed', 'sweep', 'hand', 'tour', 'fixed'),
+        allowed=('fig9', 'perturbed', 'sweep', 'hand', 'tour', 'arms', 'fixed'),
     ),
     Setting(
         'sim.tilt_max_deg',

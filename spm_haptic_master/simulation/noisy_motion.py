@@ -158,6 +158,7 @@ def make_motion(values: Values) -> NoisyMotion:
         'sweep': trajectories.sweep(radians(values['sim.tilt_max_deg'])),
         'hand': trajectories.hand,
         'tour': trajectories.tour,
+        'arms': trajectories.arms,
         'fixed': trajectories.fixed(*map(radians, pose)),
     }[name]
     rig, mode = make_rig(values), values['working_mode']

@@ -10,7 +10,10 @@ They have no state: any time can be asked for.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from math import acos, atan2, cos, hypot, pi, radians, sin, sqrt
+
+from spm_haptic_master.kinematics import inverse, track_mode, workspace_pose, zxz_from_matrix
 
 # A motion: time in s to (psi, theta, phi) in rad.
 Trajectory = Callable[[float], tuple[float, float, float]]
@@ -44,6 +47,10 @@ HAND_WAVES = (
 )
 # Largest tilt of that motion, middle and amplitude of its self-rotation (rad).
 HAND_TILT, HAND_PHI, HAND_PHI_AMPLITUDE = radians(18.0), radians(42.0), radians(40.0)
+
+# The arms one by one: the time that each has (s), by how much its motor turns (rad), self-rotation
+# of the pose where all begin (rad), and poses computed for each.
+ARM_TIME, ARM_SWING, ARMS_PHI, ARM_POSES = 4.0, radians(15.0), radians(25.0), 61
 
 # The directions of tilt at azimuth 0 and 90 deg, across the centre axis (1, 1, 1).
 ACROSS = (
@@ -121,6 +128,37 @@ def hand(t: float) -> tuple[float, float, float]:
     )
     phi = HAND_PHI + HAND_PHI_AMPLITUDE * turn
     return tilted(HAND_TILT * hypot(x, y) / sqrt(2.0), atan2(y, x), phi)
+
+
+def arms(t: float) -> tuple[float, float, float]:
+    """Return the pose of a hand that swings arm A, then B, then C; the other motors rest."""
+    number, elapsed = divmod(t, ARM_TIME)
+    poses = _arm_poses()[int(number) % 3]
+    place = 0.5 * (1.0 - cos(2.0 * pi * elapsed / ARM_TIME)) * (ARM_POSES - 1)
+    before = min(int(place), ARM_POSES - 2)
+    part = place - before
+    psi, theta, phi = (
+        (1.0 - part) * one + part * other
+        for one, other in zip(poses[before], poses[before + 1], strict=True)
+    )
+    return psi, theta, phi
+
+
+@cache
+def _arm_poses() -> list[list[list[float]]]:
+    """Return ZXZ angles, rad, for each arm and each of `ARM_POSES` angles of its motor."""
+    middle = workspace_pose(0.0, 0.0, ARMS_PHI)
+    rest = inverse(middle).theta1.tolist()
+    found = []
+    for arm in range(3):
+        last, poses = middle, []
+        for number in range(ARM_POSES):
+            turned = list(rest)
+            turned[arm] += ARM_SWING * number / (ARM_POSES - 1)
+            last = track_mode(turned, last).rotation
+            poses.append([float(angle) for angle in zxz_from_matrix(last)])
+        found.append(poses)
+    return found
 
 
 def fixed(psi: float, theta: float, phi: float) -> Trajectory:

@@ -51,3 +51,15 @@ def test_the_tour_begins_clear_of_the_singularity_and_crosses_it_within_ten_seco
     assert kinematics.dexterity(rotations[:10]).min() > 0.1
     signs = np.sign(kinematics.parallel_determinant(rotations))
     assert signs.min() < 0.0 < signs.max()
+
+
+def test_arms_turn_one_motor_at_a_time_and_the_passive_joint_of_leg_a_moves_with_each():
+    """What `can_scan --watch` shows then is the order of the joints."""
+    for number in range(3):
+        times = number * trajectories.ARM_TIME + np.arange(0.05, trajectories.ARM_TIME, 0.05)
+        poses = np.array([trajectories.arms(t) for t in times])
+        found = kinematics.inverse(kinematics.matrix_from_zxz(*poses.T))
+        spans = np.degrees(np.ptp(np.unwrap(found.theta1, axis=0), axis=0))
+        others = np.delete(spans, number)
+        assert 14.5 < spans[number] < 15.5 and others.max() < 0.02
+        assert np.degrees(np.ptp(np.unwrap(found.theta3a))) > 3.0
