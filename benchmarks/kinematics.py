@@ -299,7 +299,7 @@ def entries() -> list[Entry]:
             for sensors, name in SUPERVISED.items()
         ),
         ('force feedback, three motors, one sample', force(3), 'sin', 1, 400),
-        ('force feedback, four motors, one sample', force(4), 'sin', 1, 450),
+        ('force feedback, four motors, one sample', force(4), 'sin', 1, 400),
         ('the same of three, with the weight', force(3, WEIGHT), 'sin', 1, None),
         ('force of three motors', statics(3, 20.0), 'sin', 1, 200),
         ('force of three motors, faded', statics(3, 45.0), 'sin', 1, None),
