@@ -28,7 +28,8 @@ def motion(
     times = np.arange(round(seconds * rate)) / rate
 
     def swing(amplitude: float) -> np.ndarray:
-        slow, fast = random.uniform(0.1, 0.3), random.uniform(0.3, 0.6)
+        slow = random.uniform(0.1, 0.3)
+        fast = random.uniform(0.3, 0.6)
         phases = random.uniform(0.0, 2.0 * np.pi, 2)
         return amplitude * (
             0.7 * np.sin(2.0 * np.pi * slow * times + phases[0])

@@ -105,7 +105,8 @@ def encoders(channel):
     @contextmanager
     def run(factory=False, sync=None, pose=None, quirks=(), seed=1, **layout):
         motion = {'sim__trajectory': 'fixed', 'sim__pose_deg': pose} if pose else {}
-        settings, end = values(**layout), threading.Event()
+        settings = values(**layout)
+        end = threading.Event()
         sync_id = settings['encoders.sync_id'] or None
         period = 1.0 / settings['rate']
         made = SimulatedBus(

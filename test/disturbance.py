@@ -40,7 +40,8 @@ class Disturbance:
         self._limit = limit
 
     def __enter__(self):
-        self._began, self._others = time.monotonic(), _ticks_of_others()
+        self._began = time.monotonic()
+        self._others = _ticks_of_others()
         self._control = Control()
         return self
 

@@ -96,8 +96,12 @@ class ForeignEncoder:
     """
 
     def __init__(self, network, node_id, held, on_write=None):
-        self.node_id, self.held, self.counts, self.syncs = node_id, held, 100 * node_id, 0
-        self.network, self.stored = network, {}
+        self.node_id = node_id
+        self.held = held
+        self.counts = 100 * node_id
+        self.syncs = 0
+        self.network = network
+        self.stored = {}
         network.subscribe(0, self._on_nmt)
         self.node = canopen.LocalNode(node_id, dictionary_of(held))
         if on_write:
@@ -179,7 +183,8 @@ def dictionary_of(held):
             and index not in RECORDS
         )
         variable = canopen.objectdictionary.ODVariable(f'{index:X}:{subindex}', index, subindex)
-        variable.data_type, variable.access_type = TYPES[entry.size], entry.access
+        variable.data_type = TYPES[entry.size]
+        variable.access_type = entry.access
         variable.default = entry.value
         if single:
             dictionary.add_object(variable)

@@ -23,7 +23,8 @@ DEVIATIONS = Tolerances(radians(0.3), radians(0.3), radians(0.12), radians(0.015
 # A short motion that determines everything that a motion can.
 SHORT = Condition('short', seconds=24.0)
 # An ordinary rig, and the seed of its short motion.
-RIG, SEED = random_rig(12, DEVIATIONS), 41
+RIG = random_rig(12, DEVIATIONS)
+SEED = 41
 
 
 @cache

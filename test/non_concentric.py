@@ -17,7 +17,8 @@ import numpy as np
 from spm_haptic_master.kinematics.inverse_model import mechanism_angles
 
 # Radius of the links (mm), and steps of Newton's method.
-RADIUS, STEPS = 100.0, 3
+RADIUS = 100.0
+STEPS = 3
 # The drawing's angle between Z_E and the platform's axes.
 GAMMA = radians(18.2)
 # Step of the differences (rad, or units of the radius).
@@ -60,7 +61,8 @@ def _gap(poses, unknown, offsets, geometry):
         base = np.linalg.matrix_power(LEG_TURN, leg)
         platform = about_z(radians(120.0 * leg)) @ about_x(-GAMMA)
         th1, th2, th3 = unknown[:, 3 * leg : 3 * leg + 3].T
-        rotation, place = base @ _turn(th1), base @ offsets[leg, 0]
+        rotation = base @ _turn(th1)
+        place = base @ offsets[leg, 0]
         for link, angle, offset in (
             (geometry.alphas[leg], th2, offsets[leg, 1]),
             (geometry.betas[leg], th3, offsets[leg, 2]),
@@ -75,7 +77,9 @@ def _gap(poses, unknown, offsets, geometry):
 
 def _turn(angles):
     """Return rotations about z by angles, shape (n, 3, 3)."""
-    c, s, o = np.cos(angles), np.sin(angles), np.zeros_like(angles)
+    c = np.cos(angles)
+    s = np.sin(angles)
+    o = np.zeros_like(angles)
     return np.stack(
         [np.stack([c, -s, o], 1), np.stack([s, c, o], 1), np.stack([o, o, o + 1.0], 1)], axis=1
     )

@@ -12,7 +12,8 @@ from harness import DATA
 
 NUMBER = re.compile(r'[-+]?\d+\.?\d*(?:e[-+]\d+)?')
 # Differences of two numbers that are rounding: of their size, and absolute.
-RELATIVE, ABSOLUTE = 1e-4, 2e-4
+RELATIVE = 1e-4
+ABSOLUTE = 2e-4
 # Lines that differ which a failure shows.
 SHOWN = 20
 
@@ -29,7 +30,8 @@ def assert_recorded(name, text):
 
 def differences(text, recorded):
     """Return a line for each that differs: its number, what was found, what was expected."""
-    found, expected = text.splitlines(), recorded.splitlines()
+    found = text.splitlines()
+    expected = recorded.splitlines()
     blocks = SequenceMatcher(
         None, [*map(words, found)], [*map(words, expected)], autojunk=False
     ).get_opcodes()
@@ -50,7 +52,8 @@ def words(line):
 
 def is_same(line, expected):
     """Return whether two lines have the same words, and numbers within rounding."""
-    numbers, known = NUMBER.findall(line), NUMBER.findall(expected)
+    numbers = NUMBER.findall(line)
+    known = NUMBER.findall(expected)
     return words(line) == words(expected) and all(
         isclose(float(number), float(other), rel_tol=RELATIVE, abs_tol=ABSOLUTE)
         for number, other in zip(numbers, known, strict=True)

@@ -50,7 +50,8 @@ def truth() -> tuple[np.ndarray, np.ndarray]:
 
 def errors_deg(found: np.ndarray, true: np.ndarray) -> np.ndarray:
     """Return the errors of orientations, deg, up to one constant rotation on each side."""
-    base, platform = np.eye(3), np.eye(3)
+    base = np.eye(3)
+    platform = np.eye(3)
     # In turns, by the nearest rotation to the mean.
     for _ in range(20):
         platform = nearest_rotation((np.swapaxes(base @ found, 1, 2) @ true).mean(0))

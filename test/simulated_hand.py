@@ -44,7 +44,8 @@ def hand_motion(rig: Rig, condition: Condition, seed: int) -> np.ndarray:
     random = np.random.default_rng(seed)
     t = np.arange(int(condition.seconds * RATE)) / RATE
     if condition.rest:
-        middle, half = 0.5 * t[-1], 0.5 * condition.rest * t[-1]
+        middle = 0.5 * t[-1]
+        half = 0.5 * condition.rest * t[-1]
         t = np.where(t < middle - half, t, np.maximum(middle - half, t - 2.0 * half))
     waves = []
     for _ in range(3):
@@ -57,7 +58,8 @@ def hand_motion(rig: Rig, condition: Condition, seed: int) -> np.ndarray:
         waves.append(wave / np.sqrt(np.sum(sizes**2) / 2.0))
     x, y, turn = waves
     if condition.one_sided:
-        x, y = 0.5 + 0.5 * np.tanh(x), 0.5 * np.tanh(y)
+        x = 0.5 + 0.5 * np.tanh(x)
+        y = 0.5 * np.tanh(y)
     size = np.hypot(x, y)
     tilt = radians(condition.tilt) * np.tanh(0.8 * size)
     middle = 0.5 * (condition.turn_from + condition.turn_to)

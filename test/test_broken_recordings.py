@@ -89,7 +89,8 @@ def read_log(path, _):
     ],
 )
 def test_a_damaged_recording_gives_what_is_in_it_or_one_line(tmp_path, whole, name, read, damage):
-    path, data = tmp_path / name, whole[name]
+    path = tmp_path / name
+    data = whole[name]
     rng = random.Random(f'{name} {damage.__name__} 0')
     if name.endswith('.gz') and damage in (numbers, columns):
         # Of a compressed text, what is in it.

@@ -77,7 +77,8 @@ def test_the_rows_have_verdicts(faults, monkeypatch):
     assert found[row.format(5)] == found[row.format(6)] == 'withheld'
 
 
-LATE, LOUD = GOOD._replace(undeclared=1.01), GOOD._replace(silent=False)
+LATE = GOOD._replace(undeclared=1.01)
+LOUD = GOOD._replace(silent=False)
 
 
 @pytest.mark.parametrize(

@@ -205,7 +205,8 @@ def solids(geometry: Geometry) -> dict[str, Solid]:
         `base`, `proximal_K`, `distal_K` (K: a, b, c) and `platform`.
 
     """
-    axes, ends = np.array(geometry.base_axes), np.array(geometry.platform_axes)
+    axes = np.array(geometry.base_axes)
+    ends = np.array(geometry.platform_axes)
     platform = together(
         *(cylinder(PLATFORM_AT_3).turned(onto(axis)) for axis in ends),
         *(_arc_between(np.array([0.0, 0.0, 1.0]), axis, PLATFORM) for axis in ends),
@@ -349,7 +350,8 @@ def _link(
         In the frame of the link, m.
 
     """
-    c, s = np.cos(angle), np.sin(angle)
+    c = np.cos(angle)
+    s = np.sin(angle)
     there = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
     return together(_arc_bar(angle, bar), cylinder(first), cylinder(second).turned(there))
 
@@ -385,7 +387,8 @@ def _arc_bar(angle: float, bar: Sequence[float]) -> Solid:
     """
     radius, width, thickness = (SIZE * each for each in bar)
     chamfer = CHAMFER * thickness
-    x, r = 0.5 * width, 0.5 * thickness
+    x = 0.5 * width
+    r = 0.5 * thickness
     # Across and along the radius, counter-clockwise about the direction of the arc.
     section = [
         (x, -r + chamfer),
@@ -426,10 +429,12 @@ def _tube(rings: list[NDArray[np.float64]]) -> Solid:
         The middles of the first and of the last ring are two more corners.
 
     """
-    count, n = len(rings), len(rings[0])
+    count = len(rings)
+    n = len(rings[0])
     here = np.arange(count * n).reshape(count, n)
     there = np.roll(here, -1, axis=1)
-    first, last = np.full(n, count * n), np.full(n, count * n + 1)
+    first = np.full(n, count * n)
+    last = np.full(n, count * n + 1)
     sides = [
         np.stack(corners, axis=2)
         for corners in ((here[:-1], there[:-1], there[1:]), (here[:-1], there[1:], here[1:]))

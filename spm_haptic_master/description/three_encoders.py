@@ -177,7 +177,8 @@ class ThreeEncoders:
             Angles of th1A, th1B, th1C; nan: no reading.
 
         """
-        begin, waiting = self._poses.begin, self._waiting
+        begin = self._poses.begin
+        waiting = self._waiting
         if waiting is not None and begin is not None:
             if begin <= waiting.stamp <= stamp:
                 return

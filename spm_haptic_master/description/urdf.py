@@ -83,7 +83,9 @@ def urdf(geometry: Geometry, meshes: str) -> str:
         _add_encoder(base, solids.MOTOR_ENCODER, leg.base_frame)
     limits = iter(zip(MECHANISM_JOINT_NAMES, joint_limits(geometry), strict=True))
     for leg, name in zip(geometry.legs, solids.LEGS, strict=True):
-        proximal, distal, carrier = f'proximal_{name}', f'distal_{name}', f'carrier_{name}'
+        proximal = f'proximal_{name}'
+        distal = f'distal_{name}'
+        carrier = f'carrier_{name}'
         end = _about_x(leg.cos_beta, leg.sin_beta)
         _turning(robot, *next(limits), BASE_FRAME, proximal, leg.base_frame, MOTOR_TORQUE)
         _link(robot, proximal, f'{meshes}/{proximal}.stl', f'leg_{name}')
@@ -280,7 +282,8 @@ def _origin(element: Element, frame: Rotation[float], height: float) -> None:
     """
     r00, r01, r02, r10, r11, r12, r20, _, r22 = frame
     yaw = atan2(r10, r00)
-    c, s = cos(yaw), sin(yaw)
+    c = cos(yaw)
+    s = sin(yaw)
     rpy = atan2(s * r02 - c * r12, c * r11 - s * r01), atan2(-r20, hypot(r00, r10)), yaw
     SubElement(
         element, 'origin', xyz=_numbers([height * z for z in (r02, r12, r22)]), rpy=_numbers(rpy)

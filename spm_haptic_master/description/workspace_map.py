@@ -49,7 +49,8 @@ class WorkspaceMap:
     """
 
     def __init__(self, geometry: kinematics.Geometry, working_mode: WorkingMode) -> None:
-        self._geometry, self._working_mode = geometry, working_mode
+        self._geometry = geometry
+        self._working_mode = working_mode
         number = np.arange(TILES) + 0.5
         # Equal areas of the sphere.
         self._tilts = np.arccos(1.0 - (1.0 - cos(HALF_ANGLE)) * number / TILES)

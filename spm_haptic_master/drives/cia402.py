@@ -15,7 +15,8 @@ from spm_haptic_master.encoders import canopen
 
 # Objects: index and subindex. Of CiA 301: heartbeat that is expected (node id and ms), and what
 # the loss of it does.
-HEARTBEAT_CONSUMER, ERROR_BEHAVIOUR = (0x1016, 1), (0x1029, 1)
+HEARTBEAT_CONSUMER = (0x1016, 1)
+ERROR_BEHAVIOUR = (0x1029, 1)
 ABORT_OPTION = (0x6007, 0)
 CONTROLWORD = (0x6040, 0)
 STATUSWORD = (0x6041, 0)
@@ -28,7 +29,8 @@ MAXIMUM_TORQUE = (0x6072, 0)
 RATED_TORQUE = (0x6076, 0)
 TORQUE_ACTUAL = (0x6077, 0)
 MAXIMUM_MOTOR_SPEED = (0x6080, 0)
-PERIOD_VALUE, PERIOD_EXPONENT = (0x60C2, 1), (0x60C2, 2)
+PERIOD_VALUE = (0x60C2, 1)
+PERIOD_EXPONENT = (0x60C2, 2)
 SUPPORTED_MODES = (0x6502, 0)
 
 # Abort connection option: disable voltage. Not quick stop: its ramp is a velocity controller,
@@ -38,7 +40,8 @@ DISABLE_VOLTAGE_ON_ABORT = 2
 FREE = 0
 
 # Modes of operation: cyclic synchronous torque, profile torque.
-CYCLIC_TORQUE, PROFILE_TORQUE = 10, 4
+CYCLIC_TORQUE = 10
+PROFILE_TORQUE = 4
 # A torque of 1 in the unit of 6071h and 6077h: per mille of the rated torque.
 PER_MILLE = 1000
 # Largest torque that an INTEGER16 holds (per mille).
@@ -76,7 +79,11 @@ PATTERNS = (
 )
 
 # Commands of the controlword.
-DISABLE_VOLTAGE, SHUTDOWN, SWITCH_ON, ENABLE_OPERATION, FAULT_RESET = 0x00, 0x06, 0x07, 0x0F, 0x80
+DISABLE_VOLTAGE = 0x00
+SHUTDOWN = 0x06
+SWITCH_ON = 0x07
+ENABLE_OPERATION = 0x0F
+FAULT_RESET = 0x80
 # Controlword of the next transition towards Operation enabled; any other state gets disable
 # voltage. From a fault only a reset leads on, which only an acknowledgement causes.
 ONWARDS = {

@@ -23,11 +23,14 @@ from spm_haptic_master.exceptions import SetupError
 
 # Deviation of the torque from its command (share of it) that is a fault if it lasts (s). Below a
 # quarter of the cap friction and noise of the drive are larger than such a share.
-TORQUE_SHARE, TORQUE_FLOOR, TORQUE_TIME = 0.2, 0.25, 0.05
+TORQUE_SHARE = 0.2
+TORQUE_FLOOR = 0.25
+TORQUE_TIME = 0.05
 # Time from the request for Operation enabled to it (s).
 ENABLE_TIMEOUT = 2.0
 # Longest wait for the answer to a request by SDO (s), and number of requests.
-ANSWER_TIMEOUT, REQUESTS = 0.2, 3
+ANSWER_TIMEOUT = 0.2
+REQUESTS = 3
 
 # Takes the data of a frame.
 Handler = Callable[[bytearray], None]
@@ -77,7 +80,8 @@ class Drive:
 
     def __init__(self, own: DrivePlan, plan: Plan, send: Callable[[can.Message], None]):
         self.own = own
-        self._plan, self._send = plan, send
+        self._plan = plan
+        self._send = send
         self.now = 0.0
         self.state = State.UNKNOWN
         self.torque = 0
@@ -112,7 +116,8 @@ class Drive:
         """Forget what an acknowledgement clears; from now on a heartbeat is due."""
         self._heartbeat_at = self.now
         self.emergency = self.absent = self._since = None
-        self.booted, self._off_time = False, 0.0
+        self.booted = False
+        self._off_time = 0.0
 
     def command(self, torque: int) -> None:
         """
@@ -154,7 +159,8 @@ class Drive:
         In this order: an emergency, a fault state, a boot-up, a missing heartbeat, an NMT state
         other than operational, a missing status frame.
         """
-        plan, silent = self._plan, self.now - self.status_at
+        plan = self._plan
+        silent = self.now - self.status_at
         unheard = self.now - self._heartbeat_at
         if self.emergency:
             return self.emergency
@@ -192,7 +198,8 @@ class Drive:
         if not operate:
             self._since = None
         elif self._since is None:
-            self._since, self._reached = self.now, False
+            self._since = self.now
+            self._reached = False
         if self._since is not None:
             if self.state is State.ENABLED:
                 self._reached = True
@@ -228,7 +235,8 @@ class Drive:
         self.status_at = self.now
         low = min(self._range[0], self._before[0])
         high = max(self._range[1], self._before[1])
-        self._before, self._range = self._range, (self._command, self._command)
+        self._before = self._range
+        self._range = (self._command, self._command)
         allowed = TORQUE_SHARE * max(abs(low), abs(high), TORQUE_FLOOR * self.own.cap)
         # A torque that only crosses its command now and then does not follow it.
         follows = low - allowed <= self.torque <= high + allowed

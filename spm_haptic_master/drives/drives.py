@@ -112,7 +112,8 @@ class Drives:
         }
         self.motors = len(self._drives)
         self._bus: can.BusABC | None = None
-        self._now, self._retry_at = 0.0, -inf
+        self._now = 0.0
+        self._retry_at = -inf
         # The start-up; None after it. In it frames without torque go out if `_sends`, to enable
         # the operation if `_operate`, and faults are reset.
         self._start_up: Steps | None = self._start()
@@ -470,7 +471,8 @@ class Drives:
             Whether faults are reset; the bit toggles, as drives act on its edge.
 
         """
-        words, values = [], []
+        words = []
+        values = []
         for index, drive in enumerate(self._drives):
             word = cia402.controlword(drive.state, operate)
             if resets and drive.state is State.FAULT and self._samples & RESET_SAMPLES:

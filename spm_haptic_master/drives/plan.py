@@ -26,7 +26,9 @@ from spm_haptic_master.parameters.setting import Values
 # Layout of a status frame: statusword, torque actual (per mille), mode of operation.
 STATUS = Struct('<Hhb')
 # What a drive sends its status by: its event timer, SYNC of this master, SYNC of the encoders.
-BY_TIMER, BY_OWN_SYNC, BY_ENCODER_SYNC = 'timer', 'sync', 'encoder_sync'
+BY_TIMER = 'timer'
+BY_OWN_SYNC = 'sync'
+BY_ENCODER_SYNC = 'encoder_sync'
 # Largest transmission type of a PDO that is sent with every so many SYNC.
 LARGEST_SYNCS = 240
 # Event timers of the torque frames, and all objects that may be missing if verified by hand.
@@ -225,7 +227,8 @@ def make_plan(values: Values) -> Plan:
         Settings contradict each other, or the torque limit does not fit the motors.
 
     """
-    node_ids, master_id = values['drives.node_id'], values['drives.master_id']
+    node_ids = values['drives.node_id']
+    master_id = values['drives.master_id']
     count = len(node_ids)
     if len({*node_ids, master_id}) <= count:
         raise SettingError(
@@ -389,7 +392,8 @@ def _check_times(values: Values) -> None:
         value = 1e3 * values[name]
         if abs(value - round(value)) > 1e-6:
             raise SettingError(name, values[name], 'whole milliseconds')
-    period, timer = 1.0 / values['rate'], values['drives.event_timer']
+    period = 1.0 / values['rate']
+    timer = values['drives.event_timer']
     for name, shortest, why in (
         (
             'drives.event_timer',
@@ -441,7 +445,8 @@ def check_shared_bus(drives: Values, encoders: Values) -> None:
     if not is_shared(drives, encoders):
         return
     plan = make_plan(drives)
-    layouts, sync = make_layouts(encoders), bool(encoders['encoders.sync_id'])
+    layouts = make_layouts(encoders)
+    sync = bool(encoders['encoders.sync_id'])
     _check_node_ids(drives, encoders)
     _check_identifiers(plan, layouts, list(encoders['encoders.id']))
     check_load(

@@ -353,7 +353,8 @@ class ForceController:
 
     def _rendered(self, sample: ForceSample) -> tuple[Command, Vector[float]]:
         """Return the command for wrench, lock, damping and support, and what the handle gets."""
-        support, handle = self._support, self._handle
+        support = self._support
+        handle = self._handle
         if not (any(handle.asked) or handle.ramp or support.has_torque):
             return Command(self._zero, NOTHING, NOTHING), NOTHING
         torque = handle.asked

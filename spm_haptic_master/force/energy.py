@@ -36,19 +36,23 @@ ADVANCE = 2e-3
 SOFTEST = 0.2
 # Energy at which the damping begins: what 60 s of noise at rest leave; and its way to all (J). It
 # begins before energy has been generated, as the wrench needs some 30 ms to follow.
-DAMPED, DAMPING_RANGE = 1.5e-3, 1e-3
+DAMPED = 1.5e-3
+DAMPING_RANGE = 1e-3
 # Power with which the advance comes back at rest (W): with it no slave gets more than the advance,
 # what is faded, and 3 mJ in a minute, however it stutters.
 REST_POWER = 5e-5
 # Shortest times in which the damping comes, and goes (s).
-GROWTH, RELEASE = 4e-3, 20e-3
+GROWTH = 4e-3
+RELEASE = 20e-3
 # Energy generated at which the wrench is none (J).
 FADED = 20e-3
 # Whole damping of the handle and of a motor's joint (N m s/rad). Beyond some 0.1, pi / 2 times the
 # inertia of 0.4e-3 kg m^2 about the lightest axis over the velocity's lag of 6 ms, it would swing.
-HANDLE_DAMPING, JOINT_DAMPING = 0.06, 0.03
+HANDLE_DAMPING = 0.06
+JOINT_DAMPING = 0.03
 # Share of the wrench (unit 1) below which it has no use, and for how long (s).
-LEAST_SHARE, LEAST_TIME = 0.1, 1.0
+LEAST_SHARE = 0.1
+LEAST_TIME = 1.0
 
 
 class EnergyBudget:

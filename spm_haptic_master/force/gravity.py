@@ -36,7 +36,8 @@ from spm_haptic_master.kinematics.vectors import cross, dot, times
 STANDARD: Vector[float] = (0.0, 0.0, -9.80665)
 # Fewest poses of an identification, and least number of directions that they determine of the nine
 # values: a proximal link with a vertical axis hangs on nothing, which leaves seven.
-FEWEST_POSES, LEAST_RANK = 6, 7
+FEWEST_POSES = 6
+LEAST_RANK = 7
 # Smallest singular value over the largest that determines a direction (unit 1).
 DETERMINED = 0.01
 
@@ -166,12 +167,14 @@ def identify_gravity(
         Weight(Gravity((x, y, z), tuple(rest), down), statics)
         for x, y, z, *rest in np.eye(9).tolist()
     ]
-    columns, sides = [], []
+    columns = []
+    sides = []
     for pose, tau in zip(poses, torques.tolist(), strict=True):
         statics.place(pose)
         columns.append(np.transpose([weight.torque() for weight in weights]))
         sides.append(statics.rendered(tau))
-    matrix, side = np.concatenate(columns), np.concatenate(sides)
+    matrix = np.concatenate(columns)
+    side = np.concatenate(sides)
     values, _, rank, _ = np.linalg.lstsq(matrix, side, rcond=DETERMINED)
     if rank < LEAST_RANK:
         raise InputError(

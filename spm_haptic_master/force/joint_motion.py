@@ -12,7 +12,8 @@ from operator import mul
 from spm_haptic_master.force.statics import FOUR, Torques
 
 # Time over which a joint velocity is averaged (ns), and samples that are kept for it.
-WINDOW, KEPT = 10_000_000, 200
+WINDOW = 10_000_000
+KEPT = 200
 # Fastest joint (rad/s): beyond, an encoder has jumped. Of a handle at 10 rad/s the joints
 # are twice as fast, and noise of five times its figure differs by 5 rad/s from sample to sample.
 FASTEST = 30.0
@@ -24,7 +25,8 @@ class JointMotion:
     __slots__ = ('_has_four', '_kept', '_last', '_motors', 'is_missing')
 
     def __init__(self, motors: int) -> None:
-        self._motors, self._has_four = motors, motors == FOUR
+        self._motors = motors
+        self._has_four = motors == FOUR
         # Stamps and raw angles, and the latest of these.
         self._kept: deque[tuple[int, tuple[float, ...]]] = deque(maxlen=KEPT)
         self._last: tuple[float, ...] | None = None
@@ -56,9 +58,13 @@ class JointMotion:
             None where an angle is missing at one of its ends, or has jumped.
 
         """
-        most, last, work = FASTEST * dt, self._last, None
+        most = FASTEST * dt
+        last = self._last
+        work = None
         if last is not None:
-            x, y, z = angles[0] - last[0], angles[1] - last[1], angles[2] - last[2]
+            x = angles[0] - last[0]
+            y = angles[1] - last[1]
+            z = angles[2] - last[2]
             square = x * x + y * y + z * z
             usual = torques[0] * x + torques[1] * y + torques[2] * z
             if self._has_four:

@@ -96,7 +96,8 @@ def render(
         `R` is a single pose on the boundary of the working mode.
 
     """
-    matrices, asked = check_rotations('R', R), check_array('torque', torque, (3,))
+    matrices = check_rotations('R', R)
+    asked = check_array('torque', torque, (3,))
     statics = make_statics(
         geometry,
         working_mode,
@@ -117,8 +118,10 @@ def render(
                 raise
             found.append((nan,) * (motors + 3))
     both = np.array(found).reshape(*shape, motors + 3)
-    torques, rendered = both[..., :motors], both[..., motors:]
-    whole, part = np.linalg.norm(asked, axis=-1), np.linalg.norm(rendered, axis=-1)
+    torques = both[..., :motors]
+    rendered = both[..., motors:]
+    whole = np.linalg.norm(asked, axis=-1)
+    part = np.linalg.norm(rendered, axis=-1)
     return Rendered(
         torques,
         rendered,

@@ -81,7 +81,8 @@ ENDS_SUPPORT = frozenset((Reason.DISABLED, Reason.ENERGY))
 SMALL_MESSAGES = 3
 # Time in which torque fades out (s); after a drive's fault the other motors alone pull askew. A
 # wrench that ends is no torque after 50 ms: 30 are its longest age, 5 its way.
-FADE, DRIVE_FADE = 0.015, 0.003
+FADE = 0.015
+DRIVE_FADE = 0.003
 
 
 class ForceState(NamedTuple):
@@ -104,8 +105,10 @@ class ForceState(NamedTuple):
         return self.why not in ENDS_ALL and self.why not in ENDS_SUPPORT
 
 
-OFF, READY = ForceState(Condition.OFF), ForceState(Condition.READY)
-ENGAGED, HOLDING = ForceState(Condition.ENGAGED), ForceState(Condition.HOLDING)
+OFF = ForceState(Condition.OFF)
+READY = ForceState(Condition.READY)
+ENGAGED = ForceState(Condition.ENGAGED)
+HOLDING = ForceState(Condition.HOLDING)
 # Every state, by its words on the topic `force_state`.
 FORCE_STATES = {
     state.text: state

@@ -40,7 +40,8 @@ Torques: TypeAlias = tuple[float, ...]
 # Least B_kk^2 of a leg (unit 1).
 LEAST_SQUARE = MODE_BOUNDARY**2
 # Numbers of motors: on th1A, th1B, th1C; and on th3A as well.
-THREE, FOUR = 3, 4
+THREE = 3
+FOUR = 4
 
 
 # Limits that may be 0; the others are at least this much above it.
@@ -243,7 +244,9 @@ class MotorRates:
         """Return the torque on the handle, N m in the base frame: G^T tau."""
         x = y = z = 0.0
         for torque, (gx, gy, gz) in zip(tau, self.rows(), strict=True):
-            x, y, z = x + torque * gx, y + torque * gy, z + torque * gz
+            x = x + torque * gx
+            y = y + torque * gy
+            z = z + torque * gz
         return x, y, z
 
 
@@ -275,10 +278,13 @@ class FourMotors(MotorRates):
         """Return motor torques, N m, and what the handle gets of m; N m in the base frame."""
         (ax, ay, az), (bx, by, bz), (cx, cy, cz), (dx, dy, dz) = self.rows()
         # G^T G = L D L^T, which is regular in the whole workspace; its solution for m.
-        xx, yx = ax * ax + bx * bx + cx * cx + dx * dx, ax * ay + bx * by + cx * cy + dx * dy
-        zx, zy = ax * az + bx * bz + cx * cz + dx * dz, ay * az + by * bz + cy * cz + dy * dz
+        xx = ax * ax + bx * bx + cx * cx + dx * dx
+        yx = ax * ay + bx * by + cx * cy + dx * dy
+        zx = ax * az + bx * bz + cx * cz + dx * dz
+        zy = ay * az + by * bz + cy * cz + dy * dz
         x, y, z = m
-        l21, l31 = yx / xx, zx / xx
+        l21 = yx / xx
+        l31 = zx / xx
         yy = ay * ay + by * by + cy * cy + dy * dy - l21 * yx
         zy -= l21 * zx
         l32 = zy / yy
@@ -302,7 +308,8 @@ class FourMotors(MotorRates):
             return p, m
         # The parity vector, of any length: the volumes of the other three rows, in turn of sign.
         row_a, row_b, row_c, row_d = self.rows()
-        first, last = cross(row_a, row_b), cross(row_c, row_d)
+        first = cross(row_a, row_b)
+        last = cross(row_c, row_d)
         tau = _within(
             p, (dot(row_b, last), -dot(row_a, last), dot(row_d, first), -dot(row_c, first)), limit
         )
@@ -318,11 +325,14 @@ def _within(p: Torques, n: Torques, limit: float) -> Torques:
         if sizes[i] + sizes[j] > 0.0
     )
     scale = limit / peak if peak > limit else 1.0
-    low, high = -inf, inf
+    low = -inf
+    high = inf
     for torque, part, size in zip(p, n, sizes, strict=True):
         if size > 0.0:
-            middle, half = -scale * torque / part, limit / size
-            low, high = max(low, middle - half), min(high, middle + half)
+            middle = -scale * torque / part
+            half = limit / size
+            low = max(low, middle - half)
+            high = min(high, middle + half)
     # With the least peak at the limit both bounds are one number, but for rounding.
     a = 0.5 * (low + high) if low > high else min(max(0.0, low), high)
     return tuple(

@@ -42,7 +42,8 @@ from spm_haptic_master.kinematics.vectors import cross, dot
 # Longest vector of motor torques along the weak direction, far from the surface, over the limit of
 # one motor; and where it would be none, over `off` (unit 1): by the table of docs/force, so that
 # three poses of four stay exact and a relaxed hand is thrown little.
-BOUND, BEGIN = 1.4, 0.2
+BOUND = 1.4
+BEGIN = 0.2
 # Steps of the inverse iteration. Wherever s_3 is below 0.3 in the workspace the handle's axis Z_E
 # is within 15 deg of the weak direction; two steps from there leave 1.2e-3 rad at s_3 = 0.45, 4e-5
 # rad where the fade begins (0.15).
@@ -63,7 +64,8 @@ class ThreeMotors(MotorRates):
         )
         # A row of G is as long as sin beta / |B_kk|.
         self._near = 0.5 * near * max(1.0 - leg.cos_beta**2 for leg in geometry.legs)
-        self._limit, self._square = limits.motor_torque, limits.motor_torque**2
+        self._limit = limits.motor_torque
+        self._square = limits.motor_torque**2
 
     def strength(self, direction: Vector[float]) -> float:
         """
@@ -89,15 +91,21 @@ class ThreeMotors(MotorRates):
         ax, ay, az = leg_a.row
         bx, by, bz = leg_b.row
         cx, cy, cz = leg_c.row
-        wa, wb, wc = leg_a.divisor, leg_b.divisor, leg_c.divisor
+        wa = leg_a.divisor
+        wb = leg_b.divisor
+        wc = leg_c.divisor
         # Cramer's rule, with the rows of G times 1 - u^2.
-        px, py, pz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
+        px = by * cz - bz * cy
+        py = bz * cx - bx * cz
+        pz = bx * cy - by * cx
         determinant = ax * px + ay * py + az * pz
         # s_3 is 2 |det G| over the sum of the squares of G, or more.
         inverse_reach = 1.0 / leg_a.reach + 1.0 / leg_b.reach + 1.0 / leg_c.reach
         least = self._near * wa * wb * wc * inverse_reach
         if determinant * determinant > least * least:
-            qx, qy, qz = ay * z - az * y, az * x - ax * z, ax * y - ay * x
+            qx = ay * z - az * y
+            qy = az * x - ax * z
+            qz = ax * y - ay * x
             a = wa * (px * x + py * y + pz * z) / determinant
             b = wb * (cx * qx + cy * qy + cz * qz) / determinant
             c = -wc * (bx * qx + by * qy + bz * qz) / determinant
@@ -108,7 +116,8 @@ class ThreeMotors(MotorRates):
 
     def _in_two_parts(self, m: Vector[float]) -> Torques:
         """Return the motor torques from strong and weak part."""
-        limits, limit = self.limits, self._limit
+        limits = self.limits
+        limit = self._limit
         row_a, row_b, row_c = self.rows()
         columns = cross(row_b, row_c), cross(row_c, row_a), cross(row_a, row_b)
         determinant = dot(row_a, columns[0])
@@ -117,8 +126,11 @@ class ThreeMotors(MotorRates):
         fa, fb, fc = [dot(column, m) for column in columns]
         # Strong part: G + u v^T has the same rates across v, and is regular. Its cofactors are
         # those of G, here times m less its part along v, and (G (v x m)) x u.
-        along, across = k * dot(v, m), cross(v, m)
-        x, y, z = dot(row_a, across), dot(row_b, across), dot(row_c, across)
+        along = k * dot(v, m)
+        across = cross(v, m)
+        x = dot(row_a, across)
+        y = dot(row_b, across)
+        z = dot(row_c, across)
         sign = copysign(1.0, determinant)
         regular = determinant + sign * k
         sa = a = (fa - along * ua + sign * (y * uc - z * ub)) / regular
@@ -127,11 +139,15 @@ class ThreeMotors(MotorRates):
         peak = max(abs(a), abs(b), abs(c))
         if peak > limit:
             scale = limit / peak
-            a, b, c = scale * a, scale * b, scale * c
+            a = scale * a
+            b = scale * b
+            c = scale * c
         share = smoothstep((sigma - limits.sigma_off) / (limits.sigma_full - limits.sigma_off))
         if share == 0.0:
             return clipped(a, limit), clipped(b, limit), clipped(c, limit)
-        wa, wb, wc = fa / determinant - sa, fb / determinant - sb, fc / determinant - sc
+        wa = fa / determinant - sa
+        wb = fb / determinant - sb
+        wc = fc / determinant - sc
         length = sqrt(wa * wa + wb * wb + wc * wc)
         most = BOUND * limit * (1.0 - BEGIN * limits.sigma_off / sigma)
         if share * length > most:
@@ -161,11 +177,18 @@ class ThreeMotors(MotorRates):
         (px, py, pz), (qx, qy, qz), (rx, ry, rz) = columns
         _, _, x, _, _, y, _, _, z = self.rotation
         for _ in range(STEPS):
-            p, q, r = px * x + py * y + pz * z, qx * x + qy * y + qz * z, rx * x + ry * y + rz * z
+            p = px * x + py * y + pz * z
+            q = qx * x + qy * y + qz * z
+            r = rx * x + ry * y + rz * z
             x = p * px + q * qx + r * rx
-            y, z = p * py + q * qy + r * ry, p * pz + q * qz + r * rz
+            y = p * py + q * qy + r * ry
+            z = p * pz + q * qz + r * rz
         scale = 1.0 / sqrt(x * x + y * y + z * z)
-        x, y, z = scale * x, scale * y, scale * z
-        p, q, r = px * x + py * y + pz * z, qx * x + qy * y + qz * z, rx * x + ry * y + rz * z
+        x = scale * x
+        y = scale * y
+        z = scale * z
+        p = px * x + py * y + pz * z
+        q = qx * x + qy * y + qz * z
+        r = rx * x + ry * y + rz * z
         k = sqrt(p * p + q * q + r * r)
         return (x, y, z), (p / k, q / k, r / k), k

@@ -176,7 +176,8 @@ class CrtkState:
             Lines for clients: each a topic (`error`, `warning` or `status`) and its words.
 
         """
-        state, before = self._state, self._published
+        state = self._state
+        before = self._published
         self._published = state.name, state.enabling, state.is_homed
         if self._published != before:
             self._publish_message()

@@ -253,7 +253,8 @@ class Diagnostics(ParameterNode):
         An obstacle, an orientation that does not come, a quaternion that is not of unit norm, and
         a pose outside the working mode are reported in place of a dexterity.
         """
-        latest, self._latest = self._latest, None
+        latest = self._latest
+        self._latest = None
         now = time.monotonic()
         if latest is not None:
             self._last_received = now
@@ -290,7 +291,8 @@ class Diagnostics(ParameterNode):
 
     def _publish_joints(self) -> None:
         """Publish the angles of all joints at the latest orientation, if there is a new one."""
-        latest, self._latest_to_show = self._latest_to_show, None
+        latest = self._latest_to_show
+        self._latest_to_show = None
         if (
             latest is None
             or not self._joints_out.get_subscription_count()

@@ -237,13 +237,16 @@ class EncoderDriver(ParameterNode):
         """
         self._axis_outputs.report(self._source.axis_time)
         now = time.monotonic()
-        before, self._lost = self._lost, self._source.lost
+        before = self._lost
+        self._lost = self._source.lost
         self.overload.tick(now, self._lost - before)
         busy = self.overload.words
         # Read once: another thread changes them.
-        fault, caution = self._source.fault, self._source.caution
+        fault = self._source.fault
+        caution = self._source.caution
         if self.overload.explains(fault or caution or ''):
-            fault, caution = fault and busy, caution and busy
+            fault = fault and busy
+            caution = caution and busy
         level, text = self._evaluate(fault, caution, now)
         logged = level, f'{text} [{self.source_text}]'
         if busy and busy not in text:

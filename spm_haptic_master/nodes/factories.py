@@ -41,7 +41,8 @@ def make_motors(values: Values) -> tuple[ForceController, Drives | None]:
     """
     _check_torques(values)
     _check_drives(values)
-    handle, proximal = values['force.gravity_handle'], values['force.gravity_proximal']
+    handle = values['force.gravity_handle']
+    proximal = values['force.gravity_proximal']
     gravity = None
     if any((*handle, *proximal)):
         gravity = Gravity(handle, proximal, values['force.gravity_down'])

@@ -46,7 +46,8 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 # States without samples, and on a machine that is too busy.
-NO_SAMPLES, BUSY = silent('no joint samples'), silent(TOO_BUSY)
+NO_SAMPLES = silent('no joint samples')
+BUSY = silent(TOO_BUSY)
 
 
 class Fkm(ParameterNode):
@@ -297,7 +298,8 @@ class Fkm(ParameterNode):
         measured = estimate.quaternion
         if self._mounting is not None:
             estimate = self._mounting.applied(estimate)
-        self.quaternion, self.protection_level = estimate.quaternion, level
+        self.quaternion = estimate.quaternion
+        self.protection_level = level
         self._orientation_out.publish(self._write_orientation(stamp, estimate.quaternion))
         published = time.time_ns()
         if self._force is not None:
@@ -332,7 +334,8 @@ class Fkm(ParameterNode):
         count = self.status.received.count
         received = count - self._polled
         self._polled = count
-        changes, self._changes = self._changes, []
+        changes = self._changes
+        self._changes = []
         found = self._state_now(received, changes)
         if found is None:
             return  # a pause shorter than the time-out changes nothing

@@ -208,7 +208,8 @@ class Force:
         if quaternion is not None:
             self._velocity.add(stamp, quaternion)
             velocity = self._velocity.value()
-        inputs, teleop = self._inputs, self._inputs.teleop
+        inputs = self._inputs
+        teleop = self._inputs.teleop
         is_engaged = teleop.is_absent or teleop.phase is not Phase.DISENGAGED
         return ForceSample(
             stamp=stamp,
@@ -327,8 +328,11 @@ class Force:
                 noise / sigma
                 for noise, sigma in zip(self._supervisor.joints.noise(), self._sigma, strict=True)
             )
-            changes, self._changes = self._changes, []
-            output, quaternion, report = self._output, self._quaternion, self._report
+            changes = self._changes
+            self._changes = []
+            output = self._output
+            quaternion = self._quaternion
+            report = self._report
         for state in changes:
             self._announce(state, report)
         self._status.publish(output, quaternion, report)
@@ -394,7 +398,8 @@ class MeasuredTorque:
             The same torque in the platform's frame, N m.
 
         """
-        header, torque = self._message.header, self._message.wrench.torque
+        header = self._message.header
+        torque = self._message.wrench.torque
         header.stamp.sec, header.stamp.nanosec = divmod(stamp, SECOND)
         header.frame_id = self._frame.name
         torque.x, torque.y, torque.z = transposed_times(

@@ -298,7 +298,8 @@ class ForceInputs:
             return
         self._unknown = ''
         self._warn_of_force(message)
-        force, torque = message.wrench.force, message.wrench.torque
+        force = message.wrench.force
+        torque = message.wrench.torque
         scale = self.modes.scale.value
         found = times(frame.rotation, (scale * torque.x, scale * torque.y, scale * torque.z))
         is_finite = isfinite(sum(found) + force.x + force.y + force.z)

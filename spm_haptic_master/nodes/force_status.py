@@ -61,7 +61,8 @@ class ForceStatus:
         own_level = LEVELS.get(output.state.condition, OK)
         fault = drive_fault(report)
         caution = fault or self._inputs.caution
-        level, summary = own_level, _summary(output)
+        level = own_level
+        summary = _summary(output)
         if caution:
             level = max(level, WARN)
             summary = f'{summary}; {caution}'
@@ -114,7 +115,8 @@ def _summary(output: ForceOutput) -> str:
         Words of the entry, without what the drives report.
 
     """
-    text, condition = output.state.text, output.state.condition
+    text = output.state.text
+    condition = output.state.condition
     if condition not in (Condition.OFF, Condition.READY):
         return text
     if output.obstacle is not None:

@@ -22,7 +22,8 @@ from spm_haptic_master.ros.qos import STATE
 from std_msgs.msg import String
 
 # Topic of the state, and name of its node.
-COVERAGE_TOPIC, NODE = 'calibration/coverage', 'calibrate'
+COVERAGE_TOPIC = 'calibration/coverage'
+NODE = 'calibrate'
 # Longest time for the last message to arrive (s).
 LAST_TIMEOUT = 0.5
 # Takes an instruction and the shares of what it needs, 0 .. 1, by name.

@@ -14,7 +14,8 @@ from sensor_msgs.msg import JointState
 from spm_haptic_master.timing import SECOND
 
 # Encapsulation identifier of little-endian CDR, and the counts of no velocities and no efforts.
-LITTLE_ENDIAN, NOTHING_ELSE = b'\x00\x01', bytes(8)
+LITTLE_ENDIAN = b'\x00\x01'
+NOTHING_ELSE = bytes(8)
 # A sequence of one element begins with its count.
 ONE = (1).to_bytes(4, 'little')
 
@@ -76,7 +77,8 @@ class JointReader:
     def _arrange(self, frame_id: str) -> None:
         """Have the layout of messages with a frame_id."""
         self._repeated = [_text(frame_id), ONE, _text(self._name), ONE]
-        layout, size = '<2s2xiI', 8
+        layout = '<2s2xiI'
+        size = 8
         for field in self._repeated:
             padding = -size % 4
             layout += f'{padding}x{len(field)}s'

@@ -29,13 +29,17 @@ from spm_haptic_master.timing import SECOND, StampGrid
 from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout
 
 # Topics that are computed for each sample.
-LEVEL, COVARIANCE = 'protection_level', 'pose_with_covariance'
+LEVEL = 'protection_level'
+COVARIANCE = 'pose_with_covariance'
 # Topics of CRTK, which share the samples that are due at `crtk_rate`.
-TWIST, JOINTS, GRIPPER = 'measured_cv', 'crtk/measured_js', 'gripper/measured_js'
+TWIST = 'measured_cv'
+JOINTS = 'crtk/measured_js'
+GRIPPER = 'gripper/measured_js'
 # Topics with the pose of the handle.
 POSES = ('measured_cp', 'setpoint_cp')
 # Age of an insertion that belongs to an orientation: in periods, and for its way (s).
-INSERTION_PERIODS, INSERTION_WAY = 3.0, 0.01
+INSERTION_PERIODS = 3.0
+INSERTION_WAY = 0.01
 # Value of the setting of the gripper's axis without one.
 NO_AXIS = -1
 # Topic of static transforms, of all nodes: latched.
@@ -49,7 +53,8 @@ def publish_mounting(node: Node, values: Values) -> tuple[str, str]:
     The frame is that of the table if the base is mounted on one, else of the base. Without a
     mounting the words are empty. SettingError if two frames have the same name.
     """
-    mounting, base = mounting_from(values), str(values['frame_id'])
+    mounting = mounting_from(values)
+    base = str(values['frame_id'])
     if mounting is None:
         return base, ''
     check_frames(values)
@@ -63,7 +68,8 @@ def publish_mounting(node: Node, values: Values) -> tuple[str, str]:
     ):
         if rotation != IDENTITY:
             found = geometry.TransformStamped(child_frame_id=child)
-            found.header.frame_id, found.header.stamp = parent, node.get_clock().now().to_msg()
+            found.header.frame_id = parent
+            found.header.stamp = node.get_clock().now().to_msg()
             q = found.transform.rotation
             q.x, q.y, q.z, q.w = rotation
             transforms.append(found)
@@ -326,7 +332,8 @@ class OrientationOutputs:
         read_at, insertion = self._insertion
         if abs(stamp - read_at) > self._insertion_age:
             return False
-        q, position = self._orientation, self._position
+        q = self._orientation
+        position = self._position
         position.x = insertion * 2.0 * (q.x * q.z + q.w * q.y)
         position.y = insertion * 2.0 * (q.y * q.z - q.w * q.x)
         position.z = insertion * (1.0 - 2.0 * (q.x * q.x + q.y * q.y))

@@ -203,7 +203,8 @@ class LatencyStatus:
 
     def __init__(self, node: Node, rate: float, latency_limit: float) -> None:
         # Times from sample stamp to publication, and orientations published.
-        self.latency, self.published = LatencyMeter(), RateMeter()
+        self.latency = LatencyMeter()
+        self.published = RateMeter()
         # Parity of the latest orientation, sigma; None before the first.
         self.parity: float | None = None
         self._period = SECOND / rate
@@ -254,14 +255,17 @@ class LatencyStatus:
 
     def publish(self) -> None:
         """Publish the entry; call it every `diagnostic_status.REPEAT_PERIOD`."""
-        count, last, before = self._count, self._last, self._before
+        count = self._count
+        last = self._last
+        before = self._before
         self._all_missing += self._missing
         values: dict[str, object] = {
             'orientation rate (Hz)': self.published.rate(),
             'missed deadlines': self._all_missing,
             'missed in the last second': self._missing,
         }
-        level, text = WARN, 'no orientations'
+        level = WARN
+        text = 'no orientations'
         percentiles = self.latency.percentiles(0.5, 0.9, 0.99, 1.0) if count else None
         if percentiles is not None:
             values |= {
@@ -288,6 +292,7 @@ class LatencyStatus:
             ):
                 text = 'more samples than expected'
             else:
-                level, text = OK, 'in time'
+                level = OK
+                text = 'in time'
         self._begin_period()
         self._status.publish(level, text, values)

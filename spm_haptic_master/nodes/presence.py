@@ -58,7 +58,8 @@ class Presence(ParameterNode):
 
     def _on_joy(self, message: Joy) -> None:
         """Take the buttons, and publish a change at once."""
-        before, self._buttons = self._buttons, tuple(message.buttons)
+        before = self._buttons
+        self._buttons = tuple(message.buttons)
         self._heard_at = time.monotonic()
         if self._buttons != before:
             self._publish()

@@ -91,7 +91,8 @@ class Commands(Client):
             The package of the type is not installed, or the message has no such field.
 
         """
-        kind, message = _type(given.type), _type(given.type)()
+        kind = _type(given.type)
+        message = _type(given.type)()
         for name, value in argument_section(f'message:={given.values}').values.items():
             _set_field(message, name.split('.')[1:], value)
         out = self.node.create_publisher(kind, _absolute(given.topic), DEPTH)

@@ -197,9 +197,11 @@ class SimSlave(ParameterNode):
 
     def _report(self) -> None:
         """Publish the entry on /diagnostics."""
-        level, text = OK, 'following'
+        level = OK
+        text = 'following'
         if self._refused:
-            level, text = WARN, 'has refused commands whose shaft passes the trocar'
+            level = WARN
+            text = 'has refused commands whose shaft passes the trocar'
         if not self._status.is_due(level, text):
             return
         behind = rotations.rotation_distance(self._rotation, self._commanded)

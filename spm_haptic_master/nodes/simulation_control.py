@@ -25,13 +25,12 @@ from spm_haptic_master.simulation.sim_source import SimSource
 from std_msgs.msg import Float64MultiArray, String
 
 # Topics of the pose, of the faults wanted, and of those present.
-STEER_TOPIC, FAULT_TOPIC, FAULTS_TOPIC = (
-    'simulation/steer',
-    'simulation/fault',
-    'simulation/faults',
-)
+STEER_TOPIC = 'simulation/steer'
+FAULT_TOPIC = 'simulation/fault'
+FAULTS_TOPIC = 'simulation/faults'
 # Topics of the true orientation and of the rig.
-ORIENTATION_TOPIC, RIG_TOPIC = 'ground_truth/orientation', 'ground_truth/rig'
+ORIENTATION_TOPIC = 'ground_truth/orientation'
+RIG_TOPIC = 'ground_truth/rig'
 # frame_id of the true orientation: the base frame of the simulated rig.
 FRAME = 'rig_base'
 # Depth of the subscriptions: the latest request counts.
@@ -52,7 +51,8 @@ class SimulationControl:
     """
 
     def __init__(self, node: Node, source: SimSource) -> None:
-        self._node, self._source = node, source
+        self._node = node
+        self._source = source
         self._writer = OrientationWriter(FRAME)
         self._orientation = node.create_publisher(QuaternionStamped, ORIENTATION_TOPIC, SAMPLES)
         self._rig = node.create_publisher(String, RIG_TOPIC, STATE)

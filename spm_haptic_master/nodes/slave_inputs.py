@@ -21,11 +21,9 @@ from spm_haptic_master.teleoperation.command import Pose
 from spm_haptic_master.teleoperation.engaging import Teleoperation
 from spm_haptic_master.teleoperation.operating_state import ENABLED
 
-POSE_TOPIC, TROCAR_TOPIC, STATE_TOPIC = (
-    'slave/measured_cp',
-    'slave/trocar',
-    'slave/operating_state',
-)
+POSE_TOPIC = 'slave/measured_cp'
+TROCAR_TOPIC = 'slave/trocar'
+STATE_TOPIC = 'slave/operating_state'
 # Receives what follows from a message, and is called with the lock of the machine.
 Take = Callable[[Callable[[Any], None], Any], None]
 
@@ -57,7 +55,8 @@ class SlaveInputs:
         take: Take,
         use_frame: Callable[[str], None],
     ) -> None:
-        self._machine, self._use_frame = machine, use_frame
+        self._machine = machine
+        self._use_frame = use_frame
         self._accepts_unstamped: bool = values['teleop.slave_without_stamps']
         # Frame, stamp and content of the slave's last pose; None before the first.
         self.frame: str | None = None

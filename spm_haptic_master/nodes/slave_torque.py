@@ -25,8 +25,10 @@ from spm_haptic_master.teleoperation.command import Pose
 from spm_haptic_master.teleoperation.vectors import difference, FloatVector, rotate, scaled
 
 # Topics: of the slave, and of the master.
-SLAVE_TOPIC, MASTER_TOPIC = 'slave/measured_cf', 'spatial/servo_cf'
-TOOL, SPATIAL = 'tool', 'spatial'
+SLAVE_TOPIC = 'slave/measured_cf'
+MASTER_TOPIC = 'spatial/servo_cf'
+TOOL = 'tool'
+SPATIAL = 'spatial'
 
 
 class SlaveTorque:

@@ -57,7 +57,9 @@ class StateCommands:
         text_of: Callable[[Any], str],
         execute: Callable[[str], object],
     ) -> None:
-        self._node, self._text_of, self._execute = node, text_of, execute
+        self._node = node
+        self._text_of = text_of
+        self._execute = execute
         # In no executor: EventsExecutor (rclpy 7.1.6) does not pass on when a message was sent.
         self._taker = Node(
             f'{node.get_name()}_commands',

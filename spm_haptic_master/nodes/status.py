@@ -162,7 +162,8 @@ def main(args: list[str] | None = None) -> int:
     """Print the screen; return 0 where all is well."""
     words = (sys.argv if args is None else args)[1:]
     begin = words.index('--ros-args') if '--ros-args' in words else len(words)
-    own, ros_arguments = words[:begin], words[begin:]
+    own = words[:begin]
+    ros_arguments = words[begin:]
 
     def program() -> int:
         parser = OneLineParser('status', description=__doc__)

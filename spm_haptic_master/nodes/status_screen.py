@@ -27,7 +27,8 @@ LINES = (
     ('fkm: force', 'force'),
     ('fkm: timing', 'machine'),
 )
-ORIENTATION, ENCODERS = LINES[0][0], LINES[1][0]
+ORIENTATION = LINES[0][0]
+ENCODERS = LINES[1][0]
 FORCE = 'fkm: force'
 # Value of an entry that has none.
 NONE = 'none'

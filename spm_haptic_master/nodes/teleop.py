@@ -41,8 +41,10 @@ from std_srvs.srv import Trigger
 # Period at which time passes without an input (s): the delay of `teleop_state`, not of commands.
 WATCH_PERIOD = 0.01
 # First button of a pedal that is pressed (0: released, 2: tapped), and of one without a button.
-PRESSED, NO_BUTTON = array('i', [1]), array('i')
-INSERTION_TOPIC, INSERTION_JOINT = 'insertion/measured_js', 'insertion'
+PRESSED = array('i', [1])
+NO_BUTTON = array('i')
+INSERTION_TOPIC = 'insertion/measured_js'
+INSERTION_JOINT = 'insertion'
 # Topics that may have one publisher only.
 SINGLE = ('servo_cp', 'orientation', 'state', 'enabled_at', POSE_TOPIC, TROCAR_TOPIC)
 
@@ -128,7 +130,8 @@ class Teleop(ParameterNode):
 
     def _subscribe_master(self, values: Values) -> None:
         """Subscribe to what the master publishes beside its orientations."""
-        subscribe, machine = self._inputs.subscribe, self._machine
+        subscribe = self._inputs.subscribe
+        machine = self._machine
         subscribe(
             String,
             'state',
@@ -303,7 +306,8 @@ class Teleop(ParameterNode):
             Words of `force_state`: a word, and the reason after a colon.
 
         """
-        before, self._force_word = self._force_word, text.partition(':')[0]
+        before = self._force_word
+        self._force_word = text.partition(':')[0]
         is_fault = self._force_word == ForceCondition.FAULT.value
         self._machine.take_force_fault(f'force: {text}' if is_fault else '')
         is_off = self._force_word == ForceCondition.OFF.value
@@ -339,7 +343,8 @@ class Teleop(ParameterNode):
     def _disable(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Disengage; the answer is always a success."""
         self._take(lambda _: self._machine.disengage(), None)
-        response.success, response.message = True, self._machine.state
+        response.success = True
+        response.message = self._machine.state
         return response
 
 

@@ -81,7 +81,8 @@ def command_period(values: Values) -> float:
         the same.
 
     """
-    rate, sample_rate = values['teleop.command_rate'], values['rate']
+    rate = values['teleop.command_rate']
+    sample_rate = values['rate']
     return float(1.0 / (min(rate, sample_rate) or sample_rate))
 
 
@@ -133,7 +134,8 @@ def _limits(values: Values) -> CommandLimits:
 def _conditions(values: Values) -> Conditions:
     """Return when the slave may follow, in SI units; what is set to 'any' is infinite."""
     tolerance = values['teleop.alignment_tolerance_deg']
-    level, tracking = values['teleop.protection_limit_deg'], values['teleop.tracking_limit_deg']
+    level = values['teleop.protection_limit_deg']
+    tracking = values['teleop.tracking_limit_deg']
     is_absolute = values['teleop.alignment'] == 'absolute'
     return Conditions(
         registration=registration_from(values),
@@ -154,7 +156,8 @@ def _conditions(values: Values) -> Conditions:
 
 def _centre(values: Values) -> RemoteCentreSettings:
     """Return how the slave pivots about its trocar; SettingError for a scale or range of none."""
-    scale, tilt = values['teleop.insertion_scale'], values['teleop.tilt_limit_deg']
+    scale = values['teleop.insertion_scale']
+    tilt = values['teleop.tilt_limit_deg']
     if 0.0 < scale < LEAST_SCALE:
         raise SettingError(
             'teleop.insertion_scale',

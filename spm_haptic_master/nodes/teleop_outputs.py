@@ -113,7 +113,8 @@ class CommandOutput:
 
     def _publish_twist(self, stamp: int, motion: Motion) -> None:
         """Publish a twist: angular velocity, rad/s, and velocity of the tip, m/s."""
-        header, twist = self._twist.header, self._twist.twist
+        header = self._twist.header
+        twist = self._twist.twist
         header.stamp.sec, header.stamp.nanosec = divmod(stamp, SECOND)
         twist.angular.x, twist.angular.y, twist.angular.z = motion.angular
         twist.linear.x, twist.linear.y, twist.linear.z = motion.linear

@@ -45,11 +45,15 @@ class TeleopStatus:
     """
 
     def __init__(self, node: Node, machine: Teleoperation, torque: SlaveTorque | None) -> None:
-        self._node, self._machine, self._torque = node, machine, torque
+        self._node = node
+        self._machine = machine
+        self._torque = torque
         self._out = node.create_publisher(String, 'teleop_state', STATE)
-        self._state, self._published_at = '', 0.0
+        self._state = ''
+        self._published_at = 0.0
         self._phase = Phase.DISENGAGED
-        self._latency, self._commands = LatencyMeter(), RateMeter()
+        self._latency = LatencyMeter()
+        self._commands = RateMeter()
         self.stale_orientations = 0
         self._status = StatusPublisher(node, 'teleop', 'slave', logs=False)
 
@@ -80,9 +84,11 @@ class TeleopStatus:
 
     def _publish(self, state: str) -> None:
         """Publish the state, and log whether the slave has begun or ceased to follow."""
-        self._state, self._published_at = state, time.monotonic()
+        self._state = state
+        self._published_at = time.monotonic()
         self._out.publish(String(data=state))
-        before, self._phase = self._phase, self._machine.phase
+        before = self._phase
+        self._phase = self._machine.phase
         if before is self._phase:
             return
         if self._phase is Phase.DISENGAGED:
@@ -101,7 +107,8 @@ class TeleopStatus:
 
         """
         machine = self._machine
-        offset, depth = machine.offset, machine.depth
+        offset = machine.offset
+        depth = machine.depth
         p50, p99 = self._latency.percentiles(0.5, 0.99) or ('none', 'none')
         figures = {
             'command rate (Hz)': self._commands.rate(),

@@ -11,7 +11,8 @@ from spm_haptic_master.parameters.setting import Setting
 
 # The axes: a slide along the handle's axis z (m), and the gripper (rad). Their names are those of
 # the joints in their messages.
-INSERTION, GRIPPER = 'insertion', 'gripper'
+INSERTION = 'insertion'
+GRIPPER = 'gripper'
 AXES = (INSERTION, GRIPPER)
 
 

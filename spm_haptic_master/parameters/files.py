@@ -277,7 +277,8 @@ def _compose(origin: str, text: str) -> yaml.Node | None:
 
 def _check_event(event: Any) -> None:
     """Raise MarkedYAMLError for what a parameter file needs not have, or ROS cannot take."""
-    anchor, tag = getattr(event, 'anchor', None), getattr(event, 'tag', None)
+    anchor = getattr(event, 'anchor', None)
+    tag = getattr(event, 'tag', None)
     if anchor is not None or tag is not None:
         raise yaml.MarkedYAMLError(
             problem='an anchor (&), an alias (*) or a tag (!); expected a plain value',

@@ -22,7 +22,9 @@ from spm_haptic_master.parameters.setting import (
 )
 
 # Sensors that determine an orientation, that check each other by one parity, by two.
-THREE, FOUR, FIVE = 3, 4, 5
+THREE = 3
+FOUR = 4
+FIVE = 5
 SAMPLES_AN_HOUR = 3.6e6  # that the rate of false alarms refers to: 1 kHz
 # Tests on a sample that share the false alarms: parity alone, parity over the window, four jumps.
 TESTS = 6
@@ -534,7 +536,8 @@ class Limits:
         share = self.false_alarms_per_hour / SAMPLES_AN_HOUR / TESTS
         if entries == 1:
             return -NormalDist().inv_cdf(share / 2.0)
-        low, high = 0.0, 40.0
+        low = 0.0
+        high = 40.0
         while high - low > 1e-9:
             middle = 0.5 * (low + high)
             tail = exp(-0.5 * middle * middle)
@@ -566,7 +569,8 @@ def limits_from(values: Values) -> Limits:
         A joint's range is empty, or a list has another number of values.
 
     """
-    low, high = _each(values, 'joint_min_deg'), _each(values, 'joint_max_deg')
+    low = _each(values, 'joint_min_deg')
+    high = _each(values, 'joint_max_deg')
     if not all(a < b for a, b in zip(low, high, strict=True)):
         raise SettingError(
             'joint_min_deg',
@@ -622,7 +626,8 @@ def _each(values: Values, name: str) -> tuple[float, ...]:
         then repeated.
 
     """
-    given, sensors = values[name], values['sensors']
+    given = values[name]
+    sensors = values['sensors']
     if len(given) not in (FOUR, sensors):
         raise SettingError(
             name, list(given), 'a list of ' + ' or '.join(map(str, sorted({FOUR, sensors})))

@@ -192,10 +192,12 @@ def _gap(geometry: Geometry) -> str:
 
     """
     for leg, name in enumerate(LEG_NAMES):
-        alpha, beta = geometry.alphas[leg], geometry.betas[leg]
+        alpha = geometry.alphas[leg]
+        beta = geometry.betas[leg]
         cosine = float(CENTRE @ geometry.platform_axes[leg] @ geometry.base_axes[leg])
         apart = acos(max(-1.0, min(1.0, cosine)))
-        least, most = abs(alpha - beta), min(alpha + beta, tau - alpha - beta)
+        least = abs(alpha - beta)
+        most = min(alpha + beta, tau - alpha - beta)
         if apart < least or apart > most:
             return (
                 f'Z1{name} and Z3{name} are {degrees(apart):.2f} deg apart, and links of '

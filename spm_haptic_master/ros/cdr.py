@@ -56,14 +56,17 @@ class JointsFormat:
 
     def _arrange(self, frame: bytes) -> None:
         """Have the layout with a frame_id, in CDR."""
-        names, count = tuple(map(_text, self._names)), len(self._names).to_bytes(4, 'little')
-        texts, size = '', 8
+        names = tuple(map(_text, self._names))
+        count = len(self._names).to_bytes(4, 'little')
+        texts = ''
+        size = 8
         for field in (frame, count, *names, count):
             padding = -size % 4
             texts += f'{padding}x{len(field)}s'
             size += padding + len(field)
         layout = Struct(f'<2s2xiI{texts}{-size % 8}x{len(names)}d8s')
-        self._pack, self._unpack = layout.pack, layout.unpack_from
+        self._pack = layout.pack
+        self._unpack = layout.unpack_from
         self._before = (frame, count, *names, count)
         self._after = bytes(8)
         # Indices of the first position among the unpacked fields, and behind the last one.
@@ -122,7 +125,8 @@ class JointsFormat:
             fields = self._unpack(data)
         except StructError:  # too short
             return self._read_any(data)
-        first, last = self._first, self._last
+        first = self._first
+        last = self._last
         if (
             fields[0] != LITTLE_ENDIAN
             or fields[3:first] != self._before
@@ -133,7 +137,8 @@ class JointsFormat:
 
     def _read_any(self, data: bytes) -> tuple[int, tuple[float, ...]]:
         """Read a sample by rclpy, and take its frame_id for the layout of the next ones."""
-        joints, names = deserialize_message(data, JointState), list(self._names)
+        joints = deserialize_message(data, JointState)
+        names = list(self._names)
         if joints.name != names:
             given = len(joints.name)
             if given >= len(JOINT_NAMES) and joints.name == list(ALL_JOINT_NAMES[:given]):
@@ -181,7 +186,8 @@ class OrientationReader:
         """Have the layout with a frame_id, in CDR."""
         self._frame = frame
         layout = _stamped_layout(len(frame), 4)
-        self._unpack, self._size = layout.unpack, layout.size
+        self._unpack = layout.unpack
+        self._size = layout.size
 
     def read(self, data: bytes) -> tuple[int, Quaternion[float]]:
         """Return stamp (ns) and quaternion x, y, z, w of a message."""
@@ -191,7 +197,8 @@ class OrientationReader:
                 return seconds * SECOND + nanoseconds, (x, y, z, w)
         message = deserialize_message(data, QuaternionStamped)
         self._arrange(_text(message.header.frame_id))
-        stamp, q = message.header.stamp, message.quaternion
+        stamp = message.header.stamp
+        q = message.quaternion
         return stamp.sec * SECOND + stamp.nanosec, (q.x, q.y, q.z, q.w)
 
 

@@ -107,7 +107,8 @@ class StatusPublisher:
         if self._logs:
             self._log(*(logged or (level, message)))
         self._subject = level, message if subject is None else subject
-        self.message, self._published_at = message, time.monotonic()
+        self.message = message
+        self._published_at = time.monotonic()
         status = DiagnosticStatus(
             level=level, name=self._name, message=message, hardware_id=self._hardware_id
         )

@@ -31,7 +31,8 @@ LONGEST_WAIT = 25.0
 # Period of the search (s).
 LOOK_PERIOD = 0.05
 # Name of a publisher whose node is not known, as rmw has it, and in a message.
-UNKNOWN, NO_NAME = '_NODE_NAME_UNKNOWN_', 'a node without a name'
+UNKNOWN = '_NODE_NAME_UNKNOWN_'
+NO_NAME = 'a node without a name'
 
 
 class Rivals:
@@ -110,7 +111,8 @@ def _wait(nodes: Sequence[Node], topics: Sequence[str], is_ended: Callable[[], o
         if is_ended():
             raise ExternalShutdownException
         taken = _first_taken(nodes, topics)
-        before, passed = passed, time.monotonic() - began
+        before = passed
+        passed = time.monotonic() - began
         searched += min(passed - before, LONGEST_ROUND)
         if taken and passed > LONGEST_WAIT:
             raise RivalError(taken)

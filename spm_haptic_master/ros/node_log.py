@@ -28,7 +28,8 @@ from spm_haptic_master.standard_streams import LineWriter, STANDARD_ERROR
 
 # Lines in the queue, minutes of a node in trouble; later ones are lost.
 QUEUE_LENGTH = 1000
-CONSOLE, NO_CONSOLE = '--enable-stdout-logs', '--disable-stdout-logs'
+CONSOLE = '--enable-stdout-logs'
+NO_CONSOLE = '--disable-stdout-logs'
 # Colours of a line on a terminal (ECMA-48), as rcutils has them.
 COLOURS = {LoggingSeverity.WARN: '\x1b[33m', LoggingSeverity.ERROR: '\x1b[31m'}
 COLOUR_END = '\x1b[0m'
@@ -197,7 +198,8 @@ def begin(args: Sequence[str]) -> None:
 def end(timeout: float) -> None:
     """Log the queued lines, within about `timeout` s; from now on nodes log by rclpy."""
     global _log
-    log, _log = _log, None
+    log = _log
+    _log = None
     if log is not None:
         log.close(timeout)
 

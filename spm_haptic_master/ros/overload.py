@@ -74,7 +74,8 @@ class Overload:
 
         """
         if self._last is None:
-            self._last, self._from = now, now + START
+            self._last = now
+            self._from = now + START
         late = now - self._last - self._period
         self._ran += min(now - self._last, 2.0 * self._period)
         self._last = now
@@ -96,7 +97,8 @@ class Overload:
     def explains(self, symptom: str) -> bool:
         """Return whether a symptom (empty: none) follows from the overload; call after `tick`."""
         if not self.words:
-            self._known, self._since = symptom, None
+            self._known = symptom
+            self._since = None
             return False
         if not symptom:
             self._since = None

@@ -151,7 +151,8 @@ class ParameterNode(Node):
         """Set parameters: an unknown name is reported with those like it, 5 is taken as 5.0."""
         wanted = []
         for parameter in parameter_list:
-            name, value = parameter.name, parameter.value
+            name = parameter.name
+            value = parameter.value
             if not self.has_parameter(name):
                 return SetParametersResult(successful=False, reason=self._unknown(name, value))
             is_float = isinstance(self.get_parameter(name).value, float)

@@ -30,7 +30,8 @@ SLICE = REALTIME_SETTINGS[0]
 # Shortest slice that Linux has (s).
 SHORTEST = 1e-4
 # Flags of mlockall (sys/mman.h): pages mapped now, and pages mapped later.
-MCL_CURRENT, MCL_FUTURE = 1, 2
+MCL_CURRENT = 1
+MCL_FUTURE = 2
 # Numbers of the system calls sched_setattr and sched_getattr, by machine.
 CALLS = {'x86_64': (314, 315), 'aarch64': (274, 275)}
 # `struct sched_attr` (sched(7)) in its first version: size, policy, flags, nice, priority,

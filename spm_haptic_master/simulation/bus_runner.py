@@ -67,8 +67,11 @@ class BusRunner:
         grid: DeadlineGrid | None,
         record: Record | None = None,
     ):
-        self._bus, self._encoders = bus, encoders
-        self._sync_id, self._grid, self._record = sync_id, grid, record
+        self._bus = bus
+        self._encoders = encoders
+        self._sync_id = sync_id
+        self._grid = grid
+        self._record = record
         self.cycles = 0
 
     def listen(self) -> list[int]:
@@ -81,7 +84,8 @@ class BusRunner:
             Identifiers heard within LISTEN, ascending.
 
         """
-        own, heard = set(self._encoders.identifiers()), set()
+        own = set(self._encoders.identifiers())
+        heard = set()
         end = time.monotonic() + LISTEN
         while (left := end - time.monotonic()) > 0.0:
             message = self._bus.recv(left)
@@ -176,7 +180,8 @@ class DriveLoop:
     """
 
     def __init__(self, bus: can.BusABC, drives: SimulatedDrives):
-        self._bus, self._drives = bus, drives
+        self._bus = bus
+        self._drives = drives
         self.error: str | None = None
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name='drives')

@@ -135,7 +135,9 @@ def parse_quirk(text: str, sensors: int = len(JOINT_NAMES)) -> Quirk:
     found = _PATTERN.fullmatch(text)
     if not found:
         raise InputError(f"quirk '{text}'; expected {SYNTAX}")
-    kind, joint, value = found['kind'], found['joint'], found['value']
+    kind = found['kind']
+    joint = found['joint']
+    value = found['value']
     joints = ALL_JOINT_NAMES[:sensors]
     for what, name, known in (('kind', kind, KINDS), ('joint', joint, joints)):
         if name is not None and name not in known:

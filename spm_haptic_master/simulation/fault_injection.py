@@ -137,7 +137,8 @@ class Faults:
 
     def take_news(self) -> tuple[str, ...]:
         """Return, in words, which have begun or ended since the last call."""
-        news, self._news = tuple(self._news), []
+        news = tuple(self._news)
+        self._news = []
         return news
 
 
@@ -166,7 +167,9 @@ def parse_fault(text: str, sensors: int = len(JOINT_NAMES), axes: tuple[str, ...
     if not found:
         raise _wrong(text, f'; expected {SYNTAX}')
     joints = (*ALL_JOINT_NAMES[:sensors], *axes)
-    kind, joint, value = found['kind'], found['joint'], found['value']
+    kind = found['kind']
+    joint = found['joint']
+    value = found['value']
     kinds = KINDS | DRIVE_KINDS
     if kind not in kinds:
         raise _wrong(text, f": kind '{kind}'; expected one of {', '.join(kinds)}")

@@ -23,7 +23,8 @@ from spm_haptic_master.simulation.trajectories import Trajectory
 
 # Times at which a motion is tried before it begins: their number, and the span over which they
 # are spread (s), in which the sweep meets every combination of its three periods.
-TRIALS, TRIAL_SPAN = 500, 1309.0
+TRIALS = 500
+TRIAL_SPAN = 1309.0
 
 
 class NoisyMotion:
@@ -125,7 +126,8 @@ class NoisyMotion:
         sensor = self.rig.sensors[index]
         if sensor.play:
             # The shaft trails its joint by half the play at most.
-            before, half = self._shafts[index], 0.5 * sensor.play
+            before = self._shafts[index]
+            half = 0.5 * sensor.play
             lag = 0.0 if before is None else remainder(before - angle, TURN)
             self._shafts[index] = angle = angle + min(max(lag, -half), half)
         reading = sensor.with_harmonics(angle) + self._gauss(0.0, sensor.noise)
@@ -151,7 +153,8 @@ def make_motion(values: Values) -> NoisyMotion:
         As of `make_rig`.
 
     """
-    name, pose = values['sim.trajectory'], values['sim.pose_deg']
+    name = values['sim.trajectory']
+    pose = values['sim.pose_deg']
     trajectory = {
         'fig9': trajectories.fig9,
         'perturbed': trajectories.perturbed,
@@ -161,7 +164,8 @@ def make_motion(values: Values) -> NoisyMotion:
         'arms': trajectories.arms,
         'fixed': trajectories.fixed(*map(radians, pose)),
     }[name]
-    rig, mode = make_rig(values), values['working_mode']
+    rig = make_rig(values)
+    mode = values['working_mode']
     try:
         for trial in range(TRIALS if name != 'fixed' else 1):
             measured_angles(

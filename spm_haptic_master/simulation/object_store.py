@@ -158,7 +158,8 @@ class ObjectStore:
             The value, the confirmation, or an abort with its code.
 
         """
-        key, identifier = canopen.sdo_object(data), canopen.SDO_ANSWER_BASE + node_id
+        key = canopen.sdo_object(data)
+        identifier = canopen.SDO_ANSWER_BASE + node_id
         try:
             if data[0] == canopen.SDO_UPLOAD_REQUEST:
                 entry = self._entry(key)

@@ -214,7 +214,8 @@ def random_rig(
         [angle + tolerances.links * gauss(0.0, 1.0) for angle in each]
         for each in (nominal.alphas, nominal.betas)
     )
-    base, platform = axes(nominal.base_axes), axes(nominal.platform_axes)
+    base = axes(nominal.base_axes)
+    platform = axes(nominal.platform_axes)
     built = in_usual_frames(Geometry.from_axes(base, platform, alphas, betas), nominal)
     return Rig(
         built,
@@ -366,8 +367,11 @@ def make_rig(values: Values) -> Rig:
         As of `random_rig`.
 
     """
-    geometry, noise = geometry_from(values), radians(values['sim.noise_deg'])
-    path, seed, sensors = values['sim.rig_file'], values['sim.rig_seed'], values['sensors']
+    geometry = geometry_from(values)
+    noise = radians(values['sim.noise_deg'])
+    path = values['sim.rig_file']
+    seed = values['sim.rig_seed']
+    sensors = values['sensors']
     if path and seed:
         raise SettingError('sim.rig_seed', seed, f'0 with a sim.rig_file ({path})')
     if path:

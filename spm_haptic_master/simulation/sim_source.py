@@ -70,9 +70,11 @@ class SimSource(EncoderSource):
         harmonics: tuple[Harmonics | None, ...],
         axes: tuple[SingleAxis, ...] = (),
     ):
-        self.rig, self.steering = motion.rig, motion.steering
+        self.rig = motion.rig
+        self.steering = motion.steering
         self._motion = motion
-        self._counts_per_turn, self._harmonics = counts_per_turn, harmonics
+        self._counts_per_turn = counts_per_turn
+        self._harmonics = harmonics
         # Insertion and gripper, their motion, and their readings that nobody has taken.
         self.axes = axes
         self._axis_motions = tuple(map(simulated_axis, axes))
@@ -113,9 +115,11 @@ class SimSource(EncoderSource):
         stamp = time.time_ns()
         self._began = self._began or stamp
         self._sets += 1
-        t, lateness = (stamp - self._began) * 1e-9, self._grid.lateness
+        t = (stamp - self._began) * 1e-9
+        lateness = self._grid.lateness
         if lateness <= PUNCTUAL:
-            self._last, angles = self._due, self._prepared
+            self._last = self._due
+            angles = self._prepared
         else:
             self._last, angles = t, self.angles(t)
         self._due = t - lateness % self._period + self._period
@@ -130,7 +134,8 @@ class SimSource(EncoderSource):
 
     def _read_axes(self, stamp: int) -> None:
         """Read insertion and gripper by their frames, at a stamp, ns."""
-        t, seconds = (stamp - self._began) * 1e-9, stamp * 1e-9
+        t = (stamp - self._began) * 1e-9
+        seconds = stamp * 1e-9
         for axis, motion in zip(self.axes, self._axis_motions, strict=True):
             data = axis.layout.data(motion.angle(t))
             message = can.Message(timestamp=seconds, arbitration_id=axis.layout.can_id, data=data)

@@ -14,7 +14,8 @@ from spm_haptic_master.parameters.axes import INSERTION
 
 # Time of one stroke forth and back of the slide and of the gripper (s), and the share of the range
 # that it has (unit 1).
-INSERTION_STROKE, GRIPPER_STROKE = 10.0, 4.0
+INSERTION_STROKE = 10.0
+GRIPPER_STROKE = 4.0
 SHARE = 0.8
 
 

@@ -171,7 +171,8 @@ class SimulatedBus:
             sent = node.sample(
                 self._faulty(index, angle), self._fault(index, 'counter') is not None
             )
-            loss, late = self._fault(index, 'loss'), self._fault(index, 'late')
+            loss = self._fault(index, 'loss')
+            late = self._fault(index, 'late')
             if loss is not None and 100.0 * self._random.random() < loss.value:
                 continue
             due = now + phase + (0.0 if late is None else late.value)
@@ -193,7 +194,8 @@ class SimulatedBus:
 
     def _due(self, index: int, now: float) -> list[can.Message]:
         """Return the answers of an encoder that are due by a time, s."""
-        queue, found = self._queues[index], []
+        queue = self._queues[index]
+        found = []
         while queue and queue[0][0] <= now:
             found.append(queue.popleft()[1])
         return found
@@ -208,7 +210,8 @@ class SimulatedBus:
         for index, node in enumerate(self.nodes):
             sent += self._due(index, now)
             sent += node.supervise(now)
-            period, at = node.heartbeat_period, self._heartbeat_at[index]
+            period = node.heartbeat_period
+            at = self._heartbeat_at[index]
             if not period or node.node_id is None or now < at:
                 continue
             self._heartbeat_at[index] = max(at + period, now)

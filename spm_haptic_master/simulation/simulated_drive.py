@@ -44,7 +44,9 @@ STATUSWORDS = {
     State.FAULT: 0x0218,
 }
 # Error codes of EMCY: loss of the heartbeat, of a PDO, too much heat.
-HEARTBEAT_LOST, PDO_LOST, TOO_HOT = 0x8130, 0x8250, 0x2350
+HEARTBEAT_LOST = 0x8130
+PDO_LOST = 0x8250
+TOO_HOT = 0x2350
 # Heat above that of the rated torque at which the drive has a fault: twice the rated torque for
 # a second (s, in shares of the rated heat).
 HEAT_LIMIT = 3.0
@@ -158,7 +160,8 @@ class SimulatedDrive:
     def boot(self) -> list[can.Message]:
         """Enter pre-operational, and return the boot-up message."""
         self.objects.restart()
-        self.nmt, self.state = canopen.PRE_OPERATIONAL, State.DISABLED
+        self.nmt = canopen.PRE_OPERATIONAL
+        self.state = State.DISABLED
         # Times of the latest torque frame and heartbeat of the master, s; None before the first
         # and after they were missed.
         self._torque_at: float | None = None
@@ -184,7 +187,8 @@ class SimulatedDrive:
         """
         if 'drive_unplug' in self.faults:
             return []
-        identifier, data = message.arbitration_id, bytes(message.data)
+        identifier = message.arbitration_id
+        data = bytes(message.data)
         if identifier == canopen.NMT_ID and len(data) == 2 and data[1] in (0, self.node_id):
             return self._command(data[0])
         if (
@@ -294,12 +298,14 @@ class SimulatedDrive:
         sent: list[can.Message] = []
         for entry in self.objects.mapped(canopen.RPDO_MAPPING + number):
             length = (entry & 0xFF) // 8
-            value, data = int.from_bytes(data[:length], 'little', signed=True), data[length:]
+            value = int.from_bytes(data[:length], 'little', signed=True)
+            data = data[length:]
             key = entry >> 16, entry >> 8 & 0xFF
             if key == cia402.CONTROLWORD:
                 sent += self._controlword(value & 0xFFFF)
             elif key == cia402.TARGET_TORQUE:
-                self._target, self._torque_at = value, now
+                self._target = value
+                self._torque_at = now
         return sent
 
     def _controlword(self, word: int) -> list[can.Message]:
@@ -310,7 +316,8 @@ class SimulatedDrive:
         if state is State.FAULT:
             if not resets or 'drive' in self.faults:
                 return []
-            self.state, self._heat = State.DISABLED, 0.0
+            self.state = State.DISABLED
+            self._heat = 0.0
             return [canopen.emcy(self.node_id, canopen.EMCY_ERROR_RESET, 0)]
         command = word & 0x0F
         if command & 0x06 != 0x06:
@@ -328,7 +335,8 @@ class SimulatedDrive:
         """Follow the abort option where torque frames or the master's heartbeat have stopped."""
         if 'drive_deaf' in self.faults:
             return []
-        objects, sent = self.objects, []
+        objects = self.objects
+        sent = []
         timer = max(
             objects.value(canopen.RPDO_PARAMETERS + number, canopen.TPDO_EVENT_TIMER)
             for number in (0, 1)

@@ -41,7 +41,8 @@ MAPPING_ENTRIES = 4
 TIMERS = ((canopen.TPDO_PARAMETERS, canopen.TPDO_EVENT_TIMER), canopen.CYCLIC_TIMER)
 # Time after a SYNC, in supervised periods, after which a node leaves OPERATIONAL; its emergency.
 SYNC_PATIENCE = 1.5
-NO_SYNC_CODE, NO_SYNC_REGISTER = 0x8100, 0x11
+NO_SYNC_CODE = 0x8100
+NO_SYNC_REGISTER = 0x11
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,13 +146,17 @@ class SimulatedNode(ObjectStore):
 
     def _pdo(self, options: NodeOptions) -> dict[Key, Entry]:
         """Return the objects of the TPDO with the position."""
-        layout, parameters, mapping = self._layout, self._parameters, self._mapping
+        layout = self._layout
+        parameters = self._parameters
+        mapping = self._mapping
         if options.factory:
-            identifier, kind = canopen.TPDO_BASES[0] + (self.node_id or 0), canopen.EVENT_DRIVEN
+            identifier = canopen.TPDO_BASES[0] + (self.node_id or 0)
+            kind = canopen.EVENT_DRIVEN
             mapped = [MAPPED_POSITION, MAPPED_SPEED]
         else:
             identifier = layout.can_id | (canopen.TPDO_EXTENDED if layout.extended else 0)
-            kind, mapped = self._type, [MAPPED_POSITION]
+            kind = self._type
+            mapped = [MAPPED_POSITION]
         entries = mapped + [0] * (MAPPING_ENTRIES - len(mapped))
         return {
             (parameters, canopen.TPDO_IDENTIFIER): Entry(identifier | canopen.TPDO_NO_REQUEST),
@@ -209,7 +214,8 @@ class SimulatedNode(ObjectStore):
             Answer or boot-up message; empty for a frame that is for others.
 
         """
-        identifier, data = message.arbitration_id, bytes(message.data)
+        identifier = message.arbitration_id
+        data = bytes(message.data)
         if self.node_id is None:
             return []
         if identifier == canopen.NMT_ID and len(data) == 2 and data[1] in (0, self.node_id):

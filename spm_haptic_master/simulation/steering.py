@@ -146,7 +146,8 @@ class Steering:
 
     def _difference(self, t: float, target: Place | None) -> Place:
         """Return how far a target is; of the self-rotation the nearer way round."""
-        here, there = self._place(t), self._reference(target, t)
+        here = self._place(t)
+        there = self._reference(target, t)
         return Place(here.u - there.u, here.v - there.v, remainder(here.phi - there.phi, 2.0 * pi))
 
     def _course(self, t: float) -> Course:

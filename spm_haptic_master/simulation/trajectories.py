@@ -27,11 +27,14 @@ CENTRE_THETA = acos(1.0 / sqrt(3.0))
 SWEEP_PERIODS = 7.0, 11.0, 17.0
 # Middle and amplitude of the sweep's self-rotation (rad): every pose is within reach up to a tilt
 # of 26 deg (at 30 deg some are not).
-SWEEP_PHI, SWEEP_PHI_AMPLITUDE = radians(25.0), radians(15.0)
+SWEEP_PHI = radians(25.0)
+SWEEP_PHI_AMPLITUDE = radians(15.0)
 
 # The tour: largest tilt, middle and amplitude of its self-rotation (rad), and the three periods
 # (s).
-TOUR_TILT, TOUR_PHI, TOUR_PHI_AMPLITUDE = radians(12.0), radians(40.0), radians(22.0)
+TOUR_TILT = radians(12.0)
+TOUR_PHI = radians(40.0)
+TOUR_PHI_AMPLITUDE = radians(22.0)
 TOUR_PERIODS = 13.0, 19.0, 16.0
 
 # Middle of the perturbed self-rotation (rad): the singularity, rounded as in the paper.
@@ -46,7 +49,9 @@ HAND_WAVES = (
     ((0.7, 7.3, 0.0), (0.3, 2.9, 0.5)),
 )
 # Largest tilt of that motion, middle and amplitude of its self-rotation (rad).
-HAND_TILT, HAND_PHI, HAND_PHI_AMPLITUDE = radians(18.0), radians(42.0), radians(40.0)
+HAND_TILT = radians(18.0)
+HAND_PHI = radians(42.0)
+HAND_PHI_AMPLITUDE = radians(40.0)
 
 # The arms one by one: the time that each has (s), by how much its motor turns (rad), self-rotation
 # of the pose where all begin (rad), and poses computed for each.

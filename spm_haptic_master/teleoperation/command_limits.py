@@ -176,7 +176,8 @@ class LimitedRotation:
 
     def _kept_in(self, cone: TiltCone, rotation: FloatQuaternion, dt: float) -> FloatQuaternion:
         """Return the rotation, or the nearest one whose tilt can still stop at the cone."""
-        before, self._tilt = self._tilt, cone.tilt(rotation)
+        before = self._tilt
+        self._tilt = cone.tilt(rotation)
         if self._tilt <= before:
             return rotation
         outward = braking_speed(cone.largest - before, dt, self._limits.acceleration)

@@ -25,9 +25,12 @@ NO_INSERTION = 'insertion missing'
 ROUNDING = 1e-9
 # A slave is at rest after this time (s) within this angle (rad) and distance (m). It begins to
 # follow from its measured pose: a moving slave would be elsewhere when the command arrives.
-REST_TIME, REST_ANGLE, REST_DISTANCE = 0.05, radians(0.5), 0.001
+REST_TIME = 0.05
+REST_ANGLE = radians(0.5)
+REST_DISTANCE = 0.001
 # An insertion is missing after this many periods (unit 1), and this time on its way (s).
-INSERTION_PERIODS, INSERTION_DELAY = 3.0, 0.01
+INSERTION_PERIODS = 3.0
+INSERTION_DELAY = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +109,8 @@ class Inputs:
             return
         self.slave = Pose(rotation, pose.position)
         if self._rest is None or not _is_near(self._rest, self.slave):
-            self._rest, self._rest_at = self.slave, self.now
+            self._rest = self.slave
+            self._rest_at = self.now
 
     def take_insertion(self, insertion: float) -> None:
         """Take the insertion of the master, m."""

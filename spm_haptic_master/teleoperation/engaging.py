@@ -35,7 +35,8 @@ from spm_haptic_master.timing import SECOND, StampGrid
 
 # Largest backlog (s) of commands that may go out at once beyond the longest step: a computer
 # without real time delays that much now and then. Factor at which that time grows back.
-BURST, GROWTH = 0.01, 1.25
+BURST = 0.01
+GROWTH = 1.25
 
 
 class Phase(Enum):
@@ -101,7 +102,8 @@ class Teleoperation:
     @property
     def depth(self) -> float | None:
         """Return the measured depth of the tip, m; None without trocar or pose of the slave."""
-        trocar, slave = self._inputs.trocar, self._inputs.slave
+        trocar = self._inputs.trocar
+        slave = self._inputs.slave
         return None if trocar is None or slave is None else remote_centre.depth_of(trocar, slave)
 
     def pass_time(self, dt: float) -> None:
@@ -146,7 +148,8 @@ class Teleoperation:
         A new time is a fresh enable, unless it is the first one known, which may be older than
         this machine, or so old that the enable has lapsed.
         """
-        before, self._inputs.enabling = self._inputs.enabling, number
+        before = self._inputs.enabling
+        self._inputs.enabling = number
         self._release(self._blocking())
         if (
             number
@@ -181,7 +184,8 @@ class Teleoperation:
         """Take the slave's measured pose; None, or a rotation that is none: it has no pose."""
         self._inputs.take_slave(pose)
         self._release(self._blocking())
-        slave, following = self._inputs.slave, self._following
+        slave = self._inputs.slave
+        following = self._following
         if slave is None or following is None:
             return
         behind = rotation_distance(following.rotation, slave.rotation)
@@ -259,7 +263,8 @@ class Teleoperation:
 
     def _is_next(self, stamp: int) -> bool:
         """Return whether a stamp, ns, is to be used: not where it is older than the last."""
-        before, self._stamp = self._stamp, stamp
+        before = self._stamp
+        self._stamp = stamp
         if self.phase is Phase.DISENGAGED or before is None:
             return True
         if stamp <= before:

@@ -83,7 +83,8 @@ class Following:
     @property
     def command(self) -> Command:
         """Return the commanded pose and its motion, in the slave's base frame."""
-        rotation, angular = self._command.rotation, self._command.velocity
+        rotation = self._command.rotation
+        angular = self._command.velocity
         if self._centre is None:
             return Command(Pose(rotation, self._position), Motion(angular))
         return self._centre.command(rotation, angular)

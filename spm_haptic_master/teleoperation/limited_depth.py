@@ -71,12 +71,14 @@ class LimitedDepth:
             abs(wanted - moving) <= (1.0 + ROUNDING) * limits.acceleration * dt
         )
         if is_reachable:
-            self.depth, self.rate = clamped, wanted
+            self.depth = clamped
+            self.rate = wanted
         else:
             approach = self._approach(before, moving, dt)
             self.rate = self._bounded(approach, dt)
             self.depth += self.rate * dt
-        self._target, self._target_rate = target, target_rate
+        self._target = target
+        self._target_rate = target_rate
         return ''
 
     def _broken_by(self, target_rate: float, dt: float) -> str:

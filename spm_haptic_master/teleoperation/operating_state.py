@@ -16,7 +16,10 @@ from __future__ import annotations
 from spm_haptic_master.supervision.orientation_state import Condition, OrientationState
 
 # The states.
-DISABLED, ENABLED, PAUSED, FAULT = 'DISABLED', 'ENABLED', 'PAUSED', 'FAULT'
+DISABLED = 'DISABLED'
+ENABLED = 'ENABLED'
+PAUSED = 'PAUSED'
+FAULT = 'FAULT'
 # The commands.
 COMMANDS = ('enable', 'disable', 'pause', 'resume', 'home', 'unhome')
 # A line for a client: its topic ('error', 'warning' or 'status'), and its text.

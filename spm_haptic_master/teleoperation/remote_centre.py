@@ -133,7 +133,8 @@ def obstacle(
             f'tip at the trocar: {MILLIMETRES * depth:.0f} mm, '
             f'expected {MILLIMETRES * LEAST_DEPTH:.0f} mm or more'
         )
-    shortest, deepest = settings.depth.shortest, settings.depth.deepest
+    shortest = settings.depth.shortest
+    deepest = settings.depth.deepest
     if not shortest - RANGE_TOLERANCE <= depth <= deepest + RANGE_TOLERANCE:
         return (
             f'depth {MILLIMETRES * depth:.0f} mm, expected '

@@ -49,10 +49,16 @@ class Pipeline:
     """Programs that do not run: an observer that has received every sample but one."""
 
     def __init__(self, monkeypatch):
-        self.started, self.signals = {}, []
+        self.started = {}
+        self.signals = []
         # Exit codes of programs that end at once, in the window, and at the end.
-        self.early, self.within, self.late = {}, {}, {}
-        self.directory, self.output, self.samples, self.slept = None, run.READY, None, []
+        self.early = {}
+        self.within = {}
+        self.late = {}
+        self.directory = None
+        self.output = run.READY
+        self.samples = None
+        self.slept = []
         self.ticks = [
             {7: (1, 100), 8: (1, 10), 9: (1, 1), 10: (1, 50), os.getpid(): (1, 5)},
             {7: (1, 130), 8: (1, 30), 9: (1, 41), 10: (1, 75), os.getpid(): (1, 900)},
@@ -93,7 +99,8 @@ class Pipeline:
     def during(self, seconds, processes, directory):
         """Write what an observer writes: samples 1 ms apart, 0.4 ms old, one of which is lost."""
         stamps = np.delete(self.now + np.arange(-50, 2050) * MS, 500)
-        begin, margin = int(stamps[0]), round(run.STATUS_PERIOD * 1e9)
+        begin = int(stamps[0])
+        margin = round(run.STATUS_PERIOD * 1e9)
         ends = self.now - margin, self.now + round(seconds * 1e9) + margin
         self.sleep(seconds)
         pairs = np.column_stack([stamps + 400_000, stamps])[: self.samples]
@@ -254,7 +261,8 @@ def test_a_bare_pipeline_passes_positions_on_at_the_rate(node):
     q = expected.quaternion
     q.x, q.y, q.z, q.w = joints.position
     assert sent == [serialize_message(expected)]
-    driver, made = node(measured_process.BareDriver, rate=200.0), []
+    driver = node(measured_process.BareDriver, rate=200.0)
+    made = []
     driver._publisher.publish = made.append
     before = driver._sets
     assert wait_until(lambda: len(made) >= 20, 60.0)
@@ -276,7 +284,8 @@ def test_a_bare_pipeline_passes_positions_on_at_the_rate(node):
     ],
 )
 def test_a_process_runs_the_nodes_of_its_name(monkeypatch, name, program, nodes):
-    ran, added = [], []
+    ran = []
+    added = []
     monkeypatch.setattr(measured_process.runner, 'run', lambda *given: ran.append(given) or 3)
     monkeypatch.setattr(sys, 'argv', ['module', name, 'DIR', '-p', 'a:=1'])
     assert measured_process.main() == 3
@@ -302,7 +311,8 @@ def test_an_observer_writes_arrivals_and_statuses(node, tmp_path, capsys):
         '/measured_cv',
     }
     message = QuaternionStamped()
-    message.header.stamp.sec, message.header.stamp.nanosec = 5, 6
+    message.header.stamp.sec = 5
+    message.header.stamp.nanosec = 6
     began = time.time_ns()
     for _ in range(3):
         callback(observer, '/orientation')(message)
@@ -312,7 +322,8 @@ def test_an_observer_writes_arrivals_and_statuses(node, tmp_path, capsys):
     array = DiagnosticArray(
         status=[DiagnosticStatus(name='fkm: timing', values=[KeyValue(key='sets', value='3')])]
     )
-    array.header.stamp.sec, array.header.stamp.nanosec = 9, 7
+    array.header.stamp.sec = 9
+    array.header.stamp.nanosec = 7
     callback(observer, '/diagnostics')(array)
     observer._samples_file.close()
     observer._statuses_file.close()
@@ -368,7 +379,8 @@ def test_a_machine_that_was_busy_is_named(late, others, words):
 
 
 def test_all_rounds_are_compared_and_written(monkeypatch, tmp_path, capsys):
-    measured, latencies = [], iter(range(100, 10_000, 100))
+    measured = []
+    latencies = iter(range(100, 10_000, 100))
 
     def measure(case, seconds, rate, parameters):
         measured.append((case.name, seconds, rate, parameters))

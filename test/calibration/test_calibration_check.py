@@ -42,7 +42,8 @@ def test_no_healthy_rig_is_reported_and_no_healthy_sensor_named(sensors):
         healthy = check(found, angles)
         assert healthy.holds, (seed, healthy.text)
         assert healthy.evaluation.merit < 1.2
-        sensor, sign = seed % sensors, (-1) ** seed
+        sensor = seed % sensors
+        sign = (-1) ** seed
         changed = check(found, angles + radians(0.1) * sign * np.eye(sensors)[sensor])
         assert not changed.holds, seed
         assert sensor in [each.sensor for each in changed.candidates], (seed, changed.text)

@@ -54,7 +54,8 @@ def feed(into, seconds, drift, seed=5):
 def test_a_drift_is_reported_with_sensor_and_size_within_minutes_until_it_is_over(
     sensors, drifting
 ):
-    found, none = watch(sensors), np.zeros(sensors)
+    found = watch(sensors)
+    none = np.zeros(sensors)
     assert {caution for _, caution in feed(found, 600, none)} == {''}
     assert 0.3 < found.evaluation.merit < 1.2
     seen = feed(found, 1000, DRIFT * np.eye(sensors)[drifting], seed=6)
@@ -66,7 +67,8 @@ def test_a_drift_is_reported_with_sensor_and_size_within_minutes_until_it_is_ove
     assert seen[-1][1] == f'{name} drifted by {drift:.2f} deg since'
     assert all(name in caution for _, caution in seen if caution)
     # While the device rests, the estimate is frozen.
-    before, sample = found.evaluation, at_rest(sensors)
+    before = found.evaluation
+    sample = at_rest(sensors)
     assert found.take(*sample) and not any(found.take(*sample) for _ in range(500))
     found.evaluate()
     assert found.evaluation.slip[drifting] == pytest.approx(

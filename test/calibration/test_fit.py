@@ -42,11 +42,13 @@ def test_readings_without_noise_give_the_parameters_back(sensors):
 
 @pytest.mark.slow
 def test_one_sample_in_twenty_that_is_wrong_changes_little():
-    model, random = model_of(), np.random.default_rng(9)
+    model = model_of()
+    random = np.random.default_rng(9)
     true = random_vector(model, 9)
     turned = readings_of(model, true, 1500, 9)
     wrong = random.uniform(size=len(turned)) < 0.05
-    spoilt, count = turned.copy(), wrong.sum()
+    spoilt = turned.copy()
+    count = wrong.sum()
     spoilt[wrong, random.integers(0, 4, count)] += random.choice((-1, 1), count) * random.uniform(
         0.05, 3.0, count
     )

@@ -191,7 +191,8 @@ def test_poses_from_outside_give_the_mountings_and_improve_the_mechanism(calibra
     """One of a jig that of the base, a capture both."""
     poses, read = exact(77, 100)
     turned = read + short_motion()[3]
-    base, handle = matrix_from_zxz(0.3, 0.2, -0.5), matrix_from_zxz(1.0, 0.4, 2.0)
+    base = matrix_from_zxz(0.3, 0.2, -0.5)
+    handle = matrix_from_zxz(1.0, 0.4, 2.0)
     sigma = radians(0.05)
     one = mounted(calibration, turned[:1], base @ poses[:1], sigma)
     assert np.array_equal(one.handle, np.eye(3)) and not one.handle_deviations.any()
@@ -237,7 +238,8 @@ def test_poses_from_outside_give_the_mountings_and_improve_the_mechanism(calibra
 
 def test_cautions_name_what_an_engineer_should_look_at(calibration):
     assert calibration.cautions == ()
-    c, vector = calibration, calibration.vector.copy()
+    c = calibration
+    vector = calibration.vector.copy()
     vector[c.layout.names.index('distal link B')] = 3.6 * radians(0.5)
     spiked = np.arange(c.readings.sets) % 500 == 0
     found = replace(
@@ -317,7 +319,8 @@ def test_guidance_is_the_recorded_one(monkeypatch):
     monkeypatch.setattr(zero_search, 'GUESSES', 12)
     monkeypatch.setattr(free_motion, 'find_start', found)
     stamps, raw, _, _ = short_motion()
-    guide, lines = free_motion.Guide(Layout(4)), []
+    guide = free_motion.Guide(Layout(4))
+    lines = []
     for count in (1500, 2500, 10000, 14000, 16000):
         guidance = guide.evaluate(stamps[:count:8], raw[:count:8])
         lines += [

@@ -165,7 +165,8 @@ def test_poses_that_contradict_each_other_are_refused():
 
 def test_the_error_of_the_jig_becomes_the_bias_of_each_sensor():
     """No pose off by that angle, about any axis, has a joint angle that is off by more."""
-    error, pose = radians(0.1), [*map(radians, POSES[0])]
+    error = radians(0.1)
+    pose = [*map(radians, POSES[0])]
     bias = np.array(jig.jig_bias(pose, GEOMETRY, (1, 1, 1), error, 4))
     axes = np.random.default_rng(3).normal(size=(2000, 3))
     turned = matrix_from_vector(

@@ -53,7 +53,8 @@ def test_a_slip_near_an_end_of_the_motion_names_no_wrong_sensor(sensor, part):
 
 
 def test_play_is_a_caution_and_raises_the_bias():
-    healthy, shares = free_motions.short_calibration(), []
+    healthy = free_motions.short_calibration()
+    shares = []
     _, raw, direction, _ = short_motion()
     turns = np.unwrap(raw[::10, 0] * direction[0])
     sense = np.sign(np.gradient(np.convolve(turns, np.ones(25) / 25.0, 'same')))
@@ -78,7 +79,8 @@ def test_axes_that_miss_the_centre_are_a_caution():
         atol=1e-9,
     )
     angles = closed_angles(rotation, offsets, geometry)
-    zeros, direction = random.uniform(0.0, tau, 4), np.array([1, -1, 1, 1])
+    zeros = random.uniform(0.0, tau, 4)
+    direction = np.array([1, -1, 1, 1])
     read = angles + random.normal(size=angles.shape) * radians(0.02) + zeros
     stamps = (np.arange(len(rotation)) * 8e6).astype(np.int64)
     found = calibrated(stamps, direction * read, direction, zeros)

@@ -29,7 +29,8 @@ def test_the_groups_fill_the_vector_and_zero_is_the_drawing(sensors):
     ]
     np.testing.assert_allclose(layout.deviations, expected)
     assert layout.names[layout.columns('first harmonics')[3]] == 'first harmonic of joint_1b, sine'
-    found, drawn = layout.geometry(np.zeros(layout.count)), Geometry()
+    found = layout.geometry(np.zeros(layout.count))
+    drawn = Geometry()
     for name in ('base_axes', 'platform_axes', 'alphas', 'betas'):
         assert np.allclose(getattr(found, name), getattr(drawn, name), atol=1e-15)
 
@@ -53,7 +54,8 @@ def test_the_parameters_are_independent_in_the_usual_frames():
 
     found = layout.geometry(random_vector(model_of(), 1))
     assert np.allclose(numbers(in_usual_frames(found)), numbers(found), atol=1e-14)
-    drawn, step = numbers(Geometry()), 1e-6 * np.eye(layout.count)
+    drawn = numbers(Geometry())
+    step = 1e-6 * np.eye(layout.count)
     rows = [
         numbers(layout.geometry(step[place])) - drawn
         for place in range(layout.slices['links'].start, layout.slices['platform axes'].stop)
@@ -116,7 +118,8 @@ def test_derivatives_of_the_parity_are_those_of_differences(sensors):
 
 def test_orientations_change_with_the_parameters_as_differences_say():
     model = model_of()
-    vector, true = random_vector(model, 5), poses(8)
+    vector = random_vector(model, 5)
+    true = poses(8)
     turned = model.readings(true, vector)
     changes = model.orientation_changes(true, vector)
     for column in range(model.layout.count):
@@ -129,7 +132,8 @@ def test_orientations_change_with_the_parameters_as_differences_say():
 
 def test_samples_out_of_reach_are_left_out():
     model = model_of()
-    vector, true = np.zeros(model.layout.count), poses(10)
+    vector = np.zeros(model.layout.count)
+    true = poses(10)
     turned = model.readings(true, vector)
     rotation = turned_a_little(true, 6)
     rotation[3] = np.nan
@@ -142,7 +146,8 @@ def test_samples_out_of_reach_are_left_out():
 @pytest.mark.parametrize('sensors', (4, 5, 6))
 def test_the_parity_of_a_constant_error_has_no_jump_and_begins_with_that_of_four(sensors):
     """The third reading is off, on a circle across the singularity."""
-    model, four = model_of(sensors), model_of()
+    model = model_of(sensors)
+    four = model_of()
     azimuth = np.linspace(0.0, 2.0 * np.pi, 2000)
     rotation = workspace_pose(0.25, azimuth, 0.8 + 0.5 * np.sin(azimuth))
     turned = model.readings(rotation, np.zeros(model.layout.count))

@@ -23,7 +23,8 @@ def release(torque, friction=TRUE, rest=0.02):
     """Return a release in closed form: from rest, a torque for good, until a handle moves on."""
     moved = np.maximum(TIME - rest, 0.0)
     # I theta'' + b theta' = m - c from rest.
-    rate, push = friction.viscous / friction.inertia, torque - np.sign(torque) * friction.dry
+    rate = friction.viscous / friction.inertia
+    push = torque - np.sign(torque) * friction.dry
     angle = push / friction.viscous * (moved - (1.0 - np.exp(-rate * moved)) / rate)
     return TIME, 0.3 + angle, torque * (TIME > rest)
 
@@ -117,7 +118,8 @@ def test_a_fourth_motor_that_is_swapped_is_seen_by_the_joints_between():
     """A motor on th1A turns th3A more than th1A: that alone says nothing."""
     first = (0.0316, -0.0009, -0.0040, -0.0369)
     last = (-0.0369, -0.0313, 0.0043, 0.0600)
-    second, third = (-0.0009, 0.0268, -0.0050, -0.0313), (-0.0041, -0.0051, 0.0202, 0.0043)
+    second = (-0.0009, 0.0268, -0.0050, -0.0313)
+    third = (-0.0041, -0.0051, 0.0202, 0.0043)
     assert faults_of(first, second, third, last) == []
     # Swapped and both reversed: each own joint turns in its own sense.
     found = faults_of(scaled(last, -1.0), second, third, scaled(first, -1.0))

@@ -32,7 +32,10 @@ class Device:
     caution = None
 
     def __init__(self, sets, then=None, nth=0, pause=0.0):
-        self._sets, self._then, self._nth, self._pause = sets, then, nth, pause
+        self._sets = sets
+        self._then = then
+        self._nth = nth
+        self._pause = pause
         self._number = 0
 
     def read(self, timeout):
@@ -120,7 +123,9 @@ def test_the_recording_ends_when_it_is_enough_or_long_enough(monkeypatch):
     stamps, _, notes = recorded(Device(10**9, pause=1e-4), 0.1, lambda *_: time.sleep(0.15))
     assert notes == [] and len(stamps) == 101 and stamps[-1] - stamps[0] == 100_000_000
     # The first evaluation is after a second; no read takes more than a tenth of one.
-    waits, sleep, wait = set(), time.sleep, recording.wait
+    waits = set()
+    sleep = time.sleep
+    wait = recording.wait
     monkeypatch.setattr(time, 'sleep', lambda each: waits.add(each) or sleep(0.01 * each))
     monkeypatch.setattr(
         recording,

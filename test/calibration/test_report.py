@@ -90,7 +90,8 @@ def test_deviations_of_angles_between_axes_are_those_of_drawn_mechanisms(
     calibration, output, drawn
 ):
     """With mechanisms drawn by the covariance of the parameters."""
-    rows, layout = tables(written(output, calibration)), calibration.layout
+    rows = tables(written(output, calibration))
+    layout = calibration.layout
     vectors = np.random.default_rng(1).multivariate_normal(
         calibration.vector, calibration.covariance, 500
     )

@@ -19,7 +19,8 @@ def rigs():
 
 @pytest.mark.parametrize('number', [3, 4])
 def test_the_true_parameters_are_those_of_the_rigs_mechanism(rigs, number):
-    rig, layout = random_rig(number, DEVIATIONS), Layout(4)
+    rig = random_rig(number, DEVIATIONS)
+    layout = Layout(4)
     true = rigs.truth(SimpleNamespace(layout=layout), rig, np.zeros(4))
     found = layout.geometry(true)
     for name in ('base_axes', 'platform_axes', 'alphas', 'betas'):
@@ -27,6 +28,7 @@ def test_the_true_parameters_are_those_of_the_rigs_mechanism(rigs, number):
 
 
 def test_no_bound_of_a_calibration_is_exceeded_by_its_rig(rigs):
-    found, zeros = short_calibration(), short_motion()[3]
+    found = short_calibration()
+    zeros = short_motion()[3]
     assert 0.05 < rigs.exceeded(found, RIG, zeros) < 1.0
     assert 0.05 < rigs.parity_exceeded(found, RIG, zeros) < 1.0

@@ -34,7 +34,8 @@ def samples(direction, zeros, seed, links=0.0):
 )
 def test_the_best_are_the_true_ones_and_stand_alone(seed):
     random = np.random.default_rng(seed)
-    direction, zeros = random.choice((-1, 1), 4), random.uniform(-np.pi, np.pi, 4)
+    direction = random.choice((-1, 1), 4)
+    zeros = random.uniform(-np.pi, np.pi, 4)
     read = samples(direction, zeros, seed, links=radians(0.3))
     found, again = (search_zeros(read, model_of().layout, 24) for _ in range(2))
     best = found[0]
@@ -81,8 +82,10 @@ def test_a_wrong_pair_that_several_zeros_explain_does_not_end_the_search(monkeyp
 
 
 def test_further_sensors_have_the_zeros_and_directions_that_those_of_four_leave():
-    model, random = model_of(6), np.random.default_rng(7)
-    zeros, direction = random.uniform(-np.pi, np.pi, 6), (1, -1, 1, 1, -1, 1)
+    model = model_of(6)
+    random = np.random.default_rng(7)
+    zeros = random.uniform(-np.pi, np.pi, 6)
+    direction = (1, -1, 1, 1, -1, 1)
     readings = (model.readings(poses(60), np.zeros(model.layout.count)) + zeros) * direction
     # Of a pose without an orientation nothing follows.
     readings[5, :4] += 1.0

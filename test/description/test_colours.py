@@ -8,7 +8,8 @@ from spm_haptic_master.description import colours
 from spm_haptic_master.description.colours import contrast, DARK_PAGE, WHITE_PAGE
 
 # Least contrasts of text and of lines (WCAG 2.2, 1.4.3 and 1.4.11).
-TEXT, LINE = 4.5, 3.0
+TEXT = 4.5
+LINE = 3.0
 QUANTITIES = (
     colours.THREE_ENCODERS,
     colours.ALL_ENCODERS,

@@ -22,7 +22,8 @@ def volumes(solid):
     """Return the volume of each connected part by the flux of x through its surface (Gauss)."""
     root = np.arange(len(solid.vertices))
     for _ in root:
-        least, new = root[solid.triangles].min(axis=1), root.copy()
+        least = root[solid.triangles].min(axis=1)
+        new = root.copy()
         for corner in range(3):
             np.minimum.at(new, solid.triangles[:, corner], least)
         if np.array_equal(new, root):
@@ -35,7 +36,8 @@ def volumes(solid):
 
 @pytest.mark.parametrize('geometry', MECHANISMS)
 def test_every_part_of_a_link_is_closed_and_filled_with_its_mass(geometry):
-    bodies, named = solids.masses(geometry), solids.solids(geometry)
+    bodies = solids.masses(geometry)
+    named = solids.solids(geometry)
     bodies['platform'] = bodies.pop('spm_platform')
     for name, solid in named.items():
         edges = Counter(

@@ -12,7 +12,8 @@ from spm_haptic_master.description.three_encoders import ThreeEncoders
 
 GEOMETRY = kinematics.Geometry()
 # Time between two poses and two readings (ns), and the noise of an encoder (rad).
-POSE_PERIOD, READING_PERIOD = 16_666_667, 50_000_000
+POSE_PERIOD = 16_666_667
+READING_PERIOD = 50_000_000
 NOISE = radians(0.04)
 
 
@@ -23,8 +24,10 @@ def angles_at(t, motion):
 
 def errors(motion, seconds):
     """Return time, dexterity and error, deg, along a motion: tilt, azimuth, phi (rad) at t (s)."""
-    rng, three = np.random.default_rng(1), ThreeEncoders(GEOMETRY)
-    found, due = [], 0
+    rng = np.random.default_rng(1)
+    three = ThreeEncoders(GEOMETRY)
+    found = []
+    due = 0
     for stamp in range(0, round(1e9 * seconds), POSE_PERIOD):
         t = 1e-9 * stamp
         # The readings are of another time than the poses.
@@ -45,7 +48,8 @@ def test_three_are_as_good_as_four_clear_of_the_singularity_and_lost_at_it():
     far = errors(lambda t: (radians(8.0), 0.3 * t, radians(10.0 * sin(3.0 * t))), 2.2)
     assert len(far) > 80 and far[:, 1].min() > 0.1 and far[:, 2].max() < 0.5
     found = errors(lambda t: (0.0, 0.0, radians(45.0 - 20.0 * np.cos(0.5 * pi * t))), 4.0)
-    near, clear = found[found[:, 1] < 0.03], found[found[:, 1] > 0.12]
+    near = found[found[:, 1] < 0.03]
+    clear = found[found[:, 1] > 0.12]
     assert len(near) > 7 and len(clear) > 7
     assert near[:, 2].max() > 3.0 and clear[:, 2].max() < 1.0
 
@@ -53,7 +57,8 @@ def test_three_are_as_good_as_four_clear_of_the_singularity_and_lost_at_it():
 @pytest.fixture
 def still():
     """Give three encoders of a device at rest, its angles, and what feeds and solves them."""
-    three, angles = ThreeEncoders(GEOMETRY), angles_at(0.0, lambda t: (0.05, 0.3, 0.2))
+    three = ThreeEncoders(GEOMETRY)
+    angles = angles_at(0.0, lambda t: (0.05, 0.3, 0.2))
 
     def feed(begin, readings=angles[::3], offset=50):
         three.add_readings(begin + offset, readings)

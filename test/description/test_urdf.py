@@ -26,7 +26,8 @@ NUMBER = re.compile(r'-?\d+\.?\d*(?:e-?\d+)?')
 
 def poses(geometry, largest_deg):
     """Return matrices of poses within reach over the whole workspace."""
-    rng, n = np.random.default_rng(17), 3000
+    rng = np.random.default_rng(17)
+    n = 3000
     drawn = workspace_pose(
         np.radians(26.0) * np.sqrt(rng.uniform(size=n)),
         rng.uniform(0.0, 2.0 * np.pi, n),
@@ -110,7 +111,8 @@ def test_the_joints_reach_the_workspace_and_little_more(geometry):
         for pose in poses(geometry, 100.0)
     ]
     low, high = np.degrees(np.transpose(urdf.joint_limits(geometry)))
-    least, largest = np.min(found, axis=0), np.max(found, axis=0)
+    least = np.min(found, axis=0)
+    largest = np.max(found, axis=0)
     assert (least >= low).all() and (largest <= high).all()
     assert (least < low + 30.0).all() and (largest > high - 30.0).all()
 
@@ -133,7 +135,8 @@ def test_the_installed_files_are_current():
         layout = np.dtype([('normal', '<f4', 3), ('corners', '<f4', (3, 3)), ('rest', '<u2')])
         file = meshes[name]
         assert len(file) == 84 + 50 * count, 'run `make docs`'
-        facets, corners = np.frombuffer(file, layout, count, 84), solid.vertices[solid.triangles]
+        facets = np.frombuffer(file, layout, count, 84)
+        corners = solid.vertices[solid.triangles]
         assert np.abs(facets['corners'] - corners).max() < 1e-7, 'run `make docs`'
         written = np.frombuffer(solid.stl(name), layout, count, 84)['normal']
         outward = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 1])

@@ -24,7 +24,8 @@ def poses_of(axes, phi):
 
 @pytest.mark.parametrize('phi', [0.0, 45.0, 49.36, 60.0])
 def test_the_map_has_the_dexterity_and_the_singularities(phi):
-    phi, drawn = radians(phi), WorkspaceMap(kinematics.Geometry(), (1, 1, 1))
+    phi = radians(phi)
+    drawn = WorkspaceMap(kinematics.Geometry(), (1, 1, 1))
     tilts = np.arccos(drawn.axes @ CENTRE)
     assert tilts.max() < HALF_ANGLE
     # Evenly over the cone: as many tiles within a part of it as its area has of the whole.
@@ -33,7 +34,8 @@ def test_the_map_has_the_dexterity_and_the_singularities(phi):
     )
     apart = np.linalg.norm(drawn.axes - drawn.axes[:, None], axis=-1) + 9.0 * np.eye(len(tilts))
     assert apart.min() > 0.85 * np.sqrt(2.0 * np.pi * (1 - np.cos(HALF_ANGLE)) / len(tilts))
-    poses, colours = poses_of(drawn.axes, phi), drawn.colours(phi)
+    poses = poses_of(drawn.axes, phi)
+    colours = drawn.colours(phi)
     np.testing.assert_allclose(poses[..., 2], drawn.axes, atol=1e-12)
     eta = kinematics.dexterity(poses)
     assert colour_bar() == {
@@ -46,7 +48,8 @@ def test_the_map_has_the_dexterity_and_the_singularities(phi):
     expected = [np.interp(eta, [0.0, 0.1, 0.2], channel) for channel in COLOURS.T]
     reached = np.isfinite(eta)
     np.testing.assert_allclose(colours[reached], np.transpose(expected)[reached], atol=1.0)
-    singular, determinants = drawn.singular_axes(phi), kinematics.parallel_determinant(poses)
+    singular = drawn.singular_axes(phi)
+    determinants = kinematics.parallel_determinant(poses)
     assert bool(len(singular)) == (np.nanmin(determinants) < 0.0 < np.nanmax(determinants))
     # 1e-3 is a twentieth of a degree here.
     assert np.abs(kinematics.parallel_determinant(poses_of(singular, phi))).max(initial=0.0) < 2e-3

@@ -48,7 +48,10 @@ class Rig:
         self.drives = Drives(self.plan, lambda: self.bus, 'virtual test')
         self.simulation = SimulatedDrives(self.plan, faults, factory)
         self.drive = self.simulation.drives
-        self.now, self.sent, self.report, self.paused = 100.0, [], None, False
+        self.now = 100.0
+        self.sent = []
+        self.report = None
+        self.paused = False
         self._put(self.simulation.boot())
 
     def __enter__(self):

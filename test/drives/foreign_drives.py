@@ -20,7 +20,8 @@ DEVICE_TYPE = 0x00020192
 NODES = 11, 12, 13
 FIRST_SERIAL = 0x2001
 # Node id of the master, and its heartbeat time-out, ms.
-MASTER, TIMEOUT = 126, 60
+MASTER = 126
+TIMEOUT = 60
 
 
 def common(node_id):

@@ -10,9 +10,13 @@ import pytest
 from spm_haptic_master.drives.drive import Drive
 
 STATUS_PERIOD = 4
-STATUS, HEARTBEAT, EMCY = 0x18B, 0x70B, 0x08B
+STATUS = 0x18B
+HEARTBEAT = 0x70B
+EMCY = 0x08B
 # Statuswords of Operation enabled, Switched on, Fault.
-ENABLED, SWITCHED_ON, FAULT = 0x0237, 0x0233, 0x0218
+ENABLED = 0x0237
+SWITCHED_ON = 0x0233
+FAULT = 0x0218
 
 
 @pytest.fixture

@@ -51,7 +51,8 @@ OTHERS = {
     (0x605E, 0, 2, 0),
     (0x6072, 0, 2, 1000),
 }
-RATED, PERIOD = {(0x6076, 0, 4, 500)}, {(0x60C2, 1, 1, 1), (0x60C2, 2, 1, 0xFD)}
+RATED = {(0x6076, 0, 4, 500)}
+PERIOD = {(0x60C2, 1, 1, 1), (0x60C2, 2, 1, 0xFD)}
 
 
 @pytest.mark.parametrize(

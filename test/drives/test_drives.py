@@ -104,7 +104,8 @@ def test_a_drive_in_another_mode_is_not_enabled_for_the_proof(starting):
 @pytest.mark.parametrize(('late', 'ready'), [(2, True), (3, False)])
 def test_one_of_three_proofs_has_to_be_in_time(starting, late, ready):
     """A proof is late by the heartbeat, in place of the event timer; this machine may be, too."""
-    drive, proofs = starting.drive[2], 0
+    drive = starting.drive[2]
+    proofs = 0
     value = drive.objects.value
     drive.objects.value = lambda index, sub: (
         0 if (index, sub) == (0x1400, 5) and proofs <= late else value(index, sub)
@@ -135,7 +136,8 @@ def test_an_event_timer_that_is_missing_is_proven_by_the_heartbeat():
     with Rig(plan=make_test_plan(drives__verified_by_hand='0x1400:05')) as rig:
         rig.ready()
         rig.run(TORQUES, 0.05)
-        rig.paused, stopped = True, rig.now
+        rig.paused = True
+        stopped = rig.now
         while any(drive.state is State.ENABLED for drive in rig.drive):
             rig.step(TORQUES)
         assert rig.now - stopped <= 0.062
@@ -145,7 +147,8 @@ def test_without_an_event_timer_the_heartbeat_proves_it():
     with Rig(plan=make_test_plan(drives__event_timer=0.0)) as rig:
         rig.ready()
         rig.run(TORQUES, 0.05)
-        rig.paused, stopped = True, rig.now
+        rig.paused = True
+        stopped = rig.now
         while any(drive.state is State.ENABLED for drive in rig.drive):
             rig.step(TORQUES)
         assert rig.now - stopped <= 0.062
@@ -249,7 +252,8 @@ def test_a_drive_whose_heartbeat_never_came_gets_no_torque_for_long(starting):
     """It answers, and falls out by its event timer; its heartbeat is off, and it booted before."""
     while starting.bus.recv(0.0) is not None:
         pass
-    put, own = starting._put, canopen.HEARTBEAT_BASE + 12
+    put = starting._put
+    own = canopen.HEARTBEAT_BASE + 12
     starting._put = lambda messages: put([each for each in messages if each.arbitration_id != own])
     report = starting.run(TORQUES, STARTED)
     assert report.fault is not None
@@ -342,7 +346,8 @@ def test_a_full_buffer_is_a_fault_and_ends_the_start_up(starting, seconds, ident
         raise can.CanOperationError('Transmit buffer full')
 
     starting.run(TORQUES, seconds)
-    send, starting.bus.send = starting.bus.send, full
+    send = starting.bus.send
+    starting.bus.send = full
     starting.run(TORQUES, 5 * MS)
     starting.bus.send = send
     starting.sent.clear()
@@ -356,15 +361,21 @@ def test_a_full_buffer_is_a_fault_and_ends_the_start_up(starting, seconds, ident
 
 
 def test_a_bus_that_fails_is_opened_again_and_comes_back_by_an_acknowledgement_only(rig):
-    recv, shutdown, open_bus, opened = rig.bus.recv, rig.bus.shutdown, rig.drives._open_bus, []
+    recv = rig.bus.recv
+    shutdown = rig.bus.shutdown
+    open_bus = rig.drives._open_bus
+    opened = []
 
     def fail(timeout):
         raise can.CanOperationError('bus is gone')
 
     rig.drives._open_bus = lambda: opened.append(rig.now) or open_bus()
-    rig.bus.recv, rig.bus.shutdown, gone = fail, lambda: None, rig.now
+    rig.bus.recv = fail
+    rig.bus.shutdown = lambda: None
+    gone = rig.now
     assert rig.run(TORQUES, 2 * MS).fault == 'virtual test: bus is gone'
-    rig.bus.recv, rig.bus.shutdown = recv, shutdown
+    rig.bus.recv = recv
+    rig.bus.shutdown = shutdown
     report = rig.run(TORQUES, 3.0)
     assert report.fault == 'virtual test: bus is gone' and not report.ready
     assert opened == pytest.approx([gone + 1.0], abs=2 * MS)
@@ -373,7 +384,8 @@ def test_a_bus_that_fails_is_opened_again_and_comes_back_by_an_acknowledgement_o
 
 
 def test_a_bus_that_cannot_be_opened_is_reported_and_tried_every_second(starting):
-    opened, attempts = starting.drives._open_bus, []
+    opened = starting.drives._open_bus
+    attempts = []
 
     def fail():
         attempts.append(starting.now)

@@ -45,7 +45,9 @@ def rig(monkeypatch, clock):
         source = make_source(
             'can', values(can__interface='virtual', can__channel='can7', **overrides)
         )
-        source.opened, source.buses, source.clock = opened, scripted, clock
+        source.opened = opened
+        source.buses = scripted
+        source.clock = clock
         return source
 
     return make
@@ -57,7 +59,8 @@ def producing(rig, monkeypatch):
 
     def make(*buses, **overrides):
         producer = Mock(spec=SyncProducer, yielding=False, producing=False, lost=0.0)
-        producer.openings.return_value, producer.statistics.return_value = [], {}
+        producer.openings.return_value = []
+        producer.statistics.return_value = {}
         made = Mock(return_value=producer)
         monkeypatch.setattr(can_source, 'SyncProducer', made)
         driver = rig(*buses, can__sync='produce', **overrides)

@@ -12,7 +12,8 @@ from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.bus_scan import BusScan, BusScanner
 
 # s for which a scan listens for a master before it sends SYNC, and between two starts of a node.
-LISTEN, AGAIN = 1.1, 0.5
+LISTEN = 1.1
+AGAIN = 0.5
 
 
 class Bus(ScriptedBus):
@@ -31,7 +32,9 @@ def scan_of(clock):
     """Scan a scripted bus; return the scan, what was sent and when, and the reports."""
 
     def make(script, seconds, ask=False, start=None, rate=100.0, sync_id=0x80, **changes):
-        bus, scan, reports = Bus(clock, script), BusScan(sync_id), []
+        bus = Bus(clock, script)
+        scan = BusScan(sync_id)
+        reports = []
         for name, value in changes.items():
             setattr(bus, name, value)
         scanner = BusScanner(bus, scan, rate, bus.echoes, reports.append)

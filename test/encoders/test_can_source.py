@@ -13,8 +13,10 @@ from spm_haptic_master.encoders import canopen
 
 # What a user is promised, s: first time between attempts to open a bus, silence after which it is
 # reopened, polls, the time that a reason holds.
-REOPEN_FIRST, REOPEN_SILENT = 0.1, 2.0
-POLL_PERIOD, REASON_HOLD = 0.02, 0.5
+REOPEN_FIRST = 0.1
+REOPEN_SILENT = 2.0
+POLL_PERIOD = 0.02
+REASON_HOLD = 0.5
 
 
 def stamps(*times):
@@ -89,7 +91,8 @@ def test_a_bus_that_dies_without_a_word_is_opened_again(rig):
 @pytest.mark.parametrize(('start', 'again'), [(T0, T0), (5000.0, 1.0)])
 def test_a_reopened_bus_starts_a_new_cycle_and_a_new_clock(rig, start, again):
     """No answer joins a SYNC from before the break; a device may count from another start."""
-    first, second = cycles(0.01, 2)[:8], [*cycles(0.19, 1)[3:], *cycles(0.2, 1)]
+    first = cycles(0.01, 2)[:8]
+    second = [*cycles(0.19, 1)[3:], *cycles(0.2, 1)]
     for script, begin in ((first, start), (second, again)):
         for _, message in script:
             message.timestamp += begin - T0
@@ -316,7 +319,8 @@ def test_a_producer_starts_with_each_bus_and_its_figures_are_in_the_statistics(p
     assert (producer.made_with, producer.method_calls) == ((0x80, 1e-3), [])
     run(driver, 0.3)
     assert producer.method_calls == [call.start(), call.skip(), call.stop(), call.start()]
-    producer.lost, producer.statistics.return_value = 0.25, {'SYNC sent': 5}
+    producer.lost = 0.25
+    producer.statistics.return_value = {'SYNC sent': 5}
     assert driver.lost == 0.25 and driver.statistics()['SYNC sent'] == 5
     assert driver.caution is None
     producer.yielding = True

@@ -24,7 +24,8 @@ def test_samples_are_whole_and_their_stamps_increase(kind, tmp_path, channel, en
         path = record(tmp_path / 'recorded.log', stream(*range(20)))
         options = {'replay__path': str(path), 'replay__loop': True}
     source = make_source(kind, values(kind, **options))
-    begin, deadline = time.time_ns(), time.monotonic() + 20.0
+    begin = time.time_ns()
+    deadline = time.monotonic() + 20.0
     samples = []
     while len(samples) < 50 and time.monotonic() < deadline:
         sample = source.read(0.1)

@@ -44,7 +44,8 @@ def driver(channel):
 
 def read_until(source, condition, patience=PATIENCE):
     """Read until a condition holds; return the number of sets meanwhile."""
-    sets, end = 0, time.monotonic() + patience
+    sets = 0
+    end = time.monotonic() + patience
     while not condition():
         assert time.monotonic() < end, (source.fault, source.caution)
         sets += source.read(0.02) is not None
@@ -114,7 +115,8 @@ def test_E3_a_sync_is_left_out_once_where_nodes_supervise_it(channel, driver, se
             elif not supervised.operational and sends_emcy:
                 supervised.node.emcy.send(0, 0)
 
-        answer, first = supervised.on_sync, nodes[0].on_sync
+        answer = supervised.on_sync
+        first = nodes[0].on_sync
         supervised.on_sync = lambda: (supervise(), answer())
         # A lost answer is a reason to leave a SYNC out.
         nodes[0].on_sync = lambda: nodes[1].syncs % 20 and first()
@@ -167,7 +169,8 @@ def test_E5_one_rule_for_four_five_and_six(channel, driver, sensors, loss, stops
 
 
 def _angles_for(source, seconds):
-    end, angles = time.monotonic() + seconds, []
+    end = time.monotonic() + seconds
+    angles = []
     while time.monotonic() < end:
         if (sample := source.read(0.02)) is not None:
             angles.append(sample.angles)
@@ -176,7 +179,9 @@ def _angles_for(source, seconds):
 
 def test_E15_a_clock_that_wraps_gets_a_new_offset_at_once():
     """The microseconds of gs_usb have 32 bits: 71.6 minutes."""
-    clock, wrap, began = ReceiveClock(), 2**32 * 1e-6, 1.76e9
+    clock = ReceiveClock()
+    wrap = 2**32 * 1e-6
+    began = 1.76e9
     for number in range(2000):
         at = wrap - 1.0 + number * 1e-3
         arrived = began + number * 1e-3 + 2e-4

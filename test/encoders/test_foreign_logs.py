@@ -26,7 +26,8 @@ def two_buses():
     frames = stream(*range(60))
     others = stream(*range(60))
     for own, other in zip(frames, others, strict=True):
-        own.channel, other.channel = 0, 1
+        own.channel = 0
+        other.channel = 1
         other.timestamp += 2e-5
         if 0x181 <= other.arbitration_id <= 0x184:
             other.data = bytes(len(other.data))
@@ -77,7 +78,8 @@ def test_L2_relative_times_of_a_vector_log_are_added_up(tmp_path):
     """Also those of lines that are no frames."""
     frames = stream(*range(200))
     path = record(tmp_path / 'absolute.asc', frames)
-    lines, last = [], 0.0
+    lines = []
+    last = 0.0
     for line in path.read_text().splitlines():
         found = re.match(r'\s*(\d+\.\d+)(\s.*)', line)
         if found:
@@ -89,7 +91,8 @@ def test_L2_relative_times_of_a_vector_log_are_added_up(tmp_path):
     relative = tmp_path / 'relative.asc'
     relative.write_text('\n'.join(lines) + '\n')
     assert 'timestamps relative' in relative.read_text()
-    expected, sets = replayed(path), replayed(relative)
+    expected = replayed(path)
+    sets = replayed(relative)
     assert len(sets) == len(expected) == 200
     spans = [each[-1].stamp - each[0].stamp for each in (expected, sets)]
     assert spans[0] == pytest.approx(199e6, rel=1e-3)
@@ -177,7 +180,8 @@ def test_L5_a_clock_that_was_set_forward_is_no_hour_of_waiting(tmp_path, clock):
         frames.append(message)
     path = record(tmp_path / 'a.log', frames)
     source = make_replay(values('replay', replay__path=str(path)))
-    begin, said = clock.now, set()
+    begin = clock.now
+    said = set()
     for _ in range(60):
         try:
             source.read(1.0)

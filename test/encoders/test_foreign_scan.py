@@ -75,7 +75,8 @@ def test_E10_an_encoder_that_ends_during_the_scan_is_not_as_configured(channel, 
 @pytest.mark.parametrize(('share', 'good'), [(0.0, True), (0.03, False), (1.0, False)])
 def test_item_4_the_verdict_counts_lost_answers(share, good):
     """Of 150 answers 3 % are not as configured; one may be under way at the end."""
-    scan, rng = BusScan(0x80, LAYOUTS), random.Random(5)
+    scan = BusScan(0x80, LAYOUTS)
+    rng = random.Random(5)
     for number in range(150):
         at = T0 + 0.02 * number
         scan.feed(canopen.frame(0x80, b'', at))
@@ -208,10 +209,8 @@ def test_E6_phases_without_sync_are_named(phases, good):
         for layout, phase in zip(LAYOUTS, phases, strict=True):
             scan.feed(canopen.frame(layout.can_id, layout.data(0.1), T0 + 0.01 * number + phase))
     expected = Expected(LAYOUTS, NODES, 100.0)
-    found, remark = (
-        scan_report.problems(scan, expected),
-        scan_report.remark_on_phases(scan, expected),
-    )
+    found = scan_report.problems(scan, expected)
+    remark = scan_report.remark_on_phases(scan, expected)
     words = 'SYNC is needed (encoders.sync_id: 0x80, and can_setup)'
     if good:
         assert found == [] and remark.startswith('without SYNC the frames come at phases of ')

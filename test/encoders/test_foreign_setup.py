@@ -11,7 +11,8 @@ import pytest
 from spm_haptic_master.encoders import canopen_network
 from spm_haptic_master.tools import can_setup, command_line
 
-READ_ONLY, NOT_STORED = 0x06010002, 0x08000020
+READ_ONLY = 0x06010002
+NOT_STORED = 0x08000020
 
 
 @pytest.fixture

@@ -159,7 +159,8 @@ def test_counters_are_read_in_one_step_since_another_thread_adds_new_ones():
             raise RuntimeError('dictionary changed size during iteration')
 
     taker = decoder()
-    taker.counters, taker.assembler.counters = Growing(frames=2), Growing(sets=1)
+    taker.counters = Growing(frames=2)
+    taker.assembler.counters = Growing(sets=1)
     taker.encoders[3].rejects = Growing(late=1)
     assert taker.tally() == {'frames': 2, 'sets': 1, 'joint_3a rejected: late': 1}
 

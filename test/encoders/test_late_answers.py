@@ -22,7 +22,8 @@ def late_stream(layouts, late, by, begin, count, gaps=()):
 
     In a gap there is no SYNC, but answers to earlier ones still come.
     """
-    stream, queue = [], []
+    stream = []
+    queue = []
     for number in range(count):
         if number not in gaps:
             stream += cycle(layouts, number, {late})

@@ -185,7 +185,8 @@ EXPECTED = {
 
 @pytest.mark.parametrize('name', SCANS)
 def test_the_report_of_a_scan_is_as_recorded(tmp_path, name):
-    scan, expected = SCANS[name], EXPECTED.get(name, DEFAULT)
+    scan = SCANS[name]
+    expected = EXPECTED.get(name, DEFAULT)
     lines = [
         *scan_report.listing(scan, expected),
         *problems(scan, expected),

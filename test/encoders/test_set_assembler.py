@@ -14,7 +14,8 @@ from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 # Cycles without an answer after which a joint is not waited for.
 SILENT = 3
 # Period and window of the assembler alone, s.
-ALONE, WINDOW = 1.0, 0.5
+ALONE = 1.0
+WINDOW = 0.5
 GOOD = pytest.approx((0.0, 0.1, 0.2, 0.3))
 
 
@@ -50,7 +51,9 @@ def test_a_late_answer_never_completes_a_later_cycle(index, late_by, first):
 @pytest.mark.parametrize('answered', range(4))
 def test_answers_that_pile_up_are_never_taken_for_fresh(stall, at_once, answered):
     """All encoders hang for some cycles, then answer every SYNC, a few frames a cycle at first."""
-    queue, got, taker = [], [], decoder()
+    queue = []
+    got = []
+    taker = decoder()
     for number in range(40):
         opening, *answers = cycle(LAYOUTS, number)
         got += feed(taker, [opening])
@@ -80,7 +83,8 @@ def test_the_sets_go_on_without_a_silent_sensor_and_do_not_wait_for_it(sensors, 
     held = 0
     for number in range(10, 60):
         opening, *answers = cycle(layouts, number, gone)
-        at_sync, at_answers = feed(taker, [opening]), feed(taker, answers)
+        at_sync = feed(taker, [opening])
+        at_answers = feed(taker, answers)
         held += len(at_sync)
         found |= by_cycle(at_sync + at_answers)
         # It goes out with its last answer.
@@ -110,7 +114,8 @@ def test_a_sensor_is_taken_again_when_it_answers_again(sensors, silent):
     """One lost frame costs one reading, or with four one set."""
     for index in range(sensors) if silent == 1 else (3,):
         taker, layouts = rig(sensors)
-        begin, back = 10, 10 + silent
+        begin = 10
+        back = 10 + silent
         stream = [
             cycle(layouts, number, {index} if begin <= number < back else ())
             for number in range(back + 20)

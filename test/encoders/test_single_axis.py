@@ -53,7 +53,8 @@ def test_a_reading_is_the_position_at_the_sync_of_its_cycle():
 
 def test_no_set_waits_for_an_axis_and_none_is_part_of_one():
     """The same sets, frame by frame, with and without the axes, lost or late ones too."""
-    plain, both = decoder(), decoder(**SLIDE, **GRIPPER)
+    plain = decoder()
+    both = decoder(**SLIDE, **GRIPPER)
     for number in range(40):
         frames = cycle(number)
         if number % 7 == 3:
@@ -152,7 +153,8 @@ def test_a_recording_has_the_same_readings(tmp_path):
 
 def test_the_simulated_source_has_them_where_they_are_configured():
     with closing(make_source('sim', values('sim', **SLIDE, **GRIPPER))) as source:
-        end, found = time.monotonic() + 10.0, []
+        end = time.monotonic() + 10.0
+        found = []
         while len(found) < 20 and time.monotonic() < end:
             source.read(0.05)
             found += source.take_readings()
@@ -184,13 +186,15 @@ def test_a_lost_slide_is_silent_by_itself_and_the_orientation_goes_on(channel):
         foreign_bus(channel, *((n, objects_of(n)) for n in NODES)) as nodes,
         closing(make_source('can', settings)) as source,
     ):
-        found, end = [], time.monotonic() + 10.0
+        found = []
+        end = time.monotonic() + 10.0
         while len(found) < 5 and time.monotonic() < end:
             source.read(0.05)
             found += source.take_readings()
         assert found[-1].position == pytest.approx(0.05)
         nodes[4].on_sync = lambda: None
-        sets, end = 0, time.monotonic() + 1.0
+        sets = 0
+        end = time.monotonic() + 1.0
         while time.monotonic() < end:
             sets += source.read(0.05) is not None
         assert sets > 10 and source.fault is None and source.caution is None

@@ -19,7 +19,9 @@ class OnClock(threading.Event):
 
     def __init__(self, clock, end=float('inf'), meanwhile=None):
         super().__init__()
-        self.clock, self.end, self.meanwhile = clock, end, meanwhile
+        self.clock = clock
+        self.end = end
+        self.meanwhile = meanwhile
 
     def is_set(self):
         return super().is_set() or self.clock.now >= self.end

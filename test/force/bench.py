@@ -40,7 +40,10 @@ class Bench:
     def __init__(self, motors=3, limits=None, **kwargs):
         self.motors = motors
         self.controller = ForceController(motors=motors, limits=limits or ForceLimits(), **kwargs)
-        self.now, self.torque, self.wrench, self.changed = 0, STILL, None, {}
+        self.now = 0
+        self.torque = STILL
+        self.wrench = None
+        self.changed = {}
         self.outputs = []
 
     def step(self, milliseconds=1, **changed):

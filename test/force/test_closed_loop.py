@@ -13,7 +13,8 @@ from study.force.bare import Bare, without_energy_law  # noqa: E402, I100
 from study.force.loop import constant, run, Slave, spring, wall  # noqa: E402
 from study.force.motions import axis, loops, pose, push, quaternion  # noqa: E402
 
-SOFT, USUAL = (0.3, 0.01), (1.0, 0.01)
+SOFT = (0.3, 0.01)
+USUAL = (1.0, 0.01)
 FREE = (0.0, 0.0)
 
 

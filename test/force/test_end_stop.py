@@ -31,7 +31,8 @@ def margins(R):
     found = []
     for leg in PAPER.legs:
         angle = math.acos(np.dot(leg.first, R @ leg.third))
-        alpha, beta = math.acos(leg.cos_alpha), math.acos(leg.cos_beta)
+        alpha = math.acos(leg.cos_alpha)
+        beta = math.acos(leg.cos_beta)
         found += [alpha + beta - angle, angle - abs(alpha - beta)]
     return np.array(found)
 
@@ -43,7 +44,8 @@ def energy(R, stiffness=2.0):
 
 def poses_at_the_rim(count, seed):
     """Return poses within the wall that all legs reach."""
-    rng, found = np.random.default_rng(seed), []
+    rng = np.random.default_rng(seed)
+    found = []
     while len(found) < count:
         R = workspace_pose(0.7 * rng.random(), 6.3 * rng.random(), 3.0 * rng.random() - 0.6)
         if 0.2 * BEGIN < margins(R).min() < 0.9 * BEGIN and np.isfinite(jacobian(R)).all():
@@ -66,7 +68,8 @@ def wall(motors=4, **limits):
 
 def test_the_wall_is_the_slope_of_its_energy():
     """So a hand gets back what it gave, but for the damping."""
-    torque, step = wall(), 1e-6
+    torque = wall()
+    step = 1e-6
     for R in poses_at_the_rim(30, seed=1):
         slope = [
             energy(matrix_from_quaternion(quaternion_from_vector(*(step * axis))) @ R)
@@ -78,7 +81,8 @@ def test_the_wall_is_the_slope_of_its_energy():
 
 def test_the_wall_pushes_inwards_at_any_speed():
     """It never works against a wrench that pushes back into the workspace."""
-    torque, rng = wall(), np.random.default_rng(2)
+    torque = wall()
+    rng = np.random.default_rng(2)
     for R in poses_at_the_rim(60, seed=3):
         if np.count_nonzero(margins(R) < 2.0 * BEGIN) > 1:
             continue  # two legs: each has its own direction
@@ -101,7 +105,9 @@ def test_there_is_no_wall_inside_nor_without_a_velocity_nor_where_it_is_switched
 
 def test_three_motors_push_only_where_they_are_strong():
     """Not where a torque in the direction of the wall takes more than 1 / 0.05 of it."""
-    three, four, seen = wall(3), wall(4), []
+    three = wall(3)
+    four = wall(4)
+    seen = []
     for R in poses_at_the_rim(300, seed=5):
         if np.count_nonzero(margins(R) < BEGIN) > 1:
             continue
@@ -124,7 +130,8 @@ def at(R):
 
 
 def test_the_end_stop_is_there_without_wrenches_and_comes_up_by_the_ramp():
-    bench, R = Bench(4), poses_at_the_rim(1, seed=6)[0]
+    bench = Bench(4)
+    R = poses_at_the_rim(1, seed=6)[0]
     bench.torque = None
     outputs = [bench.step(**at(R)) for _ in range(800)]
     assert outputs[-1].state.text == 'ready'
@@ -135,7 +142,8 @@ def test_the_end_stop_is_there_without_wrenches_and_comes_up_by_the_ramp():
 
 def test_beyond_the_reach_there_is_no_torque():
     """As everywhere without an orientation that all legs reach."""
-    bench, R = Bench(4), workspace_pose(0.9, 2.0, 2.0)
+    bench = Bench(4)
+    R = workspace_pose(0.9, 2.0, 2.0)
     with pytest.raises(SpmError):
         inverse(R)
     bench.engage(STILL)
@@ -145,7 +153,8 @@ def test_beyond_the_reach_there_is_no_torque():
 
 def test_a_wall_and_a_wrench_together_are_limited():
     limits = ForceLimits()
-    bench, R = Bench(4), poses_at_the_rim(1, seed=7)[0]
+    bench = Bench(4)
+    R = poses_at_the_rim(1, seed=7)[0]
     inwards = wall()(R) / np.linalg.norm(wall()(R))
     bench.engage(STILL)
     bench.torque = tuple((0.3 * inwards).tolist())

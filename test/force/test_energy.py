@@ -207,8 +207,11 @@ def test_the_work_is_that_of_the_torque_in_force(rate):
     """A11: at 250 Hz the command of a sample is in force 1 ms later, not a period later."""
     bench = Bench(limits=ForceLimits(slew=1000.0))
     bench.engage(STILL)
-    period, direction = 1000.0 / rate, np.array([0.0, 0.0, 1.0])
-    given, latest, before = 0.0, STILL, bench.controller.output.energy
+    period = 1000.0 / rate
+    direction = np.array([0.0, 0.0, 1.0])
+    given = 0.0
+    latest = STILL
+    before = bench.controller.output.energy
     for number in range(1, 160 * rate // 1000):
         turned_by = 0.004 * math.sin(0.1 * number * period) * direction
         R = matrix_from_quaternion(quaternion_from_vector(*turned_by)) @ POSE
@@ -296,7 +299,11 @@ def test_the_work_against_the_weight_is_not_counted():
 def test_twelve_loops_of_a_handle_that_weighs_in_the_fade_zone():
     """What the motors make of its weight is not conservative there: 20 mJ in all."""
     bench = Bench(gravity=Gravity((-0.0113, 0.0081, -0.0057)))
-    tilt, azimuth, phi, radius, turn = 0.227, 0.782, 0.931, 0.08, 500
+    tilt = 0.227
+    azimuth = 0.782
+    phi = 0.931
+    radius = 0.08
+    turn = 500
     samples = []
     for number in range(turn):
         angle = -math.tau * number / turn
@@ -310,14 +317,17 @@ def test_twelve_loops_of_a_handle_that_weighs_in_the_fade_zone():
                 tuple(quaternion_from_matrix(R).tolist()),
             )
         )
-    work, torques, before = 0.0, (0.0,) * 3, samples[0][0]
+    work = 0.0
+    torques = (0.0,) * 3
+    before = samples[0][0]
     for number in range(700 + 12 * turn):
         angles, quaternion = samples[max(0, number - 700) % turn]
         output = bench.step(angles=angles, quaternion=quaternion)
         work += sum(
             torque * (new - old) for torque, new, old in zip(torques, angles, before, strict=False)
         )
-        torques, before = output.motor_torque, angles
+        torques = output.motor_torque
+        before = angles
     assert output.state.text == 'engaged'
     assert work <= 20e-3
 

@@ -253,7 +253,9 @@ def test_nothing_asked_is_all_rendered():
 
 def test_the_weight_is_held_by_the_slope_of_its_potential_energy():
     """Every offset, on a base that is mounted aslant: by finite differences."""
-    rng, down, step = np.random.default_rng(4), (3.0, -5.0, -7.0), 1e-5
+    rng = np.random.default_rng(4)
+    down = (3.0, -5.0, -7.0)
+    step = 1e-5
     gravity = Gravity(tuple(rng.normal(size=3)), tuple(rng.normal(size=6)), down)
     statics = make_statics(PAPER, MODE, 3, ForceLimits())
     weight = Weight(gravity, statics)

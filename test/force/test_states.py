@@ -27,7 +27,8 @@ from spm_haptic_master.kinematics import inverse, quaternion_from_matrix, worksp
 NAN = math.nan
 ZERO = (0.0, 0.0, 0.0)
 # A locked orientation 0.1 rad away, and the torque towards it.
-LOCK, PULL = turned(0.1), (0.0, 0.1, 0.0)
+LOCK = turned(0.1)
+PULL = (0.0, 0.1, 0.0)
 POWERED = (Condition.ENGAGED, Condition.HOLDING, Condition.FADING)
 # What ends force, and for what reason.
 ENDS = [
@@ -177,7 +178,8 @@ def test_what_ends_force(changed, reason, motors):
         # Each motor goes down steadily.
         for new, old in zip(output.motor_torque, previous.motor_torque, strict=True):
             assert abs(new) <= abs(old) and new * old >= 0.0
-        previous, output = output, bench.step(**changed)
+        previous = output
+        output = bench.step(**changed)
     assert not any(output.motor_torque) and largest > 0.05
     if reason is Reason.DRIVE:
         assert not any(bench.outputs[-12].motor_torque)
@@ -476,7 +478,9 @@ def test_ten_thousand_random_faults_and_transitions():
     """Torque in engaged, holding and fading only; finite, and never above the limit."""
     rng = random.Random(11)
     bench = Bench(gravity=Gravity(handle=(0.001, 0.0, 0.004)))
-    seen, changes, latest = set(), 0, None
+    seen = set()
+    changes = 0
+    latest = None
     while changes < 10_000:
         changed = dict(rng.choice(ENDS)[0]) if rng.random() < 0.1 else {}
         changed.pop('wrench', None)
@@ -488,7 +492,8 @@ def test_ten_thousand_random_faults_and_transitions():
         if rng.random() < 0.001:
             bench.torque = (NAN, 0.0, math.inf)
         if rng.random() < 0.4:
-            bench.torque, changed = STILL, {}
+            bench.torque = STILL
+            changed = {}
         period = rng.choice((1, 1, 4, 8, 8, 12))
         for _ in range(rng.choice((1, 2, 3, 5, 20))):
             output = bench.step(period, **changed)

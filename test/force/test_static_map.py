@@ -96,7 +96,8 @@ def test_gravity_is_identified_from_twelve_noisy_poses():
     rng = np.random.default_rng(5)
     R = drawn_poses(400, 6)
     R = R[np.linalg.svd(jacobian(R), compute_uv=False)[:, 2] > 0.3]
-    learned, others = R[:12], R[12:32]
+    learned = R[:12]
+    others = R[12:32]
     torques = np.array([holding(body, pose) for pose in learned])
     gravity, residual = identify_gravity(learned, torques + 1e-3 * rng.normal(size=torques.shape))
     assert residual <= 3e-3

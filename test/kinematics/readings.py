@@ -75,10 +75,13 @@ def case_2_determinant(readings, g=PAPER):
 def pose_of_zero(function, built, rng, longest):
     """Find a pose where a function of poses changes sign, by bisection along random turns."""
     while True:
-        R, axis = built.reachable_rotation(rng, 0.1), longest * rng.normal(size=3)
+        R = built.reachable_rotation(rng, 0.1)
+        axis = longest * rng.normal(size=3)
         with suppress(UnreachableError):
-            start, end = function(R), function(turn(axis) @ R)
-            low, high = 0.0, 1.0
+            start = function(R)
+            end = function(turn(axis) @ R)
+            low = 0.0
+            high = 1.0
             for _ in range(60 if start * end < 0.0 else 0):
                 middle = 0.5 * (low + high)
                 if function(turn(middle * axis) @ R) * start > 0.0:
@@ -100,5 +103,6 @@ def near_boundary(leg, size):
             break
     # Leg B or C is leg A in a platform turned about (1, 1, 1).
     third = 2.0 * math.pi / 3.0
-    base, platform = turn(np.full(3, third / math.sqrt(3.0))), zxz(0.0, 0.0, -third)
+    base = turn(np.full(3, third / math.sqrt(3.0)))
+    platform = zxz(0.0, 0.0, -third)
     return np.linalg.matrix_power(base, leg) @ R @ np.linalg.matrix_power(platform, leg)

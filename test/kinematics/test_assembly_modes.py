@@ -19,7 +19,8 @@ from spm_haptic_master.kinematics.rotations import matrix_from_vector
 
 def search(built, th1, rng):
     """All modes that a damped Newton finds on the closures from many random rotations."""
-    second, R = built.second_axes(th1), mechanism.random_rotations(rng, 200)
+    second = built.second_axes(th1)
+    R = mechanism.random_rotations(rng, 200)
     found = []
     for _ in range(50):
         third = built.third_axes(R)
@@ -28,7 +29,9 @@ def search(built, th1, rng):
         for matrix in R[error < 1e-12]:
             if all(np.abs(matrix - other).max() > 1e-5 for other in found):
                 found.append(matrix)
-        R, third, f = R[error > 1e-13], third[error > 1e-13], f[error > 1e-13]
+        R = R[error > 1e-13]
+        third = third[error > 1e-13]
+        f = f[error > 1e-13]
         rows = np.cross(third, second)
         damping = 1e-3 * (f**2).sum(-1) + 1e-28
         normal = np.swapaxes(rows, 1, 2) @ rows + damping[:, None, None] * np.eye(3)
@@ -54,12 +57,14 @@ def nearest(R, others):
 def test_complete_against_an_independent_search(mode):
     """Every other mechanism is of a design with more modes than the paper's."""
     rng = np.random.default_rng(21)
-    counts, more_modes = set(), {'alpha': 1.05, 'beta': 1.2, 'gamma': 0.87}
+    counts = set()
+    more_modes = {'alpha': 1.05, 'beta': 1.2, 'gamma': 0.87}
     for trial in range(6):
         built = random_built(rng, **more_modes) if trial % 2 else random_built(rng)
         R = built.reachable_rotation(rng)
         th1 = kinematics.inverse(R, built.geometry, mode).theta1
-        modes, found = kinematics.forward_all(th1, built.geometry), search(built, th1, rng)
+        modes = kinematics.forward_all(th1, built.geometry)
+        found = search(built, th1, rng)
         assert nearest(R, modes) < 1e-7 and len(found) == len(modes) <= 8
         np.testing.assert_allclose(built.closures(th1, modes), 0.0, atol=2e-12)
         for matrix in modes:
@@ -75,7 +80,8 @@ def singular_poses():
     rng = np.random.default_rng(23)
     poses = []
     for trial in range(16):
-        built, mode = nominal() if trial % 2 else random_nominal(rng), mechanism.MODES[trial % 8]
+        built = nominal() if trial % 2 else random_nominal(rng)
+        mode = mechanism.MODES[trial % 8]
         determinant = functools.partial(
             kinematics.parallel_determinant, geometry=built.geometry, working_mode=mode
         )
@@ -95,7 +101,8 @@ def singular_poses():
     ],
 )
 def test_a_mode_at_a_singularity_is_never_lost(offset_deg):
-    distances, axis = [], np.array([0.36, -0.48, 0.8])
+    distances = []
+    axis = np.array([0.36, -0.48, 0.8])
     for pose, built, mode in singular_poses():
         for sign in (1.0, -1.0):
             R = mechanism.turn(sign * math.radians(offset_deg) * axis) @ pose

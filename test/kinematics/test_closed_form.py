@@ -28,7 +28,9 @@ def check_models(built, mode, rng):
     g = built.geometry
     R = built.reachable_rotation(rng)
     joints = kinematics.inverse(R, g, mode)
-    th1, th2a, th3a = joints.theta1, float(joints.theta2a), float(joints.theta3a)
+    th1 = joints.theta1
+    th2a = float(joints.theta2a)
+    th3a = float(joints.theta3a)
     # The independent mechanism closes, in the working mode asked for.
     np.testing.assert_allclose(built.closures(th1, R), 0.0, atol=1e-12)
     assert built.working_mode(th1, R) == mode
@@ -99,7 +101,8 @@ def degenerate(size):
 
 @pytest.mark.parametrize('sign', [1.0, -1.0])
 def test_closed_form_down_to_its_least_determinant(sign):
-    answered, refused = degenerate(sign * 1.5e-9), degenerate(sign * 0.7e-9)
+    answered = degenerate(sign * 1.5e-9)
+    refused = degenerate(sign * 0.7e-9)
     R = kinematics.matrix_from_quaternion(kinematics.theta3a_quaternion(*answered, PAPER))
     np.testing.assert_allclose(kinematics.forward_theta3a(answered[:3], answered[3]), R, atol=1e-5)
     with pytest.raises(SingularityError, match='determinant'):
@@ -117,7 +120,8 @@ def test_half_turns_of_points_all_round():
         [np.linspace(-3.1, 3.1, 50), math.pi - near, near - math.pi, -near, near, [0.0, np.nan]]
     )
     for radius in (1e-9, 1.0, 1e6):
-        y, x = radius * np.sin(angles), radius * np.cos(angles)
+        y = radius * np.sin(angles)
+        x = radius * np.cos(angles)
         y[-2] = x[-2] = 0.0
         expected = np.cos(0.5 * angles), np.sin(0.5 * angles)
         np.testing.assert_allclose(ARRAYS.half_turn(y, x), expected, rtol=0.0, atol=1e-15)

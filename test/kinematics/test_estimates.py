@@ -24,7 +24,8 @@ POSES = [(0.0, 0.0, 0.5), (0.0, 0.0, mechanism.SINGULAR_PHI), (0.15, 1.0, 1.1), 
 def test_noise_is_at_the_bound_and_the_parity_vector_is_white(pose, sensors, as_built):
     rng = np.random.default_rng(303)
     g = random_built(rng).geometry if as_built else PAPER
-    R, sigma = kinematics.workspace_pose(*pose), UNEQUAL[:sensors]
+    R = kinematics.workspace_pose(*pose)
+    sigma = UNEQUAL[:sensors]
     readings = all_angles(R, g)[:sensors] + sigma * rng.normal(size=(8000, sensors))
     found = estimated(readings, sigma, g)
     error = mechanism.small_vector(found.rotation @ R.T)
@@ -48,7 +49,8 @@ def test_it_is_the_minimum_in_every_working_mode(sensors):
     rng = np.random.default_rng(304)
     checked = 0
     for trial in range(24):
-        mode, g = mechanism.MODES[trial % 8], random_built(rng).geometry
+        mode = mechanism.MODES[trial % 8]
+        g = random_built(rng).geometry
         R = nominal().reachable_rotation(rng, slack=0.12)
         sigma = SIGMA * rng.uniform(0.5, 3.0, sensors)
         readings = all_angles(R, g, mode)[:sensors] + sigma * rng.normal(size=sensors)
@@ -78,7 +80,8 @@ def test_it_is_the_minimum_in_every_working_mode(sensors):
 @pytest.mark.parametrize('sensors', [4, 6])
 def test_long_batches_are_their_rows_and_only_those_that_fail_are_nan(sensors):
     rng = np.random.default_rng(64)
-    sigma, true = UNEQUAL[:sensors], all_angles(mechanism.tilted(0.3, 0.2, 1.0))[:sensors]
+    sigma = UNEQUAL[:sensors]
+    true = all_angles(mechanism.tilted(0.3, 0.2, 1.0))[:sensors]
     readings = true + sigma * rng.normal(size=(2 * SLICE + 6, sensors))
     failing = [7, SLICE + 3]
     readings[failing] = [1.5, -1.5, 1.5, 1.0, 2.0, -2.0][:sensors]  # close no mechanism
@@ -129,7 +132,8 @@ def test_an_estimate_is_determined_up_to_a_total_deviation(total, determined):
     # The readings of a pose agree: the covariance is proportional to the square of sigma.
     readings = four_angles(mechanism.tilted(0.5, 0.2, 1.0))
     sigma = SIGMA * total / math.sqrt(np.trace(estimated(readings).covariance))
-    single, batch = estimated(readings, sigma), estimated(readings[None], sigma)
+    single = estimated(readings, sigma)
+    batch = estimated(readings[None], sigma)
     assert math.sqrt(np.trace(single.covariance)) == pytest.approx(total, rel=1e-9)
     assert batch.covariance[0] == pytest.approx(single.covariance)
     for found in (single, batch):

@@ -21,7 +21,8 @@ from spm_haptic_master.kinematics import Geometry, in_usual_frames, workspace_po
     'angles', [(ALPHA, BETA, GAMMA), (0.7, 1.1, 0.9), (1.2, 0.8, 2.0), (0.9, 0.9, 0.01)]
 )
 def test_nominal_axes_are_the_nominal_mechanism(angles):
-    as_built, g = nominal(*angles).geometry, Geometry(*angles)
+    as_built = nominal(*angles).geometry
+    g = Geometry(*angles)
     np.testing.assert_allclose(as_built.platform_axes, g.platform_axes, atol=1e-15)
     assert as_built.base_axes == g.base_axes
     np.testing.assert_allclose(as_built.chain, g.chain, atol=1e-15)
@@ -121,10 +122,12 @@ def test_the_usual_frames_are_the_same_from_any_other_frames():
         assert there.base_axes[0] == (0.0, 0.0, 1.0)
         assert there.base_axes[1][1] == 0.0 < there.base_axes[1][0]
         # Where the sum of squares is least, no small turn reduces it.
-        axes, drawn = np.array(there.platform_axes), np.array(Geometry().platform_axes)
+        axes = np.array(there.platform_axes)
+        drawn = np.array(Geometry().platform_axes)
         np.testing.assert_allclose(np.cross(axes, drawn).sum(0), 0.0, atol=1e-14)
         assert ((axes - drawn) ** 2).sum() < ((axes @ turn([0.1, 0.0, 0.2]).T - drawn) ** 2).sum()
-        outer, inner = turn(0.3 * rng.normal(size=3)), turn(0.3 * rng.normal(size=3))
+        outer = turn(0.3 * rng.normal(size=3))
+        inner = turn(0.3 * rng.normal(size=3))
         again = in_usual_frames(
             Built(built.base @ outer.T, built.platform @ inner.T, built.alpha, built.beta).geometry
         )

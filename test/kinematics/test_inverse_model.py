@@ -22,8 +22,10 @@ PHI = math.radians(50.0)
 def test_unreachable_is_exactly_what_the_links_cannot_span():
     rng = np.random.default_rng(3)
     for built in (nominal(), *(random_nominal(rng) for _ in range(4))):
-        R, g = random_rotations(rng, 300).reshape(20, 15, 3, 3), built.geometry
-        joints, expected = kinematics.inverse(R, g), built.margins(R).min(-1) >= 0.0
+        R = random_rotations(rng, 300).reshape(20, 15, 3, 3)
+        g = built.geometry
+        joints = kinematics.inverse(R, g)
+        expected = built.margins(R).min(-1) >= 0.0
         assert joints.theta1.shape == (20, 15, 3) and 0 < expected.sum() < 300
         for values in (
             *np.moveaxis(joints.theta1, -1, 0),
@@ -62,7 +64,8 @@ def test_jacobians_are_finite_differences(mode):
             np.testing.assert_allclose(
                 G, expected[:sensors], rtol=1e-6, atol=1e-6 * np.abs(expected).max()
             )
-            rows, left_out = expected[:sensors], range(sensors)[3:4]
+            rows = expected[:sensors]
+            left_out = range(sensors)[3:4]
             near = nearness(
                 tuple(kinematics.quaternion_from_matrix(R).tolist()), g, mode, sensors, left_out
             )
@@ -148,8 +151,10 @@ def test_approach_ends_on_the_singular_surface_and_nothing_is_nearer(degrees):
 def test_the_determinants_gradient_is_a_finite_difference():
     rng = np.random.default_rng(189)
     for trial in range(20):
-        built, mode = random_built(rng), MODES[trial % 8]
-        g, R = built.geometry, built.reachable_rotation(rng, slack=0.1)
+        built = random_built(rng)
+        mode = MODES[trial % 8]
+        g = built.geometry
+        R = built.reachable_rotation(rng, slack=0.1)
         value, gradient = determinant_gradient(tuple(R.ravel().tolist()), g, mode)
         assert value == pytest.approx(kinematics.parallel_determinant(R, g, mode), abs=1e-12)
         expected = [
@@ -176,7 +181,8 @@ def test_nothing_out_of_reach_and_where_there_is_no_singularity():
 
 
 def test_poses_of_the_cone():
-    tilt, azimuth = np.radians([0.0, 10.0, 26.0]), np.radians([[0.0], [90.0], [200.0]])
+    tilt = np.radians([0.0, 10.0, 26.0])
+    azimuth = np.radians([[0.0], [90.0], [200.0]])
     R = kinematics.workspace_pose(tilt, azimuth, PHI)
     axis = np.ones(3) / math.sqrt(3.0)
     np.testing.assert_allclose(
@@ -195,7 +201,8 @@ def test_figures_6_and_15_dexterity_over_the_cone():
     # facts.md: 0.000 to 0.101 with three sensors, 0.323 to 0.502 with four, 13 deg half cone.
     tilt = np.radians(np.linspace(0.0, 13.0, 40))
     R = kinematics.workspace_pose(tilt, np.radians(np.arange(0.0, 360.0, 2.0))[:, None], PHI)
-    three, four = kinematics.dexterity(R), kinematics.dexterity(R, sensors=4)
+    three = kinematics.dexterity(R)
+    four = kinematics.dexterity(R, sensors=4)
     assert three.min() < 5e-4 and three.max() == pytest.approx(0.101, abs=1e-3)
     assert (four.min(), four.max()) == pytest.approx((0.323, 0.502), abs=1e-3)
 
@@ -224,5 +231,6 @@ def test_locus_is_where_the_determinant_changes_sign(phi_deg):
     values = kinematics.parallel_determinant(kinematics.workspace_pose(grid, angles[:, None], phi))
     with np.errstate(invalid='ignore'):
         rows, columns = np.nonzero(values[:, :-1] * values[:, 1:] < 0.0)
-    points, changes = tilt * np.exp(1j * azimuth), grid[columns] * np.exp(1j * angles[rows])
+    points = tilt * np.exp(1j * azimuth)
+    changes = grid[columns] * np.exp(1j * angles[rows])
     assert np.abs(points - changes[:, None]).min(axis=1).max() < math.radians(1.0)

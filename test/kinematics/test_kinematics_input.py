@@ -14,7 +14,9 @@ from spm_haptic_master.exceptions import InputError, SpmError
 
 POSE = kinematics.workspace_pose(0.1, 0.2, 0.4)
 JOINTS = kinematics.inverse(POSE)
-TH1, TH2A, TH3A = JOINTS.theta1, JOINTS.theta2a, JOINTS.theta3a
+TH1 = JOINTS.theta1
+TH2A = JOINTS.theta2a
+TH3A = JOINTS.theta3a
 
 
 class Foreign:

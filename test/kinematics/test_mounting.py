@@ -12,7 +12,8 @@ from spm_haptic_master.parameters.geometry import mounting_from, MOUNTING_SETTIN
 from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.supervision import supervise
 
-BASE_DEG, HANDLE_DEG = [30.0, 40.0, -70.0], [10.0, -20.0, 200.0]
+BASE_DEG = [30.0, 40.0, -70.0]
+HANDLE_DEG = [10.0, -20.0, 200.0]
 
 
 @pytest.mark.parametrize(

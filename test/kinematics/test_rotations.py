@@ -12,7 +12,8 @@ from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics import rotations
 
 # Window of the slope of the orientation, and period of the samples (ns).
-WINDOW, PERIOD = 20_000_000, 1_000_000
+WINDOW = 20_000_000
+PERIOD = 1_000_000
 
 
 def test_quaternion_of_matrix_at_every_angle():
@@ -105,7 +106,8 @@ def test_zxz_angles_matrices_and_continuous_quaternions_are_each_other():
 
 
 def test_a_constant_turn_in_the_base_frame_from_half_a_window_on():
-    omega, last = np.array([1.0, -2.0, 0.5]), np.zeros(4)
+    omega = np.array([1.0, -2.0, 0.5])
+    last = np.zeros(4)
     velocity = rotations.AngularVelocity(WINDOW)
     for step in range(60):
         value = velocity.value()
@@ -124,7 +126,8 @@ def test_a_constant_turn_in_the_base_frame_from_half_a_window_on():
 def test_slope_of_what_is_in_the_window(origin):
     # Rotation vectors that are small and not on a line; the first stamp is just outside the
     # window, the second on its edge.
-    rng, velocity = np.random.default_rng(71), rotations.AngularVelocity(WINDOW)
+    rng = np.random.default_rng(71)
+    velocity = rotations.AngularVelocity(WINDOW)
     stamps = np.array([-1, 0, 1_000_000, 5_000_000, 6_500_000, 7_000_000, 13_000_000, 20_000_000])
     vectors = 1e-4 * rng.normal(size=(8, 3))
     vectors[-1] = 0.0

@@ -68,7 +68,8 @@ def rotated(sample, R):
 @pytest.mark.parametrize('sensors', SETS, ids=name_of)
 def test_true_readings_give_the_pose_and_its_gains(sensors):
     """Four and more need no prior; gains are finite differences, and make the covariance."""
-    mounted, step = len(sensors.sigma), 1e-5
+    mounted = len(sensors.sigma)
+    step = 1e-5
     R = kinematics.workspace_pose(*POSES[sensors.used[-2] % len(POSES)])
     readings = readings_at(R, sensors)
     for prior in (quaternion(turn([0.01, -0.01, 0.01]) @ R), None)[: sensors.count - 2]:
@@ -77,7 +78,8 @@ def test_true_readings_give_the_pose_and_its_gains(sensors):
         assert len(sample.parity_vector) == sensors.count - 3
         assert np.abs(sample.parity_vector).max(initial=0.0) < 1e-6
         assert (sample.parity is None) == (sensors.count == 3)
-    gains, moved = np.zeros((mounted, 3)), np.zeros((mounted, sensors.count - 3))
+    gains = np.zeros((mounted, 3))
+    moved = np.zeros((mounted, sensors.count - 3))
     for place in sensors.used:
         ahead, behind = (
             kinematics.estimate_sample(
@@ -92,7 +94,8 @@ def test_true_readings_give_the_pose_and_its_gains(sensors):
         gains[place] = (rotated(ahead, R) - rotated(behind, R)) / (2.0 * step)
         moved[place] = np.subtract(ahead.parity_vector, behind.parity_vector) / (2.0 * step)
     np.testing.assert_allclose(sample.gain_sizes, np.linalg.norm(gains, axis=1), rtol=1e-3)
-    weighted, parity_gains = np.array(sensors.sigma)[:, None] * gains, sample.parity_gains
+    weighted = np.array(sensors.sigma)[:, None] * gains
+    parity_gains = sample.parity_gains
     np.testing.assert_allclose(
         weighted.T @ weighted,
         np.reshape(sample.covariance, (3, 3)),
@@ -231,7 +234,8 @@ def rival_of(R):
 def test_two_solutions_are_ambiguous_up_to_three_sigma(squared, ambiguous, selectable):
     """A prior selects the worse of them up to 10 sigma, as noise and bias may have made it so."""
     R = turn([1e-3, 2e-3, -1e-3]) @ degenerate_pose(np.random.default_rng(72))
-    readings, prior = four_angles(R), rival_of(R)
+    readings = four_angles(R)
+    prior = rival_of(R)
     # With a large sigma the prior selects the rival. Its parity is inversely proportional to it.
     rival = estimated(readings, 1.0, prior=prior)
     assert angle_between(rival.rotation, R) > 0.1

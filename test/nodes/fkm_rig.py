@@ -45,7 +45,8 @@ class FkmRig:
     """Sends samples to a hosted `fkm`, and finds what it answers."""
 
     def __init__(self, host: Hosted) -> None:
-        self.host, self.sent = host, host.sent
+        self.host = host
+        self.sent = host.sent
 
     def send(
         self, position: Sequence[float], names: Sequence[str] | None = None, offset: float = 0.0

@@ -62,8 +62,10 @@ class Client:
             for name in ('enable', 'fkm/acknowledge')
         }
         self.publisher = node.create_publisher(WrenchStamped, f'{arm}/{topic}', qos)
-        self.torque, self.sent = None, 0
-        self.changed, self._latest = [], None
+        self.torque = None
+        self.sent = 0
+        self.changed = []
+        self._latest = None
         node.create_timer(0.005, self._send)
 
     def _send(self):

@@ -227,7 +227,8 @@ class Hosted:
                 if is_real:
                     self._deliver(out.topic_name, message)
 
-            out.publish, out.wait_for_all_acked = publish, lambda timeout: None
+            out.publish = publish
+            out.wait_for_all_acked = lambda timeout: None
             out.get_subscription_count = lambda: int(self.subscribed(topic))
             return out
 

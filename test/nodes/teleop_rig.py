@@ -29,21 +29,23 @@ class Rig:
     """Gives a hosted node what a master, a slave and a surgeon publish."""
 
     def __init__(self, host):
-        self.host, self.commands, self.twists = (
-            host,
-            host.sent['servo_cp'],
-            host.sent['delta_twist_cmds'],
-        )
-        self.master, self.slave = zxz(0.3, 0.5, -0.2), zxz(-1.0, 0.8, 0.4)
+        self.host = host
+        self.commands = host.sent['servo_cp']
+        self.twists = host.sent['delta_twist_cmds']
+        self.master = zxz(0.3, 0.5, -0.2)
+        self.slave = zxz(-1.0, 0.8, 0.4)
         self.sent = {}
         # Frame of the slave's pose, and whether its stamp goes on.
-        self.frame, self.slave_stamp, self.slave_goes_on = 'psm_base', 1, True
+        self.frame = 'psm_base'
+        self.slave_stamp = 1
+        self.slave_goes_on = True
         # Position of the slave's tip (m); insertion of the master (m), its gripper and the slave's
         # jaw (rad); None: it has none.
         self.tip = POSITION
         self.insertion = self.gripper = self.jaw = None
         # Level that comes with each orientation (deg); None: none.
-        self.level, self.now = None, host.time_ns
+        self.level = None
+        self.now = host.time_ns
         self.tell('healthy')
         self.press('presence', False)
         self.press('clutch', False)

@@ -21,7 +21,9 @@ from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.simulation import trajectories
 from std_msgs.msg import String
 
-OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+OK = DiagnosticStatus.OK
+WARN = DiagnosticStatus.WARN
+ERROR = DiagnosticStatus.ERROR
 THRESHOLDS = {'dexterity_warn': 0.06, 'dexterity_error': 0.03, 'dexterity_hysteresis': 0.1}
 
 
@@ -40,7 +42,8 @@ def test_levels_are_entered_below_and_left_above(etas, expected):
         WARN: 'near a parallel singularity; the sensors in use cover it',
         ERROR: 'at a parallel singularity; the sensors in use cover it',
     }
-    along, covered = Levels(THRESHOLDS), Levels(THRESHOLDS)
+    along = Levels(THRESHOLDS)
+    covered = Levels(THRESHOLDS)
     for eta, level in zip(etas, expected, strict=True):
         text = along.take(0.2, eta)
         assert along.level == level
@@ -60,7 +63,8 @@ def test_levels_are_entered_below_and_left_above(etas, expected):
 )
 def test_two_minutes_of_a_healthy_device_are_ok(trajectory):
     """The fourth sensor copes with the singularity, which the message reports all the same."""
-    along, crossings = Levels(complete(DIAGNOSTICS_SETTINGS, {})), set()
+    along = Levels(complete(DIAGNOSTICS_SETTINGS, {}))
+    crossings = set()
     for seconds in np.arange(0.0, 120.0, 0.4):
         quaternion = kinematics.quaternion_from_matrix(
             kinematics.matrix_from_zxz(*trajectory(seconds))

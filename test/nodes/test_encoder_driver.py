@@ -145,7 +145,8 @@ def test_each_set_is_published_and_some_of_them_for_the_eye(driver, source):
     driver.node.listener = lambda stamp, angles: heard.append(stamp)
     driver.node._run()
     assert heard == stamps and isinstance(driver.node._done.result(), SourceEnded)
-    sets, readings = driver.sent['measured_js'], driver.sent['readings']
+    sets = driver.sent['measured_js']
+    readings = driver.sent['readings']
     assert len(sets) == 100 and all(message.name == list(JOINT_NAMES) for message in sets)
     np.testing.assert_array_equal(sets[-1].position, (0.1, 0.2, 0.3, nan))
     # Every tenth of 200 Hz.

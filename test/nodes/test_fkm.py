@@ -176,7 +176,8 @@ def test_a_drift_of_the_calibration_is_a_warning_while_orientations_go_on():
         for row in samples.tolist():
             host.node.take(host.time_ns(), tuple(row))
             host.run(0.1)
-        found, values = host.entry('orientation'), host.figures('orientation')
+        found = host.entry('orientation')
+        values = host.figures('orientation')
         assert found.level == DiagnosticStatus.WARN
         assert 'calibration: joint_1b' in found.message and found.message.endswith(' since')
         assert abs(float(values['joint_1b drift (deg)'])) > 0.1
@@ -252,7 +253,10 @@ def test_a_busy_machine_explains_silence_and_nothing_else(rig):
 
 # The states that are published are those of `supervise`
 # Samples of a run, their period (ns), the first of a fault, and the last of one that ends.
-COUNT, PERIOD, BEGIN, END = 1000, 2_000_000, 300, 500
+COUNT = 1000
+PERIOD = 2_000_000
+BEGIN = 300
+END = 500
 SETTINGS = {'recovery': 0.3, 'rate': 500.0}
 
 

@@ -36,7 +36,8 @@ GRID = 0.002
 # Between two samples (s).
 SYNC_PERIOD = 0.002
 # Error codes of the drives.
-PDO_LOST, HEARTBEAT_LOST = 0x8250, 0x8130
+PDO_LOST = 0x8250
+HEARTBEAT_LOST = 0x8130
 MASTER = {
     'source': 'can',
     'can.timeout': 0.5,
@@ -88,7 +89,8 @@ class Ear:
         for identifier in identifiers:
             times, data = self._frames[identifier]
             # Not all of them: some thousands come each second.
-            first, end = bisect_left(times, since), len(times)
+            first = bisect_left(times, since)
+            end = len(times)
             found += zip(times[first:end], data[first:end], strict=True)
         return sorted(found)
 
@@ -283,13 +285,17 @@ rclpy.spin(node)
 """
 # Stops of the reader, the time of one and between two (s), and the time after which a frame has
 # to come (s).
-STOPS, STOPPED, BETWEEN, SOON = 100, 0.3, 0.1, 0.1
+STOPS = 100
+STOPPED = 0.3
+BETWEEN = 0.1
+SOON = 0.1
 
 
 def test_a_reader_that_stands_still_stops_no_torque_frames(start, bus_channel, stack):
     """A9: it may hold a mutex in shared memory that sending `orientation` needs."""
     running = stack.enter_context(closing(Rig(start, bus_channel, PATIENT)))
-    observer, ear = running.observer, running.ear
+    observer = running.observer
+    ear = running.ear
     reader = subprocess.Popen(
         [sys.executable, '-c', READER, '/lost/orientation'], env=private_environment()
     )
@@ -320,7 +326,8 @@ def test_a_reader_that_stands_still_stops_no_torque_frames(start, bus_channel, s
 @pytest.mark.evidence
 def test_a_wrench_that_ends_is_no_torque_after_50_ms(rig):
     """In the median of the losses in which no torque frame came two periods late."""
-    running, took = rig(PATIENT | {'force.wrench_timeout': 0.03}), []
+    running = rig(PATIENT | {'force.wrench_timeout': 0.03})
+    took = []
     client = running.client
     for _ in range(10):
         client.torque = None

@@ -27,7 +27,8 @@ from spm_haptic_master.supervision.fault import Acknowledgement
 from std_msgs.msg import Bool, Empty, Float64, String
 
 PERIOD = 0.002
-TORQUE, ZERO = (0.05, -0.1, 0.15), (0.0, 0.0, 0.0)
+TORQUE = (0.05, -0.1, 0.15)
+ZERO = (0.0, 0.0, 0.0)
 # Each sensor is unchecked at first: the protection level of one pose is of all sensors.
 FORCE = {
     'rate': 500.0,
@@ -46,7 +47,8 @@ DRIVES = {
     'drives.rated_torque': [0.5],
     'drives.check_file': str(SIMULATED_CHECK),
 }
-BASE_DEG, HANDLE_DEG = [90.0, 20.0, -30.0], [10.0, -40.0, 70.0]
+BASE_DEG = [90.0, 20.0, -30.0]
+HANDLE_DEG = [10.0, -40.0, 70.0]
 TABLE, HANDLE = (matrix_from_zxz(*np.radians(turn)) for turn in (BASE_DEG, HANDLE_DEG))
 MOUNTED = {'mounting.base_zxz_deg': BASE_DEG, 'mounting.handle_zxz_deg': HANDLE_DEG}
 WRENCHES = '/servo_cf', '/spatial/servo_cf', '/body/servo_cf'
@@ -81,7 +83,9 @@ class Rig:
     """A hosted fkm at one pose, and a client of its force feedback."""
 
     def __init__(self, host):
-        self.host, self.teleop, self.angles = host, 'engaged', angles(POSE)
+        self.host = host
+        self.teleop = 'engaged'
+        self.angles = angles(POSE)
         host.publishers |= dict.fromkeys(WRENCHES, ())
         host.subscribed = lambda topic: topic.endswith(('_cf', 'measured_js'))
 
@@ -92,7 +96,8 @@ class Rig:
             message.header.stamp.sec, message.header.stamp.nanosec = divmod(
                 self.host.time_ns() - round(1e9 * age), 10**9
             )
-        t, f = message.wrench.torque, message.wrench.force
+        t = message.wrench.torque
+        f = message.wrench.force
         t.x, t.y, t.z = torque
         f.x, f.y, f.z = force
         self.host.give(topic, message)
@@ -162,7 +167,8 @@ def rig():
 def test_a_wrench_becomes_motor_torques_by_the_power_balance(rig):
     """In `crtk/measured_js`: what the joints get by their speeds, the handle gets by its own."""
     np.testing.assert_allclose(rig.rendered(), TORQUE, atol=1e-3)
-    effort, step = np.array(rig.effort), 1e-6
+    effort = np.array(rig.effort)
+    step = 1e-6
     assert effort[3] == 0.0
     for axis in np.eye(3):
         turned = turn(step * axis) @ POSE

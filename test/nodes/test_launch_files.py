@@ -26,7 +26,9 @@ class Context:
 
     def __init__(self, given=()):
         self.launch_configurations = dict(given)
-        self.started, self.logged, self.is_shutdown = [], [], False
+        self.started = []
+        self.logged = []
+        self.is_shutdown = False
 
 
 # An action, and a condition of one, is a function of the context.

@@ -18,7 +18,10 @@ from spm_haptic_master.kinematics import matrix_from_quaternion
 pytestmark = pytest.mark.process
 
 # Rate of the bus, Hz; the slide's first silence and its length, s; a machine's patience, s.
-RATE, SILENT_AT, SILENT_FOR, PATIENCE = 200.0, 4.0, 2.0, 60.0
+RATE = 200.0
+SILENT_AT = 4.0
+SILENT_FOR = 2.0
+PATIENCE = 60.0
 PERIOD = 1.0 / RATE
 # Time within which a lost insertion ends what rests on it, s.
 LIMIT = 3.0 * PERIOD + 0.01
@@ -92,7 +95,8 @@ class Session:
 
     def off_the_shaft(self, begin, end):
         """Return how far positions between two times are from insertion times axis, m."""
-        posed_at, read_at = seconds(self.poses), seconds(self.slide)
+        posed_at = seconds(self.poses)
+        read_at = seconds(self.slide)
         found = []
         for place in np.flatnonzero((posed_at > begin) & (posed_at <= end)):
             pose = self.poses[place][1].pose
@@ -115,7 +119,8 @@ class Session:
 def test_a_lost_insertion_ends_alone_and_the_orientation_goes_on(
     start, stack, observer, bus_channel
 ):
-    session, listener = Session(observer), Listener(bus_channel)
+    session = Session(observer)
+    listener = Listener(bus_channel)
     stack.callback(listener.close)
     bus = {'can.interface': 'udp_multicast', 'can.channel': bus_channel, 'rate': RATE}
     bus |= {'insertion.id': SLIDE_ID, 'insertion.node_id': 6}

@@ -20,7 +20,8 @@ from spm_haptic_master.nodes.fkm import Fkm
 from spm_haptic_master.parameters.resolver import Parameters
 
 CRTK = 'measured_cp', 'setpoint_cp', 'measured_cv', 'crtk/measured_js', 'gripper/measured_js'
-BASE_DEG, HANDLE_DEG = [30.0, 40.0, -70.0], [0.0, 0.0, 45.0]
+BASE_DEG = [30.0, 40.0, -70.0]
+HANDLE_DEG = [0.0, 0.0, 45.0]
 TABLE, HANDLE = (matrix_from_zxz(*np.radians(turn)) for turn in (BASE_DEG, HANDLE_DEG))
 MOUNTED = (
     f'mounting.base_zxz_deg:={BASE_DEG}',
@@ -124,7 +125,8 @@ def test_a_subscriber_that_comes_late_gets_no_velocity_of_long_ago():
 def test_an_output_begins_when_its_subscriber_comes_not_at_the_next_poll(observer):
     arrived = {}
     with ros():
-        node, executor = Fkm(Parameters()), EventsExecutor()
+        node = Fkm(Parameters())
+        executor = EventsExecutor()
         for timer in node.timers:
             timer.cancel()
         executor.add_node(node)
@@ -141,7 +143,8 @@ def test_an_output_begins_when_its_subscriber_comes_not_at_the_next_poll(observe
 
 
 def test_all_outputs_are_those_of_the_handle_on_the_table():
-    rng, found = np.random.default_rng(3), []
+    rng = np.random.default_rng(3)
+    found = []
     samples = np.array(turning(150)) + np.radians(0.02) * rng.normal(size=(150, 4))
     for settings in ((), MOUNTED):
         with fkm_rig('crtk_rate:=0.0', *settings) as rig:
@@ -170,7 +173,8 @@ def test_all_outputs_are_those_of_the_handle_on_the_table():
 
 
 def test_the_covariance_is_the_scatter_that_the_orientations_have():
-    rng, noise = np.random.default_rng(5), np.radians(0.04)
+    rng = np.random.default_rng(5)
+    noise = np.radians(0.04)
     rows = np.array(angles()) + noise * rng.normal(size=(600, 4))
     with fkm_rig('sigma_deg:=[0.04, 0.04, 0.04, 0.04]') as rig:
         answers = rig.send_many(0, *rows.tolist())
@@ -202,7 +206,8 @@ def test_the_frames_are_on_diagnostics_and_on_tf_where_it_is_installed(
     )
     with fkm_rig(*settings) as rig:
         rig.host.run(1.0)
-        found, messages = rig.host.figures('orientation').get('mounting'), rig.sent['/tf_static']
+        found = rig.host.figures('orientation').get('mounting')
+        messages = rig.sent['/tf_static']
         if words is None or not is_installed:
             assert found == (words and f'{words} (not on /tf_static: no tf2_msgs)')
             assert not messages

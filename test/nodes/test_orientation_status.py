@@ -11,8 +11,11 @@ from spm_haptic_master.nodes import orientation_status
 from spm_haptic_master.nodes.orientation_status import LatencyStatus
 from spm_haptic_master.ros.overload import TOO_BUSY
 
-OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
-RATE, PERIOD, DELAY = 100.0, 10_000_000, 400_000
+OK = DiagnosticStatus.OK
+WARN = DiagnosticStatus.WARN
+RATE = 100.0
+PERIOD = 10_000_000
+DELAY = 400_000
 
 
 @pytest.fixture

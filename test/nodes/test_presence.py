@@ -27,7 +27,8 @@ def joystick(**settings):
             host.give('joy', Joy(buttons=buttons))
             return pedals()
 
-        host.pedals, host.hold = pedals, hold
+        host.pedals = pedals
+        host.hold = hold
         host.run(0.2)
         yield host
 

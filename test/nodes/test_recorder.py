@@ -24,7 +24,9 @@ class Session:
     """A recorder of this process."""
 
     def __init__(self, host, done, logged):
-        self._host, self.done, self.logged = host, done, logged
+        self._host = host
+        self.done = done
+        self.logged = logged
 
     def joints(self, second, position, names=ALL_JOINT_NAMES):
         message = JointState(name=[*names], position=position)
@@ -33,8 +35,10 @@ class Session:
 
     def orientation(self, second, topic='orientation'):
         message = QuaternionStamped()
-        message.header.stamp.sec, message.header.stamp.nanosec = second, 250_000_000
-        message.quaternion.y, message.quaternion.w = 0.6, 0.8
+        message.header.stamp.sec = second
+        message.header.stamp.nanosec = 250_000_000
+        message.quaternion.y = 0.6
+        message.quaternion.w = 0.8
         self._host.give(topic, message)
 
     def rig(self, text):

@@ -28,7 +28,8 @@ def test_one_line_and_the_end(case, line, capfd, monkeypatch, tmp_path):
     for path, content in case.files.items():
         (tmp_path / path).write_text(content)
     main = import_module(f'spm_haptic_master.{EXECUTABLES[case.program][0]}').main
-    code, stderr = exit_code(main, case.program, *map(str, case.arguments)), capfd.readouterr().err
+    code = exit_code(main, case.program, *map(str, case.arguments))
+    stderr = capfd.readouterr().err
     assert code == 1
     assert re.fullmatch(re.escape(line).replace(r'\.\.\.', '.*') + '\n', stderr), (
         f'{stderr}expected: {line}'

@@ -68,8 +68,10 @@ def test_a_field_is_set_by_its_path_or_named():
 @pytest.fixture(scope='module')
 def device():
     """Give an observer whose node `fkm` has a topic, a parameter and a service."""
-    device, ended = Observer('fkm'), threading.Event()
-    node, message = device.node, QuaternionStamped()
+    device = Observer('fkm')
+    ended = threading.Event()
+    node = device.node
+    message = QuaternionStamped()
     message.header.frame_id = 'spm_base'
     out = node.create_publisher(QuaternionStamped, 'orientation', SAMPLES)
     node.create_timer(0.02, lambda: out.publish(message))
@@ -144,7 +146,8 @@ def test_a_command_prints_what_ros_says(device, run, monkeypatch, command, expec
 
 
 def test_a_message_is_published_until_ctrl_c(device, run, monkeypatch):
-    arrived, wait = device.collect(Joy, 'presence'), ros.Commands.wait
+    arrived = device.collect(Joy, 'presence')
+    wait = ros.Commands.wait
 
     def wait_or_end(commands, condition, seconds):
         if len(arrived) >= 3:

@@ -37,7 +37,9 @@ class Device:
     """A master, its slave and its pedals in one process, and what they publish and log."""
 
     def __init__(self, host, done, logged):
-        self.host, self.done, self.begin = host, done, host.monotonic()
+        self.host = host
+        self.done = done
+        self.begin = host.monotonic()
         self._logged = logged
         self.driver = next(node for node in host.nodes if node.get_name() == 'encoder_driver')
 
@@ -150,7 +152,8 @@ def example(name):
 
 @contextmanager
 def device(monkeypatch, *settings, beside=(SimSlave, Presence), remaps=()):
-    logged, done = [], Future()
+    logged = []
+    done = Future()
     for level in ('info', 'warning', 'error'):
         monkeypatch.setattr(
             node_log,
@@ -325,7 +328,8 @@ def components(vector):
 
 def test_the_hand_feels_the_slave_while_it_leads_it(monkeypatch):
     with device(monkeypatch, *POWERED, *AT_REST, 'teleop.force_scale:=0.5') as rig:
-        host, felt = rig.host, []
+        host = rig.host
+        felt = []
 
         def send(torque):
             message = WrenchStamped()
@@ -395,7 +399,9 @@ def test_a_filter_between_driver_and_fkm_is_not_passed_by(monkeypatch):
         'alert_limit_deg:=5.0',
         remaps=('__ns:=/left', 'fkm:measured_js:=filtered_js'),
     ) as rig:
-        host, passed, before = rig.host, set(), []
+        host = rig.host
+        passed = set()
+        before = []
 
         def pass_on():
             sample = host.last('measured_js')

@@ -22,7 +22,8 @@ LAPAROSCOPIC = (
 
 def command(host, rotation, position):
     message = PoseStamped()
-    q, p = message.pose.orientation, message.pose.position
+    q = message.pose.orientation
+    p = message.pose.position
     q.x, q.y, q.z, q.w = map(float, quaternion_from_matrix(rotation))
     p.x, p.y, p.z = map(float, position)
     host.give('servo_cp', message)
@@ -31,7 +32,8 @@ def command(host, rotation, position):
 
 def pose(host):
     found = host.last('slave/measured_cp').pose
-    q, p = found.orientation, found.position
+    q = found.orientation
+    p = found.position
     return matrix_from_quaternion([q.x, q.y, q.z, q.w]), np.array([p.x, p.y, p.z])
 
 

@@ -95,7 +95,8 @@ def test_directions_drives_and_pedals_are_shown():
 @pytest.fixture
 def running(request):
     """Give a device whose entry has the level of the test."""
-    device, ended = Observer('fkm'), threading.Event()
+    device = Observer('fkm')
+    ended = threading.Event()
     node = device.node
     for name in status.LIMITS['fkm']:
         node.declare_parameter(name, 1.5)

@@ -30,7 +30,9 @@ def test_it_follows_by_the_law_in_the_frame_and_at_the_position_of_the_slave():
         assert rig.state.startswith('disengaged: waiting for enable')
         assert rig.commands == [] and rig.twists == []
         rig.engage()
-        master, slave, before = rig.master, rig.slave, len(rig.commands)
+        master = rig.master
+        slave = rig.slave
+        before = len(rig.commands)
         rig.run(15, turning=(0.004, -0.002, 0.001))
         assert len(rig.commands) == before + 15
         for message, got in zip(rig.commands, rig.matrices, strict=True):
@@ -180,7 +182,8 @@ def test_the_state_is_repeated_and_a_process_that_was_stopped_goes_on_with_nothi
 def test_a_process_that_is_stopped_as_it_decides_says_nothing(rig, monkeypatch):
     """The command was right when it was made; it goes out when the process is let go on."""
     rig.engage()
-    take, stopped = rig.host.node._machine.take_master, [0.2]
+    take = rig.host.node._machine.take_master
+    stopped = [0.2]
 
     def slow(*given):
         command = take(*given)

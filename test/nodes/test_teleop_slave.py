@@ -35,7 +35,8 @@ def rig():
 
 
 def test_k1_a_pose_with_stamp_0_is_none_to_engage_on(rig):
-    rig.slave_stamp, rig.slave_goes_on = 0, False
+    rig.slave_stamp = 0
+    rig.slave_goes_on = False
     rig.press('presence', True)
     rig.run(20)
     assert rig.state == 'disengaged: no pose of the slave'
@@ -48,8 +49,10 @@ def test_k1_a_pose_that_becomes_invalid_ends_it_at_once(rig):
     """The bridge goes on publishing: identity, position 0, stamp 0."""
     rig.engage()
     count = len(rig.commands)
-    rig.slave, rig.tip = np.eye(3), (0.0, 0.0, 0.0)
-    rig.slave_stamp, rig.slave_goes_on = 0, False
+    rig.slave = np.eye(3)
+    rig.tip = (0.0, 0.0, 0.0)
+    rig.slave_stamp = 0
+    rig.slave_goes_on = False
     rig.run(10)
     assert len(rig.commands) == count
     assert rig.state == 'disengaged: no pose of the slave'
@@ -57,14 +60,16 @@ def test_k1_a_pose_that_becomes_invalid_ends_it_at_once(rig):
 
 def test_k1_a_slave_that_never_stamps_is_followed_where_a_parameter_says_so():
     with running(teleop__slave_without_stamps=True) as rig:
-        rig.slave_stamp, rig.slave_goes_on = 0, False
+        rig.slave_stamp = 0
+        rig.slave_goes_on = False
         rig.engage()
         assert rig.commands
 
 
 # K4: sign and frame of the torque
 
-TORQUE, FORCE = np.array([0.2, -0.1, 0.3]), np.array([1.0, 2.0, -3.0])
+TORQUE = np.array([0.2, -0.1, 0.3])
+FORCE = np.array([1.0, 2.0, -3.0])
 
 
 def give_torque(rig, frame='', seconds=7):
@@ -72,8 +77,10 @@ def give_torque(rig, frame='', seconds=7):
     felt = rig.host.sent['spatial/servo_cf']
     felt.clear()
     message = WrenchStamped()
-    message.header.frame_id, message.header.stamp.sec = frame, seconds
-    torque, force = message.wrench.torque, message.wrench.force
+    message.header.frame_id = frame
+    message.header.stamp.sec = seconds
+    torque = message.wrench.torque
+    force = message.wrench.force
     torque.x, torque.y, torque.z = TORQUE.tolist()
     force.x, force.y, force.z = FORCE.tolist()
     rig.run(1)

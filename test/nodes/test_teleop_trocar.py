@@ -60,7 +60,8 @@ def test_the_twist_is_that_of_the_tip():
         for _ in range(20):
             rig.insertion += 0.0005
             rig.run(1, (0.004, -0.002, 0.003))
-        tip, rotation = rig.tips[-1], rig.matrices[-1]
+        tip = rig.tips[-1]
+        rotation = rig.matrices[-1]
         twist = rig.twists[-1].twist
         turning = np.array([0.4, -0.2, 0.3])
         expected = np.cross(turning, tip - TROCAR) + 0.05 * rotation @ SHAFT
@@ -108,7 +109,8 @@ def test_an_insertion_that_is_repeated_is_none():
         pivoting(rig).engage()
         repeated = JointState(name=['insertion'], position=[0.03])
         seconds, nanoseconds = divmod(rig.now(), 10**9)
-        repeated.header.stamp.sec, repeated.header.stamp.nanosec = seconds, nanoseconds
+        repeated.header.stamp.sec = seconds
+        repeated.header.stamp.nanosec = nanoseconds
         rig.insertion = None
         for _ in range(10):
             rig.host.give('insertion/measured_js', repeated)
@@ -139,7 +141,8 @@ def test_a_trocar_that_moves_or_is_none_ends_it(position, frame, why):
 def test_the_jaw_meets_the_gripper_at_its_speed_and_stops_alone():
     with running(gripper__align_speed=0.5) as rig:
         jaws = rig.host.sent['slave/jaw/servo_jp']
-        rig.gripper, rig.jaw = 0.6, 0.2
+        rig.gripper = 0.6
+        rig.jaw = 0.2
         rig.run(20)
         assert len(jaws) == 0
         rig.engage()
@@ -152,11 +155,13 @@ def test_the_jaw_meets_the_gripper_at_its_speed_and_stops_alone():
         # A lost gripper stops the jaw, and nothing else.
         rig.gripper = None
         rig.run(20)
-        count, commands = len(jaws), len(rig.commands)
+        count = len(jaws)
+        commands = len(rig.commands)
         rig.run(20)
         assert len(jaws) == count and len(rig.commands) == commands + 20
         # It comes back elsewhere: the jaw begins where it is.
-        rig.gripper, rig.jaw = 0.1, 0.6
+        rig.gripper = 0.1
+        rig.jaw = 0.6
         rig.run(2)
         assert jaws[-1].position[0] == pytest.approx(0.6, abs=0.011)
 
@@ -164,7 +169,8 @@ def test_the_jaw_meets_the_gripper_at_its_speed_and_stops_alone():
 @pytest.mark.parametrize(('gripper', 'jaw'), [(None, 0.2), (0.2, None)])
 def test_no_jaw_is_commanded_without_a_gripper_or_where_the_jaw_is_not_known(gripper, jaw):
     with running() as rig:
-        rig.gripper, rig.jaw = gripper, jaw
+        rig.gripper = gripper
+        rig.jaw = jaw
         rig.engage()
         rig.run(20)
         assert len(rig.host.sent['slave/jaw/servo_jp']) == 0

@@ -27,13 +27,15 @@ import pytest
 pytestmark = [pytest.mark.process, pytest.mark.alone, pytest.mark.evidence]
 
 # Time of 1 kHz before the cut and after it (s), and of the cut.
-STEADY, CUT = 4.0, 3.0
+STEADY = 4.0
+CUT = 3.0
 # Time that discovery may take, and the recovery after a cut (s).
 PATIENCE = 60.0
 # Time after the cut in which samples on their way still arrive (s).
 ON_ITS_WAY = 0.1
 # Fewest samples of a second on a link that is up, and age of the oldest orientation (s).
-COMPLETE, OLDEST = 800.0, 0.3
+COMPLETE = 800.0
+OLDEST = 0.3
 ADDRESSES = {'driver': '10.77.0.1/24', 'controller': '10.77.0.2/24'}
 
 

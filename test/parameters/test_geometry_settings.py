@@ -96,7 +96,8 @@ def test_every_mechanism_near_the_nominal_one_can_be_assembled():
     rng = np.random.default_rng(13)
     for _ in range(30):
         drawn = random_built(rng)
-        alpha, beta = np.degrees(drawn.alpha).tolist(), np.degrees(drawn.beta).tolist()
+        alpha = np.degrees(drawn.alpha).tolist()
+        beta = np.degrees(drawn.beta).tolist()
         assert geometry.geometry_from(
             values(
                 geometry__proximal_deg=alpha,

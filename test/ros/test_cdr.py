@@ -41,7 +41,8 @@ def framed(message, frame, stamp=STAMPS[3]):
 )
 def test_joints_are_written_and_read_as_by_rclpy(sensors, missing, frame):
     """A joint without a reading is NaN."""
-    names, form = ALL_JOINT_NAMES[:sensors], cdr.JointsFormat(sensors, frame)
+    names = ALL_JOINT_NAMES[:sensors]
+    form = cdr.JointsFormat(sensors, frame)
     for stamp in STAMPS:
         angles = tuple(
             nan if index in missing else angle
@@ -102,12 +103,15 @@ def test_other_joints_and_another_number_of_positions_are_refused(given, reason)
 
 @pytest.mark.parametrize('length', range(9))
 def test_orientations_and_poses_are_written_and_read_as_by_rclpy(length):
-    quaternion, frame = numbers(length), 'spm_base_of_left_arm'[:length]
+    quaternion = numbers(length)
+    frame = 'spm_base_of_left_arm'[:length]
     orientation = framed(QuaternionStamped(), frame)
     pose = framed(PoseStamped(), frame)
     for q in (orientation.quaternion, pose.pose.orientation):
         q.x, q.y, q.z, q.w = quaternion
-    pose.pose.position.x, pose.pose.position.y, pose.pose.position.z = 0.1, -0.2, 0.3
+    pose.pose.position.x = 0.1
+    pose.pose.position.y = -0.2
+    pose.pose.position.z = 0.3
     written = cdr.OrientationWriter(frame).write(STAMPS[3], quaternion)
     assert deserialize_message(written, QuaternionStamped) == orientation
     assert (

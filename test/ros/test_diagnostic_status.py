@@ -15,7 +15,9 @@ from spm_haptic_master.ros.diagnostic_status import ERROR, OK, StatusPublisher, 
 @pytest.fixture
 def entry(monkeypatch):
     """Give an entry, what it has published and logged, and the time, s."""
-    published, logged, now = [], [], [5.0]
+    published = []
+    logged = []
+    now = [5.0]
     node = SimpleNamespace(
         create_publisher=lambda kind, topic, depth: SimpleNamespace(publish=published.append),
         get_fully_qualified_name=lambda: '/left/fkm',

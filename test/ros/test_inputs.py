@@ -75,9 +75,12 @@ def test_a_publisher_that_is_not_heard_is_named_with_the_reason(
 )
 def test_an_input_follows_a_publisher_and_reports_when_it_has_gone(rig, wanted, offered, raw):
     node, other, spin_until = rig
-    heard, gone, found = [], [], Inputs(node)
+    heard = []
+    gone = []
+    found = Inputs(node)
     found.subscribe(String, 'topic', heard.append, wanted, raw=raw, gone=lambda: gone.append(1))
-    out, message = other.create_publisher(String, '/left/topic', offered), String(data='a')
+    out = other.create_publisher(String, '/left/topic', offered)
+    message = String(data='a')
     assert spin_until(lambda: found.unheard() or out.publish(message) or heard)
     assert heard[0] == (serialize_message(message) if raw else message)
     assert EVENTS.reliability == ReliabilityPolicy.RELIABLE
@@ -91,7 +94,8 @@ def test_an_input_follows_a_publisher_and_reports_when_it_has_gone(rig, wanted, 
 
 def test_a_late_subscriber_gets_the_newest_state_alone(rig):
     node, other, spin_until = rig
-    out, heard = other.create_publisher(String, '/left/topic', STATE), []
+    out = other.create_publisher(String, '/left/topic', STATE)
+    heard = []
     for text in 'ab':
         out.publish(String(data=text))
     Inputs(node).subscribe(

@@ -31,7 +31,8 @@ class Lines:
     """A sink that keeps what it gets, once it may take it."""
 
     def __init__(self):
-        self.lines, self.taking = [], threading.Lock()
+        self.lines = []
+        self.taking = threading.Lock()
 
     def put(self, line):
         with self.taking:
@@ -193,7 +194,9 @@ class Printed:
     """What is printed of the lines of a node, on a clock of the test."""
 
     def __init__(self):
-        self.lines, self.now, self.printed = RepeatedLines(), 1000.0, []
+        self.lines = RepeatedLines()
+        self.now = 1000.0
+        self.printed = []
 
     def put(self, text, pause=0.0):
         """Put a line, and let time pass as the thread of the log does."""
@@ -240,9 +243,11 @@ def test_a_line_that_comes_again_is_counted_and_the_present_comes_last(given, pr
 
 @pytest.mark.parametrize('seed', range(6))
 def test_after_a_pause_the_last_line_is_the_present(seed):
-    generator, log = random.Random(seed), Printed()
+    generator = random.Random(seed)
+    log = Printed()
     for _ in range(300):
-        text, quiet = generator.choice('UVWXYZ'), generator.random() < 0.3
+        text = generator.choice('UVWXYZ')
+        quiet = generator.random() < 0.3
         log.put(text, generator.choice([0.0, 0.1, 0.8, 3.0, 12.0]) + (QUIET if quiet else 0.0))
         if quiet:
             assert log.printed[-1].split(' ')[0] == text

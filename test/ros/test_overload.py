@@ -49,7 +49,8 @@ def test_one_gap_is_reported_with_its_length_for_a_second(task, gap, figure):
 
 
 def test_a_process_that_starts_is_busy_with_itself():
-    overload, words = Overload(PERIOD), []
+    overload = Overload(PERIOD)
+    words = []
     for now in (5.0, 5.0 + 0.5 * SECOND, 5.0 + SECOND, 5.1 + 2.0 * SECOND):
         overload.tick(now)
         words.append(bool(overload.words))
@@ -96,7 +97,8 @@ def test_it_explains_what_appears_meanwhile_and_not_what_was_there_before(task):
 def test_it_does_not_explain_what_stays(task):
     """On a machine that is always somewhat too busy, an encoder without power is no overload."""
     task.run(late=0.3)
-    began, found = task.now, []
+    began = task.now
+    found = []
     for number in range(400):
         task.run(late=0.06 if number % 10 == 0 else 0.0)
         found.append((task.now - began, task.explains(f'joint_1a silent {number // 20}')))

@@ -28,8 +28,13 @@ class Linux:
     """The calls to the kernel, of a process that runs as most do; each test may deny some."""
 
     def __init__(self, monkeypatch):
-        self.called, self.denied, self.warnings = [], (), []
-        self.policies, self.niceness, self.slices, self.machine = {}, 0, {}, 'x86_64'
+        self.called = []
+        self.denied = ()
+        self.warnings = []
+        self.policies = {}
+        self.niceness = 0
+        self.slices = {}
+        self.machine = 'x86_64'
         for module, name, fake in (
             (os, 'sched_setaffinity', partial(self._set, 'sched_setaffinity')),
             (os, 'sched_setscheduler', partial(self._set, 'sched_setscheduler')),
@@ -108,7 +113,8 @@ def test_every_thread_gets_what_the_settings_ask_for(linux):
     ]
     assert (linux.slices, linux.warnings) == ({11: 50_000_000, 12: 50_000_000}, [])
     # A thread of another policy keeps it, and all keep their niceness.
-    linux.niceness, linux.policies = -5, {12: os.SCHED_BATCH}
+    linux.niceness = -5
+    linux.policies = {12: os.SCHED_BATCH}
     linux.called.clear()
     realtime.apply(None, {**OFF, 'realtime.gc': 'freeze', 'realtime.slice': 1e-4})
     assert linux.called == [('collect',), ('freeze',)]

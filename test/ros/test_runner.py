@@ -19,7 +19,8 @@ from spm_haptic_master.ros import duplicate_publishers, node_log, realtime, runn
 from spm_haptic_master.ros.parameters import ParameterNode
 
 # What begins the limit of the end, and what lifts it: alarm (s), then time, exit, descriptor.
-BEGUN, LIFTED = [6.0, (5.0, True, 2)], ['cancelled', 0.0]
+BEGUN = [6.0, (5.0, True, 2)]
+LIFTED = ['cancelled', 0.0]
 
 
 @pytest.fixture
@@ -57,7 +58,8 @@ class Worker(ParameterNode):
 
     def __init__(self, parameters, events, failure=None):
         super().__init__('fkm', parameters)
-        self.events, self.failure = events, failure
+        self.events = events
+        self.failure = failure
         events.append('made')
 
     def start(self):
@@ -219,7 +221,8 @@ def test_a_process_with_force_has_no_shared_memory(tmp_path, monkeypatch, enviro
 
 def test_the_packages_profile_is_selected_where_the_user_has_none(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    profile, names = runner.discovery_profile, runner.PROFILE_VARIABLES
+    profile = runner.discovery_profile
+    names = runner.PROFILE_VARIABLES
     selected = profile({})
     assert set(selected) == set(names)
     (path,) = set(selected.values())

@@ -30,7 +30,8 @@ def test_every_source_has_the_angles_of_the_legs(sensors, working_mode):
         working_mode=working_mode,
         sim__tilt_max_deg=5.0,
     )
-    motion, source = make_motion(checked), make_source('sim', checked)
+    motion = make_motion(checked)
+    source = make_source('sim', checked)
     for t in (0.0, 3.0, 11.0):
         true = inverse(matrix_from_quaternion(motion.orientation(t)), working_mode=working_mode)
         expected = [*true.theta1, true.theta3a, true.theta3b, true.theta3c][:sensors]
@@ -56,7 +57,8 @@ def test_each_sensor_has_its_own_errors():
     )
     found = np.array([motion.angles(t) for t in TIMES])
     true = np.array([motion.joints(t) for t in TIMES])
-    a, error = true[:, 0], found - true
+    a = true[:, 0]
+    error = found - true
     np.testing.assert_allclose(
         error[:, 0],
         0.01 * np.cos(a) - 0.02 * np.sin(a) + 0.003 * np.cos(2.0 * a) + 0.004 * np.sin(2.0 * a),

@@ -46,7 +46,8 @@ def test_the_seed_decides_the_rig_and_more_sensors_leave_the_others():
 
 
 def test_random_rigs_have_their_tolerances_in_frames_without_a_reference():
-    rigs, drawn = [rig.random_rig(seed, TOLERANCES) for seed in range(1, 401)], Geometry()
+    rigs = [rig.random_rig(seed, TOLERANCES) for seed in range(1, 401)]
+    drawn = Geometry()
 
     def between(axes):
         """Angles between neighbouring axes, which no choice of a frame changes."""

@@ -101,7 +101,8 @@ def read(source, count):
 
 def test_samples_come_at_the_rate_with_the_angles_of_their_time(monkeypatch):
     """Woken 0.1 ms late, of every tenth sample 3 ms, and once by two periods more."""
-    now, sleeps = [1_700_000_000 * SECOND], []
+    now = [1_700_000_000 * SECOND]
+    sleeps = []
 
     def sleep(seconds):
         sleeps.append(seconds)
@@ -138,7 +139,8 @@ def test_samples_come_at_the_rate_with_the_angles_of_their_time(monkeypatch):
 def test_encoders_that_do_not_answer_have_no_reading(sensors, gone, goes_on):
     source = source_of(sensors=sensors, rate=200.0)
     source.faults = tuple(parse_switched(f'dropout:{joint}', sensors) for joint in gone)
-    sample, text = source.read(1.0), f'no answer of {", ".join(gone)}'
+    sample = source.read(1.0)
+    text = f'no answer of {", ".join(gone)}'
     assert (source.fault, source.caution) == ((None, text) if goes_on else (text, None))
     assert (
         sample

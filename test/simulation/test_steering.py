@@ -85,7 +85,9 @@ def test_a_pose_beyond_the_limits_is_refused(pose, word):
 def test_every_pose_that_can_be_steered_to_is_within_reach():
     motion = make_motion(values('sim'))
     for k in range(60):
-        tilt, azimuth, phi = TILT_LIMIT, 2.0 * pi * 7.0 * k / 20.0, PHI_LIMITS[k % 2]
+        tilt = TILT_LIMIT
+        azimuth = 2.0 * pi * 7.0 * k / 20.0
+        phi = PHI_LIMITS[k % 2]
         motion.steering.steer(tilt, azimuth, phi)
         for t in np.arange(3.0 * k, 3.0 * k + 3.0, 0.03):
             motion.joints(t)  # raises UnreachableError

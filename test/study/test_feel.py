@@ -74,7 +74,8 @@ def test_the_end_stop_pushes_back_without_a_wrench(session):
     """In `ready`: beyond its begin, and nothing before it."""
     during = (session.time > END_STOP[0] + 0.2) & (session.time < END_STOP[1] - 0.2)
     assert {text for text, is_in in zip(session.states, during, strict=True) if is_in} == {'ready'}
-    felt, angle = session.felt[during], session.angle[during]
+    felt = session.felt[during]
+    angle = session.angle[during]
     assert felt.max() > 0.05 and angle.max() > end_stop_deg() + 10.0
     assert felt[angle < end_stop_deg() - 2.0].max() < 1e-3
 

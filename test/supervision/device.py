@@ -16,7 +16,8 @@ ENCODER_KINDS = {'14 bits': (0.04, 14), '17 bits': (0.006, 17)}
 # Disturbances of a healthy device.
 DISTURBANCES = ('end stop', 'vibration')
 # Fastest acceleration of the hand (rad/s^2), and what is left of a speed after an end stop.
-HAND, REBOUND = 300.0, 0.3
+HAND = 300.0
+REBOUND = 0.3
 
 
 # Motions --------------------------------------------------------------------------------------
@@ -77,9 +78,12 @@ def random_pose(rng: np.random.Generator) -> np.ndarray:
 def end_stop(speed: float, contact: float) -> np.ndarray:
     """Return the angle, rad, of a turn that an end stop reverses after 10 deg, at 1 kHz."""
     step = 1e-5
-    up, travel, down = speed / HAND, np.radians(10.0) / speed, REBOUND * speed / HAND
+    up = speed / HAND
+    travel = np.radians(10.0) / speed
+    down = REBOUND * speed / HAND
     time = np.arange(0.0, 0.4 + up + travel + contact + down, step)
-    begin, hit = 0.15, 0.15 + up + travel
+    begin = 0.15
+    hit = 0.15 + up + travel
     push = HAND * ((time >= begin) & (time < begin + up))
     phase = (time - hit) / contact
     push -= (
@@ -216,7 +220,8 @@ class Outcome:
     def __init__(self, rotations, readings, times=None, rate=1000.0, **parameters):
         times = stamps(len(readings), rate) if times is None else times
         self.result = supervise(times, readings, **parameters)
-        self.published, self.level = self.result.published, self.result.protection_level
+        self.published = self.result.published
+        self.level = self.result.protection_level
         self.error = errors(self.result, rotations)
         self.states = [text for _, text in self.result.state]
         self.within_level = not np.any(self.error > self.level)

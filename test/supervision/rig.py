@@ -18,7 +18,8 @@ from spm_haptic_master.supervision.supervisor import make_supervisor
 MS = 1_000_000
 NAMES = ('th1a', 'th1b', 'th1c', 'th3a', 'th3b', 'th3c')
 # Noise, rad, and count of the encoders, rad.
-NOISE, COUNT = np.radians(0.04), 2.0 * np.pi / 2**14
+NOISE = np.radians(0.04)
+COUNT = 2.0 * np.pi / 2**14
 
 
 def few(*axes, count=None):
@@ -54,7 +55,8 @@ class Rig:
         self.supervisor = make_supervisor(
             complete(SUPERVISION_SETTINGS, {'sensors': sensors, **settings})
         )
-        self.sensors, self.now = sensors, 1000 * MS
+        self.sensors = sensors
+        self.now = 1000 * MS
         self._rng = np.random.default_rng(1)
         turn = np.concatenate([8.0 * np.sin(np.linspace(0.0, np.pi, 200)) ** 2, np.zeros(50)])
         tilt, azimuth, phi = np.radians(pose)

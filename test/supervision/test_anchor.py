@@ -11,7 +11,10 @@ from spm_haptic_master.supervision.symptom import Reason
 
 MS = 1_000_000
 # Human motion limit, rad/s, total deviation of an orientation and that of a sensor, rad.
-SPEED, DEVIATION, SIGMA, BIAS = 20.0, 1e-3, 7e-4, 9e-4
+SPEED = 20.0
+DEVIATION = 1e-3
+SIGMA = 7e-4
+BIAS = 9e-4
 
 
 def turned(angle):
@@ -34,7 +37,8 @@ def swept(first, last, steps=100):
 
 def test_a_quaternion_never_changes_its_sign():
     """Neither over two turns nor after a restart, whichever sign the solver finds."""
-    anchor, last = Anchor(1e9, SIGMA, BIAS), None
+    anchor = Anchor(1e9, SIGMA, BIAS)
+    last = None
     for index, angle in enumerate(range(0, 720, 15)):
         if index % 7 == 6:
             anchor.restart()

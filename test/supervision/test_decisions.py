@@ -133,7 +133,8 @@ CASES = {
 def decisions(case):
     """Return what becomes of a recording, as JSON has it."""
     result = run(**{'seconds': 0.6, **case}).result
-    levels, checked = result.protection_level[::50], result.unchecked == 0.0
+    levels = result.protection_level[::50]
+    checked = result.unchecked == 0.0
     return {
         'published': int(result.published.sum()),
         'state': [f'{index} {text}' for index, text in result.state],
@@ -146,7 +147,8 @@ def decisions(case):
 
 @pytest.mark.parametrize('name', CASES)
 def test_a_recording_is_decided_as_before(name):
-    found, expected = decisions(CASES[name]), json.loads(TABLE.read_text())[name]
+    found = decisions(CASES[name])
+    expected = json.loads(TABLE.read_text())[name]
     for figures in ('levels', 'bounds'):
         np.testing.assert_allclose(
             np.array(found.pop(figures), float), np.array(expected.pop(figures), float), rtol=1e-2

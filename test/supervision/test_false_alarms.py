@@ -193,10 +193,12 @@ def test_after_an_interference_orientations_come_again_by_themselves(sensors, ki
     for seed in seeds:
         rng = np.random.default_rng(seed)
         wrong = rng.choice(sensors, size=rng.integers(1, 3), replace=False)
-        size, keep = np.radians(rng.choice([2.0, 10.0, 90.0])), np.ones(1000 * seconds, bool)
+        size = np.radians(rng.choice([2.0, 10.0, 90.0]))
+        keep = np.ones(1000 * seconds, bool)
         spans = []
         for first in (500, 800):
-            length, lost = int(rng.integers(1, 6)), int(rng.integers(0, 9))
+            length = int(rng.integers(1, 6))
+            lost = int(rng.integers(0, 9))
             spans.append(slice(first, first + length))
             keep[first + length : first + length + lost] = False
 

@@ -109,7 +109,8 @@ def left_out(sensors, pose, sensor, size):
 )
 def test_a_step_is_isolated_to_its_sensor_or_to_none(sensors, size, share):
     """A small step of one of five may be that of another as well: then to none."""
-    rng, found = np.random.default_rng(1), []
+    rng = np.random.default_rng(1)
+    found = []
     for _ in range(2):
         pose = (rng.uniform(0.0, 20.0), rng.uniform(0.0, 360.0), rng.uniform(0.0, 90.0))
         for sensor in range(sensors):

@@ -11,7 +11,8 @@ import pytest
 from rig import Rig
 
 # Sample at which a fault begins, and samples after which it has to be silent or without it.
-BEGIN, ALERT = 100, 20
+BEGIN = 100
+ALERT = 20
 
 
 def test_a_latched_fault_is_not_hidden_by_a_missing_angle():

@@ -12,7 +12,8 @@ from rig import few
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 
 # Sample of the fault's beginning, and samples within which it is silent or goes on (20 ms).
-BEGIN, ALERT = 100, 20
+BEGIN = 100
+ALERT = 20
 SENSORS = (3, 0, 5, 1, 2, 4)
 
 

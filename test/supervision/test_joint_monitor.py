@@ -73,7 +73,8 @@ def test_a_human_motion_is_followed(noise, bits, dt):
 @pytest.mark.parametrize('periods', [1, 2, 5])
 def test_an_innovation_is_in_standard_deviations_of_a_healthy_one(periods):
     """However long ago the last reading is, which every tenth one here is by some periods."""
-    monitor, found = joint(), []
+    monitor = joint()
+    found = []
     for index, reading in enumerate(encoder(np.zeros(20_000), bits=17)):
         monitor.follow(reading, (1 if index % 10 else periods) * DT, DT, 0.0)
         found += [monitor.innovation] * (index % 10 == 0)
@@ -180,7 +181,8 @@ def test_a_slow_encoder_is_on_its_motion_and_the_age_of_its_reading_is_known(eve
 
 @pytest.mark.parametrize(('noise', 'speed'), [(0.02, 0.0), (0.04, 0.2), (0.08, 0.2)])
 def test_the_noise_is_measured_at_rest_and_in_a_slow_motion(noise, speed):
-    monitor, measured = joint(radians(0.08)), []
+    monitor = joint(radians(0.08))
+    measured = []
     for reading in encoder(speed * times(6000), noise, bits=17):
         monitor.follow(reading, DT, DT, 0.0)
         measured.append(monitor.noise)
@@ -212,7 +214,9 @@ def test_equal_readings_mean_something_of_a_noisy_sensor_only():
 def test_a_fast_joint_may_be_off_by_what_the_jitter_of_the_stamps_explains(jitter, away):
     """At 3 rad/s a stamp that is off by 1 ms is 0.17 deg, four times the noise."""
     supervisor = make_supervisor(complete(SUPERVISION_SETTINGS, {}))
-    place, velocity, period = np.array([0.5, 0.4, 0.3, 0.2]), 3.0, 0.001
+    place = np.array([0.5, 0.4, 0.3, 0.2])
+    velocity = 3.0
+    period = 0.001
     for number in range(100):
         angles = place + velocity * period * number
         supervisor.joints.check(tuple(angles.tolist()), period, period, 0.0, ())

@@ -13,7 +13,8 @@ from spm_haptic_master.supervision.parity import ParityWindow
 from spm_haptic_master.supervision.symptom import Reason, Severity
 
 MS = 1_000_000
-THRESHOLD, BIAS = 7.0, 1.5
+THRESHOLD = 7.0
+BIAS = 1.5
 ENTRIES = pytest.mark.parametrize('entries', [1, 2, 3])
 
 
@@ -67,7 +68,8 @@ def test_a_drift_is_found_by_the_mean_of_the_window(entries):
 @ENTRIES
 def test_healthy_noise_alarms_as_rarely_as_declared(entries):
     """One sample in 500 by itself, and as rarely together with its window."""
-    share, count = 0.002, 40_000
+    share = 0.002
+    count = 40_000
     limits = product_limits(false_alarms_per_hour=share * SAMPLES_AN_HOUR * TESTS)
     noise = np.random.default_rng(7).normal(size=(count, entries))
     symptoms = check(window(entries, limits.threshold(entries)), noise, bias=0.0)
@@ -99,7 +101,8 @@ def test_rounding_does_not_add_up():
 
 @pytest.mark.parametrize(('entries', 'noise'), [(1, 1.0), (2, 3.0), (3, 1.0)])
 def test_the_variance_of_the_entries_is_measured_and_outlasts_a_restart(entries, noise):
-    parities, found = window(entries), []
+    parities = window(entries)
+    found = []
     for index, vector in enumerate(noise * np.random.default_rng(2).normal(size=(4000, entries))):
         parities.check(index * MS, tuple(vector.tolist()), noise, BIAS)
         found.append(parities.variance)

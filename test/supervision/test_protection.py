@@ -36,7 +36,8 @@ def test_it_is_the_pseudo_inverse_of_the_whitened_jacobian(sensors, missing, pos
     whitened = (kinematics.jacobian(rotation, sensors=sensors) / sigma[:, None])[there]
     gain = np.linalg.pinv(whitened)
     share = np.sqrt(np.diagonal(np.eye(there.sum()) - whitened @ gain))
-    turns, moved = np.linalg.norm(gain, axis=0), (bias / sigma)[there]
+    turns = np.linalg.norm(gain, axis=0)
+    moved = (bias / sigma)[there]
     slopes = np.array(worth.slopes)
     np.testing.assert_allclose(slopes[there], turns / share, rtol=1e-5)
     assert np.isinf(slopes[~there]).all()
@@ -69,7 +70,8 @@ def test_a_bound_of_the_parity_replaces_what_large_biases_would_allow(sensors, m
         kinematics.Geometry(),
         tuple(kinematics.quaternion_from_matrix(rotation).tolist()),
     )
-    bias, noise = (radians(5.0),) * sensors, (1.0,) * sensors
+    bias = (radians(5.0),) * sensors
+    noise = (1.0,) * sensors
     bound = integrity(sample, bias, noise, radians(0.03)).bias
     assert bound < integrity(sample, bias, noise).bias
     whole = kinematics.jacobian(rotation, sensors=sensors)
@@ -104,12 +106,14 @@ def largest_error_over_level(sensors, bias, sigma, alert, pose):
     whitened = kinematics.jacobian(pose, sensors=sensors) / sigma
     gains = np.linalg.pinv(whitened).T / sigma
     changes = (np.eye(sensors) - whitened @ np.linalg.pinv(whitened)) / sigma
-    worst, signs = 0.0, bias * np.array(list(product((-1.0, 1.0), repeat=sensors)))
+    worst = 0.0
+    signs = bias * np.array(list(product((-1.0, 1.0), repeat=sensors)))
     for sensor in np.flatnonzero(parts <= alert):
         others = signs.copy()
         others[:, sensor] = 0.0
         # Largest fault, of either sign, whose mean parity stays within the limit.
-        along, rest = changes[sensor], others @ changes
+        along = changes[sensor]
+        rest = others @ changes
         half = rest @ along / (along @ along)
         square = half**2 - ((rest**2).sum(axis=1) - limit**2) / (along @ along)
         for root in (np.sqrt(square), -np.sqrt(square)):

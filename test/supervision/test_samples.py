@@ -58,7 +58,8 @@ def test_a_reading_out_of_its_joints_range_is_withheld_and_a_fault_if_it_lasts(s
     ends['joint_min_deg'][sensor], ends['joint_max_deg'][sensor] = place + low, place + high
     rig = Rig(healthy=False, alert_limit_deg=2.0, **ends)
     assert set(rig.samples(30)[5:]) == {None}
-    outside, words = {NAMES[sensor]: 0.8 if high < 1.0 else -0.8}, f'{JOINT_NAMES[sensor]} out of'
+    outside = {NAMES[sensor]: 0.8 if high < 1.0 else -0.8}
+    words = f'{JOINT_NAMES[sensor]} out of'
     assert rig.samples(2, **outside) == [f'{words} range'] * 2
     assert rig.state == 'healthy'
     rig.samples(2, **outside)
@@ -67,7 +68,8 @@ def test_a_reading_out_of_its_joints_range_is_withheld_and_a_fault_if_it_lasts(s
 
 def after(*steps):
     """Return a clock after samples so many ns apart."""
-    clock, stamp = SampleClock(), 5 * MS
+    clock = SampleClock()
+    stamp = 5 * MS
     for step in (0, *steps):
         stamp += step
         clock.step(stamp)

@@ -18,7 +18,8 @@ from spm_haptic_master.teleoperation.command import Pose
 # Sample period of the master (ms, ns).
 MS = 1_000_000
 # Orientations of the master and the slave at the start.
-MASTER, SLAVE = zxz(0.3, 0.5, -0.2), zxz(-1.0, 0.8, 0.4)
+MASTER = zxz(0.3, 0.5, -0.2)
+SLAVE = zxz(-1.0, 0.8, 0.4)
 # Command period of the defaults (s).
 PERIOD = 0.005
 
@@ -50,15 +51,18 @@ class Rig:
         )
         self.machine = make_teleoperation(values)
         self.stamp = 1_700_000_000_000 * MS
-        self.master, self.slave = MASTER, SLAVE
+        self.master = MASTER
+        self.slave = SLAVE
         self.master_speaks = self.slave_speaks = True
         # Protection level that each sample has, deg; None: none.
         self.level = None
         self.commands = []
         # The last command whole, and the commanded positions of all, m.
-        self.last, self.tips = None, []
+        self.last = None
+        self.tips = []
         # Position of the slave's tip, m, and insertion of the master, m; None: it has none.
-        self.tip, self.insertion = (0.0, 0.0, 0.0), None
+        self.tip = (0.0, 0.0, 0.0)
+        self.insertion = None
         # The rotations of slave and master that came last, and their quaternions.
         self.spoken = {'master': (None, None), 'slave': (None, None)}
 

@@ -51,7 +51,8 @@ def test_no_limits_rates_and_gaps_make_the_command_break_one(seed):
         slews=True,
         longest=2.0 * period,
     )
-    command, velocity = command_limits.LimitedRotation(limits, IDENTITY), np.zeros(3)
+    command = command_limits.LimitedRotation(limits, IDENTITY)
+    velocity = np.zeros(3)
     moved = False
     for _ in range(40):
         axis = np.array([generator.gauss(0.0, 1.0) for _ in range(3)])
@@ -74,7 +75,8 @@ def test_no_limits_rates_and_gaps_make_the_command_break_one(seed):
                 least = np.linalg.norm(velocity) - limits.acceleration * dt
                 assert broken == 'jump' and least * dt > limits.jump * (1.0 - 1e-6)
                 assert command.rotation == before
-                command, velocity = command_limits.LimitedRotation(limits, before), np.zeros(3)
+                command = command_limits.LimitedRotation(limits, before)
+                velocity = np.zeros(3)
                 continue
             now = (
                 np.array(
@@ -103,7 +105,8 @@ def test_no_limits_rates_and_gaps_make_the_command_break_one(seed):
 
 @pytest.mark.parametrize('angle', [0.001, 0.05, 3.0])
 def test_a_target_that_stands_is_met_without_overshoot(angle):
-    command, turned = at_rest(), []
+    command = at_rest()
+    turned = []
     for _ in range(1000):
         command.advance(rotations.quaternion_from_vector(0.0, 0.0, angle), DT)
         turned.append(rotations.vector_from_quaternion(*command.rotation)[2])
@@ -113,7 +116,8 @@ def test_a_target_that_stands_is_met_without_overshoot(angle):
 
 def test_a_target_that_moves_is_caught_up_with():
     """As fast as the acceleration allows: no lag stays, however long it has been behind."""
-    command, behind = at_rest(), []
+    command = at_rest()
+    behind = []
     for k in range(400):
         target = rotations.quaternion_from_vector(0.0, 0.0, 0.3 + 2.0 * DT * k)
         command.advance(target, DT)

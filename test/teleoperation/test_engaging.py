@@ -198,7 +198,8 @@ def test_the_law_at_the_rate_of_the_samples_and_with_a_registration():
     rig = Rig(
         command_rate=0.0, registration_zxz_deg=np.degrees([0.5, -0.7, 0.2]).tolist()
     ).engage()
-    master, slave = rig.master, rig.slave
+    master = rig.master
+    slave = rig.slave
     for k in range(300):
         ((_, given),) = rig.run(1, (0.002 * k, -0.001 * k, 0.3))
         expected = registration @ rig.master @ (registration @ master).T @ slave
@@ -264,7 +265,8 @@ def test_a_release_of_the_clutch_far_from_alignment_disengages():
 def test_an_absolute_slave_brakes_ahead_and_never_passes_the_master(seed):
     """At any limits, rate and gaps: the angle to the master only falls, within the limits."""
     generator = random.Random(seed)
-    speed, acceleration = generator.uniform(0.2, 3.0), 10.0 ** generator.uniform(-0.3, 3.0)
+    speed = generator.uniform(0.2, 3.0)
+    acceleration = 10.0 ** generator.uniform(-0.3, 3.0)
     rate = generator.choice([0.0, 50.0, 200.0, 333.0])
     rig = Rig(
         alignment='absolute',
@@ -421,7 +423,8 @@ class Watch:
         for stamp, matrix in commands:
             assert self.healthy and self.present and not self.clutch and self.enabling != 0
             assert self.armed or self.engaged
-            self.engaged, self.armed = True, False
+            self.engaged = True
+            self.armed = False
             if self.last is None:
                 np.testing.assert_allclose(matrix, self.rig.spoken['slave'][0], atol=1e-9)
             else:
@@ -432,7 +435,8 @@ class Watch:
             self.last = stamp, matrix
 
     def happen(self, what, value):
-        rig, machine = self.rig, self.rig.machine
+        rig = self.rig
+        machine = self.rig.machine
         match what:
             case 'run' | 'walk':
                 self.check(rig.run(*value))
@@ -454,7 +458,8 @@ class Watch:
             case 'enable':
                 self.armed = machine.enable() == '' or self.armed
             case 'enable of the master':
-                before, self.enabling = self.enabling, value
+                before = self.enabling
+                self.enabling = value
                 self.armed = self.armed or before not in (None, value)
                 machine.take_enabling(value, 0.0)
             case 'disable':

@@ -43,7 +43,9 @@ def test_a_twist_ends_soon_however_small_the_acceleration():
 
 def test_the_tip_of_a_pivoting_slave_fades_along_the_same_screw():
     """Turning and sliding shrink together: the shaft goes on passing through its trocar."""
-    turning, lever, sliding = (0.3, 0.4, 0.0), (0.0, 0.0, 0.1), (0.0, 0.0, 0.05)
+    turning = (0.3, 0.4, 0.0)
+    lever = (0.0, 0.0, 0.1)
+    sliding = (0.0, 0.0, 0.05)
     twist = FadingTwist(acceleration=10.0, sliding_acceleration=1.0, zeros=2)
     for _ in range(20):
         given = twist.follow(Motion(turning, lever, sliding), DT)

@@ -84,7 +84,8 @@ def test_the_script_of_a_client(script):
     state = OperatingState()
     for time, (text, name, enabling, *lines) in enumerate(SCRIPTS[script], 1):
         if text.startswith('='):
-            accepted, events = True, state.take(received_state(text[1:]))
+            accepted = True
+            events = state.take(received_state(text[1:]))
         else:
             accepted, events = state.command(text, time)
         # Homed is the same: a client that checks `is_homed` alone releases.
@@ -112,7 +113,9 @@ def test_the_script_of_a_client(script):
     )
 )
 def test_whatever_comes_only_a_command_leads_to_enabled(sequence):
-    state, orientation, homed = OperatingState(), None, True
+    state = OperatingState()
+    orientation = None
+    homed = True
     for time, text in enumerate(sequence, 1):
         before = state.name
         if text.startswith('='):

@@ -63,7 +63,8 @@ def test_the_clutch_takes_depth_and_insertion_anew():
     slide(rig, 0.1, 200)
     held = rig.last.pose
     rig.machine.take_clutch(True)
-    rig.slave, rig.tip = matrix_from_quaternion(held.rotation), held.position
+    rig.slave = matrix_from_quaternion(held.rotation)
+    rig.tip = held.position
     rig.insertion -= 0.05
     assert rig.run(100, (0.5, 0.0, 0.0)) == []
     rig.machine.take_clutch(False)

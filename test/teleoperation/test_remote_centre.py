@@ -19,7 +19,8 @@ from spm_haptic_master.teleoperation.limited_depth import DepthLimits, LimitedDe
 from spm_haptic_master.teleoperation.remote_centre import RemoteCentre, RemoteCentreSettings
 
 # Period of the command (s, ns).
-DT, PERIOD = 0.005, 5_000_000
+DT = 0.005
+PERIOD = 5_000_000
 DEEP = DepthLimits(
     shortest=0.02, deepest=0.3, speed=0.2, acceleration=10.0, slews=True, longest=2.0 * DT
 )
@@ -41,12 +42,14 @@ class Course:
 
     def __init__(self, seed, depth=0.1, limits=FAST, **settings):
         draw = np.random.default_rng(seed)
-        self.master, self.slave = random_rotation(draw), random_rotation(draw)
+        self.master = random_rotation(draw)
+        self.slave = random_rotation(draw)
         self.trocar = draw.uniform(-0.5, 0.5, 3)
         # Where the tool's frame lies on its shaft is the manufacturer's.
         self.shaft = draw.normal(size=3)
         self.shaft /= np.linalg.norm(self.shaft)
-        self.first_depth, self.first_insertion = depth, float(draw.uniform(-0.1, 0.1))
+        self.first_depth = depth
+        self.first_insertion = float(draw.uniform(-0.1, 0.1))
         self.tip = self.trocar + depth * self.slave @ self.shaft
         self.first_master = self.master
         given = {'scale': 1.0, 'depth': DEEP, 'largest_tilt': inf} | settings
@@ -90,7 +93,8 @@ class Course:
 
     @property
     def tilt(self):
-        direction, axis = self.rotation @ self.shaft, self.slave @ self.shaft
+        direction = self.rotation @ self.shaft
+        axis = self.slave @ self.shaft
         return np.arctan2(np.linalg.norm(np.cross(axis, direction)), axis @ direction)
 
 
@@ -101,7 +105,8 @@ def test_the_shaft_passes_through_the_trocar_in_every_command(seed):
     # The first command is the slave's own pose.
     np.testing.assert_allclose(course.rotation, course.slave, atol=1e-12)
     np.testing.assert_allclose(course.position, course.tip, atol=1e-12)
-    turning, sliding = draw.normal(scale=0.004, size=3), float(draw.uniform(-3e-4, 3e-4))
+    turning = draw.normal(scale=0.004, size=3)
+    sliding = float(draw.uniform(-3e-4, 3e-4))
     for step in range(60):
         # From rest, within all limits.
         share = min(1.0, step / 20)
@@ -123,8 +128,11 @@ def test_the_twist_is_the_derivative_of_the_pose_at_the_tip(seed):
     """By central differences; the command turns and slides evenly."""
     draw = np.random.default_rng(2000 + seed)
     course = Course(seed, limits=CommandLimits(6.0, 1e6, 1.5, True, 1.0), depth=0.15)
-    rate, speed, dt = draw.normal(size=3), float(draw.uniform(-0.1, 0.1)), 1e-3
-    poses, motions = [], []
+    rate = draw.normal(size=3)
+    speed = float(draw.uniform(-0.1, 0.1))
+    dt = 1e-3
+    poses = []
+    motions = []
     # The depth speeds up within its limit at first.
     for _ in range(30):
         course.advance(rate * dt, speed * dt, dt)
@@ -148,7 +156,9 @@ def test_the_depth_keeps_its_range_and_its_rates_whatever_comes(seed):
         longest=2.0 * DT,
     )
     depth = LimitedDepth(limits, draw.uniform(limits.shortest, limits.deepest))
-    rate, target, sliding = 0.0, depth.depth, 0.0
+    rate = 0.0
+    target = depth.depth
+    sliding = 0.0
     for step in range(2000):
         if step % 40 == 0:
             sliding = draw.choice([0.0, 0.02, 0.3, 3.0]) * draw.choice([-1.0, 1.0])

@@ -10,7 +10,8 @@ import pytest
 from spm_haptic_master.tools import calibrate, calibrate_motion, calibration_verdict
 
 # Length of the part of the log that is used (s), and the sets of the log to one that is.
-SECONDS, EVERY = 20.0, 10
+SECONDS = 20.0
+EVERY = 10
 
 
 @pytest.fixture(scope='session')
@@ -43,7 +44,9 @@ def motion(motion_log):
 @pytest.fixture(scope='session')
 def calibrated(motion, tmp_path_factory):
     """Calibrate from the motion; return the file, what is printed, and the verdict."""
-    path, verdicts, lines = tmp_path_factory.mktemp('motion') / 'c.yaml', [], []
+    path = tmp_path_factory.mktemp('motion') / 'c.yaml'
+    verdicts = []
+    lines = []
     with pytest.MonkeyPatch.context() as patch:
         # The report has tests of its own, and its picture takes seconds.
         patch.setattr(

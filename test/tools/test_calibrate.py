@@ -25,7 +25,8 @@ from spm_haptic_master.simulation.source_factory import make_source
 from spm_haptic_master.tools.calibrate import main
 
 POSES = ((135.0, 54.7356, 0.0), (125.0, 50.0, 25.0))
-ZEROS, DIRECTIONS = [100, 5000, 9000, 16000, 300, 7000], [1, -1, 1, -1, -1, 1]
+ZEROS = [100, 5000, 9000, 16000, 300, 7000]
+DIRECTIONS = [1, -1, 1, -1, -1, 1]
 HARMONICS = {name: value for name, value in calibration().items() if 'harmonic' in name}
 
 
@@ -82,7 +83,8 @@ def at(log, output, pose, *args):
 
 @pytest.mark.parametrize('sensors', [4, 6])
 def test_two_poses_give_a_file_that_is_all_that_the_nodes_need(capsys, tmp_path, sensors):
-    rig_file, output = tmp_path / 'rig.yaml', tmp_path / 'calibration.yaml'
+    rig_file = tmp_path / 'rig.yaml'
+    output = tmp_path / 'calibration.yaml'
     rig = mechanism() | (HARMONICS if sensors == 4 else {'sensors': 6})
     rig_file.write_text(
         '/**:\n  ros__parameters:\n'
@@ -108,7 +110,8 @@ def test_two_poses_give_a_file_that_is_all_that_the_nodes_need(capsys, tmp_path,
     assert (code, err) == (0, '') and 'overwritten (it held the calibration of' in out
     found = read_calibration(output)
     for index, sign in enumerate(DIRECTIONS[:sensors]):
-        sigma, bias = degrees(found.sigma[index]), degrees(found.bias[index])
+        sigma = degrees(found.sigma[index])
+        bias = degrees(found.bias[index])
         assert 0.03 < sigma < 0.05 and 0.1 < bias < 1.0
         assert (
             f': zero count {found.zero_count[index]}, sigma {sigma:.4f} deg, bias {bias:.4f} '
@@ -151,7 +154,8 @@ def test_a_live_device_is_asked_for_each_pose_and_the_driver_runs_on_the_file(
     """Someone brings it to the next pose each time, and presses Enter."""
     rig = {'encoders__zero_count': ZEROS[:4], 'encoders__direction': DIRECTIONS[:4]}
     bus = {'can.interface': 'virtual', 'can.channel': channel, 'rate': 250.0}
-    poses, path = iter(POSES), tmp_path / 'rig.yaml'
+    poses = iter(POSES)
+    path = tmp_path / 'rig.yaml'
 
     def bring():
         held.close()

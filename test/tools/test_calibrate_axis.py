@@ -17,7 +17,10 @@ from spm_haptic_master.tools import calibrate_axis, command_line
 from spm_haptic_master.tools.calibrate import main
 
 # The slide as it is built: counts at insertion 0, direction, counts per metre, ends (m).
-ZERO, DIRECTION, PER_METRE, ENDS = 40, -1, 2e5, (0.0, 0.25)
+ZERO = 40
+DIRECTION = -1
+PER_METRE = 2e5
+ENDS = (0.0, 0.25)
 SLIDE = ('-p', 'insertion.id:=0x185')
 GRIPPER = ('-p', 'gripper.id:=0x186', '-p', 'gripper.counts_per_turn:=4096')
 
@@ -66,7 +69,8 @@ def parameters(path):
 @pytest.mark.parametrize('ends', [ENDS, ENDS[::-1]])
 def test_a_slide_is_read_as_it_is_after_its_calibration(capsys, tmp_path, direction, ends):
     """The counts pass through 0, and its ends may be in either order."""
-    path, output = tmp_path / 'a.log', tmp_path / 'c.yaml'
+    path = tmp_path / 'a.log'
+    output = tmp_path / 'c.yaml'
     slide_log(path, *ends, direction=direction)
     code, out, err = run(capsys, path, *SLIDE, '--insertion', *ends, '-o', output)
     assert (code, err) == (0, '')
@@ -83,7 +87,8 @@ def test_a_slide_is_read_as_it_is_after_its_calibration(capsys, tmp_path, direct
 
 
 def test_a_gripper_is_read_from_its_closed_end(capsys, tmp_path):
-    path, output = tmp_path / 'a.log', tmp_path / 'c.yaml'
+    path = tmp_path / 'a.log'
+    output = tmp_path / 'c.yaml'
     per_deg = 4096 / 360.0
     # It opens by 61 deg, which its user takes for 60.
     log(path, 700 - per_deg * way(61.0, 0.0), identifier=0x186)
@@ -113,7 +118,8 @@ def test_a_gripper_is_read_from_its_closed_end(capsys, tmp_path):
 
 
 def test_an_existing_calibration_keeps_all_that_it_has(capsys, tmp_path):
-    path, output = slide_log(tmp_path / 'a.log'), tmp_path / 'c.yaml'
+    path = slide_log(tmp_path / 'a.log')
+    output = tmp_path / 'c.yaml'
     text = """\
 # Calibration of the left arm.
 /**:
@@ -190,7 +196,8 @@ def test_a_check_says_what_changed(capsys, tmp_path, changed, words):
     ],
 )
 def test_what_is_no_motion_from_end_to_end_is_refused(capsys, tmp_path, counts, without, words):
-    path, output = log(tmp_path / 'a.log', counts, without=without), tmp_path / 'c.yaml'
+    path = log(tmp_path / 'a.log', counts, without=without)
+    output = tmp_path / 'c.yaml'
     code, _, err = run(capsys, path, *SLIDE, '--insertion', *ENDS, '-o', output)
     assert code == 1 and words in err
     assert not output.exists()
@@ -212,14 +219,16 @@ def test_what_is_no_motion_from_end_to_end_is_refused(capsys, tmp_path, counts, 
     ],
 )
 def test_what_cannot_be_calibrated_is_refused(capsys, tmp_path, args, words):
-    path, output = slide_log(tmp_path / 'a.log'), tmp_path / 'c.yaml'
+    path = slide_log(tmp_path / 'a.log')
+    output = tmp_path / 'c.yaml'
     code, _, err = run(capsys, path, *args, '-o', output)
     assert code == 1 and words in err
     assert not output.exists()
 
 
 def test_a_check_needs_a_calibration_of_that_axis(capsys, tmp_path):
-    path, other = slide_log(tmp_path / 'a.log'), tmp_path / 'c.yaml'
+    path = slide_log(tmp_path / 'a.log')
+    other = tmp_path / 'c.yaml'
     other.write_text('/**:\n  ros__parameters:\n    sigma_deg: [0.1, 0.1, 0.1, 0.1]\n')
     code, _, err = run(capsys, path, *SLIDE, '--insertion', *ENDS, '--check', other)
     assert code == 1 and 'no insertion.zero_count' in err
@@ -229,7 +238,8 @@ class Hand:
     """Standard input of a user who presses Enter, the second time with the slide moved."""
 
     def __init__(self, nodes):
-        self._nodes, self._lines = nodes, 0
+        self._nodes = nodes
+        self._lines = 0
 
     def readline(self):
         """Return a line a while later: the encoders are started, and rest at each end."""
@@ -286,7 +296,8 @@ def test_standard_input_that_has_ended_is_refused(channel, capsys, tmp_path, mon
 
 def test_a_jig_calibration_keeps_the_slide(capsys, tmp_path):
     """The file of a jig is overwritten with --force: what it says of the slide stays."""
-    path, output = slide_log(tmp_path / 'a.log'), tmp_path / 'c.yaml'
+    path = slide_log(tmp_path / 'a.log')
+    output = tmp_path / 'c.yaml'
     jig = ('--seconds', 0.3, '-p', 'replay.rate:=20.0', '-o', output)
     assert run(capsys, path, *jig)[0] == 0
     assert run(capsys, path, *SLIDE, '--insertion', *ENDS, '-o', output)[0] == 0

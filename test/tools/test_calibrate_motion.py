@@ -153,7 +153,8 @@ def test_a_capture_or_poses_of_a_jig_give_the_mounting_of_both_ends(
     )
     known = np.isfinite(calibration.rotation).all(axis=(1, 2))
     turned = base @ calibration.rotation[known] @ handle
-    capture, output = tmp_path / 'capture.csv', tmp_path / 'c.yaml'
+    capture = tmp_path / 'capture.csv'
+    output = tmp_path / 'c.yaml'
     np.savetxt(
         capture,
         np.column_stack(
@@ -213,7 +214,9 @@ def test_a_live_motion_is_kept_until_it_is_enough_and_can_be_used_again(
     encoders, channel, tmp_path, monkeypatch, capsys
 ):
     """At rest, so that it is refused afterwards; a program that is killed leaves the file."""
-    path, published, sets = tmp_path / 'c_motion_2.log', [], []
+    path = tmp_path / 'c_motion_2.log'
+    published = []
+    sets = []
     (tmp_path / 'c_motion.log').write_text('mine')
 
     class Guide:
@@ -371,7 +374,8 @@ def test_recordings_of_two_motions_are_joined(motion_log, tmp_path, monkeypatch,
 
 
 def test_joined_recordings_follow_each_other_by_a_second():
-    early, late = np.arange(5) * 10, np.arange(5) * 10 + 10**12
+    early = np.arange(5) * 10
+    late = np.arange(5) * 10 + 10**12
     angles = np.zeros((5, 4))
     stamps, _ = motion_source.joined([(late, angles), (early, angles)])
     assert stamps[5] - stamps[4] == 10**9 and np.diff(stamps)[5:].tolist() == [10] * 4

@@ -108,7 +108,8 @@ def test_starts_after_gaps_of_the_recording_say_nothing_against_a_calibration(fo
 
 def test_the_motion_is_published_but_for_the_start_and_a_slip_is_refused(found, fkm):
     values = fkm(alert_limit_deg=30.0)
-    stamps, readings = (found.readings.seconds * 1e9).astype(np.int64), found.readings.readings
+    stamps = (found.readings.seconds * 1e9).astype(np.int64)
+    readings = found.readings.readings
     whole = replace(found, readings=replace(found.readings, spiked=np.zeros(len(stamps), bool)))
     shown = []
     assert (

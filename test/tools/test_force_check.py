@@ -38,7 +38,8 @@ def holding(R):
 
 def poses(noise):
     """Return the rows of twelve poses, with noise of the torques, N m."""
-    rng, rows = np.random.default_rng(1), []
+    rng = np.random.default_rng(1)
+    rows = []
     for number in range(12):
         R = workspace_pose(rng.uniform(0.05, 0.3), rng.uniform(0.0, 6.2), rng.uniform(0.0, 0.5))
         joints = inverse(R)
@@ -110,10 +111,16 @@ def test_a_file_that_does_not_exist(check, tmp_path):
 
 def test_friction_by_the_formula():
     """Two speeds of a body with known inertia, viscous and dry friction."""
-    inertia, viscous, dry, dt = 4e-4, 1.1e-3, 2e-3, 1e-4
+    inertia = 4e-4
+    viscous = 1.1e-3
+    dry = 2e-3
+    dt = 1e-4
     releases = []
     for push in (0.01, -0.02):
-        time, angle, speed, rows = 0.0, 0.0, 0.0, []
+        time = 0.0
+        angle = 0.0
+        speed = 0.0
+        rows = []
         for step in range(1500):
             torque = push * (100 <= step < 600)
             rows.append((time, angle, torque))
@@ -135,7 +142,8 @@ def test_friction_by_the_formula():
 class Rig:
     """Encoders and drives of MuJoCo's device: a torque is in force until the next angles."""
 
-    fault, motors = None, 3
+    fault = None
+    motors = 3
 
     def __init__(self, wires=((0, 1.0), (1, 1.0), (2, 1.0)), ready_after=5):
         pytest.importorskip('mujoco', reason='needs mujoco')
@@ -144,12 +152,10 @@ class Rig:
         self.plant = Plant(workspace_pose(0.05, 0.3, np.radians(10.0)))
         # Of each motor as commanded: the one that moves, and its torque over the command.
         self.wires = wires
-        self.rng, self.stamp, self.steps, self.ready_after = (
-            np.random.default_rng(2),
-            0,
-            0,
-            ready_after,
-        )
+        self.rng = np.random.default_rng(2)
+        self.stamp = 0
+        self.steps = 0
+        self.ready_after = ready_after
         self.torques = []
 
     def read(self, timeout):
@@ -201,7 +207,8 @@ class Hand:
     The weight is there while the motors hold it in a pose: before, the handle is balanced.
     """
 
-    fault, motors = None, 3
+    fault = None
+    motors = 3
 
     def __init__(self):
         rng = np.random.default_rng(100)
@@ -211,12 +218,17 @@ class Hand:
             )
         )
         self.bring(workspace_pose(0.05, 0.3, 0.2))
-        self.angles, self.stamp, self.asked, self.held = self.aim, 0, [], []
+        self.angles = self.aim
+        self.stamp = 0
+        self.asked = []
+        self.held = []
 
     def bring(self, R):
         joints = inverse(R)
-        self.aim, self.pose = np.array([*joints.theta1, joints.theta3a]), R
-        self.speed, self.weight = np.zeros(3), None
+        self.aim = np.array([*joints.theta1, joints.theta3a])
+        self.pose = R
+        self.speed = np.zeros(3)
+        self.weight = None
 
     def show(self, text):
         self.asked.append((text, self.stamp))
@@ -226,9 +238,11 @@ class Hand:
             self.weight = holding(self.pose)
             self.held.append(self.aim[:3])
         elif 'take' in text:
-            self.aim, self.weight = self.aim + 0.2, None
+            self.aim = self.aim + 0.2
+            self.weight = None
         elif 'pose' not in text:
-            self.angles, self.speed = self.aim, np.zeros(3)
+            self.angles = self.aim
+            self.speed = np.zeros(3)
 
     def read(self, timeout):
         self.stamp += 1_000_000
@@ -327,7 +341,8 @@ def test_a3_each_of_twelve_wrong_wirings_is_found_in_words(tmp_path, check, wire
     try:
         recording_of(rig, path)
     except InputError as error:
-        found, code = str(error), 1
+        found = str(error)
+        code = 1
     else:
         code, found, _ = check(str(path))
     assert code == 1 and words in found
@@ -359,7 +374,8 @@ def test_drives_and_encoders_that_are_not_there(tmp_path, monkeypatch, check):
 )
 def test_a_recording_ends_where_drives_or_angles_fail(tmp_path, change, words):
     rig = Rig()
-    read, step = rig.read, rig.step
+    read = rig.read
+    step = rig.step
 
     def failing(timeout):
         sample = read(timeout)

@@ -87,7 +87,8 @@ def listed(name, out):
 
 
 def test_a_short_log_and_another_rigs_calibration(supervise, tmp_path):
-    other, log = tmp_path / 'other.yaml', tmp_path / 'short.log'
+    other = tmp_path / 'other.yaml'
+    log = tmp_path / 'short.log'
     other.write_text(
         '/**:\n  ros__parameters:\n    encoders:\n'
         '      zero_count: [9123, 4011, 13000, 2345]\n'
@@ -212,7 +213,8 @@ def test_a_log_with_a_slide_has_its_share_and_gaps(supervise, tmp_path):
     log = tmp_path / 'slide.log'
     with gzip.open(LOG, 'rt') as file:
         lines = [*islice(file, 5 * 500)]
-    with_slide, cycles = [], 0
+    with_slide = []
+    cycles = 0
     for line in lines:
         with_slide.append(line)
         if ' 184#' in line:

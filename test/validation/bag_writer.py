@@ -12,7 +12,9 @@ from rosbags import rosbag2  # noqa: E402, I100
 from rosbags.typesys import get_typestore, Stores  # noqa: E402
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
-ORIENTATION, JOINTS, POSE = '/left/orientation', '/left/measured_js', '/vicon/platform/pose'
+ORIENTATION = '/left/orientation'
+JOINTS = '/left/measured_js'
+POSE = '/vicon/platform/pose'
 TRANSFORM = '/vicon/handle'
 KINDS = {
     ORIENTATION: 'geometry_msgs/msg/QuaternionStamped',

@@ -20,9 +20,11 @@ BODY = kinematics.matrix_from_zxz(-2.4, 0.7, 0.3)
 # fastened: C and D are no mirror images of each other.
 POINTS = np.array([[0.0, 0.0, 40.0], [0.0, 0.0, 120.0], [60.0, 0.0, 80.0], [-60.0, 0.0, 80.0]])
 AZIMUTHS = 0.0, math.pi
-RECORDED, CAPTURED = np.arange(0.0, 40.0, 0.005), np.arange(1.0, 39.0, 0.01)
+RECORDED = np.arange(0.0, 40.0, 0.005)
+CAPTURED = np.arange(1.0, 39.0, 0.01)
 # deg, of a pose; mm, of a marker.
-NOISE_DEG, NOISE_MM = 0.02, 0.05
+NOISE_DEG = 0.02
+NOISE_MM = 0.05
 # Markers exchange their names, or one is at the origin, in these rows of the capture.
 PLACE = slice(1500, 1650)
 
@@ -118,7 +120,8 @@ def test_M1_a_marker_at_the_origin_is_not_one(recorded, markers, tmp_path):
 def test_M2_what_was_held_or_filled_in_is_left_out(recorded, request, kind, of):
     values = request.getfixturevalue(of).copy()
     count = PLACE.stop - PLACE.start
-    first, last = values[PLACE.start], values[PLACE.stop]
+    first = values[PLACE.start]
+    last = values[PLACE.stop]
     part = np.linspace(0.0, 1.0, count)[:, None] if kind == 'filled in' else np.zeros((count, 1))
     values[PLACE] = first + part * (last - first)
     if of == 'poses':

@@ -63,7 +63,8 @@ def test_regions_are_of_all_samples_with_an_orientation(tmp_path):
     angles[7] = [1.5, -1.5, 1.5, 1.0]
     found = mapped(angles)
     assert np.flatnonzero(np.isnan(found.parity_deg)).tolist() == [3, 7]
-    published, level = np.arange(4000) % 4 > 0, np.linspace(0.5, 0.9, 4000)
+    published = np.arange(4000) % 4 > 0
+    level = np.linspace(0.5, 0.9, 4000)
     table = parity_map.regions(found, published, level)
     assert sum(row.samples for row in table) == 3998
     for row in table:

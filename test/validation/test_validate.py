@@ -33,7 +33,8 @@ POINTS = np.array([[0.0, 0.0, 40.0], [0.0, 0.0, 120.0], [60.0, 0.0, 80.0], [-60.
 AZIMUTHS = 0.0, math.pi
 QUATERNION_HEADER = ('time', 'qx', 'qy', 'qz', 'qw')
 POINT_HEADER = ('time', *(f'{marker}{axis}' for marker in 'abcd' for axis in 'xyz'))
-RECORDED, CAPTURED = np.arange(0.0, 10.0, 0.01), np.arange(1.0, 9.0, 0.02)
+RECORDED = np.arange(0.0, 10.0, 0.01)
+CAPTURED = np.arange(1.0, 9.0, 0.02)
 
 
 def motion(t):
@@ -276,7 +277,8 @@ def fails(capsys, expected, *args):
 
 def test_the_classic_model_is_of_the_mechanism_as_built_and_mounted(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr('spm_haptic_master.validation.plot_style.draw_comparison', lambda *_: None)
-    base, handle = [20.0, 30.0, -40.0], [0.0, 0.0, 25.0]
+    base = [20.0, 30.0, -40.0]
+    handle = [0.0, 0.0, 25.0]
     left, right = (kinematics.matrix_from_zxz(*np.radians(angles)) for angles in (base, handle))
     recorded = kinematics.quaternion_from_matrix(left @ motion(RECORDED) @ right)
     joints = joint_angles(geometry_from(complete(GEOMETRY_SETTINGS, mechanism())))
@@ -356,7 +358,8 @@ def test_a_motion_that_repeats_itself_is_not_taken_for_another_period():
             kinematics.matrix_from_zxz(*np.array([trajectories.fig9(each) for each in t]).T)
         )
 
-    recorded, captured = np.arange(2.0, 40.0, 0.01), np.arange(0.0, 45.0, 0.01)
+    recorded = np.arange(2.0, 40.0, 0.01)
+    captured = np.arange(0.0, 45.0, 0.01)
     found = alignment.align(
         recorded + 1.7e9, repeated(recorded), captured, repeated(captured), body_known=False
     )
@@ -400,7 +403,8 @@ def test_constant_frames_are_those_of_the_orientations(body):
 
 
 def test_pieces_of_which_neither_contains_the_other_are_aligned():
-    first, second = np.arange(0.0, 7.0, 0.005), np.arange(2.0037, 9.0, 0.008)
+    first = np.arange(0.0, 7.0, 0.005)
+    second = np.arange(2.0037, 9.0, 0.008)
     recorded, captured = map(
         kinematics.quaternion_from_matrix, (motion(first), FRAME @ motion(second))
     )
@@ -410,7 +414,9 @@ def test_pieces_of_which_neither_contains_the_other_are_aligned():
 
 
 def test_a_picture_has_no_jumps_and_magnifies_no_angle_that_hardly_moves(tmp_path, monkeypatch):
-    time, psi, drawn = np.arange(50.0), np.linspace(170.0, 190.0, 50), []
+    time = np.arange(50.0)
+    psi = np.linspace(170.0, 190.0, 50)
+    drawn = []
     rotations = kinematics.matrix_from_zxz(np.radians(psi), 0.9 + 1e-3 * np.sin(time), 0.0 * psi)
     with monkeypatch.context() as patch:
         patch.setattr(plot_style, 'save', lambda figure, path: drawn.append(figure))

@@ -62,12 +62,20 @@ class Shown:
     """A device on a real page, and the node that it has."""
 
     def __init__(self, server):
-        self.server, self.now, self.watched = server, 1000.0, True
-        self.takers, self.newest, self.sampled, self.published = {}, {}, set(), []
+        self.server = server
+        self.now = 1000.0
+        self.watched = True
+        self.takers = {}
+        self.newest = {}
+        self.sampled = set()
+        self.published = []
         # Parameters of fkm, when it was asked for them; whether a calibration runs.
-        self.parameters, self.asked, self.calibrates = {}, [], True
+        self.parameters = {}
+        self.asked = []
+        self.calibrates = True
         # Nodes that publish, by topic; whether the device's own programs run.
-        self.publishers, self.runs = {}, True
+        self.publishers = {}
+        self.runs = True
         self._samples = 0
 
     def create_subscription(self, kind, topic, take, qos):
@@ -149,7 +157,8 @@ class Shown:
         R = kinematics.workspace_pose(*pose)
         angles = np.array(kinematics.mechanism_angles(tuple(R.ravel()), GEOMETRY))[[0, 3, 6, 2]]
         message = JointState(name=list(JOINT_NAMES), position=angles + off)
-        message.header.stamp.sec, message.header.stamp.nanosec = self._samples, 999_999_999
+        message.header.stamp.sec = self._samples
+        message.header.stamp.nanosec = 999_999_999
         self.newest['/readings'] = message
         return angles
 

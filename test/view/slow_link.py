@@ -9,7 +9,8 @@ from threading import Thread
 import time
 
 # Bytes that are passed on at once, and size of the sockets' own buffers without a queue.
-PIECE, SMALL = 1024, 4096
+PIECE = 1024
+SMALL = 4096
 
 
 class SlowLink:
@@ -21,7 +22,8 @@ class SlowLink:
     """
 
     def __init__(self, port: int, has_queue: bool) -> None:
-        self._port, self._has_queue = port, has_queue
+        self._port = port
+        self._has_queue = has_queue
         self.rate: float | None = None
         self._listener = socket.create_server(('127.0.0.1', 0))
         self.port = self._listener.getsockname()[1]

@@ -29,7 +29,9 @@ def test_what_is_shown_is_the_pose_all_the_way_through_the_singularity(shown):
     """By other formulas: platform, trace, map, figures, and three encoders alone."""
     shown.begin()
     shown.run(WHOLE, shown.pose)
-    rng, errors, seen = np.random.default_rng(5), [], []
+    rng = np.random.default_rng(5)
+    errors = []
+    seen = []
     ghost = shown.scene.ghost.platform
     for phi in np.arange(SINGULAR_PHI - 0.2, SINGULAR_PHI + 0.25, 0.004):
         pose = 0.0005, 3.0 * phi, phi
@@ -102,7 +104,8 @@ def test_another_mechanism_or_mounting_of_fkm_is_drawn_within_a_second(shown):
 def test_the_reason_of_a_missing_picture_is_on_the_page(shown):
     """Orientations go out, but diagnostics does not publish joint_states of them."""
     shown.begin()
-    fkm, text = 'fkm: orientation', 'diagnostics: singularity'
+    fkm = 'fkm: orientation'
+    text = 'diagnostics: singularity'
     shown.run(
         1.0,
         lambda: (
@@ -178,7 +181,8 @@ def test_the_cone_of_the_protection_level(shown):
 def test_the_device_comes_before_what_is_beside_it(shown):
     """Before anybody sees the device, that time does not begin."""
     arm = shown.begin().arm
-    scene, arm._scene = arm._scene, None
+    scene = arm._scene
+    arm._scene = None
     # Nor does it before the mechanism is known: there is no orientation either.
     shown.parameters = None
     shown.run(WHOLE, shown.fkm)

@@ -25,7 +25,8 @@ pytestmark = [
 PATIENCE = 240.0
 # Longest time from the end of the samples to the words on the page (s).
 SEEN_WITHIN = 0.5
-DESKTOP, PHONE = (1280, 800), (390, 844)
+DESKTOP = (1280, 800)
+PHONE = (390, 844)
 # Script that gives the page the functions `probes`.
 PROBES = Path(__file__).with_name('probes.js').read_text()
 
@@ -186,7 +187,8 @@ def test_pause_scrub_views_picture_and_dark_are_of_this_page_alone(device):
     running = shown.ask('plot()')
     until(lambda: shown.ask('plot()') != running, shown)
     shown.press('pause')
-    rate, held = shown.ask('row("orientation")'), shown.ask('plot()')
+    rate = shown.ask('row("orientation")')
+    held = shown.ask('plot()')
     # The figures continue; the plots do not.
     until(lambda: shown.ask('row("orientation")') != rate, shown)
     assert shown.ask('plot()') == held

@@ -23,9 +23,12 @@ PATIENCE = 120.0
 # Longest time for which a pose of that age may stand uncovered (s).
 COVERED_WITHIN = 1.0
 # Periods of a device's poses, of its figures, and of the news (s).
-POSE_PERIOD, FIGURES_PERIOD, NEWS_PERIOD = 1.0 / 60.0, 0.1, 0.25
+POSE_PERIOD = 1.0 / 60.0
+FIGURES_PERIOD = 0.1
+NEWS_PERIOD = 0.25
 # Times for which the link is slow, and for which samples are taken before (s).
-SLOW_FOR, FAST_FOR = 12.0, 3.0
+SLOW_FOR = 12.0
+FAST_FOR = 3.0
 # Keeps when it is, how late the newest drawn change is, and whether the page is covered, every
 # 50 ms. The change is a text with the time at which the server made it.
 WATCH = """
@@ -110,7 +113,8 @@ def is_in_time(page):
 
 def uncovered_for(samples):
     """Return the longest time for which a pose that is too late was not covered, s."""
-    longest, since = 0.0, None
+    longest = 0.0
+    since = None
     for now, late, is_covered in samples:
         if late <= LATEST or is_covered:
             since = None

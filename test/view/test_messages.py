@@ -75,7 +75,8 @@ def wrench(rng):
 
 
 def quaternion(rng):
-    message, turn = QuaternionStamped(), [NUMBERS[k] for k in rng.integers(0, len(NUMBERS), 4)]
+    message = QuaternionStamped()
+    turn = [NUMBERS[k] for k in rng.integers(0, len(NUMBERS), 4)]
     part = message.quaternion
     part.x, part.y, part.z, part.w = turn
     return message

@@ -28,8 +28,10 @@ CLEAR = {
         {'warn below': '0.059', 'error below': '0.033'},
     )
 }
-HEALTHY, UNCHECKED = SensorState.HEALTHY, SensorState.UNCHECKED
-MISSING, EXCLUDED = SensorState.MISSING, SensorState.EXCLUDED
+HEALTHY = SensorState.HEALTHY
+UNCHECKED = SensorState.UNCHECKED
+MISSING = SensorState.MISSING
+EXCLUDED = SensorState.EXCLUDED
 
 
 def figures(entries=None, now=1.0, sensors=4, **known):

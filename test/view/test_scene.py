@@ -28,7 +28,9 @@ def drawn(shown):
 
 
 def test_each_link_has_its_own_turn_shape_and_colour(shown):
-    scene, shapes, links = drawn(shown), solids.solids(MECHANISM), []
+    scene = drawn(shown)
+    shapes = solids.solids(MECHANISM)
+    links = []
     angles = mechanism_angles(tuple(workspace_pose(0.3, 1.0, 0.6).ravel()), MECHANISM)
     scene.place(angles)
     *turns, platform = solids.link_turns(MECHANISM, angles)

@@ -26,7 +26,9 @@ UPGRADE = (
     'Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==',
     f'Sec-WebSocket-Protocol: viser-v{viser.__version__}',
 )
-UPGRADED, SERVED, REFUSED = 101, 200, 403
+UPGRADED = 101
+SERVED = 200
+REFUSED = 403
 # A camera as a page sends it when it is open.
 CAMERA = {
     'type': 'ViewerCameraMessage',
@@ -161,7 +163,8 @@ def test_a_page_operates_a_simulated_device_and_no_other(observer, view):
     failed = observer.collect(String, f'/{FAULT_TOPIC}')
     source.publish(String(data='sim'))
     assert view.spin(lambda: view._arms and view._arms['/'].simulation.knobs is not None)
-    simulation, gui = view._arms['/'].simulation, view._server.gui
+    simulation = view._arms['/'].simulation
+    gui = view._server.gui
     known = [(uuid, handle.value) for uuid, handle in gui._gui_input_handle_from_uuid.items()]
     with client.connect(
         view.url.replace('http', 'ws'),

@@ -89,7 +89,8 @@ def test_a_story_does_its_steps_each_with_its_sentence_and_ends_with_a_verdict(
 ):
     """In place of another one that is played, and without a fault."""
     shown.begin(source='sim', sensors=sensors)
-    story, period = stories(sensors)[number], 0.25
+    story = stories(sensors)[number]
+    period = 0.25
     shown.operate(stories(sensors)[number - 1].name)
     shown.run(period, shown.pose, period)
     shown.operate(story.name)
@@ -156,8 +157,10 @@ def test_the_error_of_the_device_is_that_to_the_simulations_truth(shown):
         R = shown.pose(0.1, 0.3, 0.5)
         message = QuaternionStamped()
         x, y, z, w = quaternion_from_matrix(R @ turn)
-        message.quaternion.x, message.quaternion.y = x, y
-        message.quaternion.z, message.quaternion.w = z, w
+        message.quaternion.x = x
+        message.quaternion.y = y
+        message.quaternion.z = z
+        message.quaternion.w = w
         message.header.stamp.sec = shown._samples
         shown.newest['/ground_truth/orientation'] = message
 
