@@ -72,10 +72,10 @@ class Fault:
         Whether sensors had left their motion when it was latched. A glitch that is added later
         does not explain the fault, so it does not set this.
     agreed_from : int or None
-        Stamp of the first consistent sample since `last_bad`, ns; None before. Samples that are
-        only withheld do not reset it.
-    is_acknowledged : bool
-        Whether a person ended the wait for checks of the suspects.
+        Stamp of the first of the latest consistent samples in a row, ns; None before. A sample
+        that is only withheld ends the row as well.
+    acknowledged : int or None
+        `last_bad` when a person ended the wait for checks of the suspects, ns; None before.
     waiting : tuple of int
         Suspects that are all that it still waits for.
 
@@ -87,8 +87,13 @@ class Fault:
     jumped: dict[int, int] = field(default_factory=dict)
     began_by_jump: bool = False
     agreed_from: int | None = None
-    is_acknowledged: bool = False
+    acknowledged: int | None = None
     waiting: tuple[int, ...] = ()
+
+    @property
+    def is_acknowledged(self) -> bool:
+        """Whether a person ended the wait for checks, and no bad sample came since."""
+        return self.acknowledged == self.last_bad
 
     @property
     def needs_person(self) -> bool:
@@ -184,7 +189,7 @@ class FaultLatch:
             fault.began_by_jump = False
             return Acknowledgement(ended, self._waits(fault))
         if fault.symptom.sensor is None and not fault.is_acknowledged:
-            fault.is_acknowledged = True
+            fault.acknowledged = fault.last_bad
             fault.waiting = ()
             return Acknowledgement(fault.words, self._waits(fault))
         return Acknowledgement('', self._waits(fault))
@@ -272,6 +277,8 @@ class FaultLatch:
         """
         cause = worst(symptoms)
         if cause.severity is Severity.WITHHOLD:
+            if self.fault is not None:
+                self.fault.agreed_from = None
             return None
         used = self._sensors.used.sensors.used
         if not self._bad:

@@ -210,6 +210,7 @@ class Rivals:
         """
         if used.worth is None or not used.entries:
             self._used = ()
+            self._parts = [inf] * self._count
             return [inf] * self._count
         if used.sensors.used != self._used:
             self._change_sensors(used.sensors.used)

@@ -127,10 +127,10 @@ class SampleClock:
 
         Single ones are old samples. `OLDER_SAMPLES` in a row, and as many as come in `OLDER_TIME`,
         are a clock that was set back: the next stamp of any value then continues `now`.
-        The period has to be known for that: of two samples at least since the last restart.
+        With an unknown period, after one sample since the last restart, the number suffices.
         """
         self._older += 1
-        if self._older < OLDER_SAMPLES or self._older * self.period < OLDER_TIME:
+        if self._older < OLDER_SAMPLES or 0.0 < self._older * self.period < OLDER_TIME:
             return Tick(elapsed, is_old=True)
         self._offset, self._stamp, self._older = self.now, None, 0
         return Tick(elapsed, is_old=True, restarts=True)

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from math import isnan, nan
 
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.parameters.fkm import FOUR, Limits, THREE
@@ -124,13 +125,10 @@ class SensorsInUse:
         """
         Note which sensors have a reading; return why they do not suffice, or None.
 
-        A sample with a reading beyond `LARGEST_ANGLE`, infinite ones too, is withheld as a whole.
         A sensor without a reading for `MISSING_SAMPLES` is distrusted if four others are left.
         """
-        if not self.missing and _are_usual(angles):
+        if not self.missing and not isnan(sum(angles)):
             return self._too_few(angles)
-        if any(abs(angle) > LARGEST_ANGLE for angle in angles):
-            return withheld(Reason.NOT_FINITE, f'{list(angles)} rad')
         missing = tuple(place for place, angle in enumerate(angles) if angle != angle)
         self.missing = missing
         for place in range(len(angles)):
@@ -286,7 +284,8 @@ class SensorsInUse:
         return noisy is None or noisy.sensor != sensor
 
 
-def _are_usual(angles: Angles) -> bool:
-    """Return whether each reading is a number of a size that a joint may have."""
-    total = sum(angles)
-    return total == total and max(angles) <= LARGEST_ANGLE and min(angles) >= -LARGEST_ANGLE
+def within_reach(angles: Angles) -> Angles:
+    """Return readings, rad, with NaN for each that no joint has; the same tuple if none is."""
+    if all(-LARGEST_ANGLE <= angle <= LARGEST_ANGLE or isnan(angle) for angle in angles):
+        return angles
+    return tuple([angle if abs(angle) <= LARGEST_ANGLE else nan for angle in angles])

@@ -31,7 +31,7 @@ from spm_haptic_master.supervision.orientation_state import HEALTHY, Orientation
 from spm_haptic_master.supervision.rivals import FRESH_PERIODS, FRESH_TIME, Rivals
 from spm_haptic_master.supervision.sample_clock import SampleClock, Tick
 from spm_haptic_master.supervision.sensor_set import Angles, Sample, SensorSet, Solver
-from spm_haptic_master.supervision.sensors_in_use import SensorsInUse
+from spm_haptic_master.supervision.sensors_in_use import SensorsInUse, within_reach
 from spm_haptic_master.supervision.symptom import Reason, Symptom, withheld, worst
 from spm_haptic_master.supervision.trial import Place
 
@@ -151,9 +151,11 @@ class Supervisor:
             self.latch.latch_suspected(clock.now, suspected)
             self._restart()
             suspected = []
+        given = angles
+        angles = within_reach(given)
         cause = self._sensors.note(angles)
-        if cause is not None and cause.reason is Reason.NOT_FINITE:
-            return self._withhold(cause)
+        if cause is not None and angles is not given:
+            cause = withheld(Reason.NOT_FINITE, f'{list(given)} rad')
         away, symptoms = self.joints.check(
             angles,
             tick.elapsed,
@@ -345,7 +347,7 @@ class Supervisor:
         cause = self._unworthy(stamp, worth.deviation, level)
         if cause is None:
             return self._publish(sample, estimate, quaternion, level)
-        if not used.entries:
+        if not used.entries and cause.reason in (Reason.UNDETERMINED, Reason.UNPROTECTED):
             # Two solutions of three sensors may meet: only all sensors can continue after it.
             self.latch.latch(stamp, cause)
         return self._withhold(cause)

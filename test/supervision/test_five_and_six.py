@@ -62,12 +62,13 @@ def test_six_isolate_the_faulty_one_and_go_on(fault, sensor):
     ('motion', 'sensor'),
     few([('sweep', 250.0), ('fast', 500.0), ('turning', 1000.0)], SENSORS, count=3),
 )
-def test_six_go_on_within_20_ms_without_one_that_is_stuck(motion, sensor):
+def test_six_go_on_within_a_window_without_one_that_is_stuck(motion, sensor):
+    """The five others pass their trial first: 20 ms, and ten samples at least."""
     kind, rate = motion
     seconds = 1.6 + 0.1 * sensor
     begin = round(seconds * rate) // 2
     found = run(kind, 6, seconds, rate, spoil=stuck(begin, sensor), seed=sensor)
-    assert found.longest_silence(begin) / rate <= 0.02
+    assert found.longest_silence(begin) <= max(0.02 * rate, 10.0) + 1.0
     assert found.states[-1] == f'degraded: {ALL_JOINT_NAMES[sensor]} excluded'
 
 

@@ -43,8 +43,9 @@ def test_an_excluded_sensor_is_used_after_its_recovery_in_one_piece(contradictio
     [
         ({}, {'th3b': nan, 'th3c': nan}, None),
         ({}, {'th3a': nan, 'th3b': nan, 'th3c': nan}, 'joint_3a missing'),
-        ({}, {'th1a': inf}, 'angle not finite'),
-        ({}, {'th1a': -inf}, 'angle not finite'),
+        # As without a reading; four are named by what they gave.
+        ({}, {'th1a': inf}, None),
+        ({}, {'th1a': -inf, 'th3b': nan, 'th3c': nan}, 'angle not finite'),
         # Four in use could not go on without a fifth.
         ({'th1b': 5.0}, {'th3b': nan, 'th3c': nan}, 'joint_3b missing'),
     ],
