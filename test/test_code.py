@@ -64,6 +64,7 @@ LARGER = {
     'tools/calibration_verdict.py': 1,
     'tools/can_setup.py': 1,
     'tools/force_check.py': 2,
+    'tools/supervise.py': 1,
     'tools/validate.py': 1,
     'validation/bags.py': 1,
     'validation/capture_files.py': 4,
