@@ -24,6 +24,11 @@ from spm_haptic_master.standard_streams import discard, STANDARD_OUTPUT
 POLL_PERIOD = 0.05
 
 
+# Package of the services of parameters, and how often one is asked before there is no answer.
+PARAMETERS = 'rcl_interfaces.'
+PARAMETER_ATTEMPTS = 4
+
+
 class Client:
     """
     A node without a log that waits for messages and answers.
@@ -73,10 +78,15 @@ class Client:
         client = self.node.create_client(kind, service)
         if not self.wait(client.service_is_ready, self.PATIENCE):
             raise InputError(f'{service}: no such node or service within {self.PATIENCE:g} s')
-        answer = client.call_async(kind.Request(**fields))
-        if not self.wait(answer.done, self.PATIENCE):
-            raise InputError(f'{service}: no answer within {self.PATIENCE:g} s')
-        return answer.result()
+        request = kind.Request(**fields)
+        # A server that was found first may be one that is gone. Parameters may be asked for again;
+        # another request might be done twice.
+        attempts = PARAMETER_ATTEMPTS if kind.__module__.startswith(PARAMETERS) else 1
+        for _ in range(attempts):
+            answer = client.call_async(request)
+            if self.wait(answer.done, self.PATIENCE / attempts):
+                return answer.result()
+        raise InputError(f'{service}: no answer within {self.PATIENCE:g} s')
 
 
 def run(name: str, program: Callable[[], int], ros_arguments: Sequence[str] = ()) -> int:
