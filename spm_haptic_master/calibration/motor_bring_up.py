@@ -98,7 +98,7 @@ class StepResponse:
 
     @property
     def words(self) -> str:
-        """What is to be known of it, in words."""
+        """Return what is to be known of it, in words."""
         own = f'motor on {self.joint}'
         if not self.is_seen:
             return f'{own}: not seen: no joint turned; is it connected, its rated torque right?'

@@ -210,6 +210,7 @@ def wanted_objects(
     ------
     InputError
         For a time that no object can hold.
+
     """
     base = layout.can_id - node_id
     known = not layout.extended and base in canopen.TPDO_BASES

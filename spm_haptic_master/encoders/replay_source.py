@@ -152,12 +152,12 @@ class ReplaySource(EncoderSource):
 
     @property
     def cycles(self) -> int:
-        """Number of cycles of the bus so far, with and without a set."""
+        """Return the number of cycles of the bus so far, with and without a set."""
         return self._decoder.assembler.counters['cycles']
 
     @property
     def dropped(self) -> Counter[str]:
-        """Number of cycles and frames from which no set came, by reason."""
+        """Return the number of cycles and frames from which no set came, by reason."""
         return Counter(
             {
                 reason: count
@@ -206,7 +206,7 @@ class ReplaySource(EncoderSource):
 
     @property
     def _sets(self) -> int:
-        """Number of sets so far, over all rounds."""
+        """Return the number of sets so far, over all rounds."""
         return self._decoder.assembler.counters['sets']
 
     def _next_set(self) -> tuple[int, JointSample] | None:

@@ -29,7 +29,7 @@ class Presence(ParameterNode):
 
     Parameters
     ----------
-    parameters
+    parameters : Parameters
         Values from files and arguments; SettingError if one is invalid.
 
     """

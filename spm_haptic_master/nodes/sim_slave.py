@@ -50,7 +50,7 @@ class SimSlave(ParameterNode):
 
     Parameters
     ----------
-    parameters
+    parameters : Parameters
         Values from files and arguments; SettingError if one is invalid.
 
     """

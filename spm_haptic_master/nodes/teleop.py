@@ -61,7 +61,7 @@ class Teleop(ParameterNode):
 
     Parameters
     ----------
-    parameters
+    parameters : Parameters
         Values from files and arguments; SettingError if one is invalid.
 
     """

@@ -205,7 +205,7 @@ class SimulatedDrive:
 
     @property
     def _master_heartbeat(self) -> int | None:
-        """Identifier of the heartbeat that the drive supervises; None: it supervises none."""
+        """Return the identifier of the heartbeat that the drive supervises; None: it has none."""
         master = self.objects.value(*cia402.HEARTBEAT_CONSUMER)
         return canopen.HEARTBEAT_BASE + (master >> 16 & 0x7F) if master else None
 

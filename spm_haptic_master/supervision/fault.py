@@ -102,7 +102,7 @@ class Fault:
 
     @property
     def words(self) -> str:
-        """The fault in the words of `state`."""
+        """Return the fault in the words of `state`."""
         if self.needs_person:
             return f'{_names(self.jumped)} jumped, to be acknowledged'
         symptom = self.symptom
@@ -160,7 +160,7 @@ class FaultLatch:
 
     @property
     def words(self) -> str:
-        """The fault in the words of `state`; empty without one."""
+        """Return the fault in the words of `state`; empty without one."""
         return '' if self.fault is None else self.fault.words
 
     def latch(self, stamp: int, symptom: Symptom, jumped: Collection[int] = ()) -> None:

@@ -206,6 +206,7 @@ class ProgressBar:
     ----------
     name : str
         Name of the program.
+
     """
 
     def __init__(self, name: str):

@@ -92,6 +92,7 @@ class BringUp:
         Time in the part, s.
     still : float
         Time since a joint has turned by more than `STILL`, s.
+
     """
 
     def __init__(

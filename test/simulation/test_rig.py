@@ -157,7 +157,7 @@ def test_settings_that_contradict_each_other():
 
 
 def test_a_key_that_is_given_twice_is_refused(tmp_path):
-    """JSON's reader would take the last one."""
+    """The reader of JSON would take the last one."""
     path = tmp_path / 'rig.json'
     path.write_text('{"noise_deg": [0.0, 0.0, 0.0, 0.0], "noise_deg": [1.0, 1.0, 1.0, 1.0]}')
     with pytest.raises(

@@ -269,6 +269,7 @@ class Guide:
     ----------
     layout : Layout
         The rig as drawn, with the largest tolerances that it may have.
+
     """
 
     def __init__(self, layout: Layout):

@@ -52,6 +52,7 @@ class CalibrationWatch:
         Latest evaluation; None before the first one.
     caution : str
         What drifted, in words; empty while the calibration holds.
+
     """
 
     def __init__(
