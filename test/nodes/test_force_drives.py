@@ -31,6 +31,7 @@ MASTER = {
 }
 
 
+@pytest.mark.alone
 def test_drives_make_what_the_client_commands_and_their_loss_is_a_fault(start, bus_channel):
     bus = {'can.interface': 'udp_multicast', 'can.channel': bus_channel}
     devices = start(
