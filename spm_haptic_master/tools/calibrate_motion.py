@@ -26,7 +26,7 @@ from spm_haptic_master.calibration.motion.motion_file import motion_text, Origin
 from spm_haptic_master.calibration.motion.outside_reference import Mounted, mounted
 from spm_haptic_master.calibration.recording import raw_counts, Recording
 from spm_haptic_master.calibration.report import checksum, report_paths, write_report
-from spm_haptic_master.encoders.counts_watch import resolution_hint
+from spm_haptic_master.encoders.counts_watch import smaller_resolution
 from spm_haptic_master.encoders.encoder_layout import TURN
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import CalibrationError, InputError
@@ -239,8 +239,46 @@ def _calibrated(
                 bar.stage,
             )
     except CalibrationError as error:
-        hint = resolution_hint(angles, counts_per_turn)
+        hint = _resolution_hint(layout, recording, counts_per_turn)
         raise CalibrationError(f'{error}{hint}') from error
+
+
+def _resolution_hint(layout: Layout, recording: Recording, counts_per_turn: Sequence[int]) -> str:
+    """
+    Return which smaller resolution makes the motion that of the mechanism.
+
+    It is tried: encoders whose counts stay below it by chance do not have it.
+
+    Parameters
+    ----------
+    layout : Layout
+        The rig as drawn.
+    recording : Recording
+        Stamps, ns, and angles, rad, by the counts alone.
+    counts_per_turn : sequence of int
+        Configured counts of each encoder in a turn, N values.
+
+    Returns
+    -------
+    str
+        The hint; empty if there is no smaller resolution, or the motion does not fit by it.
+
+    """
+    stamps, angles = recording
+    smaller = smaller_resolution(angles, counts_per_turn)
+    if smaller is None:
+        return ''
+    rescaled = angles % TURN * (np.array(counts_per_turn) / smaller)
+    try:
+        with ProgressBar('calibrate') as bar:
+            calibrate_motion(layout, stamps, rescaled, None, bar.stage)
+    except CalibrationError:
+        return ''
+    return (
+        f'; no count of the motion reaches {smaller}, and with {smaller} counts per turn it is '
+        f'that of the mechanism: encoders.counts_per_turn is {min(counts_per_turn)} '
+        '(can_scan prints what the encoders have)'
+    )
 
 
 def _check_references(options: argparse.Namespace, source: str) -> None:
