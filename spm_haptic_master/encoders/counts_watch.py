@@ -86,12 +86,9 @@ class CountsTrack:
         return self.beyond <= BEYOND_SHARE * self.frames
 
 
-def smaller_resolution(angles: NDArray[np.float64], counts_per_turn: Sequence[int]) -> int | None:
+def resolution_hint(angles: NDArray[np.float64], counts_per_turn: Sequence[int]) -> str:
     """
-    Return the smaller resolution that all encoders may have.
-
-    That no count reaches it does not prove it: the joints may have moved in that part of a turn
-    alone.
+    Return that all encoders may have a smaller resolution than configured.
 
     Parameters
     ----------
@@ -102,15 +99,20 @@ def smaller_resolution(angles: NDArray[np.float64], counts_per_turn: Sequence[in
 
     Returns
     -------
-    int or None
-        Smallest power of two above all counts; None if it is not at most half a turn.
+    str
+        The hint; empty if there is none.
 
     """
     if not len(angles):
-        return None
+        return ''
     largest = int(np.max(np.round(angles % TURN * np.array(counts_per_turn) / TURN)))
     smaller = 1 << max(1, largest).bit_length()
-    return smaller if 2 * smaller <= min(counts_per_turn) else None
+    if 2 * smaller > min(counts_per_turn):
+        return ''
+    return (
+        f'; no count of the whole motion reaches {smaller}, and encoders.counts_per_turn is '
+        f'{min(counts_per_turn)}: is it {smaller}? (can_scan reads it)'
+    )
 
 
 class CountsWatch:

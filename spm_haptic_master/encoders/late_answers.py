@@ -12,13 +12,15 @@ without one, an encoder owes an answer. What shows whether it was lost or still 
 - an answer that comes first in a cycle although another joint's usually does: a late one;
 - several encoders that miss the same cycle: the answers are queued somewhere;
 - a cycle of two periods (SYNC left out): an encoder that answers twice in it is late by cycles.
+  It may also be that SYNC and other frames were lost there. But what is late has nothing to send
+  as many cycles after the long one: no answer misses then, and it was not late.
 
 A single answer that is missing without any of these counts as lost.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
 # Length of a cycle that shows which encoders answer late by whole cycles (periods): nearly two,
@@ -55,6 +57,27 @@ class Debt:
     counted: bool = False
 
 
+@dataclass(slots=True)
+class Lateness:
+    """
+    What a long cycle has shown of a joint that seems to answer late by whole cycles.
+
+    Attributes
+    ----------
+    is_confirmed : bool
+        Whether it missed a cycle after the long one, as it then has to.
+    cycles : int
+        Cycles since the long one.
+    in_time : int
+        Long cycles in a row since then in which it answered once.
+
+    """
+
+    is_confirmed: bool = False
+    cycles: int = 0
+    in_time: int = 0
+
+
 class LateAnswers:
     """
     Account of each joint's missing answers.
@@ -70,9 +93,8 @@ class LateAnswers:
     ----------
     owed : dict of int to Debt
         Debts by index of the joint; a joint that owes no answer has none.
-    behind : dict of int to int
-        Joints shown to answer late by whole cycles, and the long cycles in a row since in which
-        they did not; none of their answers is taken.
+    behind : dict of int to Lateness
+        Joints shown to answer late by whole cycles; none of their answers is taken.
     unproven : set of int
         Joints of which no long cycle has shown that they answer in time.
 
@@ -81,7 +103,7 @@ class LateAnswers:
     def __init__(self, count: int, span: float):
         self._span = span
         self.owed: dict[int, Debt] = {}
-        self.behind: dict[int, int] = {}
+        self.behind: dict[int, Lateness] = {}
         self.unproven = set(range(count))
 
     @property
@@ -108,6 +130,27 @@ class LateAnswers:
             debt.until = start + self._span
             debt.queued |= len(missing) > 1 or debt.answers > 1
             self.unproven.add(index)
+
+    def confirm(self, missing: Collection[int], is_clean: bool) -> None:
+        """
+        Judge the late joints by a cycle: one that misses none was not late.
+
+        Parameters
+        ----------
+        missing : collection of int
+            Joints without an answer in the cycle.
+        is_clean : bool
+            Whether it shows no sign of a lost frame but for these.
+
+        """
+        # Frames are lost in bursts, with those of other joints.
+        proves = is_clean and self.behind.keys() >= set(missing)
+        for index, lateness in list(self.behind.items()):
+            lateness.cycles += 1
+            if proves and index in missing:
+                lateness.is_confirmed = True
+            elif not lateness.is_confirmed and lateness.cycles > LONGEST_QUEUE:
+                del self.behind[index]
 
     def return_of(self, index: int, missed: int, start: float, lost: int | None) -> None:
         """
@@ -196,15 +239,19 @@ class LateAnswers:
         # If all answer twice, it was SYNC that was lost.
         if not once:
             return
-        self.behind |= dict.fromkeys(late, 0)
+        for index in late:
+            known = self.behind.get(index)
+            self.behind[index] = Lateness(known is not None and known.is_confirmed)
         self.unproven |= late
         for index in once:
             self.owed.pop(index, None)
-            good = self.behind.pop(index, CLEARING_CYCLES - 1) + 1
-            if good < CLEARING_CYCLES:
-                self.behind[index] = good
-            else:
-                self.unproven.discard(index)
+            lateness = self.behind.get(index)
+            if lateness is not None:
+                lateness.in_time += 1
+                if lateness.in_time < CLEARING_CYCLES:
+                    continue
+                del self.behind[index]
+            self.unproven.discard(index)
 
     def _settle(self, index: int, answers: int) -> None:
         """Take a number of answers off a joint's debt."""

@@ -66,6 +66,8 @@ class Cycle:
         Joints whose first answer was taken for a late one, and not for this cycle's.
     returned : dict of int to (int or None)
         Joints that were not waited for and answered, and what their counters left out.
+    broken : bool
+        Whether a joint answered again after more than a period: frames between were lost.
 
     """
 
@@ -80,6 +82,7 @@ class Cycle:
     tardy: set[int] = field(default_factory=set)
     paid: set[int] = field(default_factory=set)
     returned: dict[int, int | None] = field(default_factory=dict)
+    broken: bool = False
 
     @property
     def missing(self) -> list[int]:
@@ -260,6 +263,8 @@ class SetAssembler:
     def _late(self, cycle: Cycle, index: int, stamp: float) -> str | None:
         """Note an answer that is not in time; return why it is none, if it is too late."""
         cycle.tardy.add(index)
+        if stamp - self._answered_at[index] > OVERDUE * self._period:
+            cycle.broken = True
         if 0.0 <= stamp - cycle.start <= self._window:
             return None
         reason = f'answer from {self._joints[index]} outside the window'
@@ -392,7 +397,8 @@ class SetAssembler:
             sample = self._make(cycle)
         self._note_missing(cycle)
         late = self.late
-        if long:
+        late.confirm(cycle.missing, not long and not cycle.tardy)
+        if long and not cycle.broken:
             late.long_cycle(cycle.once, surplus & cycle.tardy)
         late.expire(end)
         self._unsettled = bool(late.owed or late.behind or self.absent or self._silent)

@@ -12,6 +12,7 @@ from encoder_frames import feed, PERIOD, sync, T0
 from marked_cycles import by_cycle, COUNTER, cycle, frame, rig
 import pytest
 from scripted_bus import cycles, opening_of, run
+from spm_haptic_master.encoders.late_answers import LONGEST_QUEUE
 
 LATE = 'answers late by whole cycles'
 
@@ -144,6 +145,46 @@ def test_a_lost_sync_is_no_sign_that_all_are_late():
     taker, layouts = rig(6)
     stream = [each for number in range(40) for each in cycle(layouts, number)[number == 20 :]]
     assert by_cycle(feed(taker, stream)) == {n: set() for n in range(40) if n != 20}
+
+
+def test_a_gap_in_which_frames_were_lost_shows_no_late_encoder():
+    """E3: the receiver's queue ran over; behind it all but one seem to answer twice."""
+    taker, layouts = rig(4)
+    stream = [each for number in range(100) for each in cycle(layouts, number)]
+    # Five frames a cycle: from the end of one until behind the first answer of a later one.
+    del stream[5 * 20 : 5 * 50 + 2]
+    assert [*by_cycle(feed(taker, stream))] == [*range(20), *range(51, 100)]
+
+
+def test_a_cycle_that_two_lost_frames_made_long_is_forgotten():
+    """E3: a late encoder would have had nothing to send in a later cycle."""
+    taker, layouts = rig(4)
+    end = 21 + LONGEST_QUEUE
+    stream = [each for number in range(end + 50) for each in cycle(layouts, number)]
+    # SYNC, and the first answer behind it.
+    del stream[5 * 20 : 5 * 20 + 2]
+    found = by_cycle(feed(taker, stream))
+    assert [*found][:20] == [*range(20)]
+    assert [*found][20:] == [*range(end + 1, end + 50)]
+
+
+def test_frames_that_are_lost_again_confirm_no_late_encoder():
+    taker, layouts = rig(4)
+    end = 21 + LONGEST_QUEUE
+    stream = [each for number in range(end + 50) for each in cycle(layouts, number)]
+    # Behind the first gap another one, from the second answer of a cycle to the end of the next.
+    del stream[5 * 30 + 2 : 5 * 32]
+    del stream[5 * 20 : 5 * 20 + 2]
+    found = by_cycle(feed(taker, stream))
+    # Its SYNC was lost: a cycle less.
+    assert [number for number in found if number > 20] == [*range(end + 2, end + 50)]
+
+
+@pytest.mark.parametrize('by', [1, 2, 3])
+def test_a_late_encoder_that_a_single_long_cycle_has_shown_stays_one(by):
+    taker, layouts = rig(4)
+    stream = late_stream(layouts, 3, by, 0, 60 + 10 * LONGEST_QUEUE, gaps={20})
+    assert max(by_cycle(feed(taker, stream), 20)) == 19
 
 
 def test_the_driver_leaves_sync_out_until_all_are_proven(producing):
