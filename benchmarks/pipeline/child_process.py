@@ -61,11 +61,11 @@ def private_environment() -> dict[str, str]:
     They differ from those of other processes on the host. RuntimeError: all are reserved.
     """
     domain, _ = _domain()
+    local = {**os.environ, runner.RANGE: 'LOCALHOST'}
     return {
-        **os.environ,
-        **runner.discovery_profile(os.environ),
+        **local,
+        **runner.dds_profile(local),
         'ROS_DOMAIN_ID': str(domain),
-        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
         'CAN_CONFIG': json.dumps({'port': FIRST_BUS_PORT + domain}),
         'PYTHONUNBUFFERED': '1',
     }

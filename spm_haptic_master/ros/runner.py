@@ -46,6 +46,8 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 PROFILE_VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
 # Environment variable that says which hosts are heard.
 RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
+# Environment variable that names hosts to be looked for.
+STATIC_PEERS = 'ROS_STATIC_PEERS'
 # Files of profiles that Fast DDS reads in the working directory.
 PROFILES = ('DEFAULT_FASTRTPS_PROFILES.xml', 'DEFAULT_FASTDDS_PROFILES.xml')
 
@@ -137,7 +139,6 @@ class _Process:
     ) -> None:
         """Make and start the nodes; SpmError for arguments and settings that are refused."""
         command_line, parameters = self._read_arguments(args)
-        os.environ.update(force_profile(os.environ, parameters))
         _init(command_line)
         if owned:
             wait_until_alone(owned, lambda: self._signals)
@@ -226,7 +227,7 @@ class _Process:
 def _init(command_line: list[str]) -> None:
     """Start rclpy and the log; InputError for arguments that rcl rejects."""
     # Fast DDS reads it when the first node is made.
-    os.environ.update(discovery_profile(os.environ))
+    os.environ.update(dds_profile(os.environ))
     try:
         rclpy.init(
             args=[*command_line, '--ros-args', node_log.NO_CONSOLE],
@@ -237,49 +238,17 @@ def _init(command_line: list[str]) -> None:
     node_log.begin(command_line)
 
 
-def force_profile(environment: Mapping[str, str], parameters: Parameters) -> dict[str, str]:
-    """
-    Return the variables that select the profile of a process with force feedback.
-
-    Sending through shared memory needs a mutex of each reader: a reader that is stopped while it
-    holds it would stop samples and torques. So there is none. With the range LOCALHOST rmw would
-    choose it nevertheless: the profile has this host alone instead.
-
-    Parameters
-    ----------
-    environment : mapping
-        The environment of the process, which may name a profile of the user.
-    parameters : Parameters
-        Of the process.
-
-    Returns
-    -------
-    dict
-        Variables and values; empty without force, or if the user has a profile.
-
-    """
-    if parameters.of('fkm').get('force.enabled') is not True or _has_profile(environment):
-        return {}
-    is_local = environment.get(RANGE) == 'LOCALHOST'
-    name = 'fastdds_force_localhost.xml' if is_local else 'fastdds_force.xml'
-    found = dict.fromkeys(PROFILE_VARIABLES, str(config_directory() / name))
-    return {**found, RANGE: 'SUBNET'} if is_local else found
-
-
-def _has_profile(environment: Mapping[str, str]) -> bool:
-    """Return whether the user has a profile of Fast DDS."""
-    own = str(config_directory() / 'fastdds.xml')
-    chosen = (environment.get(name) for name in PROFILE_VARIABLES)
-    return any(path and path != own for path in chosen) or any(
-        Path(name).exists() for name in PROFILES
-    )
-
-
-def discovery_profile(environment: Mapping[str, str]) -> dict[str, str]:
+def dds_profile(environment: Mapping[str, str]) -> dict[str, str]:
     """
     Return the variables that select the package's profile of Fast DDS.
 
-    Without it a process whose first announcement is lost waits 3 s for the next one.
+    Sending through shared memory needs a mutex of each reader: a reader that is stopped while it
+    holds it would stop samples, orientation and torques. So the profile has UDP alone. With the
+    range LOCALHOST rmw would add shared memory again: there the profile itself has this host
+    alone, and the range is SUBNET.
+
+    And it announces the process four times a second: without it a process whose first
+    announcement is lost waits 3 s for the next one.
 
     Parameters
     ----------
@@ -289,10 +258,16 @@ def discovery_profile(environment: Mapping[str, str]) -> dict[str, str]:
     Returns
     -------
     dict
-        Variables and the path of the profile; empty if the user has a profile.
+        Variables and values; empty if the user has a profile.
 
     """
-    is_chosen = any(environment.get(name) for name in PROFILE_VARIABLES)
-    if is_chosen or any(Path(name).exists() for name in PROFILES):
+    subnet = str(config_directory() / 'fastdds.xml')
+    localhost = str(config_directory() / 'fastdds_localhost.xml')
+    chosen = {environment[name] for name in PROFILE_VARIABLES if environment.get(name)}
+    if chosen - {subnet, localhost} or any(Path(name).exists() for name in PROFILES):
         return {}
-    return dict.fromkeys(PROFILE_VARIABLES, str(config_directory() / 'fastdds.xml'))
+    # A static peer may be another host: only the range decides there.
+    is_local = environment.get(RANGE) == 'LOCALHOST' and not environment.get(STATIC_PEERS)
+    if is_local or localhost in chosen:
+        return {**dict.fromkeys(PROFILE_VARIABLES, localhost), RANGE: 'SUBNET'}
+    return dict.fromkeys(PROFILE_VARIABLES, subnet)

@@ -40,8 +40,7 @@ class Light(Enum):
     GREY = '#57606a', '\u2026'
 
     def __init__(self, colour: str, sign: str) -> None:
-        self.colour = colour
-        self.sign = sign
+        self.colour, self.sign = colour, sign
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,8 +74,7 @@ class SampleAge:
 
     def renew(self, now: float) -> None:
         """Note joint angles that came at a time, s."""
-        self._came = now
-        self.value = 0.0
+        self._came, self.value = now, 0.0
 
     def tick(self, now: float) -> None:
         """
@@ -92,8 +90,7 @@ class SampleAge:
         # After a pause of this process itself, what came meanwhile is not read yet.
         if self.value is not None and (self._late or not late):
             self.value = now - self._came
-        self._ticked = now
-        self._late = late
+        self._ticked, self._late = now, late
 
 
 def banner(
@@ -182,9 +179,7 @@ class SensorState(Enum):
     UNKNOWN = 'unknown', Light.GREY.colour, '\u2026'
 
     def __init__(self, words: str, colour: str, sign: str) -> None:
-        self.words = words
-        self.colour = colour
-        self.sign = sign
+        self.words, self.colour, self.sign = words, colour, sign
 
 
 def sensor_states(

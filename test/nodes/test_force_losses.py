@@ -18,10 +18,12 @@ import can
 from disturbance import Disturbance, SKIPPED
 import force_client
 from force_client import PATIENCE, TORQUE
+from geometry_msgs.msg import QuaternionStamped
 from harness import Observer, SIMULATED, SIMULATED_CHECK
 import numpy as np
 import pytest
 from spm_haptic_master.encoders import canopen
+from spm_haptic_master.ros.runner import PROFILE_VARIABLES, RANGE
 
 pytestmark = [pytest.mark.process, pytest.mark.alone]
 
@@ -274,7 +276,7 @@ def test_one_drive_that_restarts(rig):
     )
 
 
-# A reader of `orientation`, as any other program.
+# A reader of `orientation`, as any other program: with shared memory.
 READER = """
 import sys, rclpy
 from geometry_msgs.msg import QuaternionStamped
@@ -283,41 +285,60 @@ node = rclpy.create_node('reader')
 node.create_subscription(QuaternionStamped, sys.argv[1], lambda message: None, 10)
 rclpy.spin(node)
 """
-# Stops of the reader, the time of one and between two (s), and the time after which a frame has
-# to come (s).
+# Stops of the reader, the time of one and between two (s), and the time after which frames and
+# orientations have to come (s).
 STOPS = 100
 STOPPED = 0.3
 BETWEEN = 0.1
 SOON = 0.1
 
 
-def test_a_reader_that_stands_still_stops_no_torque_frames(rig):
-    """A9: it may hold a mutex in shared memory that sending `orientation` needs."""
+def foreign_environment():
+    """Return the environment of a program on this host that knows nothing of the package."""
+    foreign = private_environment() | {RANGE: 'LOCALHOST'}
+    for name in PROFILE_VARIABLES:
+        del foreign[name]
+    return foreign
+
+
+def test_a_reader_that_stands_still_stops_neither_torque_frames_nor_orientation(rig):
+    """A9: it may hold a mutex in shared memory that sending `orientation` would need."""
     # With a torque: the bring-up of the drives has pauses of its own.
     running = rig(PATIENT)
     observer = running.observer
-    ear = running.ear
+    # Their times alone: to search ten thousand messages for garbage stops this process at times.
+    heard = []
+    observer.node.create_subscription(
+        QuaternionStamped, '/lost/orientation', lambda _: heard.append(time.time()), 10
+    )
     reader = subprocess.Popen(
-        [sys.executable, '-c', READER, '/lost/orientation'], env=private_environment()
+        [sys.executable, '-c', READER, '/lost/orientation'], env=foreign_environment()
     )
     try:
         assert observer.spin_until(
-            lambda: observer.node.count_subscribers('/lost/orientation'), PATIENCE
+            lambda: observer.node.count_subscribers('/lost/orientation') == 2 and heard,
+            PATIENCE,
         )
-        pauses = []
+        without_frames = []
+        without_orientation = []
         with Disturbance() as machine:
             for number in range(STOPS):
                 os.kill(reader.pid, signal.SIGSTOP)
-                began = time.time()
-                time.sleep(STOPPED)
-                if not ear.of(COMMANDS[:1], began + SOON):
-                    pauses.append(number)
+                due = time.time() + SOON
+                observer.spin(STOPPED)
+                if not running.ear.of(COMMANDS[:1], due):
+                    without_frames.append(number)
+                if heard[-1] < due:
+                    without_orientation.append(number)
                 os.kill(reader.pid, signal.SIGCONT)
-                time.sleep(BETWEEN)
+                observer.spin(BETWEEN)
     finally:
         reader.kill()
         reader.wait()
-    machine.expect(not pauses, f'no frames in the stops {pauses}')
+    machine.expect(
+        not without_frames and not without_orientation,
+        f'stops without frames {without_frames}, without orientation {without_orientation}',
+    )
 
 
 @pytest.mark.evidence

@@ -10,7 +10,6 @@ Fast DDS has the network and nothing else. It takes root and iproute2; elsewhere
 
 from contextlib import ExitStack
 import os
-from pathlib import Path
 import shutil
 import signal
 import subprocess
@@ -23,6 +22,7 @@ from disturbance import Disturbance
 from harness import start_command
 import numpy as np
 import pytest
+from spm_haptic_master.ros.runner import PROFILE_VARIABLES
 
 pytestmark = [pytest.mark.process, pytest.mark.alone, pytest.mark.evidence]
 
@@ -46,11 +46,9 @@ def ip(*args: str) -> None:
 class Host:
     """A network namespace, and what runs in it."""
 
-    def __init__(self, name: str, shared_memory: Path, stack: ExitStack):
+    def __init__(self, name: str, stack: ExitStack):
         self.namespace = f'spm_{os.getpid()}_{name}'
         self.link = f'v{os.getpid()}{name[0]}'
-        self._shared_memory = shared_memory
-        shared_memory.mkdir()
         self._stack = stack
         ip('netns', 'add', self.namespace)
         stack.callback(ip, 'netns', 'del', self.namespace)
@@ -74,28 +72,26 @@ class Host:
                 'netns',
                 'exec',
                 self.namespace,
-                'sh',
-                '-c',
-                'mount --bind "$0" /dev/shm && exec "$@"',
-                str(self._shared_memory),
                 sys.executable,
                 '-m',
                 *command,
             ],
             ROS_AUTOMATIC_DISCOVERY_RANGE='SUBNET',
+            # The tests' own one is of this host alone.
+            **dict.fromkeys(PROFILE_VARIABLES, ''),
         )
         self._stack.callback(program.kill)
         return program
 
 
 @pytest.fixture
-def hosts(tmp_path):
+def hosts():
     """Give two hosts with a link between them."""
     if os.getuid() != 0 or shutil.which('ip') is None:
         pytest.skip('two network namespaces take root and iproute2')
     with ExitStack() as stack:
         try:
-            both = {name: Host(name, tmp_path / name, stack) for name in ADDRESSES}
+            both = {name: Host(name, stack) for name in ADDRESSES}
             ip(
                 'link',
                 'add',

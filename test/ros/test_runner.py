@@ -13,7 +13,6 @@ import pytest
 import rclpy
 from rclpy.executors import ExternalShutdownException
 from spm_haptic_master.exceptions import InputError, SettingError, SourceEnded
-from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.parameters.setting import Setting
 from spm_haptic_master.ros import duplicate_publishers, node_log, realtime, runner
 from spm_haptic_master.ros.parameters import ParameterNode
@@ -190,38 +189,38 @@ def test_owned_topics_are_looked_for_before_the_nodes_are_made(applied, monkeypa
     assert looked == [({'fkm': 'orientation'}, [])]
 
 
+LOCAL = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+SUBNET = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'}
+PEERS = {'ROS_STATIC_PEERS': '192.168.1.20'}
+
+
 @pytest.mark.parametrize(
     ('environment', 'name', 'more'),
     [
-        ({}, 'fastdds_force.xml', {}),
-        ({'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'}, 'fastdds_force.xml', {}),
-        (
-            {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'},
-            'fastdds_force_localhost.xml',
-            {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'},
-        ),
+        ({}, 'fastdds.xml', {}),
+        (SUBNET, 'fastdds.xml', {}),
+        (LOCAL, 'fastdds_localhost.xml', SUBNET),
+        # Another host: not this one alone.
+        (LOCAL | PEERS, 'fastdds.xml', {}),
     ],
 )
-def test_a_process_with_force_has_no_shared_memory(tmp_path, monkeypatch, environment, name, more):
-    """A9: with it a reader that is stopped stops the torque."""
+def test_no_process_has_shared_memory(tmp_path, monkeypatch, environment, name, more):
+    """A9: with it a reader that is stopped stops samples, orientation and torques."""
     monkeypatch.chdir(tmp_path)
-    enabled = Parameters(arguments=['force.enabled:=true'])
-    found = runner.force_profile(environment, enabled)
-    paths = {found.pop(variable) for variable in runner.PROFILE_VARIABLES}
-    assert {Path(path).name for path in paths} == {name} and found == more
+    found = runner.dds_profile(environment)
+    paths = {found[variable] for variable in runner.PROFILE_VARIABLES}
     (path,) = paths
+    assert Path(path).name == name
+    assert found == more | dict.fromkeys(runner.PROFILE_VARIABLES, path)
     assert '<useBuiltinTransports>false<' in Path(path).read_text()
-    # Not without force, nor where the user has a profile; the package's other one is none.
-    assert runner.force_profile(environment, Parameters()) == {}
-    mine = environment | dict.fromkeys(runner.PROFILE_VARIABLES, 'mine.xml')
-    assert runner.force_profile(mine, enabled) == {}
-    ours = environment | runner.discovery_profile({})
-    assert runner.force_profile(ours, enabled)
+    # A process that this one starts has the same.
+    inherited = environment | found
+    assert inherited | runner.dds_profile(inherited) == inherited
 
 
 def test_the_packages_profile_is_selected_where_the_user_has_none(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    profile = runner.discovery_profile
+    profile = runner.dds_profile
     names = runner.PROFILE_VARIABLES
     selected = profile({})
     assert set(selected) == set(names)

@@ -146,8 +146,7 @@ class Layout:
     @cached_property
     def deviations(self) -> Array:
         """Return the standard deviation of each parameter before the fit, rad; inf for zeros."""
-        mechanism = self.mechanism_tolerance
-        harmonic = self.harmonic_tolerance
+        mechanism, harmonic = self.mechanism_tolerance, self.harmonic_tolerance
         return np.repeat(
             (np.inf, *[mechanism] * 3, harmonic, harmonic * SECOND_HARMONIC),
             [len(self.columns(group)) for group in GROUPS],
@@ -236,8 +235,7 @@ class Layout:
         for order, (cosine, sine) in enumerate((each.T for each in self.harmonics(vector)), 1):
             if not (cosine.any() or sine.any()):
                 continue
-            c = np.cos(order * angles)
-            s = np.sin(order * angles)
+            c, s = np.cos(order * angles), np.sin(order * angles)
             deviation = deviation + cosine * c + sine * s
             slope = slope + order * (sine * c - cosine * s)
         return deviation, slope
