@@ -153,14 +153,9 @@ def import_cantools() -> Any:
 def _described(frame: Any) -> DescribedFrame | None:
     """Return the settings of a frame with a position, None for another frame."""
     signals = [signal for signal in frame.signals if not signal.is_float]
-    positions = [
-        signal
-        for signal in signals
-        if signal.length >= LEAST_BITS and POSITION.search(signal.name)
-    ]
-    if not positions:
+    position = _position(signals)
+    if position is None:
         return None
-    position = max(positions, key=lambda signal: signal.length)
     others = [signal for signal in signals if signal is not position]
     counter = _first(others, COUNTER)
     status = _first([signal for signal in others if signal is not counter], STATUS)
@@ -187,6 +182,16 @@ def _described(frame: Any) -> DescribedFrame | None:
         status_good=_good_value(status, status_mask, remarks),
         remarks=tuple(remarks),
     )
+
+
+def _position(signals: list[Any]) -> Any:
+    """Return the longest signal that is named like a position, None without one."""
+    positions = [
+        signal
+        for signal in signals
+        if signal.length >= LEAST_BITS and POSITION.search(signal.name)
+    ]
+    return max(positions, key=lambda signal: signal.length, default=None)
 
 
 def _first(signals: list[Any], name: re.Pattern[str]) -> Any:

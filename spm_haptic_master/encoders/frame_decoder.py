@@ -278,14 +278,7 @@ class FrameDecoder:
             The problems in words; None without any.
 
         """
-        reasons = (
-            self.network.by_joint(lambda node: self._concern(node, now)) if self.network else {}
-        )
-        # Copied in one step: another thread changes it.
-        reasons |= dict.fromkeys(tuple(self.assembler.late.behind), BEHIND)
-        for index in range(len(self.encoders)):
-            if index not in reasons and self._is_without_reading(index, now):
-                reasons[index] = self._trouble(index, now, CAUTION_HOLD)
+        reasons = self._cautions_by_joint(now)
         found = [
             f'{self.encoders[index].layout.joint}: {reasons[index]}' for index in sorted(reasons)
         ]
@@ -295,6 +288,18 @@ class FrameDecoder:
         if surplus and recent(surplus[0], now, CAUTION_HOLD):
             found.append(surplus[1])
         return '; '.join(found) or None
+
+    def _cautions_by_joint(self, now: float) -> dict[int, str]:
+        """Return what is wrong with the encoders of joints, by index, at a time, s."""
+        reasons = (
+            self.network.by_joint(lambda node: self._concern(node, now)) if self.network else {}
+        )
+        # Copied in one step: another thread changes it.
+        reasons |= dict.fromkeys(tuple(self.assembler.late.behind), BEHIND)
+        for index in range(len(self.encoders)):
+            if index not in reasons and self._is_without_reading(index, now):
+                reasons[index] = self._trouble(index, now, CAUTION_HOLD)
+        return reasons
 
     def _is_without_reading(self, index: int, now: float) -> bool:
         """Return whether a joint is silent, or its frames say that they are no readings."""

@@ -261,25 +261,34 @@ class LogFile:
     def _trouble(self, error: Exception) -> str:
         """Return where the log cannot be read, and what was expected there."""
         at = f'after line {self._number}, ' if self._number else ''
-        expected = EXPECTED[self._suffix]
-        compressed = self.path.suffix.lower() == COMPRESSED
-        damaged = (
-            isinstance(error, (EOFError, zlib.error)) or 'gzip' in type(error).__name__.lower()
-        )
-        if damaged and compressed:
+        damaged = _is_damage(error)
+        if damaged and self.path.suffix.lower() == COMPRESSED:
             return f'{at}the compressed data end or are broken; expected a whole {COMPRESSED} file'
         if isinstance(error, OSError) and not damaged:
             return f'{at}{error.strerror or error}'
         if self._number:
-            quoted = self._line.rstrip('\r\n')
-            dots = ' ...' if len(quoted) > QUOTED else ''
-            cure = (
-                ''
-                if self._line.endswith('\n')
-                else f'; it is the last line: `sed -i "$ d" {self.path.name}` removes it'
-            )
-            return f'line {self._number} is {quoted[:QUOTED]!r}{dots}; expected {expected}{cure}'
+            return self._trouble_of_line()
+        expected = EXPECTED[self._suffix]
         if damaged:
             return f'its data are damaged; expected {expected}'
         reason = 'it is cut' if isinstance(error, struct.error) else str(error).partition('\n')[0]
         return f'{reason}; expected {expected}'
+
+    def _trouble_of_line(self) -> str:
+        """Return the line that cannot be read, and how to remove it if it is the last one."""
+        quoted = self._line.rstrip('\r\n')
+        dots = ' ...' if len(quoted) > QUOTED else ''
+        cure = (
+            ''
+            if self._line.endswith('\n')
+            else f'; it is the last line: `sed -i "$ d" {self.path.name}` removes it'
+        )
+        return (
+            f'line {self._number} is {quoted[:QUOTED]!r}{dots}; expected '
+            f'{EXPECTED[self._suffix]}{cure}'
+        )
+
+
+def _is_damage(error: Exception) -> bool:
+    """Return whether an error is one of compressed data, in a file or in a block of a log."""
+    return isinstance(error, (EOFError, zlib.error)) or 'gzip' in type(error).__name__.lower()

@@ -68,16 +68,12 @@ def rig_lines(scan: BusScan, expected: Expected, given: GivenBus) -> list[str]:
     count = len(node_ids)
     if not len(JOINT_NAMES) <= count <= len(ALL_JOINT_NAMES):
         return [f'# none: {_too_few_or_many(scan, count)}']
-    # One SYNC has no rate.
-    rate = round_rate(scan.master_rate) if scan.master_rate else expected.rate
-    sync = 'produce' if scan.master_sync is None else 'consume'
     return [
         '/**:',
         '  ros__parameters:',
         '    source: can',
         *([] if count == len(JOINT_NAMES) else [f'    sensors: {count}']),
-        f'    rate: {rate!r}',
-        f'    can: {{{given.text}, sync: {sync}}}',
+        *_of_bus(scan, expected, given),
         '    encoders:',
         f'      # {", ".join(ALL_JOINT_NAMES[:count])}',
         f'      node_id: {node_ids}',
@@ -89,6 +85,14 @@ def rig_lines(scan: BusScan, expected: Expected, given: GivenBus) -> list[str]:
             for layout, node_id in expected.axes
         ),
     ]
+
+
+def _of_bus(scan: BusScan, expected: Expected, given: GivenBus) -> list[str]:
+    """Return the lines of the rate and of the bus."""
+    # One SYNC has no rate.
+    rate = round_rate(scan.master_rate) if scan.master_rate else expected.rate
+    sync = 'produce' if scan.master_sync is None else 'consume'
+    return [f'    rate: {rate!r}', f'    can: {{{given.text}, sync: {sync}}}']
 
 
 def _in_order(identifiers: dict[int, int], configured: tuple[int, ...]) -> list[int]:
@@ -158,11 +162,7 @@ def round_rate(rate: float) -> float:
 
 def _identifiers(scan: BusScan, expected: Expected) -> dict[int, int]:
     """Return the identifier of each encoder's frame by node id."""
-    found = {
-        node_id: layout.can_id
-        for layout, node_id in zip(expected.layouts, expected.node_ids or (), strict=True)
-        if not layout.extended and (False, layout.can_id) in scan.frames
-    }
+    found = _as_configured(scan, expected)
     foreign = _foreign(scan, expected)
     for identifier in _tpdos(scan):
         node_id = identifier & canopen.NODE_ID_MAXIMUM
@@ -173,6 +173,15 @@ def _identifiers(scan: BusScan, expected: Expected) -> dict[int, int]:
             # Not heard: that of the predefined connection set.
             found.setdefault(node_id, canopen.TPDO_BASES[0] + node_id)
     return found
+
+
+def _as_configured(scan: BusScan, expected: Expected) -> dict[int, int]:
+    """Return the configured identifiers that were heard, by node id."""
+    return {
+        node_id: layout.can_id
+        for layout, node_id in zip(expected.layouts, expected.node_ids or (), strict=True)
+        if not layout.extended and (False, layout.can_id) in scan.frames
+    }
 
 
 def _tpdos(scan: BusScan) -> list[int]:

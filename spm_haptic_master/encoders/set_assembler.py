@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
-from math import nan
+from math import inf, nan
 
 from spm_haptic_master.encoders.late_answers import LateAnswers, LONG_CYCLE
 from spm_haptic_master.encoders.source import JointSample
@@ -142,8 +142,9 @@ class SetAssembler:
         self._synchronised = synchronised
         self._window = window
         self._period = period
-        # Longest time from SYNC to an answer before the next SYNC, s.
-        self._in_time = min(window, period)
+        # Longest time from SYNC to an answer before the next SYNC, s; without SYNC any frame of a
+        # cycle is in time.
+        self._in_time = min(window, period) if synchronised else inf
         self.counters: Counter[str] = Counter()
         # Time of the latest answer of each joint, s.
         self._answered_at = [nan] * len(joints)
@@ -223,35 +224,42 @@ class SetAssembler:
             The set that it completes, or whose cycle it ends.
 
         """
-        ended = None
-        if not self._synchronised and not self._belongs(index, stamp):
-            ended = self.begin(stamp)
+        ended = None if self._synchronised else self._begin_without_sync(index, stamp)
         cycle = self._cycle
         if cycle is None:
             self.counters['rejected: before the first SYNC'] += 1
             return None
-        if self._synchronised and not 0.0 <= stamp - cycle.start <= self._in_time:
-            refused = self._late(cycle, index, stamp) or refused
+        if not 0.0 <= stamp - cycle.start <= self._in_time:
+            refused = self._refusal_of_late(cycle, index, stamp, refused)
         self._answered_at[index] = stamp
-        if cycle.angles[index] is not None:
-            self._again(cycle, index, angle, stamp)
-            return ended
-        if self._unsettled and not self._expects(cycle, index, stamp, lost):
+        is_plain = cycle.angles[index] is None and not self._unsettled
+        if not is_plain and not self._is_awaited(cycle, index, angle, stamp, lost):
             return ended
         if refused is not None:
             cycle.refused[index] = refused
         if cycle.leader is None:
-            cycle.leader, cycle.first = index, stamp
+            cycle.leader = index
+            cycle.first = stamp
         cycle.angles[index] = angle
         cycle.answered += 1
         if cycle.answered + len(self.absent) < len(self._joints):
             return ended
+        return self._complete(cycle, stamp, ended)
+
+    def _complete(
+        self, cycle: Cycle, stamp: float, ended: JointSample | None
+    ) -> JointSample | None:
+        """Return the set that an answer completes; `ended` where late ones may yet come."""
         if self._unsettled and self.late.undecided:
             return ended
         sample = self._make(cycle)
         if sample is not None:
             self.skew.add(round((stamp - cycle.first) * 1e9))
         return sample
+
+    def _begin_without_sync(self, index: int, stamp: float) -> JointSample | None:
+        """Open a cycle with a frame that is none of the open one; return the set of that."""
+        return None if self._belongs(index, stamp) else self.begin(stamp)
 
     def _belongs(self, index: int, stamp: float) -> bool:
         """Return whether a frame without SYNC is one of the open cycle."""
@@ -260,13 +268,24 @@ class SetAssembler:
             return False
         return 0.0 <= stamp - cycle.start <= self._window
 
-    def _late(self, cycle: Cycle, index: int, stamp: float) -> str | None:
-        """Note an answer that is not in time; return why it is none, if it is too late."""
+    def _is_awaited(
+        self, cycle: Cycle, index: int, angle: float, stamp: float, lost: int | None
+    ) -> bool:
+        """Return whether an answer is one that the set waits for; the others are accounted for."""
+        if cycle.angles[index] is not None:
+            self._again(cycle, index, angle, stamp)
+            return False
+        return self._expects(cycle, index, stamp, lost)
+
+    def _refusal_of_late(
+        self, cycle: Cycle, index: int, stamp: float, refused: str | None
+    ) -> str | None:
+        """Note an answer that is not in time; return why it has no reading, if it has none."""
         cycle.tardy.add(index)
         if stamp - self._answered_at[index] > OVERDUE * self._period:
             cycle.broken = True
         if 0.0 <= stamp - cycle.start <= self._window:
-            return None
+            return refused
         reason = f'answer from {self._joints[index]} outside the window'
         self.counters[f'rejected: {reason}'] += 1
         return reason
@@ -389,6 +408,27 @@ class SetAssembler:
         if not unclear and cycle.answered == len(self._joints):
             self._usual_leader = cycle.leader
             return None
+        return self._settle(cycle, end, long)
+
+    def _settle(self, cycle: Cycle, end: float, long: bool) -> JointSample | None:
+        """
+        Account for the answers that a cycle lacks, or that may belong to another one.
+
+        Parameters
+        ----------
+        cycle : Cycle
+            The cycle.
+        end : float
+            Its end, s.
+        long : bool
+            Whether it lasted so long that a SYNC may be missing in it.
+
+        Returns
+        -------
+        JointSample or None
+            Its set, if that has not gone out and can be made.
+
+        """
         surplus = self._pay(cycle, end) if self._synchronised else set()
         self.absent -= cycle.returned.keys()
         sample = None

@@ -137,13 +137,42 @@ def parse_quirk(text: str, sensors: int = len(JOINT_NAMES)) -> Quirk:
         raise InputError(f"quirk '{text}'; expected {SYNTAX}")
     kind = found['kind']
     joint = found['joint']
-    value = found['value']
     joints = ALL_JOINT_NAMES[:sensors]
     for what, name, known in (('kind', kind, KINDS), ('joint', joint, joints)):
         if name is not None and name not in known:
             raise InputError(
                 f"quirk '{text}': {what} '{name}'; expected one of {', '.join(known)}"
             )
+    number, place = _value(text, kind, found['value'])
+    return Quirk(kind, None if joint is None else joints.index(joint), number, place)
+
+
+def _value(text: str, kind: str, value: str | None) -> tuple[int, int | None]:
+    """
+    Return number, or index, and subindex of a quirk's value.
+
+    Parameters
+    ----------
+    text : str
+        Text of the quirk, for the error.
+    kind : str
+        Its kind.
+    value : str or None
+        What is behind the equals sign; None without one.
+
+    Returns
+    -------
+    number : int
+        The value, or the index of an object; 0 without a value.
+    subindex : int or None
+        Subindex of that object; None without one.
+
+    Raises
+    ------
+    InputError
+        The kind needs a value, has none, or another one.
+
+    """
     unit = KINDS[kind][1]
     if (unit is None) != (value is None):
         expected = f'=VALUE ({unit})' if unit else f'no value with {kind}'
@@ -151,7 +180,7 @@ def parse_quirk(text: str, sensors: int = len(JOINT_NAMES)) -> Quirk:
     number, place = _object(text, value or '0', unit)
     if kind == 'node_id' and not 1 <= number <= NODE_ID_MAXIMUM:
         raise InputError(f"quirk '{text}': VALUE is {number}; expected {unit}")
-    return Quirk(kind, None if joint is None else joints.index(joint), number, place)
+    return number, place
 
 
 def _object(text: str, value: str, unit: str | None) -> tuple[int, int | None]:

@@ -169,16 +169,12 @@ def parse_fault(text: str, sensors: int = len(JOINT_NAMES), axes: tuple[str, ...
     joints = (*ALL_JOINT_NAMES[:sensors], *axes)
     kind = found['kind']
     joint = found['joint']
-    value = found['value']
-    kinds = KINDS | DRIVE_KINDS
-    if kind not in kinds:
-        raise _wrong(text, f": kind '{kind}'; expected one of {', '.join(kinds)}")
+    unit = _unit(text, kind)
     if kind in BUS_WIDE and joint:
         raise _wrong(text, f': {kind} affects the whole bus; expected no joint')
     if kind not in BUS_WIDE and joint not in joints:
         raise _wrong(text, f": joint '{joint}'; expected one of {', '.join(joints)}")
-    unit = kinds[kind][1]
-    if (unit is None) != (value is None):
+    if (unit is None) != (found['value'] is None):
         expected = f'=VALUE ({unit})' if unit else f'no value with {kind}'
         raise _wrong(text, f'; expected {expected}')
     start, duration, number = _numbers(text, found)
@@ -188,6 +184,14 @@ def parse_fault(text: str, sensors: int = len(JOINT_NAMES), axes: tuple[str, ...
     return Fault(
         kind, joints.index(joint) if joint else None, start, start + duration, number, text
     )
+
+
+def _unit(text: str, kind: str) -> str | None:
+    """Return the unit of a kind's value, None for a kind without one; refuse an unknown kind."""
+    kinds = KINDS | DRIVE_KINDS
+    if kind not in kinds:
+        raise _wrong(text, f": kind '{kind}'; expected one of {', '.join(kinds)}")
+    return kinds[kind][1]
 
 
 def _numbers(text: str, found: re.Match[str]) -> tuple[float, float, float]:

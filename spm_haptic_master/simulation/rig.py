@@ -280,17 +280,7 @@ def read_rig(
         The file cannot be read, or has a key or a value that a rig cannot have.
 
     """
-    try:
-        text = Path(path).read_text(encoding='utf-8')
-        content = json.loads(text, object_pairs_hook=_without_doubles)
-    except (OSError, ValueError) as error:
-        raise InputError(f'{path}: cannot be read: {" ".join(str(error).split())}') from error
-    if not isinstance(content, dict):
-        raise InputError(f'{path}: not a rig ({quoted(content)}); expected a JSON object')
-    for key, value in content.items():
-        if expected := _complaint(key, value, sensors):
-            raise InputError(f"{path}: key '{key}' is {quoted(value)}; expected {expected}")
-
+    content = _read_content(path, sensors)
     mechanism = _mechanism(path, content, drawn) if MECHANISM.keys() & content else drawn
     given = {
         name: [_converted(key, radians, each) for each in content[key]]
@@ -306,6 +296,36 @@ def read_rig(
             for index in range(sensors)
         ),
     )
+
+
+def _read_content(path: str | Path, sensors: int) -> dict[str, Any]:
+    """
+    Return the values of a rig's file, each of which fits its key.
+
+    Parameters
+    ----------
+    path : str or Path
+        JSON file.
+    sensors : int
+        Number of sensors: the length of a list of all of them.
+
+    Raises
+    ------
+    InputError
+        As of `read_rig`.
+
+    """
+    try:
+        text = Path(path).read_text(encoding='utf-8')
+        content = json.loads(text, object_pairs_hook=_without_doubles)
+    except (OSError, ValueError) as error:
+        raise InputError(f'{path}: cannot be read: {" ".join(str(error).split())}') from error
+    if not isinstance(content, dict):
+        raise InputError(f'{path}: not a rig ({quoted(content)}); expected a JSON object')
+    for key, value in content.items():
+        if expected := _complaint(key, value, sensors):
+            raise InputError(f"{path}: key '{key}' is {quoted(value)}; expected {expected}")
+    return content
 
 
 def rig_text(rig: Rig) -> str:

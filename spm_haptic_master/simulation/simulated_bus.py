@@ -162,23 +162,43 @@ class SimulatedBus:
         if self._mute():
             return answers
         angles = self._angles(now)
-        for index, node in enumerate(self.nodes):
-            if self._fault(index, 'reboot', 'unplug', 'dropout') is not None:
-                continue
-            phase = self._phases[index]
-            angle = self._angles(now + phase)[index] if phase else angles[index]
-            answers += node.sync(now)
-            sent = node.sample(
-                self._faulty(index, angle), self._fault(index, 'counter') is not None
-            )
-            loss = self._fault(index, 'loss')
-            late = self._fault(index, 'late')
-            if loss is not None and 100.0 * self._random.random() < loss.value:
-                continue
-            due = now + phase + (0.0 if late is None else late.value)
-            self._queues[index].extend((due, each) for each in sent)
-            answers += self._due(index, now)
+        for index in range(len(self.nodes)):
+            if self._fault(index, 'reboot', 'unplug', 'dropout') is None:
+                answers += self._answers(index, now, angles[index])
         return answers
+
+    def _answers(self, index: int, now: float, angle: float) -> list[can.Message]:
+        """
+        Return what an encoder sends with a SYNC.
+
+        Parameters
+        ----------
+        index : int
+            Index of the encoder.
+        now : float
+            Time of SYNC, s.
+        angle : float
+            Angle of its joint at that time, rad.
+
+        Returns
+        -------
+        list of can.Message
+            The end of an emergency, and the answers that are due; a late one comes later.
+
+        """
+        node = self.nodes[index]
+        phase = self._phases[index]
+        if phase:
+            angle = self._angles(now + phase)[index]
+        answers = node.sync(now)
+        sent = node.sample(self._faulty(index, angle), self._fault(index, 'counter') is not None)
+        loss = self._fault(index, 'loss')
+        late = self._fault(index, 'late')
+        if loss is not None and 100.0 * self._random.random() < loss.value:
+            return answers
+        due = now + phase + (0.0 if late is None else late.value)
+        self._queues[index].extend((due, each) for each in sent)
+        return answers + self._due(index, now)
 
     def _begin(self, now: float) -> list[can.Message]:
         """Begin the motion at the first answer; a fault at 0 s affects that answer too."""

@@ -310,15 +310,11 @@ class SimulatedDrive:
 
     def _controlword(self, word: int) -> list[can.Message]:
         """Follow a controlword, one transition a frame."""
-        resets = word & ~self._control & cia402.FAULT_RESET
+        resets = bool(word & ~self._control & cia402.FAULT_RESET)
         self._control = word
         state = self.state
         if state is State.FAULT:
-            if not resets or 'drive' in self.faults:
-                return []
-            self.state = State.DISABLED
-            self._heat = 0.0
-            return [canopen.emcy(self.node_id, canopen.EMCY_ERROR_RESET, 0)]
+            return self._reset_fault() if resets else []
         command = word & 0x0F
         if command & 0x06 != 0x06:
             self._disable()
@@ -330,6 +326,14 @@ class SimulatedDrive:
         elif state is State.SWITCHED_ON and self.objects.value(*cia402.MODE):
             self.state = State.ENABLED
         return []
+
+    def _reset_fault(self) -> list[can.Message]:
+        """End a fault whose cause is gone; return the emergency that says so."""
+        if 'drive' in self.faults:
+            return []
+        self.state = State.DISABLED
+        self._heat = 0.0
+        return [canopen.emcy(self.node_id, canopen.EMCY_ERROR_RESET, 0)]
 
     def _time_out(self, now: float) -> list[can.Message]:
         """Follow the abort option where torque frames or the master's heartbeat have stopped."""

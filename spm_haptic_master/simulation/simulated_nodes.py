@@ -117,7 +117,7 @@ class SimulatedNode(ObjectStore):
         quirks: Quirks = NO_QUIRKS,
     ):
         serial = node_id or 0
-        if node_id is not None and quirks.has('node_id'):
+        if node_id is not None:
             other = quirks.value('node_id', node_id)
             layout = replace(layout, can_id=layout.can_id - node_id + other)
             node_id = other
@@ -135,13 +135,7 @@ class SimulatedNode(ObjectStore):
         self._parameters = canopen.TPDO_PARAMETERS + number
         self._mapping = canopen.TPDO_MAPPING + number
         objects = identity(DEVICE_TYPE, serial) | self._pdo(options) | self._others(options)
-        super().__init__(
-            {
-                key: replace(entry, writable=False) if quirks.concern('read_only', key) else entry
-                for key, entry in objects.items()
-                if not quirks.concern('missing', key)
-            }
-        )
+        super().__init__(_as_of_maker(objects, quirks))
         self.put(canopen.ERROR_REGISTER, quirks.value('error', 0))
 
     def _pdo(self, options: NodeOptions) -> dict[Key, Entry]:
@@ -331,3 +325,12 @@ class SimulatedNode(ObjectStore):
             counts_per_turn=units,
             zero_count=layout.zero_count * units // layout.counts_per_turn,
         )
+
+
+def _as_of_maker(objects: dict[Key, Entry], quirks: Quirks) -> dict[Key, Entry]:
+    """Return objects without those that a device lacks, and read-only as it has them."""
+    return {
+        key: replace(entry, writable=False) if quirks.concern('read_only', key) else entry
+        for key, entry in objects.items()
+        if not quirks.concern('missing', key)
+    }
