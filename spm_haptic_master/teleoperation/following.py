@@ -128,11 +128,10 @@ class Following:
     def _turn(self, target: FloatQuaternion, dt: float) -> str:
         """Turn towards a target, or the nearest rotation in the cone; return a broken limit."""
         cone = None if self._centre is None else self._centre.cone
-        if cone is not None:
-            inside = cone.within(target, cone.largest)
-            if inside is not target and not self._limits.slews:
+        if cone is not None and not cone.contains(target):
+            if not self._limits.slews:
                 return 'tilt'
-            target = inside
+            target = cone.within(target, cone.largest)
         return self._command.advance(target, dt)
 
     def _shrink_offset(self, before: float, left: float, dt: float) -> None:

@@ -12,10 +12,8 @@ from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.kinematics.rotations import (
     conjugate,
     multiply_quaternions,
-    rotation_from_quaternion,
     vector_from_quaternion,
 )
-from spm_haptic_master.kinematics.vectors import times
 
 # Numbers of the 1 kHz path: x, y, z, and x, y, z, w of a rotation.
 FloatVector: TypeAlias = Vector[float]
@@ -46,8 +44,18 @@ def difference(a: FloatVector, b: FloatVector) -> FloatVector:
 
 
 def rotate(rotation: FloatQuaternion, vector: FloatVector) -> FloatVector:
-    """Return R v, with the rotation R as a unit quaternion x, y, z, w."""
-    return times(rotation_from_quaternion(*rotation), vector)
+    """Return R v = v + 2 w (q x v) + 2 q x (q x v), R as a unit quaternion q = x, y, z; w."""
+    x, y, z, w = rotation
+    a, b, c = vector
+    # 2 (q x v)
+    d = 2.0 * (y * c - z * b)
+    e = 2.0 * (z * a - x * c)
+    f = 2.0 * (x * b - y * a)
+    return (
+        a + w * d + y * f - z * e,
+        b + w * e + z * d - x * f,
+        c + w * f + x * e - y * d,
+    )
 
 
 def rotation_between(one: FloatQuaternion, other: FloatQuaternion) -> FloatVector:
