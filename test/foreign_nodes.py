@@ -192,8 +192,6 @@ def dictionary_of(held):
             if index not in dictionary:
                 dictionary.add_object(canopen.objectdictionary.ODRecord(f'{index:X}', index))
             dictionary[index].add_member(variable)
-    if (0x1017, 0) not in held:
-        return dictionary
     return dictionary
 
 

@@ -28,15 +28,6 @@ DECISIONS = (
 DEFINITIONS = ast.FunctionDef | ast.AsyncFunctionDef
 # Files with functions that are larger, and how many.
 LARGER = {
-    'calibration/motion/calibration_check.py': 1,
-    'calibration/motion/fit.py': 2,
-    'calibration/motion/free_motion.py': 1,
-    'calibration/motion/outside_reference.py': 1,
-    'calibration/motion/readings.py': 1,
-    'calibration/motion/zero_search.py': 1,
-    'calibration/motor_bring_up.py': 1,
-    'calibration/recording.py': 1,
-    'calibration/report_picture.py': 1,
     'supervision/exposure.py': 1,
     'supervision/fault.py': 2,
     'supervision/joint_monitor.py': 1,
@@ -44,16 +35,6 @@ LARGER = {
     'supervision/protection.py': 1,
     'supervision/rivals.py': 2,
     'supervision/supervisor.py': 2,
-    'tools/calibrate.py': 2,
-    'tools/calibrate_motion.py': 2,
-    'tools/calibration_verdict.py': 1,
-    'tools/can_setup.py': 1,
-    'tools/force_check.py': 2,
-    'tools/supervise.py': 1,
-    'tools/validate.py': 1,
-    'validation/bags.py': 1,
-    'validation/capture_files.py': 4,
-    'validation/recordings.py': 1,
 }
 
 

@@ -21,11 +21,14 @@ from spm_haptic_master.parameters.axes import GRIPPER, INSERTION
 
 # Time for which it rests at each end (s), and the share of the way between both ends that it may
 # move in that time, or go beyond an end (unit 1).
-REST, STILL = 0.3, 0.02
+REST = 0.3
+STILL = 0.02
 # Fewest readings at each end, and the longest time without a reading (s).
-REST_READINGS, LONGEST_GAP = 5, 0.5
+REST_READINGS = 5
+LONGEST_GAP = 0.5
 # Fewest counts between both ends, and the largest share of these between two readings.
-LEAST_COUNTS, LARGEST_STEP = 100, 0.5
+LEAST_COUNTS = 100
+LARGEST_STEP = 0.5
 # Largest difference between the gripper's angle as measured and as given (unit 1).
 ANGLE_TOLERANCE = 0.1
 # Largest change of an end's position with which a calibration holds, as a share of the range.
@@ -166,7 +169,8 @@ def resting_counts(motion: AxisMotion) -> tuple[float, float]:
         ends.
 
     """
-    axis, seconds = motion.axis, np.asarray((motion.stamps - motion.stamps[:1]) * 1e-9)
+    axis = motion.axis
+    seconds = np.asarray((motion.stamps - motion.stamps[:1]) * 1e-9)
     at_first = seconds <= REST
     at_second = seconds >= seconds[-1:] - REST
     fewest = min(at_first.sum(), at_second.sum())
@@ -177,7 +181,8 @@ def resting_counts(motion: AxisMotion) -> tuple[float, float]:
         )
     _check_gaps(axis, seconds)
     counts = np.unwrap(motion.counts, period=motion.ring)
-    first, second = float(counts[at_first].mean()), float(counts[at_second].mean())
+    first = float(counts[at_first].mean())
+    second = float(counts[at_second].mean())
     way = abs(second - first)
     if way < LEAST_COUNTS:
         raise CalibrationError(

@@ -336,7 +336,8 @@ def observed_directions(
     ]
     expected, turned = wrapped(np.array(steps)).swapaxes(0, 1)
     farthest = np.abs(expected).argmax(axis=0), np.arange(len(counts_per_turn))
-    expected, turned = expected[farthest], turned[farthest]
+    expected = expected[farthest]
+    turned = turned[farthest]
     size = np.abs(expected)
     known = (size >= TRAVEL_MINIMUM) & (np.abs(np.abs(turned) - size) <= TRAVEL_MISMATCH * size)
     return tuple(np.where(known, np.sign(turned * expected), 0).astype(int).tolist())

@@ -49,7 +49,9 @@ ASYMMETRY = 4.0
 # Share of the law that is allowed (unit 1).
 STIFFNESS_SHARE = 0.5
 # Fewest samples of a step and of a release, and least turn of the handle in this (rad).
-FEWEST_OF_STEP, FEWEST, LEAST_TURN = 10, 20, 0.02
+FEWEST_OF_STEP = 10
+FEWEST = 20
+LEAST_TURN = 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,7 +252,8 @@ def identify_friction(releases: Sequence[Release]) -> Friction:
         torque.
 
     """
-    columns, sides = [], []
+    columns = []
+    sides = []
     for number, (time, angle, torque) in enumerate(releases, start=1):
         _check_length(f'release {number}', time, FEWEST)
         # Before the torque comes up the handle rests.

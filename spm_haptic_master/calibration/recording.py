@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import suppress
 from math import inf
 import threading
@@ -205,36 +205,81 @@ def record(
     samples: list[JointSample] = []
     stop = threading.Event()
     ended = ''
-    begin, count, came = 0.0, 0, time.monotonic()
     # In a thread of its own, so that an evaluation costs no sample.
     with ThreadPoolExecutor(1) as pool:
         collecting = pool.submit(_collect, source, seconds, samples, stop)
         try:
-            while not collecting.done() and not ended:
-                wait([collecting], period)
-                found, lacking = _whole_sets(samples[:], MISSING_MAXIMUM)
-                now = time.monotonic()
-                if len(found[0]) > count:
-                    count, came = len(found[0]), now
-                    begin = begin or now
-                elif now - came > PATIENCE:
-                    ended = f'no more sets of readings arrive: {lacking or source.fault}'
-                if count and (evaluate(found, now - begin) or now - begin > seconds):
-                    break
+            ended = _follow(collecting, source, samples, seconds, evaluate, period)
         except KeyboardInterrupt:
             if not keep:
                 raise
         finally:
             stop.set()
     recording, notes = _complete(samples)
+    count = len(recording[0])
     error = collecting.exception()
-    if error and not (keep and len(recording[0]) and isinstance(error, SpmError)):
-        raise error
-    if not len(recording[0]):
+    if error is not None:
+        is_fault = isinstance(error, SpmError)
+        if not (keep and count and is_fault):
+            raise error
+        ended = str(error)
+    if not count:
         raise CalibrationError(f'no set of readings arrived: {source.fault}')
-    if error or ended:
-        notes.append(f'{error or ended}; what arrived before that is used')
+    if ended:
+        notes.append(f'{ended}; what arrived before that is used')
     return recording, notes
+
+
+def _follow(
+    collecting: Future[None],
+    source: EncoderSource,
+    samples: Sequence[JointSample],
+    seconds: float,
+    evaluate: Callable[[Recording, float], bool],
+    period: float,
+) -> str:
+    """
+    Evaluate the sets while they are collected, until they are enough.
+
+    Parameters
+    ----------
+    collecting : Future
+        The thread that collects the sets.
+    source : EncoderSource
+        Where they come from.
+    samples : sequence of JointSample
+        The sets so far; it grows.
+    seconds : float
+        Longest time from the first set, s.
+    evaluate : callable
+        As of `record`.
+    period : float
+        Time between two evaluations, s.
+
+    Returns
+    -------
+    str
+        Why no further sets arrive; empty where they are enough, or the source has ended.
+
+    """
+    begin = 0.0
+    count = 0
+    last_arrival = time.monotonic()
+    while not collecting.done():
+        wait([collecting], period)
+        found, lacking = _whole_sets(samples[:], MISSING_MAXIMUM)
+        now = time.monotonic()
+        silence = ''
+        if len(found[0]) > count:
+            count = len(found[0])
+            last_arrival = now
+            begin = begin or now
+        elif now - last_arrival > PATIENCE:
+            silence = f'no more sets of readings arrive: {lacking or source.fault}'
+        is_enough = count > 0 and (evaluate(found, now - begin) or now - begin > seconds)
+        if silence or is_enough:
+            return silence
+    return ''
 
 
 def _collect(

@@ -135,7 +135,9 @@ def _text(verdict: Verdict, file: Path, picture: str) -> str:
         The text of the report.
 
     """
-    c, origin, checked = verdict.calibration, verdict.origin, verdict.checked
+    c = verdict.calibration
+    origin = verdict.origin
+    checked = verdict.checked
     cautions = ''.join(f'**CAUTION**: {caution}.\n\n' for caution in verdict.cautions)
     return f"""\
 # {verdict.text}
@@ -209,7 +211,9 @@ def _encoders(verdict: Verdict) -> str:
     of the region where the other sensors check this one, and the angles that the motion went
     through.
     """
-    c, origin, checked = verdict.calibration, verdict.origin, verdict.checked
+    c = verdict.calibration
+    origin = verdict.origin
+    checked = verdict.checked
     zeros, _ = zero_counts(c, origin.counts_per_turn)
     deviation = c.deviations[c.layout.slices['zeros']]
     angles = c.model.corrected(c.turned, c.vector)
@@ -265,7 +269,8 @@ def _mechanism(c: MotionCalibration) -> str:
     ]
     # Of each angle, the parameters that it depends on.
     columns = [*((column,) for column in links), *[base] * 3, *[platform] * 3]
-    drawn, found = _angles(layout.nominal), _angles(layout.geometry(c.vector))
+    drawn = _angles(layout.nominal)
+    found = _angles(layout.geometry(c.vector))
     change = np.zeros((len(found), layout.count))
     for column in range(links.start, platform.stop):
         moved = c.vector.copy()

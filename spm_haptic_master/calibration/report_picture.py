@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from io import BytesIO
 from math import degrees, pi
 from typing import Any, TYPE_CHECKING
@@ -23,7 +24,8 @@ if TYPE_CHECKING:
 
 # Edge of the cells of the maps: across the tilt, and along the self-rotation (deg). A cell that is
 # passed in 0.1 s has a mean parity with a tenth of the noise of a reading.
-CELL, TURN_CELL = 2.0, 4.0
+CELL = 2.0
+TURN_CELL = 4.0
 # Least time in a cell whose mean parity is drawn (s).
 CELL_SECONDS = 0.05
 # Part of the cells that the colour scale covers (percent): the last ones are spikes.
@@ -62,63 +64,128 @@ def draw(c: MotionCalibration) -> bytes:
         The picture, PNG.
 
     """
-    from matplotlib.ticker import MaxNLocator
-
-    known = (
-        np.isfinite(c.rotation).all(axis=(1, 2))
-        & np.isfinite(c.parity)
-        & np.isfinite(c.parity_before)
-    )
+    known = np.isfinite(c.rotation).all(axis=(1, 2))
+    known &= np.isfinite(c.parity) & np.isfinite(c.parity_before)
     x, y, turn = _places(c.rotation[known])
     tilt = np.hypot(x, y)
-    # Two coordinates of each map, and the edges of its cells, deg.
-    maps = [
-        (one, other, (_edges(one, edge), _edges(other, CELL)))
-        for one, other, edge in ((x, y, CELL), (turn, tilt, TURN_CELL))
-    ]
+    maps = (_Map(x, y, _edges(x, CELL)), _Map(turn, tilt, _edges(turn, TURN_CELL)))
     least = max(1, round(CELL_SECONDS * c.readings.rate))
-    before, after = (
-        [_means(*each, np.degrees(parity[known]), least) for each in maps]
-        for parity in (c.parity_before, c.parity)
-    )
-    wide, narrow = _scale(before), _scale(after)
+    before = [each.means(np.degrees(c.parity_before[known]), least) for each in maps]
+    after = [each.means(np.degrees(c.parity[known]), least) for each in maps]
     columns = (
-        (before, wide, f'before: {degrees(rms(c.parity_before)):.4f} deg rms'),
-        (after, wide, f'after: {degrees(rms(c.parity)):.4f} deg rms'),
-        (after, narrow, 'after, own scale'),
+        _Column(f'before: {degrees(rms(c.parity_before)):.4f} deg rms', before, _scale(before)),
+        _Column(f'after: {degrees(rms(c.parity)):.4f} deg rms', after, _scale(before)),
+        _Column('after, own scale', after, _scale(after)),
     )
-    reach = max(float(tilt.max()) + CELL, c.region.tilt_deg) + LETTERS
     figure = plot_style.new_figure(width=10.0, height=7.0)
     rows = figure.subplots(2, 3, gridspec_kw={'height_ratios': [3, 2]})
-    for number, (means, largest, title) in enumerate(columns):
-        for axes, (_, _, edges), each in zip(rows[:, number], maps, means, strict=True):
-            axes.set_facecolor(NOWHERE)
-            mesh = axes.pcolormesh(
-                *edges, np.ma.masked_invalid(each).T, cmap=SIGNED, vmin=-largest, vmax=largest
-            )
-        _tilt_map(rows[0, number], reach, title, number == 0)
-        _outline(c.region, *rows[:, number])
-        plot_style.label_axes(
-            rows[1, number], 'self-rotation φ, deg', 'tilt, deg' if number == 0 else ''
-        )
-        rows[1, number].set_ylim(
-            0.0, max(float(rows[1, number].get_ylim()[1]), c.region.tilt_deg + CELL)
-        )
-        if number:
-            beside = rows[:, :2] if number == 1 else rows[:, 2]
-            figure.colorbar(
-                mesh,
-                ax=beside,
-                label='mean parity, deg',
-                extend='both',
-                location='bottom',
-                shrink=0.9,
-                aspect=40 if number == 1 else 20,
-                ticks=MaxNLocator(7 if number == 1 else 4),
-            )
+    reach = max(float(tilt.max()) + CELL, c.region.tilt_deg) + LETTERS
+    for number, column in enumerate(columns):
+        tilts, turns = rows[:, number]
+        is_first = number == 0
+        _draw_cells(tilts, maps[0], column.means[0], column.largest)
+        mesh = _draw_cells(turns, maps[1], column.means[1], column.largest)
+        _label_tilts(tilts, reach, column.title, is_first)
+        _outline(c.region, tilts, turns)
+        _label_turns(turns, c.region, is_first)
+        if number == 1:
+            _add_scale(figure, mesh, rows[:, :2], 40, 7)
+        elif number == 2:
+            _add_scale(figure, mesh, rows[:, 2], 20, 4)
     file = BytesIO()
     plot_style.save(figure, file)
     return file.getvalue()
+
+
+@dataclass(frozen=True, slots=True)
+class _Map:
+    """
+    The samples of a motion on one map.
+
+    Attributes
+    ----------
+    across : ndarray, shape (n,)
+        First coordinate of each sample, deg.
+    along : ndarray, shape (n,)
+        Second coordinate, deg.
+    across_edges : ndarray
+        Edges of the cells in the first coordinate, deg.
+
+    """
+
+    across: Array
+    along: Array
+    across_edges: Array
+
+    @property
+    def edges(self) -> tuple[Array, Array]:
+        """Return the edges of the cells in both coordinates, deg."""
+        return self.across_edges, _edges(self.along, CELL)
+
+    def means(self, values: Array, least: int) -> Array:
+        """
+        Return the mean values in the cells.
+
+        Parameters
+        ----------
+        values : ndarray, shape (n,)
+            Values whose means are returned.
+        least : int
+            Least number of samples in a cell.
+
+        Returns
+        -------
+        ndarray, shape (cells across, cells along)
+            NaN where a cell has fewer samples.
+
+        """
+        number = np.histogram2d(self.across, self.along, self.edges)[0]
+        total = np.histogram2d(self.across, self.along, self.edges, weights=values)[0]
+        return np.where(number >= least, total / np.maximum(number, 1.0), np.nan)
+
+
+@dataclass(frozen=True, slots=True)
+class _Column:
+    """
+    A column of the picture.
+
+    Attributes
+    ----------
+    title : str
+        What it shows.
+    means : list of ndarray
+        Mean parity in the cells of both maps, deg.
+    largest : float
+        End of the colour scale, deg.
+
+    """
+
+    title: str
+    means: list[Array]
+    largest: float
+
+
+def _draw_cells(axes: Axes, of: _Map, means: Array, largest: float) -> Any:
+    """Draw the cells of a map in colours, and return what the colour scale describes."""
+    axes.set_facecolor(NOWHERE)
+    shown = np.ma.masked_invalid(means).T
+    return axes.pcolormesh(*of.edges, shown, cmap=SIGNED, vmin=-largest, vmax=largest)
+
+
+def _add_scale(figure: Any, mesh: Any, beside: Any, aspect: int, ticks: int) -> None:
+    """Draw a colour scale below some maps, so many times as long as high, with so many ticks."""
+    from matplotlib.ticker import MaxNLocator
+
+    figure.colorbar(
+        mesh,
+        ax=beside,
+        label='mean parity, deg',
+        extend='both',
+        location='bottom',
+        shrink=0.9,
+        aspect=aspect,
+        ticks=MaxNLocator(ticks),
+    )
 
 
 def _places(rotation: Array) -> tuple[Array, Array, Array]:
@@ -149,33 +216,6 @@ def _edges(values: Array, step: float) -> Array:
     return step * np.arange(np.floor(values.min() / step), np.floor(values.max() / step) + 2.0)
 
 
-def _means(x: Array, y: Array, edges: tuple[Array, Array], values: Array, least: int) -> Array:
-    """
-    Return the mean values in cells of a map.
-
-    Parameters
-    ----------
-    x : ndarray, shape (n,)
-        First coordinate of each sample.
-    y : ndarray, shape (n,)
-        Second coordinate.
-    edges : tuple of 2 ndarray
-        Edges of the cells in both coordinates.
-    values : ndarray, shape (n,)
-        Values whose means are returned.
-    least : int
-        Least number of samples in a cell.
-
-    Returns
-    -------
-    ndarray, shape (cells in x, cells in y)
-        NaN where a cell has fewer samples.
-
-    """
-    number, total = (np.histogram2d(x, y, edges, weights=each)[0] for each in (None, values))
-    return np.where(number >= least, total / np.maximum(number, 1.0), np.nan)
-
-
 def _scale(values: list[Array]) -> float:
     """Return the largest value of a colour scale: `SCALE_PERCENT` of the cells are within it."""
     every = np.abs(np.concatenate([each[np.isfinite(each)] for each in values]))
@@ -187,11 +227,12 @@ def _outline(region: Region, tilts: Axes, turns: Axes) -> None:
     line: dict[str, Any] = {'color': plot_style.REFERENCE, 'linestyle': '--', 'linewidth': 1.2}
     circle = np.linspace(0.0, 2.0 * pi, 200)
     tilts.plot(region.tilt_deg * np.cos(circle), region.tilt_deg * np.sin(circle), **line)
-    first, last = region.from_deg, region.to_deg
+    first = region.from_deg
+    last = region.to_deg
     turns.plot([first, first, last, last], [0.0, region.tilt_deg, region.tilt_deg, 0.0], **line)
 
 
-def _tilt_map(axes: Axes, reach: float, title: str, labelled: bool) -> None:
+def _label_tilts(axes: Axes, reach: float, title: str, labelled: bool) -> None:
     """Label a map of the tilt, and name the directions of the legs' motors."""
     axes.set_aspect('equal')
     plot_style.label_axes(
@@ -207,3 +248,10 @@ def _tilt_map(axes: Axes, reach: float, title: str, labelled: bool) -> None:
         axes.text(at[0], at[1], leg, ha='center', va='center', fontweight='bold', fontsize=10)
     axes.set_xlim(-reach, reach)
     axes.set_ylim(-reach, reach)
+
+
+def _label_turns(axes: Axes, region: Region, labelled: bool) -> None:
+    """Label a map of self-rotation and tilt; it shows at least the tilt of the region."""
+    plot_style.label_axes(axes, 'self-rotation φ, deg', 'tilt, deg' if labelled else '')
+    highest = float(axes.get_ylim()[1])
+    axes.set_ylim(0.0, max(highest, region.tilt_deg + CELL))

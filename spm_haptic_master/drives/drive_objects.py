@@ -38,6 +38,8 @@ MILLI = 0xFD
 STATUS_TIMER = (canopen.TPDO_PARAMETERS, canopen.TPDO_EVENT_TIMER)
 TORQUE_TIMER = (canopen.RPDO_PARAMETERS, canopen.TPDO_EVENT_TIMER)
 COMBINED_TIMER = (canopen.RPDO_PARAMETERS + 1, canopen.TPDO_EVENT_TIMER)
+# Objects of the torque, without which a drive cannot be used here.
+TORQUES = {cia402.TARGET_TORQUE: 'target torque', cia402.TORQUE_ACTUAL: 'torque actual'}
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,6 +156,8 @@ class DriveRules:
             )
         if key == cia402.HEARTBEAT_CONSUMER:
             return 'the drive does not notice a master that hangs: it cannot be used here'
+        if key in TORQUES:
+            return 'the drive has no torque to command or to compare: it cannot be used here'
         return ''
 
 
@@ -183,6 +187,7 @@ def drive_objects(plan: Plan, drive: DrivePlan) -> WantedObjects:
 
     """
     others = (
+        *_torques(),
         *other_tpdos_off(0),
         *_losses(plan),
         *_limits(plan, drive),
@@ -240,6 +245,13 @@ def _status(plan: Plan, drive: DrivePlan) -> WantedPdo:
     )
     times = [inhibit, *_timer(STATUS_TIMER, 'TPDO1', plan.status_period)]
     return wanted_pdo(index, 'TPDO1', drive.status_id, AT_ONCE, times, entries)
+
+
+def _torques() -> list[WantedObject]:
+    """Return the objects of the torque: they only have to be there."""
+    return [
+        WantedObject(*key, 2, name, 0, mask=0, of_device=True) for key, name in TORQUES.items()
+    ]
 
 
 def _losses(plan: Plan) -> list[WantedObject]:

@@ -86,9 +86,12 @@ class CountsTrack:
         return self.beyond <= BEYOND_SHARE * self.frames
 
 
-def resolution_hint(angles: NDArray[np.float64], counts_per_turn: Sequence[int]) -> str:
+def smaller_resolution(angles: NDArray[np.float64], counts_per_turn: Sequence[int]) -> int | None:
     """
-    Return that all encoders may have a smaller resolution than configured.
+    Return the smaller resolution that all encoders may have.
+
+    That no count reaches it does not prove it: the joints may have moved in that part of a turn
+    alone.
 
     Parameters
     ----------
@@ -99,20 +102,15 @@ def resolution_hint(angles: NDArray[np.float64], counts_per_turn: Sequence[int])
 
     Returns
     -------
-    str
-        The hint; empty if there is none.
+    int or None
+        Smallest power of two above all counts; None if it is not at most half a turn.
 
     """
     if not len(angles):
-        return ''
+        return None
     largest = int(np.max(np.round(angles % TURN * np.array(counts_per_turn) / TURN)))
     smaller = 1 << max(1, largest).bit_length()
-    if 2 * smaller > min(counts_per_turn):
-        return ''
-    return (
-        f'; no count of the whole motion reaches {smaller}, and encoders.counts_per_turn is '
-        f'{min(counts_per_turn)}: is it {smaller}? (can_scan reads it)'
-    )
+    return smaller if 2 * smaller <= min(counts_per_turn) else None
 
 
 class CountsWatch:

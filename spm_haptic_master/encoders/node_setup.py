@@ -40,7 +40,7 @@ class WantedObject:
     value : int
         Wanted value, unsigned.
     mask : int
-        Bits that count; the others are left as they are.
+        Bits that count; the others are left as they are. With 0 the object only has to be there.
     optional : bool
         Whether a node without this object is also as wanted.
     hexadecimal : bool
@@ -81,10 +81,8 @@ class WantedObject:
     def difference(self, present: int | None) -> str:
         """Return the object, a value that is not as configured, and the wanted one, in words."""
         shown = 'missing' if present is None else self.shown(present & self.mask)
-        return (
-            f'0x{self.index:04X}:{self.subindex:02X} {self.name}: {shown}, '
-            f'wanted {self.shown(self.value)}'
-        )
+        wanted = self.shown(self.value) if self.mask else 'any value'
+        return f'0x{self.index:04X}:{self.subindex:02X} {self.name}: {shown}, wanted {wanted}'
 
     def shown(self, value: int) -> str:
         """Return a value as it is usually written."""

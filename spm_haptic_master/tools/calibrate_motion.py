@@ -26,7 +26,7 @@ from spm_haptic_master.calibration.motion.motion_file import motion_text, Origin
 from spm_haptic_master.calibration.motion.outside_reference import Mounted, mounted
 from spm_haptic_master.calibration.recording import raw_counts, Recording
 from spm_haptic_master.calibration.report import checksum, report_paths, write_report
-from spm_haptic_master.encoders.counts_watch import resolution_hint
+from spm_haptic_master.encoders.counts_watch import smaller_resolution
 from spm_haptic_master.encoders.encoder_layout import TURN
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import CalibrationError, InputError
@@ -51,11 +51,11 @@ from spm_haptic_master.validation.recordings import read_capture
 # Takes an instruction and the shares of what it needs, 0 .. 1, by name.
 Publish = Callable[[str, Mapping[str, float]], None]
 # Longest motion (s), and predicted error at which a recording ends by itself (deg).
-SECONDS_DEFAULT, TARGET_DEFAULT = 120.0, 0.04
+SECONDS_DEFAULT = 120.0
+TARGET_DEFAULT = 0.04
 # Standard deviation of a jig's pose without --jig-error, and of a capture (deg).
-JIG_SIGMA, CAPTURE_SIGMA = 0.1, 0.2
-# Length of a recording at a jig's pose (s).
-JIG_SECONDS = 5.0
+JIG_SIGMA = 0.1
+CAPTURE_SIGMA = 0.2
 # Time between two captured orientations that are used (s): their errors last about so long.
 CAPTURE_PERIOD = 0.25
 # Least number of captured orientations.
@@ -102,53 +102,125 @@ def run(options: argparse.Namespace) -> int:
     source, both = motion_source.given_for_motion(options, 'calibrate')
     given = {name: value for name, value in both.items() if name in DRIVER_NAMES}
     output = options.output
+    _check_outputs(output, options.force)
+    _check_references(options, source)
+    values = _source_values(source, given)
+    mechanism = command_line.checked(given, MECHANISM_SETTINGS)
+    layout = _drawn(options, values['sensors'], mechanism)
+    recording = _recorded(options, source, values, layout)
+    found = _calibrated(layout, recording, given, values['encoders.counts_per_turn'])
+    kept = kept_settings(source, given, values, mechanism)
+    mounting = None
+    if options.pose or options.capture is not None:
+        mounting = _mounted_by(options, source, values, found)
+        found = mounting.calibration
+        kept |= _mounting_settings(mounting)
+    origin = _origin(options, source, values, kept | axis_parameters(output))
+    verdict = _verdict(found, recording, FkmValues(both, origin), options.target)
+    write_text(output, motion_text(verdict))
+    _print(output, write_report(output, verdict), verdict)
+    if mounting is not None:
+        _print_mounting(mounting)
+    return 0
+
+
+def _check_outputs(output: Path | None, force: bool) -> None:
+    """Raise InputError where the file and its report are not given, or cannot be written."""
     if output is None:
         raise InputError('no -o FILE; expected the parameter file to write')
     for path in (output, *report_paths(output)):
-        check_output(path, options.force)
-    _check_references(options, source)
+        check_output(path, force)
+
+
+def _source_values(source: str, given: dict[str, Any]) -> dict[str, Any]:
+    """Return the checked parameters of a source of raw counts."""
     sensors = encoders.sensors_of(given)
-    values = command_line.checked(
-        given | raw_counts(sensors) | {'encoders.direction_verified': (True,) * sensors},
-        SOURCE_SETTINGS[source],
-        source,
+    verified = {'encoders.direction_verified': (True,) * sensors}
+    return command_line.checked(
+        given | raw_counts(sensors) | verified, SOURCE_SETTINGS[source], source
     )
-    mechanism = command_line.checked(given, MECHANISM_SETTINGS)
-    layout = Layout(
+
+
+def _drawn(options: argparse.Namespace, sensors: int, mechanism: dict[str, Any]) -> Layout:
+    """Return the rig as drawn, with the tolerances of the command line."""
+    return Layout(
         sensors,
         geometry_from(mechanism),
         mechanism['working_mode'],
         radians(options.mechanism_tolerance),
         radians(options.harmonic_tolerance),
     )
-    recording = _recorded(options, source, values, layout)
-    found = _calibrated(layout, recording, given, values['encoders.counts_per_turn'])
-    mounting = None
-    if options.pose or options.capture is not None:
-        mounting = _mounted_by(options, source, values, found)
-        found = mounting.calibration
-    logs = options.motion or ([Path(values['replay.path'])] if source == 'replay' else [])
-    origin = Origin(
+
+
+def _origin(
+    options: argparse.Namespace, source: str, values: dict[str, Any], kept: dict[str, Any]
+) -> Origin:
+    """
+    Return where a calibration comes from.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        The parsed command line.
+    source : str
+        Name of the source, `can` or `replay`.
+    values : dict
+        Checked parameters of the source.
+    kept : dict
+        Settings that the file has beside the calibration.
+
+    Returns
+    -------
+    Origin
+        Date, recording and version.
+
+    """
+    logs = options.motion or []
+    if source == 'replay' and not logs:
+        logs = [Path(values['replay.path'])]
+    return Origin(
         datetime.now().astimezone().isoformat(timespec='seconds'),
         ' + '.join(path.name for path in logs) or source_text(source, values),
         ' '.join(checksum(path) for path in logs),
         version('spm_haptic_master'),
         values['encoders.counts_per_turn'],
-        kept_settings(source, given, values, mechanism)
-        | ({} if mounting is None else _mounting_settings(mounting))
-        | axis_parameters(output),
+        kept,
     )
-    fkm = FkmValues(both, origin)
+
+
+def _verdict(
+    found: MotionCalibration, recording: Recording, fkm: FkmValues, target_deg: float
+) -> Verdict:
+    """
+    Return what a calibration is good for.
+
+    Parameters
+    ----------
+    found : MotionCalibration
+        Result of the motion.
+    recording : Recording
+        Stamps, ns, and angles, rad, by the counts alone.
+    fkm : FkmValues
+        Parameters of fkm, with the alert limit of the task.
+    target_deg : float
+        Error of the orientation that was wanted, deg rms.
+
+    Returns
+    -------
+    Verdict
+        The calibration for the largest region that it supports.
+
+    Raises
+    ------
+    CalibrationError
+        The alert limit is not supported, or fkm would not publish the motion.
+
+    """
     with ProgressBar('calibrate') as bar:
         found, limit = supported(found, fkm)
         checked = checked_region(found, fkm, recording[0])
         share = published_share(found, recording, fkm, bar.stage)
-    verdict = Verdict(found, origin, limit, share, options.target, checked)
-    write_text(output, motion_text(verdict))
-    _print(output, write_report(output, verdict), verdict)
-    if mounting is not None:
-        _print_mounting(mounting)
-    return 0
+    return Verdict(found, fkm.origin, limit, share, target_deg, checked)
 
 
 def _recorded(
@@ -177,7 +249,8 @@ def _recorded(
         Stamps, ns, and angles, rad, by the counts alone.
 
     """
-    output, seconds = options.output, options.seconds or SECONDS_DEFAULT
+    output = options.output
+    seconds = options.seconds or SECONDS_DEFAULT
     with _guidance_topic(options.remap) as publish:
         first = motion_source.read_motion(
             source,
@@ -239,8 +312,46 @@ def _calibrated(
                 bar.stage,
             )
     except CalibrationError as error:
-        hint = resolution_hint(angles, counts_per_turn)
+        hint = _resolution_hint(layout, recording, counts_per_turn)
         raise CalibrationError(f'{error}{hint}') from error
+
+
+def _resolution_hint(layout: Layout, recording: Recording, counts_per_turn: Sequence[int]) -> str:
+    """
+    Return which smaller resolution makes the motion that of the mechanism.
+
+    It is tried: encoders whose counts stay below it by chance do not have it.
+
+    Parameters
+    ----------
+    layout : Layout
+        The rig as drawn.
+    recording : Recording
+        Stamps, ns, and angles, rad, by the counts alone.
+    counts_per_turn : sequence of int
+        Configured counts of each encoder in a turn, N values.
+
+    Returns
+    -------
+    str
+        The hint; empty if there is no smaller resolution, or the motion does not fit by it.
+
+    """
+    stamps, angles = recording
+    smaller = smaller_resolution(angles, counts_per_turn)
+    if smaller is None:
+        return ''
+    rescaled = angles % TURN * (np.array(counts_per_turn) / smaller)
+    try:
+        with ProgressBar('calibrate') as bar:
+            calibrate_motion(layout, stamps, rescaled, None, bar.stage)
+    except CalibrationError:
+        return ''
+    return (
+        f'; no count of the motion reaches {smaller}, and with {smaller} counts per turn it is '
+        f'that of the mechanism: encoders.counts_per_turn is {min(counts_per_turn)} '
+        '(can_scan prints what the encoders have)'
+    )
 
 
 def _check_references(options: argparse.Namespace, source: str) -> None:
@@ -249,14 +360,16 @@ def _check_references(options: argparse.Namespace, source: str) -> None:
 
     --pose excludes --capture; with logs, each --pose needs its --pose-recording.
     """
-    if options.pose and options.capture is not None:
+    poses = options.pose or []
+    logs = options.pose_recording or []
+    if poses and options.capture is not None:
         raise InputError('--pose and --capture; expected one of the two')
-    if source != 'replay' and options.pose_recording:
+    if source != 'replay' and logs:
         raise InputError(f'--pose-recording with source {source!r}; expected it with replay')
-    if source == 'replay' and len(options.pose or ()) != len(options.pose_recording or ()):
+    if source == 'replay' and len(poses) != len(logs):
         raise InputError(
-            f'--pose is given {len(options.pose or ())} times and --pose-recording '
-            f'{len(options.pose_recording or ())} times; expected as many'
+            f'--pose is given {len(poses)} times and --pose-recording '
+            f'{len(logs)} times; expected as many'
         )
 
 
@@ -303,7 +416,7 @@ def _mounted_by(
         counts = motion_source.record_pose(
             source,
             values | ({} if recording is None else {'replay.path': str(recording)}),
-            JIG_SECONDS,
+            motion_source.POSE_SECONDS,
         )
         rows.append(
             read_still(
@@ -354,7 +467,8 @@ def _captured(options: argparse.Namespace, found: MotionCalibration) -> tuple[Ar
         )
     seconds = found.readings.seconds
     known = np.isfinite(found.rotation).all(axis=(1, 2))
-    times, quaternions = seconds[known], kinematics.quaternion_from_matrix(found.rotation[known])
+    times = seconds[known]
+    quaternions = kinematics.quaternion_from_matrix(found.rotation[known])
     begin = capture.time - capture.time[0]
     fitted = align(times, quaternions, begin, capture.values, False)
     check_export(fitted, times, quaternions, begin, capture.values, False)
@@ -508,7 +622,8 @@ def _print(path: Path, report: str, verdict: Verdict) -> None:
         The calibration, and what it is good for.
 
     """
-    found, readings = verdict.calibration, verdict.calibration.readings
+    found = verdict.calibration
+    readings = verdict.calibration.readings
     print(f'{path}: written; {report}')
     print(
         f'  {readings.sets} sets in {readings.seconds[-1]:.1f} s, {readings.spikes} left out as '

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from spm_haptic_master.calibration.motion.calibration import MotionCalibration
 from spm_haptic_master.calibration.motion.calibration_check import CalibrationChecker, Check
-from spm_haptic_master.calibration.motion.coverage import region_of, WORKSPACE
+from spm_haptic_master.calibration.motion.coverage import Region, region_of, WORKSPACE
 from spm_haptic_master.calibration.motion.model import Array
 from spm_haptic_master.calibration.motion.motion_file import Checked, motion_parameters, Origin
 from spm_haptic_master.calibration.motion.readings import motion_readings, MotionReadings
@@ -46,7 +46,8 @@ ALERT_LIMITS_DEG = (0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.2, 1.5, 2.0, 3.0, 5.0, 10.0,
 ERROR_LIMIT_DEG = 0.5
 # Simulated motion through a region: length (s), rate (Hz), and periods of azimuth, tilt and
 # self-rotation (s), which are no multiples of each other.
-SECONDS, RATE = 20.0, 100.0
+SECONDS = 20.0
+RATE = 100.0
 PERIODS = 2.9, 7.1, 9.7
 # Length of a live recording for a check (s).
 SECONDS_DEFAULT = 20.0
@@ -159,27 +160,52 @@ def supported(
     """
     limit = float(values.of(calibration)['alert_limit_deg'])
     moved = region_of(calibration.rotation)
-    limits = []
+    least = inf
     for region in (WORKSPACE, moved) if moved.is_large else (WORKSPACE,):
-        candidate = (
-            calibration if region == calibration.region else replace(calibration, region=region)
-        )
+        candidate = calibration
+        if region != calibration.region:
+            candidate = replace(calibration, region=region)
         if degrees(candidate.region_error) > ERROR_LIMIT_DEG:
             continue
-        limits.append(least_alert_limit(candidate, values))
-        if limits[-1] <= limit:
-            return candidate, limits[-1]
+        supports = least_alert_limit(candidate, values)
+        if supports <= limit:
+            return candidate, supports
+        least = min(least, supports)
+    raise _unsupported(calibration, moved, limit, least)
+
+
+def _unsupported(
+    calibration: MotionCalibration, moved: Region, limit: float, least: float
+) -> CalibrationError:
+    """
+    Return the error for a calibration that supports the alert limit in no region.
+
+    Parameters
+    ----------
+    calibration : MotionCalibration
+        Result of a calibration from free motion.
+    moved : Region
+        The region that the motion went through.
+    limit : float
+        The alert limit, deg.
+    least : float
+        Least alert limit that a region supports, deg; inf if there is none.
+
+    Returns
+    -------
+    CalibrationError
+        What would help most, and the bounds as they are.
+
+    """
     # No further motion mends a rig that is not the model's.
     cure = calibration.misfit or calibration.unusual or cure_text(calibration)
-    least = min(limits, default=inf)
-    more = (
-        f'; a task that tolerates more may take -p alert_limit_deg:={least:g}'
-        if least < inf
-        else ''
-    )
-    raise CalibrationError(
+    more = ''
+    if least < inf:
+        more = f'; a task that tolerates more may take -p alert_limit_deg:={least:g}'
+    bias = ' '.join(f'{each:.2f}' for each in np.degrees(calibration.bias))
+    return CalibrationError(
         f'the motion does not support alert_limit_deg {limit:g}: {cure}{more} (bias_deg over the '
-        f'workspace is {" ".join(f"{each:.2f}" for each in np.degrees(calibration.bias))}, noise '
+        f'workspace is {bias}, noise '
         f'up to {degrees(calibration.noise.max()):.2f} deg; the region moved, '
         f'{moved.text}, {"is no better" if moved.is_large else "is too small"})'
     )
@@ -323,7 +349,8 @@ def published_share(
 
     """
     good = ~calibration.readings.spiked
-    stamps, readings = recording[0][good], recording[1][good]
+    stamps = recording[0][good]
+    readings = recording[1][good]
     result = run(
         stamps,
         values.angles(calibration, readings),
@@ -355,7 +382,8 @@ def _starts(result: Supervised) -> int:
     The supervision starts at the begin and after a gap. A start after any other reason of silence
     follows samples that are withheld, and is not counted.
     """
-    published, state = result.published, result.state
+    published = result.published
+    state = result.state
     ends = [index for index, _ in state[1:]] + [len(published)]
     return sum(
         end - begin
@@ -388,7 +416,8 @@ def _simulated(calibration: MotionCalibration) -> tuple[NDArray[np.int64], Array
     region = calibration.region
     t = np.arange(int(SECONDS * RATE)) / RATE
     around, out, about = (tau * t / period for period in PERIODS)
-    middle, half = 0.5 * (region.from_deg + region.to_deg), 0.5 * (region.to_deg - region.from_deg)
+    middle = 0.5 * (region.from_deg + region.to_deg)
+    half = 0.5 * (region.to_deg - region.from_deg)
     poses = workspace_pose(
         np.radians(region.tilt_deg) * (0.5 - 0.5 * np.cos(out)),
         around,
@@ -467,7 +496,8 @@ def check(options: argparse.Namespace) -> int:
 
 def _print(path: Path, found: Check, readings: MotionReadings, settings: dict[str, Any]) -> None:
     """Print the result of a check, with slip and noise of each sensor."""
-    verdict, each = 'holds' if found.holds else 'does not hold', found.evaluation
+    verdict = 'holds' if found.holds else 'does not hold'
+    each = found.evaluation
     print(
         f'{path}: {verdict}; {readings.sets} sets in {readings.seconds[-1]:.1f} s, '
         f'{readings.spikes} left out as spikes, {each.poses if each else 0} poses'

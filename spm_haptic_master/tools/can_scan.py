@@ -43,7 +43,8 @@ IN_ORDER = (
 
 
 # Time between two updates of the lines of --watch, on a terminal and elsewhere (s).
-TERMINAL_PERIOD, LINE_PERIOD = 0.25, 1.0
+TERMINAL_PERIOD = 0.25
+LINE_PERIOD = 1.0
 
 
 @command_line.program('can_scan')

@@ -38,13 +38,11 @@ Exit code 0 if the encoders are as configured, 1 if not."""
 LISTEN = 0.2
 
 # Outcomes of one node.
-FAILED, DIFFERENT, AS_WANTED, STORED, NOT_STORED = (
-    'failed',
-    'differs',
-    'good',
-    'stored',
-    'not stored',
-)
+FAILED = 'failed'
+DIFFERENT = 'differs'
+AS_WANTED = 'good'
+STORED = 'stored'
+NOT_STORED = 'not stored'
 # What is said where the encoders send without SYNC.
 PHASES = (
     'encoders.sync_id is 0: encoders that send without SYNC do so at phases of their own, which '
@@ -121,7 +119,8 @@ def _described(nodes: Nodes, path: str) -> Nodes:
         The device cannot be set so: nothing has been sent then.
 
     """
-    described, impossible = [], []
+    described = []
+    impossible = []
     for joint, node_id, wanted in nodes:
         device = eds_file.DeviceDescription(path, node_id)
         print(f'{joint}, node {node_id}: {device.name}, by {path}:')

@@ -33,7 +33,8 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 INTERRUPTED = 130
 # Time between two lines where the output is not a terminal, and between two updates of the bar on
 # a terminal (s).
-LINE_PERIOD, TERMINAL_PERIOD = 1.0, 0.1
+LINE_PERIOD = 1.0
+TERMINAL_PERIOD = 0.1
 # Width of the bar (characters).
 BAR = 30
 

@@ -371,7 +371,8 @@ def release_of(part: Part, values: Values, gravity: Gravity) -> Release:
     statics = make_statics(
         geometry_from(values), values['working_mode'], part.torque.shape[1], ForceLimits()
     )
-    weight, net = Weight(gravity, statics), []
+    weight = Weight(gravity, statics)
+    net = []
     for pose, tau in zip(R.reshape(-1, 9), part.torque.tolist(), strict=True):
         statics.place(tuple(pose.tolist()))
         net.append(np.subtract(statics.rendered(tau), weight.torque()))

@@ -35,24 +35,39 @@ ANGLES = ['th1a', 'th1b', 'th1c', 'th3a']
 TORQUES = ['tau1a', 'tau1b', 'tau1c', 'tau3a']
 # Longest time until angles come and the drives are ready, and between two steps of them meanwhile
 # (s).
-READY, WAIT = 30.0, 0.005
+READY = 30.0
+WAIT = 0.005
 # Times of a step and of a release (s): its rest begins to be recorded, ends, the torque ends, the
 # opposite torque of a step ends, and all of it.
-SHOWN, REST, PUSH, BACK, END = 0.55, 0.6, 0.65, 0.7, 0.8
+SHOWN = 0.55
+REST = 0.6
+PUSH = 0.65
+BACK = 0.7
+END = 0.8
 # Torque of a motor alone, and about the handle's z axis (N m): a turn of some degrees.
-STEP, RELEASES = 0.01, (0.005, -0.01, 0.01, -0.005)
+STEP = 0.01
+RELEASES = (0.005, -0.01, 0.01, -0.005)
 # Turn of a joint in a step or release that ends the recording (rad): nothing of it turns so far.
 FARTHEST = 0.6
 # The same of a step of one motor: 0.06 rad on the paper's mechanism.
 FARTHEST_STEP = 0.15
 # Of a pose: largest turn of a joint at rest, least turn of one from every other pose, and the turn
 # of one by which a hand takes the handle back (rad).
-STILL, APART, TAKEN = 0.01, 0.15, 0.1
+STILL = 0.01
+APART = 0.15
+TAKEN = 0.1
 # Spring and damping of each joint (N m/rad, N m s/rad), and the largest torque of a motor (N m).
-STIFFNESS, DAMPING, LARGEST = 1.0, 0.02, 0.3
+STIFFNESS = 1.0
+DAMPING = 0.02
+LARGEST = 0.3
 # Time at rest before the motors hold, until the hand has let go, and at rest after that; time for
 # which the spring comes up, and that is recorded; longest time of a pose (s).
-SETTLED, LET_GO, QUIET, RAMP, RECORDED, PATIENCE = 1.0, 3.0, 1.0, 0.5, 0.5, 300.0
+SETTLED = 1.0
+LET_GO = 3.0
+QUIET = 1.0
+RAMP = 0.5
+RECORDED = 0.5
+PATIENCE = 300.0
 
 Torques = tuple[float, ...]
 
@@ -105,8 +120,12 @@ class BringUp:
         silence: float,
         show: Callable[[str], None],
     ) -> None:
-        self._source, self._drives, self._silence, self.show = source, drives, silence, show
-        self._geometry, self._sensors = geometry, UsedSensors(sigma)
+        self._source = source
+        self._drives = drives
+        self._silence = silence
+        self.show = show
+        self._geometry = geometry
+        self._sensors = UsedSensors(sigma)
         self._statics = make_statics(geometry, working_mode, drives.motors, ForceLimits())
         self.nothing: Torques = (0.0,) * drives.motors
         # Part, time, angles and torques of each recorded sample.
@@ -181,10 +200,12 @@ class BringUp:
         if self.since > PATIENCE:
             raise InputError(f'{self.part}: not at rest within {PATIENCE:g} s')
         stamp, self.angles = self._read()
-        before, self.since = self.since, 1e-9 * (stamp - self._start)
+        before = self.since
+        self.since = 1e-9 * (stamp - self._start)
         self._motion.work(stamp, self.angles, self.nothing, self.since - before)
         if self.turn(self._near) > STILL:
-            self._near, self._near_since = self.angles, self.since
+            self._near = self.angles
+            self._near_since = self.since
         self.still = self.since - self._near_since
 
     def turn(self, angles: Torques) -> float:
@@ -508,7 +529,8 @@ def _pose(bring_up: BringUp, others: list[Torques]) -> Torques:
     while bring_up.still < SETTLED or any(bring_up.turn(each) <= APART for each in others):
         bring_up.step(bring_up.nothing)
     bring_up.show(f'{name}: let go of the handle: the motors hold it')
-    held, began = bring_up.angles, bring_up.since
+    held = bring_up.angles
+    began = bring_up.since
 
     def hold(until: Callable[[], bool], recorded: bool = False) -> None:
         """Hold the pose until a condition is true."""
@@ -518,7 +540,8 @@ def _pose(bring_up: BringUp, others: list[Torques]) -> Torques:
 
     hold(lambda: bring_up.since - began >= LET_GO and bring_up.still >= QUIET)
     bring_up.show(f'{name}: at rest, recording')
-    pose, end = bring_up.angles, bring_up.since + RECORDED
+    pose = bring_up.angles
+    end = bring_up.since + RECORDED
     hold(lambda: bring_up.since >= end, recorded=True)
     bring_up.show(f'{name}: recorded: take the handle again')
     hold(lambda: bring_up.turn(pose) > TAKEN)

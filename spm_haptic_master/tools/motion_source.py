@@ -33,10 +33,13 @@ Evaluate = Callable[[ProgressBar, EncoderSource, Recording, float], bool]
 
 # Time between two recordings that are joined (s).
 BETWEEN = 1.0
+# Length of a recording at a pose of a jig (s).
+POSE_SECONDS = 5.0
 # Time between two updates of a pose's bar (s).
 POSE_PERIOD = 0.1
 # Nodes whose parameters the evaluation of a motion takes, and the names of these.
-NODES, FKM_NAMES = ('encoder_driver', 'fkm'), {setting.name for setting in FKM_SETTINGS}
+NODES = ('encoder_driver', 'fkm')
+FKM_NAMES = {setting.name for setting in FKM_SETTINGS}
 
 
 def check_source(source: str, nothing_to: str) -> None:

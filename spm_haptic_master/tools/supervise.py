@@ -227,28 +227,68 @@ def _read(options: argparse.Namespace, given: dict[str, object]) -> Recorded:
 
     """
     path = options.recording
-    if (
-        path.is_dir()
-        or path.suffix in bags.STORAGE_SUFFIXES
-        or path.suffix == '.csv'
-        and not _is_can_log(path)
-    ):
-        track = recordings.read_joints(path, options.topic)
-        if track is None:
-            raise InputError(f'{path}: nothing on topic {options.topic}')
-        few = f'rows with fewer than {len(JOINT_NAMES)} readings'
-        return Recorded(
-            np.round(track.time * 1e9).astype(np.int64),
-            track.values,
-            len(track.time) + track.left_out,
-            'samples',
-            {few: track.left_out} if track.left_out else {},
-            {
-                axis: times
-                for axis in AXES
-                if (times := recordings.read_axis_times(path, axis)).size
-            },
-        )
+    is_recording = path.is_dir() or path.suffix in bags.STORAGE_SUFFIXES
+    if is_recording or (path.suffix == '.csv' and not _is_can_log(path)):
+        return _read_table(path, options.topic)
+    return _read_log(path, given)
+
+
+def _read_table(path: Path, topic: str) -> Recorded:
+    """
+    Return the joint angles of a CSV table, of `recorder` or of a rosbag2.
+
+    Parameters
+    ----------
+    path : Path
+        The recording.
+    topic : str
+        Topic of the joint angles in a rosbag2.
+
+    Returns
+    -------
+    Recorded
+        Its rows.
+
+    Raises
+    ------
+    InputError
+        There are no joint angles, or the file cannot be read.
+
+    """
+    track = recordings.read_joints(path, topic)
+    if track is None:
+        raise InputError(f'{path}: nothing on topic {topic}')
+    dropped = {}
+    if track.left_out:
+        dropped[f'rows with fewer than {len(JOINT_NAMES)} readings'] = track.left_out
+    times = {axis: recordings.read_axis_times(path, axis) for axis in AXES}
+    return Recorded(
+        stamps=np.round(track.time * 1e9).astype(np.int64),
+        angles=track.values,
+        cycles=len(track.time) + track.left_out,
+        noun='samples',
+        dropped=dropped,
+        axes={axis: found for axis, found in times.items() if found.size},
+    )
+
+
+def _read_log(path: Path, given: dict[str, object]) -> Recorded:
+    """
+    Return the joint angles of a log of the bus.
+
+    Parameters
+    ----------
+    path : Path
+        The log.
+    given : dict of str to object
+        Given parameters, by name.
+
+    Returns
+    -------
+    Recorded
+        Its cycles.
+
+    """
     values = command_line.checked(
         given | {'replay.path': str(path)}, SOURCE_SETTINGS['replay'], 'replay'
     )
@@ -265,12 +305,12 @@ def _read(options: argparse.Namespace, given: dict[str, object]) -> Recorded:
         cycles = max(source.cycles, len(samples))
         dropped = source.dropped
     return Recorded(
-        np.array([sample.stamp for sample in samples]),
-        np.array([sample.angles for sample in samples]),
-        cycles,
-        'cycles of the bus',
-        dropped,
-        {axis: np.array(stamps, dtype=float) * 1e-9 for axis, stamps in axis_stamps.items()},
+        stamps=np.array([sample.stamp for sample in samples]),
+        angles=np.array([sample.angles for sample in samples]),
+        cycles=cycles,
+        noun='cycles of the bus',
+        dropped=dropped,
+        axes={axis: np.array(stamps, dtype=float) * 1e-9 for axis, stamps in axis_stamps.items()},
     )
 
 

@@ -90,6 +90,30 @@ def _parser() -> Parser:
     """Return the parser of the command line; its epilog describes the files."""
     parser = Parser('validate', DESCRIPTION)
     parser.epilog = recordings.__doc__
+    _add_files(parser)
+    _add_topics(parser)
+    parser.add_argument(
+        '--marker-azimuths',
+        type=finite,
+        nargs=2,
+        default=MARKER_AZIMUTHS,
+        metavar=('C', 'D'),
+        help='azimuths of the markers C and D about Z_E, deg '
+        "from the platform's x axis (default {:g} {:g})".format(*MARKER_AZIMUTHS),
+    )
+    parser.add_argument(
+        '-o',
+        '--output',
+        type=Path,
+        default=Path('validation'),
+        metavar='DIR',
+        help='directory for pictures and tables (default: validation)',
+    )
+    return parser
+
+
+def _add_files(parser: Parser) -> None:
+    """Add the recordings that are compared."""
     parser.add_argument(
         'recording',
         type=Path,
@@ -110,6 +134,10 @@ def _parser() -> Parser:
         help='joint angles, for the classic model from the active three '
         '(default: those in RECORDING, if it is a rosbag2 or of recorder)',
     )
+
+
+def _add_topics(parser: Parser) -> None:
+    """Add where the recordings have what is compared."""
     parser.add_argument(
         '--topic',
         default='orientation',
@@ -126,24 +154,6 @@ def _parser() -> Parser:
         metavar='TOPIC',
         help='topic of the captured PoseStamped, if CAPTURE is a rosbag2',
     )
-    parser.add_argument(
-        '--marker-azimuths',
-        type=finite,
-        nargs=2,
-        default=MARKER_AZIMUTHS,
-        metavar=('C', 'D'),
-        help='azimuths of the markers C and D about Z_E, deg '
-        "from the platform's x axis (default {:g} {:g})".format(*MARKER_AZIMUTHS),
-    )
-    parser.add_argument(
-        '-o',
-        '--output',
-        type=Path,
-        default=Path('validation'),
-        metavar='DIR',
-        help='directory for pictures and tables (default: validation)',
-    )
-    return parser
 
 
 def _report(result: comparison.Comparison, table: list[comparison.ErrorRow], output: Path) -> None:

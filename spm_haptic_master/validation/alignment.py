@@ -42,7 +42,8 @@ ROWS_MINIMUM = 10
 # Half width of the difference that yields the angular velocity (s).
 VELOCITY_HALF_WIDTH = 0.02
 # Least length of a motion that shows the rate of a clock (s), and the largest one (unit 1).
-RATE_SECONDS, RATE_LIMIT = 5.0, 0.01
+RATE_SECONDS = 5.0
+RATE_LIMIT = 0.01
 # Standard deviations by which a rate differs from 0 that is one.
 RATE_DEVIATIONS = 5.0
 # Largest number of steps between frame and body.
@@ -237,7 +238,8 @@ def coarse_offset(
 
     """
     (begin_a, a), (begin_b, b) = recorded, captured
-    n, m = len(a), len(b)
+    n = len(a)
+    m = len(b)
     size = 1 << (n + m - 1).bit_length()
 
     def slide(p: np.ndarray, q: np.ndarray) -> np.ndarray:
@@ -245,13 +247,17 @@ def coarse_offset(
         sums = np.fft.irfft(np.fft.rfft(p, size) * np.fft.rfft(q[::-1], size), size)
         return sums[: n + m - 1]
 
-    ones_a, ones_b = np.ones(n), np.ones(m)
+    ones_a = np.ones(n)
+    ones_b = np.ones(m)
     number = slide(ones_a, ones_b)
     enough = number >= OVERLAP * min(n, m)
     number = np.maximum(np.round(number), 1.0)
     # Mean of (a - b)^2 over the common samples: (sum a^2 + sum b^2 - 2 sum a b) / number.
-    sum_a, sum_b = slide(a, ones_b), slide(ones_a, b)
-    square_a, square_b, mixed = slide(a * a, ones_b), slide(ones_a, b * b), slide(a, b)
+    sum_a = slide(a, ones_b)
+    sum_b = slide(ones_a, b)
+    square_a = slide(a * a, ones_b)
+    square_b = slide(ones_a, b * b)
+    mixed = slide(a, b)
     # Rounding leaves equal motions a misfit of a few units in the last place, of either sign.
     rounding = FFT_ROUNDING * (square_a.max() + square_b.max()) / number
     misfit = np.where(
@@ -335,7 +341,9 @@ def constant_frames(
         ]
     )
     body = turns[np.linalg.det(turns) > 0.0]
-    frame, fit, going = body.copy(), np.full(len(body), -math.inf), np.arange(len(body))
+    frame = body.copy()
+    fit = np.full(len(body), -math.inf)
+    going = np.arange(len(body))
     for _ in range(FRAME_STEPS):
         frame[going] = nearest_rotation(np.einsum('abcd,kdb->kac', products, body[going]))
         along = np.einsum('abcd,kac->kdb', products, frame[going])
@@ -415,8 +423,10 @@ def align(
 
     """
     # Measured from the first sample, times in floats resolve far less than a microsecond.
-    begin, captured_begin = recorded_time[0], captured_time[0]
-    recorded_time, captured_time = recorded_time - begin, captured_time - captured_begin
+    begin = recorded_time[0]
+    captured_begin = captured_time[0]
+    recorded_time = recorded_time - begin
+    captured_time = captured_time - captured_begin
     _check_unit(recorded_time, captured_time)
     offset, correlation = coarse_offset(
         angular_speed(recorded_time, recorded), angular_speed(captured_time, captured)
@@ -553,7 +563,8 @@ def _refined(pair: _Pair, start: _Fit, body_known: bool, with_rate: bool) -> tup
         Fewer than `ROWS_MINIMUM` samples are common to both.
 
     """
-    now, deviation = start, math.inf
+    now = start
+    deviation = math.inf
     for _ in range(STEPS):
         at = pair.captured_time * (1.0 + now.rate) + now.offset
         quaternions = [
@@ -640,7 +651,8 @@ def _check_unit(recorded_time: np.ndarray, captured_time: np.ndarray) -> None:
 
 # Residual from which mistakes of an export are tried (rad rms), and the part of it that is left
 # where one of them is what happened (unit 1).
-SUSPICIOUS, EXPLAINED = math.radians(1.0), 0.3
+SUSPICIOUS = math.radians(1.0)
+EXPLAINED = 0.3
 # Directions of the platform's axes x and z for a body turned so (unit 1): nearly 1 or -1.
 ALONG = 0.9
 

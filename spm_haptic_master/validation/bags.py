@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -133,32 +134,63 @@ def _metadata(path: Path) -> Counter[str]:
             )
         _check_ended(path)
         return Counter()
+    about = _read_metadata(path)
+    _check_storage(path, about)
+    present = {_stored_name(each.name) for each in path.iterdir() if is_bag(each)}
+    alone = sorted(present ^ {_stored_name(name) for name in about.files})
+    if alone:
+        raise _not_ended(path, f'{", ".join(alone)} in the directory or {METADATA} alone', path)
+    for name in about.files:
+        _check_ended(path / name)
+    return about.counts
+
+
+@dataclass(frozen=True, slots=True)
+class _Metadata:
+    """
+    What metadata.yaml says of a recording.
+
+    Attributes
+    ----------
+    files : list of str
+        Names of its files.
+    storage : str or None
+        Storage format.
+    counts : Counter of str
+        Number of messages by topic.
+
+    """
+
+    files: list[str]
+    storage: str | None
+    counts: Counter[str]
+
+
+def _read_metadata(path: Path) -> _Metadata:
+    """Return what metadata.yaml in a directory says; InputError where it cannot be read."""
     try:
         content = yaml.safe_load((path / METADATA).read_text(encoding='utf-8'))
         about = content['rosbag2_bagfile_information']
-        listed = [PurePath(name).name for name in about['relative_file_paths']]
-        storage = about.get('storage_identifier')
+        files = [PurePath(name).name for name in about['relative_file_paths']]
         counts: Counter[str] = Counter()
         for each in about['topics_with_message_count']:
             counts[each['topic_metadata']['name']] += int(each['message_count'])
+        return _Metadata(files, about.get('storage_identifier'), counts)
     except (OSError, ValueError, yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
         raise InputError(
             f'{path / METADATA}: cannot be read: {_first_line(error)}; '
             f'`ros2 bag reindex {path}` writes a new one'
         ) from error
-    if storage == '':
-        suffixes = ' or '.join(sorted(set(map(_storage_of, listed))))
+
+
+def _check_storage(path: Path, about: _Metadata) -> None:
+    """Raise InputError for metadata without the storage format, with what belongs there."""
+    if about.storage == '':
+        suffixes = ' or '.join(sorted(set(map(_storage_of, about.files))))
         raise InputError(
             f'{path / METADATA}: storage_identifier is empty, as `ros2 bag reindex` of Humble '
             f'leaves it; write {suffixes} there'
         )
-    there = {_stored_name(each.name) for each in path.iterdir() if is_bag(each)}
-    alone = sorted(there ^ {_stored_name(name) for name in listed})
-    if alone:
-        raise _not_ended(path, f'{", ".join(alone)} in the directory or {METADATA} alone', path)
-    for name in listed:
-        _check_ended(path / name)
-    return counts
 
 
 def _storage_of(name: str) -> str:

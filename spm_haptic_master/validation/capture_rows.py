@@ -23,10 +23,12 @@ Array = NDArray[np.float64]
 # (unit 1): 1 mm at 100 mm, five times what a good capture shows.
 RIGID = 0.01
 # Largest angular speed of a handle in a hand (rad/s), and what noise adds to a turn (rad).
-HAND_SPEED, TURN_NOISE = 20.0, 0.05
+HAND_SPEED = 20.0
+TURN_NOISE = 0.05
 # Length of a piece whose change of change is far below the usual one: held, or filled in (rows),
 # and that part of the median (unit 1).
-STRAIGHT_ROWS, STRAIGHT = 10, 0.1
+STRAIGHT_ROWS = 10
+STRAIGHT = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +87,8 @@ def keep(sifted: Sifted, good: NDArray[np.bool_], reason: str) -> Sifted:
         The good rows, and all reasons.
 
     """
-    track, bad = sifted.track, int((~good).sum())
+    track = sifted.track
+    bad = int((~good).sum())
     left_out = sifted.left_out + Counter({reason: bad} if bad else {})
     return Sifted(Track(track.time[good], track.values[good], track.left_out), left_out)
 

@@ -133,7 +133,8 @@ def compare(
         known &= (time >= joints.time[0]) & (time <= joints.time[-1])
         if not known.any():
             raise InputError('the joint angles are of another time than the orientations')
-    time, captured = time[known], captured[known]
+    time = time[known]
+    captured = captured[known]
     models = {'improved': kinematics.matrix_from_quaternion(found[known])}
     if joints is not None:
         models['classic'] = _mounted_classic(

@@ -120,15 +120,19 @@ def parity_map(
         Parity, tilt and self-rotation of each sample.
 
     """
-    n, angles, sigma = len(angles), angles[:, :4], sigma[:4]
+    n = len(angles)
+    angles = angles[:, :4]
+    sigma = sigma[:4]
     parity, tilt, phi = (np.full(n, np.nan) for _ in range(3))
     finite = np.flatnonzero(np.isfinite(angles).all(axis=1))
     found = kinematics.estimate(angles[finite, :3], angles[finite, 3], sigma, geometry)
     known = np.isfinite(found.parity)
-    rows, rotation = finite[known], found.rotation[known]
+    rows = finite[known]
+    rotation = found.rotation[known]
     matrices = kinematics.jacobian(rotation, geometry, working_mode, sensors=4)
     usable = np.isfinite(matrices).all(axis=(1, 2))
-    rows, rotation = rows[usable], rotation[usable]
+    rows = rows[usable]
+    rotation = rotation[usable]
     # The null vector of the Jacobian's transpose: the last left singular vector.
     normal = np.linalg.svd(matrices[usable])[0][:, :, 3]
     deviation = np.sqrt((normal**2 * np.square(sigma)).sum(axis=1))

@@ -28,7 +28,8 @@ except ImportError as error:
 # Resolution (dots per inch): an 8 inch picture fills the column of a README on a dense screen.
 RESOLUTION = 110
 # Default size of a picture (inch).
-WIDTH, HEIGHT = 8.0, 3.4
+WIDTH = 8.0
+HEIGHT = 3.4
 # Colours of the models, the same everywhere: three encoders alone and all of them as on the page
 # of `view` (description/colours.py); distinguishable without red and green.
 REFERENCE = '#000000'

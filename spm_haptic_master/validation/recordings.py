@@ -43,9 +43,11 @@ from spm_haptic_master.encoders.recording_files import JOINTS_NAME, ORIENTATION_
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.validation import bags, capture_files
+from spm_haptic_master.validation.capture_headers import Sheet
 
 # Columns of a CSV file, and another name for that of the times.
-TIME, STAMP = 'time', 'stamp'
+TIME = 'time'
+STAMP = 'stamp'
 QUATERNION = ('qx', 'qy', 'qz', 'qw')
 MARKERS = tuple(f'{marker}{axis}' for marker in 'abcd' for axis in 'xyz')
 # Largest |norm - 1| of a recorded quaternion: the rounding of a few printed digits.
@@ -207,7 +209,7 @@ def read_capture(path: Path, topic: str | None) -> Track:
             raise InputError(f'{path}: give the topic of the pose with --capture-topic')
         rows = _topic_rows(path, topic, ORIENTATIONS, option='--capture-topic')
         return _quaternions(path, rows)
-    export = capture_files.export_rows(path, _fields(path), topic)
+    export = capture_files.export_rows(Sheet(path, _fields(path)), topic)
     if export is not None:
         of_poses, rows = export
         return _quaternions(path, rows) if of_poses else _track(path, rows)
@@ -333,7 +335,8 @@ def _track(path: Path, rows: list[list[float]], least: int | None = None) -> Tra
         raise InputError(f'{path}: {len(known)} complete rows; expected {ROWS_MINIMUM} or more')
     if np.isinf(known).any():
         raise InputError(f'{path}: a value is not finite')
-    time, values = known[:, 0], known[:, 1:]
+    time = known[:, 0]
+    values = known[:, 1:]
     back = np.flatnonzero(np.diff(time) <= 0.0)
     if back.size:
         raise InputError(f'{path}: time does not increase after {time[back[0]]:.6f} s')
@@ -386,22 +389,32 @@ def _csv_rows(path: Path, table: list[list[str]], columns: tuple[str, ...]) -> l
     header, *lines = table
     if TIME not in header and STAMP in header:
         header[header.index(STAMP)] = TIME
-    columns = (TIME, *columns)
-    missing = [name for name in columns if name not in header]
-    if missing:
-        raise InputError(f'{path}: no column {", ".join(missing)}; expected {", ".join(columns)}')
-    places = [header.index(name) for name in columns]
+    names = (TIME, *columns)
+    places = _places(path, header, names)
     rows = []
     for number, line in enumerate(lines, start=2):
         if not line:
             continue
         try:
-            rows.append([float(line[place].strip() or 'nan') for place in places])
+            rows.append([_number(line[place]) for place in places])
         except (ValueError, IndexError) as error:
             raise InputError(
-                f'{path}, line {number}: not numbers in the columns {", ".join(columns)}'
+                f'{path}, line {number}: not numbers in the columns {", ".join(names)}'
             ) from error
     return rows
+
+
+def _places(path: Path, header: list[str], names: Sequence[str]) -> list[int]:
+    """Return the places of columns in the header; InputError where one is missing."""
+    missing = [name for name in names if name not in header]
+    if missing:
+        raise InputError(f'{path}: no column {", ".join(missing)}; expected {", ".join(names)}')
+    return [header.index(name) for name in names]
+
+
+def _number(field: str) -> float:
+    """Return the number in a field; NaN where it is empty."""
+    return float(field.strip() or 'nan')
 
 
 def _joint_angles(message: Any) -> Sequence[float]:

@@ -90,10 +90,13 @@ class Arm:
         # Times since which a page shows the device, and of the latest tick (s, monotonic).
         self._seen_since = self._ticked = now
         self._there_at = now  # when it had a publisher last (s)
-        self._joints, self._trace = Periodic(LEAST_PERIOD), Periodic(TRACE_PERIOD)
-        self._map, self._figures = Periodic(MAP_PERIOD), Periodic(FIGURES_PERIOD)
+        self._joints = Periodic(LEAST_PERIOD)
+        self._trace = Periodic(TRACE_PERIOD)
+        self._map = Periodic(MAP_PERIOD)
+        self._figures = Periodic(FIGURES_PERIOD)
         # Poses drawn since the figures were shown, and when that was (s).
-        self._drawn, self._shown_at = 0, now
+        self._drawn = 0
+        self._shown_at = now
         self._use_geometry(Geometry())
         self.seen = Seen(status.banner(None, None))
         self._entries = StatusEntries(self._prefix)
@@ -282,7 +285,8 @@ class Arm:
         self._watch(now, watched)
         self._play(now)
         self._solve(now, watched)
-        seen, scene = self.seen, self._scene
+        seen = self.seen
+        scene = self._scene
         if watched and scene is not None and seen.angles is not None:
             th1a, th2a, th3a = seen.angles[:3]
             seen.orientation = chain_quaternion(th1a, th2a, th3a, self._geometry, FLOATS)
@@ -363,14 +367,20 @@ class Arm:
 
     def _show_figures(self, now: float) -> None:
         """Show figures, plots, the encoders' states and the sliders."""
-        seen, topics = self.seen, self._topics
+        seen = self.seen
+        topics = self._topics
         self._show_sensors()
         seen.ghost = self._ghost.error
         seen.pace = self._drawn / max(now - self._shown_at, FIGURES_PERIOD)
-        self._drawn, self._shown_at = 0, now
-        seen.force, seen.teleop, seen.crtk = topics.force(), topics.teleop(), topics.crtk()
-        seen.readings, seen.ages = topics.readings, topics.ages()
-        seen.torques, seen.further = topics.torque_sizes(), topics.further()
+        self._drawn = 0
+        self._shown_at = now
+        seen.force = topics.force()
+        seen.teleop = topics.teleop()
+        seen.crtk = topics.crtk()
+        seen.readings = topics.readings
+        seen.ages = topics.ages()
+        seen.torques = topics.torque_sizes()
+        seen.further = topics.further()
         seen.calibration = topics.calibration if topics.is_calibrating() else None
         self._page.show_content(self.title, seen, self._entries, self._rank)
         if seen.orientation is not None and seen.banner.alive:
@@ -382,7 +392,8 @@ class Arm:
 
         What has happened are events of the simulation and encoders whose state has changed.
         """
-        seen, before = self.seen, self.seen.states
+        seen = self.seen
+        before = self.seen.states
         seen.states = status.sensor_states(
             self._entries, seen.settings.sensors, self._state, self._topics.unread()
         )

@@ -143,7 +143,8 @@ def content(seen: Seen, entries: StatusEntries) -> dict[str, Any]:
 
 def _figures(seen: Seen, entries: StatusEntries) -> Figures:
     """Return the numbers of a device and of its entries."""
-    limits, timing = entries.numbers(SINGULARITY), entries.numbers(TIMING)
+    limits = entries.numbers(SINGULARITY)
+    timing = entries.numbers(TIMING)
     of_pose = {} if seen.orientation is None else entries.numbers(ORIENTATION)
     return Figures(
         warn_below=limits.get('warn below', nan),

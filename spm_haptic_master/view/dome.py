@@ -69,7 +69,8 @@ class Dome:
     def __init__(
         self, scene: SceneApi, root: str, geometry: Geometry, working_mode: WorkingMode
     ) -> None:
-        self._scene, self._root = scene, root
+        self._scene = scene
+        self._root = root
         self._map = WorkspaceMap(geometry, working_mode)
         self._points: deque[NDArray[np.float64]] = deque(maxlen=TRACE_POINTS)
         self._added = 0
@@ -141,7 +142,8 @@ class Dome:
 
         """
         point = RADIUS * np.asarray(axis)
-        self.pin.position, self.pin.visible = point, True
+        self.pin.position = point
+        self.pin.visible = True
         if self._points and np.abs(point - self._points[-1]).max() < TRACE_STEP:
             return
         self._points.append(point)

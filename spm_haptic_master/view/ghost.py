@@ -165,7 +165,8 @@ def sector(rotation: NDArray[np.float64]) -> Solid:
 
 def _directions(rotation: NDArray[np.float64], parts: int) -> NDArray[np.float64]:
     """Return unit vectors from x to the turned x, in equal steps, shape (parts + 1, 3)."""
-    begin, end = np.array([1.0, 0.0, 0.0]), rotation[:, 0]
+    begin = np.array([1.0, 0.0, 0.0])
+    end = rotation[:, 0]
     side = end - (begin @ end) * begin
     length = float(np.linalg.norm(side))
     # Opposite or equal: any side will do.

@@ -82,7 +82,8 @@ class View(ParameterNode):
             start_parameter_services=False,
             enable_rosout=False,
         )
-        self._refusals, self._news = Periodic(REFUSAL_PERIOD), Periodic(NEWS_PERIOD)
+        self._refusals = Periodic(REFUSAL_PERIOD)
+        self._news = Periodic(NEWS_PERIOD)
         self._server = serve(
             values['view.host'], values['view.port'], values['view.hosts'], self._report_refusal
         )

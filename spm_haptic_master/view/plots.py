@@ -122,7 +122,8 @@ def plots(sensors: int, limits: Limits) -> list[Plot]:
         Always the same plots: a quantity without values is an empty one.
 
     """
-    three, every = colours.THREE_ENCODERS, colours.ALL_ENCODERS
+    three = colours.THREE_ENCODERS
+    every = colours.ALL_ENCODERS
     return [
         Plot('ghost', 'error of three encoders alone, deg', [Series('', three)], on_top=True),
         Plot(

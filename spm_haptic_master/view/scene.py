@@ -107,7 +107,8 @@ class Scene:
         table: Quaternion[float],
         sensors: int,
     ) -> None:
-        self._scene, self._geometry = scene, geometry
+        self._scene = scene
+        self._geometry = geometry
         self._thirds = geometry.platform_axes[: sensors - len(solids.LEGS)]
         self._shapes = solids.solids(geometry)
         self._add_frames(f'arm_{name.replace("/", "_")}' if name else 'arm', table)
@@ -240,7 +241,8 @@ class Scene:
     def _add_labels(self) -> list[LabelHandle]:
         """Add the names of encoders, legs, handle and O; return those of the encoders."""
         axes = np.array(self._geometry.base_axes)
-        fixed, turned = self._fixed_rest.name, self._turned_rest.name
+        fixed = self._fixed_rest.name
+        turned = self._turned_rest.name
         for leg, axis in zip(solids.LEGS, axes, strict=True):
             self._add_label(fixed, leg.upper(), LEG_AT * axis)
         self._add_label(fixed, 'O', np.zeros(3))

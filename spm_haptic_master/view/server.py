@@ -106,7 +106,8 @@ def refusal(headers: Headers, names: frozenset[str]) -> str:
         Reason in one line, with what was given and, where that helps, the parameter to set.
 
     """
-    hosts, origins = headers.get_all('Host'), headers.get_all('Origin')
+    hosts = headers.get_all('Host')
+    origins = headers.get_all('Origin')
     host = hosts[0].lower() if len(hosts) == 1 else ''
     match = HOST.fullmatch(host)
     if match is None or match[1] not in names:
@@ -214,7 +215,8 @@ class Guard:
     """
 
     def __init__(self, names: frozenset[str], report: Callable[[str], None]) -> None:
-        self._names, self._report = names, report
+        self._names = names
+        self._report = report
         # Whether a server of viser has got the guard.
         self.is_used = False
 

@@ -47,7 +47,8 @@ class SettingsClient:
     """
 
     def __init__(self, node: Node, service: str, take: Callable[[Values], None]) -> None:
-        self._node, self._take = node, take
+        self._node = node
+        self._take = take
         self._client = node.create_client(GetParameters, service)
         self._due = Periodic(PERIOD)
 

@@ -72,7 +72,10 @@ class SimulatedDevice:
         order: float,
         name: Callable[[str], str],
     ) -> None:
-        self._node, self._gui, self._panel, self._name = node, gui, folder, name
+        self._node = node
+        self._gui = gui
+        self._panel = folder
+        self._name = name
         self._order = order
         # Publishers by topic, made for the first simulated source.
         self._outs: dict[str, Publisher] = {}
@@ -153,7 +156,8 @@ class SimulatedDevice:
 
     def _add_faults(self) -> None:
         """Add what lets encoders fail."""
-        gui, names = self._gui, SENSOR_NAMES[: self._sensors]
+        gui = self._gui
+        names = SENSOR_NAMES[: self._sensors]
         self.sensor = gui.add_dropdown('encoder', names, initial_value=SENSOR_NAMES[1])
         self.offset = gui.add_number('offset, deg', OFFSET, min=-180.0, max=180.0, step=0.1)
         kinds = gui.add_button_group('fault', SWITCHED)
@@ -176,7 +180,8 @@ class SimulatedDevice:
     def happened(self) -> list[str]:
         """Return what has happened since the last call, in words."""
         found = [*self._happened, *self.player.happened]
-        self._happened, self.player.happened = [], []
+        self._happened = []
+        self.player.happened = []
         return found
 
     def follow(self, orientation: Quaternion[float]) -> None:

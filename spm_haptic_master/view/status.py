@@ -40,7 +40,8 @@ class Light(Enum):
     GREY = '#57606a', '\u2026'
 
     def __init__(self, colour: str, sign: str) -> None:
-        self.colour, self.sign = colour, sign
+        self.colour = colour
+        self.sign = sign
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +75,8 @@ class SampleAge:
 
     def renew(self, now: float) -> None:
         """Note joint angles that came at a time, s."""
-        self._came, self.value = now, 0.0
+        self._came = now
+        self.value = 0.0
 
     def tick(self, now: float) -> None:
         """
@@ -90,7 +92,8 @@ class SampleAge:
         # After a pause of this process itself, what came meanwhile is not read yet.
         if self.value is not None and (self._late or not late):
             self.value = now - self._came
-        self._ticked, self._late = now, late
+        self._ticked = now
+        self._late = late
 
 
 def banner(
@@ -179,7 +182,9 @@ class SensorState(Enum):
     UNKNOWN = 'unknown', Light.GREY.colour, '\u2026'
 
     def __init__(self, words: str, colour: str, sign: str) -> None:
-        self.words, self.colour, self.sign = words, colour, sign
+        self.words = words
+        self.colour = colour
+        self.sign = sign
 
 
 def sensor_states(

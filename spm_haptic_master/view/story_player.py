@@ -41,7 +41,8 @@ class StoryPlayer:
     """
 
     def __init__(self, steer: Callable[[float | None], None], fail: Callable[[str], None]) -> None:
-        self._steer, self._fail = steer, fail
+        self._steer = steer
+        self._fail = fail
         self._playing: Iterator[StoryNews] = iter(())
         self._now = 0.0  # time of the latest tick, s
         self._sensors = 0
@@ -79,7 +80,8 @@ class StoryPlayer:
             Sentence and progress of the story; None without a story.
 
         """
-        self._now, self._sensors = now, sensors
+        self._now = now
+        self._sensors = sensors
         return next(self._playing, None)
 
     def _steps(self, story: Story, number: int) -> Iterator[StoryNews]:

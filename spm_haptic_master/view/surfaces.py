@@ -141,7 +141,8 @@ def fan(radius: float, height: float, corners: int) -> Solid:
         An open surface.
 
     """
-    turn, here = np.arange(corners) * 2.0 * pi / corners, np.arange(1, corners + 1)
+    turn = np.arange(corners) * 2.0 * pi / corners
+    here = np.arange(1, corners + 1)
     rim = np.stack([radius * np.cos(turn), radius * np.sin(turn), 0.0 * turn + height], axis=1)
     return Solid(
         np.concatenate([np.zeros((1, 3)), rim]),

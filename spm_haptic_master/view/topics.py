@@ -89,7 +89,9 @@ class DeviceTopics:
         on_state: Callable[[str], None],
         on_source: Callable[[str], None],
     ) -> None:
-        self._node, self._name, self._on_joints = node, name, on_joints
+        self._node = node
+        self._name = name
+        self._on_joints = on_joints
         # Words by topic, and when they came (s).
         self._words: dict[str, tuple[str, float]] = {}
         self._now = 0.0

@@ -51,7 +51,8 @@ def test_the_best_are_the_true_ones_and_stand_alone(seed):
 
 def test_two_guesses_that_come_to_the_same_zeros_are_one(monkeypatch):
     """One that the search has left 4 deg off, as by the noise of 12 bits, is no second answer."""
-    read, model = samples((1, 1, -1, 1), np.array([0.5, -0.2, 1.0, 2.0]), 3), model_of()
+    read = samples((1, 1, -1, 1), np.array([0.5, -0.2, 1.0, 2.0]), 3)
+    model = model_of()
     true = np.array([0.5, -0.2, 1.0, 2.0])
     guesses = [
         zero_search.ZeroGuess((1, 1, -1, 1), zeros, radians(misfit))

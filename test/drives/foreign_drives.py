@@ -4,9 +4,9 @@
 """
 Drives of other makers by canopen-python's LocalNode: which objects they have.
 
-Facts as a table of ours: what maxon EPOS4 Module 50/5 (revision 0x0170) and Technosoft iPOS (1.04)
-lack by their EDS files is what docs/force.md lists; other objects are taken to be as CiA 402 has
-them. No value of a maker's file is here.
+Facts as a table of ours: what maxon EPOS4 Module 50/5 (revision 0x0170), maxon EPOS2, Technosoft
+iPOS (1.04), Faulhaber 327 and MCDC lack by their EDS files is what docs/force.md lists; other
+objects are taken to be as CiA 402 has them. No value of a maker's file is here.
 """
 
 from contextlib import contextmanager
@@ -79,6 +79,30 @@ def epos4(node_id):
 def ipos(node_id):
     """Return the objects of an iPOS: no 1016h, 6072h, 6076h, 1400h:05."""
     return {**common(node_id), (0x1800, 5): Held(4, 2)}
+
+
+def faulhaber(node_id):
+    """Return the objects of a Faulhaber 327 or MCDC: no 6071h, which no PDO has then."""
+    return {
+        **without(epos4(node_id), 0x6071),
+        (0x1600, 0): Held(1, 1),
+        (0x1600, 2): Held(0),
+    }
+
+
+def epos2(node_id):
+    """Return the objects of an EPOS2: none of a torque."""
+    return {
+        **without(faulhaber(node_id), 0x6076, 0x6077),
+        (0x1A00, 0): Held(1, 1),
+        (0x1A00, 2): Held(0),
+        (0x1A00, 3): Held(0),
+    }
+
+
+def without(objects, *indices):
+    """Return objects without those of some indices."""
+    return {key: held for key, held in objects.items() if key[0] not in indices}
 
 
 @contextmanager

@@ -43,6 +43,9 @@ STATUS = {
     (0x1803, 1, 4, 1 << 31),
 }
 OTHERS = {
+    # The torque that it is to make, and that it makes: any value.
+    (0x6071, 0, 2, 0),
+    (0x6077, 0, 2, 0),
     (0x1016, 1, 4, 126 << 16 | 60),
     (0x1017, 0, 2, 20),
     (0x1029, 1, 1, 1),

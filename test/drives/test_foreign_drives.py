@@ -8,7 +8,7 @@ import uuid
 
 import can
 from drive_rig import make_test_plan
-from foreign_drives import epos4, FIRST_SERIAL, foreign_drives, ipos
+from foreign_drives import epos2, epos4, faulhaber, FIRST_SERIAL, foreign_drives, ipos
 from foreign_nodes import canopen
 import pytest
 from spm_haptic_master.drives.drives import Drives
@@ -101,6 +101,20 @@ def test_ipos_cannot_be_used_as_it_does_not_notice_a_master_that_hangs(channel, 
     assert code == 1
     assert 'does not notice a master that hangs: it cannot be used here' in text
     assert 'drives.torque_unit: 0.0' in text and 'verified_by_hand: 0x6072:00' in text
+
+
+@pytest.mark.parametrize('objects', [faulhaber, epos2])
+def test_a_drive_without_a_target_torque_is_refused_and_not_written(channel, setup, objects):
+    with foreign_drives(channel, objects):
+        code, text = setup(channel, '--write', **quoted(EPOS4))
+    assert code == 1
+    refusals = [line for line in text.splitlines() if line.endswith('nothing was written')]
+    assert len(refusals) == 3
+    for line in refusals:
+        assert (
+            '0x6071:00 target torque: missing, wanted any value; the drive has no torque to '
+            'command or to compare: it cannot be used here' in line
+        )
 
 
 def started(channel, plan, until):

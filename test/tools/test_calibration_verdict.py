@@ -98,7 +98,8 @@ def test_a_motion_that_determines_too_little_names_no_limit(found, fkm):
 
 def test_starts_after_gaps_of_the_recording_say_nothing_against_a_calibration(found, fkm):
     """As on a machine that is too busy for its bus: a start withholds 4 samples."""
-    stamps, readings = (found.readings.seconds * 1e9).astype(np.int64), found.readings.readings
+    stamps = (found.readings.seconds * 1e9).astype(np.int64)
+    readings = found.readings.readings
     whole = replace(found, readings=replace(found.readings, spiked=np.zeros(len(stamps), bool)))
     with_gaps = stamps + np.arange(len(stamps)) // 50 * 2_000_000_000
     values = fkm(alert_limit_deg=30.0)

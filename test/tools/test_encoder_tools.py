@@ -186,6 +186,34 @@ def test_E13_calibrate_names_a_smaller_resolution(motion, tmp_path, capsys):
     assert calibrate.main(['calibrate', '--motion', *motion, *given, '-o', path]) == 1
     error = capsys.readouterr().err.splitlines()[-1]
     assert (
-        'no count of the whole motion reaches 16384, and encoders.counts_per_turn is 65536: is it '
-        '16384? (can_scan reads it)' in error
+        'no count of the motion reaches 16384, and with 16384 counts per turn it is that of the '
+        'mechanism: encoders.counts_per_turn is 65536 (can_scan prints what the encoders have)'
+        in error
     )
+
+
+@pytest.mark.slow
+def test_E13_no_resolution_is_suggested_that_the_encoders_do_not_have(motion, tmp_path, capsys):
+    """Two joints are exchanged, and all counts are in the lower half of a turn by chance."""
+    *others, path, rate_flag, rate = motion
+    exchanged = {'181': '182', '182': '181', '183': '183', '184': '184'}
+    first = {}
+    log = tmp_path / 'exchanged.log'
+    with open(path.partition('=')[2]) as source, log.open('w') as file:
+        for line in source:
+            head, _, data = line.partition('#')
+            identifier = head[-3:]
+            if identifier in exchanged:
+                count = int.from_bytes(bytes.fromhex(data[:8]), 'little')
+                moved = count - first.setdefault(identifier, count)
+                low = (moved + 5500) % 16384
+                assert low < 8192
+                data = low.to_bytes(4, 'little').hex() + data[8:]
+                head = head[:-3] + exchanged[identifier]
+            file.write(f'{head}#{data}')
+    given = (*others, f'replay.path:={log}', rate_flag, rate)
+    output = str(tmp_path / 'c.yaml')
+    assert calibrate.main(['calibrate', '--motion', *given, '-o', output]) == 1
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert 'joint_1a and joint_1b are swapped' in error
+    assert '8192' not in error

@@ -24,7 +24,8 @@ CONTRADICTION = 3.0
 # Noise by differences of readings over that which the parity allows that is reported (unit 1).
 IRREGULAR = 1.1
 # Part of the sets with a spike, and of the samples that the fit cuts, that are reported (unit 1).
-SPIKES, CUT = 0.001, 0.005
+SPIKES = 0.001
+CUT = 0.005
 # Samples of which the orientations' error is predicted.
 ERROR_SAMPLES = 3000
 

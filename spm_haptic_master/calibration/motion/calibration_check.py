@@ -39,7 +39,8 @@ LINEAR = radians(1.0)
 TRIED_STEP = radians(3.0)
 TRIED_POSES = 40
 # Refinements of a slip, and the change that ends them (rad).
-REFINEMENTS, REFINED = 6, radians(0.001)
+REFINEMENTS = 6
+REFINED = radians(0.001)
 # Slow parity that a larger slip or a reversed direction may leave (rad rms): the corrections of
 # the encoder's harmonics, up to 0.5 deg, belong to other angles then.
 LARGE_LEFT = radians(0.3)
@@ -190,21 +191,36 @@ class CalibrationChecker:
         if evaluation is not None and evaluation.holds():
             self._check_decidable(evaluation)
             return Check(evaluation, usable)
+        return self._changed(angles, evaluation, usable)
+
+    def _changed(self, angles: Array, evaluation: Evaluation | None, usable: float) -> Check:
+        """
+        Return what explains angles that the calibration does not.
+
+        Parameters
+        ----------
+        angles : ndarray, shape (n, N)
+            Joint angles by the calibration, rad.
+        evaluation : Evaluation or None
+            Evaluation of the angles as they are; None where they fit nothing.
+        usable : float
+            Part of the samples that have an orientation (unit 1).
+
+        Returns
+        -------
+        Check
+            One sensor alone, several candidates, or all sensors together.
+
+        """
         found = self._hypotheses(angles, evaluation)
         if evaluation is not None and not any(each.explains for each in found):
             several = self._several(angles)
             if several is not None:
                 return Check(evaluation, usable, several=several)
-        left = np.array([each.left for each in found])
-        near = [
-            found[each]
-            for each in slip_evidence.suspects(
-                left, evaluation.freedom if evaluation else 0, np.inf
-            )
-        ]
+        near = _best(found, evaluation.freedom if evaluation is not None else 0)
         candidates = tuple(each for each in near if each.fits)
-        changed = candidates[0] if len(near) == len(candidates) == 1 else None
-        return Check(evaluation, usable, changed, candidates)
+        is_isolated = len(near) == 1 and near[0].fits
+        return Check(evaluation, usable, near[0] if is_isolated else None, candidates)
 
     def _check_decidable(self, found: Evaluation) -> None:
         """Raise CalibrationError if a motion would not show a slip."""
@@ -395,3 +411,9 @@ class CalibrationChecker:
                 return slips if found.misfit <= found.limit else None
             slips = slips + found.together
         return None
+
+
+def _best(hypotheses: list[Hypothesis], freedom: int) -> list[Hypothesis]:
+    """Return the hypotheses that explain the parity about as well as the best one does."""
+    left = np.array([each.left for each in hypotheses])
+    return [hypotheses[sensor] for sensor in slip_evidence.suspects(left, freedom, np.inf)]

@@ -29,9 +29,11 @@ from spm_haptic_master.validation.parity_map import tilt_and_turn
 # Directions of tilt (rad), in which poses are taken and motions proposed.
 AZIMUTHS = tuple(np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False).tolist())
 # Tilts of a proposed motion and its self-rotations (deg).
-PROPOSED_TILTS_DEG, PROPOSED_TURNS_DEG = (6.0, 12.0, 18.0, 24.0), (0.0, 20.0, 40.0, 60.0, 80.0)
+PROPOSED_TILTS_DEG = (6.0, 12.0, 18.0, 24.0)
+PROPOSED_TURNS_DEG = (0.0, 20.0, 40.0, 60.0, 80.0)
 # Self-rotations of a proposed turn (deg), to the right and to the left.
-RIGHT_TURNS_DEG, LEFT_TURNS_DEG = (-15.0, -5.0, 5.0, 15.0), (60.0, 75.0, 90.0, 105.0)
+RIGHT_TURNS_DEG = (-15.0, -5.0, 5.0, 15.0)
+LEFT_TURNS_DEG = (60.0, 75.0, 90.0, 105.0)
 # Length of a proposed motion (s).
 PROPOSED_SECONDS = 3.0
 # Standard deviations of the predicted error that the bound covers: by chance a sensor exceeds it
@@ -42,9 +44,11 @@ UNIT = radians(0.01)
 # Part of a motion beyond either edge of its region (percent): moments at the rim.
 RIM_PERCENT = 2.5
 # Number of tilts and of self-rotations at which a region is evaluated.
-TILTS, TURNS = 3, 5
+TILTS = 3
+TURNS = 5
 # Least tilt of a region and extent of its self-rotation (deg): a smaller one is no workspace.
-LEAST_TILT_DEG, LEAST_TURN_DEG = 8.0, 20.0
+LEAST_TILT_DEG = 8.0
+LEAST_TURN_DEG = 20.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -256,7 +260,8 @@ def aligned_changes(model: MotionModel, rotation: Array, vector: Array) -> Array
     changes = model.orientation_changes(rotation, vector)
     frames = np.concatenate([np.broadcast_to(np.eye(3), rotation.shape), rotation], axis=2)
     left, size, _ = np.linalg.svd(frames.reshape(-1, 6), full_matrices=False)
-    kept, flat = left[:, size > 1e-9 * size[0]], changes.reshape(-1, changes.shape[2])
+    kept = left[:, size > 1e-9 * size[0]]
+    flat = changes.reshape(-1, changes.shape[2])
     return (flat - kept @ (kept.T @ flat)).reshape(changes.shape)
 
 

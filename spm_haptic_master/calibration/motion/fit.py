@@ -37,7 +37,9 @@ SLICE = 5000
 # Damping of the first step after one that made the fit worse, its factor after each further one,
 # and the largest (unit 1). Without one there is none: it would hold what a poor motion hardly
 # determines where it started.
-DAMPING_START, DAMPING, DAMPING_LIMIT = 1e-8, 10.0, 1e4
+DAMPING_START = 1e-8
+DAMPING = 10.0
+DAMPING_LIMIT = 1e4
 # Predicted standard deviation of a parameter over that before the fit, below which the motion
 # determines it (unit 1).
 DETERMINED = 0.95
@@ -156,7 +158,8 @@ def normal_equations(
     if limit is None:
         limit = _outlier_limit(parity)
     kept = size < limit
-    matrix, right = np.zeros((len(columns),) * 2), np.zeros(len(columns))
+    matrix = np.zeros((len(columns),) * 2)
+    right = np.zeros(len(columns))
     for number, part in enumerate(parts):
         inside = kept[number * SLICE : (number + 1) * SLICE]
         # The derivatives, shape (m, P), and the parities, shape (m,).
@@ -251,36 +254,82 @@ def fit(
         raise CalibrationError('no sample of the motion has an orientation')
     damping = 0.0
     for _ in range(STEPS):
-        matrix = now.matrix + np.diag(weights)
-        # What nothing determines yet stays as it is.
-        scale = np.sqrt(np.maximum(np.diag(matrix), LEAST_INFORMATION))
-        damped = matrix / scale[:, None] / scale + damping * np.eye(len(places))
-        step = (
-            -np.linalg.lstsq(damped, (now.right + weights * vector[places]) / scale, rcond=None)[0]
-            / scale
-        )
+        step = _damped_step(now, weights, vector[places], damping)
         moved = vector.copy()
         moved[places] += step
-        try:
-            near = model.linearised(turned, now.rotation, moved).rotation
-            after = normal_equations(model, turned, near, moved, chosen, now.limit)
-            worse = misfit(after, moved) > misfit(now, vector) * (1.0 + TOLERANCE)
-        except GeometryError:  # an impossible mechanism
-            worse = True
-        if worse:
+        after = _normal_after(model, turned, now, moved, chosen)
+        if after is None or misfit(after, moved) > misfit(now, vector) * (1.0 + TOLERANCE):
             damping = max(DAMPING * damping, DAMPING_START)
             if damping > DAMPING_LIMIT:
                 break
             continue
-        # Fewer outliers, or more: with the limit of the samples themselves from here on.
-        if abs(_outlier_limit(after.parity) - now.limit) > LIMIT_CHANGE * now.limit:
-            after = normal_equations(model, turned, after.rotation, moved, chosen)
-        vector, now = moved, after
+        # The square of the step's length in standard deviations of the result.
+        length = float(step @ (now.matrix + np.diag(weights)) @ step)
+        now = _with_own_limit(model, turned, after, moved, chosen)
+        vector = moved
         damping = damping / DAMPING if damping > DAMPING_START else 0.0
-        # The length of the step in standard deviations of the result.
-        if float(step @ matrix @ step) < CONVERGED**2 * len(places):
+        if length < CONVERGED**2 * len(places):
             break
     return Fit(vector, chosen, now, misfit(now, vector))
+
+
+def _damped_step(now: Normal, weights: Array, estimated: Array, damping: float) -> Array:
+    """
+    Return a step of Levenberg-Marquardt, with the parameters in units of their deviations.
+
+    Parameters
+    ----------
+    now : Normal
+        Normal equations of the P parameters that are estimated.
+    weights : ndarray, shape (P,)
+        Their variances before the fit, to the power of -1, 1/rad^2.
+    estimated : ndarray, shape (P,)
+        Their values, rad.
+    damping : float
+        Damping (unit 1).
+
+    Returns
+    -------
+    ndarray, shape (P,)
+        Changes, rad.
+
+    """
+    matrix = now.matrix + np.diag(weights)
+    right = now.right + weights * estimated
+    # What nothing determines yet stays as it is.
+    scale = np.sqrt(np.maximum(np.diag(matrix), LEAST_INFORMATION))
+    damped = matrix / scale[:, None] / scale + damping * np.eye(len(scale))
+    scaled = np.linalg.lstsq(damped, right / scale, rcond=None)[0]
+    return -scaled / scale
+
+
+def _normal_after(
+    model: MotionModel,
+    turned: Array,
+    now: Normal,
+    vector: Array,
+    columns: tuple[int, ...],
+) -> Normal | None:
+    """Return the normal equations after a step; None for an impossible mechanism."""
+    try:
+        near = model.linearised(turned, now.rotation, vector).rotation
+        return normal_equations(model, turned, near, vector, columns, now.limit)
+    except GeometryError:
+        return None
+
+
+def _with_own_limit(
+    model: MotionModel,
+    turned: Array,
+    normal: Normal,
+    vector: Array,
+    columns: tuple[int, ...],
+) -> Normal:
+    """Return the normal equations with the limit of their own outliers, if it is another one."""
+    change = abs(_outlier_limit(normal.parity) - normal.limit)
+    if change > LIMIT_CHANGE * normal.limit:
+        return normal_equations(model, turned, normal.rotation, vector, columns)
+    return normal
 
 
 def choose(
@@ -329,54 +378,86 @@ def choose(
 
     """
     layout = model.layout
-    held = held_out_part(seconds)
-    fitted = ~held
-    best = fit(model, turned[fitted], first.vector, first.columns, first.normal.rotation[fitted])
-    outside = _outside(model, turned[held], best.vector)
+    selection = _Selection(model, turned, held_out_part(seconds), first)
     left: dict[str, str] = {}
-    columns = list(first.columns)
     unconfirmed: dict[str, list[int]] = {}
-
-    def confirmed(more: list[int]) -> bool:
-        """Fit with more columns, and keep them if the held-out motion is no worse for it."""
-        nonlocal best, columns, outside
-        found = fit(model, turned[fitted], best.vector, columns + more, best.normal.rotation)
-        now = _outside(model, turned[held], found.vector)
-        change = now - outside - len(more) / fitted.sum()
-        if change.mean() > WORSE_DEVIATIONS * change.std() / np.sqrt(len(change)):
-            return False
-        best, columns, outside = found, columns + more, now
-        return True
-
     for number, group in enumerate(GROUPS[1:], 1):
         progress(group, number)
-        wanted = [*layout.columns(group)]
-        trial = columns + wanted
-        normal = normal_equations(
-            model, turned[fitted], best.normal.rotation, best.vector, tuple(trial)
-        )
-        after = np.sqrt(
-            np.diag(
-                inverse(
-                    normal.matrix * factor / fitted.mean()
-                    + np.diag(layout.deviations[trial] ** -2.0)
-                )
-            )
-        )
-        better = [
-            column
-            for column, each in zip(wanted, after[len(columns) :], strict=True)
-            if each < DETERMINED * layout.deviations[column]
-        ]
+        better = selection.determined([*layout.columns(group)], factor)
         if not better:
             left[group] = 'the motion does not determine them'
-        elif not confirmed(better):
+        elif not selection.confirms(better):
             unconfirmed[group] = better
     # A group alone takes the place of those that are missing, and fails elsewhere for that.
-    if unconfirmed and confirmed(sum(unconfirmed.values(), [])):
+    if unconfirmed and selection.confirms(sum(unconfirmed.values(), [])):
         unconfirmed = {}
     left |= dict.fromkeys(unconfirmed, 'they do not explain the held-out motion better')
-    return best.vector, tuple(sorted(columns)), left
+    return selection.fit.vector, tuple(sorted(selection.columns)), left
+
+
+class _Selection:
+    """
+    Parameters that one part of a motion determines and the part held out confirms.
+
+    Attributes
+    ----------
+    fit : Fit
+        Fit of the chosen parameters to the part that is not held out.
+    columns : list of int
+        Places of the chosen parameters, in the order of their choice.
+
+    """
+
+    def __init__(self, model: MotionModel, turned: Array, held: NDArray[np.bool_], first: Fit):
+        self._model = model
+        self._fitted = turned[~held]
+        self._held = turned[held]
+        self._share = (~held).mean()
+        self.columns = list(first.columns)
+        rotation = first.normal.rotation[~held]
+        self.fit = fit(model, self._fitted, first.vector, first.columns, rotation)
+        self._squares = _outside(model, self._held, self.fit.vector)
+
+    def determined(self, wanted: list[int], factor: float) -> list[int]:
+        """
+        Return which of further parameters the whole motion determines.
+
+        Parameters
+        ----------
+        wanted : list of int
+            Places of the parameters.
+        factor : float
+            Number of the samples of the whole motion over that of both parts.
+
+        Returns
+        -------
+        list of int
+            Those with a predicted standard deviation below `DETERMINED` times the one before.
+
+        """
+        trial = self.columns + wanted
+        normal = normal_equations(
+            self._model, self._fitted, self.fit.normal.rotation, self.fit.vector, tuple(trial)
+        )
+        before = self._model.layout.deviations[trial]
+        information = normal.matrix * factor / self._share + np.diag(before**-2.0)
+        after = np.sqrt(np.diag(inverse(information)))
+        is_determined = after < DETERMINED * before
+        known = len(self.columns)
+        return [column for column, good in zip(wanted, is_determined[known:], strict=True) if good]
+
+    def confirms(self, more: list[int]) -> bool:
+        """Fit with more parameters, and keep them if the held-out part is no worse for it."""
+        columns = self.columns + more
+        found = fit(self._model, self._fitted, self.fit.vector, columns, self.fit.normal.rotation)
+        squares = _outside(self._model, self._held, found.vector)
+        change = squares - self._squares - len(more) / len(self._fitted)
+        if change.mean() > WORSE_DEVIATIONS * change.std() / np.sqrt(len(change)):
+            return False
+        self.fit = found
+        self.columns = columns
+        self._squares = squares
+        return True
 
 
 def held_out_part(seconds: Array) -> NDArray[np.bool_]:

@@ -125,22 +125,11 @@ def fitted(
     """
     model = MotionModel(layout, means.sigma)
     turned = means.readings * np.array(start.direction)
-    chosen = np.arange(0, len(turned), max(1, len(turned) // CHOICE_SAMPLES))
-    factor = len(turned) / len(chosen)
-    progress('zeros', 0.5)
-    first = fit.fit(model, turned[chosen], start.vector, range(layout.sensors))
-    advice, gain = next(iter(_outlook(model, means, start)[1].items()))
-    _check_zeros(model, first, factor, advice)
-    vector, columns, left = fit.choose(
-        model,
-        turned[chosen],
-        means.seconds[chosen],
-        first,
-        factor,
-        lambda group, number: progress(group, 0.5 + 0.05 * number),
-    )
+    choice = _choose(model, turned, means, start, progress)
+    columns = choice.columns
     progress('all parameters, whole motion', 0.8)
-    found = fit.fit(model, turned, vector, columns, model.orientations(turned, vector))
+    rotation = model.orientations(turned, choice.vector)
+    found = fit.fit(model, turned, choice.vector, columns, rotation)
     misfit.check_slip(model, turned, means.seconds, found)
     split = misfit.contradiction(model, turned, found)
     white = MotionModel(layout, allowed_noise(model, turned, found.vector, found.normal))
@@ -158,18 +147,95 @@ def fitted(
         covariance=fit.considered_covariance(every.matrix, estimated.layout.deviations, columns),
         information=every.matrix,
         estimated=columns,
-        left=left,
+        left=choice.left,
         direction=start.direction,
         readings=means,
         rotation=found.normal.rotation,
         kept=found.normal.kept,
-        drawn=first.vector,
+        drawn=choice.drawn,
         unexplained=misfit.unexplained_errors(estimated, turned, found.vector, found.normal, slow),
         unexplained_parity=slow * float(estimated.sigma.max()),
-        advice=advice,
-        advice_gain=gain,
+        advice=choice.advice,
+        advice_gain=choice.advice_gain,
         contradiction=split,
     )
+
+
+@dataclass(frozen=True, slots=True)
+class _Choice:
+    """
+    The parameters that a motion determines, by some of its samples.
+
+    Attributes
+    ----------
+    drawn : ndarray, shape (P,)
+        Parameters with the zeros alone fitted, rad.
+    vector : ndarray, shape (P,)
+        Parameters with all that are chosen, rad.
+    columns : tuple of int
+        Places of the chosen parameters.
+    left : dict of str to str
+        Groups that are left as drawn, and why.
+    advice : str
+        The further motion that would determine most.
+    advice_gain : float
+        What it would gain (unit 1).
+
+    """
+
+    drawn: Array
+    vector: Array
+    columns: tuple[int, ...]
+    left: dict[str, str]
+    advice: str
+    advice_gain: float
+
+
+def _choose(
+    model: MotionModel, turned: Array, means: MotionReadings, start: Start, progress: Progress
+) -> _Choice:
+    """
+    Fit the zeros, and choose the groups of parameters that the motion determines.
+
+    Parameters
+    ----------
+    model : MotionModel
+        The mechanism with its encoders.
+    turned : ndarray, shape (n, N)
+        Readings times their directions, with the zeros still in them, rad.
+    means : MotionReadings
+        Means of the motion's readings.
+    start : Start
+        Directions, and zeros near the true ones.
+    progress : callable
+        Takes the name of each stage and the share that is done, 0 to 1.
+
+    Returns
+    -------
+    _Choice
+        The choice, by `CHOICE_SAMPLES` samples.
+
+    Raises
+    ------
+    CalibrationError
+        The motion does not determine the zeros.
+
+    """
+    rows = np.arange(0, len(turned), max(1, len(turned) // CHOICE_SAMPLES))
+    factor = len(turned) / len(rows)
+    progress('zeros', 0.5)
+    first = fit.fit(model, turned[rows], start.vector, range(model.layout.sensors))
+    advice, gain = next(iter(_outlook(model, means, start)[1].items()))
+    _check_zeros(model, first, factor, advice)
+    vector, columns, left = fit.choose(
+        model,
+        turned[rows],
+        means.seconds[rows],
+        first,
+        factor,
+        lambda group, number: progress(group, 0.5 + 0.05 * number),
+    )
+    return _Choice(first.vector, vector, columns, left, advice, gain)
 
 
 def _check_zeros(model: MotionModel, first: fit.Fit, factor: float, advice: str) -> None:

@@ -25,14 +25,16 @@ from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 SLOW_SECONDS = 0.5
 # Part of the pieces whose mean parity is covered (percent), and as many of a normal distribution
 # (standard deviations).
-PERCENT, NORMAL_DEVIATIONS = 99.0, 2.58
+PERCENT = 99.0
+NORMAL_DEVIATIONS = 2.58
 # Samples from which the sensors' parts of the parity are taken.
 SAMPLES = 500
 # Number of pieces of the motion; a slip is sought at the end of each.
 PIECES = 60
 # Least improvement of the squared parities by a slip (unit 1), and least part of their excess over
 # noise that it explains: no slip explains play and unknown harmonics.
-LEAST_IMPROVEMENT, LEAST_PART = 100.0, 0.3
+LEAST_IMPROVEMENT = 100.0
+LEAST_PART = 0.3
 # Part of what the best hypothesis explains within which another one is as good (unit 1): slips lie
 # within a piece, and near an end of the motion few poses distinguish the sensors.
 AS_GOOD = 0.1
@@ -141,7 +143,8 @@ def contradiction(model: MotionModel, turned: Array, found: Fit) -> float:
         Largest of the three figures (unit 1).
 
     """
-    rotation, columns = found.normal.rotation, np.array(found.columns)
+    rotation = found.normal.rotation
+    columns = np.array(found.columns)
     turn = np.exp(1j * zxz_from_matrix(np.nan_to_num(rotation))[2])
     places = np.column_stack(
         [rotation[:, 0, 2], rotation[:, 1, 2], np.angle(turn * np.conj(turn.sum()))]
@@ -163,7 +166,8 @@ def contradiction(model: MotionModel, turned: Array, found: Fit) -> float:
     weights = 0.5 * model.layout.deviations[columns] ** -2.0
     sizes = []
     for axis in range(3):
-        difference, both = np.zeros(len(columns)), np.zeros((len(columns),) * 2)
+        difference = np.zeros(len(columns))
+        both = np.zeros((len(columns),) * 2)
         for side, sign in ((0, 1.0), (1, -1.0)):
             half = [part for each, part in parts.items() if each >> axis & 1 == side]
             covariance = inverse(sum(part.matrix for part in half) + np.diag(weights))
@@ -219,7 +223,9 @@ def check_slip(model: MotionModel, turned: Array, seconds: Array, found: Fit) ->
         An encoder slipped or drifted; its name is given if no other explains it as well.
 
     """
-    rotation, vector, places = found.normal.rotation, found.vector, np.array(found.columns)
+    rotation = found.normal.rotation
+    vector = found.vector
+    places = np.array(found.columns)
     weights = model.layout.deviations[places] ** -2.0
     pieces = [
         normal_equations(model, turned[rows], rotation[rows], vector, found.columns, SPIKE)

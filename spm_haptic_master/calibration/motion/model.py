@@ -146,7 +146,8 @@ class Layout:
     @cached_property
     def deviations(self) -> Array:
         """Return the standard deviation of each parameter before the fit, rad; inf for zeros."""
-        mechanism, harmonic = self.mechanism_tolerance, self.harmonic_tolerance
+        mechanism = self.mechanism_tolerance
+        harmonic = self.harmonic_tolerance
         return np.repeat(
             (np.inf, *[mechanism] * 3, harmonic, harmonic * SECOND_HARMONIC),
             [len(self.columns(group)) for group in GROUPS],
@@ -235,7 +236,8 @@ class Layout:
         for order, (cosine, sine) in enumerate((each.T for each in self.harmonics(vector)), 1):
             if not (cosine.any() or sine.any()):
                 continue
-            c, s = np.cos(order * angles), np.sin(order * angles)
+            c = np.cos(order * angles)
+            s = np.sin(order * angles)
             deviation = deviation + cosine * c + sine * s
             slope = slope + order * (sine * c - cosine * s)
         return deviation, slope

@@ -174,7 +174,8 @@ def zero_counts(
         Reading that they leave at joint angle 0, rad; a table corrects it.
 
     """
-    sign, per_turn = np.array(calibration.direction), np.array(counts_per_turn)
+    sign = np.array(calibration.direction)
+    per_turn = np.array(counts_per_turn)
     counts = sign * calibration.vector[calibration.layout.slices['zeros']] * per_turn / tau
     whole = np.rint(counts).astype(int)
     # reading = direction (count - zero count) tau / counts per turn
@@ -201,7 +202,8 @@ def motion_parameters(calibration: MotionCalibration, origin: Origin) -> dict[st
         Values by dotted name; angles in deg.
 
     """
-    c, layout = calibration, calibration.layout
+    c = calibration
+    layout = calibration.layout
     zeros, rest = zero_counts(c, origin.counts_per_turn)
     first, _ = layout.harmonics(c.vector)
     geometry = layout.geometry(c.vector)
@@ -256,7 +258,9 @@ def motion_text(verdict: Verdict) -> str:
         A ROS parameter file; the verdict and the cautions are its comment.
 
     """
-    c, origin, region = verdict.calibration, verdict.origin, verdict.calibration.region
+    c = verdict.calibration
+    origin = verdict.origin
+    region = verdict.calibration.region
     left = '; '.join(f'{group}: {reason}' for group, reason in c.left.items()) or 'none'
     return file_text(
         (

@@ -58,7 +58,8 @@ def allowed_noise(model: MotionModel, turned: Array, vector: Array, normal: Norm
     measured = float(np.mean(np.sum(normal.parity[kept] ** 2, axis=1)))
     if float(squares @ model.sigma**2) <= AGREEMENT * measured:
         return model.sigma
-    low, high = 0.0, float(model.sigma.max())
+    low = 0.0
+    high = float(model.sigma.max())
     for _ in range(BISECTIONS):
         common = 0.5 * (low + high)
         if float(squares @ np.minimum(model.sigma, common) ** 2) > measured:

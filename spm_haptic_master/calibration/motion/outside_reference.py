@@ -20,7 +20,7 @@ import numpy as np
 from spm_haptic_master.calibration.motion.calibration import MotionCalibration
 from spm_haptic_master.calibration.motion.coverage import inverse
 from spm_haptic_master.calibration.motion.fit import normal_equations
-from spm_haptic_master.calibration.motion.model import Array
+from spm_haptic_master.calibration.motion.model import Array, MotionModel
 from spm_haptic_master.exceptions import CalibrationError, GeometryError
 from spm_haptic_master.kinematics.rotations import matrix_from_vector
 from spm_haptic_master.validation.alignment import constant_frames, rotation_vectors
@@ -96,62 +96,131 @@ def mounted(
         The orientations contradict the motion, or the readings have no orientation.
 
     """
-    model, vector = calibration.model, calibration.vector
     both = len(outside) >= BOTH_MINIMUM
-    before = inverse(calibration.covariance)
-    base, handle = np.eye(3), np.eye(3)
-    for step in range(STEPS):
-        try:
-            rotation = model.orientations(turned, vector)
-        except GeometryError as error:
-            raise CalibrationError(
-                f'the orientations from outside contradict the motion: {error}'
-            ) from error
-        if not np.isfinite(rotation).all():
-            raise CalibrationError('the readings at a pose from outside have no orientation')
-        if step == 0:
-            base, handle = constant_frames(outside, rotation, not both)
-        carried = base @ rotation
-        # Error of C = Y R X, as a rotation vector in the table's frame.
-        errors = rotation_vectors(carried @ handle @ outside.swapaxes(1, 2))
-        rows = np.concatenate(
-            [
-                base @ model.orientation_changes(rotation, vector),
-                np.broadcast_to(np.eye(3), carried.shape),
-                *([carried] if both else []),
-            ],
-            axis=2,
-        )
-        flat = rows.reshape(-1, rows.shape[2]) / sigma
-        matrix, count = flat.T @ flat, len(vector)
+    prior = inverse(calibration.covariance)
+    rotation = _orientations(calibration.model, turned, calibration.vector)
+    base, handle = constant_frames(outside, rotation, not both)
+    now = _Frames(calibration.vector, base, handle)
+    for _ in range(STEPS):
+        rotation = _orientations(calibration.model, turned, now.vector)
+        errors, rows = _linearised(calibration.model, rotation, outside, now, both)
         # The motion's result is the prior of the parameters.
-        matrix[:count, :count] += before
+        before = prior @ (now.vector - calibration.vector)
+        flat = rows.reshape(-1, rows.shape[2]) / sigma
+        count = len(now.vector)
+        matrix = flat.T @ flat
+        matrix[:count, :count] += prior
         right = flat.T @ errors.ravel() / sigma
-        right[:count] += before @ (vector - calibration.vector)
+        right[:count] += before
         covariance = inverse(matrix)
-        change = -covariance @ right
-        vector = vector + change[:count]
-        base = matrix_from_vector(change[None, count : count + 3])[0] @ base
-        if both:
-            handle = matrix_from_vector(change[None, count + 3 :])[0] @ handle
-    rotation = model.orientations(turned, vector)
-    left = rotation_vectors(base @ rotation @ handle @ outside.swapaxes(1, 2))
-    rms = float(np.sqrt(np.mean(left**2)))
+        now = now.changed(-covariance @ right)
+    rms = _residual(calibration.model.orientations(turned, now.vector), outside, now)
     if len(outside) > 1 and rms > CONTRADICTION * sigma:
         raise CalibrationError(
             f'the orientations from outside contradict the motion: their residual is '
             f'{degrees(rms):.3f} deg rms, expected up to {degrees(CONTRADICTION * sigma):.3f} deg'
         )
     deviations = np.sqrt(np.diag(covariance))
-    normal = normal_equations(model, calibration.turned, calibration.rotation, vector, ())
-    fused = replace(
-        calibration, vector=vector, covariance=covariance[:count, :count], rotation=normal.rotation
+    normal = normal_equations(
+        calibration.model, calibration.turned, calibration.rotation, now.vector, ()
     )
     return Mounted(
-        fused,
-        base,
-        handle,
-        deviations[count : count + 3],
-        deviations[count + 3 :] if both else np.zeros(3),
-        rms,
+        calibration=replace(
+            calibration,
+            vector=now.vector,
+            covariance=covariance[:count, :count],
+            rotation=normal.rotation,
+        ),
+        base=now.base,
+        handle=now.handle,
+        base_deviations=deviations[count : count + 3],
+        handle_deviations=deviations[count + 3 :] if both else np.zeros(3),
+        rms=rms,
     )
+
+
+@dataclass(frozen=True, slots=True)
+class _Frames:
+    """
+    Parameters of the mechanism with the mounting: C = base R(vector) handle.
+
+    Attributes
+    ----------
+    vector : ndarray, shape (P,)
+        Parameters, rad.
+    base : ndarray, shape (3, 3)
+        R_table_base.
+    handle : ndarray, shape (3, 3)
+        R_platform_handle.
+
+    """
+
+    vector: Array
+    base: Array
+    handle: Array
+
+    def changed(self, change: Array) -> _Frames:
+        """Return all three after changes, rad: of the vector, the base and perhaps the handle."""
+        count = len(self.vector)
+        base = matrix_from_vector(change[None, count : count + 3])[0]
+        handle = self.handle
+        if len(change) > count + 3:
+            handle = matrix_from_vector(change[None, count + 3 :])[0] @ handle
+        return _Frames(self.vector + change[:count], base @ self.base, handle)
+
+
+def _orientations(model: MotionModel, turned: Array, vector: Array) -> Array:
+    """Return the platform's orientations at readings; CalibrationError where there are none."""
+    try:
+        rotation = model.orientations(turned, vector)
+    except GeometryError as error:
+        raise CalibrationError(
+            f'the orientations from outside contradict the motion: {error}'
+        ) from error
+    if not np.isfinite(rotation).all():
+        raise CalibrationError('the readings at a pose from outside have no orientation')
+    return rotation
+
+
+def _linearised(
+    model: MotionModel, rotation: Array, outside: Array, now: _Frames, both: bool
+) -> tuple[Array, Array]:
+    """
+    Return the errors of C = Y R X, and how they change with what is estimated.
+
+    Parameters
+    ----------
+    model : MotionModel
+        The mechanism with its encoders.
+    rotation : ndarray, shape (k, 3, 3)
+        Orientations R of the platform.
+    outside : ndarray, shape (k, 3, 3)
+        Orientations C from outside.
+    now : _Frames
+        Parameters and mounting.
+    both : bool
+        Whether the mounting of the handle is estimated.
+
+    Returns
+    -------
+    errors : ndarray, shape (k, 3)
+        Rotation vectors in the table's frame, rad.
+    rows : ndarray, shape (k, 3, columns)
+        Changes by parameters, base and perhaps handle.
+
+    """
+    carried = now.base @ rotation
+    errors = rotation_vectors(carried @ now.handle @ outside.swapaxes(1, 2))
+    columns = [
+        now.base @ model.orientation_changes(rotation, now.vector),
+        np.broadcast_to(np.eye(3), carried.shape),
+    ]
+    if both:
+        columns.append(carried)
+    return errors, np.concatenate(columns, axis=2)
+
+
+def _residual(rotation: Array, outside: Array, now: _Frames) -> float:
+    """Return what is left of the orientations from outside, rad rms."""
+    left = rotation_vectors(now.base @ rotation @ now.handle @ outside.swapaxes(1, 2))
+    return float(np.sqrt(np.mean(left**2)))

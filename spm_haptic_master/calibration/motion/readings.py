@@ -24,7 +24,8 @@ MEANS_MAXIMUM = 12000
 # the mean parity of such a piece is off by less than 0.002 deg.
 MEAN_SECONDS = 0.01
 # Least length (s) and number of sets.
-SECONDS_MINIMUM, SETS_MINIMUM = 2.0, 200
+SECONDS_MINIMUM = 2.0
+SETS_MINIMUM = 200
 # Distance of a reading from the median of its piece beyond which it is a spike: noise (standard
 # deviations), and speed of a joint (rad/s) that no hand reaches. The fit cuts smaller ones.
 SPIKE_NOISE = 8.0
@@ -113,10 +114,35 @@ def motion_readings(stamps: NDArray[np.int64], readings: Array) -> MotionReading
         joint does not move.
 
     """
+    _check_stamps(stamps, readings.shape[1])
+    noise = _checked_noise(stamps, readings)
+    steps = np.diff(stamps)
+    period = float(np.median(steps)) * 1e-9
+    fewest = -(-len(stamps) // MEANS_MAXIMUM)
+    together = max(1, min(int(MEAN_SECONDS / period), fewest))
+    rows = _pieces(steps, together)
+    limit = SPIKE_NOISE * noise + SPIKE_SPEED * 0.5 * together * period
+    means, good = _means_without_spikes(readings[rows], limit)
+    spiked = np.zeros(len(stamps), dtype=bool)
+    spiked[rows] = ~good
+    enough = _has_enough(good)
+    _check_spikes(int(spiked.sum()), good.size, bool(enough.any()))
+    _check_travel(means[enough])
+    return MotionReadings(
+        seconds=(stamps[rows[enough]].mean(axis=1) - stamps[0]) * 1e-9,
+        readings=means[enough],
+        noise=noise,
+        together=together,
+        spiked=spiked,
+    )
+
+
+def _check_stamps(stamps: NDArray[np.int64], sensors: int) -> None:
+    """Raise CalibrationError for sets that are too few, or whose stamps do not increase."""
     seconds = (int(stamps[-1]) - int(stamps[0])) * 1e-9 if len(stamps) else 0.0
     if len(stamps) < SETS_MINIMUM or seconds < SECONDS_MINIMUM:
         raise CalibrationError(
-            f'{len(stamps)} sets of {NUMBER_WORDS[readings.shape[1]]} encoders in {seconds:.1f} '
+            f'{len(stamps)} sets of {NUMBER_WORDS[sensors]} encoders in {seconds:.1f} '
             f's; a motion needs at least {SETS_MINIMUM} sets and {SECONDS_MINIMUM:g} s'
         )
     steps = np.diff(stamps)
@@ -126,52 +152,89 @@ def motion_readings(stamps: NDArray[np.int64], readings: Array) -> MotionReading
             f'the stamp of set {row + 2} is {-int(steps[row])} ns before that '
             'of the previous set; expected stamps that increase'
         )
-    unwrapped = np.unwrap(readings, axis=0)
-    noise = white_noise(stamps, unwrapped)
+
+
+def _checked_noise(stamps: NDArray[np.int64], readings: Array) -> Array:
+    """
+    Return the white noise of a reading of each sensor, rad, 1 standard deviation.
+
+    Raises
+    ------
+    CalibrationError
+        The sets come at irregular times, or a sensor is noisier than `NOISE_LIMIT`.
+
+    """
+    noise = white_noise(stamps, np.unwrap(readings, axis=0))
     if not np.isfinite(noise).all():
         raise CalibrationError(
             'the sets do not come at a regular interval; expected a constant period'
         )
-    for joint, each in zip(ALL_JOINT_NAMES, noise, strict=False):
-        if each > NOISE_LIMIT:
+    for joint, deviation in zip(ALL_JOINT_NAMES, noise, strict=False):
+        if deviation > NOISE_LIMIT:
             raise CalibrationError(
-                f'{joint} has a noise of {np.degrees(each):.2f} deg (1 sigma), or spikes in most '
-                f'of its readings; expected at most {np.degrees(NOISE_LIMIT):g} deg'
+                f'{joint} has a noise of {np.degrees(deviation):.2f} deg (1 sigma), or spikes in '
+                f'most of its readings; expected at most {np.degrees(NOISE_LIMIT):g} deg'
             )
-    period = float(np.median(steps)) * 1e-9
-    together = max(1, min(int(MEAN_SECONDS / period), -(-len(stamps) // MEANS_MAXIMUM)))
-    rows = _pieces(steps, together)
-    pieces = readings[rows]
+    return noise
+
+
+def _means_without_spikes(pieces: Array, limit: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """
+    Return the mean of each piece, and which of its sets have no spike.
+
+    Parameters
+    ----------
+    pieces : ndarray, shape (m, together, N)
+        Readings, rad, of each piece.
+    limit : ndarray, shape (N,)
+        Distance from the median of a piece beyond which a reading is a spike, rad.
+
+    Returns
+    -------
+    means : ndarray, shape (m, N)
+        Means of the good sets, rad; NaN without one.
+    good : ndarray of bool, shape (m, together)
+        Whether a set has no spike.
+
+    """
     first = pieces[:, :1]
     from_first = wrapped(pieces - first)
     middle = np.median(from_first, axis=1, keepdims=True)
     away = np.abs(wrapped(from_first - middle))
-    limit = SPIKE_NOISE * noise + SPIKE_SPEED * 0.5 * together * period
     good = np.all(away < limit, axis=2)
     good[_alone(first[:, 0] + middle[:, 0], limit)] = False
-    enough = good.sum(axis=1) > together // 2
-    weights = good[enough][:, :, None]
-    means = (weights * from_first[enough]).sum(axis=1) / weights.sum(axis=1) + first[enough][:, 0]
-    spiked = np.zeros(len(stamps), dtype=bool)
-    spiked[rows] = ~good
-    spikes = int(spiked.sum())
-    if not enough.any() or spikes > SPIKES_MAXIMUM * good.size:
+    weights = good[:, :, None]
+    count = weights.sum(axis=1)
+    total = (weights * from_first).sum(axis=1)
+    means = np.full_like(total, np.nan)
+    np.divide(total, count, out=means, where=count > 0)
+    return means + first[:, 0], good
+
+
+def _has_enough(good: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which pieces have a mean: more than half of their sets are good."""
+    return np.asarray(good.sum(axis=1) > good.shape[1] // 2)
+
+
+def _check_spikes(spikes: int, sets: int, any_mean: bool) -> None:
+    """Raise CalibrationError where too many sets have a spike."""
+    if not any_mean or spikes > SPIKES_MAXIMUM * sets:
         raise CalibrationError(
-            f'{100.0 * spikes / good.size:.0f} % of the sets have a spike; expected at most '
+            f'{100.0 * spikes / sets:.0f} % of the sets have a spike; expected at most '
             f'{100.0 * SPIKES_MAXIMUM:.0f} %'
         )
-    low, high = np.percentile(
-        np.unwrap(means, axis=0), (TRAVEL_PERCENT, 100.0 - TRAVEL_PERCENT), axis=0
-    )
+
+
+def _check_travel(means: Array) -> None:
+    """Raise CalibrationError for a joint that does not move."""
+    percents = (TRAVEL_PERCENT, 100.0 - TRAVEL_PERCENT)
+    low, high = np.percentile(np.unwrap(means, axis=0), percents, axis=0)
     for joint, travel in zip(ALL_JOINT_NAMES, high - low, strict=False):
         if travel < TRAVEL_MINIMUM:
             raise CalibrationError(
                 f'{joint} moved by {np.degrees(travel):.2f} deg; expected a motion of every '
                 'joint: tilt the handle in all directions and turn it both ways'
             )
-    return MotionReadings(
-        (stamps[rows[enough]].mean(axis=1) - stamps[0]) * 1e-9, means, noise, together, spiked
-    )
 
 
 def spread(readings: Array, count: int) -> NDArray[np.intp]:

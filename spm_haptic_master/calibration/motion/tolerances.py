@@ -27,7 +27,8 @@ HARMONICS = {'first harmonics': 1.0, 'second harmonics': SECOND_HARMONIC}
 # tolerance to some 20 % only, and none of 0.
 GIVEN_COUNTS = 1.0
 # Largest number of estimates, and the relative change of a tolerance that ends them (unit 1).
-ESTIMATES, CONVERGED = 200, 1e-3
+ESTIMATES = 200
+CONVERGED = 1e-3
 
 
 def estimated_tolerances(
@@ -114,7 +115,8 @@ def _tolerance(
         rad.
 
     """
-    total, number = GIVEN_COUNTS * given**2, GIVEN_COUNTS
+    total = GIVEN_COUNTS * given**2
+    number = GIVEN_COUNTS
     for group, factor in groups.items():
         own = layout.columns(group)
         if not set(own) <= set(columns):

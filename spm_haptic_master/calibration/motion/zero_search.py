@@ -36,15 +36,18 @@ Progress = Callable[[str, float], None]
 # Seed of the guesses: a calibration is repeatable.
 SEED = 2015
 # Samples of the search for the zeros, and of the comparison of its results.
-SEARCH_SAMPLES, COMPARED_SAMPLES = 120, 1000
+SEARCH_SAMPLES = 120
+COMPARED_SAMPLES = 1000
 # Guesses for each combination of directions: one in five of the true combination leads to the
 # true zeros after a motion of the whole workspace, one in thirty after a poor one. And of a second
 # search where the first one finds nothing.
-GUESSES, MORE_GUESSES = 48, 192
+GUESSES = 48
+MORE_GUESSES = 192
 # Random orientations tried for each guess: about one in sixteen is within reach.
 ORIENTATIONS = 40
 # Steps of a guess, of all of them and of the better ones.
-FIRST_STEPS, STEPS = 10, 30
+FIRST_STEPS = 10
+STEPS = 30
 # Part of the guesses that are improved to the end (unit 1).
 BETTER = 0.25
 # Step of the angles in the forward differences (rad).
@@ -54,10 +57,13 @@ HALF_WEIGHT = 0.05
 # Least length of the gradient (unit 1): less is a pose where the four angles always fit.
 GRADIENT_FLOOR = 1e-3
 # Damping at the start, and its factors after a better and a worse step (unit 1).
-DAMPING, BETTER_STEP, WORSE_STEP = 1e-2, 0.3, 4.0
+DAMPING = 1e-2
+BETTER_STEP = 0.3
+WORSE_STEP = 4.0
 # Distance of the zeros below which two guesses have come to the same, and beyond which two starts
 # are different (rad).
-SAME_ZEROS, DISTINCT_ZEROS = radians(1.0), radians(2.0)
+SAME_ZEROS = radians(1.0)
+DISTINCT_ZEROS = radians(2.0)
 # Misfit over that of the best guess below which another one is as good (unit 1).
 MISFIT_RATIO = 3.0
 # Results of the search that are compared with all parameters free.
@@ -225,35 +231,40 @@ def _explaining(readings: Array, model: MotionModel, count: int) -> Start | None
         Several different ones explain them about equally well.
 
     """
-    layout = model.layout
-    rows = spread(readings[:, :4], SEARCH_SAMPLES)
-    guesses = search_zeros(readings[rows][:, :4], layout, count)
-    near = [
-        guess
-        for guess in guesses
-        if guess.misfit < min(MISFIT_LIMIT, MISFIT_RATIO * guesses[0].misfit)
-    ]
-    if len(near) > COMPARED:
-        raise _undetermined('many')
+    guesses = _guesses(readings, model.layout, count)
     compared = readings[spread(readings[:, :4], COMPARED_SAMPLES)]
-    fits = [
-        found
-        for guess in guesses[:COMPARED]
-        if guess.misfit < MISFIT_LIMIT
-        if (found := _compared(compared, model, guess)) is not None
-    ]
-    if not fits:
+    fits = [_compared(compared, model, guess) for guess in guesses]
+    known = sorted((found for found in fits if found is not None), key=lambda found: found.misfit)
+    if not known:
         return None
-    best, *others = sorted(fits, key=lambda found: found.misfit)
-    each = max(1.0, best.misfit / len(compared))
-    for other in others:
-        as_good = other.misfit - best.misfit < MISFIT_MARGIN * each
+    best = known[0]
+    per_sample = max(1.0, best.misfit / len(compared))
+    for other in known[1:]:
+        as_good = other.misfit - best.misfit < MISFIT_MARGIN * per_sample
         if as_good and other.is_other_than(best):
             raise _undetermined(
                 f'{degrees(best.zeros[0]):.1f} and '
                 f'{degrees(other.zeros[0]):.1f} deg of {ALL_JOINT_NAMES[0]}'
             )
     return best.start
+
+
+def _guesses(readings: Array, layout: Layout, count: int) -> list[ZeroGuess]:
+    """
+    Return the guesses that are worth a fit, at most `COMPARED` of them.
+
+    Raises
+    ------
+    CalibrationError
+        More than that are nearly as good as the best one.
+
+    """
+    rows = spread(readings[:, :4], SEARCH_SAMPLES)
+    guesses = search_zeros(readings[rows][:, :4], layout, count)
+    limit = min(MISFIT_LIMIT, MISFIT_RATIO * guesses[0].misfit)
+    if sum(guess.misfit < limit for guess in guesses) > COMPARED:
+        raise _undetermined('many')
+    return [guess for guess in guesses[:COMPARED] if guess.misfit < MISFIT_LIMIT]
 
 
 def _undetermined(zeros: str) -> CalibrationError:
@@ -443,7 +454,8 @@ def _improve(
         cost_after = _cost(after)
         better = cost_after < cost
         damping = damping * np.where(better, BETTER_STEP, WORSE_STEP)
-        zeros, cost = np.where(better[:, None], moved, zeros), np.where(better, cost_after, cost)
+        zeros = np.where(better[:, None], moved, zeros)
+        cost = np.where(better, cost_after, cost)
         distance = np.where(better[:, None], after, distance)
         slopes = np.where(better[:, None, None], slopes_after, slopes)
     return zeros, cost, damping
@@ -494,7 +506,8 @@ def _distance(turned: Array, zeros: Array, nominal: Geometry) -> tuple[Array, Ar
     angles = turned.T[:, None] - zeros.T[:, :, None]
     turns = list(zip(np.cos(angles), np.sin(angles), strict=True))
     # The same of angles that are larger by `DIFFERENCE`.
-    c_more, s_more = cos(DIFFERENCE), sin(DIFFERENCE)
+    c_more = cos(DIFFERENCE)
+    s_more = sin(DIFFERENCE)
     onward = [(c * c_more - s * s_more, s * c_more + c * s_more) for c, s in turns]
     here = _closure(turns, nominal)
     slopes = np.stack(

@@ -63,8 +63,10 @@ class CalibrationWatch:
         working_mode: WorkingMode,
     ) -> None:
         sensors = len(sigma)
-        self._sigma, self._bias = np.array(sigma), np.array(bias)
-        self._geometry, self._working_mode = geometry, working_mode
+        self._sigma = np.array(sigma)
+        self._bias = np.array(bias)
+        self._geometry = geometry
+        self._working_mode = working_mode
         # Row of each pose in the sums.
         self._rows: dict[tuple[int, ...], int] = {}
         self._sums = slip_evidence.PoseSums(

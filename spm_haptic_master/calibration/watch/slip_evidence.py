@@ -309,7 +309,9 @@ def summed(angles: Array, found: Parities) -> PoseSums:
         np.zeros((len(poses), sensors, sensors)),
         np.zeros((len(poses), sensors)),
     )
-    row, gain, parity = row.ravel(), found.gain[usable], found.parity[usable]
+    row = row.ravel()
+    gain = found.gain[usable]
+    parity = found.parity[usable]
     np.add.at(sums.samples, row, 1.0)
     np.add.at(sums.information, row, gain.swapaxes(1, 2) @ gain)
     np.add.at(sums.score, row, np.einsum('nki,nk->ni', gain, parity))
@@ -432,7 +434,8 @@ def suspects(left: Array, freedom: int, limit: float) -> tuple[int, ...]:
         Indices, the best one first; empty where each slip leaves more than the limit.
 
     """
-    order, least = np.argsort(left).tolist(), float(left.min())
+    order = np.argsort(left).tolist()
+    least = float(left.min())
     if least > limit or not np.isfinite(least):
         return ()
     scale = min(1.0, (len(left) + least) / (len(left) + freedom))
@@ -463,7 +466,8 @@ def evaluate(sums: PoseSums, bias: Array) -> Evaluation:
     samples = sums.samples[kept]
     values, vectors = np.linalg.eigh(sums.information[kept])
     # Within a pose the gains are nearly one: the largest N - 3 values are those of its mean.
-    values, vectors = values[:, 3:], vectors[:, :, 3:]
+    values = values[:, 3:]
+    vectors = vectors[:, :, 3:]
     root = np.sqrt(np.maximum(values, np.finfo(float).tiny))
     parity = np.einsum('mik,mi->mk', vectors, sums.score[kept]) / root
     gain = root[:, :, None] * vectors.swapaxes(1, 2)
