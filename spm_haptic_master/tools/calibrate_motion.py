@@ -45,8 +45,9 @@ from spm_haptic_master.tools.calibration_verdict import (
     supported,
 )
 from spm_haptic_master.tools.command_line import ProgressBar
+from spm_haptic_master.validation import capture_rows
 from spm_haptic_master.validation.alignment import align, check_export, interpolate
-from spm_haptic_master.validation.recordings import read_capture
+from spm_haptic_master.validation.recordings import read_capture, Track
 
 # Takes an instruction and the shares of what it needs, 0 .. 1, by name.
 Publish = Callable[[str, Mapping[str, float]], None]
@@ -459,12 +460,7 @@ def _captured(options: argparse.Namespace, found: MotionCalibration) -> tuple[Ar
         Fewer than `CAPTURED_MINIMUM` orientations are at times of the motion.
 
     """
-    capture = read_capture(options.capture, options.capture_topic)
-    if capture.values.shape[1] != len('xyzw'):
-        raise InputError(
-            f'{options.capture}: markers; expected the pose of a body (qx, qy, qz, '
-            'qw), as the motion capture computes it'
-        )
+    capture = _sifted_poses(options.capture, options.capture_topic)
     seconds = found.readings.seconds
     known = np.isfinite(found.rotation).all(axis=(1, 2))
     times = seconds[known]
@@ -482,6 +478,43 @@ def _captured(options: argparse.Namespace, found: MotionCalibration) -> tuple[Ar
         )
     rows = rows[inside]
     return found.turned[rows], kinematics.matrix_from_quaternion(at[inside])
+
+
+def _sifted_poses(path: Path, topic: str | None) -> Track:
+    """
+    Return a captured pose without the rows that no body and no hand can give.
+
+    They are counted on stderr, by reason.
+
+    Parameters
+    ----------
+    path : Path
+        The motion capture.
+    topic : str or None
+        Topic of the pose in a rosbag2, or name of the rigid body in an export.
+
+    Returns
+    -------
+    Track
+        Unit quaternions x, y, z, w.
+
+    Raises
+    ------
+    InputError
+        The capture has markers, or too few rows are left.
+
+    """
+    capture = read_capture(path, topic)
+    if capture.values.shape[1] != len('xyzw'):
+        raise InputError(
+            f'{path}: markers; expected the pose of a body (qx, qy, qz, '
+            'qw), as the motion capture computes it'
+        )
+    sifted = capture_rows.sifted_capture(capture)
+    sifted, _ = capture_rows.without_jumps(sifted, sifted.track.values)
+    for reason, count in sifted.left_out.items():
+        motion_source.say(f'{path}: {count} captured rows left out: {reason}')
+    return sifted.track
 
 
 def _mounting_settings(mounting: Mounted) -> dict[str, Any]:

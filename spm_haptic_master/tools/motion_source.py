@@ -174,15 +174,15 @@ def read_motion(
             recording, notes = read_log(
                 replay, lambda count: bar.show(f'{count} sets read'), given or inf
             )
-        _say(*notes)
+        say(*notes)
         return recording
     live = make_source(source, values)
-    _say(instruction)
+    say(instruction)
     log = None
     if keep is not None and isinstance(live, CanSource):
         log = FrameLog(free_path(keep))
         live.keep(log.take)
-        _say(
+        say(
             f'the motion is kept in {log.path}; from it again: -p source:=replay -p '
             f'replay.path:={log.path}'
         )
@@ -192,7 +192,7 @@ def read_motion(
         if log is not None:
             log.close()
             if log.error:
-                _say(
+                say(
                     f'{log.path}: cannot be written: {log.error}; the motion is not kept from '
                     'then on'
                 )
@@ -233,7 +233,7 @@ def _recorded(
             return False
 
         recording, notes = record(live, seconds, show, **how)
-    _say(*notes)
+    say(*notes)
     return recording
 
 
@@ -277,7 +277,7 @@ def wait_for_pose(number: int, count: int, pose: Sequence[float]) -> None:
         Standard input has ended.
 
     """
-    _say(
+    say(
         f'pose {number} of {count}: hold the device at psi theta phi '
         f'{" ".join(f"{angle:g}" for angle in pose)} deg, then press Enter'
     )
@@ -315,7 +315,15 @@ def record_pose(source: str, values: dict[str, Any], seconds: float) -> NDArray[
     return np.rint(angles * per_turn / TURN).astype(np.int64) % per_turn
 
 
-def _say(*lines: str) -> None:
-    """Print lines for the user of calibrate, on stderr."""
+def say(*lines: str) -> None:
+    """
+    Print lines for the user of calibrate, on stderr.
+
+    Parameters
+    ----------
+    *lines : str
+        The lines.
+
+    """
     for line in lines:
         print(f'calibrate: {line}', file=sys.stderr)

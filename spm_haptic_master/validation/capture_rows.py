@@ -15,7 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from spm_haptic_master.validation.recordings import MARKERS, Track
+from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.validation.recordings import MARKERS, ROWS_MINIMUM, Track
 
 Array = NDArray[np.float64]
 
@@ -206,6 +207,39 @@ def continuous(time: Array, quaternions: Array) -> NDArray[np.bool_]:
                 good[piece] = True
                 last = piece[edge]
     return good
+
+
+def without_jumps(sifted: Sifted, quaternions: Array) -> tuple[Sifted, Array]:
+    """
+    Return a capture and its orientations without those that no hand can give.
+
+    Parameters
+    ----------
+    sifted : Sifted
+        The capture.
+    quaternions : ndarray, shape (n, 4)
+        Its orientations, x, y, z, w.
+
+    Returns
+    -------
+    sifted : Sifted
+        The rows that are left, with the reasons of the others.
+    quaternions : ndarray, shape (m, 4)
+        Their orientations.
+
+    Raises
+    ------
+    InputError
+        Fewer than `ROWS_MINIMUM` are left.
+
+    """
+    good = continuous(sifted.track.time, quaternions)
+    if good.sum() < ROWS_MINIMUM:
+        raise InputError(
+            f'{int(good.sum())} captured orientations follow each other as a hand turns a body; '
+            f'expected {ROWS_MINIMUM} or more'
+        )
+    return keep(sifted, good, 'that no hand can give'), quaternions[good]
 
 
 def _follows(

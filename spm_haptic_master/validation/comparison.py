@@ -17,8 +17,7 @@ from spm_haptic_master.exceptions import InputError, SpmError
 from spm_haptic_master.kinematics.mounting import Mounting
 from spm_haptic_master.validation import alignment, capture_rows
 from spm_haptic_master.validation.alignment import Alignment
-from spm_haptic_master.validation.capture_rows import Sifted
-from spm_haptic_master.validation.recordings import MARKERS, ROWS_MINIMUM, Track
+from spm_haptic_master.validation.recordings import MARKERS, Track
 
 # Names of the ZXZ angles in both files.
 ANGLES = ('psi', 'theta', 'phi')
@@ -117,7 +116,7 @@ def compare(
         if by_markers
         else values
     )
-    sifted, quaternions = _continuous(sifted, quaternions)
+    sifted, quaternions = capture_rows.without_jumps(sifted, quaternions)
     captured_time = sifted.track.time
     aligned = alignment.align(
         recorded.time, recorded.values, captured_time, quaternions, by_markers
@@ -141,39 +140,6 @@ def compare(
             joints, time, found[known][0], geometry, mounting or Mounting()
         )
     return Comparison(time, captured_time[known], captured, models, aligned, dict(sifted.left_out))
-
-
-def _continuous(sifted: Sifted, quaternions: np.ndarray) -> tuple[Sifted, np.ndarray]:
-    """
-    Return a capture and its orientations without those that no hand can give.
-
-    Parameters
-    ----------
-    sifted : Sifted
-        The capture.
-    quaternions : ndarray, shape (n, 4)
-        Its orientations, x, y, z, w.
-
-    Returns
-    -------
-    sifted : Sifted
-        The rows that are left, with the reasons of the others.
-    quaternions : ndarray, shape (m, 4)
-        Their orientations.
-
-    Raises
-    ------
-    InputError
-        Fewer than `ROWS_MINIMUM` are left.
-
-    """
-    good = capture_rows.continuous(sifted.track.time, quaternions)
-    if good.sum() < ROWS_MINIMUM:
-        raise InputError(
-            f'{int(good.sum())} captured orientations follow each other as a hand turns a body; '
-            f'expected {ROWS_MINIMUM} or more'
-        )
-    return capture_rows.keep(sifted, good, 'that no hand can give'), quaternions[good]
 
 
 def marker_directions(coordinates: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

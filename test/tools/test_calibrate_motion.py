@@ -143,28 +143,40 @@ def test_the_motion_is_summed_up_and_its_file_has_what_it_determined(calibrated,
     assert path.read_bytes() == before
 
 
-def test_a_capture_or_poses_of_a_jig_give_the_mounting_of_both_ends(
-    calibrated, motion, tmp_path, monkeypatch, capsys
-):
-    """Both are the calibration's own motion, turned at both ends; a capture on another clock."""
+# How a handle is mounted at both ends, which no motion shows, ZXZ, deg.
+BASE_DEG = (20.0, 30.0, 40.0)
+HANDLE_DEG = (-50.0, 25.0, 10.0)
+
+
+class MountedMotion:
+    """The calibration's own motion, turned at both ends."""
+
+    def __init__(self, calibration):
+        base = kinematics.matrix_from_zxz(*np.radians(BASE_DEG))
+        handle = kinematics.matrix_from_zxz(*np.radians(HANDLE_DEG))
+        known = np.isfinite(calibration.rotation).all(axis=(1, 2))
+        self.readings = calibration.readings.readings[known]
+        self.seconds = calibration.readings.seconds[known]
+        self.rotations = base @ calibration.rotation[known] @ handle
+
+    def write_capture(self, path):
+        """Write it as a capture on another clock."""
+        quaternions = kinematics.quaternion_from_matrix(self.rotations)
+        np.savetxt(
+            path,
+            np.column_stack([self.seconds + 7.3, quaternions]),
+            delimiter=',',
+            comments='',
+            header='time,qx,qy,qz,qw',
+            fmt='%.9f',
+        )
+        return path
+
+
+@pytest.fixture
+def mounting(calibrated, motion, tmp_path, monkeypatch):
+    """Return the motion as mounted, and what finds its mounting: nothing else is computed."""
     calibration = calibrated[2].calibration
-    base, handle = (
-        kinematics.matrix_from_zxz(*np.radians(each)) for each in ((20, 30, 40), (-50, 25, 10))
-    )
-    known = np.isfinite(calibration.rotation).all(axis=(1, 2))
-    turned = base @ calibration.rotation[known] @ handle
-    capture = tmp_path / 'capture.csv'
-    output = tmp_path / 'c.yaml'
-    np.savetxt(
-        capture,
-        np.column_stack(
-            [calibration.readings.seconds[known] + 7.3, kinematics.quaternion_from_matrix(turned)]
-        ),
-        delimiter=',',
-        comments='',
-        header='time,qx,qy,qz,qw',
-        fmt='%.9f',
-    )
     for name, result in (
         ('calibrate_motion', calibration),
         ('published_share', 1.0),
@@ -172,41 +184,85 @@ def test_a_capture_or_poses_of_a_jig_give_the_mounting_of_both_ends(
     ):
         monkeypatch.setattr(calibrate_motion, name, lambda *_, result=result: result)
     monkeypatch.setattr(calibrate_motion, 'supported', lambda found, _: (found, 30.0))
-    given = (*motion, '-p', 'alert_limit_deg:=30.0', '-o', output)
-    args = (*given, '--capture', capture)
-    assert run(*args) == 0, capsys.readouterr().err
+    output = tmp_path / 'c.yaml'
+
+    def found(*args):
+        """Return the mounting of base and handle, ZXZ, deg, or the exit code."""
+        given = (*motion, '-p', 'alert_limit_deg:=30.0', '-o', output, '--force', *args)
+        if code := run(*given):
+            return code
+        parameters = read_parameters(output)
+        return parameters['mounting.base_zxz_deg'], parameters['mounting.handle_zxz_deg']
+
+    return MountedMotion(calibration), found
+
+
+def test_a_capture_gives_the_mounting_of_both_ends(mounting, tmp_path, capsys):
+    mounted, find = mounting
+    base, handle = find('--capture', mounted.write_capture(tmp_path / 'capture.csv'))
+    assert base == pytest.approx(BASE_DEG, abs=0.05)
+    assert handle == pytest.approx(HANDLE_DEG, abs=0.05)
     figures = r'standard deviations 0\.\d+ 0\.\d+ 0\.\d+ deg\n'
+    out, err = capsys.readouterr()
     assert re.search(
         rf'\n  mounting of the base: {figures}  mounting of the handle: {figures}'
         r'  residual of the orientations from outside: 0\.000 deg rms\n$',
-        capsys.readouterr().out,
+        out,
     )
+    assert 'left out' not in err
+
+
+@pytest.mark.parametrize('count', [1, 12])
+def test_M1_mislabelled_rows_of_a_capture_do_not_turn_the_mounting(
+    mounting, tmp_path, capsys, count
+):
+    """Markers that exchange their names turn the body by half a turn at once, and back."""
+    mounted, find = mounting
+    half_a_turn = np.diag([-1.0, -1.0, 1.0])
+    mounted.rotations[700 : 700 + count] = mounted.rotations[700 : 700 + count] @ half_a_turn
+    path = mounted.write_capture(tmp_path / 'capture.csv')
+    base, handle = find('--capture', path)
+    assert base == pytest.approx(BASE_DEG, abs=0.05)
+    assert handle == pytest.approx(HANDLE_DEG, abs=0.05)
+    out, err = capsys.readouterr()
+    assert f'calibrate: {path}: {count} captured rows left out: that no hand can give\n' in err
+    assert re.search(r'residual of the orientations from outside: 0\.00\d deg rms', out)
+
+
+def test_M2_what_a_capture_held_is_left_out(mounting, tmp_path, capsys):
+    """Tracking that is lost writes the last row again, which is no orientation of the handle."""
+    mounted, find = mounting
+    mounted.rotations[700:900] = mounted.rotations[700]
+    base, handle = find('--capture', mounted.write_capture(tmp_path / 'capture.csv'))
+    assert base == pytest.approx(BASE_DEG, abs=0.05)
+    assert handle == pytest.approx(HANDLE_DEG, abs=0.05)
+    count = re.search(
+        r'(\d+) captured rows left out: held or filled in by the capture',
+        capsys.readouterr().err,
+    )[1]
+    assert int(count) >= 198
+
+
+def test_poses_of_a_jig_give_the_mounting_of_both_ends(mounting, tmp_path):
+    mounted, find = mounting
     poses = []
-    for row in np.flatnonzero(known)[::500]:
-        poses += [
-            '--pose',
-            *np.degrees(kinematics.zxz_from_matrix(base @ calibration.rotation[row] @ handle)),
-            '--pose-recording',
-            record(
-                tmp_path / f'{row}.log',
-                [
-                    message
-                    for number in range(150)
-                    for message in cycle(number, calibration.readings.readings[row], RAW)
-                ],
-            ),
-        ]
-    by_capture = read_parameters(output)
-    assert run(*given, '--force', '-p', 'replay.rate:=20.0', *poses) == 0, capsys.readouterr().err
-    for found, tolerance in ((by_capture, 0.05), (read_parameters(output), 0.3)):
-        for name, rotation in (('base', base), ('handle', handle)):
-            expected = np.degrees(kinematics.zxz_from_matrix(rotation))
-            assert found[f'mounting.{name}_zxz_deg'] == pytest.approx(expected, abs=tolerance)
-    capture.write_text(
+    for row in range(0, len(mounted.seconds), 500):
+        cycles = [cycle(number, mounted.readings[row], RAW) for number in range(150)]
+        log = record(tmp_path / f'{row}.log', [message for each in cycles for message in each])
+        pose = np.degrees(kinematics.zxz_from_matrix(mounted.rotations[row]))
+        poses += ['--pose', *pose, '--pose-recording', log]
+    base, handle = find('-p', 'replay.rate:=20.0', *poses)
+    assert base == pytest.approx(BASE_DEG, abs=0.3)
+    assert handle == pytest.approx(HANDLE_DEG, abs=0.3)
+
+
+def test_a_capture_of_markers_is_refused(mounting, tmp_path, capsys):
+    path = tmp_path / 'capture.csv'
+    path.write_text(
         'time,ax,ay,az,bx,by,bz,cx,cy,cz,dx,dy,dz\n'
         + ''.join(f'{time},0,0,0,0,0,1,1,0,0,0,1,0\n' for time in range(20))
     )
-    assert run(*args, '--force') == 1
+    assert mounting[1]('--capture', path) == 1
     assert 'markers; expected the pose of a body' in capsys.readouterr().err
 
 
