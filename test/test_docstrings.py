@@ -49,14 +49,7 @@ def test_every_public_name_says_what_it_is(name):
     assert inspect.getdoc(PUBLIC[name])
 
 
-# Still without them.
-PENDING = {
-    'kinematics.estimate',
-    'kinematics.estimate_sample',
-}
-FUNCTIONS = [
-    name for name, value in PUBLIC.items() if inspect.isfunction(value) and name not in PENDING
-]
+FUNCTIONS = [name for name, value in PUBLIC.items() if inspect.isfunction(value)]
 
 
 @pytest.mark.parametrize('name', FUNCTIONS)

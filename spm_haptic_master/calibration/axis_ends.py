@@ -210,7 +210,11 @@ def _check_gaps(axis: str, seconds: NDArray[np.float64]) -> None:
         )
 
 
-def _check_way(axis: str, counts: NDArray[np.float64], way: float) -> None:
+def _check_way(
+    axis: str,
+    counts: NDArray[np.float64],
+    way: float,
+) -> None:
     """Raise CalibrationError where the counts jump, or go beyond both ends."""
     step = float(np.abs(np.diff(counts)).max())
     if step > LARGEST_STEP * way:
@@ -226,7 +230,11 @@ def _check_way(axis: str, counts: NDArray[np.float64], way: float) -> None:
         )
 
 
-def _check_angle(measured: float, ends: tuple[float, float], ring: int) -> None:
+def _check_angle(
+    measured: float,
+    ends: tuple[float, float],
+    ring: int,
+) -> None:
     """Raise CalibrationError for a gripper that turned by another angle, deg, than given."""
     given = abs(ends[1] - ends[0])
     if abs(measured - given) > ANGLE_TOLERANCE * given:
@@ -237,7 +245,9 @@ def _check_angle(measured: float, ends: tuple[float, float], ring: int) -> None:
 
 
 def change_since(
-    motion: AxisMotion, ends: tuple[float, float], before: AxisCalibration
+    motion: AxisMotion,
+    ends: tuple[float, float],
+    before: AxisCalibration,
 ) -> str | None:
     """
     Return what changed since an earlier calibration of an axis.
@@ -287,7 +297,11 @@ def _farthest(limits: tuple[float, float], position: float) -> float:
     return max(limits, key=lambda end: abs(end - position))
 
 
-def _position(counts: float, calibration: AxisCalibration, ring: int) -> float:
+def _position(
+    counts: float,
+    calibration: AxisCalibration,
+    ring: int,
+) -> float:
     """Return the position of counts, m or deg, as the driver has it."""
     turned = calibration.direction * (counts - calibration.zero_count)
     return ((turned + ring / 2) % ring - ring / 2) / calibration.counts_per_unit

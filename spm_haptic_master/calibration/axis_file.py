@@ -48,7 +48,11 @@ def axis_parameters(path: Path, *axes: str) -> dict[str, Any]:
     }
 
 
-def read_axis(path: Path, axis: str, counts_per_turn: int) -> AxisCalibration:
+def read_axis(
+    path: Path,
+    axis: str,
+    counts_per_turn: int,
+) -> AxisCalibration:
     """
     Return the calibration of an axis in a file.
 
@@ -90,7 +94,12 @@ def read_axis(path: Path, axis: str, counts_per_turn: int) -> AxisCalibration:
     )
 
 
-def extended_text(path: Path, note: str, date: str, parameters: Mapping[str, Any]) -> str:
+def extended_text(
+    path: Path,
+    note: str,
+    date: str,
+    parameters: Mapping[str, Any],
+) -> str:
     """
     Return the text of a calibration file with further parameters for all nodes.
 

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import chain
 from math import degrees, inf
 import os
@@ -26,7 +27,9 @@ RECORD = 'calibration_record'
 
 
 def file_text(
-    header: Iterable[str], parameters: Mapping[str, Any], record: Mapping[str, Any]
+    header: Iterable[str],
+    parameters: Mapping[str, Any],
+    record: Mapping[str, Any],
 ) -> str:
     """
     Return the text of a calibration file.
@@ -74,7 +77,11 @@ def sections_text(header: Iterable[str], sections: Mapping[str, Mapping[str, Any
         for nodes, values in sections.items()
     }
     return ''.join(f'# {ascii(line)[1:-1]}\n' for line in header) + yaml.dump(
-        tree, Dumper=_Dumper, sort_keys=False, default_flow_style=False, width=inf
+        tree,
+        Dumper=_Dumper,
+        sort_keys=False,
+        default_flow_style=False,
+        width=inf,
     )
 
 
@@ -93,7 +100,9 @@ _Dumper.add_representer(
 _Dumper.add_representer(
     list,
     lambda dumper, values: dumper.represent_sequence(
-        'tag:yaml.org,2002:seq', values, flow_style=True
+        'tag:yaml.org,2002:seq',
+        values,
+        flow_style=True,
     ),
 )
 
@@ -235,53 +244,75 @@ def read_calibration(path: Path) -> Calibration:
         number of values.
 
     """
-    found: dict[str, Any] = {
-        name: value
-        for section in read_sections(path)
-        if section.nodes in ('/**', f'/{RECORD}')
-        for name, value in section.values.items()
-    }
-
-    def values(
-        name: str, kind: type, count: int | None = None, allowed: tuple[int, ...] = ()
-    ) -> Any:
-        """Return a value of the file after the checks that a setting of this type has."""
-        return Setting(name, kind, '', allowed=allowed, count=count).check(found.get(name))
-
-    def of_poses(name: str, count: int) -> Any:
-        """Return the values of each pose, degrees in rad: ROS allows no lists in lists."""
-        flat = np.reshape(values(name, float, poses * count), (poses, count))
-        return map(tuple, (np.radians(flat) if name.endswith('_deg') else flat).tolist())
-
+    record = _Record(
+        {
+            name: value
+            for section in read_sections(path)
+            if section.nodes in ('/**', f'/{RECORD}')
+            for name, value in section.values.items()
+        }
+    )
     try:
-        n = sensors_of(found)
-        poses = len(np.atleast_1d(found.get('sets', ())))
-        # A calibration from free motion has no poses.
-        stations = (
-            tuple(
-                map(
-                    Station,
-                    of_poses('poses_deg', 3),
-                    of_poses('angles_deg', n),
-                    of_poses('mean_counts', n),
-                    of_poses('noise_deg', n),
-                    values('sets', int, poses),
-                )
-            )
-            if poses
-            else ()
-        )
+        n = sensors_of(record.found)
         return Calibration(
-            values('date', str),
-            stations,
-            values('encoders.direction', int, n, (1, -1)),
-            values('encoders.zero_count', int, n),
-            values('encoders.counts_per_turn', int, n),
-            values('encoders.direction_verified', bool, n),
-            tuple(np.radians(values('bias_deg', float, n)).tolist()),
+            date=record.value('date', str),
+            stations=record.stations(n),
+            direction=record.value('encoders.direction', int, n, (1, -1)),
+            zero_count=record.value('encoders.zero_count', int, n),
+            counts_per_turn=record.value('encoders.counts_per_turn', int, n),
+            direction_verified=record.value('encoders.direction_verified', bool, n),
+            bias=tuple(np.radians(record.value('bias_deg', float, n)).tolist()),
         )
     except SettingError as error:
         raise InputError(f'{path}: not a calibration that calibrate wrote: {error}') from error
+
+
+@dataclass(frozen=True, slots=True)
+class _Record:
+    """
+    What a file of calibrate has.
+
+    Attributes
+    ----------
+    found : dict of str to object
+        Its values, by dotted name.
+
+    """
+
+    found: dict[str, Any]
+
+    def value(
+        self,
+        name: str,
+        kind: type,
+        count: int | None = None,
+        allowed: tuple[int, ...] = (),
+    ) -> Any:
+        """Return a value of the file after the checks that a setting of this type has."""
+        return Setting(name, kind, '', allowed=allowed, count=count).check(self.found.get(name))
+
+    def stations(self, sensors: int) -> tuple[Station, ...]:
+        """Return the readings at the poses of a jig; a calibration from free motion has none."""
+        poses = len(np.atleast_1d(self.found.get('sets', ())))
+        if not poses:
+            return ()
+        return tuple(
+            map(
+                Station,
+                self._of_poses('poses_deg', poses, 3),
+                self._of_poses('angles_deg', poses, sensors),
+                self._of_poses('mean_counts', poses, sensors),
+                self._of_poses('noise_deg', poses, sensors),
+                self.value('sets', int, poses),
+            )
+        )
+
+    def _of_poses(self, name: str, poses: int, count: int) -> list[tuple[float, ...]]:
+        """Return the values of each pose, degrees in rad: ROS allows no lists in lists."""
+        rows = np.reshape(self.value(name, float, poses * count), (poses, count))
+        if name.endswith('_deg'):
+            rows = np.radians(rows)
+        return [tuple(row) for row in rows.tolist()]
 
 
 def check_output(path: Path, force: bool) -> None:

@@ -110,7 +110,11 @@ class StepResponse:
         return f'{own}: sign {"right" if self.is_right else "wrong: it turns the other way"}'
 
 
-def step_response(motor: int, torque: Array, angles: Array) -> StepResponse:
+def step_response(
+    motor: int,
+    torque: Array,
+    angles: Array,
+) -> StepResponse:
     """
     Return what a small step of one motor does.
 
@@ -200,7 +204,12 @@ class Friction:
     viscous: float
     dry: float
 
-    def stiffest(self, damping: float, period: float, latency: float) -> float:
+    def stiffest(
+        self,
+        damping: float,
+        period: float,
+        latency: float,
+    ) -> float:
         """
         Return the stiffest spring that the friction of the device keeps passive.
 
@@ -297,7 +306,11 @@ def _integral(time: Array, values: Array) -> Array:
     return found
 
 
-def _check_length(part: str, values: Array, fewest: int) -> None:
+def _check_length(
+    part: str,
+    values: Array,
+    fewest: int,
+) -> None:
     """Raise InputError if a part of a recording has fewer samples than are needed."""
     if len(values) < fewest:
         raise InputError(f'{part} has {len(values)} samples: expected {fewest} or more')

@@ -283,7 +283,10 @@ def _follow(
 
 
 def _collect(
-    source: EncoderSource, seconds: float, samples: list[JointSample], stop: threading.Event
+    source: EncoderSource,
+    seconds: float,
+    samples: list[JointSample],
+    stop: threading.Event,
 ) -> None:
     """Collect samples until the end of the source or of the recording, or until `stop`."""
     with suppress(SourceEnded):

@@ -116,7 +116,11 @@ def checksum(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def _text(verdict: Verdict, file: Path, picture: str) -> str:
+def _text(
+    verdict: Verdict,
+    file: Path,
+    picture: str,
+) -> str:
     """
     Return the report, one page of Markdown with the verdict in its first line.
 
@@ -174,7 +178,11 @@ def _checked_text(checked: Checked) -> str:
     )
 
 
-def _made_from(c: MotionCalibration, origin: Origin, file: Path) -> str:
+def _made_from(
+    c: MotionCalibration,
+    origin: Origin,
+    file: Path,
+) -> str:
     """Return the table of what the calibration was made from: recording, checksums, parity."""
     return _table(
         ('', ''),

@@ -165,14 +165,25 @@ class _Column:
     largest: float
 
 
-def _draw_cells(axes: Axes, of: _Map, means: Array, largest: float) -> Any:
+def _draw_cells(
+    axes: Axes,
+    of: _Map,
+    means: Array,
+    largest: float,
+) -> Any:
     """Draw the cells of a map in colours, and return what the colour scale describes."""
     axes.set_facecolor(NOWHERE)
     shown = np.ma.masked_invalid(means).T
     return axes.pcolormesh(*of.edges, shown, cmap=SIGNED, vmin=-largest, vmax=largest)
 
 
-def _add_scale(figure: Any, mesh: Any, beside: Any, aspect: int, ticks: int) -> None:
+def _add_scale(
+    figure: Any,
+    mesh: Any,
+    beside: Any,
+    aspect: int,
+    ticks: int,
+) -> None:
     """Draw a colour scale below some maps, so many times as long as high, with so many ticks."""
     from matplotlib.ticker import MaxNLocator
 
@@ -222,7 +233,11 @@ def _scale(values: list[Array]) -> float:
     return float(np.percentile(every, SCALE_PERCENT)) if every.size and every.any() else 1.0
 
 
-def _outline(region: Region, tilts: Axes, turns: Axes) -> None:
+def _outline(
+    region: Region,
+    tilts: Axes,
+    turns: Axes,
+) -> None:
     """Draw the edge of a region on both maps."""
     line: dict[str, Any] = {'color': plot_style.REFERENCE, 'linestyle': '--', 'linewidth': 1.2}
     circle = np.linspace(0.0, 2.0 * pi, 200)
@@ -232,7 +247,12 @@ def _outline(region: Region, tilts: Axes, turns: Axes) -> None:
     turns.plot([first, first, last, last], [0.0, region.tilt_deg, region.tilt_deg, 0.0], **line)
 
 
-def _label_tilts(axes: Axes, reach: float, title: str, labelled: bool) -> None:
+def _label_tilts(
+    axes: Axes,
+    reach: float,
+    title: str,
+    labelled: bool,
+) -> None:
     """Label a map of the tilt, and name the directions of the legs' motors."""
     axes.set_aspect('equal')
     plot_style.label_axes(
@@ -250,7 +270,11 @@ def _label_tilts(axes: Axes, reach: float, title: str, labelled: bool) -> None:
     axes.set_ylim(-reach, reach)
 
 
-def _label_turns(axes: Axes, region: Region, labelled: bool) -> None:
+def _label_turns(
+    axes: Axes,
+    region: Region,
+    labelled: bool,
+) -> None:
     """Label a map of self-rotation and tilt; it shows at least the tilt of the region."""
     plot_style.label_axes(axes, 'self-rotation φ, deg', 'tilt, deg' if labelled else '')
     highest = float(axes.get_ylim()[1])

@@ -67,7 +67,9 @@ def _parser() -> Parser:
     _add_recording(parser)
     _add_limits(parser)
     parser.add_argument(
-        '--force', action='store_true', help='write the file even if it already exists'
+        '--force',
+        action='store_true',
+        help='write the file even if it already exists',
     )
     return parser
 
@@ -106,7 +108,11 @@ def _add_tasks(parser: Parser) -> None:
         'write nothing',
     )
     parser.add_argument(
-        '-o', '--output', type=Path, metavar='FILE', help='parameter file to write'
+        '-o',
+        '--output',
+        type=Path,
+        metavar='FILE',
+        help='parameter file to write',
     )
 
 

@@ -71,7 +71,9 @@ def run(options: argparse.Namespace) -> int:
     if options.check is None:
         _check_output(options, axis)
     values = command_line.checked(
-        raw_counts(sensors_of(given)) | given | _of_counts(axis), SOURCE_SETTINGS[source], source
+        raw_counts(sensors_of(given)) | given | _of_counts(axis),
+        SOURCE_SETTINGS[source],
+        source,
     )
     if not values[f'{axis}.id']:
         raise InputError(f'{axis}.id is 0; expected the CAN identifier of the {axis} encoder')
@@ -187,7 +189,10 @@ def _replayed(axis: str, values: dict[str, Any]) -> AxisMotion:
 
 
 def _recorded(
-    axis: str, source_name: str, values: dict[str, Any], ends: tuple[float, float]
+    axis: str,
+    source_name: str,
+    values: dict[str, Any],
+    ends: tuple[float, float],
 ) -> AxisMotion:
     """
     Return the motion of an axis on a bus, from one Enter to the next.
@@ -249,7 +254,11 @@ def _ask(text: str) -> None:
         raise InputError('standard input has ended; expected Enter at each end')
 
 
-def _collect(source: EncoderSource, readings: list[AxisReading], stop: threading.Event) -> None:
+def _collect(
+    source: EncoderSource,
+    readings: list[AxisReading],
+    stop: threading.Event,
+) -> None:
     """Collect the readings of the axes until `stop`, or the end of the source."""
     while not stop.is_set():
         try:
@@ -260,7 +269,9 @@ def _collect(source: EncoderSource, readings: list[AxisReading], stop: threading
 
 
 def _motion(
-    encoder: SingleAxis, readings: Iterable[AxisReading], source: EncoderSource
+    encoder: SingleAxis,
+    readings: Iterable[AxisReading],
+    source: EncoderSource,
 ) -> AxisMotion:
     """Return the readings of an axis; CalibrationError where there is none."""
     own = [reading for reading in readings if reading.name == encoder.name]
@@ -287,7 +298,11 @@ def _report(path: Path, found: AxisCalibration) -> None:
     print('  One encoder: nothing checks it. Look at both ends with --check after each repair.')
 
 
-def _report_check(path: Path, axis: str, change: str | None) -> int:
+def _report_check(
+    path: Path,
+    axis: str,
+    change: str | None,
+) -> int:
     """Print whether a calibration holds; return the exit code."""
     print(f'{path}: {change or f"the calibration of the {NOUNS[axis][0]} holds"}')
     return 0 if change is None else 1

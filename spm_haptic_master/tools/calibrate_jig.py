@@ -206,7 +206,11 @@ def _rig(source: str, given: dict[str, object]) -> Rig:
     )
 
 
-def _check_counts(path: Path, before: jig.Calibration | None, rig: Rig) -> None:
+def _check_counts(
+    path: Path,
+    before: jig.Calibration | None,
+    rig: Rig,
+) -> None:
     """Raise InputError where the file to be overwritten is for other encoders."""
     if before is not None and before.counts_per_turn != rig.counts_per_turn:
         raise InputError(
@@ -264,7 +268,11 @@ def _recorded_stations(
     return stations
 
 
-def _bias(jig_error_deg: float | None, rig: Rig, poses: Sequence[Sequence[float]]) -> list[float]:
+def _bias(
+    jig_error_deg: float | None,
+    rig: Rig,
+    poses: Sequence[Sequence[float]],
+) -> list[float]:
     """
     Return the bound of each sensor's systematic error.
 
@@ -299,7 +307,11 @@ def _bias(jig_error_deg: float | None, rig: Rig, poses: Sequence[Sequence[float]
     return largest
 
 
-def _report(path: Path, calibration: jig.Calibration, replaced: jig.Calibration | None) -> None:
+def _report(
+    path: Path,
+    calibration: jig.Calibration,
+    replaced: jig.Calibration | None,
+) -> None:
     """Print what was written, a line for each encoder, and which directions are not verified."""
     if replaced is None:
         print(f'{path}: written')

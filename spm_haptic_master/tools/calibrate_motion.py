@@ -46,7 +46,7 @@ from spm_haptic_master.tools.calibration_verdict import (
 )
 from spm_haptic_master.tools.command_line import ProgressBar
 from spm_haptic_master.validation import capture_rows
-from spm_haptic_master.validation.alignment import align, check_export, interpolate
+from spm_haptic_master.validation.alignment import align, interpolate
 from spm_haptic_master.validation.recordings import read_capture, Track
 
 # Takes an instruction and the shares of what it needs, 0 .. 1, by name.
@@ -138,11 +138,17 @@ def _source_values(source: str, given: dict[str, Any]) -> dict[str, Any]:
     sensors = encoders.sensors_of(given)
     verified = {'encoders.direction_verified': (True,) * sensors}
     return command_line.checked(
-        given | raw_counts(sensors) | verified, SOURCE_SETTINGS[source], source
+        given | raw_counts(sensors) | verified,
+        SOURCE_SETTINGS[source],
+        source,
     )
 
 
-def _drawn(options: argparse.Namespace, sensors: int, mechanism: dict[str, Any]) -> Layout:
+def _drawn(
+    options: argparse.Namespace,
+    sensors: int,
+    mechanism: dict[str, Any],
+) -> Layout:
     """Return the rig as drawn, with the tolerances of the command line."""
     return Layout(
         sensors,
@@ -154,7 +160,10 @@ def _drawn(options: argparse.Namespace, sensors: int, mechanism: dict[str, Any])
 
 
 def _origin(
-    options: argparse.Namespace, source: str, values: dict[str, Any], kept: dict[str, Any]
+    options: argparse.Namespace,
+    source: str,
+    values: dict[str, Any],
+    kept: dict[str, Any],
 ) -> Origin:
     """
     Return where a calibration comes from.
@@ -190,7 +199,10 @@ def _origin(
 
 
 def _verdict(
-    found: MotionCalibration, recording: Recording, fkm: FkmValues, target_deg: float
+    found: MotionCalibration,
+    recording: Recording,
+    fkm: FkmValues,
+    target_deg: float,
 ) -> Verdict:
     """
     Return what a calibration is good for.
@@ -225,7 +237,10 @@ def _verdict(
 
 
 def _recorded(
-    options: argparse.Namespace, source: str, values: dict[str, Any], layout: Layout
+    options: argparse.Namespace,
+    source: str,
+    values: dict[str, Any],
+    layout: Layout,
 ) -> Recording:
     """
     Return the motion of a bus, of a log, or of several logs one after the other.
@@ -266,7 +281,11 @@ def _recorded(
         )
     further = [
         motion_source.read_motion(
-            'replay', values | {'replay.path': str(path)}, options.seconds, SECONDS_DEFAULT, ''
+            'replay',
+            values | {'replay.path': str(path)},
+            options.seconds,
+            SECONDS_DEFAULT,
+            '',
         )
         for path in (options.motion or [])[1:]
     ]
@@ -274,7 +293,10 @@ def _recorded(
 
 
 def _calibrated(
-    layout: Layout, recording: Recording, given: dict[str, Any], counts_per_turn: Sequence[int]
+    layout: Layout,
+    recording: Recording,
+    given: dict[str, Any],
+    counts_per_turn: Sequence[int],
 ) -> MotionCalibration:
     """
     Return the calibration of a motion.
@@ -317,7 +339,11 @@ def _calibrated(
         raise CalibrationError(f'{error}{hint}') from error
 
 
-def _resolution_hint(layout: Layout, recording: Recording, counts_per_turn: Sequence[int]) -> str:
+def _resolution_hint(
+    layout: Layout,
+    recording: Recording,
+    counts_per_turn: Sequence[int],
+) -> str:
     """
     Return which smaller resolution makes the motion that of the mechanism.
 
@@ -421,7 +447,10 @@ def _mounted_by(
         )
         rows.append(
             read_still(
-                counts, per_turn, radians(options.noise_limit), radians(options.drift_limit)
+                counts,
+                per_turn,
+                radians(options.noise_limit),
+                radians(options.drift_limit),
             )[0]
         )
     return mounted(
@@ -466,8 +495,7 @@ def _captured(options: argparse.Namespace, found: MotionCalibration) -> tuple[Ar
     times = seconds[known]
     quaternions = kinematics.quaternion_from_matrix(found.rotation[known])
     begin = capture.time - capture.time[0]
-    fitted = align(times, quaternions, begin, capture.values, False)
-    check_export(fitted, times, quaternions, begin, capture.values, False)
+    fitted = align(times, quaternions, begin, capture.values, body_known=False)
     rows = np.flatnonzero(known)[:: max(1, int(CAPTURE_PERIOD / np.median(np.diff(times))))]
     at = interpolate(fitted.recorded_time(begin), capture.values, seconds[rows])
     inside = np.isfinite(at).all(axis=1)
@@ -564,7 +592,11 @@ def _guidance_topic(remaps: Sequence[str]) -> AbstractContextManager[Publish]:
     return published(remaps)
 
 
-def _guided(guide: Guide, target: float, publish: Publish) -> motion_source.Evaluate:
+def _guided(
+    guide: Guide,
+    target: float,
+    publish: Publish,
+) -> motion_source.Evaluate:
     """
     Return an evaluation that shows the guidance, and ends at a target error.
 
@@ -585,7 +617,10 @@ def _guided(guide: Guide, target: float, publish: Publish) -> motion_source.Eval
     """
 
     def evaluate(
-        bar: ProgressBar, source: EncoderSource, recording: Recording, seconds: float
+        bar: ProgressBar,
+        source: EncoderSource,
+        recording: Recording,
+        seconds: float,
     ) -> bool:
         """Show and publish the guidance; return whether the target is reached."""
         found = guide.evaluate(*recording)
@@ -602,7 +637,10 @@ def _guided(guide: Guide, target: float, publish: Publish) -> motion_source.Eval
 
 
 def kept_settings(
-    source: str, given: dict[str, object], values: dict[str, Any], mechanism: dict[str, Any]
+    source: str,
+    given: dict[str, object],
+    values: dict[str, Any],
+    mechanism: dict[str, Any],
 ) -> dict[str, Any]:
     """
     Return the settings that the file has beside the calibration.
@@ -641,7 +679,11 @@ def kept_settings(
     return kept
 
 
-def _print(path: Path, report: str, verdict: Verdict) -> None:
+def _print(
+    path: Path,
+    report: str,
+    verdict: Verdict,
+) -> None:
     """
     Print what was written; what it is good for comes last.
 
@@ -663,7 +705,11 @@ def _print(path: Path, report: str, verdict: Verdict) -> None:
         f'spikes, {100.0 * found.cut:.1f} % of the samples cut'
     )
     for joint, direction, noise, bias in zip(
-        ALL_JOINT_NAMES, found.direction, found.noise, found.bias, strict=False
+        ALL_JOINT_NAMES,
+        found.direction,
+        found.noise,
+        found.bias,
+        strict=False,
     ):
         print(
             f'  {joint}: direction {direction:+d}, sigma {degrees(noise):.4f} deg, bias '

@@ -175,7 +175,10 @@ def supported(
 
 
 def _unsupported(
-    calibration: MotionCalibration, moved: Region, limit: float, least: float
+    calibration: MotionCalibration,
+    moved: Region,
+    limit: float,
+    least: float,
 ) -> CalibrationError:
     """
     Return the error for a calibration that supports the alert limit in no region.
@@ -273,7 +276,9 @@ def least_alert_limit(calibration: MotionCalibration, values: FkmValues) -> floa
 
 
 def checked_region(
-    calibration: MotionCalibration, values: FkmValues, stamps: NDArray[np.int64]
+    calibration: MotionCalibration,
+    values: FkmValues,
+    stamps: NDArray[np.int64],
 ) -> Checked:
     """
     Return where in its region each sensor is checked by the others.
@@ -494,7 +499,12 @@ def check(options: argparse.Namespace) -> int:
     return 0
 
 
-def _print(path: Path, found: Check, readings: MotionReadings, settings: dict[str, Any]) -> None:
+def _print(
+    path: Path,
+    found: Check,
+    readings: MotionReadings,
+    settings: dict[str, Any],
+) -> None:
     """Print the result of a check, with slip and noise of each sensor."""
     verdict = 'holds' if found.holds else 'does not hold'
     each = found.evaluation

@@ -95,7 +95,11 @@ def main(args: list[str]) -> int:
     return _print_report(scan, expected, decoder.words, given, values, options)
 
 
-def _expected(given: Values, values: Values, decoder: FrameDecoder) -> scan_report.Expected:
+def _expected(
+    given: Values,
+    values: Values,
+    decoder: FrameDecoder,
+) -> scan_report.Expected:
     """
     Return the configuration that the bus is compared with.
 
@@ -232,7 +236,10 @@ def _print_report(
 
 
 def _print_rig_lines(
-    scan: BusScan, expected: scan_report.Expected, given: Values, values: Values
+    scan: BusScan,
+    expected: scan_report.Expected,
+    given: Values,
+    values: Values,
 ) -> None:
     """
     Print the lines for rig.yaml.
@@ -305,7 +312,9 @@ def _parser() -> Parser:
         help='print the lines for rig.yaml of the frames that a DBC file describes, and end',
     )
     parser.add_argument(
-        '--passive', action='store_true', help='send nothing, not even SDO requests'
+        '--passive',
+        action='store_true',
+        help='send nothing, not even SDO requests',
     )
     parser.add_argument(
         '--start',

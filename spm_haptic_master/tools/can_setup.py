@@ -161,7 +161,9 @@ def _encoders(given: Values, options: argparse.Namespace) -> Plan:
     decoder = make_decoder(values)
     if decoder.network is None:
         raise SettingError(
-            'can.protocol', values['can.protocol'], "'canopen': other encoders have no objects"
+            'can.protocol',
+            values['can.protocol'],
+            "'canopen': other encoders have no objects",
         )
     encoders = list(zip(decoder.layouts, values['encoders.node_id'], strict=True))
     encoders += [(axis.layout, axis.node.node_id) for axis in decoder.axes if axis.node]
@@ -186,7 +188,11 @@ def _encoders(given: Values, options: argparse.Namespace) -> Plan:
     return values, _chosen(nodes, options.joint, values['sensors']), master
 
 
-def _chosen(nodes: Nodes, joints: list[str] | None, sensors: int) -> Nodes:
+def _chosen(
+    nodes: Nodes,
+    joints: list[str] | None,
+    sensors: int,
+) -> Nodes:
     """
     Return the nodes of the joints on the command line.
 
@@ -262,7 +268,12 @@ def _drives(given: Values, options: argparse.Namespace) -> Plan:
     return values, nodes, ('heartbeat', canopen.HEARTBEAT_BASE + plan.master_id)
 
 
-def _set_up(network: Any, bus: str, nodes: Nodes, options: argparse.Namespace) -> int:
+def _set_up(
+    network: Any,
+    bus: str,
+    nodes: Nodes,
+    options: argparse.Namespace,
+) -> int:
     """
     Set nodes up one after the other, and print the outcome.
 
@@ -405,7 +416,9 @@ def _parser() -> Parser:
         help='write, store and verify; without it nothing is changed',
     )
     parser.add_argument(
-        '--drives', action='store_true', help='the drives of drives.* in place of the encoders'
+        '--drives',
+        action='store_true',
+        help='the drives of drives.* in place of the encoders',
     )
     parser.add_argument(
         '--eds',

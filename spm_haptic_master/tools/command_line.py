@@ -187,7 +187,9 @@ def bus_of(values: Values, of: str = 'can') -> Iterator[can.BusABC]:
     can_bus.check_interface(values[f'{of}.interface'], f'{of}.interface')
     try:
         with can_bus.open_bus(
-            values[f'{of}.interface'], values[f'{of}.channel'], values[f'{of}.bitrate']
+            values[f'{of}.interface'],
+            values[f'{of}.channel'],
+            values[f'{of}.bitrate'],
         ) as bus:
             yield bus
     except (SpmError, BrokenPipeError):
@@ -266,7 +268,11 @@ class ProgressBar:
             print(file=sys.stderr)
 
 
-def run(name: str, program: Callable[[list[str]], int], args: list[str] | None = None) -> int:
+def run(
+    name: str,
+    program: Callable[[list[str]], int],
+    args: list[str] | None = None,
+) -> int:
     """
     Run a program and return its exit code.
 

@@ -138,7 +138,12 @@ def main(args: list[str]) -> int:
     return 0
 
 
-def _record(path: Path, given: Values, values: dict[str, Any], poses: int) -> PassedCheck:
+def _record(
+    path: Path,
+    given: Values,
+    values: dict[str, Any],
+    poses: int,
+) -> PassedCheck:
     """
     Move the device through the bring-up, and write the recording.
 
@@ -220,7 +225,11 @@ def check_wiring(parts: list[Part], failed: list[str]) -> None:
     failed += wiring_faults(responses)
 
 
-def check_weight(parts: list[Part], values: Values, failed: list[str]) -> Gravity:
+def check_weight(
+    parts: list[Part],
+    values: Values,
+    failed: list[str],
+) -> Gravity:
     """
     Print the weight by the poses that motors hold.
 
@@ -338,14 +347,21 @@ def rotations(part: Part, values: Values) -> Array:
 
     """
     found: Array = estimate(
-        part.angles[:, :3], part.angles[:, 3], sigma_from(values)[:4], geometry_from(values)
+        part.angles[:, :3],
+        part.angles[:, 3],
+        sigma_from(values)[:4],
+        geometry_from(values),
     ).rotation
     if not np.isfinite(found).all():
         raise InputError(f"part '{' '.join(part.name)}': no orientation has these angles")
     return found
 
 
-def release_of(part: Part, values: Values, gravity: Gravity) -> Release:
+def release_of(
+    part: Part,
+    values: Values,
+    gravity: Gravity,
+) -> Release:
     """
     Return the motion of a release about its direction, a column of the first orientation.
 
@@ -369,7 +385,10 @@ def release_of(part: Part, values: Values, gravity: Gravity) -> Release:
     R = rotations(part, values)
     axis = R[0, :, DIRECTIONS.index(part.name[1])]
     statics = make_statics(
-        geometry_from(values), values['working_mode'], part.torque.shape[1], ForceLimits()
+        geometry_from(values),
+        values['working_mode'],
+        part.torque.shape[1],
+        ForceLimits(),
     )
     weight = Weight(gravity, statics)
     net = []
@@ -420,7 +439,12 @@ def read(path: Path) -> list[Part]:
     return [_part_of(path, name, numbers, motors) for name, numbers in groups]
 
 
-def _part_of(path: Path, name: str, numbers: Array, motors: list[str]) -> Part:
+def _part_of(
+    path: Path,
+    name: str,
+    numbers: Array,
+    motors: list[str],
+) -> Part:
     """
     Return a part by its name and rows.
 
@@ -452,7 +476,10 @@ def _part_of(path: Path, name: str, numbers: Array, motors: list[str]) -> Part:
     if not np.isfinite(numbers).all():
         raise InputError(f"{path}: part '{name}': expected finite numbers")
     return Part(
-        name=name.split(), time=numbers[:, 0], angles=numbers[:, 1:5], torque=numbers[:, 5:]
+        name=name.split(),
+        time=numbers[:, 0],
+        angles=numbers[:, 1:5],
+        torque=numbers[:, 5:],
     )
 
 

@@ -250,7 +250,12 @@ class BringUp:
         self._statics.place(R)
         return self._statics.render((torque * R[2], torque * R[5], torque * R[8]))[0]
 
-    def spring(self, stiffness: float, angles: Torques, largest: float) -> Torques:
+    def spring(
+        self,
+        stiffness: float,
+        angles: Torques,
+        largest: float,
+    ) -> Torques:
         """
         Return the torques of a spring and a damper on each motor's joint.
 
@@ -308,7 +313,11 @@ class BringUp:
         return sample.stamp, sample.angles
 
 
-def record(path: Path, bring_up: BringUp, poses: int = 0) -> None:
+def record(
+    path: Path,
+    bring_up: BringUp,
+    poses: int = 0,
+) -> None:
     """
     Move the device through a bring-up, and write the recording.
 
@@ -432,7 +441,11 @@ def _step(bring_up: BringUp, motor: int) -> StepResponse:
     )
 
 
-def _release(bring_up: BringUp, name: str, torque: float) -> None:
+def _release(
+    bring_up: BringUp,
+    name: str,
+    torque: float,
+) -> None:
     """
     Turn the handle from rest for a moment, and let it go.
 
@@ -461,7 +474,11 @@ def _release(bring_up: BringUp, name: str, torque: float) -> None:
 
 
 def _move(
-    bring_up: BringUp, part: str, stages: Iterable[Stage], farthest: float, remedy: str
+    bring_up: BringUp,
+    part: str,
+    stages: Iterable[Stage],
+    farthest: float,
+    remedy: str,
 ) -> None:
     """
     Do a part by stages.

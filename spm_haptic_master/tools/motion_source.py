@@ -172,7 +172,9 @@ def read_motion(
     if source == 'replay':
         with closing(make_replay(values)) as replay, ProgressBar('calibrate') as bar:
             recording, notes = read_log(
-                replay, lambda count: bar.show(f'{count} sets read'), given or inf
+                replay,
+                lambda count: bar.show(f'{count} sets read'),
+                given or inf,
             )
         say(*notes)
         return recording
@@ -199,7 +201,10 @@ def read_motion(
 
 
 def _recorded(
-    live: EncoderSource, seconds: float, evaluate: Evaluate | None = None, **how: Any
+    live: EncoderSource,
+    seconds: float,
+    evaluate: Evaluate | None = None,
+    **how: Any,
 ) -> Recording:
     """
     Record a source, close it and say what is left out.
@@ -258,7 +263,11 @@ def with_trouble(text: str, source: EncoderSource) -> str:
     return f'{text} ({trouble})' if trouble else text
 
 
-def wait_for_pose(number: int, count: int, pose: Sequence[float]) -> None:
+def wait_for_pose(
+    number: int,
+    count: int,
+    pose: Sequence[float],
+) -> None:
     """
     Ask for a pose, and wait for Enter.
 
@@ -285,7 +294,11 @@ def wait_for_pose(number: int, count: int, pose: Sequence[float]) -> None:
         raise InputError(f'standard input has ended; expected Enter for each of {count} poses')
 
 
-def record_pose(source: str, values: dict[str, Any], seconds: float) -> NDArray[np.int64]:
+def record_pose(
+    source: str,
+    values: dict[str, Any],
+    seconds: float,
+) -> NDArray[np.int64]:
     """
     Return the counts of a device at rest.
 
@@ -312,7 +325,9 @@ def record_pose(source: str, values: dict[str, Any], seconds: float) -> NDArray[
     live = make_source(source, values | raw_counts(values['sensors']))
     _, angles = _recorded(live, seconds, period=POSE_PERIOD, keep=False)
     per_turn = np.array(values['encoders.counts_per_turn'])
-    return np.rint(angles * per_turn / TURN).astype(np.int64) % per_turn
+    counts = np.rint(angles * per_turn / TURN).astype(np.int64)
+    within_turn: NDArray[np.int64] = counts % per_turn
+    return within_turn
 
 
 def say(*lines: str) -> None:

@@ -114,7 +114,9 @@ def _zero_counts(values: Values) -> tuple[int, ...]:
     return tuple(
         zero * counts // SIMULATED_COUNTS
         for zero, counts in zip(
-            values['encoders.zero_count'], values['encoders.counts_per_turn'], strict=True
+            values['encoders.zero_count'],
+            values['encoders.counts_per_turn'],
+            strict=True,
         )
     )
 
@@ -185,7 +187,9 @@ def _encoders(
 
 
 def _recording(
-    options: argparse.Namespace, motion: NoisyMotion, stack: ExitStack
+    options: argparse.Namespace,
+    motion: NoisyMotion,
+    stack: ExitStack,
 ) -> Record | None:
     """
     Write the rig, and return what writes the true orientations.
@@ -216,7 +220,11 @@ def _recording(
     return table.write
 
 
-def _boot(runner: BusRunner, values: Values, decoder: FrameDecoder) -> None:
+def _boot(
+    runner: BusRunner,
+    values: Values,
+    decoder: FrameDecoder,
+) -> None:
     """
     Switch the encoders on, and print where they are, and who else is there.
 
@@ -242,7 +250,11 @@ def _boot(runner: BusRunner, values: Values, decoder: FrameDecoder) -> None:
     )
 
 
-def _drive_loop(drives: SimulatedDrives, values: Values, stack: ExitStack) -> DriveLoop:
+def _drive_loop(
+    drives: SimulatedDrives,
+    values: Values,
+    stack: ExitStack,
+) -> DriveLoop:
     """
     Start the drives on their bus, and print where they are.
 
@@ -273,7 +285,10 @@ def _drive_loop(drives: SimulatedDrives, values: Values, stack: ExitStack) -> Dr
 
 
 def _run(
-    runner: BusRunner, drives: SimulatedDrives | None, loop: DriveLoop | None, seconds: float
+    runner: BusRunner,
+    drives: SimulatedDrives | None,
+    loop: DriveLoop | None,
+    seconds: float,
 ) -> None:
     """
     Run the encoders for some seconds, and print the faults that begin and end.
@@ -307,7 +322,9 @@ def _run(
 
 
 def _quirks(
-    options: argparse.Namespace, sensors: int, sync_id: int | None
+    options: argparse.Namespace,
+    sensors: int,
+    sync_id: int | None,
 ) -> tuple[device_quirks.Quirk, ...]:
     """
     Return the quirks of the encoders.
@@ -341,7 +358,9 @@ def _quirks(
 
 
 def _drives(
-    values: Values, options: argparse.Namespace, faults: tuple[fault_injection.Fault, ...]
+    values: Values,
+    options: argparse.Namespace,
+    faults: tuple[fault_injection.Fault, ...],
 ) -> SimulatedDrives | None:
     """
     Return the simulated drives.
@@ -415,7 +434,9 @@ def _parser() -> Parser:
     """Return the parser of the command line; its epilog lists faults and quirks."""
     parser = Parser('sim_bus', DESCRIPTION)
     parser.add_argument(
-        '--sync', action='store_true', help='send SYNC, too, at `rate` (and answer no other SYNC)'
+        '--sync',
+        action='store_true',
+        help='send SYNC, too, at `rate` (and answer no other SYNC)',
     )
     parser.add_argument(
         '--heartbeat',
@@ -431,7 +452,9 @@ def _parser() -> Parser:
         help='end after this time, s (default: run until Ctrl-C)',
     )
     parser.add_argument(
-        '--factory', action='store_true', help="with their maker's defaults, for can_setup"
+        '--factory',
+        action='store_true',
+        help="with their maker's defaults, for can_setup",
     )
     parser.add_argument(
         '--ground-truth',

@@ -108,7 +108,9 @@ def main(args: list[str]) -> int:
     from spm_haptic_master.tools import supervision_figure
 
     given = command_line.given(
-        options, (DRIVER, 'fkm'), DRIVER_NAMES | {setting.name for setting in FKM_SETTINGS}
+        options,
+        (DRIVER, 'fkm'),
+        DRIVER_NAMES | {setting.name for setting in FKM_SETTINGS},
     )
     recorded = _read(options, given)
     values = _values(recorded, given, options.recording)
@@ -121,7 +123,10 @@ def main(args: list[str]) -> int:
             lambda done: bar.show(f'{done} of {n} samples', done / n),
         )
     found = parity_map.parity_map(
-        recorded.angles, sigma_from(values), geometry_from(values), values['working_mode']
+        recorded.angles,
+        sigma_from(values),
+        geometry_from(values),
+        values['working_mode'],
     )
     table = parity_map.regions(found, result.published, result.protection_level)
     try:
@@ -146,7 +151,11 @@ def main(args: list[str]) -> int:
     return 0
 
 
-def _values(recorded: Recorded, given: dict[str, object], path: Path) -> dict[str, Any]:
+def _values(
+    recorded: Recorded,
+    given: dict[str, object],
+    path: Path,
+) -> dict[str, Any]:
     """
     Return the parameters of fkm for a recording.
 
@@ -174,7 +183,9 @@ def _values(recorded: Recorded, given: dict[str, object], path: Path) -> dict[st
     values = command_line.checked({SENSORS_SETTING.name: sensors} | given, FKM_SETTINGS)
     if values[SENSORS_SETTING.name] != sensors:
         raise SettingError(
-            SENSORS_SETTING.name, values[SENSORS_SETTING.name], f'{sensors}, as {path} has'
+            SENSORS_SETTING.name,
+            values[SENSORS_SETTING.name],
+            f'{sensors}, as {path} has',
         )
     return values
 
@@ -290,7 +301,9 @@ def _read_log(path: Path, given: dict[str, object]) -> Recorded:
 
     """
     values = command_line.checked(
-        given | {'replay.path': str(path)}, SOURCE_SETTINGS['replay'], 'replay'
+        given | {'replay.path': str(path)},
+        SOURCE_SETTINGS['replay'],
+        'replay',
     )
     samples: list[JointSample] = []
     with closing(make_replay(values)) as source, ProgressBar('supervise') as bar:

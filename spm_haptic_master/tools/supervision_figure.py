@@ -59,7 +59,9 @@ def draw(
     t = seconds[::every]
     figure = plot_style.new_figure(height=8.5)
     parity, level, exposure, map_ = figure.subplots(
-        4, 1, gridspec_kw={'height_ratios': [2, 2, 2, 3]}
+        4,
+        1,
+        gridspec_kw={'height_ratios': [2, 2, 2, 3]},
     )
     parity.plot(t, found.parity_deg[::every], '.', markersize=1.0, color=plot_style.IMPROVED)
     plot_style.label_axes(parity, '', 'parity, deg', 'Shaded: orientation withheld')
@@ -77,7 +79,11 @@ def draw(
     for column, name, colour in zip(result.unchecked.T, ALL_JOINT_NAMES, SENSORS, strict=False):
         times = column[::every]
         exposure.plot(
-            t, np.where(np.isfinite(times), times, t), color=colour, label=name, linewidth=1.2
+            t,
+            np.where(np.isfinite(times), times, t),
+            color=colour,
+            label=name,
+            linewidth=1.2,
         )
     exposure.legend(loc='upper left', ncols=len(result.unchecked.T))
     plot_style.label_axes(exposure, 'time, s', 'unchecked, s')
@@ -88,7 +94,12 @@ def draw(
     plot_style.save(figure, path)
 
 
-def _draw_map(figure: Any, axes: Any, found: ParityMap, every: int) -> None:
+def _draw_map(
+    figure: Any,
+    axes: Any,
+    found: ParityMap,
+    every: int,
+) -> None:
     """
     Draw the parity over tilt and self-rotation.
 
@@ -123,7 +134,11 @@ def _draw_map(figure: Any, axes: Any, found: ParityMap, every: int) -> None:
     plot_style.label_axes(axes, 'self-rotation φ, deg', 'tilt, deg')
 
 
-def _shade(axes: Any, seconds: NDArray[np.float64], withheld: NDArray[np.bool_]) -> None:
+def _shade(
+    axes: Any,
+    seconds: NDArray[np.float64],
+    withheld: NDArray[np.bool_],
+) -> None:
     """
     Shade the times at which no orientation is published.
 

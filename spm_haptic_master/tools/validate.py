@@ -57,7 +57,9 @@ def main(args: list[str]) -> int:
     recorded = recordings.read_orientation(options.recording, options.topic)
     joints = (
         recordings.read_joints(
-            options.joints or options.recording, options.joints_topic, '--joints-topic'
+            options.joints or options.recording,
+            options.joints_topic,
+            '--joints-topic',
         )
         if options.joints or bags.is_bag(options.recording)
         else None
@@ -156,7 +158,11 @@ def _add_topics(parser: Parser) -> None:
     )
 
 
-def _report(result: comparison.Comparison, table: list[comparison.ErrorRow], output: Path) -> None:
+def _report(
+    result: comparison.Comparison,
+    table: list[comparison.ErrorRow],
+    output: Path,
+) -> None:
     """Print the alignment, what of the capture was left out, and the errors."""
     print(_verdict(result, table))
     alignment = result.alignment

@@ -104,7 +104,11 @@ class Alignment:
         return time + self.offset + self.rate * (time - self.begin)
 
 
-def between(time: np.ndarray, quaternions: np.ndarray, at: np.ndarray) -> np.ndarray:
+def between(
+    time: np.ndarray,
+    quaternions: np.ndarray,
+    at: np.ndarray,
+) -> np.ndarray:
     """
     Return quaternions at other times, by linear interpolation of their components.
 
@@ -133,7 +137,11 @@ def between(time: np.ndarray, quaternions: np.ndarray, at: np.ndarray) -> np.nda
     )
 
 
-def interpolate(time: np.ndarray, quaternions: np.ndarray, at: np.ndarray) -> np.ndarray:
+def interpolate(
+    time: np.ndarray,
+    quaternions: np.ndarray,
+    at: np.ndarray,
+) -> np.ndarray:
     """
     Return unit quaternions at other times.
 
@@ -261,7 +269,9 @@ def coarse_offset(
     # Rounding leaves equal motions a misfit of a few units in the last place, of either sign.
     rounding = FFT_ROUNDING * (square_a.max() + square_b.max()) / number
     misfit = np.where(
-        enough, np.maximum((square_a + square_b - 2.0 * mixed) / number, rounding), np.inf
+        enough,
+        np.maximum((square_a + square_b - 2.0 * mixed) / number, rounding),
+        np.inf,
     )
     # A motion that repeats itself fits at every period: take the one with the longest overlap.
     alike = np.flatnonzero(misfit <= TIE_RATIO * misfit.min())
@@ -299,11 +309,14 @@ def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
     """
     left, _, right = np.linalg.svd(matrix)
     left[..., 2] *= (np.linalg.det(left) * np.linalg.det(right))[..., None]
-    return left @ right
+    rotations: np.ndarray = left @ right
+    return rotations
 
 
 def constant_frames(
-    captured: np.ndarray, recorded: np.ndarray, body_known: bool
+    captured: np.ndarray,
+    recorded: np.ndarray,
+    body_known: bool,
 ) -> tuple[np.ndarray, np.ndarray]:
     """
     Return X and, approximately, Y of captured = X recorded Y, by least squares.
@@ -419,9 +432,23 @@ def align(
     Raises
     ------
     InputError
-        The recordings are too short, their motions are not alike, or they hardly overlap.
+        The recordings are too short, their motions are not alike, they hardly overlap, or the
+        capture was exported wrongly (`_check_export`).
 
     """
+    found = _aligned(recorded_time, recorded, captured_time, captured, body_known)
+    _check_export(found, recorded_time, recorded, captured_time, captured, body_known)
+    return found
+
+
+def _aligned(
+    recorded_time: np.ndarray,
+    recorded: np.ndarray,
+    captured_time: np.ndarray,
+    captured: np.ndarray,
+    body_known: bool,
+) -> Alignment:
+    """Return the alignment of the two as they are; arguments and errors as of `align`."""
     # Measured from the first sample, times in floats resolve far less than a microsecond.
     begin = recorded_time[0]
     captured_begin = captured_time[0]
@@ -499,7 +526,11 @@ class _Fit:
     residual: float = math.inf
 
 
-def _start(pair: _Pair, offset: float, body_known: bool) -> _Fit:
+def _start(
+    pair: _Pair,
+    offset: float,
+    body_known: bool,
+) -> _Fit:
     """
     Return the fit with which Gauss-Newton begins.
 
@@ -532,7 +563,12 @@ def _start(pair: _Pair, offset: float, body_known: bool) -> _Fit:
     return _Fit(offset, frame, body)
 
 
-def _refined(pair: _Pair, start: _Fit, body_known: bool, with_rate: bool) -> tuple[_Fit, float]:
+def _refined(
+    pair: _Pair,
+    start: _Fit,
+    body_known: bool,
+    with_rate: bool,
+) -> tuple[_Fit, float]:
     """
     Refine offset, rate and frames together by Gauss-Newton.
 
@@ -657,7 +693,7 @@ EXPLAINED = 0.3
 ALONG = 0.9
 
 
-def check_export(
+def _check_export(
     found: Alignment,
     recorded_time: np.ndarray,
     recorded: np.ndarray,
@@ -696,8 +732,12 @@ def check_export(
     if found.residual < SUSPICIOUS:
         return
     inverse = captured * [-1.0, -1.0, -1.0, 1.0]
-    other = align(
-        recorded_time, recorded, captured_time, captured if body_known else inverse, False
+    other = _aligned(
+        recorded_time,
+        recorded,
+        captured_time,
+        captured if body_known else inverse,
+        False,
     )
     if other.residual >= EXPLAINED * found.residual:
         return

@@ -52,7 +52,10 @@ def is_bag(path: Path) -> bool:
 
 
 def read_topic(
-    path: Path, topic: str, optional: bool = False, option: str = '--topic'
+    path: Path,
+    topic: str,
+    optional: bool = False,
+    option: str = '--topic',
 ) -> tuple[str, str, list[Any]] | None:
     """
     Return the messages of a topic of a recording.
@@ -213,7 +216,11 @@ def _check_ended(path: Path) -> None:
             raise _not_ended(path, f'{beside.name} holds messages that are not in it', path.parent)
 
 
-def _not_ended(path: Path, why: str, directory: Path) -> InputError:
+def _not_ended(
+    path: Path,
+    why: str,
+    directory: Path,
+) -> InputError:
     """Return the error for a recording that was not ended, with what makes it readable."""
     return InputError(
         f'{path}: {why}: the recording was not ended; `ros2 bag reindex '
@@ -283,7 +290,14 @@ def _read(path: Path, topic: str) -> Content:
     ]
 
 
-def _message(path: Path, store: Any, topic: str, kind: str, number: int, content: bytes) -> Any:
+def _message(
+    path: Path,
+    store: Any,
+    topic: str,
+    kind: str,
+    number: int,
+    content: bytes,
+) -> Any:
     """Return a message by its content; InputError where it is not of its type."""
     try:
         return store.deserialize_cdr(content, kind)

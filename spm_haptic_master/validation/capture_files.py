@@ -58,7 +58,11 @@ def export_rows(sheet: Sheet, body: str | None) -> tuple[bool, Rows] | None:
     return False, _rows(sheet, export, _of_markers(sheet, export.markers))
 
 
-def _of_body(sheet: Sheet, bodies: Columns, body: str | None) -> tuple[int, ...]:
+def _of_body(
+    sheet: Sheet,
+    bodies: Columns,
+    body: str | None,
+) -> tuple[int, ...]:
     """Return the columns of the wanted rigid body, or of the only one."""
     if body is None and len(bodies) == 1:
         return next(iter(bodies.values()))
@@ -85,7 +89,11 @@ def _of_markers(sheet: Sheet, markers: Columns) -> tuple[int, ...]:
     return tuple(column for name in MARKER_NAMES for column in markers[short[name]])
 
 
-def _rows(sheet: Sheet, export: Export, columns: Sequence[int]) -> Rows:
+def _rows(
+    sheet: Sheet,
+    export: Export,
+    columns: Sequence[int],
+) -> Rows:
     """Return the rows of some columns up to the end of the section; NaN what was not seen."""
     rows: Rows = []
     for number, line in enumerate(sheet.lines[export.first :], export.first + 1):
@@ -100,7 +108,11 @@ def _rows(sheet: Sheet, export: Export, columns: Sequence[int]) -> Rows:
     return rows
 
 
-def _numbers(sheet: Sheet, number: int, line: Sequence[str]) -> list[float]:
+def _numbers(
+    sheet: Sheet,
+    number: int,
+    line: Sequence[str],
+) -> list[float]:
     """Return the numbers of a line, NaN for an empty field; InputError where one is no number."""
     try:
         return [float(field.strip() or 'nan') for field in line]

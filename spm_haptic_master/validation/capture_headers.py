@@ -154,7 +154,11 @@ def _motive(sheet: Sheet) -> Export | None:
     quantities = sheet.lines[frame - 1]
     bodies = _motive_columns(names, kinds, quantities, ('rigid body',), 'rotation')
     markers = _motive_columns(
-        names, kinds, quantities, ('marker', 'rigid body marker'), 'position'
+        names,
+        kinds,
+        quantities,
+        ('marker', 'rigid body marker'),
+        'position',
     )
     about = dict(zip(sheet.lines[0][::2], sheet.lines[0][1::2], strict=False))
     kind = about.get('Rotation Type', 'Quaternion')
@@ -171,7 +175,11 @@ def _motive(sheet: Sheet) -> Export | None:
     )
 
 
-def _within_header(sheet: Sheet, place: int, text: str) -> int | None:
+def _within_header(
+    sheet: Sheet,
+    place: int,
+    text: str,
+) -> int | None:
     """Return the index of the line of the header that has a text at a place."""
     at = sheet.find(lambda line: len(line) > place and line[place].strip() == text)
     return at if at is not None and at < HEADER_LINES else None
@@ -248,7 +256,9 @@ def _vicon_quaternion(values: Array, unit: float) -> Array:
     """
     if len(values) == 4 or np.isnan(values).any():
         return np.resize(values, 4)
-    return quaternion_from_matrix(matrix_from_vector(unit * values[None]))[0]
+    turn = matrix_from_vector(unit * values[None])
+    quaternion: Array = quaternion_from_matrix(turn)[0]
+    return quaternion
 
 
 def _qualisys(sheet: Sheet) -> Export | None:

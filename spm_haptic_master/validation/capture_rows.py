@@ -69,7 +69,11 @@ def without_values(track: Track) -> Sifted:
     return Sifted(track, reasons)
 
 
-def keep(sifted: Sifted, good: NDArray[np.bool_], reason: str) -> Sifted:
+def keep(
+    sifted: Sifted,
+    good: NDArray[np.bool_],
+    reason: str,
+) -> Sifted:
     """
     Return a capture with the good rows alone; the others are counted by a reason.
 
@@ -243,7 +247,10 @@ def without_jumps(sifted: Sifted, quaternions: Array) -> tuple[Sifted, Array]:
 
 
 def _follows(
-    time: Array | float, quaternion: Array, later: Array | float, after: Array
+    time: Array | float,
+    quaternion: Array,
+    later: Array | float,
+    after: Array,
 ) -> NDArray[np.bool_]:
     """
     Return whether a hand can turn a body from one orientation to another meanwhile.

@@ -110,19 +110,18 @@ def compare(
     """
     by_markers = capture.values.shape[-1] == len(MARKERS)
     sifted = capture_rows.sifted_capture(capture)
-    values = sifted.track.values
-    quaternions = (
-        kinematics.quaternion_from_matrix(orientation_of_markers(values, azimuths))
-        if by_markers
-        else values
-    )
+    quaternions = sifted.track.values
+    if by_markers:
+        rotations = orientation_of_markers(quaternions, azimuths)
+        quaternions = kinematics.quaternion_from_matrix(rotations)
     sifted, quaternions = capture_rows.without_jumps(sifted, quaternions)
     captured_time = sifted.track.time
     aligned = alignment.align(
-        recorded.time, recorded.values, captured_time, quaternions, by_markers
-    )
-    alignment.check_export(
-        aligned, recorded.time, recorded.values, captured_time, quaternions, by_markers
+        recorded.time,
+        recorded.values,
+        captured_time,
+        quaternions,
+        by_markers,
     )
     captured = aligned.frame.T @ kinematics.matrix_from_quaternion(quaternions) @ aligned.body.T
     time = aligned.recorded_time(captured_time)
@@ -137,7 +136,11 @@ def compare(
     models = {'improved': kinematics.matrix_from_quaternion(found[known])}
     if joints is not None:
         models['classic'] = _mounted_classic(
-            joints, time, found[known][0], geometry, mounting or Mounting()
+            joints,
+            time,
+            found[known][0],
+            geometry,
+            mounting or Mounting(),
         )
     return Comparison(time, captured_time[known], captured, models, aligned, dict(sifted.left_out))
 
@@ -211,12 +214,17 @@ def orientation_of_markers(coordinates: np.ndarray, azimuths: tuple[float, float
     return np.stack([x, np.cross(axis, x), axis], axis=2)
 
 
-def _unit(vectors: np.ndarray, span: float, problem: str) -> np.ndarray:
+def _unit(
+    vectors: np.ndarray,
+    span: float,
+    problem: str,
+) -> np.ndarray:
     """Return vectors as unit vectors; InputError for one that is short beside `span`."""
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     if not (length > LEAST_DISTANCE * span).all():
         raise InputError(f'markers: {problem}')
-    return vectors / length
+    units: np.ndarray = vectors / length
+    return units
 
 
 def _mounted_classic(
@@ -261,12 +269,15 @@ def _mounted_classic(
             continue
         try:
             last = rotations[place] = kinematics.track_mode(
-                joints.values[row, :3], last, geometry
+                joints.values[row, :3],
+                last,
+                geometry,
             ).rotation
         except SpmError:
             continue  # no mode, or infinitely many: the classic model has no answer here
     table, handle = kinematics.matrix_from_quaternion([mounting.base, mounting.handle])
-    return table @ rotations @ handle
+    mounted: np.ndarray = table @ rotations @ handle
+    return mounted
 
 
 def zxz_degrees(rotations: np.ndarray, unwrapped: bool = False) -> np.ndarray:
@@ -343,7 +354,9 @@ def error_table(comparison: Comparison) -> list[ErrorRow]:
         errors = [
             np.angle(np.exp(1j * (angle - truth[known])))
             for angle, truth in zip(
-                kinematics.zxz_from_matrix(rotations[known]), captured, strict=True
+                kinematics.zxz_from_matrix(rotations[known]),
+                captured,
+                strict=True,
             )
         ]
         errors.append(

@@ -165,7 +165,11 @@ def tilt_and_turn(rotation: Array) -> tuple[Array, Array]:
     )
 
 
-def regions(found: ParityMap, published: NDArray[np.bool_], level_deg: Array) -> list[Region]:
+def regions(
+    found: ParityMap,
+    published: NDArray[np.bool_],
+    level_deg: Array,
+) -> list[Region]:
     """
     Return the regions that have samples, by tilt and self-rotation.
 

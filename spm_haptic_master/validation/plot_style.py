@@ -72,7 +72,12 @@ def new_figure(width: float = WIDTH, height: float = HEIGHT, **layout: Any) -> F
     return Figure(figsize=(width, height), layout='constrained', **layout)
 
 
-def label_axes(axes: Axes, x: str, y: str, title: str = '') -> None:
+def label_axes(
+    axes: Axes,
+    x: str,
+    y: str,
+    title: str = '',
+) -> None:
     """
     Label axes, and draw a light grid behind what is drawn.
 
@@ -175,7 +180,11 @@ def draw_comparison(comparison: Comparison, directory: Path) -> None:
         _finish(figure, title, directory / f'fig{number}.png')
 
 
-def _finish(figure: Figure, title: str, path: Path) -> None:
+def _finish(
+    figure: Figure,
+    title: str,
+    path: Path,
+) -> None:
     """Add title and legend to a picture, and write it."""
     figure.axes[0].set_title(title, fontsize=10)
     figure.legend(

@@ -111,7 +111,11 @@ def read_orientation(path: Path, topic: str) -> Track:
     )
 
 
-def read_joints(path: Path, topic: str, option: str = '--topic') -> Track | None:
+def read_joints(
+    path: Path,
+    topic: str,
+    option: str = '--topic',
+) -> Track | None:
     """
     Return recorded joint angles.
 
@@ -298,7 +302,11 @@ def _quaternions(path: Path, rows: list[list[float]]) -> Track:
     return Track(track.time, track.values / norm[:, None], len(rows) - len(track.time))
 
 
-def _track(path: Path, rows: list[list[float]], least: int | None = None) -> Track:
+def _track(
+    path: Path,
+    rows: list[list[float]],
+    least: int | None = None,
+) -> Track:
     """
     Return the rows with enough values, as a track.
 
@@ -362,7 +370,11 @@ def _fields(path: Path) -> list[list[str]]:
         raise InputError(f'{path}: cannot be read: {error}') from error
 
 
-def _csv_rows(path: Path, table: list[list[str]], columns: tuple[str, ...]) -> list[list[float]]:
+def _csv_rows(
+    path: Path,
+    table: list[list[str]],
+    columns: tuple[str, ...],
+) -> list[list[float]]:
     """
     Return the rows of `time` and these columns; NaN where a field is empty.
 
@@ -404,7 +416,11 @@ def _csv_rows(path: Path, table: list[list[str]], columns: tuple[str, ...]) -> l
     return rows
 
 
-def _places(path: Path, header: list[str], names: Sequence[str]) -> list[int]:
+def _places(
+    path: Path,
+    header: list[str],
+    names: Sequence[str],
+) -> list[int]:
     """Return the places of columns in the header; InputError where one is missing."""
     missing = [name for name in names if name not in header]
     if missing:

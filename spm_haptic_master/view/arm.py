@@ -77,7 +77,13 @@ class Arm:
 
     """
 
-    def __init__(self, node: Node, taker: Node, page: Page, namespace: str) -> None:
+    def __init__(
+        self,
+        node: Node,
+        taker: Node,
+        page: Page,
+        namespace: str,
+    ) -> None:
         now = time.monotonic()
         self._page = page
         self._prefix = namespace.rstrip('/')
@@ -102,10 +108,19 @@ class Arm:
         self._entries = StatusEntries(self._prefix)
         self._panel = Panel(page.server.gui, self.title)
         self.simulation = SimulatedDevice(
-            node, page.server.gui, self._panel.folder, self._panel.knobs_order, self._name
+            node,
+            page.server.gui,
+            self._panel.folder,
+            self._panel.knobs_order,
+            self._name,
         )
         self._topics = DeviceTopics(
-            node, taker, self._name, self._on_joints, self._on_state, self._on_source
+            node,
+            taker,
+            self._name,
+            self._on_joints,
+            self._on_state,
+            self._on_source,
         )
         self._client = SettingsClient(node, self._name('fkm/get_parameters'), self._on_settings)
         # Settings of the mechanism that is drawn, none before the first.
@@ -247,7 +262,9 @@ class Arm:
         sensors = values[SENSORS_SETTING.name]
         self._use_geometry(mechanism)
         self.seen.settings = Settings(
-            sensors, values['alert_limit_deg'], values.get('calibration', '')
+            sensors,
+            values['alert_limit_deg'],
+            values.get('calibration', ''),
         )
         if self._scene is not None:
             self._scene.remove()
@@ -338,7 +355,12 @@ class Arm:
         if readings is not None:
             self._ghost.add_readings(readings.stamp, readings.angles[:3])
 
-    def _draw_over(self, scene: Scene, orientation: Quaternion[float], now: float) -> None:
+    def _draw_over(
+        self,
+        scene: Scene,
+        orientation: Quaternion[float],
+        now: float,
+    ) -> None:
         """
         Draw what is over the device: its trace, its map, the ghost and the torques.
 
@@ -395,7 +417,10 @@ class Arm:
         seen = self.seen
         before = self.seen.states
         seen.states = status.sensor_states(
-            self._entries, seen.settings.sensors, self._state, self._topics.unread()
+            self._entries,
+            seen.settings.sensors,
+            self._state,
+            self._topics.unread(),
         )
         changed = zip(SENSOR_NAMES, seen.states, before, strict=False)
         seen.happened = [

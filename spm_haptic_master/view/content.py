@@ -170,7 +170,10 @@ def _chips(seen: Seen) -> list[Chip]:
     chips = [
         Chip(f'{sensor} {state.sign}', f'{sensor} ({joint}): {state.words}', state.colour)
         for sensor, joint, state in zip(
-            SENSOR_NAMES, joints.ALL_JOINT_NAMES, seen.states, strict=False
+            SENSOR_NAMES,
+            joints.ALL_JOINT_NAMES,
+            seen.states,
+            strict=False,
         )
     ]
     for name, position in seen.further.items():
@@ -181,7 +184,11 @@ def _chips(seen: Seen) -> list[Chip]:
     return chips
 
 
-def _rows(seen: Seen, figures: Figures, entries: StatusEntries) -> list[Row]:
+def _rows(
+    seen: Seen,
+    figures: Figures,
+    entries: StatusEntries,
+) -> list[Row]:
     """Return the figures: always the same rows for the same sensors."""
     return [
         *_rows_of_pose(seen, figures, entries),
@@ -197,7 +204,11 @@ def _rows(seen: Seen, figures: Figures, entries: StatusEntries) -> list[Row]:
     ]
 
 
-def _rows_of_pose(seen: Seen, figures: Figures, entries: StatusEntries) -> list[Row]:
+def _rows_of_pose(
+    seen: Seen,
+    figures: Figures,
+    entries: StatusEntries,
+) -> list[Row]:
     """Return the figures of the orientation and of its limits."""
     angles = [] if seen.orientation is None else zxz_angles(*seen.orientation)
     zxz = ', '.join(
@@ -260,14 +271,22 @@ def _rows_of_calibration(seen: Seen, entries: StatusEntries) -> list[Row]:
     ]
 
 
-def _dexterity(name: str, value: float, figures: Figures) -> Row:
+def _dexterity(
+    name: str,
+    value: float,
+    figures: Figures,
+) -> Row:
     """Return the row of a dexterity with its bar."""
     light = light_of(value, figures.warn_below, figures.error_below)
     text = _known(f'{value:.3f} {light.sign}', value)
     return Row(name, text, 0.0 if value != value else value / FULL_DEXTERITY, light.colour)
 
 
-def light_of(dexterity: float, warn_below: float, error_below: float) -> Light:
+def light_of(
+    dexterity: float,
+    warn_below: float,
+    error_below: float,
+) -> Light:
     """
     Return the state of a dexterity, grey without a limit.
 
@@ -303,7 +322,11 @@ def _calibration(seen: Seen) -> dict[str, Any] | None:
     return {'text': seen.calibration.text, 'covered': covered}
 
 
-def _sample(seen: Seen, figures: Figures, entries: StatusEntries) -> dict[str, Any]:
+def _sample(
+    seen: Seen,
+    figures: Figures,
+    entries: StatusEntries,
+) -> dict[str, Any]:
     """Return one sample of the plots, by their keys, with what has happened."""
     three, every = seen.dexterities or (nan, nan)
     return {

@@ -67,7 +67,11 @@ class Dome:
     """
 
     def __init__(
-        self, scene: SceneApi, root: str, geometry: Geometry, working_mode: WorkingMode
+        self,
+        scene: SceneApi,
+        root: str,
+        geometry: Geometry,
+        working_mode: WorkingMode,
     ) -> None:
         self._scene = scene
         self._root = root
@@ -97,11 +101,18 @@ class Dome:
         self._add_line('rim', np.stack([rim[:-1], rim[1:]], axis=1), GREY)
         self.trace = self._add_line('trace', np.zeros((1, 2, 3)), TRACE_COLOUR)
         self.pin = surfaces.add(
-            scene, f'{root}/pin', surfaces.ball(PIN_RADIUS), rgb([TRACE_COLOUR]), visible=False
+            scene,
+            f'{root}/pin',
+            surfaces.ball(PIN_RADIUS),
+            rgb([TRACE_COLOUR]),
+            visible=False,
         )
 
     def _add_line(
-        self, name: str, segments: NDArray[np.float64], colour: str
+        self,
+        name: str,
+        segments: NDArray[np.float64],
+        colour: str,
     ) -> LineSegmentsHandle:
         """
         Add segments, (n, 2, 3). A line as wide as in the scene would need two programs.

@@ -90,7 +90,12 @@ class Ghost:
 
     """
 
-    def __init__(self, scene: SceneApi, root: str, platform: Solid) -> None:
+    def __init__(
+        self,
+        scene: SceneApi,
+        root: str,
+        platform: Solid,
+    ) -> None:
         self.platform = surfaces.add(
             scene,
             f'{root}/ghost',

@@ -76,7 +76,9 @@ def _of_picture() -> list[Entry]:
         _entry('\u25cf', SINGULAR, 'Dark red line on the dome: singularities of three encoders.'),
         Entry('\u2014', Ink(TRACE_COLOUR, '#dddddd'), 'Black line: where the handle pointed.'),
         Entry(
-            '\u25e2', THREE_ENCODERS, 'Violet: the pose that three encoders alone would report.'
+            '\u25e2',
+            THREE_ENCODERS,
+            'Violet: the pose that three encoders alone would report.',
         ),
         Entry(
             '\u25bd',
@@ -105,10 +107,14 @@ def _of_figures() -> list[Entry]:
     plain = Ink('#444444', '#cccccc')
     return [
         Entry(
-            '\u03c8 \u03b8 \u03c6', plain, 'Orientation: ZXZ angles; \u03c6 is the self-rotation.'
+            '\u03c8 \u03b8 \u03c6',
+            plain,
+            'Orientation: ZXZ angles; \u03c6 is the self-rotation.',
         ),
         Entry(
-            '\u03b7', plain, 'Dexterity: 0 at a singularity, 1 if all directions are known alike.'
+            '\u03b7',
+            plain,
+            'Dexterity: 0 at a singularity, 1 if all directions are known alike.',
         ),
         Entry(
             '\u03c3',
@@ -125,7 +131,11 @@ def _of_figures() -> list[Entry]:
     ]
 
 
-def _entry(sign: str, colour: str, text: str) -> Entry:
+def _entry(
+    sign: str,
+    colour: str,
+    text: str,
+) -> Entry:
     """Return a line in one colour, a lighter one on a dark page."""
     return Entry(sign, Ink(colour, _LIGHTER.get(colour, '#bbbbbb')), text)
 

@@ -85,7 +85,10 @@ class View(ParameterNode):
         self._refusals = Periodic(REFUSAL_PERIOD)
         self._news = Periodic(NEWS_PERIOD)
         self._server = serve(
-            values['view.host'], values['view.port'], values['view.hosts'], self._report_refusal
+            values['view.host'],
+            values['view.port'],
+            values['view.hosts'],
+            self._report_refusal,
         )
         self._page = Page(self._server)
         host = self._server.get_host()

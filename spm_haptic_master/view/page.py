@@ -46,7 +46,10 @@ GHOST_CAMERA = (-0.3, -2.4, 2.5)
 GHOST_LOOK_AT = (0.0, 0.0, 1.35)
 # What the page shows before the first device.
 NO_DEVICE = status.Banner(
-    status.Light.GREY, 'no device found. Start it: make run', False, 'no device found'
+    status.Light.GREY,
+    'no device found. Start it: make run',
+    False,
+    'no device found',
 )
 # Places in the panel: the page's introduction, then the devices.
 INTRODUCTION_ORDER = 0.0
@@ -180,7 +183,13 @@ class Page:
             self.shown[name] = banner
             self.refresh()
 
-    def show_content(self, name: str, seen: Seen, entries: StatusEntries, rank: int) -> None:
+    def show_content(
+        self,
+        name: str,
+        seen: Seen,
+        entries: StatusEntries,
+        rank: int,
+    ) -> None:
         """
         Show the figures of a device at a place of the row with the next news.
 

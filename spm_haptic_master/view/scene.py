@@ -257,7 +257,12 @@ class Scene:
         ]
         return motors + others
 
-    def _add_label(self, parent: str, text: str, position: NDArray[np.float64]) -> LabelHandle:
+    def _add_label(
+        self,
+        parent: str,
+        text: str,
+        position: NDArray[np.float64],
+    ) -> LabelHandle:
         """Add a name at a place of a frame (units of the scene)."""
         return self._scene.add_label(
             f'{parent}/label_{text}',

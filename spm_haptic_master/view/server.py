@@ -231,7 +231,10 @@ class Guard:
         return UNGUARDED_SERVE(*args, **options | guarded)
 
     def _answer(
-        self, answer: Answer, connection: ServerConnection, request: Request
+        self,
+        answer: Answer,
+        connection: ServerConnection,
+        request: Request,
     ) -> Response | None:
         """
         Return the answer to a request; None lets it become a websocket.
@@ -275,7 +278,12 @@ def _policy(host: str) -> str:
     )
 
 
-def serve(host: str, port: int, names: str, report: Callable[[str], None]) -> ViserServer:
+def serve(
+    host: str,
+    port: int,
+    names: str,
+    report: Callable[[str], None],
+) -> ViserServer:
     """
     Return the server of the page.
 

@@ -46,7 +46,12 @@ class SettingsClient:
 
     """
 
-    def __init__(self, node: Node, service: str, take: Callable[[Values], None]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        service: str,
+        take: Callable[[Values], None],
+    ) -> None:
         self._node = node
         self._take = take
         self._client = node.create_client(GetParameters, service)

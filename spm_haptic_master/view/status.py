@@ -97,7 +97,10 @@ class SampleAge:
 
 
 def banner(
-    state: OrientationState | None, age: float | None, diagnostics: str = '', heard: bool = True
+    state: OrientationState | None,
+    age: float | None,
+    diagnostics: str = '',
+    heard: bool = True,
 ) -> Banner:
     """
     Return the banner for the latest state and the time since joint angles came.
@@ -124,7 +127,12 @@ def banner(
     return _without_angles(state, age, source, heard)
 
 
-def _banner(light: Light, text: str, event: str = '', alive: bool = False) -> Banner:
+def _banner(
+    light: Light,
+    text: str,
+    event: str = '',
+    alive: bool = False,
+) -> Banner:
     """Return the banner of words, and of the event if these differ, with the page's names."""
     text = with_sensor_names(text)
     return Banner(light, text, alive, with_sensor_names(event) or text)
@@ -146,7 +154,10 @@ def _with_angles(state: OrientationState | None) -> Banner:
 
 
 def _without_angles(
-    state: OrientationState | None, age: float, source: str, heard: bool
+    state: OrientationState | None,
+    age: float,
+    source: str,
+    heard: bool,
 ) -> Banner:
     """Return the banner of a device whose joint angles have not come for an age, s."""
     since = f' for {age:.0f} s' if age >= 1.0 else f' for {STALE_AFTER:g} s'
@@ -181,7 +192,12 @@ class SensorState(Enum):
     MISSING = 'no reading', '#24292f', '\u2205'
     UNKNOWN = 'unknown', Light.GREY.colour, '\u2026'
 
-    def __init__(self, words: str, colour: str, sign: str) -> None:
+    def __init__(
+        self,
+        words: str,
+        colour: str,
+        sign: str,
+    ) -> None:
         self.words = words
         self.colour = colour
         self.sign = sign
@@ -219,7 +235,11 @@ def sensor_states(
     ]
 
 
-def _sensor_state(missing: bool, faulty: bool, unchecked: float | None) -> SensorState:
+def _sensor_state(
+    missing: bool,
+    faulty: bool,
+    unchecked: float | None,
+) -> SensorState:
     """Return the state of a sensor: without a reading, named as faulty, unchecked for s."""
     if missing:
         return SensorState.MISSING

@@ -93,7 +93,13 @@ class Observations:
     device: float = nan  # largest error of the published orientation
     silent: float = 0.0  # time without an orientation, s
 
-    def add(self, seconds: float, alive: bool, three: float, device: float) -> None:
+    def add(
+        self,
+        seconds: float,
+        alive: bool,
+        three: float,
+        device: float,
+    ) -> None:
         """
         Add what was seen for some seconds; nan: an error is not known.
 
@@ -116,7 +122,11 @@ class Observations:
         self.device = device if not self.device >= device and device == device else self.device
 
 
-def verdict(story: Story, sensors: int, seen: Observations) -> str:
+def verdict(
+    story: Story,
+    sensors: int,
+    seen: Observations,
+) -> str:
     """
     Return the last sentence of a story: what came out, in measured numbers.
 

@@ -122,7 +122,11 @@ def two_sided(solid: Solid) -> Solid:
     return Solid(solid.vertices, np.concatenate([solid.triangles, solid.triangles[:, ::-1]]))
 
 
-def fan(radius: float, height: float, corners: int) -> Solid:
+def fan(
+    radius: float,
+    height: float,
+    corners: int,
+) -> Solid:
     """
     Return the triangles from O to a regular polygon about z at a height, seen from above.
 

@@ -103,7 +103,8 @@ class MotionCalibration:
     @property
     def turned(self) -> Array:
         """Return the readings by their directions, rad, (n, N)."""
-        return self.readings.readings * np.array(self.direction)
+        turned: Array = self.readings.readings * np.array(self.direction)
+        return turned
 
     @property
     def deviations(self) -> Array:
@@ -117,7 +118,8 @@ class MotionCalibration:
 
         `model.sigma` is that of a mean of `readings.together` readings.
         """
-        return self.model.sigma * np.sqrt(self.readings.together)
+        of_readings: Array = self.model.sigma * np.sqrt(self.readings.together)
+        return of_readings
 
     @property
     def irregular(self) -> str:
@@ -189,7 +191,11 @@ class MotionCalibration:
         See `coverage.sensor_bounds`; this becomes the parameter `bias_deg`.
         """
         return coverage.sensor_bounds(
-            self.model, self.vector, self.covariance, self._poses, self.unexplained
+            self.model,
+            self.vector,
+            self.covariance,
+            self._poses,
+            self.unexplained,
         )
 
     @cached_property
@@ -200,7 +206,11 @@ class MotionCalibration:
         See `coverage.parity_bound`; this becomes the parameter `parity_bias_deg`.
         """
         return coverage.parity_bound(
-            self.model, self.vector, self.covariance, self._poses, self.unexplained_parity
+            self.model,
+            self.vector,
+            self.covariance,
+            self._poses,
+            self.unexplained_parity,
         )
 
     @cached_property
@@ -245,7 +255,10 @@ class MotionCalibration:
         names = ', '.join(
             name
             for name, value, each in zip(
-                self.layout.names, self.vector, self.layout.deviations, strict=True
+                self.layout.names,
+                self.vector,
+                self.layout.deviations,
+                strict=True,
             )
             if abs(value) > UNUSUAL * each
         )

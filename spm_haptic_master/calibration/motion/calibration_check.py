@@ -193,7 +193,12 @@ class CalibrationChecker:
             return Check(evaluation, usable)
         return self._changed(angles, evaluation, usable)
 
-    def _changed(self, angles: Array, evaluation: Evaluation | None, usable: float) -> Check:
+    def _changed(
+        self,
+        angles: Array,
+        evaluation: Evaluation | None,
+        usable: float,
+    ) -> Check:
         """
         Return what explains angles that the calibration does not.
 
@@ -271,11 +276,17 @@ class CalibrationChecker:
         rotation = forward_theta3a(angles[:, :3], angles[:, 3], self.geometry)
         for _ in range(ROTATION_STEPS + 1):
             found = slip_evidence.parities(
-                angles, rotation, self.sigma, self.geometry, self.working_mode
+                angles,
+                rotation,
+                self.sigma,
+                self.geometry,
+                self.working_mode,
             )
             near = found.usable & (np.abs(found.step).max(axis=1) < LONGEST_STEP)
             rotation = np.where(
-                near[:, None, None], matrix_from_vector(found.step) @ rotation, np.nan
+                near[:, None, None],
+                matrix_from_vector(found.step) @ rotation,
+                np.nan,
             )
         return found
 
@@ -315,7 +326,12 @@ class CalibrationChecker:
             )
         return found
 
-    def _tried(self, angles: Array, sensor: int, other: bool) -> float:
+    def _tried(
+        self,
+        angles: Array,
+        sensor: int,
+        other: bool,
+    ) -> float:
         """
         Return the slip over the whole turn that leaves the least parity, by trying all in steps.
 
@@ -346,7 +362,13 @@ class CalibrationChecker:
         typical = np.sort(size.reshape(len(slips), -1), axis=1)[:, int(USABLE * len(angles)) - 1]
         return float(slips[np.argmin(typical)])
 
-    def _refined(self, angles: Array, sensor: int, other: bool, slip: float) -> Hypothesis:
+    def _refined(
+        self,
+        angles: Array,
+        sensor: int,
+        other: bool,
+        slip: float,
+    ) -> Hypothesis:
         """
         Return a hypothesis with the slip that leaves the least, by Gauss-Newton.
 

@@ -157,7 +157,11 @@ def around_middle(angles: Array) -> Array:
 
 
 def sensor_bounds(
-    model: MotionModel, vector: Array, covariance: Array, poses: Array, unexplained: Array
+    model: MotionModel,
+    vector: Array,
+    covariance: Array,
+    poses: Array,
+    unexplained: Array,
 ) -> Array:
     """
     Return the bound of each sensor's systematic error over poses: what becomes `bias_deg`.
@@ -194,11 +198,16 @@ def sensor_bounds(
     spread = model.orientation_changes(poses, vector)[:, :, zeros]
     turned = np.sqrt(variances(aligned_changes(model, poses, vector), covariance).sum(axis=1))
     factor = BOUND_SIGMAS * float((turned / (np.linalg.norm(spread, axis=1) @ bound)).max())
-    return np.ceil(max(1.0, factor) * bound / UNIT) * UNIT
+    units: Array = np.ceil(max(1.0, factor) * bound / UNIT)
+    return units * UNIT
 
 
 def parity_bound(
-    model: MotionModel, vector: Array, covariance: Array, poses: Array, unexplained: float
+    model: MotionModel,
+    vector: Array,
+    covariance: Array,
+    poses: Array,
+    unexplained: float,
 ) -> float:
     """
     Return a bound of what the systematic errors of all sensors do to the parity.
@@ -229,13 +238,20 @@ def parity_bound(
     # With a noise of 1 rad the parity is that part.
     unweighted = MotionModel(model.layout, np.ones(model.layout.sensors))
     changes = unweighted.linearised(
-        unweighted.readings(poses, vector), poses, vector, tuple(range(model.layout.count))
+        unweighted.readings(poses, vector),
+        poses,
+        vector,
+        tuple(range(model.layout.count)),
     ).derivative
     deviation = np.sqrt(variances(changes, covariance).sum(axis=1).max())
     return float(np.ceil((BOUND_SIGMAS * deviation + unexplained) / UNIT) * UNIT)
 
 
-def aligned_changes(model: MotionModel, rotation: Array, vector: Array) -> Array:
+def aligned_changes(
+    model: MotionModel,
+    rotation: Array,
+    vector: Array,
+) -> Array:
     """
     Return the changes of orientations with the parameters, but for the choice of the frames.
 
@@ -262,7 +278,8 @@ def aligned_changes(model: MotionModel, rotation: Array, vector: Array) -> Array
     left, size, _ = np.linalg.svd(frames.reshape(-1, 6), full_matrices=False)
     kept = left[:, size > 1e-9 * size[0]]
     flat = changes.reshape(-1, changes.shape[2])
-    return (flat - kept @ (kept.T @ flat)).reshape(changes.shape)
+    across: Array = flat - kept @ (kept.T @ flat)
+    return across.reshape(changes.shape)
 
 
 def orientation_error(changes: Array, covariance: Array) -> float:
@@ -302,7 +319,8 @@ def variances(changes: Array, covariance: Array) -> Array:
         Variances, shape (...).
 
     """
-    return ((changes @ covariance) * changes).sum(axis=-1)
+    products: Array = (changes @ covariance) * changes
+    return np.asarray(products.sum(axis=-1))
 
 
 def inverse(information: Array) -> Array:
@@ -326,11 +344,16 @@ def inverse(information: Array) -> Array:
     scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-12))
     values, vectors = np.linalg.eigh(information * scale[:, None] * scale)
     half = vectors / np.sqrt(np.maximum(values, 1e-13)) * scale[:, None]
-    return half @ half.T
+    found: Array = half @ half.T
+    return found
 
 
 def further_motions(
-    model: MotionModel, vector: Array, information: Array, rate: float, changes: Array
+    model: MotionModel,
+    vector: Array,
+    information: Array,
+    rate: float,
+    changes: Array,
 ) -> dict[str, float]:
     """
     Return what further motions would gain, the one that determines most first.
@@ -381,7 +404,10 @@ def further_motions(
         if not len(poses):
             continue
         derivative = model.linearised(
-            model.readings(poses, vector), poses, vector, columns
+            model.readings(poses, vector),
+            poses,
+            vector,
+            columns,
         ).derivative
         rows = derivative.reshape(-1, derivative.shape[2])
         more = rows.T @ rows * (PROPOSED_SECONDS * rate / len(poses))
@@ -423,7 +449,10 @@ def _reachable(
     tilt, azimuth, turn = (
         grid.ravel()
         for grid in np.meshgrid(
-            np.radians(tilts_deg), azimuths, np.radians(turns_deg), indexing='ij'
+            np.radians(tilts_deg),
+            azimuths,
+            np.radians(turns_deg),
+            indexing='ij',
         )
     )
     # Without a tilt there is no direction.

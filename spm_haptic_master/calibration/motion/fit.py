@@ -273,7 +273,12 @@ def fit(
     return Fit(vector, chosen, now, misfit(now, vector))
 
 
-def _damped_step(now: Normal, weights: Array, estimated: Array, damping: float) -> Array:
+def _damped_step(
+    now: Normal,
+    weights: Array,
+    estimated: Array,
+    damping: float,
+) -> Array:
     """
     Return a step of Levenberg-Marquardt, with the parameters in units of their deviations.
 
@@ -408,7 +413,13 @@ class _Selection:
 
     """
 
-    def __init__(self, model: MotionModel, turned: Array, held: NDArray[np.bool_], first: Fit):
+    def __init__(
+        self,
+        model: MotionModel,
+        turned: Array,
+        held: NDArray[np.bool_],
+        first: Fit,
+    ):
         self._model = model
         self._fitted = turned[~held]
         self._held = turned[held]
@@ -437,7 +448,11 @@ class _Selection:
         """
         trial = self.columns + wanted
         normal = normal_equations(
-            self._model, self._fitted, self.fit.normal.rotation, self.fit.vector, tuple(trial)
+            self._model,
+            self._fitted,
+            self.fit.normal.rotation,
+            self.fit.vector,
+            tuple(trial),
         )
         before = self._model.layout.deviations[trial]
         information = normal.matrix * factor / self._share + np.diag(before**-2.0)
@@ -480,7 +495,8 @@ def held_out_part(seconds: Array) -> NDArray[np.bool_]:
         All or none of the samples would be held out.
 
     """
-    held = np.floor(seconds / HELD_OUT_SECONDS).astype(int) % 3 == 2
+    piece = np.floor(seconds / HELD_OUT_SECONDS).astype(int)
+    held = np.asarray(piece % 3 == 2)
     if held.all() or not held.any():
         raise CalibrationError(
             f'the motion lasts {seconds[-1] - seconds[0]:.1f} s; expected more than '
@@ -491,7 +507,9 @@ def held_out_part(seconds: Array) -> NDArray[np.bool_]:
 
 
 def considered_covariance(
-    information: Array, deviations: Array, columns: tuple[int, ...]
+    information: Array,
+    deviations: Array,
+    columns: tuple[int, ...],
 ) -> Array:
     """
     Return the covariance of all parameters' errors after a fit of some of them.
@@ -520,12 +538,16 @@ def considered_covariance(
     # Of all errors by those of the others.
     effect = np.eye(len(deviations))[:, others]
     effect[inside] = -own @ information[np.ix_(inside, others)]
-    found = (effect * deviations[others] ** 2) @ effect.T
+    found: Array = (effect * deviations[others] ** 2) @ effect.T
     found[np.ix_(inside, inside)] += own
     return found
 
 
-def _outside(model: MotionModel, turned: Array, vector: Array) -> Array:
+def _outside(
+    model: MotionModel,
+    turned: Array,
+    vector: Array,
+) -> Array:
     """
     Return the squared parities of held-out samples, outliers at their limit.
 
@@ -535,5 +557,8 @@ def _outside(model: MotionModel, turned: Array, vector: Array) -> Array:
         Squares, in variances of white noise.
 
     """
-    normal = normal_equations(model, turned, model.orientations(turned, vector), vector, ())
-    return np.fmin(np.linalg.norm(normal.parity, axis=1), normal.limit) ** 2
+    rotation = model.orientations(turned, vector)
+    normal = normal_equations(model, turned, rotation, vector, ())
+    size = np.linalg.norm(normal.parity, axis=1)
+    squares: Array = np.fmin(size, normal.limit) ** 2
+    return squares

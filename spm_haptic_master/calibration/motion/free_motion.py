@@ -138,7 +138,11 @@ def fitted(
     found = fit.fit(estimated, turned, found.vector, columns, found.normal.rotation)
     progress('errors', 0.95)
     every = fit.normal_equations(
-        estimated, turned, found.normal.rotation, found.vector, tuple(range(layout.count))
+        estimated,
+        turned,
+        found.normal.rotation,
+        found.vector,
+        tuple(range(layout.count)),
     )
     slow = misfit.slow_parity(means.seconds, found.normal)
     return MotionCalibration(
@@ -192,7 +196,11 @@ class _Choice:
 
 
 def _choose(
-    model: MotionModel, turned: Array, means: MotionReadings, start: Start, progress: Progress
+    model: MotionModel,
+    turned: Array,
+    means: MotionReadings,
+    start: Start,
+    progress: Progress,
 ) -> _Choice:
     """
     Fit the zeros, and choose the groups of parameters that the motion determines.
@@ -238,7 +246,12 @@ def _choose(
     return _Choice(first.vector, vector, columns, left, advice, gain)
 
 
-def _check_zeros(model: MotionModel, first: fit.Fit, factor: float, advice: str) -> None:
+def _check_zeros(
+    model: MotionModel,
+    first: fit.Fit,
+    factor: float,
+    advice: str,
+) -> None:
     """
     Raise CalibrationError where a motion leaves the zeros open.
 
@@ -267,7 +280,10 @@ def _check_zeros(model: MotionModel, first: fit.Fit, factor: float, advice: str)
 
 
 def _as_found(
-    white: MotionModel, turned: Array, means: MotionReadings, found: fit.Fit
+    white: MotionModel,
+    turned: Array,
+    means: MotionReadings,
+    found: fit.Fit,
 ) -> MotionModel:
     """
     Return a model with the noise and the tolerances that a fit shows.
@@ -293,7 +309,11 @@ def _as_found(
 
     """
     normal = fit.normal_equations(
-        white, turned, found.normal.rotation, found.vector, found.columns
+        white,
+        turned,
+        found.normal.rotation,
+        found.vector,
+        found.columns,
     )
     slow = misfit.slow_factor(means.seconds, normal)
     sigma = white.sigma * np.sqrt(slow)
@@ -396,7 +416,9 @@ class Guide:
 
 
 def _outlook(
-    model: MotionModel, means: MotionReadings, start: Start
+    model: MotionModel,
+    means: MotionReadings,
+    start: Start,
 ) -> tuple[float, dict[str, float]]:
     """
     Return what a motion will leave open.
@@ -413,13 +435,19 @@ def _outlook(
     turned = means.readings[chosen] * np.array(start.direction)
     rotation = model.orientations(turned, start.vector)
     normal = fit.normal_equations(
-        model, turned, rotation, start.vector, tuple(range(model.layout.count))
+        model,
+        turned,
+        rotation,
+        start.vector,
+        tuple(range(model.layout.count)),
     )
     information = normal.matrix * (len(means.readings) / len(chosen)) + np.diag(
         model.layout.deviations**-2.0
     )
     changes = coverage.aligned_changes(
-        model, coverage.WORKSPACE.poses(model, start.vector), start.vector
+        model,
+        coverage.WORKSPACE.poses(model, start.vector),
+        start.vector,
     )
     return (
         coverage.orientation_error(changes, coverage.inverse(information)),

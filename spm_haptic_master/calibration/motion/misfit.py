@@ -10,6 +10,7 @@ piece of the motion keeps them, while its white noise averages out.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import degrees
 
 import numpy as np
@@ -88,7 +89,11 @@ def slow_parity(seconds: Array, normal: Normal) -> float:
 
 
 def unexplained_errors(
-    model: MotionModel, turned: Array, vector: Array, normal: Normal, slow: float
+    model: MotionModel,
+    turned: Array,
+    vector: Array,
+    normal: Normal,
+    slow: float,
 ) -> Array:
     """
     Return the error of each sensor that alone causes a slow parity.
@@ -116,10 +121,16 @@ def unexplained_errors(
     rows = rows[:: max(1, len(rows) // SAMPLES)]
     zeros = tuple(range(model.layout.sensors))
     parts = model.linearised(turned[rows], normal.rotation[rows], vector, zeros).derivative
-    return slow / np.sqrt(np.mean(np.sum(parts**2, axis=1), axis=0))
+    squares = np.sum(parts**2, axis=1)
+    errors: Array = slow / np.sqrt(np.mean(squares, axis=0))
+    return errors
 
 
-def contradiction(model: MotionModel, turned: Array, found: Fit) -> float:
+def contradiction(
+    model: MotionModel,
+    turned: Array,
+    found: Fit,
+) -> float:
     """
     Return by how much halves of the motion contradict each other.
 
@@ -197,7 +208,12 @@ def _piece_means(seconds: Array, normal: Normal) -> tuple[Array, NDArray[np.intp
     return sums / counts[:, None], counts
 
 
-def check_slip(model: MotionModel, turned: Array, seconds: Array, found: Fit) -> None:
+def check_slip(
+    model: MotionModel,
+    turned: Array,
+    seconds: Array,
+    found: Fit,
+) -> None:
     """
     Raise CalibrationError where a slip or a drift explains what a fit leaves; name the sensor.
 
@@ -223,52 +239,104 @@ def check_slip(model: MotionModel, turned: Array, seconds: Array, found: Fit) ->
         An encoder slipped or drifted; its name is given if no other explains it as well.
 
     """
-    rotation = found.normal.rotation
-    vector = found.vector
-    places = np.array(found.columns)
-    weights = model.layout.deviations[places] ** -2.0
-    pieces = [
-        normal_equations(model, turned[rows], rotation[rows], vector, found.columns, SPIKE)
-        for rows in np.array_split(np.arange(len(turned)), PIECES)
-    ]
-    matrices = np.stack([piece.matrix for piece in pieces])
-    rights = np.stack([piece.right for piece in pieces])
-    right = rights.sum(axis=0) + vector[places] * weights
-    covariance = inverse(matrices.sum(axis=0) + np.diag(weights))
-    beyond = sum(
-        float(np.nansum(piece.parity[piece.kept] ** 2)) - piece.parity[piece.kept].size
-        for piece in pieces
-    )
-    least = max(LEAST_IMPROVEMENT, LEAST_PART * beyond)
-    # The part of the change that a piece has: after each piece all of it, or more and more.
-    steps = np.tri(PIECES, PIECES - 1, -1).T
-    shares = np.vstack([steps, (np.arange(PIECES) + 0.5) / PIECES])
-    times = [*(float(piece[0]) for piece in np.array_split(seconds, PIECES)[1:]), None]
-    sensors = model.layout.sensors
-    along = np.tensordot(shares, matrices, 1)[:, :, :sensors]
-    size = np.diagonal(np.tensordot(shares**2, matrices, 1), axis1=1, axis2=2)[
-        :, :sensors
-    ] - np.einsum('tpi,pq,tqi->ti', along, covariance, along)
-    slope = (shares @ rights)[:, :sensors] - np.einsum('tpi,p->ti', along, covariance @ right)
-    # A change that nothing shows explains nothing.
-    explained = np.where(size > 0.0, slope**2 / np.maximum(size, np.finfo(float).tiny), 0.0)
-    row, sensor = np.unravel_index(explained.argmax(), explained.shape)
-    best = explained[row, sensor]
-    if best <= least:
+    slips = _slips(model, turned, found)
+    row, sensor = np.unravel_index(slips.explained.argmax(), slips.explained.shape)
+    best = slips.explained[row, sensor]
+    if best <= slips.least:
         return
-    others = np.delete(explained, sensor, axis=1).max()
-    slip = degrees(-slope[row, sensor] / size[row, sensor])
-    name, by = (
-        ('one of the encoders', '')
-        if others > max(least, (1.0 - AS_GOOD) * best)
-        else (ALL_JOINT_NAMES[sensor], f' by {slip:+.2f} deg')
-    )
-    if times[row] is None:
+    others = np.delete(slips.explained, sensor, axis=1).max()
+    name = 'one of the encoders'
+    by = ''
+    if others <= max(slips.least, (1.0 - AS_GOOD) * best):
+        name = ALL_JOINT_NAMES[sensor]
+        by = f' by {degrees(-slips.slope[row, sensor] / slips.size[row, sensor]):+.2f} deg'
+    if row == PIECES - 1:
         raise CalibrationError(
             f'{name} drifted{by} during the motion; let it warm up, check its '
             'coupling and move the device again'
         )
+    begin = float(np.array_split(seconds, PIECES)[row + 1][0])
     raise CalibrationError(
-        f'{name} slipped{by} during the motion, about {times[row]:.0f} s after '
+        f'{name} slipped{by} during the motion, about {begin:.0f} s after '
         'its beginning; fasten the encoder and move the device again'
     )
+
+
+@dataclass(frozen=True, slots=True)
+class _Slips:
+    """
+    What a change of one zero would improve of a fit.
+
+    The rows are a slip after each piece of the motion but the last, and a drift over all of it.
+
+    Attributes
+    ----------
+    slope : ndarray, shape (PIECES, N)
+        Slope of the cost by such a change, 1/rad.
+    size : ndarray, shape (PIECES, N)
+        Information on it after the other parameters are eliminated, 1/rad^2.
+    least : float
+        Improvement that noise alone may make (unit 1).
+
+    """
+
+    slope: Array
+    size: Array
+    least: float
+
+    @property
+    def explained(self) -> Array:
+        """Return what each change improves (unit 1): slope^2 / size."""
+        # A change that nothing shows explains nothing.
+        known = np.maximum(self.size, np.finfo(float).tiny)
+        return np.where(self.size > 0.0, self.slope**2 / known, 0.0)
+
+
+def _slips(model: MotionModel, turned: Array, found: Fit) -> _Slips:
+    """
+    Return what slips and drifts would improve, from the normal equations of pieces.
+
+    Parameters
+    ----------
+    model : MotionModel
+        The mechanism with its encoders.
+    turned : ndarray, shape (n, N)
+        Readings times their directions, with the zeros still in them, rad.
+    found : Fit
+        Result of the fit.
+
+    Returns
+    -------
+    _Slips
+        One for each time and sensor.
+
+    """
+    rotation = found.normal.rotation
+    places = np.array(found.columns)
+    weights = model.layout.deviations[places] ** -2.0
+    pieces = [
+        normal_equations(model, turned[rows], rotation[rows], found.vector, found.columns, SPIKE)
+        for rows in np.array_split(np.arange(len(turned)), PIECES)
+    ]
+    matrices = np.stack([piece.matrix for piece in pieces])
+    rights = np.stack([piece.right for piece in pieces])
+    right = rights.sum(axis=0) + found.vector[places] * weights
+    covariance = inverse(matrices.sum(axis=0) + np.diag(weights))
+    # The part of the change that a piece has: after each piece all of it, or more and more.
+    steps = np.tri(PIECES, PIECES - 1, -1).T
+    shares = np.vstack([steps, (np.arange(PIECES) + 0.5) / PIECES])
+    sensors = model.layout.sensors
+    along = np.tensordot(shares, matrices, 1)[:, :, :sensors]
+    squared = np.tensordot(shares**2, matrices, 1)
+    own = np.diagonal(squared, axis1=1, axis2=2)[:, :sensors]
+    eliminated = np.einsum('tpi,pq,tqi->ti', along, covariance, along)
+    slope = (shares @ rights)[:, :sensors]
+    slope = slope - np.einsum('tpi,p->ti', along, covariance @ right)
+    beyond = sum(_beyond_noise(piece) for piece in pieces)
+    return _Slips(slope, own - eliminated, max(LEAST_IMPROVEMENT, LEAST_PART * beyond))
+
+
+def _beyond_noise(piece: Normal) -> float:
+    """Return the sum of squared parities less what noise alone makes of it (unit 1)."""
+    parity = piece.parity[piece.kept]
+    return float(np.nansum(parity**2)) - parity.size

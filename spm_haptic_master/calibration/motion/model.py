@@ -105,7 +105,8 @@ class Layout:
     @property
     def count(self) -> int:
         """Return the length P of the vector."""
-        return self.slices[GROUPS[-1]].stop
+        end: int = self.slices[GROUPS[-1]].stop
+        return end
 
     def columns(self, group: str) -> range:
         """
@@ -274,7 +275,9 @@ def _geometry(layout: Layout, numbers: bytes) -> Geometry:
     axes[2] += towards * to + across * np.cross(axes[2], to)
     axes[2] /= np.linalg.norm(axes[2])
     platform = np.array(nominal.platform_axes) + np.tensordot(
-        deviations, layout.platform_tangents, 1
+        deviations,
+        layout.platform_tangents,
+        1,
     )
     built = Geometry.from_axes(
         axes,
@@ -416,7 +419,11 @@ class MotionModel:
         return angles + self.linear_part(angles, vector)
 
     def linearised(
-        self, turned: Array, rotation: Array, vector: Array, columns: tuple[int, ...] = ()
+        self,
+        turned: Array,
+        rotation: Array,
+        vector: Array,
+        columns: tuple[int, ...] = (),
     ) -> Linearised:
         """
         Return parity, its derivatives and a step of the orientations.
@@ -444,7 +451,10 @@ class MotionModel:
         """
         layout = self.layout
         usable, matrices, angles, rates = reached(
-            rotation, layout.geometry(vector), layout.working_mode, layout.sensors
+            rotation,
+            layout.geometry(vector),
+            layout.working_mode,
+            layout.sensors,
         )
         deviation, slope = layout.harmonic_deviation(angles, vector)
         residual = wrapped(turned - vector[layout.slices['zeros']] - angles - deviation)
@@ -480,7 +490,10 @@ class MotionModel:
         """
         layout = self.layout
         _, _, angles, rates = reached(
-            rotation, layout.geometry(vector), layout.working_mode, layout.sensors
+            rotation,
+            layout.geometry(vector),
+            layout.working_mode,
+            layout.sensors,
         )
         slope = layout.harmonic_deviation(angles, vector)[1]
         by = self._derivative(rotation, angles, slope, vector, tuple(range(layout.count)))
@@ -488,7 +501,12 @@ class MotionModel:
         return np.asarray(np.linalg.pinv(white) @ (by / self.sigma[:, None]))
 
     def _derivative(
-        self, rotation: Array, angles: Array, slope: Array, vector: Array, columns: tuple[int, ...]
+        self,
+        rotation: Array,
+        angles: Array,
+        slope: Array,
+        vector: Array,
+        columns: tuple[int, ...],
     ) -> Array:
         """
         Return the derivatives of reading minus predicted reading by the parameters.
@@ -574,7 +592,9 @@ def _continuous(gain: Array, rates: Array) -> Array:
         # The last sensor comes first: its row becomes (x, 0, ...), the next one (x, x, ...).
         rotation, lower = np.linalg.qr(gain[:, :, :3:-1], mode='complete')
         rotation[:, :, :further] *= np.where(
-            np.diagonal(lower, axis1=1, axis2=2) < 0.0, -1.0, 1.0
+            np.diagonal(lower, axis1=1, axis2=2) < 0.0,
+            -1.0,
+            1.0,
         )[:, None]
         gain = (rotation.swapaxes(1, 2) @ gain)[:, ::-1]
     first = np.cross(rates[:, 0], rates[:, 1])

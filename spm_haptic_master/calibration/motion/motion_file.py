@@ -215,7 +215,9 @@ def motion_parameters(calibration: MotionCalibration, origin: Origin) -> dict[st
     tables = {
         f'encoders.table_deg.{joint}': rounded(values)
         for joint, values in zip(
-            joints, (rest + layout.harmonic_deviation(at, second)[0]).T, strict=True
+            joints,
+            (rest + layout.harmonic_deviation(at, second)[0]).T,
+            strict=True,
         )
     }
     return {

@@ -26,7 +26,12 @@ SAMPLES = 3000
 BISECTIONS = 20
 
 
-def allowed_noise(model: MotionModel, turned: Array, vector: Array, normal: Normal) -> Array:
+def allowed_noise(
+    model: MotionModel,
+    turned: Array,
+    vector: Array,
+    normal: Normal,
+) -> Array:
     """
     Return the noise of each sensor, at most that of the model, that the parity of a fit allows.
 

@@ -65,7 +65,10 @@ class Mounted:
 
 
 def mounted(
-    calibration: MotionCalibration, turned: Array, outside: Array, sigma: float
+    calibration: MotionCalibration,
+    turned: Array,
+    outside: Array,
+    sigma: float,
 ) -> Mounted:
     """
     Return the calibration fused with orientations from outside, with the mounting.
@@ -101,41 +104,46 @@ def mounted(
     rotation = _orientations(calibration.model, turned, calibration.vector)
     base, handle = constant_frames(outside, rotation, not both)
     now = _Frames(calibration.vector, base, handle)
+    count = len(now.vector)
     for _ in range(STEPS):
         rotation = _orientations(calibration.model, turned, now.vector)
         errors, rows = _linearised(calibration.model, rotation, outside, now, both)
-        # The motion's result is the prior of the parameters.
-        before = prior @ (now.vector - calibration.vector)
         flat = rows.reshape(-1, rows.shape[2]) / sigma
-        count = len(now.vector)
         matrix = flat.T @ flat
-        matrix[:count, :count] += prior
         right = flat.T @ errors.ravel() / sigma
-        right[:count] += before
+        # The motion's result is the prior of the parameters.
+        matrix[:count, :count] += prior
+        right[:count] += prior @ (now.vector - calibration.vector)
         covariance = inverse(matrix)
         now = now.changed(-covariance @ right)
-    rms = _residual(calibration.model.orientations(turned, now.vector), outside, now)
+    rotation = calibration.model.orientations(turned, now.vector)
+    rms = _residual(rotation, outside, now)
     if len(outside) > 1 and rms > CONTRADICTION * sigma:
         raise CalibrationError(
             f'the orientations from outside contradict the motion: their residual is '
             f'{degrees(rms):.3f} deg rms, expected up to {degrees(CONTRADICTION * sigma):.3f} deg'
         )
     deviations = np.sqrt(np.diag(covariance))
-    normal = normal_equations(
-        calibration.model, calibration.turned, calibration.rotation, now.vector, ()
-    )
     return Mounted(
-        calibration=replace(
-            calibration,
-            vector=now.vector,
-            covariance=covariance[:count, :count],
-            rotation=normal.rotation,
-        ),
+        calibration=_fused(calibration, now.vector, covariance[:count, :count]),
         base=now.base,
         handle=now.handle,
         base_deviations=deviations[count : count + 3],
         handle_deviations=deviations[count + 3 :] if both else np.zeros(3),
         rms=rms,
+    )
+
+
+def _fused(calibration: MotionCalibration, vector: Array, covariance: Array) -> MotionCalibration:
+    """Return a calibration with other parameters and covariance."""
+    normal = normal_equations(
+        calibration.model, calibration.turned, calibration.rotation, vector, ()
+    )
+    return replace(
+        calibration,
+        vector=vector,
+        covariance=covariance,
+        rotation=normal.rotation,
     )
 
 
@@ -169,7 +177,11 @@ class _Frames:
         return _Frames(self.vector + change[:count], base @ self.base, handle)
 
 
-def _orientations(model: MotionModel, turned: Array, vector: Array) -> Array:
+def _orientations(
+    model: MotionModel,
+    turned: Array,
+    vector: Array,
+) -> Array:
     """Return the platform's orientations at readings; CalibrationError where there are none."""
     try:
         rotation = model.orientations(turned, vector)
@@ -183,7 +195,11 @@ def _orientations(model: MotionModel, turned: Array, vector: Array) -> Array:
 
 
 def _linearised(
-    model: MotionModel, rotation: Array, outside: Array, now: _Frames, both: bool
+    model: MotionModel,
+    rotation: Array,
+    outside: Array,
+    now: _Frames,
+    both: bool,
 ) -> tuple[Array, Array]:
     """
     Return the errors of C = Y R X, and how they change with what is estimated.
@@ -220,7 +236,11 @@ def _linearised(
     return errors, np.concatenate(columns, axis=2)
 
 
-def _residual(rotation: Array, outside: Array, now: _Frames) -> float:
+def _residual(
+    rotation: Array,
+    outside: Array,
+    now: _Frames,
+) -> float:
     """Return what is left of the orientations from outside, rad rms."""
     left = rotation_vectors(now.base @ rotation @ now.handle @ outside.swapaxes(1, 2))
     return float(np.sqrt(np.mean(left**2)))

@@ -86,7 +86,8 @@ class MotionReadings:
     @property
     def sigma(self) -> Array:
         """White noise of the means, rad, shape (N,)."""
-        return self.noise / np.sqrt(self.together)
+        of_means: Array = self.noise / np.sqrt(self.together)
+        return of_means
 
 
 def motion_readings(stamps: NDArray[np.int64], readings: Array) -> MotionReadings:
@@ -216,7 +217,11 @@ def _has_enough(good: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.asarray(good.sum(axis=1) > good.shape[1] // 2)
 
 
-def _check_spikes(spikes: int, sets: int, any_mean: bool) -> None:
+def _check_spikes(
+    spikes: int,
+    sets: int,
+    any_mean: bool,
+) -> None:
     """Raise CalibrationError where too many sets have a spike."""
     if not any_mean or spikes > SPIKES_MAXIMUM * sets:
         raise CalibrationError(

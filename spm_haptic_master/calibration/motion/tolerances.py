@@ -32,7 +32,10 @@ CONVERGED = 1e-3
 
 
 def estimated_tolerances(
-    layout: Layout, vector: Array, columns: Sequence[int], information: Array
+    layout: Layout,
+    vector: Array,
+    columns: Sequence[int],
+    information: Array,
 ) -> Layout:
     """
     Return a layout with the tolerances that a fit shows; at most those of the layout given.
@@ -72,10 +75,18 @@ def estimated_tolerances(
         estimated = replace(
             layout,
             mechanism_tolerance=_tolerance(
-                layout, MECHANISM, layout.mechanism_tolerance, squares, columns
+                layout,
+                MECHANISM,
+                layout.mechanism_tolerance,
+                squares,
+                columns,
             ),
             harmonic_tolerance=_tolerance(
-                layout, HARMONICS, layout.harmonic_tolerance, squares, columns
+                layout,
+                HARMONICS,
+                layout.harmonic_tolerance,
+                squares,
+                columns,
             ),
         )
         after = estimated.deviations[layout.sensors :]

@@ -205,7 +205,11 @@ def find_start(
     )
 
 
-def _explaining(readings: Array, model: MotionModel, count: int) -> Start | None:
+def _explaining(
+    readings: Array,
+    model: MotionModel,
+    count: int,
+) -> Start | None:
     """
     Return the directions and zeros that explain readings.
 
@@ -249,7 +253,11 @@ def _explaining(readings: Array, model: MotionModel, count: int) -> Start | None
     return best.start
 
 
-def _guesses(readings: Array, layout: Layout, count: int) -> list[ZeroGuess]:
+def _guesses(
+    readings: Array,
+    layout: Layout,
+    count: int,
+) -> list[ZeroGuess]:
     """
     Return the guesses that are worth a fit, at most `COMPARED` of them.
 
@@ -276,7 +284,11 @@ def _undetermined(zeros: str) -> CalibrationError:
     )
 
 
-def _compared(readings: Array, model: MotionModel, guess: ZeroGuess) -> ComparedGuess | None:
+def _compared(
+    readings: Array,
+    model: MotionModel,
+    guess: ZeroGuess,
+) -> ComparedGuess | None:
     """
     Return a guess with its fit, all parameters free.
 
@@ -298,7 +310,10 @@ def _compared(readings: Array, model: MotionModel, guess: ZeroGuess) -> Compared
     start = _with_more(readings, model, guess)
     try:
         found = fit(
-            model, readings * np.array(start.direction), start.vector, range(model.layout.count)
+            model,
+            readings * np.array(start.direction),
+            start.vector,
+            range(model.layout.count),
         )
     except CalibrationError:
         return None
@@ -307,7 +322,11 @@ def _compared(readings: Array, model: MotionModel, guess: ZeroGuess) -> Compared
     return ComparedGuess(found.misfit, start, found.vector[: model.layout.sensors])
 
 
-def _with_more(readings: Array, model: MotionModel, guess: ZeroGuess) -> Start:
+def _with_more(
+    readings: Array,
+    model: MotionModel,
+    guess: ZeroGuess,
+) -> Start:
     """
     Return directions and parameters of all N sensors from those of the first four.
 
@@ -360,7 +379,11 @@ def _with_more(readings: Array, model: MotionModel, guess: ZeroGuess) -> Start:
     return Start(tuple(direction), vector)
 
 
-def search_zeros(readings: Array, layout: Layout, count: int) -> list[ZeroGuess]:
+def search_zeros(
+    readings: Array,
+    layout: Layout,
+    count: int,
+) -> list[ZeroGuess]:
     """
     Return different zeros and directions that explain readings, the best first.
 
@@ -393,7 +416,11 @@ def search_zeros(readings: Array, layout: Layout, count: int) -> list[ZeroGuess]
     for direction in product((1, -1), repeat=4):
         turned = readings * np.array(direction)
         zeros, cost, damping = _improve(
-            turned, turned[0] - angles, np.full(len(angles), DAMPING), nominal, FIRST_STEPS
+            turned,
+            turned[0] - angles,
+            np.full(len(angles), DAMPING),
+            nominal,
+            FIRST_STEPS,
         )
         best = np.argsort(cost)[: max(1, int(BETTER * count))]
         zeros, _, _ = _improve(turned, zeros[best], damping[best], nominal, STEPS)
@@ -413,7 +440,11 @@ def search_zeros(readings: Array, layout: Layout, count: int) -> list[ZeroGuess]
 
 
 def _improve(
-    turned: Array, zeros: Array, damping: Array, nominal: Geometry, steps: int
+    turned: Array,
+    zeros: Array,
+    damping: Array,
+    nominal: Geometry,
+    steps: int,
 ) -> tuple[Array, Array, Array]:
     """
     Return zeros after Levenberg-Marquardt steps, of m guesses at once.
@@ -476,10 +507,15 @@ def _cost(distance: Array) -> Array:
         Cost of each set of zeros (unit 1).
 
     """
-    return np.log1p(np.square(distance / HALF_WEIGHT)).mean(axis=1)
+    costs = np.log1p(np.square(distance / HALF_WEIGHT))
+    return np.asarray(costs.mean(axis=1))
 
 
-def _distance(turned: Array, zeros: Array, nominal: Geometry) -> tuple[Array, Array]:
+def _distance(
+    turned: Array,
+    zeros: Array,
+    nominal: Geometry,
+) -> tuple[Array, Array]:
     """
     Return how far samples are from angles that fit together, and the slopes by the zeros.
 

@@ -70,7 +70,9 @@ class CalibrationWatch:
         # Row of each pose in the sums.
         self._rows: dict[tuple[int, ...], int] = {}
         self._sums = slip_evidence.PoseSums(
-            np.zeros(POSES), np.zeros((POSES, sensors, sensors)), np.zeros((POSES, sensors))
+            np.zeros(POSES),
+            np.zeros((POSES, sensors, sensors)),
+            np.zeros((POSES, sensors)),
         )
         self._last: Quaternion[float] | None = None
         self.evaluation: slip_evidence.Evaluation | None = None
@@ -98,7 +100,11 @@ class CalibrationWatch:
         if self._last is not None and rotation_distance(quaternion, self._last) < LEAST_TURN:
             return False
         found = slip_evidence.parity_of_sample(
-            angles, quaternion, self._sigma, self._geometry, self._working_mode
+            angles,
+            quaternion,
+            self._sigma,
+            self._geometry,
+            self._working_mode,
         )
         if found is None:
             return False

@@ -72,7 +72,10 @@ class Parities(NamedTuple):
 
 
 def sensor_angles(
-    rotation: Array, geometry: Geometry, working_mode: WorkingMode, sensors: int
+    rotation: Array,
+    geometry: Geometry,
+    working_mode: WorkingMode,
+    sensors: int,
 ) -> Array:
     """
     Return the joint angles of the sensors by the inverse model.
@@ -101,7 +104,10 @@ def sensor_angles(
 
 
 def reached(
-    rotation: Array, geometry: Geometry, working_mode: WorkingMode, sensors: int
+    rotation: Array,
+    geometry: Geometry,
+    working_mode: WorkingMode,
+    sensors: int,
 ) -> tuple[NDArray[np.bool_], Array, Array, Array]:
     """
     Return joint angles and Jacobians of the orientations that are within reach.
@@ -139,7 +145,11 @@ def reached(
 
 
 def parities(
-    angles: Array, rotation: Array, sigma: Array, geometry: Geometry, working_mode: WorkingMode
+    angles: Array,
+    rotation: Array,
+    sigma: Array,
+    geometry: Geometry,
+    working_mode: WorkingMode,
 ) -> Parities:
     """
     Return the parity of samples near given orientations, and its gains.
@@ -213,7 +223,12 @@ def parity_of_sample(
     return projected(np.ones(1, bool), residual[None], rates[None], sigma)
 
 
-def projected(usable: NDArray[np.bool_], residual: Array, rates: Array, sigma: Array) -> Parities:
+def projected(
+    usable: NDArray[np.bool_],
+    residual: Array,
+    rates: Array,
+    sigma: Array,
+) -> Parities:
     """
     Split whitened residuals into what a rotation explains and what none does.
 
@@ -412,7 +427,11 @@ class Evaluation:
         return not slipped and self.misfit <= part * self.limit
 
 
-def suspects(left: Array, freedom: int, limit: float) -> tuple[int, ...]:
+def suspects(
+    left: Array,
+    freedom: int,
+    limit: float,
+) -> tuple[int, ...]:
     """
     Return the sensors whose slips explain the parity about as well as the best one does.
 
