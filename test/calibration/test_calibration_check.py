@@ -9,7 +9,6 @@ from math import degrees, radians
 from calibrated_rig import CalibratedRig, MODE, motion
 import numpy as np
 import pytest
-from recorded_text import assert_recorded
 from spm_haptic_master.calibration.motion import calibration_check
 from spm_haptic_master.calibration.motion.calibration_check import CalibrationChecker
 from spm_haptic_master.calibration.watch import slip_evidence
@@ -101,24 +100,57 @@ def test_the_parity_of_a_sample_is_that_of_a_batch(sensors):
         )
 
 
-def test_slips_before_a_motion_are_named_as_recorded():
-    """None, small ones of one sensor and of two, and one beyond the first order."""
-    lines = []
-    for sensors in (6, 4):
-        found = CalibratedRig(2, sensors)
-        angles = found.angles(motion(2002, 20.0, 25.0))
-        for slip in (
-            (0.0, 0.0, 0.0, 0.0),
-            (0.0, 0.2, 0.0, 0.0),
-            (0.0, 0.3, 0.0, 0.4),
-            (0.0, 0.0, 0.0, 2.5),
-        )[: 8 - sensors]:
-            result = check(found, angles + np.radians([*slip, *[0.0] * (sensors - 4)]))
-            each = result.evaluation
-            lines += [
-                f'{"holds" if result.holds else result.text}: merit {each.merit:.3f}, white '
-                f'{degrees(each.white):.4f}, limit {each.limit:.2f}, visible '
-                f'{" ".join(f"{slip:.4f}" for slip in np.degrees(each.visible))}, '
-                f'{each.poses} poses'
-            ]
-    assert_recorded('calibration/checks.txt', '\n'.join(lines))
+def checked_rig(sensors):
+    """Return a rig, and its angles in a motion of 20 s."""
+    found = CalibratedRig(2, sensors)
+    return found, found.angles(motion(2002, 20.0, 25.0))
+
+
+def slipped(angles, **degrees_by_place):
+    """Return angles after slips, deg, of the sensors named s0, s1, ..."""
+    changed = angles.copy()
+    for place, slip in degrees_by_place.items():
+        changed[:, int(place[1:])] += radians(slip)
+    return changed
+
+
+@pytest.mark.parametrize('sensors', [4, 6])
+def test_a_calibration_holds_and_says_which_slips_would_show(sensors):
+    found, angles = checked_rig(sensors)
+    result = check(found, angles)
+    evaluation = result.evaluation
+    assert result.holds and 0.5 < evaluation.merit < 1.0
+    assert 20 <= evaluation.poses <= 30 and evaluation.freedom == evaluation.poses * (sensors - 3)
+    # Beyond 99.997 % of chi-square; for 75 degrees 137, for 25 64.
+    assert evaluation.limit == pytest.approx({25: 64.0, 75: 134.4}[evaluation.freedom], rel=0.01)
+    # White noise of 0.04 deg, averaged over the 20 samples of a pose.
+    assert degrees(evaluation.white) == pytest.approx(0.009, rel=0.1)
+    visible = np.degrees(evaluation.visible)
+    assert (visible > 0.02).all() and (visible < 0.1).all()
+    # A slip of just so much shows, half of it does not.
+    for place, slip in enumerate(visible):
+        assert not check(found, slipped(angles, **{f's{place}': 1.5 * slip})).holds
+        assert check(found, slipped(angles, **{f's{place}': 0.2 * slip})).holds
+
+
+@pytest.mark.parametrize('sensors', [4, 6])
+def test_a_small_slip_is_measured(sensors):
+    found, angles = checked_rig(sensors)
+    result = check(found, slipped(angles, s1=0.2))
+    assert not result.holds and result.changed.sensor == 1 and not result.changed.turned
+    assert degrees(result.changed.slip) == pytest.approx(0.2, abs=0.03)
+    assert result.text.startswith('joint_1b slipped by +0.1')
+
+
+def test_a_slip_beyond_the_first_order_is_measured():
+    found, angles = checked_rig(4)
+    result = check(found, slipped(angles, s3=2.5))
+    assert result.changed.sensor == 3
+    assert degrees(result.changed.slip) == pytest.approx(2.5, abs=0.05)
+
+
+def test_slips_of_two_sensors_are_no_slip_of_one():
+    found, angles = checked_rig(4)
+    result = check(found, slipped(angles, s1=0.3, s3=0.4))
+    assert result.changed is None and result.text.startswith('several zeros moved: joint_1a by')
+    assert np.degrees(result.several) == pytest.approx([0.0, 0.3, 0.0, 0.4], abs=0.05)

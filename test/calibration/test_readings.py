@@ -4,15 +4,15 @@
 """Readings of a free motion made ready: noise, spikes, gaps, turns, and what is refused."""
 
 from dataclasses import replace
-from math import tau
+from math import radians, tau
 
 from free_motions import DEVIATIONS, SHORT
 import numpy as np
 import pytest
-from recorded_text import assert_recorded
 from simulated_hand import readings
 from spm_haptic_master.calibration.motion.readings import motion_readings, spread
 from spm_haptic_master.exceptions import CalibrationError
+from spm_haptic_master.kinematics.rotations import wrapped
 from spm_haptic_master.simulation.rig import random_rig
 
 N = 20000
@@ -116,18 +116,23 @@ def test_stamps_that_go_back_are_refused_and_a_jump_forward_is_none():
     assert len(motion_readings(ahead, read).seconds) == N // 2
 
 
-def test_readings_of_a_hand_with_outliers_rest_and_a_gap_are_made_ready_as_recorded():
-    stamps, raw, _, _ = readings(
-        random_rig(3, DEVIATIONS),
-        replace(SHORT, seconds=12.0, outliers=0.05, dropout=0.05, rest=0.1),
-        8,
-    )
+def test_readings_of_a_hand_with_outliers_rest_and_a_gap_are_made_ready():
+    """The same hand without outliers and noise is the truth."""
+    built = random_rig(3, DEVIATIONS)
+    condition = replace(SHORT, seconds=12.0, outliers=0.05, dropout=0.05, rest=0.1)
+    stamps, raw, _, _ = readings(built, condition, 8)
+    perfect = replace(condition, outliers=0.0, noise=0.0)
+    true = readings(built, perfect, 8)[1]
+    wrong = np.abs(wrapped(raw - true)).max(axis=1) > radians(1.0)
     found = motion_readings(stamps, raw)
-    lines = [f'{found.sets} sets, {found.spikes} spikes, noise, and means:'] + [
-        ' '.join(f'{angle:.4f}' for angle in np.degrees(row))
-        for row in (found.noise, *found.readings[::1000])
-    ]
-    assert_recorded('calibration/readings.txt', '\n'.join(lines))
+    assert found.sets == len(stamps) == 11400
+    assert found.spiked[wrong].mean() > 0.95 and found.spiked[~wrong].mean() < 0.002
+    assert np.degrees(found.noise) == pytest.approx([0.041] * 4, rel=0.03)
+    rows = np.searchsorted(stamps, found.seconds * 1e9 + stamps[0])
+    errors = np.degrees(wrapped(found.readings - true[rows]))
+    # A spike that is near the true reading is none.
+    sizes = np.abs(errors).max(axis=1)
+    assert np.median(sizes) < 0.08 and (sizes > 0.3).mean() < 0.003
 
 
 def test_spread_takes_the_corners_first():

@@ -130,52 +130,109 @@ def test_what_was_left_and_which_motion_would_determine_it(calibration, output, 
     assert '**CAUTION**: 2.0 % of the samples do not fit the others and were cut: ' in text
 
 
-def test_the_picture_is_the_recorded_one(calibration, monkeypatch):
-    """Maps with their scale and edges, lines and texts; means without orientation are left out."""
+@pytest.fixture
+def picture(calibration, monkeypatch):
+    """Draw a calibration; return it, its region, and the axes of the maps row by row."""
     figures = []
-    monkeypatch.setattr(
-        plot_style,
-        'save',
-        lambda figure, file: (figures.append(figure), file.write(b'the picture')),
-    )
+
+    def save(figure, file):
+        figures.append(figure)
+        file.write(b'the picture')
+
+    monkeypatch.setattr(plot_style, 'save', save)
     rotation = calibration.rotation.copy()
+    # Samples without an orientation are on no map.
     rotation[:50] = np.nan
-    assert (
-        report_picture.draw(
-            replace(calibration, rotation=rotation, region=Region(9.0, 30.0, 70.0))
-        )
-        == b'the picture'
-    )
-    lines = []
-    for axes in figures[0].axes[:6]:
-        (mesh,) = axes.collections
-        corners = mesh.get_coordinates()
-        lines += [
-            ' | '.join(
-                (
-                    axes.get_title(),
-                    axes.get_xlabel(),
-                    axes.get_ylabel(),
-                    *(each.get_text() for each in axes.texts),
-                )
-            ),
-            *(
-                ' '.join(f'{number:.4f}' for number in np.ravel(numbers))
-                for numbers in (
-                    (*axes.get_xlim(), *axes.get_ylim()),
-                    mesh.get_clim(),
-                    (corners[0, 0], corners[-1, -1]),
-                    axes.lines[0].get_xydata()[::10],
-                    [each.get_position() for each in axes.texts],
-                )
-            ),
-            *(
-                ' '.join(f'{mean:.4f}' for mean in row)
-                for row in np.ma.filled(mesh.get_array(), np.nan)
-            ),
-        ]
-    lines += [axes.get_xlabel() for axes in figures[0].axes[6:]]
-    assert_recorded('calibration/picture.txt', '\n'.join(lines))
+    drawn = replace(calibration, rotation=rotation, region=Region(9.0, 30.0, 70.0))
+    assert report_picture.draw(drawn) == b'the picture'
+    return drawn, figures[0].axes
+
+
+def cells(axes):
+    """Return the edges of the cells of a map in both coordinates, and the means in them, deg."""
+    (mesh,) = axes.collections
+    corners = mesh.get_coordinates()
+    return corners[0, :, 0], corners[:, 0, 1], np.ma.filled(mesh.get_array(), np.nan)
+
+
+def shown_parities(calibration):
+    """Return tilts and parities of the samples on the maps, deg; before and after."""
+    shown = np.isfinite(calibration.rotation).all(axis=(1, 2)) & np.isfinite(calibration.parity)
+    axis = calibration.rotation[shown][:, :, 2]
+    tilt = np.degrees(np.arccos(axis @ np.full(3, 3**-0.5)))
+    # Towards (1, -1, 0) and (1, 1, -2), at the distance of the tilt.
+    towards = axis @ np.array([[1.0, -1.0, 0.0], [1.0, 1.0, -2.0]]).T / np.sqrt([2.0, 6.0])
+    place = tilt[:, None] * towards / np.linalg.norm(towards, axis=1, keepdims=True)
+    before = np.degrees(calibration.parity_before[shown])
+    return place, tilt, before, np.degrees(calibration.parity[shown])
+
+
+def test_a_cell_of_the_picture_is_the_mean_parity_of_the_samples_in_it(picture):
+    calibration, axes = picture
+    place, _, before, after = shown_parities(calibration)
+    for number, parity in ((0, before), (1, after), (2, after)):
+        across, along, means = cells(axes[number])
+        assert np.allclose(np.diff(across), 2.0) and np.allclose(np.diff(along), 2.0)
+        compared = 0
+        for row, column in zip(*np.nonzero(np.isfinite(means)), strict=True):
+            inside = (place[:, 0] >= across[column]) & (place[:, 0] < across[column + 1])
+            inside &= (place[:, 1] >= along[row]) & (place[:, 1] < along[row + 1])
+            assert means[row, column] == pytest.approx(parity[inside].mean(), abs=1e-9)
+            compared += 1
+        assert compared > 50
+    # Tilt over self-rotation: the same samples, so nearly the same mean parity.
+    for number, parity in ((3, before), (4, after)):
+        across, along, means = cells(axes[number])
+        assert np.allclose(np.diff(across), 4.0) and np.allclose(np.diff(along), 2.0)
+        assert np.nanmean(means) == pytest.approx(parity.mean(), abs=0.03)
+
+
+def test_the_picture_has_one_scale_for_before_and_after_and_one_of_its_own(picture):
+    calibration, axes = picture
+    _, _, before, _ = shown_parities(calibration)
+    for column in range(3):
+        limits = [axes[column + row].collections[0].get_clim() for row in (0, 3)]
+        assert limits[0] == limits[1] and limits[0][0] == -limits[0][1]
+    first, second, own = (axes[column].collections[0].get_clim()[1] for column in range(3))
+    assert first == second and 0.5 * np.abs(before).max() < first <= np.abs(before).max()
+    assert 0.0 < own < 0.2 * first
+    assert [scale.get_xlabel() for scale in axes[6:]] == ['mean parity, deg'] * 2
+
+
+def test_the_picture_names_what_it_shows_and_the_motors(picture):
+    calibration, axes = picture
+    known = [
+        np.degrees(np.sqrt(np.nanmean(each**2)))
+        for each in (calibration.parity_before, calibration.parity)
+    ]
+    assert [each.get_title() for each in axes[:3]] == [
+        f'before: {known[0]:.4f} deg rms',
+        f'after: {known[1]:.4f} deg rms',
+        'after, own scale',
+    ]
+    assert {each.get_xlabel() for each in axes[:3]} == {'tilt towards (1, −1, 0), deg'}
+    assert {each.get_xlabel() for each in axes[3:6]} == {'self-rotation φ, deg'}
+    names = ['tilt towards (1, 1, −2), deg', '', '', 'tilt, deg', '', '']
+    assert [each.get_ylabel() for each in axes[:6]] == names
+    # The axis of leg A's motor is z, of B's x, of C's y.
+    for each in axes[:3]:
+        angles = {
+            text.get_text(): np.degrees(np.arctan2(*text.get_position()[::-1]))
+            for text in each.texts
+        }
+        assert angles == pytest.approx({'A': -90.0, 'B': 30.0, 'C': 150.0})
+        outermost = max(abs(edge) for edge in each.get_xlim())
+        assert {np.hypot(*text.get_position()) < outermost for text in each.texts} == {True}
+
+
+def test_the_picture_has_the_edge_of_the_region(picture):
+    _, axes = picture
+    for each in axes[:3]:
+        assert np.hypot(*each.lines[0].get_xydata().T) == pytest.approx(9.0)
+    for each in axes[3:6]:
+        corners = each.lines[0].get_xydata().tolist()
+        assert corners == [[30.0, 0.0], [30.0, 9.0], [70.0, 9.0], [70.0, 0.0]]
+        assert each.get_ylim()[0] == 0.0 and each.get_ylim()[1] >= 9.0
 
 
 def test_without_matplotlib_a_line_says_so(calibration, output, monkeypatch):
