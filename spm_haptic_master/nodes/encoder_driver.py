@@ -16,6 +16,7 @@ from sensor_msgs.msg import JointState
 from spm_haptic_master.drives.plan import is_shared
 from spm_haptic_master.encoders.decoder_factory import unverified_joints
 from spm_haptic_master.encoders.single_axis import SingleAxis
+from spm_haptic_master.encoders.source import JointSample
 from spm_haptic_master.exceptions import SettingError, SourceEnded, SpmError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.nodes.axis_outputs import AxisOutputs
@@ -130,6 +131,8 @@ class EncoderDriver(ParameterNode):
         )
         self._publisher = self.create_publisher(JointState, 'measured_js', SAMPLES)
         self._readings_out = self.create_publisher(JointState, 'readings', SAMPLES)
+        # Stamp of the latest set on `readings`, ns.
+        self._read_at = 0
         self._simulation = (
             SimulationControl(self, self._source) if isinstance(self._source, SimSource) else None
         )
@@ -201,7 +204,8 @@ class EncoderDriver(ParameterNode):
         """
         Read the source and publish each set, until the node is destroyed.
 
-        The insertion and the gripper are published after each read, with or without a set.
+        The insertion and the gripper follow after each read, with or without a set: they delay no
+        orientation.
 
         Raises
         ------
@@ -209,24 +213,26 @@ class EncoderDriver(ParameterNode):
             The source has ended or failed.
 
         """
-        read_at = 0  # stamp of the latest set on `readings`, ns
         while not self._stop.is_set():
             sample = self._source.read(READ_TIMEOUT)
+            if sample is not None:
+                self._publish_sample(sample)
             self._axis_outputs.publish(self._source.take_readings())
-            if sample is None:
-                continue
-            if self.listener is not None:
-                self.listener(sample.stamp, sample.angles)
-            message = self._write_joints(sample.stamp, sample.angles)
-            self._publisher.publish(message)
-            # The clock may have been set back.
-            if not 0 <= sample.stamp - read_at < READINGS_PERIOD:
-                read_at = sample.stamp
-                self._readings_out.publish(message)
-            if self._simulation is not None:
-                self._simulation.publish_truth(sample.stamp)
-            self.published.count += 1
-            self._angles = sample.angles
+
+    def _publish_sample(self, sample: JointSample) -> None:
+        """Publish a set, after whoever listens to it in this process has it."""
+        if self.listener is not None:
+            self.listener(sample.stamp, sample.angles)
+        message = self._write_joints(sample.stamp, sample.angles)
+        self._publisher.publish(message)
+        # The clock may have been set back.
+        if not 0 <= sample.stamp - self._read_at < READINGS_PERIOD:
+            self._read_at = sample.stamp
+            self._readings_out.publish(message)
+        if self._simulation is not None:
+            self._simulation.publish_truth(sample.stamp)
+        self.published.count += 1
+        self._angles = sample.angles
 
     def _report(self) -> None:
         """

@@ -9,7 +9,6 @@ No bus is simulated: use `sim_bus` to see frames.
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterable
 from contextlib import suppress
 from math import isfinite, nan, radians, remainder
@@ -17,7 +16,6 @@ import time
 
 import can
 from spm_haptic_master.encoders.encoder_layout import angle_from_counts, counts_from_angle, TURN
-from spm_haptic_master.encoders.frame_decoder import READINGS_KEPT
 from spm_haptic_master.encoders.harmonics import Harmonics
 from spm_haptic_master.encoders.single_axis import AxisReading, SingleAxis
 from spm_haptic_master.encoders.source import EncoderSource, JointSample
@@ -75,10 +73,11 @@ class SimSource(EncoderSource):
         self._motion = motion
         self._counts_per_turn = counts_per_turn
         self._harmonics = harmonics
-        # Insertion and gripper, their motion, and their readings that nobody has taken.
+        # Insertion and gripper, and their motion.
         self.axes = axes
         self._axis_motions = tuple(map(simulated_axis, axes))
-        self._readings: deque[AxisReading] = deque(maxlen=READINGS_KEPT)
+        # Stamp of the latest deadline, ns, until its readings of the axes are taken.
+        self._axes_at: int | None = None
         self._period = 1.0 / rate
         self._grid = DeadlineGrid(self._period)
         self._began = self._sets = 0
@@ -124,7 +123,7 @@ class SimSource(EncoderSource):
             self._last, angles = t, self.angles(t)
         self._due = t - lateness % self._period + self._period
         self._prepared = None
-        self._read_axes(stamp)
+        self._axes_at = stamp
         faults = self.faults
         if faults or self._stuck:
             angles = self._with_faults(angles, faults)
@@ -132,20 +131,20 @@ class SimSource(EncoderSource):
                 return None
         return JointSample(stamp, angles)
 
-    def _read_axes(self, stamp: int) -> None:
-        """Read insertion and gripper by their frames, at a stamp, ns."""
+    def take_readings(self) -> list[AxisReading]:
+        """Return the readings of insertion and gripper at the latest deadline, by their frames."""
+        stamp = self._axes_at
+        self._axes_at = None
+        if stamp is None:
+            return []
         t = (stamp - self._began) * 1e-9
         seconds = stamp * 1e-9
+        readings = []
         for axis, motion in zip(self.axes, self._axis_motions, strict=True):
             data = axis.layout.data(motion.angle(t))
             message = can.Message(timestamp=seconds, arbitration_id=axis.layout.can_id, data=data)
             if (reading := axis.take(message, seconds)) is not None:
-                self._readings.append(reading._replace(stamp=stamp))
-
-    def take_readings(self) -> list[AxisReading]:
-        """Return the readings of insertion and gripper since the last call."""
-        readings = list(self._readings)
-        self._readings.clear()
+                readings.append(reading._replace(stamp=stamp))
         return readings
 
     def angles(self, t: float) -> tuple[float, ...]:
