@@ -351,7 +351,8 @@ def _rate_problem(scan: BusScan, heard: HeardFrame, rate: float) -> str | None:
         return None
     times = 'once' if heard.count == 1 else f'{heard.count} times'
     if lost < 0:
-        return f'comes {times} in {cycles} cycles of SYNC; expected one answer to each'
+        of_sync = '1 cycle' if cycles == 1 else f'{cycles} cycles'
+        return f'comes {times} in {of_sync} of SYNC; expected one answer to each'
     return f'answers {heard.count} of {cycles} SYNC{_ended(scan, heard)}'
 
 

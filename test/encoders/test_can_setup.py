@@ -10,7 +10,6 @@ from unittest.mock import Mock
 import can
 from encoder_frames import LAYOUTS
 import pytest
-from recorded_text import assert_recorded
 from spm_haptic_master.encoders import canopen, canopen_network
 from spm_haptic_master.encoders.canopen_network import import_canopen, network_on, Node
 from spm_haptic_master.encoders.encoder_objects import wanted_objects
@@ -250,16 +249,25 @@ def test_objects_have_the_sizes_that_the_encoders_have(factory):
         assert sizes.get((each.index, each.subindex), each.size) == each.size, each.name
 
 
-def test_abort_codes_are_those_of_the_library():
-    codes = {name: code for name, code in vars(canopen).items() if name.startswith('SDO_')}
-    assert_recorded(
-        'encoders/abort_codes.txt',
-        ''.join(
-            f'{name}: {library.SdoAbortedError.CODES.get(code)}\n'
-            for name, code in codes.items()
-            if code > 0xFFFF
+@pytest.mark.parametrize(
+    ('name', 'words'),
+    [
+        ('SDO_UNKNOWN_COMMAND', 'Unknown SDO command specified'),
+        ('SDO_READ_ONLY', 'Attempt to write a read only object'),
+        ('SDO_NO_SUCH_OBJECT', 'Object does not exist'),
+        ('SDO_WRONG_LENGTH', 'Data type and length code do not match'),
+        ('SDO_NO_SUCH_SUBINDEX', 'Subindex does not exist'),
+        ('SDO_WRONG_VALUE', 'Value range of parameter exceeded'),
+        ('SDO_NOT_STORED', 'Data cannot be transferred or stored to the application'),
+        (
+            'SDO_WRONG_STATE',
+            'Data can not be transferred or stored to the application because of the present '
+            'device state',
         ),
-    )
+    ],
+)
+def test_abort_codes_are_those_of_the_library(name, words):
+    assert library.SdoAbortedError.CODES[getattr(canopen, name)] == words
 
 
 def test_a_bus_that_failed_is_the_reason(channel):

@@ -5,26 +5,117 @@
 
 from encoder_frames import decoder, T0
 import pytest
-from recorded_text import assert_recorded
 from spm_haptic_master.encoders import canopen
 
 
-def test_identifiers_and_emergencies_have_the_words_of_the_standard():
-    """Identifiers of no node, nodes 1 and 127, and LSS; classes and codes of emergencies."""
-    lines = [
-        f'0x{each:03X}: {canopen.frame_name(each)}; not for a PDO: {canopen.reserved_for(each)}'
-        for each in range(0x800)
-        if each & 0x7F in (0, 1, 0x64, 0x65, 0x7F)
-    ]
-    for code in (*range(0, 0x10000, 0x100), *range(0x8110, 0x8270, 0x10)):
-        words = canopen.emcy_words(canopen.emcy(1, code, 0).data)
-        lines += [] if 'not in CiA 301' in words else [words]
-    # Code (2 bytes, little-endian), register, specific bytes (CiA 301, 7.2.7).
-    lines += [
-        f'{data}: {canopen.emcy_words(bytes.fromhex(data))}'
-        for data in ('1081 11 0102000000', '34FF 81 0000000007', 'FFEE 01 0000000000')
-    ]
-    assert_recorded('encoders/canopen.txt', '\n'.join(lines) + '\n')
+# The first and the last identifier of each kind, those of no node, and those between the kinds.
+@pytest.mark.parametrize(
+    ('identifier', 'name'),
+    [
+        (0x000, 'NMT'),
+        (0x001, None),
+        (0x07F, None),
+        (0x080, 'SYNC'),
+        (0x081, 'EMCY of node 1'),
+        (0x0FF, 'EMCY of node 127'),
+        (0x100, 'TIME'),
+        (0x101, None),
+        (0x180, None),
+        (0x181, 'TPDO1 of node 1'),
+        (0x1FF, 'TPDO1 of node 127'),
+        (0x200, None),
+        (0x201, None),
+        (0x280, None),
+        (0x281, 'TPDO2 of node 1'),
+        (0x381, 'TPDO3 of node 1'),
+        (0x481, 'TPDO4 of node 1'),
+        (0x4FF, 'TPDO4 of node 127'),
+        (0x500, None),
+        (0x501, None),
+        (0x580, None),
+        (0x581, 'SDO answer of node 1'),
+        (0x5FF, 'SDO answer of node 127'),
+        (0x600, None),
+        (0x601, 'SDO request to node 1'),
+        (0x67F, 'SDO request to node 127'),
+        (0x680, None),
+        (0x6FF, None),
+        (0x700, None),
+        (0x701, 'heartbeat of node 1'),
+        (0x764, 'heartbeat of node 100'),
+        (0x77F, 'heartbeat of node 127'),
+        (0x780, None),
+        (0x7E3, None),
+        (0x7E4, 'LSS'),
+        (0x7E5, 'LSS'),
+        (0x7E6, None),
+        (0x7FF, None),
+    ],
+)
+def test_an_identifier_has_the_name_of_the_predefined_connection_set(identifier, name):
+    assert canopen.frame_name(identifier) == name
+    is_pdo = name is not None and name.startswith('TPDO')
+    assert canopen.reserved_for(identifier) == (None if is_pdo else name)
+
+
+# Error codes of CiA 301 (table 26): classes, and codes that are more than their class.
+EMERGENCIES = {
+    0x0000: 'error reset',
+    0x1000: 'generic error',
+    0x2000: 'current',
+    0x2100: 'current, input side',
+    0x2200: 'current inside the device',
+    0x2300: 'current, output side',
+    0x3000: 'voltage',
+    0x3100: 'mains voltage',
+    0x3200: 'voltage inside the device',
+    0x3300: 'output voltage',
+    0x4000: 'temperature',
+    0x4100: 'ambient temperature',
+    0x4200: 'device temperature',
+    0x5000: 'device hardware',
+    0x6000: 'device software',
+    0x6100: 'internal software',
+    0x6200: 'user software',
+    0x6300: 'data set',
+    0x7000: 'additional modules',
+    0x8000: 'monitoring',
+    0x8100: 'communication',
+    0x8110: 'CAN overrun (objects lost)',
+    0x8120: 'CAN in error passive mode',
+    0x8130: 'life guard or heartbeat error',
+    0x8140: 'recovered from bus-off',
+    0x8150: 'identifier collision',
+    0x8160: 'communication',
+    0x81F0: 'communication',
+    0x8200: 'protocol error',
+    0x8210: 'PDO not processed due to length error',
+    0x8220: 'PDO length exceeded',
+    0x8230: 'protocol error',
+    0x8240: 'unexpected SYNC length',
+    0x8250: 'RPDO timeout',
+    0x8260: 'protocol error',
+    0x9000: 'external error',
+    0xF000: 'additional functions',
+    0xFF00: 'device specific',
+    0xFF34: 'device specific',
+    0xEEFF: 'code not in CiA 301',
+    0xA000: 'code not in CiA 301',
+}
+
+
+@pytest.mark.parametrize(('code', 'words'), EMERGENCIES.items())
+def test_an_emergency_has_the_words_of_the_standard(code, words):
+    data = canopen.emcy(1, code, 0).data
+    assert canopen.emcy_words(data) == f'EMCY 0x{code:04X} {words}, error register 0x00'
+
+
+def test_an_emergency_has_its_register_and_specific_bytes():
+    """Code (2 bytes, little-endian), register, specific bytes (CiA 301, 7.2.7)."""
+    data = bytes.fromhex('1081 11 0102000000')
+    assert canopen.emcy_words(data) == (
+        'EMCY 0x8110 CAN overrun (objects lost), error register 0x11, specific 01 02 00 00 00'
+    )
 
 
 # Answers to an SDO upload (CiA 301, 7.2.4.3): command, 0x1000:00, four bytes; the value in them.

@@ -8,7 +8,6 @@ from dataclasses import replace
 import can
 from encoder_frames import answer, cycle, LAYOUTS, T0
 import pytest
-from recorded_text import assert_recorded
 from spm_haptic_master.encoders import canopen, rig_lines, scan_report
 from spm_haptic_master.encoders.bus_scan import BusScan
 from spm_haptic_master.encoders.scan_report import Expected, problems
@@ -102,7 +101,7 @@ def everything():
     ]
 
 
-# Scans by the name of their record, and what those are compared with that are not as by default.
+# Scans by name, and what those are compared with that are not as by default.
 SCANS = {
     'as_configured': good(
         *(heard(0x700 + node, b'\x05') for node in NODES), heard(0, b'\x01\x00')
@@ -183,26 +182,293 @@ EXPECTED = {
 }
 
 
-@pytest.mark.parametrize('name', SCANS)
-def test_the_report_of_a_scan_is_as_recorded(tmp_path, name):
-    scan = SCANS[name]
-    expected = EXPECTED.get(name, DEFAULT)
-    lines = [
-        *scan_report.listing(scan, expected),
-        *problems(scan, expected),
-        scan_report.busy(scan, expected.rate) or 'not busy',
+def of_all(words):
+    """Return words on each encoder's frame, with its joint and identifier."""
+    return [f'{layout.joint}: 0x{layout.can_id:X} {words}' for layout in LAYOUTS]
+
+
+def of_missing(*joints, why='its node {} was not heard either'):
+    """Return that the frames of joints are missing, and why."""
+    return [
+        f'{LAYOUTS[joint].joint}: 0x{LAYOUTS[joint].can_id:X} missing; {why.format(joint + 1)}'
+        for joint in joints
     ]
-    # Defaults are no knowledge of the rig; a channel that looks like a number stays a text.
-    for given in (
-        ((name == 'calibrated', 'socketcan', 'can0', None), (False, 'socketcan', '0', 500000))
-        if expected.node_ids
-        else ()
-    ):
-        chosen, interface, channel, bitrate = given
-        bus = rig_lines.GivenBus(interface, channel, bitrate, chosen)
-        found = rig_lines.rig_lines(scan, expected, bus)
-        lines += found
-        path = tmp_path / 'rig.yaml'
-        path.write_text('\n'.join(found))
-        assert len(found) == 1 or read_parameters(path)['can.channel'] == given[2]
-    assert_recorded(f'encoders/scan/{name}.txt', '\n'.join(lines) + '\n')
+
+
+def of_sync(rate, expected=1000):
+    """Return that SYNC comes at another rate, Hz."""
+    return (
+        f'SYNC 0x80 comes at {rate:.1f} Hz, rate is {expected} Hz: '
+        "give the bus's rate to all nodes"
+    )
+
+
+NO_SYNC = 'no SYNC 0x80: let the driver make it (can.sync: produce), or start its master'
+DEVICE = 'EMCY 0x5000 device hardware, error register 0x01'
+PROBLEMS = {
+    'as_configured': [],
+    'no_frames': [
+        'no frames at all: check bit rate, termination, power, and that the interface is up',
+        NO_SYNC,
+        *of_missing(0, 1, 2, 3),
+    ],
+    'no_sync': [NO_SYNC],
+    'no_node': of_missing(1),
+    'pre_operational': of_missing(1, why='its node {} is pre-operational'),
+    'no_answers': of_missing(
+        1, why='its node {} is present: does it answer SYNC (0x1800:02, 0x1005)? can_setup'
+    ),
+    'other_tpdos': [
+        *of_missing(1, why='its node sends on 0x282, 0x382'),
+        'unexpected: 0x281 (TPDO2 of node 1)',
+        'unexpected: 0x282 (TPDO2 of node 2)',
+        'unexpected: 0x382 (TPDO3 of node 2)',
+    ],
+    'other_width': [
+        *of_missing(1, why='it comes with 29 bits instead'),
+        'unexpected: 0x182 (29-bit frame)',
+    ],
+    'other_length': ['joint_1b: 0x182 has 4, 8 bytes, configured 4'],
+    'more_nodes': [
+        f'joint_1b: {DEVICE}',
+        'unexpected: 0x123 (foreign)',
+        'unexpected: node 5 (operational)',
+        f'unexpected: node 9 (no heartbeat, {DEVICE} (1 x))',
+    ],
+    'error_frame': ['error frames: 1 x bus-off'],
+    'drives': [f'drive of joint_1a: {DEVICE}', 'drive of joint_1b: not heard'],
+    'without_canopen': [
+        'joint_1a: 0x181 missing',
+        *of_all('comes at 0.0 Hz, configured 1000 Hz')[1:],
+    ],
+    'every_kind': [
+        "SYNC 0x99 comes at 0.0 Hz, rate is 1000 Hz: give the bus's rate to all nodes",
+        *of_missing(0, why='it comes with 29 bits instead'),
+        *of_missing(
+            1, why='its node {} is present: does it answer SYNC (0x1800:02, 0x1005)? can_setup'
+        ),
+        'joint_1c: 0x183 has 2, 8 bytes, configured 4',
+        'joint_1c: 0x183 comes 3 times in 1 cycle of SYNC; expected one answer to each',
+        f'joint_1c: {DEVICE}',
+        *of_missing(3),
+        'unexpected: 0x212 (foreign)',
+        'unexpected: 0x700 (foreign)',
+        'unexpected: 0x704 (heartbeat of node 4)',
+        'unexpected: 0x181 (29-bit frame)',
+        'unexpected: node 7 (no heartbeat, device type 0x00020191 (CiA 401), vendor 0x1F, '
+        'product 0x2, revision 0x10001, serial 0x4D)',
+    ],
+    'odd_nodes': [
+        of_sync(333.1),
+        *of_missing(0, 1, 3),
+        'unexpected: 0x191 (TPDO1 of node 17)',
+        'unexpected: 0x1AC (TPDO1 of node 44)',
+        'unexpected: 0x1DA (TPDO1 of node 90)',
+    ],
+    'five_sensors': [
+        of_sync(888.9),
+        *of_missing(0, 1, 2, 3),
+        *[f'unexpected: 0x{0x280 + node:X} (TPDO2 of node {node})' for node in (1, 2, 3, 5, 6)],
+    ],
+    'silent_encoder': [
+        of_sync(200.0),
+        *of_missing(3),
+        'unexpected: 0x187 (TPDO1 of node 7)',
+        'unexpected: node 7 (no heartbeat, device type 0x00020192 (CiA 402, drive))',
+        'unexpected: node 8 (no heartbeat, device type 0x00010196 (CiA 406, encoder))',
+    ],
+    'calibrated': [
+        of_sync(200.0),
+        'joint_1b: 0x183 missing; its node 3 was not heard either',
+        'unexpected: 0x189 (TPDO1 of node 9)',
+    ],
+    'any_identifier': [],
+    'few': [
+        NO_SYNC,
+        'joint_1a: 0x181 comes at 0.0 Hz, configured 1000 Hz',
+        *of_missing(1, 2, 3),
+        '2 frames not sent: Buffer full (does any other node acknowledge?)',
+    ],
+    'many': [
+        of_sync(200.0),
+        *[f'unexpected: 0x{0x180 + node:X} (TPDO1 of node {node})' for node in (5, 6, 7)],
+    ],
+    'half_the_rate': of_all('answers 250 of 500 SYNC'),
+    'own_sync': [],
+    'own_sync_half': of_all('answers 250 of 500 SYNC'),
+    'busy': [],
+    'alone_940_us': of_all('comes at 1063.8 Hz, configured 1000 Hz'),
+    'alone_960_us': [],
+    'alone_1040_us': [],
+    'alone_1060_us': of_all('comes at 943.4 Hz, configured 1000 Hz'),
+    'rate_940_hz': [of_sync(1000.0, 940)],
+    'rate_960_hz': [],
+    'rate_1040_hz': [],
+    'rate_1060_hz': [of_sync(1000.0, 1060)],
+}
+
+
+@pytest.mark.parametrize('name', SCANS)
+def test_what_is_missing_wrong_or_unexpected_is_named(name):
+    expected = EXPECTED.get(name, DEFAULT)
+    assert problems(SCANS[name], expected) == PROBLEMS[name]
+
+
+@pytest.mark.parametrize('name', SCANS)
+def test_a_machine_that_sends_sync_below_its_rate_gets_a_lower_one(name):
+    words = scan_report.busy(SCANS[name], EXPECTED.get(name, DEFAULT).rate)
+    assert words == (
+        "this machine is too busy: SYNC was sent at 612.0 Hz instead of 1000 Hz; the encoders' "
+        'rates are not compared. Give a lower rate: -p rate:=500.0'
+        if name == 'busy'
+        else None
+    )
+
+
+@pytest.mark.parametrize(
+    ('name', 'lines'),
+    [
+        (
+            'every_kind',
+            [
+                '  0x082       0.0 Hz    7 bytes        1 frames  EMCY of node 2',
+                '  0x083       0.0 Hz    8 bytes        2 frames  EMCY of node 3',
+                '  0x099       0.0 Hz    0 bytes        1 frames  SYNC',
+                '  0x183       4.0 Hz  2/8 bytes        3 frames  joint_1c',
+                '  0x212       0.0 Hz    8 bytes        1 frames  foreign',
+                '  0x700       0.0 Hz    1 bytes        1 frames  foreign',
+                '  0x702       0.0 Hz    1 bytes        4 frames  heartbeat of node 2',
+                '  0x703       0.0 Hz    2 bytes        1 frames  heartbeat of node 3',
+                '  0x704       0.0 Hz    0 bytes        1 frames  heartbeat of node 4',
+                '  0x00000181       0.0 Hz    4 bytes        1 frames  29-bit frame',
+                '  node   2: operational, booted 2 x, device type 0x00010196 (CiA 406, encoder)',
+                '  node   3: no heartbeat, EMCY 0x5000 device hardware, error register 0x01 (2 x)',
+                '  node   7: no heartbeat, device type 0x00020191 (CiA 401), vendor 0x1F, '
+                'product 0x2, revision 0x10001, serial 0x4D',
+                '  remote frames: 1',
+            ],
+        ),
+        (
+            'own_sync',
+            [
+                *(
+                    f'  0x{layout.can_id:X}    1000.0 Hz    4 bytes      500 frames  '
+                    f'{layout.joint}'
+                    for layout in LAYOUTS
+                ),
+                '  sent from here: 500 x SYNC 0x80, 1000.0 Hz',
+            ],
+        ),
+        (
+            'few',
+            [
+                '  0x181       0.0 Hz    4 bytes        1 frames  joint_1a',
+                '  sent from here: NMT start to node 1, 3',
+            ],
+        ),
+    ],
+)
+def test_the_listing_has_every_frame_and_node(name, lines):
+    assert scan_report.listing(SCANS[name], EXPECTED.get(name, DEFAULT)) == lines
+
+
+def test_the_listing_names_the_frames_of_the_drives():
+    listing = scan_report.listing(SCANS['drives'], EXPECTED['drives'])
+    assert any(line.endswith('status of the drive') for line in listing)
+
+
+# Lines for rig.yaml of scans: what differs from those of encoders that are as by default.
+RIGS = {
+    'no_sync': {'can.sync': 'produce'},
+    'own_sync': {'can.sync': 'produce'},
+    'alone_1060_us': {'can.sync': 'produce'},
+    'busy': {'can.sync': 'produce'},
+    'as_configured': {},
+    'other_length': {},
+    'more_nodes': {},
+    'drives': {},
+    'half_the_rate': {},
+    'any_identifier': {'encoders.id': [0x2F0, 0x182, 0x183, 0x184]},
+    'rate_940_hz': {},
+    'odd_nodes': {
+        'rate': 333.3,
+        'encoders.node_id': [3, 17, 44, 90],
+        'encoders.id': [0x183, 0x191, 0x1AC, 0x1DA],
+    },
+    'five_sensors': {
+        'sensors': 5,
+        'rate': 888.9,
+        'encoders.node_id': [1, 2, 3, 5, 6],
+        'encoders.id': [0x281, 0x282, 0x283, 0x285, 0x286],
+        'encoders.data_length': [8] * 5,
+    },
+    'other_tpdos': {
+        'encoders.id': [0x181, 0x282, 0x183, 0x184],
+        'encoders.data_length': [4, 8, 4, 4],
+    },
+    # A drive is no encoder; an encoder without frames has those of its node id.
+    'silent_encoder': {
+        'rate': 200.0,
+        'encoders.node_id': [1, 2, 3, 8],
+        'encoders.id': [0x181, 0x182, 0x183, 0x188],
+    },
+    'calibrated': {
+        'rate': 200.0,
+        'encoders.node_id': [1, 2, 4, 9],
+        'encoders.id': [0x181, 0x182, 0x184, 0x189],
+    },
+}
+AS_BY_DEFAULT = {
+    'source': 'can',
+    'rate': 1000.0,
+    'can.interface': 'socketcan',
+    'can.channel': '0',
+    'can.bitrate': 500000,
+    'can.sync': 'consume',
+    'encoders.node_id': [1, 2, 3, 4],
+    'encoders.id': [0x181, 0x182, 0x183, 0x184],
+}
+# Defaults are no knowledge of the rig; a channel that looks like a number stays a text.
+ON_BUS = rig_lines.GivenBus('socketcan', '0', 500000, chosen=False)
+
+
+@pytest.mark.parametrize('name', RIGS)
+def test_the_lines_for_a_rig_are_of_what_was_heard(tmp_path, name):
+    path = tmp_path / 'rig.yaml'
+    lines = rig_lines.rig_lines(SCANS[name], EXPECTED.get(name, DEFAULT), ON_BUS)
+    path.write_text('\n'.join(lines))
+    assert read_parameters(path) == AS_BY_DEFAULT | RIGS[name]
+
+
+def test_joints_that_are_as_configured_keep_their_place(tmp_path):
+    chosen = replace(ON_BUS, channel='can0', bitrate=None, chosen=True)
+    lines = rig_lines.rig_lines(SCANS['calibrated'], EXPECTED['calibrated'], chosen)
+    assert lines == [
+        '/**:',
+        '  ros__parameters:',
+        '    source: can',
+        '    rate: 200.0',
+        '    can: {interface: "socketcan", channel: "can0", sync: consume}',
+        '    encoders:',
+        '      # joint_1a, joint_1b, joint_1c, joint_3a',
+        '      node_id: [4, 9, 2, 1]',
+        '      id: [0x184, 0x189, 0x182, 0x181]',
+    ]
+
+
+START = '; can_scan --start starts the nodes, and SYNC where no master makes it'
+
+
+@pytest.mark.parametrize(
+    ('name', 'words'),
+    [
+        ('no_frames', f'0 encoders were heard, expected 4 to 6{START}'),
+        ('no_node', f'3 encoders were heard, expected 4 to 6{START}'),
+        ('other_width', f'3 encoders were heard, expected 4 to 6{START}'),
+        ('every_kind', f'2 encoders were heard, expected 4 to 6{START}'),
+        ('many', f'7 encoders were heard, expected 4 to 6{START}'),
+        ('few', 'one encoder was heard, expected 4 to 6'),
+    ],
+)
+def test_too_few_or_many_encoders_have_no_lines(name, words):
+    assert rig_lines.rig_lines(SCANS[name], DEFAULT, ON_BUS) == [f'# none: {words}']
