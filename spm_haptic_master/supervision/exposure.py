@@ -15,6 +15,7 @@ from math import inf
 
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.parameters.fkm import Limits
+from spm_haptic_master.supervision.parity import WINDOW_SAMPLES
 from spm_haptic_master.supervision.symptom import Reason, Symptom, withheld
 
 CAUTION = 1.0  # s unchecked that are a caution: less is a moment on the way through a singularity
@@ -24,12 +25,14 @@ class Sight:
     """
     When each sensor was last within a limit for a window of consistent samples.
 
+    Where samples come slowly the window is longer: it has `WINDOW_SAMPLES`, as that of the parity.
+
     Parameters
     ----------
     sensors : int
         Number N of mounted sensors.
     window : int
-        Time without interruption after which it counts, ns.
+        Least time without interruption after which it counts, ns.
 
     Attributes
     ----------
@@ -40,27 +43,33 @@ class Sight:
 
     def __init__(self, sensors: int, window: int) -> None:
         self._window, self._sensors = window, sensors
-        # Stamps (ns): when each was last so for a window, and since when it is.
         self.last: list[int | None] = [None] * sensors
+        # Number of consistent samples so far.
+        self._samples = 0
         self.interrupt()
 
     def interrupt(self) -> None:
         """Begin the windows again: a sample was not consistent."""
-        self._visible: list[int | None] = [None] * self._sensors
+        # Stamp (ns) and number of the first consistent sample since which each is so.
+        self._visible: list[tuple[int, int] | None] = [None] * self._sensors
 
     def take(self, stamp: int, parts: list[float], limit: float) -> tuple[int, ...]:
         """Note the parts of a consistent sample, rad; return the sensors beyond the limit."""
         visible = self._visible
+        self._samples += 1
         hidden: tuple[int, ...] = ()
         for sensor, part in enumerate(parts):
             if part > limit:
                 visible[sensor] = None
                 hidden += (sensor,)
                 continue
-            since = visible[sensor]
-            if since is None:
-                visible[sensor] = stamp
-            elif stamp - since >= self._window:
+            first = visible[sensor]
+            if first is None:
+                visible[sensor] = stamp, self._samples
+                continue
+            began, number = first
+            is_window = self._samples - number + 1 >= WINDOW_SAMPLES
+            if is_window and stamp - began >= self._window:
                 self.last[sensor] = stamp
         return hidden
 
@@ -86,13 +95,16 @@ class Exposure:
 
     Attributes
     ----------
+    all : tuple of int
+        Every mounted sensor.
     hidden : tuple of int
-        Sensors that the latest consistent sample could not check; all before the first.
+        Sensors that the latest consistent sample could not check; all before the first, and after
+        a pause.
 
     """
 
     def __init__(self, sensors: int, window: float) -> None:
-        self.hidden: tuple[int, ...] = tuple(range(sensors))
+        self.all = tuple(range(sensors))
         self._checks = Sight(sensors, round(window * 1e9))
         # The same without the rivals from before a fault.
         self._sights = Sight(sensors, round(window * 1e9))
@@ -104,6 +116,7 @@ class Exposure:
         """Begin again after a pause of the samples; what was checked stays that long ago."""
         # Stamp (ns) of the first consistent sample since.
         self._began: int | None = None
+        self.hidden: tuple[int, ...] = self.all
         self.interrupt()
 
     def interrupt(self) -> None:

@@ -18,6 +18,7 @@ from typing import NamedTuple
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.supervision.exposure import Exposure
 from spm_haptic_master.supervision.joint_monitors import JointMonitors
+from spm_haptic_master.supervision.sample_clock import RESTART_GAP
 from spm_haptic_master.supervision.sensor_set import Sample
 from spm_haptic_master.supervision.sensors_in_use import SensorsInUse
 from spm_haptic_master.supervision.symptom import (
@@ -28,12 +29,23 @@ from spm_haptic_master.supervision.symptom import (
     worst,
 )
 
-# Consecutive bad samples that latch a fault; a shorter run only withholds them.
-FAULT_SAMPLES = 3
+# Bad samples in a row that latch a fault; a shorter run only withholds them. Samples that are only
+# withheld may stand between them, for so long (ns): motion from before a longer gap is of no use.
+FAULT_SAMPLES, RUN_GAP = 3, round(RESTART_GAP * 1e9)
 # Runs of bad samples that are a series, and consistent samples that end it.
 SERIES_RUNS, SERIES_END = 3, 100
 # Reasons that blame no sensor.
 UNBLAMED = frozenset((Reason.NO_FIT, Reason.UNPROTECTED, Reason.UNDETERMINED))
+# Reasons that a sensor which jumped explains.
+OF_A_JUMP = frozenset(
+    (
+        Reason.JUMPED,
+        Reason.INCONSISTENT,
+        Reason.NO_FIT,
+        Reason.DISCONTINUOUS,
+        Reason.OUT_OF_RANGE,
+    )
+)
 
 
 class Acknowledgement(NamedTuple):
@@ -68,9 +80,6 @@ class Fault:
         Whether two sensors may cancel in the parity, as it has one entry at most.
     jumped : dict of int to int
         Sensors that left their motion, with the number of the departure.
-    began_by_jump : bool
-        Whether sensors had left their motion when it was latched. A glitch that is added later
-        does not explain the fault, so it does not set this.
     agreed_from : int or None
         Stamp of the first of the latest consistent samples in a row, ns; None before. A sample
         that is only withheld ends the row as well.
@@ -85,7 +94,6 @@ class Fault:
     last_bad: int
     is_single_parity: bool
     jumped: dict[int, int] = field(default_factory=dict)
-    began_by_jump: bool = False
     agreed_from: int | None = None
     acknowledged: int | None = None
     waiting: tuple[int, ...] = ()
@@ -115,6 +123,21 @@ class Fault:
         )
 
 
+def _explains(jumped: Collection[int], symptoms: list[Symptom]) -> bool:
+    """
+    Whether sensors that left their motion alone explain all symptoms of a sample.
+
+    Not those of another sensor, nor a drift, which is a matter of many samples.
+    """
+    if not jumped:
+        return False
+    return all(
+        symptom.severity is Severity.WITHHOLD
+        or (symptom.reason in OF_A_JUMP and (symptom.sensor is None or symptom.sensor in jumped))
+        for symptom in symptoms
+    )
+
+
 def _names(sensors: Collection[int]) -> str:
     return ' and '.join(ALL_JOINT_NAMES[sensor] for sensor in sorted(sensors))
 
@@ -138,21 +161,28 @@ class FaultLatch:
         The latched one.
     clean : int
         Consistent samples since the latest bad one; those that are only withheld do not count.
+    latest : Symptom or None
+        Cause of the latest bad sample since a restart; None before.
     onset : int
-        Stamp of the first bad sample of the latest run without a fault, ns; 0 before.
+        Stamp of the first bad sample of the latest run without a fault, ns; 0 before. While a
+        fault is latched, that of the run with which it began.
 
     """
 
     def __init__(self, sensors: SensorsInUse, joints: JointMonitors, recovery: float) -> None:
         self._sensors, self._joints, self._recovery = sensors, joints, recovery
         self.fault: Fault | None = None
+        self.onset = 0
+        # Stamps (ns): the latest bad sample, and the latest that no jump explains.
+        self._last_bad = self._unexplained = 0
         self.restart()
 
     def restart(self) -> None:
         """Forget the samples; a fault stays latched."""
         self.clean = 0
-        # Consecutive bad samples, stamp of the first (ns), and runs of them.
-        self._bad = self.onset = self._runs = 0
+        self.latest: Symptom | None = None
+        # Bad samples in a row, and runs of them.
+        self._bad = self._runs = 0
         # Sensors that left their motion alone at the onset.
         self._alone: list[int] = []
         if self.fault is not None:
@@ -170,8 +200,9 @@ class FaultLatch:
             stamp,
             is_single_parity=self._sensors.used.entries < 2,
             jumped={sensor: self._joints.departure(sensor) for sensor in jumped},
-            began_by_jump=bool(jumped),
         )
+        if not jumped:
+            self._unexplained = stamp
 
     def acknowledge(self) -> Acknowledgement:
         """
@@ -186,7 +217,7 @@ class FaultLatch:
         if fault.needs_person:
             ended = f'{_names(fault.jumped)} jumped'
             fault.jumped.clear()
-            fault.began_by_jump = False
+            self._unexplained = fault.last_bad
             return Acknowledgement(ended, self._waits(fault))
         if fault.symptom.sensor is None and not fault.is_acknowledged:
             fault.acknowledged = fault.last_bad
@@ -212,9 +243,9 @@ class FaultLatch:
         Note a consistent sample at a stamp, ns; return whether the fault is over.
 
         Two sensors of a single parity that jumped wait for a person. Any other fault waits for the
-        recovery. After it, a fault that began by jumps is over if all of them returned to the
-        motion that they left, and one that a person acknowledged is over as well. Else the others
-        have to have checked each suspect since the latest bad sample.
+        recovery. After it, a fault of which jumps explain every bad sample is over if all of them
+        returned to the motion that they left, and one that a person acknowledged is over as well.
+        Else the others have to have checked each suspect since the latest bad sample.
         """
         fault = self.fault
         if fault is None:
@@ -228,7 +259,8 @@ class FaultLatch:
             fault.agreed_from = stamp
         if stamp - fault.agreed_from < round(self._recovery * 1e9):
             return False
-        if fault.is_acknowledged or (fault.began_by_jump and not fault.jumped):
+        is_explained = self._unexplained < self.onset
+        if fault.is_acknowledged or (is_explained and not fault.jumped):
             return True
         fault.waiting = tuple(
             sensor
@@ -277,32 +309,48 @@ class FaultLatch:
         """
         cause = worst(symptoms)
         if cause.severity is Severity.WITHHOLD:
-            if self.fault is not None:
-                self.fault.agreed_from = None
+            self.note_withheld()
             return None
-        used = self._sensors.used.sensors.used
-        if not self._bad:
+        self._count(sample.stamp, symptoms)
+        self.clean, self.latest = 0, cause
+        if self.fault is not None:
+            return self._widen(sample, symptoms)
+        if self._bad >= FAULT_SAMPLES or cause.severity is Severity.LATCH:
+            return self._latch_isolated(sample, symptoms, cause)
+        if self._sensors.used.entries > 1 and self.is_series:
+            return self._isolated(sample, symptoms)
+        return None
+
+    def note_withheld(self) -> None:
+        """Note a sample that is withheld and suspects no sensor: the recovery begins again."""
+        if self.fault is not None:
+            self.fault.agreed_from = None
+
+    def _count(self, stamp: int, symptoms: list[Symptom]) -> None:
+        """Count a bad sample at a stamp, ns, and a run of them that begins with it."""
+        alone = self._joints.alone(self._sensors.used.sensors.used)
+        if not self._bad or stamp - self._last_bad > RUN_GAP:
+            self._bad = 0
             if self.fault is None:
-                self.onset = sample.stamp
-            self._alone = self._joints.alone(used)
+                self.onset = stamp
+            self._alone = alone
             if any(symptom.sensor is None for symptom in symptoms):
                 self._runs += 1
         self._bad += 1
-        self.clean = 0
-        if self.fault is not None:
-            return self._widen(sample, symptoms)
-        lasts = self._bad >= FAULT_SAMPLES or cause.severity is Severity.LATCH
-        if not lasts and (self._sensors.used.entries < 2 or not self.is_series):
-            return None
+        self._last_bad = stamp
+        if not _explains(alone, symptoms):
+            self._unexplained = stamp
+
+    def _latch_isolated(
+        self, sample: Sample, symptoms: list[Symptom], cause: Symptom
+    ) -> int | None:
+        """Latch a fault of the sensor that the evidence isolates; return that, or None."""
         sensor = self._isolated(sample, symptoms)
-        if not lasts:
-            return sensor
         reason = cause.reason
         if cause.sensor is None and sensor in self._alone:
             reason = Reason.JUMPED
-        self.latch(
-            sample.stamp, cause._replace(reason=reason, sensor=sensor), self._joints.left(used)
-        )
+        left = self._joints.left(self._sensors.used.sensors.used)
+        self.latch(sample.stamp, cause._replace(reason=reason, sensor=sensor), left)
         return sensor
 
     def _widen(self, sample: Sample, symptoms: list[Symptom]) -> int | None:

@@ -161,9 +161,11 @@ class JointMonitors:
         it. A gap may hide whether it was a step: then it is a fault at once.
         """
         alone = self.alone(used, QUIET_SAMPLES)
-        if alone[0] not in hidden if len(alone) == 1 else len(used) != FOUR:
+        is_single = len(alone) == 1
+        is_seen = alone[0] not in hidden if is_single else len(used) != FOUR
+        if is_seen:
             return []
-        least = Step.SUSPECTED if is_gap or len(alone) == 1 else Step.CERTAIN
+        least = Step.SUSPECTED if is_gap or is_single else Step.CERTAIN
         if any(self._joints[sensor].step < least for sensor in alone):
             return []
         return [

@@ -61,7 +61,7 @@ class ParityWindow:
     def restart(self) -> None:
         """Forget the samples; the variance stays."""
         self._parities.clear()
-        self._x = self._y = self._z = 0.0
+        self._x = self._y = self._z = self._bias = 0.0
         self._since_summed = 0
         self.root = sqrt(WINDOW_SAMPLES)
 
@@ -70,6 +70,11 @@ class ParityWindow:
         """Return the mean parity vector of the window; zeros without samples."""
         count = len(self._parities) or 1
         return self._x / count, self._y / count, self._z / count
+
+    @property
+    def mean_bias(self) -> float:
+        """Return the mean of the biases that the samples of the window were allowed; or 0."""
+        return self._bias / (len(self._parities) or 1)
 
     def limit(self, noise: float, bias: float, samples: float = 1.0) -> float:
         """
@@ -129,16 +134,18 @@ class ParityWindow:
         parities = self._parities
         parities.append((stamp, x, y, z, bias))
         sum_x, sum_y, sum_z = self._x + x, self._y + y, self._z + z
+        sum_bias = self._bias + bias
         first = stamp - self._window
         while len(parities) > WINDOW_SAMPLES and parities[0][0] < first:
-            _, old_x, old_y, old_z, _ = parities.popleft()
+            _, old_x, old_y, old_z, old_bias = parities.popleft()
             sum_x, sum_y, sum_z = sum_x - old_x, sum_y - old_y, sum_z - old_z
-        self._x, self._y, self._z = sum_x, sum_y, sum_z
+            sum_bias -= old_bias
+        self._x, self._y, self._z, self._bias = sum_x, sum_y, sum_z, sum_bias
         self._since_summed += 1
         if self._since_summed >= SUMMED_SAMPLES:
             self._since_summed = 0
-            _, xs, ys, zs, _ = zip(*parities, strict=True)
-            self._x, self._y, self._z = sum(xs), sum(ys), sum(zs)
+            _, xs, ys, zs, biases = zip(*parities, strict=True)
+            self._x, self._y, self._z, self._bias = sum(xs), sum(ys), sum(zs), sum(biases)
         count = len(parities)
         self.root = sqrt(count if count > WINDOW_SAMPLES else WINDOW_SAMPLES)
         if count < FIRST_TOGETHER:
@@ -150,7 +157,7 @@ class ParityWindow:
         limit = self._threshold * noise / sqrt(count) + bias
         if not square <= limit * limit:
             # The nominal biases of a moving device may do less to this sample than to the others.
-            limit += max(part * sum(each[4] for each in parities) - bias, 0.0)
+            limit += max(self.mean_bias - bias, 0.0)
         if not square <= limit * limit:
             return Symptom(
                 Reason.DRIFTED,

@@ -51,7 +51,7 @@ class Integrity(NamedTuple):
     bias: float
     slopes: Sequence[float]
 
-    def levels(self, reach: float) -> list[float]:
+    def levels(self, reach: float, window_bias: float = 0.0) -> list[float]:
         """
         Return each sensor's part of the protection level, rad.
 
@@ -60,19 +60,23 @@ class Integrity(NamedTuple):
         reach : float
             Mean parity beyond which a fault is detected in all but 1e-7 of the cases, with the
             configured noise and without nominal bias, in standard deviations.
+        window_bias : float
+            Mean of `bias` over the samples of that mean parity, in standard deviations: where the
+            device slows down, its readings were later before, and hid a larger fault.
 
         Returns
         -------
         list of float
-            slope_i (reach noise + 2 bias) + healthy of each of the N sensors; infinite if
-            unchecked.
+            slope_i (reach noise + 2 bias) + healthy of each of the N sensors, with the larger of
+            the two biases; infinite if unchecked.
 
         """
-        healthy, _, noise, bias, slopes = self
-        moved = reach * noise + 2.0 * bias
+        bias = max(self.bias, window_bias)
+        moved = reach * self.noise + 2.0 * bias
+        healthy = self.healthy
         # A loop, because the call of a comprehension costs as much as three of its turns.
         parts = []
-        for slope in slopes:
+        for slope in self.slopes:
             parts.append(slope * moved + healthy)
         return parts
 
@@ -142,7 +146,10 @@ def integrity(
             variance += excess * turn * turn
             square += excess * move * move
     deviation = sqrt(variance)
-    # As Integrity(...) does, without its call.
-    return tuple.__new__(
-        Integrity, (MISSED_DETECTION * deviation + turned, deviation, sqrt(square), moved, slopes)
+    return Integrity(
+        healthy=MISSED_DETECTION * deviation + turned,
+        deviation=deviation,
+        noise=sqrt(square),
+        bias=moved,
+        slopes=slopes,
     )

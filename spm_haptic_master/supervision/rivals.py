@@ -23,7 +23,6 @@ the motion by Gauss-Newton without sensor i.
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import dataclass, replace
 from math import inf, pi, remainder
 from typing import NamedTuple
@@ -47,12 +46,11 @@ FRESH_PERIODS, FRESH_TIME = 2.5, 60_000_000
 SAME_TURN = 0.1
 # Turn of the platform (rad) after which rivals are computed anew.
 TRACKED_TURN = 0.02
-# Times in a row that a rival may not be found: noise alone can hide it where two solutions meet.
+# Times that a hypothesis is enumerated, or a rival not found in a row, before it is over: noise
+# alone can hide a solution near another one of the same sensors.
 MISSES = 3
 # Places from which the truth of one hypothesis may have left; with more it may be anywhere.
 WAITING = 4
-# Largest turn between two results of one rival (rad).
-SAME_RIVAL = 1e-3
 
 
 class Interval(NamedTuple):
@@ -119,7 +117,7 @@ class Rival:
     stuck : Interval
         Constant readings of the sensor, rad, that explain all samples since.
     misses : int
-        Times in a row that it was not found.
+        Times in a row that it was not found; of one that is lost, enumerations so far.
     at : tuple of four float, or None
         Published orientation for which it was computed last; None to compute it at once.
     healthy : float
@@ -220,9 +218,9 @@ class Rivals:
         self._limit = limit
         self._note_lost(here, parts, fresh)
         if self._rivals:
-            visible = [sensor for sensor in self._used if parts[sensor] < inf]
             self._note_gap(sample.stamp, fresh)
-            self._resolve(sample, here, parts, visible, fresh)
+            self._find_recent(sample, here, parts, fresh)
+            self._find_in_all(sample, here, parts)
             self._track(sample, here, parts)
             self._widen(here, parts)
         self._followed = sample.stamp
@@ -250,13 +248,22 @@ class Rivals:
 
     def place_without(self, sensor: int) -> Place | None:
         """
-        Return the latest orientation if it is the truth if a sensor is wrong; else None.
+        Return the latest orientation that is the truth if a sensor is wrong; else None.
 
-        A sensor with a rival, found or lost, may be wrong without that orientation being true.
+        A sensor with a rival, found or lost, may be wrong without that orientation being true. One
+        that is hidden may have drifted since: then it is the one with which it became hidden.
         """
         if any(rival.sensor == sensor for rival in self._rivals):
             return None
-        return self.last
+        began, last = self._hidden.get(sensor), self.last
+        if began is None or last is None or self._is_beside(last, began, sensor):
+            return last
+        return began
+
+    def _is_beside(self, here: Place, began: Place, sensor: int) -> bool:
+        """Whether the platform turned so little that the truth of a hypothesis stays beside it."""
+        turn = min(TRACKED_TURN, 0.25 * self._folds.distance(sensor))
+        return within(here.quaternion, began.quaternion, turn)
 
     def born_since(self, stamp: int) -> set[int]:
         """Return the sensors with a rival that was first found after a time, ns."""
@@ -296,25 +303,28 @@ class Rivals:
         for sensor in self._used:
             followed = self._sensors.followed_without(sensor)
             if followed is not None and followed != self._left.get(sensor):
-                # Where it could not be followed any more it is looked for once.
-                self._left[sensor] = followed
-                reach = min(parts[sensor], self._limit)
-                is_same = within(followed.quaternion, here.quaternion, reach)
-                if not is_same or followed.stamp < here.stamp:
-                    self._lose(sensor, followed)
+                self._note_followed(sensor, followed, here, parts[sensor])
             elif is_gap or turn > SAME_TURN:
                 self._lose(sensor, last)
             if parts[sensor] > self._limit:
                 self._hidden.setdefault(sensor, last)
-                continue
-            apart = self._folds.distance(sensor)
-            began = self._hidden.pop(sensor, None)
-            if began is not None and not within(
-                here.quaternion, began.quaternion, min(TRACKED_TURN, 0.25 * apart)
-            ):
-                self._lose(sensor, began)
-            elif turn > min(SAME_TURN, 0.5 * apart):
-                self._lose(sensor, last)
+            else:
+                self._note_seen(sensor, here, last, turn)
+
+    def _note_followed(self, sensor: int, followed: Place, here: Place, part: float) -> None:
+        """Note where the truth of a hypothesis is, as its trial followed it: it is there, once."""
+        self._left[sensor] = followed
+        is_same = within(followed.quaternion, here.quaternion, min(part, self._limit))
+        if not is_same or followed.stamp < here.stamp:
+            self._lose(sensor, followed)
+
+    def _note_seen(self, sensor: int, here: Place, last: Place, turn: float) -> None:
+        """Note a sensor that is not hidden: its truth may have left before, or by this turn."""
+        began = self._hidden.pop(sensor, None)
+        if began is not None and not self._is_beside(here, began, sensor):
+            self._lose(sensor, began)
+        elif turn > min(SAME_TURN, 0.5 * self._folds.distance(sensor)):
+            self._lose(sensor, last)
 
     def _stays(self, turn: float, parts: list[float]) -> bool:
         """Whether after such a turn (rad) the truth of every hypothesis stays where it was."""
@@ -352,52 +362,84 @@ class Rivals:
 
     # Finding them -------------------------------------------------------------------------------
 
-    def _resolve(
-        self,
-        sample: Sample,
-        here: Place,
-        parts: list[float],
-        visible: Collection[int],
-        fresh: int,
-    ) -> None:
-        """
-        Find what is lost: what was seen shortly before at once, else one sensor a sample.
-
-        All solutions of a set take tens of estimates. The other sensors wait, with an infinite
-        part.
-        """
-        for rival in self._waiting(visible, here):
+    def _find_recent(self, sample: Sample, here: Place, parts: list[float], fresh: int) -> None:
+        """Find what was seen shortly before, `fresh` ns at most: the solution next to it."""
+        for rival in self._waiting(here, parts):
             place = rival.place
-            if place is not None and here.stamp - place.stamp <= fresh:
-                solution = self._near(sample, rival.sensor, place)
-                if solution is not None:
-                    self._rivals.remove(rival)
-                    self._add(replace(rival), sample, here, solution, parts)
-        waiting = self._waiting(visible, here)
+            if place is None or here.stamp - place.stamp > fresh:
+                continue
+            solution = self._near(sample, rival.sensor, place)
+            if solution is not None:
+                self._rivals.remove(rival)
+                self._add(replace(rival), sample, here, solution, parts)
+
+    def _find_in_all(self, sample: Sample, here: Place, parts: list[float]) -> None:
+        """
+        Find what else is lost, of one sensor a sample, in all solutions of the others.
+
+        They take tens of estimates. The other sensors wait, with an infinite part.
+        """
+        waiting = self._waiting(here, parts)
         if not waiting:
             return
         sensor = waiting[0].sensor
         others = self._sensors.one_less(sensor)
         solutions = [] if others is None else others.every(sample)
         for rival in waiting:
-            if rival.sensor != sensor:
-                continue
-            found = [each for each in solutions if self._in_reach(sample, rival.place, each)]
-            rival.at, rival.misses = here.quaternion, rival.misses + 1
-            if found or rival.misses >= MISSES or not rival.born:
-                self._rivals.remove(rival)
-            for solution in found:
-                self._add(replace(rival), sample, here, solution, parts)
+            if rival.sensor == sensor:
+                self._find_among(rival, solutions, sample, here, parts)
 
-    def _waiting(self, visible: Collection[int], here: Place) -> list[Rival]:
-        """Return the rivals to be found now: not again before the platform has moved."""
-        return [
-            rival
-            for rival in self._rivals
-            if not rival.found
-            and rival.sensor in visible
-            and (rival.at is None or not within(rival.at, here.quaternion, TRACKED_TURN))
-        ]
+    def _find_among(
+        self,
+        rival: Rival,
+        solutions: list[SampleEstimate],
+        sample: Sample,
+        here: Place,
+        parts: list[float],
+    ) -> None:
+        """
+        Add the solutions in reach of a lost rival; it is over once that is certain.
+
+        One that had been found is over with a solution, or after `MISSES` places of the platform.
+        Any other is looked for in one sample after another, see `_looks`.
+        """
+        reached = [each for each in solutions if self._in_reach(sample, rival.place, each)]
+        rival.misses += 1
+        if rival.born:
+            rival.at = here.quaternion
+            is_over = bool(reached) or rival.misses >= MISSES
+        else:
+            is_over = rival.misses >= self._looks(rival, sample)
+        if is_over:
+            self._rivals.remove(rival)
+        for solution in reached:
+            self._add(replace(rival), sample, here, solution, parts)
+
+    def _looks(self, rival: Rival, sample: Sample) -> int:
+        """
+        Return in how many samples a hypothesis that was never found is looked for.
+
+        Noise can hide a solution of three sensors that is near another one of them: they are
+        complex then. More sensors have no such pairs. Within `SAME_TURN` there are no other
+        solutions, but behind a fold, which the part of the sensor allows for.
+        """
+        place = rival.place
+        is_near = place is not None and self._speed * sample.since(place.stamp) <= SAME_TURN
+        return 1 if is_near or self._sensors.used.entries > 1 else MISSES
+
+    def _waiting(self, here: Place, parts: list[float]) -> list[Rival]:
+        """
+        Return the rivals to be found now: not again before the platform has moved.
+
+        Where no fault of a sensor is detected its rivals wait.
+        """
+        return [rival for rival in self._rivals if self._is_due(rival, here, parts)]
+
+    def _is_due(self, rival: Rival, here: Place, parts: list[float]) -> bool:
+        """Whether a rival is to be found with this sample."""
+        if rival.found or parts[rival.sensor] == inf:
+            return False
+        return rival.at is None or not within(rival.at, here.quaternion, TRACKED_TURN)
 
     def _near(self, sample: Sample, sensor: int, place: Place) -> SampleEstimate | None:
         """Return the solution without a sensor that continues a place."""
@@ -431,13 +473,22 @@ class Rivals:
             return
         rival.found, rival.misses = True, 0
         rival.born = rival.born or here.stamp
+        same = self._same(rival, solution)
+        if same is None:
+            self._rivals.append(rival)
+        else:
+            same.offset = same.offset.joined(rival.offset)
+            same.stuck = same.stuck.joined(rival.stuck)
+
+    def _same(self, rival: Rival, solution: SampleEstimate) -> Rival | None:
+        """Return the rival that was found before where a solution is, but for noise; else None."""
+        turn = TURN_DEVIATIONS * total_deviation(solution)
         for other in self._rivals:
-            if other.sensor == rival.sensor and other.found and other.place is not None:
-                if within(other.place.quaternion, solution.quaternion, SAME_RIVAL):
-                    other.offset = other.offset.joined(rival.offset)
-                    other.stuck = other.stuck.joined(rival.stuck)
-                    return
-        self._rivals.append(rival)
+            if other.sensor != rival.sensor or not other.found or other.place is None:
+                continue
+            if within(other.place.quaternion, solution.quaternion, turn):
+                return other
+        return None
 
     def _place(self, rival: Rival, sample: Sample, here: Place, solution: SampleEstimate) -> None:
         """

@@ -94,7 +94,7 @@ class SampleClock:
         """
         Take a stamp in; return what it says.
 
-        The first one after a clock that was set back continues `now`.
+        The first one after a clock that was set back continues `now`, `LEAST_PERIOD` later.
 
         Parameters
         ----------
@@ -109,7 +109,7 @@ class SampleClock:
         """
         if self._stamp is None:
             if self._offset:
-                self._offset -= stamp
+                self._offset += round(LEAST_PERIOD * 1e9) - stamp
             self._stamp = stamp
             return Tick(0.0)
         elapsed = (stamp - self._stamp) * 1e-9
@@ -149,12 +149,14 @@ class SampleClock:
         Return the time between the samplings of two samples, s.
 
         Samples that waited for each other have stamps one shortly after the other, behind a gap:
-        they were sampled a period apart.
+        they were sampled a period apart. The burst is over with the first usual distance.
         """
         period = self.period
         if elapsed > JITTER_SHARE * period:
             self._late = elapsed - period
-        elif elapsed < BURST_SHARE * period and self._late >= period - elapsed:
+        elif elapsed >= BURST_SHARE * period:
+            self._late = 0.0
+        elif self._late >= period - elapsed:
             self._late -= period - elapsed
             return period
         return elapsed

@@ -403,7 +403,7 @@ class SensorSet:
 
     def levels(self, worth: Integrity) -> list[float]:
         """Return each mounted sensor's part of the protection level, rad; inf if unchecked."""
-        return worth.levels(self.reach)
+        return worth.levels(self.reach, self._window.mean_bias)
 
     def noise_bounds(self) -> list[float]:
         """

@@ -215,6 +215,20 @@ class SensorsInUse:
             and trial.passes(stamp, onset, self._limits.window)
         ]
 
+    @property
+    def are_all_tested(self) -> bool:
+        """
+        Whether each sensor in use is left out by a trial that can agree.
+
+        Not one that may have drifted while it was hidden. One with a rival counts: it was wrong at
+        the start or after a gap, or it is not.
+        """
+        base = set(self.distrusted)
+        trials = [
+            self._trials.get(tuple(sorted({*base, sensor}))) for sensor in self.used.sensors.used
+        ]
+        return all(trial is not None and trial.can_agree for trial in trials)
+
     def exclude(self, sensor: int) -> None:
         """Leave a faulty sensor out."""
         self.distrusted[sensor] = Distrust('excluded', self._limits.recovery)

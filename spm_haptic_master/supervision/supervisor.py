@@ -37,6 +37,8 @@ from spm_haptic_master.supervision.trial import Place
 
 GAP_PERIODS = 5.0  # periods without a sample after which fast motion and a step look alike
 NOISE_PERIOD = 16  # samples between two evaluations of the noise
+# s beyond the periods of `start_samples` after which bad samples are no part of the start.
+START_TIME = 1.0
 # What `state` says of a series of bad samples while the others go out.
 SERIES = 'inconsistent angles again and again'
 
@@ -85,11 +87,11 @@ class Supervisor:
         Largest protection level of an orientation that is published, rad. It may be changed
         between two samples.
     parity : float or None
-        Parity of the latest sample that has one, in standard deviations; None before the first.
-        Three sensors have none: the last one then stays.
+        Parity of the latest sample, in standard deviations; None if that has none, as of three
+        sensors.
     parts : list of float, length N
-        Parts of the protection level of the latest consistent sample, rad: what an undetected
-        fault of each sensor is bounded by. Infinite before the first, and where nothing bounds it.
+        Parts of the protection level of the latest sample, rad: what an undetected fault of each
+        sensor is bounded by. Infinite where nothing bounds it, or the sample is not consistent.
     joints : JointMonitors
         Each joint by itself; has the noise as measured.
     latch : FaultLatch
@@ -108,7 +110,10 @@ class Supervisor:
         self.latch = FaultLatch(self._sensors, self.joints, limits.recovery)
         self._state = StateMachine()
         self.parity: float | None = None
-        self.parts = [inf] * len(sigma)
+        self._unknown = [inf] * len(sigma)
+        self.parts = self._unknown
+        # Number of the sample at which the noise was evaluated last.
+        self._noise_sample = 0
         # Stamp (ns) of the latest sample whose orientation the sensors did not determine.
         self._undetermined: int | None = None
         # Orientation published last, and its readings (rad).
@@ -140,6 +145,8 @@ class Supervisor:
 
         """
         clock = self._clock
+        self.parity = None
+        self.parts = self._unknown
         tick = clock.step(stamp)
         if tick.is_old:
             if tick.restarts:
@@ -200,12 +207,14 @@ class Supervisor:
         """
         Evaluate the joints' noise every `NOISE_PERIOD` samples; add the sensor that is too noisy.
 
-        Noise alone is a symptom only if the others can go on without that sensor. Otherwise it
-        raises the protection level.
+        It waits for a sample behind one with an orientation, which says how much noise the parity
+        allows. Noise alone is a symptom only if the others can go on without that sensor.
+        Otherwise it raises the protection level.
         """
-        if self.joints.samples % NOISE_PERIOD:
-            return
         used = self._sensors.used
+        if self.joints.samples - self._noise_sample < NOISE_PERIOD or used.estimate is None:
+            return
+        self._noise_sample = self.joints.samples
         self.joints.follow_noise(used.noise_bounds)
         noisy = used.too_noisy(sample)
         if noisy is not None and used.entries > 1 and self._may_exclude():
@@ -220,10 +229,10 @@ class Supervisor:
         """
         used = self._sensors.used
         symptom = used.take(sample)
+        if used.estimate is not None:
+            self.parity = used.estimate.parity
         if symptom is None:
             symptom = self._continued(sample, used)
-        elif used.estimate is not None:
-            self.parity = used.estimate.parity or self.parity
         if symptom is None:
             return
         last = self._undetermined
@@ -250,8 +259,6 @@ class Supervisor:
         estimate, worth = used.estimate, used.worth
         if estimate is None or worth is None:
             return None
-        if estimate.parity is not None:
-            self.parity = estimate.parity
         symptom = self._anchor.check(
             sample.stamp, sample.period, estimate.quaternion, worth.deviation
         )
@@ -296,10 +303,18 @@ class Supervisor:
         if self.latch.fault is not None and sensors.exchange(sample.stamp):
             return self._taken_over(sample, tick)
         self._exposure.interrupt()
+        self.parts = self._unknown
         return self._withhold(worst(symptoms))
 
     def _passes(self, sample: Sample, sensor: int) -> bool:
-        """Whether the others have passed their trial without a sensor."""
+        """
+        Whether the others have passed their trial without a sensor.
+
+        Three always agree: they may go on only if no other sensor can have been wrong before,
+        unseen.
+        """
+        if self._sensors.used.entries < 2 and not self._sensors.are_all_tested:
+            return False
         return sensor in self._sensors.passing(sample.stamp, self.latch.onset)
 
     def _taken_over(self, sample: Sample, tick: Tick) -> Verdict:
@@ -328,9 +343,9 @@ class Supervisor:
         """
         used, stamp = self._sensors.used, sample.stamp
         estimate, worth = used.estimate, used.worth
-        self.latch.note_consistent()
         if estimate is None or worth is None or not estimate.determined:
             return self._undetermine(sample)
+        self.latch.note_consistent()
         quaternion = self._anchor.follow(stamp, estimate.quaternion, worth.deviation)
         if self._anchor.stamp is None or worth.deviation > self._limits.deviation:
             self._undetermined = stamp
@@ -385,10 +400,12 @@ class Supervisor:
     def _undetermine(self, sample: Sample) -> Verdict:
         """Withhold an orientation that the sensors do not determine."""
         self._undetermined = sample.stamp
+        self.latch.note_withheld()
         self._anchor.restart()
         self._exposure.interrupt()
         self._rivals.withheld(sample)
         self._sensors.try_others(sample, self._rivals.place_without, self._fresh)
+        self.parts = self._unknown
         detail = f'standard deviation above {DETERMINED_DEVIATION:g} rad'
         return self._withhold(withheld(Reason.UNDETERMINED, detail))
 
@@ -424,8 +441,21 @@ class Supervisor:
 
     def _withhold(self, cause: Symptom | None) -> Verdict:
         """Return the verdict of a sample that is not published, and let the state follow."""
-        self._state.enter(self._clock.now, self.latch.words, cause, '')
+        self._state.enter(self._clock.now, self.latch.words or self._interruption(), cause, '')
         return Verdict(self._state.announced, None, inf, cause)
+
+    def _interruption(self) -> str:
+        """
+        Return what keeps interrupting the samples before the first orientation, in words.
+
+        Empty if nothing does, or not for longer than `START_TIME` and the samples of a start.
+        """
+        latest, since, first = self.latch.latest, self._state.since, self._limits.start_samples
+        if latest is None or since is None or self._state.published is not None:
+            return ''
+        longest = START_TIME + first * self._clock.period
+        is_start = (self._clock.now - since) * 1e-9 <= longest
+        return '' if is_start or self.latch.clean >= first else latest.words
 
     def _restart(self) -> None:
         """
@@ -435,6 +465,7 @@ class Supervisor:
         on.
         """
         self._undetermined = None
+        self._hidden = self._exposure.all
         for part in (
             self._state,
             self.latch,

@@ -56,6 +56,8 @@ class Trial:
         The set, with its estimate of the latest sample.
     place : Place or None
         Where the platform was when the set last agreed; None if that is not known.
+    can_agree : bool
+        Whether samples can show that the set agrees. Three sensors cannot if the place is old.
 
     """
 
@@ -63,6 +65,7 @@ class Trial:
         self.set, self.place = sensor_set, place
         # Stamp (ns) since when it has agreed in every sample, and their number.
         self._since, self._samples = since, 0
+        self.can_agree = sensor_set.entries > 0 or since is not None or place is None
         sensor_set.restart()
 
     def follow(self, sample: Sample, speed: float) -> bool:

@@ -11,7 +11,8 @@ from device import about, encoders, every, joint_angles, MS, offset, Outcome, pa
 import numpy as np
 import pytest
 from rig import few, Rig
-from spm_haptic_master.kinematics import forward_all, workspace_pose
+from spm_haptic_master.kinematics import forward_all, quaternion_from_matrix, workspace_pose
+from spm_haptic_master.kinematics.rotations import rotation_distance
 
 FINE = {'sigma_deg': [0.006] * 4, 'bias_deg': [0.01] * 4}
 
@@ -292,6 +293,60 @@ def test_s6_stamps_that_go_back_are_silence_within_20_ms(rate):
     for index in range(1, 2 + int(20.0 / period)):
         rig.sample(stamp=back + round(index * period * MS))
     assert rig.state != 'healthy'
+
+
+# One look, and what was hidden ------------------------------------------------------------------
+
+
+def test_a_solution_that_noise_hides_once_is_found_with_the_next_sample():
+    """A hypothesis was over after one look, and its sensor checked for good."""
+    rig = Rig(pose=(0.0, 0.0, 20.0), healthy=False, alert_limit_deg=2.0)
+    sensors = rig.supervisor._sensors
+    without_th3a = sensors.without(3)
+    every = without_th3a.every
+    looks = []
+
+    def hidden_once(sample):
+        """Return all orientations, but for the first time only that of the platform."""
+        looks.append(sample.stamp)
+        here = sensors.used.estimate.quaternion
+        return [
+            each
+            for each in every(sample)
+            if len(looks) > 1 or rotation_distance(each.quaternion, here) < 0.1
+        ]
+
+    without_th3a.every = hidden_once
+    rig.samples(100)
+    assert np.isinf(rig.supervisor.unchecked()[3])
+    assert np.isfinite(rig.supervisor.parts[3]) and rig.supervisor.parts[3] > np.radians(20.0)
+    assert len(looks) == 3
+
+
+def test_a_hidden_sensor_that_drifted_is_followed_from_before_it_was_hidden():
+    """The trial without it began at the orientation that its own drift had made."""
+    rig = Rig(pose=(0.0, 0.0, SINGULAR - 20.0))
+    rivals = rig.supervisor._rivals
+    before = rivals.last
+    assert rivals.place_without(3) == before
+    rivals._hidden[3] = before
+    moved = quaternion_from_matrix(workspace_pose(0.0, 0.0, 0.6))
+    rivals.last = before._replace(quaternion=tuple(moved.tolist()))
+    assert rivals.place_without(3) == before
+    assert rivals.place_without(0) == rivals.last
+
+
+def test_of_four_none_is_excluded_while_another_may_have_drifted_unseen():
+    """th3A drifts at the singularity, then th1A is shaken: without th1A it was 4 deg off."""
+    phi = np.concatenate([to_and_fro(SINGULAR - 12.0, 8.0, 400, 200), np.full(900, SINGULAR)])
+    phi[600:900] = np.linspace(SINGULAR - 12.0, SINGULAR, 300)
+
+    def drift(angles):
+        angles[900:, 3] += np.radians(4.0) * np.minimum(2e-3 * np.arange(len(angles) - 900), 1.0)
+        angles[1450:1460, 0] += np.radians(3.0)
+
+    found = run(at(phi), change=drift, degraded='allow')
+    assert not any('joint_1a excluded' in text for text in found.states)
 
 
 # Poses and offsets, deg, of a sensor of five with which four angles fit another orientation.

@@ -42,10 +42,11 @@ def test_what_is_published_is_what_the_supervisor_returns_and_the_rest_is_no_num
         assert np.isnan(values[:4]).all() and np.isfinite(values[4:]).all()
     true = quaternion_from_matrix(motion('rest', 0.06))
     assert np.abs((found.quaternion * true).sum(1))[4:].min() > np.cos(np.radians(0.2))
-    # th1A and th1B have no rival here; th3A always has one, until the device has turned.
+    # th1A and th1B have no rival here, which takes three samples each; th3A always has one, until
+    # the device has turned.
     assert found.unchecked.shape == (60, 4)
     assert np.isinf(found.unchecked[-1]).tolist() == [False, False, True, True]
-    assert found.bounds.shape == (60, 4) and (found.bounds[4:, :2] < 1.1).all()
+    assert found.bounds.shape == (60, 4) and (found.bounds[6:, :2] < 1.1).all()
     # An unchecked sensor's fault is bounded by the distance of its rival.
     assert (found.bounds[-1, 2:] > 20.0).all() and np.isfinite(found.bounds[-1]).all()
 
