@@ -143,7 +143,7 @@ def test_messages_of_a_page_are_those_of_the_code(page, heading, rooms):
 
 def test_each_topic_and_each_reason_of_silence_is_in_its_page():
     recordings = ''.join(map(text_of, sorted((ROOT / 'test' / 'data' / 'sessions').glob('*.txt'))))
-    topics = set(re.findall(r'^([\w/]+): \d+$', recordings, re.MULTILINE))
+    topics = set(re.findall(r'^topic ([\w/]+)$', recordings, re.MULTILINE))
     pages = ''.join(
         text_of(ROOT / 'docs' / name) for name in ('interfaces.md', 'slave.md', 'diagnostics.md')
     )

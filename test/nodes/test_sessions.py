@@ -4,7 +4,8 @@
 """
 A device with its slave and its pedals in one process: what it publishes, logs and shows.
 
-To record a session anew, delete its file in test/data/sessions and run its test.
+The recordings in test/data/sessions have each change of a state, each line of the log and all
+topics. To record a session anew, delete its file and run its test.
 """
 
 from contextlib import contextmanager
@@ -21,6 +22,7 @@ import rclpy
 from rclpy.task import Future
 from recorded_text import assert_recorded
 from sensor_msgs.msg import Joy
+from spm_haptic_master.kinematics import matrix_from_quaternion
 from spm_haptic_master.kinematics.rotations import rotation_distance
 from spm_haptic_master.nodes import master
 from spm_haptic_master.nodes.console import Console
@@ -77,66 +79,30 @@ class Device:
         found.sort(key=lambda event: event[0])
         return [f'{time:.1f} {topic}: {text}' for time, topic, text in found]
 
-    def values(self, topic, at):
-        """Return the last message of a topic before a time, one value a line, without stamps."""
-        times = self.times(topic)
-        count = np.searchsorted(times, at)
-        message = self.host.sent[topic][int(count) - 1]
-        return [
-            f'{at:.1f} {topic}{name}: {value}'
-            for name, value in fields(message)
-            if name != '.stamp'
-        ]
+    def last(self, topic, at):
+        """Return the last message of a topic before a time, s."""
+        count = np.searchsorted(self.times(topic), at)
+        return self.host.sent[topic][int(count) - 1]
 
-    def counts(self):
-        """Return each topic with the number of its messages, one a line."""
-        return [
-            f'{topic}: {len(messages)}'
-            for topic, messages in sorted(self.host.sent.items())
-            if topic != '/parameter_events'
-        ]
+    def topics(self):
+        """Return the topics with a message, one a line."""
+        sent = self.host.sent
+        return [f'topic {name}' for name in sorted(sent) if name != '/parameter_events']
 
-    def entries(self, at, end):
-        """Return the entries before a time whose name ends so, one value a line."""
+    def entries(self, at):
+        """Return the entries on /diagnostics before a time, s, by name, as text by key."""
         latest = {}
         for time, array in zip(
             self.times('/diagnostics'), self.host.sent['/diagnostics'], strict=True
         ):
             for status in array.status:
-                if time < at and status.name.endswith(end):
-                    latest[status.name] = status
-        return [
-            f'{at:.1f} {name}, {key}: {value}'
-            for name, status in sorted(latest.items())
-            for key, value in (
-                ('level', int.from_bytes(status.level, 'little')),
-                ('message', status.message),
-                *((entry.key, entry.value) for entry in status.values),
-            )
-        ]
-
-
-def fields(value, name=''):
-    """Yield name and value of each field of a message that is no message itself."""
-    if hasattr(value, 'get_fields_and_field_types'):
-        for field in value.get_fields_and_field_types():
-            if field != 'stamp':
-                yield from fields(getattr(value, field), f'{name}.{field}')
-    elif isinstance(value, (str, bool, int)):
-        if value != '':
-            yield name, value
-    elif isinstance(value, float):
-        yield name, f'{value:.5g}'
-    else:
-        numbers = list(value)
-        is_flat = all(isinstance(each, (str, float)) for each in numbers)
-        if is_flat and numbers:
-            yield (
-                name,
-                ' '.join(each if isinstance(each, str) else f'{each:.5g}' for each in numbers),
-            )
-        for number, each in enumerate([] if is_flat else numbers):
-            yield from fields(each, f'{name}[{number}]')
+                if time < at:
+                    latest[status.name] = {
+                        'level': int.from_bytes(status.level, 'little'),
+                        'message': status.message,
+                        **{entry.key: entry.value for entry in status.values},
+                    }
+        return latest
 
 
 def example(name):
@@ -215,33 +181,7 @@ SETTINGS = {
 }
 
 
-# Topics of which one message is recorded, in the middle of the session: the slave follows.
-SOME = {
-    'four': (
-        'orientation',
-        'measured_cp',
-        'measured_cv',
-        'pose_with_covariance',
-        'protection_level',
-        'dexterity',
-        'joint_states',
-        'measured_js',
-        'readings',
-        'crtk/measured_js',
-        'setpoint_cp',
-        'servo_cp',
-        'slave/measured_cp',
-        'delta_twist_cmds',
-        'gripper/measured_js',
-        'ground_truth/orientation',
-        'presence',
-        'clutch',
-        'enabled_at',
-    ),
-    'six': ('measured_js', 'protection_level', 'dexterity'),
-}
-# Entries on /diagnostics that are recorded, by the end of their name; of six what differs.
-ENTRIES = {'four': '', 'six': 'fkm: orientation'}
+# A time at which the slave follows (s).
 MIDDLE = 2.8
 # Rates of topics while the device is healthy and the slave follows (Hz).
 HEALTHY = (2.6, 3.0)
@@ -255,6 +195,182 @@ RATES = {
     'crtk/measured_js': 20.0,
     'slave/measured_cp': 50.0,
 }
+
+
+def quaternion(message):
+    """Return the quaternion of a message x, y, z, w, whatever it is in."""
+    inner = getattr(message, 'pose', message)
+    inner = getattr(inner, 'pose', inner)
+    q = inner.quaternion if hasattr(inner, 'quaternion') else inner.orientation
+    return np.array([q.x, q.y, q.z, q.w])
+
+
+def matrix(message):
+    """Return the rotation matrix of a message with an orientation."""
+    return matrix_from_quaternion(quaternion(message))
+
+
+def turn(axis, degrees):
+    """Return the rotation matrix of a turn about x or z, deg."""
+    c = np.cos(np.radians(degrees))
+    s = np.sin(np.radians(degrees))
+    if axis == 'z':
+        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+
+
+def angle_deg(first, second):
+    """Return the angle between the orientations of two messages, deg."""
+    return np.degrees(rotation_distance(quaternion(first), quaternion(second)))
+
+
+FRAMES = {
+    'table': (
+        *('orientation', 'measured_cp', 'measured_cv', 'pose_with_covariance', 'setpoint_cp'),
+        *('crtk/measured_js', 'gripper/measured_js'),
+    ),
+    'spm_base': ('measured_js', 'readings'),
+    'slave_base': ('servo_cp', 'slave/measured_cp', 'delta_twist_cmds'),
+    'rig_base': ('ground_truth/orientation',),
+}
+NINE = [f'joint_{number}{leg}' for leg in 'abc' for number in '123']
+FOUR = ['joint_1a', 'joint_1b', 'joint_1c', 'joint_3a']
+
+
+def check_messages_of_four(rig):
+    """Check what each topic has while the slave follows."""
+
+    def last(topic):
+        return rig.last(topic, MIDDLE)
+
+    for frame, topics in FRAMES.items():
+        for topic in topics:
+            assert last(topic).header.frame_id == frame, topic
+    # The mounting of SETTINGS: base on table.
+    true = turn('z', 30.0) @ turn('x', 40.0) @ turn('z', -70.0)
+    true = true @ matrix(last('ground_truth/orientation'))
+    found = last('orientation')
+    np.testing.assert_allclose(matrix(found), true, atol=np.radians(0.1))
+    assert angle_deg(found, last('pose_with_covariance')) == 0.0
+    # A rate of 20 Hz: as old as 50 ms.
+    assert angle_deg(found, last('measured_cp')) < 0.5
+    assert angle_deg(last('measured_cp'), last('setpoint_cp')) == 0.0
+    assert angle_deg(last('servo_cp'), last('slave/measured_cp')) < 0.5
+    covariance = np.reshape(last('pose_with_covariance').pose.covariance, (6, 6))
+    assert not covariance[:3].any()
+    np.testing.assert_allclose(covariance, covariance.T, rtol=1e-12)
+    sigmas = np.degrees(np.sqrt(np.diag(covariance)[3:]))
+    assert (sigmas > 0.01).all() and (sigmas < 0.05).all()
+    # Angular velocity in the frame of the pose, of one tenth of a second.
+    before, after = (matrix(rig.last('orientation', MIDDLE + shift)) for shift in (-0.05, 0.05))
+    rate = (after @ before.T - before @ after.T) / (2.0 * 0.1)
+    speed = np.array([rate[2, 1], rate[0, 2], rate[1, 0]])
+    np.testing.assert_allclose(components(last('measured_cv').twist.angular), speed, atol=0.05)
+    assert components(last('measured_cv').twist.linear) == (0.0, 0.0, 0.0)
+    given = np.linalg.norm(components(last('delta_twist_cmds').twist.angular))
+    assert given == pytest.approx(np.linalg.norm(speed), rel=0.3)
+    for topic in ('measured_js', 'readings', 'crtk/measured_js'):
+        assert last(topic).name == FOUR
+    assert last('joint_states').name == NINE
+    positions = dict(zip(NINE, last('joint_states').position, strict=True))
+    measured = [positions[name] for name in FOUR]
+    for topic in ('measured_js', 'readings', 'crtk/measured_js'):
+        np.testing.assert_allclose(last(topic).position, measured, atol=np.radians(0.3))
+    # Half of the way from 0 to 90 deg.
+    assert last('gripper/measured_js').name == ['gripper']
+    assert last('gripper/measured_js').position[0] == pytest.approx(np.pi / 4)
+    assert list(last('presence').buttons) == [1] and list(last('clutch').buttons) == [0]
+    assert last('enabled_at').data == pytest.approx(ENABLED_AT, abs=50_000_000)
+
+
+# The command `enable` of the session, ns.
+ENABLED_AT = 1_800_000_000_900_000_000
+
+
+def check_levels(rig, names):
+    """Check protection level and dexterity, with sensors that are all checked."""
+    level = rig.last('protection_level', MIDDLE)
+    joints = len(names)
+    labels = [
+        'protection_level_deg',
+        *(f'unchecked_{name}_s' for name in names),
+        *(f'bound_{name}_deg' for name in names),
+    ]
+    dimension = level.layout.dim[0]
+    assert dimension.label == ', '.join(labels)
+    assert (dimension.size, dimension.stride, len(level.data)) == (len(labels),) * 3
+    assert list(level.data[1 : 1 + joints]) == [0.0] * joints
+    assert level.data[0] == max(level.data[1 + joints :])
+    assert 0.2 < level.data[0] < 2.0
+    three, every = rig.last('dexterity', MIDDLE).data
+    assert 0.0 < three < every < 1.0
+    further = ' '.join(f'th{name[-2:].upper()}' for name in names[3:])
+    assert rig.last('dexterity', MIDDLE).layout.dim[0].label == (
+        f'dexterity of 3 sensors (th1A th1B th1C), of {joints} sensors (+ {further})'
+    )
+
+
+MESSAGES = {
+    'diagnostics: singularity': 'clear of singularities',
+    'encoder_driver: encoders': 'publishing [sim]',
+    'fkm: orientation': 'healthy',
+    'fkm: timing': 'in time',
+    'presence: pedals': 'pressed',
+    'sim_slave: tracking': 'following',
+    'teleop: teleop': 'engaged',
+}
+
+
+def check_entries(rig, names, mounting):
+    """Check the entries on /diagnostics: all is well, and their values."""
+    entries = rig.entries(MIDDLE)
+    assert {name: entry['message'] for name, entry in entries.items()} == MESSAGES
+    assert {entry['level'] for entry in entries.values()} == {0}
+    mechanisms = [entry['mechanism'] for entry in entries.values() if 'mechanism' in entry]
+    assert len(mechanisms) == 3 and len(set(mechanisms)) == 1
+    orientation = entries['fkm: orientation']
+    expected = {
+        'mounting': mounting,
+        'sample rate (Hz)': '100',
+        'samples rejected': '4',
+        'rejected: starting': '4',
+        'last rejected': 'starting: 4 consistent samples of 5',
+        'calibration: samples not accepted': '0',
+        **{f'{name} unchecked (s)': '0' for name in names},
+    }
+    assert expected.items() <= orientation.items()
+    # Noise of 0.02 deg, of an encoder with 0.022 deg a count.
+    for name in names:
+        assert 0.02 < float(orientation[f'{name} noise (deg)']) < 0.05
+    assert entries['encoder_driver: encoders']['joints missing'] == 'none'
+    assert entries['encoder_driver: encoders']['directions not verified'] == 'none'
+    assert entries['diagnostics: singularity']['sensors left out'] == 'none'
+    timing = entries['fkm: timing']
+    assert timing['orientation rate (Hz)'] == '100' and timing['missed deadlines'] == '0'
+    assert abs(float(timing['parity mean (sigma)'])) < 1.0
+    assert 0.2 < float(timing['parity deviation (sigma)']) < 1.5
+    teleop = entries['teleop: teleop']
+    assert teleop['engaged or clutched off (times)'] == '2'
+    assert teleop['disengaged last by'] == 'nothing' and teleop['stale orientations'] == '0'
+    assert float(entries['sim_slave: tracking']['tracking error (deg)']) < 0.5
+
+
+def check_four(rig):
+    """Check the session of four sensors where the slave follows."""
+    check_messages_of_four(rig)
+    check_levels(rig, FOUR)
+    check_entries(rig, FOUR, 'spm_base on table (not on /tf_static: no tf2_msgs)')
+
+
+def check_six(rig):
+    """Check the session of six sensors where the slave follows."""
+    names = [*FOUR, 'joint_3b', 'joint_3c']
+    assert rig.last('measured_js', MIDDLE).name == names
+    check_levels(rig, names)
+    check_entries(rig, names, 'spm_handle on spm_platform (not on /tf_static: no tf2_msgs)')
+
+
+CHECKS = {'four': check_four, 'six': check_six}
 
 
 @pytest.mark.parametrize('name', SETTINGS)
@@ -297,9 +413,8 @@ def test_a_session_is_as_recorded(monkeypatch, name):
                 9.4: give('simulation/steer', Float64MultiArray),
             },
         )
-        values = [line for topic in SOME[name] for line in rig.values(topic, MIDDLE)]
-        lines = [*rig.events(), *values, *rig.entries(MIDDLE, ENTRIES[name]), *rig.counts()]
-        assert_recorded(f'sessions/{name}.txt', '\n'.join([*lines, '']))
+        assert_recorded(f'sessions/{name}.txt', '\n'.join([*rig.events(), *rig.topics(), '']))
+        CHECKS[name](rig)
         for topic, rate in RATES.items():
             times = rig.times(topic)
             count = np.count_nonzero((times >= HEALTHY[0]) & (times < HEALTHY[1]))
