@@ -115,7 +115,11 @@ def _too_few_or_many(scan: BusScan, count: int) -> str:
 
 
 def _lengths(scan: BusScan, expected: Expected, identifiers: list[int]) -> list[str]:
-    """Return the line of the frames' lengths where they are known and not as configured."""
+    """
+    Return the lines of the frames' lengths where they are known and not as configured.
+
+    A frame that is too short for the configured word is taken for one word.
+    """
     lengths = []
     for identifier in identifiers:
         heard = scan.frames.get((False, identifier))
@@ -124,7 +128,12 @@ def _lengths(scan: BusScan, expected: Expected, identifiers: list[int]) -> list[
         lengths.append(min(heard.lengths))
     if lengths == [each.data_length for each in expected.layouts]:
         return []
-    return [f'      data_length: {lengths}']
+    lines = [f'      data_length: {lengths}']
+    word = max((each.byte_offset + each.byte_length for each in expected.layouts), default=0)
+    if min(lengths) < word:
+        bits = [8 * min(length, word) for length in lengths]
+        lines.append(f'      bit_length: {bits}   # the whole frame: compare the data sheet')
+    return lines
 
 
 def _counts_per_turn(scan: BusScan, expected: Expected, node_ids: list[int]) -> list[str]:

@@ -193,7 +193,7 @@ def _silence(scan: BusScan) -> list[str]:
     """Return what to do where no frame but answers to SDO was heard."""
     if scan.frames:
         return []
-    if answered := sorted(scan.nodes):
+    if answered := sorted(node_id for node_id, node in scan.nodes.items() if node.devices < 2):
         nodes = f'no frames, but answers to SDO of node {", ".join(map(str, answered))}: '
         if scan.started:
             return [f'{nodes}started, they send nothing. Set them up (can_setup --write)']
@@ -201,6 +201,8 @@ def _silence(scan: BusScan) -> list[str]:
             f'{nodes}they do not send yet. Start them (can_scan --start), and set them up '
             '(can_setup --write)'
         ]
+    if scan.nodes:
+        return []  # devices with one node id, which are named before
     return ['no frames at all: check bit rate, termination, power, and that the interface is up']
 
 

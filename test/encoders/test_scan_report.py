@@ -141,6 +141,7 @@ SCANS = {
     ),
     'few': scanned([heard(0x181, bytes(4))], started=(3, 1), unsent={'Buffer full': 2}),
     'many': bus_of(range(1, 8)),
+    'two_bytes': bus_of(NODES, length=2),
     'half_the_rate': bus_of(NODES, rate=1000.0, every=2),
     # The encoders are compared with the SYNC sent here, and only where that is in time.
     'own_sync': bus_of(NODES, rate=1000.0, master=False),
@@ -293,6 +294,10 @@ PROBLEMS = {
         of_sync(200.0),
         *[f'unexpected: 0x{0x180 + node:X} (TPDO1 of node {node})' for node in (5, 6, 7)],
     ],
+    'two_bytes': [
+        of_sync(200.0),
+        *of_all('has 2 bytes, configured 4'),
+    ],
     'half_the_rate': of_all('answers 250 of 500 SYNC'),
     'own_sync': [],
     'own_sync_half': of_all('answers 250 of 500 SYNC'),
@@ -401,6 +406,12 @@ RIGS = {
         'encoders.node_id': [1, 2, 3, 5, 6],
         'encoders.id': [0x281, 0x282, 0x283, 0x285, 0x286],
         'encoders.data_length': [8] * 5,
+    },
+    # A frame that is too short for a word of four bytes is one word.
+    'two_bytes': {
+        'rate': 200.0,
+        'encoders.data_length': [2] * 4,
+        'encoders.bit_length': [16] * 4,
     },
     'other_tpdos': {
         'encoders.id': [0x181, 0x282, 0x183, 0x184],

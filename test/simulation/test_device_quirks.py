@@ -125,9 +125,12 @@ def test_E3_supervised_sync(run, encoders, driver):
 
 
 def test_E12_one_node_id(run, encoders):
-    with encoders(quirks=('node_id=127',)):
+    """As delivered."""
+    with encoders(factory=True, quirks=('node_id=127',)):
         code, text = run(can_scan, '--start', '--seconds', '1')
     assert code == 1 and 'four devices have node id 127: give each its own' in text
+    # They cannot be set up before, one by one.
+    assert 'can_setup' not in text.partition('lines for rig.yaml')[0]
 
 
 def test_the_help_of_sim_bus_has_every_kind(capsys):
