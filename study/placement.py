@@ -40,14 +40,14 @@ SELF_ROTATIONS = (0.0, 15.0, 30.0, 40.0, 45.0, 49.3586, 54.0, 60.0, 75.0, 90.0)
 CURVE, EVERYWHERE = np.arange(0.0, 90.01, 0.5), np.arange(0.0, 91.0, 10.0)
 # Number of circles and rays of the poses over the workspace.
 CIRCLES, RAYS = 26, 48
-# Colours and line styles of the curves.
+# Colours and line styles of the curves: petrol is the device of four, as on the page of `view`.
 STYLES = {
-    ('3A',): (plot_style.CLASSIC, '-'),
+    ('3A',): (plot_style.IMPROVED, '-'),
     ('2A',): (plot_style.CAPTURE, '-'),
     ('3A', '2A'): (plot_style.MULTI_BODY, '--'),
     ('3A', '2B'): (plot_style.MULTI_BODY, '-'),
-    ('3A', '3B'): (plot_style.IMPROVED, '-'),
-    ('3A', '3B', '3C'): (plot_style.ESTIMATE, '-'),
+    ('3A', '3B'): (plot_style.ESTIMATE, '-'),
+    ('3A', '3B', '3C'): (plot_style.REFERENCE, '-'),
 }
 # Passive joints that a fifth sensor may sit on.
 FIFTH = ('2A', '2B', '2C', '3B', '3C')

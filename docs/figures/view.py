@@ -5,29 +5,22 @@
 Take the pictures of the page, of the running programs in a real Chromium.
 
 Every state at the size of a desktop and of a phone goes to docs/view; view.png and view.gif stand
-beside this file.
+beside this file. Names of pictures as arguments take these alone.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing, ExitStack
 import io
 from math import radians
 import os
 from pathlib import Path
 import signal
+import sys
 import tempfile
 import time
 
-from benchmarks.browser_process import Browser
-from benchmarks.pipeline.child_process import (
-    executable,
-    private_environment,
-    Program,
-    wait_until,
-)
-from benchmarks.view_load import scheduling_of_make_run
 from PIL import Image
 import rclpy
 from spm_haptic_master.nodes.simulation_control import FAULT_TOPIC, STEER_TOPIC
@@ -36,6 +29,18 @@ from spm_haptic_master.view.stories import NEAR, SINGULAR
 from std_msgs.msg import Float64MultiArray, String
 
 HERE = Path(__file__).resolve().parent
+# As a script it finds the benchmarks of its checkout.
+sys.path.insert(0, str(HERE.parents[1]))
+
+from benchmarks.browser_process import Browser  # noqa: E402
+from benchmarks.pipeline.child_process import (  # noqa: E402
+    executable,
+    private_environment,
+    Program,
+    wait_until,
+)
+from benchmarks.view_load import scheduling_of_make_run  # noqa: E402
+
 STATES = HERE.parent / 'view'
 # Sizes of the page, and width of the panel on the first (pixels).
 SIZES = (1280, 800), (390, 844)
@@ -71,16 +76,26 @@ window.coverWatch ??= setInterval(() => {{ window.wasCovered ||= {COVERED}; }}, 
 LOST = 6.0
 # Error that is not drawn (deg).
 UNSEEN = 1.0
+# Pictures of a device with four encoders, and of one with six.
+OF_FOUR = 'healthy', 'view.gif', 'singularity', 'view.png', 'unchecked', 'frozen'
+OF_SIX = 'unplugged', 'excluded', 'dark', 'stopped'
 
 
 class Pictures:
     """The page in a browser, and the pictures of its states, each at all sizes."""
 
-    def __init__(self, page: Browser, url: str) -> None:
-        self.page, self._url = page, url
+    def __init__(self, page: Browser, url: str, names: Sequence[str]) -> None:
+        self.page = page
+        self._url = url
+        self._names = names
+
+    def wants(self, *names: str) -> bool:
+        """Return whether any of some pictures is to be taken: all are, if none is named."""
+        return not self._names or not set(names).isdisjoint(self._names)
 
     def open(self, width: int, height: int, query: str = '') -> None:
         """Open the page at a size (pixels), as a user does: nobody clicks before its picture."""
+        say(f'the page at {width}x{height}')
         self.page.call(
             'Emulation.setDeviceMetricsOverride',
             width=width,
@@ -108,6 +123,8 @@ class Pictures:
         prepare: Callable[[], None] = lambda: None,
     ) -> None:
         """Write the pictures of a state, in all sizes, prepared, while a condition holds."""
+        if not self.wants(name):
+            return
         for width, height in SIZES:
             self.open(width, height, query)
             time.sleep(SETTLE)
@@ -115,6 +132,8 @@ class Pictures:
 
     def save_covered(self, name: str, view: Program) -> None:
         """Write the pictures of a page whose program stands still."""
+        if not self.wants(name):
+            return
         for width, height in SIZES:
             self.open(width, height)
             time.sleep(SETTLE)
@@ -130,7 +149,9 @@ class Pictures:
         self, path: Path, condition: Callable[[], object], prepare: Callable[[], None]
     ) -> None:
         """Write one picture; the condition holds when it has been taken."""
-        for _ in range(ATTEMPTS):
+        for attempt in range(ATTEMPTS):
+            if attempt:
+                say(f'{path.name}: attempt {attempt + 1}, as the state had gone meanwhile')
             prepare()
             wait(lambda: not self.is_covered(), path.name)
             self.page.evaluate(WATCH_COVER)
@@ -145,7 +166,12 @@ class Pictures:
 def save(image: Image.Image, path: Path) -> None:
     """Write a picture."""
     image.quantize(COLOURS, kmeans=2).save(path, optimize=True)
-    print(path, path.stat().st_size, flush=True)
+    say(f'{path.name}: {path.stat().st_size} bytes')
+
+
+def say(words: str) -> None:
+    """Print how far it is."""
+    print(words, flush=True)
 
 
 def wait(condition: Callable[[], object], what: str) -> None:
@@ -159,6 +185,7 @@ class Device:
 
     def __init__(self, page: Browser, **parameters: object) -> None:
         self._page = page
+        say(f'a device with {parameters.get("sensors", 4)} encoders starts')
         self._program = Program(
             executable(
                 'master',
@@ -227,7 +254,7 @@ def animate(pictures: Pictures) -> None:
         loop=0,
         optimize=True,
     )
-    print(HERE / 'view.gif', flush=True)
+    say(f'view.gif: {(HERE / "view.gif").stat().st_size} bytes')
 
 
 def lose(device: Device, pictures: Pictures) -> None:
@@ -259,16 +286,18 @@ def with_four(pictures: Pictures) -> None:
         pictures.save(
             'healthy', lambda: device.is_healthy() and pictures.page.evaluate(ERROR) < UNSEEN
         )
-        pictures.open(*SIZES[0])
-        time.sleep(SETTLE)
-        wait(device.is_healthy, 'the device is not healthy')
-        animate(pictures)
+        if pictures.wants('view.gif'):
+            pictures.open(*SIZES[0])
+            time.sleep(SETTLE)
+            wait(device.is_healthy, 'the device is not healthy')
+            animate(pictures)
         pictures.save(
             'singularity',
             lambda: device.is_healthy() and pictures.page.evaluate(ERROR) > LOST,
             prepare=lambda: lose(device, pictures),
         )
-        tell_story(pictures, device)
+        if pictures.wants('view.png'):
+            tell_story(pictures, device)
         device.steer(0.0, 0.0, SINGULAR)
         time.sleep(6.0)
         pictures.save('unchecked', lambda: pictures.page.evaluate(UNCHECKED))
@@ -292,8 +321,8 @@ def with_six(pictures: Pictures, view: Program) -> None:
         pictures.save_covered('stopped', view)
 
 
-def main() -> None:
-    """Take the pictures."""
+def main(names: Sequence[str]) -> None:
+    """Take the pictures with some names, all of them if there are none."""
     STATES.mkdir(exist_ok=True)
     with ExitStack() as stack:
         # In the domain of the programs that are started here.
@@ -306,11 +335,14 @@ def main() -> None:
         folder = stack.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True))
         page = Browser(Path(folder), *SIZES[0])
         stack.callback(page.close)
-        pictures = Pictures(page, view.stdout.splitlines()[0].removeprefix('view: '))
+        pictures = Pictures(page, view.stdout.splitlines()[0].removeprefix('view: '), names)
+        pictures.open(*SIZES[0])
         pictures.save('no_device', lambda: page.banner().startswith('no device'))
-        with_four(pictures)
-        with_six(pictures, view)
+        if pictures.wants(*OF_FOUR):
+            with_four(pictures)
+        if pictures.wants(*OF_SIX):
+            with_six(pictures, view)
 
 
 if __name__ == '__main__':
-    main()
+    main(sys.argv[1:])

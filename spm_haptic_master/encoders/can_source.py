@@ -282,8 +282,8 @@ class CanSource(EncoderSource):
         if network := self._decoder.network:
             for node in network.to_start(time.time(), silent):
                 self._request(canopen.nmt(canopen.NMT_START, node.node_id))
-            for node in network.to_ask(time.time(), silent):
-                self._request(canopen.sdo_upload(node.node_id, *canopen.ERROR_REGISTER))
+            for node, wanted in network.to_ask(time.time(), silent):
+                self._request(canopen.sdo_upload(node.node_id, *wanted))
         self._leave_sync_out(now)
         if now - (self._last_frame or self._opened_at) > REOPEN_SILENT:
             self._close_bus()

@@ -9,17 +9,20 @@ What a node reports decides whether its answers are readings, and explains its s
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import can
 from spm_haptic_master.encoders import canopen
 
 # Time between two NMT starts to a node (s): its boot-up message may have been lost.
 START_AGAIN = 0.5
-# Time between two requests for the error register of a node (s), and most of them without an
+# Time between two requests for an object of a node (s), and most of them for one object without an
 # answer.
 ASK_AGAIN, MOST_REQUESTS = 1.0, 3
+# What is known of a node that has no serial number, or keeps it to itself.
+NO_SERIAL = 'none'
 # Time after a SYNC that was left out here in which a node that leaves OPERATIONAL, or reports an
 # error of communication, does so because of it (s): a heartbeat shows it within a second.
 LEFT_OUT_SPAN = 1.5
@@ -53,10 +56,13 @@ class Node:
     register : int or None
         Error register (1001h) as it was read; None before that, and after a boot-up. EMCY reports
         only what happens while somebody listens.
+    serial : str or None
+        Serial number (1018h:04) as it was read, or that the node has none; None before that, and
+        after a boot-up: another device may have come.
     asked_at : float
-        Time of the latest request for it, s.
-    requests : int
-        Number of requests for it since the boot-up.
+        Time of the latest request for an object, s.
+    requests : Counter of tuple of int
+        Numbers of requests since the boot-up, by index and subindex of the object.
     supervises_sync : bool
         Whether it left OPERATIONAL because of a SYNC that was left out here.
     boot_ups, emergencies : int
@@ -73,8 +79,9 @@ class Node:
     heard: float | None = None
     emergency: str | None = None
     register: int | None = None
+    serial: str | None = None
     asked_at: float = float('-inf')
-    requests: int = 0
+    requests: Counter[tuple[int, int]] = field(default_factory=Counter)
     supervises_sync: bool = False
     boot_ups: int = 0
     emergencies: int = 0
@@ -146,6 +153,7 @@ class Node:
             f'{self.joint} error register': (
                 'not read' if self.register is None else f'0x{self.register:02X}'
             ),
+            f'{self.joint} serial number': self.serial or 'not read',
         }
 
     def take(self, message: can.Message) -> str | None:
@@ -175,12 +183,45 @@ class Node:
             self._take_heartbeat(data[0], message.timestamp)
         return None
 
-    def is_to_ask(self, now: float) -> bool:
-        """Return whether its error register is to be read `now`, s, as it has been heard."""
+    def wanted(self, now: float) -> tuple[int, int] | None:
+        """
+        Return what is to be read of it, as it has been heard.
+
+        Parameters
+        ----------
+        now : float
+            Time, s since the Unix epoch.
+
+        Returns
+        -------
+        tuple of int, or None
+            Index and subindex of one object at a time: its error register, its serial number, or
+            again the register of a node that has an error; None for nothing.
+
+        """
         if 0.0 <= now - self.asked_at < ASK_AGAIN:
-            return False
+            return None
+        if self.register is None and self.requests[canopen.ERROR_REGISTER] < MOST_REQUESTS:
+            return canopen.ERROR_REGISTER
+        if self.serial is None and self.requests[canopen.SERIAL_NUMBER] < MOST_REQUESTS:
+            return canopen.SERIAL_NUMBER
         # One that has an error is asked until it has none: EMCY may get lost.
-        return bool(self.register) or (self.register is None and self.requests < MOST_REQUESTS)
+        return canopen.ERROR_REGISTER if self.register else None
+
+    def ask(self, wanted: tuple[int, int], now: float) -> None:
+        """
+        Note a request.
+
+        Parameters
+        ----------
+        wanted : tuple of int
+            Index and subindex of the object.
+        now : float
+            Time, s since the Unix epoch.
+
+        """
+        self.asked_at = now
+        self.requests[wanted] += 1
 
     def _take_emergency(self, data: bytes | bytearray) -> None:
         """Take an EMCY: it is over when no error is left in the register."""
@@ -192,14 +233,16 @@ class Node:
             self.emergency = canopen.emcy_words(data)
 
     def _take_answer(self, data: bytes | bytearray) -> None:
-        """Take the answer to a request for the error register; other answers are not ours."""
-        if canopen.sdo_object(data) != canopen.ERROR_REGISTER:
-            return
+        """Take the answer to a request of `wanted`; other answers are not ours."""
         value = canopen.sdo_value(data)
-        if value is not None:
-            self.register = value & 0xFF
-        elif data[0] == canopen.SDO_ABORT:
-            self.register = 0  # it has none
+        if value is None and data[0] != canopen.SDO_ABORT:
+            return
+        # None: the node refuses, because it has no such object.
+        answered = canopen.sdo_object(data)
+        if answered == canopen.ERROR_REGISTER:
+            self.register = 0 if value is None else value & 0xFF
+        elif answered == canopen.SERIAL_NUMBER:
+            self.serial = NO_SERIAL if value is None else str(value)
 
     def _take_heartbeat(self, state: int, stamp: float) -> None:
         """Take an NMT state; a boot-up message resets what was known of the node."""
@@ -208,9 +251,9 @@ class Node:
         self.heard = stamp
         if self.state == canopen.BOOT_UP:
             self.boot_ups += 1
-            self.heard = self.emergency = self.register = None
+            self.heard = self.emergency = self.register = self.serial = None
             self.started_at = self.asked_at = float('-inf')
-            self.requests = 0
+            self.requests.clear()
 
     def _lost(self, heard: float | None, now: float) -> bool:
         """Return whether the latest heartbeat, if any, is older than the time-out."""
@@ -311,9 +354,9 @@ class CanopenNodes:
             )
         return None
 
-    def to_ask(self, now: float, silent: tuple[int, ...]) -> list[Node]:
+    def to_ask(self, now: float, silent: tuple[int, ...]) -> list[tuple[Node, tuple[int, int]]]:
         """
-        Return, and note, the nodes whose error register (1001h) is to be read.
+        Return, and note, which objects of which nodes are to be read.
 
         Parameters
         ----------
@@ -323,16 +366,21 @@ class CanopenNodes:
             Places in `every` of the nodes whose encoders are silent; a node that was never heard
             at all is not asked.
 
+        Returns
+        -------
+        list of tuple of Node and tuple of int
+            Nodes, with index and subindex of the object: the error register (1001h) or the serial
+            number (1018h:04).
+
         """
-        due = [
-            node
-            for index, node in enumerate(self.every)
-            if (node.state is not None or index not in silent) and node.is_to_ask(now)
-        ]
-        for node in due:
-            node.asked_at = now
-            node.requests += 1
-        return due
+        requests = []
+        for index, node in enumerate(self.every):
+            is_heard = node.state is not None or index not in silent
+            wanted = node.wanted(now) if is_heard else None
+            if wanted is not None:
+                node.ask(wanted, now)
+                requests.append((node, wanted))
+        return requests
 
     def to_start(self, now: float, silent: tuple[int, ...]) -> list[Node]:
         """

@@ -311,6 +311,8 @@ class Encoder:
         As given.
     heard : float or None
         Time of the latest good frame, s since the Unix epoch; None before the first.
+    counts : int or None
+        Counts in the latest good frame, as the encoder sends them; None before the first.
     refused : tuple of (float, str), or None
         Time, s since the Unix epoch, and reason of the latest rejection.
     rejects : Counter of str
@@ -326,6 +328,7 @@ class Encoder:
     def __init__(self, layout: EncoderLayout):
         self.layout = layout
         self.heard: float | None = None
+        self.counts: int | None = None
         self.refused: tuple[float, str] | None = None
         self.rejects: Counter[str] = Counter()
         self.frames = RateMeter()
@@ -362,6 +365,7 @@ class Encoder:
         if not layout.healthy(data):
             return math.nan, self.reject(message, STATUS_ERROR)
         self.heard = message.timestamp
+        self.counts = counts
         self.frames.count += 1
         return layout.angle(counts), None
 

@@ -333,6 +333,7 @@ class FrameDecoder:
             found[f'{joint} age (ms)'] = (
                 'never heard' if encoder.heard is None else 1e3 * (now - encoder.heard)
             )
+            found[f'{joint} counts'] = 'none yet' if encoder.counts is None else encoder.counts
             found[f'{joint} missed cycles'] = missed
         if self.network:
             for node in self.network.every:

@@ -17,6 +17,7 @@ from spm_haptic_master.view.seen import Seen
 from spm_haptic_master.view.sentence import DASH, Sentence, sentence
 from spm_haptic_master.view.status import Light, SensorState
 from spm_haptic_master.view.status_entries import (
+    EncoderDevice,
     ENCODERS,
     ORIENTATION,
     SINGULARITY,
@@ -251,14 +252,27 @@ def _rows_of_encoders(seen: Seen, entries: StatusEntries) -> list[Row]:
     count = seen.settings.sensors
     readings = [*seen.readings, *[nan] * count][:count]
     ages = [*seen.ages, *[nan] * count][:count]
-    return [
+    rows = [
         Row('source', seen.source or 'unknown'),
         Row('encoders', DASH if driver is None else with_sensor_names(driver.message)),
-        *(
-            Row(f'{name} read', _known(f'{degrees(angle):.3f}\u00b0, {age:.1f} s ago', age))
-            for name, angle, age in zip(SENSOR_NAMES, readings, ages, strict=False)
-        ),
     ]
+    devices = entries.encoders()
+    names = zip(SENSOR_NAMES, joints.ALL_JOINT_NAMES, readings, ages, strict=False)
+    for name, joint, angle, age in names:
+        text = _known(f'{degrees(angle):.3f}\u00b0, {age:.1f} s ago', age)
+        rows.append(Row(f'{name} read', text))
+        rows.append(Row(f'{name} device', _device(devices.get(joint))))
+    return rows
+
+
+def _device(device: EncoderDevice | None) -> str:
+    """Return counts and serial number of an encoder in words; a dash without its driver."""
+    if device is None:
+        return DASH
+    if device.counts is None:
+        return 'this source has neither counts nor serials'
+    serial = 'no serial on this bus' if device.serial is None else f'serial {device.serial}'
+    return f'counts {device.counts}, {serial}'
 
 
 def _rows_of_calibration(seen: Seen, entries: StatusEntries) -> list[Row]:

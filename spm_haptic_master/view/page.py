@@ -29,7 +29,16 @@ from viser._messages import RunJavascriptMessage as ViserScript
 
 # The page's scripts, in the order in which they are read, and its style.
 FOLDER = Path(__file__).with_name('page')
-SCRIPTS = 'elements.js', 'lateness.js', 'camera.js', 'past.js', 'plots.js', 'panel.js', 'page.js'
+SCRIPTS = (
+    'elements.js',
+    'lateness.js',
+    'camera.js',
+    'past.js',
+    'names.js',
+    'plots.js',
+    'panel.js',
+    'page.js',
+)
 # Begin of a script with news.
 NEWS = 'window.spm.show('
 # How late news may be, and how old the latest ones, before the page covers itself (s): a pose that

@@ -6,9 +6,10 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import dataclass
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from spm_haptic_master.kinematics.joints import named_joints
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, named_joints
 from spm_haptic_master.ros.diagnostic_status import MISSING_KEY
 
 # Names of entries, without a namespace.
@@ -18,6 +19,25 @@ TIMING = 'fkm: timing'
 SINGULARITY = 'diagnostics: singularity'
 # Longest age of an entry (s): they come every second.
 ENTRY_TIMEOUT = 2.5
+
+
+@dataclass(frozen=True, slots=True)
+class EncoderDevice:
+    """
+    What the driver reports of an encoder beside its angle, once a second.
+
+    Attributes
+    ----------
+    counts : str or None
+        Counts as the encoder sent them last; None from a source without counts.
+    serial : str or None
+        Serial number of the CANopen node, or why there is none; None of an encoder that is no
+        such node.
+
+    """
+
+    counts: str | None
+    serial: str | None
 
 
 class StatusEntries:
@@ -106,6 +126,18 @@ class StatusEntries:
             with suppress(ValueError):
                 found[key] = float(text)
         return found
+
+    def encoders(self) -> dict[str, EncoderDevice]:
+        """Return what the driver reports of each encoder, by joint; nothing without a driver."""
+        if self.entry(ENCODERS) is None:
+            return {}
+        values = self.texts(ENCODERS)
+        return {
+            joint: EncoderDevice(
+                values.get(f'{joint} counts'), values.get(f'{joint} serial number')
+            )
+            for joint in ALL_JOINT_NAMES
+        }
 
     def missing_joints(self) -> tuple[str, ...]:
         """Return the joints of which the driver has no reading."""

@@ -187,4 +187,5 @@ def test_nodes_are_followed_by_heartbeat_boot_up_and_emergency():
             'joint_1b boot-ups': (at >= 0.1) + (at >= 0.9),
             'joint_1b EMCY': emergency + ' messages)',
             'joint_1b error register': '0x00' if at == 0.7 or at == 0.8 else 'not read',
+            'joint_1b serial number': 'not read',
         }

@@ -13,6 +13,7 @@ import pytest
 from spm_haptic_master.encoders import can_bus, can_source
 from spm_haptic_master.encoders.can_bus import ReceiveClock
 from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.kinematics.joints import JOINT_NAMES
 from spm_haptic_master.simulation.source_factory import make_source
 
 # Longest wait for what has to happen, on a busy machine, s.
@@ -235,3 +236,22 @@ def test_encoders_without_any_optional_object_are_read_without_a_caution(channel
         assert sets_for(source, 1.0) > 10
         assert source.fault is None and source.caution is None
         assert source.statistics()['joint_1a error register'] == '0x00'
+        read_until(source, lambda: source.statistics()['joint_1a serial number'] == 'none')
+
+
+def test_the_raw_counts_and_the_serial_number_of_each_encoder_are_reported(channel, driver):
+    """The counts are those that were sent; a device that replaces another one is asked again."""
+    with foreign_bus(channel, *((n, objects_of(n)) for n in NODES)) as nodes, driver() as source:
+        names = [f'{joint} serial number' for joint in JOINT_NAMES]
+        read_until(
+            source,
+            lambda: (
+                [source.statistics()[name] for name in names] == ['1001', '1002', '1003', '1004']
+            ),
+        )
+        counts = source.statistics()['joint_1c counts']
+        assert counts == nodes[2].counts
+        nodes[2].put(77, 0x1018, 4)
+        nodes[2].stored = {(0x1018, 4): (77).to_bytes(4, 'little')}
+        nodes[2].boot()
+        read_until(source, lambda: source.statistics()['joint_1c serial number'] == '77')

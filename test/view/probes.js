@@ -116,6 +116,31 @@ window.probes = (() => {
             note: first(".spm-note").getAttribute("role"),
             title: document.title,
         }),
+        // Names in the picture whose point is in it: text, and how far each reaches out (px).
+        pictureNames: () => {
+            const {camera, canvas, nodeRefFromName, nodePoseData} = window.__viserMutable;
+            const ruler = document.createElement("canvas").getContext("2d");
+            const nodes = Object.values(window.__viserSceneTree.getState());
+            return nodes.filter(node => node.message.type == "LabelMessage"
+                && node.effectiveVisibility).map(({message: {name, props}}) => {
+                const parent = nodeRefFromName[name.replace(/\/[^/]*$/, "")];
+                const point = camera.position.clone().set(...nodePoseData[name].position);
+                point.applyMatrix4(parent.matrixWorld).project(camera);
+                const x = (0.5 + 0.5 * point.x) * canvas.clientWidth;
+                const y = (0.5 - 0.5 * point.y) * canvas.clientHeight;
+                ruler.font = `${12 * props.font_screen_scale}px Arial, sans-serif`;
+                const width = ruler.measureText(props.text).width;
+                const [down, across] = props.anchor.split("-");
+                const left = x - width * {left: 0, center: 0.5, right: 1}[across];
+                const top = y - 12 * {top: 0, center: 0.5, bottom: 1}[down];
+                const out = Math.max(-left, left + width - canvas.clientWidth, -top,
+                    top + 12 - canvas.clientHeight);
+                const isIn = x > 0 && x < canvas.clientWidth && y > 0 && y < canvas.clientHeight;
+                return isIn ? [props.text, out] : null;
+            }).filter(Boolean);
+        },
+        // Move the camera to the right and up (units of the scene), as a user does.
+        moveCamera: (right, up) => window.__viserMutable.cameraControl.truck(right, -up, false),
         // From the camera to what it looks at (units of the scene).
         distance: () => window.__viserMutable.cameraControl.distance,
         camera: () => window.__viserMutable.camera.position.toArray(),

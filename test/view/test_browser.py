@@ -283,6 +283,24 @@ def test_a_page_opens_with_the_device_in_the_picture(device, size):
 
 
 @pytest.mark.evidence
+def test_no_name_in_the_picture_is_cut_at_an_edge(device):
+    """On a phone, wherever the camera is: a name whose point is in the picture is all there."""
+    shown, _, _ = device(PHONE)
+    until(lambda: len(shown.ask('pictureNames()')) >= 8, shown)
+    # After that the page does not move the camera by itself.
+    time.sleep(7.0)
+    edges = []
+    for right, up in ((0.0, 0.0), (1.3, 0.0), (-2.6, 0.0), (1.3, 2.0), (0.0, -4.0)):
+        shown.ask(f'moveCamera({right}, {up})')
+        time.sleep(1.0)
+        found = shown.ask('pictureNames()')
+        edges += [text for text, out in found if out > -20.0]
+        assert [name for name in found if name[1] > 0.0] == []
+    # There were names at the edges.
+    assert len(edges) > 3
+
+
+@pytest.mark.evidence
 @pytest.mark.parametrize('size', [PHONE, DESKTOP])
 def test_what_the_introduction_says_to_try_is_a_button_in_view(device, size):
     """Neither scrolled for nor searched: one click on it plays the story."""

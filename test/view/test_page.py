@@ -156,7 +156,17 @@ def test_the_figures_of_encoders_clients_and_calibration():
                 'parity (sigma)': '1.2',
             },
         ),
-        'encoder_driver: encoders': (DiagnosticStatus.WARN, 'joint_1b: no answer', {}),
+        'encoder_driver: encoders': (
+            DiagnosticStatus.WARN,
+            'joint_1b: no answer',
+            {
+                'joint_1a counts': '4711',
+                'joint_1a serial number': '1001',
+                'joint_1b counts': 'none yet',
+                'joint_1b serial number': 'not read',
+                'joint_1c counts': '17',
+            },
+        ),
     }
     rows = rows_of(
         figures(
@@ -172,6 +182,10 @@ def test_the_figures_of_encoders_clients_and_calibration():
     assert rows['slave'] == 'engaged' and rows['CRTK state'] == 'ENABLED'
     assert rows['torque'] == '0.20 N m, rendered 0.10 N m'
     assert rows['th1A read'] == '12.500\u00b0, 0.0 s ago' and rows['th1B read'] == DASH
+    assert rows['th1A device'] == 'counts 4711, serial 1001'
+    assert rows['th1B device'] == 'counts none yet, serial not read'
+    assert rows['th1C device'] == 'counts 17, no serial on this bus'
+    assert rows['th3A device'] == 'this source has neither counts nor serials'
     assert rows['calibration'] == 'calibrated 2026-11-26' and rows['mechanism'] == 'e30770fb'
     assert rows['alert limit'] == '2\u00b0'
     assert rows['protection level'] == '0.50\u00b0 of 2\u00b0 allowed'
@@ -181,7 +195,16 @@ def test_the_figures_of_encoders_clients_and_calibration():
     # Without a device's news there are the same rows, with dashes.
     nothing = rows_of(figures(**SILENT))
     assert nothing.keys() == rows.keys()
-    for name in ('orientation', 'parity', 'slave', 'torque', 'th1A read', 'rate', 'latency'):
+    for name in (
+        'orientation',
+        'parity',
+        'slave',
+        'torque',
+        'th1A read',
+        'th1A device',
+        'rate',
+        'latency',
+    ):
         assert nothing[name] == DASH
 
 

@@ -68,6 +68,8 @@ function showBanners(devices) {
         banner.dataset.alive = Number(alive);
     });
     while (banners.children.length > devices.length) banners.lastChild.remove();
+    // On a phone the tools are below them.
+    document.body.style.setProperty('--spm-banners', `${banners.offsetHeight}px`);
 }
 
 // viser's button of the story to try: that of the first device, none of one that is not simulated.
@@ -94,6 +96,7 @@ function coverIfLate() {
     cover.style.visibility = late ? 'visible' : 'hidden';
 }
 setInterval(coverIfLate, 100);
+setInterval(() => names.keepInPicture(), 100);
 
 return {
     show: (news) => {
@@ -101,8 +104,8 @@ return {
         coverIfLate();
         past.attach();
         showBanners(news.devices);
-        const names = news.devices.map(({name}) => name).filter(Boolean);
-        document.title = [names.join(', '), 'haptic master'].filter(Boolean).join(' - ');
+        const titles = news.devices.map(({name}) => name).filter(Boolean);
+        document.title = [titles.join(', '), 'haptic master'].filter(Boolean).join(' - ');
         camera.follow(news.views);
         introduce(news.hasDevice);
         label(window.__viserMutable?.canvas ?? cover, 'picture of the device in 3D');

@@ -36,6 +36,8 @@ const past = (() => {
         },
         // The parts as they are drawn now.
         snapshot: () => new Map(latest),
+        // A change of this page alone, also while it is paused.
+        change: (message) => draw(new Map([['', message]])),
         show: (changes) => {
             isHeld = true;
             if (changes) draw(changes);
