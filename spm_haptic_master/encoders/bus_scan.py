@@ -205,10 +205,12 @@ class BusScan:
         typical = median(self._sync_intervals) if self._sync_intervals else 0.0
         if typical <= 0.0:
             return 0.0
-        cycles, late = 0, 0.0
+        cycles = 0
+        late = 0.0
         for interval in self._sync_intervals:
             count = round((interval + late) / typical)
-            cycles, late = cycles + count, 0.5 * (interval + late - count * typical)
+            cycles = cycles + count
+            late = 0.5 * (interval + late - count * typical)
         return cycles / sum(self._sync_intervals)
 
     def sent_sync(self, now: float) -> None:
@@ -257,7 +259,8 @@ class BusScan:
         if message.is_remote_frame:
             self.remote += 1
             return
-        identifier, now = message.arbitration_id, message.timestamp
+        identifier = message.arbitration_id
+        now = message.timestamp
         self.latest = max(self.latest, now)
         if not message.is_extended_id:
             base = identifier & ~0x7F
@@ -303,7 +306,8 @@ class BusScan:
         if base == canopen.HEARTBEAT_BASE:
             node.state = data[0] & 0x7F
             node.boot_ups += node.state == canopen.BOOT_UP
-            node.heartbeat_before, node.heartbeat = node.heartbeat, message.timestamp
+            node.heartbeat_before = node.heartbeat
+            node.heartbeat = message.timestamp
         elif base == canopen.EMCY_BASE:
             node.emergencies[canopen.emcy_words(data)] += 1
         else:
@@ -312,7 +316,8 @@ class BusScan:
 
 def _take_answer(node: HeardNode, data: bytes | bytearray) -> None:
     """Record the answer of a node to a request by SDO."""
-    key, value = canopen.sdo_object(data), canopen.sdo_value(data)
+    key = canopen.sdo_object(data)
+    value = canopen.sdo_value(data)
     if key in COUNTED and (value is not None or data[0] == canopen.SDO_ABORT):
         node.answers[key] += 1
     if value is None:
@@ -349,7 +354,10 @@ class BusScanner:
         echoes: bool,
         report: Callable[[str], None],
     ):
-        self._bus, self._scan, self._rate, self._report = bus, scan, rate, report
+        self._bus = bus
+        self._scan = scan
+        self._rate = rate
+        self._report = report
         self._echoes = echoes
         # Number of frames sent whose echo is expected.
         self._expected: Counter[tuple[bool, int, bytes]] = Counter()

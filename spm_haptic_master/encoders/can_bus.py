@@ -39,7 +39,9 @@ REMEDIES = {
 }
 # Error classes: bits of an error frame's identifier, by Linux's linux/can/error.h, which
 # python-can passes on unchanged; and their words.
-CONTROLLER, BUS_OFF, RESTARTED = 0x004, 0x040, 0x100
+CONTROLLER = 0x004
+BUS_OFF = 0x040
+RESTARTED = 0x100
 CLASS_WORDS = {
     0x001: 'transmit timeout',
     0x002: 'lost arbitration',
@@ -126,7 +128,8 @@ def error_words(message: can.Message) -> str:
         Error frame with the error classes of Linux's linux/can/error.h in its identifier.
 
     """
-    identifier, data = message.arbitration_id, message.data
+    identifier = message.arbitration_id
+    data = message.data
     words = [word for bit, word in CLASS_WORDS.items() if identifier & bit]
     if identifier & CONTROLLER and len(data) > 1:
         words += [word for bit, word in CONTROLLER_WORDS.items() if data[1] & bit]
@@ -275,7 +278,8 @@ class ReceiveClock:
             self._least = self._least_before = delay
             self._span_began = arrived
         elif not 0.0 <= arrived - self._span_began < SPAN:
-            self._least_before, self._least = self._least, delay
+            self._least_before = self._least
+            self._least = delay
             self._span_began = arrived
         elif delay < self._least:
             self._least = delay

@@ -25,7 +25,8 @@ from spm_haptic_master.encoders.sync import SyncProducer
 from spm_haptic_master.timing import Periodic
 
 # Time between the first two attempts to open a bus (s), doubled each time up to the last.
-REOPEN_FIRST, REOPEN_LAST = 0.1, 2.0
+REOPEN_FIRST = 0.1
+REOPEN_LAST = 2.0
 # Time without any frame after which the bus is reopened (s): an interface that was removed and
 # came back under the same name leaves the old socket silent.
 REOPEN_SILENT = 2.0
@@ -183,7 +184,8 @@ class CanSource(EncoderSource):
         if found is None:
             self._reason_since = float('-inf')
         elif now - self._reason_since >= REASON_HOLD:
-            self._reason, self._reason_since = found, now
+            self._reason = found
+            self._reason_since = now
         return found and self._reason
 
     def _find_fault(self) -> str | None:

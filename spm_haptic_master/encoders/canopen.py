@@ -21,7 +21,8 @@ SDO_ANSWER_BASE = 0x580
 SDO_REQUEST_BASE = 0x600
 HEARTBEAT_BASE = 0x700
 # Those of TPDO1 to TPDO4 and of RPDO1 to RPDO4, to which the node id is added.
-TPDO_BASES, RPDO_BASES = (0x180, 0x280, 0x380, 0x480), (0x200, 0x300, 0x400, 0x500)
+TPDO_BASES = (0x180, 0x280, 0x380, 0x480)
+RPDO_BASES = (0x200, 0x300, 0x400, 0x500)
 # Names of these frames, alone and of (or to) a node; LSS are those of CiA 305, for node ids.
 SINGLE_FRAMES = {NMT_ID: 'NMT', SYNC_ID: 'SYNC', 0x100: 'TIME', 0x7E4: 'LSS', 0x7E5: 'LSS'}
 NODE_FRAMES = {
@@ -85,15 +86,22 @@ RPDO_MAPPING = 0x1600
 TPDO_PARAMETERS = 0x1800
 TPDO_MAPPING = 0x1A00
 # Subindices of a TPDO's parameters.
-TPDO_IDENTIFIER, TPDO_TYPE, TPDO_INHIBIT_TIME, TPDO_EVENT_TIMER = 1, 2, 3, 5
+TPDO_IDENTIFIER = 1
+TPDO_TYPE = 2
+TPDO_INHIBIT_TIME = 3
+TPDO_EVENT_TIMER = 5
 # Value that stores all parameters: "save" in ASCII, lowest byte first.
 SAVE = int.from_bytes(b'save', 'little')
 # Bits of the object that stores: on command, and by itself.
 STORES = 0b11
 # Bits of a TPDO's identifier: the TPDO is off; no remote request; 29 bits; the identifier itself.
-TPDO_OFF, TPDO_NO_REQUEST, TPDO_EXTENDED, TPDO_ID_MASK = 1 << 31, 1 << 30, 1 << 29, (1 << 29) - 1
+TPDO_OFF = 1 << 31
+TPDO_NO_REQUEST = 1 << 30
+TPDO_EXTENDED = 1 << 29
+TPDO_ID_MASK = (1 << 29) - 1
 # Transmission types: after every SYNC, and on events of the device.
-EVERY_SYNC, EVENT_DRIVEN = 1, 254
+EVERY_SYNC = 1
+EVENT_DRIVEN = 254
 # Objects of an encoder (CiA 406): operating parameters, units per turn, total range, position,
 # cyclic timer (ms), units per turn of the disc itself.
 OPERATING_PARAMETERS = (0x6000, 0)
@@ -105,7 +113,8 @@ DISC_UNITS_PER_TURN = (0x6501, 0)
 # Bit of the operating parameters: the scaling of 0x6001 and 0x6002 is on.
 SCALING_ON = 1 << 2
 # Device profiles of encoders (CiA 406) and drives (CiA 402): the low 16 bits of the device type.
-ENCODER_PROFILE, DRIVE_PROFILE = 406, 402
+ENCODER_PROFILE = 406
+DRIVE_PROFILE = 402
 PROFILES = {ENCODER_PROFILE: 'encoder', DRIVE_PROFILE: 'drive'}
 
 # Command bytes of an SDO: upload, expedited download of four bytes (with the number of unused

@@ -22,7 +22,8 @@ from spm_haptic_master.encoders.can_bus import BUS_ERRORS
 from spm_haptic_master.exceptions import InputError, SetupError
 
 # Longest wait for the answer to a request (s), and for that to storing into flash memory.
-ANSWER_TIMEOUT, STORE_TIMEOUT = 0.5, 15.0
+ANSWER_TIMEOUT = 0.5
+STORE_TIMEOUT = 15.0
 # Time after the first answer to a request in which further devices with that node id answer (s).
 ALL_ANSWER = 0.05
 # Number of requests by SDO until an encoder does not answer: a frame may get lost.
@@ -143,7 +144,8 @@ class Node:
         self._sdo = network.add_node(
             self._canopen.RemoteNode(node_id, self._canopen.ObjectDictionary())
         ).sdo
-        self._sdo.RESPONSE_TIMEOUT, self._sdo.MAX_RETRIES = ANSWER_TIMEOUT, REQUESTS
+        self._sdo.RESPONSE_TIMEOUT = ANSWER_TIMEOUT
+        self._sdo.MAX_RETRIES = REQUESTS
 
     def read(self, index: int, subindex: int) -> tuple[int | None, int]:
         """

@@ -20,7 +20,8 @@ from spm_haptic_master.encoders import canopen
 START_AGAIN = 0.5
 # Time between two requests for an object of a node (s), and most of them for one object without an
 # answer.
-ASK_AGAIN, MOST_REQUESTS = 1.0, 3
+ASK_AGAIN = 1.0
+MOST_REQUESTS = 3
 # What is known of a node that has no serial number, or keeps it to itself.
 NO_SERIAL = 'none'
 # Time after a SYNC that was left out here in which a node that leaves OPERATIONAL, or reports an
@@ -138,7 +139,8 @@ class Node:
 
     def statistics(self, now: float) -> dict[str, object]:
         """Return its state for diagnostics."""
-        state, heard = self.state, self.heard
+        state = self.state
+        heard = self.heard
         words = 'unknown' if state is None else canopen.state_word(state)
         heartbeat = (
             'no heartbeat yet'
@@ -171,7 +173,8 @@ class Node:
             The name of a frame that has a wrong length; None for a good one.
 
         """
-        base, data = message.arbitration_id - self.node_id, message.data
+        base = message.arbitration_id - self.node_id
+        data = message.data
         name, length = LENGTHS[base]
         if len(data) != length:
             return f'{self.joint} {name}'

@@ -18,7 +18,8 @@ from spm_haptic_master.encoders.encoder_layout import EncoderLayout, TURN
 
 # Changes of the counts after which their travel is compared, and how much longer it is in the
 # wrong byte order: a step of one count is one of 256 there.
-FEWEST_CHANGES, TIMES_LONGER = 10, 8
+FEWEST_CHANGES = 10
+TIMES_LONGER = 8
 # Share of the frames with counts beyond a turn from which on a layout does not fit (unit 1): an
 # encoder may have an error value now and then.
 BEYOND_SHARE = 0.2
@@ -65,7 +66,8 @@ class CountsTrack:
     def take(self, data: bytes | bytearray) -> None:
         """Take the data of a frame."""
         self.frames += 1
-        before, counts = self.latest, self.layout.counts(data)
+        before = self.latest
+        counts = self.layout.counts(data)
         if counts is None:
             self.beyond += 1
             return
@@ -199,7 +201,8 @@ class CountsWatch:
             Which setting is probably another one; None where the layout fits.
 
         """
-        track, other = self.track, self._other
+        track = self.track
+        other = self._other
         if not track.frames:
             return None
         reads = f'encoders.byte_order is {self.layout.byte_order}'

@@ -35,7 +35,9 @@ WINDOW_MINIMUM = 1e-5
 ROUNDING = 1e-5
 # Length of a data frame without data (bits), with an identifier of 11 and of 29 bits and with 3
 # bits of interframe space; and the part of it that is never stuffed (ISO 11898-1).
-STANDARD_BITS, EXTENDED_BITS, UNSTUFFED_BITS = 47, 67, 13
+STANDARD_BITS = 47
+EXTENDED_BITS = 67
+UNSTUFFED_BITS = 13
 # Largest share of the bus for SYNC and answers (unit 1): heartbeat, EMCY, NMT and SDO need the
 # rest.
 MAXIMUM_LOAD = 0.95
@@ -61,7 +63,8 @@ def make_decoder(values: Values, drives: tuple[int, ...] = ()) -> FrameDecoder:
     layouts = make_layouts(values)
     joints = tuple(layout.joint for layout in layouts)
     sync_id = values['encoders.sync_id'] or None
-    period, window = 1.0 / values['rate'], _window(values)
+    period = 1.0 / values['rate']
+    window = _window(values)
     if sync_id is None:
         # Frames further apart may be from two cycles, which nothing distinguishes.
         window = min(window, 0.5 * period)

@@ -352,7 +352,8 @@ class Encoder:
             Why it is rejected; None for a good frame.
 
         """
-        layout, data = self.layout, message.data
+        layout = self.layout
+        data = message.data
         if len(data) != layout.data_length:
             return math.nan, self.reject(
                 message, f'{len(data)} bytes instead of {layout.data_length}'
@@ -398,7 +399,9 @@ class Encoder:
         """Note the rolling counter, if there is one; return whether it repeats the one before."""
         if counter is None:
             return False
-        before, self._counter, self.lost = self._counter, counter, None
+        before = self._counter
+        self._counter = counter
+        self.lost = None
         if before is not None and counter != before:
             self.lost = (counter - before - 1) % self.layout.counter_modulus
             if self.lost:

@@ -166,7 +166,9 @@ SCALING = (
 def _mapping_hint(index: int, value: Present) -> str:
     """Return the layout of a frame with a mapping that cannot be changed."""
     entries = [value(index, number) or 0 for number in range(1, (value(index, 0) or 0) + 1)]
-    place, words, offset = 0, [], None
+    place = 0
+    words = []
+    offset = None
     for entry in entries:
         if entry >> 8 == canopen.POSITION[0] << 8 | canopen.POSITION[1]:
             offset = place // 8
@@ -243,7 +245,8 @@ def wanted_objects(
 
 def _position_pdo(layout: EncoderLayout, number: int, synchronised: bool, timer: int) -> WantedPdo:
     """Return the wanted TPDO, counted from 0, with the position; `timer` in ms."""
-    name, index = f'TPDO{number + 1}', canopen.TPDO_PARAMETERS + number
+    name = f'TPDO{number + 1}'
+    index = canopen.TPDO_PARAMETERS + number
     inhibit = WantedObject(
         index, canopen.TPDO_INHIBIT_TIME, 2, f'{name} inhibit time', 0, optional=True
     )

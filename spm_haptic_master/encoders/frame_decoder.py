@@ -352,7 +352,8 @@ class FrameDecoder:
         stamp = message.timestamp
         angle, reason = encoder.check(message)
         if reason is None:
-            self.bus_error, self.bus_off = None, False
+            self.bus_error = None
+            self.bus_off = False
             reason = self._unfit(index, stamp)
         elif (
             reason not in (STATUS_ERROR, UNCHANGED)

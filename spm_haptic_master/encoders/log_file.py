@@ -82,7 +82,8 @@ class LogFile:
     def __init__(self, path: str):
         self.path = Path(path).expanduser()
         # The latest line of a text file and its number, 1 for the first; 0 before it.
-        self._number, self._line = 0, ''
+        self._number = 0
+        self._line = ''
         # Sum of the times at the beginning of the lines of an ASC file, s.
         self._elapsed = 0.0
         if not self.path.is_file():
@@ -178,7 +179,8 @@ class LogFile:
         file = reader.file
         if isinstance(file, TextIOWrapper):
             reader.file = self._checked_lines(file.buffer)
-        number, last = 0, 0.0
+        number = 0
+        last = 0.0
         try:
             for message in reader:
                 number += 1
@@ -197,7 +199,8 @@ class LogFile:
                 f'{self.path}: not readable after {number} frames: {self._trouble(error)}'
             ) from error
         finally:
-            self._number, self._elapsed = 0, 0.0
+            self._number = 0
+            self._elapsed = 0.0
             reader.stop()
             file.close()
 

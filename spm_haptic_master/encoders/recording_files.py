@@ -16,11 +16,13 @@ from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.timing import SECOND
 
 # Tables of a recording: joint angles and orientations.
-JOINTS_NAME, ORIENTATION_NAME = 'measured_js.csv', 'orientation.csv'
+JOINTS_NAME = 'measured_js.csv'
+ORIENTATION_NAME = 'orientation.csv'
 # Columns of a table of orientations.
 QUATERNION_COLUMNS = ('qx', 'qy', 'qz', 'qw')
 # Files with the truth of a simulation: orientations, and the rig.
-GROUND_TRUTH_NAME, RIG_NAME = 'ground_truth.csv', 'rig.json'
+GROUND_TRUTH_NAME = 'ground_truth.csv'
+RIG_NAME = 'rig.json'
 
 
 def free_path(path: Path) -> Path:

@@ -20,10 +20,12 @@ from spm_haptic_master.exceptions import ReplayError, SourceEnded
 LOOP_GAP = 1e-3
 # Shortest wait for the next set that is reported as a gap, and the longest (s): a clock that was
 # set forward while the log was recorded makes no replay wait for an hour.
-GAP, LONGEST_GAP = 0.05, 5.0
+GAP = 0.05
+LONGEST_GAP = 5.0
 # Least number of sets, and share of them with which the time stands still, that show that a log's
 # times are too coarse for its sets (unit 1). A clock that was set back stands still once.
-SETS_COMPARED, COARSE = 100, 0.02
+SETS_COMPARED = 100
+COARSE = 0.02
 # Frames without a set after which a read returns (some 10 ms of work), so that the reading thread
 # notices the end of the process.
 FRAMES_PER_READ = 1000
@@ -248,7 +250,8 @@ class ReplaySource(EncoderSource):
                             now,
                             self._on_our_clock(self._last) + round(LOOP_GAP / self._rate * 1e9),
                         )
-                    self._shift, self._origin = now, message.timestamp
+                    self._shift = now
+                    self._origin = message.timestamp
                     self._compared = self._stops = self._latest = 0
                     self._decoder.assembler.reset()
                 elif message.timestamp - self._last > GAP:

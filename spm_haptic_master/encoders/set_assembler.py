@@ -149,7 +149,8 @@ class SetAssembler:
         # Time of the latest answer of each joint, s.
         self._answered_at = [nan] * len(joints)
         self.missed = [0] * len(joints)
-        self.skew, self.jitter = LatencyMeter(), LatencyMeter()
+        self.skew = LatencyMeter()
+        self.jitter = LatencyMeter()
         self.cause: str | None = None
         self.surplus: tuple[float, str] | None = None
         self.reset()

@@ -23,7 +23,8 @@ from spm_haptic_master.parameters.setting import Values
 
 # Periods without a reading after which it is missing, and of good readings after a fast one until
 # the next is taken.
-MISSING_PERIODS, SETTLE_PERIODS = 3.0, 3.0
+MISSING_PERIODS = 3.0
+SETTLE_PERIODS = 3.0
 # Share of the range beyond its ends that is still a reading (unit 1).
 BEYOND_RANGE = 0.02
 
@@ -100,9 +101,12 @@ class SingleAxis:
         period: float,
         node: Node | None,
     ):
-        self.layout, self.scale, self.node = layout, scale, node
+        self.layout = layout
+        self.scale = scale
+        self.node = node
         self.encoder = Encoder(layout)
-        self.limits, self._period = limits, period
+        self.limits = limits
+        self._period = period
         self._lowest, self._highest = limits.bounds
         # Time, s, and position of the latest frame within the range; of the latest good reading.
         self._previous: tuple[float, float] | None = None

@@ -31,7 +31,8 @@ NAP = 0.05
 # Number of SYNCs remembered until their cycle is opened: a second without a frame at 1 kHz.
 WAITING = 1000
 # Time over which SYNC is counted (s), and the fewest that show a rate.
-SPAN, FEWEST = 1.0, 10
+SPAN = 1.0
+FEWEST = 10
 # Largest relative deviation of the time between two SYNCs that are one period apart (unit 1).
 TOLERANCE = 0.25
 # Smallest share of such SYNCs (unit 1): where SYNCs come late or are lost on a busy machine, many

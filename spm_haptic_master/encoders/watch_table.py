@@ -44,7 +44,8 @@ def watch_lines(scan: BusScan, expected: Expected) -> list[str]:
 
 def _reading(scan: BusScan, watch: CountsWatch) -> list[str]:
     """Return counts, angle, span, age and status bits of an encoder."""
-    angle, heard = watch.angle, watch.heard
+    angle = watch.angle
+    heard = watch.heard
     if heard is None:
         if watch.other_length is None:
             return ['no frames']

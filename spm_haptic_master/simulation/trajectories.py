@@ -55,7 +55,10 @@ HAND_PHI_AMPLITUDE = radians(40.0)
 
 # The arms one by one: the time that each has (s), by how much its motor turns (rad), self-rotation
 # of the pose where all begin (rad), and poses computed for each.
-ARM_TIME, ARM_SWING, ARMS_PHI, ARM_POSES = 4.0, radians(15.0), radians(25.0), 61
+ARM_TIME = 4.0
+ARM_SWING = radians(15.0)
+ARMS_PHI = radians(25.0)
+ARM_POSES = 61
 
 # The directions of tilt at azimuth 0 and 90 deg, across the centre axis (1, 1, 1).
 ACROSS = (
@@ -156,7 +159,8 @@ def _arm_poses() -> list[list[list[float]]]:
     rest = inverse(middle).theta1.tolist()
     found = []
     for arm in range(3):
-        last, poses = middle, []
+        last = middle
+        poses = []
         for number in range(ARM_POSES):
             turned = list(rest)
             turned[arm] += ARM_SWING * number / (ARM_POSES - 1)

@@ -4,6 +4,7 @@
 """A bus: how it is opened and named, its errors in a line with the remedy, its times."""
 
 import errno
+from importlib import import_module
 import logging
 import os
 import sys
@@ -19,6 +20,8 @@ OWN_EPOCH = 86400.0
 
 
 def test_a_missing_msgpack_has_a_remedy(monkeypatch):
+    # Loaded before, so that its modules are those with msgpack again after this test.
+    import_module('can.interfaces.udp_multicast')
     monkeypatch.setitem(sys.modules, 'msgpack', None)
     for name in [name for name in sys.modules if 'udp_multicast' in name]:
         monkeypatch.delitem(sys.modules, name)
