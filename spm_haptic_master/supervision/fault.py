@@ -374,17 +374,17 @@ class FaultLatch:
         """
         Return the faulty sensor; None if the evidence does not isolate one.
 
-        If symptoms name sensors, it is that one if they name one. Else it is the one without which
-        the others pass their trial. Of four, several may pass: there the one that left its motion
-        alone at the onset.
+        If symptoms name sensors, it is that one if they name one. Else it is the one whose trial
+        stands, without it. Of four, several may: there the one that left its motion alone at the
+        onset.
         """
-        passing = self._sensors.passing(sample.stamp, self.onset)
+        standing = self._sensors.standing(sample.stamp, self.onset)
         named = {
             symptom.sensor
             for symptom in symptoms
             if symptom.sensor is not None and symptom.severity > Severity.WITHHOLD
         }
-        suspects = named or set(passing)
+        suspects = named or set(standing)
         if not named and len(suspects) > 1 and self._sensors.used.entries < 2:
             # A joint that left its motion by itself, while the others stayed on theirs.
             suspects &= set(self._alone)

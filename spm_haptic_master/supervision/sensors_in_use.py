@@ -207,13 +207,26 @@ class SensorsInUse:
 
         They agree in every sample since before the fault began (`onset`, ns), or for a window.
         """
-        base = set(self.distrusted)
         return [
             sensor
-            for sensor in self.used.sensors.used
-            if (trial := self._trials.get(tuple(sorted({*base, sensor})))) is not None
-            and trial.passes(stamp, onset, self._limits.window)
+            for sensor, trial in self._without_one()
+            if trial.passes(stamp, onset, self._limits.window)
         ]
+
+    def standing(self, stamp: int, onset: int) -> list[int]:
+        """Return the sensors that may be the faulty one: `passing`, and not contradicted yet."""
+        return [
+            sensor
+            for sensor, trial in self._without_one()
+            if not trial.has_failed or trial.passes(stamp, onset, self._limits.window)
+        ]
+
+    def _without_one(self) -> Iterator[tuple[int, Trial]]:
+        """Yield each sensor in use with the trial of the others, if there is one."""
+        for sensor in self.used.sensors.used:
+            trial = self._trials.get(tuple(sorted({*self.distrusted, sensor})))
+            if trial is not None:
+                yield sensor, trial
 
     @property
     def are_all_tested(self) -> bool:
@@ -223,11 +236,7 @@ class SensorsInUse:
         Not one that may have drifted while it was hidden. One with a rival counts: it was wrong at
         the start or after a gap, or it is not.
         """
-        base = set(self.distrusted)
-        trials = [
-            self._trials.get(tuple(sorted({*base, sensor}))) for sensor in self.used.sensors.used
-        ]
-        return all(trial is not None and trial.can_agree for trial in trials)
+        return all(trial.can_agree for _, trial in self._without_one())
 
     def exclude(self, sensor: int) -> None:
         """Leave a faulty sensor out."""

@@ -56,6 +56,8 @@ class Trial:
         The set, with its estimate of the latest sample.
     place : Place or None
         Where the platform was when the set last agreed; None if that is not known.
+    has_failed : bool
+        Whether it failed in any sample: until then its hypothesis stands.
     can_agree : bool
         Whether samples can show that the set agrees. Three sensors cannot if the place is old.
 
@@ -65,6 +67,7 @@ class Trial:
         self.set, self.place = sensor_set, place
         # Stamp (ns) since when it has agreed in every sample, and their number.
         self._since, self._samples = since, 0
+        self.has_failed = False
         self.can_agree = sensor_set.entries > 0 or since is not None or place is None
         sensor_set.restart()
 
@@ -84,6 +87,7 @@ class Trial:
         agrees = self.set.take(own) is None and self._continues(own, speed)
         if not agrees:
             self._since, self._samples = None, 0
+            self.has_failed = True
             return False
         if self._since is None:
             self._since = sample.stamp
