@@ -64,9 +64,9 @@ Over {faded} of φ three motors render less roll torque than is asked for. It go
 its sign there without a step.
 
 A hand that pushes against 0.3 N m of roll loses its hold at the surface. Its grip is a spring; it
-moves by 0.9 rad in 4 s, itself at up to 0.34 rad/s. Peak speed of the handle, rad/s, by the hand's
-stiffness and by what bounds the torque there; beside it the share of poses and directions of the
-workspace at which 0.3 N m is rendered exactly:
+moves by 0.9 rad in 4 s, itself at up to 0.34 rad/s. Peak speed of the handle, rad/s, without
+`force.speed_limit`, by the hand's stiffness and by what bounds the torque there; beside it the
+share of poses and directions of the workspace at which 0.3 N m is rendered exactly:
 
 {crossing}
 

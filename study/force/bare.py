@@ -22,7 +22,8 @@ from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.kinematics.number_backends import Vector
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
 
-# No limit of what a motor may do (N m), nor of the motors along the weak direction (unit 1).
+# No limit of what a motor may do (N m), of the handle's speed (rad/s), nor of the motors along the
+# weak direction (unit 1).
 UNLIMITED, UNBOUNDED = 1e3, 1e9
 
 
@@ -39,7 +40,7 @@ class _NoBudget(EnergyBudget):
 
 def without_energy_law(motors: int = 3) -> ForceController:
     """Return force feedback that generates what the delays make of it."""
-    controller = ForceController(motors=motors, limits=ForceLimits(ramp=0.05))
+    controller = ForceController(motors=motors, limits=ForceLimits(ramp=0.05, speed=UNLIMITED))
     controller._energy = _NoBudget()
     return controller
 

@@ -5,11 +5,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from paper.figure_entry import table
 from spm_haptic_master.force import ForceController, ForceLimits, render, three_motors
 from spm_haptic_master.kinematics import jacobian, workspace_pose
-from study.force.bare import UNBOUNDED, weak_bound
+from study.force.bare import UNBOUNDED, UNLIMITED, weak_bound
 from study.force.loop import constant, DT, run, Slave
 from study.force.motions import axis, pose, push
 
@@ -53,7 +55,12 @@ def exact_share(limits: ForceLimits) -> float:
 
 
 def thrown(stiffness: float, motors: int = 3, limits: ForceLimits | None = None) -> float:
-    """Return the fastest handle, rad/s, as a hand of some N m/rad pushes across; NaN: a fault."""
+    """
+    Return the fastest handle, rad/s, as a hand of some N m/rad pushes across; NaN: a fault.
+
+    It is as fast as it gets: without `force.speed_limit`.
+    """
+    limits = replace(limits or ForceLimits(), speed=UNLIMITED)
     R = pose(30.0)
     roll = axis(R, 'roll')
     x, y, z = (-THROWN * roll).tolist()

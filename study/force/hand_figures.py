@@ -172,15 +172,15 @@ WIRINGS: dict[str, Callable[[Sequence[float]], tuple[float, ...]]] = {
 }
 
 
-def wired(name: str, phi_deg: float = 20.0) -> tuple[float, float, str]:
+def wired(name: str, phi_deg: float = 20.0) -> tuple[float, float, float, str]:
     """
     Touch a free handle whose motors are wired in a way.
 
     Returns
     -------
-    tuple of float, float and str
-        Time from 1 rad/s to zero torque, s, NaN where it never is as fast; largest speed, rad/s;
-        last state.
+    tuple of float, float, float and str
+        Times from 1 rad/s, and from the limit of the speed, to zero torque, s, NaN where it never
+        is as fast; largest speed, rad/s; last state.
 
     """
     limits = ForceLimits(ramp=0.05, speed=SPEED_LIMIT)
@@ -201,13 +201,22 @@ def wired(name: str, phi_deg: float = 20.0) -> tuple[float, float, str]:
         pass  # it has left the workspace
     found = loop.trace(ENGAGED)
     speed = np.linalg.norm(found.velocity[found.start + 50 :], axis=1)
-    fast = np.flatnonzero(speed > 1.0)
+    torque = np.abs(found.torque[found.start + 50 :]).max(axis=1)
+    return (
+        _time_to_none(speed, torque, 1.0),
+        _time_to_none(speed, torque, SPEED_LIMIT),
+        float(speed.max()),
+        found.states[-1],
+    )
+
+
+def _time_to_none(speed: np.ndarray, torque: np.ndarray, since: float) -> float:
+    """Return the time from a speed, rad/s, to zero torque, s; NaN: never as fast; inf: no end."""
+    fast = np.flatnonzero(speed > since)
     if not len(fast):
-        return float('nan'), float(speed.max()), found.states[-1]
-    after = np.abs(found.torque[found.start + 50 + fast[0] :]).max(axis=1)
-    ended = np.flatnonzero(after == 0.0)
-    time = DT * ended[0] if len(ended) else float('inf')
-    return float(time), float(speed.max()), found.states[-1]
+        return float('nan')
+    ended = np.flatnonzero(torque[fast[0] :] == 0.0)
+    return float(DT * ended[0]) if len(ended) else float('inf')
 
 
 def hand_rows() -> list[Row]:
@@ -247,7 +256,16 @@ def wiring_table() -> str:
     """Return what a free handle does that is touched, by its wiring, Markdown."""
     rows = []
     for name in WIRINGS:
-        time, speed, state = wired(name)
-        is_ended = np.isfinite(time)
-        rows.append((name, f'{speed:.1f}', f'{1e3 * time:.0f}' if is_ended else '-', state))
-    return table(('wiring', 'fastest, rad/s', 'torque ends, ms after 1 rad/s', 'at last'), rows)
+        *times, speed, state = wired(name)
+        ends = [f'{1e3 * time:.0f}' if np.isfinite(time) else '-' for time in times]
+        rows.append((name, f'{speed:.1f}', *ends, state))
+    return table(
+        (
+            'wiring',
+            'fastest, rad/s',
+            'torque ends, ms after 1 rad/s',
+            f'ms after {SPEED_LIMIT:g} rad/s',
+            'at last',
+        ),
+        rows,
+    )
