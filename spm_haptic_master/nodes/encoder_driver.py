@@ -261,7 +261,17 @@ class EncoderDriver(ParameterNode):
         self.state = text
         message = f'{text} [{self.source_text}]'
         if self._status.is_due(level, message):
-            self._status.publish(level, message, logged=logged, values=self._figures())
+            self._status.publish(
+                level,
+                message,
+                logged=logged,
+                values=self._figures(),
+                starting=self._is_starting(now) and level == WARN,
+            )
+
+    def _is_starting(self, now: float) -> bool:
+        """Return whether it waits for its first samples, at a time, s, monotonic."""
+        return self._waiting or (not self.published.count and now < self._grace_until)
 
     def _figures(self) -> dict[str, object]:
         """Return the values of the entry, by name."""
@@ -302,7 +312,7 @@ class EncoderDriver(ParameterNode):
         if self._waiting:
             return WARN, 'waiting for a listener'
         if fault:
-            starting = not self.published.count and now < self._grace_until
+            starting = self._is_starting(now)
             return (WARN, f'starting: {fault}') if starting else (ERROR, fault)
         # What an engineer should investigate although samples come.
         cautions = [caution] if caution else []

@@ -133,7 +133,14 @@ class OrientationStatus:
         subject = text + ', '.join(cautions)
         if self._publisher.is_due(severity, subject):
             logged = level_of_state, with_remedy(state.why, text)
-            self._publisher.publish(severity, message, self._figures(level), subject, logged)
+            self._publisher.publish(
+                severity,
+                message,
+                self._figures(level),
+                subject,
+                logged,
+                starting=state.condition is Condition.STARTING,
+            )
 
     def _figures(self, level: float | None) -> dict[str, object]:
         """

@@ -70,7 +70,7 @@ class StatusPublisher:
         self._published_at = 0.0
         # Level and message that the log is up to date with.
         self._logged = OK, ''
-        # Whether the node has been in another level than WARN: its start is over.
+        # Whether the start of the node is over, whose warnings are not logged.
         self._is_started = False
 
     def is_due(self, level: bytes, subject: str) -> bool:
@@ -86,6 +86,7 @@ class StatusPublisher:
         values: Mapping[str, object],
         subject: str | None = None,
         logged: tuple[bytes, str] | None = None,
+        starting: bool = False,
     ) -> None:
         """
         Publish the status now, and log a change.
@@ -102,9 +103,12 @@ class StatusPublisher:
             Identifies a change where the message has running figures.
         logged : tuple of bytes and str, optional
             Level and message of the log, where a caution comes and goes in normal work.
+        starting : bool, optional
+            Whether the node starts and waits for something; that is logged only later on.
 
         """
-        if self._logs:
+        self._is_started = self._is_started or not starting
+        if self._logs and self._is_started:
             self._log(*(logged or (level, message)))
         self._subject = level, message if subject is None else subject
         self.message = message
@@ -118,9 +122,8 @@ class StatusPublisher:
         self._publisher.publish(array)
 
     def _log(self, level: bytes, message: str) -> None:
-        """Log an error or a warning, and its end; the warning of a node that starts is neither."""
-        self._is_started = self._is_started or level != WARN
-        if not self._is_started or (level, message) == self._logged:
+        """Log an error or a warning, and its end."""
+        if (level, message) == self._logged:
             return
         previous, _ = self._logged
         self._logged = level, message

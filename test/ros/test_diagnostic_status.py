@@ -67,10 +67,9 @@ def test_an_entry_is_due_when_it_changes_and_every_second(entry):
 @pytest.mark.parametrize(
     ('published', 'lines'),
     [
-        # Neither the start nor a healthy entry is logged; an error and its end are, once.
+        # A healthy entry is not logged; an error and its end are, once.
         (
             [
-                (WARN, 'starting'),
                 (OK, 'healthy'),
                 (ERROR, 'silent'),
                 (ERROR, 'silent'),
@@ -105,3 +104,16 @@ def test_an_error_a_warning_and_their_end_are_logged(entry, published, lines):
     assert found == lines
     StatusPublisher(status._node, 'timing', '', logs=False).publish(ERROR, 'late', {})
     assert found == lines
+
+
+def test_of_a_node_that_starts_nothing_is_logged_but_what_is_wrong_when_it_has_started(entry):
+    """As of five sensors of which one has an error from before the start."""
+    status, _, found, _ = entry
+    status.publish(WARN, 'starting', {}, starting=True)
+    assert found == []
+    for _ in range(2):
+        status.publish(WARN, 'degraded: joint_3b missing', {})
+    assert found == [('warning', 'degraded: joint_3b missing')]
+    # It waits again: no longer a start.
+    status.publish(WARN, 'starting', {}, starting=True)
+    assert found[1:] == [('warning', 'starting')]
