@@ -131,17 +131,20 @@ def calibrate_axis(motion: AxisMotion, ends: tuple[float, float]) -> AxisCalibra
         _check_angle(abs(counts_between) / counts_per_unit, ends, motion.ring)
     else:
         counts_per_unit = abs(counts_between) / abs(ends[1] - ends[0])
-    direction = 1 if (counts_between > 0.0) == (ends[1] > ends[0]) else -1
+    if (counts_between > 0.0) == (ends[1] > ends[0]):
+        direction = 1
+    else:
+        direction = -1
     zero_count = round(second - direction * counts_per_unit * ends[1]) % motion.ring
     # The angle of the gripper between both ends is the measured one, counted from the second.
     position_at_first = ends[1] - direction * counts_between / counts_per_unit
     least, greatest = sorted((position_at_first, ends[1]))
     return AxisCalibration(
-        motion.axis,
-        zero_count,
-        direction,
-        round(counts_per_unit, 6),
-        (round(least, 6), round(greatest, 6)),
+        axis=motion.axis,
+        zero_count=zero_count,
+        direction=direction,
+        counts_per_unit=round(counts_per_unit, 6),
+        range=(round(least, 6), round(greatest, 6)),
     )
 
 
@@ -283,7 +286,10 @@ def change_since(
     at_second = _position(second, before, motion.ring)
     at_first = at_second - before.direction * (second - first) / before.counts_per_unit
     # The first end of a gripper is where it was measured, not where it was said to be.
-    first_end = ends[0] if motion.axis == INSERTION else _farthest(before.range, ends[1])
+    if motion.axis == INSERTION:
+        first_end = ends[0]
+    else:
+        first_end = _farthest(before.range, ends[1])
     found = [
         f'its {name} end reads {now:.4g} {unit}, not {expected:.4g}'
         for name, now, expected in (('first', at_first, first_end), ('second', at_second, ends[1]))

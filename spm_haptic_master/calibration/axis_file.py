@@ -86,11 +86,11 @@ def read_axis(
             f'{path}: no {", ".join(missing)}; expected what calibrate --{axis} wrote'
         )
     return AxisCalibration(
-        axis,
-        found[f'{axis}.zero_count'],
-        found[f'{axis}.direction'],
-        found[f'{axis}.{scale}'] if scale else counts_per_turn / 360.0,
-        tuple(found[limits]),
+        axis=axis,
+        zero_count=found[f'{axis}.zero_count'],
+        direction=found[f'{axis}.direction'],
+        counts_per_unit=found[f'{axis}.{scale}'] if scale else counts_per_turn / 360.0,
+        range=tuple(found[limits]),
     )
 
 

@@ -121,7 +121,9 @@ def _nested(values: Mapping[str, Any]) -> dict[str, Any]:
 
 def _quoted(value: Any) -> Any:
     """Return a text as one that is quoted in the file, other values as they are."""
-    return _Text(value) if isinstance(value, str) else value
+    if isinstance(value, str):
+        return _Text(value)
+    return value
 
 
 def calibration_text(calibration: Calibration, mechanism: Mapping[str, Any]) -> str:
@@ -147,15 +149,14 @@ def calibration_text(calibration: Calibration, mechanism: Mapping[str, Any]) -> 
     unverified = [
         joint for joint, known in zip(joints, c.direction_verified, strict=True) if not known
     ]
-    directions = (
-        'All directions verified, by two poses.'
-        if not unverified
-        else (
+    if not unverified:
+        directions = 'All directions verified, by two poses.'
+    else:
+        directions = (
             f'Direction as configured, NOT verified: {", ".join(unverified)}. The driver '
             'refuses it; '
             'calibrate at a second pose determines it.'
         )
-    )
     stations = c.stations
     return file_text(
         (f'Calibration of {c.date}, a parameter file for all nodes: --params-file.', directions),
@@ -197,7 +198,9 @@ def sensors_entry(joints: Sequence[str]) -> dict[str, int]:
         Empty for the four sensors of the default.
 
     """
-    return {} if tuple(joints) == JOINT_NAMES else {'sensors': len(joints)}
+    if tuple(joints) == JOINT_NAMES:
+        return {}
+    return {'sensors': len(joints)}
 
 
 def rounded(angles: Iterable[float], digits: int = 6) -> list[float]:
@@ -289,7 +292,13 @@ class _Record:
         allowed: tuple[int, ...] = (),
     ) -> Any:
         """Return a value of the file after the checks that a setting of this type has."""
-        return Setting(name, kind, '', allowed=allowed, count=count).check(self.found.get(name))
+        return Setting(
+            name=name,
+            kind=kind,
+            description='',
+            allowed=allowed,
+            count=count,
+        ).check(self.found.get(name))
 
     def stations(self, sensors: int) -> tuple[Station, ...]:
         """Return the readings at the poses of a jig; a calibration from free motion has none."""

@@ -296,7 +296,11 @@ def identify_friction(releases: Sequence[Release]) -> Friction:
             f'the handle turns against the torque of the releases (inertia {1e3 * inertia:.2g} '
             'g m^2): does a motor have the wrong sign, are two swapped, is a rated torque wrong?'
         )
-    return Friction(inertia, viscous, dry)
+    return Friction(
+        inertia=inertia,
+        viscous=viscous,
+        dry=dry,
+    )
 
 
 def _integral(time: Array, values: Array) -> Array:

@@ -11,6 +11,7 @@ from math import degrees, pi
 from typing import Any, TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 from spm_haptic_master.calibration.motion.calibration import MotionCalibration, rms
 from spm_haptic_master.calibration.motion.coverage import around_middle, Region
 from spm_haptic_master.calibration.motion.model import Array
@@ -69,14 +70,7 @@ def draw(c: MotionCalibration) -> bytes:
     x, y, turn = _places(c.rotation[known])
     tilt = np.hypot(x, y)
     maps = (_Map(x, y, _edges(x, CELL)), _Map(turn, tilt, _edges(turn, TURN_CELL)))
-    least = max(1, round(CELL_SECONDS * c.readings.rate))
-    before = [each.means(np.degrees(c.parity_before[known]), least) for each in maps]
-    after = [each.means(np.degrees(c.parity[known]), least) for each in maps]
-    columns = (
-        _Column(f'before: {degrees(rms(c.parity_before)):.4f} deg rms', before, _scale(before)),
-        _Column(f'after: {degrees(rms(c.parity)):.4f} deg rms', after, _scale(before)),
-        _Column('after, own scale', after, _scale(after)),
-    )
+    columns = _columns(c, maps, known)
     figure = plot_style.new_figure(width=10.0, height=7.0)
     rows = figure.subplots(2, 3, gridspec_kw={'height_ratios': [3, 2]})
     reach = max(float(tilt.max()) + CELL, c.region.tilt_deg) + LETTERS
@@ -165,6 +159,51 @@ class _Column:
     largest: float
 
 
+def _columns(
+    c: MotionCalibration,
+    maps: tuple[_Map, _Map],
+    known: NDArray[np.bool_],
+) -> list[_Column]:
+    """
+    Return the columns of the picture.
+
+    Parameters
+    ----------
+    c : MotionCalibration
+        Result of a calibration from free motion.
+    maps : tuple of 2 _Map
+        Where its samples are.
+    known : ndarray of bool, shape (n,)
+        Which of its samples these are.
+
+    Returns
+    -------
+    list of _Column
+        Before, after on the same scale, and after on its own.
+
+    """
+    least = max(1, round(CELL_SECONDS * c.readings.rate))
+    before = [each.means(np.degrees(c.parity_before[known]), least) for each in maps]
+    after = [each.means(np.degrees(c.parity[known]), least) for each in maps]
+    return [
+        _Column(
+            title=f'before: {degrees(rms(c.parity_before)):.4f} deg rms',
+            means=before,
+            largest=_scale(before),
+        ),
+        _Column(
+            title=f'after: {degrees(rms(c.parity)):.4f} deg rms',
+            means=after,
+            largest=_scale(before),
+        ),
+        _Column(
+            title='after, own scale',
+            means=after,
+            largest=_scale(after),
+        ),
+    ]
+
+
 def _draw_cells(
     axes: Axes,
     of: _Map,
@@ -230,7 +269,9 @@ def _edges(values: Array, step: float) -> Array:
 def _scale(values: list[Array]) -> float:
     """Return the largest value of a colour scale: `SCALE_PERCENT` of the cells are within it."""
     every = np.abs(np.concatenate([each[np.isfinite(each)] for each in values]))
-    return float(np.percentile(every, SCALE_PERCENT)) if every.size and every.any() else 1.0
+    if every.size and every.any():
+        return float(np.percentile(every, SCALE_PERCENT))
+    return 1.0
 
 
 def _outline(

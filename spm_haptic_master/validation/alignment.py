@@ -280,7 +280,10 @@ def coarse_offset(
     best = near.start + int(np.argmin(misfit[near]))
     spread = ((square_a - sum_a**2 / number) * (square_b - sum_b**2 / number))[best]
     covariance = (mixed - sum_a * sum_b / number)[best]
-    correlation = covariance / math.sqrt(spread) if spread > 0.0 else 0.0
+    if spread > 0.0:
+        correlation = covariance / math.sqrt(spread)
+    else:
+        correlation = 0.0
     if not correlation >= CORRELATION_LIMIT:
         raise InputError(
             'recording and motion capture do not move alike: the best correlation of '
@@ -458,7 +461,12 @@ def _aligned(
     offset, correlation = coarse_offset(
         angular_speed(recorded_time, recorded), angular_speed(captured_time, captured)
     )
-    pair = _Pair(recorded_time, recorded, captured_time, matrix_from_quaternion(captured))
+    pair = _Pair(
+        recorded_time=recorded_time,
+        recorded=recorded,
+        captured_time=captured_time,
+        captured=matrix_from_quaternion(captured),
+    )
     found, _ = _refined(pair, _start(pair, offset, body_known), body_known, with_rate=False)
     if captured_time[-1] > RATE_SECONDS:
         other, deviation = _refined(pair, found, body_known, with_rate=True)
@@ -560,7 +568,11 @@ def _start(
         raise InputError('recording and motion capture hardly overlap')
     here = matrix_from_quaternion(quaternions[known])
     frame, body = constant_frames(pair.captured[known], here, body_known)
-    return _Fit(offset, frame, body)
+    return _Fit(
+        offset=offset,
+        frame=frame,
+        body=body,
+    )
 
 
 def _refined(
@@ -741,12 +753,13 @@ def _check_export(
     )
     if other.residual >= EXPLAINED * found.residual:
         return
-    mistake = (
-        _marker_mistake(other.body)
-        if body_known
-        else 'the captured orientations are inverted (of the world in the body), or their '
-        'quaternions are in the order w, x, y, z'
-    )
+    if body_known:
+        mistake = _marker_mistake(other.body)
+    else:
+        mistake = (
+            'the captured orientations are inverted (of the world in the body), or their '
+            'quaternions are in the order w, x, y, z'
+        )
     raise InputError(
         f'{mistake}: so they fit the recording to {math.degrees(other.residual):.2f} deg rms, as '
         f'they are to {math.degrees(found.residual):.1f}'
@@ -769,11 +782,9 @@ def _marker_mistake(body: np.ndarray) -> str:
 
     """
     if body[2, 2] < -ALONG:
-        return (
-            'the markers A and B are exchanged'
-            if body[0, 0] > ALONG
-            else 'the markers are a mirror image: of left-handed axes'
-        )
+        if body[0, 0] > ALONG:
+            return 'the markers A and B are exchanged'
+        return 'the markers are a mirror image: of left-handed axes'
     turn = math.degrees(math.atan2(body[1, 0], body[0, 0]))
     return (
         f'the markers C and D are turned by {turn:.0f} deg about Z_E: exchanged, or expected at '

@@ -178,7 +178,11 @@ def _read_metadata(path: Path) -> _Metadata:
         counts: Counter[str] = Counter()
         for each in about['topics_with_message_count']:
             counts[each['topic_metadata']['name']] += int(each['message_count'])
-        return _Metadata(files, about.get('storage_identifier'), counts)
+        return _Metadata(
+            files=files,
+            storage=about.get('storage_identifier'),
+            counts=counts,
+        )
     except (OSError, ValueError, yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
         raise InputError(
             f'{path / METADATA}: cannot be read: {_first_line(error)}; '
@@ -198,7 +202,9 @@ def _check_storage(path: Path, about: _Metadata) -> None:
 
 def _storage_of(name: str) -> str:
     """Return rosbag2's name of the storage format of a file."""
-    return 'mcap' if _stored_name(name).endswith('.mcap') else 'sqlite3'
+    if _stored_name(name).endswith('.mcap'):
+        return 'mcap'
+    return 'sqlite3'
 
 
 def _check_ended(path: Path) -> None:

@@ -101,7 +101,10 @@ def _rows(
         if len(filled) >= 2:
             numbers = _numbers(sheet, number, line)
             values = np.array([_at(numbers, column) for column in columns])
-            seen = export.quaternion(values) if export.bodies else _seen(values)
+            if export.bodies:
+                seen = export.quaternion(values)
+            else:
+                seen = _seen(values)
             rows.append([export.seconds(numbers), *seen.tolist()])
         elif rows:
             break  # a further section begins
@@ -122,7 +125,9 @@ def _numbers(
 
 def _at(numbers: Sequence[float], column: int) -> float:
     """Return the number in a column; NaN in a line that ends before it."""
-    return numbers[column] if column < len(numbers) else math.nan
+    if column < len(numbers):
+        return numbers[column]
+    return math.nan
 
 
 def _seen(values: Array) -> Array:

@@ -54,7 +54,10 @@ class Sheet:
     @property
     def begin(self) -> str:
         """Return the first field of the file in small letters; empty without one."""
-        first = self.lines[0] if self.lines else []
+        if self.lines:
+            first = self.lines[0]
+        else:
+            first = []
         return _plain(first[0]) if first else ''
 
     def find(self, is_wanted: Callable[[list[str]], bool]) -> int | None:

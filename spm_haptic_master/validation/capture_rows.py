@@ -95,7 +95,14 @@ def keep(
     track = sifted.track
     bad = int((~good).sum())
     left_out = sifted.left_out + Counter({reason: bad} if bad else {})
-    return Sifted(Track(track.time[good], track.values[good], track.left_out), left_out)
+    return Sifted(
+        Track(
+            time=track.time[good],
+            values=track.values[good],
+            left_out=track.left_out,
+        ),
+        left_out,
+    )
 
 
 def sifted_capture(track: Track) -> Sifted:

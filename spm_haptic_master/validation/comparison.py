@@ -371,11 +371,11 @@ def error_table(comparison: Comparison) -> list[ErrorRow]:
             size = np.degrees(np.abs(error))
             table.append(
                 ErrorRow(
-                    model,
-                    quantity,
-                    int(known.sum()),
-                    int((~known).sum()),
-                    (
+                    model=model,
+                    quantity=quantity,
+                    samples=int(known.sum()),
+                    missing=int((~known).sum()),
+                    figures_deg=(
                         float(np.degrees(error.mean())),
                         float(np.sqrt(np.mean(size**2))),
                         float(np.percentile(size, 95.0)),

@@ -138,7 +138,11 @@ def parity_map(
     deviation = np.sqrt((normal**2 * np.square(sigma)).sum(axis=1))
     parity[rows] = np.degrees(found.parity[known][usable] * deviation)
     tilt[rows], phi[rows] = np.degrees(tilt_and_turn(rotation))
-    return ParityMap(parity, tilt, phi)
+    return ParityMap(
+        parity_deg=parity,
+        tilt_deg=tilt,
+        phi_deg=phi,
+    )
 
 
 def tilt_and_turn(rotation: Array) -> tuple[Array, Array]:
@@ -242,7 +246,10 @@ def white_noise(stamps: NDArray[np.int64], angles: Array) -> Array:
         size = np.abs(column[np.isfinite(column)])
         if not len(size):
             continue
-        typical = np.median(size[size > 0.0]) if size.any() else 0.0
+        if size.any():
+            typical = np.median(size[size > 0.0])
+        else:
+            typical = 0.0
         spread = np.sqrt(np.mean(size[size <= OUTLIER * typical] ** 2))
         noise[sensor] = max(spread, _rounding(readings))
     return noise
@@ -283,7 +290,9 @@ def _rounding(readings: Array) -> float:
     """Return the standard deviation of a rounding to the smallest step of readings, rad."""
     changes = np.abs(np.diff(readings))
     smallest = changes[changes > 0.0].min(initial=np.inf)
-    return float(smallest / np.sqrt(12.0)) if np.isfinite(smallest) else 0.0
+    if np.isfinite(smallest):
+        return float(smallest / np.sqrt(12.0))
+    return 0.0
 
 
 def nominal_bias(table: list[Region]) -> float | None:

@@ -150,7 +150,9 @@ def read_joints(
                 f'{path}: joint angles of {" and of ".join(map(str, numbers))} '
                 'sensors; expected one number of them'
             )
-        return _track(path, rows, len(JOINT_NAMES)) if rows else None
+        if rows:
+            return _track(path, rows, len(JOINT_NAMES))
+        return None
     table = _csv_table(path)
     try:
         names = _joints_among(table[0])
@@ -216,7 +218,9 @@ def read_capture(path: Path, topic: str | None) -> Track:
     export = capture_files.export_rows(Sheet(path, _fields(path)), topic)
     if export is not None:
         of_poses, rows = export
-        return _quaternions(path, rows) if of_poses else _track(path, rows)
+        if of_poses:
+            return _quaternions(path, rows)
+        return _track(path, rows)
     table = _csv_table(path)
     if set(MARKERS) <= set(table[0]):
         return _track(path, _csv_rows(path, table, MARKERS))
@@ -299,7 +303,11 @@ def _quaternions(path: Path, rows: list[list[float]]) -> Track:
             f'{path}: at time {track.time[wrong[0]]:.6f} s the quaternion has norm '
             f'{norm[wrong[0]]:.4g}; expected 1'
         )
-    return Track(track.time, track.values / norm[:, None], len(rows) - len(track.time))
+    return Track(
+        time=track.time,
+        values=track.values / norm[:, None],
+        left_out=len(rows) - len(track.time),
+    )
 
 
 def _track(
@@ -348,7 +356,11 @@ def _track(
     back = np.flatnonzero(np.diff(time) <= 0.0)
     if back.size:
         raise InputError(f'{path}: time does not increase after {time[back[0]]:.6f} s')
-    return Track(time, values, len(rows) - len(known))
+    return Track(
+        time=time,
+        values=values,
+        left_out=len(rows) - len(known),
+    )
 
 
 def _csv_table(path: Path) -> list[list[str]]:

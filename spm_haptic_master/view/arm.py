@@ -262,9 +262,9 @@ class Arm:
         sensors = values[SENSORS_SETTING.name]
         self._use_geometry(mechanism)
         self.seen.settings = Settings(
-            sensors,
-            values['alert_limit_deg'],
-            values.get('calibration', ''),
+            sensors=sensors,
+            alert_limit=values['alert_limit_deg'],
+            calibration=values.get('calibration', ''),
         )
         if self._scene is not None:
             self._scene.remove()
@@ -350,7 +350,10 @@ class Arm:
         """
         readings = self._topics.tick(now, watched)
         self.seen.dexterities = self._topics.dexterities
-        three = None if self.seen.dexterities is None else self.seen.dexterities[0]
+        if self.seen.dexterities is None:
+            three = None
+        else:
+            three = self.seen.dexterities[0]
         self._ghost.solve(three)
         if readings is not None:
             self._ghost.add_readings(readings.stamp, readings.angles[:3])
@@ -403,7 +406,10 @@ class Arm:
         seen.ages = topics.ages()
         seen.torques = topics.torque_sizes()
         seen.further = topics.further()
-        seen.calibration = topics.calibration if topics.is_calibrating() else None
+        if topics.is_calibrating():
+            seen.calibration = topics.calibration
+        else:
+            seen.calibration = None
         self._page.show_content(self.title, seen, self._entries, self._rank)
         if seen.orientation is not None and seen.banner.alive:
             self.simulation.follow(seen.orientation)
@@ -439,7 +445,10 @@ class Arm:
         """
         self._entries.now = now
         entry = self._entries.entry(SINGULARITY)
-        reason = '' if entry is None or entry.message in MESSAGES else entry.message
+        if entry is None or entry.message in MESSAGES:
+            reason = ''
+        else:
+            reason = entry.message
         heard = not self._entries.has_ended(ORIENTATION)
         shown = status.banner(self._state, self._age.value, reason, heard)
         self.seen.banner = shown

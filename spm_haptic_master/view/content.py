@@ -146,7 +146,10 @@ def _figures(seen: Seen, entries: StatusEntries) -> Figures:
     """Return the numbers of a device and of its entries."""
     limits = entries.numbers(SINGULARITY)
     timing = entries.numbers(TIMING)
-    of_pose = {} if seen.orientation is None else entries.numbers(ORIENTATION)
+    if seen.orientation is None:
+        of_pose = {}
+    else:
+        of_pose = entries.numbers(ORIENTATION)
     return Figures(
         warn_below=limits.get('warn below', nan),
         error_below=limits.get('error below', nan),
@@ -169,7 +172,11 @@ def _note(seen: Seen, warn_below: float) -> dict[str, Any]:
 def _chips(seen: Seen) -> list[Chip]:
     """Return the chips of the encoders: name, sign and words of each state."""
     chips = [
-        Chip(f'{sensor} {state.sign}', f'{sensor} ({joint}): {state.words}', state.colour)
+        Chip(
+            text=f'{sensor} {state.sign}',
+            title=f'{sensor} ({joint}): {state.words}',
+            colour=state.colour,
+        )
         for sensor, joint, state in zip(
             SENSOR_NAMES,
             joints.ALL_JOINT_NAMES,
@@ -181,7 +188,13 @@ def _chips(seen: Seen) -> list[Chip]:
         unit, factor = FURTHER_UNITS[name]
         state = SensorState.MISSING if position is None else SensorState.HEALTHY
         figure = state.sign if position is None else f'{factor * position:.1f} {unit}'
-        chips.append(Chip(f'{name} {figure}', f'{name}: {state.words}', state.colour))
+        chips.append(
+            Chip(
+                text=f'{name} {figure}',
+                title=f'{name}: {state.words}',
+                colour=state.colour,
+            )
+        )
     return chips
 
 
@@ -211,12 +224,15 @@ def _rows_of_pose(
     entries: StatusEntries,
 ) -> list[Row]:
     """Return the figures of the orientation and of its limits."""
-    angles = [] if seen.orientation is None else zxz_angles(*seen.orientation)
+    angles = () if seen.orientation is None else zxz_angles(*seen.orientation)
     zxz = ', '.join(
         f'{name} {degrees(angle):.2f}\u00b0'
         for name, angle in zip('\u03c8\u03b8\u03c6', angles, strict=False)
     )
-    singularity = None if seen.orientation is None else entries.entry(SINGULARITY)
+    if seen.orientation is None:
+        singularity = None
+    else:
+        singularity = entries.entry(SINGULARITY)
     limit = seen.settings.alert_limit
     allowed = f' of {limit:g}\u00b0 allowed' if isfinite(limit) else ''
     three, every = seen.dexterities or (nan, nan)
@@ -293,7 +309,12 @@ def _dexterity(
     """Return the row of a dexterity with its bar."""
     light = light_of(value, figures.warn_below, figures.error_below)
     text = _known(f'{value:.3f} {light.sign}', value)
-    return Row(name, text, 0.0 if value != value else value / FULL_DEXTERITY, light.colour)
+    return Row(
+        name=name,
+        text=text,
+        share=0.0 if value != value else value / FULL_DEXTERITY,
+        colour=light.colour,
+    )
 
 
 def light_of(

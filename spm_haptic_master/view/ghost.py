@@ -175,7 +175,10 @@ def _directions(rotation: NDArray[np.float64], parts: int) -> NDArray[np.float64
     side = end - (begin @ end) * begin
     length = float(np.linalg.norm(side))
     # Opposite or equal: any side will do.
-    side = side / length if length > 1e-9 else np.array([0.0, 1.0, 0.0])
+    if length > 1e-9:
+        side = side / length
+    else:
+        side = np.array([0.0, 1.0, 0.0])
     angles = np.linspace(0.0, np.arctan2(length, begin @ end), parts + 1)[:, None]
     directions: NDArray[np.float64] = np.cos(angles) * begin + np.sin(angles) * side
     return directions

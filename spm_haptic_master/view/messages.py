@@ -82,7 +82,9 @@ def mechanism_joints(message: JointState) -> StampedAngles | None:
     angles = tuple(message.position)
     if tuple(message.name) != MECHANISM_JOINT_NAMES or len(angles) != len(message.name):
         return None
-    return StampedAngles(stamp_of(message.header), angles) if all(map(isfinite, angles)) else None
+    if all(map(isfinite, angles)):
+        return StampedAngles(stamp_of(message.header), angles)
+    return None
 
 
 def readings(message: JointState) -> StampedAngles | None:

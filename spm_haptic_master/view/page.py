@@ -55,10 +55,10 @@ GHOST_CAMERA = (-0.3, -2.4, 2.5)
 GHOST_LOOK_AT = (0.0, 0.0, 1.35)
 # What the page shows before the first device.
 NO_DEVICE = status.Banner(
-    status.Light.GREY,
-    'no device found. Start it: make run',
-    False,
-    'no device found',
+    light=status.Light.GREY,
+    text='no device found. Start it: make run',
+    alive=False,
+    event='no device found',
 )
 # Places in the panel: the page's introduction, then the devices.
 INTRODUCTION_ORDER = 0.0

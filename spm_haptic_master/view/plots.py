@@ -96,13 +96,27 @@ class Limits:
     def of_dexterity(self) -> list[Limit]:
         """Return the known limits of the dexterity."""
         return _known(
-            Limit(self.warn_below, 'warning', colours.WARNING_LIMIT),
-            Limit(self.error_below, 'error', colours.ERROR_LIMIT),
+            Limit(
+                value=self.warn_below,
+                name='warning',
+                ink=colours.WARNING_LIMIT,
+            ),
+            Limit(
+                value=self.error_below,
+                name='error',
+                ink=colours.ERROR_LIMIT,
+            ),
         )
 
     def of_level(self) -> list[Limit]:
         """Return the limit of the protection level, if it is known."""
-        return _known(Limit(self.alert, 'alert', colours.ERROR_LIMIT))
+        return _known(
+            Limit(
+                value=self.alert,
+                name='alert',
+                ink=colours.ERROR_LIMIT,
+            )
+        )
 
 
 def plots(sensors: int, limits: Limits) -> list[Plot]:
@@ -125,26 +139,46 @@ def plots(sensors: int, limits: Limits) -> list[Plot]:
     three = colours.THREE_ENCODERS
     every = colours.ALL_ENCODERS
     return [
-        Plot('ghost', 'error of three encoders alone, deg', [Series('', three)], on_top=True),
         Plot(
-            'dexterity',
-            'dexterity',
-            [Series('three', three), Series(f'all {sensors}', every)],
-            limits.of_dexterity(),
+            key='ghost',
+            title='error of three encoders alone, deg',
+            series=[Series('', three)],
             on_top=True,
         ),
-        Plot('level', 'protection level, deg', [Series('', every)], limits.of_level()),
-        Plot('angles', 'joint angles, deg', _angles(sensors), has_zero=False),
-        Plot('parity', 'parity, sigma', [Series('', every)], has_zero=False),
         Plot(
-            'torque',
-            'torque on the handle, N m',
-            [Series('commanded', colours.COMMANDED), Series('rendered', colours.RENDERED)],
+            key='dexterity',
+            title='dexterity',
+            series=[Series('three', three), Series(f'all {sensors}', every)],
+            limits=limits.of_dexterity(),
+            on_top=True,
         ),
         Plot(
-            'latency',
-            'latency, us',
-            [Series('p50', every), Series('p99', every, is_dashed=True)],
+            key='level',
+            title='protection level, deg',
+            series=[Series('', every)],
+            limits=limits.of_level(),
+        ),
+        Plot(
+            key='angles',
+            title='joint angles, deg',
+            series=_angles(sensors),
+            has_zero=False,
+        ),
+        Plot(
+            key='parity',
+            title='parity, sigma',
+            series=[Series('', every)],
+            has_zero=False,
+        ),
+        Plot(
+            key='torque',
+            title='torque on the handle, N m',
+            series=[Series('commanded', colours.COMMANDED), Series('rendered', colours.RENDERED)],
+        ),
+        Plot(
+            key='latency',
+            title='latency, us',
+            series=[Series('p50', every), Series('p99', every, is_dashed=True)],
         ),
     ]
 

@@ -367,7 +367,10 @@ class Scene:
 
         """
         for handle, colours in self._coloured:
-            handle.batched_colors = colours if alive else rgb([GREY] * len(colours))
+            if alive:
+                handle.batched_colors = colours
+            else:
+                handle.batched_colors = rgb([GREY] * len(colours))
         if not alive:
             self.level.visible = False
             self.ghost.show(None)

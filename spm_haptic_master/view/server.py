@@ -108,7 +108,10 @@ def refusal(headers: Headers, names: frozenset[str]) -> str:
     """
     hosts = headers.get_all('Host')
     origins = headers.get_all('Origin')
-    host = hosts[0].lower() if len(hosts) == 1 else ''
+    if len(hosts) == 1:
+        host = hosts[0].lower()
+    else:
+        host = ''
     match = HOST.fullmatch(host)
     if match is None or match[1] not in names:
         return (
@@ -409,7 +412,9 @@ def in_url(host: str) -> str:
 
     """
     host = host.lower().partition('%')[0]
-    return f'[{host}]' if ':' in host and not host.startswith('[') else host
+    if ':' in host and not host.startswith('['):
+        return f'[{host}]'
+    return host
 
 
 def _quoted(values: list[str]) -> str:

@@ -135,7 +135,12 @@ def _banner(
 ) -> Banner:
     """Return the banner of words, and of the event if these differ, with the page's names."""
     text = with_sensor_names(text)
-    return Banner(light, text, alive, with_sensor_names(event) or text)
+    return Banner(
+        light=light,
+        text=text,
+        alive=alive,
+        event=with_sensor_names(event) or text,
+    )
 
 
 def _before_angles(state: OrientationState | None, source: str) -> Banner:
@@ -149,7 +154,10 @@ def _with_angles(state: OrientationState | None) -> Banner:
     """Return the banner of a device whose joint angles are of now."""
     if state is None:
         return _banner(Light.AMBER, 'state unknown: fkm publishes it')
-    light = Light.GREEN if state == orientation_state.HEALTHY else Light.AMBER
+    if state == orientation_state.HEALTHY:
+        light = Light.GREEN
+    else:
+        light = Light.AMBER
     return _banner(light, state.text, alive=state.publishes)
 
 

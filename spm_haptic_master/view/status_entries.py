@@ -104,7 +104,9 @@ class StatusEntries:
     def texts(self, name: str) -> dict[str, str]:
         """Return the values of an entry by key; none without one."""
         entry = self.entry(name)
-        return {} if entry is None else {value.key: value.value for value in entry.values}
+        if entry is None:
+            return {}
+        return {value.key: value.value for value in entry.values}
 
     def numbers(self, name: str) -> dict[str, float]:
         """

@@ -118,8 +118,14 @@ class Observations:
         if not alive:
             self.silent += seconds
         # The larger one, or the one that is a number.
-        self.three = three if not self.three >= three and three == three else self.three
-        self.device = device if not self.device >= device and device == device else self.device
+        if not self.three >= three and three == three:
+            self.three = three
+        else:
+            self.three = self.three
+        if not self.device >= device and device == device:
+            self.device = device
+        else:
+            self.device = self.device
 
 
 def verdict(
@@ -190,9 +196,9 @@ def stories(sensors: int) -> tuple[Story, ...]:
 def _crossing() -> Story:
     """Return the story of the singularity: three encoders lose the handle, all do not."""
     return Story(
-        SINGULARITY_STORY,
-        GHOST_VIEW,
-        (
+        name=SINGULARITY_STORY,
+        view=GHOST_VIEW,
+        steps=(
             Step(
                 0.0,
                 'The handle turns to where three motor encoders still know it.',
@@ -214,16 +220,16 @@ def _crossing() -> Story:
             Step(10.0, 'Clear of the singularity, on its other side.', SINGULAR + AWAY),
             Step(13.0, 'Back through the singularity.', SINGULAR - AWAY),
         ),
-        17.0,
+        end=17.0,
     )
 
 
 def _frozen_with_four() -> Story:
     """Return the story of th3A frozen where no other encoder checks it."""
     return Story(
-        'break th3A there',
-        FRONT_VIEW,
-        (
+        name='break th3A there',
+        view=FRONT_VIEW,
+        steps=(
             Step(
                 0.0,
                 'The handle turns onto the singularity. There th3A alone knows the self-rotation: '
@@ -244,16 +250,16 @@ def _frozen_with_four() -> Story:
             ),
             Step(14.0, 'th3A is repaired, and the device returns.', None, ''),
         ),
-        16.0,
+        end=16.0,
     )
 
 
 def _frozen_with_more() -> Story:
     """Return the story of th3A frozen where th3B checks it."""
     return Story(
-        'break th3A there',
-        FRONT_VIEW,
-        (
+        name='break th3A there',
+        view=FRONT_VIEW,
+        steps=(
             Step(0.0, 'The handle turns onto the singularity.', SINGULAR, ''),
             Step(
                 5.0,
@@ -268,16 +274,16 @@ def _frozen_with_more() -> Story:
             ),
             Step(14.0, 'th3A is repaired.', None, ''),
         ),
-        16.0,
+        end=16.0,
     )
 
 
 def _unplugged_of_four() -> Story:
     """Return the story of a missing encoder of four: silence."""
     return Story(
-        'unplug one of four',
-        FRONT_VIEW,
-        (
+        name='unplug one of four',
+        view=FRONT_VIEW,
+        steps=(
             Step(0.0, 'All four encoders answer.', None, ''),
             Step(
                 2.0,
@@ -288,16 +294,16 @@ def _unplugged_of_four() -> Story:
             ),
             Step(9.0, 'th1B is back, and the device returns.', None, ''),
         ),
-        11.0,
+        end=11.0,
     )
 
 
 def _unplugged_of_more(number: str) -> Story:
     """Return the story of a missing encoder of five or six: degraded."""
     return Story(
-        f'unplug one of {number}',
-        FRONT_VIEW,
-        (
+        name=f'unplug one of {number}',
+        view=FRONT_VIEW,
+        steps=(
             Step(0.0, f'All {number} encoders answer.', None, ''),
             Step(
                 2.0,
@@ -307,5 +313,5 @@ def _unplugged_of_more(number: str) -> Story:
             ),
             Step(9.0, 'th1B is back.', None, ''),
         ),
-        11.0,
+        end=11.0,
     )

@@ -112,13 +112,27 @@ class StoryPlayer:
                 self._fail(step.faults)
             if step.phi is not None:
                 self._steer(step.phi)
-            news = StoryNews(story.name, story.view, step.words, index, count, number)
+            news = StoryNews(
+                name=story.name,
+                view=story.view,
+                words=step.words,
+                step=index,
+                steps=count,
+                number=number,
+            )
             yield from self._until(begun + end, news)
         self._steer(None)
         self.is_playing = False
         words = verdict(story, self._sensors, self.observed)
         self.happened.append(words)
-        news = StoryNews(story.name, story.view, words, count, count, number)
+        news = StoryNews(
+            name=story.name,
+            view=story.view,
+            words=words,
+            step=count,
+            steps=count,
+            number=number,
+        )
         yield from self._until(begun + story.end + VERDICT_TIME, news)
 
     def _until(self, end: float, news: StoryNews) -> Iterator[StoryNews]:

@@ -68,7 +68,10 @@ def add(
 
     """
     count = len(colours)
-    turns = np.array([np.eye(3)] * count) if axes is None else onto(axes)
+    if axes is None:
+        turns = np.array([np.eye(3)] * count)
+    else:
+        turns = onto(axes)
     return scene.add_batched_meshes_simple(
         path,
         solid.vertices * scale,

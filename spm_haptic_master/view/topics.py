@@ -267,7 +267,10 @@ class DeviceTopics:
     def _take_readings(self, now: float) -> messages.StampedAngles | None:
         """Take and return the newest readings, and note which encoders have one."""
         message = self._readings.take()
-        found = None if message is None else messages.readings(message)
+        if message is None:
+            found = None
+        else:
+            found = messages.readings(message)
         if found is not None:
             self.readings = found.angles
             for index, angle in enumerate(found.angles):

@@ -55,7 +55,10 @@ class DeviceError:
 
         """
         waiting = self._waiting
-        pose = None if waiting is None else self._poses.at(waiting[0])
+        if waiting is None:
+            pose = None
+        else:
+            pose = self._poses.at(waiting[0])
         begin = self._poses.begin
         is_late = waiting is not None and begin is not None and waiting[0] < begin
         if waiting is None or pose is not None or is_late:

@@ -225,7 +225,12 @@ class CalibrationChecker:
         near = _best(found, evaluation.freedom if evaluation is not None else 0)
         candidates = tuple(each for each in near if each.fits)
         is_isolated = len(near) == 1 and near[0].fits
-        return Check(evaluation, usable, near[0] if is_isolated else None, candidates)
+        return Check(
+            evaluation=evaluation,
+            usable=usable,
+            changed=near[0] if is_isolated else None,
+            candidates=candidates,
+        )
 
     def _check_decidable(self, found: Evaluation) -> None:
         """Raise CalibrationError if a motion would not show a slip."""
@@ -315,7 +320,10 @@ class CalibrationChecker:
         found = []
         for sensor in range(sensors):
             self.progress(f'changes of {ALL_JOINT_NAMES[sensor]}', sensor / sensors)
-            starts = [(False, float(evaluation.slip[sensor]))] if evaluation else []
+            if evaluation:
+                starts = [(False, float(evaluation.slip[sensor]))]
+            else:
+                starts = []
             if evaluation is None or evaluation.slow > LINEAR:
                 starts += [(other, self._tried(few, sensor, other)) for other in (False, True)]
             found.append(
@@ -389,26 +397,34 @@ class CalibrationChecker:
             The hypothesis; `left` is inf where its angles fit nothing.
 
         """
-        result = Hypothesis(sensor, other, slip)
+        result = Hypothesis(
+            sensor=sensor,
+            turned=other,
+            slip=slip,
+        )
         for _ in range(REFINEMENTS):
             trial = angles.copy()
             trial[:, sensor] = wrapped((-1.0 if other else 1.0) * angles[:, sensor] - slip)
             found, _ = self._evaluated(trial)
             if found is None:
-                return Hypothesis(sensor, other, slip)
+                return Hypothesis(
+                    sensor=sensor,
+                    turned=other,
+                    slip=slip,
+                )
             change = float(found.slip[sensor])
             slip += change
             left = found.misfit - float(found.explained[sensor])
             explains = left <= found.limit
             large = other or abs(slip) > LINEAR
             result = Hypothesis(
-                sensor,
-                other,
-                float(wrapped(np.array(slip))),
-                float(found.deviation[sensor]),
-                left,
-                explains,
-                explains or large and found.slow <= LARGE_LEFT,
+                sensor=sensor,
+                turned=other,
+                slip=float(wrapped(np.array(slip))),
+                deviation=float(found.deviation[sensor]),
+                left=left,
+                explains=explains,
+                fits=explains or large and found.slow <= LARGE_LEFT,
             )
             if abs(change) < REFINED:
                 break

@@ -110,7 +110,9 @@ class Fit:
     def rms(self) -> float:
         """Return the root mean square parity of the samples kept (unit 1)."""
         kept = self.normal.parity[self.normal.kept]
-        return float(np.sqrt(np.mean(kept**2))) if kept.size else float('inf')
+        if kept.size:
+            return float(np.sqrt(np.mean(kept**2)))
+        return float('inf')
 
 
 def normal_equations(
@@ -168,13 +170,13 @@ def normal_equations(
         matrix += rows.T @ rows
         right += rows.T @ values
     return Normal(
-        float(np.sum(np.fmin(size, limit) ** 2)),
-        matrix,
-        right,
-        parity,
-        kept,
-        np.concatenate([part.rotation for part in parts]),
-        limit,
+        cost=float(np.sum(np.fmin(size, limit) ** 2)),
+        matrix=matrix,
+        right=right,
+        parity=parity,
+        kept=kept,
+        rotation=np.concatenate([part.rotation for part in parts]),
+        limit=limit,
     )
 
 
@@ -270,7 +272,12 @@ def fit(
         damping = damping / DAMPING if damping > DAMPING_START else 0.0
         if length < CONVERGED**2 * len(places):
             break
-    return Fit(vector, chosen, now, misfit(now, vector))
+    return Fit(
+        vector=vector,
+        columns=chosen,
+        normal=now,
+        misfit=misfit(now, vector),
+    )
 
 
 def _damped_step(

@@ -243,7 +243,14 @@ def _choose(
         factor,
         lambda group, number: progress(group, 0.5 + 0.05 * number),
     )
-    return _Choice(first.vector, vector, columns, left, advice, gain)
+    return _Choice(
+        drawn=first.vector,
+        vector=vector,
+        columns=columns,
+        left=left,
+        advice=advice,
+        advice_gain=gain,
+    )
 
 
 def _check_zeros(
@@ -384,7 +391,11 @@ class Guide:
         try:
             means = motion_readings(stamps, readings)
         except CalibrationError as error:
-            return Guidance(None, str(error), {})
+            return Guidance(
+                error=None,
+                text=str(error),
+                covered={},
+            )
         model = MotionModel(self._layout, means.sigma)
         travel = np.degrees(np.ptp(np.unwrap(means.readings, axis=0), axis=0))
         moved = {
@@ -403,15 +414,15 @@ class Guide:
                     self._start = find_start(means, model, swaps=False)
             if self._start is None:
                 return Guidance(
-                    None,
-                    f'tilt the handle in all directions and turn it both ways ({lacking})',
-                    moved,
+                    error=None,
+                    text=f'tilt the handle in all directions and turn it both ways ({lacking})',
+                    covered=moved,
                 )
         predicted, further = _outlook(model, means, self._start)
         return Guidance(
-            predicted,
-            f'predicted error {degrees(predicted):.3f} deg; {next(iter(further))}',
-            {text: 1.0 / further[text] for text in further},
+            error=predicted,
+            text=f'predicted error {degrees(predicted):.3f} deg; {next(iter(further))}',
+            covered={text: 1.0 / further[text] for text in further},
         )
 
 

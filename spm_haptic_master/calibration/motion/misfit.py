@@ -333,7 +333,11 @@ def _slips(model: MotionModel, turned: Array, found: Fit) -> _Slips:
     slope = (shares @ rights)[:, :sensors]
     slope = slope - np.einsum('tpi,p->ti', along, covariance @ right)
     beyond = sum(_beyond_noise(piece) for piece in pieces)
-    return _Slips(slope, own - eliminated, max(LEAST_IMPROVEMENT, LEAST_PART * beyond))
+    return _Slips(
+        slope=slope,
+        size=own - eliminated,
+        least=max(LEAST_IMPROVEMENT, LEAST_PART * beyond),
+    )
 
 
 def _beyond_noise(piece: Normal) -> float:

@@ -466,7 +466,12 @@ class MotionModel:
         moved = matrix_from_vector(np.where(usable[:, None], found.step, 0.0)) @ rotation
         # The derivative of the parity is that of the residuals, seen through the gain.
         by = self._derivative(matrices, angles, slope, vector, columns)
-        return Linearised(usable, parity, gain @ by, moved)
+        return Linearised(
+            usable=usable,
+            parity=parity,
+            derivative=gain @ by,
+            rotation=moved,
+        )
 
     def orientation_changes(self, rotation: Array, vector: Array) -> Array:
         """

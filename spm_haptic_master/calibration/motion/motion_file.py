@@ -127,8 +127,10 @@ class Verdict:
     @property
     def cautions(self) -> tuple[str, ...]:
         """Return warnings for an engineer, a sentence each."""
-        own = (self.checked.caution,) if self.checked.caution else ()
-        return (*self.calibration.cautions, *own)
+        cautions = self.calibration.cautions
+        if self.checked.caution:
+            return (*cautions, self.checked.caution)
+        return cautions
 
     @property
     def text(self) -> str:

@@ -103,7 +103,11 @@ def mounted(
     prior = inverse(calibration.covariance)
     rotation = _orientations(calibration.model, turned, calibration.vector)
     base, handle = constant_frames(outside, rotation, not both)
-    now = _Frames(calibration.vector, base, handle)
+    now = _Frames(
+        vector=calibration.vector,
+        base=base,
+        handle=handle,
+    )
     count = len(now.vector)
     for _ in range(STEPS):
         rotation = _orientations(calibration.model, turned, now.vector)
@@ -174,7 +178,11 @@ class _Frames:
         handle = self.handle
         if len(change) > count + 3:
             handle = matrix_from_vector(change[None, count + 3 :])[0] @ handle
-        return _Frames(self.vector + change[:count], base @ self.base, handle)
+        return _Frames(
+            vector=self.vector + change[:count],
+            base=base @ self.base,
+            handle=handle,
+        )
 
 
 def _orientations(

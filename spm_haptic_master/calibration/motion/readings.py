@@ -140,7 +140,10 @@ def motion_readings(stamps: NDArray[np.int64], readings: Array) -> MotionReading
 
 def _check_stamps(stamps: NDArray[np.int64], sensors: int) -> None:
     """Raise CalibrationError for sets that are too few, or whose stamps do not increase."""
-    seconds = (int(stamps[-1]) - int(stamps[0])) * 1e-9 if len(stamps) else 0.0
+    if len(stamps):
+        seconds = (int(stamps[-1]) - int(stamps[0])) * 1e-9
+    else:
+        seconds = 0.0
     if len(stamps) < SETS_MINIMUM or seconds < SECONDS_MINIMUM:
         raise CalibrationError(
             f'{len(stamps)} sets of {NUMBER_WORDS[sensors]} encoders in {seconds:.1f} '

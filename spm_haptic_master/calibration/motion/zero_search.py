@@ -179,8 +179,10 @@ def find_start(
 
     """
     joints = ALL_JOINT_NAMES[: model.layout.sensors]
-    pairs = combinations(range(len(joints)), 2) if swaps else ()
-    searches = [(GUESSES, []), *((GUESSES, [*pair]) for pair in pairs), (MORE_GUESSES, [])]
+    searches: list[tuple[int, list[int]]] = [(GUESSES, [])]
+    if swaps:
+        searches += [(GUESSES, [*pair]) for pair in combinations(range(len(joints)), 2)]
+    searches.append((MORE_GUESSES, []))
     for number, (count, pair) in enumerate(searches):
         progress('zeros and directions', 0.5 * number / len(searches))
         readings = means.readings.copy()
@@ -319,7 +321,11 @@ def _compared(
         return None
     if found.rms * float(model.sigma.mean()) > PARITY_LIMIT or found.normal.kept.mean() < 0.5:
         return None
-    return ComparedGuess(found.misfit, start, found.vector[: model.layout.sensors])
+    return ComparedGuess(
+        misfit=found.misfit,
+        start=start,
+        zeros=found.vector[: model.layout.sensors],
+    )
 
 
 def _with_more(
@@ -426,7 +432,12 @@ def search_zeros(
         zeros, _, _ = _improve(turned, zeros[best], damping[best], nominal, STEPS)
         misfit = np.median(np.abs(_distance(turned, zeros, nominal)[0]), axis=1)
         found += [
-            ZeroGuess(direction, each, float(of)) for each, of in zip(zeros, misfit, strict=True)
+            ZeroGuess(
+                direction=direction,
+                zeros=each,
+                misfit=float(of),
+            )
+            for each, of in zip(zeros, misfit, strict=True)
         ]
     different: list[ZeroGuess] = []
     for guess in sorted(found, key=lambda guess: guess.misfit):

@@ -70,9 +70,9 @@ class CalibrationWatch:
         # Row of each pose in the sums.
         self._rows: dict[tuple[int, ...], int] = {}
         self._sums = slip_evidence.PoseSums(
-            np.zeros(POSES),
-            np.zeros((POSES, sensors, sensors)),
-            np.zeros((POSES, sensors)),
+            samples=np.zeros(POSES),
+            information=np.zeros((POSES, sensors, sensors)),
+            score=np.zeros((POSES, sensors)),
         )
         self._last: Quaternion[float] | None = None
         self.evaluation: slip_evidence.Evaluation | None = None
@@ -137,7 +137,10 @@ class CalibrationWatch:
         if not self._rows:
             return
         found = self.evaluation = slip_evidence.evaluate(self._sums, self._bias)
-        self.caution = '' if found.holds(HYSTERESIS if self.caution else 1.0) else _words(found)
+        if found.holds(HYSTERESIS if self.caution else 1.0):
+            self.caution = ''
+        else:
+            self.caution = _words(found)
 
 
 def _words(found: slip_evidence.Evaluation) -> str:

@@ -258,7 +258,12 @@ def projected(
     along = orthogonal[:, :, :3].swapaxes(1, 2) @ white[:, :, None]
     step = np.linalg.solve(upper[:, :3], along)[:, :, 0]
     gain = np.where(usable[:, None, None], across / sigma, 0.0)
-    return Parities(usable, (across @ white[:, :, None])[:, :, 0], gain, step)
+    return Parities(
+        usable=usable,
+        parity=(across @ white[:, :, None])[:, :, 0],
+        gain=gain,
+        step=step,
+    )
 
 
 def poses_of(angles: Array) -> NDArray[np.int64]:
@@ -320,9 +325,9 @@ def summed(angles: Array, found: Parities) -> PoseSums:
     poses, row = np.unique(poses_of(angles[usable]), axis=0, return_inverse=True)
     sensors = angles.shape[1]
     sums = PoseSums(
-        np.zeros(len(poses)),
-        np.zeros((len(poses), sensors, sensors)),
-        np.zeros((len(poses), sensors)),
+        samples=np.zeros(len(poses)),
+        information=np.zeros((len(poses), sensors, sensors)),
+        score=np.zeros((len(poses), sensors)),
     )
     row = row.ravel()
     gain = found.gain[usable]
@@ -507,13 +512,13 @@ def evaluate(sums: PoseSums, bias: Array) -> Evaluation:
 
     diagonal = np.einsum('mkk->mk', covariance)
     return Evaluation(
-        score / seen,
-        seen**-0.5,
-        score**2 / seen,
-        together,
-        misfit,
-        parity.size,
-        rms((parity / root) ** 2),
-        rms(diagonal / root**2),
-        rms(root**-2.0),
+        slip=score / seen,
+        deviation=seen**-0.5,
+        explained=score**2 / seen,
+        together=together,
+        misfit=misfit,
+        freedom=parity.size,
+        slow=rms((parity / root) ** 2),
+        expected=rms(diagonal / root**2),
+        white=rms(root**-2.0),
     )
