@@ -101,7 +101,10 @@ class AxisCalibration:
         return found
 
 
-def calibrate_axis(motion: AxisMotion, ends: tuple[float, float]) -> AxisCalibration:
+def calibrate_axis(
+    motion: AxisMotion,
+    ends: tuple[float, float],
+) -> AxisCalibration:
     """
     Return the calibration of an axis from a motion between its ends.
 
@@ -202,7 +205,10 @@ def resting_counts(motion: AxisMotion) -> tuple[float, float]:
     return first, second
 
 
-def _check_gaps(axis: str, seconds: NDArray[np.float64]) -> None:
+def _check_gaps(
+    axis: str,
+    seconds: NDArray[np.float64],
+) -> None:
     """Raise CalibrationError where the readings pause for longer than `LONGEST_GAP`."""
     gaps = np.diff(seconds)
     longest = int(np.argmax(gaps))
@@ -298,7 +304,10 @@ def change_since(
     return f'{motion.axis}: {"; ".join(found)}' if found else None
 
 
-def _farthest(limits: tuple[float, float], position: float) -> float:
+def _farthest(
+    limits: tuple[float, float],
+    position: float,
+) -> float:
     """Return the end of a range that is farther from a position."""
     return max(limits, key=lambda end: abs(end - position))
 

@@ -55,7 +55,10 @@ def file_text(
     return sections_text(header, {'/**': parameters, RECORD: record})
 
 
-def sections_text(header: Iterable[str], sections: Mapping[str, Mapping[str, Any]]) -> str:
+def sections_text(
+    header: Iterable[str],
+    sections: Mapping[str, Mapping[str, Any]],
+) -> str:
     """
     Return the text of a ROS parameter file.
 
@@ -126,7 +129,10 @@ def _quoted(value: Any) -> Any:
     return value
 
 
-def calibration_text(calibration: Calibration, mechanism: Mapping[str, Any]) -> str:
+def calibration_text(
+    calibration: Calibration,
+    mechanism: Mapping[str, Any],
+) -> str:
     """
     Return the parameter file of a calibration in a jig.
 
@@ -203,7 +209,10 @@ def sensors_entry(joints: Sequence[str]) -> dict[str, int]:
     return {'sensors': len(joints)}
 
 
-def rounded(angles: Iterable[float], digits: int = 6) -> list[float]:
+def rounded(
+    angles: Iterable[float],
+    digits: int = 6,
+) -> list[float]:
     """
     Return angles in rad as degrees, rounded as the file has them.
 
@@ -316,7 +325,12 @@ class _Record:
             )
         )
 
-    def _of_poses(self, name: str, poses: int, count: int) -> list[tuple[float, ...]]:
+    def _of_poses(
+        self,
+        name: str,
+        poses: int,
+        count: int,
+    ) -> list[tuple[float, ...]]:
         """Return the values of each pose, degrees in rad: ROS allows no lists in lists."""
         rows = np.reshape(self.value(name, float, poses * count), (poses, count))
         if name.endswith('_deg'):

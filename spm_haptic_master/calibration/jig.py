@@ -304,7 +304,8 @@ def calibrate(
 
 
 def observed_directions(
-    pairs: Iterable[tuple[Station, Station]], counts_per_turn: Sequence[int]
+    pairs: Iterable[tuple[Station, Station]],
+    counts_per_turn: Sequence[int],
 ) -> tuple[int, ...]:
     """
     Return the direction of each joint from the motion between two poses.

@@ -32,7 +32,10 @@ PATIENCE = 5.0
 MISSING_MAXIMUM = 0.2
 
 
-def _whole_sets(samples: Sequence[JointSample], share: float = 0.0) -> tuple[Recording, str]:
+def _whole_sets(
+    samples: Sequence[JointSample],
+    share: float = 0.0,
+) -> tuple[Recording, str]:
     """
     Return the sets with a reading of every joint, and which joints lack readings.
 

@@ -335,7 +335,10 @@ def _code(text: str) -> str:
     return f'`{text.replace("`", chr(39)).replace("|", "/")}`'.replace('\n', ' ')
 
 
-def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+def _table(
+    header: Sequence[str],
+    rows: Iterable[Sequence[str]],
+) -> str:
     """Return a table as Markdown."""
     lines = '\n'.join(f'| {" | ".join(row)} |' for row in rows)
     return f'| {" | ".join(header)} |\n|{"---|" * len(header)}\n{lines}'

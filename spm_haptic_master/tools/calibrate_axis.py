@@ -169,7 +169,10 @@ def _of_counts(axis: str) -> dict[str, Any]:
     return found | {'gripper.range_deg': DEFAULTS['gripper.range_deg']}
 
 
-def _layout_of(axis: str, given: dict[str, object]) -> dict[str, object]:
+def _layout_of(
+    axis: str,
+    given: dict[str, object],
+) -> dict[str, object]:
     """Return the given settings of an axis, which its calibration needs beside it in the file."""
     return {
         name: value
@@ -178,7 +181,10 @@ def _layout_of(axis: str, given: dict[str, object]) -> dict[str, object]:
     }
 
 
-def _replayed(axis: str, values: dict[str, Any]) -> AxisMotion:
+def _replayed(
+    axis: str,
+    values: dict[str, Any],
+) -> AxisMotion:
     """Return the motion of an axis in a log."""
     with closing(make_replay(values)) as source:
         encoder = _encoder(source, axis)

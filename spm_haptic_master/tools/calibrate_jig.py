@@ -179,7 +179,10 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _check_poses(source: str, poses: Sequence[Sequence[float]]) -> None:
+def _check_poses(
+    source: str,
+    poses: Sequence[Sequence[float]],
+) -> None:
     """Raise InputError for a source of no real device, and for a log with several poses."""
     check_source(source, 'calibrate')
     if source == 'replay' and len(poses) > 1:
@@ -195,7 +198,10 @@ def _settings_of(path: Path) -> dict[str, object]:
     return {name: value for name, value in read_parameters(path).items() if name in names}
 
 
-def _rig(source: str, given: dict[str, object]) -> Rig:
+def _rig(
+    source: str,
+    given: dict[str, object],
+) -> Rig:
     """Return the rig that given parameters describe, in raw counts where they do not say more."""
     sensors = sensors_of(given)
     return Rig(

@@ -133,7 +133,10 @@ def _check_outputs(output: Path | None, force: bool) -> None:
         check_output(path, force)
 
 
-def _source_values(source: str, given: dict[str, Any]) -> dict[str, Any]:
+def _source_values(
+    source: str,
+    given: dict[str, Any],
+) -> dict[str, Any]:
     """Return the checked parameters of a source of raw counts."""
     sensors = encoders.sensors_of(given)
     verified = {'encoders.direction_verified': (True,) * sensors}
@@ -461,7 +464,10 @@ def _mounted_by(
     )
 
 
-def _captured(options: argparse.Namespace, found: MotionCalibration) -> tuple[Array, Array]:
+def _captured(
+    options: argparse.Namespace,
+    found: MotionCalibration,
+) -> tuple[Array, Array]:
     """
     Return readings and captured orientations at the same times.
 

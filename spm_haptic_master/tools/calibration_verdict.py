@@ -130,7 +130,8 @@ class FkmValues:
 
 
 def supported(
-    calibration: MotionCalibration, values: FkmValues
+    calibration: MotionCalibration,
+    values: FkmValues,
 ) -> tuple[MotionCalibration, float]:
     """
     Return a calibration for the largest region that it supports.

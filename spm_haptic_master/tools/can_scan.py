@@ -257,7 +257,10 @@ def _print_rig_lines(
     print('\n'.join(rig_lines.rig_lines(scan, expected, bus)))
 
 
-def _drives(given: Values, values: Values) -> tuple[dict[int, str], dict[int, str]]:
+def _drives(
+    given: Values,
+    values: Values,
+) -> tuple[dict[int, str], dict[int, str]]:
     """
     Return what the drives add to the bus of the encoders.
 

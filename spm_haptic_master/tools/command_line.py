@@ -86,7 +86,11 @@ def given(
     return {name: value for of_node in values.values() for name, value in of_node.items()}
 
 
-def checked(values: Values, settings: tuple[Setting, ...], *sources: str) -> dict[str, Any]:
+def checked(
+    values: Values,
+    settings: tuple[Setting, ...],
+    *sources: str,
+) -> dict[str, Any]:
     """
     Return a value for each of some settings.
 
@@ -160,7 +164,10 @@ def bus_name(values: Values, of: str = 'can') -> str:
 
 
 @contextmanager
-def bus_of(values: Values, of: str = 'can') -> Iterator[can.BusABC]:
+def bus_of(
+    values: Values,
+    of: str = 'can',
+) -> Iterator[can.BusABC]:
     """
     Open the bus of the encoders or of the drives, and close it in the end.
 
@@ -218,7 +225,11 @@ class ProgressBar:
         self._next = time.monotonic() + LINE_PERIOD
         self._shown = False
 
-    def show(self, text: str, share: float | None = None) -> None:
+    def show(
+        self,
+        text: str,
+        share: float | None = None,
+    ) -> None:
         """
         Show a text, if the last one is old enough.
 

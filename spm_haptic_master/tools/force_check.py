@@ -204,7 +204,10 @@ def _record(
         source.close()
 
 
-def check_wiring(parts: list[Part], failed: list[str]) -> None:
+def check_wiring(
+    parts: list[Part],
+    failed: list[str],
+) -> None:
     """
     Print what each motor turns, by the steps of a recording.
 
@@ -483,7 +486,10 @@ def _part_of(
     )
 
 
-def _of(parts: list[Part], kind: str) -> list[Part]:
+def _of(
+    parts: list[Part],
+    kind: str,
+) -> list[Part]:
     """Return the parts of a kind: step, pose or release."""
     return [part for part in parts if part.name[0] == kind]
 

@@ -549,7 +549,10 @@ def _pose(bring_up: BringUp, others: list[Torques]) -> Torques:
     held = bring_up.angles
     began = bring_up.since
 
-    def hold(until: Callable[[], bool], recorded: bool = False) -> None:
+    def hold(
+        until: Callable[[], bool],
+        recorded: bool = False,
+    ) -> None:
         """Hold the pose until a condition is true."""
         while not until():
             rise = min(1.0, (bring_up.since - began) / RAMP)

@@ -91,7 +91,10 @@ def joined(recordings: Sequence[Recording]) -> Recording:
     return np.concatenate(stamps), np.concatenate([angles for _, angles in recordings])
 
 
-def given_for_motion(options: argparse.Namespace, nothing_to: str) -> tuple[str, dict[str, Any]]:
+def given_for_motion(
+    options: argparse.Namespace,
+    nothing_to: str,
+) -> tuple[str, dict[str, Any]]:
     """
     Return the source of a motion and the given parameters.
 

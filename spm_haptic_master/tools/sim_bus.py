@@ -122,7 +122,8 @@ def _zero_counts(values: Values) -> tuple[int, ...]:
 
 
 def _of_kinds(
-    faults: Iterable[fault_injection.Fault], kinds: Container[str]
+    faults: Iterable[fault_injection.Fault],
+    kinds: Container[str],
 ) -> tuple[fault_injection.Fault, ...]:
     """Return the faults of some kinds."""
     return tuple(fault for fault in faults if fault.kind in kinds)

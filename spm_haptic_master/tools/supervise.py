@@ -215,7 +215,10 @@ def _parser() -> Parser:
     return parser
 
 
-def _read(options: argparse.Namespace, given: dict[str, object]) -> Recorded:
+def _read(
+    options: argparse.Namespace,
+    given: dict[str, object],
+) -> Recorded:
     """
     Return the joint angles of a table, a rosbag2 or a log of the bus.
 
@@ -283,7 +286,10 @@ def _read_table(path: Path, topic: str) -> Recorded:
     )
 
 
-def _read_log(path: Path, given: dict[str, object]) -> Recorded:
+def _read_log(
+    path: Path,
+    given: dict[str, object],
+) -> Recorded:
     """
     Return the joint angles of a log of the bus.
 
@@ -370,7 +376,8 @@ def verdict(recorded: Recorded, result: Supervised) -> str:
 
 
 def longest_unchecked(
-    seconds: NDArray[np.float64], unchecked: NDArray[np.float64]
+    seconds: NDArray[np.float64],
+    unchecked: NDArray[np.float64],
 ) -> dict[str, float | None]:
     """
     Return for how long each sensor was unchecked at most.
@@ -499,7 +506,10 @@ def _propose(
         )
 
 
-def proposed_bias(parity: float, now: Sequence[float]) -> list[float]:
+def proposed_bias(
+    parity: float,
+    now: Sequence[float],
+) -> list[float]:
     """
     Return the bias to propose for each sensor.
 

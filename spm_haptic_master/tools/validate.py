@@ -184,7 +184,10 @@ def _report(
     print(f'{output}: fig32.png, fig33.png, fig34.png, errors.csv, aligned.csv')
 
 
-def _verdict(result: comparison.Comparison, table: list[comparison.ErrorRow]) -> str:
+def _verdict(
+    result: comparison.Comparison,
+    table: list[comparison.ErrorRow],
+) -> str:
     """
     Return in one line by how much the recorded orientations are off.
 

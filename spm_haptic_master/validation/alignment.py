@@ -130,11 +130,12 @@ def between(
         X, y, z, w; not of unit length.
 
     """
-    flips = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0.0
-    signs = np.concatenate([[1.0], np.where(np.cumsum(flips) % 2, -1.0, 1.0)])
-    return np.stack(
-        [np.interp(at, time, each) for each in (quaternions * signs[:, None]).T], axis=1
-    )
+    cosines = np.sum(quaternions[1:] * quaternions[:-1], axis=1)
+    flips = np.cumsum(cosines < 0.0)
+    signs = np.ones(len(quaternions))
+    signs[1:][flips % 2 == 1] = -1.0
+    components = (quaternions * signs[:, None]).T
+    return np.stack([np.interp(at, time, each) for each in components], axis=1)
 
 
 def interpolate(
@@ -161,13 +162,18 @@ def interpolate(
 
     """
     place = np.clip(np.searchsorted(time, at), 1, len(time) - 1)
-    known = (at >= time[0]) & (at <= time[-1]) & (time[place] - time[place - 1] <= GAP)
+    known = (at >= time[0]) & (at <= time[-1])
+    gaps = time[place] - time[place - 1]
+    known &= gaps <= GAP
     found = between(time, quaternions, at)
     found /= np.linalg.norm(found, axis=1, keepdims=True)
     return np.where(known[:, None], found, np.nan)
 
 
-def angular_speed(time: np.ndarray, quaternions: np.ndarray) -> tuple[float, np.ndarray]:
+def angular_speed(
+    time: np.ndarray,
+    quaternions: np.ndarray,
+) -> tuple[float, np.ndarray]:
     """
     Return the smoothed angular speed of a recording on a grid of `SPEED_STEP`.
 
@@ -194,29 +200,26 @@ def angular_speed(time: np.ndarray, quaternions: np.ndarray) -> tuple[float, np.
         The recording is too short.
 
     """
-    grid = (
-        np.arange(math.ceil(time[0] / SPEED_STEP), math.floor(time[-1] / SPEED_STEP) + 1)
-        * SPEED_STEP
-    )
+    first = math.ceil(time[0] / SPEED_STEP)
+    last = math.floor(time[-1] / SPEED_STEP)
+    grid = np.arange(first, last + 1) * SPEED_STEP
     if len(grid) < 4 * SPEED_WINDOW:
         raise InputError(
             f'{time[-1] - time[0]:.2f} s are too short to be aligned; expected '
             f'{4 * SPEED_WINDOW * SPEED_STEP:g} s or more'
         )
-    smooth = np.stack(
-        [
-            np.convolve(each, np.full(SPEED_WINDOW, 1.0 / SPEED_WINDOW), 'valid')
-            for each in between(time, quaternions, grid).T
-        ],
-        axis=1,
-    )
+    mean = np.full(SPEED_WINDOW, 1.0 / SPEED_WINDOW)
+    components = between(time, quaternions, grid).T
+    smooth = np.stack([np.convolve(each, mean, 'valid') for each in components], axis=1)
     chord = np.linalg.norm(smooth[SPEED_WINDOW:] - smooth[:-SPEED_WINDOW], axis=1)
-    speed = 4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)) / (SPEED_WINDOW * SPEED_STEP)
+    turn = 4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0))
+    speed = turn / (SPEED_WINDOW * SPEED_STEP)
     return grid[0], np.minimum(speed, SPEED_LIMIT)
 
 
 def coarse_offset(
-    recorded: tuple[float, np.ndarray], captured: tuple[float, np.ndarray]
+    recorded: tuple[float, np.ndarray],
+    captured: tuple[float, np.ndarray],
 ) -> tuple[float, float]:
     """
     Return the shift at which two angular speeds agree best.
@@ -245,52 +248,75 @@ def coarse_offset(
         The motions are not alike: the correlation is below `CORRELATION_LIMIT`.
 
     """
-    (begin_a, a), (begin_b, b) = recorded, captured
-    n = len(a)
-    m = len(b)
-    size = 1 << (n + m - 1).bit_length()
-
-    def slide(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-        """Return the sums of p[i + shift] q[i] for shift = -(m - 1) .. n - 1."""
-        sums = np.fft.irfft(np.fft.rfft(p, size) * np.fft.rfft(q[::-1], size), size)
-        return sums[: n + m - 1]
-
-    ones_a = np.ones(n)
-    ones_b = np.ones(m)
-    number = slide(ones_a, ones_b)
-    enough = number >= OVERLAP * min(n, m)
-    number = np.maximum(np.round(number), 1.0)
-    # Mean of (a - b)^2 over the common samples: (sum a^2 + sum b^2 - 2 sum a b) / number.
-    sum_a = slide(a, ones_b)
-    sum_b = slide(ones_a, b)
-    square_a = slide(a * a, ones_b)
-    square_b = slide(ones_a, b * b)
-    mixed = slide(a, b)
-    # Rounding leaves equal motions a misfit of a few units in the last place, of either sign.
-    rounding = FFT_ROUNDING * (square_a.max() + square_b.max()) / number
-    misfit = np.where(
-        enough,
-        np.maximum((square_a + square_b - 2.0 * mixed) / number, rounding),
-        np.inf,
-    )
+    sums = _SlidingSums(recorded[1], captured[1])
+    misfit = sums.misfit()
     # A motion that repeats itself fits at every period: take the one with the longest overlap.
     alike = np.flatnonzero(misfit <= TIE_RATIO * misfit.min())
-    most = alike[np.argmax(number[alike])]
+    most = alike[np.argmax(sums.number[alike])]
     near = slice(max(most - SPEED_WINDOW, 0), most + SPEED_WINDOW)
     best = near.start + int(np.argmin(misfit[near]))
-    spread = ((square_a - sum_a**2 / number) * (square_b - sum_b**2 / number))[best]
-    covariance = (mixed - sum_a * sum_b / number)[best]
-    if spread > 0.0:
-        correlation = covariance / math.sqrt(spread)
-    else:
-        correlation = 0.0
+    correlation = sums.correlation(best)
     if not correlation >= CORRELATION_LIMIT:
         raise InputError(
             'recording and motion capture do not move alike: the best correlation of '
             f'their angular speeds is {correlation:.2f}, expected '
             f'{CORRELATION_LIMIT:g} or more'
         )
-    return float(begin_a + (best - (m - 1)) * SPEED_STEP - begin_b), float(correlation)
+    shift = (best - (len(captured[1]) - 1)) * SPEED_STEP
+    return float(recorded[0] + shift - captured[0]), correlation
+
+
+class _SlidingSums:
+    """
+    Sums of products of two series over their common samples, for all shifts of the second.
+
+    Parameters
+    ----------
+    a : ndarray, shape (n,)
+        First series.
+    b : ndarray, shape (m,)
+        Second series; index i of a sum is a shift of i - (m - 1).
+
+    """
+
+    def __init__(self, a: np.ndarray, b: np.ndarray):
+        self._count = len(a) + len(b) - 1
+        self._size = 1 << self._count.bit_length()
+        ones_a = np.ones(len(a))
+        ones_b = np.ones(len(b))
+        exact = self._slide(ones_a, ones_b)
+        self._enough = exact >= OVERLAP * min(len(a), len(b))
+        self.number = np.maximum(np.round(exact), 1.0)
+        self._sum_a = self._slide(a, ones_b)
+        self._sum_b = self._slide(ones_a, b)
+        self._square_a = self._slide(a * a, ones_b)
+        self._square_b = self._slide(ones_a, b * b)
+        self._mixed = self._slide(a, b)
+
+    def _slide(self, p: np.ndarray, q: np.ndarray) -> np.ndarray:
+        """Return the sums of p[i + shift] q[i] for shift = -(m - 1) .. n - 1."""
+        spectrum = np.fft.rfft(p, self._size) * np.fft.rfft(q[::-1], self._size)
+        return np.fft.irfft(spectrum, self._size)[: self._count]
+
+    def misfit(self) -> np.ndarray:
+        """Return the mean of (a - b)^2 for each shift; inf where the overlap is too short."""
+        squares = self._square_a + self._square_b
+        # Rounding leaves equal motions a misfit of a few units in the last place, of either sign.
+        largest = self._square_a.max() + self._square_b.max()
+        rounding = FFT_ROUNDING * largest / self.number
+        mean = np.maximum((squares - 2.0 * self._mixed) / self.number, rounding)
+        return np.where(self._enough, mean, np.inf)
+
+    def correlation(self, at: int) -> float:
+        """Return the correlation of both series at an index (unit 1); 0 for a constant one."""
+        number = self.number[at]
+        spread_a = self._square_a[at] - self._sum_a[at] ** 2 / number
+        spread_b = self._square_b[at] - self._sum_b[at] ** 2 / number
+        spread = spread_a * spread_b
+        if not spread > 0.0:
+            return 0.0
+        covariance = self._mixed[at] - self._sum_a[at] * self._sum_b[at] / number
+        return float(covariance / math.sqrt(spread))
 
 
 def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
@@ -311,7 +337,8 @@ def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
 
     """
     left, _, right = np.linalg.svd(matrix)
-    left[..., 2] *= (np.linalg.det(left) * np.linalg.det(right))[..., None]
+    signs = np.linalg.det(left) * np.linalg.det(right)
+    left[..., 2] *= signs[..., None]
     rotations: np.ndarray = left @ right
     return rotations
 
@@ -364,8 +391,10 @@ def constant_frames(
         frame[going] = nearest_rotation(np.einsum('abcd,kdb->kac', products, body[going]))
         along = np.einsum('abcd,kac->kdb', products, frame[going])
         body[going] = nearest_rotation(along)
-        before, fit[going] = fit[going], np.sum(along * body[going], axis=(1, 2))
-        going = going[fit[going] - before > FRAME_TOLERANCE * len(captured)]
+        before = fit[going]
+        fit[going] = np.sum(along * body[going], axis=(1, 2))
+        gain = fit[going] - before
+        going = going[gain > FRAME_TOLERANCE * len(captured)]
     best = fit.argmax()
     return frame[best], body[best]
 
@@ -396,8 +425,11 @@ def rotation_vectors(matrices: np.ndarray) -> np.ndarray:
         axis=-1,
     )
     size = np.linalg.norm(sine, axis=-1, keepdims=True)
-    cosine = 0.5 * (np.trace(matrices, axis1=-2, axis2=-1)[..., None] - 1.0)
-    return sine * np.where(size > 0.0, np.arctan2(size, cosine) / np.maximum(size, 1e-300), 1.0)
+    trace = np.trace(matrices, axis1=-2, axis2=-1)
+    cosine = 0.5 * (trace[..., None] - 1.0)
+    angle = np.arctan2(size, cosine)
+    factor = np.where(size > 0.0, angle / np.maximum(size, 1e-300), 1.0)
+    return sine * factor
 
 
 def align(
@@ -467,7 +499,8 @@ def _aligned(
         captured_time=captured_time,
         captured=matrix_from_quaternion(captured),
     )
-    found, _ = _refined(pair, _start(pair, offset, body_known), body_known, with_rate=False)
+    start = _start(pair, offset, body_known)
+    found, _ = _refined(pair, start, body_known, with_rate=False)
     if captured_time[-1] > RATE_SECONDS:
         other, deviation = _refined(pair, found, body_known, with_rate=True)
         if abs(other.rate) > RATE_DEVIATIONS * deviation:
@@ -625,15 +658,18 @@ def _refined(
         here, before, after = (matrix_from_quaternion(each[known]) for each in quaternions)
         captured = pair.captured[known]
         # Residual of captured = frame recorded body, as a rotation vector in the base frame.
-        off = rotation_vectors(now.frame.T @ captured @ now.body.T @ here.swapaxes(-1, -2))
-        velocity = rotation_vectors(after @ before.swapaxes(-1, -2)) / (2.0 * VELOCITY_HALF_WIDTH)
+        expected = now.frame.T @ captured @ now.body.T
+        off = rotation_vectors(expected @ here.swapaxes(-1, -2))
+        turn = rotation_vectors(after @ before.swapaxes(-1, -2))
+        velocity = turn / (2.0 * VELOCITY_HALF_WIDTH)
         rows = np.concatenate(
             _changes(velocity, pair.captured_time[known], here, with_rate, not body_known)
         )
         # A motion about one axis does not separate frame and body: the solution is the least
         # rotation of both.
         step = np.linalg.lstsq(rows, off.ravel(), rcond=None)[0]
-        residual = float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
+        squares = np.sum(off**2, axis=1)
+        residual = float(np.sqrt(np.mean(squares)))
         if with_rate:
             # A third of the squared residual is the variance of one component.
             inverse = np.linalg.pinv(rows.T @ rows)

@@ -313,7 +313,10 @@ def _message(
         ) from error
 
 
-def _select(names: Iterable[str], topic: str) -> list[str]:
+def _select(
+    names: Iterable[str],
+    topic: str,
+) -> list[str]:
     """Return the names that are, or end in, `topic`; those of an axis only if it has the axis."""
     ending = f'/{topic.strip("/")}'
     of_axes = tuple(f'/{axis}{ending}' for axis in AXES)

@@ -27,7 +27,10 @@ MARKER_NAMES = ('a', 'b', 'c', 'd')
 QUOTED = 120
 
 
-def export_rows(sheet: Sheet, body: str | None) -> tuple[bool, Rows] | None:
+def export_rows(
+    sheet: Sheet,
+    body: str | None,
+) -> tuple[bool, Rows] | None:
     """
     Return the rows of an export of a known system.
 
@@ -73,7 +76,10 @@ def _of_body(
     )
 
 
-def _of_markers(sheet: Sheet, markers: Columns) -> tuple[int, ...]:
+def _of_markers(
+    sheet: Sheet,
+    markers: Columns,
+) -> tuple[int, ...]:
     """
     Return the columns of x, y, z of the markers A, B, C, D.
 
@@ -133,4 +139,5 @@ def _at(numbers: Sequence[float], column: int) -> float:
 def _seen(values: Array) -> Array:
     """Return coordinates of markers; NaN for one that is exactly at 0, 0, 0."""
     points = values.reshape(-1, 3)
-    return np.where(points.any(axis=1, keepdims=True), points, math.nan).ravel()
+    is_seen = points.any(axis=1, keepdims=True)
+    return np.where(is_seen, points, math.nan).ravel()

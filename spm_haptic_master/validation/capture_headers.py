@@ -163,7 +163,9 @@ def _motive(sheet: Sheet) -> Export | None:
         ('marker', 'rigid body marker'),
         'position',
     )
-    about = dict(zip(sheet.lines[0][::2], sheet.lines[0][1::2], strict=False))
+    titles = sheet.lines[0][::2]
+    values = sheet.lines[0][1::2]
+    about = dict(zip(titles, values, strict=False))
     kind = about.get('Rotation Type', 'Quaternion')
     if bodies and kind != 'Quaternion':
         raise InputError(
@@ -241,7 +243,10 @@ def _vicon_rate(sheet: Sheet, at: int) -> float:
         raise InputError(f'{sheet.path}, line {at + 1}: expected the rate, Hz') from error
 
 
-def _vicon_things(names: Sequence[str], axes: Sequence[str]) -> dict[str, dict[str, int]]:
+def _vicon_things(
+    names: Sequence[str],
+    axes: Sequence[str],
+) -> dict[str, dict[str, int]]:
     """Return the column of each axis of each thing; a thing ends where the next name stands."""
     found: dict[str, dict[str, int]] = {}
     begins = [column for column, name in enumerate(names) if name.strip()]
@@ -268,7 +273,8 @@ def _qualisys(sheet: Sheet) -> Export | None:
     """Read the header of Qualisys' QTM: lines NO_OF_FRAMES, FREQUENCY, ..., then numbers."""
     if sheet.begin != 'no_of_frames':
         return None
-    about = {line[0].strip().upper(): line[1:] for line in sheet.lines[:HEADER_LINES] if line}
+    top = [line for line in sheet.lines[:HEADER_LINES] if line]
+    about = {line[0].strip().upper(): line[1:] for line in top}
     first = sheet.find(lambda line: _is_number(line[0]))
     if first is None:
         first = len(sheet.lines)
@@ -289,12 +295,19 @@ def _qualisys(sheet: Sheet) -> Export | None:
     )
 
 
-def _listed(about: dict[str, list[str]], line: str) -> list[str]:
+def _listed(
+    about: dict[str, list[str]],
+    line: str,
+) -> list[str]:
     """Return the names in a line of the header of QTM."""
-    return [name.strip() for name in about.get(line, []) if name.strip()]
+    names = [name.strip() for name in about.get(line, [])]
+    return [name for name in names if name]
 
 
-def _qualisys_bodies(header: Sequence[str], names: Sequence[str]) -> Columns:
+def _qualisys_bodies(
+    header: Sequence[str],
+    names: Sequence[str],
+) -> Columns:
     """
     Return the nine columns of the matrix of each body, column after column.
 

@@ -152,7 +152,8 @@ def straight(values: Array) -> NDArray[np.bool_]:
     change = np.diff(values, n=2, axis=0)
     size = np.linalg.norm(change, axis=1)
     small = size < STRAIGHT * np.median(size)
-    ends = np.flatnonzero(np.diff(np.concatenate([[False], small, [False]]).astype(int)))
+    within = np.concatenate([[False], small, [False]])
+    ends = np.flatnonzero(within[1:] != within[:-1])
     for begin, end in zip(ends[::2], ends[1::2], strict=True):
         if end - begin >= STRAIGHT_ROWS:
             # The second difference at i is of the rows i, i + 1 and i + 2.
@@ -179,10 +180,14 @@ def rigid(values: Array) -> NDArray[np.bool_]:
     first, second = np.triu_indices(points.shape[1], 1)
     distances = np.linalg.norm(points[:, first] - points[:, second], axis=2)
     usual = np.median(distances, axis=0)
-    return np.asarray((np.abs(distances - usual) <= RIGID * usual.max()).all(axis=1))
+    is_usual = np.abs(distances - usual) <= RIGID * usual.max()
+    return np.asarray(is_usual.all(axis=1))
 
 
-def continuous(time: Array, quaternions: Array) -> NDArray[np.bool_]:
+def continuous(
+    time: Array,
+    quaternions: Array,
+) -> NDArray[np.bool_]:
     """
     Return which orientations follow each other as a hand can turn a body.
 
@@ -203,7 +208,13 @@ def continuous(time: Array, quaternions: Array) -> NDArray[np.bool_]:
 
     """
     good = np.zeros(len(time), dtype=bool)
-    breaks = 1 + np.flatnonzero(~_follows(time[:-1], quaternions[:-1], time[1:], quaternions[1:]))
+    follows = _follows(
+        time[:-1],
+        quaternions[:-1],
+        time[1:],
+        quaternions[1:],
+    )
+    breaks = np.flatnonzero(~follows) + 1
     pieces = np.split(np.arange(len(time)), breaks)
     longest = max(range(len(pieces)), key=lambda each: len(pieces[each]))
     good[pieces[longest]] = True
@@ -220,7 +231,10 @@ def continuous(time: Array, quaternions: Array) -> NDArray[np.bool_]:
     return good
 
 
-def without_jumps(sifted: Sifted, quaternions: Array) -> tuple[Sifted, Array]:
+def without_jumps(
+    sifted: Sifted,
+    quaternions: Array,
+) -> tuple[Sifted, Array]:
     """
     Return a capture and its orientations without those that no hand can give.
 
@@ -279,6 +293,7 @@ def _follows(
         True if the turn is at most `HAND_SPEED` times the time, plus `TURN_NOISE`.
 
     """
-    cosine = np.minimum(np.abs(np.sum(quaternion * after, axis=-1)), 1.0)
-    turn = 2.0 * np.arccos(cosine)
-    return np.asarray(turn <= HAND_SPEED * np.abs(np.asarray(later) - time) + TURN_NOISE)
+    cosine = np.abs(np.sum(quaternion * after, axis=-1))
+    turn = 2.0 * np.arccos(np.minimum(cosine, 1.0))
+    seconds = np.abs(np.asarray(later) - time)
+    return np.asarray(turn <= HAND_SPEED * seconds + TURN_NOISE)

@@ -117,13 +117,10 @@ def compare(
     sifted, quaternions = capture_rows.without_jumps(sifted, quaternions)
     captured_time = sifted.track.time
     aligned = alignment.align(
-        recorded.time,
-        recorded.values,
-        captured_time,
-        quaternions,
-        by_markers,
+        recorded.time, recorded.values, captured_time, quaternions, by_markers
     )
-    captured = aligned.frame.T @ kinematics.matrix_from_quaternion(quaternions) @ aligned.body.T
+    rotations = kinematics.matrix_from_quaternion(quaternions)
+    captured = aligned.frame.T @ rotations @ aligned.body.T
     time = aligned.recorded_time(captured_time)
     found = alignment.interpolate(recorded.time, recorded.values, time)
     known = np.isfinite(found[:, 0])
@@ -142,7 +139,14 @@ def compare(
             geometry,
             mounting or Mounting(),
         )
-    return Comparison(time, captured_time[known], captured, models, aligned, dict(sifted.left_out))
+    return Comparison(
+        time=time,
+        capture_time=captured_time[known],
+        captured=captured,
+        models=models,
+        alignment=aligned,
+        left_out=dict(sifted.left_out),
+    )
 
 
 def marker_directions(coordinates: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -167,8 +171,10 @@ def marker_directions(coordinates: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
         A and B coincide, or C or D is on the axis.
 
     """
-    a, b, c, d = markers = coordinates.reshape(-1, 4, 3).swapaxes(0, 1)
-    span = float(np.median(np.linalg.norm(markers - a, axis=2).max(axis=0)))
+    markers = coordinates.reshape(-1, 4, 3).swapaxes(0, 1)
+    a, b, c, d = markers
+    distances = np.linalg.norm(markers - a, axis=2)
+    span = float(np.median(distances.max(axis=0)))
     axis = _unit(b - a, span, 'A and B coincide')
     toward_c, toward_d = (
         _unit(
@@ -181,7 +187,10 @@ def marker_directions(coordinates: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
     return axis, toward_c, toward_d
 
 
-def orientation_of_markers(coordinates: np.ndarray, azimuths: tuple[float, float]) -> np.ndarray:
+def orientation_of_markers(
+    coordinates: np.ndarray,
+    azimuths: tuple[float, float],
+) -> np.ndarray:
     """
     Return the platform's orientation in the frame of the markers' coordinates.
 
@@ -260,7 +269,9 @@ def _mounted_classic(
 
     """
     after = np.clip(np.searchsorted(joints.time, time), 1, len(joints.time) - 1)
-    index = after - (time - joints.time[after - 1] < joints.time[after] - time)
+    since = time - joints.time[after - 1]
+    until = joints.time[after] - time
+    index = after - (since < until)
     rotations = np.full((len(time), 3, 3), np.nan)
     x, y, z, w = start.tolist()
     last = kinematics.matrix_from_quaternion(mounting.unmounted((x, y, z, w)))
@@ -280,7 +291,10 @@ def _mounted_classic(
     return mounted
 
 
-def zxz_degrees(rotations: np.ndarray, unwrapped: bool = False) -> np.ndarray:
+def zxz_degrees(
+    rotations: np.ndarray,
+    unwrapped: bool = False,
+) -> np.ndarray:
     """
     Return the ZXZ angles of orientations in deg.
 
@@ -300,7 +314,8 @@ def zxz_degrees(rotations: np.ndarray, unwrapped: bool = False) -> np.ndarray:
     known = np.isfinite(rotations).all(axis=(1, 2))
     angles = np.full((3, len(rotations)), np.nan)
     found = kinematics.zxz_from_matrix(rotations[known])
-    angles[:, known] = np.degrees(np.unwrap(found, axis=-1) if unwrapped else found)
+    continuous = np.unwrap(found, axis=-1) if unwrapped else found
+    angles[:, known] = np.degrees(continuous)
     return angles
 
 

@@ -123,7 +123,9 @@ def parity_map(
     n = len(angles)
     angles = angles[:, :4]
     sigma = sigma[:4]
-    parity, tilt, phi = (np.full(n, np.nan) for _ in range(3))
+    parity = np.full(n, np.nan)
+    tilt = np.full(n, np.nan)
+    phi = np.full(n, np.nan)
     finite = np.flatnonzero(np.isfinite(angles).all(axis=1))
     found = kinematics.estimate(angles[finite, :3], angles[finite, 3], sigma, geometry)
     known = np.isfinite(found.parity)
@@ -135,7 +137,8 @@ def parity_map(
     rotation = rotation[usable]
     # The null vector of the Jacobian's transpose: the last left singular vector.
     normal = np.linalg.svd(matrices[usable])[0][:, :, 3]
-    deviation = np.sqrt((normal**2 * np.square(sigma)).sum(axis=1))
+    variances = normal**2 * np.square(sigma)
+    deviation = np.sqrt(variances.sum(axis=1))
     parity[rows] = np.degrees(found.parity[known][usable] * deviation)
     tilt[rows], phi[rows] = np.degrees(tilt_and_turn(rotation))
     return ParityMap(
@@ -217,7 +220,10 @@ def regions(
     return table
 
 
-def white_noise(stamps: NDArray[np.int64], angles: Array) -> Array:
+def white_noise(
+    stamps: NDArray[np.int64],
+    angles: Array,
+) -> Array:
     """
     Return the white noise of each sensor, as a standard deviation.
 
@@ -250,12 +256,16 @@ def white_noise(stamps: NDArray[np.int64], angles: Array) -> Array:
             typical = np.median(size[size > 0.0])
         else:
             typical = 0.0
-        spread = np.sqrt(np.mean(size[size <= OUTLIER * typical] ** 2))
+        usual = size[size <= OUTLIER * typical]
+        spread = np.sqrt(np.mean(usual**2))
         noise[sensor] = max(spread, _rounding(readings))
     return noise
 
 
-def _third_differences(stamps: NDArray[np.int64], angles: Array) -> Array:
+def _third_differences(
+    stamps: NDArray[np.int64],
+    angles: Array,
+) -> Array:
     """
     Return third divided differences of four readings that follow each other.
 
@@ -279,8 +289,10 @@ def _third_differences(stamps: NDArray[np.int64], angles: Array) -> Array:
     first = np.flatnonzero(without_gap[:-2] & without_gap[1:-1] & without_gap[2:])
     rows = first[:, None] + np.arange(4)
     # Periods from the first of the four; a reading's weight is 1 / product of its distances.
-    times = (stamps[rows] - stamps[first][:, None]) / np.median(steps)
-    distances = times[:, :, None] - times[:, None, :] + np.eye(4)
+    since_first = stamps[rows] - stamps[first][:, None]
+    times = since_first / np.median(steps)
+    distances = times[:, :, None] - times[:, None, :]
+    distances = distances + np.eye(4)
     weights = 1.0 / distances.prod(axis=2)
     weights /= np.linalg.norm(weights, axis=1, keepdims=True)
     return np.asarray(np.einsum('mk,mki->mi', weights, angles[rows]))

@@ -50,7 +50,11 @@ STYLES: dict[str, dict[str, Any]] = {
 LEAST_SPAN = 2.0
 
 
-def new_figure(width: float = WIDTH, height: float = HEIGHT, **layout: Any) -> Figure:
+def new_figure(
+    width: float = WIDTH,
+    height: float = HEIGHT,
+    **layout: Any,
+) -> Figure:
     """
     Return an empty picture with automatic layout.
 

@@ -161,7 +161,10 @@ def read_joints(
     return _track(path, _csv_rows(path, table, names), len(JOINT_NAMES))
 
 
-def read_axis_times(path: Path, axis: str) -> NDArray[np.float64]:
+def read_axis_times(
+    path: Path,
+    axis: str,
+) -> NDArray[np.float64]:
     """
     Return the times of the readings of insertion or gripper.
 
@@ -272,7 +275,10 @@ def _table_in(path: Path, name: str) -> Path:
     return table if table.is_file() else path
 
 
-def _quaternions(path: Path, rows: list[list[float]]) -> Track:
+def _quaternions(
+    path: Path,
+    rows: list[list[float]],
+) -> Track:
     """
     Return rows of quaternions as unit quaternions; a row of zeros is left out.
 

@@ -112,7 +112,10 @@ class Figures:
     p99: float
 
 
-def content(seen: Seen, entries: StatusEntries) -> dict[str, Any]:
+def content(
+    seen: Seen,
+    entries: StatusEntries,
+) -> dict[str, Any]:
     """
     Return what the page shows of a device with its present entries on /diagnostics.
 
@@ -162,7 +165,10 @@ def _figures(seen: Seen, entries: StatusEntries) -> Figures:
     )
 
 
-def _note(seen: Seen, warn_below: float) -> dict[str, Any]:
+def _note(
+    seen: Seen,
+    warn_below: float,
+) -> dict[str, Any]:
     """Return the sentence, or that of the story which is played, with its progress."""
     if seen.story is None:
         return {'story': None, **asdict(sentence(seen, warn_below))}

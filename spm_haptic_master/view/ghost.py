@@ -52,7 +52,10 @@ def ghost_flag() -> Solid:
     return solids.together(_box(*GHOST_POLE), _box(*GHOST_CLOTH))
 
 
-def _box(low: Sequence[float], high: Sequence[float]) -> Solid:
+def _box(
+    low: Sequence[float],
+    high: Sequence[float],
+) -> Solid:
     """Return a box between two opposite corners, unit SIZE."""
     corners = list(product(*zip(low, high, strict=True)))
     # Corner numbers: 4 for the far x, 2 for the larger y, 1 for the larger z.
@@ -168,7 +171,10 @@ def sector(rotation: NDArray[np.float64]) -> Solid:
     return surfaces.two_sided(Solid(corners, np.stack([np.zeros_like(here), here, here + 1], 1)))
 
 
-def _directions(rotation: NDArray[np.float64], parts: int) -> NDArray[np.float64]:
+def _directions(
+    rotation: NDArray[np.float64],
+    parts: int,
+) -> NDArray[np.float64]:
     """Return unit vectors from x to the turned x, in equal steps, shape (parts + 1, 3)."""
     begin = np.array([1.0, 0.0, 0.0])
     end = rotation[:, 0]

@@ -199,7 +199,10 @@ def calibration(text: str) -> Calibration | None:
     return Calibration(words, shares)
 
 
-def ages(came: Sequence[float], now: float) -> tuple[float, ...]:
+def ages(
+    came: Sequence[float],
+    now: float,
+) -> tuple[float, ...]:
     """
     Return how long ago each reading came, s; nan of one that never came.
 

@@ -259,7 +259,11 @@ class Page:
             'views': self.views,
         }
 
-    def _device(self, name: str, banner: status.Banner) -> dict[str, Any]:
+    def _device(
+        self,
+        name: str,
+        banner: status.Banner,
+    ) -> dict[str, Any]:
         """Return the news of one device."""
         return {
             'name': name,

@@ -137,7 +137,11 @@ class Scene:
         self.place(mechanism_angles(tuple(centre.ravel().tolist()), geometry, working_mode))
         self.set_alive(False)
 
-    def _add_frames(self, root: str, table: Quaternion[float]) -> None:
+    def _add_frames(
+        self,
+        root: str,
+        table: Quaternion[float],
+    ) -> None:
         """Add the frames of the base and of the platform, and of what is beside the device."""
         scene = self._scene
         x, y, z, w = table

@@ -166,7 +166,11 @@ class GuardedConnection(ServerConnection):
             pass
         return message
 
-    async def send(self, message: Any, text: bool | None = None) -> None:
+    async def send(
+        self,
+        message: Any,
+        text: bool | None = None,
+    ) -> None:
         """Send a message, and return when nothing of it waits on this host any more."""
         await super().send(message, text)
         while unsent_bytes(self.transport):
@@ -217,7 +221,11 @@ class Guard:
 
     """
 
-    def __init__(self, names: frozenset[str], report: Callable[[str], None]) -> None:
+    def __init__(
+        self,
+        names: frozenset[str],
+        report: Callable[[str], None],
+    ) -> None:
         self._names = names
         self._report = report
         # Whether a server of viser has got the guard.

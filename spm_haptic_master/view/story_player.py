@@ -40,7 +40,11 @@ class StoryPlayer:
 
     """
 
-    def __init__(self, steer: Callable[[float | None], None], fail: Callable[[str], None]) -> None:
+    def __init__(
+        self,
+        steer: Callable[[float | None], None],
+        fail: Callable[[str], None],
+    ) -> None:
         self._steer = steer
         self._fail = fail
         self._playing: Iterator[StoryNews] = iter(())
@@ -84,7 +88,11 @@ class StoryPlayer:
         self._sensors = sensors
         return next(self._playing, None)
 
-    def _steps(self, story: Story, number: int) -> Iterator[StoryNews]:
+    def _steps(
+        self,
+        story: Story,
+        number: int,
+    ) -> Iterator[StoryNews]:
         """
         Do each step when it is due; yield the news at each tick until the story ends.
 
@@ -135,7 +143,11 @@ class StoryPlayer:
         )
         yield from self._until(begun + story.end + VERDICT_TIME, news)
 
-    def _until(self, end: float, news: StoryNews) -> Iterator[StoryNews]:
+    def _until(
+        self,
+        end: float,
+        news: StoryNews,
+    ) -> Iterator[StoryNews]:
         """Yield the news at each tick before a time, s."""
         while self._now < end:
             yield news

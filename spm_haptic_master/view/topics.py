@@ -121,7 +121,11 @@ class DeviceTopics:
         self._positions: dict[str, tuple[float | None, float]] = {}
         self._look_for_further = Periodic(FURTHER_PERIOD)
 
-    def _subscribe(self, topic: str, take: Callable[[str], None]) -> Subscription:
+    def _subscribe(
+        self,
+        topic: str,
+        take: Callable[[str], None],
+    ) -> Subscription:
         """Subscribe to a topic of words."""
 
         def on_words(message: String) -> None:
@@ -176,7 +180,11 @@ class DeviceTopics:
         """Return the topics of which the newest message is taken while a page is open."""
         return [self._dexterity, self._readings, *self._wrenches]
 
-    def tick(self, now: float, watched: bool) -> messages.StampedAngles | None:
+    def tick(
+        self,
+        now: float,
+        watched: bool,
+    ) -> messages.StampedAngles | None:
         """
         Take what is new at a time, s, while a page is open; return new readings.
 

@@ -34,7 +34,11 @@ class DeviceError:
         # Stamp, ns, and true orientation that wait for the pose after them.
         self._waiting: tuple[int, Quaternion[float]] | None = None
 
-    def add_pose(self, stamp: int, angles: Sequence[float]) -> None:
+    def add_pose(
+        self,
+        stamp: int,
+        angles: Sequence[float],
+    ) -> None:
         """Add the angles of all nine joints, rad, at a stamp, ns."""
         self._poses.add(stamp, angles)
 

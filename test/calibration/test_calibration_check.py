@@ -25,9 +25,12 @@ def rig(seed=0, sensors=4):
 
 def check(found, angles):
     """Return what a check says."""
-    return CalibrationChecker(found.sigma, found.bias, found.geometry, MODE).check(
-        (angles + np.pi) % (2.0 * np.pi) - np.pi
-    )
+    return CalibrationChecker(
+        sigma=found.sigma,
+        bias=found.bias,
+        geometry=found.geometry,
+        working_mode=MODE,
+    ).check((angles + np.pi) % (2.0 * np.pi) - np.pi)
 
 
 @pytest.mark.slow
@@ -84,7 +87,11 @@ def test_the_parity_of_a_sample_is_that_of_a_batch(sensors):
     for index, quaternion in enumerate(quaternion_from_matrix(rotation).tolist()):
         turns = 2.0 * np.pi * (np.arange(sensors) - index % 3)
         one = slip_evidence.parity_of_sample(
-            (angles[index] + turns).tolist(), tuple(quaternion), found.sigma, found.geometry, MODE
+            (angles[index] + turns).tolist(),
+            tuple(quaternion),
+            found.sigma,
+            found.geometry,
+            MODE,
         )
         np.testing.assert_allclose(
             one.gain[0].T @ one.parity[0],

@@ -29,7 +29,12 @@ def watch(sensors):
     return CalibrationWatch(found.sigma, found.bias, found.geometry, MODE)
 
 
-def feed(into, seconds, drift, seed=5):
+def feed(
+    into,
+    seconds,
+    drift,
+    seed=5,
+):
     """Feed samples at 1 Hz; return the cautions at each evaluation, and the seconds."""
     found = rig(len(drift))
     angles = found.angles(motion(seed, seconds, 1.0)) + np.radians(drift)

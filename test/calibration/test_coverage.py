@@ -24,7 +24,9 @@ def test_no_sensor_is_off_by_more_than_its_bias(number, changes):
     """Neither over the workspace, where a motion of small tilts says little, nor where it went."""
     rig = random_rig(number, free_motions.DEVIATIONS)
     stamps, raw, direction, zeros = readings(
-        rig, replace(free_motions.SHORT, **changes), 100 * number + 7
+        rig,
+        replace(free_motions.SHORT, **changes),
+        100 * number + 7,
     )
     found = free_motions.calibrated(stamps[::5], raw[::5], direction, zeros)
     for each in (found, replace(found, region=coverage.region_of(found.rotation))):
@@ -50,7 +52,11 @@ def test_the_bound_covers_what_the_covariance_draws_and_the_mechanism_turns():
         beyond.append((np.abs(errors) > bound).any(axis=0))
     assert np.mean(beyond) < 0.1
     wider = coverage.sensor_bounds(
-        model, vector, half @ half.T, there, np.array([0.0, 0.01, 0.0, 0.0])
+        model,
+        vector,
+        half @ half.T,
+        there,
+        np.array([0.0, 0.01, 0.0, 0.0]),
     )
     assert wider[1] > bound[1] + 0.009
     # Where links alone are unknown, the bounds cover what they do to the orientation.

@@ -13,7 +13,13 @@ from spm_haptic_master.calibration.motion.coverage import inverse
 from spm_haptic_master.exceptions import CalibrationError
 
 
-def readings_of(model, vector, count, seed, noise=SIGMA):
+def readings_of(
+    model,
+    vector,
+    count,
+    seed,
+    noise=SIGMA,
+):
     """Return readings with noise at poses of a motion."""
     exact = model.readings(poses(count, seed), vector)
     exact = exact[np.isfinite(exact).all(axis=1)]
@@ -50,7 +56,9 @@ def test_one_sample_in_twenty_that_is_wrong_changes_little():
     spoilt = turned.copy()
     count = wrong.sum()
     spoilt[wrong, random.integers(0, 4, count)] += random.choice((-1, 1), count) * random.uniform(
-        0.05, 3.0, count
+        0.05,
+        3.0,
+        count,
     )
     places = range(model.layout.slices['platform axes'].stop)
     start = np.where(np.arange(len(true)) < 4, true, 0.0)

@@ -36,14 +36,18 @@ from spm_haptic_master.validation.alignment import constant_frames, rotation_vec
 
 PER_TURN = (16384, 16384, 4096, 65536)
 ORIGIN = results.Origin(
-    '2026-03-01T10:00:00+01:00',
-    'hand | motion.log',
-    'ab' * 32,
-    '1.2.3',
-    PER_TURN,
-    {'can.channel': 'can1', 'source': 'can', 'encoders.id': (1, 2, 3, 4)},
+    date='2026-03-01T10:00:00+01:00',
+    recording='hand | motion.log',
+    checksum='ab' * 32,
+    version='1.2.3',
+    counts_per_turn=PER_TURN,
+    settings={'can.channel': 'can1', 'source': 'can', 'encoders.id': (1, 2, 3, 4)},
 )
-CHECKED = results.Checked(1.0, (0.93, 0.91, 0.9, 0.0), 1.42)
+CHECKED = results.Checked(
+    alert_limit_deg=1.0,
+    share=(0.93, 0.91, 0.9, 0.0),
+    least_limit_deg=1.42,
+)
 
 
 @pytest.fixture
@@ -60,7 +64,11 @@ def exact(seed, count=200):
     return poses, angles + deviations_of(RIG, angles)
 
 
-def error_deg(found, vector, zeros):
+def error_deg(
+    found,
+    vector,
+    zeros,
+):
     """Return the error of another motion's orientations, up to the frames, deg rms."""
     poses, read = exact(77)
     orientations = found.model.orientations(read + zeros, vector)
@@ -126,7 +134,9 @@ def test_nothing_is_known_and_the_directions_that_are_given_are_verified():
         # A motion that hardly moves is refused with what is missing.
         (
             lambda raw: readings(
-                RIG, replace(SHORT, tilt=1.5, turn_from=44.0, turn_to=48.0), SEED
+                RIG,
+                replace(SHORT, tilt=1.5, turn_from=44.0, turn_to=48.0),
+                SEED,
             )[1],
             'tilt the handle|turn the handle',
         ),
@@ -158,7 +168,9 @@ def test_the_file_is_what_was_found(calibration, tmp_path):
         assert np.allclose(getattr(geometry, name), getattr(expected, name), atol=1e-7)
     # Counts become the joint angles of the model: whole zero counts, table and harmonics.
     checked = command_line.checked(
-        values | {'can.channel': 'vcan0'}, SOURCE_SETTINGS['can'], 'can'
+        values | {'can.channel': 'vcan0'},
+        SOURCE_SETTINGS['can'],
+        'can',
     )
     turned = exact(77)[1] + calibration.vector[:4]
     zeros = np.multiply(calibration.direction, values['encoders.zero_count']) * tau / PER_TURN
@@ -281,7 +293,11 @@ def test_five_and_six_sensors_are_calibrated_too():
         (0.0, 9.9, '.* without a long pause'),
     ],
 )
-def test_a_motion_without_a_part_that_confirms_the_rest_is_refused(begin, end, words):
+def test_a_motion_without_a_part_that_confirms_the_rest_is_refused(
+    begin,
+    end,
+    words,
+):
     stamps, raw, _, _ = short_motion()
     since = (stamps - stamps[0]) * 1e-9
     rows = (since >= begin) & (since < end) & ((since < 3.9) | (since > 6.1))

@@ -35,7 +35,14 @@ TOLERANCE = radians(0.1)
 BIAS = (radians(0.05),) * 4
 
 
-def recorded(angles, sets=2000, noise_deg=0.04, drift_deg=0.0, direction=DIRECTION, zero=ZERO):
+def recorded(
+    angles,
+    sets=2000,
+    noise_deg=0.04,
+    drift_deg=0.0,
+    direction=DIRECTION,
+    zero=ZERO,
+):
     """Return counts of encoders at rest: noise, and joint_1b drifting over the recording."""
     drift = np.linspace(0.0, radians(drift_deg), sets)[:, None] * [0.0, 1.0, 0.0, 0.0]
     noise = np.random.default_rng(5).normal(0.0, radians(noise_deg), (sets, 4))
@@ -47,11 +54,20 @@ def recorded(angles, sets=2000, noise_deg=0.04, drift_deg=0.0, direction=DIRECTI
     )
 
 
-def station(angles, stated=None, sets=2000, **how):
+def station(
+    angles,
+    stated=None,
+    sets=2000,
+    **how,
+):
     """Return the readings at joint angles, with those that the jig states."""
     means, noise = jig.read_still(recorded(angles, sets, **how), PER_TURN, *LIMITS)
     return jig.Station(
-        (2.3, 0.9, 0.0), stated or angles, tuple(means.tolist()), tuple(noise.tolist()), sets
+        pose=(2.3, 0.9, 0.0),
+        angles=stated or angles,
+        counts=tuple(means.tolist()),
+        sigma=tuple(noise.tolist()),
+        sets=sets,
     )
 
 
@@ -225,7 +241,12 @@ def test_the_file_holds_it_all_and_every_node_loads_it(tmp_path):
         ('direction_verified', 'direction_checked', 'direction_verified'),
     ],
 )
-def test_a_calibration_that_was_edited_wrongly_is_refused(tmp_path, old, new, reason):
+def test_a_calibration_that_was_edited_wrongly_is_refused(
+    tmp_path,
+    old,
+    new,
+    reason,
+):
     path = tmp_path / 'rig.yaml'
     text = calibration_file.calibration_text(calibrated(), {})
     assert old in text

@@ -125,7 +125,11 @@ FASTEN = 'fasten the encoder and move the device again'
         ),
     ],
 )
-def test_a_slip_during_a_motion_is_named(sensor, change_deg, words):
+def test_a_slip_during_a_motion_is_named(
+    sensor,
+    change_deg,
+    words,
+):
     with pytest.raises(CalibrationError, match=f'^{re.escape(words)}$'):
         check_slip(sensor, change_deg)
 

@@ -154,7 +154,10 @@ def test_the_parity_of_a_constant_error_has_no_jump_and_begins_with_that_of_four
     turned[:, 2] += 3e-4
     found, of_four = (
         each.linearised(
-            turned[:, : each.layout.sensors], rotation, np.zeros(each.layout.count), (0, 1, 2)
+            turned[:, : each.layout.sensors],
+            rotation,
+            np.zeros(each.layout.count),
+            (0, 1, 2),
         )
         for each in (model, four)
     )

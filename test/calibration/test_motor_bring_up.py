@@ -15,11 +15,19 @@ from spm_haptic_master.calibration.motor_bring_up import (
 )
 from spm_haptic_master.exceptions import CalibrationError, InputError
 
-TRUE = Friction(2e-3, 5e-3, 4e-3)
+TRUE = Friction(
+    inertia=2e-3,
+    viscous=5e-3,
+    dry=4e-3,
+)
 TIME = np.arange(0.0, 0.4, 1e-3)
 
 
-def release(torque, friction=TRUE, rest=0.02):
+def release(
+    torque,
+    friction=TRUE,
+    rest=0.02,
+):
     """Return a release in closed form: from rest, a torque for good, until a handle moves on."""
     moved = np.maximum(TIME - rest, 0.0)
     # I theta'' + b theta' = m - c from rest.
@@ -36,7 +44,14 @@ def test_inertia_and_friction_are_those_of_the_motion():
     )
     # Half of what Colgate's and Schenkel's condition allows.
     assert TRUE.stiffest(0.015, 1e-3, 2e-3) == pytest.approx(0.5 * 0.02 / 2.5e-3)
-    assert Friction(1.0, -0.01, 0.0).stiffest(0.005, 1e-3, 1e-3) == 0.0
+    assert (
+        Friction(
+            inertia=1.0,
+            viscous=-0.01,
+            dry=0.0,
+        ).stiffest(0.005, 1e-3, 1e-3)
+        == 0.0
+    )
 
 
 def test_what_determines_no_friction_is_refused_by_its_number():
@@ -55,7 +70,11 @@ def test_what_determines_no_friction_is_refused_by_its_number():
     identify_friction([tuple(each[::20] for each in release(each)) for each in (0.05, 0.1)])
 
 
-def stepped(motor, torque, turns):
+def stepped(
+    motor,
+    torque,
+    turns,
+):
     """Return what a step of a torque, N m, does that turns joints, rad, across a half turn."""
     step = np.arange(30) >= 10
     angles = np.pi - 0.01 + np.outer(step, turns)

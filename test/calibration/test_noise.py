@@ -25,7 +25,11 @@ UNEQUAL = np.array([5e-4, 7e-4, 5e-4, 9e-4])
         (EQUAL, 0.8, 0.8 * EQUAL),
     ],
 )
-def test_the_parity_bounds_the_noise(true, factors, allowed):
+def test_the_parity_bounds_the_noise(
+    true,
+    factors,
+    allowed,
+):
     model = replace(free_motions.model_of(), sigma=true * factors)
     vector = free_motions.random_vector(model, 8)
     read = model.readings(free_motions.poses(4000), vector)

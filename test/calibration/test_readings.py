@@ -39,7 +39,11 @@ def off(found, true):
 @pytest.mark.parametrize(
     'rate, together, tolerance', [(1000, 2, 0.05), (250, 1, 0.1), (50, 1, 0.2), (10, 1, 0.5)]
 )
-def test_means_are_of_the_readings_across_the_turn_at_any_rate(rate, together, tolerance):
+def test_means_are_of_the_readings_across_the_turn_at_any_rate(
+    rate,
+    together,
+    tolerance,
+):
     read, true = motion()
     every = slice(None, None, 1000 // rate)
     found = motion_readings(STAMPS[every], read[every])

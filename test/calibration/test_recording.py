@@ -31,7 +31,13 @@ class Device:
     fault = 'no answer from joint_1a'
     caution = None
 
-    def __init__(self, sets, then=None, nth=0, pause=0.0):
+    def __init__(
+        self,
+        sets,
+        then=None,
+        nth=0,
+        pause=0.0,
+    ):
         self._sets = sets
         self._then = then
         self._nth = nth
@@ -43,7 +49,10 @@ class Device:
         time.sleep(self._pause)
         self._number += 1
         if self._number <= self._sets:
-            last = nan if self._nth and self._number % self._nth == 0 else -0.25 * TURN
+            if self._nth and self._number % self._nth == 0:
+                last = nan
+            else:
+                last = -0.25 * TURN
             return JointSample(1_000_000 * self._number, (0.1, 0.2, 0.3, 0.4, last))
         if self._then is not None:
             raise self._then
@@ -54,7 +63,12 @@ class Device:
         """End nothing."""
 
 
-def recorded(device, seconds=60.0, evaluate=lambda recording, since: False, keep=True):
+def recorded(
+    device,
+    seconds=60.0,
+    evaluate=lambda recording, since: False,
+    keep=True,
+):
     """Return stamps, angles and notes: what is left out, and why no more came."""
     (stamps, angles), notes = record(device, seconds, evaluate, PERIOD, keep)
     return stamps, angles, notes
@@ -110,7 +124,12 @@ def test_what_came_before_ctrl_c_is_kept_where_the_caller_wants_it(keep):
         (300, KeyError('of the code'), True, 'of the code'),
     ),
 )
-def test_nothing_or_a_part_of_what_is_needed_whole_is_an_error(sets, then, keep, text):
+def test_nothing_or_a_part_of_what_is_needed_whole_is_an_error(
+    sets,
+    then,
+    keep,
+    text,
+):
     with pytest.raises((CalibrationError, InputError, KeyError), match=text):
         recorded(Device(sets, then), keep=keep)
 
@@ -138,7 +157,9 @@ def test_the_recording_ends_when_it_is_enough_or_long_enough(monkeypatch):
 
 def test_sets_that_are_left_out_are_reported_with_their_joint(monkeypatch, capsys):
     monkeypatch.setattr(
-        motion_source, 'make_source', lambda source, values: Device(300, SourceEnded(), nth=10)
+        motion_source,
+        'make_source',
+        lambda source, values: Device(300, SourceEnded(), nth=10),
     )
     values = {'sensors': 5, 'encoders.counts_per_turn': (360, 360, 3600, 360, 360)}
     stamps, angles = motion_source.read_motion('can', {}, 60.0, 20.0, 'move it')

@@ -22,14 +22,18 @@ from spm_haptic_master.validation import plot_style
 pytest.importorskip('matplotlib')
 
 ORIGIN = Origin(
-    '2026-03-01T10:00:00+01:00',
-    'hand | motion.log',
-    'ab' * 32,
-    '1.2.3',
-    (16384, 16384, 4096, 65536),
-    {'encoders.can_id': (1, 2, 3, 4)},
+    date='2026-03-01T10:00:00+01:00',
+    recording='hand | motion.log',
+    checksum='ab' * 32,
+    version='1.2.3',
+    counts_per_turn=(16384, 16384, 4096, 65536),
+    settings={'encoders.can_id': (1, 2, 3, 4)},
 )
-CHECKED = Checked(1.0, (0.93, 0.91, 0.9, 0.62), 0.42)
+CHECKED = Checked(
+    alert_limit_deg=1.0,
+    share=(0.93, 0.91, 0.9, 0.62),
+    least_limit_deg=0.42,
+)
 
 
 @pytest.fixture
@@ -51,7 +55,11 @@ def drawn(monkeypatch):
     monkeypatch.setattr(report_picture, 'draw', lambda calibration: b'the picture')
 
 
-def write(output, calibration, target=0.04):
+def write(
+    output,
+    calibration,
+    target=0.04,
+):
     """Write a report; return what is said of it."""
     return write_report(output, Verdict(calibration, ORIGIN, 0.5, 0.9987, target, CHECKED))
 
@@ -72,7 +80,11 @@ def tables(text):
     return found
 
 
-def test_the_report_is_the_recorded_one_and_begins_with_its_use(calibration, output, drawn):
+def test_the_report_is_the_recorded_one_and_begins_with_its_use(
+    calibration,
+    output,
+    drawn,
+):
     """And is one page of A4 in print: 60 lines beside the picture."""
     text = written(output, replace(calibration, region=Region(14.0, 5.0, 75.0)))
     assert len(text.splitlines()) < 60
@@ -87,13 +99,17 @@ def test_the_report_is_the_recorded_one_and_begins_with_its_use(calibration, out
 
 
 def test_deviations_of_angles_between_axes_are_those_of_drawn_mechanisms(
-    calibration, output, drawn
+    calibration,
+    output,
+    drawn,
 ):
     """With mechanisms drawn by the covariance of the parameters."""
     rows = tables(written(output, calibration))
     layout = calibration.layout
     vectors = np.random.default_rng(1).multivariate_normal(
-        calibration.vector, calibration.covariance, 500
+        calibration.vector,
+        calibration.covariance,
+        500,
     )
     several = [layout.geometry(vector) for vector in vectors]
     for joint, kind in ((1, 'base_axes'), (3, 'platform_axes')):
@@ -109,7 +125,11 @@ def test_deviations_of_angles_between_axes_are_those_of_drawn_mechanisms(
             assert float(cells[3]) == pytest.approx(angles.std(), rel=0.12)
 
 
-def test_what_was_left_and_which_motion_would_determine_it(calibration, output, drawn):
+def test_what_was_left_and_which_motion_would_determine_it(
+    calibration,
+    output,
+    drawn,
+):
     left = {'second harmonics': 'the motion does not determine them'}
     estimated = tuple(column for column in range(24) if column != 5)
     text = written(
@@ -235,7 +255,11 @@ def test_the_picture_has_the_edge_of_the_region(picture):
         assert each.get_ylim()[0] == 0.0 and each.get_ylim()[1] >= 9.0
 
 
-def test_without_matplotlib_a_line_says_so(calibration, output, monkeypatch):
+def test_without_matplotlib_a_line_says_so(
+    calibration,
+    output,
+    monkeypatch,
+):
     stale = output.with_name('rig_parity.png')
     stale.write_bytes(b'of an earlier calibration')
     monkeypatch.setitem(sys.modules, 'matplotlib.figure', None)

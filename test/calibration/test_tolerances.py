@@ -14,7 +14,12 @@ from spm_haptic_master.calibration.motion.tolerances import estimated_tolerances
 LAYOUT = Layout(4, mechanism_tolerance=radians(0.5), harmonic_tolerance=radians(0.3))
 
 
-def estimates(mechanism_deg, harmonic_deg, columns=range(32), error_deg=0.02):
+def estimates(
+    mechanism_deg,
+    harmonic_deg,
+    columns=range(32),
+    error_deg=0.02,
+):
     """Return the mean tolerances, deg, of 40 rigs whose parameters are known to `error_deg`."""
     true = replace(
         LAYOUT,

@@ -15,7 +15,12 @@ from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.kinematics.rotations import wrapped
 
 
-def samples(direction, zeros, seed, links=0.0):
+def samples(
+    direction,
+    zeros,
+    seed,
+    links=0.0,
+):
     """Return the raw readings of 80 poses, rad, of links that are off by normal deviations."""
     model = model_of()
     vector = np.zeros(model.layout.count)
@@ -55,7 +60,11 @@ def test_two_guesses_that_come_to_the_same_zeros_are_one(monkeypatch):
     model = model_of()
     true = np.array([0.5, -0.2, 1.0, 2.0])
     guesses = [
-        zero_search.ZeroGuess((1, 1, -1, 1), zeros, radians(misfit))
+        zero_search.ZeroGuess(
+            direction=(1, 1, -1, 1),
+            zeros=zeros,
+            misfit=radians(misfit),
+        )
         for zeros, misfit in ((true, 0.1), (true + np.radians([4.0, -1.0, -2.0, 1.0]), 1.4))
     ]
     monkeypatch.setattr(zero_search, 'search_zeros', lambda *_: guesses)
@@ -67,7 +76,11 @@ def test_two_guesses_that_come_to_the_same_zeros_are_one(monkeypatch):
 def test_a_wrong_pair_that_several_zeros_explain_does_not_end_the_search(monkeypatch):
     """The last two of six are swapped; other swaps leave several choices."""
 
-    def explaining(readings, model, count):
+    def explaining(
+        readings,
+        model,
+        count,
+    ):
         first = readings[0].tolist()
         if first == [0.0, 1.0, 2.0, 3.0, 5.0, 4.0]:
             return Start((1,) * 6, np.zeros(model.layout.count))
@@ -77,7 +90,13 @@ def test_a_wrong_pair_that_several_zeros_explain_does_not_end_the_search(monkeyp
 
     monkeypatch.setattr('spm_haptic_master.calibration.motion.zero_search._explaining', explaining)
     readings = np.tile(np.arange(6.0), (10, 1))
-    means = MotionReadings(np.arange(10.0), readings, np.ones(6), 1, np.zeros(10, dtype=bool))
+    means = MotionReadings(
+        seconds=np.arange(10.0),
+        readings=readings,
+        noise=np.ones(6),
+        together=1,
+        spiked=np.zeros(10, dtype=bool),
+    )
     with pytest.raises(CalibrationError, match='^joint_3b and joint_3c are swapped: '):
         find_start(means, model_of(6))
 
@@ -91,7 +110,13 @@ def test_further_sensors_have_the_zeros_and_directions_that_those_of_four_leave(
     # Of a pose without an orientation nothing follows.
     readings[5, :4] += 1.0
     found = zero_search._with_more(
-        readings, model, zero_search.ZeroGuess(direction[:4], zeros[:4], 0.0)
+        readings,
+        model,
+        zero_search.ZeroGuess(
+            direction=direction[:4],
+            zeros=zeros[:4],
+            misfit=0.0,
+        ),
     )
     assert found.direction == direction
     assert np.abs(wrapped(found.vector[:6] - zeros)).max() < 1e-6

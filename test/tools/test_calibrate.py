@@ -30,7 +30,14 @@ DIRECTIONS = [1, -1, 1, -1, -1, 1]
 HARMONICS = {name: value for name, value in calibration().items() if 'harmonic' in name}
 
 
-def record(path, pose, sensors=4, without=(), every=1, noise=0.04):
+def record(
+    path,
+    pose,
+    sensors=4,
+    without=(),
+    every=1,
+    noise=0.04,
+):
     """Write a log of the rig at rest in a pose, deg; some encoders miss some cycles."""
     built = geometry.geometry_from(complete(geometry.MECHANISM_SETTINGS, mechanism()))
     angles = measured_angles(zxz_rotation(*map(radians, pose)), built, (1, 1, 1), sensors)
@@ -62,7 +69,12 @@ def run(capsys, *args):
     return code, out, ['', *err.splitlines()][-1]
 
 
-def at(log, output, pose, *args):
+def at(
+    log,
+    output,
+    pose,
+    *args,
+):
     """Return the arguments of a calibration from a log."""
     return (
         '-p',
@@ -82,7 +94,11 @@ def at(log, output, pose, *args):
 
 
 @pytest.mark.parametrize('sensors', [4, 6])
-def test_two_poses_give_a_file_that_is_all_that_the_nodes_need(capsys, tmp_path, sensors):
+def test_two_poses_give_a_file_that_is_all_that_the_nodes_need(
+    capsys,
+    tmp_path,
+    sensors,
+):
     rig_file = tmp_path / 'rig.yaml'
     output = tmp_path / 'calibration.yaml'
     rig = mechanism() | (HARMONICS if sensors == 4 else {'sensors': 6})
@@ -149,7 +165,11 @@ def test_two_poses_give_a_file_that_is_all_that_the_nodes_need(capsys, tmp_path,
 
 
 def test_a_live_device_is_asked_for_each_pose_and_the_driver_runs_on_the_file(
-    capsys, monkeypatch, tmp_path, channel, encoders
+    capsys,
+    monkeypatch,
+    tmp_path,
+    channel,
+    encoders,
 ):
     """Someone brings it to the next pose each time, and presses Enter."""
     rig = {'encoders__zero_count': ZEROS[:4], 'encoders__direction': DIRECTIONS[:4]}
@@ -250,7 +270,13 @@ def test_a_live_device_is_asked_for_each_pose_and_the_driver_runs_on_the_file(
         ),
     ],
 )
-def test_without_a_device_at_rest_nothing_is_written(capsys, monkeypatch, tmp_path, args, words):
+def test_without_a_device_at_rest_nothing_is_written(
+    capsys,
+    monkeypatch,
+    tmp_path,
+    args,
+    words,
+):
     monkeypatch.setattr('sys.stdin', io.StringIO())
     monkeypatch.chdir(tmp_path)
     code, out, err = run(capsys, *args)
@@ -272,7 +298,11 @@ def test_a_noisy_encoder_is_refused_below_the_limit_given(capsys, tmp_path):
     'arguments',
     [('--pose', *POSES[0], '--jig-error', 0.1, '-p', 'replay.rate:=20.0'), ('--motion',)],
 )
-def test_a_calibration_of_six_with_one_missing_names_it(tmp_path, capsys, arguments):
+def test_a_calibration_of_six_with_one_missing_names_it(
+    tmp_path,
+    capsys,
+    arguments,
+):
     log = record(tmp_path / 'five.log', POSES[0], 6, without={4})
     code, _, err = run(
         capsys,

@@ -25,7 +25,13 @@ SLIDE = ('-p', 'insertion.id:=0x185')
 GRIPPER = ('-p', 'gripper.id:=0x186', '-p', 'gripper.counts_per_turn:=4096')
 
 
-def way(first, second, begin=0.5, length=1.0, end=0.5):
+def way(
+    first,
+    second,
+    begin=0.5,
+    length=1.0,
+    end=0.5,
+):
     """Return positions each ms: at rest, in motion, at rest."""
     return np.concatenate(
         [
@@ -36,7 +42,12 @@ def way(first, second, begin=0.5, length=1.0, end=0.5):
     )
 
 
-def log(path, counts, identifier=0x185, without=()):
+def log(
+    path,
+    counts,
+    identifier=0x185,
+    without=(),
+):
     """Write a log of the four encoders at rest, and of an axis with counts each cycle."""
     frames = []
     for number, count in enumerate(counts):
@@ -47,7 +58,14 @@ def log(path, counts, identifier=0x185, without=()):
     return record(path, frames)
 
 
-def slide_log(path, first=ENDS[0], second=ENDS[1], zero=ZERO, direction=DIRECTION, **how):
+def slide_log(
+    path,
+    first=ENDS[0],
+    second=ENDS[1],
+    zero=ZERO,
+    direction=DIRECTION,
+    **how,
+):
     """Write the log of a slide between two insertions, m."""
     return log(path, zero + direction * PER_METRE * way(first, second), **how)
 
@@ -67,7 +85,12 @@ def parameters(path):
 
 @pytest.mark.parametrize('direction', [1, -1])
 @pytest.mark.parametrize('ends', [ENDS, ENDS[::-1]])
-def test_a_slide_is_read_as_it_is_after_its_calibration(capsys, tmp_path, direction, ends):
+def test_a_slide_is_read_as_it_is_after_its_calibration(
+    capsys,
+    tmp_path,
+    direction,
+    ends,
+):
     """The counts pass through 0, and its ends may be in either order."""
     path = tmp_path / 'a.log'
     output = tmp_path / 'c.yaml'
@@ -170,7 +193,12 @@ calibration_record:
         ({'second': 0.2}, 'its second end reads 0.2 m, not 0.25'),
     ],
 )
-def test_a_check_says_what_changed(capsys, tmp_path, changed, words):
+def test_a_check_says_what_changed(
+    capsys,
+    tmp_path,
+    changed,
+    words,
+):
     output = tmp_path / 'c.yaml'
     before = slide_log(tmp_path / 'a.log')
     assert run(capsys, before, *SLIDE, '--insertion', *ENDS, '-o', output)[0] == 0
@@ -195,7 +223,13 @@ def test_a_check_says_what_changed(capsys, tmp_path, changed, words):
         (np.concatenate([way(0, 9000), way(9000, 5000)]), (), 'went beyond where it rested'),
     ],
 )
-def test_what_is_no_motion_from_end_to_end_is_refused(capsys, tmp_path, counts, without, words):
+def test_what_is_no_motion_from_end_to_end_is_refused(
+    capsys,
+    tmp_path,
+    counts,
+    without,
+    words,
+):
     path = log(tmp_path / 'a.log', counts, without=without)
     output = tmp_path / 'c.yaml'
     code, _, err = run(capsys, path, *SLIDE, '--insertion', *ENDS, '-o', output)
@@ -218,7 +252,12 @@ def test_what_is_no_motion_from_end_to_end_is_refused(capsys, tmp_path, counts, 
         (('--insertion', 0, 0.2, *SLIDE, '-p', 'source:=sim'), 'a simulation has nothing to'),
     ],
 )
-def test_what_cannot_be_calibrated_is_refused(capsys, tmp_path, args, words):
+def test_what_cannot_be_calibrated_is_refused(
+    capsys,
+    tmp_path,
+    args,
+    words,
+):
     path = slide_log(tmp_path / 'a.log')
     output = tmp_path / 'c.yaml'
     code, _, err = run(capsys, path, *args, '-o', output)
@@ -256,7 +295,11 @@ NODES = (1, 2, 3, 4, 5)
 
 @pytest.mark.parametrize('answers', [True, False])
 def test_a_slide_on_a_bus_is_calibrated_from_enter_to_enter(
-    channel, capsys, tmp_path, monkeypatch, answers
+    channel,
+    capsys,
+    tmp_path,
+    monkeypatch,
+    answers,
 ):
     """Another stack's encoder, which is started, read at rest, moved, and read at rest."""
     monkeypatch.setattr(command_line, 'SIGNALS', ())
@@ -285,7 +328,12 @@ def test_a_slide_on_a_bus_is_calibrated_from_enter_to_enter(
     assert found['insertion.counts_per_metre'] == pytest.approx(PER_METRE, rel=1e-3)
 
 
-def test_standard_input_that_has_ended_is_refused(channel, capsys, tmp_path, monkeypatch):
+def test_standard_input_that_has_ended_is_refused(
+    channel,
+    capsys,
+    tmp_path,
+    monkeypatch,
+):
     monkeypatch.setattr(command_line, 'SIGNALS', ())
     monkeypatch.setattr(calibrate_axis.sys, 'stdin', io.StringIO())
     bus = ('-p', 'can.interface:=virtual', '-p', f'can.channel:={channel}', *SLIDE)

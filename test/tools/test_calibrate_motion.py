@@ -65,7 +65,9 @@ def supervised(path, log, **changes):
     stamps = np.array([sample.stamp for sample in samples])
     angles = np.array([sample.angles for sample in samples])
     return stamps, supervise(
-        stamps, angles, **{name.replace('.', '__'): value for name, value in of_fkm.items()}
+        stamps,
+        angles,
+        **{name.replace('.', '__'): value for name, value in of_fkm.items()},
     )
 
 
@@ -127,7 +129,11 @@ def test_every_sensor_is_checked_at_an_alert_limit_of_one_degree(by_the_book, ca
     assert given['parity_bias_deg'] < 0.25 * max(given['bias_deg'])
 
 
-def test_the_motion_is_summed_up_and_its_file_has_what_it_determined(calibrated, motion, capsys):
+def test_the_motion_is_summed_up_and_its_file_has_what_it_determined(
+    calibrated,
+    motion,
+    capsys,
+):
     path, printed, verdict = calibrated
     assert_recorded('calibration/motion_printed.txt', printed.replace(str(path), 'c.yaml'))
     found = read_parameters(path)
@@ -174,7 +180,12 @@ class MountedMotion:
 
 
 @pytest.fixture
-def mounting(calibrated, motion, tmp_path, monkeypatch):
+def mounting(
+    calibrated,
+    motion,
+    tmp_path,
+    monkeypatch,
+):
     """Return the motion as mounted, and what finds its mounting: nothing else is computed."""
     calibration = calibrated[2].calibration
     for name, result in (
@@ -197,7 +208,11 @@ def mounting(calibrated, motion, tmp_path, monkeypatch):
     return MountedMotion(calibration), found
 
 
-def test_a_capture_gives_the_mounting_of_both_ends(mounting, tmp_path, capsys):
+def test_a_capture_gives_the_mounting_of_both_ends(
+    mounting,
+    tmp_path,
+    capsys,
+):
     mounted, find = mounting
     base, handle = find('--capture', mounted.write_capture(tmp_path / 'capture.csv'))
     assert base == pytest.approx(BASE_DEG, abs=0.05)
@@ -214,7 +229,10 @@ def test_a_capture_gives_the_mounting_of_both_ends(mounting, tmp_path, capsys):
 
 @pytest.mark.parametrize('count', [1, 12])
 def test_M1_mislabelled_rows_of_a_capture_do_not_turn_the_mounting(
-    mounting, tmp_path, capsys, count
+    mounting,
+    tmp_path,
+    capsys,
+    count,
 ):
     """Markers that exchange their names turn the body by half a turn at once, and back."""
     mounted, find = mounting
@@ -229,7 +247,11 @@ def test_M1_mislabelled_rows_of_a_capture_do_not_turn_the_mounting(
     assert re.search(r'residual of the orientations from outside: 0\.00\d deg rms', out)
 
 
-def test_M2_what_a_capture_held_is_left_out(mounting, tmp_path, capsys):
+def test_M2_what_a_capture_held_is_left_out(
+    mounting,
+    tmp_path,
+    capsys,
+):
     """Tracking that is lost writes the last row again, which is no orientation of the handle."""
     mounted, find = mounting
     mounted.rotations[700:900] = mounted.rotations[700]
@@ -256,7 +278,11 @@ def test_poses_of_a_jig_give_the_mounting_of_both_ends(mounting, tmp_path):
     assert handle == pytest.approx(HANDLE_DEG, abs=0.3)
 
 
-def test_a_capture_of_markers_is_refused(mounting, tmp_path, capsys):
+def test_a_capture_of_markers_is_refused(
+    mounting,
+    tmp_path,
+    capsys,
+):
     path = tmp_path / 'capture.csv'
     path.write_text(
         'time,ax,ay,az,bx,by,bz,cx,cy,cz,dx,dy,dz\n'
@@ -267,7 +293,11 @@ def test_a_capture_of_markers_is_refused(mounting, tmp_path, capsys):
 
 
 def test_a_live_motion_is_kept_until_it_is_enough_and_can_be_used_again(
-    encoders, channel, tmp_path, monkeypatch, capsys
+    encoders,
+    channel,
+    tmp_path,
+    monkeypatch,
+    capsys,
 ):
     """At rest, so that it is refused afterwards; a program that is killed leaves the file."""
     path = tmp_path / 'c_motion_2.log'
@@ -284,7 +314,11 @@ def test_a_live_motion_is_kept_until_it_is_enough_and_can_be_used_again(
             sets.append(len(stamps))
             assert path.read_text().count(' 080#') > len(stamps) - 10
             error = next(self.errors)
-            return Guidance(error and radians(error), 'turn it', {'joint_1a': 0.5})
+            return Guidance(
+                error=error and radians(error),
+                text='turn it',
+                covered={'joint_1a': 0.5},
+            )
 
     @contextmanager
     def topic(remaps):
@@ -361,7 +395,11 @@ def test_a_live_motion_is_kept_until_it_is_enough_and_can_be_used_again(
     ),
 )
 def test_arguments_that_lead_to_nothing_are_refused_in_one_line(
-    tmp_path, monkeypatch, capsys, args, text
+    tmp_path,
+    monkeypatch,
+    capsys,
+    args,
+    text,
 ):
     monkeypatch.chdir(tmp_path)
     assert run(*args) == 1
@@ -402,11 +440,19 @@ def test_the_file_has_the_bus_as_given_and_the_layout():
         'rate': 250.0,
     }
     assert kept_settings(
-        'replay', {}, values, mechanism | {'working_mode': (1, -1, 1)}
+        'replay',
+        {},
+        values,
+        mechanism | {'working_mode': (1, -1, 1)},
     ) == layout | {'working_mode': (1, -1, 1)}
 
 
-def test_recordings_of_two_motions_are_joined(motion_log, tmp_path, monkeypatch, capsys):
+def test_recordings_of_two_motions_are_joined(
+    motion_log,
+    tmp_path,
+    monkeypatch,
+    capsys,
+):
     """One after the other, whenever they were recorded; the file names both."""
     first, second = (
         Path(motion_log(name)[3].removeprefix('replay.path:='))
@@ -414,7 +460,12 @@ def test_recordings_of_two_motions_are_joined(motion_log, tmp_path, monkeypatch,
     )
     taken = {}
 
-    def stop(layout, stamps, angles, *_):
+    def stop(
+        layout,
+        stamps,
+        angles,
+        *_,
+    ):
         taken.update(stamps=stamps, angles=angles)
         raise CalibrationError('stop')
 

@@ -115,7 +115,10 @@ def test_the_motion_is_published_but_for_the_start_and_a_slip_is_refused(found, 
     shown = []
     assert (
         verdict.published_share(
-            whole, (stamps, readings), values, lambda *each: shown.append(each)
+            whole,
+            (stamps, readings),
+            values,
+            lambda *each: shown.append(each),
         )
         == 1.0
     )
@@ -133,7 +136,10 @@ def test_the_motion_is_published_but_for_the_start_and_a_slip_is_refused(found, 
     spiked = replace(found.readings, spiked=np.arange(len(stamps)) >= len(stamps) // 2)
     assert (
         verdict.published_share(
-            replace(found, readings=spiked), (stamps, slipped), values, lambda *_: None
+            replace(found, readings=spiked),
+            (stamps, slipped),
+            values,
+            lambda *_: None,
         )
         > 0.99
     )
@@ -188,7 +194,11 @@ def another_motion(motion_log):
 
 
 @pytest.fixture
-def check(another_motion, capsys, tmp_path):
+def check(
+    another_motion,
+    capsys,
+    tmp_path,
+):
     """Return what checks a calibration with changes; it returns exit code, stdout and stderr."""
 
     def check(*args, **changes):
@@ -246,7 +256,11 @@ def test_a_calibration_holds_until_a_zero_slips_or_a_direction_is_another(check)
     ],
 )
 def test_no_calibration_or_no_motion_is_refused_in_one_line(
-    check, another_motion, args, changes, words
+    check,
+    another_motion,
+    args,
+    changes,
+    words,
 ):
     code, out, err = check(*another_motion, *args, **changes)
     assert (code, out) == (1, '') and re.match(f'calibrate: .*{words}', err), err

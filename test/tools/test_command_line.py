@@ -68,7 +68,13 @@ def test_the_tools_need_no_ros(start_python):
         (broken(BrokenPipeError()), 1, ''),
     ],
 )
-def test_a_program_ends_with_a_code_and_at_most_one_line(monkeypatch, capsys, program, code, err):
+def test_a_program_ends_with_a_code_and_at_most_one_line(
+    monkeypatch,
+    capsys,
+    program,
+    code,
+    err,
+):
     monkeypatch.setattr(command_line, 'discard', lambda stream: None)
     assert command_line.program('name')(program)(['name', 'a', 'b']) == code
     assert capsys.readouterr() == ('', err)
@@ -92,7 +98,11 @@ class Terminal(io.StringIO):
         ),
     ],
 )
-def test_progress_is_a_bar_or_a_line_a_second(monkeypatch, stream, expected):
+def test_progress_is_a_bar_or_a_line_a_second(
+    monkeypatch,
+    stream,
+    expected,
+):
     now = [100.0]
     monkeypatch.setattr('sys.stderr', stream)
     monkeypatch.setattr(command_line, 'time', SimpleNamespace(monotonic=lambda: now[0]))
@@ -124,7 +134,11 @@ def test_what_fails_on_an_open_bus_is_named_with_the_bus():
         raise InputError('mine')
 
 
-def test_the_urdf_of_given_parameters_is_written_where_it_is_wanted(tmp_path, monkeypatch, capsys):
+def test_the_urdf_of_given_parameters_is_written_where_it_is_wanted(
+    tmp_path,
+    monkeypatch,
+    capsys,
+):
     monkeypatch.chdir(tmp_path)
     for args, mesh in (
         ((), tmp_path.as_uri() + '/urdf/meshes/'),
@@ -142,7 +156,11 @@ def test_the_urdf_of_given_parameters_is_written_where_it_is_wanted(tmp_path, mo
     ).read_text().replace(f'{tmp_path.as_uri()}/urdf/meshes/', '')
 
 
-def test_a_validation_prints_alignment_and_errors(tmp_path, monkeypatch, capsys):
+def test_a_validation_prints_alignment_and_errors(
+    tmp_path,
+    monkeypatch,
+    capsys,
+):
     """The capture is the recording on another clock, in another frame, with noise of its own."""
     monkeypatch.chdir(tmp_path)
     drawn = []

@@ -42,7 +42,11 @@ def setup(capsys, channel):
 
 
 @contextmanager
-def simulated(channel, factory=False, node_ids=(11, 12, 13)):
+def simulated(
+    channel,
+    factory=False,
+    node_ids=(11, 12, 13),
+):
     """Run simulated drives in a thread; give them."""
     drives = SimulatedDrives(
         make_plan(
@@ -91,7 +95,11 @@ def test_drives_of_the_maker_are_set_up_stored_and_read_back(channel, setup):
 def test_another_rated_torque_is_named_and_never_written(channel, setup):
     with simulated(channel) as drives:
         code, out, _ = setup(
-            '-p', 'drives.rated_torque:=[0.4]', '-p', 'drives.torque_limit:=0.4', '--write'
+            '-p',
+            'drives.rated_torque:=[0.4]',
+            '-p',
+            'drives.torque_limit:=0.4',
+            '--write',
         )
     assert code == 1
     assert out.count('0x6076:00 rated torque: 500, wanted 400') == 6
@@ -115,7 +123,11 @@ def test_a_joint_without_a_drive_is_refused(setup):
     assert code == 1 and '--joint joint_3b with --drives; expected one of joint_1a' in err
 
 
-def test_a_scan_names_the_drives_and_the_one_that_is_missing(channel, capsys, monkeypatch):
+def test_a_scan_names_the_drives_and_the_one_that_is_missing(
+    channel,
+    capsys,
+    monkeypatch,
+):
     monkeypatch.setattr('spm_haptic_master.encoders.bus_scan.SYNC_LISTEN', 0.0)
     with simulated(channel, node_ids=(11, 12)):
         code = can_scan.main(

@@ -14,7 +14,11 @@ from spm_haptic_master.tools import calibrate, can_scan, can_setup, urdf
 
 
 @pytest.fixture
-def run(capsys, channel, monkeypatch):
+def run(
+    capsys,
+    channel,
+    monkeypatch,
+):
     """Run a program on the bus; return its exit code, stdout and stderr."""
     pytest.importorskip('canopen')
     monkeypatch.setattr('spm_haptic_master.encoders.bus_scan.SYNC_LISTEN', 0.4)
@@ -39,7 +43,10 @@ def run(capsys, channel, monkeypatch):
 
 
 def test_encoders_of_the_maker_are_found_set_up_and_found_as_configured(
-    run, encoders, channel, monkeypatch
+    run,
+    encoders,
+    channel,
+    monkeypatch,
 ):
     monkeypatch.setattr(can_setup, 'LISTEN', 0.0)
     with encoders(factory=True):
@@ -70,7 +77,9 @@ def test_encoders_of_the_maker_are_found_set_up_and_found_as_configured(
 def test_the_lines_of_a_scan_are_a_rig_file_for_all_programs(run, encoders):
     """Other node ids, and a master; a file from process substitution can be read once only."""
     with encoders(
-        sync=0.01, encoders__node_id=(44, 3, 90, 17), encoders__id=(0x1AC, 0x183, 0x1DA, 0x191)
+        sync=0.01,
+        encoders__node_id=(44, 3, 90, 17),
+        encoders__id=(0x1AC, 0x183, 0x1DA, 0x191),
     ):
         code, out, err = run(can_scan, '--seconds', '0.3', '--start')
         assert code == 1 and 'no SYNC' not in err  # the defaults are nodes 1 to 4
@@ -86,7 +95,11 @@ def test_the_lines_of_a_scan_are_a_rig_file_for_all_programs(run, encoders):
     os.close(reader)
 
 
-def test_encoders_that_do_not_answer_are_counted(run, encoders, monkeypatch):
+def test_encoders_that_do_not_answer_are_counted(
+    run,
+    encoders,
+    monkeypatch,
+):
     monkeypatch.setattr('spm_haptic_master.encoders.canopen_network.ANSWER_TIMEOUT', 0.1)
     with encoders():
         code, out, _ = run(can_setup, '-p', 'encoders.node_id:=[1, 2, 3, 9]')
@@ -106,7 +119,12 @@ def test_a_running_master_is_heard_and_nothing_is_written(run, encoders):
 def test_a_scan_that_sends_nothing_of_a_bus_without_frames(run, channel):
     with can.Bus(interface='virtual', channel=channel) as other:
         code, out, err = run(
-            can_scan, '--passive', '--seconds', '0.1', '-p', 'encoders.node_id:=[1, 2, 3, 4]'
+            can_scan,
+            '--passive',
+            '--seconds',
+            '0.1',
+            '-p',
+            'encoders.node_id:=[1, 2, 3, 4]',
         )
         assert other.recv(0.0) is None
     assert (code, err) == (1, '')
@@ -158,12 +176,21 @@ def test_a_scan_that_sends_nothing_of_a_bus_without_frames(run, channel):
         (urdf, (), 'urdf: -p can.interface:=virtual: ignored: this program has no such'),
     ],
 )
-def test_what_is_wrong_is_named_in_one_line(run, program, args, words):
+def test_what_is_wrong_is_named_in_one_line(
+    run,
+    program,
+    args,
+    words,
+):
     code, out, err = run(program, *args)
     assert (code, out) == (1, '') and re.search(words, err) and err.count('\n') == 1, err
 
 
-def test_a_reader_of_the_output_that_ends_is_no_error_of_the_bus(encoders, channel, capfd):
+def test_a_reader_of_the_output_that_ends_is_no_error_of_the_bus(
+    encoders,
+    channel,
+    capfd,
+):
     """Item 7: `can_setup | head`; it prints while its bus is open."""
     reader, writer = os.pipe()
     os.close(reader)
@@ -179,7 +206,11 @@ def test_a_reader_of_the_output_that_ends_is_no_error_of_the_bus(encoders, chann
     assert (found.returncode, found.stderr) == (1, '')
 
 
-def test_E13_calibrate_names_a_smaller_resolution(motion, tmp_path, capsys):
+def test_E13_calibrate_names_a_smaller_resolution(
+    motion,
+    tmp_path,
+    capsys,
+):
     """The log has 14 bits; configured are 16."""
     given = ('-p', 'encoders.counts_per_turn:=[65536, 65536, 65536, 65536]')
     path = str(tmp_path / 'c.yaml')
@@ -193,7 +224,11 @@ def test_E13_calibrate_names_a_smaller_resolution(motion, tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_E13_no_resolution_is_suggested_that_the_encoders_do_not_have(motion, tmp_path, capsys):
+def test_E13_no_resolution_is_suggested_that_the_encoders_do_not_have(
+    motion,
+    tmp_path,
+    capsys,
+):
     """Two joints are exchanged, and all counts are in the lower half of a turn by chance."""
     *others, path, rate_flag, rate = motion
     exchanged = {'181': '182', '182': '181', '183': '183', '184': '184'}

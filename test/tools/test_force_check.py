@@ -50,7 +50,11 @@ def poses(noise):
     return rows
 
 
-def written(path, rows, header=HEADER):
+def written(
+    path,
+    rows,
+    header=HEADER,
+):
     with path.open('w', newline='') as file:
         writer = csv.writer(file)
         writer.writerow(header)
@@ -68,7 +72,10 @@ def check(tmp_path, capsys):
     """Return a function that runs force_check on rows or on a file: exit code, output, errors."""
 
     def run(rows, *args):
-        path = rows if isinstance(rows, str) else written(tmp_path / 'a.csv', rows)
+        if isinstance(rows, str):
+            path = rows
+        else:
+            path = written(tmp_path / 'a.csv', rows)
         capsys.readouterr()
         return force_check.main(['force_check', path, *args]), *capsys.readouterr()
 
@@ -76,7 +83,11 @@ def check(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(('noise', 'fails'), [(5e-4, False), (2e-2, True)])
-def test_the_weight_explains_the_torques_that_hold_the_poses(check, noise, fails):
+def test_the_weight_explains_the_torques_that_hold_the_poses(
+    check,
+    noise,
+    fails,
+):
     code, text, _ = check(poses(noise), '--poses', '0')
     assert ('the weight does not explain' in text) is fails and code == fails
     if not fails:
@@ -100,7 +111,11 @@ def test_the_weight_explains_the_torques_that_hold_the_poses(check, noise, fails
         ([['step 1a', '0', *['0'] * 7]], 'a step has 1 samples: expected 10 or more'),
     ],
 )
-def test_a_file_that_is_no_recording(check, rows, words):
+def test_a_file_that_is_no_recording(
+    check,
+    rows,
+    words,
+):
     code, _, text = check(rows)
     assert code == 1 and words in text
 
@@ -145,7 +160,11 @@ class Rig:
     fault = None
     motors = 3
 
-    def __init__(self, wires=((0, 1.0), (1, 1.0), (2, 1.0)), ready_after=5):
+    def __init__(
+        self,
+        wires=((0, 1.0), (1, 1.0), (2, 1.0)),
+        ready_after=5,
+    ):
         pytest.importorskip('mujoco', reason='needs mujoco')
         from study.force.plant import Plant
 
@@ -170,12 +189,28 @@ class Rig:
         for torque, (motor, factor) in zip(torques, self.wires, strict=True):
             made[motor] += factor * torque
         self.plant.run(made)
-        return DriveReport(self.steps > self.ready_after, None, torques, 0.0)
+        return DriveReport(
+            ready=self.steps > self.ready_after,
+            fault=None,
+            torques=torques,
+            seconds_since_status=0.0,
+        )
 
 
-def recording_of(rig, path, show=lambda text: None, poses=0):
+def recording_of(
+    rig,
+    path,
+    show=lambda text: None,
+    poses=0,
+):
     bring_up = force_record.BringUp(
-        rig, rig, Geometry(), (1, 1, 1), (np.radians(0.04),) * 4, 0.1, show
+        rig,
+        rig,
+        Geometry(),
+        (1, 1, 1),
+        (np.radians(0.04),) * 4,
+        0.1,
+        show,
     )
     force_record.record(path, bring_up, poses)
     return str(path)
@@ -214,7 +249,9 @@ class Hand:
         rng = np.random.default_rng(100)
         self.rotations = iter(
             workspace_pose(
-                rng.uniform(0.05, 0.3, 6), rng.uniform(0.0, 6.2, 6), rng.uniform(0.0, 0.5, 6)
+                rng.uniform(0.05, 0.3, 6),
+                rng.uniform(0.0, 6.2, 6),
+                rng.uniform(0.0, 0.5, 6),
             )
         )
         self.bring(workspace_pose(0.05, 0.3, 0.2))
@@ -255,10 +292,19 @@ class Hand:
             net = np.subtract(torques, 0.0 if self.weight is None else self.weight)
             self.speed = 0.99 * self.speed + 1.6 * net
             self.angles = self.angles + 1e-3 * np.append(self.speed, 0.0)
-        return DriveReport(True, None, torques, 0.0)
+        return DriveReport(
+            ready=True,
+            fault=None,
+            torques=torques,
+            seconds_since_status=0.0,
+        )
 
 
-def test_one_session_records_signs_releases_and_weight(tmp_path, check, monkeypatch):
+def test_one_session_records_signs_releases_and_weight(
+    tmp_path,
+    check,
+    monkeypatch,
+):
     for name in ('LET_GO', 'QUIET'):
         monkeypatch.setattr(force_record, name, 0.5)
     hand = Hand()
@@ -334,7 +380,12 @@ WRONG = [
 
 
 @pytest.mark.parametrize(('wires', 'words'), WRONG)
-def test_a3_each_of_twelve_wrong_wirings_is_found_in_words(tmp_path, check, wires, words):
+def test_a3_each_of_twelve_wrong_wirings_is_found_in_words(
+    tmp_path,
+    check,
+    wires,
+    words,
+):
     """Signs, swaps with and without the advice to reverse both, rated torques ten times off."""
     path = tmp_path / 'a.csv'
     rig = Rig(wires)
@@ -350,7 +401,11 @@ def test_a3_each_of_twelve_wrong_wirings_is_found_in_words(tmp_path, check, wire
     assert ('reverse its direction' in found) is ('sign wrong' in words)
 
 
-def test_drives_and_encoders_that_are_not_there(tmp_path, monkeypatch, check):
+def test_drives_and_encoders_that_are_not_there(
+    tmp_path,
+    monkeypatch,
+    check,
+):
     rig = Rig(ready_after=10**9)
     monkeypatch.setattr(force_record, 'READY', 0.05)
     with pytest.raises(InputError, match='not ready after'):
@@ -372,7 +427,11 @@ def test_drives_and_encoders_that_are_not_there(tmp_path, monkeypatch, check):
         ('drives', 'step 1a: the drives are no longer ready'),
     ],
 )
-def test_a_recording_ends_where_drives_or_angles_fail(tmp_path, change, words):
+def test_a_recording_ends_where_drives_or_angles_fail(
+    tmp_path,
+    change,
+    words,
+):
     rig = Rig()
     read = rig.read
     step = rig.step
@@ -401,7 +460,11 @@ def test_what_determines_nothing():
 
 
 @pytest.mark.process
-def test_a_recording_by_drives_and_encoders_between_processes(start, bus_channel, tmp_path):
+def test_a_recording_by_drives_and_encoders_between_processes(
+    start,
+    bus_channel,
+    tmp_path,
+):
     """The simulated encoders stand still whatever the simulated drives do: no sign is seen."""
     bus = {
         'can.interface': 'udp_multicast',

@@ -23,7 +23,11 @@ RIG = DATA / 'rig' / 'rig.json'
 VIRTUAL = ('sim_bus', '-p', 'can.interface:=virtual')
 
 
-def test_the_truth_is_written_beside_the_rig(tmp_path, capsys, monkeypatch):
+def test_the_truth_is_written_beside_the_rig(
+    tmp_path,
+    capsys,
+    monkeypatch,
+):
     monkeypatch.setattr('spm_haptic_master.simulation.bus_runner.LISTEN', 0.0)
     begin = time.time()
     assert (
@@ -58,14 +62,21 @@ def test_the_truth_is_written_beside_the_rig(tmp_path, capsys, monkeypatch):
     assert 10 < len(truth.time) < 60 and begin < truth.time[0] < truth.time[-1] < time.time()
     motion = make_motion(values('sim', sim__rig_file=str(RIG)))
     np.testing.assert_allclose(
-        truth.values, [motion.orientation(t) for t in truth.time - truth.time[0]], atol=1e-4
+        truth.values,
+        [motion.orientation(t) for t in truth.time - truth.time[0]],
+        atol=1e-4,
     )
 
 
 @pytest.mark.parametrize(
     ('directory', 'words'), [('', 'rig.json: already exists'), ('file', 'cannot be written')]
 )
-def test_a_truth_that_cannot_be_written_ends_in_one_line(capsys, directory, words, tmp_path):
+def test_a_truth_that_cannot_be_written_ends_in_one_line(
+    capsys,
+    directory,
+    words,
+    tmp_path,
+):
     for name in ('rig.json', 'file'):
         (tmp_path / name).write_text('precious')
     assert sim_bus.main([*VIRTUAL, '--ground-truth', str(tmp_path / directory)]) == 1
@@ -74,7 +85,11 @@ def test_a_truth_that_cannot_be_written_ends_in_one_line(capsys, directory, word
     assert (tmp_path / 'rig.json').read_text() == 'precious'
 
 
-def test_a_full_disk_ends_in_one_line(tmp_path, capsys, monkeypatch):
+def test_a_full_disk_ends_in_one_line(
+    tmp_path,
+    capsys,
+    monkeypatch,
+):
     """Files cannot grow any more: not when written, nor when closed."""
     monkeypatch.setattr('spm_haptic_master.simulation.bus_runner.LISTEN', 0.0)
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)

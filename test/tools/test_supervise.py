@@ -105,7 +105,12 @@ def test_a_short_log_and_another_rigs_calibration(supervise, tmp_path):
     )
 
 
-def test_a_directory_of_recorder_with_parameters(supervise, tmp_path, table, figures):
+def test_a_directory_of_recorder_with_parameters(
+    supervise,
+    tmp_path,
+    table,
+    figures,
+):
     """It rests: a sensor counts as checked where no other orientation explains it by a fault."""
     path = tmp_path / 'rig.yaml'
     path.write_text(
@@ -178,7 +183,9 @@ def test_no_bias_below_the_calibrations_is_proposed():
 
 
 def test_joints_without_a_reading_are_counted_and_cost_the_others_nothing(
-    supervise, tmp_path, six
+    supervise,
+    tmp_path,
+    six,
 ):
     out = supervise(six)
     assert_recorded('supervision/six.txt', out)
@@ -187,7 +194,11 @@ def test_joints_without_a_reading_are_counted_and_cost_the_others_nothing(
     assert regions['samples'].sum() == 712
 
 
-def test_without_a_sensor_of_the_parity_there_are_no_regions(supervise, tmp_path, six):
+def test_without_a_sensor_of_the_parity_there_are_no_regions(
+    supervise,
+    tmp_path,
+    six,
+):
     rows = np.genfromtxt(six, delimiter=',', skip_header=1)[:300, 1:]
     rows[:, 3], rows[:, 4] = np.nan, 0.1
     path = tmp_path / 'measured_js.csv'
@@ -238,7 +249,11 @@ def test_a_log_with_a_slide_has_its_share_and_gaps(supervise, tmp_path):
     assert out.partition('\n')[0] == without.partition('\n')[0] and 'insertion' not in without
 
 
-def test_a_directory_of_recorder_with_a_gripper(supervise, tmp_path, table):
+def test_a_directory_of_recorder_with_a_gripper(
+    supervise,
+    tmp_path,
+    table,
+):
     session = tmp_path / 'session'
     session.mkdir()
     (session / 'measured_js.csv').write_bytes(table.read_bytes())
@@ -258,7 +273,14 @@ def test_a_directory_of_recorder_with_a_gripper(supervise, tmp_path, table):
         *((name, SIMULATED, name) for name in ('none.log', 'none.csv', 'none.mcap')),
     ],
 )
-def test_what_is_wrong_is_named_in_one_line(capsys, tmp_path, table, recording, args, words):
+def test_what_is_wrong_is_named_in_one_line(
+    capsys,
+    tmp_path,
+    table,
+    recording,
+    args,
+    words,
+):
     code, _, err = run(capsys, tmp_path / recording if recording else table, '-o', tmp_path, *args)
     assert code == 1
     assert words in err.splitlines()[-1]

@@ -24,7 +24,11 @@ KINDS = {
 }
 
 
-def serialized(topic, row, names=JOINT_NAMES):
+def serialized(
+    topic,
+    row,
+    names=JOINT_NAMES,
+):
     """Return the message of a stamp, s, and of a quaternion or joint angles."""
     t, *values = map(float, row)
     kind = KINDS[topic]
@@ -59,7 +63,10 @@ def serialized(topic, row, names=JOINT_NAMES):
 
 
 def write_messages(
-    path, messages, storage=rosbag2.StoragePlugin.MCAP, compression=rosbag2.CompressionMode.NONE
+    path,
+    messages,
+    storage=rosbag2.StoragePlugin.MCAP,
+    compression=rosbag2.CompressionMode.NONE,
 ):
     """Write a directory of messages: topic, log time (ns), content."""
     writer = rosbag2.Writer(path, version=9, storage_plugin=storage)

@@ -62,7 +62,11 @@ def check(path, *reads):
         if (storage, compression) != (StoragePlugin.SQLITE3, CompressionMode.STORAGE)
     ],
 )
-def test_every_storage_and_compression(tmp_path, storage, compression):
+def test_every_storage_and_compression(
+    tmp_path,
+    storage,
+    compression,
+):
     path = write_bag(tmp_path / 'session', EVERY_TOPIC, storage, compression)
     check(path)
     (file,) = (each for each in path.iterdir() if each.name != 'metadata.yaml')
@@ -86,7 +90,11 @@ def test_a_slide_beside_the_joints_is_a_topic_of_its_own(tmp_path, monkeypatch):
     assert recordings.read_axis_times(path, 'gripper').size == 0
 
 
-def describe(path, names, counts):
+def describe(
+    path,
+    names,
+    counts,
+):
     """Write the metadata.yaml of a directory; what depends on the storage stays as it is."""
     metadata = path / 'metadata.yaml'
     content = yaml.safe_load(metadata.read_text())
@@ -120,7 +128,11 @@ def split(tmp_path):
 
 @pytest.mark.parametrize('listed', [list, sorted])
 @pytest.mark.parametrize('storage', StoragePlugin)
-def test_a_split_recording(tmp_path, storage, listed):
+def test_a_split_recording(
+    tmp_path,
+    storage,
+    listed,
+):
     path = tmp_path / 'session'
     describe(path, listed(split_recording(path, storage)), dict.fromkeys(KINDS, 60))
     check(path)
@@ -174,7 +186,11 @@ def test_a_directory_that_is_not_complete(split):
     'name, content',
     [('a.db3', b'no database ' * 1000), ('a.db3', b''), ('a.mcap', b'none'), ('a.mcap', None)],
 )
-def test_a_file_that_is_no_recording(tmp_path, name, content):
+def test_a_file_that_is_no_recording(
+    tmp_path,
+    name,
+    content,
+):
     if content is not None:
         (tmp_path / name).write_bytes(content)
     refused(tmp_path / name, 'cannot be read as rosbag2')
@@ -209,7 +225,11 @@ def test_messages_that_are_not_what_they_are_called(tmp_path):
         recordings.read_joints(path, 'platform/pose')
 
 
-def write_joints(path, rows, names):
+def write_joints(
+    path,
+    rows,
+    names,
+):
     """Write a message each second, of the joints of the row's readings or of those given."""
     return write_messages(
         path,
@@ -250,7 +270,12 @@ def test_joints_without_a_reading_are_nan(tmp_path, sensors):
         ),
     ],
 )
-def test_joints_of_other_sensors_are_refused(tmp_path, rows, names, words):
+def test_joints_of_other_sensors_are_refused(
+    tmp_path,
+    rows,
+    names,
+    words,
+):
     with pytest.raises(InputError, match=words):
         recordings.read_joints(write_joints(tmp_path / 'bag', rows, names), 'measured_js')
 

@@ -74,9 +74,17 @@ def markers():
     return points.reshape(len(points), -1) + np.tile([300.0, -20.0, 900.0], 4)
 
 
-def compared(recorded, values, time=CAPTURED):
+def compared(
+    recorded,
+    values,
+    time=CAPTURED,
+):
     return comparison.compare(
-        recorded, Track(time + 50.0, values), None, kinematics.Geometry(), AZIMUTHS
+        recorded,
+        Track(time + 50.0, values),
+        None,
+        kinematics.Geometry(),
+        AZIMUTHS,
     )
 
 
@@ -86,7 +94,12 @@ def largest(found):
     return float(np.degrees(np.linalg.norm(alignment.rotation_vectors(turned), axis=1).max()))
 
 
-def exchanged(values, rows, first=2, second=3):
+def exchanged(
+    values,
+    rows,
+    first=2,
+    second=3,
+):
     points = values.reshape(len(values), 4, 3).copy()
     points[rows, first], points[rows, second] = (
         points[rows, second].copy(),
@@ -97,17 +110,30 @@ def exchanged(values, rows, first=2, second=3):
 
 @pytest.mark.parametrize('rows', [[1900], slice(1900, 1930)])
 @pytest.mark.parametrize(('first', 'second'), [(2, 3), (0, 1), (1, 2)])
-def test_M1_exchanged_markers_are_left_out_and_counted(recorded, markers, rows, first, second):
+def test_M1_exchanged_markers_are_left_out_and_counted(
+    recorded,
+    markers,
+    rows,
+    first,
+    second,
+):
     """C and D are as far from A and B as each other: only their turn of half a turn shows it."""
     found = compared(recorded, exchanged(markers, rows, first, second))
     assert found.alignment.offset == pytest.approx(-50.0, abs=2e-3)
     assert largest(found) < 0.6
-    number = len(range(*rows.indices(4000))) if isinstance(rows, slice) else 1
+    if isinstance(rows, slice):
+        number = len(range(*rows.indices(4000)))
+    else:
+        number = 1
     assert sum(found.left_out.values()) == number
     assert set(found.left_out) <= {'that no hand can give', 'that no rigid body can give'}
 
 
-def test_M1_a_marker_at_the_origin_is_not_one(recorded, markers, tmp_path):
+def test_M1_a_marker_at_the_origin_is_not_one(
+    recorded,
+    markers,
+    tmp_path,
+):
     """A system that lost it writes 0, 0, 0: a fault that a table of ours has as well."""
     points = markers.reshape(-1, 4, 3).copy()
     points[PLACE, 2] = 0.0
@@ -117,12 +143,20 @@ def test_M1_a_marker_at_the_origin_is_not_one(recorded, markers, tmp_path):
 
 @pytest.mark.parametrize('kind', ['held', 'filled in'])
 @pytest.mark.parametrize('of', ['poses', 'markers'])
-def test_M2_what_was_held_or_filled_in_is_left_out(recorded, request, kind, of):
+def test_M2_what_was_held_or_filled_in_is_left_out(
+    recorded,
+    request,
+    kind,
+    of,
+):
     values = request.getfixturevalue(of).copy()
     count = PLACE.stop - PLACE.start
     first = values[PLACE.start]
     last = values[PLACE.stop]
-    part = np.linspace(0.0, 1.0, count)[:, None] if kind == 'filled in' else np.zeros((count, 1))
+    if kind == 'filled in':
+        part = np.linspace(0.0, 1.0, count)[:, None]
+    else:
+        part = np.zeros((count, 1))
     values[PLACE] = first + part * (last - first)
     if of == 'poses':
         values[PLACE] /= np.linalg.norm(values[PLACE], axis=1, keepdims=True)
@@ -142,7 +176,11 @@ def test_M2_a_clock_that_is_fast_is_fitted(recorded, poses):
 @pytest.mark.parametrize(
     'change', [lambda q: q * [-1.0, -1.0, -1.0, 1.0], lambda q: np.roll(q, 1, axis=1)]
 )
-def test_M2_the_inverse_and_another_order_of_quaternions_are_named(recorded, poses, change):
+def test_M2_the_inverse_and_another_order_of_quaternions_are_named(
+    recorded,
+    poses,
+    change,
+):
     with pytest.raises(
         InputError,
         match=r'^the captured orientations are inverted \(of the world in the body\), or their '
@@ -168,7 +206,10 @@ def test_the_mirror_image_of_a_body_is_the_body_in_other_frames(recorded, poses)
     ],
 )
 def test_M2_mirrored_markers_and_markers_of_other_names_are_named(
-    recorded, markers, change, words
+    recorded,
+    markers,
+    change,
+    words,
 ):
     with pytest.raises(InputError, match=f'^{words}.* they fit the recording to 0'):
         compared(recorded, change(markers.reshape(-1, 4, 3)).reshape(-1, 12))
@@ -244,7 +285,10 @@ def qualisys(rotations):
         'Frame\tTime\t' + '\t'.join(['Handle ' + columns[0], *columns[1:]]),
     ]
     for number, matrix in enumerate(rotations):
-        values = np.zeros(16) if number == 13 else [0] * 7 + matrix.T.ravel().tolist()
+        if number == 13:
+            values = np.zeros(16)
+        else:
+            values = [0] * 7 + matrix.T.ravel().tolist()
         numbers = '\t'.join(f'{each:.6f}' for each in values)
         lines.append(f'{number + 1}\t{0.01 * number:.5f}\t{numbers}')
     return '\n'.join(lines) + '\n'
@@ -274,7 +318,13 @@ def qualisys_markers(rotations):
         (qualisys, 'measurement.tsv', None, 1),
     ],
 )
-def test_a_rigid_body_of_each_system_is_read_by_its_header(tmp_path, write, name, body, left_out):
+def test_a_rigid_body_of_each_system_is_read_by_its_header(
+    tmp_path,
+    write,
+    name,
+    body,
+    left_out,
+):
     rotations = FRAME @ motion(CAPTURED[:400]) @ BODY
     path = tmp_path / name
     path.write_text(write(rotations))
@@ -282,7 +332,9 @@ def test_a_rigid_body_of_each_system_is_read_by_its_header(tmp_path, write, name
     assert track.left_out == left_out and len(track.time) == 400 - left_out
     kept = np.arange(400) != (13 if left_out else -1)
     np.testing.assert_allclose(
-        track.time - track.time[0], (CAPTURED[:400] - CAPTURED[0])[kept], atol=1e-5
+        track.time - track.time[0],
+        (CAPTURED[:400] - CAPTURED[0])[kept],
+        atol=1e-5,
     )
     off = kinematics.matrix_from_quaternion(track.values) @ rotations[kept].swapaxes(1, 2)
     assert np.degrees(np.linalg.norm(alignment.rotation_vectors(off), axis=1)).max() < 0.2
@@ -313,7 +365,11 @@ def test_markers_of_qtm_are_read_by_their_names(tmp_path):
         ),
     ],
 )
-def test_what_an_export_lacks_is_named(tmp_path, text, words):
+def test_what_an_export_lacks_is_named(
+    tmp_path,
+    text,
+    words,
+):
     path = tmp_path / 'export.csv'
     path.write_text(text)
     with pytest.raises(InputError, match=re.escape(words)):
@@ -321,7 +377,10 @@ def test_what_an_export_lacks_is_named(tmp_path, text, words):
 
 
 def test_validate_begins_with_a_verdict_and_counts_what_it_left_out(
-    tmp_path, recorded, capsys, monkeypatch
+    tmp_path,
+    recorded,
+    capsys,
+    monkeypatch,
 ):
     monkeypatch.setattr('spm_haptic_master.validation.plot_style.draw_comparison', lambda *_: None)
     path = tmp_path / 'orientation.csv'

@@ -44,7 +44,9 @@ def test_the_parity_is_the_null_vector_times_the_errors(sigma_deg):
     found = mapped(angles, np.radians([*sigma_deg, 0.04, 0.04]))
     normal = np.linalg.svd(jacobian(rotations, sensors=4))[0][:, :, 3]
     np.testing.assert_allclose(
-        np.abs(found.parity_deg), np.abs(np.degrees(normal @ errors)), atol=1e-3
+        np.abs(found.parity_deg),
+        np.abs(np.degrees(normal @ errors)),
+        atol=1e-3,
     )
 
 
@@ -103,7 +105,9 @@ def test_noise_is_that_of_each_sensor_in_motion_and_at_rest():
     noise *= expected / 0.04
     for angles in (joints(rotations) + noise, noise):
         np.testing.assert_allclose(
-            np.degrees(parity_map.white_noise(stamps(20_000), angles)), expected, rtol=0.03
+            np.degrees(parity_map.white_noise(stamps(20_000), angles)),
+            expected,
+            rtol=0.03,
         )
 
 

@@ -81,7 +81,10 @@ def captured_markers(noise=0.0):
 
 def write_markers(tmp_path, coordinates):
     return write_csv(
-        tmp_path / 'markers.csv', POINT_HEADER, CAPTURED[: len(coordinates)] + OFFSET, coordinates
+        tmp_path / 'markers.csv',
+        POINT_HEADER,
+        CAPTURED[: len(coordinates)] + OFFSET,
+        coordinates,
     )
 
 
@@ -107,7 +110,10 @@ def titles_and_labels(figure):
 
 
 def test_a_recorders_directory_with_markers_of_another_clock_and_frame(
-    tmp_path, recording, capsys, monkeypatch
+    tmp_path,
+    recording,
+    capsys,
+    monkeypatch,
 ):
     drawn = {}
     monkeypatch.setattr(
@@ -185,7 +191,13 @@ def test_rosbag2_with_everything_in_it(tmp_path, capsys):
         | {JOINTS: np.column_stack([RECORDED, joint_angles()[:, :4]])},
     )
     code, out, err = run(
-        capsys, path, path, '--capture-topic', 'platform/pose', '-o', tmp_path / 'out'
+        capsys,
+        path,
+        path,
+        '--capture-topic',
+        'platform/pose',
+        '-o',
+        tmp_path / 'out',
     )
     assert (code, err) == (0, '')
     for name in ('fig32.png', 'fig33.png', 'fig34.png'):
@@ -213,7 +225,11 @@ def test_rosbag2_with_everything_in_it(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(('time', 'compressed'), [('time', False), ('stamp', True)])
-def test_a_truth_of_the_package_is_a_capture(tmp_path, time, compressed):
+def test_a_truth_of_the_package_is_a_capture(
+    tmp_path,
+    time,
+    compressed,
+):
     """Of ten rows, the least number, with quaternions that are nearly of length 1."""
     truth = kinematics.quaternion_from_matrix(motion(CAPTURED[:10]))
     path = write_csv(
@@ -296,7 +312,11 @@ def fails(capsys, expected, *args):
     assert re.search(expected, err), err
 
 
-def test_the_classic_model_is_of_the_mechanism_as_built_and_mounted(tmp_path, capsys, monkeypatch):
+def test_the_classic_model_is_of_the_mechanism_as_built_and_mounted(
+    tmp_path,
+    capsys,
+    monkeypatch,
+):
     monkeypatch.setattr('spm_haptic_master.validation.plot_style.draw_comparison', lambda *_: None)
     base = [20.0, 30.0, -40.0]
     handle = [0.0, 0.0, 25.0]
@@ -340,7 +360,12 @@ HEADER = 'time,qx,qy,qz,qw\n'
         (gzip.compress(b'', mtime=0), 'no column time, qx'),
     ],
 )
-def test_a_bad_table_gets_one_clear_line(tmp_path, capsys, content, expected):
+def test_a_bad_table_gets_one_clear_line(
+    tmp_path,
+    capsys,
+    content,
+    expected,
+):
     path = tmp_path / (
         'text.csv.gz' if isinstance(content, bytes) and content[:2] == b'\x1f\x8b' else 'text.csv'
     )
@@ -359,9 +384,18 @@ def test_a_bad_table_gets_one_clear_line(tmp_path, capsys, content, expected):
         (lambda points: points, 'of another time'),
     ],
 )
-def test_recordings_that_do_not_belong_together(tmp_path, recording, capsys, change, expected):
+def test_recordings_that_do_not_belong_together(
+    tmp_path,
+    recording,
+    capsys,
+    change,
+    expected,
+):
     joints = write_csv(
-        tmp_path / 'joints.csv', ('time', *ALL_JOINT_NAMES), RECORDED + 100.0, joint_angles()
+        tmp_path / 'joints.csv',
+        ('time', *ALL_JOINT_NAMES),
+        RECORDED + 100.0,
+        joint_angles(),
     )
     fails(
         capsys,
@@ -382,7 +416,11 @@ def test_a_motion_that_repeats_itself_is_not_taken_for_another_period():
     recorded = np.arange(2.0, 40.0, 0.01)
     captured = np.arange(0.0, 45.0, 0.01)
     found = alignment.align(
-        recorded + 1.7e9, repeated(recorded), captured, repeated(captured), body_known=False
+        recorded + 1.7e9,
+        repeated(recorded),
+        captured,
+        repeated(captured),
+        body_known=False,
     )
     assert found.offset == pytest.approx(1.7e9, abs=1e-3)
 
@@ -453,7 +491,12 @@ def test_a_picture_has_no_jumps_and_magnifies_no_angle_that_hardly_moves(tmp_pat
 
 
 @pytest.mark.parametrize('names', [['matplotlib.figure'], ['rosbags.rosbag2']])
-def test_what_is_not_installed_is_named(tmp_path, capsys, monkeypatch, names):
+def test_what_is_not_installed_is_named(
+    tmp_path,
+    capsys,
+    monkeypatch,
+    names,
+):
     for name in names:
         monkeypatch.setitem(sys.modules, name, None)
     for loaded in ('plot_style', 'figures'):

@@ -25,7 +25,12 @@ GEOMETRY = kinematics.Geometry()
 TICK = 0.05
 
 
-def entry_of(name, message='', level=DiagnosticStatus.OK, values=()):
+def entry_of(
+    name,
+    message='',
+    level=DiagnosticStatus.OK,
+    values=(),
+):
     """Return an entry of /diagnostics."""
     return DiagnosticStatus(
         level=level,
@@ -49,7 +54,11 @@ def turn_of(handle):
     return kinematics.matrix_from_quaternion(np.roll(handle.wxyz, -1))
 
 
-def sampled(node, kind, topic):
+def sampled(
+    node,
+    kind,
+    topic,
+):
     """Return a topic of which the newest message is the test's."""
     return SimpleNamespace(
         subscribe=lambda: node.sampled.add(topic),
@@ -78,7 +87,13 @@ class Shown:
         self.runs = True
         self._samples = 0
 
-    def create_subscription(self, kind, topic, take, qos):
+    def create_subscription(
+        self,
+        kind,
+        topic,
+        take,
+        qos,
+    ):
         self.takers[topic] = take
         return topic
 
@@ -91,7 +106,12 @@ class Shown:
     def destroy_publisher(self, publisher):
         pass
 
-    def create_publisher(self, kind, topic, qos):
+    def create_publisher(
+        self,
+        kind,
+        topic,
+        qos,
+    ):
         return SimpleNamespace(
             publish=lambda sent: self.published.append(
                 (topic.removeprefix('/'), getattr(sent.data, 'tolist', lambda: sent.data)())
@@ -110,7 +130,10 @@ class Shown:
         answers = []
         for name in request.names:
             value = values[name]
-            value = list(value) if isinstance(value, tuple) else value
+            if isinstance(value, tuple):
+                value = list(value)
+            else:
+                value = value
             answers.append(Parameter(name, value=value).get_parameter_value())
         future = SimpleNamespace(result=lambda: SimpleNamespace(values=answers))
         return SimpleNamespace(add_done_callback=lambda take: take(future))
@@ -140,7 +163,13 @@ class Shown:
     def say(self, topic, text):
         self.takers[f'/{topic}'](String(data=text))
 
-    def pose(self, tilt=0.1, azimuth=0.0, phi=0.6, again=False):
+    def pose(
+        self,
+        tilt=0.1,
+        azimuth=0.0,
+        phi=0.6,
+        again=False,
+    ):
         """Have new joint angles of a pose, rad; return its matrix."""
         R = kinematics.workspace_pose(tilt, azimuth, phi)
         self._samples += not again
@@ -169,7 +198,13 @@ class Shown:
             message.wrench.torque.y = size
             self.newest[f'/body/{name}_cf'] = message
 
-    def entry(self, name, message='', level=DiagnosticStatus.OK, **values):
+    def entry(
+        self,
+        name,
+        message='',
+        level=DiagnosticStatus.OK,
+        **values,
+    ):
         """Have an entry on /diagnostics."""
         self.arm.on_diagnostics(entry_of(name, message, level, values))
 
@@ -178,7 +213,12 @@ class Shown:
         self.pose()
         self.entry('fkm: orientation', 'healthy', **{'protection level (deg)': '0.5', **values})
 
-    def run(self, seconds, each=lambda: None, period=TICK):
+    def run(
+        self,
+        seconds,
+        each=lambda: None,
+        period=TICK,
+    ):
         """Let time pass, with something before each tick."""
         for _ in range(round(seconds / period)):
             self.now += period

@@ -52,7 +52,11 @@ class SlowLink:
             ):
                 Thread(target=work, args=ends, daemon=True).start()
 
-    def _pass_on(self, browser: socket.socket, server: socket.socket) -> None:
+    def _pass_on(
+        self,
+        browser: socket.socket,
+        server: socket.socket,
+    ) -> None:
         """Pass on what the browser sends."""
         try:
             while data := browser.recv(65536):

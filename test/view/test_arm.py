@@ -49,7 +49,9 @@ def test_what_is_shown_is_the_pose_all_the_way_through_the_singularity(shown):
     shown.run(1.0, partial(shown.pose, *pose))
     np.testing.assert_allclose(shown.scene.dome.pin.position, RADIUS * R[:, 2], atol=1e-6)
     np.testing.assert_allclose(
-        shown.content['sample']['values']['angles'], np.degrees(angles), atol=1e-6
+        shown.content['sample']['values']['angles'],
+        np.degrees(angles),
+        atol=1e-6,
     )
     dome = shown.scene.dome
     np.testing.assert_allclose(dome.tiles.batched_colors, dome._map.colours(phi), atol=1.0)
@@ -81,7 +83,9 @@ def test_another_mechanism_or_mounting_of_fkm_is_drawn_within_a_second(shown):
     assert shown.scene is not before and before._fixed._impl.removed
     assert before._floor._impl.removed
     np.testing.assert_allclose(
-        turn_of(shown.scene._fixed), [[1, 0, 0], [0, 0, -1], [0, 1, 0]], atol=1e-6
+        turn_of(shown.scene._fixed),
+        [[1, 0, 0], [0, 0, -1], [0, 1, 0]],
+        atol=1e-6,
     )
     # A mechanism that cannot be assembled changes nothing.
     mounted = shown.scene
@@ -210,7 +214,12 @@ def test_the_device_comes_before_what_is_beside_it(shown):
 
 
 @pytest.mark.parametrize(('rate', 'least', 'most'), [(60.0, 57.0, 63.0), (500.0, 57.0, 84.0)])
-def test_every_pose_at_60_hz_is_drawn_and_no_faster_than_is_seen(shown, rate, least, most):
+def test_every_pose_at_60_hz_is_drawn_and_no_faster_than_is_seen(
+    shown,
+    rate,
+    least,
+    most,
+):
     shown.begin()
     shown.run(2.0, shown.pose, period=1.0 / rate)
     assert least <= int(shown.rows['picture'].split()[0]) <= most

@@ -47,7 +47,15 @@ class Sender:
 
     def __init__(self, server):
         self.page = Page(server)
-        self.page.show('', Banner(Light.GREEN, 'healthy', True, 'healthy'))
+        self.page.show(
+            '',
+            Banner(
+                light=Light.GREEN,
+                text='healthy',
+                alive=True,
+                event='healthy',
+            ),
+        )
         self._clock = server.scene.add_label('/clock', '0')
         self._pose = server.scene.add_frame('/pose')
         points = np.zeros((1000, 3), np.float32)
@@ -133,7 +141,10 @@ def uncovered_for(samples):
     ids=['200 kbit/s', '400 kbit/s', 'a relay of 40 kB/s with a queue'],
 )
 def test_a_pose_that_is_half_a_second_late_is_covered_within_a_second(
-    sender, watched, rate, has_queue
+    sender,
+    watched,
+    rate,
+    has_queue,
 ):
     """And not longer than it is late: afterwards the page is as before."""
     link = SlowLink(sender.page.server.get_port(), has_queue)

@@ -39,7 +39,11 @@ NUMBERS = [0.0, 1.0, -1e308, 1e-320, inf, -inf, nan]
 DRAWS = 60
 
 
-def lists(rng, values, lengths=(0, 1, 2, 4, 6, 9, 12, 40)):
+def lists(
+    rng,
+    values,
+    lengths=(0, 1, 2, 4, 6, 9, 12, 40),
+):
     """Return a list of one of these lengths."""
     return [values[k] for k in rng.integers(0, len(values), rng.choice(lengths))]
 
@@ -138,7 +142,10 @@ def test_no_message_of_any_length_ends_view(shown, kind):
         elif kind in SAMPLED:
             shown.newest[f'/{kind}'] = SAMPLED[kind](rng)
         else:
-            message = joint_state(rng) if kind == 'joint_states' else words(rng)
+            if kind == 'joint_states':
+                message = joint_state(rng)
+            else:
+                message = words(rng)
             shown.takers[f'/{kind}'](message)
         shown.run(0.3, period=0.1)
     # It shows a healthy device afterwards.

@@ -115,7 +115,11 @@ def test_a_page_says_that_there_is_no_device_until_there_are_some(view, observer
     assert view.spin(view.has_ended)
 
 
-def test_two_arms_stand_by_their_names_whichever_comes_first(view, observer, monkeypatch):
+def test_two_arms_stand_by_their_names_whichever_comes_first(
+    view,
+    observer,
+    monkeypatch,
+):
     """The left one on the left, in the banners and the panel as in the picture."""
 
     def start(name):

@@ -34,11 +34,25 @@ MISSING = SensorState.MISSING
 EXCLUDED = SensorState.EXCLUDED
 
 
-def figures(entries=None, now=1.0, sensors=4, **known):
+def figures(
+    entries=None,
+    now=1.0,
+    sensors=4,
+    **known,
+):
     """Return what the page has of a device that is alive at the centre."""
     seen = {
-        'banner': Banner(Light.GREEN, 'healthy', True, 'healthy'),
-        'settings': Settings(sensors, 2.0, 'calibrated 2026-11-26'),
+        'banner': Banner(
+            light=Light.GREEN,
+            text='healthy',
+            alive=True,
+            event='healthy',
+        ),
+        'settings': Settings(
+            sensors=sensors,
+            alert_limit=2.0,
+            calibration='calibrated 2026-11-26',
+        ),
         'angles': [0.1] * 9,
         'states': [HEALTHY] * sensors,
         'orientation': (0.0, 0.0, 0.0, 1.0),
@@ -53,8 +67,22 @@ def rows_of(found):
 
 
 # A device whose picture is of the past.
-SILENT = {'banner': Banner(Light.RED, 'silent: x', False, 'silent: x')}
-STORY = StoryNews('a story', 'front', 'Watch.', 1, 3, 7)
+SILENT = {
+    'banner': Banner(
+        light=Light.RED,
+        text='silent: x',
+        alive=False,
+        event='silent: x',
+    )
+}
+STORY = StoryNews(
+    name='a story',
+    view='front',
+    words='Watch.',
+    step=1,
+    steps=3,
+    number=7,
+)
 
 
 @pytest.mark.parametrize(
@@ -73,7 +101,11 @@ STORY = StoryNews('a story', 'front', 'Watch.', 1, 3, 7)
         ({'story': STORY} | SILENT, 'Watch.', False),
     ],
 )
-def test_a_sentence_says_which_encoders_determine_the_pose(known, words, warns):
+def test_a_sentence_says_which_encoders_determine_the_pose(
+    known,
+    words,
+    warns,
+):
     note = figures(CLEAR, **known)['note']
     assert words in note['text'] and note['warns'] == warns
 

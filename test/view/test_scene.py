@@ -18,7 +18,10 @@ NOMINAL = Geometry()
 ALPHA = NOMINAL.alphas[0]
 # Two proximal links of three are of one shape, and all distal ones.
 MECHANISM = Geometry.from_axes(
-    NOMINAL.base_axes, NOMINAL.platform_axes, (ALPHA, ALPHA + 0.01, ALPHA), NOMINAL.betas
+    NOMINAL.base_axes,
+    NOMINAL.platform_axes,
+    (ALPHA, ALPHA + 0.01, ALPHA),
+    NOMINAL.betas,
 )
 
 
@@ -39,7 +42,9 @@ def test_each_link_has_its_own_turn_shape_and_colour(shown):
     for batch, handle in scene._batches:
         links += batch
         np.testing.assert_allclose(
-            np.roll(handle.batched_wxyzs, -1, axis=1), [turns[k] for k in batch], atol=1e-6
+            np.roll(handle.batched_wxyzs, -1, axis=1),
+            [turns[k] for k in batch],
+            atol=1e-6,
         )
         for k in batch:
             shape = shapes[f'{("proximal", "distal")[k // 3]}_{solids.LEGS[k % 3]}']

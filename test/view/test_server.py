@@ -44,7 +44,12 @@ CAMERA = {
 }
 
 
-def ask(server, *headers, host='127.0.0.1', path='/'):
+def ask(
+    server,
+    *headers,
+    host='127.0.0.1',
+    path='/',
+):
     """Send a request with some headers and return the answer; `PORT` in them is the server's."""
     connection = HTTPConnection(host, server.get_port(), timeout=PATIENCE)
     connection.putrequest('GET', path, skip_host=True, skip_accept_encoding=True)
@@ -86,7 +91,11 @@ OWN = 'Host: 127.0.0.1:PORT'
         ((), False),
     ],
 )
-def test_only_the_page_itself_has_an_answer(serve, headers, allowed):
+def test_only_the_page_itself_has_an_answer(
+    serve,
+    headers,
+    allowed,
+):
     """Before the upgrade to a websocket, and of what is served by HTTP, too."""
     for more, good in ((UPGRADE, UPGRADED), (('Accept: */*',), SERVED)):
         answer = ask(serve(), *headers, *more)
@@ -110,7 +119,13 @@ NAME = socket.gethostname().lower()
         (('127.0.0.1',), '127.0.0.1', (f'{NAME}.local',), REFUSED),
     ],
 )
-def test_the_names_of_a_page(serve, server, client, hosts, good):
+def test_the_names_of_a_page(
+    serve,
+    server,
+    client,
+    hosts,
+    good,
+):
     for host in hosts:
         assert (
             ask(
@@ -240,11 +255,18 @@ def test_a_page_operates_a_simulated_device_and_no_other(observer, view):
     ],
 )
 def test_of_a_clients_messages_two_kinds_are_passed_on(message, wanted):
-    sent = message if isinstance(message, (bytes, str)) else msgspec.msgpack.encode(message)
+    if isinstance(message, (bytes, str)):
+        sent = message
+    else:
+        sent = msgspec.msgpack.encode(message)
     assert server_module.is_wanted(sent) is wanted
 
 
-def test_a_refusal_is_in_the_log_with_its_reason_and_many_are_not(view, monkeypatch, caplog):
+def test_a_refusal_is_in_the_log_with_its_reason_and_many_are_not(
+    view,
+    monkeypatch,
+    caplog,
+):
     caplog.set_level('INFO')
     logged = []
     monkeypatch.setattr(view_node.node_log, 'warning', lambda node, text: logged.append(text))

@@ -35,7 +35,13 @@ DRIVER = {'encoder_driver: encoders': (DiagnosticStatus.OK, 'publishing', {})}
         ('healthy again', 0.0, Light.RED, "silent: unknown state 'healthy again'", False),
     ],
 )
-def test_the_banner_says_what_is_and_no_old_pose_is_alive(state, age, light, text, alive):
+def test_the_banner_says_what_is_and_no_old_pose_is_alive(
+    state,
+    age,
+    light,
+    text,
+    alive,
+):
     shown = status.banner(received_state(state) if state else None, age)
     assert (shown.light, shown.text, shown.alive) == (light, text, alive)
 
@@ -94,7 +100,11 @@ def test_a_silence_is_as_long_as_it_is_but_for_a_pause_of_this_process():
         ),
     ],
 )
-def test_the_state_of_each_sensor(state, driver, expected):
+def test_the_state_of_each_sensor(
+    state,
+    driver,
+    expected,
+):
     figures = {f'{name} unchecked (s)': '1.0' for name in ALL_JOINT_NAMES}
     figures['joint_3a unchecked (s)'] = 'inf'
     entries = entries_of(driver | {'fkm: orientation': (DiagnosticStatus.OK, 'healthy', figures)})
@@ -119,7 +129,11 @@ def test_the_state_of_each_sensor(state, driver, expected):
         ('left/a/fkm: orientation', 1.0, False),
     ],
 )
-def test_an_entry_is_of_its_own_device_and_of_now(name, now, seen):
+def test_an_entry_is_of_its_own_device_and_of_now(
+    name,
+    now,
+    seen,
+):
     entries = StatusEntries('/left')
     entries.add(DiagnosticStatus(name=name), 1.0)
     entries.now = now
@@ -141,7 +155,11 @@ def test_an_encoder_without_a_number_in_the_readings_has_no_reading():
         (1.0, True, 'no joint_states (diagnostics)'),
     ],
 )
-def test_the_event_of_a_silence_does_not_change_with_its_length(age, heard, event):
+def test_the_event_of_a_silence_does_not_change_with_its_length(
+    age,
+    heard,
+    event,
+):
     banners = [
         status.banner(received_state('healthy'), age * k, heard=heard) for k in (1, 2, 3600)
     ]

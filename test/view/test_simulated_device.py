@@ -85,7 +85,9 @@ def test_the_sliders_follow_the_device_until_a_user_moves_one(shown):
 
 @pytest.mark.parametrize(('sensors', 'number'), [(4, 0), (4, 1), (4, 2), (6, 1), (6, 2)])
 def test_a_story_does_its_steps_each_with_its_sentence_and_ends_with_a_verdict(
-    shown, sensors, number
+    shown,
+    sensors,
+    number,
 ):
     """In place of another one that is played, and without a fault."""
     shown.begin(source='sim', sensors=sensors)

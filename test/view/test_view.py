@@ -82,7 +82,10 @@ def test_make_run_starts_it_beside_master():
             lambda: 'psi' in running.stdout and FIRST_LINE in running.stdout, PATIENCE
         ), running.stderr
         listed = subprocess.run(
-            ['ps', '-ww', '-eo', 'pid=,ni=,args='], text=True, check=True, capture_output=True
+            ['ps', '-ww', '-eo', 'pid=,ni=,args='],
+            text=True,
+            check=True,
+            capture_output=True,
         ).stdout.splitlines()
         ((pid, nice),) = [
             line.split()[:2]
@@ -90,7 +93,10 @@ def test_make_run_starts_it_beside_master():
             if 'sh -c' not in line and line.endswith(f'view -p view.process:={running.pid}')
         ]
         assert int(nice) > os.getpriority(os.PRIO_PROCESS, running.pid)
-        policy = os.SCHED_FIFO if view_load.may_have_priority(10) else os.SCHED_OTHER
+        if view_load.may_have_priority(10):
+            policy = os.SCHED_FIFO
+        else:
+            policy = os.SCHED_OTHER
         assert os.sched_getscheduler(running.pid) == policy
         assert os.sched_getscheduler(int(pid)) == os.SCHED_OTHER
         assert running.stop() == 0

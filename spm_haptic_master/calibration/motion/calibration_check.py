@@ -295,7 +295,11 @@ class CalibrationChecker:
             )
         return found
 
-    def _hypotheses(self, angles: Array, evaluation: Evaluation | None) -> list[Hypothesis]:
+    def _hypotheses(
+        self,
+        angles: Array,
+        evaluation: Evaluation | None,
+    ) -> list[Hypothesis]:
         """
         Return the best hypothesis of each sensor.
 
@@ -451,7 +455,10 @@ class CalibrationChecker:
         return None
 
 
-def _best(hypotheses: list[Hypothesis], freedom: int) -> list[Hypothesis]:
+def _best(
+    hypotheses: list[Hypothesis],
+    freedom: int,
+) -> list[Hypothesis]:
     """Return the hypotheses that explain the parity about as well as the best one does."""
     left = np.array([each.left for each in hypotheses])
     return [hypotheses[sensor] for sensor in slip_evidence.suspects(left, freedom, np.inf)]

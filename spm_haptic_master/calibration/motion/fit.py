@@ -436,7 +436,11 @@ class _Selection:
         self.fit = fit(model, self._fitted, first.vector, first.columns, rotation)
         self._squares = _outside(model, self._held, self.fit.vector)
 
-    def determined(self, wanted: list[int], factor: float) -> list[int]:
+    def determined(
+        self,
+        wanted: list[int],
+        factor: float,
+    ) -> list[int]:
         """
         Return which of further parameters the whole motion determines.
 

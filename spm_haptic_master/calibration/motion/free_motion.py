@@ -370,7 +370,11 @@ class Guide:
         self._start: Start | None = None
         self._searched = 0.0
 
-    def evaluate(self, stamps: NDArray[np.int64], readings: Array) -> Guidance:
+    def evaluate(
+        self,
+        stamps: NDArray[np.int64],
+        readings: Array,
+    ) -> Guidance:
         """
         Return what the motion so far determines, and what to do next.
 

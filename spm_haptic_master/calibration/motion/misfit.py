@@ -189,7 +189,10 @@ def contradiction(
     return max(sizes) / len(columns)
 
 
-def _piece_means(seconds: Array, normal: Normal) -> tuple[Array, NDArray[np.intp]]:
+def _piece_means(
+    seconds: Array,
+    normal: Normal,
+) -> tuple[Array, NDArray[np.intp]]:
     """
     Return the mean parity of each piece of `SLOW_SECONDS`.
 
@@ -292,7 +295,11 @@ class _Slips:
         return np.where(self.size > 0.0, self.slope**2 / known, 0.0)
 
 
-def _slips(model: MotionModel, turned: Array, found: Fit) -> _Slips:
+def _slips(
+    model: MotionModel,
+    turned: Array,
+    found: Fit,
+) -> _Slips:
     """
     Return what slips and drifts would improve, from the normal equations of pieces.
 

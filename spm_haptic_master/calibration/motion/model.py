@@ -212,7 +212,11 @@ class Layout:
         first, second = (vector[self.slices[group]].reshape(-1, 2) for group in GROUPS[4:])
         return first, second
 
-    def harmonic_deviation(self, angles: Array, vector: Array) -> tuple[Array, Array]:
+    def harmonic_deviation(
+        self,
+        angles: Array,
+        vector: Array,
+    ) -> tuple[Array, Array]:
         """
         Return how far the harmonics move the readings at joint angles.
 

@@ -156,7 +156,8 @@ class Verdict:
 
 
 def zero_counts(
-    calibration: MotionCalibration, counts_per_turn: Sequence[int]
+    calibration: MotionCalibration,
+    counts_per_turn: Sequence[int],
 ) -> tuple[tuple[int, ...], Array]:
     """
     Return the whole zero counts, and what rounding them leaves.
@@ -184,7 +185,10 @@ def zero_counts(
     return tuple((whole % per_turn).tolist()), sign * (counts - whole) * tau / per_turn
 
 
-def motion_parameters(calibration: MotionCalibration, origin: Origin) -> dict[str, Any]:
+def motion_parameters(
+    calibration: MotionCalibration,
+    origin: Origin,
+) -> dict[str, Any]:
     """
     Return the parameters of a calibration: noise, bounds, mechanism and encoders.
 

@@ -138,10 +138,18 @@ def mounted(
     )
 
 
-def _fused(calibration: MotionCalibration, vector: Array, covariance: Array) -> MotionCalibration:
+def _fused(
+    calibration: MotionCalibration,
+    vector: Array,
+    covariance: Array,
+) -> MotionCalibration:
     """Return a calibration with other parameters and covariance."""
     normal = normal_equations(
-        calibration.model, calibration.turned, calibration.rotation, vector, ()
+        calibration.model,
+        calibration.turned,
+        calibration.rotation,
+        vector,
+        (),
     )
     return replace(
         calibration,

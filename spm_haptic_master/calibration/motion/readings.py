@@ -90,7 +90,10 @@ class MotionReadings:
         return of_means
 
 
-def motion_readings(stamps: NDArray[np.int64], readings: Array) -> MotionReadings:
+def motion_readings(
+    stamps: NDArray[np.int64],
+    readings: Array,
+) -> MotionReadings:
     """
     Return the means of readings, without spikes, and their noise.
 
@@ -138,7 +141,10 @@ def motion_readings(stamps: NDArray[np.int64], readings: Array) -> MotionReading
     )
 
 
-def _check_stamps(stamps: NDArray[np.int64], sensors: int) -> None:
+def _check_stamps(
+    stamps: NDArray[np.int64],
+    sensors: int,
+) -> None:
     """Raise CalibrationError for sets that are too few, or whose stamps do not increase."""
     if len(stamps):
         seconds = (int(stamps[-1]) - int(stamps[0])) * 1e-9
@@ -158,7 +164,10 @@ def _check_stamps(stamps: NDArray[np.int64], sensors: int) -> None:
         )
 
 
-def _checked_noise(stamps: NDArray[np.int64], readings: Array) -> Array:
+def _checked_noise(
+    stamps: NDArray[np.int64],
+    readings: Array,
+) -> Array:
     """
     Return the white noise of a reading of each sensor, rad, 1 standard deviation.
 
@@ -182,7 +191,10 @@ def _checked_noise(stamps: NDArray[np.int64], readings: Array) -> Array:
     return noise
 
 
-def _means_without_spikes(pieces: Array, limit: Array) -> tuple[Array, NDArray[np.bool_]]:
+def _means_without_spikes(
+    pieces: Array,
+    limit: Array,
+) -> tuple[Array, NDArray[np.bool_]]:
     """
     Return the mean of each piece, and which of its sets have no spike.
 
@@ -245,7 +257,10 @@ def _check_travel(means: Array) -> None:
             )
 
 
-def spread(readings: Array, count: int) -> NDArray[np.intp]:
+def spread(
+    readings: Array,
+    count: int,
+) -> NDArray[np.intp]:
     """
     Return the rows of readings that are as far from each other as can be.
 
@@ -275,7 +290,10 @@ def spread(readings: Array, count: int) -> NDArray[np.intp]:
     return np.array(chosen)
 
 
-def _pieces(steps: NDArray[np.int64], together: int) -> NDArray[np.intp]:
+def _pieces(
+    steps: NDArray[np.int64],
+    together: int,
+) -> NDArray[np.intp]:
     """
     Return the rows of pieces of consecutive sets without a gap.
 
@@ -302,7 +320,10 @@ def _pieces(steps: NDArray[np.int64], together: int) -> NDArray[np.intp]:
     return firsts.astype(np.intp)[:, None] + np.arange(together)
 
 
-def _alone(readings: Array, limit: Array) -> NDArray[np.bool_]:
+def _alone(
+    readings: Array,
+    limit: Array,
+) -> NDArray[np.bool_]:
     """
     Return which of consecutive readings are far from both of their neighbours.
 

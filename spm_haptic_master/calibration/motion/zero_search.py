@@ -569,7 +569,10 @@ def _distance(
     return here * scale, -slopes * scale[:, :, None]
 
 
-def _closure(turns: list[tuple[Array, Array]], nominal: Geometry) -> Array:
+def _closure(
+    turns: list[tuple[Array, Array]],
+    nominal: Geometry,
+) -> Array:
     """
     Return by how much the point of Case 2's linear system misses the unit circle.
 

@@ -78,7 +78,11 @@ class CalibrationWatch:
         self.evaluation: slip_evidence.Evaluation | None = None
         self.caution = ''
 
-    def take(self, quaternion: Quaternion[float], angles: tuple[float, ...]) -> bool:
+    def take(
+        self,
+        quaternion: Quaternion[float],
+        angles: tuple[float, ...],
+    ) -> bool:
         """
         Take a sample; return whether it counts.
 
