@@ -176,7 +176,8 @@ def resting_counts(motion: AxisMotion) -> tuple[float, float]:
 
     """
     axis = motion.axis
-    seconds = np.asarray((motion.stamps - motion.stamps[:1]) * 1e-9)
+    since_first = motion.stamps - motion.stamps[:1]
+    seconds = np.asarray(since_first * 1e-9)
     at_first = seconds <= REST
     at_second = seconds >= seconds[-1:] - REST
     fewest = min(at_first.sum(), at_second.sum())

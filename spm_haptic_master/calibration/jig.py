@@ -161,7 +161,8 @@ def read_still(
         )
     scale = TURN / np.array(counts_per_turn)
     # Differences from one set to the next: slow motion does not count as noise.
-    noise = np.sqrt(np.mean(np.diff(counts, axis=0) ** 2, axis=0) / 2.0) * scale
+    squares = np.diff(counts, axis=0) ** 2
+    noise = np.sqrt(np.mean(squares, axis=0) / 2.0) * scale
     means = [piece.mean(axis=0) for piece in np.array_split(counts, PIECES)]
     drift = np.ptp(means, axis=0) * scale
     allowed = np.maximum(drift_limit, MEANS_SIGMAS * noise / (len(counts) // PIECES) ** 0.5)
@@ -340,5 +341,7 @@ def observed_directions(
     expected = expected[farthest]
     turned = turned[farthest]
     size = np.abs(expected)
-    known = (size >= TRAVEL_MINIMUM) & (np.abs(np.abs(turned) - size) <= TRAVEL_MISMATCH * size)
-    return tuple(np.where(known, np.sign(turned * expected), 0).astype(int).tolist())
+    mismatch = np.abs(np.abs(turned) - size)
+    known = (size >= TRAVEL_MINIMUM) & (mismatch <= TRAVEL_MISMATCH * size)
+    signs = np.sign(turned * expected)
+    return tuple(np.where(known, signs, 0).astype(int).tolist())

@@ -136,9 +136,12 @@ def step_response(
     _check_length('a step', angles, FEWEST_OF_STEP)
     # A raw angle may differ by a turn.
     unwrapped = np.unwrap(angles, axis=0)
-    turned = np.mean(unwrapped[-5:], axis=0) - np.mean(unwrapped[:5], axis=0)
+    at_first = np.mean(unwrapped[:5], axis=0)
+    at_last = np.mean(unwrapped[-5:], axis=0)
+    turned = at_last - at_first
     push = float(np.sum(torque - np.mean(torque[:5])))
-    return StepResponse(motor, tuple((np.sign(push) * turned).tolist()))
+    along_push = np.sign(push) * turned
+    return StepResponse(motor, tuple(along_push.tolist()))
 
 
 def wiring_faults(responses: Sequence[StepResponse]) -> list[str]:

@@ -54,7 +54,8 @@ def _whole_sets(
         Joints that lack readings more often than that, in words; empty if there is none.
 
     """
-    angles = np.array([sample.angles for sample in samples] or np.empty((0, len(ALL_JOINT_NAMES))))
+    rows = [sample.angles for sample in samples]
+    angles = np.array(rows) if rows else np.empty((0, len(ALL_JOINT_NAMES)))
     missing = np.isnan(angles)
     lacking = '; '.join(
         f'{joint} has no reading in {count} of {len(samples)} sets'

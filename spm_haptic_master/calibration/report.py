@@ -284,7 +284,8 @@ def _mechanism(c: MotionCalibration) -> str:
         moved = c.vector.copy()
         moved[column] += DIFFERENCE
         change[:, column] = (_angles(layout.geometry(moved)) - found) / DIFFERENCE
-    figures = np.degrees([drawn, found, found - drawn, np.sqrt(variances(change, c.covariance))])
+    deviations = np.sqrt(variances(change, c.covariance))
+    figures = np.degrees([drawn, found, found - drawn, deviations])
     return _table(
         ('', 'drawn, deg', 'found, deg', 'off by, deg', '±', ''),
         [
@@ -306,7 +307,9 @@ def _angles(geometry: Geometry) -> Array:
 
     """
     axes = np.array([geometry.base_axes, geometry.platform_axes])
-    between = np.arccos(np.clip((axes * np.roll(axes, -1, axis=1)).sum(axis=2), -1.0, 1.0))
+    following = np.roll(axes, -1, axis=1)
+    cosines = (axes * following).sum(axis=2)
+    between = np.arccos(np.clip(cosines, -1.0, 1.0))
     return np.concatenate([geometry.alphas, geometry.betas, between.ravel()])
 
 

@@ -183,8 +183,10 @@ def _columns(
 
     """
     least = max(1, round(CELL_SECONDS * c.readings.rate))
-    before = [each.means(np.degrees(c.parity_before[known]), least) for each in maps]
-    after = [each.means(np.degrees(c.parity[known]), least) for each in maps]
+    parity_before = np.degrees(c.parity_before[known])
+    parity_after = np.degrees(c.parity[known])
+    before = [each.means(parity_before, least) for each in maps]
+    after = [each.means(parity_after, least) for each in maps]
     return [
         _Column(
             title=f'before: {degrees(rms(c.parity_before)):.4f} deg rms',
@@ -263,12 +265,15 @@ def _places(rotation: Array) -> tuple[Array, Array, Array]:
 
 def _edges(values: Array, step: float) -> Array:
     """Return the edges of cells of a width that have all values."""
-    return step * np.arange(np.floor(values.min() / step), np.floor(values.max() / step) + 2.0)
+    first = np.floor(values.min() / step)
+    last = np.floor(values.max() / step)
+    return step * np.arange(first, last + 2.0)
 
 
 def _scale(values: list[Array]) -> float:
     """Return the largest value of a colour scale: `SCALE_PERCENT` of the cells are within it."""
-    every = np.abs(np.concatenate([each[np.isfinite(each)] for each in values]))
+    known = [each[np.isfinite(each)] for each in values]
+    every = np.abs(np.concatenate(known))
     if every.size and every.any():
         return float(np.percentile(every, SCALE_PERCENT))
     return 1.0
@@ -282,10 +287,13 @@ def _outline(
     """Draw the edge of a region on both maps."""
     line: dict[str, Any] = {'color': plot_style.REFERENCE, 'linestyle': '--', 'linewidth': 1.2}
     circle = np.linspace(0.0, 2.0 * pi, 200)
-    tilts.plot(region.tilt_deg * np.cos(circle), region.tilt_deg * np.sin(circle), **line)
+    across = region.tilt_deg * np.cos(circle)
+    along = region.tilt_deg * np.sin(circle)
+    tilts.plot(across, along, **line)
     first = region.from_deg
     last = region.to_deg
-    turns.plot([first, first, last, last], [0.0, region.tilt_deg, region.tilt_deg, 0.0], **line)
+    corners = [first, first, last, last]
+    turns.plot(corners, [0.0, region.tilt_deg, region.tilt_deg, 0.0], **line)
 
 
 def _label_tilts(

@@ -185,8 +185,8 @@ class CalibrationChecker:
             The calibration holds, but so small a motion would not show a slip.
 
         """
-        rows = np.unique(np.linspace(0, len(angles) - 1, SAMPLES).astype(np.intp))
-        angles = angles[rows]
+        places = np.linspace(0, len(angles) - 1, SAMPLES)
+        angles = angles[np.unique(places.astype(np.intp))]
         evaluation, usable = self._evaluated(angles)
         if evaluation is not None and evaluation.holds():
             self._check_decidable(evaluation)
@@ -287,7 +287,8 @@ class CalibrationChecker:
                 self.geometry,
                 self.working_mode,
             )
-            near = found.usable & (np.abs(found.step).max(axis=1) < LONGEST_STEP)
+            longest = np.abs(found.step).max(axis=1)
+            near = found.usable & (longest < LONGEST_STEP)
             rotation = np.where(
                 near[:, None, None],
                 matrix_from_vector(found.step) @ rotation,
@@ -371,7 +372,8 @@ class CalibrationChecker:
         size = np.linalg.norm(found.parity, axis=1)
         size[~found.usable] = np.inf
         # Few of the poses may have no orientation, by a spike or at the edge of the working mode.
-        typical = np.sort(size.reshape(len(slips), -1), axis=1)[:, int(USABLE * len(angles)) - 1]
+        sizes = np.sort(size.reshape(len(slips), -1), axis=1)
+        typical = sizes[:, int(USABLE * len(angles)) - 1]
         return float(slips[np.argmin(typical)])
 
     def _refined(

@@ -131,10 +131,16 @@ def region_of(rotation: Array) -> Region:
         The region, inside the orientations' extent.
 
     """
-    tilts, turns = tilt_and_turn(rotation[np.isfinite(rotation).all(axis=(1, 2))])
-    low, high = np.percentile(np.degrees(around_middle(turns)), (RIM_PERCENT, 100.0 - RIM_PERCENT))
+    known = np.isfinite(rotation).all(axis=(1, 2))
+    tilts, turns = tilt_and_turn(rotation[known])
+    turns_deg = np.degrees(around_middle(turns))
+    low, high = np.percentile(turns_deg, (RIM_PERCENT, 100.0 - RIM_PERCENT))
     tilt = np.percentile(np.degrees(tilts), 100.0 - 2.0 * RIM_PERCENT)
-    return Region(float(np.floor(tilt)), float(np.ceil(low)), float(np.floor(high)))
+    return Region(
+        tilt_deg=float(np.floor(tilt)),
+        from_deg=float(np.ceil(low)),
+        to_deg=float(np.floor(high)),
+    )
 
 
 def around_middle(angles: Array) -> Array:
@@ -192,12 +198,16 @@ def sensor_bounds(
     zeros = model.layout.slices['zeros']
     angles = model.joint_angles(poses, model.layout.geometry(vector))
     # The change of each reading with each parameter, (n, N, P), as if the mechanism were known.
-    changes = np.stack([model.linear_part(angles, unit) for unit in np.eye(len(vector))], axis=2)
-    bound = BOUND_SIGMAS * np.sqrt(variances(changes, covariance).max(axis=0)) + unexplained
+    each_alone = np.eye(len(vector))
+    changes = np.stack([model.linear_part(angles, unit) for unit in each_alone], axis=2)
+    largest = variances(changes, covariance).max(axis=0)
+    bound = BOUND_SIGMAS * np.sqrt(largest) + unexplained
     # A zero's error is one of the reading.
     spread = model.orientation_changes(poses, vector)[:, :, zeros]
-    turned = np.sqrt(variances(aligned_changes(model, poses, vector), covariance).sum(axis=1))
-    factor = BOUND_SIGMAS * float((turned / (np.linalg.norm(spread, axis=1) @ bound)).max())
+    of_orientation = aligned_changes(model, poses, vector)
+    turned = np.sqrt(variances(of_orientation, covariance).sum(axis=1))
+    by_bounds = np.linalg.norm(spread, axis=1) @ bound
+    factor = BOUND_SIGMAS * float((turned / by_bounds).max())
     units: Array = np.ceil(max(1.0, factor) * bound / UNIT)
     return units * UNIT
 
@@ -243,7 +253,8 @@ def parity_bound(
         vector,
         tuple(range(model.layout.count)),
     ).derivative
-    deviation = np.sqrt(variances(changes, covariance).sum(axis=1).max())
+    squares = variances(changes, covariance).sum(axis=1)
+    deviation = np.sqrt(squares.max())
     return float(np.ceil((BOUND_SIGMAS * deviation + unexplained) / UNIT) * UNIT)
 
 
@@ -274,7 +285,8 @@ def aligned_changes(
 
     """
     changes = model.orientation_changes(rotation, vector)
-    frames = np.concatenate([np.broadcast_to(np.eye(3), rotation.shape), rotation], axis=2)
+    of_base = np.broadcast_to(np.eye(3), rotation.shape)
+    frames = np.concatenate([of_base, rotation], axis=2)
     left, size, _ = np.linalg.svd(frames.reshape(-1, 6), full_matrices=False)
     kept = left[:, size > 1e-9 * size[0]]
     flat = changes.reshape(-1, changes.shape[2])
@@ -459,7 +471,9 @@ def _reachable(
     wanted = (tilt > 0.0) | (azimuth == azimuths[0])
     poses = workspace_pose(tilt[wanted], azimuth[wanted], turn[wanted])
     layout = model.layout
-    return poses[reached(poses, layout.geometry(vector), layout.working_mode, layout.sensors)[0]]
+    geometry = layout.geometry(vector)
+    usable, *_ = reached(poses, geometry, layout.working_mode, layout.sensors)
+    return poses[usable]
 
 
 def _towards(azimuth: float) -> str:

@@ -155,7 +155,8 @@ def normal_equations(
         for at in range(0, len(turned), SLICE)
     ]
     usable = np.concatenate([part.usable for part in parts])
-    parity = np.where(usable[:, None], np.concatenate([part.parity for part in parts]), np.nan)
+    parities = np.concatenate([part.parity for part in parts])
+    parity = np.where(usable[:, None], parities, np.nan)
     size = np.linalg.norm(parity, axis=1)
     if limit is None:
         limit = _outlier_limit(parity)
@@ -198,8 +199,11 @@ def _outlier_limit(parity: Array) -> float:
         Limit (unit 1).
 
     """
-    known = np.linalg.norm(parity[np.isfinite(parity[:, 0])], axis=1)
-    return OUTLIER * max(1.0, NORMAL_DEVIATION * float(np.median(known)) if len(known) else 0.0)
+    has_parity = np.isfinite(parity[:, 0])
+    if not has_parity.any():
+        return OUTLIER
+    sizes = np.linalg.norm(parity[has_parity], axis=1)
+    return OUTLIER * max(1.0, NORMAL_DEVIATION * float(np.median(sizes)))
 
 
 def fit(
@@ -470,15 +474,18 @@ class _Selection:
         after = np.sqrt(np.diag(inverse(information)))
         is_determined = after < DETERMINED * before
         known = len(self.columns)
-        return [column for column, good in zip(wanted, is_determined[known:], strict=True) if good]
+        further = zip(wanted, is_determined[known:], strict=True)
+        return [column for column, good in further if good]
 
     def confirms(self, more: list[int]) -> bool:
         """Fit with more parameters, and keep them if the held-out part is no worse for it."""
         columns = self.columns + more
-        found = fit(self._model, self._fitted, self.fit.vector, columns, self.fit.normal.rotation)
+        rotation = self.fit.normal.rotation
+        found = fit(self._model, self._fitted, self.fit.vector, columns, rotation)
         squares = _outside(self._model, self._held, found.vector)
         change = squares - self._squares - len(more) / len(self._fitted)
-        if change.mean() > WORSE_DEVIATIONS * change.std() / np.sqrt(len(change)):
+        of_mean = WORSE_DEVIATIONS * change.std() / np.sqrt(len(change))
+        if change.mean() > of_mean:
             return False
         self.fit = found
         self.columns = columns
@@ -545,7 +552,8 @@ def considered_covariance(
     """
     inside = np.array(columns)
     others = np.setdiff1d(np.arange(len(deviations)), inside)
-    own = inverse(information[np.ix_(inside, inside)] + np.diag(deviations[inside] ** -2.0))
+    before = np.diag(deviations[inside] ** -2.0)
+    own = inverse(information[np.ix_(inside, inside)] + before)
     # Of all errors by those of the others.
     effect = np.eye(len(deviations))[:, others]
     effect[inside] = -own @ information[np.ix_(inside, others)]

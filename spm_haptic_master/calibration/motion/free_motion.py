@@ -229,11 +229,14 @@ def _choose(
         The motion does not determine the zeros.
 
     """
-    rows = np.arange(0, len(turned), max(1, len(turned) // CHOICE_SAMPLES))
+    step = max(1, len(turned) // CHOICE_SAMPLES)
+    rows = np.arange(0, len(turned), step)
     factor = len(turned) / len(rows)
     progress('zeros', 0.5)
-    first = fit.fit(model, turned[rows], start.vector, range(model.layout.sensors))
-    advice, gain = next(iter(_outlook(model, means, start)[1].items()))
+    zeros = range(model.layout.sensors)
+    first = fit.fit(model, turned[rows], start.vector, zeros)
+    _, gains = _outlook(model, means, start)
+    advice, gain = next(iter(gains.items()))
     _check_zeros(model, first, factor, advice)
     vector, columns, left = fit.choose(
         model,
@@ -401,7 +404,8 @@ class Guide:
                 covered={},
             )
         model = MotionModel(self._layout, means.sigma)
-        travel = np.degrees(np.ptp(np.unwrap(means.readings, axis=0), axis=0))
+        turned = np.unwrap(means.readings, axis=0)
+        travel = np.degrees(np.ptp(turned, axis=0))
         moved = {
             joint: min(1.0, float(each) / TRAVEL_DEG)
             for joint, each in zip(ALL_JOINT_NAMES, travel, strict=False)
@@ -446,7 +450,8 @@ def _outlook(
         Of `coverage.further_motions`.
 
     """
-    chosen = np.arange(0, len(means.readings), max(1, len(means.readings) // OUTLOOK_SAMPLES))
+    step = max(1, len(means.readings) // OUTLOOK_SAMPLES)
+    chosen = np.arange(0, len(means.readings), step)
     turned = means.readings[chosen] * np.array(start.direction)
     rotation = model.orientations(turned, start.vector)
     normal = fit.normal_equations(

@@ -120,8 +120,8 @@ def unexplained_errors(
     rows = np.flatnonzero(normal.kept)
     rows = rows[:: max(1, len(rows) // SAMPLES)]
     zeros = tuple(range(model.layout.sensors))
-    parts = model.linearised(turned[rows], normal.rotation[rows], vector, zeros).derivative
-    squares = np.sum(parts**2, axis=1)
+    linear = model.linearised(turned[rows], normal.rotation[rows], vector, zeros)
+    squares = np.sum(linear.derivative**2, axis=1)
     errors: Array = slow / np.sqrt(np.mean(squares, axis=0))
     return errors
 
@@ -205,9 +205,11 @@ def _piece_means(
 
     """
     kept = normal.kept
-    piece = np.unique(np.floor(seconds[kept] / SLOW_SECONDS), return_inverse=True)[1]
+    numbers = np.floor(seconds[kept] / SLOW_SECONDS)
+    _, piece = np.unique(numbers, return_inverse=True)
     counts = np.bincount(piece)
-    sums = np.column_stack([np.bincount(piece, column) for column in normal.parity[kept].T])
+    columns = normal.parity[kept].T
+    sums = np.column_stack([np.bincount(piece, column) for column in columns])
     return sums / counts[:, None], counts
 
 
@@ -243,11 +245,12 @@ def check_slip(
 
     """
     slips = _slips(model, turned, found)
-    row, sensor = np.unravel_index(slips.explained.argmax(), slips.explained.shape)
-    best = slips.explained[row, sensor]
+    explained = slips.explained
+    row, sensor = np.unravel_index(explained.argmax(), explained.shape)
+    best = explained[row, sensor]
     if best <= slips.least:
         return
-    others = np.delete(slips.explained, sensor, axis=1).max()
+    others = np.delete(explained, sensor, axis=1).max()
     name = 'one of the encoders'
     by = ''
     if others <= max(slips.least, (1.0 - AS_GOOD) * best):

@@ -164,10 +164,12 @@ class Layout:
         is that of the deviation, then axis and component.
         """
         axes = np.array(self.nominal.platform_axes)
-        turns = np.stack([np.cross(unit, axes).ravel() for unit in np.eye(3)])
+        units = np.eye(3)
+        turns = np.stack([np.cross(unit, axes).ravel() for unit in units])
         lengths = (np.eye(3)[:, :, None] * axes).reshape(3, 9)
         # The null space of rotations and lengths.
-        return np.linalg.svd(np.vstack([turns, lengths]))[2][6:].reshape(3, 3, 3)
+        _, _, directions = np.linalg.svd(np.vstack([turns, lengths]))
+        return directions[6:].reshape(3, 3, 3)
 
     def geometry(self, vector: Array) -> Geometry:
         """
@@ -462,12 +464,16 @@ class MotionModel:
         )
         deviation, slope = layout.harmonic_deviation(angles, vector)
         residual = wrapped(turned - vector[layout.slices['zeros']] - angles - deviation)
-        found = projected(usable, residual, rates * (1.0 + slope)[:, :, None], self.sigma)
+        of_readings = rates * (1.0 + slope)[:, :, None]
+        found = projected(usable, residual, of_readings, self.sigma)
         # No step is NaN where a reading is.
-        usable = usable & (np.abs(found.step).max(axis=1) < LONGEST_STEP)
+        longest = np.abs(found.step).max(axis=1)
+        usable = usable & (longest < LONGEST_STEP)
         gain = np.where(usable[:, None, None], _continuous(found.gain, rates), 0.0)
-        parity = np.einsum('nki,ni->nk', gain, np.where(usable[:, None], residual, 0.0))
-        moved = matrix_from_vector(np.where(usable[:, None], found.step, 0.0)) @ rotation
+        known = np.where(usable[:, None], residual, 0.0)
+        parity = np.einsum('nki,ni->nk', gain, known)
+        step = np.where(usable[:, None], found.step, 0.0)
+        moved = matrix_from_vector(step) @ rotation
         # The derivative of the parity is that of the residuals, seen through the gain.
         by = self._derivative(matrices, angles, slope, vector, columns)
         return Linearised(

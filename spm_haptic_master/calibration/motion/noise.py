@@ -57,10 +57,13 @@ def allowed_noise(
     kept = np.flatnonzero(normal.kept)
     rows = kept[:: max(1, len(kept) // SAMPLES)]
     zeros = tuple(range(model.layout.sensors))
-    gains = model.linearised(turned[rows], normal.rotation[rows], vector, zeros).derivative
+    linear = model.linearised(turned[rows], normal.rotation[rows], vector, zeros)
+    gains = linear.derivative
     # Mean square of the parity for each unit of variance, (N,).
-    squares = np.mean(np.sum(gains**2, axis=1), axis=0)
-    measured = float(np.mean(np.sum(normal.parity[kept] ** 2, axis=1)))
+    sums = np.sum(gains**2, axis=1)
+    squares = np.mean(sums, axis=0)
+    parities = np.sum(normal.parity[kept] ** 2, axis=1)
+    measured = float(np.mean(parities))
     if float(squares @ model.sigma**2) <= AGREEMENT * measured:
         return model.sigma
     low = 0.0

@@ -248,7 +248,8 @@ def _check_spikes(
 def _check_travel(means: Array) -> None:
     """Raise CalibrationError for a joint that does not move."""
     percents = (TRAVEL_PERCENT, 100.0 - TRAVEL_PERCENT)
-    low, high = np.percentile(np.unwrap(means, axis=0), percents, axis=0)
+    turned = np.unwrap(means, axis=0)
+    low, high = np.percentile(turned, percents, axis=0)
     for joint, travel in zip(ALL_JOINT_NAMES, high - low, strict=False):
         if travel < TRAVEL_MINIMUM:
             raise CalibrationError(
@@ -282,10 +283,12 @@ def spread(
     """
     turned = np.unwrap(readings, axis=0)
     middle = np.median(turned, axis=0)
-    chosen = [int(np.argmin(((turned - middle) ** 2).sum(axis=1)))]
+    from_middle = ((turned - middle) ** 2).sum(axis=1)
+    chosen = [int(np.argmin(from_middle))]
     distance = np.full(len(turned), np.inf)
     while len(chosen) < min(count, len(turned)):
-        distance = np.minimum(distance, ((turned - turned[chosen[-1]]) ** 2).sum(axis=1))
+        from_last = ((turned - turned[chosen[-1]]) ** 2).sum(axis=1)
+        distance = np.minimum(distance, from_last)
         chosen.append(int(distance.argmax()))
     return np.array(chosen)
 
@@ -342,6 +345,8 @@ def _alone(
     """
     far = np.zeros(len(readings), dtype=bool)
     step = np.abs(wrapped(np.diff(readings, axis=0)))
-    beyond = 3.0 * limit + 2.0 * np.abs(wrapped(readings[2:] - readings[:-2]))
-    far[1:-1] = ((step[1:] > beyond) & (step[:-1] > beyond)).any(axis=1)
+    across = np.abs(wrapped(readings[2:] - readings[:-2]))
+    beyond = 3.0 * limit + 2.0 * across
+    is_far = (step[1:] > beyond) & (step[:-1] > beyond)
+    far[1:-1] = is_far.any(axis=1)
     return far

@@ -319,7 +319,8 @@ def _compared(
         )
     except CalibrationError:
         return None
-    if found.rms * float(model.sigma.mean()) > PARITY_LIMIT or found.normal.kept.mean() < 0.5:
+    parity = found.rms * float(model.sigma.mean())
+    if parity > PARITY_LIMIT or found.normal.kept.mean() < 0.5:
         return None
     return ComparedGuess(
         misfit=found.misfit,
@@ -430,7 +431,8 @@ def search_zeros(
         )
         best = np.argsort(cost)[: max(1, int(BETTER * count))]
         zeros, _, _ = _improve(turned, zeros[best], damping[best], nominal, STEPS)
-        misfit = np.median(np.abs(_distance(turned, zeros, nominal)[0]), axis=1)
+        distance, *_ = _distance(turned, zeros, nominal)
+        misfit = np.median(np.abs(distance), axis=1)
         found += [
             ZeroGuess(
                 direction=direction,
@@ -490,8 +492,10 @@ def _improve(
         weights = 1.0 / (1.0 + np.square(distance / HALF_WEIGHT))
         weighted = (weights[:, :, None] * slopes).swapaxes(1, 2)
         matrix = weighted @ slopes
-        matrix += (damping * np.trace(matrix, axis1=1, axis2=2) / 4.0)[:, None, None] * np.eye(4)
-        moved = zeros - np.linalg.solve(matrix, weighted @ distance[:, :, None])[:, :, 0]
+        added = damping * np.trace(matrix, axis1=1, axis2=2) / 4.0
+        matrix += added[:, None, None] * np.eye(4)
+        right = weighted @ distance[:, :, None]
+        moved = zeros - np.linalg.solve(matrix, right)[:, :, 0]
         after, slopes_after = _distance(turned, moved, nominal)
         cost_after = _cost(after)
         better = cost_after < cost

@@ -139,8 +139,10 @@ def reached(
     matrices = np.where(usable[:, None, None], rotation, np.eye(3))
     angles = sensor_angles(matrices, geometry, working_mode, sensors)
     rates = jacobian(matrices, geometry, working_mode, sensors=sensors)
-    usable &= np.isfinite(angles).all(axis=1) & np.isfinite(rates).all(axis=(1, 2))
-    angles[~usable], rates[~usable] = 0.0, np.eye(sensors, 3)
+    usable &= np.isfinite(angles).all(axis=1)
+    usable &= np.isfinite(rates).all(axis=(1, 2))
+    angles[~usable] = 0.0
+    rates[~usable] = np.eye(sensors, 3)
     return usable, matrices, angles, rates
 
 
@@ -219,7 +221,8 @@ def parity_of_sample(
     )
     if not min(map(abs, diagonal[:3])) >= MODE_BOUNDARY or np.isnan(residual).any():
         return None
-    rates = np.array(rows[: len(angles)]) / np.array(diagonal[: len(angles)])[:, None]
+    sensors = len(angles)
+    rates = np.array(rows[:sensors]) / np.array(diagonal[:sensors])[:, None]
     return projected(np.ones(1, bool), residual[None], rates[None], sigma)
 
 
@@ -384,7 +387,6 @@ class Evaluation:
         All sensors at the bound of their bias, with the worst signs, make sqrt(N) times two of
         them at one pose: that is no slip.
         """
-        # All sensors at their bound, with the worst signs, make sqrt(N) times two at one pose.
         return BIAS_DEVIATIONS * sqrt(len(self.slip))
 
     @property
@@ -495,9 +497,12 @@ def evaluate(sums: PoseSums, bias: Array) -> Evaluation:
     root = np.sqrt(np.maximum(values, np.finfo(float).tiny))
     parity = np.einsum('mik,mi->mk', vectors, sums.score[kept]) / root
     gain = root[:, :, None] * vectors.swapaxes(1, 2)
-    covariance = np.eye(sensors - 3) + (gain * (bias / BIAS_DEVIATIONS) ** 2) @ gain.swapaxes(1, 2)
+    variance = (bias / BIAS_DEVIATIONS) ** 2
+    by_bias = (gain * variance) @ gain.swapaxes(1, 2)
+    covariance = np.eye(sensors - 3) + by_bias
     # C^-1 times gains and parity: normal equations of weighted least squares over the poses.
-    weighted = np.linalg.solve(covariance, np.concatenate([gain, parity[:, :, None]], axis=2))
+    columns = np.concatenate([gain, parity[:, :, None]], axis=2)
+    weighted = np.linalg.solve(covariance, columns)
     every = np.einsum('mki,mkj->ij', gain, weighted[:, :, :sensors])
     information = np.diag(every)
     score = np.einsum('mki,mk->i', gain, weighted[:, :, sensors])
