@@ -64,9 +64,12 @@ def test_a_reversed_direction_and_angles_that_fit_nothing_are_reported(monkeypat
     ):
         read = angles[::8] + np.radians([0.0, 0.0, 0.0, harmonic]) * np.cos(2.0 * angles[::8])
         result = check(found, read * [1.0, 1.0, 1.0, -1.0])
-        assert not result.holds and result.text == text
+        assert not result.holds
+        assert result.text == text
     result = check(found, angles[::8, [1, 2, 0, 3]] + np.array([1.0, -1.2, 0.7, 0.0]))
-    assert not result.holds and result.changed is None and result.usable < 0.9
+    assert not result.holds
+    assert result.changed is None
+    assert result.usable < 0.9
     assert result.text == text
 
 
@@ -126,14 +129,17 @@ def test_a_calibration_holds_and_says_which_slips_would_show(sensors):
     found, angles = checked_rig(sensors)
     result = check(found, angles)
     evaluation = result.evaluation
-    assert result.holds and 0.5 < evaluation.merit < 1.0
-    assert 20 <= evaluation.poses <= 30 and evaluation.freedom == evaluation.poses * (sensors - 3)
+    assert result.holds
+    assert 0.5 < evaluation.merit < 1.0
+    assert 20 <= evaluation.poses <= 30
+    assert evaluation.freedom == evaluation.poses * (sensors - 3)
     # Beyond 99.997 % of chi-square; for 75 degrees 137, for 25 64.
     assert evaluation.limit == pytest.approx({25: 64.0, 75: 134.4}[evaluation.freedom], rel=0.01)
     # White noise of 0.04 deg, averaged over the 20 samples of a pose.
     assert degrees(evaluation.white) == pytest.approx(0.009, rel=0.1)
     visible = np.degrees(evaluation.visible)
-    assert (visible > 0.02).all() and (visible < 0.1).all()
+    assert (visible > 0.02).all()
+    assert (visible < 0.1).all()
     # A slip of just so much shows, half of it does not.
     for place, slip in enumerate(visible):
         assert not check(found, slipped(angles, **{f's{place}': 1.5 * slip})).holds
@@ -144,7 +150,9 @@ def test_a_calibration_holds_and_says_which_slips_would_show(sensors):
 def test_a_small_slip_is_measured(sensors):
     found, angles = checked_rig(sensors)
     result = check(found, slipped(angles, s1=0.2))
-    assert not result.holds and result.changed.sensor == 1 and not result.changed.turned
+    assert not result.holds
+    assert result.changed.sensor == 1
+    assert not result.changed.turned
     assert degrees(result.changed.slip) == pytest.approx(0.2, abs=0.03)
     assert result.text.startswith('joint_1b slipped by +0.1')
 
@@ -159,5 +167,6 @@ def test_a_slip_beyond_the_first_order_is_measured():
 def test_slips_of_two_sensors_are_no_slip_of_one():
     found, angles = checked_rig(4)
     result = check(found, slipped(angles, s1=0.3, s3=0.4))
-    assert result.changed is None and result.text.startswith('several zeros moved: joint_1a by')
+    assert result.changed is None
+    assert result.text.startswith('several zeros moved: joint_1a by')
     assert np.degrees(result.several) == pytest.approx([0.0, 0.3, 0.0, 0.4], abs=0.05)

@@ -74,7 +74,8 @@ def test_a_drift_is_reported_with_sensor_and_size_within_minutes_until_it_is_ove
     # While the device rests, the estimate is frozen.
     before = found.evaluation
     sample = at_rest(sensors)
-    assert found.take(*sample) and not any(found.take(*sample) for _ in range(500))
+    assert found.take(*sample)
+    assert not any(found.take(*sample) for _ in range(500))
     found.evaluate()
     assert found.evaluation.slip[drifting] == pytest.approx(
         before.slip[drifting], abs=radians(0.005)

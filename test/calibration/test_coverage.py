@@ -101,7 +101,9 @@ def test_the_region_of_a_motion_is_within_it():
     rotation[:100] = np.nan
     found = coverage.region_of(rotation)
     assert 11.0 <= found.tilt_deg <= 12.4
-    assert 139.7 <= found.from_deg <= 142.0 and 198.0 <= found.to_deg <= 200.3
-    assert found.is_large and coverage.Region(8.0, 30.0, 50.0).is_large
+    assert 139.7 <= found.from_deg <= 142.0
+    assert 198.0 <= found.to_deg <= 200.3
+    assert found.is_large
+    assert coverage.Region(8.0, 30.0, 50.0).is_large
     assert not coverage.Region(7.9, 0.0, 80.0).is_large
     assert not coverage.Region(16.0, 30.0, 49.0).is_large

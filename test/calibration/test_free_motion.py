@@ -87,7 +87,8 @@ def check(found):
     assert 0.2 * degrees(found.error) < error < min(2.0 * degrees(found.error), 0.1)
     alone = np.concatenate([found.vector[:4], np.zeros(found.layout.count - 4)])
     assert error < 0.3 * error_deg(found, alone, zeros)
-    assert not found.unusual and not found.cautions
+    assert not found.unusual
+    assert not found.cautions
     assert np.allclose(np.degrees(found.readings.noise), 0.0405, rtol=0.05)
     # No sensor is off by more than its bound, which is no more than needed.
     assert (free_motions.sensor_errors(found, RIG, zeros) < found.bias).all()
@@ -207,7 +208,8 @@ def test_poses_from_outside_give_the_mountings_and_improve_the_mechanism(calibra
     handle = matrix_from_zxz(1.0, 0.4, 2.0)
     sigma = radians(0.05)
     one = mounted(calibration, turned[:1], base @ poses[:1], sigma)
-    assert np.array_equal(one.handle, np.eye(3)) and not one.handle_deviations.any()
+    assert np.array_equal(one.handle, np.eye(3))
+    assert not one.handle_deviations.any()
     at = calibration.model.orientations(turned[:1], one.calibration.vector)
     assert np.allclose(one.base @ at[0], base @ poses[0], atol=1e-6)
     noise = sigma * np.random.default_rng(5).normal(size=(len(poses), 3))
@@ -216,7 +218,8 @@ def test_poses_from_outside_give_the_mountings_and_improve_the_mechanism(calibra
     assert 0.8 * sigma < found.rms < 1.3 * sigma
     assert found.calibration.error < calibration.error
     for deviations in (found.base_deviations, found.handle_deviations):
-        assert (deviations > 0.1 * sigma).all() and (deviations < radians(0.5)).all()
+        assert (deviations > 0.1 * sigma).all()
+        assert (deviations < radians(0.5)).all()
     # With what the frames of mechanism and drawing differ by.
     off = rotation_vectors(
         np.array([one.base, found.base, found.handle])
@@ -225,10 +228,12 @@ def test_poses_from_outside_give_the_mountings_and_improve_the_mechanism(calibra
     assert np.abs(off).max() < radians(1.0)
     # Two poses say more of the base than one, and nothing of the handle.
     two = mounted(calibration, turned[:2], base @ poses[:2], sigma)
-    assert np.array_equal(two.handle, np.eye(3)) and not two.handle_deviations.any()
+    assert np.array_equal(two.handle, np.eye(3))
+    assert not two.handle_deviations.any()
     assert (two.base_deviations < one.base_deviations).all()
     assert (one.base_deviations >= sigma).all()
-    assert two.rms < 0.3 * sigma and one.rms < 1e-9
+    assert two.rms < 0.3 * sigma
+    assert one.rms < 1e-9
     with pytest.raises(CalibrationError, match='contradict the motion'):
         mounted(calibration, turned, outside[::-1], sigma)
 
@@ -271,7 +276,8 @@ def test_groups_that_are_confirmed_together_only_are_estimated():
     found = free_motions.calibrated(
         *readings(random_rig(11, DEVIATIONS), replace(SHORT, seconds=30.0), 1107)
     )
-    assert not found.left and not found.misfit
+    assert not found.left
+    assert not found.misfit
 
 
 @pytest.mark.slow

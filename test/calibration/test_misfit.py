@@ -61,7 +61,8 @@ def test_play_is_a_caution_and_raises_the_bias():
     assert any(
         'contradict each other' in caution and 'play' in caution for caution in found.cautions
     )
-    assert found.bias[0] > radians(0.1) and (found.bias > healthy.bias).all()
+    assert found.bias[0] > radians(0.1)
+    assert (found.bias > healthy.bias).all()
     assert shares == [0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.9, 0.95]
 
 

@@ -149,7 +149,8 @@ def test_a_fourth_motor_that_is_swapped_is_seen_by_the_joints_between():
 def test_a_rated_torque_that_is_ten_times_wrong_is_named(motor):
     turns = [scaled(each, 10.0 if number == motor else 1.0) for number, each in enumerate(RIGHT)]
     found = faults_of(*turns)
-    assert found and all('is a rated torque wrong' in text for text in found)
+    assert found
+    assert all('is a rated torque wrong' in text for text in found)
     assert all(f'motor on {MOTOR_JOINTS[motor]} turns' in text for text in found)
 
 

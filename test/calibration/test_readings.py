@@ -130,13 +130,15 @@ def test_readings_of_a_hand_with_outliers_rest_and_a_gap_are_made_ready():
     wrong = np.abs(wrapped(raw - true)).max(axis=1) > radians(1.0)
     found = motion_readings(stamps, raw)
     assert found.sets == len(stamps) == 11400
-    assert found.spiked[wrong].mean() > 0.95 and found.spiked[~wrong].mean() < 0.002
+    assert found.spiked[wrong].mean() > 0.95
+    assert found.spiked[~wrong].mean() < 0.002
     assert np.degrees(found.noise) == pytest.approx([0.041] * 4, rel=0.03)
     rows = np.searchsorted(stamps, found.seconds * 1e9 + stamps[0])
     errors = np.degrees(wrapped(found.readings - true[rows]))
     # A spike that is near the true reading is none.
     sizes = np.abs(errors).max(axis=1)
-    assert np.median(sizes) < 0.08 and (sizes > 0.3).mean() < 0.003
+    assert np.median(sizes) < 0.08
+    assert (sizes > 0.3).mean() < 0.003
 
 
 def test_spread_takes_the_corners_first():

@@ -109,7 +109,9 @@ def test_what_came_before_ctrl_c_is_kept_where_the_caller_wants_it(keep):
 
     try:
         stamps, _, notes = recorded(Device(300), evaluate=evaluate, keep=keep)
-        assert keep and len(stamps) == 300 and notes == []
+        assert keep
+        assert len(stamps) == 300
+        assert notes == []
     except KeyboardInterrupt:
         assert not keep
 
@@ -137,10 +139,13 @@ def test_nothing_or_a_part_of_what_is_needed_whole_is_an_error(
 def test_the_recording_ends_when_it_is_enough_or_long_enough(monkeypatch):
     seen = []
     recorded(Device(300), evaluate=lambda found, since: seen.append(since) or len(seen) > 2)
-    assert len(seen) == 3 and seen[0] == 0.0 < seen[1]
+    assert len(seen) == 3
+    assert seen[0] == 0.0 < seen[1]
     # As long as it says, however long an evaluation takes.
     stamps, _, notes = recorded(Device(10**9, pause=1e-4), 0.1, lambda *_: time.sleep(0.15))
-    assert notes == [] and len(stamps) == 101 and stamps[-1] - stamps[0] == 100_000_000
+    assert notes == []
+    assert len(stamps) == 101
+    assert stamps[-1] - stamps[0] == 100_000_000
     # The first evaluation is after a second; no read takes more than a tenth of one.
     waits = set()
     sleep = time.sleep
@@ -164,7 +169,8 @@ def test_sets_that_are_left_out_are_reported_with_their_joint(monkeypatch, capsy
     values = {'sensors': 5, 'encoders.counts_per_turn': (360, 360, 3600, 360, 360)}
     stamps, angles = motion_source.read_motion('can', {}, 60.0, 20.0, 'move it')
     counts = motion_source.record_pose('can', values, 60.0)
-    assert len(stamps) == 270 and np.isfinite(angles).all()
+    assert len(stamps) == 270
+    assert np.isfinite(angles).all()
     # Each in a turn.
     np.testing.assert_array_equal(counts, [(6, 11, 172, 23, 270)] * 270)
     assert (

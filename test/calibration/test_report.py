@@ -192,7 +192,8 @@ def test_a_cell_of_the_picture_is_the_mean_parity_of_the_samples_in_it(picture):
     place, _, before, after = shown_parities(calibration)
     for number, parity in ((0, before), (1, after), (2, after)):
         across, along, means = cells(axes[number])
-        assert np.allclose(np.diff(across), 2.0) and np.allclose(np.diff(along), 2.0)
+        assert np.allclose(np.diff(across), 2.0)
+        assert np.allclose(np.diff(along), 2.0)
         compared = 0
         for row, column in zip(*np.nonzero(np.isfinite(means)), strict=True):
             inside = (place[:, 0] >= across[column]) & (place[:, 0] < across[column + 1])
@@ -203,7 +204,8 @@ def test_a_cell_of_the_picture_is_the_mean_parity_of_the_samples_in_it(picture):
     # Tilt over self-rotation: the same samples, so nearly the same mean parity.
     for number, parity in ((3, before), (4, after)):
         across, along, means = cells(axes[number])
-        assert np.allclose(np.diff(across), 4.0) and np.allclose(np.diff(along), 2.0)
+        assert np.allclose(np.diff(across), 4.0)
+        assert np.allclose(np.diff(along), 2.0)
         assert np.nanmean(means) == pytest.approx(parity.mean(), abs=0.03)
 
 
@@ -212,9 +214,11 @@ def test_the_picture_has_one_scale_for_before_and_after_and_one_of_its_own(pictu
     _, _, before, _ = shown_parities(calibration)
     for column in range(3):
         limits = [axes[column + row].collections[0].get_clim() for row in (0, 3)]
-        assert limits[0] == limits[1] and limits[0][0] == -limits[0][1]
+        assert limits[0] == limits[1]
+        assert limits[0][0] == -limits[0][1]
     first, second, own = (axes[column].collections[0].get_clim()[1] for column in range(3))
-    assert first == second and 0.5 * np.abs(before).max() < first <= np.abs(before).max()
+    assert first == second
+    assert 0.5 * np.abs(before).max() < first <= np.abs(before).max()
     assert 0.0 < own < 0.2 * first
     assert [scale.get_xlabel() for scale in axes[6:]] == ['mean parity, deg'] * 2
 
@@ -252,7 +256,8 @@ def test_the_picture_has_the_edge_of_the_region(picture):
     for each in axes[3:6]:
         corners = each.lines[0].get_xydata().tolist()
         assert corners == [[30.0, 0.0], [30.0, 9.0], [70.0, 9.0], [70.0, 0.0]]
-        assert each.get_ylim()[0] == 0.0 and each.get_ylim()[1] >= 9.0
+        assert each.get_ylim()[0] == 0.0
+        assert each.get_ylim()[1] >= 9.0
 
 
 def test_without_matplotlib_a_line_says_so(

@@ -69,7 +69,8 @@ def test_two_guesses_that_come_to_the_same_zeros_are_one(monkeypatch):
     ]
     monkeypatch.setattr(zero_search, 'search_zeros', lambda *_: guesses)
     found = zero_search._explaining(read, model, 1)
-    assert found is not None and found.direction == (1, 1, -1, 1)
+    assert found is not None
+    assert found.direction == (1, 1, -1, 1)
     assert np.degrees(np.abs(wrapped(found.vector[:4] - true))).max() < 4.1
 
 

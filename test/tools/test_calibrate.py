@@ -110,25 +110,30 @@ def test_two_poses_give_a_file_that_is_all_that_the_nodes_need(
         record(tmp_path / f'{number}.log', pose, sensors) for number, pose in enumerate(POSES)
     )
     code, out, err = run(capsys, *at(first, output, POSES[0], '--params-file', rig_file))
-    assert (code, err) == (0, '') and f'{output}: written' in out
+    assert (code, err) == (0, '')
+    assert f'{output}: written' in out
     assert out.count('direction +1 (NOT verified)') == sensors
     assert 'The driver refuses directions that are not verified' in out
     assert read_calibration(output).bias == pytest.approx([radians(0.05)] * sensors)
     written = output.read_text()
     code, out, err = run(capsys, *at(second, output, POSES[1]))
-    assert code == 1 and 'already exists; expected --force' in err
+    assert code == 1
+    assert 'already exists; expected --force' in err
     scale = f'encoders.counts_per_turn:={[8192] * sensors}'
     code, out, err = run(capsys, *at(second, output, POSES[1], '--force', '-p', scale))
-    assert code == 1 and f'counts per turn, the encoders have {[8192] * sensors}' in err
+    assert code == 1
+    assert f'counts per turn, the encoders have {[8192] * sensors}' in err
     assert output.read_text() == written
     # The second run takes the mechanism from the file that it completes.
     code, out, err = run(capsys, *at(second, output, POSES[1], '--force', '--jig-error', 0.1))
-    assert (code, err) == (0, '') and 'overwritten (it held the calibration of' in out
+    assert (code, err) == (0, '')
+    assert 'overwritten (it held the calibration of' in out
     found = read_calibration(output)
     for index, sign in enumerate(DIRECTIONS[:sensors]):
         sigma = degrees(found.sigma[index])
         bias = degrees(found.bias[index])
-        assert 0.03 < sigma < 0.05 and 0.1 < bias < 1.0
+        assert 0.03 < sigma < 0.05
+        assert 0.1 < bias < 1.0
         assert (
             f': zero count {found.zero_count[index]}, sigma {sigma:.4f} deg, bias {bias:.4f} '
             f'deg, direction {sign:+d} (verified)\n' in out
@@ -280,7 +285,8 @@ def test_without_a_device_at_rest_nothing_is_written(
     monkeypatch.setattr('sys.stdin', io.StringIO())
     monkeypatch.chdir(tmp_path)
     code, out, err = run(capsys, *args)
-    assert (code, out) == (1, '') and words in err
+    assert (code, out) == (1, '')
+    assert words in err
     assert not list(tmp_path.iterdir())
 
 
@@ -317,5 +323,6 @@ def test_a_calibration_of_six_with_one_missing_names_it(
         *arguments,
     )
     assert code == 1
-    assert 'joint_3b has no reading in ' in err and 'check the encoder, or give `sensors`' in err
+    assert 'joint_3b has no reading in ' in err
+    assert 'check the encoder, or give `sensors`' in err
     assert not (tmp_path / 'calibration.yaml').exists()

@@ -137,7 +137,8 @@ def test_a_gripper_is_read_from_its_closed_end(capsys, tmp_path):
         output,
         '--force',
     )
-    assert code == 1 and 'gripper turned by 30.5 deg with gripper.counts_per_turn 8192' in err
+    assert code == 1
+    assert 'gripper turned by 30.5 deg with gripper.counts_per_turn 8192' in err
 
 
 def test_an_existing_calibration_keeps_all_that_it_has(capsys, tmp_path):
@@ -178,7 +179,8 @@ calibration_record:
     }
     # A second time only with --force, and then with one line of comment as before.
     code, _, err = run(capsys, path, *SLIDE, '--insertion', *ENDS, '-o', output)
-    assert code == 1 and 'already has insertion.zero_count; expected --force' in err
+    assert code == 1
+    assert 'already has insertion.zero_count; expected --force' in err
     assert output.read_text() == written
     assert run(capsys, path, *SLIDE, '--insertion', *ENDS, '-o', output, '--force')[0] == 0
     assert output.read_text().count('# insertion calibrated on ') == 1
@@ -233,7 +235,8 @@ def test_what_is_no_motion_from_end_to_end_is_refused(
     path = log(tmp_path / 'a.log', counts, without=without)
     output = tmp_path / 'c.yaml'
     code, _, err = run(capsys, path, *SLIDE, '--insertion', *ENDS, '-o', output)
-    assert code == 1 and words in err
+    assert code == 1
+    assert words in err
     assert not output.exists()
 
 
@@ -261,7 +264,8 @@ def test_what_cannot_be_calibrated_is_refused(
     path = slide_log(tmp_path / 'a.log')
     output = tmp_path / 'c.yaml'
     code, _, err = run(capsys, path, *args, '-o', output)
-    assert code == 1 and words in err
+    assert code == 1
+    assert words in err
     assert not output.exists()
 
 
@@ -270,7 +274,8 @@ def test_a_check_needs_a_calibration_of_that_axis(capsys, tmp_path):
     other = tmp_path / 'c.yaml'
     other.write_text('/**:\n  ros__parameters:\n    sigma_deg: [0.1, 0.1, 0.1, 0.1]\n')
     code, _, err = run(capsys, path, *SLIDE, '--insertion', *ENDS, '--check', other)
-    assert code == 1 and 'no insertion.zero_count' in err
+    assert code == 1
+    assert 'no insertion.zero_count' in err
 
 
 class Hand:
@@ -320,7 +325,9 @@ def test_a_slide_on_a_bus_is_calibrated_from_enter_to_enter(
     err = capsys.readouterr().err
     assert 'hold the slide at 0 m, then press Enter' in err
     if not answers:
-        assert code == 1 and 'insertion missing (' in err and not output.exists()
+        assert code == 1
+        assert 'insertion missing (' in err
+        assert not output.exists()
         return
     assert code == 0, err
     found = parameters(output)
@@ -351,4 +358,5 @@ def test_a_jig_calibration_keeps_the_slide(capsys, tmp_path):
     assert run(capsys, path, *SLIDE, '--insertion', *ENDS, '-o', output)[0] == 0
     slide = {name: value for name, value in parameters(output).items() if 'insertion' in name}
     code, _, err = run(capsys, path, *jig, '--force')
-    assert (code, err) == (0, '') and slide.items() <= parameters(output).items()
+    assert (code, err) == (0, '')
+    assert slide.items() <= parameters(output).items()

@@ -85,7 +85,8 @@ def test_another_log_of_the_rig_becomes_right_orientations(by_the_book):
     )
     rms = np.sqrt((errors**2).mean())
     print(f'{known.sum()} orientations, rms {rms:.4f} deg, largest {errors.max():.3f} deg')
-    assert rms <= 0.06 and errors.max() <= 0.3
+    assert rms <= 0.06
+    assert errors.max() <= 0.3
     assert (errors < found.protection_level[rows[known]]).all()
     assert by_the_book.with_suffix('.md').read_text().startswith('# Good for an alert limit of ')
     assert run('--check', by_the_book, *CHECK) == 0
@@ -117,7 +118,8 @@ def test_a_rig_calibrated_by_the_book_can_run_each_column_of_bringup(by_the_book
     longest = np.where(np.isinf(found.unchecked), 0.0, found.unchecked).max(axis=0)
     print(f'{100.0 * found.published.mean():.2f} % published, unchecked for {longest} s at most')
     assert found.published.mean() >= 0.95
-    assert np.isfinite(found.unchecked[-1]).all() and (longest < 10.0).all()
+    assert np.isfinite(found.unchecked[-1]).all()
+    assert (longest < 10.0).all()
 
 
 @pytest.mark.slow
@@ -140,9 +142,12 @@ def test_the_motion_is_summed_up_and_its_file_has_what_it_determined(
     assert found['encoders.direction'] == rig()['direction']
     assert found['sigma_deg'] == pytest.approx([0.0405] * 4, rel=0.06)
     # The limit is the task's, in rig.yaml.
-    assert 'alert_limit_deg' not in found and 'mounting.base_zxz_deg' not in found
-    assert verdict.origin.recording == 'dev_motion.log' and len(verdict.origin.checksum) == 64
-    assert verdict.alert_limit_deg > 1.0 and verdict.published > 0.99
+    assert 'alert_limit_deg' not in found
+    assert 'mounting.base_zxz_deg' not in found
+    assert verdict.origin.recording == 'dev_motion.log'
+    assert len(verdict.origin.checksum) == 64
+    assert verdict.alert_limit_deg > 1.0
+    assert verdict.published > 0.99
     before = path.read_bytes()
     assert run(*motion, '-o', path) == 1
     assert f'-o: {path} already exists; expected --force' in capsys.readouterr().err
@@ -345,7 +350,8 @@ def test_a_live_motion_is_kept_until_it_is_enough_and_can_be_used_again(
             )
             == 1
         )
-    assert published[0] == ['__ns:=/a'] and len(published) == 4
+    assert published[0] == ['__ns:=/a']
+    assert len(published) == 4
     shares = [covered for _, covered in published[1:]]
     assert shares == [
         {'precision': pytest.approx(share), 'joint_1a': 0.5} for share in (0.0, 0.25, 1.0)
@@ -404,7 +410,8 @@ def test_arguments_that_lead_to_nothing_are_refused_in_one_line(
     monkeypatch.chdir(tmp_path)
     assert run(*args) == 1
     err = capsys.readouterr().err
-    assert text in err and err.count('\n') == 1
+    assert text in err
+    assert err.count('\n') == 1
     assert not list(tmp_path.iterdir())
 
 
@@ -485,6 +492,7 @@ def test_joined_recordings_follow_each_other_by_a_second():
     late = np.arange(5) * 10 + 10**12
     angles = np.zeros((5, 4))
     stamps, _ = motion_source.joined([(late, angles), (early, angles)])
-    assert stamps[5] - stamps[4] == 10**9 and np.diff(stamps)[5:].tolist() == [10] * 4
+    assert stamps[5] - stamps[4] == 10**9
+    assert np.diff(stamps)[5:].tolist() == [10] * 4
     stamps, _ = motion_source.joined([(early, angles), (late, angles)])
     np.testing.assert_array_equal(stamps, np.concatenate([early, late]))

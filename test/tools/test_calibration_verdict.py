@@ -32,7 +32,8 @@ def fkm(calibrated, monkeypatch):
 
 def test_a_limit_is_supported_from_the_least_one_on(found, fkm):
     least = verdict.least_alert_limit(found, fkm())
-    assert 1.0 < least < 30.0 and least in verdict.ALERT_LIMITS_DEG
+    assert 1.0 < least < 30.0
+    assert least in verdict.ALERT_LIMITS_DEG
     assert [*verdict.ALERT_LIMITS_DEG] == sorted(set(verdict.ALERT_LIMITS_DEG))
     with pytest.raises(CalibrationError) as caught:
         verdict.supported(found, fkm())
@@ -55,7 +56,8 @@ def test_a_limit_is_supported_from_the_least_one_on(found, fkm):
 
 def test_a_refusal_names_three_cures_and_the_best_of_them_first(found):
     larger, longer, smaller = found.cures
-    assert larger.startswith('a larger motion (t') and longer == 'a motion twice as long'
+    assert larger.startswith('a larger motion (t')
+    assert longer == 'a motion twice as long'
     assert '--mechanism-tolerance' in smaller
     assert 1.0 < found.cures[longer] <= np.sqrt(2.0)
     text = verdict.cure_text(found)
@@ -71,7 +73,8 @@ def test_a_sensor_that_is_checked_nowhere_is_named_and_start_checked_refused(fou
     stamps = np.arange(100) * 10_000_000
     large = replace(found, covariance=found.covariance * 16.0)
     checked = verdict.checked_region(large, fkm(alert_limit_deg=1.0), stamps)
-    assert min(checked.share) == 0.0 and checked.least_limit_deg > 1.0
+    assert min(checked.share) == 0.0
+    assert checked.least_limit_deg > 1.0
     assert re.match(
         'with alert_limit_deg 1 nothing checks .*joint_3a anywhere in the region: with '
         'start_checked .* fkm publishes nothing; alert_limit_deg '
@@ -82,7 +85,8 @@ def test_a_sensor_that_is_checked_nowhere_is_named_and_start_checked_refused(fou
         verdict.checked_region(large, fkm(alert_limit_deg=1.0, start_checked=True), stamps)
     good = replace(found, covariance=found.covariance * 0.01)
     found_checked = verdict.checked_region(good, fkm(start_checked=True), stamps)
-    assert not found_checked.caution and min(found_checked.share) > 0.3
+    assert not found_checked.caution
+    assert min(found_checked.share) > 0.3
     assert len(found_checked.lines) == 4
 
 
@@ -164,8 +168,10 @@ def test_a_part_of_the_workspace_is_for_its_region_only(found, fkm):
     least = verdict.least_alert_limit(replace(moved, region=region), fkm())
     assert least < verdict.least_alert_limit(found, fkm())
     part, limit = verdict.supported(moved, fkm(alert_limit_deg=least))
-    assert (part.region, limit) == (region, least) and region != WORKSPACE
-    assert part.region_error < found.region_error and (part.bias <= found.bias).all()
+    assert (part.region, limit) == (region, least)
+    assert region != WORKSPACE
+    assert part.region_error < found.region_error
+    assert (part.bias <= found.bias).all()
 
 
 def write(path, **changes):
@@ -221,7 +227,8 @@ def test_a_calibration_holds_until_a_zero_slips_or_a_direction_is_another(check)
     # Counts that are 0.22 deg.
     zero[3] += 10
     code, out, err = check(encoders__zero_count=zero)
-    assert code == 1 and 'c.yaml: does not hold; 1951 sets' in out
+    assert code == 1
+    assert 'c.yaml: does not hold; 1951 sets' in out
     slip = re.fullmatch(
         r'calibrate: c.yaml does not hold: joint_3a slipped by ([-+.\d]+) deg '
         r'\(\+- 0.0\d\)',
@@ -230,9 +237,9 @@ def test_a_calibration_holds_until_a_zero_slips_or_a_direction_is_another(check)
     assert float(slip[1]) == pytest.approx(-direction[3] * 0.22, abs=0.04)
     direction[2] *= -1
     code, out, err = check(encoders__direction=direction)
+    assert code == 1
     assert (
-        code == 1
-        and err.splitlines()[-1]
+        err.splitlines()[-1]
         == 'calibrate: c.yaml does not hold: joint_1c turns in the opposite direction'
     )
     assert re.search(r'\n  only \d+ % of the angles fit the mechanism\n', out)

@@ -197,7 +197,8 @@ def test_a_validation_prints_alignment_and_errors(
     assert {each.name for each in (tmp_path / 'validation').iterdir()} == {
         'aligned.csv',
         'errors.csv',
-    } and drawn == ['validation']
+    }
+    assert drawn == ['validation']
     assert validate.main(['validate', 'orientation.csv', 'capture.csv', '-o', '/dev/null/x']) == 1
     assert re.search('^validate: /dev/null/x: cannot be written: ', capsys.readouterr().err)
 

@@ -87,7 +87,8 @@ def test_drives_of_the_maker_are_set_up_stored_and_read_back(channel, setup):
         assert (code, err) == (0, ''), out
         assert out.endswith('3 of 3 drives as configured, stored and read back after a reset\n')
         code, out, _ = setup(*RATED)
-        assert code == 0 and out.endswith('3 of 3 drives as configured\n')
+        assert code == 0
+        assert out.endswith('3 of 3 drives as configured\n')
         assert [drive.objects.value(0x6007, 0) for drive in drives] == [2, 2, 2]
         assert drives[1].objects.mapped(0x1600) == [0x60400010, 0x60710010]
 
@@ -120,7 +121,8 @@ def test_nothing_is_written_while_a_master_runs(channel, setup):
 
 def test_a_joint_without_a_drive_is_refused(setup):
     code, _, err = setup(*RATED, '--joint', 'joint_3b')
-    assert code == 1 and '--joint joint_3b with --drives; expected one of joint_1a' in err
+    assert code == 1
+    assert '--joint joint_3b with --drives; expected one of joint_1a' in err
 
 
 def test_a_scan_names_the_drives_and_the_one_that_is_missing(
@@ -156,4 +158,5 @@ def test_a_scan_names_the_drives_and_the_one_that_is_missing(
     assert 'device type 0x00020192 (CiA 402, drive)' in out
     assert 'unexpected' not in out
     assert 'node 12): not heard' not in out
-    assert code == 1 and 'drive of joint_1c (node 13): not heard' in out
+    assert code == 1
+    assert 'drive of joint_1c (node 13): not heard' in out

@@ -51,21 +51,28 @@ def test_encoders_of_the_maker_are_found_set_up_and_found_as_configured(
     monkeypatch.setattr(can_setup, 'LISTEN', 0.0)
     with encoders(factory=True):
         code, out, err = run(can_scan, '--seconds', '0.3', '--start')
-        assert code == 1 and '\n  joint_1b: 0x182 missing; its node 2 is present' in out
+        assert code == 1
+        assert '\n  joint_1b: 0x182 missing; its node 2 is present' in out
         assert 'can_scan: no SYNC on the bus' in err
         code, out, err = run(can_setup)
-        assert (code, err) == (1, '') and '0x6001:00 units per turn: 65536, wanted 16384' in out
+        assert (code, err) == (1, '')
+        assert '0x6001:00 units per turn: 65536, wanted 16384' in out
         assert out.endswith('4 of 4 encoders not as configured; nothing was written (--write)\n')
         # One alone, with another heartbeat.
         code, out, _ = run(can_setup, '--joint', 'joint_1b', '--write', '--heartbeat', '0.2')
-        assert code == 0 and 'joint_1a' not in out
+        assert code == 0
+        assert 'joint_1a' not in out
         assert out.endswith('1 of 1 encoders as configured, stored and read back after a reset\n')
         code, out, _ = run(can_setup)
-        assert code == 1 and '3 of 4' not in out and '0x1017:00 heartbeat time, ms: 200' in out
+        assert code == 1
+        assert '3 of 4' not in out
+        assert '0x1017:00 heartbeat time, ms: 200' in out
         assert run(can_setup, '--write')[0] == 0
         code, out, err = run(can_setup)
-        assert (code, err) == (0, '') and out.endswith(': 4 of 4 encoders as configured\n')
-        assert ' objects as configured\n' in out and 'written' not in out
+        assert (code, err) == (0, '')
+        assert out.endswith(': 4 of 4 encoders as configured\n')
+        assert ' objects as configured\n' in out
+        assert 'written' not in out
         code, out, err = run(can_scan, '--seconds', '0.3', '--start')
     assert code == 0, out
     assert f'virtual {channel}, 0.3 s:\n' in out
@@ -82,7 +89,8 @@ def test_the_lines_of_a_scan_are_a_rig_file_for_all_programs(run, encoders):
         encoders__id=(0x1AC, 0x183, 0x1DA, 0x191),
     ):
         code, out, err = run(can_scan, '--seconds', '0.3', '--start')
-        assert code == 1 and 'no SYNC' not in err  # the defaults are nodes 1 to 4
+        assert code == 1
+        assert 'no SYNC' not in err
         reader, writer = os.pipe()
         with open(writer, 'w') as pipe:
             pipe.write(out.partition('lines for rig.yaml')[2].partition('\n')[2])
@@ -103,7 +111,9 @@ def test_encoders_that_do_not_answer_are_counted(
     monkeypatch.setattr('spm_haptic_master.encoders.canopen_network.ANSWER_TIMEOUT', 0.1)
     with encoders():
         code, out, _ = run(can_setup, '-p', 'encoders.node_id:=[1, 2, 3, 9]')
-    assert code == 1 and '\njoint_3a: ' in out and '1 of 4 encoders not set up\n' in out
+    assert code == 1
+    assert '\njoint_3a: ' in out
+    assert '1 of 4 encoders not set up\n' in out
 
 
 def test_a_running_master_is_heard_and_nothing_is_written(run, encoders):

@@ -89,7 +89,8 @@ def test_the_weight_explains_the_torques_that_hold_the_poses(
     fails,
 ):
     code, text, _ = check(poses(noise), '--poses', '0')
-    assert ('the weight does not explain' in text) is fails and code == fails
+    assert ('the weight does not explain' in text) is fails
+    assert code == fails
     if not fails:
         assert weight_of(text) == pytest.approx(WEIGHT.handle, abs=5e-4)
 
@@ -117,7 +118,8 @@ def test_a_file_that_is_no_recording(
     words,
 ):
     code, _, text = check(rows)
-    assert code == 1 and words in text
+    assert code == 1
+    assert words in text
 
 
 def test_a_file_that_does_not_exist(check, tmp_path):
@@ -223,13 +225,15 @@ def test_a_device_that_is_moved_by_its_drives(tmp_path, check):
     assert np.abs(rig.torques).max() <= 0.05
     code, text, _ = check(path)
     assert code == 0, text
-    assert text.count('sign right') == 3 and 'springs of 1 N m/rad are passive' in text
+    assert text.count('sign right') == 3
+    assert 'springs of 1 N m/rad are passive' in text
     # 1.1 mN m s/rad in the model.
     assert 0.5 <= float(text.split('friction ')[1].split()[0]) <= 2.0
     stiffest = []
     for args in (('--stiffness', '10'), ('--latency', '0.02')):
         code, text, _ = check(path, *args)
-        assert code == 1 and 'N m/rad about z, at 1000 Hz' in text
+        assert code == 1
+        assert 'N m/rad about z, at 1000 Hz' in text
         stiffest.append(float(text.split('largest stiffness ')[1].split()[0]))
     # By half the period and the latency.
     assert stiffest[0] / stiffest[1] == pytest.approx(20.5 / 1.5, rel=0.05)
@@ -318,7 +322,8 @@ def test_one_session_records_signs_releases_and_weight(
         **{f'pose {number}': pytest.approx(500, abs=1) for number in range(1, 7)},
     }
     steps = [[float(row[name]) for name in force_record.TORQUES[:3]] for row in rows[:300]]
-    assert np.max(steps, axis=0).tolist() == [0.01] * 3 and np.count_nonzero(steps) == 3 * 50
+    assert np.max(steps, axis=0).tolist() == [0.01] * 3
+    assert np.count_nonzero(steps) == 3 * 50
     # Each spring, of 1 N m/rad, gives way until it holds its motor's part of the weight.
     angles, torques = (
         np.reshape(
@@ -336,10 +341,13 @@ def test_one_session_records_signs_releases_and_weight(
     assert [text.split()[0] for text in texts[7:32:4]] == ['pose'] * 6 + ['all']
     # Till it is still in the new pose, let go is at rest again, and is taken by 0.1 rad.
     still, rest, _, taken = np.diff(times[7:]).reshape(6, 4).T * 1e-9
-    assert (1.2 < still).all() and (0.8 < rest).all() and (rest < 1.2).all()
+    assert (1.2 < still).all()
+    assert (0.8 < rest).all()
+    assert (rest < 1.2).all()
     assert (0.15 < taken).all()
     _, text, _ = check(path)
-    assert text.count('sign right') == 3 and 'weight from 6 poses' in text
+    assert text.count('sign right') == 3
+    assert 'weight from 6 poses' in text
     assert weight_of(text) == pytest.approx(WEIGHT.handle, abs=5e-4), text
     assert 'the weight does not explain' not in text
 
@@ -353,7 +361,8 @@ def wired(**changed):
 def test_a_handle_is_not_released_by_a_motor_that_is_turned_over(tmp_path, check):
     code, text, _ = check(recording_of(Rig(wired(c=(2, -1.0))), tmp_path / 'a.csv'))
     assert code == 1
-    assert 'motor on th1C: sign wrong' in text and 'friction' not in text
+    assert 'motor on th1C: sign wrong' in text
+    assert 'friction' not in text
     assert text.count('sign right') == 2
 
 
@@ -396,7 +405,8 @@ def test_a3_each_of_twelve_wrong_wirings_is_found_in_words(
         code = 1
     else:
         code, found, _ = check(str(path))
-    assert code == 1 and words in found
+    assert code == 1
+    assert words in found
     assert 'friction' not in found
     assert ('reverse its direction' in found) is ('sign wrong' in words)
 
@@ -415,7 +425,8 @@ def test_drives_and_encoders_that_are_not_there(
     with pytest.raises(InputError, match='no set of angles'):
         recording_of(rig, tmp_path / 'a.csv')
     code, _, text = check(str(tmp_path / 'a.csv'), '--record')
-    assert code == 1 and "drives.channel = ''" in text
+    assert code == 1
+    assert "drives.channel = ''" in text
 
 
 @pytest.mark.parametrize(
@@ -505,4 +516,5 @@ def test_a_recording_by_drives_and_encoders_between_processes(
     assert 'not seen: no joint turned' in check.stdout or any(
         text in check.stderr for text in ('expected 10 or more', 'the drives are no longer ready')
     ), check.stderr
-    assert 'Traceback' not in check.stderr and 'sign right' not in check.stdout
+    assert 'Traceback' not in check.stderr
+    assert 'sign right' not in check.stdout

@@ -54,12 +54,14 @@ def test_the_truth_is_written_beside_the_rig(
         == 0
     )
     out, err = capsys.readouterr()
-    assert 'sim_bus: 2 drives on virtual can0, nodes [11, 12]\n' in out and not err
+    assert 'sim_bus: 2 drives on virtual can0, nodes [11, 12]\n' in out
+    assert not err
     assert re.search(r'sim_bus: \d+ cycles answered, \d+ deadlines missed\n$', out)
     written, rig = (read_rig(path, Geometry(), 0.0) for path in (tmp_path / 'rig.json', RIG))
     assert np.allclose(written.geometry.alphas, rig.geometry.alphas)
     truth = recordings.read_orientation(tmp_path / 'ground_truth.csv', '')
-    assert 10 < len(truth.time) < 60 and begin < truth.time[0] < truth.time[-1] < time.time()
+    assert 10 < len(truth.time) < 60
+    assert begin < truth.time[0] < truth.time[-1] < time.time()
     motion = make_motion(values('sim', sim__rig_file=str(RIG)))
     np.testing.assert_allclose(
         truth.values,
@@ -81,7 +83,9 @@ def test_a_truth_that_cannot_be_written_ends_in_one_line(
         (tmp_path / name).write_text('precious')
     assert sim_bus.main([*VIRTUAL, '--ground-truth', str(tmp_path / directory)]) == 1
     error = capsys.readouterr().err
-    assert error.startswith('sim_bus: ') and words in error and error.count('\n') == 1
+    assert error.startswith('sim_bus: ')
+    assert words in error
+    assert error.count('\n') == 1
     assert (tmp_path / 'rig.json').read_text() == 'precious'
 
 
@@ -109,9 +113,9 @@ def test_a_full_disk_ends_in_one_line(
         )
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert code == 1
     assert (
-        code == 1
-        and capsys.readouterr().err
+        capsys.readouterr().err
         == f'sim_bus: {tmp_path}/ground_truth.csv: cannot be written: [Errno 27] File too large\n'
     )
 
@@ -150,6 +154,7 @@ def test_another_program_that_sends_the_same_frames_is_reported_with_the_cure(ca
     assert error.startswith(
         'sim_bus: another program sends 0x702 on virtual can0, too: a second sim_bus, or encoders'
     )
-    assert 'CAN_CONFIG=\'{"port": 43114}\'' in error and error.count('\n') == 1
+    assert 'CAN_CONFIG=\'{"port": 43114}\'' in error
+    assert error.count('\n') == 1
     assert sim_bus.main([*VIRTUAL, '--seconds', '0.01']) == 0
     assert capsys.readouterr().err == ''

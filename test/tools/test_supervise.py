@@ -144,7 +144,8 @@ def test_a_directory_of_recorder_with_parameters(
         assert axes.get_xlim() == pytest.approx((0.0, 0.799), abs=5e-4)
     assert_recorded('supervision/picture.txt', in_words(figures[0]))
     assert all(len(line.get_xdata()) == 800 for line in (*parity.lines, *exposure.lines))
-    assert level.lines[1].get_ydata()[0] == 1.0 and level.get_ylim()[0] == 0.0
+    assert level.lines[1].get_ydata()[0] == 1.0
+    assert level.get_ylim()[0] == 0.0
     # joint_3a has a rival at rest.
     np.testing.assert_allclose(exposure.lines[3].get_ydata(), np.arange(800) * 1e-3, atol=1e-4)
 
@@ -158,7 +159,8 @@ def test_L3_cycles_without_a_set_count_and_are_named(supervise, tmp_path):
     log.write_text(''.join(kept))
     out = supervise(log, *SIMULATED)
     share, cycles = re.match(r'([\d.]+) % of (\d+) cycles of the bus published', out).groups()
-    assert 78.0 < float(share) <= 80.5 and 490 <= int(cycles) <= 500
+    assert 78.0 < float(share) <= 80.5
+    assert 490 <= int(cycles) <= 500
     dropped = int(re.search(r'\n +(\d+) dropped: no answer from joint_3a\n', out)[1])
     assert 95 <= dropped <= 101
 
@@ -174,7 +176,8 @@ def test_a_pause_does_not_count_as_time_without_a_check():
     longest = longest_unchecked(seconds, unchecked)
     assert longest['joint_1a'] == pytest.approx(1.9)
     assert longest['joint_1b'] == pytest.approx(2.9)
-    assert longest['joint_1c'] is None and longest['joint_3a'] == 7.0
+    assert longest['joint_1c'] is None
+    assert longest['joint_3a'] == 7.0
 
 
 def test_no_bias_below_the_calibrations_is_proposed():
@@ -211,7 +214,8 @@ def test_without_a_sensor_of_the_parity_there_are_no_regions(
         fmt='%.9f',
     )
     out = supervise(path)
-    assert '297 samples without parity' in out and 'no bias_deg: no region has' in out
+    assert '297 samples without parity' in out
+    assert 'no bias_deg: no region has' in out
 
 
 def slide_at(time, counts=1000):
@@ -241,12 +245,15 @@ def test_a_log_with_a_slide_has_its_share_and_gaps(supervise, tmp_path):
     )
     share, readings, longest, at = map(float, found.groups())
     cycles = int(re.match(r'[\d.]+ % of (\d+) cycles', out)[1])
-    assert 79.0 < share < 81.0 and readings == pytest.approx(cycles, abs=2)
-    assert longest == pytest.approx(0.101, abs=0.002) and at == pytest.approx(0.2, abs=0.003)
+    assert 79.0 < share < 81.0
+    assert readings == pytest.approx(cycles, abs=2)
+    assert longest == pytest.approx(0.101, abs=0.002)
+    assert at == pytest.approx(0.2, abs=0.003)
     assert 'gripper' not in out
     # The same sets, and the same verdict, as without the slide.
     without = supervise(log, *SIMULATED)
-    assert out.partition('\n')[0] == without.partition('\n')[0] and 'insertion' not in without
+    assert out.partition('\n')[0] == without.partition('\n')[0]
+    assert 'insertion' not in without
 
 
 def test_a_directory_of_recorder_with_a_gripper(

@@ -138,7 +138,8 @@ def test_M1_a_marker_at_the_origin_is_not_one(
     points = markers.reshape(-1, 4, 3).copy()
     points[PLACE, 2] = 0.0
     found = compared(recorded, points.reshape(-1, 12))
-    assert largest(found) < 0.6 and sum(found.left_out.values()) == 150
+    assert largest(found) < 0.6
+    assert sum(found.left_out.values()) == 150
 
 
 @pytest.mark.parametrize('kind', ['held', 'filled in'])
@@ -329,7 +330,8 @@ def test_a_rigid_body_of_each_system_is_read_by_its_header(
     path = tmp_path / name
     path.write_text(write(rotations))
     track = recordings.read_capture(path, body)
-    assert track.left_out == left_out and len(track.time) == 400 - left_out
+    assert track.left_out == left_out
+    assert len(track.time) == 400 - left_out
     kept = np.arange(400) != (13 if left_out else -1)
     np.testing.assert_allclose(
         track.time - track.time[0],
@@ -345,7 +347,8 @@ def test_markers_of_qtm_are_read_by_their_names(tmp_path):
     rotations = FRAME @ motion(CAPTURED[:400])
     path.write_text(qualisys_markers(rotations))
     track = recordings.read_capture(path, None)
-    assert track.left_out == 1 and track.values.shape == (399, 12)
+    assert track.left_out == 1
+    assert track.values.shape == (399, 12)
     found = comparison.orientation_of_markers(track.values, AZIMUTHS)
     np.testing.assert_allclose(found, rotations[np.arange(400) != 13], atol=1e-3)
 

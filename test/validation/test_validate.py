@@ -284,7 +284,8 @@ def test_the_classic_model_is_of_the_joint_angles_nearest_in_time():
     joints.values[20:30, 1] = joints.values[:, 5] = np.nan
     found = comparison.compare(recorded, captured, joints, kinematics.Geometry(), AZIMUTHS)
     apart = np.abs(found.time[:, None] - joints.time)
-    assert 0 < (apart.min(axis=1) > 0.1).sum() < 10 and found.time[0] < 1.03
+    assert 0 < (apart.min(axis=1) > 0.1).sum() < 10
+    assert found.time[0] < 1.03
     known = (apart.min(axis=1) < 0.1) & np.isfinite(joints.values[apart.argmin(axis=1), 1])
     (row,) = (row for row in comparison.error_table(found) if row[:2] == ('classic', 'phi'))
     assert (row.samples, row.missing) == (known.sum(), (~known).sum())
@@ -438,7 +439,8 @@ def test_orientations_are_interpolated_within_the_recording_and_short_gaps_alone
     off = alignment.rotation_vectors(
         kinematics.matrix_from_quaternion(found[known]) @ motion(at[known]).swapaxes(1, 2)
     )
-    assert np.abs(off).max() < 1e-3 and np.abs(off[[0, 2, 4]]).max() < 1e-12
+    assert np.abs(off).max() < 1e-3
+    assert np.abs(off[[0, 2, 4]]).max() < 1e-12
 
 
 def test_the_speed_of_a_steady_turn_is_constant_and_equal_periods_are_not_shifted():

@@ -44,7 +44,9 @@ def test_what_is_shown_is_the_pose_all_the_way_through_the_singularity(shown):
         errors.append((eta[0], shown.content['sample']['values']['ghost'][0]))
         seen.append(ghost.visible)
     # Three encoders alone are drawn where they are wrong, and not where nothing is.
-    assert any(seen) and not seen[0] and not seen[-1]
+    assert any(seen)
+    assert not seen[0]
+    assert not seen[-1]
     assert ghost.name.startswith(f'{shown.scene._turned.name}/')
     shown.run(1.0, partial(shown.pose, *pose))
     np.testing.assert_allclose(shown.scene.dome.pin.position, RADIUS * R[:, 2], atol=1e-6)
@@ -60,7 +62,8 @@ def test_what_is_shown_is_the_pose_all_the_way_through_the_singularity(shown):
         [error for three, error in errors if low < three < high]
         for low, high in ((0.0, 0.02), (0.12, 1.0))
     )
-    assert len(clear) > 3 and max(near) > 1.0 > 2.0 * np.nanmax(clear)
+    assert len(clear) > 3
+    assert max(near) > 1.0 > 2.0 * np.nanmax(clear)
     # Three encoders are solved with their own dexterity.
     taken = []
     shown.arm._ghost.solve = taken.append
@@ -77,10 +80,12 @@ def test_another_mechanism_or_mounting_of_fkm_is_drawn_within_a_second(shown):
     shown.begin()
     before = shown.scene
     shown.run(5.0, shown.fkm)
-    assert len(shown.asked) == 5 and shown.scene is before
+    assert len(shown.asked) == 5
+    assert shown.scene is before
     shown.parameters = {'mounting.base_zxz_deg': [0.0, 90.0, 0.0]}
     shown.run(1.1, shown.fkm)
-    assert shown.scene is not before and before._fixed._impl.removed
+    assert shown.scene is not before
+    assert before._fixed._impl.removed
     assert before._floor._impl.removed
     np.testing.assert_allclose(
         turn_of(shown.scene._fixed),
@@ -197,20 +202,16 @@ def test_the_device_comes_before_what_is_beside_it(shown):
         shown.run(seconds, shown.fkm)
     shown.watched = True
     shown.run(WHOLE - 1.5, shown.fkm)
-    assert arm.seen.banner.alive and not any(
-        frame.visible for frame in (scene._fixed_rest, scene._turned_rest)
-    )
+    assert arm.seen.banner.alive
+    assert not any(frame.visible for frame in (scene._fixed_rest, scene._turned_rest))
     shown.run(1.5, shown.fkm)
-    assert (
-        all(frame.visible for frame in (scene._fixed_rest, scene._turned_rest))
-        and scene.dome.singular.visible
-    )
+    assert all(frame.visible for frame in (scene._fixed_rest, scene._turned_rest))
+    assert scene.dome.singular.visible
     # It stays for a mechanism that is drawn anew.
     shown.parameters = {'geometry.beta_deg': 34.0}
     shown.run(3.0, shown.fkm)
-    assert shown.scene is not scene and all(
-        frame.visible for frame in (shown.scene._fixed_rest, shown.scene._turned_rest)
-    )
+    assert shown.scene is not scene
+    assert all(frame.visible for frame in (shown.scene._fixed_rest, shown.scene._turned_rest))
 
 
 @pytest.mark.parametrize(('rate', 'least', 'most'), [(60.0, 57.0, 63.0), (500.0, 57.0, 84.0)])

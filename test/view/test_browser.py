@@ -255,7 +255,8 @@ def test_whoever_hears_or_types_has_what_others_see(device):
     chips = zip(names['chips'], names['joints'], strict=True)
     assert all(chip.startswith(f'{joint}: ') for chip, joint in chips)
     assert all(name.startswith('plot: ') for name in names['plots'])
-    assert names['banner'] == 'status' and names['note'] == 'status'
+    assert names['banner'] == 'status'
+    assert names['note'] == 'status'
     assert names['title'] == 'haptic master'
     os.kill(running.pid, signal.SIGSTOP)
     try:

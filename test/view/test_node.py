@@ -51,7 +51,8 @@ def test_all_arms_are_in_each_view(arms):
         right /= np.linalg.norm(right)
         rays = (points - position) / ((points - position) @ ahead)[:, None]
         wide, high = (np.abs(rays @ axis).max() / half for axis in (right, np.cross(right, ahead)))
-        assert wide < 1.2 and high < 1.0
+        assert wide < 1.2
+        assert high < 1.0
         # Nor are they smaller than that needs.
         assert wide > 0.65 or name != 'front'
     assert ARM_DISTANCE > 2.2
@@ -82,7 +83,8 @@ def test_a_page_says_that_there_is_no_device_until_there_are_some(view, observer
             if isinstance(message, RunJavascriptMessage)
         }
         news = {number: source for number, source in scripts.items() if source.startswith(NEWS)}
-        assert len(scripts) == len(news) + 1 and min(scripts) not in news
+        assert len(scripts) == len(news) + 1
+        assert min(scripts) not in news
         return news
 
     first = news()
@@ -150,7 +152,8 @@ def test_two_arms_stand_by_their_names_whichever_comes_first(
     for publisher in left:
         observer.node.destroy_publisher(publisher)
     assert view.spin(lambda: list(view._page.shown) == ['right'])
-    assert place('right') == 0.0 and view._page.news()['views'] == views(1)
+    assert place('right') == 0.0
+    assert view._page.news()['views'] == views(1)
     for publisher in right:
         observer.node.destroy_publisher(publisher)
     view.spin(lambda: False, 1.5)

@@ -208,7 +208,8 @@ def test_a_page_operates_a_simulated_device_and_no_other(observer, view):
         send(**CAMERA)
         operate(known)
         assert view.spin(lambda: steered and failed)
-        assert sensor.value == 'th1B' and not sensor.disabled
+        assert sensor.value == 'th1B'
+        assert not sensor.disabled
 
         source.publish(String(data='can: can0'))
         assert view.spin(lambda: simulation.knobs is None)
@@ -219,7 +220,8 @@ def test_a_page_operates_a_simulated_device_and_no_other(observer, view):
         operate(known)
         operate((uuid, True) for uuid in gui._container_handle_from_uuid)
         view.spin(lambda: False, 0.5)
-        assert not steered and not failed
+        assert not steered
+        assert not failed
         assert observer.node.count_subscribers('/pose_with_covariance') == 0
 
 

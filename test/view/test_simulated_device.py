@@ -70,7 +70,8 @@ def test_the_sliders_follow_the_device_until_a_user_moves_one(shown):
     assert not shown.published
     shown.operate('cross the singularity')
     ((topic, pose),) = shown.operate(labels[0], 9.0)
-    assert topic == STEER_TOPIC and pose == pytest.approx(np.radians([9.0, 40.0, 30.5]))
+    assert topic == STEER_TOPIC
+    assert pose == pytest.approx(np.radians([9.0, 40.0, 30.5]))
     shown.run(0.5, shown.pose)
     assert shown.note not in [step.words for step in stories(4)[0].steps]
     assert sliders(5.0, -40.0, 20.0) == [9.0, 40.0, 30.5]
@@ -109,7 +110,8 @@ def test_a_story_does_its_steps_each_with_its_sentence_and_ends_with_a_verdict(
         shown.published.clear()
         shown.run(end - step.at - period, shown.pose, period)
         progress = shown.content['note']['story']
-        assert not shown.published and shown.note == step.words
+        assert not shown.published
+        assert shown.note == step.words
         assert (progress['step'], progress['steps']) == (index, len(story.steps) + 1)
     shown.run(period, shown.pose, period)
     assert shown.published == [(STEER_TOPIC, [])]
@@ -189,10 +191,12 @@ def test_the_stories_lead_to_the_singularity_and_across_it():
     assert degrees(SINGULAR_PHI) == pytest.approx(phis[1], abs=0.05)
     etas = [float(dexterity(workspace_pose(0.0, 0.0, radians(phi)))) for phi in phis]
     # It begins and ends clear of it, and is near it on its other side in between.
-    assert etas[1] < 0.001 and min(etas[0], *etas[3:]) > 0.1 > etas[2] > 0.05
+    assert etas[1] < 0.001
+    assert min(etas[0], *etas[3:]) > 0.1 > etas[2] > 0.05
     assert phis[0] == phis[-1] < phis[1] < phis[2] < phis[3]
     assert [step.phi for step in broken.steps] == [phis[1], None, phis[0], None]
-    assert PHI_LIMITS[0] < radians(min(phis)) and radians(max(phis)) < PHI_LIMITS[1]
+    assert PHI_LIMITS[0] < radians(min(phis))
+    assert radians(max(phis)) < PHI_LIMITS[1]
     # With four encoders a device is silent without one of them.
     for sensors, expected in ((4, True), (6, False)):
         for story in stories(sensors)[1:]:
@@ -200,4 +204,5 @@ def test_the_stories_lead_to_the_singularity_and_across_it():
             assert ('silent' in words) is expected
     for story in (cross, broken, unplugged):
         times = [step.at for step in story.steps] + [story.end]
-        assert times[0] == 0.0 and all(1.9 < pause < 8.0 for pause in np.diff(times))
+        assert times[0] == 0.0
+        assert all(1.9 < pause < 8.0 for pause in np.diff(times))
