@@ -269,7 +269,12 @@ def read_calibration(path: Path) -> Calibration:
         return Calibration(
             date=record.value('date', str),
             stations=record.stations(n),
-            direction=record.value('encoders.direction', int, n, (1, -1)),
+            direction=record.value(
+                'encoders.direction',
+                int,
+                n,
+                (1, -1),
+            ),
             zero_count=record.value('encoders.zero_count', int, n),
             counts_per_turn=record.value('encoders.counts_per_turn', int, n),
             direction_verified=record.value('encoders.direction_verified', bool, n),

@@ -272,7 +272,12 @@ def calibrate(
         verified = np.multiply(before.direction, before.direction_verified).tolist()
         observed = tuple(
             here or there or earlier
-            for here, there, earlier in zip(observed, since, verified, strict=True)
+            for here, there, earlier in zip(
+                observed,
+                since,
+                verified,
+                strict=True,
+            )
         )
     known = np.array(observed) != 0
     found = np.where(known, observed, direction)

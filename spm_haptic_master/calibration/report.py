@@ -290,7 +290,12 @@ def _mechanism(c: MotionCalibration) -> str:
         ('', 'drawn, deg', 'found, deg', 'off by, deg', '±', ''),
         [
             (name, f'{of[0]:.4f}', f'{of[1]:.4f}', f'{of[2]:+.4f}', f'{of[3]:.4f}', _note(c, by))
-            for name, of, by in zip(names, figures.T, columns, strict=True)
+            for name, of, by in zip(
+                names,
+                figures.T,
+                columns,
+                strict=True,
+            )
         ],
     )
 

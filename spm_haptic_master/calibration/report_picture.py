@@ -77,15 +77,37 @@ def draw(c: MotionCalibration) -> bytes:
     for number, column in enumerate(columns):
         tilts, turns = rows[:, number]
         is_first = number == 0
-        _draw_cells(tilts, maps[0], column.means[0], column.largest)
-        mesh = _draw_cells(turns, maps[1], column.means[1], column.largest)
+        _draw_cells(
+            tilts,
+            maps[0],
+            column.means[0],
+            column.largest,
+        )
+        mesh = _draw_cells(
+            turns,
+            maps[1],
+            column.means[1],
+            column.largest,
+        )
         _label_tilts(tilts, reach, column.title, is_first)
         _outline(c.region, tilts, turns)
         _label_turns(turns, c.region, is_first)
         if number == 1:
-            _add_scale(figure, mesh, rows[:, :2], 40, 7)
+            _add_scale(
+                figure,
+                mesh,
+                rows[:, :2],
+                40,
+                7,
+            )
         elif number == 2:
-            _add_scale(figure, mesh, rows[:, 2], 20, 4)
+            _add_scale(
+                figure,
+                mesh,
+                rows[:, 2],
+                20,
+                4,
+            )
     file = BytesIO()
     plot_style.save(figure, file)
     return file.getvalue()
@@ -134,7 +156,12 @@ class _Map:
 
         """
         number = np.histogram2d(self.across, self.along, self.edges)[0]
-        total = np.histogram2d(self.across, self.along, self.edges, weights=values)[0]
+        total = np.histogram2d(
+            self.across,
+            self.along,
+            self.edges,
+            weights=values,
+        )[0]
         return np.where(number >= least, total / np.maximum(number, 1.0), np.nan)
 
 
@@ -215,7 +242,13 @@ def _draw_cells(
     """Draw the cells of a map in colours, and return what the colour scale describes."""
     axes.set_facecolor(NOWHERE)
     shown = np.ma.masked_invalid(means).T
-    return axes.pcolormesh(*of.edges, shown, cmap=SIGNED, vmin=-largest, vmax=largest)
+    return axes.pcolormesh(
+        *of.edges,
+        shown,
+        cmap=SIGNED,
+        vmin=-largest,
+        vmax=largest,
+    )
 
 
 def _add_scale(
@@ -314,7 +347,15 @@ def _label_tilts(
     motors = np.eye(3)[[2, 0, 1]]
     for leg, at in zip(LEG_NAMES, motors @ TILTED.T, strict=True):
         at *= (reach - 0.5 * LETTERS) / np.linalg.norm(at)
-        axes.text(at[0], at[1], leg, ha='center', va='center', fontweight='bold', fontsize=10)
+        axes.text(
+            at[0],
+            at[1],
+            leg,
+            ha='center',
+            va='center',
+            fontweight='bold',
+            fontsize=10,
+        )
     axes.set_xlim(-reach, reach)
     axes.set_ylim(-reach, reach)
 

@@ -566,6 +566,47 @@ class _Fit:
     rate: float = 0.0
     residual: float = math.inf
 
+    def changed(
+        self,
+        step: np.ndarray,
+        body_known: bool,
+        with_rate: bool,
+        residual: float,
+    ) -> _Fit:
+        """
+        Return the fit after a step of Gauss-Newton.
+
+        Parameters
+        ----------
+        step : ndarray
+            Changes of the offset, s, the frame, rad, and those of rate and body that are fitted.
+        body_known : bool
+            Whether the body stays as it is.
+        with_rate : bool
+            Whether the rate is fitted; it is 0 otherwise.
+        residual : float
+            What is left of the orientations before the step, rad rms.
+
+        Returns
+        -------
+        _Fit
+            With a rate within `RATE_LIMIT`.
+
+        """
+        rate = 0.0
+        if with_rate:
+            rate = float(np.clip(self.rate + step[4], -RATE_LIMIT, RATE_LIMIT))
+        body = self.body
+        if not body_known:
+            body = matrix_from_vector(step[None, -3:])[0] @ body
+        return _Fit(
+            offset=float(self.offset + step[0]),
+            frame=self.frame @ matrix_from_vector(step[None, 1:4])[0],
+            body=body,
+            rate=rate,
+            residual=residual,
+        )
+
 
 def _start(
     pair: _Pair,
@@ -663,7 +704,13 @@ def _refined(
         turn = rotation_vectors(after @ before.swapaxes(-1, -2))
         velocity = turn / (2.0 * VELOCITY_HALF_WIDTH)
         rows = np.concatenate(
-            _changes(velocity, pair.captured_time[known], here, with_rate, not body_known)
+            _changes(
+                velocity,
+                pair.captured_time[known],
+                here,
+                with_rate,
+                not body_known,
+            )
         )
         # A motion about one axis does not separate frame and body: the solution is the least
         # rotation of both.
@@ -674,13 +721,7 @@ def _refined(
             # A third of the squared residual is the variance of one component.
             inverse = np.linalg.pinv(rows.T @ rows)
             deviation = math.sqrt(max(inverse[4, 4], 0.0) * residual**2 / 3.0)
-        now = _Fit(
-            offset=float(now.offset + step[0]),
-            rate=float(np.clip(now.rate + step[4], -RATE_LIMIT, RATE_LIMIT)) if with_rate else 0.0,
-            frame=now.frame @ matrix_from_vector(step[None, 1:4])[0],
-            body=(now.body if body_known else matrix_from_vector(step[None, -3:])[0] @ now.body),
-            residual=residual,
-        )
+        now = now.changed(step, body_known, with_rate, residual)
         if np.abs(step).max() < STEP_TOLERANCE:
             break
     return now, deviation

@@ -291,7 +291,18 @@ def _read(path: Path, topic: str) -> Content:
             f'its recording was not ended, `ros2 bag reindex {directory}` makes it readable'
         ) from error
     return types, [
-        (time, name, _message(path, store, name, types[name], number, content))
+        (
+            time,
+            name,
+            _message(
+                path,
+                store,
+                name,
+                types[name],
+                number,
+                content,
+            ),
+        )
         for number, (time, name, content) in enumerate(messages, 1)
     ]
 

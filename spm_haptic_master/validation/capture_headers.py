@@ -155,7 +155,13 @@ def _motive(sheet: Sheet) -> Export | None:
     kinds = sheet.lines[type_row]
     names = sheet.lines[name_row]
     quantities = sheet.lines[frame - 1]
-    bodies = _motive_columns(names, kinds, quantities, ('rigid body',), 'rotation')
+    bodies = _motive_columns(
+        names,
+        kinds,
+        quantities,
+        ('rigid body',),
+        'rotation',
+    )
     markers = _motive_columns(
         names,
         kinds,
@@ -199,7 +205,14 @@ def _motive_columns(
 ) -> Columns:
     """Return the columns that have a quantity of things of the wanted kinds, by their names."""
     found: Columns = {}
-    for column, (name, kind, of) in enumerate(zip(names, kinds, quantities, strict=False)):
+    for column, (name, kind, of) in enumerate(
+        zip(
+            names,
+            kinds,
+            quantities,
+            strict=False,
+        )
+    ):
         if _plain(kind) in wanted and _plain(of) == quantity:
             name = name.strip()
             found[name] = (*found.get(name, ()), column)

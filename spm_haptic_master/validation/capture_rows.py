@@ -225,7 +225,12 @@ def continuous(
         last = pieces[longest][edge]
         for piece in others:
             near = piece[first]
-            if _follows(time[last], quaternions[last], time[near], quaternions[near]):
+            if _follows(
+                time[last],
+                quaternions[last],
+                time[near],
+                quaternions[near],
+            ):
                 good[piece] = True
                 last = piece[edge]
     return good

@@ -413,7 +413,12 @@ def write_error_table(path: Path, table: list[ErrorRow]) -> None:
         Rows of `error_table`.
 
     """
-    with open(path, 'w', newline='', encoding='utf-8') as file:
+    with open(
+        path,
+        'w',
+        newline='',
+        encoding='utf-8',
+    ) as file:
         writer = csv.writer(file, lineterminator='\n')
         writer.writerow(ERROR_COLUMNS)
         for row in table:

@@ -127,7 +127,12 @@ def parity_map(
     tilt = np.full(n, np.nan)
     phi = np.full(n, np.nan)
     finite = np.flatnonzero(np.isfinite(angles).all(axis=1))
-    found = kinematics.estimate(angles[finite, :3], angles[finite, 3], sigma, geometry)
+    found = kinematics.estimate(
+        angles[finite, :3],
+        angles[finite, 3],
+        sigma,
+        geometry,
+    )
     known = np.isfinite(found.parity)
     rows = finite[known]
     rotation = found.rotation[known]
@@ -343,5 +348,10 @@ def write_regions(path: Path, table: list[Region]) -> None:
         Parity by region.
 
     """
-    with open(path, 'w', newline='', encoding='utf-8') as file:
+    with open(
+        path,
+        'w',
+        newline='',
+        encoding='utf-8',
+    ) as file:
         csv.writer(file).writerows([Region._fields, *table])

@@ -143,7 +143,13 @@ def read_joints(
     if _table_in(path, ORIENTATION_NAME) != path:
         return None  # of `recorder`, without joint angles
     if bags.is_bag(path):
-        rows = _topic_rows(path, topic, JOINT_ANGLES, optional=True, option=option)
+        rows = _topic_rows(
+            path,
+            topic,
+            JOINT_ANGLES,
+            optional=True,
+            option=option,
+        )
         numbers = sorted({len(row) - 1 for row in rows})
         if len(numbers) > 1:
             raise InputError(

@@ -306,7 +306,13 @@ class Arm:
         scene = self._scene
         if watched and scene is not None and seen.angles is not None:
             th1a, th2a, th3a = seen.angles[:3]
-            seen.orientation = chain_quaternion(th1a, th2a, th3a, self._geometry, FLOATS)
+            seen.orientation = chain_quaternion(
+                th1a,
+                th2a,
+                th3a,
+                self._geometry,
+                FLOATS,
+            )
             self._draw_over(scene, seen.orientation, now)
         if watched and self._figures.is_due(now):
             self._show_figures(now)
@@ -410,7 +416,12 @@ class Arm:
             seen.calibration = topics.calibration
         else:
             seen.calibration = None
-        self._page.show_content(self.title, seen, self._entries, self._rank)
+        self._page.show_content(
+            self.title,
+            seen,
+            self._entries,
+            self._rank,
+        )
         if seen.orientation is not None and seen.banner.alive:
             self.simulation.follow(seen.orientation)
 
@@ -450,7 +461,12 @@ class Arm:
         else:
             reason = entry.message
         heard = not self._entries.has_ended(ORIENTATION)
-        shown = status.banner(self._state, self._age.value, reason, heard)
+        shown = status.banner(
+            self._state,
+            self._age.value,
+            reason,
+            heard,
+        )
         self.seen.banner = shown
         if self._scene is not None:
             self._scene.set_alive(shown.alive)

@@ -120,7 +120,12 @@ class View(ParameterNode):
         own = self.get_namespace()
         for namespace in [own] if own != '/' else self._namespaces():
             if namespace not in self._arms and len(self._arms) < LARGEST_NUMBER:
-                self._arms[namespace] = Arm(self, self._taker, self._page, namespace)
+                self._arms[namespace] = Arm(
+                    self,
+                    self._taker,
+                    self._page,
+                    namespace,
+                )
         if set(self._arms) != before:
             self._arrange()
 

@@ -117,7 +117,12 @@ class Scene:
         self._add_links()
         self._add_platform()
         self._add_encoders()
-        self.dome = Dome(scene, self._fixed_rest.name, geometry, working_mode)
+        self.dome = Dome(
+            scene,
+            self._fixed_rest.name,
+            geometry,
+            working_mode,
+        )
         self.ghost = Ghost(scene, self._turned_rest.name, self._shapes['platform'])
         self._add_level()
         self.torques = [
@@ -167,7 +172,14 @@ class Scene:
         axes: Sequence[object] | NDArray[np.float64] | None = None,
     ) -> BatchedMeshHandle:
         """Add a part that turns grey with the device."""
-        handle = surfaces.add(self._scene, path, solid, rgb(colours), axes, scale=SCALE)
+        handle = surfaces.add(
+            self._scene,
+            path,
+            solid,
+            rgb(colours),
+            axes,
+            scale=SCALE,
+        )
         self._coloured.append((handle, handle.batched_colors.copy()))
         return handle
 
@@ -194,7 +206,12 @@ class Scene:
         turned = self._turned.name
         platform = solids.together(self._shapes['platform'], flag())
         self._add_coloured(f'{turned}/solid', platform, [css('platform')])
-        self._add_coloured(f'{turned}/axes', solids.cylinder(AXIS), AXIS_COLOURS, np.eye(3))
+        self._add_coloured(
+            f'{turned}/axes',
+            solids.cylinder(AXIS),
+            AXIS_COLOURS,
+            np.eye(3),
+        )
 
     def _add_encoders(self) -> None:
         """Add the encoders, in the colours of their states."""
@@ -318,7 +335,12 @@ class Scene:
         colours = rgb([state.colour for state in states])
         self._motors.batched_colors = colours[: len(solids.LEGS)]
         self._others.batched_colors = colours[len(solids.LEGS) :]
-        for label, name, state in zip(self._sensor_labels, SENSOR_NAMES, states, strict=False):
+        for label, name, state in zip(
+            self._sensor_labels,
+            SENSOR_NAMES,
+            states,
+            strict=False,
+        ):
             label.text = name if state in UNMARKED else f'{name} {state.sign}'
 
     def show_rest(self) -> None:

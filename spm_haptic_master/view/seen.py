@@ -72,4 +72,10 @@ class Seen:
         """
         if self.banner.alive:
             return self
-        return replace(self, angles=None, orientation=None, dexterities=None, ghost=None)
+        return replace(
+            self,
+            angles=None,
+            orientation=None,
+            dexterities=None,
+            ghost=None,
+        )

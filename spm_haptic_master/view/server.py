@@ -325,7 +325,12 @@ def serve(
     try:
         # viser prints its address in a frame; `view` prints a line of its own.
         with redirect_stdout(StringIO()):
-            server = ViserServer(host=host, port=port, label='haptic master', verbose=False)
+            server = ViserServer(
+                host=host,
+                port=port,
+                label='haptic master',
+                verbose=False,
+            )
     finally:
         websocket_server.serve = UNGUARDED_SERVE
     if not guard.is_used:

@@ -127,7 +127,12 @@ class SimulatedDevice:
             return
         for topic, kind in ((STEER_TOPIC, Float64MultiArray), (FAULT_TOPIC, String)):
             self._outs[topic] = self._node.create_publisher(kind, self._name(topic), 1)
-        self._node.create_subscription(String, self._name(FAULTS_TOPIC), self._on_faults, STATE)
+        self._node.create_subscription(
+            String,
+            self._name(FAULTS_TOPIC),
+            self._on_faults,
+            STATE,
+        )
 
     def _add_knobs(self) -> None:
         """Add the stories, the sliders and the faults."""
@@ -148,7 +153,13 @@ class SimulatedDevice:
         names = 'tilt', 'azimuth', 'self-rotation'
         self.sliders = tuple(
             self._gui.add_slider(f'{name}, deg', *limit, step, value)
-            for name, limit, step, value in zip(names, limits, STEPS, FIRST_POSE, strict=True)
+            for name, limit, step, value in zip(
+                names,
+                limits,
+                STEPS,
+                FIRST_POSE,
+                strict=True,
+            )
         )
         for slider in self.sliders:
             slider.on_update(self._on_slider)
@@ -159,7 +170,13 @@ class SimulatedDevice:
         gui = self._gui
         names = SENSOR_NAMES[: self._sensors]
         self.sensor = gui.add_dropdown('encoder', names, initial_value=SENSOR_NAMES[1])
-        self.offset = gui.add_number('offset, deg', OFFSET, min=-180.0, max=180.0, step=0.1)
+        self.offset = gui.add_number(
+            'offset, deg',
+            OFFSET,
+            min=-180.0,
+            max=180.0,
+            step=0.1,
+        )
         kinds = gui.add_button_group('fault', SWITCHED)
         kinds.on_click(lambda event: self.add_fault(str(event.target.value)))
         gui.add_button('no fault').on_click(lambda _: self._set_faults(''))
@@ -199,7 +216,12 @@ class SimulatedDevice:
         u, v, phi = place(*zxz_angles(*orientation))
         tilt = hypot(u, v)
         pose = tilt, atan2(v, u) if tilt > LEAST_TILT else None, phi
-        for slider, value, step in zip(self.sliders, pose, STEPS, strict=True):
+        for slider, value, step in zip(
+            self.sliders,
+            pose,
+            STEPS,
+            strict=True,
+        ):
             if value is not None:
                 rounded = step * round(degrees(value) / step)
                 slider.value = min(max(rounded, slider.min), slider.max)

@@ -97,7 +97,12 @@ class DeviceTopics:
         self._now = 0.0
         self.calibration: messages.Calibration | None = None
         self._subscriptions: list[Subscription] = [
-            node.create_subscription(JointState, name(JOINTS_TOPIC), self._take_joints, DISPLAY),
+            node.create_subscription(
+                JointState,
+                name(JOINTS_TOPIC),
+                self._take_joints,
+                DISPLAY,
+            ),
             self._subscribe(STATE_TOPIC, on_state),
             self._subscribe(SOURCE_TOPIC, on_source),
             self._subscribe(COVERAGE_TOPIC, self._take_calibration),
@@ -131,7 +136,12 @@ class DeviceTopics:
         def on_words(message: String) -> None:
             take(message.data)
 
-        return self._node.create_subscription(String, self._name(topic), on_words, STATE)
+        return self._node.create_subscription(
+            String,
+            self._name(topic),
+            on_words,
+            STATE,
+        )
 
     def _take_joints(self, message: JointState) -> None:
         """Take the angles of all nine joints, if the message has them."""

@@ -75,7 +75,15 @@ def test_a_reversed_direction_and_angles_that_fit_nothing_are_reported(monkeypat
 
 def test_a_small_motion_decides_nothing_but_a_slip_that_shows():
     found, _ = rig()
-    angles = found.angles(motion(7, 20.0, 100.0, tilt=3.0, turn=5.0))
+    angles = found.angles(
+        motion(
+            7,
+            20.0,
+            100.0,
+            tilt=3.0,
+            turn=5.0,
+        )
+    )
     with pytest.raises(CalibrationError, match=r'too small to decide.*joint_3a \d.*turn it'):
         check(found, angles)
     assert not check(found, angles + np.radians([0.0, 1.0, 0.0, 0.0])).holds
@@ -86,7 +94,13 @@ def test_the_parity_of_a_sample_is_that_of_a_batch(sensors):
     found = CalibratedRig(3, sensors)
     rotation = motion(5, 1.0, 20.0)
     angles = found.angles(rotation)
-    batch = slip_evidence.parities(angles, rotation, found.sigma, found.geometry, MODE)
+    batch = slip_evidence.parities(
+        angles,
+        rotation,
+        found.sigma,
+        found.geometry,
+        MODE,
+    )
     for index, quaternion in enumerate(quaternion_from_matrix(rotation).tolist()):
         turns = 2.0 * np.pi * (np.arange(sensors) - index % 3)
         one = slip_evidence.parity_of_sample(

@@ -26,7 +26,12 @@ def rig(sensors):
 def watch(sensors):
     """Return a watch on the rig."""
     found = rig(sensors)
-    return CalibrationWatch(found.sigma, found.bias, found.geometry, MODE)
+    return CalibrationWatch(
+        found.sigma,
+        found.bias,
+        found.geometry,
+        MODE,
+    )
 
 
 def feed(
@@ -43,7 +48,13 @@ def feed(
         for index, name in ((4, 'theta3b'), (5, 'theta3c'))
         if index < len(drift)
     }
-    fitted = estimate(angles[:, :3], angles[:, 3], tuple(found.sigma), found.geometry, **more)
+    fitted = estimate(
+        angles[:, :3],
+        angles[:, 3],
+        tuple(found.sigma),
+        found.geometry,
+        **more,
+    )
     seen = []
     for second, (quaternion, row) in enumerate(
         zip(quaternion_from_matrix(fitted.rotation).tolist(), angles.tolist(), strict=True), 1
@@ -63,7 +74,12 @@ def test_a_drift_is_reported_with_sensor_and_size_within_minutes_until_it_is_ove
     none = np.zeros(sensors)
     assert {caution for _, caution in feed(found, 600, none)} == {''}
     assert 0.3 < found.evaluation.merit < 1.2
-    seen = feed(found, 1000, DRIFT * np.eye(sensors)[drifting], seed=6)
+    seen = feed(
+        found,
+        1000,
+        DRIFT * np.eye(sensors)[drifting],
+        seed=6,
+    )
     first = next(second for second, caution in seen if caution)
     assert first <= 300
     drift = degrees(found.evaluation.slip[drifting])
@@ -87,7 +103,12 @@ def test_a_drift_is_reported_with_sensor_and_size_within_minutes_until_it_is_ove
 def at_rest(sensors):
     """Return orientation and angles of a sample."""
     angles = rig(sensors).angles(motion(7, 1.0, 1.0))
-    rotation = estimate(angles[:, :3], angles[:, 3], tuple(rig(4).sigma), rig(4).geometry).rotation
+    rotation = estimate(
+        angles[:, :3],
+        angles[:, 3],
+        tuple(rig(4).sigma),
+        rig(4).geometry,
+    ).rotation
     return tuple(quaternion_from_matrix(rotation)[0].tolist()), tuple(angles[0].tolist())
 
 
@@ -107,11 +128,26 @@ def test_all_sensors_at_their_bias_feign_no_slip_at_one_pose(sensors):
         :, :sensors
     ]
     sigma = np.full(sensors, radians(0.001))
-    gain = parities(true, rotation, sigma, Geometry(), MODE).gain[0]
+    gain = parities(
+        true,
+        rotation,
+        sigma,
+        Geometry(),
+        MODE,
+    ).gain[0]
     for row in gain:
         for factor, slips in ((1.0, False), (4.0, True)):
             angles = true + factor * bias * np.sign(row)
-            sums = summed(angles, parities(angles, rotation, sigma, Geometry(), MODE))
+            sums = summed(
+                angles,
+                parities(
+                    angles,
+                    rotation,
+                    sigma,
+                    Geometry(),
+                    MODE,
+                ),
+            )
             assert evaluate(sums, bias).holds() != slips
 
 

@@ -28,7 +28,12 @@ def test_no_sensor_is_off_by_more_than_its_bias(number, changes):
         replace(free_motions.SHORT, **changes),
         100 * number + 7,
     )
-    found = free_motions.calibrated(stamps[::5], raw[::5], direction, zeros)
+    found = free_motions.calibrated(
+        stamps[::5],
+        raw[::5],
+        direction,
+        zeros,
+    )
     for each in (found, replace(found, region=coverage.region_of(found.rotation))):
         assert (free_motions.sensor_errors(each, rig, zeros) <= each.bias).all()
 
@@ -40,7 +45,13 @@ def test_the_bound_covers_what_the_covariance_draws_and_the_mechanism_turns():
     random = np.random.default_rng(4)
     half = 1e-3 * random.normal(size=(model.layout.count,) * 2) / np.sqrt(model.layout.count)
     there = coverage.WORKSPACE.poses(model, vector)
-    bound = coverage.sensor_bounds(model, vector, half @ half.T, there, np.zeros(4))
+    bound = coverage.sensor_bounds(
+        model,
+        vector,
+        half @ half.T,
+        there,
+        np.zeros(4),
+    )
     angles = model.joint_angles(there, model.layout.geometry(vector))
     read = model.readings(there, vector)
     beyond = []
@@ -65,7 +76,13 @@ def test_the_bound_covers_what_the_covariance_draws_and_the_mechanism_turns():
         np.repeat([0.0, radians(0.2) ** 2, 0.0], [4, 6, model.layout.count - 10])
     )
     few, many = (
-        coverage.sensor_bounds(model, vector, each, there, np.zeros(4))
+        coverage.sensor_bounds(
+            model,
+            vector,
+            each,
+            there,
+            np.zeros(4),
+        )
         for each in (covariance, links)
     )
     assert (many > 5.0 * few).all()

@@ -95,8 +95,20 @@ def test_a_motion_without_an_orientation_is_refused():
     turned = np.full((50, 4), np.nan)
     rotation = np.full((50, 3, 3), np.nan)
     with pytest.raises(CalibrationError, match='no sample of the motion has an orientation'):
-        fit.fit(model, turned, vector, (0, 1), rotation)
-    assert not fit.normal_equations(model, turned, rotation, vector, (0,)).kept.any()
+        fit.fit(
+            model,
+            turned,
+            vector,
+            (0, 1),
+            rotation,
+        )
+    assert not fit.normal_equations(
+        model,
+        turned,
+        rotation,
+        vector,
+        (0,),
+    ).kept.any()
 
 
 def test_a_third_of_the_motion_in_pieces_of_seconds_confirms_the_fit():

@@ -108,7 +108,14 @@ def test_a_motion_with_known_zeros_determines_the_rig(calibration):
 @pytest.mark.slow
 def test_nothing_is_known_and_the_directions_that_are_given_are_verified():
     stamps, raw, direction, _ = short_motion()
-    check(calibrate_motion(Layout(4), stamps, raw, direction.tolist()))
+    check(
+        calibrate_motion(
+            Layout(4),
+            stamps,
+            raw,
+            direction.tolist(),
+        )
+    )
     wrong = list(direction)
     wrong[2] = -wrong[2]
     with pytest.raises(
@@ -136,7 +143,12 @@ def test_nothing_is_known_and_the_directions_that_are_given_are_verified():
         (
             lambda raw: readings(
                 RIG,
-                replace(SHORT, tilt=1.5, turn_from=44.0, turn_to=48.0),
+                replace(
+                    SHORT,
+                    tilt=1.5,
+                    turn_from=44.0,
+                    turn_to=48.0,
+                ),
                 SEED,
             )[1],
             'tilt the handle|turn the handle',
@@ -153,7 +165,17 @@ def test_the_file_is_what_was_found(calibration, tmp_path):
     path = tmp_path / 'calibration.yaml'
     part = replace(calibration, region=Region(14.0, 5.0, 75.0))
     write_text(
-        path, results.motion_text(results.Verdict(part, ORIGIN, 0.5, 0.9987, 0.04, CHECKED))
+        path,
+        results.motion_text(
+            results.Verdict(
+                part,
+                ORIGIN,
+                0.5,
+                0.9987,
+                0.04,
+                CHECKED,
+            )
+        ),
     )
     assert_recorded('calibration/short.yaml', path.read_text())
     assert 'CAUTION: with alert_limit_deg 1 nothing checks joint_3a anywhere' in path.read_text()
@@ -207,7 +229,12 @@ def test_poses_from_outside_give_the_mountings_and_improve_the_mechanism(calibra
     base = matrix_from_zxz(0.3, 0.2, -0.5)
     handle = matrix_from_zxz(1.0, 0.4, 2.0)
     sigma = radians(0.05)
-    one = mounted(calibration, turned[:1], base @ poses[:1], sigma)
+    one = mounted(
+        calibration,
+        turned[:1],
+        base @ poses[:1],
+        sigma,
+    )
     assert np.array_equal(one.handle, np.eye(3))
     assert not one.handle_deviations.any()
     at = calibration.model.orientations(turned[:1], one.calibration.vector)
@@ -227,7 +254,12 @@ def test_poses_from_outside_give_the_mountings_and_improve_the_mechanism(calibra
     )
     assert np.abs(off).max() < radians(1.0)
     # Two poses say more of the base than one, and nothing of the handle.
-    two = mounted(calibration, turned[:2], base @ poses[:2], sigma)
+    two = mounted(
+        calibration,
+        turned[:2],
+        base @ poses[:2],
+        sigma,
+    )
     assert np.array_equal(two.handle, np.eye(3))
     assert not two.handle_deviations.any()
     assert (two.base_deviations < one.base_deviations).all()

@@ -26,7 +26,12 @@ LIMITS = (radians(0.1), radians(0.05))
 
 def joint_angles(*pose_deg):
     rotation = tuple(matrix_from_zxz(*map(radians, pose_deg)).ravel())
-    return measured_angles(rotation, GEOMETRY, (1, 1, 1), 4)
+    return measured_angles(
+        rotation,
+        GEOMETRY,
+        (1, 1, 1),
+        4,
+    )
 
 
 POSES = ((135.0, 54.7356, 0.0), (130.0, 50.0, 10.0), (140.0, 60.0, 25.0))
@@ -48,7 +53,16 @@ def recorded(
     noise = np.random.default_rng(5).normal(0.0, radians(noise_deg), (sets, 4))
     return np.array(
         [
-            [counts_from_angle(*each) for each in zip(row, zero, direction, PER_TURN, strict=True)]
+            [
+                counts_from_angle(*each)
+                for each in zip(
+                    row,
+                    zero,
+                    direction,
+                    PER_TURN,
+                    strict=True,
+                )
+            ]
             for row in (angles + drift + noise).tolist()
         ]
     )
@@ -111,7 +125,12 @@ def test_zero_counts_and_noise_are_found():
             (
                 {
                     'zero': tuple(
-                        counts_from_angle(-FIRST[at], 0, DIRECTION[at], PER_TURN[at])
+                        counts_from_angle(
+                            -FIRST[at],
+                            0,
+                            DIRECTION[at],
+                            PER_TURN[at],
+                        )
                         if at == index
                         else zero
                         for at, zero in enumerate(ZERO)
@@ -143,7 +162,12 @@ def test_one_pose_verifies_no_direction_and_further_ones_determine_it():
     assert (wrong.direction, wrong.direction_verified) == (WRONG, (False,) * 4)
     assert directions(station(FIRST), station(FIRST)) == (0, 0, 0, 0)
     # In one run, in a later one, and in a third one at the same pose again.
-    together = calibrated(station(FIRST), station(THIRD), station(SECOND), direction=WRONG)
+    together = calibrated(
+        station(FIRST),
+        station(THIRD),
+        station(SECOND),
+        direction=WRONG,
+    )
     later = calibrated(station(SECOND), direction=WRONG, before=wrong)
     again = calibrated(station(SECOND), direction=WRONG, before=later)
     for found in (together, later, again):
@@ -171,7 +195,12 @@ def test_poses_that_contradict_each_other_are_refused():
     # The zero counts are the mean over the poses.
     shift = radians(0.05) / 3.0 * np.multiply(DIRECTION, PER_TURN) / (2.0 * pi)
     found = calibrated(station(FIRST), station(SECOND), station(THIRD, slightly))
-    np.testing.assert_allclose(found.zero_count, ZERO - shift, rtol=0.0, atol=1.0)
+    np.testing.assert_allclose(
+        found.zero_count,
+        ZERO - shift,
+        rtol=0.0,
+        atol=1.0,
+    )
     # Two in the wrong order reverse every direction, and fit; three do not.
     swapped = station(SECOND, FIRST), station(FIRST, SECOND)
     assert calibrated(*swapped).direction == tuple(-sign for sign in DIRECTION)
@@ -183,7 +212,15 @@ def test_the_error_of_the_jig_becomes_the_bias_of_each_sensor():
     """No pose off by that angle, about any axis, has a joint angle that is off by more."""
     error = radians(0.1)
     pose = [*map(radians, POSES[0])]
-    bias = np.array(jig.jig_bias(pose, GEOMETRY, (1, 1, 1), error, 4))
+    bias = np.array(
+        jig.jig_bias(
+            pose,
+            GEOMETRY,
+            (1, 1, 1),
+            error,
+            4,
+        )
+    )
     axes = np.random.default_rng(3).normal(size=(2000, 3))
     turned = matrix_from_vector(
         error * axes / np.linalg.norm(axes, axis=1, keepdims=True)

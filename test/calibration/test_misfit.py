@@ -25,7 +25,13 @@ def changed(sensor, change, **how):
     stamps, raw, direction, zeros = short_motion()
     raw = raw[::10].copy()
     raw[:, sensor] += direction[sensor] * np.radians(change(np.arange(len(raw)) / len(raw)))
-    return calibrated(stamps[::10], raw, direction, zeros, **how)
+    return calibrated(
+        stamps[::10],
+        raw,
+        direction,
+        zeros,
+        **how,
+    )
 
 
 @pytest.mark.slow
@@ -94,7 +100,13 @@ def test_a_motion_through_few_parts_of_the_workspace_does_not_contradict_itself(
     along = np.linspace(-1.0, 1.0, 400)
     rotation = workspace_pose(0.2 * along, 0.8, 0.7 + 0.3 * along)
     turned = with_noise(model.readings(rotation, vector), 2)
-    found = fit(model, turned, vector, range(model.layout.sensors), rotation)
+    found = fit(
+        model,
+        turned,
+        vector,
+        range(model.layout.sensors),
+        rotation,
+    )
     assert misfit.contradiction(model, turned, found) < CONTRADICTION
 
 

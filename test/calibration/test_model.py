@@ -66,7 +66,12 @@ def test_the_parameters_are_independent_in_the_usual_frames():
 def test_a_drawing_in_other_frames_is_refused():
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     g = Geometry()
-    drawn = Geometry.from_axes(np.array(g.base_axes) @ turn.T, g.platform_axes, g.alphas, g.betas)
+    drawn = Geometry.from_axes(
+        np.array(g.base_axes) @ turn.T,
+        g.platform_axes,
+        g.alphas,
+        g.betas,
+    )
     with pytest.raises(InputError, match='geometry.base_axes: expected axes of the drawing'):
         Layout(4, drawn)
 
@@ -81,7 +86,12 @@ def test_the_parity_is_that_of_the_estimate(sensors):
     )
     at = model.orientations(turned, vector)
     more = dict(zip(('theta3b', 'theta3c'), turned.T[4:], strict=False))
-    found = estimate(turned[:, :3], turned[:, 3], SIGMA, **more)
+    found = estimate(
+        turned[:, :3],
+        turned[:, 3],
+        SIGMA,
+        **more,
+    )
     assert np.abs(rotation_vectors(at @ found.rotation.swapaxes(1, 2))).max() < 1e-7
     parity = model.linearised(turned, at, vector, ()).parity
     assert np.allclose(np.linalg.norm(parity, axis=1), np.abs(found.parity), atol=1e-5)
@@ -99,7 +109,12 @@ def test_derivatives_of_the_parity_are_those_of_differences(sensors):
     columns = tuple(range(model.layout.count))
 
     def settled(vector, columns=()):
-        return model.linearised(turned, model.orientations(turned, vector), vector, columns)
+        return model.linearised(
+            turned,
+            model.orientations(turned, vector),
+            vector,
+            columns,
+        )
 
     here = settled(vector, columns)
     for column in columns[::2]:
@@ -138,7 +153,12 @@ def test_samples_out_of_reach_are_left_out():
     rotation = turned_a_little(true, 6)
     rotation[3] = np.nan
     rotation[4] = np.diag([1.0, -1.0, -1.0])
-    found = model.linearised(turned, rotation, vector, (0, 1))
+    found = model.linearised(
+        turned,
+        rotation,
+        vector,
+        (0, 1),
+    )
     assert not found.usable[[3, 4]].any()
     assert found.usable[[0, 1, 2, 5, 6, 7, 8, 9]].all()
     assert not found.parity[[3, 4]].any()

@@ -141,7 +141,12 @@ def test_a_fourth_motor_that_is_swapped_is_seen_by_the_joints_between():
     third = (-0.0041, -0.0051, 0.0202, 0.0043)
     assert faults_of(first, second, third, last) == []
     # Swapped and both reversed: each own joint turns in its own sense.
-    found = faults_of(scaled(last, -1.0), second, third, scaled(first, -1.0))
+    found = faults_of(
+        scaled(last, -1.0),
+        second,
+        third,
+        scaled(first, -1.0),
+    )
     assert any('are motors swapped?' in text for text in found)
 
 

@@ -35,7 +35,13 @@ def test_the_parity_bounds_the_noise(
     read = model.readings(free_motions.poses(4000), vector)
     read = read[np.isfinite(read).all(axis=1)]
     turned = read + true * np.random.default_rng(3).normal(size=read.shape)
-    normal = normal_equations(model, turned, model.orientations(turned, vector), vector, ())
+    normal = normal_equations(
+        model,
+        turned,
+        model.orientations(turned, vector),
+        vector,
+        (),
+    )
     np.testing.assert_allclose(allowed_noise(model, turned, vector, normal), allowed, rtol=0.04)
 
 
@@ -46,7 +52,12 @@ def test_sets_at_irregular_times_are_reported_and_are_no_noise():
     random = np.random.default_rng(6)
     rows = 10 * np.arange(2400) + random.integers(0, 2, 2400) * 3
     noisy = raw[rows] + np.radians(0.04) * random.normal(size=(2400, 4))
-    found = free_motions.calibrated(np.arange(2400) * 10_000_000, noisy, direction, zeros)
+    found = free_motions.calibrated(
+        np.arange(2400) * 10_000_000,
+        noisy,
+        direction,
+        zeros,
+    )
     assert np.degrees(found.readings.noise.max()) > 0.06
     np.testing.assert_allclose(np.degrees(found.noise), 0.04, rtol=0.1)
     (caution,) = (each for each in found.cautions if 'irregular' in each)

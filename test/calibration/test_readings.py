@@ -123,7 +123,13 @@ def test_stamps_that_go_back_are_refused_and_a_jump_forward_is_none():
 def test_readings_of_a_hand_with_outliers_rest_and_a_gap_are_made_ready():
     """The same hand without outliers and noise is the truth."""
     built = random_rig(3, DEVIATIONS)
-    condition = replace(SHORT, seconds=12.0, outliers=0.05, dropout=0.05, rest=0.1)
+    condition = replace(
+        SHORT,
+        seconds=12.0,
+        outliers=0.05,
+        dropout=0.05,
+        rest=0.1,
+    )
     stamps, raw, _, _ = readings(built, condition, 8)
     perfect = replace(condition, outliers=0.0, noise=0.0)
     true = readings(built, perfect, 8)[1]

@@ -70,7 +70,13 @@ def recorded(
     keep=True,
 ):
     """Return stamps, angles and notes: what is left out, and why no more came."""
-    (stamps, angles), notes = record(device, seconds, evaluate, PERIOD, keep)
+    (stamps, angles), notes = record(
+        device,
+        seconds,
+        evaluate,
+        PERIOD,
+        keep,
+    )
     return stamps, angles, notes
 
 
@@ -167,7 +173,13 @@ def test_sets_that_are_left_out_are_reported_with_their_joint(monkeypatch, capsy
         lambda source, values: Device(300, SourceEnded(), nth=10),
     )
     values = {'sensors': 5, 'encoders.counts_per_turn': (360, 360, 3600, 360, 360)}
-    stamps, angles = motion_source.read_motion('can', {}, 60.0, 20.0, 'move it')
+    stamps, angles = motion_source.read_motion(
+        'can',
+        {},
+        60.0,
+        20.0,
+        'move it',
+    )
     counts = motion_source.record_pose('can', values, 60.0)
     assert len(stamps) == 270
     assert np.isfinite(angles).all()

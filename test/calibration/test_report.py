@@ -61,7 +61,17 @@ def write(
     target=0.04,
 ):
     """Write a report; return what is said of it."""
-    return write_report(output, Verdict(calibration, ORIGIN, 0.5, 0.9987, target, CHECKED))
+    return write_report(
+        output,
+        Verdict(
+            calibration,
+            ORIGIN,
+            0.5,
+            0.9987,
+            target,
+            CHECKED,
+        ),
+    )
 
 
 def written(output, *args):
@@ -134,7 +144,12 @@ def test_what_was_left_and_which_motion_would_determine_it(
     estimated = tuple(column for column in range(24) if column != 5)
     text = written(
         output,
-        replace(calibration, left=left, advice='turn the handle farther', estimated=estimated),
+        replace(
+            calibration,
+            left=left,
+            advice='turn the handle farther',
+            estimated=estimated,
+        ),
     )
     assert (
         'Left as drawn: second harmonics (the motion does not determine them); proximal link '
@@ -144,7 +159,12 @@ def test_what_was_left_and_which_motion_would_determine_it(
     assert [cells[-1] for cells in tables(text)['proximal link B']] == ['as drawn']
     text = written(
         output,
-        replace(calibration, left={}, estimated=tuple(range(32)), kept=np.arange(2400) % 50 > 0),
+        replace(
+            calibration,
+            left={},
+            estimated=tuple(range(32)),
+            kept=np.arange(2400) % 50 > 0,
+        ),
     )
     assert 'Left as drawn: nothing.' in text
     assert '**CAUTION**: 2.0 % of the samples do not fit the others and were cut: ' in text

@@ -41,7 +41,12 @@ def test_the_best_are_the_true_ones_and_stand_alone(seed):
     random = np.random.default_rng(seed)
     direction = random.choice((-1, 1), 4)
     zeros = random.uniform(-np.pi, np.pi, 4)
-    read = samples(direction, zeros, seed, links=radians(0.3))
+    read = samples(
+        direction,
+        zeros,
+        seed,
+        links=radians(0.3),
+    )
     found, again = (search_zeros(read, model_of().layout, 24) for _ in range(2))
     best = found[0]
     assert all(

@@ -17,7 +17,12 @@ def joints(rotations):
 
 
 def mapped(angles, sigma=SIGMA):
-    return parity_map.parity_map(angles, tuple(sigma), Geometry(), (1, 1, 1))
+    return parity_map.parity_map(
+        angles,
+        tuple(sigma),
+        Geometry(),
+        (1, 1, 1),
+    )
 
 
 def sweep(n):

@@ -123,8 +123,19 @@ def test_a_recorders_directory_with_markers_of_another_clock_and_frame(
     capture = write_markers(tmp_path, captured_markers(noise=0.1))
     joints = joint_angles()[:, :4]
     joints[::50, 3] = np.nan
-    write_csv(tmp_path / 'measured_js.csv', ('time', *JOINT_NAMES), RECORDED, joints)
-    code, out, err = run(capsys, tmp_path, capture, '-o', tmp_path / 'out')
+    write_csv(
+        tmp_path / 'measured_js.csv',
+        ('time', *JOINT_NAMES),
+        RECORDED,
+        joints,
+    )
+    code, out, err = run(
+        capsys,
+        tmp_path,
+        capture,
+        '-o',
+        tmp_path / 'out',
+    )
     assert (code, err) == (0, '')
     # 0.1 mm across 80 mm, of two markers: see errors.txt.
     text = (tmp_path / 'out' / 'errors.csv').read_text()
@@ -243,7 +254,12 @@ def test_a_truth_of_the_package_is_a_capture(
         path.write_bytes(gzip.compress((tmp_path / 'truth.csv').read_bytes()))
     track = recordings.read_capture(path, None)
     np.testing.assert_array_equal(track.time, CAPTURED[:10])
-    np.testing.assert_allclose(track.values, truth, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(
+        track.values,
+        truth,
+        rtol=0.0,
+        atol=1e-12,
+    )
 
 
 def test_moments_without_markers_or_pose_are_left_out(tmp_path):
@@ -282,7 +298,13 @@ def test_the_classic_model_is_of_the_joint_angles_nearest_in_time():
     )
     joints = recordings.Track(RECORDED[rows], joint_angles()[rows])
     joints.values[20:30, 1] = joints.values[:, 5] = np.nan
-    found = comparison.compare(recorded, captured, joints, kinematics.Geometry(), AZIMUTHS)
+    found = comparison.compare(
+        recorded,
+        captured,
+        joints,
+        kinematics.Geometry(),
+        AZIMUTHS,
+    )
     apart = np.abs(found.time[:, None] - joints.time)
     assert 0 < (apart.min(axis=1) > 0.1).sum() < 10
     assert found.time[0] < 1.03
@@ -326,14 +348,33 @@ def test_the_classic_model_is_of_the_mechanism_as_built_and_mounted(
     joints = joint_angles(geometry_from(complete(GEOMETRY_SETTINGS, mechanism())))
     files = (
         write_csv(tmp_path / 'r.csv', QUATERNION_HEADER, RECORDED, recorded),
-        write_csv(tmp_path / 'c.csv', QUATERNION_HEADER, RECORDED[:500:5], recorded[:500:5]),
+        write_csv(
+            tmp_path / 'c.csv',
+            QUATERNION_HEADER,
+            RECORDED[:500:5],
+            recorded[:500:5],
+        ),
         '--joints',
-        write_csv(tmp_path / 'j.csv', ('time', *ALL_JOINT_NAMES), RECORDED, joints),
+        write_csv(
+            tmp_path / 'j.csv',
+            ('time', *ALL_JOINT_NAMES),
+            RECORDED,
+            joints,
+        ),
     )
 
     def rms(values):
         given = [each for name, value in values.items() for each in ('-p', f'{name}:={value}')]
-        assert run(capsys, *files, '-o', tmp_path, *given)[0] == 0
+        assert (
+            run(
+                capsys,
+                *files,
+                '-o',
+                tmp_path,
+                *given,
+            )[0]
+            == 0
+        )
         return float(errors(tmp_path)['classic', 'rotation']['rms_deg'])
 
     mounted = {'mounting.base_zxz_deg': base, 'mounting.handle_zxz_deg': handle}
@@ -469,7 +510,13 @@ def test_pieces_of_which_neither_contains_the_other_are_aligned():
     recorded, captured = map(
         kinematics.quaternion_from_matrix, (motion(first), FRAME @ motion(second))
     )
-    found = alignment.align(first, recorded, second - 100.0, captured, body_known=True)
+    found = alignment.align(
+        first,
+        recorded,
+        second - 100.0,
+        captured,
+        body_known=True,
+    )
     assert found.offset == pytest.approx(100.0, abs=1e-5)
     np.testing.assert_allclose(found.frame, FRAME, atol=1e-5)
 
@@ -482,7 +529,14 @@ def test_a_picture_has_no_jumps_and_magnifies_no_angle_that_hardly_moves(tmp_pat
     with monkeypatch.context() as patch:
         patch.setattr(plot_style, 'save', lambda figure, path: drawn.append(figure))
         plot_style.draw_comparison(
-            comparison.Comparison(time, time, rotations, {'improved': rotations}, None, {}),
+            comparison.Comparison(
+                time,
+                time,
+                rotations,
+                {'improved': rotations},
+                None,
+                {},
+            ),
             tmp_path,
         )
     moving, still, _ = drawn[0].axes

@@ -160,7 +160,13 @@ class MotionCalibration:
 
     def _parity(self, rotation: Array, vector: Array) -> Array:
         """Return the parity by orientations and parameters, rad, (n,); NaN where there is none."""
-        found = normal_equations(self.model, self.turned, rotation, vector, ())
+        found = normal_equations(
+            self.model,
+            self.turned,
+            rotation,
+            vector,
+            (),
+        )
         # In rad of one standard deviation.
         return found.parity[:, 0] * rms(self.model.sigma)
 

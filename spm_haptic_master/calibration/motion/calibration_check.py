@@ -237,7 +237,12 @@ class CalibrationChecker:
         limits = slip_evidence.DECIDABLE * np.maximum(self.bias, self.sigma)
         hidden = [
             f'{name} {degrees(visible):.2f}'
-            for name, visible, limit in zip(ALL_JOINT_NAMES, found.visible, limits, strict=False)
+            for name, visible, limit in zip(
+                ALL_JOINT_NAMES,
+                found.visible,
+                limits,
+                strict=False,
+            )
             if visible > limit
         ]
         if hidden:

@@ -27,7 +27,14 @@ from spm_haptic_master.kinematics.rotations import wrapped
 from spm_haptic_master.validation.parity_map import tilt_and_turn
 
 # Directions of tilt (rad), in which poses are taken and motions proposed.
-AZIMUTHS = tuple(np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False).tolist())
+AZIMUTHS = tuple(
+    np.linspace(
+        0.0,
+        2.0 * np.pi,
+        12,
+        endpoint=False,
+    ).tolist()
+)
 # Tilts of a proposed motion and its self-rotations (deg).
 PROPOSED_TILTS_DEG = (6.0, 12.0, 18.0, 24.0)
 PROPOSED_TURNS_DEG = (0.0, 20.0, 40.0, 60.0, 80.0)
@@ -472,7 +479,12 @@ def _reachable(
     poses = workspace_pose(tilt[wanted], azimuth[wanted], turn[wanted])
     layout = model.layout
     geometry = layout.geometry(vector)
-    usable, *_ = reached(poses, geometry, layout.working_mode, layout.sensors)
+    usable, *_ = reached(
+        poses,
+        geometry,
+        layout.working_mode,
+        layout.sensors,
+    )
     return poses[usable]
 
 

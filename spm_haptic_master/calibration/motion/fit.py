@@ -151,7 +151,12 @@ def normal_equations(
 
     """
     parts = [
-        model.linearised(turned[at : at + SLICE], rotation[at : at + SLICE], vector, columns)
+        model.linearised(
+            turned[at : at + SLICE],
+            rotation[at : at + SLICE],
+            vector,
+            columns,
+        )
         for at in range(0, len(turned), SLICE)
     ]
     usable = np.concatenate([part.usable for part in parts])
@@ -329,7 +334,14 @@ def _normal_after(
     """Return the normal equations after a step; None for an impossible mechanism."""
     try:
         near = model.linearised(turned, now.rotation, vector).rotation
-        return normal_equations(model, turned, near, vector, columns, now.limit)
+        return normal_equations(
+            model,
+            turned,
+            near,
+            vector,
+            columns,
+            now.limit,
+        )
     except GeometryError:
         return None
 
@@ -437,7 +449,13 @@ class _Selection:
         self._share = (~held).mean()
         self.columns = list(first.columns)
         rotation = first.normal.rotation[~held]
-        self.fit = fit(model, self._fitted, first.vector, first.columns, rotation)
+        self.fit = fit(
+            model,
+            self._fitted,
+            first.vector,
+            first.columns,
+            rotation,
+        )
         self._squares = _outside(model, self._held, self.fit.vector)
 
     def determined(
@@ -481,7 +499,13 @@ class _Selection:
         """Fit with more parameters, and keep them if the held-out part is no worse for it."""
         columns = self.columns + more
         rotation = self.fit.normal.rotation
-        found = fit(self._model, self._fitted, self.fit.vector, columns, rotation)
+        found = fit(
+            self._model,
+            self._fitted,
+            self.fit.vector,
+            columns,
+            rotation,
+        )
         squares = _outside(self._model, self._held, found.vector)
         change = squares - self._squares - len(more) / len(self._fitted)
         of_mean = WORSE_DEVIATIONS * change.std() / np.sqrt(len(change))

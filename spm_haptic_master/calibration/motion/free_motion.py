@@ -80,7 +80,12 @@ def calibrate_motion(
     start = find_start(means, MotionModel(layout, means.sigma), progress)
     wrong = [
         f'{joint} turns with direction {sign:+d}, encoders.direction has {other:+d}'
-        for joint, sign, other in zip(ALL_JOINT_NAMES, start.direction, given or (), strict=False)
+        for joint, sign, other in zip(
+            ALL_JOINT_NAMES,
+            start.direction,
+            given or (),
+            strict=False,
+        )
         if sign != other
     ]
     if wrong:
@@ -129,39 +134,43 @@ def fitted(
     columns = choice.columns
     progress('all parameters, whole motion', 0.8)
     rotation = model.orientations(turned, choice.vector)
-    found = fit.fit(model, turned, choice.vector, columns, rotation)
-    misfit.check_slip(model, turned, means.seconds, found)
-    split = misfit.contradiction(model, turned, found)
-    white = MotionModel(layout, allowed_noise(model, turned, found.vector, found.normal))
+    first = fit.fit(model, turned, choice.vector, columns, rotation)
+    misfit.check_slip(model, turned, means.seconds, first)
+    noise = allowed_noise(model, turned, first.vector, first.normal)
+    white = MotionModel(layout, noise)
     progress('all parameters, with noise and tolerances as found', 0.9)
-    estimated = _as_found(white, turned, means, found)
-    found = fit.fit(estimated, turned, found.vector, columns, found.normal.rotation)
+    estimated = _as_found(white, turned, means, first)
+    found = fit.fit(estimated, turned, first.vector, columns, first.normal.rotation)
     progress('errors', 0.95)
-    every = fit.normal_equations(
+    rotation = found.normal.rotation
+    every = tuple(range(layout.count))
+    normal = fit.normal_equations(estimated, turned, rotation, found.vector, every)
+    deviations = estimated.layout.deviations
+    slow = misfit.slow_parity(means.seconds, found.normal)
+    unexplained = misfit.unexplained_errors(
         estimated,
         turned,
-        found.normal.rotation,
         found.vector,
-        tuple(range(layout.count)),
+        found.normal,
+        slow,
     )
-    slow = misfit.slow_parity(means.seconds, found.normal)
     return MotionCalibration(
         model=white,
         vector=found.vector,
-        covariance=fit.considered_covariance(every.matrix, estimated.layout.deviations, columns),
-        information=every.matrix,
+        covariance=fit.considered_covariance(normal.matrix, deviations, columns),
+        information=normal.matrix,
         estimated=columns,
         left=choice.left,
         direction=start.direction,
         readings=means,
-        rotation=found.normal.rotation,
+        rotation=rotation,
         kept=found.normal.kept,
         drawn=choice.drawn,
-        unexplained=misfit.unexplained_errors(estimated, turned, found.vector, found.normal, slow),
+        unexplained=unexplained,
         unexplained_parity=slow * float(estimated.sigma.max()),
         advice=choice.advice,
         advice_gain=choice.advice_gain,
-        contradiction=split,
+        contradiction=misfit.contradiction(model, turned, first),
     )
 
 
@@ -234,7 +243,12 @@ def _choose(
     factor = len(turned) / len(rows)
     progress('zeros', 0.5)
     zeros = range(model.layout.sensors)
-    first = fit.fit(model, turned[rows], start.vector, zeros)
+    first = fit.fit(
+        model,
+        turned[rows],
+        start.vector,
+        zeros,
+    )
     _, gains = _outlook(model, means, start)
     advice, gain = next(iter(gains.items()))
     _check_zeros(model, first, factor, advice)
@@ -327,7 +341,12 @@ def _as_found(
     )
     slow = misfit.slow_factor(means.seconds, normal)
     sigma = white.sigma * np.sqrt(slow)
-    layout = estimated_tolerances(white.layout, found.vector, found.columns, normal.matrix / slow)
+    layout = estimated_tolerances(
+        white.layout,
+        found.vector,
+        found.columns,
+        normal.matrix / slow,
+    )
     return MotionModel(layout, sigma)
 
 
@@ -471,5 +490,11 @@ def _outlook(
     )
     return (
         coverage.orientation_error(changes, coverage.inverse(information)),
-        coverage.further_motions(model, start.vector, information, means.rate, changes),
+        coverage.further_motions(
+            model,
+            start.vector,
+            information,
+            means.rate,
+            changes,
+        ),
     )

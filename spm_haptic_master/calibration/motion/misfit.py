@@ -120,7 +120,12 @@ def unexplained_errors(
     rows = np.flatnonzero(normal.kept)
     rows = rows[:: max(1, len(rows) // SAMPLES)]
     zeros = tuple(range(model.layout.sensors))
-    linear = model.linearised(turned[rows], normal.rotation[rows], vector, zeros)
+    linear = model.linearised(
+        turned[rows],
+        normal.rotation[rows],
+        vector,
+        zeros,
+    )
     squares = np.sum(linear.derivative**2, axis=1)
     errors: Array = slow / np.sqrt(np.mean(squares, axis=0))
     return errors
@@ -325,7 +330,14 @@ def _slips(
     places = np.array(found.columns)
     weights = model.layout.deviations[places] ** -2.0
     pieces = [
-        normal_equations(model, turned[rows], rotation[rows], found.vector, found.columns, SPIKE)
+        normal_equations(
+            model,
+            turned[rows],
+            rotation[rows],
+            found.vector,
+            found.columns,
+            SPIKE,
+        )
         for rows in np.array_split(np.arange(len(turned)), PIECES)
     ]
     matrices = np.stack([piece.matrix for piece in pieces])

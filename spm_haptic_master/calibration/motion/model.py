@@ -89,7 +89,12 @@ class Layout:
     def __post_init__(self) -> None:
         """Raise InputError if Z1B of the drawing has a component in y."""
         usual = in_usual_frames(self.nominal, self.nominal)
-        if not np.allclose(usual.base_axes, self.nominal.base_axes, rtol=0.0, atol=1e-9):
+        if not np.allclose(
+            usual.base_axes,
+            self.nominal.base_axes,
+            rtol=0.0,
+            atol=1e-9,
+        ):
             raise InputError(
                 'geometry.base_axes: expected axes of the drawing in the usual '
                 'frames, Z1A = z and Z1B in the half plane of positive x of x and z'
@@ -352,7 +357,12 @@ class MotionModel:
             In the order of ALL_JOINT_NAMES.
 
         """
-        return sensor_angles(rotation, geometry, self.layout.working_mode, self.layout.sensors)
+        return sensor_angles(
+            rotation,
+            geometry,
+            self.layout.working_mode,
+            self.layout.sensors,
+        )
 
     def orientations(self, turned: Array, vector: Array) -> Array:
         """
@@ -511,7 +521,13 @@ class MotionModel:
             layout.sensors,
         )
         slope = layout.harmonic_deviation(angles, vector)[1]
-        by = self._derivative(rotation, angles, slope, vector, tuple(range(layout.count)))
+        by = self._derivative(
+            rotation,
+            angles,
+            slope,
+            vector,
+            tuple(range(layout.count)),
+        )
         white = rates * (1.0 + slope)[:, :, None] / self.sigma[:, None]
         return np.asarray(np.linalg.pinv(white) @ (by / self.sigma[:, None]))
 

@@ -57,7 +57,12 @@ def allowed_noise(
     kept = np.flatnonzero(normal.kept)
     rows = kept[:: max(1, len(kept) // SAMPLES)]
     zeros = tuple(range(model.layout.sensors))
-    linear = model.linearised(turned[rows], normal.rotation[rows], vector, zeros)
+    linear = model.linearised(
+        turned[rows],
+        normal.rotation[rows],
+        vector,
+        zeros,
+    )
     gains = linear.derivative
     # Mean square of the parity for each unit of variance, (N,).
     sums = np.sum(gains**2, axis=1)

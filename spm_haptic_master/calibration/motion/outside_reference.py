@@ -111,7 +111,13 @@ def mounted(
     count = len(now.vector)
     for _ in range(STEPS):
         rotation = _orientations(calibration.model, turned, now.vector)
-        errors, rows = _linearised(calibration.model, rotation, outside, now, both)
+        errors, rows = _linearised(
+            calibration.model,
+            rotation,
+            outside,
+            now,
+            both,
+        )
         flat = rows.reshape(-1, rows.shape[2]) / sigma
         matrix = flat.T @ flat
         right = flat.T @ errors.ravel() / sigma

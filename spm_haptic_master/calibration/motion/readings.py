@@ -223,7 +223,12 @@ def _means_without_spikes(
     count = weights.sum(axis=1)
     total = (weights * from_first).sum(axis=1)
     means = np.full_like(total, np.nan)
-    np.divide(total, count, out=means, where=count > 0)
+    np.divide(
+        total,
+        count,
+        out=means,
+        where=count > 0,
+    )
     return means + first[:, 0], good
 
 

@@ -90,7 +90,12 @@ def estimated_tolerances(
             ),
         )
         after = estimated.deviations[layout.sensors :]
-        if np.allclose(before, after, rtol=CONVERGED, atol=0.0):
+        if np.allclose(
+            before,
+            after,
+            rtol=CONVERGED,
+            atol=0.0,
+        ):
             break
     return estimated
 

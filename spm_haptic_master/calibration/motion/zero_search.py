@@ -98,6 +98,12 @@ class ZeroGuess:
     zeros: Array
     misfit: float
 
+    def is_near(self, other: ZeroGuess) -> bool:
+        """Return whether another guess has the same directions and nearly the same zeros."""
+        if self.direction != other.direction:
+            return False
+        return bool(np.abs(wrapped(self.zeros - other.zeros)).max() < SAME_ZEROS)
+
 
 @dataclass(frozen=True, slots=True)
 class Start:
@@ -417,7 +423,12 @@ def search_zeros(
     nominal = layout.nominal
     quaternions = np.random.default_rng(SEED).normal(size=(ORIENTATIONS * count, 4))
     quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
-    angles = sensor_angles(matrix_from_quaternion(quaternions), nominal, layout.working_mode, 4)
+    angles = sensor_angles(
+        matrix_from_quaternion(quaternions),
+        nominal,
+        layout.working_mode,
+        4,
+    )
     angles = angles[np.isfinite(angles).all(axis=1)][:count]
     found = []
     for direction in product((1, -1), repeat=4):
@@ -430,7 +441,13 @@ def search_zeros(
             FIRST_STEPS,
         )
         best = np.argsort(cost)[: max(1, int(BETTER * count))]
-        zeros, _, _ = _improve(turned, zeros[best], damping[best], nominal, STEPS)
+        zeros, _, _ = _improve(
+            turned,
+            zeros[best],
+            damping[best],
+            nominal,
+            STEPS,
+        )
         distance, *_ = _distance(turned, zeros, nominal)
         misfit = np.median(np.abs(distance), axis=1)
         found += [
@@ -443,11 +460,7 @@ def search_zeros(
         ]
     different: list[ZeroGuess] = []
     for guess in sorted(found, key=lambda guess: guess.misfit):
-        if not any(
-            guess.direction == other.direction
-            and np.abs(wrapped(guess.zeros - other.zeros)).max() < SAME_ZEROS
-            for other in different
-        ):
+        if not any(guess.is_near(other) for other in different):
             different.append(guess)
     return different
 

@@ -175,7 +175,12 @@ def parities(
         Parity, gains and a step of the orientations.
 
     """
-    usable, _, expected, rates = reached(rotation, geometry, working_mode, angles.shape[1])
+    usable, _, expected, rates = reached(
+        rotation,
+        geometry,
+        working_mode,
+        angles.shape[1],
+    )
     return projected(usable, wrapped(angles - expected), rates, sigma)
 
 
@@ -215,7 +220,12 @@ def parity_of_sample(
     except UnreachableError:
         return None
     first_a, first_b, first_c, *_ = expected
-    rows, diagonal = velocity_rows(rotation, (first_a, first_b, first_c), geometry, FLOATS)
+    rows, diagonal = velocity_rows(
+        rotation,
+        (first_a, first_b, first_c),
+        geometry,
+        FLOATS,
+    )
     residual = np.array(
         [remainder(angle - each, 2.0 * pi) for angle, each in zip(angles, expected, strict=True)]
     )
@@ -223,7 +233,12 @@ def parity_of_sample(
         return None
     sensors = len(angles)
     rates = np.array(rows[:sensors]) / np.array(diagonal[:sensors])[:, None]
-    return projected(np.ones(1, bool), residual[None], rates[None], sigma)
+    return projected(
+        np.ones(1, bool),
+        residual[None],
+        rates[None],
+        sigma,
+    )
 
 
 def projected(
