@@ -46,7 +46,8 @@ def test_no_healthy_rig_is_reported_and_no_healthy_sensor_named(sensors):
         assert healthy.evaluation.merit < 1.2
         sensor = seed % sensors
         sign = (-1) ** seed
-        changed = check(found, angles + radians(0.1) * sign * np.eye(sensors)[sensor])
+        slip = radians(0.1) * sign * np.eye(sensors)[sensor]
+        changed = check(found, angles + slip)
         assert not changed.holds, seed
         assert sensor in [each.sensor for each in changed.candidates], (seed, changed.text)
         named += changed.changed is not None
@@ -62,11 +63,13 @@ def test_a_reversed_direction_and_angles_that_fit_nothing_are_reported(monkeypat
         (2.0, 'joint_3a turns in the opposite direction'),
         (3.0, 'no change of one sensor explains the angles'),
     ):
-        read = angles[::8] + np.radians([0.0, 0.0, 0.0, harmonic]) * np.cos(2.0 * angles[::8])
+        second = np.radians([0.0, 0.0, 0.0, harmonic]) * np.cos(2.0 * angles[::8])
+        read = angles[::8] + second
         result = check(found, read * [1.0, 1.0, 1.0, -1.0])
         assert not result.holds
         assert result.text == text
-    result = check(found, angles[::8, [1, 2, 0, 3]] + np.array([1.0, -1.2, 0.7, 0.0]))
+    exchanged = angles[::8, [1, 2, 0, 3]]
+    result = check(found, exchanged + np.array([1.0, -1.2, 0.7, 0.0]))
     assert not result.holds
     assert result.changed is None
     assert result.usable < 0.9
@@ -86,7 +89,8 @@ def test_a_small_motion_decides_nothing_but_a_slip_that_shows():
     )
     with pytest.raises(CalibrationError, match=r'too small to decide.*joint_3a \d.*turn it'):
         check(found, angles)
-    assert not check(found, angles + np.radians([0.0, 1.0, 0.0, 0.0])).holds
+    slip = np.radians([0.0, 1.0, 0.0, 0.0])
+    assert not check(found, angles + slip).holds
 
 
 @pytest.mark.parametrize('sensors', [4, 5, 6])

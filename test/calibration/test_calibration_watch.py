@@ -109,7 +109,8 @@ def at_rest(sensors):
         tuple(rig(4).sigma),
         rig(4).geometry,
     ).rotation
-    return tuple(quaternion_from_matrix(rotation)[0].tolist()), tuple(angles[0].tolist())
+    quaternion = quaternion_from_matrix(rotation)[0]
+    return tuple(quaternion.tolist()), tuple(angles[0].tolist())
 
 
 def test_more_poses_than_are_kept_replace_the_oldest(monkeypatch):

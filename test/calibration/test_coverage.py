@@ -43,7 +43,8 @@ def test_the_bound_covers_what_the_covariance_draws_and_the_mechanism_turns():
     model = free_motions.model_of()
     vector = free_motions.random_vector(model, 3)
     random = np.random.default_rng(4)
-    half = 1e-3 * random.normal(size=(model.layout.count,) * 2) / np.sqrt(model.layout.count)
+    count = model.layout.count
+    half = 1e-3 * random.normal(size=(count, count)) / np.sqrt(count)
     there = coverage.WORKSPACE.poses(model, vector)
     bound = coverage.sensor_bounds(
         model,
@@ -59,7 +60,8 @@ def test_the_bound_covers_what_the_covariance_draws_and_the_mechanism_turns():
         off = vector + half @ random.normal(size=len(vector))
         # The mechanism known: its errors are no sensor's.
         off[4:16] = vector[4:16]
-        errors = np.angle(np.exp(1j * (model.corrected(read, off) - angles)))
+        differences = model.corrected(read, off) - angles
+        errors = np.angle(np.exp(1j * differences))
         beyond.append((np.abs(errors) > bound).any(axis=0))
     assert np.mean(beyond) < 0.1
     wider = coverage.sensor_bounds(
@@ -102,7 +104,8 @@ def test_what_a_motion_showed_bounds_the_parity_far_below_the_sensors_bounds():
         read = unweighted.readings(poses, rig)
         turned = read[np.isfinite(read).all(axis=1)]
         there = unweighted.orientations(turned, found.vector)
-        largest.append(np.abs(unweighted.linearised(turned, there, found.vector).parity).max())
+        linear = unweighted.linearised(turned, there, found.vector)
+        largest.append(np.abs(linear.parity).max())
     assert np.mean(np.array(largest) > found.parity_bias) < 0.1
     assert max(largest) < 1.3 * found.parity_bias
     assert found.parity_bias < 0.3 * found.bias.max()

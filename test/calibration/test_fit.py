@@ -23,7 +23,8 @@ def readings_of(
     """Return readings with noise at poses of a motion."""
     exact = model.readings(poses(count, seed), vector)
     exact = exact[np.isfinite(exact).all(axis=1)]
-    return exact + noise * np.random.default_rng(seed).normal(size=exact.shape)
+    random = np.random.default_rng(seed)
+    return exact + noise * random.normal(size=exact.shape)
 
 
 @pytest.mark.parametrize('sensors', (4, 6))
@@ -32,7 +33,8 @@ def test_readings_without_noise_give_the_parameters_back(sensors):
     model = model_of(sensors)
     true = random_vector(model, 8)
     start = np.zeros(model.layout.count)
-    start[:sensors] = true[:sensors] + np.array([0.2, 0.2, -0.2, 0.2, 0.2, 0.2])[:sensors]
+    off = np.array([0.2, 0.2, -0.2, 0.2, 0.2, 0.2])
+    start[:sensors] = true[:sensors] + off[:sensors]
     nothing_known = replace(
         model, layout=replace(model.layout, mechanism_tolerance=np.inf, harmonic_tolerance=np.inf)
     )
@@ -62,11 +64,13 @@ def test_one_sample_in_twenty_that_is_wrong_changes_little():
     )
     places = range(model.layout.slices['platform axes'].stop)
     start = np.where(np.arange(len(true)) < 4, true, 0.0)
-    clean, found = (fit.fit(model, each, start, places) for each in (turned, spoilt))
+    clean = fit.fit(model, turned, start, places)
+    found = fit.fit(model, spoilt, start, places)
     deviations = np.sqrt(
         np.diag(inverse(clean.normal.matrix + np.diag(model.layout.deviations[places] ** -2.0)))
     )
-    assert (np.abs(found.vector - clean.vector)[places] < deviations).all()
+    change = np.abs(found.vector - clean.vector)
+    assert (change[places] < deviations).all()
     assert not found.normal.kept[wrong].mean() > 0.1
 
 

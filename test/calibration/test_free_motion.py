@@ -74,7 +74,8 @@ def error_deg(
     orientations = found.model.orientations(read + zeros, vector)
     base, body = constant_frames(poses, orientations, False)
     vectors = rotation_vectors(base @ orientations @ body @ poses.swapaxes(1, 2))
-    return degrees(float(np.sqrt(np.mean(np.sum(vectors**2, axis=1)))))
+    squares = np.sum(vectors**2, axis=1)
+    return degrees(float(np.sqrt(np.mean(squares))))
 
 
 def check(found):
@@ -85,7 +86,8 @@ def check(found):
     assert (off < 4.0 * found.deviations[:4]).all()
     error = error_deg(found, found.vector, zeros)
     assert 0.2 * degrees(found.error) < error < min(2.0 * degrees(found.error), 0.1)
-    alone = np.concatenate([found.vector[:4], np.zeros(found.layout.count - 4)])
+    zeros_alone = np.zeros(found.layout.count - 4)
+    alone = np.concatenate([found.vector[:4], zeros_alone])
     assert error < 0.3 * error_deg(found, alone, zeros)
     assert not found.unusual
     assert not found.cautions
@@ -214,7 +216,8 @@ def test_the_file_is_what_was_found(calibration, tmp_path):
 @pytest.mark.parametrize('name', ['a "b": \\ # c.log', '1e5', 'y', 'line\nbreak', '0x1f', 'größe'])
 def test_any_name_of_a_log_can_be_read_back(tmp_path, name):
     path = tmp_path / 'calibration.yaml'
-    write_text(path, file_text(['a comment'], {'calibration': 'motion'}, {'recording': name}))
+    text = file_text(['a comment'], {'calibration': 'motion'}, {'recording': name})
+    write_text(path, text)
     assert [section.values for section in read_sections(path)] == [
         {'calibration': 'motion'},
         {'recording': name},
@@ -239,7 +242,8 @@ def test_poses_from_outside_give_the_mountings_and_improve_the_mechanism(calibra
     assert not one.handle_deviations.any()
     at = calibration.model.orientations(turned[:1], one.calibration.vector)
     assert np.allclose(one.base @ at[0], base @ poses[0], atol=1e-6)
-    noise = sigma * np.random.default_rng(5).normal(size=(len(poses), 3))
+    random = np.random.default_rng(5)
+    noise = sigma * random.normal(size=(len(poses), 3))
     outside = matrix_from_vector(noise) @ base @ poses @ handle
     found = mounted(calibration, turned, outside, sigma)
     assert 0.8 * sigma < found.rms < 1.3 * sigma
@@ -314,7 +318,8 @@ def test_groups_that_are_confirmed_together_only_are_estimated():
 
 @pytest.mark.slow
 def test_five_and_six_sensors_are_calibrated_too():
-    stamps, raw, direction, zeros = readings(random_rig(12, DEVIATIONS, sensors=6), SHORT, SEED)
+    six = random_rig(12, DEVIATIONS, sensors=6)
+    stamps, raw, direction, zeros = readings(six, SHORT, SEED)
     found = calibrate_motion(Layout(6), stamps, raw)
     assert found.direction == tuple(direction)
     off = np.abs(wrapped(found.vector[:6] - zeros))
@@ -338,7 +343,8 @@ def test_a_motion_without_a_part_that_confirms_the_rest_is_refused(
 ):
     stamps, raw, _, _ = short_motion()
     since = (stamps - stamps[0]) * 1e-9
-    rows = (since >= begin) & (since < end) & ((since < 3.9) | (since > 6.1))
+    rows = (since >= begin) & (since < end)
+    rows &= (since < 3.9) | (since > 6.1)
     with pytest.raises(CalibrationError, match=f'the motion lasts {words}'):
         calibrate_motion(Layout(4), stamps[rows], raw[rows])
 

@@ -34,7 +34,11 @@ def joint_angles(*pose_deg):
     )
 
 
-POSES = ((135.0, 54.7356, 0.0), (130.0, 50.0, 10.0), (140.0, 60.0, 25.0))
+POSES = (
+    (135.0, 54.7356, 0.0),
+    (130.0, 50.0, 10.0),
+    (140.0, 60.0, 25.0),
+)
 FIRST, SECOND, THIRD = (joint_angles(*pose) for pose in POSES)
 TOLERANCE = radians(0.1)
 BIAS = (radians(0.05),) * 4
@@ -49,8 +53,10 @@ def recorded(
     zero=ZERO,
 ):
     """Return counts of encoders at rest: noise, and joint_1b drifting over the recording."""
-    drift = np.linspace(0.0, radians(drift_deg), sets)[:, None] * [0.0, 1.0, 0.0, 0.0]
-    noise = np.random.default_rng(5).normal(0.0, radians(noise_deg), (sets, 4))
+    away = np.linspace(0.0, radians(drift_deg), sets)
+    drift = away[:, None] * [0.0, 1.0, 0.0, 0.0]
+    random = np.random.default_rng(5)
+    noise = random.normal(0.0, radians(noise_deg), (sets, 4))
     return np.array(
         [
             [
@@ -75,7 +81,8 @@ def station(
     **how,
 ):
     """Return the readings at joint angles, with those that the jig states."""
-    means, noise = jig.read_still(recorded(angles, sets, **how), PER_TURN, *LIMITS)
+    counts = recorded(angles, sets, **how)
+    means, noise = jig.read_still(counts, PER_TURN, *LIMITS)
     return jig.Station(
         pose=(2.3, 0.9, 0.0),
         angles=stated or angles,
@@ -99,7 +106,7 @@ def calibrated(*stations, direction=DIRECTION, before=None):
 
 def assert_zeros(found):
     """Check the zero counts to one count."""
-    assert all(abs(got - true) <= 1 for got, true in zip(found.zero_count, ZERO, strict=True))
+    assert found.zero_count == pytest.approx(ZERO, abs=1.0)
 
 
 def test_zero_counts_and_noise_are_found():
@@ -183,18 +190,22 @@ def test_a_joint_that_hardly_moves_leaves_its_direction_open():
     # Nor does a shaft that slipped determine one.
     slipped = station(SECOND, zero=(ZERO[0] + 3000, *ZERO[1:]))
     assert directions(station(FIRST), slipped) == (0, *DIRECTION[1:])
-    found = calibrated(station(FIRST), station((FIRST[0], *far[1:])), direction=WRONG)
+    second = station((FIRST[0], *far[1:]))
+    found = calibrated(station(FIRST), second, direction=WRONG)
     assert found.direction == (1, *DIRECTION[1:])
     assert found.direction_verified == (False, True, True, True)
 
 
 def test_poses_that_contradict_each_other_are_refused():
-    off, slightly = (tuple(angle + radians(each) for angle in THIRD) for each in (0.3, 0.05))
+    off = tuple(angle + radians(0.3) for angle in THIRD)
+    slightly = tuple(angle + radians(0.05) for angle in THIRD)
     with pytest.raises(CalibrationError, match=r'joint_1a is [+-]0\.\d+ deg off at pose 3 of 3'):
         calibrated(station(FIRST), station(SECOND), station(THIRD, off))
     # The zero counts are the mean over the poses.
-    shift = radians(0.05) / 3.0 * np.multiply(DIRECTION, PER_TURN) / (2.0 * pi)
-    found = calibrated(station(FIRST), station(SECOND), station(THIRD, slightly))
+    per_radian = np.multiply(DIRECTION, PER_TURN) / (2.0 * pi)
+    shift = radians(0.05) / 3.0 * per_radian
+    third = station(THIRD, slightly)
+    found = calibrated(station(FIRST), station(SECOND), third)
     np.testing.assert_allclose(
         found.zero_count,
         ZERO - shift,
@@ -226,7 +237,8 @@ def test_the_error_of_the_jig_becomes_the_bias_of_each_sensor():
         error * axes / np.linalg.norm(axes, axis=1, keepdims=True)
     ) @ matrix_from_zxz(*pose)
     found = inverse(turned, GEOMETRY)
-    worst = np.abs(np.column_stack([found.theta1, found.theta3a]) - FIRST).max(axis=0)
+    angles = np.column_stack([found.theta1, found.theta3a])
+    worst = np.abs(angles - FIRST).max(axis=0)
     assert (worst <= 1.01 * bias).all()
     assert (worst >= 0.98 * bias).all()
 

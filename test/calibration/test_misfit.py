@@ -24,7 +24,8 @@ def changed(sensor, change, **how):
     """Return the calibration with a sensor's angles changed, deg, by a function of 0 .. 1."""
     stamps, raw, direction, zeros = short_motion()
     raw = raw[::10].copy()
-    raw[:, sensor] += direction[sensor] * np.radians(change(np.arange(len(raw)) / len(raw)))
+    part = np.arange(len(raw)) / len(raw)
+    raw[:, sensor] += direction[sensor] * np.radians(change(part))
     return calibrated(
         stamps[::10],
         raw,
@@ -62,7 +63,8 @@ def test_play_is_a_caution_and_raises_the_bias():
     shares = []
     _, raw, direction, _ = short_motion()
     turns = np.unwrap(raw[::10, 0] * direction[0])
-    sense = np.sign(np.gradient(np.convolve(turns, np.ones(25) / 25.0, 'same')))
+    smooth = np.convolve(turns, np.ones(25) / 25.0, 'same')
+    sense = np.sign(np.gradient(smooth))
     found = changed(0, lambda at: 0.1 * sense, progress=lambda text, share: shares.append(share))
     assert any(
         'contradict each other' in caution and 'play' in caution for caution in found.cautions
@@ -75,7 +77,8 @@ def test_play_is_a_caution_and_raises_the_bias():
 @pytest.mark.slow
 def test_axes_that_miss_the_centre_are_a_caution():
     geometry = Geometry()
-    rotation = hand_motion(perfect_rig(geometry, 0.0), Condition('motion', seconds=32.0), 41)[::8]
+    condition = Condition('motion', seconds=32.0)
+    rotation = hand_motion(perfect_rig(geometry, 0.0), condition, 41)[::8]
     random = np.random.default_rng(1)
     offsets = 3.0 * random.normal(size=(3, 3, 3)) * [1.0, 1.0, 0.0]
     drawn = inverse(rotation[:50], geometry)
@@ -166,4 +169,5 @@ def check_slip(sensor, change_deg):
 
 def with_noise(turned, seed):
     """Return readings with the noise of the model."""
-    return turned + free_motions.SIGMA * np.random.default_rng(seed).normal(size=turned.shape)
+    random = np.random.default_rng(seed)
+    return turned + free_motions.SIGMA * random.normal(size=turned.shape)

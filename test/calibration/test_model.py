@@ -64,7 +64,13 @@ def test_the_parameters_are_independent_in_the_usual_frames():
 
 
 def test_a_drawing_in_other_frames_is_refused():
-    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    turn = np.array(
+        [
+            [0.0, -1.0, 0.0],
+            [1.0, 0.0, 0.0],
+            [0.0, 0.0, 1.0],
+        ]
+    )
     g = Geometry()
     drawn = Geometry.from_axes(
         np.array(g.base_axes) @ turn.T,

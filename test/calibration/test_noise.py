@@ -51,7 +51,8 @@ def test_sets_at_irregular_times_are_reported_and_are_no_noise():
     stamps, raw, direction, zeros = readings(free_motions.RIG, fast, free_motions.SEED)
     random = np.random.default_rng(6)
     rows = 10 * np.arange(2400) + random.integers(0, 2, 2400) * 3
-    noisy = raw[rows] + np.radians(0.04) * random.normal(size=(2400, 4))
+    noise = np.radians(0.04) * random.normal(size=(2400, 4))
+    noisy = raw[rows] + noise
     found = free_motions.calibrated(
         np.arange(2400) * 10_000_000,
         noisy,

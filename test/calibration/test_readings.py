@@ -60,12 +60,14 @@ def test_spikes_are_left_out(part):
     read, true = motion()
     random = np.random.default_rng(3)
     wrong = random.uniform(size=N) < part
-    read[wrong, random.integers(0, 4, wrong.sum())] = random.uniform(0.0, tau, wrong.sum())
+    sensors = random.integers(0, 4, wrong.sum())
+    read[wrong, sensors] = random.uniform(0.0, tau, wrong.sum())
     found = motion_readings(STAMPS, read)
     # One in a hundred of them is so near the true reading that it is none, and others pass where
     # two follow each other: the fit cuts these.
     assert found.spikes > 0.7 * wrong.sum()
-    assert np.mean(np.abs(off(found, true)).max(axis=1) > 0.02) < 0.3 * part
+    largest = np.abs(off(found, true)).max(axis=1)
+    assert np.mean(largest > 0.02) < 0.3 * part
 
 
 def test_a_gap_is_bridged_by_no_mean():
@@ -88,12 +90,14 @@ def test_too_few_sets_rest_and_nothing_but_spikes_are_refused():
     with pytest.raises(CalibrationError, match=r'^150 sets of four encoders in 14\.9 s; '):
         motion_readings(STAMPS[::100][:150], read[::100][:150])
     still = read.copy()
-    still[:, 1] = 1.0 + NOISE * np.random.default_rng(2).normal(size=N)
+    random = np.random.default_rng(2)
+    still[:, 1] = 1.0 + NOISE * random.normal(size=N)
     with pytest.raises(CalibrationError, match='joint_1b moved by 0.[01]. deg; expected a motion'):
         motion_readings(STAMPS, still)
     # Neither does a joint move that is elsewhere for a twentieth of the time, as by spikes.
     for part, moves in ((20, False), (7, True)):
-        still[:, 1] += 0.5 * ((np.arange(N) > N - N // part) - 1.0 * (np.arange(N) < N // part))
+        still[-(N // part) + 1 :, 1] += 0.5
+        still[: N // part, 1] -= 0.5
         if moves:
             motion_readings(STAMPS, still)
             break
@@ -148,7 +152,9 @@ def test_readings_of_a_hand_with_outliers_rest_and_a_gap_are_made_ready():
 
 
 def test_spread_takes_the_corners_first():
-    grid = np.stack(np.meshgrid(*[np.linspace(0.0, 1.0, 5)] * 2), -1).reshape(-1, 2)
+    along = np.linspace(0.0, 1.0, 5)
+    grid = np.stack(np.meshgrid(along, along), -1).reshape(-1, 2)
     rows = spread(grid, 5)
-    assert set(map(tuple, grid[rows[1:]])) == {(0.0, 0.0), (0.0, 1.0), (1.0, 0.0), (1.0, 1.0)}
+    corners = {(x, y) for x in (0.0, 1.0) for y in (0.0, 1.0)}
+    assert set(map(tuple, grid[rows[1:]])) == corners
     assert len(spread(grid, 100)) == 25

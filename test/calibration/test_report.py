@@ -192,17 +192,21 @@ def cells(axes):
     """Return the edges of the cells of a map in both coordinates, and the means in them, deg."""
     (mesh,) = axes.collections
     corners = mesh.get_coordinates()
-    return corners[0, :, 0], corners[:, 0, 1], np.ma.filled(mesh.get_array(), np.nan)
+    across = corners[0, :, 0]
+    along = corners[:, 0, 1]
+    return across, along, np.ma.filled(mesh.get_array(), np.nan)
 
 
 def shown_parities(calibration):
     """Return tilts and parities of the samples on the maps, deg; before and after."""
-    shown = np.isfinite(calibration.rotation).all(axis=(1, 2)) & np.isfinite(calibration.parity)
+    shown = np.isfinite(calibration.rotation).all(axis=(1, 2))
+    shown &= np.isfinite(calibration.parity)
     axis = calibration.rotation[shown][:, :, 2]
     tilt = np.degrees(np.arccos(axis @ np.full(3, 3**-0.5)))
     # Towards (1, -1, 0) and (1, 1, -2), at the distance of the tilt.
-    towards = axis @ np.array([[1.0, -1.0, 0.0], [1.0, 1.0, -2.0]]).T / np.sqrt([2.0, 6.0])
-    place = tilt[:, None] * towards / np.linalg.norm(towards, axis=1, keepdims=True)
+    x = axis @ np.array([1.0, -1.0, 0.0]) / np.sqrt(2.0)
+    y = axis @ np.array([1.0, 1.0, -2.0]) / np.sqrt(6.0)
+    place = np.column_stack([tilt * x, tilt * y]) / np.hypot(x, y)[:, None]
     before = np.degrees(calibration.parity_before[shown])
     return place, tilt, before, np.degrees(calibration.parity[shown])
 
@@ -216,8 +220,10 @@ def test_a_cell_of_the_picture_is_the_mean_parity_of_the_samples_in_it(picture):
         assert np.allclose(np.diff(along), 2.0)
         compared = 0
         for row, column in zip(*np.nonzero(np.isfinite(means)), strict=True):
-            inside = (place[:, 0] >= across[column]) & (place[:, 0] < across[column + 1])
-            inside &= (place[:, 1] >= along[row]) & (place[:, 1] < along[row + 1])
+            inside = place[:, 0] >= across[column]
+            inside &= place[:, 0] < across[column + 1]
+            inside &= place[:, 1] >= along[row]
+            inside &= place[:, 1] < along[row + 1]
             assert means[row, column] == pytest.approx(parity[inside].mean(), abs=1e-9)
             compared += 1
         assert compared > 50
@@ -236,7 +242,8 @@ def test_the_picture_has_one_scale_for_before_and_after_and_one_of_its_own(pictu
         limits = [axes[column + row].collections[0].get_clim() for row in (0, 3)]
         assert limits[0] == limits[1]
         assert limits[0][0] == -limits[0][1]
-    first, second, own = (axes[column].collections[0].get_clim()[1] for column in range(3))
+    limits = [axes[column].collections[0].get_clim() for column in range(3)]
+    first, second, own = (largest for _, largest in limits)
     assert first == second
     assert 0.5 * np.abs(before).max() < first <= np.abs(before).max()
     assert 0.0 < own < 0.2 * first
@@ -266,13 +273,15 @@ def test_the_picture_names_what_it_shows_and_the_motors(picture):
         }
         assert angles == pytest.approx({'A': -90.0, 'B': 30.0, 'C': 150.0})
         outermost = max(abs(edge) for edge in each.get_xlim())
-        assert {np.hypot(*text.get_position()) < outermost for text in each.texts} == {True}
+        distances = [np.hypot(*text.get_position()) for text in each.texts]
+        assert max(distances) < outermost
 
 
 def test_the_picture_has_the_edge_of_the_region(picture):
     _, axes = picture
     for each in axes[:3]:
-        assert np.hypot(*each.lines[0].get_xydata().T) == pytest.approx(9.0)
+        x, y = each.lines[0].get_xydata().T
+        assert np.hypot(x, y) == pytest.approx(9.0)
     for each in axes[3:6]:
         corners = each.lines[0].get_xydata().tolist()
         assert corners == [[30.0, 0.0], [30.0, 9.0], [70.0, 9.0], [70.0, 0.0]]

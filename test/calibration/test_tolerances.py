@@ -34,8 +34,10 @@ def estimates(
     found = []
     for _ in range(40):
         vector = deviations * random.normal(size=LAYOUT.count)
-        read = vector[list(columns)] + radians(error_deg) * random.normal(size=len(columns))
-        vector[list(columns)] = np.linalg.solve(information + np.diag(weights), information @ read)
+        errors = radians(error_deg) * random.normal(size=len(columns))
+        read = vector[list(columns)] + errors
+        matrix = information + np.diag(weights)
+        vector[list(columns)] = np.linalg.solve(matrix, information @ read)
         layout = estimated_tolerances(LAYOUT, vector, columns, information)
         found.append((layout.mechanism_tolerance, layout.harmonic_tolerance))
     return np.degrees(np.mean(found, axis=0))

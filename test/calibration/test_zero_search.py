@@ -29,7 +29,8 @@ def samples(
     turned = model.readings(poses(80, seed), vector) + zeros
     turned += radians(0.04) * random.normal(size=turned.shape)
     read = turned * direction
-    middle = np.argmin(((turned - np.median(turned, axis=0)) ** 2).sum(axis=1))
+    from_median = (turned - np.median(turned, axis=0)) ** 2
+    middle = np.argmin(from_median.sum(axis=1))
     return np.roll(read, -middle, axis=0)
 
 
@@ -47,7 +48,9 @@ def test_the_best_are_the_true_ones_and_stand_alone(seed):
         seed,
         links=radians(0.3),
     )
-    found, again = (search_zeros(read, model_of().layout, 24) for _ in range(2))
+    layout = model_of().layout
+    found = search_zeros(read, layout, 24)
+    again = search_zeros(read, layout, 24)
     best = found[0]
     assert all(
         np.array_equal(one.zeros, other.zeros) for one, other in zip(found, again, strict=True)
@@ -55,7 +58,8 @@ def test_the_best_are_the_true_ones_and_stand_alone(seed):
     assert [each.misfit for each in found] == sorted(each.misfit for each in found)
     assert best.direction == tuple(direction)
     # Links off by 0.3 deg are explained by zeros off by a degree.
-    assert np.degrees(np.abs(wrapped(best.zeros - zeros))).max() < 3.0
+    errors = wrapped(best.zeros - zeros)
+    assert np.degrees(np.abs(errors)).max() < 3.0
     assert found[1].misfit > 3.0 * best.misfit
 
 
@@ -76,7 +80,8 @@ def test_two_guesses_that_come_to_the_same_zeros_are_one(monkeypatch):
     found = zero_search._explaining(read, model, 1)
     assert found is not None
     assert found.direction == (1, 1, -1, 1)
-    assert np.degrees(np.abs(wrapped(found.vector[:4] - true))).max() < 4.1
+    errors = wrapped(found.vector[:4] - true)
+    assert np.degrees(np.abs(errors)).max() < 4.1
 
 
 def test_a_wrong_pair_that_several_zeros_explain_does_not_end_the_search(monkeypatch):
@@ -112,7 +117,8 @@ def test_further_sensors_have_the_zeros_and_directions_that_those_of_four_leave(
     random = np.random.default_rng(7)
     zeros = random.uniform(-np.pi, np.pi, 6)
     direction = (1, -1, 1, 1, -1, 1)
-    readings = (model.readings(poses(60), np.zeros(model.layout.count)) + zeros) * direction
+    perfect = model.readings(poses(60), np.zeros(model.layout.count))
+    readings = (perfect + zeros) * direction
     # Of a pose without an orientation nothing follows.
     readings[5, :4] += 1.0
     found = zero_search._with_more(

@@ -18,7 +18,14 @@ FRAME = kinematics.matrix_from_zxz(0.8, 1.1, -2.0)
 BODY = kinematics.matrix_from_zxz(-2.4, 0.7, 0.3)
 # Markers A and B on Z_E, C and D beside it, mm in the platform's frame. As they are usually
 # fastened: C and D are no mirror images of each other.
-POINTS = np.array([[0.0, 0.0, 40.0], [0.0, 0.0, 120.0], [60.0, 0.0, 80.0], [-60.0, 0.0, 80.0]])
+POINTS = np.array(
+    [
+        [0.0, 0.0, 40.0],
+        [0.0, 0.0, 120.0],
+        [60.0, 0.0, 80.0],
+        [-60.0, 0.0, 80.0],
+    ]
+)
 AZIMUTHS = 0.0, math.pi
 RECORDED = np.arange(0.0, 40.0, 0.005)
 CAPTURED = np.arange(1.0, 39.0, 0.01)
@@ -49,12 +56,14 @@ def motion(t, seed=3):
 
 def quaternions(rotations, seed=1):
     """Return noisy quaternions, of steady sign."""
-    noise = np.radians(NOISE_DEG) * np.random.default_rng(seed).normal(size=(len(rotations), 3))
+    random = np.random.default_rng(seed)
+    noise = np.radians(NOISE_DEG) * random.normal(size=(len(rotations), 3))
     found = kinematics.quaternion_from_matrix(
         rotations @ kinematics.matrix_from_zxz(0.0 * noise[:, 0], noise[:, 0], noise[:, 1])
     )
     flips = np.sum(found[1:] * found[:-1], axis=1) < 0.0
-    return found * np.where(np.concatenate([[0], np.cumsum(flips)]) % 2, -1.0, 1.0)[:, None]
+    turned = np.concatenate([[0], np.cumsum(flips)]) % 2
+    return found * np.where(turned, -1.0, 1.0)[:, None]
 
 
 @pytest.fixture(scope='module')
@@ -91,7 +100,8 @@ def compared(
 def largest(found):
     """Return the largest error of the recorded orientations, deg."""
     turned = found.models['improved'] @ found.captured.swapaxes(1, 2)
-    return float(np.degrees(np.linalg.norm(alignment.rotation_vectors(turned), axis=1).max()))
+    angles = np.linalg.norm(alignment.rotation_vectors(turned), axis=1)
+    return float(np.degrees(angles.max()))
 
 
 def exchanged(
@@ -253,7 +263,8 @@ def helical_degrees(rotations):
     """Return rotation vectors, deg, (n, 3)."""
     q = kinematics.quaternion_from_matrix(rotations)
     size = np.linalg.norm(q[:, :3], axis=1, keepdims=True)
-    return np.degrees(2.0 * np.arctan2(size, q[:, 3:]) * q[:, :3] / size)
+    angle = 2.0 * np.arctan2(size, q[:, 3:])
+    return np.degrees(angle * q[:, :3] / size)
 
 
 def vicon(rotations):
@@ -339,7 +350,8 @@ def test_a_rigid_body_of_each_system_is_read_by_its_header(
         atol=1e-5,
     )
     off = kinematics.matrix_from_quaternion(track.values) @ rotations[kept].swapaxes(1, 2)
-    assert np.degrees(np.linalg.norm(alignment.rotation_vectors(off), axis=1)).max() < 0.2
+    angles = np.linalg.norm(alignment.rotation_vectors(off), axis=1)
+    assert np.degrees(angles).max() < 0.2
 
 
 def test_markers_of_qtm_are_read_by_their_names(tmp_path):

@@ -56,7 +56,9 @@ def test_the_parity_is_the_null_vector_times_the_errors(sigma_deg):
 
 
 def test_the_place_is_tilt_and_self_rotation():
-    rotation = workspace_pose(np.radians([0.0, 12.0, 20.0]), 2.0, np.radians([10.0, 30.0, -20.0]))
+    tilts = np.radians([0.0, 12.0, 20.0])
+    turns = np.radians([10.0, 30.0, -20.0])
+    rotation = workspace_pose(tilts, 2.0, turns)
     found = mapped(joints(rotation))
     np.testing.assert_allclose(found.tilt_deg, [0.0, 12.0, 20.0], atol=1e-4)
     np.testing.assert_allclose(found.phi_deg, [10.0, 30.0, -20.0], atol=1e-4)
