@@ -444,7 +444,7 @@ def _report(recorded: Recorded, result: Supervised) -> None:
         print(f'  {name}: {text}')
 
 
-def _report_regions(table: list[parity_map.Region]) -> None:
+def _report_regions(table: list[parity_map.RegionRow]) -> None:
     """Print the parity by region of the workspace."""
     print(
         f'{"tilt, deg":>11}{"phi, deg":>13}{"samples":>9}{"published":>11}'
@@ -462,7 +462,7 @@ def _report_regions(table: list[parity_map.Region]) -> None:
 def _propose(
     stamps: NDArray[np.int64],
     angles: NDArray[np.float64],
-    table: list[parity_map.Region],
+    table: list[parity_map.RegionRow],
     values: Values,
 ) -> None:
     """
@@ -476,7 +476,7 @@ def _propose(
         Times of the samples, ns.
     angles : ndarray, shape (n, N)
         Joint angles, rad.
-    table : list of parity_map.Region
+    table : list of parity_map.RegionRow
         Parity by region.
     values : Values
         Checked parameters of fkm.

@@ -366,22 +366,14 @@ def error_table(comparison: Comparison) -> list[ErrorRow]:
         known = np.isfinite(rotations).all(axis=(1, 2))
         if not known.any():
             continue
+        angles = kinematics.zxz_from_matrix(rotations[known])
         errors = [
             np.angle(np.exp(1j * (angle - truth[known])))
-            for angle, truth in zip(
-                kinematics.zxz_from_matrix(rotations[known]),
-                captured,
-                strict=True,
-            )
+            for angle, truth in zip(angles, captured, strict=True)
         ]
-        errors.append(
-            np.linalg.norm(
-                alignment.rotation_vectors(
-                    rotations[known] @ comparison.captured[known].swapaxes(1, 2)
-                ),
-                axis=1,
-            )
-        )
+        inverse = comparison.captured[known].swapaxes(1, 2)
+        turns = alignment.rotation_vectors(rotations[known] @ inverse)
+        errors.append(np.linalg.norm(turns, axis=1))
         for quantity, error in zip((*ANGLES, 'rotation'), errors, strict=True):
             size = np.degrees(np.abs(error))
             table.append(

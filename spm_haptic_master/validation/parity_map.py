@@ -32,7 +32,7 @@ OUTLIER = 8.0
 GAP = 1.5
 
 
-class Region(NamedTuple):
+class RegionRow(NamedTuple):
     """
     Parity of the samples of one region of the workspace.
 
@@ -141,7 +141,8 @@ def parity_map(
     rows = rows[usable]
     rotation = rotation[usable]
     # The null vector of the Jacobian's transpose: the last left singular vector.
-    normal = np.linalg.svd(matrices[usable])[0][:, :, 3]
+    left, _, _ = np.linalg.svd(matrices[usable])
+    normal = left[:, :, 3]
     variances = normal**2 * np.square(sigma)
     deviation = np.sqrt(variances.sum(axis=1))
     parity[rows] = np.degrees(found.parity[known][usable] * deviation)
@@ -171,17 +172,17 @@ def tilt_and_turn(rotation: Array) -> tuple[Array, Array]:
 
     """
     axis = kinematics.workspace_pose(0.0, 0.0, 0.0)[:, 2]
-    return (
-        np.arccos(np.clip(rotation[:, :, 2] @ axis, -1.0, 1.0)),
-        kinematics.zxz_from_matrix(rotation)[2],
-    )
+    cosine = rotation[:, :, 2] @ axis
+    tilt = np.arccos(np.clip(cosine, -1.0, 1.0))
+    _, _, turn = kinematics.zxz_from_matrix(rotation)
+    return tilt, turn
 
 
 def regions(
     found: ParityMap,
     published: NDArray[np.bool_],
     level_deg: Array,
-) -> list[Region]:
+) -> list[RegionRow]:
     """
     Return the regions that have samples, by tilt and self-rotation.
 
@@ -196,7 +197,7 @@ def regions(
 
     Returns
     -------
-    list of Region
+    list of RegionRow
         Rows of regions.csv.
 
     """
@@ -208,21 +209,25 @@ def regions(
         for step in np.unique(phi[ring]):
             inside = ring & (phi == step)
             parity = found.parity_deg[inside]
-            out = inside & published
             table.append(
-                Region(
-                    low,
-                    high,
-                    float(step * PHI_STEP),
-                    float((step + 1.0) * PHI_STEP),
-                    int(inside.sum()),
-                    float(published[inside].mean()),
-                    float(parity.mean()),
-                    float(np.sqrt(np.mean(parity**2))),
-                    float(np.median(level_deg[out])) if out.any() else float('nan'),
+                RegionRow(
+                    tilt_from_deg=low,
+                    tilt_to_deg=high,
+                    phi_from_deg=float(step * PHI_STEP),
+                    phi_to_deg=float((step + 1.0) * PHI_STEP),
+                    samples=int(inside.sum()),
+                    published=float(published[inside].mean()),
+                    mean_deg=float(parity.mean()),
+                    rms_deg=float(np.sqrt(np.mean(parity**2))),
+                    level_deg=_median(level_deg[inside & published]),
                 )
             )
     return table
+
+
+def _median(values: Array) -> float:
+    """Return the median; NaN where there are no values."""
+    return float(np.median(values)) if len(values) else float('nan')
 
 
 def white_noise(
@@ -312,7 +317,7 @@ def _rounding(readings: Array) -> float:
     return 0.0
 
 
-def nominal_bias(table: list[Region]) -> float | None:
+def nominal_bias(table: list[RegionRow]) -> float | None:
     """
     Return the nominal bias of each sensor that a recording supports.
 
@@ -321,7 +326,7 @@ def nominal_bias(table: list[Region]) -> float | None:
 
     Parameters
     ----------
-    table : list of Region
+    table : list of RegionRow
         Parity by region.
 
     Returns
@@ -336,15 +341,15 @@ def nominal_bias(table: list[Region]) -> float | None:
     )
 
 
-def write_regions(path: Path, table: list[Region]) -> None:
+def write_regions(path: Path, table: list[RegionRow]) -> None:
     """
-    Write the regions as CSV, with the names of `Region` as header.
+    Write the regions as CSV, with the names of `RegionRow` as header.
 
     Parameters
     ----------
     path : Path
         The file to write.
-    table : list of Region
+    table : list of RegionRow
         Parity by region.
 
     """
@@ -354,4 +359,4 @@ def write_regions(path: Path, table: list[Region]) -> None:
         newline='',
         encoding='utf-8',
     ) as file:
-        csv.writer(file).writerows([Region._fields, *table])
+        csv.writer(file).writerows([RegionRow._fields, *table])
