@@ -279,7 +279,13 @@ def _rows_of_encoders(seen: Seen, entries: StatusEntries) -> list[Row]:
         Row('encoders', DASH if driver is None else with_sensor_names(driver.message)),
     ]
     devices = entries.encoders()
-    names = zip(SENSOR_NAMES, joints.ALL_JOINT_NAMES, readings, ages, strict=False)
+    names = zip(
+        SENSOR_NAMES,
+        joints.ALL_JOINT_NAMES,
+        readings,
+        ages,
+        strict=False,
+    )
     for name, joint, angle, age in names:
         text = _known(f'{degrees(angle):.3f}\u00b0, {age:.1f} s ago', age)
         rows.append(Row(f'{name} read', text))
