@@ -224,6 +224,7 @@ def angle_deg(first, second):
     return np.degrees(rotation_distance(quaternion(first), quaternion(second)))
 
 
+UNTURNED = np.array([0.0, 0.0, 0.0, 1.0])
 FRAMES = {
     'table': (
         *('orientation', 'measured_cp', 'measured_cv', 'pose_with_covariance', 'setpoint_cp'),
@@ -256,6 +257,11 @@ def check_messages_of_four(rig):
     assert angle_deg(found, last('measured_cp')) < 0.5
     assert angle_deg(last('measured_cp'), last('setpoint_cp')) == 0.0
     assert angle_deg(last('servo_cp'), last('slave/measured_cp')) < 0.5
+    # The slave lags: it is never beyond its command.
+    for at in np.arange(2.70, 2.90, 0.02):
+        command = quaternion(rig.last('servo_cp', at))
+        reached = quaternion(rig.last('slave/measured_cp', at))
+        assert rotation_distance(UNTURNED, reached) < rotation_distance(UNTURNED, command), at
     covariance = np.reshape(last('pose_with_covariance').pose.covariance, (6, 6))
     assert not covariance[:3].any()
     np.testing.assert_allclose(covariance, covariance.T, rtol=1e-12)
