@@ -147,6 +147,7 @@ def _conditions(values: Values) -> Conditions:
         presence_timeout=values['teleop.presence_timeout'] or inf,
         protection_limit=radians(level) if level else inf,
         tracking_limit=radians(tracking) if tracking else inf,
+        tip_tracking_limit=values['teleop.tip_tracking_limit'] or inf,
         command_rate=values['teleop.command_rate'],
         sample_rate=values['rate'],
         requires_trocar=values['teleop.requires_trocar'],

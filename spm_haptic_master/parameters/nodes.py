@@ -301,6 +301,14 @@ TELEOP_SETTINGS = (
         maximum=180.0,
     ),
     Setting(
+        'teleop.tip_tracking_limit',
+        float,
+        "largest distance from the commanded tip to the slave's measured one, m; 0: any",
+        default=0.0,
+        minimum=0.0,
+        maximum=1.0,
+    ),
+    Setting(
         'teleop.command_rate',
         float,
         'rate of servo_cp, Hz; 0: with each orientation',
@@ -357,8 +365,8 @@ TELEOP_SETTINGS = (
     Setting(
         'teleop.trocar',
         float,
-        "trocar about which the slave pivots, x, y, z in the slave's base frame, m; 0.0: that of "
-        'the topic slave/trocar, and without one the tip keeps its position',
+        "trocar about which the slave pivots, x, y, z in the slave's base frame, m, until one "
+        'comes on the topic slave/trocar; 0.0: none, and the tip keeps its position',
         default=NO_TROCAR,
         minimum=-10.0,
         maximum=10.0,

@@ -49,6 +49,7 @@ class Conditions:
     presence_timeout: float
     protection_limit: float  # largest protection level, rad; inf: any that is published
     tracking_limit: float  # largest angle from the command to the slave, rad; inf: any
+    tip_tracking_limit: float  # largest distance from the command to the slave's tip, m; inf: any
     command_rate: float  # Hz; 0: a command with each orientation
     sample_rate: float  # rate of the orientations, Hz
     requires_trocar: bool  # the slave pivots: it does not follow while its trocar is unknown

@@ -188,9 +188,21 @@ class Teleoperation:
         following = self._following
         if slave is None or following is None:
             return
-        behind = rotation_distance(following.rotation, slave.rotation)
-        if behind > self._conditions.tracking_limit:
-            self.disengage('the slave does not follow')
+        self._release(self._astray(following.command.pose, slave))
+
+    def _astray(self, commanded: Pose, slave: Pose) -> str:
+        """Return how the slave's pose is not where its command leads; empty if it follows."""
+        conditions = self._conditions
+        if rotation_distance(commanded.rotation, slave.rotation) > conditions.tracking_limit:
+            return 'the slave does not follow'
+        behind = norm(difference(commanded.position, slave.position))
+        if behind > conditions.tip_tracking_limit:
+            return f'tip {remote_centre.MILLIMETRES * behind:.0f} mm from its command'
+        if self._pivot is None:
+            return ''
+        # Where it is known, the shaft is not always the line from the trocar to the tip.
+        shaft = conditions.centre.shaft or self._pivot.shaft
+        return remote_centre.off_the_trocar(self._pivot.trocar, slave, shaft)
 
     def take_slave_obstacle(self, obstacle: str) -> None:
         """Take why the slave's own operating state forbids it to follow; empty if it does not."""

@@ -141,8 +141,23 @@ def obstacle(
             f'{MILLIMETRES * shortest:.0f} to {MILLIMETRES * deepest:.0f} mm'
         )
     shaft = settings.shaft if known is None else known.shaft
-    if shaft is None:
-        return ''
+    return '' if shaft is None else off_the_trocar(trocar, slave, shaft)
+
+
+def off_the_trocar(trocar: FloatVector, slave: Pose, shaft: FloatVector) -> str:
+    """
+    Return that a slave's shaft passes its trocar too far aside, and how far; empty if it does not.
+
+    Parameters
+    ----------
+    trocar
+        p_t in the slave's base frame, m.
+    slave
+        Measured pose of the slave.
+    shaft
+        Direction of the shaft in the tool's frame, unit vector.
+
+    """
     distance = distance_from_shaft(trocar, slave, shaft)
     if distance <= SHAFT_TOLERANCE:
         return ''

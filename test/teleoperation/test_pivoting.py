@@ -100,6 +100,52 @@ def test_what_came_while_the_process_stood_still_is_no_loss():
     assert rig.state == 'engaged'
 
 
+def follow(rig, aside=0.0):
+    """Put the slave where it is commanded, its tip some m aside of it."""
+    rig.slave = matrix_from_quaternion(rig.last.pose.rotation)
+    across = np.cross(rig.slave @ SHAFT, (0.0, 1.0, 0.0))
+    rig.tip = tuple(np.array(rig.last.pose.position) + aside * across / np.linalg.norm(across))
+
+
+def test_a_shaft_that_leaves_its_trocar_while_it_follows_disengages():
+    rig = pivoting().engage()
+    for aside in (0.0, 0.004):
+        follow(rig, aside)
+        rig.run(10)
+        assert rig.state == 'engaged'
+    follow(rig, 0.012)
+    assert rig.run(10) == []
+    assert rig.state == (
+        'disengaged: waiting for enable, after: shaft 12 mm off the trocar, expected 5 mm or less'
+    )
+
+
+def test_a_shaft_beside_its_trocar_goes_no_deeper_than_its_tolerance():
+    """The command's line is that from the trocar to the tip; the tool's axis is another one."""
+    # Of the tool's frame, 2.3 deg off the line: 4 mm at a depth of 0.1 m.
+    axis = SHAFT + 0.04 * np.array([0.0, 1.0, 0.0])
+    rig = pivoting(shaft_axis=(axis / np.linalg.norm(axis)).tolist()).engage()
+    for _ in range(100):
+        rig.insertion += 0.001
+        rig.run(10)
+        follow(rig)
+        if not rig.state == 'engaged':
+            break
+    assert rig.state.startswith('disengaged: waiting for enable, after: shaft 5 mm off the trocar')
+    assert depth_of(rig.tips[-1]) < 0.13
+
+
+def test_a_tip_that_does_not_follow_disengages():
+    """As with a jammed slide: once it is free, the tip would jump."""
+    rig = pivoting(tip_tracking_limit=0.02).engage()
+    rig.insertion += 0.019
+    rig.run(500)
+    assert rig.state == 'engaged'
+    rig.insertion += 0.01
+    rig.run(500)
+    assert rig.state == ('disengaged: waiting for enable, after: tip 21 mm from its command')
+
+
 def test_without_trocar_no_insertion_is_needed_and_the_tip_stays():
     rig = pivoting(trocar=[0.0])
     rig.insertion = None
