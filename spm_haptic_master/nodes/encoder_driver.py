@@ -266,7 +266,7 @@ class EncoderDriver(ParameterNode):
                 message,
                 logged=logged,
                 values=self._figures(),
-                starting=self._is_starting(now) and level == WARN,
+                starting=self._is_starting(now),
             )
 
     def _is_starting(self, now: float) -> bool:

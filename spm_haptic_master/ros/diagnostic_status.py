@@ -104,10 +104,10 @@ class StatusPublisher:
         logged : tuple of bytes and str, optional
             Level and message of the log, where a caution comes and goes in normal work.
         starting : bool, optional
-            Whether the node starts and waits for something; that is logged only later on.
+            Whether the node starts: what it waits for is not logged, but an error is.
 
         """
-        self._is_started = self._is_started or not starting
+        self._is_started = self._is_started or not starting or level == ERROR
         if self._logs and self._is_started:
             self._log(*(logged or (level, message)))
         self._subject = level, message if subject is None else subject
