@@ -148,7 +148,7 @@ def plots(sensors: int, limits: Limits) -> list[Plot]:
         Plot(
             key='dexterity',
             title='dexterity',
-            series=[Series('three', three), Series(f'all {sensors}', every)],
+            series=[Series('three', three, is_dashed=True), Series(f'all {sensors}', every)],
             limits=limits.of_dexterity(),
             on_top=True,
         ),
@@ -173,7 +173,10 @@ def plots(sensors: int, limits: Limits) -> list[Plot]:
         Plot(
             key='torque',
             title='torque on the handle, N m',
-            series=[Series('commanded', colours.COMMANDED), Series('rendered', colours.RENDERED)],
+            series=[
+                Series('commanded', colours.COMMANDED, is_dashed=True),
+                Series('rendered', colours.RENDERED),
+            ],
         ),
         Plot(
             key='latency',

@@ -149,8 +149,23 @@ window.probes = (() => {
             while (!e.style.backgroundColor) e = e.parentElement;
             return getComputedStyle(e).backgroundColor;
         },
-        // Keep what the page would download.
+        // Whether every line of the legend can be scrolled to, and is then in front.
+        isLegendReachable: () => all(".spm-entry").every(line => {
+            line.scrollIntoView({block: "nearest"});
+            const {left, right, top, bottom} = place(line);
+            return line.contains(document.elementFromPoint(
+                (left + right) / 2, (top + bottom) / 2));
+        }),
+        // Keep what the page would download, and how far a text reaches out of a canvas (px).
         keepDownloads: () => {
+            const write = CanvasRenderingContext2D.prototype.fillText;
+            window.cutBy = 0;
+            CanvasRenderingContext2D.prototype.fillText = function (text, x, y) {
+                const end = new DOMPoint(x + this.measureText(text).width, 0);
+                window.cutBy = Math.max(window.cutBy,
+                    this.getTransform().transformPoint(end).x - this.canvas.width);
+                return write.call(this, text, x, y);
+            };
             HTMLAnchorElement.prototype.click = function () { window.saved = this.href; };
         },
     };

@@ -208,6 +208,8 @@ def test_pause_scrub_views_picture_and_dark_are_of_this_page_alone(device):
     saved = image.open(io.BytesIO(png)).convert('RGB')
     left = saved.crop((0, 0, saved.width // 2, saved.height))
     assert len(left.getcolors(1 << 24)) > 1000
+    # No title or name of its plots is cut.
+    assert shown.evaluate('window.cutBy') < 1.0
 
     # The page is not loaded anew: its plots stay.
     for expected, colour in (('dark', 'rgb(20, 20, 20)'), ('light', 'rgb(255, 255, 255)')):
@@ -281,6 +283,16 @@ def test_a_page_opens_with_the_device_in_the_picture(device, size):
     until(lambda: abs(shown.ask('distance()') - expected) < 0.05 * expected, shown)
     time.sleep(7.0)
     assert abs(shown.ask('distance()') - expected) < 0.05 * expected
+
+
+@pytest.mark.evidence
+@pytest.mark.parametrize('size', [PHONE, DESKTOP])
+def test_every_line_of_the_legend_can_be_read(device, size):
+    """Also on a phone: it is in front of the panel."""
+    shown, _, _ = device(size)
+    shown.press('legend')
+    assert shown.evaluate('document.querySelectorAll(".spm-entry").length') > 10
+    assert shown.ask('isLegendReachable()')
 
 
 @pytest.mark.evidence

@@ -23,6 +23,7 @@ const panel = (() => {
         made.calibration = add(root, 'div');
         made.upper = add(root, 'div');
         made.table = add(lower, 'table', 'spm-table');
+        label(made.table, 'figures');
         addTime(made, lower);
         made.graphs = add(lower, 'div');
         made.strip = add(lower, 'canvas', 'spm-plot');
@@ -177,6 +178,8 @@ const panel = (() => {
             const name = nameBeside(control);
             if (name) label(control, name);
         }
+        const settings = document.querySelector('.mantine-ActionIcon-root:not([aria-label])');
+        if (settings) label(settings, 'settings of the picture');
     }
     function nameBeside(control) {
         for (let part = control; part.parentElement; part = part.parentElement) {

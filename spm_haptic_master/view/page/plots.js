@@ -190,6 +190,34 @@ const plots = (() => {
         });
     }
 
+    // Title of a plot and the names of its quantities, each behind a piece of its line; narrower
+    // where the width asks for it.
+    function writeTitle(pen, {title, spec}, left, top, width) {
+        const KEY = 20, BLANK = 8;
+        const texts = [...title.children].map(({textContent}) => textContent.trim());
+        const lengths = texts.map((text, k) => pen.measureText(text).width + BLANK + (k ? KEY : 0));
+        const length = lengths.reduce((sum, part) => sum + part, 0);
+        pen.save();
+        pen.translate(left, top);
+        pen.scale(Math.min(1, width / length), 1);
+        texts.forEach((text, k) => {
+            if (k) drawKey(pen, spec.series[k - 1]);
+            pen.fillText(text, k ? KEY : 0, 0);
+            pen.translate(lengths[k], 0);
+        });
+        pen.restore();
+    }
+
+    function drawKey(pen, {ink, is_dashed}) {
+        pen.strokeStyle = inkOf(ink);
+        pen.lineWidth = 2;
+        pen.setLineDash(is_dashed ? [4, 3] : []);
+        pen.beginPath();
+        pen.moveTo(0, -4);
+        pen.lineTo(16, -4);
+        pen.stroke();
+    }
+
     // The picture and the plots of a device as one file.
     function save(made, words) {
         const canvas = window.__viserMutable.canvas;
@@ -208,9 +236,9 @@ const plots = (() => {
         pen.fillStyle = inkOfPage();
         pen.font = '12px sans-serif';
         let down = 0;
-        for (const {title, canvas: part} of drawn) {
-            const texts = [...title.children].map(({textContent}) => textContent.trim());
-            pen.fillText(texts.filter(Boolean).join('   '), canvas.width, down + 13);
+        for (const plot of drawn) {
+            const part = plot.canvas;
+            writeTitle(pen, plot, canvas.width, down + 13, part.width);
             pen.drawImage(part, canvas.width, down + 18);
             down += part.height + 18;
         }
