@@ -62,12 +62,12 @@ WITHOUT_NOTICE = 'document.querySelectorAll(".mantine-Notification-root").forEac
 ERROR = """(() => { const row = [...document.querySelectorAll(".spm-table tr")].find(
     e => e.cells[0].innerText == "three encoders"); return parseFloat(row?.cells[1].innerText) || 0
     })()"""
-# Whether the page has th3A as not checked, and whether it is covered.
+# Whether the page has all encoders as healthy, th3A as not checked, and whether it is covered.
+CHECKED = '[...document.querySelectorAll(".spm-chip")].every(e => e.title.endsWith("healthy"))'
 UNCHECKED = '[...document.querySelectorAll(".spm-chip")][3]?.title.includes("not checked")'
 COVERED = 'getComputedStyle(document.querySelector(".spm-lost")).visibility == "visible"'
-# The button of the story of the singularity, and the time of the story (s).
-CROSS = """[...document.querySelectorAll("button")].find(
-    e => e.innerText.trim() == "cross the singularity")"""
+# The button of the story of the singularity in the introduction, and the time of the story (s).
+CROSS = 'document.querySelector(".spm-introduction button")'
 STORY_TIME = 15.0
 # Notes whether the page is covered from now on: on a busy computer that is a moment.
 WATCH_COVER = f"""window.wasCovered = {COVERED};
@@ -284,7 +284,12 @@ def with_four(pictures: Pictures) -> None:
     """Take the pictures of a device with four encoders."""
     with closing(Device(pictures.page)) as device:
         pictures.save(
-            'healthy', lambda: device.is_healthy() and pictures.page.evaluate(ERROR) < UNSEEN
+            'healthy',
+            lambda: (
+                device.is_healthy()
+                and pictures.page.evaluate(CHECKED)
+                and pictures.page.evaluate(ERROR) < UNSEEN
+            ),
         )
         if pictures.wants('view.gif'):
             pictures.open(*SIZES[0])

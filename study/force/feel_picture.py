@@ -10,7 +10,7 @@ from pathlib import Path
 
 from matplotlib.axes import Axes
 import numpy as np
-from spm_haptic_master.description.colours import LEGS
+from spm_haptic_master.description.colours import COMMANDED, ERROR_LIMIT, LEGS, RENDERED
 from spm_haptic_master.force import ForceLimits
 from spm_haptic_master.force.end_stop import LegEnds
 from spm_haptic_master.kinematics import jacobian, workspace_pose
@@ -43,7 +43,10 @@ ACTS = (
 )
 # Times of faults, with a colour of their own in every panel (s).
 FAULTS = (NO_WRENCH, ENCODER, DRIVE, END_STOP, (MASTER, END))
-FAULT_COLOUR, ACT_COLOURS = '#d9534f', ('#ffffff', '#f3f3f3')
+FAULT_COLOUR = '#d9534f'
+ACT_COLOURS = ('#ffffff', '#f3f3f3')
+# Colour of the end stop.
+STOP_COLOUR = '#5f6b00'
 # Colour of each state of `force_state`.
 STATES = {
     'off': '#bdbdbd',
@@ -147,14 +150,14 @@ def draw(found: Session, path: Path) -> None:
     energy.plot(
         time,
         1e3 * found.given,
-        color=plot_style.CLASSIC,
+        color=plot_style.REFERENCE,
         linewidth=1.0,
         label='the motors gave in all (below 0: the hand gave them)',
     )
     energy.plot(
         time,
         1e3 * found.energy,
-        color=plot_style.IMPROVED,
+        color=plot_style.MULTI_BODY,
         linewidth=1.0,
         label='their budget: what they may still give',
     )
@@ -177,7 +180,7 @@ def _angle(axes: Axes, found: Session) -> None:
         label="the slave's wall, 1 N m/rad",
     )
     surface = singular_deg()
-    axes.axhline(surface, color='#7b3294', linestyle='--', linewidth=1.0)
+    axes.axhline(surface, color=ERROR_LIMIT.light, linestyle='--', linewidth=1.0)
     axes.annotate(
         'singular surface: three motors have no torque about the handle here',
         (END, surface),
@@ -185,12 +188,12 @@ def _angle(axes: Axes, found: Session) -> None:
         textcoords='offset points',
         fontsize=7,
         ha='right',
-        color='#7b3294',
+        color=ERROR_LIMIT.light,
     )
     axes.plot(found.time, found.angle, color='black', linewidth=1.4, label='handle')
     stop = end_stop_deg()
     axes.fill_between(
-        found.time, stop, 160.0, color='#8c6d9e', alpha=0.35, linewidth=0.0, label='the end stop'
+        found.time, stop, 160.0, color=STOP_COLOUR, alpha=0.35, linewidth=0.0, label='the end stop'
     )
     axes.set_ylim(-4.0, 170.0)
     for start, end, name in ACTS:
@@ -208,14 +211,14 @@ def _torque(axes: Axes, found: Session) -> None:
     axes.plot(
         found.time,
         found.commanded,
-        color=plot_style.CAPTURE,
+        color=COMMANDED.light,
         linewidth=2.2,
         label='the slave asks for',
     )
     axes.plot(
         found.time,
         found.rendered,
-        color='black',
+        color=RENDERED.light,
         linewidth=1.1,
         label='the motors render: what the hand feels',
     )
@@ -223,7 +226,7 @@ def _torque(axes: Axes, found: Session) -> None:
     axes.plot(
         found.time[stopped],
         -found.felt[stopped],
-        color='#7b3294',
+        color=STOP_COLOUR,
         linewidth=1.4,
         label='the end stop, about all axes',
     )
