@@ -219,7 +219,8 @@ def jig_bias(
     """
     rotation = matrix_from_zxz(*pose)
     gains = jacobian(rotation, geometry, working_mode, sensors)
-    return tuple(float(gain) * error for gain in np.linalg.norm(gains, axis=1))
+    largest = np.linalg.norm(gains, axis=1)
+    return tuple(float(gain) * error for gain in largest)
 
 
 def calibrate(

@@ -308,7 +308,8 @@ def identify_friction(releases: Sequence[Release]) -> Friction:
 
 def _integral(time: Array, values: Array) -> Array:
     """Return the integral from the first time on, by trapezia."""
-    steps = 0.5 * np.diff(time) * (values[1:] + values[:-1])
+    means = 0.5 * (values[1:] + values[:-1])
+    steps = np.diff(time) * means
     found: Array = np.concatenate([[0.0], np.cumsum(steps)])
     return found
 

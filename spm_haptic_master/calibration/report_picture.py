@@ -292,7 +292,8 @@ def _places(rotation: Array) -> tuple[Array, Array, Array]:
     """
     tilt, turn = tilt_and_turn(rotation)
     x, y = (rotation[:, :, 2] @ direction for direction in TILTED)
-    factor = np.degrees(tilt) / np.maximum(np.hypot(x, y), 1e-12)
+    sine = np.maximum(np.hypot(x, y), 1e-12)
+    factor = np.degrees(tilt) / sine
     return x * factor, y * factor, np.degrees(around_middle(turn))
 
 

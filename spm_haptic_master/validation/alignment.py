@@ -211,7 +211,8 @@ def angular_speed(
     mean = np.full(SPEED_WINDOW, 1.0 / SPEED_WINDOW)
     components = between(time, quaternions, grid).T
     smooth = np.stack([np.convolve(each, mean, 'valid') for each in components], axis=1)
-    chord = np.linalg.norm(smooth[SPEED_WINDOW:] - smooth[:-SPEED_WINDOW], axis=1)
+    difference = smooth[SPEED_WINDOW:] - smooth[:-SPEED_WINDOW]
+    chord = np.linalg.norm(difference, axis=1)
     turn = 4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0))
     speed = turn / (SPEED_WINDOW * SPEED_STEP)
     return grid[0], np.minimum(speed, SPEED_LIMIT)
@@ -295,8 +296,10 @@ class _SlidingSums:
 
     def _slide(self, p: np.ndarray, q: np.ndarray) -> np.ndarray:
         """Return the sums of p[i + shift] q[i] for shift = -(m - 1) .. n - 1."""
-        spectrum = np.fft.rfft(p, self._size) * np.fft.rfft(q[::-1], self._size)
-        return np.fft.irfft(spectrum, self._size)[: self._count]
+        of_p = np.fft.rfft(p, self._size)
+        of_q = np.fft.rfft(q[::-1], self._size)
+        sums = np.fft.irfft(of_p * of_q, self._size)
+        return sums[: self._count]
 
     def misfit(self) -> np.ndarray:
         """Return the mean of (a - b)^2 for each shift; inf where the overlap is too short."""
@@ -304,8 +307,8 @@ class _SlidingSums:
         # Rounding leaves equal motions a misfit of a few units in the last place, of either sign.
         largest = self._square_a.max() + self._square_b.max()
         rounding = FFT_ROUNDING * largest / self.number
-        mean = np.maximum((squares - 2.0 * self._mixed) / self.number, rounding)
-        return np.where(self._enough, mean, np.inf)
+        mean = (squares - 2.0 * self._mixed) / self.number
+        return np.where(self._enough, np.maximum(mean, rounding), np.inf)
 
     def correlation(self, at: int) -> float:
         """Return the correlation of both series at an index (unit 1); 0 for a constant one."""
@@ -374,7 +377,8 @@ def constant_frames(
     # These sums contain all of the data: the fit costs the same for any n.
     products = np.einsum('nab,ncd->abcd', captured, recorded)
     if body_known:
-        return nearest_rotation(np.einsum('abcb->ac', products)), np.eye(3)
+        frame = nearest_rotation(np.einsum('abcb->ac', products))
+        return frame, np.eye(3)
     # One of the 24 rotations that map axes to axes is near every solution.
     turns = np.array(
         [
@@ -388,7 +392,8 @@ def constant_frames(
     fit = np.full(len(body), -math.inf)
     going = np.arange(len(body))
     for _ in range(FRAME_STEPS):
-        frame[going] = nearest_rotation(np.einsum('abcd,kdb->kac', products, body[going]))
+        across = np.einsum('abcd,kdb->kac', products, body[going])
+        frame[going] = nearest_rotation(across)
         along = np.einsum('abcd,kac->kdb', products, frame[going])
         body[going] = nearest_rotation(along)
         before = fit[going]
@@ -636,7 +641,8 @@ def _start(
         Fewer than `ROWS_MINIMUM` samples are common to both.
 
     """
-    quaternions = interpolate(pair.recorded_time, pair.recorded, pair.captured_time + offset)
+    at = pair.captured_time + offset
+    quaternions = interpolate(pair.recorded_time, pair.recorded, at)
     known = np.isfinite(quaternions).all(axis=1)
     if known.sum() < ROWS_MINIMUM:
         raise InputError('recording and motion capture hardly overlap')
@@ -696,7 +702,9 @@ def _refined(
         known = np.isfinite(sum(quaternions)).all(axis=-1)
         if known.sum() < ROWS_MINIMUM:
             raise InputError('recording and motion capture hardly overlap')
-        here, before, after = (matrix_from_quaternion(each[known]) for each in quaternions)
+        here = matrix_from_quaternion(quaternions[0][known])
+        before = matrix_from_quaternion(quaternions[1][known])
+        after = matrix_from_quaternion(quaternions[2][known])
         captured = pair.captured[known]
         # Residual of captured = frame recorded body, as a rotation vector in the base frame.
         expected = now.frame.T @ captured @ now.body.T
@@ -714,7 +722,7 @@ def _refined(
         )
         # A motion about one axis does not separate frame and body: the solution is the least
         # rotation of both.
-        step = np.linalg.lstsq(rows, off.ravel(), rcond=None)[0]
+        step, *_ = np.linalg.lstsq(rows, off.ravel(), rcond=None)
         squares = np.sum(off**2, axis=1)
         residual = float(np.sqrt(np.mean(squares)))
         if with_rate:
@@ -756,9 +764,11 @@ def _changes(
         Rotation vectors in the base frame by offset (rad/s), frame, rate and body.
 
     """
-    columns = [velocity[..., None], np.broadcast_to(np.eye(3), recorded.shape)]
+    of_frame = np.broadcast_to(np.eye(3), recorded.shape)
+    columns = [velocity[..., None], of_frame]
     if with_rate:
-        columns.append((velocity * captured_time[:, None])[..., None])
+        of_rate = velocity * captured_time[:, None]
+        columns.append(of_rate[..., None])
     if with_body:
         columns.append(recorded)
     return np.concatenate(columns, axis=-1)

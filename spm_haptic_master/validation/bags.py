@@ -100,7 +100,8 @@ def read_topic(
     for name in read:
         # The files of a recording may overlap in time, and be listed in any order.
         messages.sort(key=lambda message: message[0])
-        return name, types[name], [content for _, _, content in messages]
+        contents = [content for _, _, content in messages]
+        return name, types[name], contents
     if optional:
         return None
     raise InputError(
@@ -140,7 +141,8 @@ def _metadata(path: Path) -> Counter[str]:
     about = _read_metadata(path)
     _check_storage(path, about)
     present = {_stored_name(each.name) for each in path.iterdir() if is_bag(each)}
-    alone = sorted(present ^ {_stored_name(name) for name in about.files})
+    listed = {_stored_name(name) for name in about.files}
+    alone = sorted(present ^ listed)
     if alone:
         raise _not_ended(path, f'{", ".join(alone)} in the directory or {METADATA} alone', path)
     for name in about.files:
@@ -172,7 +174,8 @@ class _Metadata:
 def _read_metadata(path: Path) -> _Metadata:
     """Return what metadata.yaml in a directory says; InputError where it cannot be read."""
     try:
-        content = yaml.safe_load((path / METADATA).read_text(encoding='utf-8'))
+        text = (path / METADATA).read_text(encoding='utf-8')
+        content = yaml.safe_load(text)
         about = content['rosbag2_bagfile_information']
         files = [PurePath(name).name for name in about['relative_file_paths']]
         counts: Counter[str] = Counter()
@@ -193,7 +196,8 @@ def _read_metadata(path: Path) -> _Metadata:
 def _check_storage(path: Path, about: _Metadata) -> None:
     """Raise InputError for metadata without the storage format, with what belongs there."""
     if about.storage == '':
-        suffixes = ' or '.join(sorted(set(map(_storage_of, about.files))))
+        formats = sorted({_storage_of(name) for name in about.files})
+        suffixes = ' or '.join(formats)
         raise InputError(
             f'{path / METADATA}: storage_identifier is empty, as `ros2 bag reindex` of Humble '
             f'leaves it; write {suffixes} there'

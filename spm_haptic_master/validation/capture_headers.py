@@ -297,8 +297,8 @@ def _qualisys(sheet: Sheet) -> Export | None:
             f'{sheet.path}: a file of QTM without the columns Frame and Time; export it again '
             'with "Include time data for every frame" and the column header'
         )
-    included = ''.join(about.get('DATA_INCLUDED', [])).strip().upper()
-    of_bodies = included.startswith('6D')
+    included = ''.join(about.get('DATA_INCLUDED', []))
+    of_bodies = included.strip().upper().startswith('6D')
     return Export(
         first=first,
         seconds=_second,
@@ -334,7 +334,11 @@ def _qualisys_bodies(
 
 def _qualisys_markers(names: Sequence[str]) -> Columns:
     """Return the columns of x, y, z of each marker: they follow Frame and Time."""
-    return {name: tuple(range(2 + 3 * at, 5 + 3 * at)) for at, name in enumerate(names)}
+    found: Columns = {}
+    for at, name in enumerate(names):
+        first = 2 + 3 * at
+        found[name] = (first, first + 1, first + 2)
+    return found
 
 
 def _quaternion_of_columns(values: Array) -> Array:

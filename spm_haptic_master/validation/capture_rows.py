@@ -65,8 +65,10 @@ def without_values(track: Track) -> Sifted:
         All its rows, with the number of those left out.
 
     """
-    reasons = Counter({'without a value': track.left_out} if track.left_out else {})
-    return Sifted(track, reasons)
+    left_out: Counter[str] = Counter()
+    if track.left_out:
+        left_out['without a value'] = track.left_out
+    return Sifted(track, left_out)
 
 
 def keep(
@@ -94,7 +96,9 @@ def keep(
     """
     track = sifted.track
     bad = int((~good).sum())
-    left_out = sifted.left_out + Counter({reason: bad} if bad else {})
+    left_out = sifted.left_out.copy()
+    if bad:
+        left_out[reason] += bad
     return Sifted(
         Track(
             time=track.time[good],
@@ -178,7 +182,8 @@ def rigid(values: Array) -> NDArray[np.bool_]:
     """
     points = values.reshape(len(values), -1, 3)
     first, second = np.triu_indices(points.shape[1], 1)
-    distances = np.linalg.norm(points[:, first] - points[:, second], axis=2)
+    between = points[:, first] - points[:, second]
+    distances = np.linalg.norm(between, axis=2)
     usual = np.median(distances, axis=0)
     is_usual = np.abs(distances - usual) <= RIGID * usual.max()
     return np.asarray(is_usual.all(axis=1))
@@ -216,7 +221,8 @@ def continuous(
     )
     breaks = np.flatnonzero(~follows) + 1
     pieces = np.split(np.arange(len(time)), breaks)
-    longest = max(range(len(pieces)), key=lambda each: len(pieces[each]))
+    lengths = [len(piece) for piece in pieces]
+    longest = lengths.index(max(lengths))
     good[pieces[longest]] = True
     for others, edge, first in (
         (pieces[longest + 1 :], -1, 0),

@@ -125,7 +125,8 @@ def compare(
     found = alignment.interpolate(recorded.time, recorded.values, time)
     known = np.isfinite(found[:, 0])
     if joints is not None:
-        known &= (time >= joints.time[0]) & (time <= joints.time[-1])
+        known &= time >= joints.time[0]
+        known &= time <= joints.time[-1]
         if not known.any():
             raise InputError('the joint angles are of another time than the orientations')
     time = time[known]
@@ -220,7 +221,8 @@ def orientation_of_markers(
         for azimuth, each in zip(azimuths, toward, strict=True)
     )
     x /= np.linalg.norm(x, axis=1, keepdims=True)
-    return np.stack([x, np.cross(axis, x), axis], axis=2)
+    y = np.cross(axis, x)
+    return np.stack([x, y, axis], axis=2)
 
 
 def _unit(
@@ -274,7 +276,8 @@ def _mounted_classic(
     index = after - (since < until)
     rotations = np.full((len(time), 3, 3), np.nan)
     x, y, z, w = start.tolist()
-    last = kinematics.matrix_from_quaternion(mounting.unmounted((x, y, z, w)))
+    unmounted = mounting.unmounted((x, y, z, w))
+    last = kinematics.matrix_from_quaternion(unmounted)
     for place, (row, moment) in enumerate(zip(index, time, strict=True)):
         if abs(joints.time[row] - moment) > alignment.GAP:
             continue
@@ -414,7 +417,8 @@ def write_error_table(path: Path, table: list[ErrorRow]) -> None:
         writer = csv.writer(file, lineterminator='\n')
         writer.writerow(ERROR_COLUMNS)
         for row in table:
-            writer.writerow([*row[:-1], *(f'{value:.5f}' for value in row.figures_deg)])
+            figures = [f'{value:.5f}' for value in row.figures_deg]
+            writer.writerow([*row[:-1], *figures])
 
 
 def write_aligned(path: Path, comparison: Comparison) -> None:

@@ -126,7 +126,8 @@ def parity_map(
     parity = np.full(n, np.nan)
     tilt = np.full(n, np.nan)
     phi = np.full(n, np.nan)
-    finite = np.flatnonzero(np.isfinite(angles).all(axis=1))
+    is_whole = np.isfinite(angles).all(axis=1)
+    finite = np.flatnonzero(is_whole)
     found = kinematics.estimate(
         angles[finite, :3],
         angles[finite, 3],
@@ -145,8 +146,11 @@ def parity_map(
     normal = left[:, :, 3]
     variances = normal**2 * np.square(sigma)
     deviation = np.sqrt(variances.sum(axis=1))
-    parity[rows] = np.degrees(found.parity[known][usable] * deviation)
-    tilt[rows], phi[rows] = np.degrees(tilt_and_turn(rotation))
+    in_deviations = found.parity[known][usable]
+    parity[rows] = np.degrees(in_deviations * deviation)
+    tilt_rad, turn_rad = tilt_and_turn(rotation)
+    tilt[rows] = np.degrees(tilt_rad)
+    phi[rows] = np.degrees(turn_rad)
     return ParityMap(
         parity_deg=parity,
         tilt_deg=tilt,
@@ -296,7 +300,8 @@ def _third_differences(
     """
     steps = np.diff(stamps)
     without_gap = (steps > 0) & (steps <= GAP * np.median(steps))
-    first = np.flatnonzero(without_gap[:-2] & without_gap[1:-1] & without_gap[2:])
+    three_steps = without_gap[:-2] & without_gap[1:-1] & without_gap[2:]
+    first = np.flatnonzero(three_steps)
     rows = first[:, None] + np.arange(4)
     # Periods from the first of the four; a reading's weight is 1 / product of its distances.
     since_first = stamps[rows] - stamps[first][:, None]

@@ -306,7 +306,8 @@ def _quaternions(
         A quaternion's norm differs from 1 by more than `NORM_TOLERANCE`, or as of `_track`.
 
     """
-    track = _track(path, [row for row in rows if any(row[1:])])
+    with_value = [row for row in rows if any(row[1:])]
+    track = _track(path, with_value)
     with np.errstate(over='ignore'):
         norm = np.linalg.norm(track.values, axis=1)
     wrong = np.flatnonzero(np.abs(norm - 1.0) > NORM_TOLERANCE)
@@ -459,7 +460,8 @@ def _number(field: str) -> float:
 
 def _joint_angles(message: Any) -> Sequence[float]:
     """Return the joint angles of the four, five or six sensors, in their order."""
-    angles = dict(zip(message.name, message.position.tolist(), strict=True))
+    positions = message.position.tolist()
+    angles = dict(zip(message.name, positions, strict=True))
     return [angles[name] for name in _joints_among(message.name)]
 
 
@@ -525,7 +527,8 @@ def _topic_rows(
     for number, message in enumerate(messages, start=1):
         try:
             stamp = message.header.stamp
-            rows.append([stamp.sec + 1e-9 * stamp.nanosec, *takers[kind](message)])
+            seconds = stamp.sec + 1e-9 * stamp.nanosec
+            rows.append([seconds, *takers[kind](message)])
         except ValueError as error:
             raise InputError(
                 f'{path}: message {number} on {name}: not as expected: {error}'

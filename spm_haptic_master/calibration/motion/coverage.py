@@ -294,7 +294,8 @@ def aligned_changes(
     changes = model.orientation_changes(rotation, vector)
     of_base = np.broadcast_to(np.eye(3), rotation.shape)
     frames = np.concatenate([of_base, rotation], axis=2)
-    left, size, _ = np.linalg.svd(frames.reshape(-1, 6), full_matrices=False)
+    columns = frames.reshape(-1, 6)
+    left, size, _ = np.linalg.svd(columns, full_matrices=False)
     kept = left[:, size > 1e-9 * size[0]]
     flat = changes.reshape(-1, changes.shape[2])
     across: Array = flat - kept @ (kept.T @ flat)
@@ -318,7 +319,8 @@ def orientation_error(changes: Array, covariance: Array) -> float:
         Length of the rotation vector, rad rms.
 
     """
-    return float(np.sqrt(variances(changes, covariance).sum() / len(changes)))
+    total = variances(changes, covariance).sum()
+    return float(np.sqrt(total / len(changes)))
 
 
 def variances(changes: Array, covariance: Array) -> Array:
@@ -360,7 +362,8 @@ def inverse(information: Array) -> Array:
         Covariance, rad^2.
 
     """
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-12))
+    largest = np.maximum(np.diag(information), 1e-12)
+    scale = 1.0 / np.sqrt(largest)
     values, vectors = np.linalg.eigh(information * scale[:, None] * scale)
     half = vectors / np.sqrt(np.maximum(values, 1e-13)) * scale[:, None]
     found: Array = half @ half.T

@@ -61,7 +61,8 @@ def slow_factor(seconds: Array, normal: Normal) -> float:
 
     """
     means, counts = _piece_means(seconds, normal)
-    return max(1.0, float(np.mean(counts[:, None] * means**2)))
+    squares = counts[:, None] * means**2
+    return max(1.0, float(np.mean(squares)))
 
 
 def slow_parity(seconds: Array, normal: Normal) -> float:
@@ -346,7 +347,8 @@ def _slips(
     covariance = inverse(matrices.sum(axis=0) + np.diag(weights))
     # The part of the change that a piece has: after each piece all of it, or more and more.
     steps = np.tri(PIECES, PIECES - 1, -1).T
-    shares = np.vstack([steps, (np.arange(PIECES) + 0.5) / PIECES])
+    drift = (np.arange(PIECES) + 0.5) / PIECES
+    shares = np.vstack([steps, drift])
     sensors = model.layout.sensors
     along = np.tensordot(shares, matrices, 1)[:, :, :sensors]
     squared = np.tensordot(shares**2, matrices, 1)

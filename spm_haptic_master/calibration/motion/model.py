@@ -528,7 +528,8 @@ class MotionModel:
             vector,
             tuple(range(layout.count)),
         )
-        white = rates * (1.0 + slope)[:, :, None] / self.sigma[:, None]
+        of_readings = rates * (1.0 + slope)[:, :, None]
+        white = of_readings / self.sigma[:, None]
         return np.asarray(np.linalg.pinv(white) @ (by / self.sigma[:, None]))
 
     def _derivative(

@@ -264,5 +264,6 @@ def _residual(
     now: _Frames,
 ) -> float:
     """Return what is left of the orientations from outside, rad rms."""
-    left = rotation_vectors(now.base @ rotation @ now.handle @ outside.swapaxes(1, 2))
+    expected = now.base @ rotation @ now.handle
+    left = rotation_vectors(expected @ outside.swapaxes(1, 2))
     return float(np.sqrt(np.mean(left**2)))

@@ -132,8 +132,9 @@ def motion_readings(
     enough = _has_enough(good)
     _check_spikes(int(spiked.sum()), good.size, bool(enough.any()))
     _check_travel(means[enough])
+    middles = stamps[rows[enough]].mean(axis=1)
     return MotionReadings(
-        seconds=(stamps[rows[enough]].mean(axis=1) - stamps[0]) * 1e-9,
+        seconds=(middles - stamps[0]) * 1e-9,
         readings=means[enough],
         noise=noise,
         together=together,
@@ -218,7 +219,8 @@ def _means_without_spikes(
     middle = np.median(from_first, axis=1, keepdims=True)
     away = np.abs(wrapped(from_first - middle))
     good = np.all(away < limit, axis=2)
-    good[_alone(first[:, 0] + middle[:, 0], limit)] = False
+    medians = first[:, 0] + middle[:, 0]
+    good[_alone(medians, limit)] = False
     weights = good[:, :, None]
     count = weights.sum(axis=1)
     total = (weights * from_first).sum(axis=1)

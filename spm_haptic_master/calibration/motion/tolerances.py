@@ -63,7 +63,8 @@ def estimated_tolerances(
     """
     places = np.array(columns)
     # The fit is where (information + weights) vector = right.
-    right = (information + np.diag(layout.deviations[places] ** -2.0)) @ vector[places]
+    before = np.diag(layout.deviations[places] ** -2.0)
+    right = (information + before) @ vector[places]
     estimated = layout
     for _ in range(ESTIMATES):
         # Expectation: the fit with the tolerances so far, and the variance that it leaves.

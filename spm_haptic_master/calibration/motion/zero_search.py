@@ -421,7 +421,8 @@ def search_zeros(
 
     """
     nominal = layout.nominal
-    quaternions = np.random.default_rng(SEED).normal(size=(ORIENTATIONS * count, 4))
+    random = np.random.default_rng(SEED)
+    quaternions = random.normal(size=(ORIENTATIONS * count, 4))
     quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
     angles = sensor_angles(
         matrix_from_quaternion(quaternions),

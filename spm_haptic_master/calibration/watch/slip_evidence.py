@@ -273,7 +273,8 @@ def projected(
     white = np.where(usable[:, None], residual / sigma, 0.0)
     orthogonal, upper = np.linalg.qr(rates / sigma[:, None], mode='complete')
     across = orthogonal[:, :, 3:].swapaxes(1, 2)
-    along = orthogonal[:, :, :3].swapaxes(1, 2) @ white[:, :, None]
+    explained = orthogonal[:, :, :3].swapaxes(1, 2)
+    along = explained @ white[:, :, None]
     step = np.linalg.solve(upper[:, :3], along)[:, :, 0]
     gain = np.where(usable[:, None, None], across / sigma, 0.0)
     return Parities(
@@ -340,7 +341,8 @@ def summed(angles: Array, found: Parities) -> PoseSums:
 
     """
     usable = found.usable
-    poses, row = np.unique(poses_of(angles[usable]), axis=0, return_inverse=True)
+    of_samples = poses_of(angles[usable])
+    poses, row = np.unique(of_samples, axis=0, return_inverse=True)
     sensors = angles.shape[1]
     sums = PoseSums(
         samples=np.zeros(len(poses)),
@@ -528,7 +530,8 @@ def evaluate(sums: PoseSums, bias: Array) -> Evaluation:
 
     def rms(squares: Array) -> float:
         """Return the root mean square of what has these squares, weighted by samples."""
-        return float(np.sqrt(np.average(squares.mean(axis=1), weights=samples)))
+        of_poses = squares.mean(axis=1)
+        return float(np.sqrt(np.average(of_poses, weights=samples)))
 
     diagonal = np.einsum('mkk->mk', covariance)
     return Evaluation(
