@@ -188,15 +188,17 @@ class Exposure:
         running = (stamp - first) * 1e-9
         if not limits.start_checked and running <= longest:
             return None
-        for sensor, time in enumerate(self.times(stamp)):
-            if sensor in left_out:
-                continue
+        unchecked = {
+            sensor: min(time, running)
+            for sensor, time in enumerate(self.times(stamp))
+            if sensor not in left_out
+        }
+        for sensor, time in unchecked.items():
             if limits.start_checked and not self._checks.since(sensor, began):
                 return withheld(Reason.NOT_CHECKED, 'start_checked', sensor)
-            if min(time, running) > longest:
-                return withheld(
-                    Reason.UNCHECKED, f'{min(time, running):.0f} s, limit {longest:g}', sensor
-                )
+            if time > longest:
+                detail = f'{time:.0f} s, limit {longest:g}'
+                return withheld(Reason.UNCHECKED, detail, sensor)
         return None
 
     def cautions(self, stamp: int) -> dict[str, str]:

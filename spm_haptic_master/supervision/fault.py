@@ -250,14 +250,8 @@ class FaultLatch:
         fault = self.fault
         if fault is None:
             return True
-        for sensor, departure in list(fault.jumped.items()):
-            if self._joints.has_returned(sensor, departure):
-                del fault.jumped[sensor]
-        if fault.needs_person:
-            return False
-        if fault.agreed_from is None:
-            fault.agreed_from = stamp
-        if stamp - fault.agreed_from < round(self._recovery * 1e9):
+        self._forget_returned(fault)
+        if fault.needs_person or not self._has_recovered(fault, stamp):
             return False
         is_explained = self._unexplained < self.onset
         if fault.is_acknowledged or (is_explained and not fault.jumped):
@@ -268,6 +262,18 @@ class FaultLatch:
             if not exposure.has_seen(sensor, fault.last_bad)
         )
         return not fault.waiting
+
+    def _forget_returned(self, fault: Fault) -> None:
+        """Take off a fault the jumps of the sensors that are back on the motion that they left."""
+        for sensor, departure in list(fault.jumped.items()):
+            if self._joints.has_returned(sensor, departure):
+                del fault.jumped[sensor]
+
+    def _has_recovered(self, fault: Fault, stamp: int) -> bool:
+        """Return whether the samples agree for long enough at a stamp, ns, whose sample does."""
+        if fault.agreed_from is None:
+            fault.agreed_from = stamp
+        return stamp - fault.agreed_from >= round(self._recovery * 1e9)
 
     def end(self) -> None:
         """Clear the fault."""

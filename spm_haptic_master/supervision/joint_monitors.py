@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from math import degrees, hypot, inf
 from operator import add
 
@@ -201,20 +201,23 @@ class JointMonitors:
         ]
         self._vibrates = False
         if max(factors) > NOISE_FACTOR:
-            allowed = bounds()
-            self._vibrates = any(
-                joint.noise > NOISE_FACTOR * joint.expected and bound <= NOISE_FACTOR
-                for joint, bound in zip(self._joints, allowed, strict=True)
-            )
-            # Where one joint vibrates, one that the parity does not see does so too.
-            hidden = 1.0 if self._vibrates else inf
-            factors = [
-                min(factor, bound if bound < inf else hidden)
-                for factor, bound in zip(factors, allowed, strict=True)
-            ]
+            factors = self._bounded(factors, bounds())
         self.factors = tuple(factor if factor > NOISE_FACTOR else 1.0 for factor in factors)
         for joint, sigma, factor in zip(self._joints, self._sigma, self.factors, strict=True):
             joint.allow(factor * sigma)
+
+    def _bounded(self, factors: Sequence[float], bounds: Sequence[float]) -> list[float]:
+        """Return the factors of the noise, each at most what the parity allows of it."""
+        self._vibrates = any(
+            joint.noise > NOISE_FACTOR * joint.expected and bound <= NOISE_FACTOR
+            for joint, bound in zip(self._joints, bounds, strict=True)
+        )
+        # Where one joint vibrates, one that the parity does not see does so too.
+        hidden = 1.0 if self._vibrates else inf
+        return [
+            min(factor, bound if bound < inf else hidden)
+            for factor, bound in zip(factors, bounds, strict=True)
+        ]
 
     def noise(self) -> tuple[float, ...]:
         """Return the standard deviation of each sensor's noise as measured, rad."""
