@@ -287,8 +287,8 @@ def _undetermined(zeros: str) -> CalibrationError:
     """Return the error of a motion with which several choices of the zeros agree."""
     return CalibrationError(
         f'the motion does not determine the zeros: {zeros} explain it equally well; check the '
-        'order of the joints (encoders.id and encoders.node_id), tilt the handle farther in all '
-        'directions and turn it farther both ways'
+        'order of the joints (encoders.id and encoders.node_id) and encoders.counts_per_turn, '
+        'tilt the handle farther in all directions and turn it farther both ways'
     )
 
 
