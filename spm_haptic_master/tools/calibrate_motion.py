@@ -737,7 +737,7 @@ def _print(
     default = float(command_line.checked({}, FKM_SETTINGS)['alert_limit_deg'])
     if verdict.alert_limit_deg > default:
         print(
-            f'fkm needs alert_limit_deg {verdict.alert_limit_deg:g} or more in rig.yaml: with '
-            f'its default, {default:g}, it publishes less'
+            f'fkm needs alert_limit_deg {verdict.alert_limit_deg:g} or more: where rig.yaml sets '
+            f'none it is {default:g}, and less is published'
         )
     print(f'{verdict.reached}\n{verdict.text}')
