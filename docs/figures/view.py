@@ -148,15 +148,16 @@ class Pictures:
     def _save_one(
         self, path: Path, condition: Callable[[], object], prepare: Callable[[], None]
     ) -> None:
-        """Write one picture; the condition holds when it has been taken."""
+        """Write one picture; the condition holds before it is taken and afterwards."""
         for attempt in range(ATTEMPTS):
             if attempt:
                 say(f'{path.name}: attempt {attempt + 1}, as the state had gone meanwhile')
             prepare()
             wait(lambda: not self.is_covered(), path.name)
             self.page.evaluate(WATCH_COVER)
+            held = condition()
             image = self.take()
-            if condition() and not self.page.evaluate('window.wasCovered'):
+            if held and condition() and not self.page.evaluate('window.wasCovered'):
                 save(image, path)
                 return
             time.sleep(1.0)

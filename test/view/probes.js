@@ -48,6 +48,9 @@ window.probes = (() => {
         // Number of parts that reach under the scrollbar or out of the page.
         hidden: () => all(".spm-table, .spm-note, .spm-plot, .spm-log").filter(
             e => place(e).right > innerWidth - 8).length,
+        // Titles of plots with a name that is cut.
+        cutTitles: () => all(".spm-title").filter(e => e.scrollWidth > e.clientWidth + 1
+            || e.scrollHeight > e.clientHeight + 1).map(e => e.innerText),
         // The banner's text, where all of it is on the page and nothing is before it.
         banner: () => {
             const e = first(".spm-banner");

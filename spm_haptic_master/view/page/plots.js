@@ -175,6 +175,8 @@ const plots = (() => {
             plot.canvas.setAttribute('role', 'img');
             if (plot.title.children.length !== spec.series.length + 1) {
                 plot.title.replaceChildren();
+                // Names that fill more than a line.
+                plot.title.classList.toggle('spm-many', spec.series.length > 2);
                 add(plot.title, 'b', '', spec.title);
                 for (const _ of spec.series) {
                     const part = add(plot.title, 'span');
