@@ -98,6 +98,8 @@ class Browser:
         # Events that came while an answer was waited for.
         self._events: deque[dict[str, Any]] = deque()
         self.call('Page.enable')
+        # As of a page that a user has just opened: viser connects only one that has the focus.
+        self.call('Emulation.setFocusEmulationEnabled', enabled=True)
         self.call(
             'Emulation.setDeviceMetricsOverride',
             width=width,

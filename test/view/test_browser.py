@@ -160,6 +160,18 @@ def test_a_collapsed_panel_takes_neither_banner_nor_cover_with_it(device, size):
 
 
 @pytest.mark.evidence
+def test_a_page_that_nobody_clicks_returns_with_view(device, start):
+    """A page on a wall, or beside the window that has the focus."""
+    shown, _, view = device()
+    shown.call('Emulation.setFocusEmulationEnabled', enabled=False)
+    assert not shown.evaluate('Document.prototype.hasFocus.call(document)')
+    os.kill(view.pid, signal.SIGKILL)
+    until(lambda: shown.ask('isCovered()'), shown)
+    start('view', parameters={'view.port': 18180})
+    until(lambda: not shown.ask('isCovered()') and shown.ask('banner()') == 'healthy', shown)
+
+
+@pytest.mark.evidence
 def test_a_plot_joins_nothing_over_a_gap(device):
     """Of 30 s that it spans, 5 s without joint angles are a sixth."""
     shown, running, _ = device(**{'sim.trajectory': 'sweep'})

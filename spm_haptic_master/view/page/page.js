@@ -10,6 +10,9 @@ const tools = add(document.body, 'div', 'spm-tools');
 tools.setAttribute('role', 'toolbar');
 label(tools, 'views, picture, legend');
 
+// viser connects again only while its page has the focus: one on a wall would never return.
+document.hasFocus = () => !document.hidden;
+
 // Tools: the colours of the dome, views, a file, a dark page, and the legend.
 add(tools, 'div', '', 'dome: dexterity of three encoders');
 add(tools, 'div', 'spm-dome').style.background = `linear-gradient(90deg,${setup.dome.colours})`;
