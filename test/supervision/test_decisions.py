@@ -133,15 +133,15 @@ CASES = {
 def decisions(case):
     """Return what becomes of a recording, as JSON has it."""
     result = run(**{'seconds': 0.6, **case}).result
-    levels = result.protection_level[::50]
+    levels = result.protection_level[::150]
     checked = result.unchecked == 0.0
     return {
         'published': int(result.published.sum()),
         'state': [f'{index} {text}' for index, text in result.state],
         'reasons': dict(sorted(result.reasons.items())),
         'checked': checked.sum(axis=0).tolist(),
-        'bounds': [None if np.isinf(each) else float(f'{each:.4g}') for each in result.bounds[-1]],
-        'levels': [None if np.isnan(each) else float(f'{each:.4g}') for each in levels],
+        'bounds': [None if np.isinf(each) else float(f'{each:.3g}') for each in result.bounds[-1]],
+        'levels': [None if np.isnan(each) else float(f'{each:.3g}') for each in levels],
     }
 
 
