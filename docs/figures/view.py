@@ -32,7 +32,7 @@ HERE = Path(__file__).resolve().parent
 # As a script it finds the benchmarks of its checkout.
 sys.path.insert(0, str(HERE.parents[1]))
 
-from benchmarks.browser_process import Browser  # noqa: E402
+from benchmarks.browser_process import Browser  # noqa: E402, I100
 from benchmarks.pipeline.child_process import (  # noqa: E402
     executable,
     private_environment,
