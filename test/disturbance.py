@@ -41,8 +41,7 @@ class Disturbance:
         self._limit = limit
 
     def __enter__(self):
-        # A full collection of what was there before would stop this process for 0.2 s.
-        gc.collect()
+        # To search what was there before for garbage would stop this process for 0.2 s.
         gc.freeze()
         self._began = time.monotonic()
         self._others = _ticks_of_others()

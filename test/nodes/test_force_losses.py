@@ -288,8 +288,8 @@ rclpy.spin(node)
 # Stops of the reader, the time of one and between two (s), and the time after which frames and
 # orientations have to come (s).
 STOPS = 100
-STOPPED = 0.3
-BETWEEN = 0.1
+STOPPED = 0.2
+BETWEEN = 0.05
 SOON = 0.1
 
 
