@@ -114,6 +114,8 @@ class JointMonitor:
         innovation.
     expected : float
         Standard deviation of a healthy reading by noise and resolution, rad.
+    distance : float
+        Distance of the latest reading from the motion that the joint left, rad, while it is away.
     away : int
         Readings since the joint left its motion, for `RETURN_TIME` at most; 0 on it.
     step : Step
@@ -142,6 +144,7 @@ class JointMonitor:
         """Have the next two readings set position and velocity."""
         self._known = self.away = 0
         self._angle = self.velocity = self.since = self.innovation = 0.0
+        self.distance = 0.0
         self._last_innovation = nan
         # Angle, velocity, time of the motion that it left; first reading off it, time then, step.
         self._left: tuple[float, float, float] | None = None
@@ -303,6 +306,7 @@ class JointMonitor:
             # It may have stopped meanwhile, or the reading be as old as the last sample.
             size = outside(remainder(reading - self._angle, TURN), self.velocity * elapsed)
         periods = max(elapsed / period, 1.0)
+        self.distance = size
         self.innovation = size * deviation(1.0) / (self._scale * deviation(periods))
         return size > limit
 
@@ -321,6 +325,7 @@ class JointMonitor:
                 self.away, self.step = 0, Step.NONE
                 if abs(change) > self._speed * dt + self._noise_limit:
                     self.velocity = 0.0
+                    self.distance = abs(change)
                     self._leave(reading, change, dt)
                     return
             self.velocity = change / dt
@@ -351,7 +356,8 @@ class JointMonitor:
         angle, velocity, elapsed = left
         elapsed += dt
         innovation = remainder(reading - angle - velocity * elapsed, TURN)
-        self.innovation = abs(innovation) / self._scale
+        self.distance = abs(innovation)
+        self.innovation = self.distance / self._scale
         # It jumped, and jumped back: a joint that drifts across its old motion has not returned.
         change = abs(remainder(reading - last, TURN))
         if (

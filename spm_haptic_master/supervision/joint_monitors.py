@@ -178,6 +178,10 @@ class JointMonitors:
             for sensor in alone
         ]
 
+    def distance(self, sensor: int) -> float:
+        """Return how far a sensor that is away is from the motion that it left, rad."""
+        return self._joints[sensor].distance
+
     def departure(self, sensor: int) -> int:
         """Return the number of the latest motion that a sensor left."""
         return self._joints[sensor].departures

@@ -49,6 +49,8 @@ TRACKED_TURN = 0.02
 # Times that a hypothesis is enumerated, or a rival not found in a row, before it is over: noise
 # alone can hide a solution near another one of the same sensors.
 MISSES = 3
+# Share of the way to a rival from which a step may be one onto it.
+HALF_WAY = 0.5
 # Places from which the truth of one hypothesis may have left; with more it may be anywhere.
 WAITING = 4
 
@@ -122,6 +124,8 @@ class Rival:
         Published orientation for which it was computed last; None to compute it at once.
     healthy : float
         What noise and nominal bias of the other sensors do to it, rad.
+    way : float
+        Least step of the sensor that leads to it from the orientation, rad, as computed last.
 
     """
 
@@ -134,6 +138,7 @@ class Rival:
     misses: int = 0
     at: Quaternion[float] | None = None
     healthy: float = 0.0
+    way: float = 0.0
 
 
 class Rivals:
@@ -153,6 +158,9 @@ class Rivals:
     ----------
     last : Place or None
         The latest consistent orientation; None before the first.
+    unseen : dict of int to float
+        By sensor, the least step of it, rad, that the parity may not show at the latest sample
+        that `look` followed; it shows any step of another sensor in use.
 
     """
 
@@ -161,6 +169,7 @@ class Rivals:
         self._folds, self._limit = Folds(count), 0.0
         # Parts of the latest sample without any rival, rad.
         self._parts = [inf] * count
+        self.unseen: dict[int, float] = {}
         self.restart()
 
     def restart(self) -> None:
@@ -209,6 +218,7 @@ class Rivals:
         if used.worth is None or not used.entries:
             self._used = ()
             self._parts = [inf] * self._count
+            self.unseen = {}
             return [inf] * self._count
         if used.sensors.used != self._used:
             self._change_sensors(used.sensors.used)
@@ -223,8 +233,24 @@ class Rivals:
             self._find_in_all(sample, here, parts)
             self._track(sample, here, parts)
             self._widen(here, parts)
+        self.unseen = self._least_steps()
         self._followed = sample.stamp
         return parts
+
+    def _least_steps(self) -> dict[int, float]:
+        """
+        Return the least step, rad, that the parity may not show, of the sensors that have one.
+
+        A step onto a rival fits; one of half the way, or less, does not.
+        """
+        steps = {rival.sensor: inf for rival in self._rivals}
+        for rival in self._rivals:
+            way = HALF_WAY * rival.way if rival.found else 0.0
+            steps[rival.sensor] = min(steps[rival.sensor], way)
+        for sensor in self._used:
+            if self._parts[sensor] > self._limit:
+                steps[sensor] = 0.0
+        return steps
 
     def accept(self, sample: Sample, estimate: SampleEstimate) -> None:
         """Let a consistent orientation be the one that the next sample follows."""
@@ -507,11 +533,12 @@ class Rivals:
             fault = solver.fault(solution, sensor, sample)
         except SpmError:
             # At the edge of a leg's reach any fault explains it.
+            rival.way = 0.0
             return
         threshold = self._sensors.used.threshold
-        rival.offset = rival.offset.narrowed(
-            fault.fault, threshold * noise * fault.deviation + fault.bias
-        )
+        margin = threshold * noise * fault.deviation + fault.bias
+        rival.offset = rival.offset.narrowed(fault.fault, margin)
+        rival.way = max(abs(remainder(fault.fault, 2.0 * pi)) - margin, 0.0)
         sigma = solution.sensors.sigma[sensor]
         rival.stuck = rival.stuck.narrowed(reading, threshold * noise * sigma)
 

@@ -11,7 +11,7 @@ sample is still withheld while a fault is latched, or if its orientation is not 
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from math import degrees, inf
 from typing import NamedTuple
 
@@ -121,6 +121,7 @@ class Supervisor:
         # Sensors that the parity could not check when all joints were last on their motion, and
         # the stamp (ns) of that sample.
         self._hidden: Collection[int] = ()
+        self._unseen: Mapping[int, float] = {}
         self._undisturbed = 0
 
     def take(self, stamp: int, angles: Angles) -> Verdict:
@@ -153,7 +154,7 @@ class Supervisor:
                 self._restart()
             return self._withhold(withheld(Reason.OLD, f'{-tick.elapsed:.6f} s older'))
         is_gap = tick.restarts or tick.elapsed > GAP_PERIODS * clock.period > 0.0
-        suspected = self._jumps(is_gap=True) if is_gap else []
+        suspected = self._jumps(is_gap=True, any_step=True) if is_gap else []
         if tick.restarts:
             self.latch.latch_suspected(clock.now, suspected)
             self._restart()
@@ -177,9 +178,12 @@ class Supervisor:
         self._solve(sample, symptoms)
         symptoms += [jump for jump in suspected if not self.joints.has_returned(jump.sensor)]
         if away:
-            symptoms += self._jumps(is_gap)
+            # What the parity sees is bad anyway: the jump gives it its name.
+            symptoms += self._jumps(is_gap, any_step=is_gap or bool(symptoms))
         else:
-            self._hidden, self._undisturbed = self._exposure.hidden, sample.stamp
+            self._hidden = self._exposure.hidden
+            self._unseen = self._rivals.unseen
+            self._undisturbed = sample.stamp
         if symptoms:
             return self._bad(sample, tick, symptoms)
         return self._consistent(sample, tick)
@@ -268,18 +272,32 @@ class Supervisor:
             self.parts = self._rivals.look(sample, used, estimate, self.alert_limit, self._fresh)
         return symptom
 
-    def _jumps(self, is_gap: bool) -> list[Symptom]:
+    def _jumps(self, is_gap: bool, any_step: bool) -> list[Symptom]:
         """
         Return the sensors that jumped alone, where the parity cannot see it.
 
         The parity cannot see the sensors that it could not check when all joints were last on
         their motion, and those with a rival that was born since: the jump itself may have led to
-        it. Before the first orientation there is no motion to compare with.
+        it. It sees one that is too small to lead to a rival, as of a healthy joint that is shaken:
+        that counts only with `any_step`, as after a gap, which may hide how large it was. Before
+        the first orientation there is no motion to compare with.
         """
         if self._state.published is None:
             return []
-        hidden = {*self._hidden, *self._rivals.born_since(self._undisturbed)}
+        born = self._rivals.born_since(self._undisturbed)
+        hidden = {
+            sensor
+            for sensor in (*self._hidden, *born)
+            if any_step or self.joints.distance(sensor) >= self._least_step(sensor, born)
+        }
         return self.joints.jumps(self._sensors.used.sensors.used, hidden, is_gap)
+
+    def _least_step(self, sensor: int, born: Collection[int]) -> float:
+        """Return the least step of a sensor that the parity may not show, rad."""
+        least = self._unseen.get(sensor, 0.0)
+        if sensor in born:
+            least = min(least, self._rivals.unseen.get(sensor, 0.0))
+        return least
 
     def _may_exclude(self) -> bool:
         """Whether the others can go on without one of the sensors in use."""

@@ -113,6 +113,12 @@ def test_a_vibration_is_healthy(sensors, encoder, seeds):
             assert outcome is None or outcome.healthy_throughout, seed
 
 
+@pytest.mark.parametrize('seed', [7, 13, 15, 21])
+def test_a_joint_that_is_shaken_makes_no_step_onto_another_solution(seed):
+    """At rest th1C and th3A have rivals: a step much shorter than to one of them is none."""
+    assert disturbed('vibration', seed, 4, '14 bits').healthy_throughout
+
+
 # Stamps ---------------------------------------------------------------------------------------
 
 
