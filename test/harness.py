@@ -16,6 +16,7 @@ from benchmarks.pipeline.child_process import executable, Program
 import rclpy
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
 from spm_haptic_master.nodes.crtk_state import ABSENT
 from spm_haptic_master.ros.overload import TOO_BUSY
 
@@ -38,6 +39,8 @@ PAUSE_LOG = re.compile(
 ABSENT_LOG = re.compile(rf'^\[INFO\] \[[\d.]+\] \[[\w.]+\]: {re.escape(ABSENT)}\n', re.MULTILINE)
 # Depth of the observer's queues (messages): a busy machine loses none on the observer's side.
 OBSERVER_DEPTH = 2000
+# Time between two looks into them at most (s).
+TAKEN_EACH = 0.005
 
 
 def environment(**changes: str) -> dict[str, str]:
@@ -89,27 +92,40 @@ def full_pipe() -> Iterator[tuple[int, int]]:
 
 
 class Observer:
-    """A node of the test: collects messages with their times of arrival."""
+    """
+    A node of the test: collects messages with their times of publication.
+
+    Those are the times of the publisher's DDS: how late this process reads does not matter. An
+    EventsExecutor passes none of them on (rclpy 7.1.6), so the messages are taken beside it.
+    """
 
     def __init__(self, name: str = 'observer') -> None:
         self.context = rclpy.Context()
         rclpy.init(context=self.context)
         self.node = rclpy.create_node(name, context=self.context)
+        self._reader = rclpy.create_node(f'{name}_reader', context=self.context)
         self._executor = EventsExecutor(context=self.context)
         self._executor.add_node(self.node)
+        self._collected: list[tuple[Subscription, list[tuple[int, object]]]] = []
 
     def collect(
         self, message_type: type, topic: str, qos: QoSProfile | None = None
     ) -> list[tuple[int, object]]:
-        """Return a list that fills with (time of arrival in ns, message) while spinning."""
-        arrived = []
-        self.node.create_subscription(
-            message_type,
-            topic,
-            lambda message: arrived.append((time.time_ns(), message)),
-            qos or QoSProfile(depth=OBSERVER_DEPTH),
+        """Return a list that fills with (time of publication in ns, message) while spinning."""
+        collected: list[tuple[int, object]] = []
+        subscription = self._reader.create_subscription(
+            message_type, topic, collected.append, qos or QoSProfile(depth=OBSERVER_DEPTH)
         )
-        return arrived
+        self._collected.append((subscription, collected))
+        return collected
+
+    def _take(self) -> None:
+        """Take what has arrived."""
+        for subscription, collected in self._collected:
+            with subscription.handle:
+                while taken := subscription.handle.take_message(subscription.msg_type, False):
+                    message, info = taken
+                    collected.append((info['source_timestamp'], message))
 
     def spin(self, seconds: float) -> None:
         """Receive messages for some seconds."""
@@ -122,12 +138,14 @@ class Observer:
             left = end - time.monotonic()
             if left <= 0.0:
                 return False
-            self._executor.spin_once(timeout_sec=min(left, 0.05))
+            self._executor.spin_once(timeout_sec=min(left, TAKEN_EACH))
+            self._take()
         return True
 
     def close(self) -> None:
         """Leave the DDS domain."""
         self.node.destroy_node()
+        self._reader.destroy_node()
         self._executor.shutdown()
         rclpy.shutdown(context=self.context)
 
