@@ -57,6 +57,7 @@ PATIENT = {
     'drives.heartbeat_timeout': 0.5,
 }
 EVENT_TIMER = PATIENT | {'drives.event_timer': 0.01}
+LONGER_EVENT_TIMER = PATIENT | {'drives.event_timer': 0.03}
 HEARTBEAT = PATIENT | {'drives.event_timer': 0.0, 'drives.heartbeat_timeout': 0.06}
 
 
@@ -229,7 +230,7 @@ def fallen(rig, code, began):
 @pytest.mark.parametrize(
     ('values', 'code', 'limit'),
     [
-        (EVENT_TIMER, PDO_LOST, EVENT_TIMER['drives.event_timer']),
+        (LONGER_EVENT_TIMER, PDO_LOST, LONGER_EVENT_TIMER['drives.event_timer']),
         (HEARTBEAT, HEARTBEAT_LOST, HEARTBEAT['drives.heartbeat_timeout']),
     ],
 )
