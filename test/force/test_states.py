@@ -7,7 +7,7 @@ import math
 import random
 
 from bench import ANGLES, Bench, MS, POSE, STILL, TORQUE, turned
-from benchmarks.kinematics import force
+from benchmarks.model_costs import force
 import numpy as np
 import pytest
 from spm_haptic_master.exceptions import InputError
