@@ -13,7 +13,8 @@ without one, an encoder owes an answer. What shows whether it was lost or still 
 - several encoders that miss the same cycle: the answers are queued somewhere;
 - a cycle of two periods (SYNC left out): an encoder that answers twice in it is late by cycles.
   It may also be that SYNC and other frames were lost there. But what is late has nothing to send
-  as many cycles after the long one: no answer misses then, and it was not late.
+  as many cycles after the long one. Unless each encoder that the long cycle has shown misses a
+  cycle then, it has shown nothing: a frame may be lost by itself, too.
 
 A single answer that is missing without any of these counts as lost.
 """
@@ -64,17 +65,20 @@ class Lateness:
 
     Attributes
     ----------
-    is_confirmed : bool
-        Whether it missed a cycle after the long one, as it then has to.
+    is_certain : bool
+        Whether an earlier long cycle has shown it, and was confirmed.
     cycles : int
         Cycles since the long one.
+    has_missed : bool
+        Whether it missed a cycle since then, as what is late has to.
     in_time : int
         Long cycles in a row since then in which it answered once.
 
     """
 
-    is_confirmed: bool = False
+    is_certain: bool = False
     cycles: int = 0
+    has_missed: bool = False
     in_time: int = 0
 
 
@@ -135,6 +139,9 @@ class LateAnswers:
         """
         Judge the late joints by a cycle: one that misses none was not late.
 
+        Those that one long cycle has shown are late all together, or none of them is: what is
+        lost beside a SYNC is the answer of another joint, and then all the others seem to be late.
+
         Parameters
         ----------
         missing : collection of int
@@ -145,11 +152,17 @@ class LateAnswers:
         """
         # Frames are lost in bursts, with those of other joints.
         proves = is_clean and self.behind.keys() >= set(missing)
-        for index, lateness in list(self.behind.items()):
+        shown_together = []
+        for index, lateness in self.behind.items():
             lateness.cycles += 1
-            if proves and index in missing:
-                lateness.is_confirmed = True
-            elif not lateness.is_confirmed and lateness.cycles > LONGEST_QUEUE:
+            lateness.has_missed |= proves and index in missing
+            if lateness.cycles == LONGEST_QUEUE + 1:
+                shown_together.append(index)
+        late = [self.behind[index] for index in shown_together]
+        is_confirmed = all(lateness.is_certain or lateness.has_missed for lateness in late)
+        for index in shown_together:
+            self.behind[index].is_certain |= is_confirmed
+            if not self.behind[index].is_certain:
                 del self.behind[index]
 
     def return_of(self, index: int, missed: int, start: float, lost: int | None) -> None:
@@ -241,7 +254,7 @@ class LateAnswers:
             return
         for index in late:
             known = self.behind.get(index)
-            self.behind[index] = Lateness(known is not None and known.is_confirmed)
+            self.behind[index] = Lateness(known is not None and known.is_certain)
         self.unproven |= late
         for index in once:
             self.owed.pop(index, None)

@@ -180,6 +180,34 @@ def test_frames_that_are_lost_again_confirm_no_late_encoder():
     assert [number for number in found if number > 20] == [*range(end + 2, end + 50)]
 
 
+@pytest.mark.parametrize('joint', [1, 2, 3])
+def test_a_frame_that_is_lost_alone_confirms_no_late_encoder(joint):
+    """E3: all that one long cycle has shown to be late would have had nothing to send."""
+    taker, layouts = rig(4)
+    end = 21 + LONGEST_QUEUE
+    stream = [each for number in range(end + 50) for each in cycle(layouts, number)]
+    # Long after the first gap the answer of one joint.
+    del stream[5 * 30 + 1 + joint]
+    del stream[5 * 20 : 5 * 20 + 2]
+    found = by_cycle(feed(taker, stream))
+    assert [number for number in found if number > 20] == [*range(end + 1, end + 50)]
+
+
+@pytest.mark.parametrize('by', [1, 2, 3])
+def test_a_late_encoder_stays_one_after_a_long_cycle_that_shows_others_too(by):
+    """E3: a lost SYNC and answer make the others seem late as well, which is then refuted."""
+    taker, layouts = rig(6)
+    begin = 60 + LONGEST_QUEUE
+    end = begin + 2 * LONGEST_QUEUE
+    stream = late_stream(layouts, 3, by, 0, end, gaps={20})
+    lost = (T0 + (begin - 0.5) * PERIOD, T0 + (begin + 0.5) * PERIOD)
+    inside = [each for each in stream if lost[0] < each.timestamp < lost[1]]
+    stream = [each for each in stream if each not in inside[:2]]
+    found = by_cycle(feed(taker, stream), 20)
+    assert all(joints == {3} for number, joints in found.items() if 20 < number < begin - 1)
+    assert all(found[number] == {3} for number in range(begin + LONGEST_QUEUE + 2, end - 1))
+
+
 @pytest.mark.parametrize('by', [1, 2, 3])
 def test_a_late_encoder_that_a_single_long_cycle_has_shown_stays_one(by):
     taker, layouts = rig(4)
