@@ -35,11 +35,13 @@ NEWS_PERIOD = 0.25
 REFUSAL_PERIOD = 1.0
 # Niceness of the process above that of its parent: the device has priority.
 NICENESS = 10
-# Name and type of the topic by which a device is found.
-TOPIC = 'joint_states'
-TOPIC_TYPE = 'sensor_msgs/msg/JointState'
-# Topic of fkm, which distinguishes a device from other robots.
+# Topic of fkm, by which a device is found; and name and type of those of which one comes with it,
+# which distinguishes a device from other robots: diagnostics may not run.
 STATE_TOPIC = 'state'
+OTHER_TOPICS = {
+    'joint_states': 'sensor_msgs/msg/JointState',
+    'orientation': 'geometry_msgs/msg/QuaternionStamped',
+}
 # Largest number of devices in one picture.
 LARGEST_NUMBER = 8
 # Time for the first line (s).
@@ -149,7 +151,7 @@ class View(ParameterNode):
         """
         Return the namespaces with a device that runs or that is being calibrated.
 
-        A device that runs has `joint_states` and a publisher of `state`.
+        A device that runs has a publisher of `state`, and `orientation` or `joint_states`.
 
         Returns
         -------
@@ -161,7 +163,7 @@ class View(ParameterNode):
         found = set()
         for topic, kinds in topics.items():
             before, _, name = topic.rpartition('/')
-            if name == TOPIC and TOPIC_TYPE in kinds and f'{before}/{STATE_TOPIC}' in topics:
+            if OTHER_TOPICS.get(name) in kinds:
                 # This node alone may still subscribe to them.
                 if self.count_publishers(f'{before}/{STATE_TOPIC}'):
                     found.add(before or '/')

@@ -119,9 +119,9 @@ def banner(
     """
     if state is not None and state.condition is orientation_state.Condition.SILENT:
         return _banner(Light.RED, state.text)
-    source = f'(diagnostics: {diagnostics})' if diagnostics else '(diagnostics)'
     if age is None:
-        return _before_angles(state, source)
+        return _before_angles(state, diagnostics)
+    source = f'(diagnostics: {diagnostics})' if diagnostics else '(diagnostics)'
     if age <= STALE_AFTER:
         return _with_angles(state)
     return _without_angles(state, age, source, heard)
@@ -143,10 +143,11 @@ def _banner(
     )
 
 
-def _before_angles(state: OrientationState | None, source: str) -> Banner:
+def _before_angles(state: OrientationState | None, diagnostics: str) -> Banner:
     """Return the banner of a device whose joint angles have not come yet."""
     if state is not None and state.publishes:
-        return _banner(Light.AMBER, f'{state.text}, but no joint_states {source}')
+        cause = f'diagnostics: {diagnostics}' if diagnostics else 'start diagnostics'
+        return _banner(Light.AMBER, f'{state.text}, but no joint_states ({cause})')
     return _banner(Light.GREY, 'waiting for fkm' if state is None else state.text)
 
 

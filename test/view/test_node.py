@@ -5,6 +5,7 @@
 
 import socket
 
+from geometry_msgs.msg import QuaternionStamped
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
@@ -115,6 +116,21 @@ def test_a_page_says_that_there_is_no_device_until_there_are_some(view, observer
     assert not view.has_ended()
     view._process = 2**22 + 1
     assert view.spin(view.has_ended)
+
+
+def test_a_device_without_diagnostics_is_found_and_another_robot_is_not(view, observer):
+    """`fkm` and `encoder_driver` may run by themselves: the page says what else to start."""
+    kept = [
+        observer.node.create_publisher(String, '/device/state', STATE),
+        observer.node.create_publisher(QuaternionStamped, '/device/orientation', 1),
+        observer.node.create_publisher(String, '/robot/state', 1),
+        observer.node.create_publisher(String, '/robot/orientation', 1),
+    ]
+    assert view.spin(lambda: list(view._page.shown) == ['device'])
+    kept[0].publish(String(data='healthy'))
+    expected = 'healthy, but no joint_states (start diagnostics)'
+    assert view.spin(lambda: view._page.shown['device'].text == expected)
+    assert list(view._arms) == ['/device']
 
 
 def test_two_arms_stand_by_their_names_whichever_comes_first(

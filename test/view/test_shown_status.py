@@ -26,7 +26,7 @@ DRIVER = {'encoder_driver: encoders': (DiagnosticStatus.OK, 'publishing', {})}
         ('healthy', status.STALE_AFTER, Light.GREEN, 'healthy', True),
         # The state is that of the orientations: they go out, and something else is missing.
         ('healthy', 0.3, Light.RED, 'no joint_states for 0.25 s (diagnostics)', False),
-        ('healthy', None, Light.AMBER, 'healthy, but no joint_states (diagnostics)', False),
+        ('healthy', None, Light.AMBER, 'healthy, but no joint_states (start diagnostics)', False),
         ('starting', 1.0, Light.RED, 'silent: no orientation for 1 s', False),
         ('degraded: joint_1b missing', 0.1, Light.AMBER, 'degraded: th1B missing', True),
         # The reason of a silence is on the page at once, whatever was drawn last.
