@@ -7,7 +7,8 @@
 # make noble           run them with the library versions of Ubuntu 24.04
 # make test            run the tests of what users rely on (TESTS=test/encoders: of one folder)
 # make evidence        run the long tests and print their results (ARGS=--write: measure everything
-#                      that docs/evidence.md states, in two hours, and write the page)
+#                      that docs/evidence.md states and write the page; with --resume,
+#                      go on where that was interrupted)
 # make mutants         change the code at random, count what quick tests detect (ARGS='ROOM ...')
 # make bench           measure each function of the kinematics
 # make bench-pipeline  measure latency, CPU and loss of the nodes, into build/bench-pipeline

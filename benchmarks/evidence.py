@@ -5,15 +5,17 @@
 Measure what docs/evidence.md states, and write the page: python -m benchmarks.evidence --write.
 
 Every figure of the page is the output of a command, printed as it came, with the day and the
-machine. The page is written only after all commands have succeeded.
+machine. The page is written only after all commands have succeeded. What has been measured until
+then is kept in build/evidence.json: `--resume` goes on behind it.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import date
+import json
 from pathlib import Path
 import re
 import subprocess
@@ -24,6 +26,8 @@ from benchmarks.pipeline.comparison import machine
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / 'docs' / 'evidence.md'
+# What has been measured, by command.
+KEPT = ROOT / 'build' / 'evidence.json'
 # Lines of progress and of pytest that are no result.
 NO_RESULT = re.compile(r'^(round \d+ of|=+|_+|[.sx]+ +\[|-+ Captured|written: |skipped because)')
 BEGIN = (
@@ -35,6 +39,15 @@ BEGIN = (
 )
 # Columns of the page's text.
 WIDTH = 128
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """What a command printed, on which day and machine."""
+
+    day: str
+    machine: str
+    output: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +97,7 @@ SECTIONS = (
         'The nodes with `sim_bus` at 1 kHz, a `recorder`, every 30 s a subscriber to all '
         'outputs that leaves by Ctrl-C or SIGKILL, and every 5 minutes a bus-off or a loss of '
         'power for 5 s.',
-        ('make soak ARGS="--minutes 30"',),
+        ('make soak ARGS="--minutes 10"',),
     ),
     Section(
         'Calibration of simulated rigs',
@@ -120,7 +133,7 @@ def wrapped(text: str) -> str:
     return textwrap.fill(text, WIDTH, break_long_words=False, break_on_hyphens=False)
 
 
-def section_text(section: Section, outputs: Sequence[str], day: str, where: str) -> str:
+def section_text(section: Section, measurements: Sequence[Measurement]) -> str:
     """
     Return a section of the page in Markdown.
 
@@ -128,10 +141,8 @@ def section_text(section: Section, outputs: Sequence[str], day: str, where: str)
     ----------
     section : Section
         What was measured.
-    outputs : sequence of str
+    measurements : sequence of Measurement
         What each of its commands printed.
-    day, where : str
-        The day, and the machine in one line.
 
     Returns
     -------
@@ -140,12 +151,11 @@ def section_text(section: Section, outputs: Sequence[str], day: str, where: str)
 
     """
     parts = [f'## {section.title}', wrapped(section.text)]
-    for command, output in zip(section.commands, outputs, strict=True):
-        lines = results(output)
-        is_table = [line.startswith('|') for line in lines]
-        tables = [line for line, known in zip(lines, is_table, strict=True) if known]
-        others = [line for line, known in zip(lines, is_table, strict=True) if not known]
-        parts.append(f'`{command}`, {day}, {where}:')
+    for command, measured in zip(section.commands, measurements, strict=True):
+        lines = results(measured.output)
+        tables = [line for line in lines if line.startswith('|')]
+        others = [line for line in lines if not line.startswith('|')]
+        parts.append(f'`{command}`, {measured.day}, {measured.machine}:')
         if tables:
             parts.append('\n'.join(tables))
         if others:
@@ -166,25 +176,67 @@ def run(command: str) -> str:
     return done.stdout
 
 
-def measure(sections: Sequence[Section], runs: Callable[[str], str] = run) -> str:
-    """Run the commands of the sections; return the page."""
-    where = machine().partition(', ')[2]
-    day = date.today().isoformat()
-    texts = [
-        section_text(section, [runs(command) for command in section.commands], day, where)
-        for section in sections
-    ]
-    return '\n'.join([f'# Evidence\n\n{wrapped(BEGIN)}\n', *texts])
+class Measurer:
+    """
+    Runs commands, and keeps what they print in a file as soon as it is known.
+
+    Parameters
+    ----------
+    kept : Path
+        The file.
+    resume : bool
+        Whether what is in it is not measured again.
+    run_command : callable
+        Runs a command and returns its output.
+
+    """
+
+    def __init__(
+        self,
+        kept: Path,
+        resume: bool = False,
+        run_command: Callable[[str], str] = run,
+    ):
+        self._kept = kept
+        self._run = run_command
+        self._machine = machine().partition(', ')[2]
+        self._measured: dict[str, Measurement] = {}
+        if resume and kept.exists():
+            for command, values in json.loads(kept.read_text(encoding='utf-8')).items():
+                self._measured[command] = Measurement(**values)
+
+    def measure(self, command: str) -> Measurement:
+        """Return what a command prints, or has printed before."""
+        if command not in self._measured:
+            output = self._run(command)
+            day = date.today().isoformat()
+            self._measured[command] = Measurement(day, self._machine, output)
+            values = {name: asdict(measured) for name, measured in self._measured.items()}
+            self._kept.parent.mkdir(exist_ok=True)
+            self._kept.write_text(json.dumps(values, indent=1), encoding='utf-8')
+        return self._measured[command]
+
+    def page(self, sections: Sequence[Section]) -> str:
+        """Run the commands of the sections; return the page."""
+        texts = [
+            section_text(section, [self.measure(command) for command in section.commands])
+            for section in sections
+        ]
+        return '\n'.join([f'# Evidence\n\n{wrapped(BEGIN)}\n', *texts])
 
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the long tests alone, or everything and write the page."""
     parser = argparse.ArgumentParser(prog='evidence', description=__doc__)
     parser.add_argument('--write', action='store_true', help='measure all and write the page')
-    if not parser.parse_args(args).write:
+    parser.add_argument(
+        '--resume', action='store_true', help='with --write: go on where the last one ended'
+    )
+    options = parser.parse_args(args)
+    if not options.write:
         run(SECTIONS[0].commands[0])
         return 0
-    page = measure(SECTIONS)
+    page = Measurer(KEPT, options.resume).page(SECTIONS)
     PAGE.write_text(page, encoding='utf-8')
     print(f'evidence: written: {PAGE.relative_to(ROOT)}', file=sys.stderr)
     return 0

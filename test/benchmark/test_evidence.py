@@ -6,7 +6,7 @@
 import re
 
 from benchmarks import evidence
-from benchmarks.evidence import measure, Section, SECTIONS
+from benchmarks.evidence import Measurer, Section, SECTIONS
 from harness import ROOT
 import pytest
 
@@ -19,9 +19,9 @@ PRINTED = {
 }
 
 
-def test_a_section_has_its_commands_results_day_and_machine(monkeypatch):
+def test_a_section_has_its_commands_results_day_and_machine(monkeypatch, tmp_path):
     monkeypatch.setattr(evidence, 'machine', lambda: '2026-11-26, 2 x Xeon, Linux 6.18')
-    page = measure([SECTION], PRINTED.__getitem__)
+    page = Measurer(tmp_path / 'kept', run_command=PRINTED.__getitem__).page([SECTION])
     assert page.startswith('# Evidence\n\nWhat was measured')
     day = re.search(r'`make bench`, (\d{4}-\d\d-\d\d), 2 x Xeon, Linux 6.18:', page)[1]
     assert page.endswith(
@@ -33,8 +33,22 @@ def test_a_section_has_its_commands_results_day_and_machine(monkeypatch):
     )
 
 
+def test_a_measurement_that_was_interrupted_goes_on_where_it_ended(tmp_path):
+    kept = tmp_path / 'build' / 'kept'
+    first, second = SECTION.commands
+    with pytest.raises(KeyError):
+        Measurer(kept, run_command={first: PRINTED[first]}.__getitem__).page([SECTION])
+    # The first command is not run again, unless nobody asks to go on.
+    rest = {second: PRINTED[second]}.__getitem__
+    resumed = Measurer(kept, resume=True, run_command=rest)
+    assert '404' in resumed.page([SECTION]) and '712 math.sin' in resumed.page([SECTION])
+    with pytest.raises(KeyError):
+        Measurer(kept, run_command=rest).page([SECTION])
+
+
 def test_a_command_that_fails_leaves_the_page_as_it_was(monkeypatch, tmp_path):
     monkeypatch.setattr(evidence, 'PAGE', tmp_path / 'evidence.md')
+    monkeypatch.setattr(evidence, 'KEPT', tmp_path / 'build' / 'evidence.json')
     monkeypatch.setattr(evidence, 'SECTIONS', [Section('A', 'b', ('exit 3',))])
     with pytest.raises(SystemExit, match='exit code 3; nothing was written'):
         evidence.main(['--write'])
