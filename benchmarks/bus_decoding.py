@@ -5,23 +5,35 @@
 Measures what insertion and gripper cost in reading the bus, as a ratio to the four encoders.
 
 `FrameDecoder.feed` decodes frames; `CanSource.read` also receives them, from python-can's virtual
-bus. Four and six frames are measured one after the other, so that a busy machine slows both.
+bus; `encoder_driver` is the whole process, which publishes them as well, on a bus by UDP. Four and
+six frames are measured one after the other, so that a busy machine slows both.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from contextlib import closing
+from contextlib import closing, ExitStack
+import os
 from statistics import median
 import time
 import uuid
 
+from benchmarks.pipeline.child_process import (
+    bus_channel,
+    executable,
+    private_environment,
+    Program,
+)
+from benchmarks.pipeline.run import all_processes, TICK
 import can
+import rclpy
+from sensor_msgs.msg import JointState
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.decoder_factory import make_decoder
 from spm_haptic_master.encoders.frame_decoder import FrameDecoder
 from spm_haptic_master.parameters.files import simulated_rig
 from spm_haptic_master.parameters.setting import Values
+from spm_haptic_master.ros.qos import SAMPLES
 from spm_haptic_master.simulation.source_factory import make_source
 from spm_haptic_master.tools import command_line
 
@@ -31,6 +43,10 @@ CYCLES, READ_CYCLES, PAIRS = 2000, 500, 15
 # Time for the frames to be in the queue of the bus, and longest wait for the next one (s).
 SETTLE, TIMEOUT = 3e-4, 0.01
 PERIOD = 1e-3  # s
+# Of the whole driver: rate of the sets, Hz; times of its start and of its measurement, s; pairs.
+DRIVER_RATE = 250.0
+DRIVER_START, DRIVER_MEASURED = 4.0, 8.0
+DRIVER_PAIRS = 5
 BEGIN = 1_760_000_000.0  # s since the Unix epoch
 # Insertion and gripper, each a node of its own as the encoders are.
 AXES = {
@@ -99,10 +115,43 @@ def seconds_to_read(with_axes: bool) -> float:
     return spent * 1e-9 / READ_CYCLES
 
 
-def report(name: str, measure: Callable[[bool], float]) -> str:
+def seconds_of_driver(with_axes: bool) -> float:
+    """Return the CPU time of the process `encoder_driver` for a set, s, with a subscriber."""
+    bus = {'can.interface': 'udp_multicast', 'can.channel': bus_channel(), 'rate': DRIVER_RATE}
+    if with_axes:
+        bus |= AXES
+    sets = 0
+
+    def count(_: JointState) -> None:
+        nonlocal sets
+        sets += 1
+
+    with ExitStack() as stack:
+        rclpy.init()
+        stack.callback(rclpy.shutdown)
+        node = rclpy.create_node('observer')
+        node.create_subscription(JointState, 'measured_js', count, SAMPLES)
+        stack.enter_context(Program(executable('sim_bus', '--sync', parameters=bus)))
+        settings = {'source': 'can', **simulated_rig(), **bus}
+        driver = stack.enter_context(Program(executable('encoder_driver', parameters=settings)))
+        spent = 0.0
+        for seconds in (DRIVER_START, DRIVER_MEASURED):
+            _, before = all_processes()[driver.pid]
+            sets = 0
+            end = time.monotonic() + seconds
+            while time.monotonic() < end:
+                rclpy.spin_once(node, timeout_sec=0.1)
+            _, after = all_processes()[driver.pid]
+            spent = TICK * (after - before)
+        if not sets:
+            raise SystemExit(f'bus_decoding: the driver published no set: {driver.stderr}')
+    return spent / sets
+
+
+def report(name: str, measure: Callable[[bool], float], pairs: int = PAIRS) -> str:
     """Return the times of a cycle of four and of six frames, and the ratio, in a line."""
     four, six = [], []
-    for _ in range(PAIRS):
+    for _ in range(pairs):
         four.append(measure(False))
         six.append(measure(True))
     ratio = median(long / short for long, short in zip(six, four, strict=True))
@@ -116,6 +165,8 @@ def main() -> None:
     """Print what decoding and reading a cycle costs."""
     print(report('FrameDecoder.feed', seconds_to_decode))
     print(report('CanSource.read', seconds_to_read))
+    os.environ.update(private_environment())
+    print(report('encoder_driver', seconds_of_driver, DRIVER_PAIRS))
 
 
 if __name__ == '__main__':

@@ -88,6 +88,12 @@ SECTIONS = (
         ),
     ),
     Section(
+        'Insertion and gripper',
+        'CPU time for a cycle of the bus with four encoders, and with six frames: to decode, to '
+        'receive, and of the whole process.',
+        ('python -m benchmarks.bus_decoding',),
+    ),
+    Section(
         'A slave stops',
         'Time of the last command after a process of the chain was stopped or killed.',
         ('python -m benchmarks.teleop_stops',),
